@@ -1,0 +1,50 @@
+"""The only import of Taichi, and the one function that starts it."""
+
+import os
+
+os.environ.setdefault("TI_ENABLE_PYBUF", "0")
+os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "False")
+
+import taichi as ti  # noqa: E402
+
+from .quantity import SceneError  # noqa: E402
+
+_started: dict = {}
+
+
+def init(arch: str = "cpu", precision: str = "f32", threads: int | None = None, debug: bool = False) -> None:
+    """Start Taichi; call once before a Simulation. Calling again drops every earlier Simulation.
+
+    arch: cpu, cuda or vulkan; precision of the solver's fields: f32 or f64 (positions are always f64);
+    threads: CPU threads, all by default. Raises SceneError for anything else.
+    """
+    architectures = {"cpu": ti.cpu, "cuda": ti.cuda, "vulkan": ti.vulkan}
+    if arch not in architectures:
+        raise SceneError(f"arch = {arch}: must be one of {', '.join(architectures)}")
+    if precision not in ("f32", "f64"):
+        raise SceneError(f"precision = {precision}: must be f32 or f64")
+    if threads is not None and threads < 1:
+        raise SceneError(f"threads = {threads}: must be at least 1")
+    ti.init(
+        arch=architectures[arch],
+        default_fp=ti.f64 if precision == "f64" else ti.f32,
+        default_ip=ti.i32,
+        cfg_optimization=False,  # 1.7.4 miscompiles with it (taichi issue 8744)
+        fast_math=True,
+        debug=debug,
+        log_level=ti.ERROR,
+        **({"cpu_max_num_threads": threads} if threads else {}),
+    )
+    _started.update(arch=arch, precision=precision, threads=threads)
+
+
+def started() -> dict:
+    """Settings of the running backend; a clear RuntimeError if init was forgotten."""
+    if not _started:
+        raise RuntimeError("Taichi is not started: call taichi_mps.init() before making a Simulation")
+    return dict(_started)
+
+
+def real():
+    """Floating-point type of the solver's fields: ti.f32 or ti.f64."""
+    return ti.f64 if started()["precision"] == "f64" else ti.f32

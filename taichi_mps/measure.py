@@ -1,0 +1,69 @@
+"""Snapshot of a run, and what a technologist measures on it. Plain NumPy."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """The fluid at one instant, ordered by persistent particle id. n particles, d dimensions."""
+
+    time: float  # [s]
+    spacing: float  # l0 [m]
+    x: np.ndarray  # position [m], (n, d)
+    u: np.ndarray  # velocity [m/s], (n, d)
+    p: np.ndarray  # pressure [Pa], (n,)
+    shear_rate: np.ndarray  # sqrt(2 D:D) [1/s], (n,)
+    yielded: np.ndarray  # flowing, bool, (n,)
+    density_ratio: np.ndarray  # particle number density over n0 [-], (n,)
+    wall_x: np.ndarray  # wall particles [m], (m, d); empty where walls are surfaces
+
+    @property
+    def speed(self):
+        return np.linalg.norm(self.u, axis=1)
+
+
+def top_height(s: Snapshot, radius: float) -> float:
+    """Mean height [m] of the surface (particle + l0/2) within ``radius`` [m] of the axis; nan if nothing is there."""
+    l0 = s.spacing
+    r = np.hypot(s.x[:, 0], s.x[:, 1])
+    near = s.x[r < radius + l0]
+    if len(near) == 0:
+        return float("nan")
+    ticks = np.arange(-radius, radius + 1e-12, 0.25 * l0)
+    points = np.stack(np.meshgrid(ticks, ticks), -1).reshape(-1, 2)
+    points = points[np.hypot(points[:, 0], points[:, 1]) <= radius]
+    distance2 = ((points[:, None, :] - near[None, :, :2]) ** 2).sum(-1)
+    tops = np.where(distance2 < (0.6 * l0) ** 2, near[None, :, 2], -np.inf).max(1)
+    tops = tops[np.isfinite(tops)]
+    return float(tops.mean() + 0.5 * l0) if len(tops) else float("nan")
+
+
+def spread(s: Snapshot, sectors: int = 16) -> float:
+    """Diameter [m]: mean over perpendicular pairs of diameters (outermost particle + l0/2 in each sector)."""
+    r = np.hypot(s.x[:, 0], s.x[:, 1])
+    sector = np.floor((np.arctan2(s.x[:, 1], s.x[:, 0]) / (2 * np.pi) + 0.5) * sectors).astype(int) % sectors
+    reach = np.full(sectors, np.nan)
+    for k in range(sectors):
+        inside = r[sector == k]
+        if len(inside):
+            reach[k] = inside.max() + 0.5 * s.spacing
+    return float(2.0 * np.nanmean(reach))
+
+
+def slump(s: Snapshot, height: float, axis_radius: float = 0.02) -> dict[str, float]:
+    """slump_m at the axis, slump_max_m of the highest point, spread_m [m] for a body of that initial height [m]."""
+    return {
+        "slump_m": height - top_height(s, axis_radius),
+        "slump_max_m": height - float(s.x[:, 2].max() + 0.5 * s.spacing),
+        "spread_m": spread(s),
+    }
+
+
+def front(s: Snapshot) -> dict[str, float]:
+    """front_m: the farthest reach along x [m]; height_m: the highest point [m] (last axis)."""
+    return {
+        "front_m": float(s.x[:, 0].max() + 0.5 * s.spacing),
+        "height_m": float(s.x[:, -1].max() + 0.5 * s.spacing),
+    }

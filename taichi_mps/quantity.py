@@ -1,0 +1,113 @@
+"""Quantities with units and allowed ranges, and the one place where bad input becomes one clear line."""
+
+import difflib
+import inspect
+from functools import wraps
+from typing import Annotated, Any, get_args, get_origin
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model
+
+
+class SceneError(ValueError):
+    """Bad input: names the key, the value with its unit and what is allowed. Raised before any allocation."""
+
+
+class Unit(str):
+    """The unit of an annotated number, for messages and for --help."""
+
+
+def _real(unit, **bounds):
+    return Annotated[float, Field(allow_inf_nan=False, **bounds), Unit(unit)]
+
+
+Length = _real("m", gt=0.0, le=1000.0)
+Position = _real("m", ge=-1000.0, le=1000.0)
+Duration = _real("s", gt=0.0, le=1e6)
+Density = _real("kg/m3", gt=0.0, le=30000.0)
+Viscosity = _real("Pa s", gt=0.0, le=1e6)
+YieldValue = _real("Pa", ge=0.0, le=1e6)
+StrainRate = _real("1/s", gt=0.0, le=1e4)
+Acceleration = _real("m/s2", ge=0.0, le=1000.0)
+Angle = _real("deg", ge=0.0, lt=90.0)
+Ratio = _real("-", gt=0.0, le=1.0)
+Count = Annotated[int, Field(ge=1, le=100000), Unit("-")]
+
+
+class Checked(BaseModel):
+    """A frozen record whose values are checked on construction; a violation raises SceneError."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    def __init__(self, **values: Any) -> None:
+        try:
+            super().__init__(**values)
+        except ValidationError as error:
+            raise SceneError(explain(error, type(self))) from None
+
+    @classmethod
+    def __pydantic_init_subclass__(cls, **kwargs: Any) -> None:
+        cls.__pydantic_validator__  # noqa: B018  (build now, so that a wrong declaration fails at import)
+
+
+def unit_of(field) -> str:
+    """Unit of a pydantic field, '' where it has none (a choice, a flag)."""
+    for item in field.metadata:
+        if isinstance(item, Unit):
+            return str(item)
+    for option in get_args(field.annotation):
+        if get_origin(option) is Annotated:
+            for item in get_args(option)[1:]:
+                if isinstance(item, Unit):
+                    return str(item)
+    return ""
+
+
+def suggestion(key, known) -> str:
+    """', did you mean ...?' or ''."""
+    close = difflib.get_close_matches(str(key), [str(name) for name in known], n=1)
+    return f", did you mean '{close[0]}'?" if close else ""
+
+
+def explain(error: ValidationError, model: type[BaseModel]) -> str:
+    """Every violation as 'key = value unit: what is allowed', joined with '; '."""
+    lines = []
+    for item in error.errors():
+        key = str(item["loc"][0]) if item["loc"] else model.__name__
+        if item["type"] == "extra_forbidden":
+            lines.append(f"unknown key '{key}'{suggestion(key, model.model_fields)}")
+            continue
+        unit = unit_of(model.model_fields[key]) if key in model.model_fields else ""
+        unit = "" if unit == "-" else unit
+        allowed = item["msg"].replace("Input should be", "must be").replace("Value error, ", "")
+        if item["type"] == "missing":
+            lines.append(f"{key} is missing [{unit}]" if unit else f"{key} is missing")
+        else:
+            tail = f" {unit}" if unit else ""
+            bound = tail if item["type"].startswith(("greater", "less")) else ""
+            lines.append(f"{key} = {item['input']}{tail}: {allowed}{bound}")
+    return "; ".join(lines)
+
+
+def checked(function):
+    """Decorate a function of keywords: validate them against its annotations, refuse unknown ones by name.
+
+    The pydantic model made from the signature is kept as ``function.parameters`` (for --help).
+    """
+    signature = inspect.signature(function)
+    fields = {
+        name: (parameter.annotation, ... if parameter.default is parameter.empty else parameter.default)
+        for name, parameter in signature.parameters.items()
+    }
+    config = ConfigDict(extra="forbid", arbitrary_types_allowed=True)
+    model = create_model(function.__name__, __config__=config, **fields)
+
+    @wraps(function)
+    def call(**values):
+        try:
+            valid = model(**values)
+        except ValidationError as error:
+            raise SceneError(explain(error, model)) from None
+        return function(**{name: getattr(valid, name) for name in fields})
+
+    call.parameters = model
+    return call

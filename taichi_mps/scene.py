@@ -1,0 +1,89 @@
+"""Scene: everything that defines a problem, immutable and free of Taichi; and the numerics that solve it."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from .geometry import Plane
+from .material import Bingham
+from .measure import Snapshot
+from .quantity import Checked, Count, Duration, Ratio, SceneError
+
+
+class Implicit(Checked):
+    """Numerics of the default scheme: implicit viscosity, pressure and yield stress together."""
+
+    walls: Literal["surfaces", "particles"] = "surfaces"
+    courant_number: Ratio = 0.2
+    max_time_step: Duration | None = None
+    tolerance: Ratio = 2e-3
+    passes: Count = 2
+    effective_radius_ratio: float = 2.1
+
+
+class SemiImplicit(Checked):
+    """Numerics of Tomiyama et al. (2009): explicit viscosity, semi-implicit pressure. Defaults are the paper's."""
+
+    source: Literal["density", "mixed"] = "density"
+    gradient: Literal["literal", "conservative"] = "literal"
+    courant_number: Ratio = 0.2
+    diffusion_number: Ratio = 0.2
+    first_time_step: Duration = 1e-3
+    max_time_step: Duration = 1e-3
+    picard_tolerance: Ratio = 0.05
+    picard_limit: Count = 20
+    tolerance: Ratio = 1e-5
+    unyielded_stop: Ratio = 0.9
+    effective_radius_ratio: float = 2.1
+
+
+NUMERICS = {"implicit": Implicit, "semi-implicit": SemiImplicit}
+
+
+@dataclass(frozen=True)
+class Scene:
+    """One problem. Lengths [m], d = 2 or 3 dimensions, gravity along the last axis unless given."""
+
+    name: str
+    material: Bingham
+    spacing: float  # l0 [m]
+    fluid: np.ndarray  # particle positions [m], (n, d)
+    domain: tuple[tuple[float, ...], tuple[float, ...]]  # low, high corner [m]; leaving it is an error
+    walls: tuple[Plane, ...] = ()
+    wall_particles: np.ndarray | None = None  # the paper's walls [m], (m, d)
+    velocity: np.ndarray | None = None  # initial velocity [m/s], (n, d)
+    gravity: tuple[float, ...] | None = None  # [m/s2], (d,)
+    periodic: tuple[bool, ...] | None = None  # per axis
+    until: float = 5.0  # [s]
+    stop_at_rest: bool = False
+    measure: Callable[[Snapshot], dict[str, float]] | None = None
+    check: Callable[[Snapshot, dict], None] | None = None  # raises AssertionError when the result is wrong
+    outline: tuple[np.ndarray, ...] = ()  # polylines to draw [m], each (k, d)
+    parameters: dict = field(default_factory=dict)  # as given, for the summary
+
+    def __post_init__(self):
+        x = np.asarray(self.fluid, float)
+        if x.ndim != 2 or len(x) == 0:
+            raise SceneError("fluid: the geometry is empty; it must hold at least one particle")
+        if not np.all(np.isfinite(x)):
+            raise SceneError("fluid: a position is not a finite number; all must be finite [m]")
+        low, high = (np.array(corner, float) for corner in self.domain)
+        if np.any(x < low) or np.any(x > high):
+            raise SceneError(f"domain = {self.domain} m: a particle lies outside; the domain must hold all of them")
+        object.__setattr__(self, "fluid", x)
+
+    @property
+    def dimension(self) -> int:
+        return self.fluid.shape[1]
+
+    @property
+    def gravity_vector(self) -> np.ndarray:
+        if self.gravity is not None:
+            return np.array(self.gravity, float)
+        return np.array([0.0] * (self.dimension - 1) + [-9.81])
+
+    @property
+    def periodic_axes(self) -> tuple[bool, ...]:
+        return self.periodic or (False,) * self.dimension
