@@ -1,0 +1,87 @@
+"""Finding scenes: by name in the installed package or the checkout, or by the path of any Python file."""
+
+import ast
+import importlib.util
+from dataclasses import replace
+from pathlib import Path
+
+from .material import Bingham
+from .quantity import SceneError, suggestion
+from .scene import Scene
+
+PACKAGE = Path(__file__).resolve().parent
+
+
+def folder() -> Path:
+    """Folder of the built-in scenes: inside an installed package, next to the package in a checkout."""
+    inside = PACKAGE / "scenes"
+    return inside if inside.is_dir() else PACKAGE.parent / "scenes"
+
+
+def names() -> dict[str, Path]:
+    """The built-in scenes, name -> file."""
+    return {path.stem: path for path in sorted(folder().glob("*.py")) if not path.stem.startswith("_")}
+
+
+def describe() -> dict[str, str]:
+    """The built-in scenes, name -> first line of the docstring; reads the files without running them."""
+    described = {}
+    for name, path in names().items():
+        text = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
+        described[name] = text.split("\n", 1)[0]
+    return described
+
+
+def locate(name: str) -> Path:
+    """File of a scene given by name ('slump') or by path ('scenes/slump.py')."""
+    known = names()
+    if str(name) in known:
+        return known[str(name)]
+    path = Path(name)
+    if path.suffix == ".py" and path.is_file():
+        return path.resolve()
+    if path.suffix == ".py":
+        raise SceneError(f"scene = {name}: no such file{suggestion(path.stem, known)}")
+    raise SceneError(f"unknown scene '{name}'{suggestion(name, known) or ';'} known are {', '.join(known) or 'none'}")
+
+
+def source(name: str) -> str:
+    """What a checkpoint keeps to find the scene again: the name of a built-in scene, else the file's full path."""
+    path = locate(name)
+    return path.stem if names().get(path.stem) == path else str(path)
+
+
+def load(name: str):
+    """The scene function of a name or a file; its ``parameters`` is the pydantic model of its keywords."""
+    path = locate(name)
+    spec = importlib.util.spec_from_file_location(f"scene_{path.stem}", path)
+    module = importlib.util.module_from_spec(spec)
+    try:
+        spec.loader.exec_module(module)
+    except SceneError:
+        raise
+    except Exception as error:
+        raise SceneError(f"scene file {path} cannot be loaded: {type(error).__name__}: {error}") from error
+    function = getattr(module, "scene", None)
+    if not hasattr(function, "parameters"):
+        raise SceneError(f"scene file {path} has no function 'scene' decorated with @checked")
+    return function
+
+
+def build(name: str, **keywords) -> Scene:
+    """The Scene of a name or a file, with every keyword it was made from in ``parameters``."""
+    function = load(name)
+    scene = function(**keywords)
+    valid = function.parameters(**keywords)
+    return replace(scene, parameters=valid.model_dump(mode="json"))
+
+
+def slump_cone(material: Bingham | None = None, **keywords) -> Scene:
+    """The slump test with a material and the keywords of scenes/slump.py (spacing [m], until [s], ...)."""
+    known = load("slump").parameters.model_fields
+    given = material.model_dump() if material else {}
+    twice = sorted(set(given) & set(keywords))
+    if twice:
+        raise SceneError(f"{twice[0]} = {keywords[twice[0]]}: already given by the material")
+    scene = build("slump", **{key: value for key, value in given.items() if key in known}, **keywords)
+    return replace(scene, material=material) if material else scene

@@ -1,0 +1,91 @@
+"""Least-squares gradient of the velocity and its exact adjoint, the force of a stress field (eqs 11, 22-29).
+
+With b_ij = (w/r^2) r_ij, M_i = sum_j b_ij (x) r_ij and B_i = M_i^-1 the gradient is
+G_i(u) = [sum_j (u_j - u_i) (x) b_ij] B_i, and the force of stresses T is F_i = V sum_j (T_i B_i + T_j B_j) b_ij: the
+negative adjoint of G, hence exact momentum, a symmetric operator and a traction-free surface without any marker.
+"""
+
+from .backend import real, ti
+from .particles import DUMMY, FLUID, WALL
+
+
+@ti.data_oriented
+class Gradient:
+    """Pair vectors, inverse moments and particle number density at the present positions."""
+
+    def __init__(self, neighbors, walls, constants):
+        particles = neighbors.particles
+        d = particles.dimension
+        self.neighbors, self.particles, self.walls = neighbors, particles, walls
+        self.dimension = d
+        self.n0 = constants.n0
+        self.full = constants.neighbours
+        self.effective_radius = neighbors.bins.effective_radius
+        self.b = ti.Vector.field(d, real(), neighbors.pair_capacity)  # (w/r^2) r_ij [1/m] of each pair
+        self.weight_r2 = ti.field(real(), neighbors.pair_capacity)  # w/r^2 [1/m2] of each pair
+        self.B = ti.Matrix.field(d, d, real(), particles.capacity)  # inverse moment [-]; zero: carries no stress
+        self.n = ti.field(real(), particles.capacity)  # particle number density [-], eq 13, walls included
+        self.around = ti.field(real(), particles.capacity)  # neighbours, those behind walls included [-]
+
+    @ti.func
+    def inverse(self, M):
+        """M^-1; a nearly flat neighbourhood (collinear, coplanar) is stiffened by 0.3 (n0/d) I first."""
+        m0 = self.n0 / self.dimension
+        deficient = ti.cast(M.determinant() < 0.05 * m0**self.dimension, float)
+        return (M + deficient * 0.3 * m0 * ti.Matrix.identity(float, self.dimension)).inverse()
+
+    @ti.kernel
+    def build(self):
+        """Fill b, w/r^2, B, n at the present positions."""
+        re = self.effective_radius
+        for i in range(self.particles.count[None]):
+            x = self.particles.x[i]
+            M = ti.Matrix.zero(float, self.dimension, self.dimension)
+            n = ti.cast(0.0, float)
+            wet = 0
+            first, last = self.neighbors.row_start[i], self.neighbors.row_start[i + 1]
+            for k in range(first, last):
+                j = self.neighbors.column[k]
+                r = ti.cast(self.neighbors.bins.displacement(x, self.particles.x[j]), float)
+                r2 = ti.max(r.dot(r), 1e-4 * re * re)
+                w = ti.max(re / ti.sqrt(r2) - 1.0, 0.0)
+                b = r * (w / r2)
+                self.b[k] = b
+                self.weight_r2[k] = w / r2
+                M += b.outer_product(r)
+                n += w
+                if self.particles.kind[j] == FLUID:
+                    wet += 1
+            around = ti.cast(last - first, float)
+            if ti.static(len(self.walls.planes) > 0):
+                count_n, moment = self.walls.moments(x)
+                around += count_n[0]
+                n += count_n[1]
+                M += moment
+            self.n[i] = n
+            self.around[i] = around
+            kind = self.particles.kind[i]
+            stressed = around >= self.dimension and (kind == FLUID or (kind == WALL and wet > 0)) and kind != DUMMY
+            self.B[i] = self.inverse(M) if stressed else ti.Matrix.zero(float, self.dimension, self.dimension)
+
+    @ti.func
+    def velocity_gradient(self, i, u: ti.template(), motion):
+        """G_i = du_a/dx_b [1/s] of the vector field u; ``motion`` 1 counts the walls' own velocity, 0 does not."""
+        H = ti.Matrix.zero(float, self.dimension, self.dimension)
+        ui = u[i]
+        for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
+            H += (u[self.neighbors.column[k]] - ui).outer_product(self.b[k])
+        if ti.static(len(self.walls.planes) > 0):
+            H += self.walls.gradient_term(self.particles.x[i], ui, motion)
+        return H @ self.B[i]
+
+    @ti.func
+    def force(self, i, flux: ti.template()):
+        """Force [N] on particle i of the flux matrices P_j = V T_j B_j [N m] of all particles."""
+        total = ti.Vector.zero(float, self.dimension)
+        Pi = flux[i]
+        for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
+            total += (Pi + flux[self.neighbors.column[k]]) @ self.b[k]
+        if ti.static(len(self.walls.planes) > 0):
+            total += self.walls.force_term(self.particles.x[i], Pi)
+        return total

@@ -1,0 +1,106 @@
+"""The implicit velocity-pressure system: its matrix as two gather passes, its diagonal, its right-hand side.
+
+    (m/dt) u - F[2 mu D'(u) + K div(u) I] - H(u) = (m/dt) u^n + m g + F[-(p + K s) I + stress - 2 mu_r q]
+
+F is the adjoint of the least-squares gradient G (gradient.py). H resists the non-affine motion that G does not see:
+the gradient of (V/n0) sum_i h_i sum_j (w/r^2) |u_j - u_i - G_i r_ij|^2, so the matrix is symmetric positive definite.
+"""
+
+from .backend import real, ti
+from .particles import FLUID
+from .rheology import deviator
+
+
+@ti.data_oriented
+class MomentumSystem:
+    """Operator of the MRPCG solver; one row of d velocity components per particle, walls masked."""
+
+    def __init__(self, particles, gradient, walls, volume: float):
+        d = particles.dimension
+        self.particles, self.gradient, self.walls = particles, gradient, walls
+        self.neighbors = gradient.neighbors
+        self.count = particles.count
+        self.dimension = d
+        self.volume = volume
+        self.mass_rate = ti.field(real(), ())  # m/dt [kg/s]
+        self.bulk = ti.field(real(), ())  # K [Pa s]
+        self.mu = ti.field(real(), particles.capacity)  # viscosity of the implicit part [Pa s]
+        self.h = ti.field(real(), particles.capacity)  # resistance to non-affine motion [Pa s]
+        self.pair_drag = ti.field(real(), self.neighbors.pair_capacity)  # (2V/n0)(h_i + h_j) w/r^2 of each pair [kg/s]
+        self.flux = ti.Matrix.field(d, d, real(), particles.capacity)  # P = V T B - (2V/n0) h G [N m]
+        self.inverse_diagonal = ti.Matrix.field(d, d, real(), particles.capacity)  # block Jacobi [s/kg]; 0: no unknown
+
+    @ti.func
+    def apply(self, u, y):
+        """y = A u [N], zero in wall rows."""
+        self._apply(u, y, 0.0)
+
+    @ti.func
+    def _apply(self, u: ti.template(), y: ti.template(), motion):
+        h_scale = 2.0 * self.volume / self.gradient.n0
+        for i in range(self.count[None]):
+            if self.gradient.B[i][0, 0] > 0.0:
+                G = self.gradient.velocity_gradient(i, u, motion)
+                T = 2.0 * self.mu[i] * deviator(G)
+                T += self.bulk[None] * G.trace() * ti.Matrix.identity(float, self.dimension)
+                self.flux[i] = self.volume * (T @ self.gradient.B[i]) - (h_scale * self.h[i]) * G
+            else:
+                self.flux[i] = ti.Matrix.zero(float, self.dimension, self.dimension)
+        for i in range(self.count[None]):
+            y[i] = ti.Vector.zero(float, self.dimension)
+            if self.particles.kind[i] == FLUID:
+                ui = u[i]
+                Pi = self.flux[i]
+                total = ti.Vector.zero(float, self.dimension)
+                for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
+                    j = self.neighbors.column[k]
+                    total += (Pi + self.flux[j]) @ self.gradient.b[k] + self.pair_drag[k] * (u[j] - ui)
+                if ti.static(len(self.walls.planes) > 0):
+                    x = self.particles.x[i]
+                    total += self.walls.force_term(x, Pi)
+                    total -= h_scale * self.h[i] * self.walls.drag_term(x, ui, motion)
+                y[i] = self.mass_rate[None] * ui - total
+
+    @ti.kernel
+    def prepare(self):
+        """Pair drags and the inverse of the block diagonal for the present mu, h, K and m/dt."""
+        h_scale = 2.0 * self.volume / self.gradient.n0
+        for i in range(self.count[None]):
+            for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
+                hj = self.h[self.neighbors.column[k]]
+                self.pair_drag[k] = h_scale * (self.h[i] + hj) * self.gradient.weight_r2[k]
+        for i in range(self.count[None]):
+            self.inverse_diagonal[i] = ti.Matrix.zero(float, self.dimension, self.dimension)
+            if self.particles.kind[i] == FLUID:
+                own = ti.Vector.zero(float, self.dimension)
+                drag = self.mass_rate[None]
+                A = ti.Matrix.zero(float, self.dimension, self.dimension)
+                for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
+                    own -= self.gradient.b[k]
+                    drag += self.pair_drag[k]
+                    A += self._response(self.neighbors.column[k], self.gradient.b[k])
+                if ti.static(len(self.walls.planes) > 0):
+                    pull, wall_drag = self.walls.pull(self.particles.x[i])
+                    own += pull
+                    drag += h_scale * self.h[i] * wall_drag
+                A += self._response(i, own) + drag * ti.Matrix.identity(float, self.dimension)
+                self.inverse_diagonal[i] = A.inverse()
+
+    @ti.func
+    def _response(self, j, b):
+        """Diagonal block [kg/s] that the stress of particle j gives to a particle which enters G_j through b."""
+        v = self.gradient.B[j] @ b
+        mu = self.mu[j]
+        shear = self.volume * mu * v.dot(v) - 2.0 * self.volume / self.gradient.n0 * self.h[j] * b.dot(v)
+        bulk = self.volume * (mu + self.bulk[None] - 2.0 * mu / self.dimension)
+        return shear * ti.Matrix.identity(float, self.dimension) + bulk * v.outer_product(v)
+
+    @ti.kernel
+    def subtract_wall_motion(self, walls_only: ti.template(), response: ti.template(), b: ti.template()):
+        """b -= A applied to the walls' own velocity alone; ``walls_only`` and ``response`` are scratch."""
+        for i in range(self.count[None]):
+            fluid = self.particles.kind[i] == FLUID
+            walls_only[i] = ti.Vector.zero(float, self.dimension) if fluid else self.particles.u[i]
+        self._apply(walls_only, response, 1.0)
+        for i in range(self.count[None]):
+            b[i] -= response[i]

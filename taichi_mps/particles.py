@@ -1,0 +1,69 @@
+"""Every field a particle carries from one step to the next, in one SNode structure; load and read back."""
+
+import numpy as np
+
+from .backend import real, ti
+
+FLUID, WALL, DUMMY = 0, 1, 2
+
+
+@ti.data_oriented
+class Particles:
+    """State of ``capacity`` particles in d dimensions. Rows are kept in the order (cell, id) by the bins.
+
+    A fluid particle moves; a wall particle is fixed and carries pressure; a dummy wall particle only fills the
+    particle number density.
+    """
+
+    def __init__(self, positions, kinds, velocity, carries_stress: bool):
+        d = positions.shape[1]
+        self.dimension = d
+        self.capacity = len(positions)
+        self.carries_stress = carries_stress
+        makers = {
+            "x": lambda: ti.Vector.field(d, ti.f64),  # position [m]
+            "u": lambda: ti.Vector.field(d, real()),  # velocity [m/s]
+            "p": lambda: ti.field(real()),  # pressure [Pa]
+            "shear_rate": lambda: ti.field(real()),  # sqrt(2 D:D) [1/s]
+            "kind": lambda: ti.field(ti.i32),  # FLUID, WALL or DUMMY
+            "id": lambda: ti.field(ti.i32),  # persistent number of the particle
+        }
+        if carries_stress:
+            makers["stress"] = lambda: ti.Matrix.field(d, d, real())  # deviatoric, at most tau_y where rigid [Pa]
+            makers["plastic_rate"] = lambda: ti.Matrix.field(d, d, real())  # deviatoric rate q of the yield law [1/s]
+        self.carried = {name: make() for name, make in makers.items()}
+        self._twin = {name: make() for name, make in makers.items()}  # scratch of the reorder
+        self._pairs = [(item, self._twin[name]) for name, item in self.carried.items()]
+        for name, item in self.carried.items():
+            setattr(self, name, item)
+        self.count = ti.field(ti.i32, ())  # particles in use
+        self.source_row = ti.field(ti.i32)  # row that each particle had before the reorder
+        for item in (*self.carried.values(), *self._twin.values(), self.source_row):
+            ti.root.dense(ti.i, self.capacity).place(item)
+        n = len(positions)
+        self.load({"x": positions, "u": velocity, "kind": kinds, "id": np.arange(n)})
+
+    def load(self, state: dict) -> None:
+        """Put arrays (n, ...) into the fields; what is not named becomes zero."""
+        n = len(state["x"])
+        self.count[None] = n
+        for name, item in self.carried.items():
+            full = np.zeros(item.to_numpy().shape, item.to_numpy().dtype)
+            if name in state:
+                full[:n] = state[name]
+            item.from_numpy(full)
+
+    def read(self) -> dict[str, np.ndarray]:
+        """All carried fields (n, ...), in the order of the rows."""
+        n = self.count[None]
+        return {name: item.to_numpy()[:n] for name, item in self.carried.items()}
+
+    @ti.kernel
+    def reorder(self):
+        """Move every carried field from row source_row[i] to row i."""
+        for i in range(self.count[None]):
+            for field, twin in ti.static(self._pairs):
+                twin[i] = field[self.source_row[i]]
+        for i in range(self.count[None]):
+            for field, twin in ti.static(self._pairs):
+                field[i] = twin[i]

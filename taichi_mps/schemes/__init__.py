@@ -1,0 +1,1 @@
+"""The algorithms; each composes the physical terms into one time step."""

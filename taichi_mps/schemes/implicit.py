@@ -1,0 +1,214 @@
+"""The default scheme: viscosity, pressure and yield stress in one implicit system per step.
+
+One step: neighbours and gradients at x; smooth p; density source s; then `passes` times solve for u and map the
+trial stress back onto the yield surface; p <- p - K (div u - s); rotate the stress; move and shift.
+"""
+
+from ..backend import real, ti
+from ..gradient import Gradient
+from ..momentum import MomentumSystem
+from ..mrpcg import MRPCG
+from ..particles import FLUID
+from ..rheology import bi_viscosity, deviator, magnitude, return_mapping
+from ..shifting import Shifting
+
+NON_AFFINE = 0.6  # c: bond-associated dissipation gives 1/2 (shear) to 2/3 (along the bond), docs/equations.md
+SMOOTHING = 0.6  # share of the neighbours' mean in the pressure
+SOURCE = 0.05  # share of the density error removed per step
+SLOWEST = 0.5  # shear rate [1/s] below which the non-affine resistance stops growing
+STRAIN_SCALE = 0.02  # strain per step above which source and shift act fully
+
+
+@ti.data_oriented
+class Implicit:
+    """Implicit coupled scheme for Newtonian, Bingham and bi-viscosity fluids in two or three dimensions."""
+
+    def __init__(self, scene, numerics, particles, neighbors, walls, constants):
+        material, d = scene.material, scene.dimension
+        self.particles, self.neighbors, self.walls = particles, neighbors, walls
+        self.numerics = numerics
+        self.dimension = d
+        self.spacing = scene.spacing
+        self.law = law_of(material)
+        self.eta, self.tau_y = material.plastic_viscosity, material.yield_value
+        self.pi_c = material.critical_strain_rate or 0.0
+        self.density = material.density
+        self.volume = scene.spacing**d
+        self.mass = self.density * self.volume
+        self.g = ti.types.vector(d, real())(scene.gravity_vector)
+        height = float(scene.fluid[:, -1].max() - scene.fluid[:, -1].min()) + scene.spacing
+        gravity = float((scene.gravity_vector**2).sum() ** 0.5)
+        self.max_time_step = numerics.max_time_step or longest_step(self.eta, self.density, gravity, height)
+        self.mu_r = max(6.0 * self.eta, 0.6 * self.tau_y)
+        self.bulk = 75.0 * self.density * max(gravity, 0.1) * height * self.max_time_step
+        self.gradient = Gradient(neighbors, walls, constants)
+        self.system = MomentumSystem(particles, self.gradient, walls, self.volume)
+        self.system.bulk[None] = self.bulk
+        self.shifting = Shifting(particles, self.gradient, walls, scene.spacing)
+        self.solver = MRPCG(particles.capacity, d, self.system)
+        self.smooth_p = ti.field(real(), particles.capacity)  # smoothed pressure [Pa]
+        self.source = ti.field(real(), particles.capacity)  # wanted divergence [1/s]
+        self.divergence = ti.field(real(), particles.capacity)  # div u [1/s]
+        self.yielded = ti.field(ti.i32, particles.capacity)  # 1 where the material flows
+        self.first = True
+
+    def state(self) -> dict:
+        """Scalars the scheme carries from step to step."""
+        return {"first": self.first}
+
+    def load(self, state: dict) -> None:
+        self.first = state["first"]
+
+    def time_step_limits(self, max_speed: float) -> dict[str, float]:
+        """Largest allowed steps [s] by name."""
+        limits = {"maximum": self.max_time_step}
+        if max_speed > 0.0:
+            limits["Courant"] = self.numerics.courant_number * self.spacing / max_speed
+        return limits
+
+    def step(self, dt: float) -> dict:
+        """Advance the particles by dt [s]; returns iteration counts and the residual."""
+        self.gradient.build()
+        self.system.mass_rate[None] = self.mass / dt
+        self.smooth_pressure()
+        self.prepare(dt, self.first)
+        self.first = False
+        iterations, residual, status = 0, 0.0, "converged"
+        passes = 1 if self.law == "newtonian" else self.numerics.passes
+        self.start(self.solver.x)
+        for k in range(passes):
+            if k == 0 or self.law == "bi-viscosity":
+                self.system.prepare()
+            self.right_hand_side(self.solver.b)
+            if self.walls.move or self.neighbors.particles.carries_walls:
+                self.system.subtract_wall_motion(self.solver.p, self.solver.q, self.solver.b)
+            report = self.solver.solve(self.numerics.tolerance, 2000)
+            iterations += report.iterations
+            residual, status = report.residuals[-1], report.status
+            self.update_stress(self.solver.x)
+        self.shifting.compute(dt, STRAIN_SCALE)
+        self.advance(dt, self.solver.x)
+        return {
+            "viscous_iterations": passes,
+            "pressure_iterations": iterations,
+            "residual": residual,
+            "status": status,
+        }
+
+    @ti.kernel
+    def smooth_pressure(self):
+        """p~ = (1-a) p_i + a sum w (p_j - rho g.r_ij)/sum w over particles that carry stress."""
+        for i in range(self.particles.count[None]):
+            p = ti.cast(0.0, float)
+            if self.gradient.B[i][0, 0] > 0.0:
+                x = self.particles.x[i]
+                total, weight = ti.cast(0.0, float), ti.cast(0.0, float)
+                for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
+                    j = self.neighbors.column[k]
+                    if self.gradient.B[j][0, 0] > 0.0:
+                        r = ti.cast(self.neighbors.bins.displacement(x, self.particles.x[j]), float)
+                        w = self.gradient.weight_r2[k] * r.dot(r)
+                        total += w * (self.particles.p[j] - self.density * self.g.dot(r))
+                        weight += w
+                p = self.particles.p[i]
+                if weight > 0.0:
+                    p = (1.0 - SMOOTHING) * p + SMOOTHING * total / weight
+            self.smooth_p[i] = p
+
+    @ti.kernel
+    def prepare(self, dt: float, first: ti.i32):
+        """Density source, implicit viscosity and non-affine resistance from the last shear rate."""
+        for i in range(self.particles.count[None]):
+            rate = self.particles.shear_rate[i]
+            excess = self.gradient.n[i] / self.gradient.n0 - 1.0
+            full = self.gradient.around[i] >= 0.9 * self.gradient.full
+            error = ti.max(excess, -0.03) if full else ti.max(excess, 0.0)
+            source = ti.max(-1.0, ti.min(1.0, SOURCE * error / dt))
+            self.source[i] = source * ti.min(1.0, rate * dt / STRAIN_SCALE)
+            mu = self.eta
+            h = NON_AFFINE * self.eta
+            if ti.static(self.law == "bingham"):
+                mu = self.mu_r
+            if ti.static(self.law != "newtonian"):
+                if first == 0:
+                    h += NON_AFFINE * self.tau_y / ti.max(rate, SLOWEST)
+            if ti.static(self.law == "bi-viscosity"):
+                mu = bi_viscosity(rate, self.eta, self.tau_y, self.pi_c)
+            self.system.mu[i] = mu
+            self.system.h[i] = h
+
+    @ti.kernel
+    def start(self, u: ti.template()):
+        for i in range(self.particles.count[None]):
+            fluid = self.particles.kind[i] == FLUID
+            u[i] = self.particles.u[i] if fluid else ti.Vector.zero(float, self.dimension)
+
+    @ti.kernel
+    def right_hand_side(self, b: ti.template()):
+        """b = (m/dt) u^n + m g + F[-(p~ + K s) I + stress - 2 mu_r q] [N]."""
+        I = ti.Matrix.identity(float, self.dimension)  # noqa: E741
+        for i in range(self.particles.count[None]):
+            T = -(self.smooth_p[i] + self.bulk * self.source[i]) * I
+            if ti.static(self.law == "bingham"):
+                T += self.particles.stress[i] - 2.0 * self.mu_r * self.particles.plastic_rate[i]
+            self.system.flux[i] = self.volume * (T @ self.gradient.B[i])
+        for i in range(self.particles.count[None]):
+            b[i] = ti.Vector.zero(float, self.dimension)
+            if self.particles.kind[i] == FLUID:
+                inertia = self.system.mass_rate[None] * self.particles.u[i]
+                b[i] = inertia + self.mass * self.g + self.gradient.force(i, self.system.flux)
+
+    @ti.kernel
+    def update_stress(self, u: ti.template()):
+        """Shear rate, divergence, and the stress mapped back onto the yield surface, from the velocity u."""
+        for i in range(self.particles.count[None]):
+            if self.particles.kind[i] != FLUID:
+                u[i] = self.particles.u[i]
+        for i in range(self.particles.count[None]):
+            G = self.gradient.velocity_gradient(i, u, 1.0)
+            D = deviator(G)
+            rate = 2.0 * magnitude(D)
+            self.particles.shear_rate[i] = rate
+            self.divergence[i] = G.trace()
+            if ti.static(self.law == "bingham"):
+                trial = self.particles.stress[i] + 2.0 * self.mu_r * D
+                stress, q, flow = return_mapping(trial, self.eta, self.tau_y, self.mu_r)
+                carries = ti.cast(self.gradient.B[i][0, 0] > 0.0, float)
+                self.particles.stress[i] = stress * carries
+                self.particles.plastic_rate[i] = q * carries
+                self.yielded[i] = flow > 0.0
+            elif ti.static(self.law == "bi-viscosity"):
+                self.yielded[i] = rate >= 2.0 * self.pi_c
+                self.system.mu[i] = bi_viscosity(rate, self.eta, self.tau_y, self.pi_c)
+            else:
+                self.yielded[i] = 1
+
+    @ti.kernel
+    def advance(self, dt: float, u: ti.template()):
+        """p <- p~ - K (div u - s); rotate the stress with the material; x <- x + dt u + shift."""
+        for i in range(self.particles.count[None]):
+            carries = ti.cast(self.gradient.B[i][0, 0] > 0.0, float)
+            self.particles.p[i] = carries * (self.smooth_p[i] - self.bulk * (self.divergence[i] - self.source[i]))
+            if ti.static(self.law == "bingham"):
+                G = self.gradient.velocity_gradient(i, u, 1.0)
+                W = 0.5 * (G - G.transpose())
+                stress = self.particles.stress[i]
+                self.particles.stress[i] = stress + dt * (W @ stress - stress @ W)
+        for i in range(self.particles.count[None]):
+            if self.particles.kind[i] == FLUID:
+                self.particles.u[i] = u[i]
+                move = ti.cast(dt * u[i] + self.shifting.shift[i], ti.f64)
+                self.particles.x[i] = self.walls.outside(self.particles.x[i] + move)
+
+
+def law_of(material) -> str:
+    """'newtonian', 'bingham' (true yield value) or 'bi-viscosity' (a critical strain rate is given)."""
+    if material.newtonian:
+        return "newtonian"
+    return "bingham" if material.critical_strain_rate is None else "bi-viscosity"
+
+
+def longest_step(viscosity: float, density: float, gravity: float, height: float) -> float:
+    """Step [s] that resolves the fall (0.057 sqrt(H/g)) or, where slower, the viscous flow (eta/2 rho g H)."""
+    gravity = max(gravity, 0.1)
+    return max(0.057 * (height / gravity) ** 0.5, 0.5 * viscosity / (density * gravity * height))

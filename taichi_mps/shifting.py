@@ -1,0 +1,48 @@
+"""Particle regularity: Fickian shift of deforming material, and close pairs pushed apart."""
+
+from .backend import real, ti
+from .particles import FLUID
+
+
+@ti.data_oriented
+class Shifting:
+    """Small displacements that keep the particles evenly spread; none where the material does not deform."""
+
+    def __init__(self, particles, gradient, walls, spacing: float):
+        self.particles, self.gradient, self.walls = particles, gradient, walls
+        self.spacing = spacing
+        self.shift = ti.Vector.field(particles.dimension, real(), particles.capacity)  # displacement [m]
+
+    @ti.kernel
+    def compute(self, dt: float, strain_scale: float):
+        """shift = -0.1 l0 sum_j max(0, 1 - r/(1.5 l0)) e_ij without its outward part at a surface, times
+        min(1, shear_rate dt/strain_scale), at most 0.05 l0; and 0.05 (0.85 l0 - r) between closer pairs."""
+        l0 = self.spacing
+        d = ti.static(self.particles.dimension)
+        for i in range(self.particles.count[None]):
+            self.shift[i] = ti.Vector.zero(float, d)
+            if self.particles.kind[i] == FLUID:
+                x = self.particles.x[i]
+                near = ti.Vector.zero(float, d)
+                inward = ti.Vector.zero(float, d)
+                apart = ti.Vector.zero(float, d)
+                for k in range(self.gradient.neighbors.row_start[i], self.gradient.neighbors.row_start[i + 1]):
+                    j = self.gradient.neighbors.column[k]
+                    r_ij = ti.cast(self.gradient.neighbors.bins.displacement(x, self.particles.x[j]), float)
+                    r = ti.max(r_ij.norm(), 1e-3 * l0)
+                    e = r_ij / r
+                    near += ti.max(0.0, 1.0 - r / (1.5 * l0)) * e
+                    inward += ti.max(self.gradient.effective_radius / r - 1.0, 0.0) * e
+                    apart -= 0.05 * ti.max(0.0, 0.85 * l0 - r) * e
+                if ti.static(len(self.walls.planes) > 0):
+                    wall_inward, wall_near = self.walls.crowding(x)
+                    near += wall_near
+                    inward += wall_inward
+                move = -0.1 * l0 * near
+                outward = -inward / ti.max(inward.norm(), 1e-12)
+                if self.gradient.around[i] < 0.97 * self.gradient.full:
+                    move -= ti.max(move.dot(outward), 0.0) * outward
+                if self.gradient.around[i] < 0.5 * self.gradient.full:
+                    move *= 0.0
+                move *= ti.min(1.0, self.particles.shear_rate[i] * dt / strain_scale)
+                self.shift[i] = move * ti.min(1.0, 0.05 * l0 / ti.max(move.norm(), 1e-12)) + apart

@@ -1,0 +1,321 @@
+"""Simulation: owns the fields and the time, takes steps, calls the callbacks, and knows when to stop."""
+
+import math
+import time
+from dataclasses import asdict, dataclass
+
+import numpy as np
+
+from . import __version__
+from .backend import started, ti
+from .measure import Snapshot
+from .neighbors import Bins, CapacityError, EscapedError, NeighborList
+from .particles import DUMMY, FLUID, WALL, Particles
+from .quantity import SceneError
+from .scene import Implicit as ImplicitNumerics
+from .scene import Scene
+from .schemes.implicit import Implicit, law_of
+from .walls import Walls
+from .weights import lattice_constants
+
+
+@dataclass(frozen=True)
+class StepReport:
+    """What one step did."""
+
+    step: int
+    time: float  # at the end of the step [s]
+    dt: float  # [s]
+    dt_limit: str  # what bounded dt: Courant, diffusion, growth, maximum, first or output
+    max_speed: float  # [m/s]
+    kinetic_energy: float  # [J]
+    unyielded_fraction: float  # of the fluid particles [-]
+    viscous_iterations: int  # passes (implicit) or direct iterations (semi-implicit) for the viscosity
+    pressure_iterations: int  # MRPCG iterations
+    residual: float  # relative, of the last solve
+    volume_error: float  # mean n0/n - 1 over particles with a full neighbourhood [-]
+
+    def _repr_html_(self):
+        rows = "".join(f"<tr><td>{k}</td><td>{v:.6g}</td></tr>" if isinstance(v, float) else
+                       f"<tr><td>{k}</td><td>{v}</td></tr>" for k, v in asdict(self).items())
+        return f"<table>{rows}</table>"
+
+
+class DivergedError(RuntimeError):
+    """The run left the range where its numbers mean anything; carries the last report and the limit crossed."""
+
+    def __init__(self, message: str, report: StepReport | None):
+        super().__init__(message)
+        self.report = report
+
+
+@ti.data_oriented
+class Simulation:
+    """A scene in motion: ``step``, ``run``, ``every``, ``snapshot``, ``summary``."""
+
+    def __init__(self, scene: Scene, numerics=None, profile: bool = False):
+        started()
+        self._clock = time.process_time(), time.perf_counter()
+        self.scene = scene
+        self.numerics = numerics or ImplicitNumerics()
+        self._pairs_per_particle = 1.5
+        self._stages: dict[str, list] = {}
+        self._profile = profile
+        self._build()
+        self.time, self.steps, self.report = 0.0, 0, None
+        self.stopped_by = None
+        self.compile_seconds = self.cpu_seconds = self.wall_seconds = 0.0
+        self._schedules: list = []
+        self._each_step: list = []
+        self._interrupted = False
+        self._last_dt = None
+        self._rest_marks: list = []
+
+    def _build(self):
+        scene, numerics = self.scene, self.numerics
+        d = scene.dimension
+        re = numerics.effective_radius_ratio * scene.spacing
+        semi_implicit = type(numerics).__name__ == "SemiImplicit"
+        use_particles = semi_implicit or numerics.walls == "particles"
+        positions, kinds = scene.fluid, np.full(len(scene.fluid), FLUID)
+        if use_particles and scene.wall_particles is not None:
+            wall = np.asarray(scene.wall_particles, float)
+            depth = np.max([-plane.distance(wall) for plane in scene.walls], axis=0)
+            positions = np.vstack([positions, wall])
+            kinds = np.concatenate([kinds, np.where(depth < scene.spacing, WALL, DUMMY)])
+        elif use_particles and scene.walls:
+            raise SceneError(f"walls = particles: scene {scene.name} describes its walls as surfaces only")
+        velocity = np.zeros_like(positions)
+        if scene.velocity is not None:
+            velocity[: len(scene.fluid)] = scene.velocity
+        constants = lattice_constants(d, scene.spacing, re)
+        law = law_of(scene.material)
+        self.particles = Particles(positions, kinds, velocity, law == "bingham" and not semi_implicit)
+        self.particles.carries_walls = bool(len(positions) > len(scene.fluid))
+        self.bins = Bins(self.particles, scene.domain, scene.periodic_axes, re)
+        capacity = int(self._pairs_per_particle * constants.neighbours * len(positions)) + 64
+        self.neighbors = NeighborList(self.bins, capacity)
+        self.constants = constants
+        self.walls = Walls(() if use_particles else scene.walls, d, scene.spacing, re)
+        if semi_implicit:
+            from .schemes.semi_implicit import SemiImplicit as Scheme
+        else:
+            Scheme = Implicit  # noqa: N806
+        self.scheme = Scheme(scene, numerics, self.particles, self.neighbors, self.walls, constants)
+        self._statistics = ti.field(ti.f64, 5)  # max speed, kinetic energy, unyielded, sum n0/n - 1, full ones
+
+    # ---- stepping -------------------------------------------------------------------------------------------
+    def step(self, until: float | None = None) -> StepReport:
+        """One time step, at most to ``until`` [s]."""
+        cpu, wall = time.process_time(), time.perf_counter()
+        speed = self.report.max_speed if self.report else self._initial_speed()
+        limits = self.scheme.time_step_limits(speed)
+        if self._last_dt is not None:
+            limits["growth"] = 2.0 * self._last_dt
+        name = min(limits, key=limits.get)
+        dt = limits[name]
+        self._last_dt = dt
+        if until is not None and until - self.time < dt * (1 + 1e-9):
+            dt, name = until - self.time, "output"
+        elif until is not None and until - self.time < 2 * dt:
+            dt, name = 0.5 * (until - self.time), "output"
+        self._neighbours()
+        result = self._stage("scheme", self.scheme.step, dt)
+        self.time += dt
+        self.steps += 1
+        self.report = self._make_report(dt, name, result)
+        spent, passed = time.process_time() - cpu, time.perf_counter() - wall
+        if self.steps == 1:
+            self.compile_seconds = time.process_time() - self._clock[0]
+        else:
+            self.cpu_seconds += spent
+        self.wall_seconds = time.perf_counter() - self._clock[1]
+        return self.report
+
+    def _neighbours(self):
+        try:
+            self._stage("reorder", self.bins.sort)
+            self._stage("neighbours", self.neighbors.build)
+        except EscapedError as error:
+            raise DivergedError(f"{error} at t = {self.time:.6g} s: enlarge the scene's domain or lower "
+                                "courant_number", self.report) from None
+        except CapacityError:
+            self._pairs_per_particle *= 2.0
+            state = self.state()
+            self._build()
+            self.load(state)
+            self._neighbours()
+
+    def _stage(self, name, call, *arguments):
+        if not self._profile:
+            return call(*arguments)
+        begin = time.perf_counter()
+        result = call(*arguments)
+        ti.sync()
+        entry = self._stages.setdefault(name, [0.0, 0])
+        entry[0] += time.perf_counter() - begin
+        entry[1] += 1
+        return result
+
+    def profile(self) -> list[tuple[str, float, int]]:
+        """(stage, wall seconds, calls); filled when made with profile=True."""
+        return [(name, seconds, calls) for name, (seconds, calls) in self._stages.items()]
+
+    def _initial_speed(self) -> float:
+        return float(np.linalg.norm(self.particles.u.to_numpy(), axis=1).max())
+
+    @ti.kernel
+    def _measure(self):
+        for k in range(5):
+            self._statistics[k] = 0.0
+        ti.loop_config(serialize=True)
+        for i in range(self.particles.count[None]):
+            if self.particles.kind[i] == FLUID:
+                u2 = ti.cast(self.particles.u[i].norm_sqr(), ti.f64)
+                if not (u2 < 1e12):
+                    u2 = 1e12
+                self._statistics[0] = ti.max(self._statistics[0], u2)
+                self._statistics[1] += u2
+                self._statistics[2] += 1 - self.scheme.yielded[i]
+                if self.scheme.gradient.around[i] >= 0.9 * self.constants.neighbours:
+                    self._statistics[3] += self.constants.n0 / self.scheme.gradient.n[i] - 1.0
+                    self._statistics[4] += 1.0
+
+    def _make_report(self, dt, name, result) -> StepReport:
+        self._measure()
+        speed2, energy, unyielded, dilation, full = self._statistics.to_numpy()
+        mass = self.scene.material.density * self.scene.spacing**self.scene.dimension
+        report = StepReport(
+            step=self.steps, time=self.time, dt=dt, dt_limit=name, max_speed=math.sqrt(speed2),
+            kinetic_energy=0.5 * mass * energy, unyielded_fraction=unyielded / len(self.scene.fluid),
+            viscous_iterations=result["viscous_iterations"], pressure_iterations=result["pressure_iterations"],
+            residual=result["residual"], volume_error=dilation / max(full, 1.0),
+        )
+        limit = 1000.0 * self.scene.spacing / dt
+        if speed2 >= 1e12 or report.max_speed > limit:
+            what = "a velocity is not a finite number" if speed2 >= 1e12 else (
+                f"the speed {report.max_speed:.4g} m/s moves a particle over 1000 spacings in one step")
+            raise DivergedError(f"diverged at t = {self.time:.6g} s, step {self.steps}: {what}; lower courant_number "
+                                "or max_time_step", report)
+        if result["status"] in ("broken", "indefinite"):
+            raise DivergedError(f"diverged at t = {self.time:.6g} s, step {self.steps}: the linear solve is "
+                                f"{result['status']}; lower max_time_step or use precision f64", report)
+        return report
+
+    # ---- running --------------------------------------------------------------------------------------------
+    def every(self, interval: float, callback) -> None:
+        """Call callback(simulation) at t = 0, every ``interval`` [s] and at the end."""
+        if not interval > 0:
+            raise SceneError(f"every = {interval} s: must be greater than 0 s")
+        self._schedules.append([interval, callback, -1])
+
+    def each_step(self, callback) -> None:
+        """Call callback(simulation) after every step."""
+        self._each_step.append(callback)
+
+    def interrupt(self) -> None:
+        """Ask run() to stop after the step in progress."""
+        self._interrupted = True
+
+    def run(self, until: float | None = None) -> str:
+        """Step until ``until`` [s] (the scene's by default) or rest; returns what stopped it."""
+        until = self.scene.until if until is None else until
+        self.stopped_by = None
+        self._interrupted = False
+        self._call_schedules()
+        while self.stopped_by is None:
+            upcoming = min([until] + [interval * (done + 1) for interval, _, done in self._schedules])
+            self.step(max(upcoming, self.time + 1e-12))
+            for callback in self._each_step:
+                callback(self)
+            self.stopped_by = self._why_stop(until)
+            self._call_schedules(last=self.stopped_by is not None)
+        return self.stopped_by
+
+    def _call_schedules(self, last=False):
+        for schedule in self._schedules:
+            interval, callback, done = schedule
+            due = math.floor(self.time / interval + 1e-6)
+            if due > done or last:
+                schedule[2] = max(due, done)
+                callback(self)
+
+    def _why_stop(self, until) -> str | None:
+        if self._interrupted:
+            return "interrupted"
+        if self.time >= until - 1e-9:
+            return "time"
+        numerics = self.numerics
+        if hasattr(numerics, "unyielded_stop"):
+            moved = self.time > 0.05 and self.scene.stop_at_rest
+            return "unyielded" if moved and self.report.unyielded_fraction >= numerics.unyielded_stop else None
+        return "rest" if self.scene.stop_at_rest and self._at_rest() else None
+
+    def _at_rest(self) -> bool:
+        """Would the rms motion over the material's own time move the body by a tenth of a spacing? eta/tau_y is
+        the time in which a Bingham flow decays, so a slow flow of a viscous mix is not taken for rest."""
+        material = self.scene.material
+        if material.newtonian:
+            return False
+        mass = material.density * self.scene.spacing**self.scene.dimension * len(self.scene.fluid)
+        rms = math.sqrt(2.0 * self.report.kinetic_energy / mass)
+        window = max(0.2, material.plastic_viscosity / material.yield_value)
+        if rms * window > 0.1 * self.scene.spacing:
+            self._rest_marks.clear()
+            return False
+        self._rest_marks.append(self.time)
+        return self.time - self._rest_marks[0] >= 0.2
+
+    # ---- reading --------------------------------------------------------------------------------------------
+    def snapshot(self) -> Snapshot:
+        """The fluid now, ordered by id."""
+        rows = self.particles.read()
+        n = len(rows["id"])
+        rows["yielded"] = self.scheme.yielded.to_numpy()[:n].astype(bool)
+        rows["n"] = self.scheme.gradient.n.to_numpy()[:n] / self.constants.n0
+        fluid = np.flatnonzero(rows["kind"] == FLUID)
+        order = fluid[np.argsort(rows["id"][fluid])]
+        return Snapshot(
+            time=self.time, spacing=self.scene.spacing, x=rows["x"][order], u=rows["u"][order], p=rows["p"][order],
+            shear_rate=rows["shear_rate"][order], yielded=rows["yielded"][order], density_ratio=rows["n"][order],
+            wall_x=rows["x"][rows["kind"] != FLUID],
+        )
+
+    def measures(self) -> dict[str, float]:
+        """The scene's measures now (slump_m, spread_m, ...)."""
+        return self.scene.measure(self.snapshot()) if self.scene.measure else {}
+
+    def summary(self) -> dict:
+        """Everything that describes the run, JSON-ready."""
+        report = self.report
+        return {
+            "scene": self.scene.name,
+            "parameters": dict(self.scene.parameters),
+            "scheme": "semi-implicit" if type(self.numerics).__name__ == "SemiImplicit" else "implicit",
+            "numerics": self.numerics.model_dump(),
+            "fluid_particles": len(self.scene.fluid),
+            "wall_particles": self.particles.count[None] - len(self.scene.fluid),
+            "steps": self.steps,
+            "simulated_seconds": self.time,
+            "wall_seconds": self.wall_seconds,
+            "cpu_seconds": self.cpu_seconds,
+            "compile_seconds": self.compile_seconds,
+            "stopped_by": self.stopped_by,
+            **self.measures(),
+            "volume_error": report.volume_error if report else 0.0,
+            "backend": started(),
+            "version": __version__,
+        }
+
+    def state(self) -> dict:
+        """All that is needed to continue bit for bit: arrays by row and plain scalars."""
+        report = asdict(self.report) if self.report else None
+        return {**self.particles.read(), "time": self.time, "steps": self.steps, "last_dt": self._last_dt,
+                "report": report, "schedules": [s[2] for s in self._schedules], **self.scheme.state()}
+
+    def load(self, state: dict) -> None:
+        """Continue from a state()."""
+        self.particles.load({name: state[name] for name in self.particles.carried})
+        self.time, self.steps, self._last_dt = state["time"], state["steps"], state["last_dt"]
+        self.report = StepReport(**state["report"]) if state["report"] else None
+        self.scheme.load(state)
