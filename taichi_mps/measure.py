@@ -35,21 +35,23 @@ def top_height(s: Snapshot, radius: float) -> float:
     points = np.stack(np.meshgrid(ticks, ticks), -1).reshape(-1, 2)
     points = points[np.hypot(points[:, 0], points[:, 1]) <= radius]
     distance2 = ((points[:, None, :] - near[None, :, :2]) ** 2).sum(-1)
-    tops = np.where(distance2 < (0.6 * l0) ** 2, near[None, :, 2], -np.inf).max(1)
+    tops = np.where(distance2 < (0.75 * l0) ** 2, near[None, :, 2], -np.inf).max(1)
     tops = tops[np.isfinite(tops)]
     return float(tops.mean() + 0.5 * l0) if len(tops) else float("nan")
 
 
-def spread(s: Snapshot, sectors: int = 16) -> float:
-    """Diameter [m]: mean over perpendicular pairs of diameters (outermost particle + l0/2 in each sector)."""
+def spread(s: Snapshot) -> float:
+    """Diameter [m]: mean of perpendicular pairs of diameters over all directions.
+
+    The reach of each sector, about 1.5 l0 wide at the rim, is its outermost particle + l0/2; wider sectors would
+    measure the outermost stray particle, not the edge.
+    """
     r = np.hypot(s.x[:, 0], s.x[:, 1])
+    sectors = max(4, 4 * int(2 * np.pi * r.max() / (6.0 * s.spacing)))
     sector = np.floor((np.arctan2(s.x[:, 1], s.x[:, 0]) / (2 * np.pi) + 0.5) * sectors).astype(int) % sectors
-    reach = np.full(sectors, np.nan)
-    for k in range(sectors):
-        inside = r[sector == k]
-        if len(inside):
-            reach[k] = inside.max() + 0.5 * s.spacing
-    return float(2.0 * np.nanmean(reach))
+    reach = np.zeros(sectors)
+    np.maximum.at(reach, sector, r + 0.5 * s.spacing)
+    return float(2.0 * reach[reach > 0].mean())
 
 
 def slump(s: Snapshot, height: float, axis_radius: float = 0.02) -> dict[str, float]:

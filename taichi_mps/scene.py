@@ -19,7 +19,7 @@ class Implicit(Checked):
     courant_number: Ratio = 0.2
     max_time_step: Duration | None = None
     tolerance: Ratio = 2e-3
-    passes: Count = 2
+    passes: Count = 4
     effective_radius_ratio: float = 2.1
 
 

@@ -16,6 +16,10 @@ NON_AFFINE = 0.6  # c: bond-associated dissipation gives 1/2 (shear) to 2/3 (alo
 SMOOTHING = 0.6  # share of the neighbours' mean in the pressure
 SOURCE = 0.05  # share of the density error removed per step
 SLOWEST = 0.5  # shear rate [1/s] below which the non-affine resistance stops growing
+MU_ETA = 6.0
+MU_TAU = 0.6
+THETA = 0.5
+FIRST_PASSES = 30
 STRAIN_SCALE = 0.02  # strain per step above which source and shift act fully
 
 
@@ -39,7 +43,7 @@ class Implicit:
         height = float(scene.fluid[:, -1].max() - scene.fluid[:, -1].min()) + scene.spacing
         gravity = float((scene.gravity_vector**2).sum() ** 0.5)
         self.max_time_step = numerics.max_time_step or longest_step(self.eta, self.density, gravity, height)
-        self.mu_r = max(6.0 * self.eta, 0.6 * self.tau_y)
+        self.mu_r = max(MU_ETA * self.eta, MU_TAU * self.tau_y)
         self.bulk = 75.0 * self.density * max(gravity, 0.1) * height * self.max_time_step
         self.gradient = Gradient(neighbors, walls, constants)
         self.system = MomentumSystem(particles, self.gradient, walls, self.volume)
@@ -48,7 +52,6 @@ class Implicit:
         self.solver = MRPCG(particles.capacity, d, self.system)
         self.smooth_p = ti.field(real(), particles.capacity)  # smoothed pressure [Pa]
         self.source = ti.field(real(), particles.capacity)  # wanted divergence [1/s]
-        self.divergence = ti.field(real(), particles.capacity)  # div u [1/s]
         self.yielded = ti.field(ti.i32, particles.capacity)  # 1 where the material flows
         self.first = True
 
@@ -72,9 +75,8 @@ class Implicit:
         self.system.mass_rate[None] = self.mass / dt
         self.smooth_pressure()
         self.prepare(dt, self.first)
-        self.first = False
         iterations, residual, status = 0, 0.0, "converged"
-        passes = 1 if self.law == "newtonian" else self.numerics.passes
+        passes = FIRST_PASSES if self.first else self.numerics.passes
         self.start(self.solver.x)
         for k in range(passes):
             if k == 0 or self.law == "bi-viscosity":
@@ -86,6 +88,7 @@ class Implicit:
             iterations += report.iterations
             residual, status = report.residuals[-1], report.status
             self.update_stress(self.solver.x)
+        self.first = False
         self.shifting.compute(dt, STRAIN_SCALE)
         self.advance(dt, self.solver.x)
         return {
@@ -169,7 +172,7 @@ class Implicit:
             D = deviator(G)
             rate = 2.0 * magnitude(D)
             self.particles.shear_rate[i] = rate
-            self.divergence[i] = G.trace()
+            self.smooth_p[i] -= self.bulk * (G.trace() - self.source[i]) * ti.cast(self.gradient.B[i][0, 0] > 0.0, float)
             if ti.static(self.law == "bingham"):
                 trial = self.particles.stress[i] + 2.0 * self.mu_r * D
                 stress, q, flow = return_mapping(trial, self.eta, self.tau_y, self.mu_r)
@@ -187,8 +190,7 @@ class Implicit:
     def advance(self, dt: float, u: ti.template()):
         """p <- p~ - K (div u - s); rotate the stress with the material; x <- x + dt u + shift."""
         for i in range(self.particles.count[None]):
-            carries = ti.cast(self.gradient.B[i][0, 0] > 0.0, float)
-            self.particles.p[i] = carries * (self.smooth_p[i] - self.bulk * (self.divergence[i] - self.source[i]))
+            self.particles.p[i] = self.smooth_p[i]
             if ti.static(self.law == "bingham"):
                 G = self.gradient.velocity_gradient(i, u, 1.0)
                 W = 0.5 * (G - G.transpose())
@@ -196,8 +198,9 @@ class Implicit:
                 self.particles.stress[i] = stress + dt * (W @ stress - stress @ W)
         for i in range(self.particles.count[None]):
             if self.particles.kind[i] == FLUID:
+                mean = THETA * self.particles.u[i] + (1.0 - THETA) * u[i]
+                move = ti.cast(dt * mean + self.shifting.shift[i], ti.f64)
                 self.particles.u[i] = u[i]
-                move = ti.cast(dt * u[i] + self.shifting.shift[i], ti.f64)
                 self.particles.x[i] = self.walls.outside(self.particles.x[i] + move)
 
 

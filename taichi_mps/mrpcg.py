@@ -1,0 +1,227 @@
+"""MRPCG: multi-resolution preconditioned conjugate gradient; its coarse levels are made from the binning grid.
+
+Solves A x = b for any symmetric positive definite operator; knows no physics. Preconditioners M:
+
+    Jacobi        M^-1 = D^-1, the inverse (block) diagonal: the cheapest below LEVELS_PAY_FROM rows
+    cell levels   M^-1 = one symmetric W-cycle over the cells of the binning grid (sparse.CellLevels)
+
+Source: Saad, Iterative Methods for Sparse Linear Systems (2003), algorithm 9.1.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .backend import real, ti
+from .sparse import CellLevels, SparseMatrix
+
+__all__ = ["MRPCG", "SolveReport", "SparseMatrix", "CellLevels", "LEVELS_PAY_FROM"]
+
+LEVELS_PAY_FROM = 50_000
+"""Rows from which the levels, set-up included, are faster than Jacobi (measured: benchmark in tests/test_mrpcg.py)."""
+
+BLOCK = 1024  # rows per partial sum: a dot product has the same bits with any number of threads
+HUGE = 1e38  # not (|s| < HUGE) finds NaN and infinity, also under fast_math
+RUNNING, CONVERGED, INDEFINITE, BROKEN = range(4)
+
+
+@dataclass
+class SolveReport:
+    """How a solve ended; ``iterations`` is where the tolerance was first met, or the number done."""
+
+    status: str  # converged | limit | indefinite (p.Ap <= 0 or r.z < 0) | broken (NaN or infinity)
+    iterations: int
+    residuals: list[float]  # sqrt(r.z / b.M^-1 b) at the start, at every check and at the end
+
+    @property
+    def converged(self) -> bool:
+        return self.status == "converged"
+
+
+@ti.data_oriented
+class MRPCG:
+    """Preconditioned conjugate gradient for the unknowns x_i of ``components`` numbers, i < operator.count.
+
+    operator: a @ti.data_oriented object with
+        count              0-D i32 field: rows in use
+        apply(x, y)        ti.func, y = A x; its loops are top-level loops
+        inverse_diagonal   matrix field: inverse of the diagonal blocks; a zero block marks a row that is not an
+                           unknown: its x is left as it is, its residual and direction are zero
+    levels: a CellLevels, used while ``use_levels`` is true; see ``prepare``.
+
+    Stops at sqrt(r.z) <= tolerance sqrt(b.M^-1 b), z = M^-1 r (from the first r.z if b = 0).
+    """
+
+    def __init__(self, capacity: int, components: int, operator, levels=None, check_every: int = 5):
+        self.operator, self.levels, self.check_every = operator, levels, check_every
+        self.use_levels = levels is not None
+        self.real = real()
+        unknowns = [ti.Vector.field(components, self.real, capacity) for _ in range(6)]
+        self.b, self.x = unknowns[:2]  # right-hand side; initial guess in, solution out
+        self.r, self.z, self.p, self.q = unknowns[2:]  # b - A x, M^-1 r, search direction, A p
+        scalars = [ti.field(ti.f64, ()) for _ in range(6)]
+        self.rz, self.rz_new, self.pq, self.xx = scalars[:4]  # r.z, the next one, p.Ap, x.x of the guess
+        self.reference, self.target = scalars[4:]  # b.M^-1 b, tolerance^2 b.M^-1 b
+        self.partial = ti.field(ti.f64, (capacity + BLOCK - 1) // BLOCK)
+        self.status = ti.field(ti.i32, ())
+        self.iterations = ti.field(ti.i32, ())
+        self.active = ti.field(ti.i32, ())  # rows worked on: all while running, then none (extra steps do nothing)
+
+    def prepare(self) -> None:
+        """Use the levels, rebuilt for the matrix as it is now, where they pay; Jacobi elsewhere."""
+        self.use_levels = self.levels is not None and self.operator.count[None] >= LEVELS_PAY_FROM
+        if self.use_levels:
+            self.levels.build()
+
+    def solve(self, tolerance: float, max_iterations: int = 1000) -> SolveReport:
+        """Improve self.x until the tolerance is met."""
+        self._load()
+        self._precondition()
+        self._refer()
+        if self.xx[None] != 0.0:
+            self._subtract_guess()
+            self._precondition()
+        self._begin(tolerance)
+        residuals = [self._relative_residual()]
+        done = 0
+        check_every = 1 if self.use_levels else self.check_every  # a cycle costs far more than a look
+        while self.status[None] == RUNNING and done < max_iterations:
+            steps = min(check_every, max_iterations - done)
+            for _ in range(steps):
+                self._iterate()
+            done += steps
+            residuals.append(self._relative_residual())
+        status = ("limit", "converged", "indefinite", "broken")[self.status[None]]
+        return SolveReport(status, self.iterations[None], residuals)
+
+    def _relative_residual(self) -> float:
+        reference = self.reference[None]
+        return float(np.sqrt(abs(self.rz[None]) / reference)) if reference != 0.0 else 0.0
+
+    def _iterate(self) -> None:
+        if self.use_levels:
+            self._advance_only()
+            self.levels.cycle(self.r, self.z)
+            self._turn_only()
+        else:
+            self._jacobi_iteration()
+
+    def _precondition(self) -> None:
+        if self.use_levels:
+            self.levels.cycle(self.r, self.z)
+        else:
+            self._jacobi_only()
+
+    @ti.func
+    def masked(self, i, v):
+        """v, or zero where row i is not an unknown."""
+        return ti.select(ti.abs(self.operator.inverse_diagonal[i]).sum() > 0, v, ti.zero(v))
+
+    @ti.func
+    def dot(self, a: ti.template(), b: ti.template(), out: ti.template()):
+        """out = a.b, partial sums of BLOCK rows in f64, then their sum in order."""
+        for k in range((self.active[None] + BLOCK - 1) // BLOCK):
+            s = ti.cast(0.0, ti.f64)
+            for i in range(k * BLOCK, ti.min((k + 1) * BLOCK, self.active[None])):
+                s += ti.cast(a[i].dot(b[i]), ti.f64)
+            self.partial[k] = s
+        ti.loop_config(serialize=True)
+        for _ in range(1):
+            s = ti.cast(0.0, ti.f64)
+            for k in range((self.active[None] + BLOCK - 1) // BLOCK):
+                s += self.partial[k]
+            out[None] = s
+
+    @ti.func
+    def stop(self, status):
+        self.status[None] = status
+        self.active[None] = 0
+
+    @ti.func
+    def judge(self):
+        """Stop if r.z is small enough, or is not the square of a norm."""
+        if not (ti.abs(self.rz[None]) < HUGE):
+            self.stop(BROKEN)
+        elif ti.abs(self.rz[None]) <= self.target[None]:
+            self.stop(CONVERGED)
+        elif self.rz[None] < 0.0:
+            self.stop(INDEFINITE)
+
+    @ti.func
+    def jacobi(self):
+        for i in range(self.active[None]):
+            self.z[i] = self.operator.inverse_diagonal[i] @ self.r[i]
+
+    @ti.func
+    def advance(self):
+        """alpha = r.z / p.Ap;  x += alpha p;  r -= alpha A p."""
+        self.operator.apply(self.p, self.q)
+        self.dot(self.p, self.q, self.pq)
+        if self.status[None] == RUNNING:
+            if not (ti.abs(self.pq[None]) < HUGE):
+                self.stop(BROKEN)
+            elif self.pq[None] <= 0.0:
+                self.stop(INDEFINITE)
+        for i in range(self.active[None]):
+            alpha = ti.cast(self.rz[None] / self.pq[None], self.real)
+            self.x[i] += alpha * self.p[i]
+            self.r[i] = self.masked(i, self.r[i] - alpha * self.q[i])
+
+    @ti.func
+    def turn(self):
+        """beta = (r.z) new / old;  p = z + beta p."""
+        self.dot(self.r, self.z, self.rz_new)
+        if self.status[None] == RUNNING:
+            self.iterations[None] += 1
+            self.pq[None] = self.rz_new[None] / self.rz[None]
+            self.rz[None] = self.rz_new[None]
+            self.judge()
+        for i in range(self.active[None]):
+            self.p[i] = self.z[i] + ti.cast(self.pq[None], self.real) * self.p[i]
+
+    @ti.kernel
+    def _jacobi_iteration(self):
+        self.advance()
+        self.jacobi()
+        self.turn()
+
+    @ti.kernel
+    def _advance_only(self):
+        self.advance()
+
+    @ti.kernel
+    def _jacobi_only(self):
+        self.jacobi()
+
+    @ti.kernel
+    def _turn_only(self):
+        self.turn()
+
+    @ti.kernel
+    def _load(self):
+        self.active[None] = self.operator.count[None]
+        for i in range(self.active[None]):
+            self.r[i] = self.masked(i, self.b[i])
+
+    @ti.kernel
+    def _refer(self):
+        self.dot(self.r, self.z, self.reference)
+        self.dot(self.x, self.x, self.xx)
+
+    @ti.kernel
+    def _subtract_guess(self):
+        self.operator.apply(self.x, self.q)
+        for i in range(self.active[None]):
+            self.r[i] = self.masked(i, self.b[i] - self.q[i])
+
+    @ti.kernel
+    def _begin(self, tolerance: ti.f64):
+        self.dot(self.r, self.z, self.rz)
+        self.status[None] = RUNNING
+        self.iterations[None] = 0
+        if self.reference[None] == 0.0:
+            self.reference[None] = self.rz[None]
+        self.target[None] = tolerance * tolerance * ti.abs(self.reference[None])
+        self.judge()
+        for i in range(self.active[None]):
+            self.p[i] = self.z[i]
