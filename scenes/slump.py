@@ -5,6 +5,7 @@ Run time: about 1 CPU-minute for 5 s with the scheme `implicit` at the default s
 """
 
 import math
+import sys
 from functools import partial
 
 import numpy as np
@@ -57,4 +58,4 @@ def scene(
 
 
 if __name__ == "__main__":
-    mps.main(["run", __file__])
+    sys.exit(mps.main(["run", __file__, *sys.argv[1:]]))

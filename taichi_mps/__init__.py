@@ -1,9 +1,48 @@
 """taichi_mps: Moving Particle Semi-implicit flow of fresh concrete, in Taichi."""
 
-__version__ = "0.1.0"
+from importlib import import_module
 
 from . import measure
-from .geometry import Box, Cone, Plane, fill, lattice
+from .geometry import Box, Cone, Plane, box_planes, fill, lattice, shell
 from .material import Bingham, Newtonian
 from .quantity import SceneError, checked
 from .scene import Implicit, Scene, SemiImplicit
+
+__version__ = "0.1.0"
+
+_LAZY = {  # names whose modules import Taichi or the edges: loaded at first use, so that --help is instant
+    "init": "backend",
+    "Simulation": "simulation",
+    "StepReport": "simulation",
+    "DivergedError": "simulation",
+    "CapacityError": "neighbors",
+    "png": "render",
+    "gif": "render",
+    "slump_cone": "catalogue",
+    "main": "cli",
+}
+
+__all__ = [
+    "Bingham",
+    "Box",
+    "Cone",
+    "Implicit",
+    "Newtonian",
+    "Plane",
+    "Scene",
+    "SceneError",
+    "SemiImplicit",
+    "box_planes",
+    "checked",
+    "fill",
+    "lattice",
+    "measure",
+    "shell",
+    *_LAZY,
+]
+
+
+def __getattr__(name):
+    if name in _LAZY:
+        return getattr(import_module(f".{_LAZY[name]}", __name__), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -77,6 +77,27 @@ def lattice(low, high, spacing, offset=0.5):
     return np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, len(low))
 
 
+def shell(low, high, spacing, layers=3):
+    """Wall particles [m], (m, d): ``layers`` around a box that is open at the top (last axis)."""
+    low, high = np.asarray(low, float), np.asarray(high, float)
+    thick = layers * spacing
+    top = np.append(np.zeros(len(low) - 1), 1.0)
+    x = lattice(low - thick, high + thick * (1.0 - top), spacing)
+    inside = np.all((x > low) & (x < high + thick * top), axis=1)
+    return x[~inside]
+
+
+def box_planes(low, high, slip=False):
+    """The walls of a box that is open at the top (last axis)."""
+    low, high = tuple(map(float, low)), tuple(map(float, high))
+    d = len(low)
+    unit = np.eye(d)
+    floor = Plane(low, tuple(unit[-1]), slip=slip)
+    sides = [Plane(low, tuple(unit[a]), slip=slip) for a in range(d - 1)]
+    sides += [Plane(high, tuple(-unit[a]), slip=slip) for a in range(d - 1)]
+    return (floor, *sides)
+
+
 def fill(solid, spacing):
     """Positions (n, d) [m] of the particles of a solid, one per spacing^d.
 

@@ -1,0 +1,62 @@
+"""Still pool: a fluid at rest in a tank must stay at rest with the hydrostatic pressure.
+
+Source: the hydrostatic case of every particle method's validation; exact p = rho g (h - y), u = 0.
+Run time: a few CPU-seconds for 1 s at the default spacing.
+"""
+
+import sys
+
+import numpy as np
+
+import taichi_mps as mps
+from taichi_mps.quantity import Density, Duration, Length, Viscosity, YieldValue
+
+
+def pool_error(snapshot, density, depth):
+    """Relative L2 error of the pressure [-] against rho g (depth - y), and the drift of the level [m]."""
+    exact = density * 9.81 * (depth - snapshot.x[:, -1])
+    return {
+        "pressure_error": float(np.sqrt(np.mean((snapshot.p - exact) ** 2)) / (density * 9.81 * depth)),
+        "level_drift_m": float(snapshot.x[:, -1].max() + 0.5 * snapshot.spacing - depth),
+        "max_speed_m_s": float(snapshot.speed.max()),
+    }
+
+
+@mps.checked
+def scene(
+    density: Density = 1000.0,
+    plastic_viscosity: Viscosity = 1e-3,
+    yield_value: YieldValue = 0.0,
+    spacing: Length = 0.01,
+    width: Length = 0.2,
+    depth: Length = 0.2,
+    until: Duration = 1.0,
+) -> mps.Scene:
+    """Two-dimensional tank with a free surface."""
+    low, high = (0.0, 0.0), (width, depth)
+    margin = 0.25 * depth + 5 * spacing
+
+    def measure(snapshot):
+        return pool_error(snapshot, density, depth)
+
+    def check(snapshot, measures):
+        assert measures["pressure_error"] < 0.03, measures
+        assert abs(measures["level_drift_m"]) < 0.25 * spacing, measures
+        assert measures["max_speed_m_s"] < 0.05 * (9.81 * depth) ** 0.5, measures
+
+    return mps.Scene(
+        name="still_pool",
+        material=mps.Bingham(density=density, plastic_viscosity=plastic_viscosity, yield_value=yield_value),
+        spacing=spacing,
+        fluid=mps.fill(mps.Box(low, high), spacing),
+        walls=mps.box_planes(low, high, slip=True),
+        wall_particles=mps.shell(low, high, spacing),
+        domain=((-margin, -margin), (width + margin, depth + margin)),
+        until=until,
+        measure=measure,
+        check=check,
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(mps.main(["run", __file__, *sys.argv[1:]]))
