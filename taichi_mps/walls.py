@@ -1,8 +1,13 @@
 """Plane walls that act on the fluid without wall particles.
 
-Behind a wall the lattice goes on: a particle at distance z sees tabulated sums over that half-space. The velocity
-of these ghosts is the linear extrapolation through the particle's own and the wall's, so every wall term is local
-to one particle and exactly adjoint to its gradient.
+Behind a wall the lattice of particles goes on as ghosts; a particle at distance z sees tabulated sums over them
+(weights.half_space_table). Ghost velocities mirror the fluid's, u_g = -(d/z) u(mirror point) for no-slip; written
+with the particle's own velocity and gradient, the wall adds to the least-squares fit of particle i
+
+    N_i += (u_i - u_wall) (x) n c(z),   M_i += c(z) z n (x) n + t(z) (I - n (x) n),   c = 2 sum (w/r^2)(z + d)
+
+which is exact for a velocity that grows linearly from the wall and keeps a lattice at the wall in equilibrium. All
+wall terms are local to one particle and exactly adjoint to its gradient.
 """
 
 import numpy as np
@@ -20,8 +25,9 @@ class Walls:
         self.effective_radius = effective_radius
         self.closest = 0.1 * spacing
         self.entries = entries
-        self.table = ti.Vector.field(6, real(), entries)  # half_space_table: sums at z = re k/(entries - 1)
-        self.table.from_numpy(half_space_table(dimension, spacing, effective_radius, entries).astype(np.float64))
+        table = half_space_table(dimension, spacing, effective_radius, entries)
+        self.table = ti.Vector.field(table.shape[1], real(), entries)  # GHOST_SUMS at z = re k/(entries - 1)
+        self.table.from_numpy(table.astype(np.float64))
         vector = ti.types.vector(dimension, real())
         position = ti.types.vector(dimension, ti.f64)
         self.planes = tuple(
@@ -36,7 +42,7 @@ class Walls:
 
     @ti.func
     def lookup(self, z):
-        """Table row at distance z [m], by linear interpolation; zero beyond the effective radius."""
+        """Ghost sums at distance z [m], by linear interpolation; zero beyond the effective radius."""
         s = ti.max(z, self.closest) / self.effective_radius * (self.entries - 1)
         k = ti.min(ti.cast(s, ti.i32), self.entries - 2)
         f = s - k
@@ -50,14 +56,17 @@ class Walls:
         for point, n, velocity, slip in ti.static(self.planes):
             z = self.distance(point, n, x)
             if z < self.effective_radius:
-                row = self.lookup(z)
-                count_n += ti.Vector([row[0], row[1]])
-                moment += row[2] * ti.Matrix.identity(float, self.dimension) + (row[3] - row[2]) * n.outer_product(n)
+                sums = self.lookup(z)
+                count_n += ti.Vector([sums[0], sums[1]])
+                normal = n.outer_product(n)
+                moment += sums[2] * ti.max(z, self.closest) * normal
+                if ti.static(not slip):
+                    moment += sums[3] * (ti.Matrix.identity(float, self.dimension) - normal)
         return count_n, moment
 
     @ti.func
     def gradient_term(self, x, u, motion):
-        """sum over ghosts of (u_ghost - u) (x) b [m/s x 1/m]; ``motion`` 1 with the walls' velocity, 0 without."""
+        """sum of (u - u_wall) (x) n c [1/s 1/m]; ``motion`` 1 with the walls' velocity, 0 without."""
         total = ti.Matrix.zero(float, self.dimension, self.dimension)
         for point, n, velocity, slip in ti.static(self.planes):
             z = self.distance(point, n, x)
@@ -65,7 +74,7 @@ class Walls:
                 jump = u - motion * velocity
                 if ti.static(slip):
                     jump = n * n.dot(u)
-                total += jump.outer_product(n) * (self.lookup(z)[3] / ti.max(z, self.closest))
+                total += jump.outer_product(n) * self.lookup(z)[2]
         return total
 
     @ti.func
@@ -78,12 +87,12 @@ class Walls:
                 pull = flux @ n
                 if ti.static(slip):
                     pull = n * n.dot(pull)
-                total -= pull * (self.lookup(z)[3] / ti.max(z, self.closest))
+                total -= pull * self.lookup(z)[2]
         return total
 
     @ti.func
     def drag_term(self, x, u, motion):
-        """sum over ghosts of (w/r^2)(u_ghost - u) . d(u_ghost - u)/du: the walls' part of the non-affine resistance."""
+        """sum of (u - u_wall) c/z: the walls' part of the resistance to non-affine motion (momentum.py)."""
         total = ti.Vector.zero(float, self.dimension)
         for point, n, velocity, slip in ti.static(self.planes):
             z = self.distance(point, n, x)
@@ -91,36 +100,44 @@ class Walls:
                 jump = u - motion * velocity
                 if ti.static(slip):
                     jump = n * n.dot(u)
-                zc = ti.max(z, self.closest)
-                total += jump * (self.lookup(z)[3] / (zc * zc))
+                total += jump * (self.lookup(z)[2] / ti.max(z, self.closest))
         return total
 
     @ti.func
     def pull(self, x):
-        """sum of n m_n/z over the walls [1/m], and of m_n/z^2 [1/m2] (for the diagonal)."""
+        """sum of n c [1/m] over the walls, and of c/z [1/m2] (for the diagonal)."""
         total = ti.Vector.zero(float, self.dimension)
         drag = ti.cast(0.0, float)
         for point, n, velocity, slip in ti.static(self.planes):
             z = self.distance(point, n, x)
             if z < self.effective_radius:
-                zc = ti.max(z, self.closest)
-                m = self.lookup(z)[3] / zc
-                total += n * m
-                drag += m / zc
+                c = self.lookup(z)[2]
+                total += n * c
+                drag += c / ti.max(z, self.closest)
         return total, drag
+
+    @ti.func
+    def hydrostatic(self, x, weight, B):
+        """Force density [N/m3] by which the ghosts' pressure exceeds the particle's own under rho g = ``weight``."""
+        total = ti.Vector.zero(float, self.dimension)
+        for point, n, velocity, slip in ti.static(self.planes):
+            z = self.distance(point, n, x)
+            if z < self.effective_radius:
+                total -= B @ n * (n.dot(weight) * self.lookup(z)[4])
+        return total
 
     @ti.func
     def crowding(self, x):
         """sum w e and sum max(0, 1 - r/(1.5 l0)) e over the ghosts, e the direction from x to each [-]."""
-        surface = ti.Vector.zero(float, self.dimension)
+        inward = ti.Vector.zero(float, self.dimension)
         near = ti.Vector.zero(float, self.dimension)
         for point, n, velocity, slip in ti.static(self.planes):
             z = self.distance(point, n, x)
             if z < self.effective_radius:
-                row = self.lookup(z)
-                surface -= n * row[4]
-                near -= n * row[5]
-        return surface, near
+                sums = self.lookup(z)
+                inward -= n * sums[5]
+                near -= n * sums[6]
+        return inward, near
 
     @ti.func
     def outside(self, x):

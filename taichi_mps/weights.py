@@ -37,31 +37,36 @@ def lattice_constants(dimension: int, spacing: float, effective_radius: float) -
     return LatticeConstants(float(w.sum()), float((w * r * r).sum() / w.sum()), len(r))
 
 
+GHOST_SUMS = ("neighbours", "n", "pull", "tangential", "normal", "inward", "crowding")
+
+
 def half_space_table(dimension: int, spacing: float, effective_radius: float, entries: int = 256) -> np.ndarray:
-    """Sums over the lattice that would fill the solid behind a plane wall, (entries, 6), for a particle at distance
-    z = effective_radius * k/(entries - 1) in front of it: neighbours; n; sum (w/r^2) t t and sum (w/r^2) z z of the
-    tangential and normal components; sum w z/r; sum max(0, 1 - r/(1.5 l0)) z/r (for the shift). The first ghost
-    layer lies half a spacing behind the wall.
+    """Sums over the ghost lattice behind a plane wall, (entries, 7), columns GHOST_SUMS, for a particle at distance
+    z = effective_radius * max(k, 1)/(entries - 1) in front of it. A ghost lies at depth d = l0/2, 3 l0/2, ... behind
+    the wall and h = z + d, t are its normal and one tangential distance from the particle:
+
+    neighbours 1; n w; pull 2 (w/r^2) h [1/m]; tangential (w/r^2) t^2 (1 + d/z); normal (w/r^2) h^2;
+    inward w h/r; crowding max(0, 1 - r/(1.5 l0)) h/r.
     """
     reach = int(effective_radius / spacing) + 2
     axis = np.arange(-reach, reach + 1) * spacing
     depth = (np.arange(reach) + 0.5) * spacing
     grid = np.stack(np.meshgrid(*[axis] * (dimension - 1), depth, indexing="ij"), -1).reshape(-1, dimension)
-    table = np.zeros((entries, 6))
+    table = np.zeros((entries, len(GHOST_SUMS)))
     for k in range(entries):
-        point = grid.copy()
-        point[:, -1] += effective_radius * k / (entries - 1)
-        r = np.linalg.norm(point, axis=1)
+        z = effective_radius * max(k, 1) / (entries - 1)
+        t, d = grid[:, 0], grid[:, -1]
+        h = z + d
+        r = np.sqrt((grid[:, :-1] ** 2).sum(1) + h**2)
         w = _weights(r, effective_radius)
         wr2 = w / r**2
-        z = point[:, -1]
-        near = np.maximum(0.0, 1.0 - r / (1.5 * spacing))
         table[k] = [
             (r < effective_radius).sum(),
             w.sum(),
-            (wr2 * point[:, 0] ** 2).sum(),
-            (wr2 * z**2).sum(),
-            (w * z / r).sum(),
-            (near * z / r).sum(),
+            (2 * wr2 * h).sum(),
+            (wr2 * t**2 * (1 + d / z)).sum(),
+            (wr2 * h**2).sum(),
+            (w * h / r).sum(),
+            (np.maximum(0.0, 1.0 - r / (1.5 * spacing)) * h / r).sum(),
         ]
     return table

@@ -13,6 +13,7 @@ from ..rheology import bi_viscosity, deviator, magnitude, return_mapping
 from ..shifting import Shifting
 
 NON_AFFINE = 0.6  # c: bond-associated dissipation gives 1/2 (shear) to 2/3 (along the bond), docs/equations.md
+INERTIAL = 0.05
 SMOOTHING = 0.6  # share of the neighbours' mean in the pressure
 SOURCE = 0.05  # share of the density error removed per step
 SLOWEST = 0.5  # shear rate [1/s] below which the non-affine resistance stops growing
@@ -42,7 +43,10 @@ class Implicit:
         self.g = ti.types.vector(d, real())(scene.gravity_vector)
         height = float(scene.fluid[:, -1].max() - scene.fluid[:, -1].min()) + scene.spacing
         gravity = float((scene.gravity_vector**2).sum() ** 0.5)
-        self.max_time_step = numerics.max_time_step or longest_step(self.eta, self.density, gravity, height)
+        self.max_time_step = numerics.max_time_step or longest_step(
+            self.eta / self.density, gravity, height, scene.spacing
+        )
+        self.layer_pressure = 0.5 * self.density * max(gravity, 0.1) * scene.spacing
         self.mu_r = max(MU_ETA * self.eta, MU_TAU * self.tau_y)
         self.bulk = 75.0 * self.density * max(gravity, 0.1) * height * self.max_time_step
         self.gradient = Gradient(neighbors, walls, constants)
@@ -129,7 +133,7 @@ class Implicit:
             source = ti.max(-1.0, ti.min(1.0, SOURCE * error / dt))
             self.source[i] = source * ti.min(1.0, rate * dt / STRAIN_SCALE)
             mu = self.eta
-            h = NON_AFFINE * self.eta
+            h = NON_AFFINE * self.eta + INERTIAL * self.density * self.spacing**2 / dt
             if ti.static(self.law == "bingham"):
                 mu = self.mu_r
             if ti.static(self.law != "newtonian"):
@@ -160,6 +164,10 @@ class Implicit:
             if self.particles.kind[i] == FLUID:
                 inertia = self.system.mass_rate[None] * self.particles.u[i]
                 b[i] = inertia + self.mass * self.g + self.gradient.force(i, self.system.flux)
+                if ti.static(len(self.walls.planes) > 0):
+                    pressed = ti.max(0.0, ti.min(1.0, self.smooth_p[i] / self.layer_pressure))
+                    support = self.walls.hydrostatic(self.particles.x[i], self.density * self.g, self.gradient.B[i])
+                    b[i] += pressed * self.volume * support
 
     @ti.kernel
     def update_stress(self, u: ti.template()):
@@ -211,7 +219,11 @@ def law_of(material) -> str:
     return "bingham" if material.critical_strain_rate is None else "bi-viscosity"
 
 
-def longest_step(viscosity: float, density: float, gravity: float, height: float) -> float:
-    """Step [s] that resolves the fall (0.057 sqrt(H/g)) or, where slower, the viscous flow (eta/2 rho g H)."""
+def longest_step(kinematic_viscosity: float, gravity: float, height: float, spacing: float) -> float:
+    """Step [s] that resolves the fall of the body, 0.057 sqrt(H/g), or the viscous flow where that is slower; a fluid
+    too thin to damp motion on the scale of a particle must resolve that motion, 0.06 sqrt(l0/g)."""
     gravity = max(gravity, 0.1)
-    return max(0.057 * (height / gravity) ** 0.5, 0.5 * viscosity / (density * gravity * height))
+    fall = 0.057 * (height / gravity) ** 0.5
+    damping = kinematic_viscosity / (spacing * (gravity * spacing) ** 0.5)
+    return max(min(fall, 0.06 * (spacing / gravity) ** 0.5 * (1.0 + damping)),
+               0.5 * kinematic_viscosity / (gravity * height))
