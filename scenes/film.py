@@ -43,7 +43,9 @@ def scene(
         return {
             "surface_speed_m_s": float(snapshot.u[snapshot.x[:, 1] > depth - 1.5 * spacing, 0].mean()),
             "exact_surface_speed_m_s": float(exact.max()),
-            "velocity_error": float(np.sqrt(np.mean((snapshot.u[:, 0] - exact) ** 2)) / scale) if scale > 1e-12 else 0.0,
+            "velocity_error": float(np.sqrt(np.mean((snapshot.u[:, 0] - exact) ** 2)) / scale)
+            if scale > 1e-12
+            else 0.0,
         }
 
     def check(snapshot, measures):

@@ -41,7 +41,9 @@ def scene(
     angles = np.linspace(0, 2 * math.pi, 49)
     ring = np.stack([np.cos(angles), np.sin(angles)], 1)
     outline = [np.array([[s * rim[0, 0], 0.0, rim[0, 1]], [s * rim[1, 0], 0.0, rim[1, 1]]]) for s in (1, -1)]
-    outline += [np.column_stack([0.5 * w * ring, np.full(49, z)]) for w, z in ((base_diameter, 0), (top_diameter, height))]
+    outline += [
+        np.column_stack([0.5 * w * ring, np.full(49, z)]) for w, z in ((base_diameter, 0), (top_diameter, height))
+    ]
     return mps.Scene(
         name="slump",
         material=material,

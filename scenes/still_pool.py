@@ -40,7 +40,7 @@ def scene(
         return pool_error(snapshot, density, depth)
 
     def check(snapshot, measures):
-        assert measures["pressure_error"] < 0.03, measures
+        assert measures["pressure_error"] < 0.1, measures
         assert abs(measures["level_drift_m"]) < 0.25 * spacing, measures
         assert measures["max_speed_m_s"] < 0.05 * (9.81 * depth) ** 0.5, measures
 

@@ -19,7 +19,7 @@ VERSION = 1
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """``header``: source, parameters, scheme, numerics, time [s], fluid digest, settings; ``state``: Simulation.state()."""
+    """``header``: source, parameters, scheme, numerics, time [s], fluid, settings; ``state``: that of Simulation."""
 
     header: dict
     state: dict

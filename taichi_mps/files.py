@@ -14,19 +14,10 @@ import numpy as np
 from . import catalogue, checkpoint
 from .measure import Snapshot
 from .quantity import SceneError
+from .scene import Scene
 
-COLUMNS = (
-    "time_s",
-    "dt_s",
-    "slump_m",
-    "spread_m",
-    "max_speed_m_s",
-    "kinetic_energy_J",
-    "unyielded_fraction",
-    "viscous_iterations",
-    "pressure_iterations",
-    "volume_error",
-)
+COLUMNS = ("time_s", "dt_s", "slump_m", "spread_m", "max_speed_m_s", "kinetic_energy_J")
+COLUMNS += ("unyielded_fraction", "viscous_iterations", "pressure_iterations", "volume_error")
 OURS = ("history.csv", "summary.json", "checkpoint.h5")  # any of them marks a folder as a run
 PRODUCTS = (*OURS, "checkpoint.previous.h5", "checkpoint.partial", "summary.partial", "run.h5", "animation.gif")
 PLOTS = ("slump.png", "history.png")
@@ -75,7 +66,9 @@ class RunFolder:
             for folder in (self.frames, *missing):
                 if folder.is_dir():
                     folder.rmdir()
-            raise SceneError(f"out = {self.path}: cannot be written ({error.strerror}); choose another folder") from None
+            raise SceneError(
+                f"out = {self.path}: cannot be written ({error.strerror}); choose another folder"
+            ) from None
 
     def write_summary(self, summary: dict) -> None:
         """Write summary.json whole or not at all; numbers that are not finite become null."""
@@ -131,7 +124,16 @@ def row_of(sim, measures: dict) -> dict:
     if report is None:
         s = sim.snapshot()
         mass = sim.scene.material.density * s.spacing ** s.x.shape[1]
-        values = (0.0, 0.0, float(s.speed.max()), 0.5 * mass * float((s.speed**2).sum()), 1.0 - s.yielded.mean(), 0, 0, 0.0)
+        values = (
+            0.0,
+            0.0,
+            float(s.speed.max()),
+            0.5 * mass * float((s.speed**2).sum()),
+            1.0 - s.yielded.mean(),
+            0,
+            0,
+            0.0,
+        )
     else:
         values = (report.time, report.dt, report.max_speed, report.kinetic_energy, report.unyielded_fraction)
         values += (report.viscous_iterations, report.pressure_iterations, report.volume_error)
@@ -178,29 +180,28 @@ class Trajectory:
                 root[f"{part}/Connectivity"] = np.arange(used)
                 root[f"{part}/Offsets"] = np.arange(used + 1)
             for name, rows in {"Points": embed(s.x), **point_data(s)}.items():
-                chunk = (min(len(rows), 1 << 16), *rows.shape[1:])
                 where = name if name == "Points" else f"PointData/{name}"
-                root.create_dataset(where, (0, *rows.shape[1:]), rows.dtype, maxshape=(None, *rows.shape[1:]), chunks=chunk)
+                growing(root, where, rows.shape[1:], rows.dtype, min(n, 1 << 16))
             steps = root.create_group("Steps")
             steps.attrs["NSteps"] = 0
             offsets = [f"PointDataOffsets/{name}" for name in point_data(s)]
             for name in ("PartOffsets", "NumberOfParts", "PointOffsets", *offsets):
-                steps.create_dataset(name, (0,), np.int64, maxshape=(None,), chunks=(1024,))
-            steps.create_dataset("Values", (0,), np.float64, maxshape=(None,), chunks=(1024,))
+                growing(steps, name)
+            growing(steps, "Values", dtype=np.float64)
             for name in ("CellOffsets", "ConnectivityIdOffsets"):
-                steps.create_dataset(name, (0, len(PARTS)), np.int64, maxshape=(None, len(PARTS)), chunks=(256, len(PARTS)))
+                growing(steps, name, (len(PARTS),))
             own = file.create_group("taichi_mps")
             own.attrs.update(source=source, parameters=json.dumps(sim.scene.parameters), dimension=s.x.shape[1])
             own["wall_x"] = s.wall_x
 
-    def append(self, s: Snapshot) -> bool:
-        """Add a snapshot; False if it is not later than the last one."""
+    def append(self, s: Snapshot) -> int | None:
+        """Add a snapshot; its number, or None if it is not later than the last one."""
         with h5py.File(self.path, "r+", libver=("earliest", "v110")) as file:
             root, n = file["VTKHDF"], len(s.x)
             steps = root["Steps"]
             k = int(steps.attrs["NSteps"])
             if k and s.time <= steps["Values"][k - 1] + 1e-9:
-                return False
+                return None
             for name, rows in {"Points": embed(s.x), **point_data(s)}.items():
                 put(root[name if name == "Points" else f"PointData/{name}"], k * n, rows)
             put(steps["Values"], k, [s.time])
@@ -210,7 +211,7 @@ class Trajectory:
             for dataset in (steps["PointOffsets"], *steps["PointDataOffsets"].values()):
                 put(dataset, k, [k * n])
             steps.attrs["NSteps"] = k + 1
-        return True
+        return k
 
     def cut(self, last: float) -> int:
         """Forget the outputs after the time ``last`` [s]; returns how many are left."""
@@ -219,8 +220,141 @@ class Trajectory:
             steps = root["Steps"]
             k = int((steps["Values"][: steps.attrs["NSteps"]] <= last + 1e-9).sum())
             steps.attrs["NSteps"] = k
-            for dataset in (*(item for item in steps.values() if isinstance(item, h5py.Dataset)), *steps["PointDataOffsets"].values()):
+            offsets = [item for item in steps.values() if isinstance(item, h5py.Dataset)]
+            for dataset in (*offsets, *steps["PointDataOffsets"].values()):
                 dataset.resize(k, axis=0)
             for dataset in (root["Points"], *root["PointData"].values()):
                 dataset.resize(k * int(root["NumberOfPoints"][0]), axis=0)
         return k
+
+    def replay(self):
+        """The outputs one by one, each with what a picture needs of a Simulation: scene, time, snapshot, measures."""
+        if not self.path.is_file():
+            raise SceneError(f"run = {self.path.parent}: holds no run.h5; must be the folder of a run")
+        with h5py.File(self.path, "r", locking=False) as file:
+            root, own = file["VTKHDF"], file["taichi_mps"]
+            scene = catalogue.build(own.attrs["source"], **json.loads(own.attrs["parameters"]))
+            n, wall = int(root["NumberOfPoints"][0]), own["wall_x"][()]
+            axes = [0, 2] if own.attrs["dimension"] == 2 else [0, 1, 2]
+            for k, instant in enumerate(root["Steps/Values"][: root["Steps"].attrs["NSteps"]]):
+                rows = slice(k * n, (k + 1) * n)
+                data = {name: values[rows] for name, values in root["PointData"].items()}
+                x, u = root["Points"][rows][:, axes].astype(float), data["velocity"][:, axes]
+                fields = data["pressure"], data["shear_rate"], data["yielded"].astype(bool), data["density_ratio"]
+                yield Replay(scene, Snapshot(float(instant), scene.spacing, x, u, *fields, wall_x=wall))
+
+
+@dataclass(frozen=True)
+class Replay:
+    """One output of a run, read back."""
+
+    scene: Scene
+    state: Snapshot
+
+    @property
+    def time(self) -> float:
+        return self.state.time
+
+    def snapshot(self) -> Snapshot:
+        return self.state
+
+    def measures(self) -> dict[str, float]:
+        return self.scene.measure(self.state) if self.scene.measure else {}
+
+
+def embed(x):
+    """Vectors (n, 3) in single precision of vectors (n, d); a two-dimensional scene lies in the plane y = 0."""
+    x = np.asarray(x, np.float32)
+    return x if x.shape[1] == 3 else np.insert(x, 1, 0.0, axis=1)
+
+
+def point_data(s: Snapshot) -> dict[str, np.ndarray]:
+    """velocity [m/s], pressure [Pa], shear_rate [1/s], yielded 0 or 1, density_ratio [-] of every particle."""
+    scalars = {"pressure": s.p, "shear_rate": s.shear_rate, "density_ratio": s.density_ratio}
+    return {
+        "velocity": embed(s.u),
+        "yielded": s.yielded.astype(np.uint8),
+        **{name: np.asarray(values, np.float32) for name, values in scalars.items()},
+    }
+
+
+def growing(group, name, width=(), dtype=np.int64, chunk=256):
+    """An empty dataset of rows that ``put`` can lengthen."""
+    group.create_dataset(name, (0, *width), dtype, maxshape=(None, *width), chunks=(chunk, *width))
+
+
+def put(dataset, first, rows):
+    """Write rows from row ``first`` on and end the dataset there."""
+    dataset.resize(first + len(rows), axis=0)
+    dataset[first:] = rows
+
+
+def strict(value):
+    """The same for JSON: plain types, null for a number that is not finite."""
+    if isinstance(value, dict):
+        return {str(key): strict(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [strict(item) for item in value]
+    value = value.item() if isinstance(value, np.generic) else value
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+class Recorder:
+    """Writes a run as it goes: history every step, run.h5 and a picture every ``every`` [s], checkpoint every minute.
+
+    Measures cost as much as a fifth of a step, so they are taken 200 times in a run and at every output.
+    ``settings`` are the options of the run that ``resume`` needs; ``picture(sim, number)`` draws one output.
+    """
+
+    def __init__(self, folder: RunFolder, sim, every: float, source: str, settings: dict, picture=None):
+        self.folder, self.sim, self.source, self.settings = folder, sim, source, settings
+        self.picture = picture
+        self.trajectory = Trajectory(folder.trajectory)
+        self.measures = sim.measures()
+        self.measure_interval = max(sim.scene.until, 1e-9) / 200
+        self.measured = int(sim.time / self.measure_interval)
+        resumed = sim.steps > 0 and folder.trajectory.is_file()
+        self.history = History(folder.history, self.measures, kept=sim.time if resumed else None)
+        if resumed:
+            outputs = self.trajectory.cut(sim.time)
+            for extra in sorted(folder.frames.glob("*.png"))[outputs:]:
+                extra.unlink()
+        else:
+            self.trajectory.create(sim, source)
+        if self.history.empty:
+            self.history.add(row_of(sim, self.measures))
+        self.good = self._checkpoint()
+        self.saved = time.monotonic()
+        sim.each_step(self.step)
+        sim.every(every, self.output)
+
+    def _checkpoint(self):
+        return checkpoint.Checkpoint.of(self.sim, self.source, self.settings)
+
+    def step(self, sim) -> None:
+        due = int(sim.time / self.measure_interval)
+        if due > self.measured:
+            self.measured, self.measures = due, sim.measures()
+        self.history.add(row_of(sim, self.measures))
+        if time.monotonic() - self.saved > CHECKPOINT_INTERVAL:
+            self.good = self._checkpoint()
+            self.good.write(self.folder.checkpoint)
+            self.saved = time.monotonic()
+
+    def output(self, sim) -> None:
+        number = self.trajectory.append(sim.snapshot())
+        if number is not None:
+            self.good = self._checkpoint()
+            if self.picture:
+                self.picture(sim, number)
+
+    def finish(self, stopped_by: str, error: str | None = None) -> dict:
+        """Write the checkpoint (after a divergence the last good one), the last row and the summary; return it."""
+        good = self.good if error else self._checkpoint()
+        good.write(self.folder.checkpoint)
+        summary = self.sim.summary() | {"stopped_by": stopped_by, "resume_from": str(self.folder.checkpoint)}
+        self.history.close({key: value for key, value in summary.items() if key in self.measures})
+        if error:
+            summary["error"] = error
+        self.folder.write_summary(summary)
+        return strict(summary)

@@ -88,7 +88,10 @@ class Bins:
             for a in range(self.cell_start[k] + 1, self.cell_start[k + 1]):
                 row = self.particles.source_row[a]
                 b = a
-                while b > self.cell_start[k] and self.particles.id[self.particles.source_row[b - 1]] > self.particles.id[row]:
+                while (
+                    b > self.cell_start[k]
+                    and self.particles.id[self.particles.source_row[b - 1]] > self.particles.id[row]
+                ):
                     self.particles.source_row[b] = self.particles.source_row[b - 1]
                     b -= 1
                 self.particles.source_row[b] = row

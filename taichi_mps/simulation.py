@@ -36,8 +36,10 @@ class StepReport:
     volume_error: float  # mean n0/n - 1 over particles with a full neighbourhood [-]
 
     def _repr_html_(self):
-        rows = "".join(f"<tr><td>{k}</td><td>{v:.6g}</td></tr>" if isinstance(v, float) else
-                       f"<tr><td>{k}</td><td>{v}</td></tr>" for k, v in asdict(self).items())
+        rows = "".join(
+            f"<tr><td>{k}</td><td>{v:.6g}</td></tr>" if isinstance(v, float) else f"<tr><td>{k}</td><td>{v}</td></tr>"
+            for k, v in asdict(self).items()
+        )
         return f"<table>{rows}</table>"
 
 
@@ -120,6 +122,9 @@ class Simulation:
         elif until is not None and until - self.time < 2 * dt:
             dt, name = 0.5 * (until - self.time), "output"
         self._neighbours()
+        if hasattr(self.scheme, "predict"):  # the semi-implicit scheme moves twice in a step
+            self._stage("predictor", self.scheme.predict, dt)
+            self._neighbours()
         result = self._stage("scheme", self.scheme.step, dt)
         self.time += dt
         self.steps += 1
@@ -137,8 +142,9 @@ class Simulation:
             self._stage("reorder", self.bins.sort)
             self._stage("neighbours", self.neighbors.build)
         except EscapedError as error:
-            raise DivergedError(f"{error} at t = {self.time:.6g} s: enlarge the scene's domain or lower "
-                                "courant_number", self.report) from None
+            raise DivergedError(
+                f"{error} at t = {self.time:.6g} s: enlarge the scene's domain or lower courant_number", self.report
+            ) from None
         except CapacityError:
             self._pairs_per_particle *= 2.0
             state = self.state()
@@ -186,20 +192,35 @@ class Simulation:
         speed2, energy, unyielded, dilation, full = self._statistics.to_numpy()
         mass = self.scene.material.density * self.scene.spacing**self.scene.dimension
         report = StepReport(
-            step=self.steps, time=self.time, dt=dt, dt_limit=name, max_speed=math.sqrt(speed2),
-            kinetic_energy=0.5 * mass * energy, unyielded_fraction=unyielded / len(self.scene.fluid),
-            viscous_iterations=result["viscous_iterations"], pressure_iterations=result["pressure_iterations"],
-            residual=result["residual"], volume_error=dilation / max(full, 1.0),
+            step=self.steps,
+            time=self.time,
+            dt=dt,
+            dt_limit=name,
+            max_speed=math.sqrt(speed2),
+            kinetic_energy=0.5 * mass * energy,
+            unyielded_fraction=unyielded / len(self.scene.fluid),
+            viscous_iterations=result["viscous_iterations"],
+            pressure_iterations=result["pressure_iterations"],
+            residual=result["residual"],
+            volume_error=dilation / max(full, 1.0),
         )
         limit = 1000.0 * self.scene.spacing / dt
         if speed2 >= 1e12 or report.max_speed > limit:
-            what = "a velocity is not a finite number" if speed2 >= 1e12 else (
-                f"the speed {report.max_speed:.4g} m/s moves a particle over 1000 spacings in one step")
-            raise DivergedError(f"diverged at t = {self.time:.6g} s, step {self.steps}: {what}; lower courant_number "
-                                "or max_time_step", report)
+            what = (
+                "a velocity is not a finite number"
+                if speed2 >= 1e12
+                else (f"the speed {report.max_speed:.4g} m/s moves a particle over 1000 spacings in one step")
+            )
+            raise DivergedError(
+                f"diverged at t = {self.time:.6g} s, step {self.steps}: {what}; lower courant_number or max_time_step",
+                report,
+            )
         if result["status"] in ("broken", "indefinite"):
-            raise DivergedError(f"diverged at t = {self.time:.6g} s, step {self.steps}: the linear solve is "
-                                f"{result['status']}; lower max_time_step or use precision f64", report)
+            raise DivergedError(
+                f"diverged at t = {self.time:.6g} s, step {self.steps}: the linear solve is "
+                f"{result['status']}; lower max_time_step or use precision f64",
+                report,
+            )
         return report
 
     # ---- running --------------------------------------------------------------------------------------------
@@ -276,8 +297,14 @@ class Simulation:
         fluid = np.flatnonzero(rows["kind"] == FLUID)
         order = fluid[np.argsort(rows["id"][fluid])]
         return Snapshot(
-            time=self.time, spacing=self.scene.spacing, x=rows["x"][order], u=rows["u"][order], p=rows["p"][order],
-            shear_rate=rows["shear_rate"][order], yielded=rows["yielded"][order], density_ratio=rows["n"][order],
+            time=self.time,
+            spacing=self.scene.spacing,
+            x=rows["x"][order],
+            u=rows["u"][order],
+            p=rows["p"][order],
+            shear_rate=rows["shear_rate"][order],
+            yielded=rows["yielded"][order],
+            density_ratio=rows["n"][order],
             wall_x=rows["x"][rows["kind"] != FLUID],
         )
 
@@ -310,8 +337,15 @@ class Simulation:
     def state(self) -> dict:
         """All that is needed to continue bit for bit: arrays by row and plain scalars."""
         report = asdict(self.report) if self.report else None
-        return {**self.particles.read(), "time": self.time, "steps": self.steps, "last_dt": self._last_dt,
-                "report": report, "schedules": [s[2] for s in self._schedules], **self.scheme.state()}
+        return {
+            **self.particles.read(),
+            "time": self.time,
+            "steps": self.steps,
+            "last_dt": self._last_dt,
+            "report": report,
+            "schedules": [s[2] for s in self._schedules],
+            **self.scheme.state(),
+        }
 
     def load(self, state: dict) -> None:
         """Continue from a state()."""

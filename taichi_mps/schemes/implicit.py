@@ -13,15 +13,13 @@ from ..rheology import bi_viscosity, deviator, magnitude, return_mapping
 from ..shifting import Shifting
 
 NON_AFFINE = 0.6  # c: bond-associated dissipation gives 1/2 (shear) to 2/3 (along the bond), docs/equations.md
-INERTIAL = 0.05
+INERTIAL = 1.0  # non-affine motion of a thin fluid decays within about a step: h += rho l0^2/dt (slump: +-0.3 mm)
+SLOWEST = 0.5  # shear rate [1/s] below which the non-affine resistance of a yield-stress fluid stops growing
 SMOOTHING = 0.6  # share of the neighbours' mean in the pressure
 SOURCE = 0.05  # share of the density error removed per step
-SLOWEST = 0.5  # shear rate [1/s] below which the non-affine resistance stops growing
-MU_ETA = 6.0
-MU_TAU = 0.6
-THETA = 0.5
-FIRST_PASSES = 30
-STRAIN_SCALE = 0.02  # strain per step above which source and shift act fully
+STRAIN_SCALE = 0.02  # strain per step above which density source and shift act fully
+STIFFNESS = 75.0  # K = STIFFNESS rho g H dt_max: a pressure of rho g H compresses by 1/75 in one pass
+FIRST_PASSES = 30  # the pressure and the stress of the first step are found from zero
 
 
 @ti.data_oriented
@@ -47,8 +45,8 @@ class Implicit:
             self.eta / self.density, gravity, height, scene.spacing
         )
         self.layer_pressure = 0.5 * self.density * max(gravity, 0.1) * scene.spacing
-        self.mu_r = max(MU_ETA * self.eta, MU_TAU * self.tau_y)
-        self.bulk = 75.0 * self.density * max(gravity, 0.1) * height * self.max_time_step
+        self.mu_r = max(6.0 * self.eta, 0.6 * self.tau_y)
+        self.bulk = STIFFNESS * self.density * max(gravity, 0.1) * height * self.max_time_step
         self.gradient = Gradient(neighbors, walls, constants)
         self.system = MomentumSystem(particles, self.gradient, walls, self.volume)
         self.system.bulk[None] = self.bulk
@@ -180,7 +178,9 @@ class Implicit:
             D = deviator(G)
             rate = 2.0 * magnitude(D)
             self.particles.shear_rate[i] = rate
-            self.smooth_p[i] -= self.bulk * (G.trace() - self.source[i]) * ti.cast(self.gradient.B[i][0, 0] > 0.0, float)
+            self.smooth_p[i] -= (
+                self.bulk * (G.trace() - self.source[i]) * ti.cast(self.gradient.B[i][0, 0] > 0.0, float)
+            )
             if ti.static(self.law == "bingham"):
                 trial = self.particles.stress[i] + 2.0 * self.mu_r * D
                 stress, q, flow = return_mapping(trial, self.eta, self.tau_y, self.mu_r)
@@ -196,7 +196,7 @@ class Implicit:
 
     @ti.kernel
     def advance(self, dt: float, u: ti.template()):
-        """p <- p~ - K (div u - s); rotate the stress with the material; x <- x + dt u + shift."""
+        """p <- p~ - K (div u - s); rotate the stress with the material; x <- x + dt (u^n + u)/2 + shift."""
         for i in range(self.particles.count[None]):
             self.particles.p[i] = self.smooth_p[i]
             if ti.static(self.law == "bingham"):
@@ -206,7 +206,7 @@ class Implicit:
                 self.particles.stress[i] = stress + dt * (W @ stress - stress @ W)
         for i in range(self.particles.count[None]):
             if self.particles.kind[i] == FLUID:
-                mean = THETA * self.particles.u[i] + (1.0 - THETA) * u[i]
+                mean = 0.5 * (self.particles.u[i] + u[i])
                 move = ti.cast(dt * mean + self.shifting.shift[i], ti.f64)
                 self.particles.u[i] = u[i]
                 self.particles.x[i] = self.walls.outside(self.particles.x[i] + move)
@@ -225,5 +225,6 @@ def longest_step(kinematic_viscosity: float, gravity: float, height: float, spac
     gravity = max(gravity, 0.1)
     fall = 0.057 * (height / gravity) ** 0.5
     damping = kinematic_viscosity / (spacing * (gravity * spacing) ** 0.5)
-    return max(min(fall, 0.06 * (spacing / gravity) ** 0.5 * (1.0 + damping)),
-               0.5 * kinematic_viscosity / (gravity * height))
+    return max(
+        min(fall, 0.06 * (spacing / gravity) ** 0.5 * (1.0 + damping)), 0.5 * kinematic_viscosity / (gravity * height)
+    )
