@@ -1,0 +1,489 @@
+"""The command line: taichi-mps run | resume | render | plot | scenes | info. Taichi is imported when a run starts."""
+
+import argparse
+import io
+import json
+import math
+import os
+import platform
+import signal
+import sys
+from contextlib import contextmanager, redirect_stdout
+from dataclasses import replace
+from importlib import metadata
+from pathlib import Path
+from typing import Literal, get_args, get_origin
+
+from pydantic import Field
+
+from . import __version__, catalogue
+from .quantity import Checked, Count, Duration, SceneError, suggestion, unit_of
+from .scene import NUMERICS
+
+DONE, BAD_INPUT, DIVERGED, INTERRUPTED = 0, 2, 3, 130
+VIEWS = Literal["concrete", "speed", "pressure", "shear-rate", "yielded"]
+
+
+class Pictures(Checked):
+    """Options of every command that draws."""
+
+    view: VIEWS = Field("concrete", description="what the pictures show")
+    renderer: Literal["software", "ggui"] = Field("software", description="what draws them")
+    arch: Literal["cpu", "cuda", "vulkan"] = Field("cpu", description="where to compute")
+    threads: Count | None = Field(None, description="CPU threads, all of them by default")
+
+
+class Run(Pictures):
+    """Options of run; a checkpoint keeps them for resume."""
+
+    scheme: Literal["implicit", "semi-implicit"] = Field("implicit", description="numerical scheme")
+    precision: Literal["f32", "f64"] = Field("f32", description="of the solver's numbers")
+    until: Duration | None = Field(None, description="end of the simulated time, the scene's own by default")
+    every: Duration | None = Field(None, description="interval of the pictures, about until/50 by default")
+    out: str | None = Field(None, description="run folder, renders/<scene> by default")
+    profile: bool = Field(False, description="show the time that each stage took")
+    quiet: bool = Field(False, description="no progress and no table")
+
+
+class Parser(argparse.ArgumentParser):
+    """One clear line instead of the usage text for bad input."""
+
+    def __init__(self, command, **settings):
+        settings.setdefault(
+            "formatter_class", lambda prog: argparse.HelpFormatter(prog, max_help_position=34, width=112)
+        )
+        super().__init__(prog=f"taichi-mps {command}".strip(), allow_abbrev=False, **settings)
+
+    def error(self, message):
+        raise SceneError(message)
+
+    def options(self, model, title, leave_out=()):
+        """One option for every field of a pydantic model, with its unit, allowed range and default."""
+        group = self.add_argument_group(title)
+        for name, field in model.model_fields.items():
+            if name in leave_out:
+                continue
+            flag = "--" + name.replace("_", "-")
+            if flag in self._option_string_actions:
+                raise SceneError(f"scene keyword '{name}' has the name of an option of run; rename it")
+            text = ", ".join(
+                filter(None, (field.description or name.replace("_", " "), allowed(field), default(field)))
+            )
+            if field.annotation is bool:
+                switch = argparse.BooleanOptionalAction if field.default else "store_true"
+                group.add_argument(flag, dest=name, action=switch, default=None, help=text)
+            else:
+                unit = unit_of(field).replace("-", "N").replace(" ", ".") or "X"
+                group.add_argument(flag, dest=name, metavar="|".join(choices(field)) or unit, help=text)
+
+    def parse(self, argv):
+        """Namespace; an option that does not exist is refused with the nearest one that does."""
+        arguments, unknown = self.parse_known_args(joined(argv))
+        for word in unknown:
+            flag = word.split("=", 1)[0]
+            if flag.startswith("-"):
+                raise SceneError(
+                    f"unknown option {flag}{suggestion(flag, set(self._option_string_actions) - {'--help'})}"
+                )
+            raise SceneError(f"unexpected argument '{word}'")
+        return arguments
+
+
+def joined(argv) -> list[str]:
+    """``--key -1e3`` as ``--key=-1e3``, which argparse would take for an option."""
+    words = []
+    for word in argv:
+        negative = word.startswith("-") and not word.startswith("--") and is_number(word)
+        if negative and words and words[-1].startswith("--") and "=" not in words[-1]:
+            words[-1] += f"={word}"
+        else:
+            words.append(word)
+    return words
+
+
+def is_number(word: str) -> bool:
+    try:
+        return math.isfinite(float(word)) or True
+    except ValueError:
+        return False
+
+
+def choices(field) -> tuple[str, ...]:
+    return get_args(field.annotation) if get_origin(field.annotation) is Literal else ()
+
+
+def allowed(field) -> str:
+    """'[Pa], 0 <= . <= 1e+06' from the field's declaration."""
+    unit = unit_of(field).strip("-")
+    marks = {"gt": "> {:g}", "ge": ">= {:g}", "lt": "< {:g}", "le": "<= {:g}"}
+    bounds = [text.format(getattr(item, mark)) for item in field.metadata for mark, text in marks.items()
+              if getattr(item, mark, None) is not None]  # fmt: skip
+    return " ".join(filter(None, (f"[{unit}]" if unit else "", " and ".join(bounds))))
+
+
+def default(field) -> str:
+    if field.is_required():
+        return "required"
+    return "" if field.default in (None, False) else f"default {field.default}"
+
+
+def given(arguments, model, leave_out=()) -> dict:
+    """The options of a model that were given, as text; the model turns them into numbers."""
+    values = {name: getattr(arguments, name, None) for name in model.model_fields if name not in leave_out}
+    return {
+        name: value.split(",") if get_origin(model.model_fields[name].annotation) is tuple else value
+        for name, value in values.items()
+        if value is not None
+    }
+
+
+# ---- commands ---------------------------------------------------------------------------------------------------
+def run(argv) -> int:
+    """compute a scene"""
+    first = Parser("run", add_help=False)
+    first.add_argument("scene", nargs="?")
+    first.options(Run, "run")
+    known, _ = first.parse_known_args(joined(argv))
+    if known.scene is None and not {"-h", "--help"} & set(argv):
+        raise SceneError(f"run: name a scene: {', '.join(catalogue.names())}, or a Python file")
+    scheme = known.scheme or "implicit"
+    numerics = NUMERICS.get(scheme) or NUMERICS["implicit"]
+    function = catalogue.load(known.scene) if known.scene else None
+
+    parser = Parser("run", description=(function.__doc__ or "").strip() if function else "Compute a scene.")
+    parser.add_argument("scene", help=f"name ({', '.join(catalogue.names())}) or Python file")
+    parser.add_argument("--json", action="store_true", help="print the summary as JSON")
+    if function:
+        parser.options(function.parameters, f"scene {known.scene}")
+    parser.options(numerics, f"scheme {scheme}")
+    own_until = function and "until" in function.parameters.model_fields
+    parser.options(Run, "run", leave_out=["until"] if own_until else [])
+    arguments = parser.parse(argv)
+
+    options = Run(**given(arguments, Run))
+    method = numerics(**given(arguments, numerics))
+    keywords = given(arguments, function.parameters)
+    scene = catalogue.build(arguments.scene, **keywords)
+    if options.until:
+        scene = replace(scene, until=options.until)
+    from .files import RunFolder
+
+    folder = RunFolder(options.out or Path("renders") / scene.name)
+    folder.check()
+    start(options)
+    from .simulation import Simulation
+
+    sim = Simulation(scene, method, profile=options.profile)
+    return carry_out(sim, folder, options, catalogue.source(arguments.scene), arguments.json)
+
+
+def resume(argv) -> int:
+    """continue an interrupted run"""
+    kept = ["scheme", "precision", "out"]
+    parser = Parser("resume", description="Continue a run from its checkpoint.")
+    parser.add_argument("run", help="run folder, or the checkpoint file in it")
+    parser.options(Run, "run", leave_out=kept)
+    parser.add_argument("--json", action="store_true", help="print the summary as JSON")
+    arguments = parser.parse(argv)
+    from . import checkpoint
+    from .files import RunFolder
+
+    path = Path(arguments.run)
+    folder = RunFolder(path.parent if path.is_file() else path)
+    state, remark = checkpoint.read_good(path if path.is_file() else folder.checkpoint)
+    if remark:
+        print(f"taichi-mps: {remark}", file=sys.stderr)
+    options = Run(**{**state.header["settings"], **given(arguments, Run, leave_out=kept)})
+    scene = state.scene(options.until)
+    if options.until:
+        scene = replace(scene, until=options.until)
+    folder.check()
+    start(options)
+    sim = state.simulation(scene, profile=options.profile)
+    return carry_out(sim, folder, options, state.header["source"], arguments.json, resumed=True)
+
+
+def start(options) -> None:
+    """Start Taichi without its greeting, which would spoil --json."""
+    from .backend import init
+
+    with redirect_stdout(io.StringIO()):
+        init(options.arch, getattr(options, "precision", "f32"), options.threads)
+
+
+def carry_out(sim, folder, options, source, as_json, resumed=False) -> int:
+    """Run to the end, to an interrupt or a divergence, and leave a whole run folder behind in each case."""
+    from .files import Recorder
+    from .render import gif
+    from .simulation import DivergedError
+
+    until = sim.scene.until
+    every = options.every or rounded(until / 50)
+    settings = options.model_dump(exclude={"out", "profile", "quiet"}, exclude_none=True) | {"every": every}
+    if not resumed:
+        folder.create()
+    recorder = Recorder(folder, sim, every, source, settings, pictures(folder.frames, options))
+    error = None
+    try:
+        with interruptible(sim), progress(sim, recorder, until, options.quiet):
+            stopped_by = sim.run() if sim.time < until - 1e-9 else "time"
+    except DivergedError as diverged:
+        stopped_by, error = "diverged", str(diverged)
+    summary = recorder.finish(stopped_by, error)
+    if any(folder.frames.glob("*.png")):
+        gif(folder.frames, folder.animation)
+    curves(folder)
+    if as_json:
+        print(json.dumps(summary))
+    elif not options.quiet:
+        table(summary, folder, sim.profile() if options.profile else ())
+    if error:
+        print(f"taichi-mps: {error}; resume from {folder.checkpoint}", file=sys.stderr)
+        return DIVERGED
+    return INTERRUPTED if stopped_by == "interrupted" else DONE
+
+
+def pictures(frames, options):
+    """Callback of a simulation and a number that draws frame_<number>.png as the options ask."""
+    import imageio.v3 as iio
+
+    from .render import Renderer
+
+    renderer = None
+
+    def write(sim, number):
+        nonlocal renderer
+        if renderer is None:
+            frames.mkdir(parents=True, exist_ok=True)
+            renderer = Renderer(sim.scene, view=options.view, backend=options.renderer)
+        picture = renderer.draw(sim.snapshot(), sim.measures())
+        iio.imwrite(frames / f"frame_{number:05d}.png", picture, compress_level=1)
+
+    return write
+
+
+def rounded(interval: float) -> float:
+    """The nearest of 1, 2, 5 times a power of ten [s]."""
+    power = 10.0 ** math.floor(math.log10(interval))
+    return min((k * power for k in (1.0, 2.0, 5.0, 10.0)), key=lambda value: abs(math.log(value / interval)))
+
+
+@contextmanager
+def interruptible(sim):
+    """Ctrl-C and SIGTERM finish the step and stop; a second one stops at once."""
+
+    signals = []
+
+    def stop(signum, frame):
+        signals.append(signum)
+        if len(signals) > 1:
+            raise KeyboardInterrupt
+        sim.interrupt()
+
+    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+@contextmanager
+def progress(sim, recorder, until, quiet):
+    """A line on a terminal: time, dt and what bounds it, slump, iterations, time left. Nothing elsewhere."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    console = Console(stderr=True)
+    if quiet or not console.is_terminal:
+        yield
+        return
+    columns = TextColumn("{task.description}"), BarColumn(None), TimeRemainingColumn()
+    with Progress(*columns, console=console, transient=True) as bar:
+        task = bar.add_task("compiling", total=until, completed=sim.time)
+
+        def show(sim):
+            r, m = sim.report, recorder.measures
+            moved = next((f"{key[:-2]} {100 * m[key]:.1f} cm  " for key in ("slump_m", "front_m") if key in m), "")
+            text = f"{sim.time:.3f}/{until:g} s  dt {1e3 * r.dt:.2f} ms ({r.dt_limit})  {moved}"
+            text += f"iterations {r.viscous_iterations}/{r.pressure_iterations}"
+            bar.update(task, completed=sim.time, description=text)
+
+        sim.each_step(show)
+        yield
+
+
+def table(summary: dict, folder, stages=()) -> None:
+    """The result for a reader, on stdout."""
+    from rich.console import Console
+    from rich.table import Table
+
+    rows = Table(title=f"{summary['scene']}: stopped by {summary['stopped_by']}", show_header=False)
+    for key, value in summary.items():
+        if key.endswith("_m") and value is not None:
+            rows.add_row(key[:-2].replace("_", " "), f"{100 * value:.2f} cm")
+    rows.add_row("simulated", f"{summary['simulated_seconds']:.3f} s in {summary['steps']} steps")
+    rows.add_row("particles", f"{summary['fluid_particles']} fluid, {summary['wall_particles']} wall")
+    spent = ", ".join(f"{summary[f'{key}_seconds']:.1f} s {key}" for key in ("wall", "cpu", "compile"))
+    rows.add_row("time spent", spent)
+    if summary["volume_error"] is not None:
+        rows.add_row("volume error", f"{100 * summary['volume_error']:.3f} %")
+    for stage, seconds, calls in stages:
+        rows.add_row(f"stage {stage}", f"{seconds:.2f} s, {1e3 * seconds / max(calls, 1):.2f} ms a call")
+    rows.add_row("files", str(folder.path))
+    Console().print(rows)
+
+
+def curves(folder) -> list[str]:
+    """slump.png and history.png, where matplotlib is installed and there is something to show."""
+    from .files import PLOTS, read_history
+
+    rows = read_history(folder.history)
+    try:
+        from . import plots
+
+        plots.history(rows, folder.path / PLOTS[1])
+        if not all(map(math.isnan, rows["slump_m"])):
+            plots.slump_curve({folder.path.name: rows}, folder.path / PLOTS[0])
+    except ImportError:
+        return []
+    return [str(folder.path / name) for name in PLOTS if (folder.path / name).is_file()]
+
+
+def plot(argv) -> int:
+    """draw the curves of one or more runs"""
+    parser = Parser("plot", description="Slump curve and history; the slump curves of several runs in one picture.")
+    parser.add_argument("run", nargs="+", help="run folder")
+    parser.add_argument("--out", help="picture of the compared slump curves, slump.png by default")
+    parser.add_argument("--json", action="store_true", help="print the names of the pictures as JSON")
+    arguments = parser.parse(argv)
+    from .files import RunFolder, read_history
+
+    folders = [RunFolder(path) for path in arguments.run]
+    runs = {str(folder.path): read_history(folder.history) for folder in folders}
+    try:
+        import matplotlib  # noqa: F401
+
+        from .plots import slump_curve
+    except ImportError:
+        raise SceneError("plot needs matplotlib: pip install 'taichi-mps[plots]'") from None
+    if len(folders) == 1 and arguments.out is None:
+        made = curves(folders[0])
+    else:
+        made = [arguments.out or "slump.png"]
+        slump_curve(runs, made[0])
+    tell({"pictures": made}, arguments.json, "\n".join(made))
+    return DONE
+
+
+def render(argv) -> int:
+    """draw a run again"""
+    parser = Parser(
+        "render", description="Pictures and animation of a run from its run.h5, without computing it again."
+    )
+    parser.add_argument("run", help="run folder")
+    parser.options(Pictures, "pictures")
+    parser.add_argument("--json", action="store_true", help="print the names of the results as JSON")
+    arguments = parser.parse(argv)
+    options = Pictures(**given(arguments, Pictures))
+    from .files import RunFolder, Trajectory
+
+    folder = RunFolder(arguments.run)
+    outputs = Trajectory(folder.trajectory).replay()
+    first = next(outputs, None)
+    if first is None:
+        raise SceneError(f"run = {folder.path}: run.h5 holds no output yet")
+    start(options)
+    from .render import gif
+
+    suffix = "" if options.view == "concrete" else f"-{options.view}"
+    frames = folder.path / f"frames{suffix}"
+    for picture in frames.glob("*.png"):
+        picture.unlink()
+    draw = pictures(frames, options)
+    draw(first, 0)
+    for number, output in enumerate(outputs, 1):
+        draw(output, number)
+    animation = folder.path / f"animation{suffix}.gif"
+    gif(frames, animation)
+    made = {"frames": str(frames), "animation": str(animation), "pictures": len(list(frames.glob("*.png")))}
+    tell(made, arguments.json, f"{made['pictures']} pictures in {frames}, {animation}")
+    return DONE
+
+
+def scenes(argv) -> int:
+    """list the scenes"""
+    parser = Parser("scenes", description="The built-in scenes; 'taichi-mps run SCENE --help' lists their keywords.")
+    parser.add_argument("--json", action="store_true", help="print as JSON")
+    arguments = parser.parse(argv)
+    listed = [
+        {"name": name, "description": text, "file": str(catalogue.locate(name))}
+        for name, text in catalogue.describe().items()
+    ]
+    width = max((len(scene["name"]) for scene in listed), default=0)
+    tell(listed, arguments.json, "\n".join(f"{scene['name']:{width}}  {scene['description']}" for scene in listed))
+    return DONE
+
+
+def info(argv) -> int:
+    """describe the installation, or a run"""
+    parser = Parser("info", description="The installation, or the summary of a run.")
+    parser.add_argument("run", nargs="?", help="run folder")
+    parser.add_argument("--json", action="store_true", help="print as JSON")
+    arguments = parser.parse(argv)
+    if arguments.run:
+        from .files import RunFolder
+
+        facts = RunFolder(arguments.run).read_summary()
+    else:
+        packages = ("taichi", "numpy", "h5py", "pydantic", "matplotlib")
+        facts = {"version": __version__, "python": platform.python_version(), "platform": platform.platform()}
+        facts |= {"cpus": os.cpu_count(), "scenes": str(catalogue.folder())}
+        facts |= {name: version_of(name) for name in packages}
+    tell(facts, arguments.json, "\n".join(f"{key:18} {value}" for key, value in facts.items()))
+    return DONE
+
+
+def version_of(package: str) -> str | None:
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return None
+
+
+def tell(facts, as_json: bool, text: str) -> None:
+    print(json.dumps(facts) if as_json else text)
+
+
+COMMANDS = {"run": run, "resume": resume, "render": render, "plot": plot, "scenes": scenes, "info": info}
+
+
+def main(argv=None) -> int:
+    """Run a command line; 0 done, 2 bad input, 3 diverged, 130 interrupted."""
+    argv = [str(word) for word in (sys.argv[1:] if argv is None else argv)]
+    try:
+        if not argv or argv[0] in ("-h", "--help"):
+            lines = [f"  {name:8} {command.__doc__}" for name, command in COMMANDS.items()]
+            print("\n".join(["usage: taichi-mps COMMAND ... [--help]", "", *lines]))
+            return DONE if argv else BAD_INPUT
+        if argv[0] == "--version":
+            print(__version__)
+            return DONE
+        if argv[0] not in COMMANDS:
+            raise SceneError(f"unknown command '{argv[0]}'{suggestion(argv[0], COMMANDS)}")
+        return COMMANDS[argv[0]](argv[1:])
+    except SceneError as error:
+        print("taichi-mps: " + " ".join(str(error).split()), file=sys.stderr)
+        return BAD_INPUT
+    except OSError as error:  # the disk is full, a file belongs to somebody else
+        print(f"taichi-mps: {error}", file=sys.stderr)
+        return BAD_INPUT
+    except KeyboardInterrupt:
+        print("taichi-mps: interrupted", file=sys.stderr)
+        return INTERRUPTED
+    except SystemExit as leaving:  # argparse after --help
+        return int(leaving.code or 0)
+
+
+def entry() -> None:
+    sys.exit(main())

@@ -1,0 +1,139 @@
+"""Pressure of the semi-implicit scheme: Poisson equation at r* and the correction it gives (eqs 19-21).
+
+    lap P = -(rho/dt^2) (n* - n0)/n0        P = 0 where n* < 0.97 n0 (free surface)
+    u' = -(dt/rho) grad P,   u^{k+1} = u* + u',   r^{k+1} = r* + dt u'
+
+Fluid and wall particles carry pressure, dummy wall particles none: they are left out of the Laplacian (no flow
+through the wall). Times -lambda n0/(2 d) the equation is symmetric positive definite:
+A_ii = sum w, A_ij = -w, b = (lambda n0/(2 d)) (rho/dt^2) (n* - n0)/n0. Negative pressures are kept, as in eq 19.
+"""
+
+from .backend import real, ti
+from .mrpcg import LEVELS_PAY_FROM, MRPCG, CellLevels, SparseMatrix
+from .particles import DUMMY, FLUID
+
+FREE_SURFACE = 0.97  # n*/n0 below which a particle lies on the free surface
+DENSITY_SHARE = 0.01  # gamma: share of the density error removed per step by the source 'mixed'
+
+
+@ti.data_oriented
+class PressurePoisson:
+    """Pressure P^{k+1} at r*, from ``gradient`` built there.
+
+    source 'density': eq 19. 'mixed': lap P = (rho/dt) div u* - gamma (rho/dt^2) (n* - n0)/n0.
+    gradient 'literal': eq 11 with P_j - P_i. 'conservative': P_j + P_i, equal and opposite for each pair.
+    """
+
+    def __init__(self, particles, gradient, density: float, constants, source: str, pair_gradient: str):
+        self.particles, self.gradient, self.neighbors = particles, gradient, gradient.neighbors
+        self.dimension = particles.dimension
+        self.density = density
+        self.n0 = constants.n0
+        self.scale = constants.lam * constants.n0 / (2.0 * self.dimension)  # of the Laplacian, eq 12 [m2]
+        self.mixed, self.conservative = source == "mixed", pair_gradient == "conservative"
+        neighbors, bins = self.neighbors, self.neighbors.bins
+        self.matrix = SparseMatrix(
+            particles.capacity, neighbors.pair_capacity, neighbors.row_start, neighbors.column, particles.count
+        )
+        levels = None
+        if particles.capacity >= LEVELS_PAY_FROM:
+            levels = CellLevels(self.matrix, bins.cell_start, bins.cell_of, bins.shape, bins.periodic)
+        self.solver = MRPCG(particles.capacity, 1, self.matrix, levels)
+
+    def solve(self, dt: float, tolerance: float):
+        """P^{k+1} into particles.p; returns the solver's report."""
+        self.assemble(dt, self.solver.b, self.solver.x)
+        self.balance(self.solver.b)
+        self.solver.prepare()
+        report = self.solver.solve(tolerance, 2000)
+        self.store(self.solver.x)
+        return report
+
+    @ti.func
+    def carries(self, i):
+        """1 where P is an unknown: fluid and wall particles inside the fluid."""
+        return self.particles.kind[i] != DUMMY and self.gradient.n[i] >= FREE_SURFACE * self.n0
+
+    @ti.func
+    def weight(self, k):
+        """w of pair k (eq 10) from b = (w/r^2) r_ij and w/r^2."""
+        b = self.gradient.b[k]
+        return b.dot(b) / ti.max(self.gradient.weight_r2[k], 1e-30)
+
+    @ti.func
+    def divergence(self, i):
+        """div u* [1/s] at r* (eq 11), walls included."""
+        total = ti.cast(0.0, float)
+        for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
+            jump = self.particles.u[self.neighbors.column[k]] - self.particles.u[i]
+            total += jump.dot(self.gradient.b[k])
+        return (self.dimension / self.n0) * total
+
+    @ti.kernel
+    def assemble(self, dt: float, b: ti.template(), x: ti.template()):
+        """Matrix, right-hand side, and the last pressure as the first guess."""
+        for i in range(self.particles.count[None]):
+            diagonal, source = ti.cast(0.0, float), ti.cast(0.0, float)
+            if self.carries(i):
+                excess = (self.gradient.n[i] - self.n0) / self.n0
+                if ti.static(self.mixed):
+                    source = self.density / dt * (DENSITY_SHARE / dt * excess - self.divergence(i))
+                else:
+                    source = self.density / (dt * dt) * excess
+                for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
+                    j = self.neighbors.column[k]
+                    w = self.weight(k)
+                    diagonal += w if self.particles.kind[j] != DUMMY else 0.0
+                    self.matrix.value[k] = -w if self.carries(j) else 0.0
+            else:
+                for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
+                    self.matrix.value[k] = 0.0
+            self.matrix.set_diagonal(i, diagonal)
+            b[i][0] = self.scale * source
+            x[i][0] = self.particles.p[i] if diagonal > 0.0 else 0.0
+
+    @ti.kernel
+    def balance(self, b: ti.template()):
+        """A closed box without any free surface knows P up to a constant: take the mean out of b."""
+        ti.loop_config(serialize=True)
+        for _ in range(1):
+            surface, unknowns = 0, 0
+            total = ti.cast(0.0, ti.f64)
+            for i in range(self.particles.count[None]):
+                if self.carries(i):
+                    unknowns += 1
+                    total += ti.cast(b[i][0], ti.f64)
+                elif self.particles.kind[i] != DUMMY:
+                    surface += 1
+            if surface == 0 and unknowns > 0:
+                for i in range(self.particles.count[None]):
+                    if self.carries(i):
+                        b[i][0] -= ti.cast(total / unknowns, float)
+
+    @ti.kernel
+    def store(self, x: ti.template()):
+        for i in range(self.particles.count[None]):
+            self.particles.p[i] = x[i][0]
+
+    @ti.func
+    def pressure_gradient(self, i):
+        """grad P [Pa/m] at i: eq 11 over particles that carry pressure; a dummy repeats P_i."""
+        own = self.particles.p[i]
+        total = ti.Vector.zero(float, self.dimension)
+        for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
+            j = self.neighbors.column[k]
+            other = self.particles.p[j] if self.particles.kind[j] != DUMMY else own
+            if ti.static(self.conservative):
+                total += (other + own) * self.gradient.b[k]
+            else:
+                total += (other - own) * self.gradient.b[k]
+        return (self.dimension / self.n0) * total
+
+    @ti.kernel
+    def correct(self, dt: float):
+        """u^{k+1} = u* + u' and r^{k+1} = r* + dt u' (eqs 20, 21)."""
+        for i in range(self.particles.count[None]):
+            if self.particles.kind[i] == FLUID:
+                change = -dt / self.density * self.pressure_gradient(i)
+                self.particles.u[i] += change
+                self.particles.x[i] += ti.cast(dt * change, ti.f64)

@@ -1,0 +1,76 @@
+"""The paper's scheme (Tomiyama et al. 2009): explicit viscosity, semi-implicit pressure.
+
+One step: at r^k the predictor u* with its direct iteration (eq 17) and r* = r^k + dt u* (eq 18); the simulation then
+sorts the particles and makes the neighbour lists at r*; there P^{k+1} from the particle number density n*
+(eq 19), and the correction of velocity and position (eqs 20, 21).
+"""
+
+from ..backend import ti
+from ..gradient import Gradient
+from ..pressure import PressurePoisson
+from ..viscosity import ExplicitViscosity
+
+
+@ti.data_oriented
+class SemiImplicit:
+    """Semi-implicit scheme for Newtonian and bi-viscosity Bingham fluids in two or three dimensions."""
+
+    def __init__(self, scene, numerics, particles, neighbors, walls, constants):
+        self.particles, self.neighbors = particles, neighbors
+        self.numerics = numerics
+        self.spacing = scene.spacing
+        self.gradient = Gradient(neighbors, walls, constants)
+        self.viscosity = ExplicitViscosity(particles, self.gradient, scene.material, constants, scene.gravity_vector)
+        self.pressure = PressurePoisson(
+            particles, self.gradient, scene.material.density, constants, numerics.source, numerics.gradient
+        )
+        self.yielded = ti.field(ti.i32, particles.capacity)  # 1 where the material flows
+        self.largest_viscosity = 0.0  # of the last step [Pa s]; 0 before the first one
+        self.passes = 0  # of the direct iteration in the last step
+
+    def state(self) -> dict:
+        """Scalars the scheme carries from step to step, and from the predictor to the corrector."""
+        return {"largest_viscosity": self.largest_viscosity, "passes": self.passes}
+
+    def load(self, state: dict) -> None:
+        self.largest_viscosity, self.passes = state["largest_viscosity"], state["passes"]
+
+    def time_step_limits(self, max_speed: float) -> dict[str, float]:
+        """Largest allowed steps [s] by name. The first step of a body at rest, which has no viscous force yet, is the
+        paper's 0.001 s; later the Courant and the diffusion number rule."""
+        numerics, first = self.numerics, self.largest_viscosity == 0.0
+        limits = {"first": numerics.first_time_step} if first else {"maximum": numerics.max_time_step}
+        if max_speed > 0.0:
+            limits["Courant"] = numerics.courant_number * self.spacing / max_speed
+        if max_speed > 0.0 or not first:
+            mu = self.viscosity.largest_possible if first else self.largest_viscosity
+            limits["diffusion"] = self.viscosity.stable_step(numerics.diffusion_number, self.spacing, mu)
+        return limits
+
+    def predict(self, dt: float) -> None:
+        """First half of a step, at r^k: u* (eq 17) and r* (eq 18)."""
+        self.gradient.build()
+        self.passes = self.viscosity.predict(dt, self.numerics.picard_tolerance, self.numerics.picard_limit)
+        self.largest_viscosity = float(self.viscosity.largest[None])
+        self.viscosity.move(dt)
+
+    def step(self, dt: float) -> dict:
+        """Second half, at r*: n* (eq 13), P (eq 19), u^{k+1} and r^{k+1} (eqs 20, 21)."""
+        self.gradient.build()
+        report = self.pressure.solve(dt, self.numerics.tolerance)
+        self.pressure.correct(dt)
+        self.mark_yielded()
+        return {
+            "viscous_iterations": self.passes,
+            "pressure_iterations": report.iterations,
+            "residual": report.residuals[-1],
+            "status": report.status,
+        }
+
+    @ti.kernel
+    def mark_yielded(self):
+        """Flowing where sqrt(Pi) of the last pass reaches 2 pi_c (eqs 1-3)."""
+        for i in range(self.particles.count[None]):
+            self.yielded[i] = 1
+            if ti.static(not self.viscosity.newtonian):
+                self.yielded[i] = self.particles.shear_rate[i] >= 2.0 * self.viscosity.pi_c

@@ -1,0 +1,226 @@
+"""The command line, end to end: real runs of small scenes in processes of their own, and every kind of bad input."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import get_args
+
+import pytest
+
+import taichi_mps as mps
+from taichi_mps import catalogue, checkpoint, cli
+from taichi_mps.files import RunFolder, read_history
+
+ROOT = Path(__file__).resolve().parents[1]
+BLOB = '''"""A cube of concrete that sags."""
+import numpy as np
+import taichi_mps as mps
+from taichi_mps.quantity import Duration, Length, Position
+
+
+@mps.checked
+def scene(spacing: Length = 0.05, until: Duration = 0.1, rise: Position = 0.0, side: Length = 0.2) -> mps.Scene:
+    """Cube on a floor, thrown upwards with ``rise`` [m/s]."""
+    x = mps.fill(mps.Box((0.0, 0.0, 0.0), (side, side, side)), spacing)
+    return mps.Scene(
+        name="blob", material=mps.Bingham(yield_value=100.0), spacing=spacing, fluid=x,
+        velocity=np.tile([0.0, 0.0, rise], (len(x), 1)), walls=(mps.Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)),),
+        domain=((-1.0, -1.0, -0.2), (1.0, 1.0, 1.0)), until=until, measure=mps.measure.front,
+    )
+'''
+EMPTY = BLOB.replace("fluid=x,", "fluid=x[:0],")
+
+
+def start(folder, *words, **environment):
+    """A process of the command line whose output goes to out.txt and err.txt in ``folder``."""
+    folder.mkdir(parents=True, exist_ok=True)
+    variables = {**os.environ, "PYTHONPATH": str(ROOT), **environment}
+    with open(folder / "out.txt", "w") as out, open(folder / "err.txt", "w") as err:
+        command = [sys.executable, *map(str, words)]
+        return subprocess.Popen(command, stdout=out, stderr=err, stdin=subprocess.DEVNULL, env=variables, cwd=folder)
+
+
+def finish(process, folder):
+    code = process.wait(timeout=120)
+    return code, (folder / "out.txt").read_text(), (folder / "err.txt").read_text()
+
+
+@pytest.fixture(scope="module")
+def work(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("cli")
+    (folder / "blob.py").write_text(BLOB)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def whole(work):
+    """A run to 0.1 s, its exit code, stdout and stderr."""
+    here = work / "whole"
+    words = ["-m", "taichi_mps", "run", work / "blob.py", "--every", "0.05", "--out", "run", "--json"]
+    return here / "run", *finish(start(here, *words), here)
+
+
+def test_a_run_leaves_a_whole_folder_and_prints_only_json(whole):
+    folder, code, out, err = whole
+    assert code == 0, err
+    summary = json.loads(out)
+    assert summary == json.loads((folder / "summary.json").read_text())
+    assert summary["stopped_by"] == "time"
+    assert summary["fluid_particles"] == 64
+    assert summary["simulated_seconds"] == pytest.approx(0.1)
+    assert summary["parameters"] == {"spacing": 0.05, "until": 0.1, "rise": 0.0, "side": 0.2}
+    assert "dt " not in err, "no progress where there is no terminal"
+    names = {path.name for path in folder.iterdir()}
+    assert {"frames", "animation.gif", "history.csv", "run.h5", "checkpoint.h5", "summary.json"} <= names
+    assert [path.name for path in sorted((folder / "frames").iterdir())] == [f"frame_{k:05d}.png" for k in range(3)]
+    rows = read_history(folder / "history.csv")
+    assert len(rows["time_s"]) == summary["steps"] + 1
+    assert rows["front_m"][-1] == pytest.approx(summary["front_m"], rel=1e-6)
+
+
+def test_a_resumed_run_is_the_uninterrupted_one_bit_for_bit(work, whole):
+    here = work / "parts"
+    run = ["-m", "taichi_mps", "run", work / "blob.py", "--every", "0.05", "--until", "0.05", "--out", "run"]
+    code, out, err = finish(start(here, *run), here)
+    assert code == 0, err
+    assert "stopped by time" in out
+    code, out, err = finish(start(here, "-m", "taichi_mps", "resume", "run", "--until", "0.1", "--quiet"), here)
+    assert (code, out) == (0, ""), err
+    parts, folder = here / "run", whole[0]
+    assert (parts / "history.csv").read_bytes() == (folder / "history.csv").read_bytes()
+    first, second = (checkpoint.read(path / "checkpoint.h5").state for path in (folder, parts))
+    assert all(first[key].tobytes() == second[key].tobytes() for key in ("x", "u", "p"))
+
+
+def test_ctrl_c_writes_a_checkpoint_that_resumes(work):
+    here = work / "interrupted"
+    words = ["-m", "taichi_mps", "run", work / "blob.py", "--until", "500", "--every", "0.5", "--out", "run"]
+    process = start(here, *words, FORCE_COLOR="1", COLUMNS="160")
+    history, deadline = here / "run" / "history.csv", time.monotonic() + 90
+    while not (history.is_file() and len(history.read_text().splitlines()) > 20):
+        assert process.poll() is None and time.monotonic() < deadline, (here / "err.txt").read_text()
+        time.sleep(0.1)
+    process.send_signal(signal.SIGINT)
+    code, _, err = finish(process, here)
+    assert code == 130, err
+    assert all(word in err for word in ("/500 s", "dt ", " ms (", "front ", "iterations ")), "progress on a terminal"
+    folder = RunFolder(here / "run")
+    summary = folder.read_summary()
+    assert summary["stopped_by"] == "interrupted"
+    reached = checkpoint.read(folder.checkpoint).header["time"]
+    assert reached == pytest.approx(summary["simulated_seconds"])
+    resume = ["-m", "taichi_mps", "resume", "run", "--until", reached + 0.02, "--json"]
+    code, out, err = finish(start(here, *resume), here)
+    assert code == 0, err
+    assert json.loads(out)["simulated_seconds"] == pytest.approx(reached + 0.02)
+    times = read_history(folder.history)["time_s"]
+    assert (times[1:] > times[:-1]).all()
+
+
+def test_a_divergence_exits_3_and_names_the_file_to_resume_from(work):
+    here = work / "diverged"
+    words = ["-m", "taichi_mps", "run", work / "blob.py", "--rise", "80", "--every", "0.005", "--out", "run", "--quiet"]
+    code, out, err = finish(start(here, *words), here)
+    assert (code, out) == (3, "")
+    assert "resume" in err.splitlines()[-1] and str(Path("run") / "checkpoint.h5") in err.splitlines()[-1]
+    summary = RunFolder(here / "run").read_summary()
+    assert summary["stopped_by"] == "diverged"
+    assert summary["resume_from"] == str(Path("run") / "checkpoint.h5")
+    assert checkpoint.read(here / "run" / "checkpoint.h5").header["time"] < summary["simulated_seconds"]
+
+
+def test_a_scene_file_runs_alone_and_the_pictures_can_be_drawn_again(work):
+    here = work / "alone"
+    words = [ROOT / "scenes" / "slump.py", "--yield-value", "300", "--spacing", "0.05", "--until", "0.02"]
+    code, out, err = finish(start(here, *words, "--every", "0.01"), here)
+    assert code == 0, err
+    folder = here / "renders" / "slump"
+    assert RunFolder(folder).read_summary()["parameters"]["yield_value"] == 300.0
+    words = ["-m", "taichi_mps", "render", folder, "--view", "speed", "--json"]
+    code, out, err = finish(start(here, *words), here)
+    assert code == 0, err
+    assert json.loads(out)["pictures"] == 3
+    assert len(list((folder / "frames-speed").glob("*.png"))) == 3
+    assert (folder / "animation-speed.gif").is_file()
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("run slmp", "unknown scene 'slmp', did you mean 'slump'?"),
+        ("run missing.py", "scene = missing.py: no such file"),
+        ("run slump --yeld-value 300", "unknown option --yeld-value, did you mean '--yield-value'?"),
+        ("run slump --model full", "unknown option --model"),
+        ("run slump --density -2300", "density = -2300 kg/m3: must be greater than 0 kg/m3"),
+        ("run slump --density -2.3e3", "density = -2.3e3 kg/m3: must be greater than 0 kg/m3"),
+        ("run slump --density 0", "density = 0 kg/m3: must be greater than 0 kg/m3"),
+        ("run slump --density 2.3e6", "density = 2.3e6 kg/m3: must be less than or equal to 30000 kg/m3"),
+        ("run slump --density heavy", "density = heavy kg/m3: must be a valid number"),
+        ("run slump --yield-value nan", "yield_value = nan Pa: must be a finite number"),
+        ("run slump --until inf", "until = inf s: must be a finite number"),
+        ("run slump --spacing 0.5", "spacing = 0.5 m: larger than the body"),
+        ("run slump --every 0", "every = 0 s: must be greater than 0 s"),
+        ("run slump --threads 0", "threads = 0: must be greater than or equal to 1"),
+        ("run slump --arch abacus", "arch = abacus: must be 'cpu', 'cuda' or 'vulkan'"),
+        ("run slump --scheme explicit", "scheme = explicit: must be 'implicit' or 'semi-implicit'"),
+        ("run slump --courant-number 2", "courant_number = 2: must be less than or equal to 1"),
+        ("run slump --density", "argument --density: expected one argument"),
+        ("run slump --out file/run", "out = file/run: cannot be written"),
+        ("run slump --out file", "out = file: is a file"),
+        ("run slump again", "unexpected argument 'again'"),
+        ("run", "run: name a scene"),
+        ("run empty.py", "the geometry is empty"),
+        ("run broken.py", "broken.py cannot be loaded: SyntaxError"),
+        ("run bare.py", "has no function 'scene'"),
+        ("rnu slump", "unknown command 'rnu', did you mean 'run'?"),
+        ("resume nowhere", "checkpoint nowhere/checkpoint.h5: no such file"),
+        ("resume file", "checkpoint file: damaged or not a checkpoint"),
+        ("render nowhere", "run = nowhere: holds no run.h5"),
+        ("plot nowhere", "run = nowhere: holds no history.csv"),
+        ("info nowhere", "run = nowhere: holds no summary.json"),
+    ],
+)
+def test_bad_input_is_one_clear_line_exit_2_and_nothing_written(words, message, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    files = {"file": "", "empty.py": EMPTY, "broken.py": "def scene(:", "bare.py": "scene = 3"}
+    for name, text in files.items():
+        Path(name).write_text(text)
+    assert mps.main(words.split()) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.count("\n") == 1 and message in err
+    assert {path.name for path in tmp_path.iterdir()} - {"__pycache__"} == set(files)
+
+
+def test_help_lists_every_keyword_with_unit_and_default_without_taichi(tmp_path):
+    program = "import sys, taichi_mps as mps; code = mps.main(['run', 'slump', '--help']); "
+    code, out, err = finish(start(tmp_path, "-c", program + "sys.exit(code or 'taichi' in sys.modules)"), tmp_path)
+    assert code == 0, err
+    for name, field in catalogue.load("slump").parameters.model_fields.items():
+        line = next(line for line in out.splitlines() if line.strip().startswith(f"--{name.replace('_', '-')} "))
+        assert "[" in line
+        assert field.default is None or f"default {field.default}" in line
+    for option in ("--scheme", "--every", "--out", "--arch", "--threads", "--precision", "--walls", "--quiet"):
+        assert option in out
+
+
+def test_the_views_offered_are_those_that_can_be_drawn():
+    text = (ROOT / "taichi_mps" / "render.py").read_text()
+    assert all(f'"{view}"' in text for view in get_args(cli.VIEWS))
+
+
+def test_scenes_and_info(capsys):
+    assert mps.main(["scenes", "--json"]) == 0
+    listed = {scene["name"]: scene for scene in json.loads(capsys.readouterr().out)}
+    assert listed["slump"]["description"].startswith("Slump test")
+    assert mps.main(["info", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["version"] == mps.__version__
+
+
+@pytest.mark.parametrize(("interval", "nice"), [(0.1, 0.1), (0.004, 0.005), (0.06, 0.05), (0.0013, 0.001), (7.4, 10)])
+def test_picture_intervals_are_round(interval, nice):
+    assert cli.rounded(interval) == pytest.approx(nice)

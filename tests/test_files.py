@@ -1,0 +1,263 @@
+"""Run folder, history, VTKHDF trajectory and checkpoints, with a stand-in for the simulation: no Taichi here."""
+
+import json
+from types import SimpleNamespace
+
+import h5py
+import numpy as np
+import pytest
+
+import taichi_mps as mps
+from taichi_mps import catalogue, checkpoint
+from taichi_mps.files import COLUMNS, History, Recorder, RunFolder, Trajectory, read_history
+from taichi_mps.measure import Snapshot
+
+
+class Falling:
+    """What the edges need of a Simulation: particles in free fall in ``dt`` [s] steps."""
+
+    def __init__(self, scene, dt=0.01):
+        self.scene, self.numerics, self.dt = scene, mps.Implicit(), dt
+        self.time, self.steps, self.report, self.stopped_by = 0.0, 0, None, "time"
+        self.callbacks = []
+
+    def every(self, interval, callback):
+        self.output = callback
+
+    def each_step(self, callback):
+        self.callbacks.append(callback)
+
+    def step(self):
+        self.steps += 1
+        self.time = self.steps * self.dt
+        names = "max_speed kinetic_energy unyielded_fraction viscous_iterations pressure_iterations volume_error"
+        values = dict.fromkeys(names.split(), 1.0)
+        self.report = SimpleNamespace(step=self.steps, time=self.time, dt=self.dt, dt_limit="Courant", **values)
+        for callback in self.callbacks:
+            callback(self)
+        self.output(self)
+
+    def snapshot(self):
+        x = self.scene.fluid + self.scene.gravity_vector * 0.5 * self.time**2
+        n, d = x.shape
+        zero, wall = np.zeros(n), np.zeros((0, d))
+        u = np.tile(self.scene.gravity_vector * self.time, (n, 1))
+        return Snapshot(self.time, self.scene.spacing, x, u, zero, zero, np.arange(n) % 2 == 0, zero + 1.0, wall)
+
+    def measures(self):
+        return self.scene.measure(self.snapshot())
+
+    def summary(self):
+        return {"scene": self.scene.name, "steps": self.steps, "volume_error": float("nan"), **self.measures()}
+
+    def state(self):
+        return {"x": self.snapshot().x, "time": self.time, "last_dt": None, "report": {"dt": 0.1}, "schedules": [3]}
+
+
+@pytest.fixture
+def slump():
+    return catalogue.build("slump", spacing=0.05, until=1.0)
+
+
+@pytest.fixture
+def plane():
+    """A two-dimensional square."""
+    return mps.Scene(
+        name="plane",
+        material=mps.Bingham(),
+        spacing=0.1,
+        fluid=mps.fill(mps.Box((0.0, 0.0), (0.4, 0.4)), 0.1),
+        domain=((-1.0, -1.0), (1.0, 1.0)),
+        measure=mps.measure.front,
+    )
+
+
+def recorded(path, scene, steps):
+    folder = RunFolder(path)
+    folder.create()
+    sim = Falling(scene)
+    recorder = Recorder(folder, sim, 0.01, "slump", {"every": 0.01})
+    recorder.output(sim)
+    for _ in range(steps):
+        sim.step()
+    return folder, sim, recorder
+
+
+def test_history_has_the_documented_columns_and_one_row_a_step(tmp_path, slump):
+    folder, sim, recorder = recorded(tmp_path / "run", slump, 5)
+    assert len(folder.history.read_text().splitlines()) >= 6, "rows must be on disk while the run goes on"
+    recorder.finish("time")
+    rows = read_history(folder.history)
+    assert tuple(rows) == COLUMNS
+    np.testing.assert_allclose(rows["time_s"], np.arange(6) * 0.01)
+    assert rows["slump_m"][-1] == pytest.approx(sim.measures()["slump_m"], rel=1e-6)
+
+
+def test_history_appends_the_columns_of_other_measures(tmp_path):
+    history = History(tmp_path / "history.csv", {"front_m": 1.0, "height_m": 2.0})
+    history.add({"time_s": 0.0, "front_m": 1.0, "height_m": 2.0})
+    history.close()
+    rows = read_history(tmp_path / "history.csv")
+    assert tuple(rows) == (*COLUMNS, "front_m", "height_m")
+    assert np.isnan(rows["slump_m"][0])
+
+
+def test_summary_is_strict_json_and_names_the_checkpoint(tmp_path, slump):
+    folder, _, recorder = recorded(tmp_path / "run", slump, 2)
+    recorder.finish("interrupted")
+    summary = json.loads(folder.summary.read_text(), parse_constant=pytest.fail)
+    assert summary["volume_error"] is None
+    assert summary["stopped_by"] == "interrupted"
+    assert summary["resume_from"] == str(folder.checkpoint)
+    assert checkpoint.read(folder.checkpoint).header["time"] == pytest.approx(0.02)
+
+
+def test_after_a_divergence_the_checkpoint_is_the_last_good_output(tmp_path, slump):
+    folder, sim, recorder = recorded(tmp_path / "run", slump, 3)
+    sim.time = 99.0
+    recorder.finish("diverged", "too fast")
+    assert checkpoint.read(folder.checkpoint).header["time"] == pytest.approx(0.03)
+    assert folder.read_summary()["error"] == "too fast"
+
+
+def test_trajectory_is_temporal_vtkhdf_polydata(tmp_path, slump):
+    folder, sim, _ = recorded(tmp_path / "run", slump, 3)
+    n = len(slump.fluid)
+    with h5py.File(folder.trajectory) as file:
+        root = file["VTKHDF"]
+        assert root.attrs["Type"] == b"PolyData"
+        assert list(root.attrs["Version"]) == [2, 0]
+        steps = root["Steps"]
+        assert steps.attrs["NSteps"] == 4
+        np.testing.assert_allclose(steps["Values"], [0.0, 0.01, 0.02, 0.03])
+        np.testing.assert_array_equal(steps["PointOffsets"], n * np.arange(4))
+        np.testing.assert_array_equal(steps["NumberOfParts"], 1)
+        np.testing.assert_array_equal(steps["PartOffsets"], 0)
+        for name in ("CellOffsets", "ConnectivityIdOffsets"):
+            assert steps[name].shape == (4, 4)
+            assert not steps[name][()].any()
+        np.testing.assert_array_equal(root["NumberOfPoints"], [n])
+        assert root["Points"].shape == (4 * n, 3)
+        for part in ("Vertices", "Lines", "Strips", "Polygons"):
+            count = n if part == "Vertices" else 0
+            np.testing.assert_array_equal(root[f"{part}/NumberOfCells"], [count])
+            np.testing.assert_array_equal(root[f"{part}/NumberOfConnectivityIds"], [count])
+            np.testing.assert_array_equal(root[f"{part}/Connectivity"], np.arange(count))
+            np.testing.assert_array_equal(root[f"{part}/Offsets"], np.arange(count + 1))
+        assert {"velocity", "pressure", "shear_rate", "yielded"} <= set(root["PointData"])
+        for name, data in root["PointData"].items():
+            assert len(data) == 4 * n
+            np.testing.assert_array_equal(steps[f"PointDataOffsets/{name}"], n * np.arange(4))
+        np.testing.assert_allclose(root["Points"][3 * n :], sim.snapshot().x, atol=1e-6)
+
+
+def test_a_replay_gives_the_snapshots_back(tmp_path, slump):
+    folder, sim, _ = recorded(tmp_path / "run", slump, 2)
+    outputs = list(Trajectory(folder.trajectory).replay())
+    assert [output.time for output in outputs] == pytest.approx([0.0, 0.01, 0.02])
+    now, then = sim.snapshot(), outputs[-1].snapshot()
+    np.testing.assert_allclose(then.x, now.x, atol=1e-6)
+    np.testing.assert_allclose(then.u, now.u, atol=1e-6)
+    np.testing.assert_array_equal(then.yielded, now.yielded)
+    assert outputs[-1].measures()["slump_m"] == pytest.approx(sim.measures()["slump_m"], abs=1e-6)
+    assert outputs[-1].scene.name == "slump"
+
+
+def test_a_plane_lies_at_y_zero(tmp_path, plane):
+    trajectory, sim = Trajectory(tmp_path / "run.h5"), Falling(plane)
+    trajectory.create(sim, "plane")
+    assert trajectory.append(sim.snapshot()) == 0
+    with h5py.File(tmp_path / "run.h5") as file:
+        points = file["VTKHDF/Points"][()]
+    np.testing.assert_allclose(points[:, [0, 2]], plane.fluid, atol=1e-6)
+    assert not points[:, 1].any()
+
+
+def test_an_output_is_written_once_and_later_ones_can_be_cut(tmp_path, slump):
+    folder, sim, recorder = recorded(tmp_path / "run", slump, 4)
+    assert recorder.trajectory.append(sim.snapshot()) is None
+    assert recorder.trajectory.cut(0.02) == 3
+    assert recorder.trajectory.append(sim.snapshot()) == 3
+    assert [output.time for output in recorder.trajectory.replay()] == pytest.approx([0.0, 0.01, 0.02, 0.04])
+
+
+def test_an_old_run_is_replaced_but_foreign_files_stay(tmp_path, slump):
+    folder, _, recorder = recorded(tmp_path / "run", slump, 1)
+    recorder.finish("time")
+    (folder.frames / "frame_00000.png").write_bytes(b"old")
+    (folder.path / "notes.txt").write_text("mine")
+    folder.create()
+    assert sorted(path.name for path in folder.path.iterdir()) == ["frames", "notes.txt"]
+    assert not list(folder.frames.iterdir())
+
+
+def test_a_foreign_folder_and_a_file_are_refused(tmp_path):
+    (tmp_path / "notes.txt").write_text("mine")
+    with pytest.raises(mps.SceneError, match="out = .*holds other files"):
+        RunFolder(tmp_path).create()
+    with pytest.raises(mps.SceneError, match="out = .*is a file"):
+        RunFolder(tmp_path / "notes.txt").create()
+    with pytest.raises(mps.SceneError, match="out = .*cannot be written"):
+        RunFolder(tmp_path / "notes.txt" / "run").create()
+    assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
+
+
+def test_a_checkpoint_comes_back_bit_for_bit(tmp_path, slump):
+    sim = Falling(slump)
+    sim.time = 0.1 + 0.2
+    checkpoint.save(sim, tmp_path / "checkpoint.h5")
+    back = checkpoint.read(tmp_path / "checkpoint.h5")
+    assert {key: value for key, value in back.state.items() if key != "x"} == {
+        key: value for key, value in sim.state().items() if key != "x"
+    }
+    np.testing.assert_array_equal(back.state["x"], sim.state()["x"])
+    assert back.header["scheme"] == "implicit"
+    np.testing.assert_array_equal(back.scene().fluid, slump.fluid)
+    assert [path.name for path in tmp_path.iterdir()] == ["checkpoint.h5"]
+
+
+@pytest.mark.parametrize("damage", ["flip", "truncate", "empty", "foreign", "missing"])
+def test_a_bad_checkpoint_is_refused_by_name_and_the_previous_one_used(tmp_path, slump, damage):
+    path, sim = tmp_path / "checkpoint.h5", Falling(slump)
+    checkpoint.save(sim, path)
+    sim.time = 0.5
+    checkpoint.save(sim, path)
+    whole = path.read_bytes()
+    place = whole.index(sim.state()["x"].tobytes()) + 5
+    flipped = whole[:place] + bytes([whole[place] ^ 1]) + whole[place + 1 :]
+    path.unlink()
+    if damage == "foreign":
+        h5py.File(path, "w").close()
+    elif damage != "missing":
+        path.write_bytes({"flip": flipped, "truncate": whole[: len(whole) // 2], "empty": b""}[damage])
+    with pytest.raises(mps.SceneError, match="checkpoint .*checkpoint.h5: (damaged|not a checkpoint|no such file)"):
+        checkpoint.read(path)
+    good, remark = checkpoint.read_good(path)
+    assert good.header["time"] == 0.0
+    assert "continuing from checkpoint.previous.h5" in remark
+    checkpoint.previous(path).write_bytes(b"also bad")
+    with pytest.raises(mps.SceneError, match="checkpoint.h5"):
+        checkpoint.read_good(path)
+
+
+def test_a_checkpoint_of_another_version_or_scene_is_refused(tmp_path, slump):
+    path = tmp_path / "checkpoint.h5"
+    checkpoint.save(Falling(slump), path)
+    with pytest.raises(mps.SceneError, match="no longer makes the particles"):
+        checkpoint.read(path).simulation(catalogue.build("slump", spacing=0.06))
+    with h5py.File(path, "r+") as file:
+        file.attrs["version"] = 99
+    with pytest.raises(mps.SceneError, match="version 99"):
+        checkpoint.read(path)
+
+
+def test_slump_cone_takes_a_material_and_keywords():
+    concrete = mps.Bingham(density=2000.0, plastic_viscosity=30.0, yield_value=500.0)
+    scene = catalogue.slump_cone(material=concrete, spacing=0.05)
+    assert scene.material == concrete
+    assert scene.spacing == 0.05
+    assert scene.parameters["yield_value"] == 500.0
+    with pytest.raises(mps.SceneError, match="density = 1000.0: already given by the material"):
+        catalogue.slump_cone(material=concrete, density=1000.0)
+    with pytest.raises(mps.SceneError, match="unknown key 'spacin', did you mean 'spacing'"):
+        catalogue.slump_cone(spacin=0.05)
