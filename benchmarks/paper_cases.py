@@ -78,6 +78,10 @@ def run_case(name):
         sim.run()
     except mps.DivergedError as failure:
         error = str(failure)
+    if wanted and sim.stopped_by == "rest":  # later pictures show the body at rest
+        for t in PICTURES:
+            if t > sim.time:
+                mps.png(str(frames / f"t{t:.1f}"))(sim)
     summary = sim.summary()
     history = np.array(rows)
     dt = np.array([d for d, _ in steps])

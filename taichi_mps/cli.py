@@ -1,6 +1,5 @@
 """The command line: taichi-mps run | resume | render | plot | scenes | info. Taichi is imported when a run starts."""
 
-import argparse
 import io
 import json
 import math
@@ -12,129 +11,14 @@ from contextlib import contextmanager, redirect_stdout
 from dataclasses import replace
 from importlib import metadata
 from pathlib import Path
-from typing import Literal, get_args, get_origin
-
-from pydantic import Field
 
 from . import __version__, catalogue
-from .quantity import Checked, Count, Duration, SceneError, suggestion, unit_of
+from .options import Parser, Pictures, Run, given, joined
+from .quantity import SceneError, suggestion
 from .scene import NUMERICS
+from .show import curves, pictures, progress, table
 
 DONE, BAD_INPUT, DIVERGED, INTERRUPTED = 0, 2, 3, 130
-VIEWS = Literal["concrete", "speed", "pressure", "shear-rate", "yielded"]
-
-
-class Pictures(Checked):
-    """Options of every command that draws."""
-
-    view: VIEWS = Field("concrete", description="what the pictures show")
-    renderer: Literal["software", "ggui"] = Field("software", description="what draws them")
-    arch: Literal["cpu", "cuda", "vulkan"] = Field("cpu", description="where to compute")
-    threads: Count | None = Field(None, description="CPU threads, all of them by default")
-
-
-class Run(Pictures):
-    """Options of run; a checkpoint keeps them for resume."""
-
-    scheme: Literal["implicit", "semi-implicit"] = Field("implicit", description="numerical scheme")
-    precision: Literal["f32", "f64"] = Field("f32", description="of the solver's numbers")
-    until: Duration | None = Field(None, description="end of the simulated time, the scene's own by default")
-    every: Duration | None = Field(None, description="interval of the pictures, about until/50 by default")
-    out: str | None = Field(None, description="run folder, renders/<scene> by default")
-    profile: bool = Field(False, description="show the time that each stage took")
-    quiet: bool = Field(False, description="no progress and no table")
-
-
-class Parser(argparse.ArgumentParser):
-    """One clear line instead of the usage text for bad input."""
-
-    def __init__(self, command, **settings):
-        settings.setdefault(
-            "formatter_class", lambda prog: argparse.HelpFormatter(prog, max_help_position=34, width=112)
-        )
-        super().__init__(prog=f"taichi-mps {command}".strip(), allow_abbrev=False, **settings)
-
-    def error(self, message):
-        raise SceneError(message)
-
-    def options(self, model, title, leave_out=()):
-        """One option for every field of a pydantic model, with its unit, allowed range and default."""
-        group = self.add_argument_group(title)
-        for name, field in model.model_fields.items():
-            if name in leave_out:
-                continue
-            flag = "--" + name.replace("_", "-")
-            if flag in self._option_string_actions:
-                raise SceneError(f"scene keyword '{name}' has the name of an option of run; rename it")
-            text = ", ".join(
-                filter(None, (field.description or name.replace("_", " "), allowed(field), default(field)))
-            )
-            if field.annotation is bool:
-                switch = argparse.BooleanOptionalAction if field.default else "store_true"
-                group.add_argument(flag, dest=name, action=switch, default=None, help=text)
-            else:
-                unit = unit_of(field).replace("-", "N").replace(" ", ".") or "X"
-                group.add_argument(flag, dest=name, metavar="|".join(choices(field)) or unit, help=text)
-
-    def parse(self, argv):
-        """Namespace; an option that does not exist is refused with the nearest one that does."""
-        arguments, unknown = self.parse_known_args(joined(argv))
-        for word in unknown:
-            flag = word.split("=", 1)[0]
-            if flag.startswith("-"):
-                raise SceneError(
-                    f"unknown option {flag}{suggestion(flag, set(self._option_string_actions) - {'--help'})}"
-                )
-            raise SceneError(f"unexpected argument '{word}'")
-        return arguments
-
-
-def joined(argv) -> list[str]:
-    """``--key -1e3`` as ``--key=-1e3``, which argparse would take for an option."""
-    words = []
-    for word in argv:
-        negative = word.startswith("-") and not word.startswith("--") and is_number(word)
-        if negative and words and words[-1].startswith("--") and "=" not in words[-1]:
-            words[-1] += f"={word}"
-        else:
-            words.append(word)
-    return words
-
-
-def is_number(word: str) -> bool:
-    try:
-        return math.isfinite(float(word)) or True
-    except ValueError:
-        return False
-
-
-def choices(field) -> tuple[str, ...]:
-    return get_args(field.annotation) if get_origin(field.annotation) is Literal else ()
-
-
-def allowed(field) -> str:
-    """'[Pa], 0 <= . <= 1e+06' from the field's declaration."""
-    unit = unit_of(field).strip("-")
-    marks = {"gt": "> {:g}", "ge": ">= {:g}", "lt": "< {:g}", "le": "<= {:g}"}
-    bounds = [text.format(getattr(item, mark)) for item in field.metadata for mark, text in marks.items()
-              if getattr(item, mark, None) is not None]  # fmt: skip
-    return " ".join(filter(None, (f"[{unit}]" if unit else "", " and ".join(bounds))))
-
-
-def default(field) -> str:
-    if field.is_required():
-        return "required"
-    return "" if field.default in (None, False) else f"default {field.default}"
-
-
-def given(arguments, model, leave_out=()) -> dict:
-    """The options of a model that were given, as text; the model turns them into numbers."""
-    values = {name: getattr(arguments, name, None) for name in model.model_fields if name not in leave_out}
-    return {
-        name: value.split(",") if get_origin(model.model_fields[name].annotation) is tuple else value
-        for name, value in values.items()
-        if value is not None
-    }
 
 
 # ---- commands ---------------------------------------------------------------------------------------------------
@@ -218,7 +102,7 @@ def carry_out(sim, folder, options, source, as_json, resumed=False) -> int:
     from .simulation import DivergedError
 
     until = sim.scene.until
-    every = options.every or rounded(until / 50)
+    every = options.every or rounded(until / 100)
     settings = options.model_dump(exclude={"out", "profile", "quiet"}, exclude_none=True) | {"every": every}
     if not resumed:
         folder.create()
@@ -241,25 +125,6 @@ def carry_out(sim, folder, options, source, as_json, resumed=False) -> int:
         print(f"taichi-mps: {error}; resume from {folder.checkpoint}", file=sys.stderr)
         return DIVERGED
     return INTERRUPTED if stopped_by == "interrupted" else DONE
-
-
-def pictures(frames, options):
-    """Callback of a simulation and a number that draws frame_<number>.png as the options ask."""
-    import imageio.v3 as iio
-
-    from .render import Renderer
-
-    renderer = None
-
-    def write(sim, number):
-        nonlocal renderer
-        if renderer is None:
-            frames.mkdir(parents=True, exist_ok=True)
-            renderer = Renderer(sim.scene, view=options.view, backend=options.renderer)
-        picture = renderer.draw(sim.snapshot(), sim.measures())
-        iio.imwrite(frames / f"frame_{number:05d}.png", picture, compress_level=1)
-
-    return write
 
 
 def rounded(interval: float) -> float:
@@ -286,68 +151,6 @@ def interruptible(sim):
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
-
-
-@contextmanager
-def progress(sim, recorder, until, quiet):
-    """A line on a terminal: time, dt and what bounds it, slump, iterations, time left. Nothing elsewhere."""
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-
-    console = Console(stderr=True)
-    if quiet or not console.is_terminal:
-        yield
-        return
-    columns = TextColumn("{task.description}"), BarColumn(None), TimeRemainingColumn()
-    with Progress(*columns, console=console, transient=True) as bar:
-        task = bar.add_task("compiling", total=until, completed=sim.time)
-
-        def show(sim):
-            r, m = sim.report, recorder.measures
-            moved = next((f"{key[:-2]} {100 * m[key]:.1f} cm  " for key in ("slump_m", "front_m") if key in m), "")
-            text = f"{sim.time:.3f}/{until:g} s  dt {1e3 * r.dt:.2f} ms ({r.dt_limit})  {moved}"
-            text += f"iterations {r.viscous_iterations}/{r.pressure_iterations}"
-            bar.update(task, completed=sim.time, description=text)
-
-        sim.each_step(show)
-        yield
-
-
-def table(summary: dict, folder, stages=()) -> None:
-    """The result for a reader, on stdout."""
-    from rich.console import Console
-    from rich.table import Table
-
-    rows = Table(title=f"{summary['scene']}: stopped by {summary['stopped_by']}", show_header=False)
-    for key, value in summary.items():
-        if key.endswith("_m") and value is not None:
-            rows.add_row(key[:-2].replace("_", " "), f"{100 * value:.2f} cm")
-    rows.add_row("simulated", f"{summary['simulated_seconds']:.3f} s in {summary['steps']} steps")
-    rows.add_row("particles", f"{summary['fluid_particles']} fluid, {summary['wall_particles']} wall")
-    spent = ", ".join(f"{summary[f'{key}_seconds']:.1f} s {key}" for key in ("wall", "cpu", "compile"))
-    rows.add_row("time spent", spent)
-    if summary["volume_error"] is not None:
-        rows.add_row("volume error", f"{100 * summary['volume_error']:.3f} %")
-    for stage, seconds, calls in stages:
-        rows.add_row(f"stage {stage}", f"{seconds:.2f} s, {1e3 * seconds / max(calls, 1):.2f} ms a call")
-    rows.add_row("files", str(folder.path))
-    Console().print(rows)
-
-
-def curves(folder) -> list[str]:
-    """slump.png and history.png, where matplotlib is installed and there is something to show."""
-    from .files import PLOTS, read_history
-
-    rows = read_history(folder.history)
-    try:
-        from . import plots
-
-        plots.history(rows, folder.path / PLOTS[1])
-        if not all(map(math.isnan, rows["slump_m"])):
-            plots.slump_curve({folder.path.name: rows}, folder.path / PLOTS[0])
-    except ImportError:
-        return []
-    return [str(folder.path / name) for name in PLOTS if (folder.path / name).is_file()]
 
 
 def plot(argv) -> int:
@@ -386,7 +189,8 @@ def render(argv) -> int:
     parser.add_argument("--json", action="store_true", help="print the names of the results as JSON")
     arguments = parser.parse(argv)
     options = Pictures(**given(arguments, Pictures))
-    from .files import RunFolder, Trajectory
+    from .files import RunFolder
+    from .vtkhdf import Trajectory
 
     folder = RunFolder(arguments.run)
     outputs = Trajectory(folder.trajectory).replay()

@@ -31,7 +31,7 @@ def top_height(s: Snapshot, radius: float) -> float:
     near = s.x[r < radius + l0]
     if len(near) == 0:
         return float("nan")
-    ticks = np.arange(-radius, radius + 1e-12, 0.25 * l0)
+    ticks = np.arange(-radius, radius + 1e-12, 0.4 * l0)
     points = np.stack(np.meshgrid(ticks, ticks), -1).reshape(-1, 2)
     points = points[np.hypot(points[:, 0], points[:, 1]) <= radius]
     distance2 = ((points[:, None, :] - near[None, :, :2]) ** 2).sum(-1)

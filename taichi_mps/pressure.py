@@ -21,7 +21,8 @@ class PressurePoisson:
     """Pressure P^{k+1} at r*, from ``gradient`` built there.
 
     source 'density': eq 19. 'mixed': lap P = (rho/dt) div u* - gamma (rho/dt^2) (n* - n0)/n0.
-    gradient 'literal': eq 11 with P_j - P_i. 'conservative': P_j + P_i, equal and opposite for each pair.
+    gradient 'literal': eq 11 with P_j - P_i. 'conservative': sum (P_i B_i + P_j B_j) b_ij, the adjoint of the
+    least-squares gradient (gradient.py): equal and opposite within each pair.
     """
 
     def __init__(self, particles, gradient, density: float, constants, source: str, pair_gradient: str):
@@ -117,17 +118,19 @@ class PressurePoisson:
 
     @ti.func
     def pressure_gradient(self, i):
-        """grad P [Pa/m] at i: eq 11 over particles that carry pressure; a dummy repeats P_i."""
-        own = self.particles.p[i]
+        """grad P [Pa/m] at i over particles that carry pressure; a dummy repeats the values of i."""
+        own, own_B = self.particles.p[i], self.gradient.B[i]
         total = ti.Vector.zero(float, self.dimension)
         for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
             j = self.neighbors.column[k]
-            other = self.particles.p[j] if self.particles.kind[j] != DUMMY else own
+            pressed = self.particles.kind[j] != DUMMY
+            other = self.particles.p[j] if pressed else own
             if ti.static(self.conservative):
-                total += (other + own) * self.gradient.b[k]
+                other_B = ti.select(pressed, self.gradient.B[j], own_B)
+                total += (other * other_B + own * own_B) @ self.gradient.b[k]
             else:
-                total += (other - own) * self.gradient.b[k]
-        return (self.dimension / self.n0) * total
+                total += (self.dimension / self.n0) * (other - own) * self.gradient.b[k]
+        return total
 
     @ti.kernel
     def correct(self, dt: float):

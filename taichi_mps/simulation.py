@@ -71,7 +71,7 @@ class Simulation:
         self._each_step: list = []
         self._interrupted = False
         self._last_dt = None
-        self._rest_marks: list = []
+        self._resting_since: float | None = None
 
     def _build(self):
         scene, numerics = self.scene, self.numerics
@@ -244,6 +244,8 @@ class Simulation:
         self.stopped_by = None
         self._interrupted = False
         self._call_schedules()
+        if self.time >= until - 1e-9:
+            self.stopped_by = "time"
         while self.stopped_by is None:
             upcoming = min([until] + [interval * (done + 1) for interval, _, done in self._schedules])
             self.step(max(upcoming, self.time + 1e-12))
@@ -282,10 +284,11 @@ class Simulation:
         rms = math.sqrt(2.0 * self.report.kinetic_energy / mass)
         window = max(0.2, material.plastic_viscosity / material.yield_value)
         if rms * window > 0.1 * self.scene.spacing:
-            self._rest_marks.clear()
+            self._resting_since = None
             return False
-        self._rest_marks.append(self.time)
-        return self.time - self._rest_marks[0] >= 0.2
+        if self._resting_since is None:
+            self._resting_since = self.time
+        return self.time - self._resting_since >= 0.2
 
     # ---- reading --------------------------------------------------------------------------------------------
     def snapshot(self) -> Snapshot:
@@ -342,8 +345,8 @@ class Simulation:
             "time": self.time,
             "steps": self.steps,
             "last_dt": self._last_dt,
+            "resting_since": self._resting_since,
             "report": report,
-            "schedules": [s[2] for s in self._schedules],
             **self.scheme.state(),
         }
 
@@ -352,4 +355,5 @@ class Simulation:
         self.particles.load({name: state[name] for name in self.particles.carried})
         self.time, self.steps, self._last_dt = state["time"], state["steps"], state["last_dt"]
         self.report = StepReport(**state["report"]) if state["report"] else None
+        self._resting_since = state["resting_since"]
         self.scheme.load(state)

@@ -87,7 +87,7 @@ class CellLevels:
 
     DENSE = 64
     OVER_CORRECTION = 1.6
-    DAMPING = 0.8
+    DAMPING = 0.9
 
     def __init__(self, matrix: SparseMatrix, cell_start, cell_of, shape, periodic=()):
         if any(p and n < 3 for p, n in zip(periodic, shape, strict=False)):

@@ -12,7 +12,7 @@ from typing import get_args
 import pytest
 
 import taichi_mps as mps
-from taichi_mps import catalogue, checkpoint, cli
+from taichi_mps import catalogue, checkpoint, cli, options
 from taichi_mps.files import RunFolder, read_history
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -210,7 +210,7 @@ def test_help_lists_every_keyword_with_unit_and_default_without_taichi(tmp_path)
 
 def test_the_views_offered_are_those_that_can_be_drawn():
     text = (ROOT / "taichi_mps" / "render.py").read_text()
-    assert all(f'"{view}"' in text for view in get_args(cli.VIEWS))
+    assert all(f'"{view}"' in text for view in get_args(options.VIEWS))
 
 
 def test_scenes_and_info(capsys):

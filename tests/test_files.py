@@ -9,8 +9,9 @@ import pytest
 
 import taichi_mps as mps
 from taichi_mps import catalogue, checkpoint
-from taichi_mps.files import COLUMNS, History, Recorder, RunFolder, Trajectory, read_history
+from taichi_mps.files import COLUMNS, History, Recorder, RunFolder, read_history
 from taichi_mps.measure import Snapshot
+from taichi_mps.vtkhdf import Trajectory
 
 
 class Falling:

@@ -53,14 +53,17 @@ def sparse_matrix(matrix, capacity=None):
     return a
 
 
-def solve(operator, b, components=1, tolerance=1e-10, x=0.0, levels=None, **options):
-    """(x, report) of A x = b."""
-    solver = MRPCG(operator.inverse_diagonal.shape[0], components, operator, levels=levels, **options.pop("init", {}))
-    padded = np.zeros((operator.inverse_diagonal.shape[0], components))
-    padded.reshape(-1)[: b.size] = b.ravel()
-    solver.b.from_numpy(padded)
-    padded.reshape(-1)[: b.size] = np.broadcast_to(x, b.size)
-    solver.x.from_numpy(padded)
+def solve(operator, b, components=1, tolerance=1e-10, x=0.0, levels=None, check_every=5, **options):
+    """(x, report) of A x = b; an operator keeps its solver, which is compiled once."""
+    capacity = operator.inverse_diagonal.shape[0]
+    if not hasattr(operator, "solver"):
+        operator.solver = MRPCG(capacity, components, operator)
+    solver = operator.solver
+    solver.levels, solver.use_levels, solver.check_every = levels, levels is not None, check_every
+    for field, values in ((solver.b, b), (solver.x, np.broadcast_to(x, b.size))):
+        padded = np.zeros(capacity * components)
+        padded[: b.size] = values
+        field.from_numpy(padded.reshape(capacity, components))
     report = solver.solve(tolerance, **options)
     return solver.x.to_numpy().ravel()[: b.size], report
 
@@ -142,7 +145,7 @@ def test_masked_rows_keep_their_values_and_act_as_dirichlet_values():
 
 def test_a_finished_solve_changes_nothing_more():
     a, b = BlockOperator(np.eye(6), 1), np.arange(1.0, 7.0)
-    x, report = solve(a, b, init={"check_every": 50})
+    x, report = solve(a, b, check_every=50)
     assert (report.status, report.iterations) == ("converged", 1)  # not the 50 that were launched
     np.testing.assert_array_equal(x, b)
 
@@ -157,19 +160,20 @@ def test_nothing_to_do():
     assert solve(a, np.ones(6), x=exact)[1].iterations == 0
 
 
-@pytest.mark.parametrize("check_every", [1, 5, 100])
-def test_statuses(check_every):
-    init = {"check_every": check_every}
+def test_statuses():
     indefinite = BlockOperator(np.array([[1.0, 3.0], [3.0, 1.0]]), 1)
-    assert solve(indefinite, np.array([1.0, -1.0]), init=init)[1].status == "indefinite"
     broken = spd(8)
     broken[2, 3] = broken[3, 2] = np.nan
-    x, report = solve(BlockOperator(broken, 1), np.ones(8), init=init)
-    assert report.status == "broken" and np.all(np.isfinite(x))
-    assert solve(BlockOperator(spd(8), 1), np.full(8, np.inf), init=init)[1].status == "broken"
-    a = sparse_matrix(pyamg.gallery.poisson((100,), format="csr"))
-    x, report = solve(a, np.ones(100), max_iterations=7, init=init)
-    assert (report.status, report.iterations) == ("limit", 7)
+    broken = BlockOperator(broken, 1)
+    poisson = sparse_matrix(pyamg.gallery.poisson((100,), format="csr"))
+    for check_every in (1, 5, 100):
+        x, report = solve(indefinite, np.array([1.0, -1.0]), check_every=check_every)
+        assert report.status == "indefinite" and np.all(np.isfinite(x))
+        x, report = solve(broken, np.ones(8), check_every=check_every)
+        assert report.status == "broken" and np.all(np.isfinite(x))
+        assert solve(poisson, np.full(100, np.inf), check_every=check_every)[1].status == "broken"
+        x, report = solve(poisson, np.ones(100), max_iterations=7, check_every=check_every)
+        assert (report.status, report.iterations) == ("limit", 7)
 
 
 def test_energy_error_falls_monotonically_and_the_last_residual_is_true():
@@ -213,7 +217,7 @@ def test_levels_make_the_iterations_independent_of_the_size():
     assert cells[1] <= 2.5 * smoothed[1], (cells, smoothed)
 
 
-@pytest.mark.parametrize("points, per_cell", [((64,), 1), ((300,), 2), ((50, 31), 2), ((15, 14, 13), 2)])
+@pytest.mark.parametrize("points, per_cell", [((300,), 2), ((50, 31), 2), ((15, 14, 13), 2)])
 def test_a_cycle_is_symmetric_positive_definite_and_bounded(points, per_cell):
     a, levels, matrix = with_levels(pyamg.gallery.poisson(points, format="csr"), points, per_cell)
     v = np.random.default_rng(7).standard_normal((6, matrix.shape[0]))

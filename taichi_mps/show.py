@@ -1,0 +1,85 @@
+"""What a run shows while it goes on and when it is done: pictures, progress, result table, curves."""
+
+import math
+from contextlib import contextmanager
+
+
+def pictures(frames, options):
+    """Callback of a simulation and a number that draws frame_<number>.png as the options ask."""
+    import imageio.v3 as iio
+
+    from .render import Renderer
+
+    renderer = None
+
+    def write(sim, number):
+        nonlocal renderer
+        if renderer is None:
+            frames.mkdir(parents=True, exist_ok=True)
+            renderer = Renderer(sim.scene, view=options.view, backend=options.renderer)
+        picture = renderer.draw(sim.snapshot(), sim.measures())
+        iio.imwrite(frames / f"frame_{number:05d}.png", picture, compress_level=1)
+
+    return write
+
+
+@contextmanager
+def progress(sim, recorder, until, quiet):
+    """A line on a terminal: time, dt and what bounds it, slump, iterations, time left. Nothing elsewhere."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    console = Console(stderr=True)
+    if quiet or not console.is_terminal:
+        yield
+        return
+    columns = TextColumn("{task.description}"), BarColumn(None), TimeRemainingColumn()
+    with Progress(*columns, console=console, transient=True) as bar:
+        task = bar.add_task("compiling", total=until, completed=sim.time)
+
+        def show(sim):
+            r, m = sim.report, recorder.measures
+            moved = next((f"{key[:-2]} {100 * m[key]:.1f} cm  " for key in ("slump_m", "front_m") if key in m), "")
+            text = f"{sim.time:.3f}/{until:g} s  dt {1e3 * r.dt:.2f} ms ({r.dt_limit})  {moved}"
+            text += f"iterations {r.viscous_iterations}/{r.pressure_iterations}"
+            bar.update(task, completed=sim.time, description=text)
+
+        sim.each_step(show)
+        yield
+
+
+def table(summary: dict, folder, stages=()) -> None:
+    """The result for a reader, on stdout."""
+    from rich.console import Console
+    from rich.table import Table
+
+    rows = Table(title=f"{summary['scene']}: stopped by {summary['stopped_by']}", show_header=False)
+    for key, value in summary.items():
+        if key.endswith("_m") and value is not None:
+            rows.add_row(key[:-2].replace("_", " "), f"{100 * value:.2f} cm")
+    rows.add_row("simulated", f"{summary['simulated_seconds']:.3f} s in {summary['steps']} steps")
+    rows.add_row("particles", f"{summary['fluid_particles']} fluid, {summary['wall_particles']} wall")
+    spent = ", ".join(f"{summary[f'{key}_seconds']:.1f} s {key}" for key in ("wall", "cpu", "compile"))
+    rows.add_row("time spent", spent)
+    if summary["volume_error"] is not None:
+        rows.add_row("volume error", f"{100 * summary['volume_error']:.3f} %")
+    for stage, seconds, calls in stages:
+        rows.add_row(f"stage {stage}", f"{seconds:.2f} s, {1e3 * seconds / max(calls, 1):.2f} ms a call")
+    rows.add_row("files", str(folder.path))
+    Console().print(rows)
+
+
+def curves(folder) -> list[str]:
+    """slump.png and history.png, where matplotlib is installed and there is something to show."""
+    from .files import PLOTS, read_history
+
+    rows = read_history(folder.history)
+    try:
+        from . import plots
+
+        plots.history(rows, folder.path / PLOTS[1])
+        if not all(map(math.isnan, rows["slump_m"])):
+            plots.slump_curve({folder.path.name: rows}, folder.path / PLOTS[0])
+    except ImportError:
+        return []
+    return [str(folder.path / name) for name in PLOTS if (folder.path / name).is_file()]

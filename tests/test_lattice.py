@@ -1,0 +1,79 @@
+"""Lattice sums n0 and lambda (eqs 13, 14) and the sums over the ghost lattice behind a plane wall."""
+
+import csv
+import itertools
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from taichi_mps.weights import GHOST_SUMS, half_space_table, lattice_constants
+
+REFERENCE = Path(__file__).parent / "reference" / "C_mps_lattice_constants_viscous_limit.csv"
+ROWS = list(csv.DictReader(line for line in REFERENCE.read_text(encoding="utf-8").splitlines() if line[0] != "#"))
+RE = 2.1
+
+
+@pytest.mark.parametrize("row", ROWS, ids=lambda row: f"{row['dim']}-D re {row['re/l0']}")
+@pytest.mark.parametrize("spacing", [1.0, 0.01])
+def test_lattice_constants(row, spacing):
+    found = lattice_constants(int(row["dim"]), spacing, float(row["re/l0"]) * spacing)
+    assert found.neighbours == int(row["neighbours"])
+    assert found.n0 == pytest.approx(float(row["n0"]), rel=1e-5)  # the file has six digits
+    assert found.lam / spacing**2 == pytest.approx(float(row["lambda/l0^2"]), rel=1e-5)
+
+
+def test_lattice_constants_by_hand():
+    """2-D, re = 2.1: four neighbours each at 1, sqrt 2 and 2 spacings."""
+    w = np.array([RE / r - 1.0 for r in (1.0, 2.0**0.5, 2.0)])
+    found = lattice_constants(2, 1.0, RE)
+    assert found.n0 == pytest.approx(4 * w.sum(), rel=1e-14)
+    assert found.lam == pytest.approx(w @ [1.0, 2.0, 4.0] / w.sum(), rel=1e-14)
+
+
+def full_lattice(dimension):
+    """Displacements [l0] of the neighbours in a full lattice and their weights."""
+    r = np.array([c for c in itertools.product(range(-3, 4), repeat=dimension) if any(c)], float)
+    size = np.linalg.norm(r, axis=1)
+    near = size < RE
+    return r[near], size[near], RE / size[near] - 1.0
+
+
+def ghosts(dimension, entries, k):
+    return dict(zip(GHOST_SUMS, half_space_table(dimension, 1.0, RE, entries)[k], strict=True))
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+@pytest.mark.parametrize("layer", [0, 1])
+def test_ghosts_complete_the_lattice(dimension, layer):
+    """A particle at z = l0/2 or 3 l0/2 has, with the ghosts, exactly the neighbourhood of the interior."""
+    sums = ghosts(dimension, 22, 5 + 10 * layer)  # z = 2.1 k/21 = 0.5, 1.5
+    constants = lattice_constants(dimension, 1.0, RE)
+    r, size, w = full_lattice(dimension)
+    real = r[:, -1] > -layer - 0.5
+    normal, e = r[:, -1], r[:, -1] / size
+    near = np.maximum(0.0, 1.0 - size / 1.5)
+    assert real.sum() + sums["neighbours"] == constants.neighbours
+    assert w[real].sum() + sums["n"] == pytest.approx(constants.n0, rel=1e-13)
+    moment = (w / size**2 * normal**2)[real].sum() + sums["normal"]
+    assert moment == pytest.approx(constants.n0 / dimension, rel=1e-13)
+    assert (w * e)[real].sum() == pytest.approx(sums["inward"], rel=1e-13)  # the pull of both sides balances
+    assert (near * e)[real].sum() == pytest.approx(sums["crowding"], abs=1e-13)
+    assert (w / size**2 * normal)[real].sum() == pytest.approx(0.5 * sums["pull"], rel=1e-13)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_tangential_moment_at_the_first_layer(dimension):
+    """Ghosts at depth d carry -(d/z) times the velocity at the particle's height: weight t^2 (1 + d/z)."""
+    r, size, w = full_lattice(dimension)
+    behind = r[:, -1] < -0.5
+    depth = -r[behind, -1] - 0.5
+    expected = ((w / size**2 * r[:, 0] ** 2)[behind] * (1.0 + depth / 0.5)).sum()
+    assert ghosts(dimension, 22, 5)["tangential"] == pytest.approx(expected, rel=1e-13)
+
+
+def test_ghost_sums_scale_with_the_spacing_and_vanish_far_from_the_wall():
+    unit, scaled = half_space_table(3, 1.0, RE), half_space_table(3, 0.01, 0.01 * RE)
+    power = np.array([{"pull": -1}.get(name, 0) for name in GHOST_SUMS])
+    assert np.allclose(scaled, unit * 0.01**power, rtol=1e-9, atol=1e-9)
+    assert np.all(unit[-30:] == 0.0)  # beyond re - l0/2 no ghost is near

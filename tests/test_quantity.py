@@ -1,0 +1,108 @@
+"""Bad input ends in one SceneError that names the key, the value with its unit and what is allowed."""
+
+import math
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import taichi_mps as mps
+from taichi_mps import backend, catalogue
+from taichi_mps.quantity import Count, Length, SceneError, Viscosity
+
+BOUNDS = {"density": (0.0, 30000.0), "plastic_viscosity": (0.0, 1e6), "critical_strain_rate": (0.0, 1e4)}  # (low, high]
+
+
+@mps.checked
+def sample(spacing: Length, plastic_viscosity: Viscosity = 50.0, layers: Count = 3):
+    return spacing, plastic_viscosity, layers
+
+
+@pytest.mark.parametrize(
+    ("call", "parts"),
+    [
+        (lambda: mps.Bingham(plastic_viscosity=-2.0), ["plastic_viscosity = -2.0 Pa s", "greater than 0 Pa s"]),
+        (lambda: mps.Bingham(density=40000.0), ["density = 40000.0 kg/m3", "less than or equal to 30000 kg/m3"]),
+        (lambda: mps.Bingham(yield_value=math.nan), ["yield_value = nan Pa", "finite number"]),
+        (lambda: mps.Bingham(yield_value="stiff"), ["yield_value = stiff Pa", "valid number"]),
+        (lambda: mps.Bingham(critical_strain_rate=0.0), ["critical_strain_rate = 0.0 1/s", "greater than 0 1/s"]),
+        (lambda: mps.Bingham(yeild_value=3.0), ["unknown key 'yeild_value'", "did you mean 'yield_value'?"]),
+        (lambda: mps.Implicit(courant_number=1.5), ["courant_number = 1.5", "less than or equal to 1"]),
+        (lambda: mps.Implicit(walls="ghosts"), ["walls = ghosts", "'surfaces' or 'particles'"]),
+        (lambda: mps.SemiImplicit(picard_limit=0), ["picard_limit = 0", "greater than or equal to 1"]),
+        (lambda: sample(), ["spacing is missing [m]"]),
+        (lambda: sample(spacing=0.01, layers=2.5), ["layers = 2.5", "valid integer"]),
+        (lambda: sample(spacing=0.01, spacings=1.0), ["unknown key 'spacings'", "did you mean 'spacing'?"]),
+        (lambda: catalogue.build("slump", spacing=0.5), ["spacing = 0.5 m", "at most 0.2 m"]),
+        (lambda: catalogue.build("slumb"), ["unknown scene 'slumb'", "did you mean 'slump'?"]),
+        (lambda: catalogue.slump_cone(mps.Bingham(), density=2000.0), ["density = 2000.0", "already given"]),
+        (lambda: backend.init(arch="tpu"), ["arch = tpu", "cpu, cuda, vulkan"]),
+        (lambda: backend.init(precision="f16"), ["precision = f16", "f32 or f64"]),
+        (lambda: backend.init(threads=0), ["threads = 0", "at least 1"]),
+    ],
+)
+def test_message(call, parts):
+    with pytest.raises(SceneError) as error:
+        call()
+    for part in parts:
+        assert part in str(error.value)
+
+
+def test_every_violation_is_listed():
+    with pytest.raises(SceneError) as error:
+        mps.Bingham(density=-1.0, plastic_viscosity=0.0, colour="grey")
+    message = str(error.value)
+    assert all(part in message for part in ("density = -1.0", "plastic_viscosity = 0.0", "unknown key 'colour'"))
+    assert message.count("; ") == 2
+
+
+def test_scene_refuses_bad_particles():
+    parts = {"name": "x", "material": mps.Bingham(), "spacing": 0.1, "domain": ((0.0, 0.0), (1.0, 1.0))}
+    for fluid, text in (([[2.0, 0.5]], "lies outside"), ([[math.nan, 0.5]], "finite"), ([], "at least one particle")):
+        with pytest.raises(SceneError, match=text):
+            mps.Scene(fluid=fluid, **parts)
+
+
+def test_records_are_frozen_and_good_values_pass():
+    material = mps.Bingham(density=2000, yield_value=0)
+    assert material.newtonian and material.density == 2000.0
+    with pytest.raises(ValueError):
+        material.density = 3.0
+    assert sample(spacing=0.01) == (0.01, 50.0, 3)
+
+
+def outside(low, high):
+    reals = st.floats(max_value=low) | st.floats(min_value=high, exclude_min=True)
+    return reals | st.sampled_from([math.nan, math.inf, -math.inf]) | st.text(alphabet="abc", max_size=5) | st.none()
+
+
+@settings(max_examples=60, deadline=None)
+@given(data=st.data(), key=st.sampled_from(["density", "plastic_viscosity"]))
+def test_any_value_outside_its_range_is_a_scene_error(data, key):
+    value = data.draw(outside(*BOUNDS[key]))
+    with pytest.raises(SceneError) as error:
+        mps.Bingham(**{key: value})
+    assert f"{key} = {value}" in str(error.value)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.dictionaries(st.text(min_size=1, max_size=12), st.floats() | st.text(max_size=5) | st.none(), min_size=1))
+def test_any_unknown_keyword_is_a_scene_error(values):
+    unknown = {key: value for key, value in values.items() if key not in catalogue.load("slump").parameters.model_fields}
+    if not unknown:
+        return
+    with pytest.raises(SceneError) as error:
+        catalogue.build("slump", **unknown)
+    assert all(f"unknown key '{key}'" in str(error.value) for key in unknown)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.floats(min_value=0.0, max_value=30000.0, exclude_min=True),
+    st.floats(min_value=0.0, max_value=1e6),
+    st.none() | st.floats(min_value=0.0, max_value=1e4, exclude_min=True),
+)
+def test_any_value_inside_its_range_is_taken(density, yield_value, rate):
+    material = mps.Bingham(density=density, yield_value=yield_value, critical_strain_rate=rate)
+    assert (material.density, material.yield_value, material.critical_strain_rate) == (density, yield_value, rate)
+    assert material.knee_stress >= yield_value
