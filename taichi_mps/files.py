@@ -104,7 +104,7 @@ class History:
         self.file.close()
 
 
-def row_of(sim) -> dict:
+def row_of(sim, measures: dict) -> dict:
     """Row of history.csv of a simulation now; before the first step there is no report, and little to say."""
     report = sim.report
     if report is None:
@@ -124,7 +124,7 @@ def row_of(sim) -> dict:
         values = (report.time, report.dt, report.max_speed, report.kinetic_energy, report.unyielded_fraction)
         values += (report.viscous_iterations, report.pressure_iterations, report.volume_error)
     keys = [key for key in COLUMNS if key not in ("slump_m", "spread_m")]
-    return {**sim.measures(), **dict(zip(keys, values, strict=True))}
+    return {**measures, **dict(zip(keys, values, strict=True))}
 
 
 def read_rows(path) -> list[dict[str, str]]:
@@ -161,8 +161,9 @@ class Recorder:
         self.folder, self.sim, self.source, self.settings = folder, sim, source, settings
         self.picture = picture
         self.trajectory = Trajectory(folder.trajectory)
+        self.measures = sim.measures()  # of the last step
         resumed = sim.steps > 0 and folder.trajectory.is_file()
-        self.history = History(folder.history, sim.measures(), kept=sim.time if resumed else None)
+        self.history = History(folder.history, self.measures, kept=sim.time if resumed else None)
         if resumed:
             outputs = self.trajectory.cut(sim.time)
             for extra in sorted(folder.frames.glob("*.png"))[outputs:]:
@@ -170,7 +171,7 @@ class Recorder:
         else:
             self.trajectory.create(sim, source)
         if self.history.empty:
-            self.history.add(row_of(sim))
+            self.history.add(row_of(sim, self.measures))
         self.good = self._checkpoint()
         self.saved = time.monotonic()
         sim.each_step(self.step)
@@ -180,7 +181,8 @@ class Recorder:
         return checkpoint.Checkpoint.of(self.sim, self.source, self.settings)
 
     def step(self, sim) -> None:
-        self.history.add(row_of(sim))
+        self.measures = sim.measures()
+        self.history.add(row_of(sim, self.measures))
         if time.monotonic() - self.saved > CHECKPOINT_INTERVAL:
             self.good = self._checkpoint()
             self.good.write(self.folder.checkpoint)

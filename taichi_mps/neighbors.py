@@ -69,11 +69,13 @@ class Bins:
             self._fill[k] = 0
         for i in range(self.particles.count[None]):
             x = self.particles.x[i]
+            outside = 0
             for a in ti.static(range(self.dimension)):
                 if ti.static(self.periodic[a]):
                     x[a] -= self.size[a] * ti.floor((x[a] - self.low[a]) / self.size[a])
                 if not (ti.abs(x[a] - self.low[a] - 0.5 * self.size[a]) <= 0.5 * self.size[a]):
-                    ti.atomic_add(self.lost[None], 1)
+                    outside = 1
+            ti.atomic_add(self.lost[None], outside)
             self.particles.x[i] = x
             k = self.linear(self.cell(x))
             self.cell_of[i] = k

@@ -92,9 +92,10 @@ def with_levels(matrix, points, per_cell, periodic=(), kind=CellLevels):
 
 
 def preconditioner(levels, vectors):
-    """M^-1 v for each v."""
-    r = ti.Vector.field(1, real(), vectors.shape[1])
-    z = ti.Vector.field(1, real(), vectors.shape[1])
+    """M^-1 v for each v, in the fields of a solver, so that the cycle is compiled once."""
+    if not hasattr(levels, "solver"):
+        levels.solver = MRPCG(vectors.shape[1], 1, levels.matrix)
+    r, z = levels.solver.r, levels.solver.z
     result = []
     for v in vectors:
         r.from_numpy(v[:, None])
