@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps import render
+from taichi_mps import render, splatter
 from taichi_mps.measure import Snapshot
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -44,11 +44,11 @@ def body():
 @pytest.fixture(scope="module")
 def camera():
     corners = np.array([(x, y, z) for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
-    return render.Camera((0.0, 1.0, 0.0), corners, 640, 360), corners
+    return splatter.Camera((0.0, 1.0, 0.0), corners, 640, 360), corners
 
 
 def draw(camera, x, colours, radius):
-    painter = render.Splatter(*camera, radius)
+    painter = splatter.Splatter(*camera, radius)
     return painter.draw(np.array(x, float), np.array(colours), 0.0)
 
 
@@ -56,7 +56,7 @@ def draw(camera, x, colours, radius):
 def test_a_sphere_covers_the_disc_of_its_perspective_projection(camera, centre):
     radius = 0.3
     pixels, depth = draw(camera, [centre], [RED], radius)
-    covered = pixels[..., 1] < 0.5 * 255 * render.PAPER[1]
+    covered = pixels[..., 1] < 0.5 * 255 * splatter.PAPER[1]
     view = camera[0]
     across, up, ahead = (np.array(centre) - view.eye) @ view.axes.T
     # the outline of a sphere at (a, z): an ellipse of these half axes, along and across the direction from the middle
@@ -92,7 +92,7 @@ def test_the_camera_frames_its_points():
     corners = np.array([(x, y, z) for x in (0.0, 3.0) for y in (-1.0, 0.0) for z in (0.0, 1.0)])
     frame = np.array((0.1, 0.2, 0.8, 0.9))
     for direction in ((0.0, 1.0, -0.3), (0.0, 0.0, -1.0), (1.0, 1.0, -1.0)):
-        camera = render.Camera(direction, corners, 400, 300, frame)
+        camera = splatter.Camera(direction, corners, 400, 300, frame)
         at = camera.project(corners)[:, :2] / (400, 300)
         assert np.all(at > frame[:2] - 1e-9) and np.all(at < frame[2:] + 1e-9)
         assert np.isclose(np.ptp(at, axis=0), frame[2:] - frame[:2]).any()  # one direction is filled
@@ -218,8 +218,8 @@ def test_ggui_without_vulkan_says_so_in_one_line_and_draws_in_software(body, mon
     def refuse(*_, **__):
         raise RuntimeError("Vulkan must be available\nfor GGUI")
 
-    monkeypatch.setattr(render.Ggui, "shared", None)
-    monkeypatch.setattr(render.ti.ui, "Window", refuse)
+    monkeypatch.setattr(splatter.Ggui, "shared", None)
+    monkeypatch.setattr(splatter.ti.ui, "Window", refuse)
     renderer = render.Renderer(body, backend="ggui", **SIZE)
     expected = (
         "ggui: no hidden window can be made here (Vulkan must be available for GGUI); drawing in software instead\n"
