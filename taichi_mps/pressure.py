@@ -8,7 +8,7 @@ through the wall). Times -lambda n0/(2 d) the equation is symmetric positive def
 A_ii = sum w, A_ij = -w, b = (lambda n0/(2 d)) (rho/dt^2) (n* - n0)/n0. Negative pressures are kept, as in eq 19.
 """
 
-from .backend import real, ti
+from .backend import ti
 from .mrpcg import LEVELS_PAY_FROM, MRPCG, CellLevels, SparseMatrix
 from .particles import DUMMY, FLUID
 

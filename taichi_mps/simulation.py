@@ -275,10 +275,11 @@ class Simulation:
         return "rest" if self.scene.stop_at_rest and self._at_rest() else None
 
     def _at_rest(self) -> bool:
-        """Would the rms motion over the material's own time move the body by a tenth of a spacing? eta/tau_y is
-        the time in which a Bingham flow decays, so a slow flow of a viscous mix is not taken for rest."""
+        """Would the rms motion over the material's own time move the body by less than a tenth of a spacing? eta/tau_y
+        is the time in which a Bingham flow decays, so a slow flow of a viscous mix is not taken for rest. Only a true
+        yield value brings a body to rest."""
         material = self.scene.material
-        if material.newtonian:
+        if law_of(material) != "bingham":
             return False
         mass = material.density * self.scene.spacing**self.scene.dimension * len(self.scene.fluid)
         rms = math.sqrt(2.0 * self.report.kinetic_energy / mass)

@@ -1,4 +1,4 @@
-"""Explicit predictor of the semi-implicit scheme: viscosity and body force, with direct iteration (eqs 4-9, 12, 17, 18).
+"""Explicit predictor of the semi-implicit scheme: viscosity, body force, direct iteration (eqs 4-9, 12, 17, 18).
 
     u* = u^k + (dt/rho) [ (eta + Lambda) lap u^k + 2 e_ij dLambda/dx_j ] + dt F
 
@@ -118,7 +118,7 @@ class ExplicitViscosity:
 
     @ti.kernel
     def explicit_step(self, dt: float):
-        """u* from eq 17 (flowing) or without the gradient of Lambda (eq 8); the relative change; the largest viscosity."""
+        """u* from eq 17, without the gradient of Lambda where unyielded (eq 8); relative change; largest viscosity."""
         for block in range((self.particles.count[None] + BLOCK - 1) // BLOCK):
             sums = ti.Vector.zero(ti.f64, 2)
             largest = ti.cast(self.eta, float)

@@ -238,7 +238,8 @@ def film(cells, depth, material, force, seconds):
     length = 8 * spacing
     scene = mps.Scene(
         name="film", material=material, spacing=spacing, fluid=mps.lattice((0.0, 0.0), (length, depth), spacing),
-        walls=(mps.Plane((0.0, 0.0), (0.0, 1.0)),), wall_particles=mps.lattice((0.0, -3 * spacing), (length, 0.0), spacing),
+        walls=(mps.Plane((0.0, 0.0), (0.0, 1.0)),),
+        wall_particles=mps.lattice((0.0, -3 * spacing), (length, 0.0), spacing),
         domain=((0.0, -3 * spacing), (length, depth + 5 * spacing)), periodic=(True, False),
         gravity=(force / material.density, 0.0),
     )  # fmt: skip
