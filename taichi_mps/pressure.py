@@ -20,9 +20,15 @@ DENSITY_SHARE = 0.01  # gamma: share of the density error removed per step by th
 class PressurePoisson:
     """Pressure P^{k+1} at r*, from ``gradient`` built there.
 
-    source 'density': eq 19. 'mixed': lap P = (rho/dt) div u* - gamma (rho/dt^2) (n* - n0)/n0.
-    gradient 'literal': eq 11 with P_j - P_i. 'conservative': sum (P_i B_i + P_j B_j) b_ij, the adjoint of the
-    least-squares gradient (gradient.py): equal and opposite within each pair.
+    source 'density': eq 19, the paper's. The whole density error is removed in one step, so velocities of l0/dt times
+    that error appear: in a pool of 50 Pa s at rest 0.4 m/s and 1.6-4.8 rho g h of pressure error after 0.8 s.
+    'mixed': lap P = (rho/dt) div u* - gamma (rho/dt^2) (n* - n0)/n0. The same pool: 5 mm/s and 6 %.
+
+    gradient 'literal': eq 11 with P_j - P_i, the paper's. It attracts as well as repels: particles clump, n* of a pair
+    that meets explodes, and a slump of 100 Pa (l0 = 0.02 m) ends at 0.15 s with either source.
+    'conservative': sum (P_i B_i + P_j B_j) b_ij, the adjoint of the least-squares gradient (gradient.py), equal and
+    opposite within each pair. With source 'mixed' the pool is at 0.9 % (median; single steps more, where a surface
+    particle changes sides) and the slump runs to its end.
     """
 
     def __init__(self, particles, gradient, density: float, constants, source: str, pair_gradient: str):
