@@ -1,8 +1,8 @@
 """Plane walls that act on the fluid without wall particles.
 
 Behind a wall the lattice of particles goes on as ghosts; a particle at distance z sees tabulated sums over them
-(weights.half_space_table). Ghost velocities mirror the fluid's, u_g = -(d/z) u(mirror point) for no-slip; written
-with the particle's own velocity and gradient, the wall adds to the least-squares fit of particle i
+(weights.half_space_table). Ghost velocities mirror the fluid's, for no-slip u_g = -u(mirror point) with the latter
+from the particle's own velocity and gradient; the wall then adds to the least-squares fit of particle i
 
     N_i += (u_i - u_wall) (x) n c(z),   M_i += c(z) z n (x) n + t(z) (I - n (x) n),   c = 2 sum (w/r^2)(z + d)
 
