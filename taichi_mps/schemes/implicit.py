@@ -26,6 +26,8 @@ FIRST_PASSES = 30  # the pressure and the stress of the first step are found fro
 class Implicit:
     """Implicit coupled scheme for Newtonian, Bingham and bi-viscosity fluids in two or three dimensions."""
 
+    REMEDY = "lower max_time_step or courant_number, or use precision f64"
+
     def __init__(self, scene, numerics, particles, neighbors, walls, constants):
         material, d = scene.material, scene.dimension
         self.particles, self.neighbors, self.walls = particles, neighbors, walls

@@ -15,6 +15,8 @@ from ..viscosity import ExplicitViscosity
 class SemiImplicit:
     """Semi-implicit scheme for Newtonian and bi-viscosity Bingham fluids in two or three dimensions."""
 
+    REMEDY = "use source = mixed with gradient = conservative, or the scheme implicit"
+
     def __init__(self, scene, numerics, particles, neighbors, walls, constants):
         self.particles, self.neighbors = particles, neighbors
         self.numerics = numerics
