@@ -71,8 +71,8 @@ def lattice(low, high, spacing, offset=0.5):
     low, high = np.asarray(low, float), np.asarray(high, float)
     offsets = np.broadcast_to(offset, low.shape)
     axes = [
-        l + spacing * (o + np.arange(max(0, int(np.floor((h - l) / spacing - o + 1 + 1e-9)))))
-        for l, h, o in zip(low, high, offsets, strict=True)
+        lo + spacing * (o + np.arange(max(0, int(np.floor((hi - lo) / spacing - o + 1 + 1e-9)))))
+        for lo, hi, o in zip(low, high, offsets, strict=True)
     ]
     return np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, len(low))
 

@@ -53,7 +53,7 @@ class Walls:
         """Neighbours and n [-], and the moment matrix [-] that the walls add at x."""
         count_n = ti.Vector.zero(float, 2)
         moment = ti.Matrix.zero(float, self.dimension, self.dimension)
-        for point, n, velocity, slip in ti.static(self.planes):
+        for point, n, _velocity, slip in ti.static(self.planes):
             z = self.distance(point, n, x)
             if z < self.effective_radius:
                 sums = self.lookup(z)
@@ -81,7 +81,7 @@ class Walls:
     def force_term(self, x, flux):
         """Force of the walls on a particle with flux matrix P = V T B: the exact adjoint of gradient_term."""
         total = ti.Vector.zero(float, self.dimension)
-        for point, n, velocity, slip in ti.static(self.planes):
+        for point, n, _velocity, slip in ti.static(self.planes):
             z = self.distance(point, n, x)
             if z < self.effective_radius:
                 pull = flux @ n
@@ -108,7 +108,7 @@ class Walls:
         """sum of n c [1/m] over the walls, and of c/z [1/m2] (for the diagonal)."""
         total = ti.Vector.zero(float, self.dimension)
         drag = ti.cast(0.0, float)
-        for point, n, velocity, slip in ti.static(self.planes):
+        for point, n, _velocity, _slip in ti.static(self.planes):
             z = self.distance(point, n, x)
             if z < self.effective_radius:
                 c = self.lookup(z)[2]
@@ -120,7 +120,7 @@ class Walls:
     def hydrostatic(self, x, weight, B):
         """Force density [N/m3] by which the ghosts' pressure exceeds the particle's own under rho g = ``weight``."""
         total = ti.Vector.zero(float, self.dimension)
-        for point, n, velocity, slip in ti.static(self.planes):
+        for point, n, _velocity, _slip in ti.static(self.planes):
             z = self.distance(point, n, x)
             if z < self.effective_radius:
                 total -= B @ n * (n.dot(weight) * self.lookup(z)[4])
@@ -131,7 +131,7 @@ class Walls:
         """sum w e and sum max(0, 1 - r/(1.5 l0)) e over the ghosts, e the direction from x to each [-]."""
         inward = ti.Vector.zero(float, self.dimension)
         near = ti.Vector.zero(float, self.dimension)
-        for point, n, velocity, slip in ti.static(self.planes):
+        for point, n, _velocity, _slip in ti.static(self.planes):
             z = self.distance(point, n, x)
             if z < self.effective_radius:
                 sums = self.lookup(z)
@@ -143,7 +143,7 @@ class Walls:
     def outside(self, x):
         """x moved out of the solids [m]: at least ``closest`` in front of every wall."""
         y = x
-        for point, n, velocity, slip in ti.static(self.planes):
+        for point, n, _velocity, _slip in ti.static(self.planes):
             z = self.distance(point, n, y)
             if z < self.closest:
                 y = y + ti.cast(n * (self.closest - z), ti.f64)

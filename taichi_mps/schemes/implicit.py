@@ -136,7 +136,7 @@ class Implicit:
             h = NON_AFFINE * self.eta + INERTIAL * self.density * self.spacing**2 / dt
             if ti.static(self.law == "bingham"):
                 mu = self.mu_r
-            if ti.static(self.law != "newtonian"):
+            if ti.static(self.law != "newtonian"):  # noqa: SIM102  (a compiled choice stays apart)
                 if first == 0:
                     h += NON_AFFINE * self.tau_y / ti.max(rate, SLOWEST)
             if ti.static(self.law == "bi-viscosity"):
