@@ -35,6 +35,7 @@ CASES |= {
     "semi-implicit-improved-3": dict(scheme="semi-implicit", case=3, until=0.05, numerics=IMPROVED),
     "semi-implicit-coarse-1": dict(scheme="semi-implicit", case=1, until=8.0, spacing=0.02, numerics=IMPROVED),
 }
+BEGIN, END = "<!-- written by benchmarks/paper_cases.py draw -->", "<!-- end -->"
 YIELD_VALUES = (50.0, 100.0, 200.0, 300.0, 500.0, 750.0, 1000.0, 1500.0)
 CASES |= {f"yield-{tau:g}": dict(scheme="implicit", yield_value=tau, until=5.0) for tau in YIELD_VALUES}
 
@@ -120,17 +121,18 @@ def load(name):
     return json.loads(path.read_text()) if path.exists() else None
 
 
-def reference(tau_y, eta, model="A", gc=0.0):
-    """Finite-element milestones: time [s], mean slump over r < 20 mm [m], spread [m]."""
-    path = ROOT / "tests" / "reference" / "fe_inertial_slump_summary.csv"
+def reference(tau_y, eta, model="A", gc=0.0, file="summary"):
+    """Finite elements: rows of time [s], mean slump over r < 20 mm [m], spread [m]; file summary or history."""
+    slump, spread = ("mean20_mm", "spread_mm") if file == "summary" else ("slump_mean_r20_mm", "spread_diam_mm")
+    path = ROOT / "tests" / "reference" / f"fe_inertial_slump_{file}.csv"
     with open(path) as lines:
         rows = csv.DictReader(line for line in lines if not line.startswith("#"))
         found = [
-            (float(r["time_s"]), 1e-3 * float(r["mean20_mm"]), 1e-3 * float(r["spread_mm"]))
+            (float(r.get("time_s") or r["t_s"]), 1e-3 * float(r[slump]), 1e-3 * float(r[spread]))
             for r in rows
             if r["model"] == model
             and (float(r["tau_Pa"]), float(r["eta_Pa_s"]), float(r["gc_1_s"])) == (tau_y, eta, gc)
-            and r["kind"] in ("fixed", "after_arrest")
+            and r.get("kind", "fixed") in ("fixed", "after_arrest")
         ]
     return np.array(sorted(found))
 
@@ -187,7 +189,7 @@ def draw():
     def references(cases):
         out = {}
         for k in cases:
-            ref = reference(*PAPER[k])
+            ref = reference(*PAPER[k], file="history")
             out[f"finite elements #{k}"] = (ref[:, 0], ref[:, 1])
         return out
 
@@ -223,14 +225,33 @@ def draw():
         if len(pictures) == 4:
             top, bottom = np.hstack(pictures[:2]), np.hstack(pictures[2:])
             imageio.imwrite(FIGURES / f"{figure}.png", np.vstack([top, bottom]))
-    text = "## True Bingham, scheme `implicit` (slump at the axis, mm)\n\n"
+    text = "### True Bingham, scheme `implicit`\n\n"
     text += table([f"implicit-{k}" for k in PAPER], "A", 0.0)
-    text += "\n\n## The paper's bi-viscosity law (pi_c = 0.1 1/s), scheme `implicit` (mm)\n\n"
+    text += "\n\n### The paper's bi-viscosity law (pi_c = 0.1 1/s), scheme `implicit`\n\n"
     text += table([f"bi-viscosity-{k}" for k in (1, 2, 3, 5)], "B", 0.2)
-    text += "\n\n## The paper's scheme, literal: `semi-implicit` (mm)\n\n"
+    text += "\n\n### The paper's scheme: `semi-implicit`\n\n"
     text += table([name for name in CASES if name.startswith("semi-implicit")], "B", 0.2)
-    (RESULTS / "paper_tables.md").write_text(text + "\n")
+    text += "\n\n" + cost_table([name for name in CASES if name.startswith("semi-implicit")])
+    page = ROOT / "docs" / "validation.md"
+    before, rest = page.read_text().split(BEGIN)
+    page.write_text(f"{before}{BEGIN}\n\n{text}\n\n{END}{rest.split(END)[1]}")
     print(text)
+
+
+def cost_table(names):
+    """Markdown: steps, iterations and cost of each case, and what 5 s would take at that rate."""
+    lines = ["| case | dt [s], least - median - most | steps | direct iterations | CG iterations | CPU-s a step | 5 s at the median dt |"]
+    lines.append("|" + "---|" * 7)
+    for name in names:
+        if result := load(name):
+            s, dt = result["summary"], result["dt_s"]
+            step = s["cpu_seconds"] / max(1, s["steps"] - 1)
+            lines.append(
+                f"| {name} | {dt[0]:.2g} - {dt[1]:.2g} - {dt[2]:.2g} | {s['steps']} "
+                f"| {result['mean_viscous_iterations']:.2f} | {result['mean_pressure_iterations']:.1f} "
+                f"| {step:.3f} | {5 / dt[1] * step / 3600:.2f} CPU-h |"
+            )
+    return "\n".join(lines)
 
 
 if __name__ == "__main__":

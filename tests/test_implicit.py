@@ -48,12 +48,19 @@ def fall(request):
 
 
 def test_free_fall_is_exact(fall):
-    """x = u0 t + g t^2/2 and u = u0 + g t, whatever the steps, where particles carry no stress or lie in a line."""
-    s, exact_u, exact_x = fall.snapshot(), fall_velocity(fall), fall_position(fall)
-    assert s.time == pytest.approx(0.2, rel=1e-12) and fall.steps > 10
-    free = np.ptp(s.x[None] - s.x[:, None], axis=1).shape[0]
-    assert free
-    assert np.abs(s.u - exact_u).max() < 1e-9
+    """x = u0 t + g t^2/2 and u = u0 + g t, whatever the steps: to rounding for one, two, and particles in a line.
+
+    A triangle in 2-D and a plane in 3-D carry stress; the smoothing of the pressure keeps a hydrostatic part there
+    that free fall does not have, and is 0.1 % of the speed off.
+    """
+    s, d = fall.snapshot(), fall.scene.dimension
+    g, t = np.array([0.0] * (d - 1) + [-9.81]), 0.2
+    assert s.time == pytest.approx(t, rel=1e-12) and fall.steps > 10
+    speed_error = np.abs(s.u - START[:d] - g * t).max(1)
+    place_error = np.abs(s.x - fall.scene.fluid - START[:d] * t - 0.5 * g * t**2).max(1)
+    loose = np.isin(np.arange(len(s.x)), [0, 1, 2, 6, 7, 8, 9, 10])  # the single one, the pair, the line
+    assert speed_error[loose].max() < 1e-9 and place_error[loose].max() < 1e-9
+    assert speed_error.max() < 2e-3 and place_error.max() < 0.01 * L0
 
 
 def test_stress_is_carried_only_by_yield_stress_fluids(fall):

@@ -46,6 +46,7 @@ class Implicit:
         self.max_time_step = numerics.max_time_step or longest_step(
             self.eta / self.density, gravity, height, scene.spacing
         )
+        self.viscous_time = self.density * height**2 / (9.87 * self.eta)  # within it a flow starts from rest [s]
         self.layer_pressure = 0.5 * self.density * max(gravity, 0.1) * scene.spacing
         self.mu_r = max(6.0 * self.eta, 0.6 * self.tau_y)
         self.bulk = STIFFNESS * self.density * max(gravity, 0.1) * height * self.max_time_step
@@ -92,9 +93,10 @@ class Implicit:
             iterations += report.iterations
             residual, status = report.residuals[-1], report.status
             self.update_stress(self.solver.x)
+        at_once = self.first and self.viscous_time < dt
         self.first = False
         self.shifting.compute(dt, STRAIN_SCALE)
-        self.advance(dt, self.solver.x)
+        self.advance(dt, self.solver.x, 0.0 if at_once else 0.5)
         return {
             "viscous_iterations": passes,
             "pressure_iterations": iterations,
@@ -197,8 +199,8 @@ class Implicit:
                 self.yielded[i] = 1
 
     @ti.kernel
-    def advance(self, dt: float, u: ti.template()):
-        """p <- p~ - K (div u - s); rotate the stress with the material; x <- x + dt (u^n + u)/2 + shift."""
+    def advance(self, dt: float, u: ti.template(), share: float):
+        """Keep p; rotate the stress with the material; x <- x + dt (share u^n + (1 - share) u) + shift."""
         for i in range(self.particles.count[None]):
             self.particles.p[i] = self.smooth_p[i]
             if ti.static(self.law == "bingham"):
@@ -208,7 +210,7 @@ class Implicit:
                 self.particles.stress[i] = stress + dt * (W @ stress - stress @ W)
         for i in range(self.particles.count[None]):
             if self.particles.kind[i] == FLUID:
-                mean = 0.5 * (self.particles.u[i] + u[i])
+                mean = share * self.particles.u[i] + (1.0 - share) * u[i]
                 move = ti.cast(dt * mean + self.shifting.shift[i], ti.f64)
                 self.particles.u[i] = u[i]
                 self.particles.x[i] = self.walls.outside(self.particles.x[i] + move)
