@@ -76,7 +76,7 @@ def run_case(name):
             rate = s.snapshot().shear_rate
             samples[f"{s.time:g}"] = np.round(np.quantile(rate, np.linspace(0, 1, 60)), 5).tolist()
 
-    sim.every(0.1 if settings["until"] > 20 else 0.05 if settings["until"] > 5 else 0.01, record)
+    sim.every(settings["until"] / 500 if name.startswith("semi") else 0.1 if settings["until"] > 20 else 0.01, record)
     sim.every(0.1, picture)
     sim.each_step(count)
     begin, error = time.time(), None

@@ -141,9 +141,7 @@ class Simulation:
             self._stage("reorder", self.bins.sort)
             self._stage("neighbours", self.neighbors.build)
         except EscapedError as error:
-            raise DivergedError(
-                f"{error} at t = {self.time:.6g} s: enlarge the scene's domain or lower courant_number", self.report
-            ) from None
+            self._diverge(f"{error}; {self.scheme.REMEDY}, or enlarge the scene's domain")
         except CapacityError:
             self._pairs_per_particle *= 2.0
             state = self.state()
@@ -211,9 +209,13 @@ class Simulation:
         elif result["status"] in ("broken", "indefinite"):
             crossed = f"the matrix of the linear solve is {result['status']}"
         if crossed:
-            where = f"diverged at t = {self.time:.6g} s, step {self.steps}"
-            raise DivergedError(f"{where}: {crossed}; {self.scheme.REMEDY}", report)
+            self.report = report
+            self._diverge(f"{crossed}; {self.scheme.REMEDY}")
         return report
+
+    def _diverge(self, why: str):
+        self.stopped_by = "diverged"
+        raise DivergedError(f"diverged at t = {self.time:.6g} s, step {self.steps}: {why}", self.report) from None
 
     def _find_runaway_speed(self) -> float:
         """Ten times the speed [m/s] of a fall through the whole domain, or of what moves at the start."""
@@ -333,7 +335,7 @@ class Simulation:
             "cpu_seconds": self.cpu_seconds,
             "compile_seconds": self.compile_seconds,
             "stopped_by": self.stopped_by,
-            **self.measures(),
+            **({} if self.stopped_by == "diverged" else self.measures()),  # nothing can be measured on what is left
             "volume_error": report.volume_error if report else 0.0,
             "backend": started(),
             "version": __version__,
