@@ -240,7 +240,10 @@ def draw():
 
 def cost_table(names):
     """Markdown: steps, iterations and cost of each case, and what 5 s would take at that rate."""
-    lines = ["| case | dt [s], least - median - most | steps | direct iterations | CG iterations | CPU-s a step | 5 s at the median dt |"]
+    lines = [
+        "| case | dt [s], least - median - most | steps | direct iterations | CG iterations | CPU-s a step "
+        "| 5 s at the median dt |"
+    ]
     lines.append("|" + "---|" * 7)
     for name in names:
         if result := load(name):

@@ -13,6 +13,10 @@ import numpy as np
 import taichi_mps as mps
 from taichi_mps.quantity import Density, Duration, Length, StrainRate, Viscosity, YieldValue
 
+# Rest slump of the standard cone by finite elements with inertia, rho = 2300 kg/m3, eta = 50 Pa s, true Bingham:
+# yield value [Pa], slump over r < 20 mm [m]; own solution, +-0.4 mm
+AT_REST = np.array([[100.0, 0.2482], [300.0, 0.2173], [500.0, 0.1799], [1000.0, 0.1015]])
+
 
 @mps.checked
 def scene(
@@ -44,6 +48,17 @@ def scene(
     outline += [
         np.column_stack([0.5 * w * ring, np.full(49, z)]) for w, z in ((base_diameter, 0), (top_diameter, height))
     ]
+    standard = (density, plastic_viscosity, critical_strain_rate, base_diameter, top_diameter, height)
+    known = standard == (2300.0, 50.0, None, 0.2, 0.1, 0.3) and 100.0 <= yield_value <= 1000.0
+
+    def check(snapshot, measures):
+        """At rest: within l0 (10 mm at least) of the finite elements for the standard cone; always: on the floor."""
+        assert snapshot.x[:, 2].min() > 0.0 and 0.0 <= measures["slump_m"] < height, measures
+        assert np.hypot(snapshot.x[:, 0], snapshot.x[:, 1]).max() < floor_radius, "off the floor"
+        if known and snapshot.speed.max() < 0.01:
+            slump = np.interp(yield_value, *AT_REST.T)
+            assert abs(measures["slump_m"] - slump) < max(spacing, 0.01), (measures, slump)
+
     return mps.Scene(
         name="slump",
         material=material,
@@ -55,6 +70,7 @@ def scene(
         until=until,
         stop_at_rest=True,
         measure=partial(mps.measure.slump, height=height),
+        check=check,
         outline=tuple(outline),
     )
 

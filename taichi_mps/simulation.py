@@ -73,6 +73,7 @@ class Simulation:
         self._each_step: list = []
         self._interrupted = False
         self._last_dt = None
+        self._wall_speed = max((float(np.linalg.norm(w.velocity)) for w in scene.walls if w.velocity), default=0.0)
         self._runaway_speed = self._find_runaway_speed()
         self._resting_since: float | None = None
 
@@ -110,7 +111,7 @@ class Simulation:
     def step(self, until: float | None = None) -> StepReport:
         """One time step, at most to ``until`` [s]."""
         cpu = time.process_time()
-        speed = self.report.max_speed if self.report else self._initial_speed()
+        speed = max(self.report.max_speed if self.report else self._initial_speed(), self._wall_speed)
         limits = self.scheme.time_step_limits(speed)
         if self._last_dt is not None:
             limits["growth"] = 2.0 * self._last_dt
@@ -222,9 +223,8 @@ class Simulation:
         scene = self.scene
         size = float(np.linalg.norm(np.subtract(*scene.domain)))
         fall = math.sqrt(2.0 * float(np.linalg.norm(scene.gravity_vector)) * size)
-        walls = max((float(np.linalg.norm(w.velocity)) for w in scene.walls if w.velocity), default=0.0)
         start = 0.0 if scene.velocity is None else float(np.linalg.norm(scene.velocity, axis=1).max())
-        return 10.0 * (fall + walls + start) or math.inf
+        return 10.0 * (fall + self._wall_speed + start) or math.inf
 
     # ---- running --------------------------------------------------------------------------------------------
     def every(self, interval: float, callback) -> None:

@@ -36,7 +36,7 @@ def fall(request):
     x = groups(d)
     scene = mps.Scene(
         name="fall",
-        material=mps.Newtonian(viscosity=5.0) if d == 3 else mps.Bingham(plastic_viscosity=5.0),
+        material=mps.Newtonian(viscosity=50.0) if d == 3 else mps.Bingham(),
         spacing=L0,
         fluid=x,
         velocity=np.tile(START[:d], (len(x), 1)),
@@ -48,20 +48,13 @@ def fall(request):
 
 
 def test_free_fall_is_exact(fall):
-    """x = u0 t + g t^2/2 and u = u0 + g t, whatever the steps: to rounding for one, two, and particles in a line.
-
-    A triangle in 2-D and a plane in 3-D carry stress; the smoothing of the pressure keeps a hydrostatic part there
-    that free fall does not have, and is 0.1 % of the speed off. The bodies are thin enough to gather speed over
-    many steps; one whose viscous time is shorter than the first step is moved at its end velocity there.
-    """
+    """x = u0 t + g t^2/2 and u = u0 + g t to rounding, whatever the steps and whether or not the set carries stress."""
     s, d = fall.snapshot(), fall.scene.dimension
     g, t = np.array([0.0] * (d - 1) + [-9.81]), 0.2
     assert s.time == pytest.approx(t, rel=1e-12) and fall.steps > 10
     speed_error = np.abs(s.u - START[:d] - g * t).max(1)
     place_error = np.abs(s.x - fall.scene.fluid - START[:d] * t - 0.5 * g * t**2).max(1)
-    loose = np.isin(np.arange(len(s.x)), [0, 1, 2, 6, 7, 8, 9, 10])  # the single one, the pair, the line
-    assert speed_error[loose].max() < 1e-9 and place_error[loose].max() < 1e-9
-    assert speed_error.max() < 2e-3 and place_error.max() < 0.02 * L0
+    assert speed_error.max() < 1e-9 and place_error.max() < 1e-9
 
 
 def test_stress_is_carried_only_by_yield_stress_fluids(fall):

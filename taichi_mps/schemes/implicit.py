@@ -46,7 +46,6 @@ class Implicit:
         self.max_time_step = numerics.max_time_step or longest_step(
             self.eta / self.density, gravity, height, scene.spacing
         )
-        self.viscous_time = self.density * height**2 / (9.87 * self.eta)  # within it a flow starts from rest [s]
         self.layer_pressure = 0.5 * self.density * max(gravity, 0.1) * scene.spacing
         self.mu_r = max(6.0 * self.eta, 0.6 * self.tau_y)
         self.bulk = STIFFNESS * self.density * max(gravity, 0.1) * height * self.max_time_step
@@ -93,10 +92,9 @@ class Implicit:
             iterations += report.iterations
             residual, status = report.residuals[-1], report.status
             self.update_stress(self.solver.x)
-        at_once = self.first and self.viscous_time < dt
-        self.first = False
         self.shifting.compute(dt, STRAIN_SCALE)
-        self.advance(dt, self.solver.x, 0.0 if at_once else 0.5)
+        self.advance(dt, self.solver.x, self.first)
+        self.first = False
         return {
             "viscous_iterations": passes,
             "pressure_iterations": iterations,
@@ -104,20 +102,27 @@ class Implicit:
             "status": status,
         }
 
+    @ti.func
+    def pressed(self, p):
+        """0 where there is no pressure to 1 from that of half a layer of particles [-]."""
+        return ti.max(0.0, ti.min(1.0, p / self.layer_pressure))
+
     @ti.kernel
     def smooth_pressure(self):
-        """p~ = (1-a) p_i + a sum w (p_j - rho g.r_ij)/sum w over particles that carry stress."""
+        """p~ = (1-a) p_i + a sum w (p_j - f rho g.r_ij)/sum w over particles that carry stress; f fades to zero where
+        p_i is below that of half a layer, for a body in free fall has no hydrostatic part."""
         for i in range(self.particles.count[None]):
             p = ti.cast(0.0, float)
             if self.gradient.B[i][0, 0] > 0.0:
                 x = self.particles.x[i]
                 total, weight = ti.cast(0.0, float), ti.cast(0.0, float)
+                heavy = self.density * self.g * self.pressed(self.particles.p[i])
                 for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
                     j = self.neighbors.column[k]
                     if self.gradient.B[j][0, 0] > 0.0:
                         r = ti.cast(self.neighbors.bins.displacement(x, self.particles.x[j]), float)
                         w = self.gradient.weight_r2[k] * r.dot(r)
-                        total += w * (self.particles.p[j] - self.density * self.g.dot(r))
+                        total += w * (self.particles.p[j] - heavy.dot(r))
                         weight += w
                 p = self.particles.p[i]
                 if weight > 0.0:
@@ -167,9 +172,8 @@ class Implicit:
                 inertia = self.system.mass_rate[None] * self.particles.u[i]
                 b[i] = inertia + self.mass * self.g + self.gradient.force(i, self.system.flux)
                 if ti.static(len(self.walls.planes) > 0):
-                    pressed = ti.max(0.0, ti.min(1.0, self.smooth_p[i] / self.layer_pressure))
-                    support = self.walls.hydrostatic(self.particles.x[i], self.density * self.g, self.gradient.B[i])
-                    b[i] += pressed * self.volume * support
+                    heavy = self.density * self.g * self.pressed(self.smooth_p[i])
+                    b[i] += self.volume * self.walls.hydrostatic(self.particles.x[i], heavy, self.gradient.B[i])
 
     @ti.kernel
     def update_stress(self, u: ti.template()):
@@ -199,8 +203,9 @@ class Implicit:
                 self.yielded[i] = 1
 
     @ti.kernel
-    def advance(self, dt: float, u: ti.template(), share: float):
-        """Keep p; rotate the stress with the material; x <- x + dt (share u^n + (1 - share) u) + shift."""
+    def advance(self, dt: float, u: ti.template(), first: ti.i32):
+        """Keep p; rotate the stress with the material; x <- x + dt (u^n + u)/2 + shift. In the first step a particle
+        that viscosity holds (it gains less than half of free fall) had its speed at once: x <- x + dt u."""
         for i in range(self.particles.count[None]):
             self.particles.p[i] = self.smooth_p[i]
             if ti.static(self.law == "bingham"):
@@ -210,7 +215,9 @@ class Implicit:
                 self.particles.stress[i] = stress + dt * (W @ stress - stress @ W)
         for i in range(self.particles.count[None]):
             if self.particles.kind[i] == FLUID:
-                mean = share * self.particles.u[i] + (1.0 - share) * u[i]
+                mean = 0.5 * (self.particles.u[i] + u[i])
+                if first != 0 and (u[i] - self.particles.u[i]).norm() < 0.5 * self.g.norm() * dt:
+                    mean = u[i]
                 move = ti.cast(dt * mean + self.shifting.shift[i], ti.f64)
                 self.particles.u[i] = u[i]
                 self.particles.x[i] = self.walls.outside(self.particles.x[i] + move)
