@@ -33,7 +33,7 @@ CASES |= {
     "semi-implicit-3": dict(scheme="semi-implicit", case=3, until=0.05),
     "semi-implicit-improved-1": dict(scheme="semi-implicit", case=1, until=0.5, numerics=IMPROVED),
     "semi-implicit-improved-3": dict(scheme="semi-implicit", case=3, until=0.05, numerics=IMPROVED),
-    "semi-implicit-coarse-1": dict(scheme="semi-implicit", case=1, until=8.0, spacing=0.02, numerics=IMPROVED),
+    "semi-implicit-coarse-3": dict(scheme="semi-implicit", case=3, until=4.0, spacing=0.025, numerics=IMPROVED),
 }
 BEGIN, END = "<!-- written by benchmarks/paper_cases.py draw -->", "<!-- end -->"
 YIELD_VALUES = (50.0, 100.0, 200.0, 300.0, 500.0, 750.0, 1000.0, 1500.0)
