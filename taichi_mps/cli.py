@@ -1,4 +1,4 @@
-"""The command line: taichi-mps run | resume | render | plot | scenes | info. Taichi is imported when a run starts."""
+"""The command line: run | resume | render | plot | validate | scenes | info. Taichi is imported when a run starts."""
 
 import io
 import json
@@ -259,7 +259,24 @@ def tell(facts, as_json: bool, text: str) -> None:
     print(json.dumps(facts) if as_json else text)
 
 
-COMMANDS = {"run": run, "resume": resume, "render": render, "plot": plot, "scenes": scenes, "info": info}
+def validate(argv) -> int:
+    """run the validation table, or some of its rows"""
+    parser = Parser("validate", description="Run cases with a known answer; a missed target is reported, not an error.")
+    parser.add_argument("rows", nargs="*", help="names of rows; all by default")
+    parser.add_argument("--quick", action="store_true", help="only the rows of a few seconds")
+    parser.add_argument("--out", default="renders/validation", help="folder for table.md and a JSON file a row")
+    parser.add_argument("--page", help="Markdown page with the marks of the table, to write it into")
+    parser.add_argument("--json", action="store_true", help="print the results as JSON")
+    arguments = parser.parse(argv)
+    from .validation import table as validation
+
+    text, results = validation.run_table(arguments.rows, arguments.quick, Path(arguments.out), arguments.page)
+    tell(results, arguments.json, text)
+    return DONE
+
+
+COMMANDS = {"run": run, "resume": resume, "render": render, "plot": plot, "validate": validate}
+COMMANDS |= {"scenes": scenes, "info": info}
 
 
 def main(argv=None) -> int:

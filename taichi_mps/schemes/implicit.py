@@ -18,7 +18,7 @@ SLOWEST = 0.5  # shear rate [1/s] below which the non-affine resistance of a yie
 SMOOTHING = 0.6  # share of the neighbours' mean in the pressure
 SOURCE = 0.05  # share of the density error removed per step
 STRAIN_SCALE = 0.02  # strain per step above which density source and shift act fully
-STIFFNESS = 75.0  # K = STIFFNESS rho g H dt_max: a pressure of rho g H compresses by 1/75 in one pass
+STIFFNESS = 75.0  # K = STIFFNESS rho (g H + U^2) dt_max: that pressure compresses by 1/75 in one pass
 FIRST_PASSES = 30  # the pressure and the stress of the first step are found from zero
 
 
@@ -48,7 +48,12 @@ class Implicit:
         )
         self.layer_pressure = 0.5 * self.density * max(gravity, 0.1) * scene.spacing
         self.mu_r = max(6.0 * self.eta, 0.6 * self.tau_y)
-        self.bulk = STIFFNESS * self.density * max(gravity, 0.1) * height * self.max_time_step
+        speeds = [float((scene.velocity**2).sum(1).max() ** 0.5)] if scene.velocity is not None else []
+        speed = max(
+            speeds + [sum(v * v for v in wall.velocity) ** 0.5 for wall in scene.walls if wall.velocity] + [0.0]
+        )
+        head = max(gravity, 0.1) * height + speed**2  # the pressure to expect, over the density [m2/s2]
+        self.bulk = STIFFNESS * self.density * head * self.max_time_step
         self.gradient = Gradient(neighbors, walls, constants)
         self.system = MomentumSystem(particles, self.gradient, walls, self.volume)
         self.system.bulk[None] = self.bulk

@@ -1,0 +1,54 @@
+"""The validation table: cases with an exact or independent answer, run and judged by ``taichi-mps validate``.
+
+A row is a function that runs one case and yields what it measured, each beside its target. Rows stand in
+``flows.py``, ``slumps.py`` and ``fluids.py``; ``table.py`` runs them, each in a process of its own.
+"""
+
+import csv
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+REFERENCE = Path(__file__).parent / "reference"
+ROWS: dict[str, "Row"] = {}
+
+
+@dataclass(frozen=True)
+class Measured:
+    """One number of a row: what it is, its value, and what it must not exceed (both in ``unit``)."""
+
+    quantity: str
+    value: float
+    target: float
+    unit: str = "-"
+
+    @property
+    def met(self) -> bool:
+        return abs(self.value) <= self.target  # never true for a nan
+
+
+@dataclass(frozen=True)
+class Row:
+    """One case of the table."""
+
+    name: str
+    case: str  # what flows
+    reference: str  # where the right answer comes from
+    quick: bool  # belongs to --quick and to the test suite
+    run: Callable  # yields Measured
+
+
+def row(case: str, reference: str, quick: bool = False):
+    """Register a generator of Measured as a row named like the function."""
+
+    def register(function):
+        ROWS[function.__name__] = Row(function.__name__, case, reference, quick, function)
+        return function
+
+    return register
+
+
+def read_reference(name: str) -> list[dict[str, str]]:
+    """Rows of a reference CSV by column name; comment lines start with #."""
+    with open(REFERENCE / name, newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(line for line in file if not line.startswith("#")))
