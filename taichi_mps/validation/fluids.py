@@ -47,11 +47,17 @@ def dam_break_front():
     times, reach = [], []
     sim.every(0.01, lambda s: (times.append(s.time), reach.append(s.measures()["front_m"])))
     sim.run()
-    t = np.array(times) * (2 * 9.81 / a) ** 0.5
+    t, reach = np.array(times) * (2 * 9.81 / a) ** 0.5, np.array(reach) / a
     at, z = known["t*sqrt(2g/a)"], known["z/a"]
     covered = (at < t[-1]) & (z < 3.9)
-    error = np.abs(np.interp(at[covered], t, np.array(reach) / a) / z[covered] - 1)
-    yield Measured(f"front, largest relative error of {covered.sum()} points", float(error.max()), 0.05)
+
+    def error(delay):
+        return float(np.abs(np.interp(at[covered] - delay, t, reach) / z[covered] - 1).max())
+
+    delay = min(np.linspace(0.0, 0.3, 31), key=error)
+    points = f"largest relative error of {covered.sum()} points"
+    yield Measured(f"front, {points}, experiment's gate {delay:.2f} sqrt(a/2g) late", error(delay), 0.05)
+    yield Measured(f"front, {points}, no delay", error(0.0), 0.05)
 
 
 @row("dam break, H = 0.6 m, H/l0 = 30: pressure at the far wall, y = 160 mm", "Buchner (2002), digitised")
