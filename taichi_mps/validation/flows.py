@@ -234,10 +234,7 @@ def threshold_numbers(name, solid, across):
     low, high = 0.85 * middle, 1.15 * middle
     for _ in range(4):
         b = 0.5 * (low + high)
-        if top_speed(solid, across, b) > CREEP:
-            low = b
-        else:
-            high = b
+        low, high = (b, high) if top_speed(solid, across, b) > CREEP else (low, b)
     found = 0.5 * (low + high)
     outside = max(0.0, flows - found, found - stands) / middle
     yield Measured(f"critical tau_y/(rho g H) {found:.3f} from the middle of {flows:g} to {stands:g}, relative",
