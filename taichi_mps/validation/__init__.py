@@ -24,7 +24,7 @@ class Measured:
 
     @property
     def met(self) -> bool:
-        return abs(self.value) <= self.target  # never true for a nan
+        return bool(abs(self.value) <= self.target)  # never true for a nan
 
 
 @dataclass(frozen=True)

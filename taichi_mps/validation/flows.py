@@ -289,7 +289,7 @@ def rotation_numbers(dimension, across):
 SPIN = "omega R^2/nu = 1, over 0.1 R^2/nu; again with the time step capped to 200 steps"
 
 
-@row(f"free spinning Newtonian disc, R = 10 l0, {SPIN}", "exact: none is lost", quick=True)
+@row(f"free spinning Newtonian disc, R = 10 l0, {SPIN}", "exact: none is lost")
 def rotating_disc():
     yield from rotation_numbers(2, 10)
 

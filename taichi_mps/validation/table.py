@@ -21,7 +21,7 @@ def run_row(name: str) -> dict:
     cpu, begin = time.process_time(), time.perf_counter()
     row, numbers, error = ROWS[name], [], None
     try:
-        numbers = [asdict(item) | {"met": item.met} for item in row.run()]
+        numbers = [asdict(item) | {"value": float(item.value), "met": item.met} for item in row.run()]
     except (mps.DivergedError, AssertionError) as failure:
         error = f"{type(failure).__name__}: {failure}"
     return {
