@@ -6,6 +6,7 @@ from . import measure
 from .geometry import Box, Cone, Plane, box_planes, fill, lattice, shell
 from .material import Bingham, Newtonian
 from .quantity import SceneError, checked
+from .report import DivergedError, StepReport
 from .scene import Implicit, Scene, SemiImplicit
 
 __version__ = "0.1.0"
@@ -13,8 +14,6 @@ __version__ = "0.1.0"
 _LAZY = {  # names whose modules import Taichi or the edges: loaded at first use, so that --help is instant
     "init": "backend",
     "Simulation": "simulation",
-    "StepReport": "simulation",
-    "DivergedError": "simulation",
     "CapacityError": "neighbors",
     "png": "render",
     "gif": "render",
@@ -26,12 +25,14 @@ __all__ = [
     "Bingham",
     "Box",
     "Cone",
+    "DivergedError",
     "Implicit",
     "Newtonian",
     "Plane",
     "Scene",
     "SceneError",
     "SemiImplicit",
+    "StepReport",
     "box_planes",
     "checked",
     "fill",

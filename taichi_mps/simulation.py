@@ -2,7 +2,7 @@
 
 import math
 import time
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from .measure import Snapshot
 from .neighbors import Bins, CapacityError, EscapedError, NeighborList
 from .particles import DUMMY, FLUID, WALL, Particles
 from .quantity import SceneError
+from .report import DivergedError, StepReport
 from .scene import Implicit as ImplicitNumerics
 from .scene import Scene
 from .scene import SemiImplicit as SemiImplicitNumerics
@@ -19,38 +20,6 @@ from .schemes.implicit import Implicit, law_of
 from .schemes.semi_implicit import SemiImplicit
 from .walls import Walls
 from .weights import lattice_constants
-
-
-@dataclass(frozen=True)
-class StepReport:
-    """What one step did."""
-
-    step: int
-    time: float  # at the end of the step [s]
-    dt: float  # [s]
-    dt_limit: str  # what bounded dt: Courant, diffusion, growth, maximum, first or output
-    max_speed: float  # [m/s]
-    kinetic_energy: float  # [J]
-    unyielded_fraction: float  # of the fluid particles [-]
-    viscous_iterations: int  # passes (implicit) or direct iterations (semi-implicit) for the viscosity
-    pressure_iterations: int  # MRPCG iterations
-    residual: float  # relative, of the last solve
-    volume_error: float  # mean n0/n - 1 over particles with a full neighbourhood [-]
-
-    def _repr_html_(self):
-        rows = "".join(
-            f"<tr><td>{k}</td><td>{v:.6g}</td></tr>" if isinstance(v, float) else f"<tr><td>{k}</td><td>{v}</td></tr>"
-            for k, v in asdict(self).items()
-        )
-        return f"<table>{rows}</table>"
-
-
-class DivergedError(RuntimeError):
-    """The run left the range where its numbers mean anything; carries the last report and the limit crossed."""
-
-    def __init__(self, message: str, report: StepReport | None):
-        super().__init__(message)
-        self.report = report
 
 
 @ti.data_oriented

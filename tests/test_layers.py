@@ -17,7 +17,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "taichi_mps"
 EDGE = 4
 LAYERS = {
-    0: "quantity material geometry measure scene",
+    0: "quantity material geometry measure report scene",
     1: "backend weights particles neighbors gradient mrpcg sparse",
     2: "rheology walls viscosity pressure momentum shifting",
     3: "schemes.implicit schemes.semi_implicit simulation",

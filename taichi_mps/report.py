@@ -1,0 +1,35 @@
+"""What one step did, and the error of a run that left the range where its numbers mean anything."""
+
+from dataclasses import asdict, dataclass
+
+
+@dataclass(frozen=True)
+class StepReport:
+    """What one step did."""
+
+    step: int
+    time: float  # at the end of the step [s]
+    dt: float  # [s]
+    dt_limit: str  # what bounded dt: Courant, diffusion, growth, maximum, first or output
+    max_speed: float  # [m/s]
+    kinetic_energy: float  # [J]
+    unyielded_fraction: float  # of the fluid particles [-]
+    viscous_iterations: int  # passes (implicit) or direct iterations (semi-implicit) for the viscosity
+    pressure_iterations: int  # MRPCG iterations
+    residual: float  # relative, of the last solve
+    volume_error: float  # mean n0/n - 1 over particles with a full neighbourhood [-]
+
+    def _repr_html_(self):
+        rows = "".join(
+            f"<tr><td>{k}</td><td>{v:.6g}</td></tr>" if isinstance(v, float) else f"<tr><td>{k}</td><td>{v}</td></tr>"
+            for k, v in asdict(self).items()
+        )
+        return f"<table>{rows}</table>"
+
+
+class DivergedError(RuntimeError):
+    """The run left the range where its numbers mean anything; carries the last report and the limit crossed."""
+
+    def __init__(self, message: str, report: StepReport | None):
+        super().__init__(message)
+        self.report = report
