@@ -24,6 +24,7 @@ class Run(Pictures):
     """Options of run; a checkpoint keeps them for resume."""
 
     scheme: Literal["implicit", "semi-implicit"] = Field("implicit", description="numerical scheme")
+    model: Literal["full"] = Field("full", description="the whole body; reduced models are not built yet")
     precision: Literal["f32", "f64"] = Field("f32", description="of the solver's numbers")
     until: Duration | None = Field(None, description="end of the simulated time, the scene's own by default")
     every: Duration | None = Field(None, description="interval of the pictures, about until/100 by default")
