@@ -154,7 +154,7 @@ def test_a_scene_file_runs_alone_and_the_pictures_can_be_drawn_again(work):
         ("run slmp", "unknown scene 'slmp', did you mean 'slump'?"),
         ("run missing.py", "scene = missing.py: no such file"),
         ("run slump --yeld-value 300", "unknown option --yeld-value, did you mean '--yield-value'?"),
-        ("run slump --model full", "unknown option --model"),
+        ("run slump --model axisymmetric", "model = axisymmetric: must be 'full'"),
         ("run slump --density -2300", "density = -2300 kg/m3: must be greater than 0 kg/m3"),
         ("run slump --density -2.3e3", "density = -2.3e3 kg/m3: must be greater than 0 kg/m3"),
         ("run slump --density 0", "density = 0 kg/m3: must be greater than 0 kg/m3"),
