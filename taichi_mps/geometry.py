@@ -6,6 +6,8 @@ import numpy as np
 
 from .quantity import SceneError
 
+MOST_POINTS = 1e8  # of one lattice: about 2.4 GB of coordinates
+
 
 @dataclass(frozen=True)
 class Box:
@@ -70,6 +72,11 @@ def lattice(low, high, spacing, offset=0.5):
     """Points of a cubic lattice [m] in a box, (n, d); ``offset`` of the first point in spacings, per axis or one."""
     low, high = np.asarray(low, float), np.asarray(high, float)
     offsets = np.broadcast_to(offset, low.shape)
+    points = float(np.prod(np.maximum(high - low, 0.0) / spacing))
+    if points > MOST_POINTS:
+        raise SceneError(
+            f"spacing = {spacing:g} m: fills the box with {points:.2g} particles; at most {MOST_POINTS:.2g}"
+        )
     axes = [
         lo + spacing * (o + np.arange(max(0, int(np.floor((hi - lo) / spacing - o + 1 + 1e-9)))))
         for lo, hi, o in zip(low, high, offsets, strict=True)

@@ -30,6 +30,7 @@ StrainRate = _real("1/s", gt=0.0, le=1e4)
 Acceleration = _real("m/s2", ge=0.0, le=1000.0)
 Angle = _real("deg", ge=0.0, lt=90.0)
 Ratio = _real("-", gt=0.0, le=1.0)
+RadiusRatio = _real("l0", ge=1.6, le=4.1)
 Count = Annotated[int, Field(ge=1, le=100000), Unit("-")]
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from .geometry import Plane
 from .material import Bingham
 from .measure import Snapshot
-from .quantity import Checked, Count, Duration, Ratio, SceneError
+from .quantity import Checked, Count, Duration, RadiusRatio, Ratio, SceneError
 
 
 class Implicit(Checked):
@@ -20,7 +20,7 @@ class Implicit(Checked):
     max_time_step: Duration | None = None
     tolerance: Ratio = 2e-3
     passes: Count = 4
-    effective_radius_ratio: float = 2.1
+    effective_radius_ratio: RadiusRatio = 2.1
 
 
 class SemiImplicit(Checked):
@@ -36,7 +36,7 @@ class SemiImplicit(Checked):
     picard_limit: Count = 20
     tolerance: Ratio = 1e-5
     unyielded_stop: Ratio = 0.9
-    effective_radius_ratio: float = 2.1
+    effective_radius_ratio: RadiusRatio = 2.1
 
 
 NUMERICS = {"implicit": Implicit, "semi-implicit": SemiImplicit}

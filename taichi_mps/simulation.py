@@ -52,6 +52,10 @@ class Simulation:
         re = numerics.effective_radius_ratio * scene.spacing
         semi_implicit = isinstance(numerics, SemiImplicitNumerics)
         use_particles = semi_implicit or numerics.walls == "particles"
+        if use_particles and any(plane.velocity for plane in scene.walls):
+            raise SceneError(
+                f"walls = particles: a wall of scene {scene.name} moves; must be surfaces, scheme implicit"
+            )
         positions, kinds = scene.fluid, np.full(len(scene.fluid), FLUID)
         if use_particles and scene.wall_particles is not None:
             wall = np.asarray(scene.wall_particles, float)
@@ -66,7 +70,6 @@ class Simulation:
         constants = lattice_constants(d, scene.spacing, re)
         law = law_of(scene.material)
         self.particles = Particles(positions, kinds, velocity, law == "bingham" and not semi_implicit)
-        self.particles.carries_walls = bool(len(positions) > len(scene.fluid))
         self.bins = Bins(self.particles, scene.domain, scene.periodic_axes, re)
         capacity = int(self._pairs_per_particle * constants.neighbours * len(positions)) + 64
         self.neighbors = NeighborList(self.bins, capacity)

@@ -157,6 +157,12 @@ def test_a_scene_file_runs_alone_and_the_pictures_can_be_drawn_again(work):
         ("run slump --model axisymmetric", "model = axisymmetric: must be 'full'"),
         ("run slump --density -2300", "density = -2300 kg/m3: must be greater than 0 kg/m3"),
         ("run slump --density -2.3e3", "density = -2.3e3 kg/m3: must be greater than 0 kg/m3"),
+        ("run slump --spacing 0.00001", "spacing = 1e-05 m: fills the box with 1.6e+10 particles; at most 1e+08"),
+        (
+            "run slump --effective-radius-ratio -1",
+            "effective_radius_ratio = -1 l0: must be greater than or equal to 1.6 l0",
+        ),
+        ("run slump --effective-radius-ratio nan", "effective_radius_ratio = nan l0: must be a finite number"),
         ("run slump --density 0", "density = 0 kg/m3: must be greater than 0 kg/m3"),
         ("run slump --density 2.3e6", "density = 2.3e6 kg/m3: must be less than or equal to 30000 kg/m3"),
         ("run slump --density heavy", "density = heavy kg/m3: must be a valid number"),

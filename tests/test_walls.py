@@ -135,3 +135,14 @@ def test_box_planes_face_the_fluid():
     assert all(plane.distance(np.array([[0.5, 1.0, 1.5]]))[0] > 0 for plane in planes)
     assert all(plane.distance(np.array([[-0.1, 2.1, -0.1]]))[0] != 0 for plane in planes)
     assert {tuple(plane.normal) for plane in planes} == {(0, 0, 1), (1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0)}
+
+
+def test_a_moving_wall_is_refused_as_particles():
+    """Wall particles stand still: a wall that moves must not come to rest silently."""
+    lid = mps.Plane((0.0, 1.0), (0.0, -1.0), velocity=(1.0, 0.0))
+    fluid = mps.fill(mps.Box((0.0, 0.0), (1.0, 1.0)), 0.1)
+    domain = ((-0.5, -0.5), (1.5, 1.5))
+    scene = mps.Scene("lid", mps.Newtonian(), 0.1, fluid, domain, walls=(lid,), wall_particles=fluid + (0.0, 1.0))
+    for numerics in (mps.Implicit(walls="particles"), mps.SemiImplicit()):
+        with pytest.raises(mps.SceneError, match="moves"):
+            mps.Simulation(scene, numerics)

@@ -91,11 +91,13 @@ class Implicit:
             if k == 0 or self.law == "bi-viscosity":
                 self.system.prepare()
             self.right_hand_side(self.solver.b)
-            if self.walls.move or self.neighbors.particles.carries_walls:
+            if self.walls.move:
                 self.system.subtract_wall_motion(self.solver.p, self.solver.q, self.solver.b)
             report = self.solver.solve(self.numerics.tolerance, 2000)
             iterations += report.iterations
             residual, status = report.residuals[-1], report.status
+            if status in ("broken", "indefinite"):
+                break
             self.update_stress(self.solver.x)
         self.shifting.compute(dt, STRAIN_SCALE)
         self.advance(dt, self.solver.x, self.first)
