@@ -3,7 +3,7 @@
 from importlib import import_module
 
 from . import measure
-from .geometry import Box, Cone, Plane, box_planes, fill, lattice, shell
+from .geometry import Box, Cone, Cylinder, Plane, Ring, box_planes, fill, lattice, shell
 from .material import Bingham, Newtonian
 from .quantity import SceneError, checked
 from .report import DivergedError, StepReport
@@ -25,10 +25,12 @@ __all__ = [
     "Bingham",
     "Box",
     "Cone",
+    "Cylinder",
     "DivergedError",
     "Implicit",
     "Newtonian",
     "Plane",
+    "Ring",
     "Scene",
     "SceneError",
     "SemiImplicit",

@@ -1,4 +1,4 @@
-"""Solids filled with a lattice of particles, and plane walls. Plain NumPy."""
+"""Solids filled with a lattice of particles, and walls. Plain NumPy."""
 
 from dataclasses import dataclass
 
@@ -52,6 +52,26 @@ class Cone:
 
 
 @dataclass(frozen=True)
+class Ring:
+    """Disc (2-D) around the origin, with a hole if ``inner_radius`` is given: radii [m]."""
+
+    outer_radius: float
+    inner_radius: float = 0.0
+
+    def contains(self, x):
+        r = np.linalg.norm(x, axis=1)
+        return (r > self.inner_radius) & (r < self.outer_radius)
+
+    @property
+    def bounds(self):
+        return np.full(2, -self.outer_radius), np.full(2, self.outer_radius)
+
+    @property
+    def volume(self):
+        return np.pi * (self.outer_radius**2 - self.inner_radius**2)
+
+
+@dataclass(frozen=True)
 class Plane:
     """Wall: the half-space behind the plane through ``point`` with unit ``normal`` into the fluid.
 
@@ -66,6 +86,76 @@ class Plane:
     def distance(self, x):
         """Signed distance [m] of points (n, d), positive in the fluid."""
         return (x - np.array(self.point)) @ np.array(self.normal)
+
+    @property
+    def speed(self):
+        """Largest speed [m/s] of the wall."""
+        return float(np.linalg.norm(self.velocity or 0.0))
+
+
+@dataclass(frozen=True)
+class Cylinder:
+    """Wall: a circle (2-D, no axis), or a cylinder around the line through ``point`` along ``axis``, with the fluid
+    inside or outside. It turns about its axis with ``angular_velocity`` [rad/s], counter-clockwise seen against the
+    axis, and slides along it with ``velocity`` [m/s]; ``slip`` leaves the tangential motion free.
+
+    With a ``length`` [m] the wall ends at ``point`` and at point + length axis; its radius grows by ``slope`` per metre
+    between them: the mantle of a truncated cone, a funnel.
+    """
+
+    point: tuple[float, ...]
+    radius: float  # at ``point`` [m]
+    axis: tuple[float, ...] | None = None
+    inside: bool = True
+    angular_velocity: float = 0.0
+    velocity: float = 0.0
+    slip: bool = False
+    slope: float = 0.0  # [-]
+    length: float | None = None  # endless if None
+
+    def __post_init__(self):
+        d = len(self.point)
+        numbers = [*self.point, *(self.axis or ()), self.radius, self.angular_velocity, self.velocity, self.slope]
+        if not np.all(np.isfinite([*numbers, self.length or 0.0])):
+            raise SceneError(f"Cylinder: {numbers} must all be finite numbers")
+        if (d == 3) != (self.axis is not None and len(self.axis) == 3 and np.any(self.axis)):
+            raise SceneError(f"axis = {self.axis}: must be a direction of 3 numbers in 3-D and None in 2-D")
+        if d == 2 and (self.velocity or self.slope or self.length):
+            raise SceneError("velocity, slope, length: a circle has no axis; must be left out in 2-D")
+        if self.slope and self.length is None:
+            raise SceneError(f"slope = {self.slope:g}: needs a length; a cone that goes on has no radius at its tip")
+        if self.length is not None and not self.length > 0.0:
+            raise SceneError(f"length = {self.length:g} m: must be greater than 0 m")
+        if not self.smallest_radius > 0.0:
+            raise SceneError(f"radius = {self.smallest_radius:g} m: must be greater than 0 m")
+
+    @property
+    def smallest_radius(self):
+        return self.radius + min(0.0, self.slope * (self.length or 0.0))
+
+    @property
+    def unit_axis(self):
+        """Unit vector along the axis; zero, a vector of the plane, in 2-D."""
+        axis = np.zeros(len(self.point)) if self.axis is None else np.array(self.axis, float)
+        return axis / (np.linalg.norm(axis) or 1.0)
+
+    @property
+    def speed(self):
+        """Largest speed [m/s] of the wall."""
+        largest = self.radius + max(0.0, self.slope * (self.length or 0.0))
+        return float(np.hypot(self.angular_velocity * largest, self.velocity))
+
+    def distance(self, x):
+        """Signed distance [m] of points (n, d) from the wall, positive in the fluid; infinite beyond its ends."""
+        offset = x - np.array(self.point)
+        s = offset @ self.unit_axis
+        r = np.linalg.norm(offset - np.outer(s, self.unit_axis), axis=1)
+        cosine = 1.0 / np.hypot(1.0, self.slope)
+        z = (1.0 if self.inside else -1.0) * cosine * (self.radius + self.slope * s - r)
+        if self.length is None:
+            return z
+        foot = s - z * (1.0 if self.inside else -1.0) * cosine * self.slope
+        return np.where((foot >= 0.0) & (foot <= self.length), z, np.inf)
 
 
 def lattice(low, high, spacing, offset=0.5):

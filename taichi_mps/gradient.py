@@ -57,7 +57,7 @@ class Gradient:
                 if self.particles.kind[j] == FLUID:
                     wet += 1
             around = ti.cast(last - first, float)
-            if ti.static(len(self.walls.planes) > 0):
+            if ti.static(len(self.walls.surfaces) > 0):
                 count_n, moment = self.walls.moments(x)
                 around += count_n[0]
                 n += count_n[1]
@@ -75,7 +75,7 @@ class Gradient:
         ui = u[i]
         for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
             H += (u[self.neighbors.column[k]] - ui).outer_product(self.b[k])
-        if ti.static(len(self.walls.planes) > 0):
+        if ti.static(len(self.walls.surfaces) > 0):
             H += self.walls.gradient_term(self.particles.x[i], ui, motion)
         return H @ self.B[i]
 
@@ -86,6 +86,6 @@ class Gradient:
         Pi = flux[i]
         for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
             total += (Pi + flux[self.neighbors.column[k]]) @ self.b[k]
-        if ti.static(len(self.walls.planes) > 0):
+        if ti.static(len(self.walls.surfaces) > 0):
             total += self.walls.force_term(self.particles.x[i], Pi)
         return total

@@ -55,7 +55,7 @@ class MomentumSystem:
                 for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
                     j = self.neighbors.column[k]
                     total += (Pi + self.flux[j]) @ self.gradient.b[k] + self.pair_drag[k] * (u[j] - ui)
-                if ti.static(len(self.walls.planes) > 0):
+                if ti.static(len(self.walls.surfaces) > 0):
                     x = self.particles.x[i]
                     total += self.walls.force_term(x, Pi)
                     total -= h_scale * self.h[i] * self.walls.drag_term(x, ui, motion)
@@ -79,7 +79,7 @@ class MomentumSystem:
                     own -= self.gradient.b[k]
                     drag += self.pair_drag[k]
                     A += self._response(self.neighbors.column[k], self.gradient.b[k])
-                if ti.static(len(self.walls.planes) > 0):
+                if ti.static(len(self.walls.surfaces) > 0):
                     pull, wall_drag = self.walls.pull(self.particles.x[i])
                     own += pull
                     drag += h_scale * self.h[i] * wall_drag

@@ -34,7 +34,7 @@ class Shifting:
                     near += ti.max(0.0, 1.0 - r / (1.5 * l0)) * e
                     inward += ti.max(self.gradient.effective_radius / r - 1.0, 0.0) * e
                     apart -= 0.05 * ti.max(0.0, 0.85 * l0 - r) * e
-                if ti.static(len(self.walls.planes) > 0):
+                if ti.static(len(self.walls.surfaces) > 0):
                     wall_inward, wall_near = self.walls.crowding(x)
                     near += wall_near
                     inward += wall_inward

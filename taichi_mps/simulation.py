@@ -42,7 +42,7 @@ class Simulation:
         self._each_step: list = []
         self._interrupted = False
         self._last_dt = None
-        self._wall_speed = max((float(np.linalg.norm(w.velocity)) for w in scene.walls if w.velocity), default=0.0)
+        self._wall_speed = max((wall.speed for wall in scene.walls), default=0.0)
         self._runaway_speed = self._find_runaway_speed()
         self._resting_since: float | None = None
 
@@ -52,14 +52,14 @@ class Simulation:
         re = numerics.effective_radius_ratio * scene.spacing
         semi_implicit = isinstance(numerics, SemiImplicitNumerics)
         use_particles = semi_implicit or numerics.walls == "particles"
-        if use_particles and any(plane.velocity for plane in scene.walls):
+        if use_particles and any(wall.speed > 0.0 for wall in scene.walls):
             raise SceneError(
                 f"walls = particles: a wall of scene {scene.name} moves; must be surfaces, scheme implicit"
             )
         positions, kinds = scene.fluid, np.full(len(scene.fluid), FLUID)
         if use_particles and scene.wall_particles is not None:
             wall = np.asarray(scene.wall_particles, float)
-            depth = np.max([-plane.distance(wall) for plane in scene.walls], axis=0)
+            depth = np.max([-surface.distance(wall) for surface in scene.walls], axis=0)
             positions = np.vstack([positions, wall])
             kinds = np.concatenate([kinds, np.where(depth < scene.spacing, WALL, DUMMY)])
         elif use_particles and scene.walls:

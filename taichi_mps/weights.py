@@ -1,4 +1,4 @@
-"""The MPS weight and its exact sums over a full lattice and over the lattice behind a plane wall (eqs 10, 13, 14)."""
+"""The MPS weight and its exact sums over a full lattice and over the lattice behind a wall (eqs 10, 13, 14)."""
 
 from dataclasses import dataclass
 
@@ -40,10 +40,11 @@ def lattice_constants(dimension: int, spacing: float, effective_radius: float) -
 GHOST_SUMS = ("neighbours", "n", "pull", "tangential", "normal", "inward", "crowding")
 
 
-def half_space_table(dimension: int, spacing: float, effective_radius: float, entries: int = 256) -> np.ndarray:
-    """Sums over the ghost lattice behind a plane wall, (entries, 7), columns GHOST_SUMS, for a particle at distance
+def ghost_table(dimension, spacing, effective_radius, entries=256, curvature=0.0) -> np.ndarray:
+    """Sums over the ghost lattice behind a wall, (entries, 7), columns GHOST_SUMS, for a particle at distance
     z = effective_radius * max(k, 1)/(entries - 1) in front of it. A ghost lies at depth d = l0/2, 3 l0/2, ... behind
-    the wall and h = z + d, t are its normal and one tangential distance from the particle:
+    the wall and h, t are its normal and one tangential distance from the particle: h = z + d and t = 0, l0, ... behind
+    a plane. Behind a wall with a curvature [1/m] along t, positive with the fluid inside, they are bent onto arcs:
 
     neighbours 1; n w; pull 2 (w/r^2) h [1/m]; tangential (w/r^2) t^2 (1 + d/z); normal (w/r^2) h^2;
     inward w h/r; crowding max(0, 1 - r/(1.5 l0)) h/r.
@@ -57,7 +58,10 @@ def half_space_table(dimension: int, spacing: float, effective_radius: float, en
         z = effective_radius * max(k, 1) / (entries - 1)
         t, d = grid[:, 0], grid[:, -1]
         h = z + d
-        r = np.sqrt((grid[:, :-1] ** 2).sum(1) + h**2)
+        if curvature != 0.0:
+            arc = 1.0 / curvature + d
+            h, t = h - arc * (1.0 - np.cos(t / arc)), arc * np.sin(t / arc)
+        r = np.sqrt(t**2 + (grid[:, 1:-1] ** 2).sum(1) + h**2)
         w = _weights(r, effective_radius)
         wr2 = w / r**2
         table[k] = [

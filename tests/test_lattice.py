@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from taichi_mps.weights import GHOST_SUMS, half_space_table, lattice_constants
+from taichi_mps.weights import GHOST_SUMS, ghost_table, lattice_constants
 
 REFERENCE = Path(__file__).parent / "reference" / "C_mps_lattice_constants_viscous_limit.csv"
 ROWS = list(csv.DictReader(line for line in REFERENCE.read_text(encoding="utf-8").splitlines() if line[0] != "#"))
@@ -40,7 +40,7 @@ def full_lattice(dimension):
 
 
 def ghosts(dimension, entries, k):
-    return dict(zip(GHOST_SUMS, half_space_table(dimension, 1.0, RE, entries)[k], strict=True))
+    return dict(zip(GHOST_SUMS, ghost_table(dimension, 1.0, RE, entries)[k], strict=True))
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
@@ -73,7 +73,7 @@ def test_tangential_moment_at_the_first_layer(dimension):
 
 
 def test_ghost_sums_scale_with_the_spacing_and_vanish_far_from_the_wall():
-    unit, scaled = half_space_table(3, 1.0, RE), half_space_table(3, 0.01, 0.01 * RE)
+    unit, scaled = ghost_table(3, 1.0, RE), ghost_table(3, 0.01, 0.01 * RE)
     power = np.array([{"pull": -1}.get(name, 0) for name in GHOST_SUMS])
     assert np.allclose(scaled, unit * 0.01**power, rtol=1e-9, atol=1e-9)
     assert np.all(unit[-30:] == 0.0)  # beyond re - l0/2 no ghost is near

@@ -18,7 +18,7 @@ PACKAGE = ROOT / "taichi_mps"
 EDGE = 4
 LAYERS = {
     0: "quantity material geometry measure report scene",
-    1: "backend weights particles neighbors gradient mrpcg sparse",
+    1: "backend weights surfaces particles neighbors gradient mrpcg sparse",
     2: "rheology walls viscosity pressure momentum shifting",
     3: "schemes.implicit schemes.semi_implicit simulation",
 }
@@ -27,6 +27,7 @@ PEERS = {
     "geometry": {"quantity"},
     "scene": {"quantity", "material", "geometry", "measure"},
     "weights": {"backend"},
+    "surfaces": {"backend"},
     "particles": {"backend"},
     "neighbors": {"backend"},
     "gradient": {"backend", "particles"},

@@ -49,9 +49,7 @@ class Implicit:
         self.layer_pressure = 0.5 * self.density * max(gravity, 0.1) * scene.spacing
         self.mu_r = max(6.0 * self.eta, 0.6 * self.tau_y)
         speeds = [float((scene.velocity**2).sum(1).max() ** 0.5)] if scene.velocity is not None else []
-        speed = max(
-            speeds + [sum(v * v for v in wall.velocity) ** 0.5 for wall in scene.walls if wall.velocity] + [0.0]
-        )
+        speed = max(speeds + [wall.speed for wall in scene.walls] + [0.0])
         head = max(gravity, 0.1) * height + speed**2  # the pressure to expect, over the density [m2/s2]
         self.bulk = STIFFNESS * self.density * head * self.max_time_step
         self.gradient = Gradient(neighbors, walls, constants)
@@ -178,7 +176,7 @@ class Implicit:
             if self.particles.kind[i] == FLUID:
                 inertia = self.system.mass_rate[None] * self.particles.u[i]
                 b[i] = inertia + self.mass * self.g + self.gradient.force(i, self.system.flux)
-                if ti.static(len(self.walls.planes) > 0):
+                if ti.static(len(self.walls.surfaces) > 0):
                     heavy = self.density * self.g * self.pressed(self.smooth_p[i])
                     b[i] += self.volume * self.walls.hydrostatic(self.particles.x[i], heavy, self.gradient.B[i])
 
