@@ -3,7 +3,7 @@
 from importlib import import_module
 
 from . import measure
-from .geometry import Box, Cone, Cylinder, Plane, Ring, box_planes, fill, lattice, shell
+from .geometry import Box, Cone, Cylinder, Plane, box_planes, fill, lattice, rings, shell
 from .material import Bingham, Newtonian
 from .quantity import SceneError, checked
 from .report import DivergedError, StepReport
@@ -30,7 +30,6 @@ __all__ = [
     "Implicit",
     "Newtonian",
     "Plane",
-    "Ring",
     "Scene",
     "SceneError",
     "SemiImplicit",
@@ -40,6 +39,7 @@ __all__ = [
     "fill",
     "lattice",
     "measure",
+    "rings",
     "shell",
     *_LAZY,
 ]

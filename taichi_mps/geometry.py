@@ -52,26 +52,6 @@ class Cone:
 
 
 @dataclass(frozen=True)
-class Ring:
-    """Disc (2-D) around the origin, with a hole if ``inner_radius`` is given: radii [m]."""
-
-    outer_radius: float
-    inner_radius: float = 0.0
-
-    def contains(self, x):
-        r = np.linalg.norm(x, axis=1)
-        return (r > self.inner_radius) & (r < self.outer_radius)
-
-    @property
-    def bounds(self):
-        return np.full(2, -self.outer_radius), np.full(2, self.outer_radius)
-
-    @property
-    def volume(self):
-        return np.pi * (self.outer_radius**2 - self.inner_radius**2)
-
-
-@dataclass(frozen=True)
 class Plane:
     """Wall: the half-space behind the plane through ``point`` with unit ``normal`` into the fluid.
 
@@ -91,6 +71,10 @@ class Plane:
     def speed(self):
         """Largest speed [m/s] of the wall."""
         return float(np.linalg.norm(self.velocity or 0.0))
+
+
+CYLINDER_UNITS = {"point": " m", "radius": " m", "axis": "", "angular_velocity": " rad/s", "velocity": " m/s", "slope": "",
+                  "length": " m"}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -115,15 +99,18 @@ class Cylinder:
 
     def __post_init__(self):
         d = len(self.point)
-        numbers = [*self.point, *(self.axis or ()), self.radius, self.angular_velocity, self.velocity, self.slope]
-        if not np.all(np.isfinite([*numbers, self.length or 0.0])):
-            raise SceneError(f"Cylinder: {numbers} must all be finite numbers")
+        for key, unit in CYLINDER_UNITS.items():
+            value = getattr(self, key)
+            if value is not None and not np.all(np.isfinite(value)):
+                raise SceneError(f"{key} = {value}{unit}: must be finite")
         if (d == 3) != (self.axis is not None and len(self.axis) == 3 and np.any(self.axis)):
             raise SceneError(f"axis = {self.axis}: must be a direction of 3 numbers in 3-D and None in 2-D")
         if d == 2 and (self.velocity or self.slope or self.length):
             raise SceneError("velocity, slope, length: a circle has no axis; must be left out in 2-D")
         if self.slope and self.length is None:
             raise SceneError(f"slope = {self.slope:g}: needs a length; a cone that goes on has no radius at its tip")
+        if self.slope and self.velocity:
+            raise SceneError(f"velocity = {self.velocity:g} m/s: a cone cannot slide along its axis; must be 0 m/s")
         if self.length is not None and not self.length > 0.0:
             raise SceneError(f"length = {self.length:g} m: must be greater than 0 m")
         if not self.smallest_radius > 0.0:
@@ -144,6 +131,15 @@ class Cylinder:
         """Largest speed [m/s] of the wall."""
         largest = self.radius + max(0.0, self.slope * (self.length or 0.0))
         return float(np.hypot(self.angular_velocity * largest, self.velocity))
+
+    @property
+    def circles(self):
+        """Polylines (k, d) [m] to draw: the circle at ``point``, and that at the other end."""
+        angle = np.linspace(0.0, 2.0 * np.pi, 73)
+        across = np.eye(2) if len(self.point) == 2 else np.linalg.svd(self.unit_axis[None])[2][1:]
+        unit = np.stack([np.cos(angle), np.sin(angle)], -1) @ across
+        ends = [0.0] if self.length is None else [0.0, self.length]
+        return [np.array(self.point) + s * self.unit_axis + (self.radius + self.slope * s) * unit for s in ends]
 
     def distance(self, x):
         """Signed distance [m] of points (n, d) from the wall, positive in the fluid; infinite beyond its ends."""
@@ -172,6 +168,25 @@ def lattice(low, high, spacing, offset=0.5):
         for lo, hi, o in zip(low, high, offsets, strict=True)
     ]
     return np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, len(low))
+
+
+def rings(inner_radius, outer_radius, spacing):
+    """Points (n, 2) [m] on circles about the origin, a spacing apart: a disc (inner radius 0) or what is between two
+    circles, without the steps that a square lattice has there."""
+    count = round((outer_radius - inner_radius) / spacing)
+    if count < 1 or inner_radius < 0.0:
+        raise SceneError(
+            f"rings from {inner_radius:g} to {outer_radius:g} m: the inner radius must be at least 0 m and the outer "
+            f"one greater by a spacing of {spacing:g} m"
+        )
+    width = (outer_radius - inner_radius) / count
+    points = []
+    for k in range(count):
+        radius = inner_radius + (k + 0.5) * width
+        number = round(2.0 * np.pi * radius * width / spacing**2)
+        angle = 2.0 * np.pi * (np.arange(number) / number + 0.618034 * k)  # no ring starts where another does
+        points.append(radius * np.stack([np.cos(angle), np.sin(angle)], -1))
+    return np.vstack(points)
 
 
 def shell(low, high, spacing, layers=3):

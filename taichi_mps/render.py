@@ -12,6 +12,7 @@ import imageio.v3 as iio
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
+from .geometry import Cylinder, Plane
 from .quantity import SceneError
 from .splatter import Camera, Ggui, Splatter
 
@@ -47,13 +48,14 @@ def embed(x):
 def stage(scene):
     """Low and high corner [m] (3,) of what a run may show, the body with room to spread up to the walls; its floor."""
     low, high = scene.fluid.min(0) - 0.5 * scene.spacing, scene.fluid.max(0) + 0.5 * scene.spacing
+    planes = [wall for wall in scene.walls if isinstance(wall, Plane)]
     body, domain, touch = (low.copy(), high.copy()), np.array(scene.domain, float), 0.6 * scene.spacing
     for axis in range(scene.dimension - 1):
         room = np.inf if scene.periodic_axes[axis] else 0.85 * (body[1][-1] - body[0][-1])
-        walls = [wall.point[axis] for wall in scene.walls if abs(wall.normal[axis]) > 0.99]
+        walls = [wall.point[axis] for wall in planes if abs(wall.normal[axis]) > 0.99]
         low[axis] = max((w for w in walls if w < low[axis] + touch), default=max(low[axis] - room, domain[0, axis]))
         high[axis] = min((w for w in walls if w > high[axis] - touch), default=min(high[axis] + room, domain[1, axis]))
-    floors = [w.point[-1] for w in scene.walls if w.normal[-1] > 0.99 and w.point[-1] < low[-1] + touch]
+    floors = [w.point[-1] for w in planes if w.normal[-1] > 0.99 and w.point[-1] < low[-1] + touch]
     low[-1] = max(floors, default=low[-1])
     return *embed([low, high]), low[-1] if floors else None
 
@@ -92,7 +94,7 @@ class Renderer:
     @staticmethod
     def _limits(scene, view):
         head = np.linalg.norm(scene.gravity_vector) * np.ptp(scene.fluid[:, -1])  # g H
-        moved = [np.linalg.norm(wall.velocity) for wall in scene.walls if wall.velocity is not None]
+        moved = [wall.speed for wall in scene.walls]
         moved += [] if scene.velocity is None else [np.linalg.norm(scene.velocity, axis=1).max()]
         highest = {"speed": max([0.5 * np.sqrt(2.0 * head), *moved]), "pressure": 1e-3 * scene.material.density * head}
         top = float(highest.get(view, 10.0)) or 1.0
@@ -158,6 +160,11 @@ class Renderer:
         (x0, y0, z0), (x1, y1, z1) = self.low, self.high
         for wall in self.scene.walls:
             at, y = wall.point, 0.5 * (y0 + y1)
+            if isinstance(wall, Cylinder):
+                for circle in wall.circles:
+                    line = 2 * self.camera.project(embed(circle))[:, :2]
+                    pens[0].line([tuple(p) for p in line], fill=255, width=width)
+                continue
             if abs(wall.normal[0]) > 0.99:
                 ends = [(at[0], y, z0), (at[0], y, z1)]
             elif wall.normal[-1] < -0.99:

@@ -6,7 +6,7 @@ from typing import Literal
 
 import numpy as np
 
-from .geometry import Plane
+from .geometry import Cylinder, Plane
 from .material import Bingham
 from .measure import Snapshot
 from .quantity import Checked, Count, Duration, RadiusRatio, Ratio, SceneError
@@ -51,7 +51,7 @@ class Scene:
     spacing: float  # l0 [m]
     fluid: np.ndarray  # particle positions [m], (n, d)
     domain: tuple[tuple[float, ...], tuple[float, ...]]  # low, high corner [m]; leaving it is an error
-    walls: tuple[Plane, ...] = ()
+    walls: tuple[Plane | Cylinder, ...] = ()
     wall_particles: np.ndarray | None = None  # the paper's walls [m], (m, d)
     velocity: np.ndarray | None = None  # initial velocity [m/s], (n, d)
     gravity: tuple[float, ...] | None = None  # [m/s2], (d,)
@@ -72,6 +72,9 @@ class Scene:
         low, high = (np.array(corner, float) for corner in self.domain)
         if np.any(x < low) or np.any(x > high):
             raise SceneError(f"domain = {self.domain} m: a particle lies outside; the domain must hold all of them")
+        for wall in self.walls:
+            if len(wall.point) != x.shape[1]:
+                raise SceneError(f"walls: point = {wall.point} m: must have {x.shape[1]} coordinates, as the fluid has")
         object.__setattr__(self, "fluid", x)
 
     @property

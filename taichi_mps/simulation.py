@@ -8,6 +8,7 @@ import numpy as np
 
 from . import __version__
 from .backend import started, ti
+from .geometry import Cylinder
 from .measure import Snapshot
 from .neighbors import Bins, CapacityError, EscapedError, NeighborList
 from .particles import DUMMY, FLUID, WALL, Particles
@@ -56,6 +57,12 @@ class Simulation:
             raise SceneError(
                 f"walls = particles: a wall of scene {scene.name} moves; must be surfaces, scheme implicit"
             )
+        for wall in scene.walls:
+            if isinstance(wall, Cylinder) and wall.smallest_radius <= re:
+                raise SceneError(
+                    f"radius = {wall.smallest_radius:g} m of a curved wall: must be greater than the effective radius, "
+                    f"{re:g} m"
+                )
         positions, kinds = scene.fluid, np.full(len(scene.fluid), FLUID)
         if use_particles and scene.wall_particles is not None:
             wall = np.asarray(scene.wall_particles, float)
