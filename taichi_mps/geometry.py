@@ -73,10 +73,6 @@ class Plane:
         return float(np.linalg.norm(self.velocity or 0.0))
 
 
-CYLINDER_UNITS = {"point": " m", "radius": " m", "axis": "", "angular_velocity": " rad/s", "velocity": " m/s", "slope": "",
-                  "length": " m"}  # fmt: skip
-
-
 @dataclass(frozen=True)
 class Cylinder:
     """Wall: a circle (2-D, no axis), or a cylinder around the line through ``point`` along ``axis``, with the fluid
@@ -99,10 +95,18 @@ class Cylinder:
 
     def __post_init__(self):
         d = len(self.point)
-        for key, unit in CYLINDER_UNITS.items():
+        units = {
+            "point": "m",
+            "radius": "m",
+            "axis": "m",
+            "angular_velocity": "rad/s",
+            "velocity": "m/s",
+            "length": "m",
+        }
+        for key, unit in {**units, "slope": "-"}.items():
             value = getattr(self, key)
             if value is not None and not np.all(np.isfinite(value)):
-                raise SceneError(f"{key} = {value}{unit}: must be finite")
+                raise SceneError(f"{key} = {value} {unit}: must be finite")
         if (d == 3) != (self.axis is not None and len(self.axis) == 3 and np.any(self.axis)):
             raise SceneError(f"axis = {self.axis}: must be a direction of 3 numbers in 3-D and None in 2-D")
         if d == 2 and (self.velocity or self.slope or self.length):
