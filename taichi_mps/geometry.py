@@ -79,7 +79,7 @@ class Cylinder:
     inside or outside. It turns about its axis with ``angular_velocity`` [rad/s], counter-clockwise seen against the
     axis, and slides along it with ``velocity`` [m/s]; ``slip`` leaves the tangential motion free.
 
-    With a ``length`` [m] the wall ends at ``point`` and at point + length axis; its radius grows by ``slope`` per metre
+    With a ``length`` [m] the wall ends at ``point`` and this far along the axis; its radius grows by ``slope`` per metre
     between them: the mantle of a truncated cone, a funnel.
     """
 
@@ -95,22 +95,19 @@ class Cylinder:
 
     def __post_init__(self):
         d = len(self.point)
-        units = {
-            "point": "m",
-            "radius": "m",
-            "axis": "m",
-            "angular_velocity": "rad/s",
-            "velocity": "m/s",
-            "length": "m",
-        }
-        for key, unit in {**units, "slope": "-"}.items():
+        units = {"point": " m", "radius": " m", "angular_velocity": " rad/s", "velocity": " m/s", "length": " m"}
+        for key in ("point", "radius", "axis", "angular_velocity", "velocity", "slope", "length"):
             value = getattr(self, key)
             if value is not None and not np.all(np.isfinite(value)):
-                raise SceneError(f"{key} = {value} {unit}: must be finite")
-        if (d == 3) != (self.axis is not None and len(self.axis) == 3 and np.any(self.axis)):
+                raise SceneError(f"{key} = {value}{units.get(key, '')}: must be finite")
+        given = () if self.axis is None else self.axis
+        if len(given) != (d == 3) * 3 or (d == 3 and not np.any(given)):
             raise SceneError(f"axis = {self.axis}: must be a direction of 3 numbers in 3-D and None in 2-D")
         if d == 2 and (self.velocity or self.slope or self.length):
-            raise SceneError("velocity, slope, length: a circle has no axis; must be left out in 2-D")
+            raise SceneError(
+                f"velocity = {self.velocity:g} m/s, slope = {self.slope:g}, length = {self.length} m: a circle has no "
+                "axis; must be left out in 2-D"
+            )
         if self.slope and self.length is None:
             raise SceneError(f"slope = {self.slope:g}: needs a length; a cone that goes on has no radius at its tip")
         if self.slope and self.velocity:

@@ -314,6 +314,8 @@ def test_rings_fill_the_volume_and_keep_their_distance():
         ({"radius": float("nan")}, "radius = nan m: must be finite"),
         ({"axis": None}, "axis = None"),
         ({"axis": (0.0, 0.0, 0.0)}, "axis = "),
+        ({"point": (0.0, 0.0)}, "axis = "),
+        ({"point": (0.0, 0.0), "axis": None, "length": 1.0}, "length = 1.0 m: a circle has no axis"),
         ({"slope": 0.1}, "slope = 0.1: needs a length"),
         ({"slope": -2.0, "length": 1.0}, "radius = -1 m"),
         ({"slope": 0.5, "length": 1.0, "velocity": 1.0}, "velocity = 1 m/s: a cone"),
