@@ -79,8 +79,8 @@ class Cylinder:
     inside or outside. It turns about its axis with ``angular_velocity`` [rad/s], counter-clockwise seen against the
     axis, and slides along it with ``velocity`` [m/s]; ``slip`` leaves the tangential motion free.
 
-    With a ``length`` [m] the wall ends at ``point`` and this far along the axis; its radius grows by ``slope`` per metre
-    between them: the mantle of a truncated cone, a funnel.
+    With a ``length`` [m] the wall ends at ``point`` and this far along the axis; its radius grows by ``slope`` per
+    metre between them: the mantle of a truncated cone, a funnel.
     """
 
     point: tuple[float, ...]
