@@ -27,8 +27,6 @@ class Bins:
         shape = np.maximum(1, np.floor(size / effective_radius).astype(int))
         if any(p and s < 3 for p, s in zip(periodic, shape, strict=True)):
             raise ValueError(f"domain = {size} m: a periodic side must be at least three effective radii long")
-        if self.periodic[-1]:
-            raise ValueError("the last axis cannot be periodic")
         self.shape = tuple(int(s) for s in shape)
         self.cells = int(np.prod(shape))
         vector = ti.types.vector(self.dimension, ti.f64)
@@ -73,7 +71,8 @@ class Bins:
             for a in ti.static(range(self.dimension)):
                 if ti.static(self.periodic[a]):
                     x[a] -= self.size[a] * ti.floor((x[a] - self.low[a]) / self.size[a])
-                if not (ti.abs(x[a] - self.low[a] - 0.5 * self.size[a]) <= 0.5 * self.size[a]):
+                room = ti.static(1.0 if self.periodic[a] else 0.5)  # brought back, only what is no number is out
+                if not (ti.abs(x[a] - self.low[a] - 0.5 * self.size[a]) <= room * self.size[a]):
                     outside = 1
             ti.atomic_add(self.lost[None], outside)
             self.particles.x[i] = x
@@ -145,14 +144,22 @@ class NeighborList:
                     inside = 0
                 row = row * shape[a] + k
             if inside == 1:
-                low = row * shape[d - 1] + ti.max(c[d - 1] - 1, 0)
-                high = row * shape[d - 1] + ti.min(c[d - 1] + 1, shape[d - 1] - 1)
-                for j in range(self.bins.cell_start[low], self.bins.cell_start[high + 1]):
-                    r = self.bins.displacement(x, self.particles.x[j])
-                    if j != i and r.dot(r) < re2:
-                        if ti.static(fill):
-                            self.column[first + found] = j
-                        found += 1
+                end = ti.static(shape[d - 1] - 1)
+                for wrapped in ti.static(range(2 if self.bins.periodic[d - 1] else 1)):
+                    low = ti.max(c[d - 1] - 1, 0)
+                    high = ti.min(c[d - 1] + 1, end)
+                    if ti.static(wrapped == 1):  # the one cell across a periodic end of the last axis, or none
+                        low = end if c[d - 1] == 0 else 0
+                        high = low if c[d - 1] == 0 or c[d - 1] == end else low - 1
+                    for j in range(
+                        self.bins.cell_start[row * shape[d - 1] + low],
+                        self.bins.cell_start[row * shape[d - 1] + high + 1],
+                    ):
+                        r = self.bins.displacement(x, self.particles.x[j])
+                        if j != i and r.dot(r) < re2:
+                            if ti.static(fill):
+                                self.column[first + found] = j
+                            found += 1
         return found
 
     @ti.kernel

@@ -14,8 +14,11 @@ RE, CAPACITY = 0.105, 240
 DOMAINS = {  # name: low corner, high corner, periodic
     "2-D": ((-0.5, 0.0), (0.5, 0.8), (False, False)),
     "2-D periodic": ((-0.5, 0.0), (0.5, 0.8), (True, False)),
+    "2-D periodic upwards": ((-0.5, 0.0), (0.5, 0.8), (False, True)),
+    "2-D periodic, 3 cells": ((-0.5, 0.0), (-0.18, 0.32), (True, True)),
     "3-D": ((0.0, -0.2, 0.0), (0.4, 0.2, 0.7), (False, False, False)),
     "3-D periodic": ((0.0, -0.2, 0.0), (0.4, 0.2, 0.7), (True, True, False)),
+    "3-D all periodic": ((0.0, -0.2, 0.0), (0.4, 0.2, 0.7), (True, True, True)),
 }
 SETS = ("random", "clustered", "empty", "lattice", "corners", "one", "two")
 
@@ -119,10 +122,8 @@ def test_lost_particles_are_counted_each_once(rig):
     x[7] = np.nan
     x[9, 0] = np.inf
     x[11] = rig.low - 1.0
-    lost = 4
-    if rig.periodic.any():
-        x[11, -1] = rig.low[-1]  # back in through the periodic sides
-        lost -= rig.periodic[:-1].all()
+    x[13] = np.where(rig.periodic, rig.low - 1.0, rig.low)  # comes back in through the periodic sides
+    lost = 2 + (not rig.periodic[-1]) + (not rig.periodic.all())
     with pytest.raises(EscapedError, match=f"^{lost} particles left the domain"):
         rig.load(x)
     assert len(rig.load(rig.points("random"))["x"]) == CAPACITY  # usable afterwards
@@ -146,8 +147,8 @@ def test_bins_refuse_a_short_period():
     particles = Particles(x, np.zeros(1, int), x, False)
     with pytest.raises(ValueError, match="three effective radii"):
         Bins(particles, ((0.0, 0.0), (0.3, 1.0)), (True, False), RE)
-    with pytest.raises(ValueError, match="last axis"):
-        Bins(particles, ((0.0, 0.0), (1.0, 1.0)), (False, True), RE)
+    with pytest.raises(ValueError, match="three effective radii"):
+        Bins(particles, ((0.0, 0.0), (1.0, 0.3)), (False, True), RE)
 
 
 def test_simulation_grows_a_full_list_and_goes_on_as_if_it_had_been_large():

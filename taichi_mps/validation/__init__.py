@@ -1,7 +1,8 @@
 """The validation table: cases with an exact or independent answer, run and judged by ``taichi-mps validate``.
 
 A row is a function that runs one case and yields what it measured, each beside its target. Rows stand in
-``flows.py``, ``curved.py``, ``slumps.py`` and ``fluids.py``; ``table.py`` runs them, each in a process of its own.
+``flows.py``, ``curved.py``, ``slumps.py``, ``fluids.py`` and ``vortices.py``; ``table.py`` runs them, each in a
+process of its own.
 """
 
 import csv

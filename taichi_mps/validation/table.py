@@ -8,7 +8,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from ..quantity import SceneError, suggestion
-from . import ROWS, Measured, curved, flows, fluids, slumps  # noqa: F401  (they register their rows)
+from . import ROWS, Measured, curved, flows, fluids, slumps, vortices  # noqa: F401  (they register their rows)
 
 BEGIN, END = "<!-- written by taichi-mps validate -->", "<!-- end of taichi-mps validate -->"
 
