@@ -12,7 +12,7 @@ MISSED = ("volume", "no delay")  # quantities that miss their target, see docs/l
 
 @pytest.mark.parametrize("name", [row.name for row in ROWS.values() if row.quick])
 def test_quick_row_meets_its_targets(name):
-    numbers = list(ROWS[name].run())
+    numbers = [item for item in ROWS[name].run() if isinstance(item, Measured)]
     assert numbers
     for number in numbers:
         assert abs(number.value) < 100.0 * number.target, number  # a number at all, and of the right size

@@ -28,6 +28,16 @@ class Measured:
 
 
 @dataclass(frozen=True)
+class Series:
+    """Errors at several spacings, for the convergence chart: ``quantity`` ("L2 error" against particles across, or
+    "slump" [mm] against the spacing [mm]), and x and y of its points."""
+
+    quantity: str
+    x: tuple[float, ...]
+    y: tuple[float, ...]
+
+
+@dataclass(frozen=True)
 class Row:
     """One case of the table."""
 
@@ -35,11 +45,11 @@ class Row:
     case: str  # what flows
     reference: str  # where the right answer comes from
     quick: bool  # belongs to --quick and to the test suite
-    run: Callable  # yields Measured
+    run: Callable  # yields Measured, and Series
 
 
 def row(case: str, reference: str, quick: bool = False):
-    """Register a generator of Measured as a row named like the function."""
+    """Register a generator of Measured and Series as a row named like the function."""
 
     def register(function):
         ROWS[function.__name__] = Row(function.__name__, case, reference, quick, function)

@@ -14,6 +14,7 @@ import taichi_mps as mps
 
 from .. import catalogue
 from . import Measured, read_reference, row
+from .scheme import simulate
 
 MILESTONES = (0.1, 0.2, 0.3, 0.5, 1.0)  # [s]
 DENSITY, GRAVITY = 2300.0, 9.81  # [kg/m3], [m/s2]
@@ -30,7 +31,7 @@ def cone(**keywords) -> mps.Scene:
 def follow(scene: mps.Scene, interval: float | None = None):
     """Run a scene to its end: simulation, rows of (time [s], measures [m]) every ``interval`` [s], largest volume
     error [-]. The last row is the end."""
-    sim = mps.Simulation(scene)
+    sim = simulate(scene)
     rows, volume = [], [0.0]
     if interval:
         sim.every(interval, lambda s: rows.append((s.time, *s.measures().values())))
@@ -188,7 +189,7 @@ def spread_time():
     eta = 1000.0
     lines = [r for r in read_reference("A_fe_slump_T500.csv") if float(r["tau0_Pa"]) == 50.0]
     exact = {float(r["D_mm"]): float(r["t_s_mu100"]) * eta / 100.0 for r in lines}
-    sim = mps.Simulation(cone(yield_value=50.0, plastic_viscosity=eta, until=2.0 * exact[500.0]))
+    sim = simulate(cone(yield_value=50.0, plastic_viscosity=eta, until=2.0 * exact[500.0]))
     rows = [(0.0, 0.2)]
 
     def watch(s):

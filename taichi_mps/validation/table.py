@@ -8,7 +8,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from ..quantity import SceneError, suggestion
-from . import ROWS, Measured, flows, fluids, slumps  # noqa: F401  (they register their rows)
+from . import ROWS, Measured, Series, flows, fluids, slumps  # noqa: F401  (they register their rows)
 
 BEGIN, END = "<!-- written by taichi-mps validate -->", "<!-- end of taichi-mps validate -->"
 
@@ -19,9 +19,13 @@ def run_row(name: str) -> dict:
 
     mps.init(threads=1)
     cpu, begin = time.process_time(), time.perf_counter()
-    row, numbers, error = ROWS[name], [], None
+    row, numbers, series, error = ROWS[name], [], [], None
     try:
-        numbers = [asdict(item) | {"value": float(item.value), "met": item.met} for item in row.run()]
+        for item in row.run():
+            if isinstance(item, Series):
+                series.append(asdict(item))
+            else:
+                numbers.append(asdict(item) | {"value": float(item.value), "met": item.met})
     except (mps.DivergedError, AssertionError) as failure:
         error = f"{type(failure).__name__}: {failure}"
     return {
@@ -29,6 +33,7 @@ def run_row(name: str) -> dict:
         "case": row.case,
         "reference": row.reference,
         "numbers": numbers,
+        "series": series,
         "error": error,
         "cpu_seconds": round(time.process_time() - cpu, 1),
         "wall_seconds": round(time.perf_counter() - begin, 1),
