@@ -1,14 +1,15 @@
 """The quick rows of the validation table, and the table itself."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps import catalogue
+from taichi_mps import catalogue, plots
 from taichi_mps.cli import main
-from taichi_mps.validation import ROWS, Measured, Row, table
+from taichi_mps.validation import ROWS, SLUMP_ERROR, Measured, Row, table
 from taichi_mps.validation.scheme import BudgetError, Setting, simulate
 
 MISSED = ("volume", "no delay")  # quantities that miss their target, see docs/limits.md; all others must meet it
@@ -72,6 +73,37 @@ def test_both_schemes_stand_side_by_side():
     assert columns == {10}
 
 
+def test_a_page_gets_the_convergence_of_all_kept_results(tmp_path, capsys, monkeypatch):
+    """One row gives one point; the row that was run before gives the other."""
+    points = {"slump_1000": (10.0, 2.0), "slump_1000_coarse": (20.0, 8.0)}
+
+    def run(name, *how):
+        x, y = points[name]
+        point = {"quantity": SLUMP_ERROR, "curve": "1000 Pa", "x": (x,), "y": (y,)}
+        return result(("slump", y, 5.0, "mm", y <= 5.0)) | {"row": name, "series": [point]}
+
+    drawn = []
+    monkeypatch.setattr(table, "run_apart", run)
+    monkeypatch.setattr(plots, "_save", lambda figure, out: drawn.append((figure, out)))
+    page = tmp_path / "page.md"
+    page.write_text(f"{table.BEGIN}\n{table.END}\n")
+    for name in points:
+        assert main(["validate", name, "--out", str(tmp_path / "out"), "--page", str(page)]) == 0
+    figure, out = drawn[-1]
+    (axes,) = figure.axes
+    assert out == tmp_path / "figures" / "convergence.png"
+    np.testing.assert_array_equal(axes.lines[-1].get_xydata(), sorted(points.values()))
+    assert page.read_text().count("| slump |") == 2
+
+    def without(*arguments):
+        raise ImportError("plots need matplotlib")
+
+    monkeypatch.setattr(plots, "convergence", without)
+    capsys.readouterr()
+    assert main(["validate", "slump_1000", "--out", str(tmp_path / "out"), "--page", str(page)]) == 0
+    assert "convergence.png is not drawn: plots need matplotlib\n" in capsys.readouterr().err
+
+
 # ---- the paper's scheme ----------------------------------------------------------------------------------------
 @pytest.fixture
 def papers(monkeypatch):
@@ -124,6 +156,11 @@ def test_defaults_are_the_papers_and_a_cap_only_shortens_the_step(papers):
 def test_a_moving_wall_is_refused(papers):
     with pytest.raises(mps.SceneError, match="a wall of scene channel moves"):
         simulate(channel(velocity=(1.0, 0.0)))
+
+
+def test_a_wall_that_no_lattice_can_follow_is_refused(papers):
+    with pytest.raises(mps.SceneError, match="describes its walls as surfaces only"):
+        simulate(replace(channel(), walls=(mps.Plane((0.0, 0.0), (0.6, 0.8)),)))
 
 
 def test_a_budget_stops_a_run_and_says_where(papers, monkeypatch):

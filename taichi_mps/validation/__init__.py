@@ -1,7 +1,8 @@
 """The validation table: cases with an exact or independent answer, run and judged by ``taichi-mps validate``.
 
-A row is a function that runs one case and yields what it measured, each beside its target. Rows stand in
-``flows.py``, ``slumps.py`` and ``fluids.py``; ``table.py`` runs them, each in a process of its own.
+A row is a function that runs one case and yields what it measured, each beside its target. Rows stand in ``flows.py``,
+``slumps.py``, ``fluids.py`` and ``rational.py``, and make their simulations by ``scheme.simulate``. ``table.py`` runs
+them, each in a process of its own.
 """
 
 import csv
@@ -11,6 +12,7 @@ from pathlib import Path
 
 REFERENCE = Path(__file__).parent / "reference"
 ROWS: dict[str, "Row"] = {}
+L2_ERROR, SLUMP_ERROR = "L2 error of the velocity [-]", "largest error of the slump [mm]"
 
 
 @dataclass(frozen=True)
@@ -29,10 +31,11 @@ class Measured:
 
 @dataclass(frozen=True)
 class Series:
-    """Errors at several spacings, for the convergence chart: ``quantity`` ("L2 error" against particles across, or
-    "slump" [mm] against the spacing [mm]), and x and y of its points."""
+    """Points of a curve of the convergence chart, at one spacing or more: L2_ERROR against particles across, or
+    SLUMP_ERROR against the spacing [mm]."""
 
     quantity: str
+    curve: str
     x: tuple[float, ...]
     y: tuple[float, ...]
 

@@ -26,10 +26,11 @@ class Setting:
 
 def simulate(scene: mps.Scene, max_time_step: float | None = None):
     """A Simulation of ``scene`` with the defaults of the present scheme; ``max_time_step`` [s] may only shorten its
-    steps. The paper's scheme gets its wall particles where the scene has planes only."""
+    steps. The paper's scheme gets its wall particles where the scene has nothing but planes normal to axes."""
     numerics = NUMERICS[Setting.scheme]
     caps = [step for step in (numerics().max_time_step, max_time_step) if step is not None]
-    if Setting.scheme == "semi-implicit" and scene.walls and scene.wall_particles is None:
+    bare = scene.walls and scene.wall_particles is None
+    if Setting.scheme == "semi-implicit" and bare and all(normal_to_an_axis(wall) for wall in scene.walls):
         scene = with_wall_particles(scene)
     sim = mps.Simulation(scene, numerics(max_time_step=min(caps, default=None)))
     if Setting.budget is not None:
@@ -38,19 +39,25 @@ def simulate(scene: mps.Scene, max_time_step: float | None = None):
 
 
 def stop_beyond_budget(sim) -> None:
-    """Raises BudgetError when the row has spent its CPU time; says where, and what the whole run would take."""
+    """Raises BudgetError when the row has spent its CPU time; says where, and what a simulated second costs."""
     spent = time.process_time() - Setting.begin
     if spent > Setting.budget:
-        hours = sim.cpu_seconds / 3600.0 / sim.time  # CPU-h a simulated second, without compiling
-        raise BudgetError(f"{Setting.budget:g} CPU-s spent at t = {sim.time:.3g} s, {hours:.2g} CPU-h a second")
+        hours = sim.cpu_seconds / 3600.0 / sim.time  # without compiling
+        raise BudgetError(
+            f"{Setting.budget:g} CPU-s spent at t = {sim.time:.3g} s ({hours:.2g} CPU-h for each simulated second)"
+        )
+
+
+def normal_to_an_axis(wall) -> bool:
+    return isinstance(wall, mps.Plane) and np.count_nonzero(wall.normal) == 1
 
 
 def with_wall_particles(scene: mps.Scene) -> mps.Scene:
-    """The scene with LAYERS layers of wall particles behind its planes, which must be normal to axes. The wall stands
-    half-way between two layers; the domain grows where it must hold them."""
+    """The scene with LAYERS layers of wall particles behind its planes, each normal to an axis. The lattice goes on
+    behind the wall, which stands half-way between two layers; the domain grows where it must hold them."""
     l0, periodic = scene.spacing, np.array(scene.periodic_axes)
     low, high = (np.array(corner, float) for corner in scene.domain)
-    origin = low.copy()
+    origin = np.where(periodic, low, scene.fluid[0] - 0.5 * l0)
     for plane in scene.walls:
         axis = int(np.argmax(np.abs(plane.normal)))
         origin[axis] = plane.point[axis]

@@ -13,7 +13,7 @@ import numpy as np
 import taichi_mps as mps
 
 from .. import catalogue
-from . import Measured, read_reference, row
+from . import SLUMP_ERROR, Measured, Series, read_reference, row
 from .scheme import simulate
 
 MILESTONES = (0.1, 0.2, 0.3, 0.5, 1.0)  # [s]
@@ -109,6 +109,9 @@ def collapse(tau_y, until=5.0, spacing=0.01, pi_c=None, slump_target=5.0):
     end_slump, end_spread = exact[max(exact)]
     errors = [slump - exact[t][0] for t, slump in zip(MILESTONES, slumps, strict=True)]
     last = moment(sim)
+    if pi_c is None:
+        worst_slump = abs(largest([*errors, history[-1, 1] - end_slump]))
+        yield Series(SLUMP_ERROR, f"{tau_y:g} Pa", (1e3 * spacing,), (1e3 * worst_slump,))
     yield Measured("slump, worst of t = 0.1, 0.2, 0.3, 0.5, 1 s", 1e3 * largest(errors), slump_target, "mm")
     yield Measured(f"slump {last}", 1e3 * (history[-1, 1] - end_slump), slump_target, "mm")
     yield Measured(f"spread {last}", percent(history[-1, 3], end_spread), 3.0, "%")
@@ -141,6 +144,26 @@ def slump_1000():
 @row("slump cone, tau_y = 1000 Pa, eta = 50 Pa s, l0 = 20 mm", INERTIAL, quick=True)
 def slump_1000_coarse():
     yield from collapse(1000.0, spacing=0.02, slump_target=10.0)
+
+
+@row("slump cone, tau_y = 500 Pa, eta = 50 Pa s, l0 = 20 mm", INERTIAL)
+def slump_500_coarse():
+    yield from collapse(500.0, spacing=0.02, slump_target=10.0)
+
+
+@row("slump cone, tau_y = 100 Pa, eta = 50 Pa s, l0 = 5 mm", INERTIAL)
+def slump_100_fine():
+    yield from collapse(100.0, spacing=0.005, slump_target=3.0)
+
+
+@row("slump cone, tau_y = 300 Pa, eta = 50 Pa s, l0 = 5 mm", INERTIAL)
+def slump_300_fine():
+    yield from collapse(300.0, spacing=0.005, slump_target=3.0)
+
+
+@row("slump cone, tau_y = 500 Pa, eta = 50 Pa s, l0 = 5 mm", INERTIAL)
+def slump_500_fine():
+    yield from collapse(500.0, spacing=0.005, slump_target=3.0)
 
 
 @row("slump cone, bi-viscosity (pi_c = 0.1 1/s), tau_y = 500 Pa, eta = 50 Pa s, l0 = 10 mm", INERTIAL)

@@ -10,9 +10,10 @@ from pathlib import Path
 
 from ..quantity import SceneError, suggestion
 from ..scene import NUMERICS
-from . import ROWS, Measured, Series, flows, fluids, slumps  # noqa: F401  (they register their rows)
+from . import L2_ERROR, ROWS, SLUMP_ERROR, Measured, Series, flows, fluids, rational, slumps  # noqa: F401  (they register their rows)
 from .scheme import BudgetError, Setting
 
+PANELS = {L2_ERROR: ("particles across", -1), SLUMP_ERROR: ("spacing [mm]", 1)}  # x axis, sign of the slope there
 BEGIN, END = "<!-- written by taichi-mps validate -->", "<!-- end of taichi-mps validate -->"
 
 
@@ -83,7 +84,20 @@ def run_table(
     (folder / "table.md").write_text(text + "\n", encoding="utf-8")
     if page:
         insert(Path(page), text)
+        draw(kept["implicit"], Path(page).parent / "figures" / "convergence.png")
     return text, list(kept[scheme].values())
+
+
+def draw(results: dict[str, dict], out: Path) -> None:
+    """The convergence chart of all results that have points for it; without points, or without matplotlib, a line that
+    says so."""
+    from .. import plots
+
+    series = [item for result in results.values() for item in result.get("series", ())]
+    try:
+        plots.convergence(series, PANELS, out)
+    except (ImportError, ValueError) as missing:
+        print(f"{out.name} is not drawn: {missing}", file=sys.stderr)
 
 
 def file_of(folder: Path, scheme: str, name: str) -> Path:
