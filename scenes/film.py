@@ -9,7 +9,7 @@ import sys
 import numpy as np
 
 import taichi_mps as mps
-from taichi_mps.quantity import Angle, Density, Duration, Length, StrainRate, Viscosity, YieldValue
+from taichi_mps.quantity import Angle, CriticalStrainRate, Density, Duration, Length, Viscosity, YieldValue
 
 
 def film_velocity(y, depth, slope_weight, eta, tau_y):
@@ -24,13 +24,16 @@ def scene(
     yield_value: YieldValue = 100.0,
     plastic_viscosity: Viscosity = 50.0,
     density: Density = 2300.0,
-    critical_strain_rate: StrainRate | None = None,
+    critical_strain_rate: CriticalStrainRate | None = None,
     angle: Angle = 10.0,
     depth: Length = 0.1,
     spacing: Length = 0.005,
     until: Duration = 2.0,
 ) -> mps.Scene:
     """Two-dimensional film, periodic along the slope; axes along and normal to it."""
+    if critical_strain_rate == "rational":
+        mix = {"plastic_viscosity": plastic_viscosity, "yield_value": yield_value}
+        critical_strain_rate = mps.rational_critical_strain_rate(**mix, time=until)
     length = max(10, round(0.5 * depth / spacing)) * spacing
     theta = np.radians(angle)
     low, high = (0.0, 0.0), (length, depth)

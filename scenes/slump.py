@@ -11,7 +11,7 @@ from functools import partial
 import numpy as np
 
 import taichi_mps as mps
-from taichi_mps.quantity import Density, Duration, Length, StrainRate, Viscosity, YieldValue
+from taichi_mps.quantity import CriticalStrainRate, Density, Duration, Length, Viscosity, YieldValue
 
 # Rest slump of the standard cone by finite elements with inertia, rho = 2300 kg/m3, eta = 50 Pa s, true Bingham:
 # yield value [Pa], slump over r < 20 mm [m]; own solution, +-0.4 mm
@@ -23,7 +23,7 @@ def scene(
     yield_value: YieldValue = 300.0,
     plastic_viscosity: Viscosity = 50.0,
     density: Density = 2300.0,
-    critical_strain_rate: StrainRate | None = None,
+    critical_strain_rate: CriticalStrainRate | None = None,
     spacing: Length = 0.01,
     base_diameter: Length = 0.2,
     top_diameter: Length = 0.1,
@@ -32,6 +32,9 @@ def scene(
     until: Duration = 5.0,
 ) -> mps.Scene:
     """Slump cone on a rough floor."""
+    if critical_strain_rate == "rational":
+        mix = {"plastic_viscosity": plastic_viscosity, "yield_value": yield_value}
+        critical_strain_rate = mps.rational_critical_strain_rate(**mix, time=until)
     material = mps.Bingham(
         density=density,
         plastic_viscosity=plastic_viscosity,

@@ -4,7 +4,7 @@ from importlib import import_module
 
 from . import measure
 from .geometry import Box, Cone, Cylinder, Plane, box_planes, fill, lattice, rings, shell
-from .material import Bingham, Newtonian
+from .material import Bingham, Newtonian, rational_critical_strain_rate
 from .quantity import SceneError, checked
 from .report import DivergedError, StepReport
 from .scene import Implicit, Scene, SemiImplicit
@@ -39,6 +39,7 @@ __all__ = [
     "fill",
     "lattice",
     "measure",
+    "rational_critical_strain_rate",
     "rings",
     "shell",
     *_LAZY,

@@ -7,13 +7,14 @@ import os
 import platform
 import signal
 import sys
+import warnings
 from contextlib import contextmanager, redirect_stdout
 from dataclasses import replace
 from importlib import metadata
 from pathlib import Path
 
 from . import __version__, catalogue
-from .options import Parser, Pictures, Run, given, joined
+from .options import Parser, Pictures, Run, Table, given, joined
 from .quantity import SceneError, suggestion
 from .scene import NUMERICS
 from .show import curves, pictures, progress, table
@@ -264,13 +265,16 @@ def validate(argv) -> int:
     parser = Parser("validate", description="Run cases with a known answer; a missed target is reported, not an error.")
     parser.add_argument("rows", nargs="*", help="names of rows; all by default")
     parser.add_argument("--quick", action="store_true", help="only the rows of a few seconds")
+    parser.options(Table, "table")
     parser.add_argument("--out", default="renders/validation", help="folder for table.md and a JSON file a row")
     parser.add_argument("--page", help="Markdown page with the marks of the table, to write it into")
     parser.add_argument("--json", action="store_true", help="print the results as JSON")
     arguments = parser.parse(argv)
+    options = Table(**given(arguments, Table))
     from .validation import table as validation
 
-    text, results = validation.run_table(arguments.rows, arguments.quick, Path(arguments.out), arguments.page)
+    names = arguments.rows, arguments.quick
+    text, results = validation.run_table(*names, Path(arguments.out), arguments.page, options.scheme, options.budget)
     tell(results, arguments.json, text)
     return DONE
 
@@ -292,7 +296,9 @@ def main(argv=None) -> int:
             return DONE
         if argv[0] not in COMMANDS:
             raise SceneError(f"unknown command '{argv[0]}'{suggestion(argv[0], COMMANDS)}")
-        return COMMANDS[argv[0]](argv[1:])
+        with warnings.catch_warnings():
+            warnings.showwarning = lambda message, *_: print(f"taichi-mps: {message}", file=sys.stderr)
+            return COMMANDS[argv[0]](argv[1:])
     except SceneError as error:
         print("taichi-mps: " + " ".join(str(error).split()), file=sys.stderr)
         return BAD_INPUT

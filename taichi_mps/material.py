@@ -1,6 +1,12 @@
 """Materials: what a technologist knows of the mix, in SI units."""
 
-from .quantity import Checked, Density, StrainRate, Viscosity, YieldValue
+import warnings
+
+from pydantic import model_validator
+
+from .quantity import Checked, Density, Duration, Ratio, SceneError, StrainRate, Viscosity, YieldValue, checked
+
+HIGH_KNEE = 0.1  # share of the yield value by which the knee stress may exceed it without a warning; the paper's #1
 
 
 class Bingham(Checked):
@@ -9,7 +15,7 @@ class Bingham(Checked):
     ``critical_strain_rate`` is the paper's pi_c [1/s] of the bi-viscosity law: below a shear rate of 2 pi_c the
     material is a very viscous fluid. ``None`` means a true yield value (scheme ``implicit`` only); the scheme
     ``semi-implicit`` then takes the paper's 0.1 1/s. With ``yield_value = 0`` the fluid is Newtonian and no
-    yield code is compiled.
+    yield code is compiled. Warns if the knee stress is more than HIGH_KNEE above the yield value.
     """
 
     density: Density = 2300.0
@@ -23,10 +29,39 @@ class Bingham(Checked):
 
     @property
     def knee_stress(self) -> float:
-        """Stress [Pa] at which a bi-viscosity material starts to flow: tau_y + eta 2 pi_c."""
+        """Stress [Pa] at which a bi-viscosity material starts to flow: tau_y + 2 eta pi_c (R1)."""
         return self.yield_value + 2.0 * self.plastic_viscosity * (self.critical_strain_rate or 0.0)
+
+    @model_validator(mode="after")
+    def _warn_of_a_high_knee(self):
+        excess = self.knee_stress - self.yield_value
+        if not self.newtonian and excess > (HIGH_KNEE + 1e-9) * self.yield_value:
+            largest = HIGH_KNEE * self.yield_value / (2.0 * self.plastic_viscosity)
+            warnings.warn(
+                f"critical_strain_rate = {self.critical_strain_rate:g} 1/s: the concrete yields at a knee stress of "
+                f"{self.knee_stress:g} Pa instead of yield_value = {self.yield_value:g} Pa; "
+                f"at most {largest:.3g} 1/s keeps that within {100.0 * HIGH_KNEE:g} %",
+                stacklevel=1,  # by text: once in a process, however often the scene is built
+            )
+        return self
 
 
 def Newtonian(density: float = 1000.0, viscosity: float = 1e-3) -> Bingham:  # noqa: N802
     """A fluid without yield value."""
     return Bingham(density=density, plastic_viscosity=viscosity, yield_value=0.0)
+
+
+@checked
+def rational_critical_strain_rate(
+    plastic_viscosity: Viscosity, yield_value: YieldValue, time: Duration = 5.0, error: Ratio = 0.01
+) -> float:
+    """pi_c [1/s] of a bi-viscosity law that is as good as a true yield value: min(e tau_y/(2 eta), e/T) (R3).
+
+    The largest with which the knee stress is at most 1 + ``error`` times the yield value (R1), and creep displaces a
+    body by at most ``error`` times its height within ``time`` [s] (R2). Neither the height nor gravity matters, since a
+    body that has come to rest is at its yield value whatever they are. Keywords only; SceneError for a fluid without
+    yield value.
+    """
+    if yield_value == 0.0:
+        raise SceneError("yield_value = 0 Pa: a fluid without yield value has no critical strain rate")
+    return error * min(yield_value / (2.0 * plastic_viscosity), 1.0 / time)

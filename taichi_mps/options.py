@@ -8,6 +8,7 @@ from pydantic import Field
 
 from .quantity import Checked, Count, Duration, SceneError, suggestion, unit_of
 
+SCHEMES = Literal["implicit", "semi-implicit"]
 VIEWS = Literal["concrete", "speed", "pressure", "shear-rate", "yielded"]
 
 
@@ -23,7 +24,7 @@ class Pictures(Checked):
 class Run(Pictures):
     """Options of run; a checkpoint keeps them for resume."""
 
-    scheme: Literal["implicit", "semi-implicit"] = Field("implicit", description="numerical scheme")
+    scheme: SCHEMES = Field("implicit", description="numerical scheme")
     model: Literal["full"] = Field("full", description="the whole body; reduced models are not built yet")
     precision: Literal["f32", "f64"] = Field("f32", description="of the solver's numbers")
     until: Duration | None = Field(None, description="end of the simulated time, the scene's own by default")
@@ -33,12 +34,19 @@ class Run(Pictures):
     quiet: bool = Field(False, description="no progress and no table")
 
 
+class Table(Checked):
+    """Options of validate."""
+
+    scheme: SCHEMES = Field("implicit", description="numerical scheme, with its defaults")
+    budget: Duration | None = Field(None, description="CPU time after which a row is stopped")
+
+
 class Parser(argparse.ArgumentParser):
     """One clear line instead of the usage text for bad input."""
 
     def __init__(self, command, **settings):
         settings.setdefault(
-            "formatter_class", lambda prog: argparse.HelpFormatter(prog, max_help_position=34, width=112)
+            "formatter_class", lambda prog: argparse.HelpFormatter(prog, max_help_position=42, width=112)
         )
         super().__init__(prog=f"taichi-mps {command}".strip(), allow_abbrev=False, **settings)
 
@@ -61,8 +69,9 @@ class Parser(argparse.ArgumentParser):
                 switch = argparse.BooleanOptionalAction if field.default else "store_true"
                 group.add_argument(flag, dest=name, action=switch, default=None, help=text)
             else:
-                unit = unit_of(field).replace("-", "N").replace(" ", ".") or "X"
-                group.add_argument(flag, dest=name, metavar="|".join(choices(field)) or unit, help=text)
+                unit = unit_of(field).replace("-", "N").replace(" ", ".")
+                group.add_argument(flag, dest=name, metavar="|".join([unit] * bool(unit) + choices(field)) or "X",
+                                   help=text)  # fmt: skip
 
     def parse(self, argv):
         """Namespace; an option that does not exist is refused with the nearest one that does."""
@@ -96,8 +105,10 @@ def is_number(word: str) -> bool:
         return False
 
 
-def choices(field) -> tuple[str, ...]:
-    return get_args(field.annotation) if get_origin(field.annotation) is Literal else ()
+def choices(field) -> list[str]:
+    """The words that a field accepts, alone or beside a number."""
+    kinds = (field.annotation, *get_args(field.annotation))
+    return [word for kind in kinds if get_origin(kind) is Literal for word in get_args(kind)]
 
 
 def allowed(field) -> str:

@@ -177,3 +177,51 @@ def history(rows, out):
         panel.set_xlabel("time [s]")
         panel.tick_params(labelbottom=True)
     return _save(figure, out)
+
+
+def convergence(series, panels, out):
+    """Errors against the resolution, log-log, with guides of the orders 1 and 1.5; one panel for each quantity.
+
+    series: [{quantity, curve, x, y}]; points of the same curve are joined. panels: {quantity: (label of the x axis,
+    sign of the slope)}, -1 where the error falls with growing x. A panel without points is left out. Raises ValueError
+    if all are.
+    """
+    curves = {}  # quantity -> curve -> points
+    for item in series:
+        points = curves.setdefault(item["quantity"], {}).setdefault(item["curve"], [])
+        points += [(x, y) for x, y in zip(item["x"], item["y"], strict=True) if y > 0.0]
+    shown = [quantity for quantity in panels if curves.get(quantity)]
+    if not shown:
+        raise ValueError("convergence: no result holds errors at several spacings")
+    figure, axes = _figure(6.6 * len(shown), 4.8, 1, len(shown), squeeze=False)
+    from matplotlib.ticker import LogLocator
+
+    for panel, quantity in zip(axes.flat, shown, strict=True):
+        label, sign = panels[quantity]
+        lines = {curve: np.array(sorted(points)) for curve, points in curves[quantity].items()}
+        every = np.concatenate(list(lines.values()))
+        panel.set(xscale="log", yscale="log", xlabel=label, title=quantity)
+        _order_guides(panel, every, sign)
+        for k, points in enumerate(lines.values()):
+            panel.plot(*points.T, "o-", color=COLOURS[k % len(COLOURS)], ms=6, mec="white", mew=0.8)
+        ticks = np.unique(every[:, 0])
+        panel.set_xticks(ticks, [f"{x:g}" for x in ticks], minor=False)
+        panel.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        panel.yaxis.set_major_formatter("{x:g}")
+        panel.tick_params(which="minor", left=False, bottom=False, labelleft=False, labelbottom=False)
+        colours = [COLOURS[k % len(COLOURS)] for k in range(len(lines))]
+        ends = [(*points[-1], text, colour) for (text, points), colour in zip(lines.items(), colours, strict=True)]
+        _label_ends(panel, ends)
+    return _save(figure, out)
+
+
+def _order_guides(axes, points, sign):
+    """Thin lines of the orders 1 and 1.5 from above the largest error at the coarsest spacing to the finest."""
+    x = np.array([points[:, 0].min(), points[:, 0].max()])
+    coarse, fine = x if sign < 0 else x[::-1]
+    top = 1.3 * points[:, 1].max()
+    for order in (1.0, 1.5):
+        end = top * (fine / coarse) ** (sign * order)
+        axes.plot([coarse, fine], [top, end], color="#9aa1a9", lw=1.0, ls="--", zorder=1)
+        axes.annotate(f"order {order:g}", (fine, end), (-6 * sign, -3), textcoords="offset points", color="#6b727a",
+                      fontsize=10, ha="right" if sign < 0 else "left", va="top", zorder=1)  # fmt: skip

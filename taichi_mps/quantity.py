@@ -3,7 +3,7 @@
 import difflib
 import inspect
 from functools import wraps
-from typing import Annotated, Any, get_args, get_origin
+from typing import Annotated, Any, Literal, get_args, get_origin
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model
 
@@ -27,6 +27,7 @@ Density = _real("kg/m3", gt=0.0, le=30000.0)
 Viscosity = _real("Pa s", gt=0.0, le=1e6)
 YieldValue = _real("Pa", ge=0.0, le=1e6)
 StrainRate = _real("1/s", gt=0.0, le=1e4)
+CriticalStrainRate = StrainRate | Literal["rational"]  # the word: by material.rational_critical_strain_rate
 Acceleration = _real("m/s2", ge=0.0, le=1000.0)
 Angle = _real("deg", ge=0.0, lt=90.0)
 Ratio = _real("-", gt=0.0, le=1.0)
@@ -70,7 +71,7 @@ def suggestion(key, known) -> str:
 
 
 def explain(error: ValidationError, model: type[BaseModel]) -> str:
-    """Every violation as 'key = value unit: what is allowed', joined with '; '."""
+    """Every violation as 'key = value unit: what is allowed', joined with '; '; alternatives of a key with 'or'."""
     lines = []
     for item in error.errors():
         key = str(item["loc"][0]) if item["loc"] else model.__name__
@@ -85,7 +86,11 @@ def explain(error: ValidationError, model: type[BaseModel]) -> str:
         else:
             tail = f" {unit}" if unit else ""
             bound = tail if item["type"].startswith(("greater", "less")) else ""
-            lines.append(f"{key} = {item['input']}{tail}: {allowed}{bound}")
+            start = f"{key} = {item['input']}{tail}: "
+            if lines and lines[-1].startswith(start):
+                lines[-1] += allowed.replace("must be", ", or", 1)
+            else:
+                lines.append(f"{start}{allowed}{bound}")
     return "; ".join(lines)
 
 

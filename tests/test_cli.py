@@ -148,6 +148,23 @@ def test_a_scene_file_runs_alone_and_the_pictures_can_be_drawn_again(work):
     assert (folder / "animation-speed.gif").is_file()
 
 
+def test_a_high_knee_stress_is_one_line_and_a_rational_rate_has_none(tmp_path, capsys, monkeypatch):
+    """The rule for 300 Pa, 50 Pa s and 5 s: pi_c = 0.01 min(300/100, 1/5) = 0.002 1/s."""
+    made = []
+    monkeypatch.setattr(cli, "start", lambda options: None)
+    monkeypatch.setattr(cli, "carry_out", lambda sim, *rest: made.append(sim.scene.material) or 0)
+    words = ["run", "slump", "--spacing", "0.05", "--out", str(tmp_path / "run"), "--critical-strain-rate"]
+    assert cli.main([*words, "1"]) == 0
+    err = capsys.readouterr().err
+    assert err == (
+        "taichi-mps: critical_strain_rate = 1 1/s: the concrete yields at a knee stress of 400 Pa instead of "
+        "yield_value = 300 Pa; at most 0.3 1/s keeps that within 10 %\n"
+    )
+    assert cli.main([*words, "rational"]) == 0
+    assert capsys.readouterr().err == ""
+    assert made[1].critical_strain_rate == pytest.approx(0.002)
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [
@@ -163,6 +180,11 @@ def test_a_scene_file_runs_alone_and_the_pictures_can_be_drawn_again(work):
             "effective_radius_ratio = -1 l0: must be greater than or equal to 1.6 l0",
         ),
         ("run slump --effective-radius-ratio nan", "effective_radius_ratio = nan l0: must be a finite number"),
+        (
+            "run slump --critical-strain-rate rationel",
+            "critical_strain_rate = rationel 1/s: must be a valid number, unable to parse string as a number, "
+            "or 'rational'",
+        ),
         ("run slump --density 0", "density = 0 kg/m3: must be greater than 0 kg/m3"),
         ("run slump --density 2.3e6", "density = 2.3e6 kg/m3: must be less than or equal to 30000 kg/m3"),
         ("run slump --density heavy", "density = heavy kg/m3: must be a valid number"),

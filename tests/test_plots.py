@@ -104,6 +104,29 @@ def test_history_takes_a_list_of_rows_and_a_single_row(tmp_path):
     assert size(plots.history([{"time_s": 0.0, "slump_m": 0.0, "dt_s": 0.01}], tmp_path / "history.png"))[0] == 1500
 
 
+def test_convergence_has_a_panel_for_each_error_and_guides_of_its_orders(tmp_path, figures):
+    panels = {"L2": ("across", -1), "slump": ("spacing [mm]", 1), "nothing": ("x", 1)}
+    series = [
+        {"quantity": "L2", "curve": "film", "x": (10, 20, 40), "y": (0.04, 0.02, 0.01)},
+        {"quantity": "slump", "curve": "500 Pa", "x": (20.0,), "y": (8.0,)},
+        {"quantity": "slump", "curve": "500 Pa", "x": (5.0, 10.0), "y": (1.0, 3.0)},
+    ]
+    out = plots.convergence(series, panels, tmp_path / "convergence.png")
+    assert size(out) == (1980, 720)
+    films, cones = figures[0].axes
+    for axes, name, x in ((films, "film", [10, 20, 40]), (cones, "500 Pa", [5, 10, 20])):
+        assert axes.get_xscale() == axes.get_yscale() == "log"
+        first, second, line = axes.lines
+        np.testing.assert_array_equal(line.get_xdata(), x)  # the points of two rows are one curve
+        for guide, order in ((first, 1.0), (second, 1.5)):
+            (x0, x1), (y0, y1) = guide.get_data()
+            assert abs(np.log(y1 / y0) / np.log(x1 / x0)) == pytest.approx(order)
+            assert (y1 < y0) == (x1 > x0 if axes is films else x1 < x0)  # finer is better
+        assert {text.get_text() for text in axes.texts} == {"order 1", "order 1.5", name}
+    with pytest.raises(ValueError, match="no result"):
+        plots.convergence([], panels, tmp_path / "none.png")
+
+
 def test_missing_matplotlib_is_said_clearly(tmp_path, monkeypatch):
     real = builtins.__import__
 

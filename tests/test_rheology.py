@@ -1,10 +1,14 @@
 """Constitutive laws: the bi-viscosity law of eqs (1)-(3), (5), (9) and the return mapping of the true yield law."""
 
+import warnings
+
 import numpy as np
 import pytest
 
+import taichi_mps as mps
 from taichi_mps.backend import ti
 from taichi_mps.rheology import apparent_viscosity, bi_viscosity, magnitude, return_mapping, shear_rate
+from taichi_mps.validation import read_reference
 
 ETA, TAU_Y, PI_C, MU_R = 50.0, 300.0, 0.1, 400.0
 
@@ -94,3 +98,90 @@ def test_bi_viscosity_law_is_continuous_at_the_knee_and_has_two_branches():
 @pytest.mark.parametrize("rate", [0.0, 0.1, 0.2, 0.3, 40.0])
 def test_the_kernel_uses_the_same_law(rate):
     assert viscosity_in_a_kernel(rate) == pytest.approx(apparent_viscosity(rate, ETA, TAU_Y, PI_C), rel=1e-12)
+
+
+# ---- the rational critical strain rate -------------------------------------------------------------------------
+def excess_rate(stress, eta, tau_y, pi_c):
+    """Shear rate [1/s] of the bi-viscosity law over that of a true Bingham material, both under ``stress`` [Pa]; the
+    stress of the law is tabulated from its apparent viscosity and inverted."""
+    rate = np.concatenate([[0.0], np.geomspace(1e-6 * pi_c, 2.0 * pi_c + stress.max() / eta, 20000), [2.0 * pi_c]])
+    rate = np.sort(rate)
+    law = apparent_viscosity(rate, eta, tau_y, pi_c, np.maximum) * rate
+    return np.interp(stress, law, rate) - np.maximum(0.0, stress - tau_y) / eta
+
+
+def film_errors(wall_stress, eta, tau_y, pi_c, depth=0.1):
+    """Excess of the surface speed [m/s] and of the flux [m2/s] of a film: u' = rate(stress), stress linear in depth,
+    both integrated over it."""
+    stress = np.linspace(0.0, wall_stress, 20001)
+    excess = excess_rate(stress, eta, tau_y, pi_c)
+    below = stress * depth / wall_stress  # depth below the surface [m]: what flows faster above a sheared layer
+    middle, step = 0.5 * (excess[1:] + excess[:-1]), np.diff(below)
+    return np.sum(middle * step), np.sum(middle * step * 0.5 * (below[1:] + below[:-1]))
+
+
+@pytest.mark.parametrize("tau_y", [50.0, 150.0, 500.0, 1500.0])
+@pytest.mark.parametrize("eta", [20.0, 80.0, 350.0, 1500.0])
+@pytest.mark.parametrize(("time", "error"), [(5.0, 0.01), (60.0, 0.01), (2.0, 0.1)])
+def test_rational_critical_strain_rate_keeps_its_promise_and_wastes_nothing(tau_y, eta, time, error):
+    """Films of every wall stress: displaced by at most ``error`` of their depth, knee at most ``error`` too high; and
+    one of the two is nearly used up."""
+    pi_c = mps.rational_critical_strain_rate(plastic_viscosity=eta, yield_value=tau_y, time=time, error=error)
+    concrete = mps.Bingham(plastic_viscosity=eta, yield_value=tau_y, critical_strain_rate=pi_c)
+    knee = concrete.knee_stress / tau_y - 1.0
+    films = [
+        film_errors(s * tau_y, eta, tau_y, pi_c)[0] for s in (0.1, 0.5, 0.9, 1.0, 1.0 + 0.5 * knee, 1.1, 2.0, 10.0)
+    ]
+    displaced = np.array(films) * time / 0.1
+    assert np.all(displaced > 0.0) and displaced.max() <= error * (1.0 + 1e-3)
+    assert knee <= error * (1.0 + 1e-9)
+    assert max(knee, displaced.max()) > 0.9 * error
+
+
+@pytest.mark.parametrize("wall_stress", [400.0, 1200.0])
+def test_excess_of_a_flowing_film_is_the_closed_form(wall_stress):
+    """(R4): pi_c h at the surface and pi_c h^2 (2 + k)/3 of flux, h the thickness of the plug."""
+    plug, k = 0.1 * TAU_Y / wall_stress, 2.0 * ETA * PI_C / TAU_Y
+    speed, flux = film_errors(wall_stress, ETA, TAU_Y, PI_C)
+    assert speed == pytest.approx(PI_C * plug, rel=1e-4)
+    assert flux == pytest.approx(PI_C * plug**2 * (2.0 + k) / 3.0, rel=1e-4)
+
+
+@pytest.mark.parametrize(("tau_y", "rate"), [(300.0, 0.02), (300.0, 0.2), (500.0, 0.2)])
+def test_creep_of_the_finite_element_cone_is_what_the_rule_tolerates(tau_y, rate):
+    """At 5 s the bi-viscosity cone has slumped farther than the true Bingham one: by at most pi_c T of the height of
+    the arrested body, and by more than 0.4 of that."""
+    table = read_reference("A_fe_inertial_slump_summary.csv")
+    slump = {
+        r["model"]: 1e-3 * float(r["mean20_mm"])
+        for r in table
+        if (float(r["tau_Pa"]), float(r["eta_Pa_s"]), float(r["time_s"])) == (tau_y, 50.0, 5.0)
+        and float(r["gc_1_s"]) == (rate if r["model"] == "B" else 0.0)
+    }
+    tolerated = 0.5 * rate * 5.0 * (0.3 - slump["A"])
+    assert 0.4 * tolerated < slump["B"] - slump["A"] < tolerated
+
+
+def test_a_newtonian_fluid_has_no_critical_strain_rate():
+    with pytest.raises(mps.SceneError, match="yield_value = 0 Pa"):
+        mps.rational_critical_strain_rate(plastic_viscosity=1.0, yield_value=0.0)
+
+
+def test_a_high_knee_stress_warns():
+    """The paper's #5: pi_c = 0.1 1/s with 1500 Pa s makes 100 Pa into 400 Pa."""
+    with pytest.warns(UserWarning) as caught:
+        mps.Bingham(plastic_viscosity=1500.0, yield_value=100.0, critical_strain_rate=0.1)
+    (warning,) = caught
+    for part in ("critical_strain_rate = 0.1 1/s", "400 Pa", "yield_value = 100 Pa", "at most 0.00333 1/s", "10 %"):
+        assert part in str(warning.message)
+
+
+@pytest.mark.parametrize(
+    ("eta", "tau_y", "pi_c"),
+    [(50.0, 100.0, 0.1), (50.0, 100.0 - 1e-10, 0.1), (50.0, 0.0, 0.1), (1500.0, 100.0, None), (1500.0, 100.0, 0.00333)],
+)
+def test_a_knee_stress_within_ten_per_cent_is_silent(eta, tau_y, pi_c):
+    """The paper's #1 has exactly 10 %; a Newtonian fluid and a true yield value have no knee."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        mps.Bingham(plastic_viscosity=eta, yield_value=tau_y, critical_strain_rate=pi_c)

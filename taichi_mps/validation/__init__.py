@@ -1,8 +1,8 @@
 """The validation table: cases with an exact or independent answer, run and judged by ``taichi-mps validate``.
 
-A row is a function that runs one case and yields what it measured, each beside its target. Rows stand in
-``flows.py``, ``curved.py``, ``slumps.py``, ``fluids.py`` and ``vortices.py``; ``table.py`` runs them, each in a
-process of its own.
+A row is a function that runs one case and yields what it measured, each beside its target. Rows stand in ``flows.py``,
+``curved.py``, ``slumps.py``, ``fluids.py``, ``vortices.py`` and ``rational.py``, and make their simulations by
+``scheme.simulate``. ``table.py`` runs them, each in a process of its own.
 """
 
 import csv
@@ -12,6 +12,7 @@ from pathlib import Path
 
 REFERENCE = Path(__file__).parent / "reference"
 ROWS: dict[str, "Row"] = {}
+L2_ERROR, SLUMP_ERROR = "L2 error of the velocity [-]", "largest error of the slump [mm]"
 
 
 @dataclass(frozen=True)
@@ -29,6 +30,17 @@ class Measured:
 
 
 @dataclass(frozen=True)
+class Series:
+    """Points of a curve of the convergence chart, at one spacing or more: L2_ERROR against particles across, or
+    SLUMP_ERROR against the spacing [mm]."""
+
+    quantity: str
+    curve: str
+    x: tuple[float, ...]
+    y: tuple[float, ...]
+
+
+@dataclass(frozen=True)
 class Row:
     """One case of the table."""
 
@@ -36,11 +48,11 @@ class Row:
     case: str  # what flows
     reference: str  # where the right answer comes from
     quick: bool  # belongs to --quick and to the test suite
-    run: Callable  # yields Measured
+    run: Callable  # yields Measured, and Series
 
 
 def row(case: str, reference: str, quick: bool = False):
-    """Register a generator of Measured as a row named like the function."""
+    """Register a generator of Measured and Series as a row named like the function."""
 
     def register(function):
         ROWS[function.__name__] = Row(function.__name__, case, reference, quick, function)

@@ -11,6 +11,7 @@ import taichi_mps as mps
 
 from . import Measured, read_reference, row
 from .flows import l2
+from .scheme import simulate
 
 DENSITY, ETA = 2300.0, 50.0  # kg/m3, Pa s
 RADIUS, OUTER, ACROSS = 0.05, 0.1, 20  # of the pipe and the inner cylinder, of the outer one [m]; particles
@@ -68,7 +69,7 @@ def pipe_numbers(push, tau_y, until):
             periodic=(True, False, False),
             gravity=(push / DENSITY, 0.0, 0.0),
         )
-        sim = mps.Simulation(scene)
+        sim = simulate(scene)
         sim.run(until=until)
         s = sim.snapshot()
         exact = pipe_profile(np.hypot(s.x[:, 1], s.x[:, 2]), push, tau_y)
@@ -133,7 +134,7 @@ def couette_numbers(turn, tau_y, until):
             domain=((-side, -side), (side, side)),
             gravity=(0.0, 0.0),
         )
-        sim = mps.Simulation(scene)
+        sim = simulate(scene)
         sim.run(until=until)
         s = sim.snapshot()
         r = np.linalg.norm(s.x, axis=1)

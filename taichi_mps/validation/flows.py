@@ -1,4 +1,4 @@
-"""Rows on plane flows, yielding, standing columns and rotation, all with the scheme `implicit` at its defaults.
+"""Rows on plane flows, yielding, standing columns and rotation, all with the defaults of the scheme.
 
 Where a row caps the time step, its ``case`` says so. Concrete-like numbers throughout: 2300 kg/m3, 50 to 100 Pa s.
 Errors of profiles are |u - u_exact|/|u_exact| in the L2 norm over all particles, from the last state of the run.
@@ -9,7 +9,8 @@ import numpy as np
 import taichi_mps as mps
 from taichi_mps import catalogue
 
-from . import Measured, read_reference, row
+from . import L2_ERROR, Measured, Series, read_reference, row
+from .scheme import simulate
 
 DENSITY, ETA, DEPTH, G = 2300.0, 100.0, 0.1, 9.81  # kg/m3, Pa s, m, m/s2
 SLOPE_WEIGHT = DENSITY * G * float(np.sin(np.radians(10.0)))  # of a film on a slope of 10 degrees, along it [N/m3]
@@ -37,13 +38,14 @@ def run_film(across, bingham_number, until, pi_c=None, depth=DEPTH, angle=10.0, 
     weight = DENSITY * G * float(np.sin(np.radians(angle)))
     tau_y = bingham_number * weight * depth
     keywords = {"yield_value": tau_y, "plastic_viscosity": eta, "critical_strain_rate": pi_c, "depth": depth}
-    sim = mps.Simulation(catalogue.build("film", spacing=depth / across, angle=angle, **keywords))
+    sim = simulate(catalogue.build("film", spacing=depth / across, angle=angle, **keywords))
     sim.run(until=until)
     return sim.snapshot(), weight, tau_y
 
 
-def order_numbers(errors: dict[int, float]):
+def order_numbers(errors: dict[int, float], curve: str):
     """L2 error at 20 across, and by how much the order from 10 to 40 across falls short of 1.5."""
+    yield Series(L2_ERROR, curve, tuple(errors), tuple(errors.values()))
     yield Measured("L2 error at 20 across", errors[20], 0.02)
     order = np.log2(errors[10] / errors[40]) / 2.0
     yield Measured(f"1.5 - order of convergence ({order:.2f} from 10 to 40 across)", max(0.0, float(1.5 - order)), 0.0)
@@ -52,6 +54,7 @@ def order_numbers(errors: dict[int, float]):
 def between_walls(spacing, gap, material, until, push=0.0, wall_speed=0.0, start=None, max_time_step=None):
     """Fluid between y = 0 and gap [m], periodic along x, pushed by a body force [m/s2]; the upper wall moves."""
     high = (10 * spacing, gap)
+    moving = (wall_speed, 0.0) if wall_speed else None
     x = mps.lattice((0.0, 0.0), np.array(high) - 0.5 * spacing, spacing)
     scene = mps.Scene(
         name="channel",
@@ -59,12 +62,12 @@ def between_walls(spacing, gap, material, until, push=0.0, wall_speed=0.0, start
         spacing=spacing,
         fluid=x,
         velocity=None if start is None else np.column_stack([start(x[:, 1]), np.zeros(len(x))]),
-        walls=(mps.Plane((0.0, 0.0), (0.0, 1.0)), mps.Plane(high, (0.0, -1.0), velocity=(wall_speed, 0.0))),
+        walls=(mps.Plane((0.0, 0.0), (0.0, 1.0)), mps.Plane(high, (0.0, -1.0), velocity=moving)),
         domain=((0.0, -spacing), (high[0], gap + spacing)),
         periodic=(True, False),
         gravity=(push, 0.0),
     )
-    sim = mps.Simulation(scene, mps.Implicit(max_time_step=max_time_step))
+    sim = simulate(scene, max_time_step)
     if until is not None:
         sim.run(until=until)
     return sim
@@ -78,7 +81,7 @@ def film_numbers(bingham_number):
         s, weight, tau_y = run_film(across, bingham_number, 2.0)
         exact = profile(s.x[:, 1], weight, ETA, tau_y)
         errors[across] = l2(s.u[:, 0], exact)
-    yield from order_numbers(errors)
+    yield from order_numbers(errors, f"film, Bn = {bingham_number:g}")
     top = s.x[:, 1] > (DEPTH - tau_y / weight if tau_y else DEPTH - s.spacing)
     what = "plug speed" if tau_y else "speed of the top layer"
     yield Measured(f"{what} at 40 across, relative error", float(s.u[top, 0].mean() / exact[top].mean()) - 1.0, 0.01)
@@ -114,7 +117,7 @@ def film_bi_viscosity():
             s, *_ = run_film(across, tau_y / (weight * depth), 2.0, 0.5 * knee_rate, depth, angle, eta)
             errors[across] = l2(s.u[:, 0], profile(s.x[:, 1], weight, eta, tau_y, depth, knee_rate))
         if len(errors) == 3:
-            yield from order_numbers(errors)
+            yield from order_numbers(errors, "bi-viscosity film")
         else:
             yield Measured("L2 error at 20 across, 4000 Pa/m", errors[20], 0.02)
 
@@ -122,7 +125,7 @@ def film_bi_viscosity():
 @row("Bingham film with a wall stress of 0.95 and 1.05 tau_y, 20 and 40 across, 100 Pa s", CLOSED)
 def film_at_yield():
     """Below, it must stand; above, a layer of H/21 (1.9 particles at 40 across) is sheared."""
-    sim = mps.Simulation(
+    sim = simulate(
         catalogue.build("film", spacing=DEPTH / 20, yield_value=SLOPE_WEIGHT * DEPTH / 0.95, plastic_viscosity=ETA)
     )
     for t in (2.0, 10.0):
@@ -145,7 +148,7 @@ def channel_bingham():
         s = between_walls(DEPTH / across, DEPTH, material, 2.0, push=weight / DENSITY).snapshot()
         exact = profile(half - np.abs(s.x[:, 1] - half), weight, eta, tau_y, half)
         errors[across] = l2(s.u[:, 0], exact)
-    yield from order_numbers(errors)
+    yield from order_numbers(errors, "channel, Bn = 0.3")
     plug = np.abs(s.x[:, 1] - half) < tau_y / weight
     yield Measured("plug speed at 40 across, relative error", float(s.u[plug, 0].mean() / exact.max()) - 1.0, 0.01)
 
@@ -219,7 +222,7 @@ def top_speed(solid, across, b) -> float:
         walls=(mps.Plane((0.0,) * d, (0.0,) * (d - 1) + (1.0,)),),
         domain=((-0.5,) * (d - 1) + (-0.02,), (0.5,) * (d - 1) + (0.4,)),
     )
-    sim = mps.Simulation(scene)
+    sim = simulate(scene)
     sim.run(until=0.3)
     top = (np.linalg.norm(x[:, :-1], axis=1) < 0.1 * HEIGHT) & (x[:, -1] > HEIGHT - 1.5 * spacing)
     return float(-sim.snapshot().u[top, -1].mean())
@@ -278,7 +281,7 @@ def rotation_numbers(dimension, across):
         gravity=(0.0,) * dimension,
     )
     for cap in (None, time / 200):
-        sim = mps.Simulation(scene, mps.Implicit(max_time_step=cap))
+        sim = simulate(scene, cap)
         sim.run(until=time)
         s = sim.snapshot()
         left = np.sum(s.x[:, 0] * s.u[:, 1] - s.x[:, 1] * s.u[:, 0]) / np.sum(x[:, 0] * u[:, 1] - x[:, 1] * u[:, 0])

@@ -6,6 +6,7 @@ import taichi_mps as mps
 
 from .. import catalogue
 from . import Measured, read_reference, row
+from .scheme import simulate
 
 
 def columns(name, **wanted):
@@ -17,7 +18,7 @@ def columns(name, **wanted):
 
 def still_pool(until, **keywords):
     """A pool of 10 layers: pressure error, drift of the level, and whether the motion grows in the second half."""
-    sim = mps.Simulation(catalogue.load("still_pool")(spacing=0.02, until=until, **keywords))
+    sim = simulate(catalogue.load("still_pool")(spacing=0.02, until=until, **keywords))
     energy, error = [], []
     sim.each_step(lambda s: energy.append(s.report.kinetic_energy))
     sim.every(until / 20, lambda s: error.append(s.measures()["pressure_error"]))
@@ -43,7 +44,7 @@ def still_pool_concrete():
 @row("dam break, a = 0.146 m, a/l0 = 20", "Martin and Moyce (1952), a = 2.25 in, digitised +-0.05", quick=True)
 def dam_break_front():
     a, known = 0.146, columns("C_dambreak_front_martin_moyce_koshizuka.csv", dataset="martin_moyce_a2.25in_n2=2")
-    sim = mps.Simulation(catalogue.load("dam_break")(until=0.26))
+    sim = simulate(catalogue.load("dam_break")(until=0.26))
     times, reach = [], []
     sim.every(0.01, lambda s: (times.append(s.time), reach.append(s.measures()["front_m"])))
     sim.run()
@@ -74,7 +75,7 @@ def dam_break_pressure():
         domain=((-margin, -margin), (high[0] + margin, 6 * height)),
         until=1.45,
     )
-    sim = mps.Simulation(scene)
+    sim = simulate(scene)
     times, pressure = [], []
 
     def sensor(s):
@@ -108,7 +109,7 @@ def elliptical_drop():
         domain=((-4.0, -4.0), (4.0, 4.0)),
         until=1.0,
     )
-    sim = mps.Simulation(scene)
+    sim = simulate(scene)
     start = 0.5 * 1000.0 * l0**2 * (scene.velocity**2).sum()
     sim.run()
     u = sim.snapshot()
@@ -134,7 +135,7 @@ def square_patch():
         domain=((-2.0, -2.0), (2.0, 2.0)),
         until=2.0,
     )
-    sim = mps.Simulation(scene)
+    sim = simulate(scene)
     sim.run()
     s = sim.snapshot()
     known = columns("C_square_patch_bem.csv")
@@ -165,7 +166,7 @@ def cavity(reynolds, until):
         domain=((-0.1, -0.1), (1.1, 1.1)),
         until=until,
     )
-    sim = mps.Simulation(scene)
+    sim = simulate(scene)
     profile, wanted = [], columns("C_lid_cavity_ghia.csv", Re=str(reynolds), component="u(x=0.5 y)")
     y, u = wanted["position"], wanted["own"]
     inside = (y > 0.5 * l0) & (y < 1 - 0.5 * l0)

@@ -13,7 +13,8 @@ import numpy as np
 import taichi_mps as mps
 
 from .. import catalogue
-from . import Measured, read_reference, row
+from . import SLUMP_ERROR, Measured, Series, read_reference, row
+from .scheme import simulate
 
 MILESTONES = (0.1, 0.2, 0.3, 0.5, 1.0)  # [s]
 DENSITY, GRAVITY = 2300.0, 9.81  # [kg/m3], [m/s2]
@@ -30,7 +31,7 @@ def cone(**keywords) -> mps.Scene:
 def follow(scene: mps.Scene, interval: float | None = None):
     """Run a scene to its end: simulation, rows of (time [s], measures [m]) every ``interval`` [s], largest volume
     error [-]. The last row is the end."""
-    sim = mps.Simulation(scene)
+    sim = simulate(scene)
     rows, volume = [], [0.0]
     if interval:
         sim.every(interval, lambda s: rows.append((s.time, *s.measures().values())))
@@ -108,6 +109,9 @@ def collapse(tau_y, until=5.0, spacing=0.01, pi_c=None, slump_target=5.0):
     end_slump, end_spread = exact[max(exact)]
     errors = [slump - exact[t][0] for t, slump in zip(MILESTONES, slumps, strict=True)]
     last = moment(sim)
+    if pi_c is None:
+        worst_slump = abs(largest([*errors, history[-1, 1] - end_slump]))
+        yield Series(SLUMP_ERROR, f"{tau_y:g} Pa", (1e3 * spacing,), (1e3 * worst_slump,))
     yield Measured("slump, worst of t = 0.1, 0.2, 0.3, 0.5, 1 s", 1e3 * largest(errors), slump_target, "mm")
     yield Measured(f"slump {last}", 1e3 * (history[-1, 1] - end_slump), slump_target, "mm")
     yield Measured(f"spread {last}", percent(history[-1, 3], end_spread), 3.0, "%")
@@ -140,6 +144,26 @@ def slump_1000():
 @row("slump cone, tau_y = 1000 Pa, eta = 50 Pa s, l0 = 20 mm", INERTIAL, quick=True)
 def slump_1000_coarse():
     yield from collapse(1000.0, spacing=0.02, slump_target=10.0)
+
+
+@row("slump cone, tau_y = 500 Pa, eta = 50 Pa s, l0 = 20 mm", INERTIAL)
+def slump_500_coarse():
+    yield from collapse(500.0, spacing=0.02, slump_target=10.0)
+
+
+@row("slump cone, tau_y = 100 Pa, eta = 50 Pa s, l0 = 5 mm", INERTIAL)
+def slump_100_fine():
+    yield from collapse(100.0, spacing=0.005, slump_target=3.0)
+
+
+@row("slump cone, tau_y = 300 Pa, eta = 50 Pa s, l0 = 5 mm", INERTIAL)
+def slump_300_fine():
+    yield from collapse(300.0, spacing=0.005, slump_target=3.0)
+
+
+@row("slump cone, tau_y = 500 Pa, eta = 50 Pa s, l0 = 5 mm", INERTIAL)
+def slump_500_fine():
+    yield from collapse(500.0, spacing=0.005, slump_target=3.0)
 
 
 @row("slump cone, bi-viscosity (pi_c = 0.1 1/s), tau_y = 500 Pa, eta = 50 Pa s, l0 = 10 mm", INERTIAL)
@@ -188,7 +212,7 @@ def spread_time():
     eta = 1000.0
     lines = [r for r in read_reference("A_fe_slump_T500.csv") if float(r["tau0_Pa"]) == 50.0]
     exact = {float(r["D_mm"]): float(r["t_s_mu100"]) * eta / 100.0 for r in lines}
-    sim = mps.Simulation(cone(yield_value=50.0, plastic_viscosity=eta, until=2.0 * exact[500.0]))
+    sim = simulate(cone(yield_value=50.0, plastic_viscosity=eta, until=2.0 * exact[500.0]))
     rows = [(0.0, 0.2)]
 
     def watch(s):

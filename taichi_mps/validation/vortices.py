@@ -7,6 +7,7 @@ import taichi_mps as mps
 from . import Measured, row
 from .flows import DENSITY, DEPTH, ETA, between_walls
 from .fluids import columns
+from .scheme import simulate
 
 
 @row("Taylor-Green vortices, Re = 100, 50 across, both axes periodic, to t U/L = 1", "exact decay")
@@ -25,7 +26,7 @@ def taylor_green():
         periodic=(True, True),
         until=1.0,
     )
-    sim = mps.Simulation(scene)
+    sim = simulate(scene)
     sim.run()
     s, exact = sim.snapshot(), columns("C_taylor_green.csv", Re="100")
     end = int(np.argmin(np.abs(exact["t"] - 1.0)))
@@ -62,7 +63,7 @@ def standing_wave():
         domain=((-0.1, -0.1), (width + 0.1, depth + 0.2)),
         until=3 * period,
     )
-    sim = mps.Simulation(scene)
+    sim = simulate(scene)
     times, amplitude = [], []
 
     def sample(s):
@@ -111,7 +112,7 @@ def bingham_cavity(bingham_number):
         domain=((-0.1, -0.1), (1.1, 1.1)),
         until=2.0,
     )
-    sim = mps.Simulation(scene)
+    sim = simulate(scene)
     found = []
 
     def sample(s):

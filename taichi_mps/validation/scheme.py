@@ -1,0 +1,71 @@
+"""The scheme that a table is made with: rows make their simulations by ``simulate``, whatever it is."""
+
+import time
+from dataclasses import replace
+
+import numpy as np
+
+import taichi_mps as mps
+
+from ..scene import NUMERICS
+
+LAYERS = 3  # of wall particles behind a wall, as in the paper
+
+
+class BudgetError(RuntimeError):
+    """A row has spent the CPU time it was given."""
+
+
+class Setting:
+    """What the rows of this process run with: the scheme, and the CPU time a row may take [s], None for any."""
+
+    scheme = "implicit"
+    budget: float | None = None
+    begin = 0.0  # CPU time of the process when the row began [s]
+
+
+def simulate(scene: mps.Scene, max_time_step: float | None = None):
+    """A Simulation of ``scene`` with the defaults of the present scheme; ``max_time_step`` [s] may only shorten its
+    steps. The paper's scheme gets its wall particles where the scene has nothing but planes normal to axes."""
+    numerics = NUMERICS[Setting.scheme]
+    caps = [step for step in (numerics().max_time_step, max_time_step) if step is not None]
+    bare = scene.walls and scene.wall_particles is None
+    if Setting.scheme == "semi-implicit" and bare and all(normal_to_an_axis(wall) for wall in scene.walls):
+        scene = with_wall_particles(scene)
+    sim = mps.Simulation(scene, numerics(max_time_step=min(caps, default=None)))
+    if Setting.budget is not None:
+        sim.each_step(stop_beyond_budget)
+    return sim
+
+
+def stop_beyond_budget(sim) -> None:
+    """Raises BudgetError when the row has spent its CPU time; says where, and what a simulated second costs."""
+    spent = time.process_time() - Setting.begin
+    if spent > Setting.budget:
+        hours = sim.cpu_seconds / 3600.0 / sim.time  # without compiling
+        raise BudgetError(
+            f"{Setting.budget:g} CPU-s spent at t = {sim.time:.3g} s ({hours:.2g} CPU-h for each simulated second)"
+        )
+
+
+def normal_to_an_axis(wall) -> bool:
+    return isinstance(wall, mps.Plane) and np.count_nonzero(wall.normal) == 1
+
+
+def with_wall_particles(scene: mps.Scene) -> mps.Scene:
+    """The scene with LAYERS layers of wall particles behind its planes, each normal to an axis. The lattice goes on
+    behind the wall, which stands half-way between two layers; the domain grows where it must hold them."""
+    l0, periodic = scene.spacing, np.array(scene.periodic_axes)
+    low, high = (np.array(corner, float) for corner in scene.domain)
+    origin = np.where(periodic, low, scene.fluid[0] - 0.5 * l0)
+    for plane in scene.walls:
+        axis = int(np.argmax(np.abs(plane.normal)))
+        origin[axis] = plane.point[axis]
+    first = np.where(periodic, 0.0, np.ceil((origin - low) / l0) + LAYERS)
+    last = np.where(periodic, np.round((high - low) / l0), np.ceil((high - origin) / l0) + LAYERS)
+    low = np.where(periodic, low, origin - first * l0)
+    high = np.where(periodic, high, origin + last * l0)
+    x = mps.lattice(low, high - 0.25 * l0, l0)
+    distance = np.array([plane.distance(x) for plane in scene.walls])
+    behind = (distance.min(0) < 0.0) & (distance.min(0) > -LAYERS * l0)
+    return replace(scene, wall_particles=x[behind], domain=(tuple(low), tuple(high)))
