@@ -20,11 +20,13 @@ class Gradient:
         self.dimension = d
         self.n0 = constants.n0
         self.full = constants.neighbours
+        self.full_packing = constants.packing
         self.effective_radius = neighbors.bins.effective_radius
         self.b = ti.Vector.field(d, real(), neighbors.pair_capacity)  # (w/r^2) r_ij [1/m] of each pair
         self.weight_r2 = ti.field(real(), neighbors.pair_capacity)  # w/r^2 [1/m2] of each pair
         self.B = ti.Matrix.field(d, d, real(), particles.capacity)  # inverse moment [-]; zero: carries no stress
         self.n = ti.field(real(), particles.capacity)  # particle number density [-], eq 13, walls included
+        self.packing = ti.field(real(), particles.capacity)  # 1 + sum (1 - r^2/re^2)^2 [-], walls included
         self.around = ti.field(real(), particles.capacity)  # neighbours, those behind walls included [-]
 
     @ti.func
@@ -36,12 +38,12 @@ class Gradient:
 
     @ti.kernel
     def build(self):
-        """Fill b, w/r^2, B, n at the present positions."""
+        """Fill b, w/r^2, B, n, packing at the present positions."""
         re = self.effective_radius
         for i in range(self.particles.count[None]):
             x = self.particles.x[i]
             M = ti.Matrix.zero(float, self.dimension, self.dimension)
-            n = ti.cast(0.0, float)
+            n, packing = ti.cast(0.0, float), ti.cast(1.0, float)
             wet = 0
             first, last = self.neighbors.row_start[i], self.neighbors.row_start[i + 1]
             for k in range(first, last):
@@ -54,15 +56,18 @@ class Gradient:
                 self.weight_r2[k] = w / r2
                 M += b.outer_product(r)
                 n += w
+                packing += (1.0 - ti.min(1.0, r2 / (re * re))) ** 2
                 if self.particles.kind[j] == FLUID:
                     wet += 1
             around = ti.cast(last - first, float)
             if ti.static(len(self.walls.surfaces) > 0):
-                count_n, moment = self.walls.moments(x)
-                around += count_n[0]
-                n += count_n[1]
+                counts, moment = self.walls.moments(x)
+                around += counts[0]
+                n += counts[1]
+                packing += counts[2]
                 M += moment
             self.n[i] = n
+            self.packing[i] = packing
             self.around[i] = around
             kind = self.particles.kind[i]
             stressed = around >= self.dimension and (kind == FLUID or (kind == WALL and wet > 0)) and kind != DUMMY
@@ -78,6 +83,22 @@ class Gradient:
         if ti.static(len(self.walls.surfaces) > 0):
             H += self.walls.gradient_term(self.particles.x[i], ui, motion)
         return H @ self.B[i]
+
+    @ti.func
+    def fit(self, i, u: ti.template(), motion):
+        """G_i and what the linear fit leaves, (1/n0) sum (w/r^2) |u_j - u_i - G_i r_ij|^2 [1/s2]."""
+        H = ti.Matrix.zero(float, self.dimension, self.dimension)
+        square = ti.cast(0.0, float)
+        ui = u[i]
+        for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
+            jump = u[self.neighbors.column[k]] - ui
+            H += jump.outer_product(self.b[k])
+            square += self.weight_r2[k] * jump.norm_sqr()
+        if ti.static(len(self.walls.surfaces) > 0):
+            H += self.walls.gradient_term(self.particles.x[i], ui, motion)
+            square += self.walls.drag_power(self.particles.x[i], ui, motion)
+        G = H @ self.B[i]
+        return G, ti.max(0.0, square - (G * H).sum()) / self.n0
 
     @ti.func
     def force(self, i, flux: ti.template()):

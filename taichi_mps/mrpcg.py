@@ -76,14 +76,16 @@ class MRPCG:
         if self.use_levels:
             self.levels.build()
 
-    def solve(self, tolerance: float, max_iterations: int = 1000) -> SolveReport:
-        """Improve self.x until the tolerance is met."""
+    def solve(self, tolerance: float, max_iterations: int = 1000, reference: float | None = None) -> SolveReport:
+        """Improve self.x until sqrt(r.z) <= tolerance sqrt(min(b.M^-1 b, reference))."""
         self._load()
         self._precondition()
         self._refer()
         if self.xx[None] != 0.0:
             self._subtract_guess()
             self._precondition()
+        if reference is not None:
+            self.reference[None] = min(self.reference[None], reference)
         self._begin(tolerance)
         residuals = [self._relative_residual()]
         done = 0

@@ -17,7 +17,7 @@ class StepReport:
     viscous_iterations: int  # passes (implicit) or direct iterations (semi-implicit) for the viscosity
     pressure_iterations: int  # MRPCG iterations
     residual: float  # relative, of the last solve
-    volume_error: float  # mean n0/n - 1 over particles with a full neighbourhood [-]
+    volume_error: float  # full over mean packing, less 1, of the particles with a full neighbourhood [-]
 
     def _repr_html_(self):
         rows = "".join(

@@ -18,8 +18,8 @@ class Implicit(Checked):
     walls: Literal["surfaces", "particles"] = "surfaces"
     courant_number: Ratio = 0.2
     max_time_step: Duration | None = None
-    tolerance: Ratio = 2e-3
-    passes: Count = 4
+    tolerance: Ratio = 3e-3
+    passes: Count = 6
     effective_radius_ratio: RadiusRatio = 2.1
 
 

@@ -84,7 +84,7 @@ class Simulation:
         self.walls = Walls(() if use_particles else scene.walls, d, scene.spacing, re)
         scheme = SemiImplicit if semi_implicit else Implicit
         self.scheme = scheme(scene, numerics, self.particles, self.neighbors, self.walls, constants)
-        self._statistics = ti.field(ti.f64, 5)  # max speed, kinetic energy, unyielded, sum n0/n - 1, full ones
+        self._statistics = ti.field(ti.f64, 5)  # max speed, kinetic energy, unyielded, packing, full ones
 
     # ---- stepping -------------------------------------------------------------------------------------------
     def step(self, until: float | None = None) -> StepReport:
@@ -101,6 +101,8 @@ class Simulation:
             dt, name = until - self.time, "output"
         elif until is not None and until - self.time < 2 * dt:
             dt, name = 0.5 * (until - self.time), "output"
+        if hasattr(self.scheme, "drift"):  # the implicit scheme works at the middle of the step
+            self._stage("drift", self.scheme.drift, dt)
         self._neighbours()
         if hasattr(self.scheme, "predict"):  # the semi-implicit scheme moves twice in a step
             self._stage("predictor", self.scheme.predict, dt)
@@ -161,12 +163,12 @@ class Simulation:
                 self._statistics[1] += u2
                 self._statistics[2] += 1 - self.scheme.yielded[i]
                 if self.scheme.gradient.around[i] >= 0.9 * self.constants.neighbours:
-                    self._statistics[3] += self.constants.n0 / self.scheme.gradient.n[i] - 1.0
+                    self._statistics[3] += self.scheme.gradient.packing[i] / self.constants.packing
                     self._statistics[4] += 1.0
 
     def _make_report(self, dt, name, result) -> StepReport:
         self._measure()
-        speed2, energy, unyielded, dilation, full = self._statistics.to_numpy()
+        speed2, energy, unyielded, packing, full = self._statistics.to_numpy()
         mass = self.scene.material.density * self.scene.spacing**self.scene.dimension
         report = StepReport(
             step=self.steps,
@@ -179,7 +181,7 @@ class Simulation:
             viscous_iterations=result["viscous_iterations"],
             pressure_iterations=result["pressure_iterations"],
             residual=result["residual"],
-            volume_error=dilation / max(full, 1.0),
+            volume_error=full / packing - 1.0 if full else 0.0,
         )
         crossed = None
         if speed2 >= 1e12:

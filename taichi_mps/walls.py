@@ -53,19 +53,19 @@ class Walls:
 
     @ti.func
     def moments(self, x):
-        """Neighbours and n [-], and the moment matrix [-] that the walls add at x."""
-        count_n = ti.Vector.zero(float, 2)
+        """Neighbours, n and packing [-], and the moment matrix [-] that the walls add at x."""
+        counts = ti.Vector.zero(float, 3)
         moment = ti.Matrix.zero(float, self.dimension, self.dimension)
         for wall in ti.static(self.surfaces):
             z, n, _velocity, curvature = wall.nearest(x)
             if z < self.effective_radius:
                 sums = self.lookup(wall, z, curvature)
-                count_n += ti.Vector([sums[0], sums[1]])
+                counts += ti.Vector([sums[0], sums[1], sums[7]])
                 normal = n.outer_product(n)
                 moment += sums[2] * ti.max(z, self.closest) * normal
                 if ti.static(not wall.slip):
                     moment += sums[3] * (ti.Matrix.identity(float, self.dimension) - normal)
-        return count_n, moment
+        return counts, moment
 
     @ti.func
     def gradient_term(self, x, u, motion):
@@ -109,6 +109,19 @@ class Walls:
                 if ti.static(wall.slip):
                     jump = n * n.dot(u)
                 total += jump * (self.lookup(wall, z, curvature)[2] / ti.max(z, self.closest))
+        return total
+
+    @ti.func
+    def drag_power(self, x, u, motion):
+        """sum of |u - u_wall|^2 c/z [1/s2]: u . drag_term for walls at rest."""
+        total = ti.cast(0.0, float)
+        for wall in ti.static(self.surfaces):
+            z, n, velocity, curvature = wall.nearest(x)
+            if z < self.effective_radius:
+                jump = u - motion * velocity
+                if ti.static(wall.slip):
+                    jump = n * n.dot(u)
+                total += jump.norm_sqr() * (self.lookup(wall, z, curvature)[2] / ti.max(z, self.closest))
         return total
 
     @ti.func

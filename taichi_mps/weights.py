@@ -20,10 +20,15 @@ class LatticeConstants:
     n0: float  # particle number density [-], eq 13
     lam: float  # lambda = sum w r^2 / sum w [m2], eq 14
     neighbours: int  # particles within the effective radius
+    packing: float  # 1 + sum (1 - r^2/re^2)^2 [-]
 
 
 def _weights(r, effective_radius):
     return np.where(r < effective_radius, effective_radius / np.maximum(r, 1e-300) - 1.0, 0.0)
+
+
+def _packing(r, effective_radius):
+    return np.maximum(0.0, 1.0 - (r / effective_radius) ** 2) ** 2
 
 
 def lattice_constants(dimension: int, spacing: float, effective_radius: float) -> LatticeConstants:
@@ -34,20 +39,21 @@ def lattice_constants(dimension: int, spacing: float, effective_radius: float) -
     r = np.linalg.norm(points, axis=1)
     r = r[(r > 0.5 * spacing) & (r < effective_radius)]
     w = _weights(r, effective_radius)
-    return LatticeConstants(float(w.sum()), float((w * r * r).sum() / w.sum()), len(r))
+    packing = 1.0 + _packing(r, effective_radius).sum()
+    return LatticeConstants(float(w.sum()), float((w * r * r).sum() / w.sum()), len(r), float(packing))
 
 
-GHOST_SUMS = ("neighbours", "n", "pull", "tangential", "normal", "inward", "crowding")
+GHOST_SUMS = ("neighbours", "n", "pull", "tangential", "normal", "inward", "crowding", "packing")
 
 
 def ghost_table(dimension, spacing, effective_radius, entries=256, curvature=0.0) -> np.ndarray:
-    """Sums over the ghost lattice behind a wall, (entries, 7), columns GHOST_SUMS, for a particle at distance
+    """Sums over the ghost lattice behind a wall, (entries, 8), columns GHOST_SUMS, for a particle at distance
     z = effective_radius * max(k, 1)/(entries - 1) in front of it. A ghost lies at depth d = l0/2, 3 l0/2, ... behind
     the wall and h, t are its normal and one tangential distance from the particle: h = z + d and t = 0, l0, ... behind
     a plane. Behind a wall with a curvature [1/m] along t, positive with the fluid inside, they are bent onto arcs:
 
     neighbours 1; n w; pull 2 (w/r^2) h [1/m]; tangential (w/r^2) t^2 (1 + d/z); normal (w/r^2) h^2;
-    inward w h/r; crowding max(0, 1 - r/(1.5 l0)) h/r.
+    inward w h/r; crowding max(0, 1 - r/(1.5 l0)) h/r; packing (1 - r^2/re^2)^2.
     """
     reach = int(effective_radius / spacing) + 2
     axis = np.arange(-reach, reach + 1) * spacing
@@ -72,5 +78,6 @@ def ghost_table(dimension, spacing, effective_radius, entries=256, curvature=0.0
             (wr2 * h**2).sum(),
             (w * h / r).sum(),
             (np.maximum(0.0, 1.0 - r / (1.5 * spacing)) * h / r).sum(),
+            _packing(r, effective_radius).sum(),
         ]
     return table

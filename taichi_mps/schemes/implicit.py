@@ -1,7 +1,7 @@
 """The default scheme: viscosity, pressure and yield stress in one implicit system per step.
 
-One step: neighbours and gradients at x; smooth p; density source s; then `passes` times solve for u and map the
-trial stress back onto the yield surface; p <- p - K (div u - s); rotate the stress; move and shift.
+One step: drift half a step; neighbours and gradients there; smooth p; source s; then `passes` times solve for u, map
+the trial stress back onto the yield surface and p <- p - K (div u - s); rotate the stress; drift the other half; shift.
 """
 
 from ..backend import real, ti
@@ -14,11 +14,14 @@ from ..shifting import Shifting
 
 NON_AFFINE = 0.6  # c: bond-associated dissipation gives 1/2 (shear) to 2/3 (along the bond), docs/equations.md
 INERTIAL = 1.0  # non-affine motion of a thin fluid decays within about a step: h += rho l0^2/dt (slump: +-0.3 mm)
-SLOWEST = 0.5  # shear rate [1/s] below which the non-affine resistance of a yield-stress fluid stops growing
+EDGE = 4.0  # at the edge of a plug a quarter of the bonds carry all non-affine motion: their rate is twice the mean
+SLOWEST = 1e-3  # strain per natural step below which the non-affine resistance of a yield-stress fluid stops growing
 SMOOTHING = 0.6  # share of the neighbours' mean in the pressure
-SOURCE = 0.05  # share of the density error removed per step
-STRAIN_SCALE = 0.02  # strain per step above which density source and shift act fully
-STIFFNESS = 75.0  # K = STIFFNESS rho (g H + U^2) dt_max: that pressure compresses by 1/75 in one pass
+SOURCE = 0.1  # share of the packing error removed per step
+STRAIN_SCALE = 0.02  # strain per step above which smoothing, density source and shift act fully
+STIFFNESS = 75.0  # K = STIFFNESS rho (g H + U^2) times the natural step: that pressure compresses by 1/75 in one pass
+PENALTY = 6.0, 64.0  # mu_r >= 6 eta and 64 tau_y times the natural step: the stress converges in a few passes
+EARLY = 10.0  # only the last pass is solved to the tolerance: the others to ten times that
 FIRST_PASSES = 30  # the pressure and the stress of the first step are found from zero
 
 
@@ -43,15 +46,19 @@ class Implicit:
         self.g = ti.types.vector(d, real())(scene.gravity_vector)
         height = float(scene.fluid[:, -1].max() - scene.fluid[:, -1].min()) + scene.spacing
         gravity = float((scene.gravity_vector**2).sum() ** 0.5)
-        self.max_time_step = numerics.max_time_step or longest_step(
-            self.eta / self.density, gravity, height, scene.spacing
-        )
         self.layer_pressure = 0.5 * self.density * max(gravity, 0.1) * scene.spacing
-        self.mu_r = max(6.0 * self.eta, 0.6 * self.tau_y)
         speeds = [float((scene.velocity**2).sum(1).max() ** 0.5)] if scene.velocity is not None else []
         speed = max(speeds + [wall.speed for wall in scene.walls] + [0.0])
         head = max(gravity, 0.1) * height + speed**2  # the pressure to expect, over the density [m2/s2]
-        self.bulk = STIFFNESS * self.density * head * self.max_time_step
+        longest = longest_step(self.eta / self.density, gravity, height, scene.spacing)
+        self.max_time_step = numerics.max_time_step or longest
+        # the step [s] of this scene at its defaults: it scales what must not depend on the steps taken
+        self.natural_step = min(longest, numerics.courant_number * scene.spacing / speed) if speed else longest
+        self.inertial = INERTIAL * self.density * scene.spacing**2 / self.natural_step
+        self.slowest = SLOWEST / self.natural_step
+        self.mu_r = max(PENALTY[0] * self.eta, PENALTY[1] * self.tau_y * self.natural_step)
+        self.bulk = STIFFNESS * self.density * head * min(self.natural_step, self.max_time_step)
+        self.drive = self.mass * head / height  # force on a particle [N] that errors of the solve are compared with
         self.gradient = Gradient(neighbors, walls, constants)
         self.system = MomentumSystem(particles, self.gradient, walls, self.volume)
         self.system.bulk[None] = self.bulk
@@ -59,6 +66,8 @@ class Implicit:
         self.solver = MRPCG(particles.capacity, d, self.system)
         self.smooth_p = ti.field(real(), particles.capacity)  # smoothed pressure [Pa]
         self.source = ti.field(real(), particles.capacity)  # wanted divergence [1/s]
+        self.packing_source = ti.field(real(), particles.capacity)  # its part from the packing error [1/s]
+        self.reference = ti.field(ti.f64, ())  # drive . M^-1 drive over all particles [W]
         self.yielded = ti.field(ti.i32, particles.capacity)  # 1 where the material flows
         self.first = True
 
@@ -80,23 +89,26 @@ class Implicit:
         """Advance the particles by dt [s]; returns iteration counts and the residual."""
         self.gradient.build()
         self.system.mass_rate[None] = self.mass / dt
-        self.smooth_pressure()
+        self.smooth_pressure(dt)
         self.prepare(dt, self.first)
+        self.balance(dt)
         iterations, residual, status = 0, 0.0, "converged"
         passes = FIRST_PASSES if self.first else self.numerics.passes
         self.start(self.solver.x)
         for k in range(passes):
             if k == 0 or self.law == "bi-viscosity":
                 self.system.prepare()
+                self.refer()
             self.right_hand_side(self.solver.b)
             if self.walls.move:
                 self.system.subtract_wall_motion(self.solver.p, self.solver.q, self.solver.b)
-            report = self.solver.solve(self.numerics.tolerance, 2000)
+            tolerance = self.numerics.tolerance * (EARLY if k + 1 < passes else 1.0)
+            report = self.solver.solve(tolerance, 2000, self.reference[None])
             iterations += report.iterations
             residual, status = report.residuals[-1], report.status
             if status in ("broken", "indefinite"):
                 break
-            self.update_stress(self.solver.x)
+            self.update_stress(self.solver.x, dt)
         self.shifting.compute(dt, STRAIN_SCALE)
         self.advance(dt, self.solver.x, self.first)
         self.first = False
@@ -112,10 +124,16 @@ class Implicit:
         """0 where there is no pressure to 1 from that of half a layer of particles [-]."""
         return ti.max(0.0, ti.min(1.0, p / self.layer_pressure))
 
+    @ti.func
+    def deforming(self, i, dt):
+        """0 at rest to 1 where a step strains the material by STRAIN_SCALE [-]."""
+        return ti.min(1.0, self.particles.shear_rate[i] * dt / STRAIN_SCALE)
+
     @ti.kernel
-    def smooth_pressure(self):
-        """p~ = (1-a) p_i + a sum w (p_j - f rho g.r_ij)/sum w over particles that carry stress; f fades to zero where
-        p_i is below that of half a layer, for a body in free fall has no hydrostatic part."""
+    def smooth_pressure(self, dt: float):
+        """p~ = (1-a) p_i + a sum w (p_j - f rho g.r_ij)/sum w over particles that carry stress, a = 0.6 where the
+        material deforms and 0 at rest; f fades to zero where p_i is below that of half a layer, for a body in free fall
+        has no hydrostatic part."""
         for i in range(self.particles.count[None]):
             p = ti.cast(0.0, float)
             if self.gradient.B[i][0, 0] > 0.0:
@@ -131,30 +149,79 @@ class Implicit:
                         weight += w
                 p = self.particles.p[i]
                 if weight > 0.0:
-                    p = (1.0 - SMOOTHING) * p + SMOOTHING * total / weight
+                    share = SMOOTHING * self.deforming(i, dt)
+                    p = (1.0 - share) * p + share * total / weight
             self.smooth_p[i] = p
 
     @ti.kernel
     def prepare(self, dt: float, first: ti.i32):
-        """Density source, implicit viscosity and non-affine resistance from the last shear rate."""
+        """Source, implicit viscosity and non-affine resistance from the last velocity."""
         for i in range(self.particles.count[None]):
-            rate = self.particles.shear_rate[i]
-            excess = self.gradient.n[i] / self.gradient.n0 - 1.0
+            G, left = self.gradient.fit(i, self.particles.u, 1.0)
+            rate = 2.0 * magnitude(deviator(G))
+            excess = self.gradient.packing[i] / self.gradient.full_packing - 1.0
             full = self.gradient.around[i] >= 0.9 * self.gradient.full
             error = ti.max(excess, -0.03) if full else ti.max(excess, 0.0)
             source = ti.max(-1.0, ti.min(1.0, SOURCE * error / dt))
-            self.source[i] = source * ti.min(1.0, rate * dt / STRAIN_SCALE)
+            self.packing_source[i] = source * self.deforming(i, dt)
+            self.source[i] = self.packing_source[i] - self.second_order(G, dt)
             mu = self.eta
-            h = NON_AFFINE * self.eta + INERTIAL * self.density * self.spacing**2 / dt
+            h = NON_AFFINE * self.eta + self.inertial
             if ti.static(self.law == "bingham"):
                 mu = self.mu_r
             if ti.static(self.law != "newtonian"):  # noqa: SIM102  (a compiled choice stays apart)
                 if first == 0:
-                    h += NON_AFFINE * self.tau_y / ti.max(rate, SLOWEST)
+                    bond_rate = ti.sqrt(rate * rate + 2.0 * NON_AFFINE * EDGE * left)
+                    h += NON_AFFINE * self.tau_y / ti.max(bond_rate, self.slowest)
             if ti.static(self.law == "bi-viscosity"):
                 mu = bi_viscosity(rate, self.eta, self.tau_y, self.pi_c)
             self.system.mu[i] = mu
             self.system.h[i] = h
+
+    @ti.func
+    def second_order(self, G, dt):
+        """Rate [1/s] at which dt G without its divergence changes the volume: (det(I + dt G) - 1)/dt."""
+        I = ti.Matrix.identity(float, self.dimension)  # noqa: E741
+        change = (I + dt * (G - (G.trace() / self.dimension) * I)).determinant() - 1.0
+        return ti.max(-0.1, ti.min(0.1, change)) / dt
+
+    @ti.kernel
+    def balance(self, dt: float):
+        """A box full of fluid has no surface to give way: there the mean packing error is no error of the volume."""
+        ti.loop_config(serialize=True)
+        for _ in range(1):
+            surface, rows = 0, 0
+            total = ti.cast(0.0, ti.f64)
+            for i in range(self.particles.count[None]):
+                if self.gradient.B[i][0, 0] > 0.0:
+                    rows += 1
+                    total += ti.cast(self.packing_source[i], ti.f64)
+                    if self.gradient.around[i] < 0.75 * self.gradient.full:
+                        surface += 1
+            if surface == 0 and rows > 0:
+                mean = ti.cast(total / rows, float)
+                for i in range(self.particles.count[None]):
+                    self.packing_source[i] -= mean
+                    self.source[i] -= mean
+
+    @ti.kernel
+    def refer(self):
+        """What the residual of the solve is compared with, in the solver's norm."""
+        ti.loop_config(serialize=True)
+        for _ in range(1):
+            total = ti.cast(0.0, ti.f64)
+            for i in range(self.particles.count[None]):
+                total += ti.cast(self.system.inverse_diagonal[i].trace(), ti.f64)
+            self.reference[None] = total * self.drive**2 / self.dimension
+
+    @ti.kernel
+    def drift(self, dt: float):
+        """x <- x + dt u/2, before the neighbours are found: forces act at the middle of the step, so a body in rotation
+        keeps its angular momentum and a wave its energy."""
+        for i in range(self.particles.count[None]):
+            if self.particles.kind[i] == FLUID:
+                move = ti.cast(0.5 * dt * self.particles.u[i], ti.f64)
+                self.particles.x[i] = self.walls.outside(self.particles.x[i] + move)
 
     @ti.kernel
     def start(self, u: ti.template()):
@@ -181,7 +248,7 @@ class Implicit:
                     b[i] += self.volume * self.walls.hydrostatic(self.particles.x[i], heavy, self.gradient.B[i])
 
     @ti.kernel
-    def update_stress(self, u: ti.template()):
+    def update_stress(self, u: ti.template(), dt: float):
         """Shear rate, divergence, and the stress mapped back onto the yield surface, from the velocity u."""
         for i in range(self.particles.count[None]):
             if self.particles.kind[i] != FLUID:
@@ -194,6 +261,7 @@ class Implicit:
             self.smooth_p[i] -= (
                 self.bulk * (G.trace() - self.source[i]) * ti.cast(self.gradient.B[i][0, 0] > 0.0, float)
             )
+            self.source[i] = self.packing_source[i] - self.second_order(G, dt)
             if ti.static(self.law == "bingham"):
                 trial = self.particles.stress[i] + 2.0 * self.mu_r * D
                 stress, q, flow = return_mapping(trial, self.eta, self.tau_y, self.mu_r)
@@ -209,8 +277,8 @@ class Implicit:
 
     @ti.kernel
     def advance(self, dt: float, u: ti.template(), first: ti.i32):
-        """Keep p; rotate the stress with the material; x <- x + dt (u^n + u)/2 + shift. In the first step a particle
-        that viscosity holds (it gains less than half of free fall) had its speed at once: x <- x + dt u."""
+        """Keep p; rotate the stress with the material; x <- x + dt u/2 + shift. In the first step a particle that
+        viscosity holds (it gains less than half of free fall) had its speed at once: x <- x + dt u."""
         for i in range(self.particles.count[None]):
             self.particles.p[i] = self.smooth_p[i]
             if ti.static(self.law == "bingham"):
@@ -220,10 +288,10 @@ class Implicit:
                 self.particles.stress[i] = stress + dt * (W @ stress - stress @ W)
         for i in range(self.particles.count[None]):
             if self.particles.kind[i] == FLUID:
-                mean = 0.5 * (self.particles.u[i] + u[i])
+                half = 0.5 * u[i]
                 if first != 0 and (u[i] - self.particles.u[i]).norm() < 0.5 * self.g.norm() * dt:
-                    mean = u[i]
-                move = ti.cast(dt * mean + self.shifting.shift[i], ti.f64)
+                    half = u[i] - 0.5 * self.particles.u[i]
+                move = ti.cast(dt * half + self.shifting.shift[i], ti.f64)
                 self.particles.u[i] = u[i]
                 self.particles.x[i] = self.walls.outside(self.particles.x[i] + move)
 
