@@ -26,7 +26,7 @@ class Gradient:
         self.weight_r2 = ti.field(real(), neighbors.pair_capacity)  # w/r^2 [1/m2] of each pair
         self.B = ti.Matrix.field(d, d, real(), particles.capacity)  # inverse moment [-]; zero: carries no stress
         self.n = ti.field(real(), particles.capacity)  # particle number density [-], eq 13, walls included
-        self.packing = ti.field(real(), particles.capacity)  # 1 + sum (1 - r^2/re^2)^2 [-], walls included
+        self.packing = ti.field(real(), particles.capacity)  # 1 + sum (1 - r/re)^3 (1 + 3 r/re) [-], walls included
         self.around = ti.field(real(), particles.capacity)  # neighbours, those behind walls included [-]
 
     @ti.func
@@ -56,7 +56,8 @@ class Gradient:
                 self.weight_r2[k] = w / r2
                 M += b.outer_product(r)
                 n += w
-                packing += (1.0 - ti.min(1.0, r2 / (re * re))) ** 2
+                q = ti.min(1.0, ti.sqrt(r2) / re)
+                packing += (1.0 - q) ** 3 * (1.0 + 3.0 * q)
                 if self.particles.kind[j] == FLUID:
                     wet += 1
             around = ti.cast(last - first, float)

@@ -20,7 +20,7 @@ class LatticeConstants:
     n0: float  # particle number density [-], eq 13
     lam: float  # lambda = sum w r^2 / sum w [m2], eq 14
     neighbours: int  # particles within the effective radius
-    packing: float  # 1 + sum (1 - r^2/re^2)^2 [-]
+    packing: float  # 1 + sum (1 - r/re)^3 (1 + 3 r/re) [-]
 
 
 def _weights(r, effective_radius):
@@ -28,7 +28,8 @@ def _weights(r, effective_radius):
 
 
 def _packing(r, effective_radius):
-    return np.maximum(0.0, 1.0 - (r / effective_radius) ** 2) ** 2
+    q = np.minimum(1.0, r / effective_radius)
+    return (1.0 - q) ** 3 * (1.0 + 3.0 * q)
 
 
 def lattice_constants(dimension: int, spacing: float, effective_radius: float) -> LatticeConstants:
@@ -53,7 +54,7 @@ def ghost_table(dimension, spacing, effective_radius, entries=256, curvature=0.0
     a plane. Behind a wall with a curvature [1/m] along t, positive with the fluid inside, they are bent onto arcs:
 
     neighbours 1; n w; pull 2 (w/r^2) h [1/m]; tangential (w/r^2) t^2 (1 + d/z); normal (w/r^2) h^2;
-    inward w h/r; crowding max(0, 1 - r/(1.5 l0)) h/r; packing (1 - r^2/re^2)^2.
+    inward w h/r; crowding max(0, 1 - r/(1.5 l0)) h/r; packing (1 - r/re)^3 (1 + 3 r/re).
     """
     reach = int(effective_radius / spacing) + 2
     axis = np.arange(-reach, reach + 1) * spacing

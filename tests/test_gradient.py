@@ -32,6 +32,7 @@ class Rig:
         walls = Walls(planes, d, L0, 2.1 * L0)
         self.gradient = Gradient(neighbors, walls, constants)
         self.u, self.F = (ti.Vector.field(d, ti.f64, len(x)) for _ in range(2))
+        self.left = ti.field(ti.f64, len(x))
         self.G, self.T, self.P = (ti.Matrix.field(d, d, ti.f64, len(x)) for _ in range(3))
         bins.sort()
         neighbors.build()
@@ -51,6 +52,11 @@ class Rig:
             self.G[i] = self.gradient.velocity_gradient(i, self.u, motion)
 
     @ti.kernel
+    def _fits(self):
+        for i in range(self.particles.count[None]):
+            self.G[i], self.left[i] = self.gradient.fit(i, self.u, 0.0)
+
+    @ti.kernel
     def _forces(self):
         for i in range(self.particles.count[None]):
             self.P[i] = self.volume * (self.T[i] @ self.gradient.B[i])
@@ -61,6 +67,11 @@ class Rig:
         self.u.from_numpy(np.ascontiguousarray(u))
         self._gradients(motion)
         return self.G.to_numpy()
+
+    def fits(self, u):
+        self.u.from_numpy(np.ascontiguousarray(u))
+        self._fits()
+        return self.G.to_numpy(), self.left.to_numpy()
 
     def forces(self, T):
         self.T.from_numpy(T)
@@ -115,6 +126,22 @@ def random_fields(rig, seed=5):
     rng = np.random.default_rng(seed)
     n, d = rig.x.shape
     return rng.standard_normal((n, d)), rng.standard_normal((n, d, d))
+
+
+@pytest.mark.parametrize("case", ["plain", "cube"])
+def test_what_the_fit_leaves_is_the_sum_over_the_bonds(case, request):
+    rig = request.getfixturevalue(case)
+    A, u = linear(rig)
+    noise, _ = random_fields(rig)
+    assert rig.fits(u)[1][rig.healthy].max() < 1e-10 * (A**2).sum()
+    G, left = rig.fits(u + noise)
+    r, jump = rig.x[None] - rig.x[:, None], (u + noise)[None] - (u + noise)[:, None]
+    size2 = (r**2).sum(-1) + np.eye(len(r))
+    delta = jump - np.einsum("iab,ijb->ija", G, r)
+    weight = np.maximum(2.1 * L0 / np.sqrt(size2) - 1.0, 0.0) / size2 * (1.0 - np.eye(len(r)))
+    exact = (weight * (delta**2).sum(-1)).sum(1) / rig.gradient.n0
+    assert np.allclose(left[rig.healthy], exact[rig.healthy], rtol=1e-9, atol=1e-9 * exact.max())
+    assert np.allclose(G, rig.gradients(u + noise), rtol=1e-12, atol=1e-9)
 
 
 @pytest.mark.parametrize("case", ["plain", "cube"])

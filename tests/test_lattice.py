@@ -60,6 +60,8 @@ def test_ghosts_complete_the_lattice(dimension, layer):
     assert (w * e)[real].sum() == pytest.approx(sums["inward"], rel=1e-13)  # the pull of both sides balances
     assert (near * e)[real].sum() == pytest.approx(sums["crowding"], abs=1e-13)
     assert (w / size**2 * normal)[real].sum() == pytest.approx(0.5 * sums["pull"], rel=1e-13)
+    packing = 1.0 + ((1.0 - size / RE) ** 3 * (1.0 + 3.0 * size / RE))[real].sum() + sums["packing"]
+    assert packing == pytest.approx(constants.packing, rel=1e-13)
 
 
 @pytest.mark.parametrize("dimension", [2, 3])

@@ -365,8 +365,9 @@ def test_a_half_full_pipe_rests_without_a_leak():
 
 
 def test_fluid_turns_with_its_walls():
-    """Between circles that turn together, over half a radian: the angular velocity errs by less than the angle of one
-    step (positions are moved along chords), and the fluid does not leave its radius."""
+    """Between circles that turn together, over half a radian: the mean angular velocity errs by less than a tenth of the
+    angle of one step, that of a single particle (the pressure turns it, and lags) by less than one and a half of it;
+    the fluid does not leave its radius."""
     omega, steps = 0.5, 100
     x = mps.rings(1.0, 1.6, L0)
     outer = disc(radius=1.6, material=mps.Newtonian(viscosity=500.0), gravity=(0.0, 0.0))
@@ -384,5 +385,6 @@ def test_fluid_turns_with_its_walls():
     s = sim.snapshot()
     r = np.linalg.norm(s.x, axis=1)
     turning = (s.x[:, 0] * s.u[:, 1] - s.x[:, 1] * s.u[:, 0]) / r**2
-    assert np.abs(turning / omega - 1.0).max() < 0.5 / steps
+    assert abs(turning.mean() / omega - 1.0) < 0.1 * 0.5 / steps
+    assert np.abs(turning / omega - 1.0).max() < 1.5 * 0.5 / steps
     assert np.abs(r - np.linalg.norm(x, axis=1)).max() < 0.1 * L0

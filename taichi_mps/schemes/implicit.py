@@ -15,11 +15,13 @@ from ..shifting import Shifting
 NON_AFFINE = 0.6  # c: bond-associated dissipation gives 1/2 (shear) to 2/3 (along the bond), docs/equations.md
 INERTIAL = 1.0  # non-affine motion of a thin fluid decays within about a step: h += rho l0^2/dt (slump: +-0.3 mm)
 EDGE = 4.0  # at the edge of a plug a quarter of the bonds carry all non-affine motion: their rate is twice the mean
-SLOWEST = 1e-3  # strain per natural step below which the non-affine resistance of a yield-stress fluid stops growing
+SLOWEST = 1e-2  # strain per natural step below which the non-affine resistance of a yield-stress fluid stops growing
 SMOOTHING = 0.6  # share of the neighbours' mean in the pressure
-SOURCE = 0.1  # share of the packing error removed per step
-STRAIN_SCALE = 0.02  # strain per step above which smoothing, density source and shift act fully
+SOURCE = 0.05  # share of the packing error removed per step
+STRAIN_SCALE = 0.02  # strain per step above which source and shift act fully
+SMOOTHING_SCALE = 1e-3  # strain per step above which the pressure is smoothed fully
 STIFFNESS = 75.0  # K = STIFFNESS rho (g H + U^2) times the natural step: that pressure compresses by 1/75 in one pass
+VISCOUS_STIFFNESS = 8.0  # and K >= 8 mu_r: a slow flow is resisted by its viscosity, not by its weight
 PENALTY = 6.0, 64.0  # mu_r >= 6 eta and 64 tau_y times the natural step: the stress converges in a few passes
 EARLY = 10.0  # only the last pass is solved to the tolerance: the others to ten times that
 FIRST_PASSES = 30  # the pressure and the stress of the first step are found from zero
@@ -57,7 +59,9 @@ class Implicit:
         self.inertial = INERTIAL * self.density * scene.spacing**2 / self.natural_step
         self.slowest = SLOWEST / self.natural_step
         self.mu_r = max(PENALTY[0] * self.eta, PENALTY[1] * self.tau_y * self.natural_step)
-        self.bulk = STIFFNESS * self.density * head * min(self.natural_step, self.max_time_step)
+        self.bulk = max(
+            STIFFNESS * self.density * head * min(self.natural_step, self.max_time_step), VISCOUS_STIFFNESS * self.mu_r
+        )
         self.drive = self.mass * head / height  # force on a particle [N] that errors of the solve are compared with
         self.gradient = Gradient(neighbors, walls, constants)
         self.system = MomentumSystem(particles, self.gradient, walls, self.volume)
@@ -66,7 +70,6 @@ class Implicit:
         self.solver = MRPCG(particles.capacity, d, self.system)
         self.smooth_p = ti.field(real(), particles.capacity)  # smoothed pressure [Pa]
         self.source = ti.field(real(), particles.capacity)  # wanted divergence [1/s]
-        self.packing_source = ti.field(real(), particles.capacity)  # its part from the packing error [1/s]
         self.reference = ti.field(ti.f64, ())  # drive . M^-1 drive over all particles [W]
         self.yielded = ti.field(ti.i32, particles.capacity)  # 1 where the material flows
         self.first = True
@@ -91,7 +94,7 @@ class Implicit:
         self.system.mass_rate[None] = self.mass / dt
         self.smooth_pressure(dt)
         self.prepare(dt, self.first)
-        self.balance(dt)
+        self.balance()
         iterations, residual, status = 0, 0.0, "converged"
         passes = FIRST_PASSES if self.first else self.numerics.passes
         self.start(self.solver.x)
@@ -108,7 +111,7 @@ class Implicit:
             residual, status = report.residuals[-1], report.status
             if status in ("broken", "indefinite"):
                 break
-            self.update_stress(self.solver.x, dt)
+            self.update_stress(self.solver.x)
         self.shifting.compute(dt, STRAIN_SCALE)
         self.advance(dt, self.solver.x, self.first)
         self.first = False
@@ -125,9 +128,9 @@ class Implicit:
         return ti.max(0.0, ti.min(1.0, p / self.layer_pressure))
 
     @ti.func
-    def deforming(self, i, dt):
-        """0 at rest to 1 where a step strains the material by STRAIN_SCALE [-]."""
-        return ti.min(1.0, self.particles.shear_rate[i] * dt / STRAIN_SCALE)
+    def deforming(self, i, dt, strain):
+        """0 at rest to 1 where a step strains the material by ``strain`` [-]."""
+        return ti.min(1.0, self.particles.shear_rate[i] * dt / strain)
 
     @ti.kernel
     def smooth_pressure(self, dt: float):
@@ -149,7 +152,7 @@ class Implicit:
                         weight += w
                 p = self.particles.p[i]
                 if weight > 0.0:
-                    share = SMOOTHING * self.deforming(i, dt)
+                    share = SMOOTHING * self.deforming(i, dt, SMOOTHING_SCALE)
                     p = (1.0 - share) * p + share * total / weight
             self.smooth_p[i] = p
 
@@ -163,8 +166,7 @@ class Implicit:
             full = self.gradient.around[i] >= 0.9 * self.gradient.full
             error = ti.max(excess, -0.03) if full else ti.max(excess, 0.0)
             source = ti.max(-1.0, ti.min(1.0, SOURCE * error / dt))
-            self.packing_source[i] = source * self.deforming(i, dt)
-            self.source[i] = self.packing_source[i] - self.second_order(G, dt)
+            self.source[i] = source * self.deforming(i, dt, STRAIN_SCALE) - self.second_order(G, dt)
             mu = self.eta
             h = NON_AFFINE * self.eta + self.inertial
             if ti.static(self.law == "bingham"):
@@ -186,8 +188,8 @@ class Implicit:
         return ti.max(-0.1, ti.min(0.1, change)) / dt
 
     @ti.kernel
-    def balance(self, dt: float):
-        """A box full of fluid has no surface to give way: there the mean packing error is no error of the volume."""
+    def balance(self):
+        """A box full of fluid has no surface to give way: there no mean divergence can be wanted."""
         ti.loop_config(serialize=True)
         for _ in range(1):
             surface, rows = 0, 0
@@ -195,13 +197,12 @@ class Implicit:
             for i in range(self.particles.count[None]):
                 if self.gradient.B[i][0, 0] > 0.0:
                     rows += 1
-                    total += ti.cast(self.packing_source[i], ti.f64)
+                    total += ti.cast(self.source[i], ti.f64)
                     if self.gradient.around[i] < 0.75 * self.gradient.full:
                         surface += 1
             if surface == 0 and rows > 0:
                 mean = ti.cast(total / rows, float)
                 for i in range(self.particles.count[None]):
-                    self.packing_source[i] -= mean
                     self.source[i] -= mean
 
     @ti.kernel
@@ -248,7 +249,7 @@ class Implicit:
                     b[i] += self.volume * self.walls.hydrostatic(self.particles.x[i], heavy, self.gradient.B[i])
 
     @ti.kernel
-    def update_stress(self, u: ti.template(), dt: float):
+    def update_stress(self, u: ti.template()):
         """Shear rate, divergence, and the stress mapped back onto the yield surface, from the velocity u."""
         for i in range(self.particles.count[None]):
             if self.particles.kind[i] != FLUID:
@@ -261,7 +262,6 @@ class Implicit:
             self.smooth_p[i] -= (
                 self.bulk * (G.trace() - self.source[i]) * ti.cast(self.gradient.B[i][0, 0] > 0.0, float)
             )
-            self.source[i] = self.packing_source[i] - self.second_order(G, dt)
             if ti.static(self.law == "bingham"):
                 trial = self.particles.stress[i] + 2.0 * self.mu_r * D
                 stress, q, flow = return_mapping(trial, self.eta, self.tau_y, self.mu_r)
