@@ -166,7 +166,7 @@ class Implicit:
             full = self.gradient.around[i] >= 0.9 * self.gradient.full
             error = ti.max(excess, -0.03) if full else ti.max(excess, 0.0)
             source = ti.max(-1.0, ti.min(1.0, SOURCE * error / dt))
-            self.source[i] = source * self.deforming(i, dt, STRAIN_SCALE) - self.second_order(G, dt)
+            self.source[i] = source * self.deforming(i, dt, STRAIN_SCALE)
             mu = self.eta
             h = NON_AFFINE * self.eta + self.inertial
             if ti.static(self.law == "bingham"):
@@ -179,13 +179,6 @@ class Implicit:
                 mu = bi_viscosity(rate, self.eta, self.tau_y, self.pi_c)
             self.system.mu[i] = mu
             self.system.h[i] = h
-
-    @ti.func
-    def second_order(self, G, dt):
-        """Rate [1/s] at which dt G without its divergence changes the volume: (det(I + dt G) - 1)/dt."""
-        I = ti.Matrix.identity(float, self.dimension)  # noqa: E741
-        change = (I + dt * (G - (G.trace() / self.dimension) * I)).determinant() - 1.0
-        return ti.max(-0.1, ti.min(0.1, change)) / dt
 
     @ti.kernel
     def balance(self):
