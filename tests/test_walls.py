@@ -366,7 +366,7 @@ def test_a_half_full_pipe_rests_without_a_leak():
 
 def test_fluid_turns_with_its_walls():
     """Between circles that turn together, over half a radian: the mean angular velocity errs by less than a tenth of
-    the angle of one step, that of a single particle (the pressure turns it, and lags) by less than one and a half of it;
+    the angle of one step, that of a single particle (the pressure turns it, and lags) by under one and a half of it;
     the fluid does not leave its radius."""
     omega, steps = 0.5, 100
     x = mps.rings(1.0, 1.6, L0)
