@@ -7,7 +7,7 @@ from dataclasses import asdict
 import numpy as np
 
 from . import __version__
-from .backend import started, ti
+from .backend import require_room, started, ti
 from .geometry import Cylinder
 from .measure import Snapshot
 from .neighbors import Bins, CapacityError, EscapedError, NeighborList
@@ -48,6 +48,7 @@ class Simulation:
         self._resting_since: float | None = None
 
     def _build(self):
+        require_room()
         scene, numerics = self.scene, self.numerics
         d = scene.dimension
         re = numerics.effective_radius_ratio * scene.spacing

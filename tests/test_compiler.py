@@ -1,11 +1,14 @@
-"""Taichi 1.7.4 miscompiles a vector local that is read, conditionally changed and overwritten (taichi issue 8744).
+"""What Taichi 1.7.4 does wrong and backend.py keeps from the user.
 
-backend.init turns the guilty pass off (cfg_optimization=False); these are the patterns that were wrong.
+It miscompiles a vector local that is read, conditionally changed and overwritten (taichi issue 8744): init turns the
+guilty pass off (cfg_optimization=False); these are the patterns that were wrong. Its 513th tree of fields kills the
+process: require_room refuses before.
 """
 
 import numpy as np
 import pytest
 
+from taichi_mps import backend
 from taichi_mps.backend import ti
 
 
@@ -47,3 +50,15 @@ def test_vector_local_in_a_parallel_loop():
     assert np.array_equal(out[:, 0], values + np.where(np.arange(100) % 2 == 0, 5.0, 0.0))
     assert np.array_equal(out[:, 1], -values)
     assert np.all(out[:, 2] == 7.0)
+
+
+def test_fields_are_refused_before_the_tree_that_kills_the_process():
+    made = []
+    with pytest.raises(RuntimeError, match="call taichi_mps.init"):
+        for _ in range(backend.MOST_TREES + 1):
+            backend.require_room()
+            made.append(ti.field(ti.i32, 8))
+            made[-1].fill(1)
+    assert backend.MOST_TREES - 2 * backend.TREES_OF_A_SIMULATION < len(made) < backend.MOST_TREES
+    backend.init(arch="cpu", precision="f64", threads=2)
+    backend.require_room()
