@@ -13,7 +13,7 @@ from ..rheology import bi_viscosity, deviator, magnitude, return_mapping
 from ..shifting import Shifting
 
 NON_AFFINE = 0.6  # c: bond-associated dissipation gives 1/2 (shear) to 2/3 (along the bond), docs/equations.md
-INERTIAL = 1.0  # non-affine motion of a thin fluid decays within about a step: h += rho l0^2/dt (slump: +-0.3 mm)
+INERTIAL = 0.5  # non-affine motion of a thin fluid decays within two natural steps or so: h += 0.5 rho l0^2/step
 EDGE = 4.0  # at the edge of a plug a quarter of the bonds carry all non-affine motion: their rate is twice the mean
 SLOWEST = 1e-2  # strain per natural step below which the non-affine resistance of a yield-stress fluid stops growing
 SMOOTHING = 0.6  # share of the neighbours' mean in the pressure
@@ -24,6 +24,7 @@ STIFFNESS = 75.0  # K = STIFFNESS rho (g H + U^2) times the natural step: that p
 VISCOUS_STIFFNESS = 8.0  # and K >= 8 mu_r: a slow flow is resisted by its viscosity, not by its weight
 PENALTY = 6.0, 64.0  # mu_r >= 6 eta and 64 tau_y times the natural step: the stress converges in a few passes
 EARLY = 10.0  # only the last pass is solved to the tolerance: the others to ten times that
+COMPRESSION = 3.0  # mean pressure of a full closed box over the largest viscous stress in it
 FIRST_PASSES = 30  # the pressure and the stress of the first step are found from zero
 
 
@@ -182,21 +183,33 @@ class Implicit:
 
     @ti.kernel
     def balance(self):
-        """A box full of fluid has no surface to give way: there no mean divergence can be wanted."""
+        """A box full of fluid has no surface to give way: there no mean divergence can be wanted, and the pressure,
+        which is free up to a constant, is kept high enough that nothing is in tension: tension tears voids open."""
         ti.loop_config(serialize=True)
         for _ in range(1):
             surface, rows = 0, 0
-            total = ti.cast(0.0, ti.f64)
+            source, pressure = ti.cast(0.0, ti.f64), ti.cast(0.0, ti.f64)
+            momentum = ti.Vector.zero(ti.f64, self.dimension)
+            fastest, speed2 = ti.cast(0.0, float), ti.cast(0.0, float)
             for i in range(self.particles.count[None]):
                 if self.gradient.B[i][0, 0] > 0.0:
                     rows += 1
-                    total += ti.cast(self.source[i], ti.f64)
+                    source += ti.cast(self.source[i], ti.f64)
+                    pressure += ti.cast(self.smooth_p[i], ti.f64)
+                    fastest = ti.max(fastest, self.particles.shear_rate[i])
+                    momentum += ti.cast(self.particles.u[i], ti.f64)
                     if self.gradient.around[i] < 0.75 * self.gradient.full:
                         surface += 1
             if surface == 0 and rows > 0:
-                mean = ti.cast(total / rows, float)
+                mean_source, mean_u = ti.cast(source / rows, float), ti.cast(momentum / rows, float)
                 for i in range(self.particles.count[None]):
-                    self.source[i] -= mean
+                    if self.gradient.B[i][0, 0] > 0.0:
+                        speed2 = ti.max(speed2, (self.particles.u[i] - mean_u).norm_sqr())
+                wanted = COMPRESSION * (self.eta * fastest + self.tau_y) + self.density * speed2
+                missing = wanted - ti.cast(pressure / rows, float)
+                for i in range(self.particles.count[None]):
+                    self.source[i] -= mean_source
+                    self.smooth_p[i] += missing
 
     @ti.kernel
     def refer(self):
