@@ -7,6 +7,7 @@ Run time: about 1 CPU-minute for 5 s with the scheme `implicit` at the default s
 import math
 import sys
 from functools import partial
+from typing import Literal
 
 import numpy as np
 
@@ -30,6 +31,7 @@ def scene(
     height: Length = 0.3,
     floor_radius: Length = 0.37,
     until: Duration = 5.0,
+    model: Literal["full", "axisymmetric"] = "full",
 ) -> mps.Scene:
     """Slump cone on a rough floor."""
     if critical_strain_rate == "rational":
@@ -62,14 +64,25 @@ def scene(
             slump = np.interp(yield_value, *AT_REST.T)
             assert abs(measures["slump_m"] - slump) < max(spacing, 0.01), (measures, slump)
 
+    if model == "axisymmetric":
+        parts = dict(
+            axisymmetric=True,
+            fluid=mps.fill_rings(cone, spacing),
+            walls=(mps.Plane((0.0, 0.0), (0.0, 1.0)),),
+            domain=((0.0, -4 * spacing), (1.5 * reach, 1.5 * height)),
+        )
+    else:
+        parts = dict(
+            fluid=mps.fill(cone, spacing),
+            walls=(mps.Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)),),
+            wall_particles=floor[np.hypot(floor[:, 0], floor[:, 1]) < reach],
+            domain=((-1.5 * reach, -1.5 * reach, -4 * spacing), (1.5 * reach, 1.5 * reach, 1.5 * height)),
+        )
     return mps.Scene(
         name="slump",
         material=material,
         spacing=spacing,
-        fluid=mps.fill(cone, spacing),
-        walls=(mps.Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)),),
-        wall_particles=floor[np.hypot(floor[:, 0], floor[:, 1]) < reach],
-        domain=((-1.5 * reach, -1.5 * reach, -4 * spacing), (1.5 * reach, 1.5 * reach, 1.5 * height)),
+        **parts,
         until=until,
         stop_at_rest=True,
         measure=partial(mps.measure.slump, height=height),

@@ -3,7 +3,7 @@
 from importlib import import_module
 
 from . import measure
-from .geometry import Box, Cone, Cylinder, Plane, box_planes, fill, lattice, rings, shell
+from .geometry import Box, Cone, Cylinder, Plane, box_planes, fill, fill_rings, lattice, rings, shell
 from .material import Bingham, Newtonian, rational_critical_strain_rate
 from .quantity import SceneError, checked
 from .report import DivergedError, StepReport
@@ -37,6 +37,7 @@ __all__ = [
     "box_planes",
     "checked",
     "fill",
+    "fill_rings",
     "lattice",
     "measure",
     "rational_critical_strain_rate",

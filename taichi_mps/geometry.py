@@ -211,6 +211,17 @@ def box_planes(low, high, slip=False):
     return (floor, *sides)
 
 
+def fill_rings(solid, spacing):
+    """Positions (n, 2) [m] (r, z) of the rings of a solid around the z axis, one per spacing^2, half a spacing from the
+    axis and the base: those whose middle lies in the solid."""
+    low, high = solid.bounds
+    x = lattice((0.0, low[2]), (high[0] + spacing, high[2]), spacing)
+    x = x[solid.contains(np.insert(x, 1, 0.0, axis=1))]
+    if len(x) == 0:
+        raise SceneError(f"spacing = {spacing:g} m: no ring fits into the body; use a smaller spacing")
+    return x
+
+
 def fill(solid, spacing):
     """Positions (n, d) [m] of the particles of a solid, one per spacing^d.
 

@@ -18,39 +18,62 @@ class Snapshot:
     yielded: np.ndarray  # flowing, bool, (n,)
     density_ratio: np.ndarray  # particle number density over n0 [-], (n,)
     wall_x: np.ndarray  # wall particles [m], (m, d); empty where walls are surfaces
+    size: np.ndarray | None = None  # side of each particle's square or cube [m], (n,); l0 by default
+
+    def __post_init__(self):
+        if self.size is None:
+            object.__setattr__(self, "size", np.full(len(self.x), self.spacing))
 
     @property
     def speed(self):
         return np.linalg.norm(self.u, axis=1)
 
 
+def revolved(s: Snapshot) -> Snapshot:
+    """The body of which ``s`` is the axisymmetric model (r, z): every ring as particles a size apart around the z axis,
+    each ring turned by the golden angle against the one before."""
+    count = np.maximum(1, np.round(2.0 * np.pi * s.x[:, 0] / s.size)).astype(int)
+    ring = np.repeat(np.arange(len(count)), count)
+    place = np.arange(len(ring)) - np.repeat(np.cumsum(count) - count, count)
+    angle = 2.0 * np.pi * (place / count[ring] + 0.381966 * ring)
+    across = np.stack([np.cos(angle), np.sin(angle)], 1)
+
+    def turned(v):
+        return np.column_stack([v[ring, :1] * across, v[ring, 1]])
+
+    fields = (s.p, s.shear_rate, s.yielded, s.density_ratio)
+    return Snapshot(
+        s.time, s.spacing, turned(s.x), turned(s.u), *(f[ring] for f in fields), np.zeros((0, 3)), s.size[ring]
+    )
+
+
 def top_height(s: Snapshot, radius: float) -> float:
-    """Mean height [m] of the surface (particle + l0/2) within ``radius`` [m] of the axis; nan if nothing is there."""
+    """Mean height [m] of the surface (particle + half its size) within ``radius`` [m] of the axis; nan if nothing is there."""
     l0 = s.spacing
     r = np.hypot(s.x[:, 0], s.x[:, 1])
-    near = s.x[r < radius + l0]
+    near, half = s.x[r < radius + l0], 0.5 * s.size[r < radius + l0]
     if len(near) == 0:
         return float("nan")
     ticks = np.arange(-radius, radius + 1e-12, 0.4 * l0)
     points = np.stack(np.meshgrid(ticks, ticks), -1).reshape(-1, 2)
     points = points[np.hypot(points[:, 0], points[:, 1]) <= radius]
     distance2 = ((points[:, None, :] - near[None, :, :2]) ** 2).sum(-1)
-    tops = np.where(distance2 < (0.75 * l0) ** 2, near[None, :, 2], -np.inf).max(1)
+    tops = np.where(distance2 < (0.75 * l0) ** 2, near[None, :, 2] + half, -np.inf).max(1)
     tops = tops[np.isfinite(tops)]
-    return float(tops.mean() + 0.5 * l0) if len(tops) else float("nan")
+    return float(tops.mean()) if len(tops) else float("nan")
 
 
 def spread(s: Snapshot) -> float:
     """Diameter [m]: mean of perpendicular pairs of diameters over all directions.
 
-    The reach of each sector, about 1.5 l0 wide at the rim, is its outermost particle + l0/2; wider sectors would
+    The reach of each sector, about 1.5 l0 wide at the rim, is its outermost particle + half its size; wider sectors would
     measure the outermost stray particle, not the edge.
     """
     r = np.hypot(s.x[:, 0], s.x[:, 1])
     sectors = max(4, 4 * int(2 * np.pi * r.max() / (6.0 * s.spacing)))
     sector = np.floor((np.arctan2(s.x[:, 1], s.x[:, 0]) / (2 * np.pi) + 0.5) * sectors).astype(int) % sectors
     reach = np.zeros(sectors)
-    np.maximum.at(reach, sector, r + 0.5 * s.spacing)
+    np.maximum.at(reach, sector, r + 0.5 * s.size)
     return float(2.0 * reach[reach > 0].mean())
 
 
@@ -58,7 +81,7 @@ def slump(s: Snapshot, height: float, axis_radius: float = 0.02) -> dict[str, fl
     """slump_m at the axis, slump_max_m of the highest point, spread_m [m] for a body of that initial height [m]."""
     return {
         "slump_m": height - top_height(s, axis_radius),
-        "slump_max_m": height - float(s.x[:, 2].max() + 0.5 * s.spacing),
+        "slump_max_m": height - float((s.x[:, 2] + 0.5 * s.size).max()),
         "spread_m": spread(s),
     }
 

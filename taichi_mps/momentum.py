@@ -3,7 +3,7 @@
     (m/dt) u - F[2 mu D'(u) + K div(u) I] - H(u) = (m/dt) u^n + m g + F[-(p + K s) I + stress - 2 mu_r q]
 
 F is the adjoint of the least-squares gradient G (gradient.py). H resists the non-affine motion that G does not see:
-the gradient of (V/n0) sum_i h_i sum_j (w/r^2) |u_j - u_i - G_i r_ij|^2, so the matrix is symmetric positive definite.
+the gradient of sum_i (h_i/2) sum_j (w/r^2) |u_j - u_i - G_i r_ij|^2, so the matrix is symmetric positive definite.
 """
 
 from .backend import real, ti
@@ -15,19 +15,18 @@ from .rheology import deviator
 class MomentumSystem:
     """Operator of the MRPCG solver; one row of d velocity components per particle, walls masked."""
 
-    def __init__(self, particles, gradient, walls, volume: float):
+    def __init__(self, particles, gradient, walls):
         d = particles.dimension
         self.particles, self.gradient, self.walls = particles, gradient, walls
         self.neighbors = gradient.neighbors
         self.count = particles.count
-        self.dimension = d
-        self.volume = volume
-        self.mass_rate = ti.field(real(), ())  # m/dt [kg/s]
+        self.dimension, self.tensors = d, particles.tensor_dimension
+        self.inertia = ti.field(real(), ())  # rho/dt [kg/(m3 s)]
         self.bulk = ti.field(real(), ())  # K [Pa s]
         self.mu = ti.field(real(), particles.capacity)  # viscosity of the implicit part [Pa s]
-        self.h = ti.field(real(), particles.capacity)  # resistance to non-affine motion [Pa s]
-        self.pair_drag = ti.field(real(), self.neighbors.pair_capacity)  # (2V/n0)(h_i + h_j) w/r^2 of each pair [kg/s]
-        self.flux = ti.Matrix.field(d, d, real(), particles.capacity)  # P = V T B - (2V/n0) h G [N m]
+        self.h = ti.field(real(), particles.capacity)  # 2V/n0 times the resistance to non-affine motion [N s m]
+        self.pair_drag = ti.field(real(), self.neighbors.pair_capacity)  # (h_i + h_j) w/r^2 of each pair [kg/s]
+        self.flux = ti.Matrix.field(d, d, real(), particles.capacity)  # P = V T B - h G [N m]
         self.inverse_diagonal = ti.Matrix.field(d, d, real(), particles.capacity)  # block Jacobi [s/kg]; 0: no unknown
 
     @ti.func
@@ -37,15 +36,14 @@ class MomentumSystem:
 
     @ti.func
     def _apply(self, u: ti.template(), y: ti.template(), motion):
-        h_scale = 2.0 * self.volume / self.gradient.n0
         for i in range(self.count[None]):
             if self.gradient.B[i][0, 0] > 0.0:
                 G = self.gradient.velocity_gradient(i, u, motion)
                 T = 2.0 * self.mu[i] * deviator(G)
-                T += self.bulk[None] * G.trace() * ti.Matrix.identity(float, self.dimension)
-                self.flux[i] = self.volume * (T @ self.gradient.B[i]) - (h_scale * self.h[i]) * G
+                T += self.bulk[None] * G.trace() * ti.Matrix.identity(float, G.n)
+                self.flux[i] = self.gradient.spread_stress(i, T) - self.h[i] * self.gradient.in_plane(G)
             else:
-                self.flux[i] = ti.Matrix.zero(float, self.dimension, self.dimension)
+                self.flux[i] = self.gradient.spread_stress(i, ti.Matrix.zero(float, self.tensors, self.tensors))
         for i in range(self.count[None]):
             y[i] = ti.Vector.zero(float, self.dimension)
             if self.particles.kind[i] == FLUID:
@@ -55,44 +53,46 @@ class MomentumSystem:
                 for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
                     j = self.neighbors.column[k]
                     total += (Pi + self.flux[j]) @ self.gradient.b[k] + self.pair_drag[k] * (u[j] - ui)
+                total += self.gradient.own_force(i, Pi)
                 if ti.static(len(self.walls.surfaces) > 0):
-                    x = self.particles.x[i]
-                    total += self.walls.force_term(x, Pi)
-                    total -= h_scale * self.h[i] * self.walls.drag_term(x, ui, motion)
-                y[i] = self.mass_rate[None] * ui - total
+                    share = self.gradient.counts_as(i)
+                    total -= self.h[i] * self.walls.drag_term(self.particles.x[i], ui, motion, share)
+                y[i] = self.particles.volume(i) * self.inertia[None] * ui - total
 
     @ti.kernel
     def prepare(self):
         """Pair drags and the inverse of the block diagonal for the present mu, h, K and m/dt."""
-        h_scale = 2.0 * self.volume / self.gradient.n0
         for i in range(self.count[None]):
             for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
                 hj = self.h[self.neighbors.column[k]]
-                self.pair_drag[k] = h_scale * (self.h[i] + hj) * self.gradient.weight_r2[k]
+                self.pair_drag[k] = (self.h[i] + hj) * self.gradient.weight_r2[k]
         for i in range(self.count[None]):
             self.inverse_diagonal[i] = ti.Matrix.zero(float, self.dimension, self.dimension)
             if self.particles.kind[i] == FLUID:
                 own = ti.Vector.zero(float, self.dimension)
-                drag = self.mass_rate[None]
+                drag = self.particles.volume(i) * self.inertia[None]
                 A = ti.Matrix.zero(float, self.dimension, self.dimension)
                 for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
                     own -= self.gradient.b[k]
                     drag += self.pair_drag[k]
                     A += self._response(self.neighbors.column[k], self.gradient.b[k])
                 if ti.static(len(self.walls.surfaces) > 0):
-                    pull, wall_drag = self.walls.pull(self.particles.x[i])
+                    pull, wall_drag = self.walls.pull(self.particles.x[i], self.gradient.counts_as(i))
                     own += pull
-                    drag += h_scale * self.h[i] * wall_drag
+                    drag += self.h[i] * wall_drag
                 A += self._response(i, own) + drag * ti.Matrix.identity(float, self.dimension)
+                if ti.static(self.gradient.axisymmetric):
+                    stiffness = 4.0 / 3.0 * self.mu[i] + self.bulk[None]
+                    A[0, 0] += self.particles.volume(i) * stiffness / ti.cast(self.particles.x[i][0], float) ** 2
                 self.inverse_diagonal[i] = A.inverse()
 
     @ti.func
     def _response(self, j, b):
         """Diagonal block [kg/s] that the stress of particle j gives to a particle which enters G_j through b."""
         v = self.gradient.B[j] @ b
-        mu = self.mu[j]
-        shear = self.volume * mu * v.dot(v) - 2.0 * self.volume / self.gradient.n0 * self.h[j] * b.dot(v)
-        bulk = self.volume * (mu + self.bulk[None] - 2.0 * mu / self.dimension)
+        mu, volume = self.mu[j], self.particles.volume(j)
+        shear = volume * mu * v.dot(v) - self.h[j] * b.dot(v)
+        bulk = volume * (mu + self.bulk[None] - 2.0 * mu / self.tensors)
         return shear * ti.Matrix.identity(float, self.dimension) + bulk * v.outer_product(v)
 
     @ti.kernel

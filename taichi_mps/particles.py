@@ -15,9 +15,12 @@ class Particles:
     particle number density.
     """
 
-    def __init__(self, positions, kinds, velocity, carries_stress: bool):
+    def __init__(self, positions, kinds, velocity, volumes, carries_stress: bool, axisymmetric: bool = False):
         d = positions.shape[1]
-        self.dimension = d
+        t = 3 if axisymmetric else d
+        self.dimension, self.tensor_dimension = d, t  # of vectors, and of stresses and gradients
+        self.axisymmetric = axisymmetric
+        self.usual_volume = float(volumes[0])  # of every particle but rings [m3, m2 in 2-D]
         self.capacity = len(positions)
         self.carries_stress = carries_stress
         makers = {
@@ -29,8 +32,10 @@ class Particles:
             "id": lambda: ti.field(ti.i32),  # persistent number of the particle
         }
         if carries_stress:
-            makers["stress"] = lambda: ti.Matrix.field(d, d, real())  # deviatoric, at most tau_y where rigid [Pa]
-            makers["plastic_rate"] = lambda: ti.Matrix.field(d, d, real())  # deviatoric rate q of the yield law [1/s]
+            makers["stress"] = lambda: ti.Matrix.field(t, t, real())  # deviatoric, at most tau_y where rigid [Pa]
+            makers["plastic_rate"] = lambda: ti.Matrix.field(t, t, real())  # deviatoric rate q of the yield law [1/s]
+        if axisymmetric:
+            makers["ring"] = lambda: ti.field(real())  # volume of the ring [m3]
         self.carried = {name: make() for name, make in makers.items()}
         self._twin = {name: make() for name, make in makers.items()}  # scratch of the reorder
         self._pairs = [(item, self._twin[name]) for name, item in self.carried.items()]
@@ -41,7 +46,7 @@ class Particles:
         for item in (*self.carried.values(), *self._twin.values(), self.source_row):
             ti.root.dense(ti.i, self.capacity).place(item)
         n = len(positions)
-        self.load({"x": positions, "u": velocity, "kind": kinds, "id": np.arange(n)})
+        self.load({"x": positions, "u": velocity, "kind": kinds, "id": np.arange(n)} | {"ring": volumes})
 
     def load(self, state: dict) -> None:
         """Put arrays (n, ...) into the fields; what is not named becomes zero."""
@@ -57,6 +62,14 @@ class Particles:
         """All carried fields (n, ...), in the order of the rows."""
         n = self.count[None]
         return {name: item.to_numpy()[:n] for name, item in self.carried.items()}
+
+    @ti.func
+    def volume(self, i):
+        """Volume of particle i [m3]; per metre of depth in a plane scene [m2]."""
+        volume = ti.cast(self.usual_volume, float)
+        if ti.static(self.axisymmetric):
+            volume = self.ring[i]
+        return volume
 
     @ti.kernel
     def reorder(self):

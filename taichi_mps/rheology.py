@@ -17,7 +17,7 @@ def shear_rate(G):
 
 @ti.func
 def deviator(G):
-    """D - tr(D)/d I [1/s] of a velocity gradient G; d the dimension (plane strain in 2-D)."""
+    """D - tr(D)/d I [1/s] of a velocity gradient G; d its size (plane strain in 2-D)."""
     return 0.5 * (G + G.transpose()) - (G.trace() / G.n) * ti.Matrix.identity(float, G.n)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from .geometry import Cylinder, Plane
 from .material import Bingham
-from .measure import Snapshot
+from .measure import Snapshot, revolved
 from .quantity import Checked, Count, Duration, RadiusRatio, Ratio, SceneError
 
 
@@ -44,7 +44,10 @@ NUMERICS = {"implicit": Implicit, "semi-implicit": SemiImplicit}
 
 @dataclass(frozen=True)
 class Scene:
-    """One problem. Lengths [m], d = 2 or 3 dimensions, gravity along the last axis unless given."""
+    """One problem. Lengths [m], d = 2 or 3 dimensions, gravity along the last axis unless given.
+
+    ``axisymmetric``: the two coordinates are (r, z), each particle is a ring around the z axis.
+    """
 
     name: str
     material: Bingham
@@ -56,6 +59,7 @@ class Scene:
     velocity: np.ndarray | None = None  # initial velocity [m/s], (n, d)
     gravity: tuple[float, ...] | None = None  # [m/s2], (d,)
     periodic: tuple[bool, ...] | None = None  # per axis
+    axisymmetric: bool = False
     until: float = 5.0  # [s]
     stop_at_rest: bool = False
     measure: Callable[[Snapshot], dict[str, float]] | None = None
@@ -72,6 +76,12 @@ class Scene:
         low, high = (np.array(corner, float) for corner in self.domain)
         if np.any(x < low) or np.any(x > high):
             raise SceneError(f"domain = {self.domain} m: a particle lies outside; the domain must hold all of them")
+        if self.axisymmetric and x.shape[1] != 2:
+            raise SceneError(f"axisymmetric = True: the fluid has {x.shape[1]} coordinates; must have 2, (r, z)")
+        if self.axisymmetric and x[:, 0].min() <= 0.0:
+            raise SceneError(f"axisymmetric = True: a particle lies at r = {x[:, 0].min():g} m; r must be above 0 m")
+        if self.axisymmetric and self.periodic_axes[0]:
+            raise SceneError("axisymmetric = True: periodic along r; only z may be periodic")
         for wall in self.walls:
             if len(wall.point) != x.shape[1]:
                 raise SceneError(f"walls: point = {wall.point} m: must have {x.shape[1]} coordinates, as the fluid has")
@@ -80,6 +90,17 @@ class Scene:
     @property
     def dimension(self) -> int:
         return self.fluid.shape[1]
+
+    def unfold(self, snapshot: Snapshot) -> Snapshot:
+        """The whole body of which the scene computes a part: what is measured and shown."""
+        return revolved(snapshot) if self.axisymmetric else snapshot
+
+    @property
+    def volumes(self) -> np.ndarray:
+        """Volume of each fluid particle [m3], (n,): l0^d, 2 pi r l0^2 of a ring; per metre of depth in 2-D [m2]."""
+        if self.axisymmetric:
+            return 2.0 * np.pi * self.fluid[:, 0] * self.spacing**2
+        return np.full(len(self.fluid), self.spacing**self.dimension)
 
     @property
     def gravity_vector(self) -> np.ndarray:

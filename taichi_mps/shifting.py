@@ -17,12 +17,12 @@ class Shifting:
     def compute(self, dt: float, strain_scale: float):
         """shift = -0.1 l0 sum_j max(0, 1 - r/(1.5 l0)) e_ij without its outward part at a surface, times
         min(1, shear_rate dt/strain_scale), at most 0.05 l0; and 0.05 (0.85 l0 - r) between closer pairs."""
-        l0 = self.spacing
         d = ti.static(self.particles.dimension)
         for i in range(self.particles.count[None]):
             self.shift[i] = ti.Vector.zero(float, d)
             if self.particles.kind[i] == FLUID:
                 x = self.particles.x[i]
+                l0 = self.spacing * ti.sqrt(self.gradient.counts_as(i))  # of rings as thin as this one
                 near = ti.Vector.zero(float, d)
                 inward = ti.Vector.zero(float, d)
                 apart = ti.Vector.zero(float, d)
@@ -35,7 +35,7 @@ class Shifting:
                     inward += ti.max(self.gradient.effective_radius / r - 1.0, 0.0) * e
                     apart -= 0.05 * ti.max(0.0, 0.85 * l0 - r) * e
                 if ti.static(len(self.walls.surfaces) > 0):
-                    wall_inward, wall_near = self.walls.crowding(x)
+                    wall_inward, wall_near = self.walls.crowding(x, self.gradient.counts_as(i))
                     near += wall_near
                     inward += wall_inward
                 move = -0.1 * l0 * near

@@ -8,7 +8,7 @@ import numpy as np
 
 from . import __version__
 from .backend import require_room, started, ti
-from .geometry import Cylinder
+from .geometry import Cylinder, Plane
 from .measure import Snapshot
 from .neighbors import Bins, CapacityError, EscapedError, NeighborList
 from .particles import DUMMY, FLUID, WALL, Particles
@@ -19,11 +19,11 @@ from .scene import Scene
 from .scene import SemiImplicit as SemiImplicitNumerics
 from .schemes.implicit import Implicit, law_of
 from .schemes.semi_implicit import SemiImplicit
+from .totals import NOT_A_NUMBER, Totals
 from .walls import Walls
 from .weights import lattice_constants
 
 
-@ti.data_oriented
 class Simulation:
     """A scene in motion: ``step``, ``run``, ``every``, ``snapshot``, ``summary``."""
 
@@ -32,7 +32,7 @@ class Simulation:
         self._clock = time.process_time(), time.perf_counter()
         self.scene = scene
         self.numerics = numerics or ImplicitNumerics()
-        self._pairs_per_particle = 1.5
+        self._pairs_per_particle = 4.0 if scene.axisymmetric else 1.5  # rings that moved outward are thin
         self._stages: dict[str, list] = {}
         self._profile = profile
         self._build()
@@ -54,6 +54,8 @@ class Simulation:
         re = numerics.effective_radius_ratio * scene.spacing
         semi_implicit = isinstance(numerics, SemiImplicitNumerics)
         use_particles = semi_implicit or numerics.walls == "particles"
+        if use_particles and scene.axisymmetric:
+            raise SceneError(f"scene {scene.name} is axisymmetric: must be computed with walls = surfaces, implicit")
         if use_particles and any(wall.speed > 0.0 for wall in scene.walls):
             raise SceneError(
                 f"walls = particles: a wall of scene {scene.name} moves; must be surfaces, scheme implicit"
@@ -77,15 +79,18 @@ class Simulation:
             velocity[: len(scene.fluid)] = scene.velocity
         constants = lattice_constants(d, scene.spacing, re)
         law = law_of(scene.material)
-        self.particles = Particles(positions, kinds, velocity, law == "bingham" and not semi_implicit)
+        carries_stress = law == "bingham" and not semi_implicit
+        volumes = np.resize(scene.volumes, len(positions))
+        self.particles = Particles(positions, kinds, velocity, volumes, carries_stress, scene.axisymmetric)
         self.bins = Bins(self.particles, scene.domain, scene.periodic_axes, re)
         capacity = int(self._pairs_per_particle * constants.neighbours * len(positions)) + 64
         self.neighbors = NeighborList(self.bins, capacity)
         self.constants = constants
-        self.walls = Walls(() if use_particles else scene.walls, d, scene.spacing, re)
+        axis = (Plane((0.0, 0.0), (1.0, 0.0), slip=True),) if scene.axisymmetric else ()
+        self.walls = Walls(() if use_particles else axis + tuple(scene.walls), d, scene.spacing, re, rings=scene.axisymmetric)
         scheme = SemiImplicit if semi_implicit else Implicit
         self.scheme = scheme(scene, numerics, self.particles, self.neighbors, self.walls, constants)
-        self._statistics = ti.field(ti.f64, 5)  # max speed, kinetic energy, unyielded, packing, full ones
+        self.totals = Totals(self.particles, self.scheme, constants)
 
     # ---- stepping -------------------------------------------------------------------------------------------
     def step(self, until: float | None = None) -> StepReport:
@@ -150,42 +155,23 @@ class Simulation:
     def _initial_speed(self) -> float:
         return float(np.linalg.norm(self.particles.u.to_numpy(), axis=1).max())
 
-    @ti.kernel
-    def _measure(self):
-        for k in range(5):
-            self._statistics[k] = 0.0
-        ti.loop_config(serialize=True)
-        for i in range(self.particles.count[None]):
-            if self.particles.kind[i] == FLUID:
-                u2 = ti.cast(self.particles.u[i].norm_sqr(), ti.f64)
-                if not (u2 < 1e12):
-                    u2 = 1e12
-                self._statistics[0] = ti.max(self._statistics[0], u2)
-                self._statistics[1] += u2
-                self._statistics[2] += 1 - self.scheme.yielded[i]
-                if self.scheme.gradient.around[i] >= 0.9 * self.constants.neighbours:
-                    self._statistics[3] += self.scheme.gradient.packing[i] / self.constants.packing
-                    self._statistics[4] += 1.0
-
     def _make_report(self, dt, name, result) -> StepReport:
-        self._measure()
-        speed2, energy, unyielded, packing, full = self._statistics.to_numpy()
-        mass = self.scene.material.density * self.scene.spacing**self.scene.dimension
+        speed2, energy, unyielded, volume_error = self.totals.take()
         report = StepReport(
             step=self.steps,
             time=self.time,
             dt=dt,
             dt_limit=name,
             max_speed=math.sqrt(speed2),
-            kinetic_energy=0.5 * mass * energy,
+            kinetic_energy=0.5 * self.scene.material.density * energy,
             unyielded_fraction=unyielded / len(self.scene.fluid),
             viscous_iterations=result["viscous_iterations"],
             pressure_iterations=result["pressure_iterations"],
             residual=result["residual"],
-            volume_error=full / packing - 1.0 if full else 0.0,
+            volume_error=volume_error,
         )
         crossed = None
-        if speed2 >= 1e12:
+        if speed2 >= NOT_A_NUMBER:
             crossed = "a velocity is not a finite number"
         elif report.max_speed > self._runaway_speed:
             crossed = f"a speed of {report.max_speed:.4g} m/s, over {self._runaway_speed:.4g} m/s, is a runaway"
@@ -266,7 +252,7 @@ class Simulation:
         material = self.scene.material
         if law_of(material) != "bingham":
             return False
-        mass = material.density * self.scene.spacing**self.scene.dimension * len(self.scene.fluid)
+        mass = material.density * self.scene.volumes.sum()
         rms = math.sqrt(2.0 * self.report.kinetic_energy / mass)
         window = max(0.2, material.plastic_viscosity / material.yield_value)
         if rms * window > 0.1 * self.scene.spacing:
@@ -295,11 +281,12 @@ class Simulation:
             yielded=rows["yielded"][order],
             density_ratio=rows["n"][order],
             wall_x=rows["x"][rows["kind"] != FLUID],
+            size=np.sqrt(rows["ring"] / (2.0 * np.pi * rows["x"][:, 0]))[order] if self.scene.axisymmetric else None,
         )
 
     def measures(self) -> dict[str, float]:
         """The scene's measures now (slump_m, spread_m, ...)."""
-        return self.scene.measure(self.snapshot()) if self.scene.measure else {}
+        return self.scene.measure(self.scene.unfold(self.snapshot())) if self.scene.measure else {}
 
     def summary(self) -> dict:
         """Everything that describes the run, JSON-ready."""

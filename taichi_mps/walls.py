@@ -11,55 +11,79 @@ a curved wall the ghosts stand on arcs, which changes the sums in proportion to 
 to one particle and exactly adjoint to its gradient.
 """
 
+import numpy as np
+
 from .backend import real, ti
 from .geometry import Cylinder
 from .surfaces import Flat, Round
 from .weights import ghost_table
 
+FINEST, COARSEST, SIZES = 0.2, 1.5, 27  # sizes of rings in the tables, over the spacing
+
 
 @ti.data_oriented
 class Walls:
-    """Static tuple of surfaces; every function sums over those within the effective radius of x [m]."""
+    """Static tuple of surfaces; every function sums over those within the effective radius of x [m].
 
-    def __init__(self, walls, dimension: int, spacing: float, effective_radius: float, entries: int = 256):
+    ``share`` is the cross-section of the particle at x over l0^2: 1, but for rings (gradient.py), behind whose walls
+    the ghosts stand as close as they do."""
+
+    def __init__(
+        self, walls, dimension: int, spacing: float, effective_radius: float, entries: int = 256, rings: bool = False
+    ):
         self.dimension = dimension
         self.effective_radius = effective_radius
         self.closest = 0.1 * spacing
         self.entries = entries
+        self.sizes = FINEST + (COARSEST - FINEST) * np.arange(SIZES) / (SIZES - 1) if rings else np.ones(1)
         self.surfaces = tuple((Round if isinstance(wall, Cylinder) else Flat)(wall, dimension) for wall in walls)
         self.move = any(wall.speed > 0.0 for wall in walls)
         bent = 0.1 / spacing  # curvature [1/m] of the arcs that give the slope of the sums
-        tables = [ghost_table(dimension, spacing, effective_radius, entries, k) for k in (0.0, bent, -bent)]
-        self.flat = ti.Vector.field(tables[0].shape[1], real(), entries)  # GHOST_SUMS at z = re k/(entries - 1)
+        tables = np.array(
+            [
+                [ghost_table(dimension, spacing, effective_radius, entries, k, size) for size in self.sizes]
+                for k in (0.0, bent, -bent)
+            ]
+        )
+        shape = tables[0].shape[:2]
+        self.flat = ti.Vector.field(tables.shape[3], real(), shape)  # GHOST_SUMS at a size and z = re k/(entries - 1)
         self.flat.from_numpy(tables[0])
-        self.bend = ti.Vector.field(tables[0].shape[1], real(), entries)  # their derivative by the curvature [m]
+        self.bend = ti.Vector.field(tables.shape[3], real(), shape)  # their derivative by the curvature [m]
         self.bend.from_numpy((tables[1] - tables[2]) / (2.0 * bent))
 
     @ti.func
-    def interpolate(self, table: ti.template(), z):
-        """Entry of a table at distance z [m], linear between two; zero beyond the effective radius."""
+    def interpolate(self, table: ti.template(), z, share):
+        """Entry of a table at distance z [m] for a particle of this share, linear between two; zero beyond the effective
+        radius."""
         s = ti.max(z, self.closest) / self.effective_radius * (self.entries - 1)
         k = ti.min(ti.cast(s, ti.i32), self.entries - 2)
         f = s - k
-        return table[k] * (1.0 - f) + table[k + 1] * f
-
-    @ti.func
-    def lookup(self, wall: ti.template(), z, curvature):
-        """Ghost sums at distance z [m] from a wall of this curvature [1/m]."""
-        sums = self.interpolate(self.flat, z)
-        if ti.static(wall.curved):
-            sums += curvature * self.interpolate(self.bend, z)
+        sums = table[0, k] * (1.0 - f) + table[0, k + 1] * f
+        if ti.static(len(self.sizes) > 1):
+            s = (ti.sqrt(share) - FINEST) / (COARSEST - FINEST) * (SIZES - 1)
+            a = ti.max(0, ti.min(ti.cast(s, ti.i32), SIZES - 2))
+            g = ti.max(0.0, ti.min(1.0, s - a))
+            sums = (table[a, k] * (1.0 - f) + table[a, k + 1] * f) * (1.0 - g)
+            sums += (table[a + 1, k] * (1.0 - f) + table[a + 1, k + 1] * f) * g
         return sums
 
     @ti.func
-    def moments(self, x):
+    def lookup(self, wall: ti.template(), z, curvature, share):
+        """Ghost sums at distance z [m] from a wall of this curvature [1/m]."""
+        sums = self.interpolate(self.flat, z, share)
+        if ti.static(wall.curved):
+            sums += curvature * self.interpolate(self.bend, z, share)
+        return sums
+
+    @ti.func
+    def moments(self, x, share):
         """Neighbours, n and packing [-], and the moment matrix [-] that the walls add at x."""
         counts = ti.Vector.zero(float, 3)
         moment = ti.Matrix.zero(float, self.dimension, self.dimension)
         for wall in ti.static(self.surfaces):
             z, n, _velocity, curvature = wall.nearest(x)
             if z < self.effective_radius:
-                sums = self.lookup(wall, z, curvature)
+                sums = self.lookup(wall, z, curvature, share)
                 counts += ti.Vector([sums[0], sums[1], sums[7]])
                 normal = n.outer_product(n)
                 moment += sums[2] * ti.max(z, self.closest) * normal
@@ -68,14 +92,14 @@ class Walls:
         return counts, moment
 
     @ti.func
-    def gradient_term(self, x, u, motion):
+    def gradient_term(self, x, u, motion, share):
         """sum of (u - u_wall) (x) n c [1/s 1/m], and t S (I - n (x) n) where the wall turns with the gradient S;
         ``motion`` 1 with the walls' velocity, 0 without."""
         total = ti.Matrix.zero(float, self.dimension, self.dimension)
         for wall in ti.static(self.surfaces):
             z, n, velocity, curvature = wall.nearest(x)
             if z < self.effective_radius:
-                sums = self.lookup(wall, z, curvature)
+                sums = self.lookup(wall, z, curvature, share)
                 jump = u - motion * velocity
                 if ti.static(wall.slip):
                     jump = n * n.dot(u)
@@ -86,7 +110,7 @@ class Walls:
         return total
 
     @ti.func
-    def force_term(self, x, flux):
+    def force_term(self, x, flux, share):
         """Force of the walls on a particle with flux matrix P = V T B: the exact adjoint of gradient_term."""
         total = ti.Vector.zero(float, self.dimension)
         for wall in ti.static(self.surfaces):
@@ -95,11 +119,11 @@ class Walls:
                 pull = flux @ n
                 if ti.static(wall.slip):
                     pull = n * n.dot(pull)
-                total -= pull * self.lookup(wall, z, curvature)[2]
+                total -= pull * self.lookup(wall, z, curvature, share)[2]
         return total
 
     @ti.func
-    def drag_term(self, x, u, motion):
+    def drag_term(self, x, u, motion, share):
         """sum of (u - u_wall) c/z: the walls' part of the resistance to non-affine motion (momentum.py)."""
         total = ti.Vector.zero(float, self.dimension)
         for wall in ti.static(self.surfaces):
@@ -108,11 +132,11 @@ class Walls:
                 jump = u - motion * velocity
                 if ti.static(wall.slip):
                     jump = n * n.dot(u)
-                total += jump * (self.lookup(wall, z, curvature)[2] / ti.max(z, self.closest))
+                total += jump * (self.lookup(wall, z, curvature, share)[2] / ti.max(z, self.closest))
         return total
 
     @ti.func
-    def drag_power(self, x, u, motion):
+    def drag_power(self, x, u, motion, share):
         """sum of |u - u_wall|^2 c/z [1/s2]: u . drag_term for walls at rest."""
         total = ti.cast(0.0, float)
         for wall in ti.static(self.surfaces):
@@ -121,41 +145,41 @@ class Walls:
                 jump = u - motion * velocity
                 if ti.static(wall.slip):
                     jump = n * n.dot(u)
-                total += jump.norm_sqr() * (self.lookup(wall, z, curvature)[2] / ti.max(z, self.closest))
+                total += jump.norm_sqr() * (self.lookup(wall, z, curvature, share)[2] / ti.max(z, self.closest))
         return total
 
     @ti.func
-    def pull(self, x):
+    def pull(self, x, share):
         """sum of n c [1/m] over the walls, and of c/z [1/m2] (for the diagonal)."""
         total = ti.Vector.zero(float, self.dimension)
         drag = ti.cast(0.0, float)
         for wall in ti.static(self.surfaces):
             z, n, _velocity, curvature = wall.nearest(x)
             if z < self.effective_radius:
-                c = self.lookup(wall, z, curvature)[2]
+                c = self.lookup(wall, z, curvature, share)[2]
                 total += n * c
                 drag += c / ti.max(z, self.closest)
         return total, drag
 
     @ti.func
-    def hydrostatic(self, x, weight, B):
+    def hydrostatic(self, x, weight, B, share):
         """Force density [N/m3] by which the ghosts' pressure exceeds the particle's own under rho g = ``weight``."""
         total = ti.Vector.zero(float, self.dimension)
         for wall in ti.static(self.surfaces):
             z, n, _velocity, curvature = wall.nearest(x)
             if z < self.effective_radius:
-                total -= B @ n * (n.dot(weight) * self.lookup(wall, z, curvature)[4])
+                total -= B @ n * (n.dot(weight) * self.lookup(wall, z, curvature, share)[4])
         return total
 
     @ti.func
-    def crowding(self, x):
+    def crowding(self, x, share):
         """sum w e and sum max(0, 1 - r/(1.5 l0)) e over the ghosts, e the direction from x to each [-]."""
         inward = ti.Vector.zero(float, self.dimension)
         near = ti.Vector.zero(float, self.dimension)
         for wall in ti.static(self.surfaces):
             z, n, _velocity, curvature = wall.nearest(x)
             if z < self.effective_radius:
-                sums = self.lookup(wall, z, curvature)
+                sums = self.lookup(wall, z, curvature, share)
                 inward -= n * sums[5]
                 near -= n * sums[6]
         return inward, near

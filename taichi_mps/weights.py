@@ -44,10 +44,17 @@ def lattice_constants(dimension: int, spacing: float, effective_radius: float) -
     return LatticeConstants(float(w.sum()), float((w * r * r).sum() / w.sum()), len(r), float(packing))
 
 
+def ring_table(spacing: float, effective_radius: float, shares) -> np.ndarray:
+    """(n, 2): n0, and the packing with each particle counted by its share, of square lattices whose cells are these
+    shares of spacing^2 [-]. The effective radius stays that of the spacing."""
+    lattices = [lattice_constants(2, spacing * share**0.5, effective_radius) for share in shares]
+    return np.array([[sums.n0, share * sums.packing] for share, sums in zip(shares, lattices, strict=True)])
+
+
 GHOST_SUMS = ("neighbours", "n", "pull", "tangential", "normal", "inward", "crowding", "packing")
 
 
-def ghost_table(dimension, spacing, effective_radius, entries=256, curvature=0.0) -> np.ndarray:
+def ghost_table(dimension, spacing, effective_radius, entries=256, curvature=0.0, size=1.0) -> np.ndarray:
     """Sums over the ghost lattice behind a wall, (entries, 8), columns GHOST_SUMS, for a particle at distance
     z = effective_radius * max(k, 1)/(entries - 1) in front of it. A ghost lies at depth d = l0/2, 3 l0/2, ... behind
     the wall and h, t are its normal and one tangential distance from the particle: h = z + d and t = 0, l0, ... behind
@@ -55,7 +62,11 @@ def ghost_table(dimension, spacing, effective_radius, entries=256, curvature=0.0
 
     neighbours 1; n w; pull 2 (w/r^2) h [1/m]; tangential (w/r^2) t^2 (1 + d/z); normal (w/r^2) h^2;
     inward w h/r; crowding max(0, 1 - r/(1.5 l0)) h/r; packing (1 - r/re)^3 (1 + 3 r/re).
+
+    ``size`` over l0 is the spacing of ghosts that stand closer than l0; each then counts size^2 in neighbours, n and
+    packing.
     """
+    spacing = size * spacing
     reach = int(effective_radius / spacing) + 2
     axis = np.arange(-reach, reach + 1) * spacing
     depth = (np.arange(reach) + 0.5) * spacing
@@ -81,4 +92,6 @@ def ghost_table(dimension, spacing, effective_radius, entries=256, curvature=0.0
             (np.maximum(0.0, 1.0 - r / (1.5 * spacing)) * h / r).sum(),
             _packing(r, effective_radius).sum(),
         ]
+    counted = [GHOST_SUMS.index(name) for name in ("neighbours", "n", "packing")]
+    table[:, counted] *= size**2
     return table

@@ -21,19 +21,23 @@ CASES = ("2-D", "3-D", "2-D walls")
 class Rig:
     """Particles at given places, with kernels for the gradient of ``u`` and the force of the stresses ``T``."""
 
-    def __init__(self, x, kinds=None, planes=()):
+    def __init__(self, x, kinds=None, planes=(), rings=None):
+        """``rings``: their volumes [m3] in an axisymmetric scene."""
         d = x.shape[1]
+        t = d if rings is None else 3
         self.dimension, self.volume, self.planes = d, L0**d, planes
         kinds = np.full(len(x), FLUID) if kinds is None else kinds
         constants = lattice_constants(d, L0, 2.1 * L0)
-        self.particles = Particles(x, kinds, 0.0 * x, False)
+        volumes = np.full(len(x), self.volume) if rings is None else rings
+        self.particles = Particles(x, kinds, 0.0 * x, volumes, False, rings is not None)
         bins = Bins(self.particles, ((-2.0,) * d, (2.0,) * d), (False,) * d, 2.1 * L0)
         neighbors = NeighborList(bins, 60 * len(x))
-        walls = Walls(planes, d, L0, 2.1 * L0)
-        self.gradient = Gradient(neighbors, walls, constants)
+        walls = Walls(planes, d, L0, 2.1 * L0, rings=rings is not None)
+        self.gradient = Gradient(neighbors, walls, constants, L0)
         self.u, self.F = (ti.Vector.field(d, ti.f64, len(x)) for _ in range(2))
         self.left = ti.field(ti.f64, len(x))
-        self.G, self.T, self.P = (ti.Matrix.field(d, d, ti.f64, len(x)) for _ in range(3))
+        self.G, self.T = (ti.Matrix.field(t, t, ti.f64, len(x)) for _ in range(2))
+        self.P = ti.Matrix.field(d, d, ti.f64, len(x))
         bins.sort()
         neighbors.build()
         self.gradient.build()
@@ -59,7 +63,7 @@ class Rig:
     @ti.kernel
     def _forces(self):
         for i in range(self.particles.count[None]):
-            self.P[i] = self.volume * (self.T[i] @ self.gradient.B[i])
+            self.P[i] = self.gradient.spread_stress(i, self.T[i])
         for i in range(self.particles.count[None]):
             self.F[i] = self.gradient.force(i, self.P)
 

@@ -19,7 +19,7 @@ EDGE = 4
 LAYERS = {
     0: "quantity material geometry measure report scene",
     1: "backend weights surfaces particles neighbors gradient mrpcg sparse",
-    2: "rheology walls viscosity pressure momentum shifting",
+    2: "rheology walls viscosity pressure momentum shifting totals",
     3: "schemes.implicit schemes.semi_implicit simulation",
 }
 PEERS = {
@@ -30,7 +30,7 @@ PEERS = {
     "surfaces": {"backend"},
     "particles": {"backend"},
     "neighbors": {"backend"},
-    "gradient": {"backend", "particles"},
+    "gradient": {"backend", "particles", "weights"},
     "mrpcg": {"backend", "sparse"},
     "sparse": {"backend"},
     "viscosity": {"rheology"},

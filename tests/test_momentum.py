@@ -17,14 +17,14 @@ FLOOR = mps.Plane((0.0, -0.33), (0.0, 1.0), velocity=(0.5, 0.0))
 class System(Rig):
     """A cloud of particles with random viscosities, and its momentum system."""
 
-    def __init__(self, x, kinds=None, planes=()):
-        super().__init__(x, kinds, planes)
+    def __init__(self, x, kinds=None, planes=(), rings=None):
+        super().__init__(x, kinds, planes, rings)
         rng = np.random.default_rng(8)
         n, d = x.shape
-        self.system = MomentumSystem(self.particles, self.gradient, self.gradient.walls, self.volume)
-        self.system.mass_rate[None], self.system.bulk[None] = MASS_RATE, BULK
+        self.system = MomentumSystem(self.particles, self.gradient, self.gradient.walls)
+        self.system.inertia[None], self.system.bulk[None] = MASS_RATE / self.volume, BULK
         self.system.mu.from_numpy(rng.uniform(10.0, 1000.0, n))
-        self.system.h.from_numpy(rng.uniform(5.0, 500.0, n))
+        self.system.h.from_numpy(2.0 * self.volume / self.gradient.n0 * rng.uniform(5.0, 500.0, n))
         self.system.prepare()
         self.y = ti.Vector.field(d, ti.f64, n)
         self.unknown = self.kind == FLUID

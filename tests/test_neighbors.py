@@ -29,7 +29,7 @@ class Rig:
     def __init__(self, low, high, periodic):
         self.low, self.high, self.periodic = np.array(low), np.array(high), np.array(periodic)
         x = np.zeros((CAPACITY, len(low)))
-        self.particles = Particles(x, np.zeros(CAPACITY, int), x, False)
+        self.particles = Particles(x, np.zeros(CAPACITY, int), x, np.ones(CAPACITY), False)
         self.bins = Bins(self.particles, (low, high), periodic, RE)
         self.list = NeighborList(self.bins, CAPACITY * CAPACITY)
 
@@ -144,7 +144,7 @@ def test_list_is_full_at_its_capacity_and_not_before():
 
 def test_bins_refuse_a_short_period():
     x = np.zeros((1, 2))
-    particles = Particles(x, np.zeros(1, int), x, False)
+    particles = Particles(x, np.zeros(1, int), x, np.ones(1), False)
     with pytest.raises(ValueError, match="three effective radii"):
         Bins(particles, ((0.0, 0.0), (0.3, 1.0)), (True, False), RE)
     with pytest.raises(ValueError, match="three effective radii"):

@@ -32,12 +32,12 @@ class Rig:
         planes = (mps.Plane(low, (*up, 1.0), slip=slip), mps.Plane(high, (*up, -1.0), slip=slip))
         x = mps.lattice(low, np.array(high) - 0.5 * L0, L0)
         self.dimension, self.constants = d, lattice_constants(d, L0, RE)
-        self.particles = Particles(x, np.zeros(len(x), int), 0.0 * x, False)
+        self.particles = Particles(x, np.zeros(len(x), int), 0.0 * x, np.ones(len(x)), False)
         domain = (np.array(low) - np.eye(d)[-1], np.array(high) + np.eye(d)[-1])
         bins = Bins(self.particles, domain, (True,) * (d - 1) + (False,), RE)
         neighbors = NeighborList(bins, 40 * len(x))
         self.walls = Walls(planes, d, L0, RE)
-        self.gradient = Gradient(neighbors, self.walls, self.constants)
+        self.gradient = Gradient(neighbors, self.walls, self.constants, L0)
         self.F, self.W, self.near, self.inward = (ti.Vector.field(d, ti.f64, len(x)) for _ in range(4))
         self.P = ti.Matrix.field(d, d, ti.f64, len(x))
         self.moved = ti.Vector.field(d, ti.f64, 16)
@@ -55,8 +55,8 @@ class Rig:
             self.P[i] = -(p0 + weight * (HEIGHT - self.particles.x[i][self.dimension - 1])) * self.gradient.B[i]
         for i in range(self.particles.count[None]):
             self.F[i] = self.gradient.force(i, self.P)
-            self.W[i] = self.walls.hydrostatic(self.particles.x[i], down, self.gradient.B[i])
-            inward, near = self.walls.crowding(self.particles.x[i])
+            self.W[i] = self.walls.hydrostatic(self.particles.x[i], down, self.gradient.B[i], 1.0)
+            inward, near = self.walls.crowding(self.particles.x[i], 1.0)
             self.inward[i], self.near[i] = inward, near
 
     @ti.kernel

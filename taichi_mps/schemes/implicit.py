@@ -17,7 +17,7 @@ INERTIAL = 0.5  # non-affine motion of a thin fluid decays within two natural st
 EDGE = 4.0  # at the edge of a plug a quarter of the bonds carry all non-affine motion: their rate is twice the mean
 SLOWEST = 1e-2  # strain per natural step below which the non-affine resistance of a yield-stress fluid stops growing
 SMOOTHING = 0.6  # share of the neighbours' mean in the pressure
-SOURCE = 0.05  # share of the packing error removed per step
+SOURCE, RING_SOURCE = 0.05, 0.2  # share of the packing error removed per step; thin rings lose more of it per step
 STRAIN_SCALE = 0.02  # strain per step above which source and shift act fully
 SMOOTHING_SCALE = 1e-3  # strain per step above which the pressure is smoothed fully
 STIFFNESS = 75.0  # K = STIFFNESS rho (g H + U^2) times the natural step: that pressure compresses by 1/75 in one pass
@@ -44,8 +44,6 @@ class Implicit:
         self.eta, self.tau_y = material.plastic_viscosity, material.yield_value
         self.pi_c = material.critical_strain_rate or 0.0
         self.density = material.density
-        self.volume = scene.spacing**d
-        self.mass = self.density * self.volume
         self.g = ti.types.vector(d, real())(scene.gravity_vector)
         height = float(scene.fluid[:, -1].max() - scene.fluid[:, -1].min()) + scene.spacing
         gravity = float((scene.gravity_vector**2).sum() ** 0.5)
@@ -63,9 +61,10 @@ class Implicit:
         self.bulk = max(
             STIFFNESS * self.density * head * min(self.natural_step, self.max_time_step), VISCOUS_STIFFNESS * self.mu_r
         )
-        self.drive = self.mass * head / height  # force on a particle [N] that errors of the solve are compared with
-        self.gradient = Gradient(neighbors, walls, constants)
-        self.system = MomentumSystem(particles, self.gradient, walls, self.volume)
+        self.refill = RING_SOURCE if scene.axisymmetric else SOURCE
+        self.drive = self.density * head / height  # force density [N/m3] that errors of the solve are compared with
+        self.gradient = Gradient(neighbors, walls, constants, scene.spacing)
+        self.system = MomentumSystem(particles, self.gradient, walls)
         self.system.bulk[None] = self.bulk
         self.shifting = Shifting(particles, self.gradient, walls, scene.spacing)
         self.solver = MRPCG(particles.capacity, d, self.system)
@@ -92,7 +91,7 @@ class Implicit:
     def step(self, dt: float) -> dict:
         """Advance the particles by dt [s]; returns iteration counts and the residual."""
         self.gradient.build()
-        self.system.mass_rate[None] = self.mass / dt
+        self.system.inertia[None] = self.density / dt
         self.smooth_pressure(dt)
         self.prepare(dt, self.first)
         self.balance()
@@ -163,10 +162,10 @@ class Implicit:
         for i in range(self.particles.count[None]):
             G, left = self.gradient.fit(i, self.particles.u, 1.0)
             rate = 2.0 * magnitude(deviator(G))
-            excess = self.gradient.packing[i] / self.gradient.full_packing - 1.0
+            excess = self.gradient.packing[i] - 1.0
             full = self.gradient.around[i] >= 0.9 * self.gradient.full
             error = ti.max(excess, -0.03) if full else ti.max(excess, 0.0)
-            source = ti.max(-1.0, ti.min(1.0, SOURCE * error / dt))
+            source = ti.max(-1.0, ti.min(1.0, self.refill * error / dt))
             self.source[i] = source * self.deforming(i, dt, STRAIN_SCALE)
             mu = self.eta
             h = NON_AFFINE * self.eta + self.inertial
@@ -179,7 +178,7 @@ class Implicit:
             if ti.static(self.law == "bi-viscosity"):
                 mu = bi_viscosity(rate, self.eta, self.tau_y, self.pi_c)
             self.system.mu[i] = mu
-            self.system.h[i] = h
+            self.system.h[i] = 2.0 * self.particles.volume(i) * h / self.gradient.lattice(i)[0]
 
     @ti.kernel
     def balance(self):
@@ -187,20 +186,21 @@ class Implicit:
         which is free up to a constant, is kept high enough that nothing is in tension: tension tears voids open."""
         ti.loop_config(serialize=True)
         for _ in range(1):
-            surface, rows = 0, 0
+            surface, rows = 0, ti.cast(0.0, ti.f64)
             source, pressure = ti.cast(0.0, ti.f64), ti.cast(0.0, ti.f64)
             momentum = ti.Vector.zero(ti.f64, self.dimension)
             fastest, speed2 = ti.cast(0.0, float), ti.cast(0.0, float)
             for i in range(self.particles.count[None]):
                 if self.gradient.B[i][0, 0] > 0.0:
-                    rows += 1
-                    source += ti.cast(self.source[i], ti.f64)
-                    pressure += ti.cast(self.smooth_p[i], ti.f64)
+                    volume = ti.cast(self.particles.volume(i), ti.f64)
+                    rows += volume
+                    source += volume * self.source[i]
+                    pressure += volume * self.smooth_p[i]
                     fastest = ti.max(fastest, self.particles.shear_rate[i])
-                    momentum += ti.cast(self.particles.u[i], ti.f64)
+                    momentum += volume * ti.cast(self.particles.u[i], ti.f64)
                     if self.gradient.around[i] < 0.75 * self.gradient.full:
                         surface += 1
-            if surface == 0 and rows > 0:
+            if surface == 0 and rows > 0.0:
                 mean_source, mean_u = ti.cast(source / rows, float), ti.cast(momentum / rows, float)
                 for i in range(self.particles.count[None]):
                     if self.gradient.B[i][0, 0] > 0.0:
@@ -218,8 +218,9 @@ class Implicit:
         for _ in range(1):
             total = ti.cast(0.0, ti.f64)
             for i in range(self.particles.count[None]):
-                total += ti.cast(self.system.inverse_diagonal[i].trace(), ti.f64)
-            self.reference[None] = total * self.drive**2 / self.dimension
+                drive = self.drive * self.particles.volume(i)
+                total += ti.cast(self.system.inverse_diagonal[i].trace() * drive**2, ti.f64)
+            self.reference[None] = total / self.dimension
 
     @ti.kernel
     def drift(self, dt: float):
@@ -239,20 +240,22 @@ class Implicit:
     @ti.kernel
     def right_hand_side(self, b: ti.template()):
         """b = (m/dt) u^n + m g + F[-(p~ + K s) I + stress - 2 mu_r q] [N]."""
-        I = ti.Matrix.identity(float, self.dimension)  # noqa: E741
+        I = ti.Matrix.identity(float, self.particles.tensor_dimension)  # noqa: E741
         for i in range(self.particles.count[None]):
             T = -(self.smooth_p[i] + self.bulk * self.source[i]) * I
             if ti.static(self.law == "bingham"):
                 T += self.particles.stress[i] - 2.0 * self.mu_r * self.particles.plastic_rate[i]
-            self.system.flux[i] = self.volume * (T @ self.gradient.B[i])
+            self.system.flux[i] = self.gradient.spread_stress(i, T)
         for i in range(self.particles.count[None]):
             b[i] = ti.Vector.zero(float, self.dimension)
             if self.particles.kind[i] == FLUID:
-                inertia = self.system.mass_rate[None] * self.particles.u[i]
-                b[i] = inertia + self.mass * self.g + self.gradient.force(i, self.system.flux)
+                volume = self.particles.volume(i)
+                own = volume * (self.system.inertia[None] * self.particles.u[i] + self.density * self.g)
+                b[i] = own + self.gradient.force(i, self.system.flux)
                 if ti.static(len(self.walls.surfaces) > 0):
                     heavy = self.density * self.g * self.pressed(self.smooth_p[i])
-                    b[i] += self.volume * self.walls.hydrostatic(self.particles.x[i], heavy, self.gradient.B[i])
+                    share = self.gradient.counts_as(i)
+                    b[i] += volume * self.walls.hydrostatic(self.particles.x[i], heavy, self.gradient.B[i], share)
 
     @ti.kernel
     def update_stress(self, u: ti.template()):

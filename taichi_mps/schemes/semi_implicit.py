@@ -21,7 +21,7 @@ class SemiImplicit:
         self.particles, self.neighbors = particles, neighbors
         self.numerics = numerics
         self.spacing = scene.spacing
-        self.gradient = Gradient(neighbors, walls, constants)
+        self.gradient = Gradient(neighbors, walls, constants, scene.spacing)
         self.viscosity = ExplicitViscosity(particles, self.gradient, scene.material, constants, scene.gravity_vector)
         self.pressure = PressurePoisson(
             particles, self.gradient, scene.material.density, constants, numerics.source, numerics.gradient

@@ -1,0 +1,40 @@
+"""Sums over the fluid after a step: what the report of the step and the stop rules read."""
+
+from .backend import ti
+from .particles import FLUID
+
+NOT_A_NUMBER = 1e12  # squared speed [m2/s2] that stands for what is not finite
+
+
+@ti.data_oriented
+class Totals:
+    """Sums over the fluid particles of one scheme."""
+
+    def __init__(self, particles, scheme, constants):
+        self.particles, self.scheme = particles, scheme
+        self.nearly_all = 0.9 * constants.neighbours
+        self.sums = ti.field(ti.f64, 5)  # max u^2, sum V u^2, unyielded; of full neighbourhoods sum V packing, sum V
+
+    def take(self):
+        """Largest speed^2 [m2/s2], sum of V u^2 [m5/s2], number of unyielded particles, volume error [-]."""
+        self._add()
+        speed2, energy, unyielded, packing, volume = self.sums.to_numpy()
+        return speed2, energy, unyielded, volume / packing - 1.0 if volume else 0.0
+
+    @ti.kernel
+    def _add(self):
+        for k in range(5):
+            self.sums[k] = 0.0
+        ti.loop_config(serialize=True)
+        for i in range(self.particles.count[None]):
+            if self.particles.kind[i] == FLUID:
+                volume = ti.cast(self.particles.volume(i), ti.f64)
+                u2 = ti.cast(self.particles.u[i].norm_sqr(), ti.f64)
+                if not (u2 < NOT_A_NUMBER):
+                    u2 = NOT_A_NUMBER
+                self.sums[0] = ti.max(self.sums[0], u2)
+                self.sums[1] += volume * u2
+                self.sums[2] += 1 - self.scheme.yielded[i]
+                if self.scheme.gradient.around[i] >= self.nearly_all:
+                    self.sums[3] += volume * self.scheme.gradient.packing[i]
+                    self.sums[4] += volume
