@@ -58,6 +58,10 @@ class Simulation:
             raise SceneError(
                 f"walls = particles: a wall of scene {scene.name} moves; must be surfaces, scheme implicit"
             )
+        if use_particles and scene.mirrors:
+            raise SceneError(
+                f"walls = particles: scene {scene.name} has a mirror plane; must be surfaces, scheme implicit"
+            )
         for wall in scene.walls:
             if isinstance(wall, Cylinder) and wall.smallest_radius <= re:
                 raise SceneError(
@@ -278,7 +282,7 @@ class Simulation:
 
     # ---- reading --------------------------------------------------------------------------------------------
     def snapshot(self) -> Snapshot:
-        """The fluid now, ordered by id."""
+        """The computed fluid now, ordered by id; ``scene.unfold`` completes it where the scene is part of a body."""
         rows = self.particles.read()
         n = len(rows["id"])
         rows["yielded"] = self.scheme.yielded.to_numpy()[:n].astype(bool)
@@ -298,8 +302,8 @@ class Simulation:
         )
 
     def measures(self) -> dict[str, float]:
-        """The scene's measures now (slump_m, spread_m, ...)."""
-        return self.scene.measure(self.snapshot()) if self.scene.measure else {}
+        """The scene's measures of the whole body now (slump_m, spread_m, ...)."""
+        return self.scene.measure(self.scene.unfold(self.snapshot())) if self.scene.measure else {}
 
     def summary(self) -> dict:
         """Everything that describes the run, JSON-ready."""
