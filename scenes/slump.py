@@ -31,9 +31,10 @@ def scene(
     height: Length = 0.3,
     floor_radius: Length = 0.37,
     until: Duration = 5.0,
-    model: Literal["full", "axisymmetric"] = "full",
+    model: Literal["full", "half", "quarter", "axisymmetric"] = "full",
 ) -> mps.Scene:
-    """Slump cone on a rough floor."""
+    """Slump cone on a rough floor; model half or quarter computes that part of it between mirror planes, axisymmetric
+    its half section."""
     if critical_strain_rate == "rational":
         mix = {"plastic_viscosity": plastic_viscosity, "yield_value": yield_value}
         critical_strain_rate = mps.rational_critical_strain_rate(**mix, time=until)
@@ -45,6 +46,10 @@ def scene(
     )
     cone = mps.Cone(0.5 * base_diameter, 0.5 * top_diameter, height)
     reach = floor_radius
+    mirrors = [mps.Plane((0.0, 0.0, 0.0), normal, mirror=True) for normal in ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0))]
+    mirrors = mirrors[: {"half": 1, "quarter": 2}.get(model, 0)]
+    west = -spacing if model == "quarter" else -1.5 * reach
+    south = -spacing if mirrors else -1.5 * reach
     floor = mps.lattice((-reach, -reach, -3 * spacing), (reach, reach, 0.0), spacing)
     rim = np.array([[-0.5 * base_diameter, 0.0], [-0.5 * top_diameter, height]])
     angles = np.linspace(0, 2 * math.pi, 49)
@@ -73,10 +78,10 @@ def scene(
         )
     else:
         parts = dict(
-            fluid=mps.fill(cone, spacing),
-            walls=(mps.Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)),),
+            fluid=mps.fill(cone, spacing, mirrors),
+            walls=(mps.Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)), *mirrors),
             wall_particles=floor[np.hypot(floor[:, 0], floor[:, 1]) < reach],
-            domain=((-1.5 * reach, -1.5 * reach, -4 * spacing), (1.5 * reach, 1.5 * reach, 1.5 * height)),
+            domain=((west, south, -4 * spacing), (1.5 * reach, 1.5 * reach, 1.5 * height)),
         )
     return mps.Scene(
         name="slump",

@@ -55,13 +55,24 @@ class Cone:
 class Plane:
     """Wall: the half-space behind the plane through ``point`` with unit ``normal`` into the fluid.
 
-    ``velocity`` [m/s] moves the wall in its own plane; ``slip`` leaves the tangential motion free.
+    ``velocity`` [m/s] moves the wall in its own plane; ``slip`` leaves the tangential motion free. ``mirror`` makes it
+    a plane of symmetry: a slip wall to the fluid, while measures and pictures show what lies behind it, too.
     """
 
     point: tuple[float, ...]
     normal: tuple[float, ...]
     velocity: tuple[float, ...] | None = None
     slip: bool = False
+    mirror: bool = False
+
+    def __post_init__(self):
+        if not self.mirror:
+            return
+        if self.velocity is not None:
+            raise SceneError(f"velocity = {self.velocity} m/s: a mirror plane cannot move; must be left out")
+        if abs(np.linalg.norm(self.normal) - 1.0) > 1e-6:
+            raise SceneError(f"normal = {self.normal} of a mirror plane: must have the length 1")
+        object.__setattr__(self, "slip", True)
 
     def distance(self, x):
         """Signed distance [m] of points (n, d), positive in the fluid."""
@@ -222,11 +233,12 @@ def fill_rings(solid, spacing):
     return x
 
 
-def fill(solid, spacing):
+def fill(solid, spacing, mirrors=()):
     """Positions (n, d) [m] of the particles of a solid, one per spacing^d.
 
     Particles start half a spacing inside the lower faces. Of the lattices that keep the mirror symmetry of
-    the solid (a particle or an edge on the middle) the one nearest to the solid's volume is taken.
+    the solid (a particle or an edge on the middle) the one nearest to the solid's volume is taken. With ``mirrors``,
+    planes across axes, it is the one with an edge on the middle and on these planes, and only what is in front of them.
     """
     low, high = solid.bounds
     size = high - low
@@ -236,16 +248,24 @@ def fill(solid, spacing):
             f"must be at most {size.min():.4g} m"
         )
     candidates = []
-    for centred in (False, True):
+    for mirror in mirrors:
+        if np.count_nonzero(np.abs(mirror.normal) > 1e-9) != 1:
+            raise SceneError(f"mirrors: normal = {mirror.normal}: must be along an axis")
+    for centred in (False,) if mirrors else (False, True):
         lo = low.copy()
         for axis in range(len(low) - 1):
             half = spacing * (np.ceil(0.5 * size[axis] / spacing) + (0.5 if centred else 0.0))
             lo[axis] = 0.5 * (low[axis] + high[axis]) - half
         if isinstance(solid, Box):
-            lo = low
+            lo = low.copy()
+        for mirror in mirrors:
+            axis = int(np.argmax(np.abs(mirror.normal)))
+            lo[axis] = mirror.point[axis] - spacing * np.ceil((mirror.point[axis] - low[axis]) / spacing - 1e-9)
         x = lattice(lo, high, spacing)
         candidates.append(x[solid.contains(x)])
     best = min(candidates, key=lambda x: abs(len(x) * spacing ** len(low) - solid.volume))
+    for mirror in mirrors:
+        best = best[mirror.distance(best) > 0.0]
     if len(best) == 0:
         raise SceneError(f"spacing = {spacing:g} m: no particle fits into the body; use a smaller spacing")
     return best

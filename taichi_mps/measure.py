@@ -1,6 +1,6 @@
 """Snapshot of a run, and what a technologist measures on it. Plain NumPy."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -45,6 +45,30 @@ def revolved(s: Snapshot) -> Snapshot:
     return Snapshot(
         s.time, s.spacing, turned(s.x), turned(s.u), *(f[ring] for f in fields), np.zeros((0, 3)), s.size[ring]
     )
+
+
+def still(x, spacing: float) -> Snapshot:
+    """A snapshot of points (n, d) [m] at rest, without pressure."""
+    x = np.asarray(x, float)
+    zero = np.zeros(len(x))
+    return Snapshot(0.0, spacing, x, 0.0 * x, zero, zero, zero > 0.0, zero + 1.0, np.zeros((0, x.shape[1])))
+
+
+def reflected(vectors, normal, point=None):
+    """Mirror images (n, d) of vectors at a plane with this unit normal; of positions [m] with a ``point`` of it [m]."""
+    normal = np.asarray(normal, float)
+    origin = 0.0 if point is None else np.asarray(point, float)
+    return vectors - 2.0 * np.outer((vectors - origin) @ normal, normal)
+
+
+def mirrored(s: Snapshot, point, normal) -> Snapshot:
+    """The snapshot and, after it and in the same order, its image at the plane through ``point`` [m] with this unit
+    normal; pressure, shear rate, density ratio and the yielded flag are those of the particle itself."""
+    twice = {name: np.tile(getattr(s, name), 2) for name in ("p", "shear_rate", "yielded", "density_ratio", "size")}
+    twice["x"] = np.vstack([s.x, reflected(s.x, normal, point)])
+    twice["u"] = np.vstack([s.u, reflected(s.u, normal)])
+    twice["wall_x"] = np.vstack([s.wall_x, reflected(s.wall_x, normal, point)])
+    return replace(s, **twice)
 
 
 def top_height(s: Snapshot, radius: float) -> float:

@@ -13,6 +13,7 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from .geometry import Cylinder, Plane
+from .measure import reflected, still
 from .quantity import SceneError
 from .splatter import Camera, Ggui, Splatter
 
@@ -45,16 +46,31 @@ def embed(x):
     return x if x.shape[1] == 3 else np.column_stack([x[:, 0], np.zeros(len(x)), x[:, 1]])
 
 
+def images(scene, line):
+    """A polyline (k, d) [m] as (k, 3), and its images behind the mirror planes of the scene and across its axis."""
+    lines = [embed(line)]
+    if scene.axisymmetric:
+        lines.append(lines[0] * (-1.0, 1.0, 1.0))
+    for plane in scene.mirrors:
+        point, normal = embed([plane.point, plane.normal])
+        lines += [reflected(other, normal, point) for other in lines]
+    return lines
+
+
 def stage(scene):
     """Low and high corner [m] (3,) of what a run may show, the body with room to spread up to the walls; its floor."""
-    low, high = scene.fluid.min(0) - 0.5 * scene.spacing, scene.fluid.max(0) + 0.5 * scene.spacing
-    planes = [wall for wall in scene.walls if isinstance(wall, Plane)]
-    body, domain, touch = (low.copy(), high.copy()), np.array(scene.domain, float), 0.6 * scene.spacing
-    for axis in range(scene.dimension - 1):
+    whole, domain = (scene.unfold(still(x, scene.spacing)).x for x in (scene.fluid, np.array(scene.domain, float)))
+    low, high = whole.min(0) - 0.5 * scene.spacing, whole.max(0) + 0.5 * scene.spacing
+    planes = [wall for wall in scene.walls if isinstance(wall, Plane) and not wall.mirror]
+    body, domain, touch = (low.copy(), high.copy()), (domain.min(0), domain.max(0)), 0.6 * scene.spacing
+    for axis in range(scene.dimension - 1):  # of a plane through the axis, the first alone
         room = np.inf if scene.periodic_axes[axis] else 0.85 * (body[1][-1] - body[0][-1])
-        walls = [wall.point[axis] for wall in planes if abs(wall.normal[axis]) > 0.99]
-        low[axis] = max((w for w in walls if w < low[axis] + touch), default=max(low[axis] - room, domain[0, axis]))
-        high[axis] = min((w for w in walls if w > high[axis] - touch), default=min(high[axis] + room, domain[1, axis]))
+        across = [wall for wall in planes if abs(wall.normal[axis]) > 0.99]
+        walls = [line[0, axis] for wall in across for line in images(scene, [wall.point])]
+        low[axis] = max((w for w in walls if w < low[axis] + touch), default=max(low[axis] - room, domain[0][axis]))
+        high[axis] = min((w for w in walls if w > high[axis] - touch), default=min(high[axis] + room, domain[1][axis]))
+    if scene.axisymmetric:
+        low[1], high[1] = low[0], high[0]
     floors = [w.point[-1] for w in planes if w.normal[-1] > 0.99 and w.point[-1] < low[-1] + touch]
     low[-1] = max(floors, default=low[-1])
     return *embed([low, high]), low[-1] if floors else None
@@ -112,7 +128,8 @@ class Renderer:
         return viridis((np.asarray(FIELDS[self.view][0](snapshot), float) - low) / (high - low))
 
     def draw(self, snapshot, measures=None):
-        """The picture, (h, w, 3) uint8."""
+        """The picture, (h, w, 3) uint8, of the whole body of which the snapshot is the computed part."""
+        snapshot = self.scene.unfold(snapshot)
         relief = 1.0 if self.view == "concrete" else 0.7
         pixels, depth = self.painter.draw(embed(snapshot.x), self.colours(snapshot), relief)
         image = Image.fromarray(pixels)
@@ -158,20 +175,17 @@ class Renderer:
         masks = [Image.new("L", (2 * image.width, 2 * image.height)) for _ in range(2)]
         pens, width = [ImageDraw.Draw(mask) for mask in masks], max(2, round(image.height / 240))
         (x0, y0, z0), (x1, y1, z1) = self.low, self.high
+        edges = []
         for wall in self.scene.walls:
             at, y = wall.point, 0.5 * (y0 + y1)
             if isinstance(wall, Cylinder):
-                for circle in wall.circles:
-                    line = 2 * self.camera.project(embed(circle))[:, :2]
-                    pens[0].line([tuple(p) for p in line], fill=255, width=width)
-                continue
-            if abs(wall.normal[0]) > 0.99:
-                ends = [(at[0], y, z0), (at[0], y, z1)]
-            elif wall.normal[-1] < -0.99:
-                ends = [(x0, y, at[-1]), (x1, y, at[-1])]
-            else:
-                continue
-            pens[0].line([tuple(p) for p in 2 * self.camera.project(ends)[:, :2]], fill=255, width=width)
+                edges += wall.circles
+            elif abs(wall.normal[0]) > 0.99 and not wall.mirror:
+                edges.append([(at[0], y, z0), (at[0], y, z1)])
+            elif wall.normal[-1] < -0.99 and not wall.mirror:
+                edges.append([(x0, y, at[-1]), (x1, y, at[-1])])
+        for line in (line for edge in edges for line in images(self.scene, edge)):
+            pens[0].line([tuple(p) for p in 2 * self.camera.project(line)[:, :2]], fill=255, width=width)
         for polyline in self.scene.outline:
             corner = self.camera.project(embed(polyline))
             length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(corner[:, :2], axis=0), axis=1))])

@@ -8,7 +8,7 @@ import numpy as np
 
 from .geometry import Cylinder, Plane
 from .material import Bingham
-from .measure import Snapshot, revolved
+from .measure import Snapshot, mirrored, revolved
 from .quantity import Checked, Count, Duration, RadiusRatio, Ratio, SceneError
 
 
@@ -62,7 +62,7 @@ class Scene:
     axisymmetric: bool = False
     until: float = 5.0  # [s]
     stop_at_rest: bool = False
-    measure: Callable[[Snapshot], dict[str, float]] | None = None
+    measure: Callable[[Snapshot], dict[str, float]] | None = None  # of the whole body, see unfold
     check: Callable[[Snapshot, dict], None] | None = None  # raises AssertionError when the result is wrong
     outline: tuple[np.ndarray, ...] = ()  # polylines to draw [m], each (k, d)
     parameters: dict = field(default_factory=dict)  # as given, for the summary
@@ -86,14 +86,36 @@ class Scene:
             if len(wall.point) != x.shape[1]:
                 raise SceneError(f"walls: point = {wall.point} m: must have {x.shape[1]} coordinates, as the fluid has")
         object.__setattr__(self, "fluid", x)
+        self._check_mirrors()
+
+    def _check_mirrors(self):
+        """A mirror plane has all the fluid on one side; gravity lies in it, other mirror planes stand across it."""
+        gravity = self.gravity_vector
+        for k, mirror in enumerate(self.mirrors):
+            name = f"walls: mirror plane, normal = {mirror.normal}"
+            if np.min(mirror.distance(self.fluid)) <= 0.0:
+                raise SceneError(f"{name}: a fluid particle lies on it or behind it; all must be in front")
+            if abs(gravity @ mirror.normal) > 1e-6 * np.linalg.norm(gravity):
+                raise SceneError(f"{name}: gravity = {tuple(gravity.tolist())} m/s2 must lie in the plane")
+            for other in self.mirrors[:k]:
+                if abs(np.dot(other.normal, mirror.normal)) > 1e-6:
+                    raise SceneError(f"{name}: must be at right angles to that with normal = {other.normal}")
+
+    @property
+    def mirrors(self) -> tuple[Plane, ...]:
+        """The planes of symmetry among the walls."""
+        return tuple(wall for wall in self.walls if isinstance(wall, Plane) and wall.mirror)
+
+    def unfold(self, snapshot: Snapshot) -> Snapshot:
+        """The whole body of which a snapshot of this scene is the computed part: completed behind the mirror planes,
+        revolved about the axis. What is measured and shown."""
+        for plane in self.mirrors:
+            snapshot = mirrored(snapshot, plane.point, plane.normal)
+        return revolved(snapshot) if self.axisymmetric else snapshot
 
     @property
     def dimension(self) -> int:
         return self.fluid.shape[1]
-
-    def unfold(self, snapshot: Snapshot) -> Snapshot:
-        """The whole body of which the scene computes a part: what is measured and shown."""
-        return revolved(snapshot) if self.axisymmetric else snapshot
 
     @property
     def volumes(self) -> np.ndarray:

@@ -60,6 +60,10 @@ class Simulation:
             raise SceneError(
                 f"walls = particles: a wall of scene {scene.name} moves; must be surfaces, scheme implicit"
             )
+        if use_particles and scene.mirrors:
+            raise SceneError(
+                f"walls = particles: scene {scene.name} has a mirror plane; must be surfaces, scheme implicit"
+            )
         for wall in scene.walls:
             if isinstance(wall, Cylinder) and wall.smallest_radius <= re:
                 raise SceneError(
@@ -86,7 +90,7 @@ class Simulation:
         capacity = int(self._pairs_per_particle * constants.neighbours * len(positions)) + 64
         self.neighbors = NeighborList(self.bins, capacity)
         self.constants = constants
-        axis = (Plane((0.0, 0.0), (1.0, 0.0), slip=True),) if scene.axisymmetric else ()
+        axis = (Plane((0.0, 0.0), (1.0, 0.0), mirror=True),) if scene.axisymmetric else ()
         self.walls = Walls(() if use_particles else axis + tuple(scene.walls), d, scene.spacing, re, rings=scene.axisymmetric)
         scheme = SemiImplicit if semi_implicit else Implicit
         self.scheme = scheme(scene, numerics, self.particles, self.neighbors, self.walls, constants)
@@ -264,7 +268,7 @@ class Simulation:
 
     # ---- reading --------------------------------------------------------------------------------------------
     def snapshot(self) -> Snapshot:
-        """The fluid now, ordered by id."""
+        """The computed fluid now, ordered by id; ``scene.unfold`` completes it where the scene is part of a body."""
         rows = self.particles.read()
         n = len(rows["id"])
         rows["yielded"] = self.scheme.yielded.to_numpy()[:n].astype(bool)
@@ -285,7 +289,7 @@ class Simulation:
         )
 
     def measures(self) -> dict[str, float]:
-        """The scene's measures now (slump_m, spread_m, ...)."""
+        """The scene's measures of the whole body now (slump_m, spread_m, ...)."""
         return self.scene.measure(self.scene.unfold(self.snapshot())) if self.scene.measure else {}
 
     def summary(self) -> dict:

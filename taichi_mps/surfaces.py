@@ -16,6 +16,7 @@ class Flat:
     """A plane."""
 
     curved = turns = False
+    cut_by = ()  # planes at right angles where its ghosts end
 
     def __init__(self, wall, dimension: int):
         vector = ti.types.vector(dimension, real())
@@ -36,6 +37,7 @@ class Round:
     radius |x - point - s axis| + z n_r."""
 
     curved = True
+    cut_by = ()
 
     def __init__(self, wall, dimension: int):
         position = ti.types.vector(dimension, ti.f64)

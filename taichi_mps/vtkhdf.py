@@ -119,7 +119,7 @@ class Replay:
         return self.state
 
     def measures(self) -> dict[str, float]:
-        return self.scene.measure(self.state) if self.scene.measure else {}
+        return self.scene.measure(self.scene.unfold(self.state)) if self.scene.measure else {}
 
 
 def embed(x):

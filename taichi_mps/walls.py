@@ -9,14 +9,28 @@ from the particle's own velocity and gradient; the wall then adds to the least-s
 which is exact for a velocity that grows linearly from the wall and keeps a lattice at the wall in equilibrium. Behind
 a curved wall the ghosts stand on arcs, which changes the sums in proportion to its curvature. All wall terms are local
 to one particle and exactly adjoint to its gradient.
+
+A mirror plane is a slip wall whose ghosts end at the planes it meets: what lies behind both are ghosts of the other.
 """
 
 import numpy as np
 
 from .backend import real, ti
-from .geometry import Cylinder
+from .geometry import Cylinder, Plane
 from .surfaces import Flat, Round
-from .weights import ghost_table
+from .weights import corner_table, ghost_table
+
+
+def cuts(walls) -> list[list[int]]:
+    """For each wall the planes at right angles where its ghosts end: a mirror plane's at every wall and at the mirror
+    planes before it, so that what lies behind both counts once; none for other walls."""
+    found: list[list[int]] = [[] for _ in walls]
+    planes = [(k, wall) for k, wall in enumerate(walls) if isinstance(wall, Plane)]
+    for k, wall in planes:
+        for m, other in planes:
+            if wall.mirror and (m < k or not other.mirror) and abs(np.dot(wall.normal, other.normal)) < 1e-6:
+                found[k].append(m)
+    return found
 
 FINEST, COARSEST, SIZES = 0.2, 1.5, 27  # sizes of rings in the tables, over the spacing
 
@@ -37,6 +51,13 @@ class Walls:
         self.entries = entries
         self.sizes = FINEST + (COARSEST - FINEST) * np.arange(SIZES) / (SIZES - 1) if rings else np.ones(1)
         self.surfaces = tuple((Round if isinstance(wall, Cylinder) else Flat)(wall, dimension) for wall in walls)
+        for surface, others in zip(self.surfaces, cuts(walls), strict=True):
+            surface.cut_by = tuple(self.surfaces[k] for k in others)
+        if any(surface.cut_by for surface in self.surfaces):
+            shares = corner_table(dimension, spacing, effective_radius)
+            self.corner_entries = len(shares)
+            self.corner = ti.Vector.field(shares.shape[2], real(), shares.shape[:2])  # share of each sum that is left
+            self.corner.from_numpy(shares)
         self.move = any(wall.speed > 0.0 for wall in walls)
         bent = 0.1 / spacing  # curvature [1/m] of the arcs that give the slope of the sums
         tables = np.array(
@@ -68,11 +89,27 @@ class Walls:
         return sums
 
     @ti.func
-    def lookup(self, wall: ti.template(), z, curvature, share):
-        """Ghost sums at distance z [m] from a wall of this curvature [1/m]."""
+    def left(self, z, across):
+        """Share of each ghost sum at distance z [m] from a wall whose ghosts end at a plane ``across`` [m] away."""
+        scale = (self.corner_entries - 1) / self.effective_radius
+        s, t = ti.max(z, self.closest) * scale, ti.max(across, self.closest) * scale
+        k = ti.min(ti.cast(s, ti.i32), self.corner_entries - 2)
+        m = ti.min(ti.cast(t, ti.i32), self.corner_entries - 2)
+        f, g = s - k, t - m
+        near = self.corner[k, m] * (1.0 - f) + self.corner[k + 1, m] * f
+        far = self.corner[k, m + 1] * (1.0 - f) + self.corner[k + 1, m + 1] * f
+        return near * (1.0 - g) + far * g
+
+    @ti.func
+    def lookup(self, wall: ti.template(), x, z, curvature, share):
+        """Ghost sums at x, the distance z [m] from a wall of this curvature [1/m]."""
         sums = self.interpolate(self.flat, z, share)
         if ti.static(wall.curved):
             sums += curvature * self.interpolate(self.bend, z, share)
+        for other in ti.static(wall.cut_by):
+            across, _n, _velocity, _curvature = other.nearest(x)
+            if across < self.effective_radius:
+                sums *= self.left(z, across)
         return sums
 
     @ti.func
@@ -83,7 +120,7 @@ class Walls:
         for wall in ti.static(self.surfaces):
             z, n, _velocity, curvature = wall.nearest(x)
             if z < self.effective_radius:
-                sums = self.lookup(wall, z, curvature, share)
+                sums = self.lookup(wall, x, z, curvature, share)
                 counts += ti.Vector([sums[0], sums[1], sums[7]])
                 normal = n.outer_product(n)
                 moment += sums[2] * ti.max(z, self.closest) * normal
@@ -99,7 +136,7 @@ class Walls:
         for wall in ti.static(self.surfaces):
             z, n, velocity, curvature = wall.nearest(x)
             if z < self.effective_radius:
-                sums = self.lookup(wall, z, curvature, share)
+                sums = self.lookup(wall, x, z, curvature, share)
                 jump = u - motion * velocity
                 if ti.static(wall.slip):
                     jump = n * n.dot(u)
@@ -119,7 +156,7 @@ class Walls:
                 pull = flux @ n
                 if ti.static(wall.slip):
                     pull = n * n.dot(pull)
-                total -= pull * self.lookup(wall, z, curvature, share)[2]
+                total -= pull * self.lookup(wall, x, z, curvature, share)[2]
         return total
 
     @ti.func
@@ -132,7 +169,7 @@ class Walls:
                 jump = u - motion * velocity
                 if ti.static(wall.slip):
                     jump = n * n.dot(u)
-                total += jump * (self.lookup(wall, z, curvature, share)[2] / ti.max(z, self.closest))
+                total += jump * (self.lookup(wall, x, z, curvature, share)[2] / ti.max(z, self.closest))
         return total
 
     @ti.func
@@ -145,7 +182,7 @@ class Walls:
                 jump = u - motion * velocity
                 if ti.static(wall.slip):
                     jump = n * n.dot(u)
-                total += jump.norm_sqr() * (self.lookup(wall, z, curvature, share)[2] / ti.max(z, self.closest))
+                total += jump.norm_sqr() * (self.lookup(wall, x, z, curvature, share)[2] / ti.max(z, self.closest))
         return total
 
     @ti.func
@@ -156,7 +193,7 @@ class Walls:
         for wall in ti.static(self.surfaces):
             z, n, _velocity, curvature = wall.nearest(x)
             if z < self.effective_radius:
-                c = self.lookup(wall, z, curvature, share)[2]
+                c = self.lookup(wall, x, z, curvature, share)[2]
                 total += n * c
                 drag += c / ti.max(z, self.closest)
         return total, drag
@@ -168,7 +205,7 @@ class Walls:
         for wall in ti.static(self.surfaces):
             z, n, _velocity, curvature = wall.nearest(x)
             if z < self.effective_radius:
-                total -= B @ n * (n.dot(weight) * self.lookup(wall, z, curvature, share)[4])
+                total -= B @ n * (n.dot(weight) * self.lookup(wall, x, z, curvature, share)[4])
         return total
 
     @ti.func
@@ -179,7 +216,7 @@ class Walls:
         for wall in ti.static(self.surfaces):
             z, n, _velocity, curvature = wall.nearest(x)
             if z < self.effective_radius:
-                sums = self.lookup(wall, z, curvature, share)
+                sums = self.lookup(wall, x, z, curvature, share)
                 inward -= n * sums[5]
                 near -= n * sums[6]
         return inward, near

@@ -54,7 +54,9 @@ def ring_table(spacing: float, effective_radius: float, shares) -> np.ndarray:
 GHOST_SUMS = ("neighbours", "n", "pull", "tangential", "normal", "inward", "crowding", "packing")
 
 
-def ghost_table(dimension, spacing, effective_radius, entries=256, curvature=0.0, size=1.0) -> np.ndarray:
+def ghost_table(
+    dimension, spacing, effective_radius, entries=256, curvature=0.0, size=1.0, across=np.inf
+) -> np.ndarray:
     """Sums over the ghost lattice behind a wall, (entries, 8), columns GHOST_SUMS, for a particle at distance
     z = effective_radius * max(k, 1)/(entries - 1) in front of it. A ghost lies at depth d = l0/2, 3 l0/2, ... behind
     the wall and h, t are its normal and one tangential distance from the particle: h = z + d and t = 0, l0, ... behind
@@ -65,12 +67,16 @@ def ghost_table(dimension, spacing, effective_radius, entries=256, curvature=0.0
 
     ``size`` over l0 is the spacing of ghosts that stand closer than l0; each then counts size^2 in neighbours, n and
     packing.
+
+    ``across`` [m]: the particle's distance from a plane at right angles, where the ghosts end. Those on its other side
+    do not count; those half a spacing or less from it count in part, so that nothing jumps.
     """
     spacing = size * spacing
     reach = int(effective_radius / spacing) + 2
     axis = np.arange(-reach, reach + 1) * spacing
     depth = (np.arange(reach) + 0.5) * spacing
     grid = np.stack(np.meshgrid(*[axis] * (dimension - 1), depth, indexing="ij"), -1).reshape(-1, dimension)
+    share = np.clip((across + grid[:, 0]) / spacing + 0.5, 0.0, 1.0)
     table = np.zeros((entries, len(GHOST_SUMS)))
     for k in range(entries):
         z = effective_radius * max(k, 1) / (entries - 1)
@@ -82,16 +88,26 @@ def ghost_table(dimension, spacing, effective_radius, entries=256, curvature=0.0
         r = np.sqrt(t**2 + (grid[:, 1:-1] ** 2).sum(1) + h**2)
         w = _weights(r, effective_radius)
         wr2 = w / r**2
-        table[k] = [
-            (r < effective_radius).sum(),
-            w.sum(),
-            (2 * wr2 * h).sum(),
-            (wr2 * t**2 * (1 + d / z)).sum(),
-            (wr2 * h**2).sum(),
-            (w * h / r).sum(),
-            (np.maximum(0.0, 1.0 - r / (1.5 * spacing)) * h / r).sum(),
-            _packing(r, effective_radius).sum(),
-        ]
+        sums = (
+            r < effective_radius,
+            w,
+            2 * wr2 * h,
+            wr2 * t**2 * (1 + d / z),
+            wr2 * h**2,
+            w * h / r,
+            np.maximum(0.0, 1.0 - r / (1.5 * spacing)) * h / r,
+            _packing(r, effective_radius),
+        )
+        table[k] = (np.stack(sums) * share).sum(1)
     counted = [GHOST_SUMS.index(name) for name in ("neighbours", "n", "packing")]
     table[:, counted] *= size**2
     return table
+
+
+def corner_table(dimension, spacing, effective_radius, entries=64) -> np.ndarray:
+    """Share of GHOST_SUMS that is left where the ghosts end at a plane at right angles: (entries, entries, 8), for
+    distances effective_radius * max(k, 1)/(entries - 1) from the wall and from that plane."""
+    whole = ghost_table(dimension, spacing, effective_radius, entries)
+    distances = effective_radius * np.maximum(np.arange(entries), 1) / (entries - 1)
+    cut = [ghost_table(dimension, spacing, effective_radius, entries, across=distance) for distance in distances]
+    return np.where(whole[:, None] > 0.0, np.stack(cut, 1) / np.maximum(whole[:, None], 1e-300), 1.0)
