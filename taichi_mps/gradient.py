@@ -44,23 +44,28 @@ class Gradient:
             x = self.particles.x[i]
             M = ti.Matrix.zero(float, self.dimension, self.dimension)
             n, packing = ti.cast(0.0, float), ti.cast(1.0, float)
-            wet = 0
+            wet, hidden = 0, 0
             first, last = self.neighbors.row_start[i], self.neighbors.row_start[i + 1]
             for k in range(first, last):
                 j = self.neighbors.column[k]
-                r = ti.cast(self.neighbors.bins.displacement(x, self.particles.x[j]), float)
+                to_j = self.neighbors.bins.displacement(x, self.particles.x[j])
+                r = ti.cast(to_j, float)
                 r2 = ti.max(r.dot(r), 1e-4 * re * re)
                 w = ti.max(re / ti.sqrt(r2) - 1.0, 0.0)
+                q = ti.min(1.0, ti.sqrt(r2) / re)
+                if ti.static(self.walls.thin):  # noqa: SIM102  (a compiled choice stays apart)
+                    if self.walls.between(x, x + to_j):
+                        w, q = 0.0, 1.0
+                        hidden += 1
                 b = r * (w / r2)
                 self.b[k] = b
                 self.weight_r2[k] = w / r2
                 M += b.outer_product(r)
                 n += w
-                q = ti.min(1.0, ti.sqrt(r2) / re)
                 packing += (1.0 - q) ** 3 * (1.0 + 3.0 * q)
                 if self.particles.kind[j] == FLUID:
                     wet += 1
-            around = ti.cast(last - first, float)
+            around = ti.cast(last - first - hidden, float)
             if ti.static(len(self.walls.surfaces) > 0):
                 counts, moment = self.walls.moments(x)
                 around += counts[0]

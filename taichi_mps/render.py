@@ -116,7 +116,7 @@ class Renderer:
         relief = 1.0 if self.view == "concrete" else 0.7
         pixels, depth = self.painter.draw(embed(snapshot.x), self.colours(snapshot), relief)
         image = Image.fromarray(pixels)
-        self._lines(image, depth)
+        self._lines(image, depth, snapshot.time)
         pen = ImageDraw.Draw(image)
         self._rulers(pen)
         self._titles(pen, snapshot, measures or {})
@@ -153,7 +153,7 @@ class Renderer:
                     label = f"{100 * self.tick * k:.4g}" + " cm" * int(k > ticks[-1] - 2)
                     self._write(pen, p + 14 * side, label, 15, FAINT, anchor)
 
-    def _lines(self, image, depth):
+    def _lines(self, image, depth, time):
         """Walls, and the lifted mould (dashed) where nothing hides it; smoothed by drawing at twice the size."""
         masks = [Image.new("L", (2 * image.width, 2 * image.height)) for _ in range(2)]
         pens, width = [ImageDraw.Draw(mask) for mask in masks], max(2, round(image.height / 240))
@@ -162,7 +162,7 @@ class Renderer:
             at, y = wall.point, 0.5 * (y0 + y1)
             if isinstance(wall, Cylinder):
                 for circle in wall.circles:
-                    line = 2 * self.camera.project(embed(circle))[:, :2]
+                    line = 2 * self.camera.project(embed(circle + time * wall.travel))[:, :2]
                     pens[0].line([tuple(p) for p in line], fill=255, width=width)
                 continue
             if abs(wall.normal[0]) > 0.99:

@@ -26,14 +26,24 @@ class Walls:
         self.effective_radius = effective_radius
         self.closest = 0.1 * spacing
         self.entries = entries
-        self.surfaces = tuple((Round if isinstance(wall, Cylinder) else Flat)(wall, dimension) for wall in walls)
+        self.clock = ti.field(ti.f64, ())  # time [s] at which the walls stand
+        self.surfaces = tuple(
+            (Round if isinstance(wall, Cylinder) else Flat)(wall, dimension, spacing, self.clock) for wall in walls
+        )
         self.move = any(wall.speed > 0.0 for wall in walls)
+        self.travel = any(surface.travels for surface in self.surfaces)
+        self.thin = any(surface.thin for surface in self.surfaces)
         bent = 0.1 / spacing  # curvature [1/m] of the arcs that give the slope of the sums
         tables = [ghost_table(dimension, spacing, effective_radius, entries, k) for k in (0.0, bent, -bent)]
         self.flat = ti.Vector.field(tables[0].shape[1], real(), entries)  # GHOST_SUMS at z = re k/(entries - 1)
         self.flat.from_numpy(tables[0])
         self.bend = ti.Vector.field(tables[0].shape[1], real(), entries)  # their derivative by the curvature [m]
         self.bend.from_numpy((tables[1] - tables[2]) / (2.0 * bent))
+
+    def place(self, time: float) -> None:
+        """Put the walls that travel where they are at this time [s]."""
+        if self.travel:
+            self.clock[None] = time
 
     @ti.func
     def interpolate(self, table: ti.template(), z):
@@ -44,11 +54,13 @@ class Walls:
         return table[k] * (1.0 - f) + table[k + 1] * f
 
     @ti.func
-    def lookup(self, wall: ti.template(), z, curvature):
-        """Ghost sums at distance z [m] from a wall of this curvature [1/m]."""
+    def lookup(self, wall: ti.template(), x, z, curvature):
+        """Ghost sums of x at distance z [m] from a wall of this curvature [1/m]."""
         sums = self.interpolate(self.flat, z)
         if ti.static(wall.curved):
             sums += curvature * self.interpolate(self.bend, z)
+        if ti.static(wall.thin or wall.loose):
+            sums *= wall.share(x, z)
         return sums
 
     @ti.func
@@ -59,7 +71,7 @@ class Walls:
         for wall in ti.static(self.surfaces):
             z, n, _velocity, curvature = wall.nearest(x)
             if z < self.effective_radius:
-                sums = self.lookup(wall, z, curvature)
+                sums = self.lookup(wall, x, z, curvature)
                 counts += ti.Vector([sums[0], sums[1], sums[7]])
                 normal = n.outer_product(n)
                 moment += sums[2] * ti.max(z, self.closest) * normal
@@ -75,10 +87,10 @@ class Walls:
         for wall in ti.static(self.surfaces):
             z, n, velocity, curvature = wall.nearest(x)
             if z < self.effective_radius:
-                sums = self.lookup(wall, z, curvature)
+                sums = self.lookup(wall, x, z, curvature)
                 jump = u - motion * velocity
                 if ti.static(wall.slip):
-                    jump = n * n.dot(u)
+                    jump = n * n.dot(jump)
                 total += jump.outer_product(n) * sums[2]
                 if ti.static(wall.turns and not wall.slip):
                     spin = ti.cast(wall.spin, float)
@@ -95,7 +107,7 @@ class Walls:
                 pull = flux @ n
                 if ti.static(wall.slip):
                     pull = n * n.dot(pull)
-                total -= pull * self.lookup(wall, z, curvature)[2]
+                total -= pull * self.lookup(wall, x, z, curvature)[2]
         return total
 
     @ti.func
@@ -107,8 +119,8 @@ class Walls:
             if z < self.effective_radius:
                 jump = u - motion * velocity
                 if ti.static(wall.slip):
-                    jump = n * n.dot(u)
-                total += jump * (self.lookup(wall, z, curvature)[2] / ti.max(z, self.closest))
+                    jump = n * n.dot(jump)
+                total += jump * (self.lookup(wall, x, z, curvature)[2] / ti.max(z, self.closest))
         return total
 
     @ti.func
@@ -120,8 +132,8 @@ class Walls:
             if z < self.effective_radius:
                 jump = u - motion * velocity
                 if ti.static(wall.slip):
-                    jump = n * n.dot(u)
-                total += jump.norm_sqr() * (self.lookup(wall, z, curvature)[2] / ti.max(z, self.closest))
+                    jump = n * n.dot(jump)
+                total += jump.norm_sqr() * (self.lookup(wall, x, z, curvature)[2] / ti.max(z, self.closest))
         return total
 
     @ti.func
@@ -132,7 +144,7 @@ class Walls:
         for wall in ti.static(self.surfaces):
             z, n, _velocity, curvature = wall.nearest(x)
             if z < self.effective_radius:
-                c = self.lookup(wall, z, curvature)[2]
+                c = self.lookup(wall, x, z, curvature)[2]
                 total += n * c
                 drag += c / ti.max(z, self.closest)
         return total, drag
@@ -144,7 +156,7 @@ class Walls:
         for wall in ti.static(self.surfaces):
             z, n, _velocity, curvature = wall.nearest(x)
             if z < self.effective_radius:
-                total -= B @ n * (n.dot(weight) * self.lookup(wall, z, curvature)[4])
+                total -= B @ n * (n.dot(weight) * self.lookup(wall, x, z, curvature)[4])
         return total
 
     @ti.func
@@ -155,17 +167,24 @@ class Walls:
         for wall in ti.static(self.surfaces):
             z, n, _velocity, curvature = wall.nearest(x)
             if z < self.effective_radius:
-                sums = self.lookup(wall, z, curvature)
+                sums = self.lookup(wall, x, z, curvature)
                 inward -= n * sums[5]
                 near -= n * sums[6]
         return inward, near
 
     @ti.func
-    def outside(self, x):
-        """x moved out of the solids [m]: at least ``closest`` in front of every wall."""
-        y = x
+    def between(self, x, y):
+        """Whether a thin wall stands between two points [m]."""
+        hidden = False
         for wall in ti.static(self.surfaces):
-            z, n, _velocity, _curvature = wall.nearest(y)
-            if z < self.closest:
-                y = y + ti.cast(n * (self.closest - z), ti.f64)
+            if ti.static(wall.thin):
+                hidden = hidden or wall.between(x, y)
+        return hidden
+
+    @ti.func
+    def outside(self, x, move):
+        """x + move, kept out of the solids [m]: at least ``closest`` in front of every wall."""
+        y = x + move
+        for wall in ti.static(self.surfaces):
+            y = wall.out(x, y, self.closest)
         return y
