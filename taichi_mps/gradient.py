@@ -53,7 +53,7 @@ class Gradient:
                 r2 = ti.max(r.dot(r), 1e-4 * re * re)
                 w = ti.max(re / ti.sqrt(r2) - 1.0, 0.0)
                 q = ti.min(1.0, ti.sqrt(r2) / re)
-                if ti.static(self.walls.thin):  # noqa: SIM102  (a compiled choice stays apart)
+                if ti.static(self.walls.part):  # noqa: SIM102  (a compiled choice stays apart)
                     if self.walls.between(x, x + to_j):
                         w, q = 0.0, 1.0
                         hidden += 1

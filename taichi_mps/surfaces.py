@@ -19,11 +19,12 @@ TOUCHING, RELEASED = 0.5, 0.55  # spacings from a loose wall up to which it acts
 class Surface:
     """What all walls have in common."""
 
-    curved = turns = False
+    curved = turns = parts = False
 
     def __init__(self, wall, dimension: int, spacing: float, clock):
         self.slip, self.thin, self.loose, self.spacing = wall.slip, wall.thin, wall.loose, spacing
         self.clock, self.travels = clock, bool(np.any(wall.travel))
+        self.parts = wall.thin  # the fluid on one side of it does not feel that on the other
         self.travel = ti.types.vector(dimension, ti.f64)(wall.travel)
         self.point = ti.types.vector(dimension, ti.f64)(wall.point)
 
@@ -48,11 +49,15 @@ class Surface:
 
     @ti.func
     def between(self, x, y):
-        """Whether a thin wall separates two points: the same answer for (y, x), or the forces were not opposite."""
+        """Whether the wall separates two points: the same answer for (y, x), or the forces were not opposite. A segment
+        through a plate meets it at the ratio of the distances of its ends."""
         a, b = self.signed(x), self.signed(y)
+        middle = (ti.abs(b) * x + ti.abs(a) * y) / ti.max(ti.abs(a) + ti.abs(b), 1e-12)
         hidden = False
-        if a * b < 0.0:
-            hidden = self.beyond((ti.abs(b) * x + ti.abs(a) * y) / (ti.abs(a) + ti.abs(b))) <= 0.0
+        if ti.static(self.thin):
+            hidden = a * b < 0.0 and self.beyond(middle) <= 0.0
+        else:
+            hidden = self.signed(middle) < 0.0
         return hidden
 
     @ti.func
@@ -144,3 +149,55 @@ class Round(Surface):
             elif beyond > 0.0:
                 z = FAR
         return ti.cast(z, float), ti.cast(n, float), ti.cast(velocity, float), curvature
+
+
+@ti.data_oriented
+class Sampled(Surface):
+    """A solid whose signed distance is linear between the nodes of a grid; its curvature is not known."""
+
+    def __init__(self, wall, dimension: int, spacing: float, clock):
+        super().__init__(wall, dimension, spacing, clock)
+        self.parts = True
+        self.dimension, self.cell, self.shape = dimension, wall.cell, wall.values.shape
+        self.values = ti.field(real(), self.shape)
+        self.values.from_numpy(wall.values)
+        self.velocity = ti.types.vector(dimension, real())(wall.travel)
+
+    @ti.func
+    def sample(self, x):
+        """Distance [m] and its gradient [-]; FAR beyond the grid."""
+        place = self.offset(x) / self.cell
+        z, slope = ti.cast(FAR, float), ti.Vector.unit(self.dimension, 0, float)
+        inside = True
+        for a in ti.static(range(self.dimension)):
+            inside = inside and place[a] >= 0.0 and place[a] <= self.shape[a] - 1
+        if inside:
+            z, slope = ti.cast(0.0, float), ti.Vector.zero(float, self.dimension)
+            k = ti.Vector.zero(ti.i32, self.dimension)
+            f = ti.Vector.zero(float, self.dimension)
+            for a in ti.static(range(self.dimension)):
+                k[a] = ti.min(ti.cast(place[a], ti.i32), self.shape[a] - 2)
+                f[a] = ti.cast(place[a] - k[a], float)
+            for corner in ti.static(ti.ndrange(*((2,) * self.dimension))):
+                value = self.values[k + ti.Vector(corner)]
+                share = ti.cast(1.0, float)
+                for a in ti.static(range(self.dimension)):
+                    share *= f[a] if corner[a] else 1.0 - f[a]
+                z += share * value
+                for a in ti.static(range(self.dimension)):
+                    rise = ti.cast(1.0 if corner[a] else -1.0, float)
+                    for b in ti.static(range(self.dimension)):
+                        if ti.static(a != b):
+                            rise *= f[b] if corner[b] else 1.0 - f[b]
+                    slope[a] += rise * value / self.cell
+        return z, slope
+
+    @ti.func
+    def signed(self, x):
+        z, _slope = self.sample(x)
+        return z
+
+    @ti.func
+    def nearest(self, x):
+        z, slope = self.sample(x)
+        return z, slope / ti.max(slope.norm(), 1e-6), self.velocity, ti.cast(0.0, float)

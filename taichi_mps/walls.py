@@ -12,9 +12,12 @@ to one particle and exactly adjoint to its gradient.
 """
 
 from .backend import real, ti
-from .geometry import Cylinder
-from .surfaces import Flat, Round
+from .geometry import Cylinder, Plane
+from .solids import Solid
+from .surfaces import Flat, Round, Sampled
 from .weights import ghost_table
+
+SURFACES = {Plane: Flat, Cylinder: Round, Solid: Sampled}
 
 
 @ti.data_oriented
@@ -27,12 +30,10 @@ class Walls:
         self.closest = 0.1 * spacing
         self.entries = entries
         self.clock = ti.field(ti.f64, ())  # time [s] at which the walls stand
-        self.surfaces = tuple(
-            (Round if isinstance(wall, Cylinder) else Flat)(wall, dimension, spacing, self.clock) for wall in walls
-        )
+        self.surfaces = tuple(SURFACES[type(wall)](wall, dimension, spacing, self.clock) for wall in walls)
         self.move = any(wall.speed > 0.0 for wall in walls)
         self.travel = any(surface.travels for surface in self.surfaces)
-        self.thin = any(surface.thin for surface in self.surfaces)
+        self.part = any(surface.parts for surface in self.surfaces)
         bent = 0.1 / spacing  # curvature [1/m] of the arcs that give the slope of the sums
         tables = [ghost_table(dimension, spacing, effective_radius, entries, k) for k in (0.0, bent, -bent)]
         self.flat = ti.Vector.field(tables[0].shape[1], real(), entries)  # GHOST_SUMS at z = re k/(entries - 1)
@@ -174,10 +175,10 @@ class Walls:
 
     @ti.func
     def between(self, x, y):
-        """Whether a thin wall stands between two points [m]."""
+        """Whether a thin wall or a solid stands between two points [m]."""
         hidden = False
         for wall in ti.static(self.surfaces):
-            if ti.static(wall.thin):
+            if ti.static(wall.parts):
                 hidden = hidden or wall.between(x, y)
         return hidden
 
