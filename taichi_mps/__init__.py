@@ -8,6 +8,7 @@ from .material import Bingham, Newtonian, rational_critical_strain_rate
 from .quantity import SceneError, checked
 from .report import DivergedError, StepReport
 from .scene import Implicit, Scene, SemiImplicit
+from .solids import Solid
 
 __version__ = "0.1.0"
 
@@ -33,6 +34,7 @@ __all__ = [
     "Scene",
     "SceneError",
     "SemiImplicit",
+    "Solid",
     "StepReport",
     "box_planes",
     "checked",

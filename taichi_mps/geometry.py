@@ -55,15 +55,18 @@ class Cone:
 class Plane:
     """Wall: the half-space behind the plane through ``point`` with unit ``normal`` into the fluid.
 
-    ``velocity`` [m/s] moves the wall in its own plane; ``slip`` leaves the tangential motion free. ``mirror`` makes it
-    a plane of symmetry: a slip wall to the fluid, while measures and pictures show what lies behind it, too.
+    ``velocity`` [m/s] moves the wall, in its own plane or out of it; ``slip`` leaves the tangential motion free. A
+    ``loose`` wall only pushes: the fluid parts from it where it would have to pull. ``mirror`` makes it a plane of
+    symmetry: a slip wall to the fluid, while measures and pictures show what lies behind it, too.
     """
 
     point: tuple[float, ...]
     normal: tuple[float, ...]
     velocity: tuple[float, ...] | None = None
     slip: bool = False
+    loose: bool = False
     mirror: bool = False
+    thin = False
 
     def __post_init__(self):
         if not self.mirror:
@@ -74,9 +77,15 @@ class Plane:
             raise SceneError(f"normal = {self.normal} of a mirror plane: must have the length 1")
         object.__setattr__(self, "slip", True)
 
-    def distance(self, x):
-        """Signed distance [m] of points (n, d), positive in the fluid."""
-        return (x - np.array(self.point)) @ np.array(self.normal)
+    @property
+    def travel(self):
+        """Velocity [m/s] at which the place of the wall changes; zero for a wall that moves in its own plane."""
+        velocity = np.zeros(len(self.point)) if self.velocity is None else np.array(self.velocity, float)
+        return velocity if velocity @ np.array(self.normal) != 0.0 else 0.0 * velocity
+
+    def distance(self, x, time=0.0):
+        """Signed distance [m] of points (n, d) at a time [s], positive in the fluid."""
+        return (x - np.array(self.point) - time * self.travel) @ np.array(self.normal)
 
     @property
     def speed(self):
@@ -88,10 +97,11 @@ class Plane:
 class Cylinder:
     """Wall: a circle (2-D, no axis), or a cylinder around the line through ``point`` along ``axis``, with the fluid
     inside or outside. It turns about its axis with ``angular_velocity`` [rad/s], counter-clockwise seen against the
-    axis, and slides along it with ``velocity`` [m/s]; ``slip`` leaves the tangential motion free.
+    axis, and moves along it with ``velocity`` [m/s], its ends too; ``slip`` leaves the tangential motion free.
 
     With a ``length`` [m] the wall ends at ``point`` and this far along the axis; its radius grows by ``slope`` per
-    metre between them: the mantle of a truncated cone, a funnel.
+    metre between them: the mantle of a truncated cone, a funnel. It may be a ``thin`` sheet that has fluid on both
+    sides, a mould that is lifted; they do not feel each other through it. A ``loose`` wall only pushes.
     """
 
     point: tuple[float, ...]
@@ -103,6 +113,8 @@ class Cylinder:
     slip: bool = False
     slope: float = 0.0  # [-]
     length: float | None = None  # endless if None
+    loose: bool = False
+    thin: bool = False
 
     def __post_init__(self):
         d = len(self.point)
@@ -121,8 +133,8 @@ class Cylinder:
             )
         if self.slope and self.length is None:
             raise SceneError(f"slope = {self.slope:g}: needs a length; a cone that goes on has no radius at its tip")
-        if self.slope and self.velocity:
-            raise SceneError(f"velocity = {self.velocity:g} m/s: a cone cannot slide along its axis; must be 0 m/s")
+        if self.thin and self.length is None:
+            raise SceneError("thin = True: needs a length; what is thin must end somewhere")
         if self.length is not None and not self.length > 0.0:
             raise SceneError(f"length = {self.length:g} m: must be greater than 0 m")
         if not self.smallest_radius > 0.0:
@@ -145,6 +157,11 @@ class Cylinder:
         return float(np.hypot(self.angular_velocity * largest, self.velocity))
 
     @property
+    def travel(self):
+        """Velocity [m/s] at which the place of the wall changes; zero for one without ends."""
+        return self.velocity * self.unit_axis if self.length is not None else 0.0 * self.unit_axis
+
+    @property
     def circles(self):
         """Polylines (k, d) [m] to draw: the circle at ``point``, and that at the other end."""
         angle = np.linspace(0.0, 2.0 * np.pi, 73)
@@ -153,9 +170,10 @@ class Cylinder:
         ends = [0.0] if self.length is None else [0.0, self.length]
         return [np.array(self.point) + s * self.unit_axis + (self.radius + self.slope * s) * unit for s in ends]
 
-    def distance(self, x):
-        """Signed distance [m] of points (n, d) from the wall, positive in the fluid; infinite beyond its ends."""
-        offset = x - np.array(self.point)
+    def distance(self, x, time=0.0):
+        """Signed distance [m] of points (n, d) from the wall at a time [s], positive in the fluid (from a thin wall on
+        both sides); infinite beyond its ends."""
+        offset = x - np.array(self.point) - time * self.travel
         s = offset @ self.unit_axis
         r = np.linalg.norm(offset - np.outer(s, self.unit_axis), axis=1)
         cosine = 1.0 / np.hypot(1.0, self.slope)
@@ -163,7 +181,7 @@ class Cylinder:
         if self.length is None:
             return z
         foot = s - z * (1.0 if self.inside else -1.0) * cosine * self.slope
-        return np.where((foot >= 0.0) & (foot <= self.length), z, np.inf)
+        return np.where((foot >= 0.0) & (foot <= self.length), np.abs(z) if self.thin else z, np.inf)
 
 
 def lattice(low, high, spacing, offset=0.5):

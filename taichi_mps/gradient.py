@@ -87,16 +87,20 @@ class Gradient:
             first, last = self.neighbors.row_start[i], self.neighbors.row_start[i + 1]
             for k in range(first, last):
                 j = self.neighbors.column[k]
-                r = ti.cast(self.neighbors.bins.displacement(x, self.particles.x[j]), float)
+                to_j = self.neighbors.bins.displacement(x, self.particles.x[j])
+                r = ti.cast(to_j, float)
                 r2 = ti.max(r.dot(r), 1e-4 * re * re)
                 w = ti.max(re / ti.sqrt(r2) - 1.0, 0.0)
+                q = ti.min(1.0, ti.sqrt(r2) / re)
+                share = self.counts_as(j)
+                if ti.static(self.walls.part):  # noqa: SIM102  (a compiled choice stays apart)
+                    if self.walls.between(x, x + to_j):
+                        w, share = 0.0, 0.0
                 b = r * (w / r2)
                 self.b[k] = b
                 self.weight_r2[k] = w / r2
                 M += b.outer_product(r)
-                share = self.counts_as(j)
                 n += share * w
-                q = ti.min(1.0, ti.sqrt(r2) / re)
                 packing += share * (1.0 - q) ** 3 * (1.0 + 3.0 * q)
                 around += share
                 if self.particles.kind[j] == FLUID:
@@ -114,7 +118,9 @@ class Gradient:
             kind = self.particles.kind[i]
             some = around >= self.dimension * ti.min(1.0, self.counts_as(i))
             stressed = some and (kind == FLUID or (kind == WALL and wet > 0)) and kind != DUMMY
-            self.B[i] = self.inverse(M, lattice[0]) if stressed else ti.Matrix.zero(float, self.dimension, self.dimension)
+            self.B[i] = (
+                self.inverse(M, lattice[0]) if stressed else ti.Matrix.zero(float, self.dimension, self.dimension)
+            )
 
     @ti.func
     def slope(self, i, u: ti.template(), motion):
@@ -164,7 +170,7 @@ class Gradient:
 
     @ti.func
     def spread_stress(self, i, T):
-        """Flux matrix P_i = V_i T_i B_i [N m] of the stress T [Pa] of particle i; keeps its hoop force for ``force``."""
+        """Flux matrix P_i = V_i T_i B_i [N m] of the stress T [Pa] of i; keeps its hoop force for ``force``."""
         if ti.static(self.axisymmetric):
             carries = ti.cast(self.B[i][0, 0] > 0.0, float)
             self.hoop[i] = carries * self.particles.volume(i) * T[2, 2] / ti.cast(self.particles.x[i][0], float)

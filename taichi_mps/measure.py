@@ -72,7 +72,7 @@ def mirrored(s: Snapshot, point, normal) -> Snapshot:
 
 
 def top_height(s: Snapshot, radius: float) -> float:
-    """Mean height [m] of the surface (particle + half its size) within ``radius`` [m] of the axis; nan if nothing is there."""
+    """Mean height [m] of the surface (particle + half its size) within ``radius`` [m] of the axis; nan if none."""
     l0 = s.spacing
     r = np.hypot(s.x[:, 0], s.x[:, 1])
     near, half = s.x[r < radius + l0], 0.5 * s.size[r < radius + l0]
@@ -90,7 +90,7 @@ def top_height(s: Snapshot, radius: float) -> float:
 def spread(s: Snapshot) -> float:
     """Diameter [m]: mean of perpendicular pairs of diameters over all directions.
 
-    The reach of each sector, about 1.5 l0 wide at the rim, is its outermost particle + half its size; wider sectors would
+    The reach of each sector, about 1.5 l0 wide at the rim, is its outermost particle + half its size; wider ones would
     measure the outermost stray particle, not the edge.
     """
     r = np.hypot(s.x[:, 0], s.x[:, 1])

@@ -133,7 +133,7 @@ class Renderer:
         relief = 1.0 if self.view == "concrete" else 0.7
         pixels, depth = self.painter.draw(embed(snapshot.x), self.colours(snapshot), relief)
         image = Image.fromarray(pixels)
-        self._lines(image, depth)
+        self._lines(image, depth, snapshot.time)
         pen = ImageDraw.Draw(image)
         self._rulers(pen)
         self._titles(pen, snapshot, measures or {})
@@ -170,7 +170,7 @@ class Renderer:
                     label = f"{100 * self.tick * k:.4g}" + " cm" * int(k > ticks[-1] - 2)
                     self._write(pen, p + 14 * side, label, 15, FAINT, anchor)
 
-    def _lines(self, image, depth):
+    def _lines(self, image, depth, time):
         """Walls, and the lifted mould (dashed) where nothing hides it; smoothed by drawing at twice the size."""
         masks = [Image.new("L", (2 * image.width, 2 * image.height)) for _ in range(2)]
         pens, width = [ImageDraw.Draw(mask) for mask in masks], max(2, round(image.height / 240))
@@ -179,7 +179,7 @@ class Renderer:
         for wall in self.scene.walls:
             at, y = wall.point, 0.5 * (y0 + y1)
             if isinstance(wall, Cylinder):
-                edges += wall.circles
+                edges += [circle + time * wall.travel for circle in wall.circles]
             elif abs(wall.normal[0]) > 0.99 and not wall.mirror:
                 edges.append([(at[0], y, z0), (at[0], y, z1)])
             elif wall.normal[-1] < -0.99 and not wall.mirror:

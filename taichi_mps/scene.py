@@ -10,6 +10,7 @@ from .geometry import Cylinder, Plane
 from .material import Bingham
 from .measure import Snapshot, mirrored, revolved
 from .quantity import Checked, Count, Duration, RadiusRatio, Ratio, SceneError
+from .solids import Solid
 
 
 class Implicit(Checked):
@@ -54,7 +55,7 @@ class Scene:
     spacing: float  # l0 [m]
     fluid: np.ndarray  # particle positions [m], (n, d)
     domain: tuple[tuple[float, ...], tuple[float, ...]]  # low, high corner [m]; leaving it is an error
-    walls: tuple[Plane | Cylinder, ...] = ()
+    walls: tuple[Plane | Cylinder | Solid, ...] = ()
     wall_particles: np.ndarray | None = None  # the paper's walls [m], (m, d)
     velocity: np.ndarray | None = None  # initial velocity [m/s], (n, d)
     gravity: tuple[float, ...] | None = None  # [m/s2], (d,)

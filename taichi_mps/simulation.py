@@ -33,6 +33,7 @@ class Simulation:
         self.scene = scene
         self.numerics = numerics or ImplicitNumerics()
         self._pairs_per_particle = 4.0 if scene.axisymmetric else 1.5  # rings that moved outward are thin
+        self._walls_at = 0.0  # time [s] at which the walls stand
         self._stages: dict[str, list] = {}
         self._profile = profile
         self._build()
@@ -56,9 +57,9 @@ class Simulation:
         use_particles = semi_implicit or numerics.walls == "particles"
         if use_particles and scene.axisymmetric:
             raise SceneError(f"scene {scene.name} is axisymmetric: must be computed with walls = surfaces, implicit")
-        if use_particles and any(wall.speed > 0.0 for wall in scene.walls):
+        if use_particles and any(wall.speed > 0.0 or wall.thin for wall in scene.walls):
             raise SceneError(
-                f"walls = particles: a wall of scene {scene.name} moves; must be surfaces, scheme implicit"
+                f"walls = particles: a wall of scene {scene.name} moves or is thin; must be surfaces, scheme implicit"
             )
         if use_particles and scene.mirrors:
             raise SceneError(
@@ -91,7 +92,9 @@ class Simulation:
         self.neighbors = NeighborList(self.bins, capacity)
         self.constants = constants
         axis = (Plane((0.0, 0.0), (1.0, 0.0), mirror=True),) if scene.axisymmetric else ()
-        self.walls = Walls(() if use_particles else axis + tuple(scene.walls), d, scene.spacing, re, rings=scene.axisymmetric)
+        surfaces = () if use_particles else (*axis, *scene.walls)
+        self.walls = Walls(surfaces, d, scene.spacing, re, rings=scene.axisymmetric)
+        self.walls.place(self._walls_at)
         scheme = SemiImplicit if semi_implicit else Implicit
         self.scheme = scheme(scene, numerics, self.particles, self.neighbors, self.walls, constants)
         self.totals = Totals(self.particles, self.scheme, constants)
@@ -112,6 +115,8 @@ class Simulation:
         elif until is not None and until - self.time < 2 * dt:
             dt, name = 0.5 * (until - self.time), "output"
         if hasattr(self.scheme, "drift"):  # the implicit scheme works at the middle of the step
+            self._walls_at = self.time + 0.5 * dt
+            self.walls.place(self._walls_at)
             self._stage("drift", self.scheme.drift, dt)
         self._neighbours()
         if hasattr(self.scheme, "predict"):  # the semi-implicit scheme moves twice in a step
@@ -259,12 +264,18 @@ class Simulation:
         mass = material.density * self.scene.volumes.sum()
         rms = math.sqrt(2.0 * self.report.kinetic_energy / mass)
         window = max(0.2, material.plastic_viscosity / material.yield_value)
-        if rms * window > 0.1 * self.scene.spacing:
+        if rms * window > 0.1 * self.scene.spacing or self._pushed():
             self._resting_since = None
             return False
         if self._resting_since is None:
             self._resting_since = self.time
         return self.time - self._resting_since >= 0.2
+
+    def _pushed(self) -> bool:
+        """Does a wall that travels touch the fluid? What stands in a mould is at rest only once the mould is gone."""
+        walls = [wall for wall in self.scene.walls if np.any(wall.travel)]
+        x = self.particles.read()["x"] if walls else None
+        return any(np.abs(wall.distance(x, self.time)).min() < self.walls.effective_radius for wall in walls)
 
     # ---- reading --------------------------------------------------------------------------------------------
     def snapshot(self) -> Snapshot:

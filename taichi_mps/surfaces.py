@@ -1,7 +1,10 @@
 """Wall surfaces as a point sees them, as Taichi functions: distance, normal, motion and curvature at its foot.
 
-``nearest(x)`` gives the signed distance z [m] of x, positive in the fluid; the unit normal n into the fluid; the
-velocity [m/s] of the wall at the foot x - z n; and its curvature k [1/m], positive where the fluid is inside.
+``nearest(x)`` gives the distance z [m] of x, positive in the fluid; the unit normal n into the fluid; the velocity
+[m/s] of the wall at the foot x - z n; and its curvature k [1/m], positive where the fluid is inside.
+
+A wall that travels stands where it is at the time ``clock`` [s]. A thin one has fluid on both sides: z is positive and
+n points to the side of x; ``signed(x)`` tells the side, ``beyond(x)`` how far outside the edge the foot is [m].
 """
 
 import numpy as np
@@ -9,41 +12,98 @@ import numpy as np
 from .backend import real, ti
 
 FAR = 1e9  # distance [m] from a wall that ends before the foot
+TOUCHING, RELEASED = 0.5, 0.55  # spacings from a loose wall up to which it acts fully, and from which on not at all
 
 
 @ti.data_oriented
-class Flat:
-    """A plane."""
+class Surface:
+    """What all walls have in common."""
 
-    curved = turns = False
+    curved = turns = parts = False
     cut_by = ()  # planes at right angles where its ghosts end
 
-    def __init__(self, wall, dimension: int):
-        vector = ti.types.vector(dimension, real())
-        self.slip = wall.slip
+    def __init__(self, wall, dimension: int, spacing: float, clock):
+        self.slip, self.thin, self.loose, self.spacing = wall.slip, wall.thin, wall.loose, spacing
+        self.clock, self.travels = clock, bool(np.any(wall.travel))
+        self.parts = wall.thin  # the fluid on one side of it does not feel that on the other
+        self.travel = ti.types.vector(dimension, ti.f64)(wall.travel)
         self.point = ti.types.vector(dimension, ti.f64)(wall.point)
+
+    @ti.func
+    def offset(self, x):
+        """From the wall's point to x [m]."""
+        offset = x - self.point
+        if ti.static(self.travels):
+            offset -= self.clock[None] * self.travel
+        return offset
+
+    @ti.func
+    def share(self, x, z):
+        """How much of a wall acts on x at the distance z, 0 to 1. A thin one fades out over a spacing beyond its edge,
+        where the other side comes in view; a loose one within the first gap that opens, so that it pushes only."""
+        share = ti.cast(1.0, float)
+        if ti.static(self.thin):
+            share *= ti.cast(ti.max(0.0, ti.min(1.0, 1.0 - self.beyond(x) / self.spacing)), float)
+        if ti.static(self.loose):
+            share *= ti.max(0.0, ti.min(1.0, (RELEASED - z / self.spacing) / (RELEASED - TOUCHING)))
+        return share
+
+    @ti.func
+    def between(self, x, y):
+        """Whether the wall separates two points: the same answer for (y, x), or the forces were not opposite. A segment
+        through a plate meets it at the ratio of the distances of its ends."""
+        a, b = self.signed(x), self.signed(y)
+        middle = (ti.abs(b) * x + ti.abs(a) * y) / ti.max(ti.abs(a) + ti.abs(b), 1e-12)
+        hidden = False
+        if ti.static(self.thin):  # noqa: SIM108  (a compiled choice stays apart)
+            hidden = a * b < 0.0 and self.beyond(middle) <= 0.0
+        else:
+            hidden = self.signed(middle) < 0.0
+        return hidden
+
+    @ti.func
+    def out(self, x, y, closest):
+        """y [m], or the place at ``closest`` in front of the wall on the side of x if it is nearer or behind."""
+        z, n, _velocity, _curvature = self.nearest(y)
+        target = ti.cast(closest, float)
+        if ti.static(self.thin):
+            if self.beyond(x) <= 0.0 and self.signed(x) * self.signed(y) < 0.0:
+                n, z = -n, -z
+            if self.beyond(y) > 0.0:
+                z = target
+        moved = y
+        if z < target:
+            moved = y + ti.cast(n * (target - z), ti.f64)
+        return moved
+
+
+@ti.data_oriented
+class Flat(Surface):
+    """A plane."""
+
+    def __init__(self, wall, dimension: int, spacing: float, clock):
+        super().__init__(wall, dimension, spacing, clock)
+        vector = ti.types.vector(dimension, real())
         self.normal = vector(wall.normal)
         self.velocity = vector(wall.velocity or (0.0,) * dimension)
 
     @ti.func
     def nearest(self, x):
-        z = ti.cast((x - self.point).dot(ti.cast(self.normal, ti.f64)), float)
+        z = ti.cast(self.offset(x).dot(ti.cast(self.normal, ti.f64)), float)
         return z, self.normal, self.velocity, ti.cast(0.0, float)
 
 
 @ti.data_oriented
-class Round:
+class Round(Surface):
     """A circle (2-D), a cylinder or the mantle of a truncated cone; a point at the height s has the foot at the
     radius |x - point - s axis| + z n_r."""
 
     curved = True
-    cut_by = ()
 
-    def __init__(self, wall, dimension: int):
-        position = ti.types.vector(dimension, ti.f64)
-        self.slip, self.turns = wall.slip, wall.angular_velocity != 0.0
-        self.point, self.radius = position(wall.point), wall.radius
-        self.axis = position(wall.unit_axis)  # zero in 2-D
+    def __init__(self, wall, dimension: int, spacing: float, clock):
+        super().__init__(wall, dimension, spacing, clock)
+        self.turns, self.radius = wall.angular_velocity != 0.0, wall.radius
+        self.axis = ti.types.vector(dimension, ti.f64)(wall.unit_axis)  # zero in 2-D
         self.side = 1.0 if wall.inside else -1.0
         self.slope, self.ends, self.length = wall.slope, wall.length is not None, wall.length
         self.cosine = 1.0 / (1.0 + wall.slope**2) ** 0.5
@@ -53,19 +113,92 @@ class Round:
         self.spin = ti.types.matrix(dimension, dimension, ti.f64)(spin)  # gradient of the wall's velocity [1/s]
 
     @ti.func
-    def nearest(self, x):
-        offset = x - self.point
+    def polar(self, x):
+        """Height s [m] above the point, unit radial vector, radius r [m], and z [m], positive on the fluid's side."""
+        offset = self.offset(x)
         s = offset.dot(self.axis)
         radial = offset - s * self.axis
         r = radial.norm()
-        e = radial / ti.max(r, 1e-12)
-        z = self.side * self.cosine * (self.radius + self.slope * s - r)
+        return s, radial / ti.max(r, 1e-12), r, self.side * self.cosine * (self.radius + self.slope * s - r)
+
+    @ti.func
+    def signed(self, x):
+        _s, _e, _r, z = self.polar(x)
+        return z
+
+    @ti.func
+    def beyond(self, x):
+        s, _e, _r, z = self.polar(x)
+        foot = s - z * self.side * self.cosine * self.slope
+        return ti.max(-foot, foot - self.length)
+
+    @ti.func
+    def nearest(self, x):
+        s, e, r, z = self.polar(x)
         n = self.side * self.cosine * (self.slope * self.axis - e)
         foot = r + self.side * self.cosine * z
         velocity = self.velocity * self.axis + foot * (self.spin @ e)
+        curvature = ti.cast(self.side * self.cosine / foot, float)
         if ti.static(self.ends):
             foot_s = s - z * n.dot(self.axis)
-            if foot_s < 0.0 or foot_s > self.length:
+            beyond = ti.max(-foot_s, foot_s - self.length)
+            if ti.static(self.thin):
+                if z < 0.0:
+                    z, n, curvature = -z, -n, -curvature
+                if beyond >= self.spacing:
+                    z = FAR
+            elif beyond > 0.0:
                 z = FAR
-        curvature = ti.cast(self.side * self.cosine / foot, float)
         return ti.cast(z, float), ti.cast(n, float), ti.cast(velocity, float), curvature
+
+
+@ti.data_oriented
+class Sampled(Surface):
+    """A solid whose signed distance is linear between the nodes of a grid; its curvature is not known."""
+
+    def __init__(self, wall, dimension: int, spacing: float, clock):
+        super().__init__(wall, dimension, spacing, clock)
+        self.parts = True
+        self.dimension, self.cell, self.shape = dimension, wall.cell, wall.values.shape
+        self.values = ti.field(real(), self.shape)
+        self.values.from_numpy(wall.values)
+        self.velocity = ti.types.vector(dimension, real())(wall.travel)
+
+    @ti.func
+    def sample(self, x):
+        """Distance [m] and its gradient [-]; FAR beyond the grid."""
+        place = self.offset(x) / self.cell
+        z, slope = ti.cast(FAR, float), ti.Vector.unit(self.dimension, 0, float)
+        inside = True
+        for a in ti.static(range(self.dimension)):
+            inside = inside and place[a] >= 0.0 and place[a] <= self.shape[a] - 1
+        if inside:
+            z, slope = ti.cast(0.0, float), ti.Vector.zero(float, self.dimension)
+            k = ti.Vector.zero(ti.i32, self.dimension)
+            f = ti.Vector.zero(float, self.dimension)
+            for a in ti.static(range(self.dimension)):
+                k[a] = ti.min(ti.cast(place[a], ti.i32), self.shape[a] - 2)
+                f[a] = ti.cast(place[a] - k[a], float)
+            for corner in ti.static(ti.ndrange(*((2,) * self.dimension))):
+                value = self.values[k + ti.Vector(corner)]
+                share = ti.cast(1.0, float)
+                for a in ti.static(range(self.dimension)):
+                    share *= f[a] if corner[a] else 1.0 - f[a]
+                z += share * value
+                for a in ti.static(range(self.dimension)):
+                    rise = ti.cast(1.0 if corner[a] else -1.0, float)
+                    for b in ti.static(range(self.dimension)):
+                        if ti.static(a != b):
+                            rise *= f[b] if corner[b] else 1.0 - f[b]
+                    slope[a] += rise * value / self.cell
+        return z, slope
+
+    @ti.func
+    def signed(self, x):
+        z, _slope = self.sample(x)
+        return z
+
+    @ti.func
+    def nearest(self, x):
+        z, slope = self.sample(x)
+        return z, slope / ti.max(slope.norm(), 1e-6), self.velocity, ti.cast(0.0, float)

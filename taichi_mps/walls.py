@@ -17,7 +17,8 @@ import numpy as np
 
 from .backend import real, ti
 from .geometry import Cylinder, Plane
-from .surfaces import Flat, Round
+from .solids import Solid
+from .surfaces import Flat, Round, Sampled
 from .weights import corner_table, ghost_table
 
 
@@ -32,7 +33,10 @@ def cuts(walls) -> list[list[int]]:
                 found[k].append(m)
     return found
 
+
 FINEST, COARSEST, SIZES = 0.2, 1.5, 27  # sizes of rings in the tables, over the spacing
+
+SURFACES = {Plane: Flat, Cylinder: Round, Solid: Sampled}
 
 
 @ti.data_oriented
@@ -49,8 +53,9 @@ class Walls:
         self.effective_radius = effective_radius
         self.closest = 0.1 * spacing
         self.entries = entries
+        self.clock = ti.field(ti.f64, ())  # time [s] at which the walls stand
         self.sizes = FINEST + (COARSEST - FINEST) * np.arange(SIZES) / (SIZES - 1) if rings else np.ones(1)
-        self.surfaces = tuple((Round if isinstance(wall, Cylinder) else Flat)(wall, dimension) for wall in walls)
+        self.surfaces = tuple(SURFACES[type(wall)](wall, dimension, spacing, self.clock) for wall in walls)
         for surface, others in zip(self.surfaces, cuts(walls), strict=True):
             surface.cut_by = tuple(self.surfaces[k] for k in others)
         if any(surface.cut_by for surface in self.surfaces):
@@ -59,6 +64,8 @@ class Walls:
             self.corner = ti.Vector.field(shares.shape[2], real(), shares.shape[:2])  # share of each sum that is left
             self.corner.from_numpy(shares)
         self.move = any(wall.speed > 0.0 for wall in walls)
+        self.travel = any(surface.travels for surface in self.surfaces)
+        self.part = any(surface.parts for surface in self.surfaces)
         bent = 0.1 / spacing  # curvature [1/m] of the arcs that give the slope of the sums
         tables = np.array(
             [
@@ -72,10 +79,15 @@ class Walls:
         self.bend = ti.Vector.field(tables.shape[3], real(), shape)  # their derivative by the curvature [m]
         self.bend.from_numpy((tables[1] - tables[2]) / (2.0 * bent))
 
+    def place(self, time: float) -> None:
+        """Put the walls that travel where they are at this time [s]."""
+        if self.travel:
+            self.clock[None] = time
+
     @ti.func
     def interpolate(self, table: ti.template(), z, share):
-        """Entry of a table at distance z [m] for a particle of this share, linear between two; zero beyond the effective
-        radius."""
+        """Entry of a table at distance z [m] for a particle of this share, linear between two; zero beyond the
+        effective radius."""
         s = ti.max(z, self.closest) / self.effective_radius * (self.entries - 1)
         k = ti.min(ti.cast(s, ti.i32), self.entries - 2)
         f = s - k
@@ -110,6 +122,8 @@ class Walls:
             across, _n, _velocity, _curvature = other.nearest(x)
             if across < self.effective_radius:
                 sums *= self.left(z, across)
+        if ti.static(wall.thin or wall.loose):
+            sums *= wall.share(x, z)
         return sums
 
     @ti.func
@@ -139,7 +153,7 @@ class Walls:
                 sums = self.lookup(wall, x, z, curvature, share)
                 jump = u - motion * velocity
                 if ti.static(wall.slip):
-                    jump = n * n.dot(u)
+                    jump = n * n.dot(jump)
                 total += jump.outer_product(n) * sums[2]
                 if ti.static(wall.turns and not wall.slip):
                     spin = ti.cast(wall.spin, float)
@@ -168,7 +182,7 @@ class Walls:
             if z < self.effective_radius:
                 jump = u - motion * velocity
                 if ti.static(wall.slip):
-                    jump = n * n.dot(u)
+                    jump = n * n.dot(jump)
                 total += jump * (self.lookup(wall, x, z, curvature, share)[2] / ti.max(z, self.closest))
         return total
 
@@ -181,7 +195,7 @@ class Walls:
             if z < self.effective_radius:
                 jump = u - motion * velocity
                 if ti.static(wall.slip):
-                    jump = n * n.dot(u)
+                    jump = n * n.dot(jump)
                 total += jump.norm_sqr() * (self.lookup(wall, x, z, curvature, share)[2] / ti.max(z, self.closest))
         return total
 
@@ -222,11 +236,18 @@ class Walls:
         return inward, near
 
     @ti.func
-    def outside(self, x):
-        """x moved out of the solids [m]: at least ``closest`` in front of every wall."""
-        y = x
+    def between(self, x, y):
+        """Whether a thin wall or a solid stands between two points [m]."""
+        hidden = False
         for wall in ti.static(self.surfaces):
-            z, n, _velocity, _curvature = wall.nearest(y)
-            if z < self.closest:
-                y = y + ti.cast(n * (self.closest - z), ti.f64)
+            if ti.static(wall.parts):
+                hidden = hidden or wall.between(x, y)
+        return hidden
+
+    @ti.func
+    def outside(self, x, move):
+        """x + move, kept out of the solids [m]: at least ``closest`` in front of every wall."""
+        y = x + move
+        for wall in ti.static(self.surfaces):
+            y = wall.out(x, y, self.closest)
         return y

@@ -65,7 +65,7 @@ class Rig:
             y = ti.Vector.zero(ti.f64, self.dimension)
             for a in ti.static(range(self.dimension)):
                 y[a] = x[i, a]
-            self.moved[i] = self.walls.outside(y)
+            self.moved[i] = self.walls.outside(y, ti.Vector.zero(ti.f64, self.dimension))
 
 
 @pytest.fixture(scope="module", params=[(2, False), (2, True), (3, False)], ids=["2-D", "2-D slip", "3-D"])
@@ -318,7 +318,6 @@ def test_rings_fill_the_volume_and_keep_their_distance():
         ({"point": (0.0, 0.0), "axis": None, "length": 1.0}, "length = 1.0 m: a circle has no axis"),
         ({"slope": 0.1}, "slope = 0.1: needs a length"),
         ({"slope": -2.0, "length": 1.0}, "radius = -1 m"),
-        ({"slope": 0.5, "length": 1.0, "velocity": 1.0}, "velocity = 1 m/s: a cone"),
         ({"length": -1.0}, "length = -1 m"),
     ],
 )

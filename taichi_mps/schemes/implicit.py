@@ -113,6 +113,8 @@ class Implicit:
                 break
             self.update_stress(self.solver.x)
         self.shifting.compute(dt, STRAIN_SCALE)
+        if self.walls.travel:
+            self.walls.place(self.walls.clock[None] + 0.5 * dt)  # drift left them at the middle of the step
         self.advance(dt, self.solver.x, self.first)
         self.first = False
         return {
@@ -229,7 +231,7 @@ class Implicit:
         for i in range(self.particles.count[None]):
             if self.particles.kind[i] == FLUID:
                 move = ti.cast(0.5 * dt * self.particles.u[i], ti.f64)
-                self.particles.x[i] = self.walls.outside(self.particles.x[i] + move)
+                self.particles.x[i] = self.walls.outside(self.particles.x[i], move)
 
     @ti.kernel
     def start(self, u: ti.template()):
@@ -302,7 +304,7 @@ class Implicit:
                     half = u[i] - 0.5 * self.particles.u[i]
                 move = ti.cast(dt * half + self.shifting.shift[i], ti.f64)
                 self.particles.u[i] = u[i]
-                self.particles.x[i] = self.walls.outside(self.particles.x[i] + move)
+                self.particles.x[i] = self.walls.outside(self.particles.x[i], move)
 
 
 def law_of(material) -> str:

@@ -1,0 +1,141 @@
+"""Walls of any shape: a signed distance sampled on a grid, from a function or from a triangle mesh. Plain NumPy."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from .quantity import SceneError
+
+MOST_NODES = 5e7  # of one grid: 400 MB of distances
+
+
+@dataclass(frozen=True)
+class Solid:
+    """Wall: where the distance [m], linear between the nodes of a grid, is negative. ``values`` are the distances at
+    the nodes, positive in the fluid; ``low`` is the first node and ``cell`` the step of the grid [m]. Beyond the grid
+    there is no wall. ``velocity`` [m/s] carries the solid along, ``slip`` leaves the tangential motion free, a ``loose`` wall
+    only pushes. Fluid on two sides of it does not feel the other through it.
+    """
+
+    values: np.ndarray
+    low: tuple[float, ...]
+    cell: float
+    velocity: tuple[float, ...] | None = None
+    slip: bool = False
+    loose: bool = False
+    thin = False
+
+    def __post_init__(self):
+        values = np.asarray(self.values, float)
+        if values.ndim != len(self.low) or values.ndim not in (2, 3) or min(values.shape) < 2:
+            raise SceneError(f"values of shape {values.shape}: must be a grid of two nodes or more along {self.low}")
+        if not np.all(np.isfinite(values)):
+            raise SceneError("values: a distance is not a finite number; all must be finite [m]")
+        if not np.any(values < 0.0):
+            raise SceneError(
+                f"cell = {self.cell:g} m: no node of the grid lies inside the solid; must be at most half of its "
+                "thickness, and the distance negative inside"
+            )
+        steepest = max(float(np.abs(np.diff(values, axis=axis)).max()) for axis in range(values.ndim)) / self.cell
+        if steepest > 1.5:
+            raise SceneError(
+                f"values: the distance changes by {steepest:.3g} m per metre; a distance changes by at most 1"
+            )
+        object.__setattr__(self, "values", values)
+
+    @classmethod
+    def of(cls, distance, low, high, cell, **keywords):
+        """Solid of a function ``distance(points)`` of points (n, d) [m], positive in the fluid, sampled every ``cell``
+        [m] between two corners."""
+        low, high = np.asarray(low, float), np.asarray(high, float)
+        if not cell > 0.0 or np.any(high - low < cell):
+            raise SceneError(f"cell = {cell:g} m: must be greater than 0 m and fit between {low} and {high} m")
+        shape = np.ceil((high - low) / cell - 1e-9).astype(int) + 1
+        if np.prod(shape.astype(float)) > MOST_NODES:
+            raise SceneError(
+                f"cell = {cell:g} m: needs {np.prod(shape.astype(float)):.2g} nodes; at most {MOST_NODES:.2g}"
+            )
+        nodes = np.stack(
+            np.meshgrid(*(lo + cell * np.arange(n) for lo, n in zip(low, shape, strict=True)), indexing="ij")
+        )
+        return cls(np.asarray(distance(nodes.reshape(len(low), -1).T)).reshape(shape), tuple(low), cell, **keywords)
+
+    @classmethod
+    def from_mesh(cls, path, cell, reach, inside=False, scale=1.0, **keywords):
+        """Solid of a closed triangle mesh (STL, OBJ, PLY), its coordinates times ``scale`` in metres, sampled every
+        ``cell`` [m] up to ``reach`` [m] around it, an effective radius at least. ``inside``: the fluid is inside."""
+        points, triangles = read_mesh(path, scale)
+        side = -1.0 if inside else 1.0
+        low, high = points.min(0) - reach, points.max(0) + reach
+        return cls.of(lambda x: side * mesh_distance(x, points, triangles), low, high, cell, **keywords)
+
+    @property
+    def point(self):
+        """The first node [m]."""
+        return self.low
+
+    @property
+    def travel(self):
+        """Velocity [m/s] at which the place of the wall changes."""
+        return np.zeros(len(self.low)) if self.velocity is None else np.array(self.velocity, float)
+
+    @property
+    def speed(self):
+        """Largest speed [m/s] of the wall."""
+        return float(np.linalg.norm(self.travel))
+
+    def distance(self, x, time=0.0):
+        """Signed distance [m] of points (n, d) at a time [s], positive in the fluid; infinite beyond the grid."""
+        place = (x - np.array(self.low) - time * self.travel) / self.cell
+        last = np.array(self.values.shape) - 1
+        k = np.clip(np.floor(place).astype(int), 0, last - 1)
+        f = place - k
+        z = np.zeros(len(x))
+        for corner in np.ndindex(*(2,) * len(self.low)):
+            z += np.prod(np.where(corner, f, 1.0 - f), axis=1) * self.values[tuple((k + corner).T)]
+        return np.where(np.all((place >= 0.0) & (place <= last), axis=1), z, np.inf)
+
+
+def read_mesh(path, scale=1.0):
+    """Points (n, 3) [m] and triangles (m, 3) of a closed surface; SceneError naming the file and what is wrong."""
+    import meshio
+
+    path = Path(path)
+    if not path.is_file():
+        raise SceneError(f"mesh {path}: no such file")
+    try:
+        mesh = meshio.read(path)
+    except (Exception, SystemExit) as error:  # meshio leaves the program for a file that it cannot read
+        raise SceneError(f"mesh {path}: cannot be read as STL, OBJ or PLY ({type(error).__name__})") from None
+    faces = [block.data for block in mesh.cells if block.type == "triangle"]
+    if not faces or not sum(map(len, faces)):
+        raise SceneError(f"mesh {path}: holds no triangles")
+    points, renumbered = np.unique(np.asarray(mesh.points, float) * scale, axis=0, return_inverse=True)
+    triangles = renumbered.reshape(-1)[np.vstack(faces)]  # STL repeats each corner
+    size = np.ptp(points, axis=0)
+    if not np.all(np.isfinite(points)) or size.min() <= 0.0 or size.max() > 100.0:
+        raise SceneError(
+            f"mesh {path}: {' x '.join(f'{s:.4g}' for s in size)} m; must have a volume and be at most 100 m long "
+            f"(scale = {scale:g}; 0.001 for a file in mm)"
+        )
+    edges = np.vstack([triangles[:, [a, b]] for a, b in ((0, 1), (1, 2), (2, 0))])
+    there, back = ({tuple(edge) for edge in e.tolist()} for e in (edges, edges[:, ::-1]))
+    if len(there) < len(edges) or there != back:
+        raise SceneError(
+            f"mesh {path}: {len(there ^ back) // 2} of its edges belong to one triangle only, or two triangles face "
+            "against each other; must be closed"
+        )
+    corners = points[triangles]
+    if np.einsum("ij,ij->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) < 0.0:  # six times the volume
+        triangles = triangles[:, ::-1]
+    return points, triangles
+
+
+def mesh_distance(x, points, triangles):
+    """Signed distance [m] of places (n, 3) from a closed surface, negative inside, by libigl (extra ``cad``)."""
+    try:
+        import igl
+    except ImportError:
+        raise SceneError('a solid from a mesh needs libigl: pip install "taichi-mps[cad]"') from None
+    return igl.signed_distance(x, points, triangles.astype(np.int64), igl.SIGNED_DISTANCE_TYPE_PSEUDONORMAL)[0]
