@@ -106,7 +106,7 @@ class Gradient:
                 if self.particles.kind[j] == FLUID:
                     wet += 1
             if ti.static(len(self.walls.surfaces) > 0):
-                counts, moment = self.walls.moments(x, self.counts_as(i))
+                counts, moment = self.walls.moments(i, x, self.counts_as(i))
                 around += counts[0]
                 n += counts[1]
                 packing += counts[2]
@@ -130,7 +130,7 @@ class Gradient:
         for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
             H += (u[self.neighbors.column[k]] - ui).outer_product(self.b[k])
         if ti.static(len(self.walls.surfaces) > 0):
-            H += self.walls.gradient_term(self.particles.x[i], ui, motion, self.counts_as(i))
+            H += self.walls.gradient_term(i, self.particles.x[i], ui, motion, self.counts_as(i))
         return H
 
     @ti.func
@@ -164,7 +164,7 @@ class Gradient:
         for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
             square += self.weight_r2[k] * (u[self.neighbors.column[k]] - u[i]).norm_sqr()
         if ti.static(len(self.walls.surfaces) > 0):
-            square += self.walls.drag_power(self.particles.x[i], u[i], motion, self.counts_as(i))
+            square += self.walls.drag_power(i, self.particles.x[i], u[i], motion)
         G = H @ self.B[i]
         return self.tensor(i, G, u), ti.max(0.0, square - (G * H).sum()) / self.lattice(i)[0]
 
@@ -190,7 +190,7 @@ class Gradient:
         """The part [N] of the force on particle i that walls and hoop stress give."""
         total = ti.Vector.zero(float, self.dimension)
         if ti.static(len(self.walls.surfaces) > 0):
-            total += self.walls.force_term(self.particles.x[i], flux, self.counts_as(i))
+            total += self.walls.force_term(i, self.particles.x[i], flux)
         if ti.static(self.axisymmetric):
             total[0] -= self.hoop[i]
         return total

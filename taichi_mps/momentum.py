@@ -55,8 +55,7 @@ class MomentumSystem:
                     total += (Pi + self.flux[j]) @ self.gradient.b[k] + self.pair_drag[k] * (u[j] - ui)
                 total += self.gradient.own_force(i, Pi)
                 if ti.static(len(self.walls.surfaces) > 0):
-                    share = self.gradient.counts_as(i)
-                    total -= self.h[i] * self.walls.drag_term(self.particles.x[i], ui, motion, share)
+                    total -= self.h[i] * self.walls.drag_term(i, self.particles.x[i], ui, motion)
                 y[i] = self.particles.volume(i) * self.inertia[None] * ui - total
 
     @ti.kernel
@@ -77,7 +76,7 @@ class MomentumSystem:
                     drag += self.pair_drag[k]
                     A += self._response(self.neighbors.column[k], self.gradient.b[k])
                 if ti.static(len(self.walls.surfaces) > 0):
-                    pull, wall_drag = self.walls.pull(self.particles.x[i], self.gradient.counts_as(i))
+                    pull, wall_drag = self.walls.pull(i, self.particles.x[i])
                     own += pull
                     drag += self.h[i] * wall_drag
                 A += self._response(i, own) + drag * ti.Matrix.identity(float, self.dimension)

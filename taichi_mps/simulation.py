@@ -93,7 +93,7 @@ class Simulation:
         self.constants = constants
         axis = (Plane((0.0, 0.0), (1.0, 0.0), mirror=True),) if scene.axisymmetric else ()
         surfaces = () if use_particles else (*axis, *scene.walls)
-        self.walls = Walls(surfaces, d, scene.spacing, re, rings=scene.axisymmetric)
+        self.walls = Walls(surfaces, d, scene.spacing, re, self.particles.capacity, rings=scene.axisymmetric)
         self.walls.place(self._walls_at)
         scheme = SemiImplicit if semi_implicit else Implicit
         self.scheme = scheme(scene, numerics, self.particles, self.neighbors, self.walls, constants)

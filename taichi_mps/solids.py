@@ -14,8 +14,8 @@ MOST_NODES = 5e7  # of one grid: 400 MB of distances
 class Solid:
     """Wall: where the distance [m], linear between the nodes of a grid, is negative. ``values`` are the distances at
     the nodes, positive in the fluid; ``low`` is the first node and ``cell`` the step of the grid [m]. Beyond the grid
-    there is no wall. ``velocity`` [m/s] carries the solid along, ``slip`` leaves the tangential motion free, a ``loose`` wall
-    only pushes. Fluid on two sides of it does not feel the other through it.
+    there is no wall. ``velocity`` [m/s] carries the solid along, ``slip`` leaves the tangential motion free, a
+    ``loose`` wall only pushes. Fluid on two sides of it does not feel the other through it.
     """
 
     values: np.ndarray

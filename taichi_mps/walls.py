@@ -19,19 +19,20 @@ from .backend import real, ti
 from .geometry import Cylinder, Plane
 from .solids import Solid
 from .surfaces import Flat, Round, Sampled
-from .weights import corner_table, ghost_table
+from .weights import GHOST_SUMS, corner_table, ghost_table
 
 
-def cuts(walls) -> list[list[int]]:
-    """For each wall the planes at right angles where its ghosts end: a mirror plane's at every wall and at the mirror
-    planes before it, so that what lies behind both counts once; none for other walls."""
-    found: list[list[int]] = [[] for _ in walls]
-    planes = [(k, wall) for k, wall in enumerate(walls) if isinstance(wall, Plane)]
-    for k, wall in planes:
-        for m, other in planes:
-            if wall.mirror and (m < k or not other.mirror) and abs(np.dot(wall.normal, other.normal)) < 1e-6:
-                found[k].append(m)
-    return found
+def meeting(walls) -> list[list[int]]:
+    """For each wall those at right angles, where its ghosts end: planes, and curved walls that stand on a plane."""
+
+    def across(one, other):
+        if isinstance(one, Plane) and isinstance(other, Plane):
+            return abs(np.dot(one.normal, other.normal)) < 1e-6
+        if isinstance(one, Plane) and isinstance(other, Cylinder):
+            return other.axis is not None and other.slope == 0.0 and abs(other.unit_axis @ one.normal) > 1.0 - 1e-6
+        return isinstance(other, Plane) and isinstance(one, Cylinder) and across(other, one)
+
+    return [[m for m, other in enumerate(walls) if across(wall, other)] for wall in walls]
 
 
 FINEST, COARSEST, SIZES = 0.2, 1.5, 27  # sizes of rings in the tables, over the spacing
@@ -47,22 +48,24 @@ class Walls:
     the ghosts stand as close as they do."""
 
     def __init__(
-        self, walls, dimension: int, spacing: float, effective_radius: float, entries: int = 256, rings: bool = False
+        self, walls, dimension: int, spacing: float, effective_radius: float, capacity: int = 1, rings: bool = False
     ):
         self.dimension = dimension
         self.effective_radius = effective_radius
         self.closest = 0.1 * spacing
-        self.entries = entries
+        self.entries = entries = 256
         self.clock = ti.field(ti.f64, ())  # time [s] at which the walls stand
         self.sizes = FINEST + (COARSEST - FINEST) * np.arange(SIZES) / (SIZES - 1) if rings else np.ones(1)
         self.surfaces = tuple(SURFACES[type(wall)](wall, dimension, spacing, self.clock) for wall in walls)
-        for surface, others in zip(self.surfaces, cuts(walls), strict=True):
-            surface.cut_by = tuple(self.surfaces[k] for k in others)
+        for k, others in enumerate(meeting(walls)):
+            self.surfaces[k].cut_by = tuple((self.surfaces[m], m < k) for m in others)
         if any(surface.cut_by for surface in self.surfaces):
             shares = corner_table(dimension, spacing, effective_radius)
             self.corner_entries = len(shares)
             self.corner = ti.Vector.field(shares.shape[2], real(), shares.shape[:2])  # share of each sum that is left
             self.corner.from_numpy(shares)
+        if self.surfaces:
+            self.c = ti.field(real(), (capacity, len(self.surfaces)))  # pull of each wall on each particle [1/m]
         self.move = any(wall.speed > 0.0 for wall in walls)
         self.travel = any(surface.travels for surface in self.surfaces)
         self.part = any(surface.parts for surface in self.surfaces)
@@ -85,131 +88,139 @@ class Walls:
             self.clock[None] = time
 
     @ti.func
-    def interpolate(self, table: ti.template(), z, share):
-        """Entry of a table at distance z [m] for a particle of this share, linear between two; zero beyond the
-        effective radius."""
+    def interpolate(self, table: ti.template(), name: ti.template(), z, share):
+        """Entry of one of GHOST_SUMS in a table at distance z [m] for a particle of this share, linear between two;
+        zero beyond the effective radius."""
         s = ti.max(z, self.closest) / self.effective_radius * (self.entries - 1)
         k = ti.min(ti.cast(s, ti.i32), self.entries - 2)
         f = s - k
-        sums = table[0, k] * (1.0 - f) + table[0, k + 1] * f
+        c = ti.static(GHOST_SUMS.index(name))
+        value = table[0, k][c] * (1.0 - f) + table[0, k + 1][c] * f
         if ti.static(len(self.sizes) > 1):
             s = (ti.sqrt(share) - FINEST) / (COARSEST - FINEST) * (SIZES - 1)
             a = ti.max(0, ti.min(ti.cast(s, ti.i32), SIZES - 2))
             g = ti.max(0.0, ti.min(1.0, s - a))
-            sums = (table[a, k] * (1.0 - f) + table[a, k + 1] * f) * (1.0 - g)
-            sums += (table[a + 1, k] * (1.0 - f) + table[a + 1, k + 1] * f) * g
-        return sums
+            value = (table[a, k][c] * (1.0 - f) + table[a, k + 1][c] * f) * (1.0 - g)
+            value += (table[a + 1, k][c] * (1.0 - f) + table[a + 1, k + 1][c] * f) * g
+        return value
 
     @ti.func
-    def left(self, z, across):
-        """Share of each ghost sum at distance z [m] from a wall whose ghosts end at a plane ``across`` [m] away."""
+    def left(self, name: ti.template(), z, across):
+        """Share of a ghost sum at distance z [m] from a wall whose ghosts end at another ``across`` [m] away."""
         scale = (self.corner_entries - 1) / self.effective_radius
         s, t = ti.max(z, self.closest) * scale, ti.max(across, self.closest) * scale
         k = ti.min(ti.cast(s, ti.i32), self.corner_entries - 2)
         m = ti.min(ti.cast(t, ti.i32), self.corner_entries - 2)
         f, g = s - k, t - m
-        near = self.corner[k, m] * (1.0 - f) + self.corner[k + 1, m] * f
-        far = self.corner[k, m + 1] * (1.0 - f) + self.corner[k + 1, m + 1] * f
+        c = ti.static(GHOST_SUMS.index(name))
+        near = self.corner[k, m][c] * (1.0 - f) + self.corner[k + 1, m][c] * f
+        far = self.corner[k, m + 1][c] * (1.0 - f) + self.corner[k + 1, m + 1][c] * f
         return near * (1.0 - g) + far * g
 
     @ti.func
-    def lookup(self, wall: ti.template(), x, z, curvature, share):
-        """Ghost sums at x, the distance z [m] from a wall of this curvature [1/m]."""
-        sums = self.interpolate(self.flat, z, share)
+    def lookup(self, name: ti.template(), wall: ti.template(), x, z, curvature, share):
+        """One of GHOST_SUMS at x, the distance z [m] from a wall of this curvature [1/m]. In a corner the ghosts behind
+        both walls are counted once; their pull along either normal is that of nobody, for it cancels the pull of the
+        other wall's ghosts in front of the one."""
+        value = self.interpolate(self.flat, name, z, share)
         if ti.static(wall.curved):
-            sums += curvature * self.interpolate(self.bend, z, share)
-        for other in ti.static(wall.cut_by):
-            across, _n, _velocity, _curvature = other.nearest(x)
-            if across < self.effective_radius:
-                sums *= self.left(z, across)
+            value += curvature * self.interpolate(self.bend, name, z, share)
+        for other, before in ti.static(wall.cut_by):
+            if ti.static(before or name not in ("neighbours", "n", "packing")):
+                across, _n, _velocity, _curvature = other.nearest(x)
+                if across < self.effective_radius:
+                    value *= self.left(name, z, across)
         if ti.static(wall.thin or wall.loose):
-            sums *= wall.share(x, z)
-        return sums
+            value *= wall.share(x, z)
+        return value
 
     @ti.func
-    def moments(self, x, share):
-        """Neighbours, n and packing [-], and the moment matrix [-] that the walls add at x."""
+    def moments(self, i, x, share):
+        """Neighbours, n and packing [-], and the moment matrix [-] that the walls add at x, the place of particle i;
+        keeps their pull on it."""
         counts = ti.Vector.zero(float, 3)
         moment = ti.Matrix.zero(float, self.dimension, self.dimension)
-        for wall in ti.static(self.surfaces):
+        for w, wall in ti.static(enumerate(self.surfaces)):
+            self.c[i, w] = 0.0
             z, n, _velocity, curvature = wall.nearest(x)
             if z < self.effective_radius:
-                sums = self.lookup(wall, x, z, curvature, share)
-                counts += ti.Vector([sums[0], sums[1], sums[7]])
+                for k, name in ti.static(enumerate(("neighbours", "n", "packing"))):
+                    counts[k] += self.lookup(name, wall, x, z, curvature, share)
                 normal = n.outer_product(n)
-                moment += sums[2] * ti.max(z, self.closest) * normal
+                self.c[i, w] = self.lookup("pull", wall, x, z, curvature, share)
+                moment += self.c[i, w] * ti.max(z, self.closest) * normal
                 if ti.static(not wall.slip):
-                    moment += sums[3] * (ti.Matrix.identity(float, self.dimension) - normal)
+                    t = self.lookup("tangential", wall, x, z, curvature, share)
+                    moment += t * (ti.Matrix.identity(float, self.dimension) - normal)
         return counts, moment
 
     @ti.func
-    def gradient_term(self, x, u, motion, share):
+    def gradient_term(self, i, x, u, motion, share):
         """sum of (u - u_wall) (x) n c [1/s 1/m], and t S (I - n (x) n) where the wall turns with the gradient S;
         ``motion`` 1 with the walls' velocity, 0 without."""
         total = ti.Matrix.zero(float, self.dimension, self.dimension)
-        for wall in ti.static(self.surfaces):
-            z, n, velocity, curvature = wall.nearest(x)
-            if z < self.effective_radius:
-                sums = self.lookup(wall, x, z, curvature, share)
+        for w, wall in ti.static(enumerate(self.surfaces)):
+            if self.c[i, w] > 0.0:
+                z, n, velocity, curvature = wall.nearest(x)
                 jump = u - motion * velocity
                 if ti.static(wall.slip):
                     jump = n * n.dot(jump)
-                total += jump.outer_product(n) * sums[2]
+                total += jump.outer_product(n) * self.c[i, w]
                 if ti.static(wall.turns and not wall.slip):
                     spin = ti.cast(wall.spin, float)
-                    total += motion * sums[3] * (spin - (spin @ n).outer_product(n))
+                    t = self.lookup("tangential", wall, x, z, curvature, share)
+                    total += motion * t * (spin - (spin @ n).outer_product(n))
         return total
 
     @ti.func
-    def force_term(self, x, flux, share):
+    def force_term(self, i, x, flux):
         """Force of the walls on a particle with flux matrix P = V T B: the exact adjoint of gradient_term."""
         total = ti.Vector.zero(float, self.dimension)
-        for wall in ti.static(self.surfaces):
-            z, n, _velocity, curvature = wall.nearest(x)
-            if z < self.effective_radius:
+        for w, wall in ti.static(enumerate(self.surfaces)):
+            if self.c[i, w] > 0.0:
+                _z, n, _velocity, _curvature = wall.nearest(x)
                 pull = flux @ n
                 if ti.static(wall.slip):
                     pull = n * n.dot(pull)
-                total -= pull * self.lookup(wall, x, z, curvature, share)[2]
+                total -= pull * self.c[i, w]
         return total
 
     @ti.func
-    def drag_term(self, x, u, motion, share):
+    def drag_term(self, i, x, u, motion):
         """sum of (u - u_wall) c/z: the walls' part of the resistance to non-affine motion (momentum.py)."""
         total = ti.Vector.zero(float, self.dimension)
-        for wall in ti.static(self.surfaces):
-            z, n, velocity, curvature = wall.nearest(x)
-            if z < self.effective_radius:
+        for w, wall in ti.static(enumerate(self.surfaces)):
+            if self.c[i, w] > 0.0:
+                z, n, velocity, _curvature = wall.nearest(x)
                 jump = u - motion * velocity
                 if ti.static(wall.slip):
                     jump = n * n.dot(jump)
-                total += jump * (self.lookup(wall, x, z, curvature, share)[2] / ti.max(z, self.closest))
+                total += jump * (self.c[i, w] / ti.max(z, self.closest))
         return total
 
     @ti.func
-    def drag_power(self, x, u, motion, share):
+    def drag_power(self, i, x, u, motion):
         """sum of |u - u_wall|^2 c/z [1/s2]: u . drag_term for walls at rest."""
         total = ti.cast(0.0, float)
-        for wall in ti.static(self.surfaces):
-            z, n, velocity, curvature = wall.nearest(x)
-            if z < self.effective_radius:
+        for w, wall in ti.static(enumerate(self.surfaces)):
+            if self.c[i, w] > 0.0:
+                z, n, velocity, _curvature = wall.nearest(x)
                 jump = u - motion * velocity
                 if ti.static(wall.slip):
                     jump = n * n.dot(jump)
-                total += jump.norm_sqr() * (self.lookup(wall, x, z, curvature, share)[2] / ti.max(z, self.closest))
+                total += jump.norm_sqr() * (self.c[i, w] / ti.max(z, self.closest))
         return total
 
     @ti.func
-    def pull(self, x, share):
+    def pull(self, i, x):
         """sum of n c [1/m] over the walls, and of c/z [1/m2] (for the diagonal)."""
         total = ti.Vector.zero(float, self.dimension)
         drag = ti.cast(0.0, float)
-        for wall in ti.static(self.surfaces):
-            z, n, _velocity, curvature = wall.nearest(x)
-            if z < self.effective_radius:
-                c = self.lookup(wall, x, z, curvature, share)[2]
-                total += n * c
-                drag += c / ti.max(z, self.closest)
+        for w, wall in ti.static(enumerate(self.surfaces)):
+            if self.c[i, w] > 0.0:
+                z, n, _velocity, _curvature = wall.nearest(x)
+                total += n * self.c[i, w]
+                drag += self.c[i, w] / ti.max(z, self.closest)
         return total, drag
 
     @ti.func
@@ -219,7 +230,7 @@ class Walls:
         for wall in ti.static(self.surfaces):
             z, n, _velocity, curvature = wall.nearest(x)
             if z < self.effective_radius:
-                total -= B @ n * (n.dot(weight) * self.lookup(wall, x, z, curvature, share)[4])
+                total -= B @ n * (n.dot(weight) * self.lookup("normal", wall, x, z, curvature, share))
         return total
 
     @ti.func
@@ -230,9 +241,8 @@ class Walls:
         for wall in ti.static(self.surfaces):
             z, n, _velocity, curvature = wall.nearest(x)
             if z < self.effective_radius:
-                sums = self.lookup(wall, x, z, curvature, share)
-                inward -= n * sums[5]
-                near -= n * sums[6]
+                inward -= n * self.lookup("inward", wall, x, z, curvature, share)
+                near -= n * self.lookup("crowding", wall, x, z, curvature, share)
         return inward, near
 
     @ti.func

@@ -32,7 +32,7 @@ class Rig:
         self.particles = Particles(x, kinds, 0.0 * x, volumes, False, rings is not None)
         bins = Bins(self.particles, ((-2.0,) * d, (2.0,) * d), (False,) * d, 2.1 * L0)
         neighbors = NeighborList(bins, 60 * len(x))
-        walls = Walls(planes, d, L0, 2.1 * L0, rings=rings is not None)
+        walls = Walls(planes, d, L0, 2.1 * L0, len(x), rings=rings is not None)
         self.gradient = Gradient(neighbors, walls, constants, L0)
         self.u, self.F = (ti.Vector.field(d, ti.f64, len(x)) for _ in range(2))
         self.left = ti.field(ti.f64, len(x))

@@ -36,7 +36,7 @@ class Rig:
         domain = (np.array(low) - np.eye(d)[-1], np.array(high) + np.eye(d)[-1])
         bins = Bins(self.particles, domain, (True,) * (d - 1) + (False,), RE)
         neighbors = NeighborList(bins, 40 * len(x))
-        self.walls = Walls(planes, d, L0, RE)
+        self.walls = Walls(planes, d, L0, RE, len(x))
         self.gradient = Gradient(neighbors, self.walls, self.constants, L0)
         self.F, self.W, self.near, self.inward = (ti.Vector.field(d, ti.f64, len(x)) for _ in range(4))
         self.P = ti.Matrix.field(d, d, ti.f64, len(x))
