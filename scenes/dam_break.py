@@ -5,6 +5,7 @@ Run time: about 20 CPU-seconds for 0.3 s at the default spacing.
 """
 
 import sys
+from typing import Literal
 
 import numpy as np
 
@@ -22,6 +23,7 @@ def scene(
     spacing: Length = 0.0073,
     column_width: Length = 0.146,
     until: Duration = 0.3,
+    model: Literal["plane"] = "plane",
 ) -> mps.Scene:
     """Two-dimensional collapse of a water column."""
     a = column_width

@@ -5,6 +5,7 @@ Run time: a few CPU-seconds at the default spacing.
 """
 
 import sys
+from typing import Literal
 
 import numpy as np
 
@@ -29,6 +30,7 @@ def scene(
     depth: Length = 0.1,
     spacing: Length = 0.005,
     until: Duration = 2.0,
+    model: Literal["plane"] = "plane",
 ) -> mps.Scene:
     """Two-dimensional film, periodic along the slope; axes along and normal to it."""
     if critical_strain_rate == "rational":

@@ -5,6 +5,7 @@ Run time: a few CPU-seconds for 1 s at the default spacing.
 """
 
 import sys
+from typing import Literal
 
 import numpy as np
 
@@ -31,9 +32,12 @@ def scene(
     width: Length = 0.2,
     depth: Length = 0.2,
     until: Duration = 1.0,
+    model: Literal["plane", "half"] = "plane",
 ) -> mps.Scene:
-    """Two-dimensional tank with a free surface."""
+    """Two-dimensional tank with a free surface; half of it up to a mirror plane in the middle."""
     low, high = (0.0, 0.0), (width, depth)
+    floor, west, east = mps.box_planes(low, high, slip=True)
+    mirrors = (mps.Plane((0.5 * width, 0.0), (-1.0, 0.0), mirror=True),) if model == "half" else ()
     margin = 0.25 * depth + 5 * spacing
 
     def measure(snapshot):
@@ -48,8 +52,8 @@ def scene(
         name="still_pool",
         material=mps.Bingham(density=density, plastic_viscosity=plastic_viscosity, yield_value=yield_value),
         spacing=spacing,
-        fluid=mps.fill(mps.Box(low, high), spacing),
-        walls=mps.box_planes(low, high, slip=True),
+        fluid=mps.fill(mps.Box(low, high), spacing, mirrors),
+        walls=(floor, west, *(mirrors or (east,))),
         wall_particles=mps.shell(low, high, spacing),
         domain=((-margin, -margin), (width + margin, depth + margin)),
         until=until,

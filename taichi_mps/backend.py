@@ -6,11 +6,23 @@ os.environ.setdefault("TI_ENABLE_PYBUF", "0")
 os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "False")
 
 import taichi as ti  # noqa: E402
+from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext  # noqa: E402
 
 from .quantity import SceneError  # noqa: E402
 
 MOST_TREES, TREES_OF_A_SIMULATION = 512, 8  # Taichi 1.7.4's limit; measured 4 to 5 a Simulation
 _started: dict = {}
+
+
+def _place(context, node):
+    """Where an expression of a kernel stands. Taichi's own wraps its text, too, in half of the compile time."""
+    line = context.src[node.lineno - 1].strip()
+    return (
+        f'File "{context.file}", line {node.lineno + context.lineno_offset}, in {context.func.func.__name__}: {line}\n'
+    )
+
+
+ASTTransformerContext.get_pos_info = _place
 
 
 def init(arch: str = "cpu", precision: str = "f32", threads: int | None = None, debug: bool = False) -> None:

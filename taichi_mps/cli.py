@@ -41,11 +41,11 @@ def run(argv) -> int:
     if function:
         parser.options(function.parameters, f"scene {known.scene}")
     parser.options(numerics, f"scheme {scheme}")
-    own = [name for name in ("until", "model") if function and name in function.parameters.model_fields]
-    parser.options(Run, "run", leave_out=own)
+    own_until = function and "until" in function.parameters.model_fields
+    parser.options(Run, "run", leave_out=["until"] if own_until else [])
     arguments = parser.parse(argv)
 
-    options = Run(**given(arguments, Run, leave_out=["model"] if "model" in own else []))
+    options = Run(**given(arguments, Run))
     method = numerics(**given(arguments, numerics))
     keywords = given(arguments, function.parameters)
     scene = catalogue.build(arguments.scene, **keywords)
@@ -64,7 +64,7 @@ def run(argv) -> int:
 
 def resume(argv) -> int:
     """continue an interrupted run"""
-    kept = ["scheme", "model", "precision", "out"]
+    kept = ["scheme", "precision", "out"]
     parser = Parser("resume", description="Continue a run from its checkpoint.")
     parser.add_argument("run", help="run folder, or the checkpoint file in it")
     parser.options(Run, "run", leave_out=kept)

@@ -25,7 +25,6 @@ class Run(Pictures):
     """Options of run; a checkpoint keeps them for resume."""
 
     scheme: SCHEMES = Field("implicit", description="numerical scheme")
-    model: Literal["full"] = Field("full", description="the whole body; a scene with other models has its own")
     precision: Literal["f32", "f64"] = Field("f32", description="of the solver's numbers")
     until: Duration | None = Field(None, description="end of the simulated time, the scene's own by default")
     every: Duration | None = Field(None, description="interval of the pictures, about until/100 by default")

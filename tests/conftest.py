@@ -7,4 +7,4 @@ from taichi_mps import backend
 
 @pytest.fixture(scope="module", autouse=True)
 def taichi():
-    backend.init(arch="cpu", precision="f64", threads=2)
+    backend.init(arch="cpu", precision="f64", threads=1)

@@ -62,3 +62,14 @@ def test_fields_are_refused_before_the_tree_that_kills_the_process():
     assert backend.MOST_TREES - 2 * backend.TREES_OF_A_SIMULATION < len(made) < backend.MOST_TREES
     backend.init(arch="cpu", precision="f64", threads=2)
     backend.require_room()
+
+
+@ti.kernel
+def misspelt():
+    for i in range(3):
+        missing[i] = 1.0  # noqa: F821
+
+
+def test_a_kernel_that_does_not_compile_names_its_line():
+    with pytest.raises(Exception, match=r'test_compiler.py", line \d+, in misspelt: missing\[i\] = 1.0'):
+        misspelt()

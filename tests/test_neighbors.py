@@ -171,5 +171,6 @@ def test_simulation_grows_a_full_list_and_goes_on_as_if_it_had_been_large():
         sim.step()
     assert grown.neighbors.pair_capacity > small
     assert grown.neighbors.pair_capacity != roomy.neighbors.pair_capacity
+    assert grown.report == roomy.report  # summed over the new fields, not over those that were too small
     for name, values in grown.particles.read().items():
         assert np.array_equal(values, roomy.particles.read()[name]), name
