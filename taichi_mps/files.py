@@ -109,12 +109,12 @@ def row_of(sim, measures: dict) -> dict:
     report = sim.report
     if report is None:
         s = sim.snapshot()
-        mass = sim.scene.material.density * s.spacing ** s.x.shape[1]
+        masses = sim.scene.material.density * sim.scene.volumes
         values = (
             0.0,
             0.0,
             float(s.speed.max()),
-            0.5 * mass * float((s.speed**2).sum()),
+            0.5 * float((masses * s.speed**2).sum()),
             1.0 - s.yielded.mean(),
             0,
             0,

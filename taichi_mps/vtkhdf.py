@@ -19,8 +19,9 @@ class Trajectory:
     """run.h5: the fluid at every output as temporal VTKHDF PolyData, for ParaView and VTK >= 9.4, and for ``frame``.
 
     The number of particles is constant, so one part and one set of vertices serve all steps: step k has its points
-    at row k n. The file is closed between outputs, so that it is whole whenever something else reads it. Group
-    ``taichi_mps`` holds what VTK does not need: how the scene was made and the wall particles.
+    at row k n. What was computed is kept: half the section of an axisymmetric body, with the size of its rings, or the
+    part between mirror planes. The file is closed between outputs, so that it is whole whenever something else reads
+    it. Group ``taichi_mps`` holds what VTK does not need: how the scene was made and the wall particles.
     """
 
     def __init__(self, path):
@@ -39,12 +40,15 @@ class Trajectory:
                 root[f"{part}/NumberOfCells"] = root[f"{part}/NumberOfConnectivityIds"] = np.array([used])
                 root[f"{part}/Connectivity"] = np.arange(used)
                 root[f"{part}/Offsets"] = np.arange(used + 1)
-            for name, rows in {"Points": embed(s.x), **point_data(s)}.items():
+            fields = point_data(s)
+            if not sim.scene.axisymmetric:
+                del fields["size"]
+            for name, rows in {"Points": embed(s.x), **fields}.items():
                 where = name if name == "Points" else f"PointData/{name}"
                 growing(root, where, rows.shape[1:], rows.dtype, min(n, 1 << 16))
             steps = root.create_group("Steps")
             steps.attrs["NSteps"] = 0
-            offsets = [f"PointDataOffsets/{name}" for name in point_data(s)]
+            offsets = [f"PointDataOffsets/{name}" for name in fields]
             for name in ("PartOffsets", "NumberOfParts", "PointOffsets", *offsets):
                 growing(steps, name)
             growing(steps, "Values", dtype=np.float64)
@@ -62,8 +66,10 @@ class Trajectory:
             k = int(steps.attrs["NSteps"])
             if k and s.time <= steps["Values"][k - 1] + 1e-9:
                 return None
-            for name, rows in {"Points": embed(s.x), **point_data(s)}.items():
-                put(root[name if name == "Points" else f"PointData/{name}"], k * n, rows)
+            put(root["Points"], k * n, embed(s.x))
+            for name, rows in point_data(s).items():
+                if name in root["PointData"]:
+                    put(root[f"PointData/{name}"], k * n, rows)
             put(steps["Values"], k, [s.time])
             put(steps["NumberOfParts"], k, [1])
             for name in ("PartOffsets", "CellOffsets", "ConnectivityIdOffsets"):
@@ -101,7 +107,8 @@ class Trajectory:
                 data = {name: values[rows] for name, values in root["PointData"].items()}
                 x, u = root["Points"][rows][:, axes].astype(float), data["velocity"][:, axes]
                 fields = data["pressure"], data["shear_rate"], data["yielded"].astype(bool), data["density_ratio"]
-                yield Replay(scene, Snapshot(float(instant), scene.spacing, x, u, *fields, wall_x=wall))
+                size = data["size"].astype(float) if "size" in data else None
+                yield Replay(scene, Snapshot(float(instant), scene.spacing, x, u, *fields, wall, size))
 
 
 @dataclass(frozen=True)
@@ -129,8 +136,9 @@ def embed(x):
 
 
 def point_data(s: Snapshot) -> dict[str, np.ndarray]:
-    """velocity [m/s], pressure [Pa], shear_rate [1/s], yielded 0 or 1, density_ratio [-] of every particle."""
-    scalars = {"pressure": s.p, "shear_rate": s.shear_rate, "density_ratio": s.density_ratio}
+    """velocity [m/s], pressure [Pa], shear_rate [1/s], yielded 0 or 1, density_ratio [-] and size [m] of every
+    particle."""
+    scalars = {"pressure": s.p, "shear_rate": s.shear_rate, "density_ratio": s.density_ratio, "size": s.size}
     return {
         "velocity": embed(s.u),
         "yielded": s.yielded.astype(np.uint8),

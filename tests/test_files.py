@@ -1,6 +1,7 @@
 """Run folder, history, VTKHDF trajectory and checkpoints, with a stand-in for the simulation: no Taichi here."""
 
 import json
+from dataclasses import replace
 from types import SimpleNamespace
 
 import h5py
@@ -162,6 +163,20 @@ def test_a_replay_gives_the_snapshots_back(tmp_path, slump):
     np.testing.assert_array_equal(then.yielded, now.yielded)
     assert outputs[-1].measures()["slump_m"] == pytest.approx(sim.measures()["slump_m"], abs=1e-6)
     assert outputs[-1].scene.name == "slump"
+
+
+def test_a_replay_of_rings_has_their_sizes_and_measures(tmp_path):
+    """run.h5 keeps the section; slump and spread of the replay are those of the revolved body."""
+    sim = Falling(catalogue.build("slump", spacing=0.02, model="axisymmetric", until=1.0))
+    plain = sim.snapshot
+    sim.snapshot = lambda: replace(plain(), size=np.linspace(0.01, 0.02, len(sim.scene.fluid)))
+    trajectory = Trajectory(tmp_path / "run.h5")
+    trajectory.create(sim, "slump")
+    trajectory.append(sim.snapshot())
+    (output,) = trajectory.replay()
+    assert output.snapshot().x.shape == sim.scene.fluid.shape
+    assert output.snapshot().size == pytest.approx(np.linspace(0.01, 0.02, len(sim.scene.fluid)), rel=1e-6)
+    assert output.measures() == pytest.approx(sim.scene.measure(sim.scene.unfold(sim.snapshot())), rel=1e-5)
 
 
 def test_a_plane_lies_at_y_zero(tmp_path, plane):
