@@ -51,11 +51,12 @@ class Row:
     run: Callable  # yields Measured, and Series
 
 
-def row(case: str, reference: str, quick: bool = False):
-    """Register a generator of Measured and Series as a row named like the function."""
+def row(case: str, reference: str, quick: bool = False, name: str | None = None):
+    """Register a generator of Measured and Series as a row named like the function, or ``name``."""
 
     def register(function):
-        ROWS[function.__name__] = Row(function.__name__, case, reference, quick, function)
+        known = name or function.__name__
+        ROWS[known] = Row(known, case, reference, quick, function)
         return function
 
     return register

@@ -59,12 +59,12 @@ def percent(value: float, exact: float) -> float:
 def top_surface(s, points: np.ndarray) -> np.ndarray:
     """Height [m] of the body at horizontal positions (k, d-1) [m]; 0 where there is none.
 
-    The top of balls (discs in 2-D) of radius 0.75 l0 around the particles, wide enough to leave no hole in a lattice;
-    lowered so that a flat surface is exact in the mean. A vertical side comes out 0.25 l0 too far outside.
+    The top of balls (discs in 2-D) of 0.75 sizes around the particles, wide enough to leave no hole in a lattice;
+    lowered so that a flat surface is exact in the mean. A vertical side comes out 0.25 sizes too far outside.
     """
-    l0, d = s.spacing, s.x.shape[1]
-    lowered = (0.19 if d == 2 else 0.12) * l0
-    rise2 = (0.75 * l0) ** 2 - sum((points[:, None, a] - s.x[None, :, a]) ** 2 for a in range(d - 1))
+    size, d = s.size, s.x.shape[1]
+    lowered = (0.19 if d == 2 else 0.12) * size
+    rise2 = (0.75 * size) ** 2 - sum((points[:, None, a] - s.x[None, :, a]) ** 2 for a in range(d - 1))
     return np.where(rise2 > 0.0, s.x[None, :, -1] + np.sqrt(np.maximum(rise2, 0.0)) - lowered, 0.0).max(1)
 
 
@@ -98,72 +98,53 @@ def final_shape(tau_y: float) -> np.ndarray:
 
 
 # ---- the cone with inertia -------------------------------------------------------------------------------------
-def collapse(tau_y, until=5.0, spacing=0.01, pi_c=None, slump_target=5.0):
+def collapse(tau_y, until=5.0, spacing=0.01, pi_c=None, slump_target=5.0, model="full"):
     """Slump at the milestones and at the end, spread, shape and volume of a collapse with eta = 50 Pa s."""
     lines = inertial("summary", tau_y, "B" if pi_c else "A", 2.0 * (pi_c or 0.0))
     fixed = [r for r in lines if not r["kind"].startswith("final") and float(r["time_s"]) <= until]
     exact = {float(r["time_s"]): (1e-3 * float(r["mean20_mm"]), 1e-3 * float(r["spread_mm"])) for r in fixed}
-    scene = cone(yield_value=tau_y, plastic_viscosity=50.0, critical_strain_rate=pi_c, spacing=spacing, until=until)
+    mix = {"yield_value": tau_y, "plastic_viscosity": 50.0, "critical_strain_rate": pi_c}
+    scene = cone(**mix, spacing=spacing, until=until, model=model)
     sim, history, worst = follow(scene, 0.1)
     slumps = np.interp(MILESTONES, history[:, 0], history[:, 1])
     end_slump, end_spread = exact[max(exact)]
     errors = [slump - exact[t][0] for t, slump in zip(MILESTONES, slumps, strict=True)]
     last = moment(sim)
-    if pi_c is None:
+    if pi_c is None and model == "full":
         worst_slump = abs(largest([*errors, history[-1, 1] - end_slump]))
         yield Series(SLUMP_ERROR, f"{tau_y:g} Pa", (1e3 * spacing,), (1e3 * worst_slump,))
     yield Measured("slump, worst of t = 0.1, 0.2, 0.3, 0.5, 1 s", 1e3 * largest(errors), slump_target, "mm")
     yield Measured(f"slump {last}", 1e3 * (history[-1, 1] - end_slump), slump_target, "mm")
     yield Measured(f"spread {last}", percent(history[-1, 3], end_spread), 3.0, "%")
     if pi_c is None:
-        yield Measured(f"surface {last}", 1e3 * shape_error(sim.snapshot(), final_shape(tau_y)), 1e3 * spacing, "mm")
+        yield Measured(
+            f"surface {last}", 1e3 * shape_error(scene.unfold(sim.snapshot()), final_shape(tau_y)), 1e3 * spacing, "mm"
+        )
     yield Measured("volume at all times", 100.0 * worst, 1.0, "%")
     yield Measured(f"volume {last}", 100.0 * sim.report.volume_error, 0.5, "%")
 
 
-@row("slump cone, tau_y = 100 Pa, eta = 50 Pa s, l0 = 10 mm", INERTIAL)
-def slump_100():
-    yield from collapse(100.0)
+def collapse_row(tau_y, spacing=0.01, model="full", quick=False):
+    """Register a collapse as slump_<tau_y>, _coarse at 20 mm and _fine at 5 mm, with the model's name if reduced."""
+    fineness, target = {0.02: ("_coarse", 10.0), 0.01: ("", 5.0), 0.005: ("_fine", 3.0)}[spacing]
+    reduced = "" if model == "full" else f"_{model}"
+    case = f"slump cone, tau_y = {tau_y:g} Pa, eta = 50 Pa s, l0 = {1e3 * spacing:g} mm{reduced.replace('_', ', ')}"
+
+    @row(case, INERTIAL, quick, name=f"slump_{tau_y:g}{fineness}{reduced}")
+    def run():
+        yield from collapse(tau_y, spacing=spacing, model=model, slump_target=target)
 
 
-@row("slump cone, tau_y = 300 Pa, eta = 50 Pa s, l0 = 10 mm", INERTIAL)
-def slump_300():
-    yield from collapse(300.0)
-
-
-@row("slump cone, tau_y = 500 Pa, eta = 50 Pa s, l0 = 10 mm", INERTIAL)
-def slump_500():
-    yield from collapse(500.0)
-
-
-@row("slump cone, tau_y = 1000 Pa, eta = 50 Pa s, l0 = 10 mm", INERTIAL)
-def slump_1000():
-    yield from collapse(1000.0)
-
-
-@row("slump cone, tau_y = 1000 Pa, eta = 50 Pa s, l0 = 20 mm", INERTIAL, quick=True)
-def slump_1000_coarse():
-    yield from collapse(1000.0, spacing=0.02, slump_target=10.0)
-
-
-@row("slump cone, tau_y = 500 Pa, eta = 50 Pa s, l0 = 20 mm", INERTIAL)
-def slump_500_coarse():
-    yield from collapse(500.0, spacing=0.02, slump_target=10.0)
-
-
-@row("slump cone, tau_y = 100 Pa, eta = 50 Pa s, l0 = 5 mm", INERTIAL)
-def slump_100_fine():
-    yield from collapse(100.0, spacing=0.005, slump_target=3.0)
-
-
-@row("slump cone, tau_y = 300 Pa, eta = 50 Pa s, l0 = 5 mm", INERTIAL)
-def slump_300_fine():
-    yield from collapse(300.0, spacing=0.005, slump_target=3.0)
-
-
-@row("slump cone, tau_y = 500 Pa, eta = 50 Pa s, l0 = 5 mm", INERTIAL)
-def slump_500_fine():
-    yield from collapse(500.0, spacing=0.005, slump_target=3.0)
+for tau in (100.0, 300.0, 500.0, 1000.0):
+    collapse_row(tau)
+for tau in (500.0, 1000.0):
+    collapse_row(tau, 0.02, quick=tau == 1000.0)
+for tau in (100.0, 300.0, 500.0):
+    collapse_row(tau, 0.005)
+for tau in (100.0, 300.0, 500.0, 1000.0):
+    collapse_row(tau, model="quarter")
+    collapse_row(tau, model="axisymmetric")
+    collapse_row(tau, 0.005, "axisymmetric")
 
 
 @row("slump cone, bi-viscosity (pi_c = 0.1 1/s), tau_y = 500 Pa, eta = 50 Pa s, l0 = 10 mm", INERTIAL)
