@@ -22,6 +22,9 @@ LEVELS_PAY_FROM = 20_000
 start, tolerance 1e-6, CPU seconds (iterations), Jacobi against levels: 4.9k rows .011 (54), .013 (9); 12k .032 (72),
 about the same; 39k .16 (105), .11 (9); 118k .60 (140), .22 (9). A warm start helps Jacobi more than the levels."""
 
+ALONE_BELOW = 3000
+"""Rows up to which one thread solves in one kernel: launching kernels would cost more than the work."""
+
 BLOCK = 1024  # rows per partial sum: a dot product has the same bits with any number of threads
 HUGE = 1e38  # not (|s| < HUGE) finds NaN and infinity, also under fast_math
 RUNNING, CONVERGED, INDEFINITE, BROKEN = range(4)
@@ -56,15 +59,17 @@ class MRPCG:
 
     def __init__(self, capacity: int, components: int, operator, levels=None, check_every: int = 5):
         self.operator, self.levels, self.check_every = operator, levels, check_every
+        self.alone = capacity < ALONE_BELOW
         self.use_levels = levels is not None
         self.real = real()
         unknowns = [ti.Vector.field(components, self.real, capacity) for _ in range(6)]
         self.b, self.x = unknowns[:2]  # right-hand side; initial guess in, solution out
         self.r, self.z, self.p, self.q = unknowns[2:]  # b - A x, M^-1 r, search direction, A p
-        scalars = [ti.field(ti.f64, ()) for _ in range(7)]
+        scalars = [ti.field(ti.f64, ()) for _ in range(8)]
         self.rz, self.rz_new, self.pq, self.xx = scalars[:4]  # r.z, the next one, p.Ap, x.x of the guess
         self.reference, self.target = scalars[4:6]  # b.M^-1 b, tolerance^2 b.M^-1 b
         self.step = scalars[6]  # alpha, then beta
+        self.first = scalars[7]  # r.z at the start
         self.partial = ti.field(ti.f64, (capacity + BLOCK - 1) // BLOCK)
         self.status = ti.field(ti.i32, ())
         self.iterations = ti.field(ti.i32, ())
@@ -78,6 +83,9 @@ class MRPCG:
 
     def solve(self, tolerance: float, max_iterations: int = 1000, reference: float | None = None) -> SolveReport:
         """Improve self.x until sqrt(r.z) <= tolerance sqrt(min(b.M^-1 b, reference))."""
+        if self.alone and not self.use_levels:
+            self._solve_alone(tolerance, max_iterations, HUGE if reference is None else reference)
+            return self._report([self._relative_residual(self.first), self._relative_residual(self.rz)])
         self._load()
         self._precondition()
         self._refer()
@@ -87,7 +95,7 @@ class MRPCG:
         if reference is not None:
             self.reference[None] = min(self.reference[None], reference)
         self._begin(tolerance)
-        residuals = [self._relative_residual()]
+        residuals = [self._relative_residual(self.rz)]
         done = 0
         check_every = 1 if self.use_levels else self.check_every  # a cycle costs far more than a look
         while self.status[None] == RUNNING and done < max_iterations:
@@ -95,13 +103,16 @@ class MRPCG:
             for _ in range(steps):
                 self._iterate()
             done += steps
-            residuals.append(self._relative_residual())
+            residuals.append(self._relative_residual(self.rz))
+        return self._report(residuals)
+
+    def _report(self, residuals) -> SolveReport:
         status = ("limit", "converged", "indefinite", "broken")[self.status[None]]
         return SolveReport(status, self.iterations[None], residuals)
 
-    def _relative_residual(self) -> float:
+    def _relative_residual(self, rz) -> float:
         reference = self.reference[None]
-        return float(np.sqrt(abs(self.rz[None]) / reference)) if reference != 0.0 else 0.0
+        return float(np.sqrt(abs(rz[None]) / reference)) if reference != 0.0 else 0.0
 
     def _iterate(self) -> None:
         if self.use_levels:
@@ -186,6 +197,54 @@ class MRPCG:
         for i in range(self.active[None]):
             self.p[i] = self.z[i] + ti.cast(self.step[None], self.real) * self.p[i]
 
+    @ti.func
+    def load(self):
+        self.active[None] = self.operator.count[None]
+        for i in range(self.active[None]):
+            self.r[i] = self.masked(i, self.b[i])
+
+    @ti.func
+    def refer(self):
+        self.dot(self.r, self.z, self.reference)
+        self.dot(self.x, self.x, self.xx)
+
+    @ti.func
+    def subtract_guess(self):
+        self.operator.apply(self.x, self.q)
+        for i in range(self.active[None]):
+            self.r[i] = self.masked(i, self.b[i] - self.q[i])
+
+    @ti.func
+    def begin(self, tolerance):
+        self.dot(self.r, self.z, self.rz)
+        self.status[None] = RUNNING
+        self.iterations[None] = 0
+        self.first[None] = self.rz[None]
+        if self.reference[None] == 0.0:
+            self.reference[None] = self.rz[None]
+        self.target[None] = tolerance * tolerance * ti.abs(self.reference[None])
+        self.judge()
+        for i in range(self.active[None]):
+            self.p[i] = self.z[i]
+
+    @ti.kernel
+    def _solve_alone(self, tolerance: ti.f64, limit: ti.i32, reference: ti.f64):
+        """The whole of ``solve``: loops inside a loop run in one thread."""
+        ti.loop_config(serialize=True)
+        for _ in range(1):
+            self.load()
+            self.jacobi()
+            self.refer()
+            if self.xx[None] != 0.0:
+                self.subtract_guess()
+                self.jacobi()
+            self.reference[None] = ti.min(self.reference[None], reference)
+            self.begin(tolerance)
+            while self.status[None] == RUNNING and self.iterations[None] < limit:
+                self.advance()
+                self.jacobi()
+                self.turn()
+
     @ti.kernel
     def _jacobi_iteration(self):
         self.advance()
@@ -206,29 +265,16 @@ class MRPCG:
 
     @ti.kernel
     def _load(self):
-        self.active[None] = self.operator.count[None]
-        for i in range(self.active[None]):
-            self.r[i] = self.masked(i, self.b[i])
+        self.load()
 
     @ti.kernel
     def _refer(self):
-        self.dot(self.r, self.z, self.reference)
-        self.dot(self.x, self.x, self.xx)
+        self.refer()
 
     @ti.kernel
     def _subtract_guess(self):
-        self.operator.apply(self.x, self.q)
-        for i in range(self.active[None]):
-            self.r[i] = self.masked(i, self.b[i] - self.q[i])
+        self.subtract_guess()
 
     @ti.kernel
     def _begin(self, tolerance: ti.f64):
-        self.dot(self.r, self.z, self.rz)
-        self.status[None] = RUNNING
-        self.iterations[None] = 0
-        if self.reference[None] == 0.0:
-            self.reference[None] = self.rz[None]
-        self.target[None] = tolerance * tolerance * ti.abs(self.reference[None])
-        self.judge()
-        for i in range(self.active[None]):
-            self.p[i] = self.z[i]
+        self.begin(tolerance)

@@ -53,13 +53,14 @@ def sparse_matrix(matrix, capacity=None):
     return a
 
 
-def solve(operator, b, components=1, tolerance=1e-10, x=0.0, levels=None, check_every=5, **options):
+def solve(operator, b, components=1, tolerance=1e-10, x=0.0, levels=None, check_every=5, alone=False, **options):
     """(x, report) of A x = b; an operator keeps its solver, which is compiled once."""
     capacity = operator.inverse_diagonal.shape[0]
     if not hasattr(operator, "solver"):
         operator.solver = MRPCG(capacity, components, operator)
     solver = operator.solver
     solver.levels, solver.use_levels, solver.check_every = levels, levels is not None, check_every
+    solver.alone = alone
     for field, values in ((solver.b, b), (solver.x, np.broadcast_to(x, b.size))):
         padded = np.zeros(capacity * components)
         padded[: b.size] = values
@@ -142,6 +143,27 @@ def test_masked_rows_keep_their_values_and_act_as_dirichlet_values():
     np.testing.assert_array_equal(x[~free], guess[~free])
     expected = np.linalg.solve(a[np.ix_(free, free)], b[free] - a[np.ix_(free, ~free)] @ guess[~free])
     np.testing.assert_allclose(x[free], expected, rtol=0, atol=1e-9 * np.abs(expected).max())
+
+
+def test_one_kernel_does_what_many_do():
+    """Same solution, iterations, status and residuals at both ends; with a guess, a limit, and without a solution."""
+    rng = np.random.default_rng(4)
+    operator = BlockOperator(spd(60), 2, masked=(3,))
+    indefinite = BlockOperator(np.diag(np.where(np.arange(60) % 7 == 3, -1.0, 1.0)) + 0.0, 1)
+    indefinite.inverse_diagonal.from_numpy(np.ones((60, 1, 1)))
+    for a, components, options in (
+        (operator, 2, {}),
+        (operator, 2, {"x": rng.standard_normal(60), "reference": 1e-3}),
+        (operator, 2, {"max_iterations": 7}),
+        (indefinite, 1, {}),
+    ):
+        b = rng.standard_normal(60)
+        (many, first), (one, second) = (solve(a, b, components, alone=alone, **options) for alone in (False, True))
+        np.testing.assert_allclose(one, many, rtol=1e-12, atol=1e-14)
+        assert (second.status, second.iterations) == (first.status, first.iterations)
+        assert [second.residuals[0], second.residuals[-1]] == pytest.approx(
+            [first.residuals[0], first.residuals[-1]], rel=1e-6
+        )
 
 
 def test_a_finished_solve_changes_nothing_more():
