@@ -44,10 +44,12 @@ def scene(
     lift_speed: Speed | None = None,
     until: Duration = 5.0,
     model: Literal["full", "half", "quarter", "axisymmetric"] = "full",
+    accuracy: Length | None = None,
 ) -> mps.Scene:
     """Slump cone on a rough floor. The mould is gone at t = 0, or is a smooth sheet lifted from then on with
     ``lift_speed`` [m/s]; the standard's 300 mm in 2 to 3 s are 0.1 to 0.15 m/s. Model half or quarter computes that
-    part of the cone between mirror planes, axisymmetric its half section."""
+    part of the cone between mirror planes, axisymmetric its half section. With ``accuracy``, the error of the slump
+    that is wanted, the cheapest model and spacing measured to reach it are taken where they are not given."""
     if critical_strain_rate == "rational":
         mix = {"plastic_viscosity": plastic_viscosity, "yield_value": yield_value}
         critical_strain_rate = mps.rational_critical_strain_rate(**mix, time=until)

@@ -15,7 +15,7 @@ _started: dict = {}
 
 
 def _place(context, node):
-    """Where an expression of a kernel stands. Taichi's own wraps its text, too, in half of the compile time."""
+    """Where an expression of a kernel stands. Taichi's own wraps its text, too, in a third of the compile time."""
     line = context.src[node.lineno - 1].strip()
     return (
         f'File "{context.file}", line {node.lineno + context.lineno_offset}, in {context.func.func.__name__}: {line}\n'

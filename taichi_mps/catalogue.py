@@ -2,9 +2,11 @@
 
 import ast
 import importlib.util
+import sys
 from dataclasses import replace
 from pathlib import Path
 
+from .choose import choose
 from .material import Bingham
 from .quantity import SceneError, suggestion
 from .scene import Scene
@@ -73,7 +75,17 @@ def build(name: str, **keywords) -> Scene:
     function = load(name)
     scene = function(**keywords)
     valid = function.parameters(**keywords)
+    if getattr(valid, "accuracy", None) is not None and not {"model", "spacing"} <= set(keywords):
+        choice = choose(valid.accuracy, **fixed(valid, keywords))
+        print(f"taichi-mps: accuracy = {1e3 * valid.accuracy:g} mm: {choice}", file=sys.stderr)
+        return build(name, **{**keywords, "model": choice.model, "spacing": choice.spacing})
     return replace(scene, parameters=valid.model_dump(mode="json"))
+
+
+def fixed(valid, keywords) -> dict:
+    """The model and the spacing [m] that are not to be chosen: those given, and the full model of a lifted mould."""
+    given = {key: getattr(valid, key) for key in ("model", "spacing") if key in keywords}
+    return given | ({"model": "full"} if getattr(valid, "lift_speed", None) else {})
 
 
 def slump_cone(material: Bingham | None = None, **keywords) -> Scene:

@@ -81,7 +81,7 @@ class Plane:
     def travel(self):
         """Velocity [m/s] at which the place of the wall changes; zero for a wall that moves in its own plane."""
         velocity = np.zeros(len(self.point)) if self.velocity is None else np.array(self.velocity, float)
-        return velocity if velocity @ np.array(self.normal) != 0.0 else 0.0 * velocity
+        return velocity if abs(velocity @ np.array(self.normal)) > 1e-9 * np.linalg.norm(velocity) else 0.0 * velocity
 
     def distance(self, x, time=0.0):
         """Signed distance [m] of points (n, d) at a time [s], positive in the fluid."""

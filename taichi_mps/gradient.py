@@ -64,6 +64,14 @@ class Gradient:
             sums = self.lattices[k] * (1.0 - f) + self.lattices[k + 1] * f
         return sums
 
+    def density_ratio(self) -> np.ndarray:
+        """Particle number density over that of a lattice [-], (capacity,); of rings over a lattice as thin as they."""
+        n = self.n.to_numpy()
+        if not self.axisymmetric:
+            return n / self.n0
+        share, shares = self.share.to_numpy(), THICKEST / ENTRIES * np.arange(1, ENTRIES + 1)
+        return n / np.maximum(1e-12, share * np.interp(share, shares, self.lattices.to_numpy()[:, 0]))
+
     @ti.func
     def inverse(self, M, n0):
         """M^-1; a nearly flat neighbourhood (collinear, coplanar) is stiffened by 0.3 (n0/d) I first."""

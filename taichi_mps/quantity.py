@@ -5,7 +5,7 @@ import inspect
 from functools import wraps
 from typing import Annotated, Any, Literal, get_args, get_origin
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, create_model
 
 
 class SceneError(ValueError):
@@ -20,7 +20,18 @@ def _real(unit, **bounds):
     return Annotated[float, Field(allow_inf_nan=False, **bounds), Unit(unit)]
 
 
-Length = _real("m", gt=0.0, le=1000.0)
+def in_metres(value):
+    """A length as text with a unit, '5mm', in metres; anything else as it is."""
+    if isinstance(value, str):
+        for suffix, factor in (("mm", 1e-3), ("cm", 1e-2), ("m", 1.0)):
+            try:
+                return float(value.removesuffix(suffix)) * factor if value.endswith(suffix) else float(value)
+            except ValueError:
+                continue
+    return value
+
+
+Length = Annotated[_real("m", gt=0.0, le=1000.0), BeforeValidator(in_metres)]
 Position = _real("m", ge=-1000.0, le=1000.0)
 Duration = _real("s", gt=0.0, le=1e6)
 Density = _real("kg/m3", gt=0.0, le=30000.0)

@@ -15,6 +15,7 @@ from PIL import Image, ImageDraw, ImageFont
 from .geometry import Cylinder, Plane
 from .measure import reflected, still
 from .quantity import SceneError
+from .solids import Solid
 from .splatter import Camera, Ggui, Splatter
 
 RADIUS = 0.62  # of a drawn sphere over l0
@@ -180,10 +181,14 @@ class Renderer:
             at, y = wall.point, 0.5 * (y0 + y1)
             if isinstance(wall, Cylinder):
                 edges += [circle + time * wall.travel for circle in wall.circles]
+            elif isinstance(wall, Solid):
+                edges += [line + time * wall.travel for line in wall.section(y)]
             elif abs(wall.normal[0]) > 0.99 and not wall.mirror:
-                edges.append([(at[0], y, z0), (at[0], y, z1)])
+                x = at[0] + time * wall.travel[0]
+                edges.append([(x, y, z0), (x, y, z1)])
             elif wall.normal[-1] < -0.99 and not wall.mirror:
-                edges.append([(x0, y, at[-1]), (x1, y, at[-1])])
+                z = at[-1] + time * wall.travel[-1]
+                edges.append([(x0, y, z), (x1, y, z)])
         for line in (line for edge in edges for line in images(self.scene, edge)):
             pens[0].line([tuple(p) for p in 2 * self.camera.project(line)[:, :2]], fill=255, width=width)
         for polyline in self.scene.outline:

@@ -283,7 +283,7 @@ class Simulation:
         rows = self.particles.read()
         n = len(rows["id"])
         rows["yielded"] = self.scheme.yielded.to_numpy()[:n].astype(bool)
-        rows["n"] = self.scheme.gradient.n.to_numpy()[:n] / self.constants.n0
+        rows["n"] = self.scheme.gradient.density_ratio()[:n]
         fluid = np.flatnonzero(rows["kind"] == FLUID)
         order = fluid[np.argsort(rows["id"][fluid])]
         return Snapshot(
@@ -296,8 +296,12 @@ class Simulation:
             yielded=rows["yielded"][order],
             density_ratio=rows["n"][order],
             wall_x=rows["x"][rows["kind"] != FLUID],
-            size=np.sqrt(rows["ring"] / (2.0 * np.pi * rows["x"][:, 0]))[order] if self.scene.axisymmetric else None,
+            size=self._ring_sizes(rows)[order] if self.scene.axisymmetric else None,
         )
+
+    def _ring_sizes(self, rows):
+        """Side [m] of the cross-section of rings; that of one on the axis as if it were half a spacing from it."""
+        return np.sqrt(rows["ring"] / (2.0 * np.pi * np.maximum(rows["x"][:, 0], 0.5 * self.scene.spacing)))
 
     def measures(self) -> dict[str, float]:
         """The scene's measures of the whole body now (slump_m, spread_m, ...)."""

@@ -70,6 +70,27 @@ class Solid:
         low, high = points.min(0) - reach, points.max(0) + reach
         return cls.of(lambda x: side * mesh_distance(x, points, triangles), low, high, cell, **keywords)
 
+    def section(self, y: float = 0.0) -> list[np.ndarray]:
+        """Where the distance is zero, as short lines (2, d) [m]; of a solid in 3-D its section at this y [m]."""
+        values, low = self.values, np.array(self.low)
+        if values.ndim == 3:
+            k = int(np.clip(round((y - low[1]) / self.cell), 0, values.shape[1] - 1))
+            values = values[:, k]
+        lines = []
+        corners = ((0, 0), (1, 0), (1, 1), (0, 1))
+        sides = np.stack([values[a : a + values.shape[0] - 1, b : b + values.shape[1] - 1] < 0.0 for a, b in corners])
+        for i, j in np.argwhere(sides.any(0) & ~sides.all(0)):
+            found = []
+            for a, b in zip(corners, (*corners[1:], corners[0]), strict=True):
+                p, q = np.array(a) + (i, j), np.array(b) + (i, j)
+                u, v = values[tuple(p)], values[tuple(q)]
+                if (u < 0.0) != (v < 0.0):
+                    found.append(low[[0, -1]] + self.cell * (p + (q - p) * u / (u - v)))
+            for pair in zip(found[::2], found[1::2], strict=True):
+                line = np.array(pair)
+                lines.append(line if self.values.ndim == 2 else np.insert(line, 1, y, axis=1))
+        return lines
+
     @property
     def point(self):
         """The first node [m]."""

@@ -129,7 +129,10 @@ class Walls:
             if ti.static(before or name not in ("neighbours", "n", "packing")):
                 across, _n, _velocity, _curvature = other.nearest(x)
                 if across < self.effective_radius:
-                    value *= self.left(name, z, across)
+                    cut = 1.0 - self.left(name, z, across)
+                    if ti.static(other.thin or other.loose):
+                        cut *= other.share(x, across)
+                    value *= 1.0 - cut
         if ti.static(wall.thin or wall.loose):
             value *= wall.share(x, z)
         return value

@@ -93,6 +93,17 @@ def test_uniform_pressure_on_a_lattice_of_rings_gives_no_force():
     assert np.abs(F[inner]).max() < 1e-12 * 1000.0 * 2.0 * np.pi * L0
 
 
+@pytest.mark.parametrize("size", [1.0, 0.7, 0.5])
+def test_a_lattice_of_thin_rings_has_the_density_of_a_lattice(size):
+    """Rings that have moved outward stand closer than l0, and are no denser for it."""
+    side = size * L0
+    x = mps.lattice((1.0, -0.35), (1.7, 0.35), side)
+    rig = Rig(x, rings=2.0 * np.pi * x[:, 0] * side**2)
+    inner = np.all(np.abs(rig.x - (1.35, 0.0)) < 0.35 - 2.1 * L0, axis=1)
+    assert inner.sum() >= 9
+    assert rig.gradient.density_ratio()[inner] == pytest.approx(1.0, abs=2e-3)
+
+
 def test_the_matrix_of_rings_is_symmetric_positive_definite():
     x, volumes = section(5, 5)
     system = System(x, planes=(AXIS, FLOOR), rings=volumes)

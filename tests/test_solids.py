@@ -1,11 +1,14 @@
 """Walls of any shape: the sampled distance against exact surfaces, meshes good and bad, thin plates, no leak."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from test_gradient import Rig as Cloud
 from test_gradient import cloud
 
 import taichi_mps as mps
+from taichi_mps import render
 from taichi_mps.backend import ti
 from taichi_mps.solids import mesh_distance, read_mesh
 from taichi_mps.walls import Walls
@@ -231,3 +234,24 @@ def test_a_mesh_holds_a_pool(tmp_path):
     mesh = mps.Solid.from_mesh(path, 0.025, 0.12, inside=True, slip=True)
     error, level = pool((mesh,), CONCRETE)
     assert error < 0.15 and abs(level - 0.3) < 0.25 * 0.05
+
+
+def test_the_section_is_where_the_distance_is_zero():
+    """A circle, and a sphere cut off its middle: lines on it within cell^2/(4 R), as long as it is round."""
+    for d, radius in ((2, 0.3), (3, (0.3**2 - 0.1**2) ** 0.5)):
+        ball = mps.Solid.of(lambda x: np.linalg.norm(x, axis=1) - 0.3, (-0.5,) * d, (0.5,) * d, 0.02)
+        lines = np.array(ball.section(0.1))
+        ends = lines[..., [0, -1]]
+        assert lines.shape[1:] == (2, d)
+        assert np.abs(np.linalg.norm(ends, axis=2) - radius).max() < 0.02**2 / (4.0 * radius)
+        assert np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).sum() == pytest.approx(2.0 * np.pi * radius, rel=0.01)
+
+
+def test_a_solid_is_drawn_where_it_has_travelled_to():
+    ball = mps.Solid.of(lambda x: np.linalg.norm(x - (1.6, 0.4), axis=1) - 0.2, (1.2, 0.0), (2.0, 0.8), 0.05)
+    pictures = []
+    for velocity in (None, (0.0, 1.0)):
+        scene = tank(WATER, (*mps.box_planes((0.0, 0.0), (2.5, 1.0)), replace(ball, velocity=velocity)))
+        still = replace(mps.measure.still(scene.fluid, 0.05), time=0.3)
+        pictures.append(render.Renderer(scene, width=320, height=180).draw(still))
+    assert np.any(pictures[0] != pictures[1], axis=2).sum() > 50
