@@ -58,7 +58,10 @@ class Walls:
         self.sizes = FINEST + (COARSEST - FINEST) * np.arange(SIZES) / (SIZES - 1) if rings else np.ones(1)
         self.surfaces = tuple(SURFACES[type(wall)](wall, dimension, spacing, self.clock) for wall in walls)
         for k, others in enumerate(meeting(walls)):
-            self.surfaces[k].cut_by = tuple((self.surfaces[m], m < k) for m in others)
+            mirror = [getattr(walls[m], "mirror", False) or getattr(walls[k], "mirror", False) for m in others]
+            self.surfaces[k].cut_by = tuple(
+                (self.surfaces[m], m < k, part) for m, part in zip(others, mirror, strict=True) if m < k or part
+            )
         if any(surface.cut_by for surface in self.surfaces):
             shares = corner_table(dimension, spacing, effective_radius)
             self.corner_entries = len(shares)
@@ -120,13 +123,13 @@ class Walls:
     @ti.func
     def lookup(self, name: ti.template(), wall: ti.template(), x, z, curvature, share):
         """One of GHOST_SUMS at x, the distance z [m] from a wall of this curvature [1/m]. In a corner the ghosts behind
-        both walls are counted once; their pull along either normal is that of nobody, for it cancels the pull of the
-        other wall's ghosts in front of the one."""
+        both walls are counted once. Where one of the two is a mirror plane, their pull along either normal is that of
+        nobody: it cancels the pull of the other wall's ghosts in front of the one."""
         value = self.interpolate(self.flat, name, z, share)
         if ti.static(wall.curved):
             value += curvature * self.interpolate(self.bend, name, z, share)
-        for other, before in ti.static(wall.cut_by):
-            if ti.static(before or name not in ("neighbours", "n", "packing")):
+        for other, before, mirror in ti.static(wall.cut_by):
+            if ti.static(before if name in ("neighbours", "n", "packing") else mirror):
                 across, _n, _velocity, _curvature = other.nearest(x)
                 if across < self.effective_radius:
                     cut = 1.0 - self.left(name, z, across)
