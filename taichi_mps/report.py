@@ -12,6 +12,7 @@ class StepReport:
     dt: float  # [s]
     dt_limit: str  # what bounded dt: Courant, diffusion, growth, maximum, first or output
     max_speed: float  # [m/s]
+    moving_speed: float  # of what moves: sqrt(sum V u^4/sum V u^2) [m/s]
     kinetic_energy: float  # [J]
     unyielded_fraction: float  # of the fluid particles [-]
     viscous_iterations: int  # passes (implicit) or direct iterations (semi-implicit) for the viscosity

@@ -165,13 +165,14 @@ class Simulation:
         return float(np.linalg.norm(self.particles.u.to_numpy(), axis=1).max())
 
     def _make_report(self, dt, name, result) -> StepReport:
-        speed2, energy, unyielded, volume_error = self.totals.take()
+        speed2, moving2, energy, unyielded, volume_error = self.totals.take()
         report = StepReport(
             step=self.steps,
             time=self.time,
             dt=dt,
             dt_limit=name,
             max_speed=math.sqrt(speed2),
+            moving_speed=math.sqrt(moving2),
             kinetic_energy=0.5 * self.scene.material.density * energy,
             unyielded_fraction=unyielded / len(self.scene.fluid),
             viscous_iterations=result["viscous_iterations"],
@@ -255,16 +256,14 @@ class Simulation:
         return "rest" if self.scene.stop_at_rest and self._at_rest() else None
 
     def _at_rest(self) -> bool:
-        """Would the rms motion over the material's own time move the body by less than a tenth of a spacing? eta/tau_y
-        is the time in which a Bingham flow decays, so a slow flow of a viscous mix is not taken for rest. Only a true
-        yield value brings a body to rest."""
+        """Would what moves still go less than a tenth of a spacing in the material's own time? eta/tau_y is the time in
+        which a Bingham flow decays, so a slow flow of a viscous mix is not taken for rest, nor a front before a large
+        body that stands. Only a true yield value brings a body to rest."""
         material = self.scene.material
         if law_of(material) != "bingham":
             return False
-        mass = material.density * self.scene.volumes.sum()
-        rms = math.sqrt(2.0 * self.report.kinetic_energy / mass)
         window = max(0.2, material.plastic_viscosity / material.yield_value)
-        if rms * window > 0.1 * self.scene.spacing or self._pushed():
+        if self.report.moving_speed * window > 0.1 * self.scene.spacing or self._pushed():
             self._resting_since = None
             return False
         if self._resting_since is None:

@@ -88,3 +88,18 @@ def test_filled_solids_hold_their_volume(spacing):
     x = mps.fill(cone, spacing)
     assert len(x) * spacing**3 == pytest.approx(cone.volume, rel=0.02)
     assert {tuple(p) for p in np.round(x, 9)} == {tuple(p) for p in np.round(x * [-1, 1, 1], 9)}  # mirror symmetric
+
+
+@pytest.mark.parametrize("share", [1.0, 0.1])
+def test_the_speed_of_what_moves(share):
+    """A tenth of the body at 0.3 m/s: the report has 0.3 m/s, however large the rest that stands."""
+    x = mps.lattice((0.0, 0.0), (1.0, 0.2), 0.02)
+    u = np.where(x[:, :1] < share, (0.3, 0.0), (0.0, 0.0))
+    scene = mps.Scene("front", mps.Newtonian(), 0.02, x, ((-1.0, -1.0), (2.0, 2.0)), velocity=u)
+    sim = mps.Simulation(scene)
+    sim.bins.sort()
+    sim.neighbors.build()
+    sim.scheme.gradient.build()
+    fastest2, moving2, energy, _unyielded, _volume = sim.totals.take()
+    assert (fastest2, moving2) == pytest.approx((0.09, 0.09), rel=1e-12)
+    assert energy == pytest.approx(0.09 * share * 0.2, rel=1e-9)
