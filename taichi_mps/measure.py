@@ -13,7 +13,7 @@ class Snapshot:
     spacing: float  # l0 [m]
     x: np.ndarray  # position [m], (n, d)
     u: np.ndarray  # velocity [m/s], (n, d)
-    p: np.ndarray  # pressure [Pa], (n,)
+    p: np.ndarray  # pressure [Pa], of `implicit` averaged over the neighbours, (n,)
     shear_rate: np.ndarray  # sqrt(2 D:D) [1/s], (n,)
     yielded: np.ndarray  # flowing, bool, (n,)
     density_ratio: np.ndarray  # particle number density over n0 [-], (n,)

@@ -282,6 +282,9 @@ class Simulation:
         rows = self.particles.read()
         n = len(rows["id"])
         rows["yielded"] = self.scheme.yielded.to_numpy()[:n].astype(bool)
+        if hasattr(self.scheme, "read_pressure"):
+            self.scheme.read_pressure()
+            rows["p"] = self.scheme.smooth_p.to_numpy()[:n]
         rows["n"] = self.scheme.gradient.density_ratio()[:n]
         fluid = np.flatnonzero(rows["kind"] == FLUID)
         order = fluid[np.argsort(rows["id"][fluid])]

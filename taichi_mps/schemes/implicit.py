@@ -17,6 +17,7 @@ INERTIAL = 0.5  # non-affine motion of a thin fluid decays within two natural st
 EDGE = 4.0  # at the edge of a plug a quarter of the bonds carry all non-affine motion: their rate is twice the mean
 SLOWEST = 1e-2  # strain per natural step below which the non-affine resistance of a yield-stress fluid stops growing
 SMOOTHING = 0.6  # share of the neighbours' mean in the pressure
+READING = 0.75  # the same in a snapshot
 SOURCE, RING_SOURCE = 0.05, 0.2  # share of the packing error removed per step; thin rings lose more of it per step
 STRAIN_SCALE = 0.02  # strain per step above which source and shift act fully
 SMOOTHING_SCALE = 1e-3  # strain per step above which the pressure is smoothed fully
@@ -134,29 +135,41 @@ class Implicit:
         """0 at rest to 1 where a step strains the material by ``strain`` [-]."""
         return ti.min(1.0, self.particles.shear_rate[i] * dt / strain)
 
+    @ti.func
+    def mean_pressure(self, i, share):
+        """(1-a) p_i + a sum w (p_j - f rho g.r_ij)/sum w over particles that carry stress, a the ``share``; f fades to
+        zero where p_i is below that of half a layer, for a body in free fall has no hydrostatic part."""
+        x = self.particles.x[i]
+        total, weight = ti.cast(0.0, float), ti.cast(0.0, float)
+        heavy = self.density * self.g * self.pressed(self.particles.p[i])
+        for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
+            j = self.neighbors.column[k]
+            if self.gradient.B[j][0, 0] > 0.0:
+                r = ti.cast(self.neighbors.bins.displacement(x, self.particles.x[j]), float)
+                w = self.gradient.weight_r2[k] * r.dot(r)
+                total += w * (self.particles.p[j] - heavy.dot(r))
+                weight += w
+        p = self.particles.p[i]
+        if weight > 0.0:
+            p = (1.0 - share) * p + share * total / weight
+        return p
+
     @ti.kernel
     def smooth_pressure(self, dt: float):
-        """p~ = (1-a) p_i + a sum w (p_j - f rho g.r_ij)/sum w over particles that carry stress, a = 0.6 where the
-        material deforms and 0 at rest; f fades to zero where p_i is below that of half a layer, for a body in free fall
-        has no hydrostatic part."""
+        """p~: the mean pressure with the share 0.6 where the material deforms and 0 at rest."""
         for i in range(self.particles.count[None]):
-            p = ti.cast(0.0, float)
+            self.smooth_p[i] = 0.0
             if self.gradient.B[i][0, 0] > 0.0:
-                x = self.particles.x[i]
-                total, weight = ti.cast(0.0, float), ti.cast(0.0, float)
-                heavy = self.density * self.g * self.pressed(self.particles.p[i])
-                for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
-                    j = self.neighbors.column[k]
-                    if self.gradient.B[j][0, 0] > 0.0:
-                        r = ti.cast(self.neighbors.bins.displacement(x, self.particles.x[j]), float)
-                        w = self.gradient.weight_r2[k] * r.dot(r)
-                        total += w * (self.particles.p[j] - heavy.dot(r))
-                        weight += w
-                p = self.particles.p[i]
-                if weight > 0.0:
-                    share = SMOOTHING * self.deforming(i, dt, SMOOTHING_SCALE)
-                    p = (1.0 - share) * p + share * total / weight
-            self.smooth_p[i] = p
+                self.smooth_p[i] = self.mean_pressure(i, SMOOTHING * self.deforming(i, dt, SMOOTHING_SCALE))
+
+    @ti.kernel
+    def read_pressure(self):
+        """The pressure to read, into ``smooth_p``, which the next step fills anew: the force does not see what
+        alternates from particle to particle, so nothing holds it down at rest, and it means nothing."""
+        for i in range(self.particles.count[None]):
+            self.smooth_p[i] = self.particles.p[i]
+            if self.gradient.B[i][0, 0] > 0.0:
+                self.smooth_p[i] = self.mean_pressure(i, READING)
 
     @ti.kernel
     def prepare(self, dt: float, first: ti.i32):
