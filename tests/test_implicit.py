@@ -146,15 +146,15 @@ def test_film_stands_below_its_yield_value_and_flows_above():
 
 
 # ---- between walls --------------------------------------------------------------------------------------------
-def between_walls(across, wall_speed=0.0, push=0.0, eta=50.0):
-    """Velocity profile after 1 s between a fixed and a moving wall, with a body force ``push`` [m/s2] along them."""
+def between_walls(across, push=0.0, eta=50.0):
+    """Velocity profile after 1 s between two walls, with a body force ``push`` [m/s2] along them."""
     l0, low, high = DEPTH / across, (0.0, 0.0), (7 * DEPTH / across, DEPTH)
     scene = mps.Scene(
         name="channel",
         material=mps.Newtonian(density=DENSITY, viscosity=eta),
         spacing=l0,
         fluid=mps.lattice(low, np.array(high) - 0.5 * l0, l0),
-        walls=(mps.Plane(low, (0.0, 1.0)), mps.Plane(high, (0.0, -1.0), velocity=(wall_speed, 0.0))),
+        walls=(mps.Plane(low, (0.0, 1.0)), mps.Plane(high, (0.0, -1.0))),
         domain=((0.0, -l0), (high[0], DEPTH + l0)),
         periodic=(True, False),
         gravity=(push, 0.0),
@@ -163,7 +163,7 @@ def between_walls(across, wall_speed=0.0, push=0.0, eta=50.0):
     sim.run(until=1.0)
     s = sim.snapshot()
     y = s.x[:, 1]
-    exact = wall_speed * y / DEPTH + 0.5 * DENSITY * push / eta * y * (DEPTH - y)
+    exact = 0.5 * DENSITY * push / eta * y * (DEPTH - y)
     return np.sqrt(np.mean((s.u[:, 0] - exact) ** 2)) / exact.max(), s
 
 
@@ -172,12 +172,3 @@ def test_channel_between_two_no_slip_walls():
     error, s = between_walls(10, push=2.943)
     assert error < 0.02, error
     assert np.abs(s.u[:, 1]).max() < 0.05 * s.u[:, 0].max()
-
-
-def test_couette_profile_is_linear_under_a_moving_wall():
-    error, s = between_walls(10, wall_speed=0.2)
-    assert error < 0.012, error
-    assert np.abs(s.u[:, 1]).max() < 0.03 * 0.2
-    slope, offset = np.polyfit(s.x[:, 1], s.u[:, 0], 1)
-    assert slope == pytest.approx(2.0, rel=0.02) and abs(offset) < 0.02 * 0.2
-    assert s.shear_rate.mean() == pytest.approx(2.0, rel=0.02)
