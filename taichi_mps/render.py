@@ -94,7 +94,7 @@ class Renderer:
         corners = np.stack(np.meshgrid(*zip(self.low, self.high, strict=True)), -1).reshape(-1, 3)
         steps = [digit * 10.0**power for power in range(-6, 4) for digit in (1, 2, 5)]
         self.tick = min(steps, key=lambda t: abs(np.log(np.ptp(corners) / 14 / t)))  # about 14 on the longest side
-        tilt = np.radians(15.0 if scene.dimension == 3 else 0.0)
+        tilt = np.radians(15.0 if scene.dimension == 3 or scene.axisymmetric else 0.0)
         self.camera = Camera((0.0, np.cos(tilt), -np.sin(tilt)), corners, width, height, (0.09, 0.17, 0.88, 0.89))
         arguments = (self.camera, corners, RADIUS * scene.spacing, floor, self.tick)
         self.painter = self._ggui(*arguments) if backend == "ggui" else Splatter(*arguments)
