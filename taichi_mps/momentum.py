@@ -28,6 +28,7 @@ class MomentumSystem:
         self.pair_drag = ti.field(real(), self.neighbors.pair_capacity)  # (h_i + h_j) w/r^2 of each pair [kg/s]
         self.flux = ti.Matrix.field(d, d, real(), particles.capacity)  # P = V T B - h G [N m]
         self.inverse_diagonal = ti.Matrix.field(d, d, real(), particles.capacity)  # block Jacobi [s/kg]; 0: no unknown
+        self.local = ti.Matrix.field(d, d, real(), particles.capacity)  # inertia and walls: for coarse levels [kg/s]
 
     @ti.func
     def apply(self, u, y):
@@ -67,9 +68,12 @@ class MomentumSystem:
                 self.pair_drag[k] = (self.h[i] + hj) * self.gradient.weight_r2[k]
         for i in range(self.count[None]):
             self.inverse_diagonal[i] = ti.Matrix.zero(float, self.dimension, self.dimension)
+            self.local[i] = ti.Matrix.zero(float, self.dimension, self.dimension)
             if self.particles.kind[i] == FLUID:
+                inertia = self.particles.volume(i) * self.inertia[None]
+                self.local[i] = inertia * ti.Matrix.identity(float, self.dimension)
                 own = ti.Vector.zero(float, self.dimension)
-                drag = self.particles.volume(i) * self.inertia[None]
+                drag = inertia
                 A = ti.Matrix.zero(float, self.dimension, self.dimension)
                 for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
                     own -= self.gradient.b[k]
@@ -79,10 +83,14 @@ class MomentumSystem:
                     pull, wall_drag = self.walls.pull(i, self.particles.x[i])
                     own += pull
                     drag += self.h[i] * wall_drag
+                    shear, bulk, _local = self.stiffness(i)
+                    self.local[i] += self.walls.stiffness(i, self.particles.x[i], self.gradient.B[i], shear, bulk)
                 A += self._response(i, own) + drag * ti.Matrix.identity(float, self.dimension)
                 if ti.static(self.gradient.axisymmetric):
                     stiffness = 4.0 / 3.0 * self.mu[i] + self.bulk[None]
-                    A[0, 0] += self.particles.volume(i) * stiffness / ti.cast(self.particles.x[i][0], float) ** 2
+                    hoop = self.particles.volume(i) * stiffness / ti.cast(self.particles.x[i][0], float) ** 2
+                    A[0, 0] += hoop
+                    self.local[i][0, 0] += hoop
                 self.inverse_diagonal[i] = A.inverse()
 
     @ti.func
@@ -93,6 +101,16 @@ class MomentumSystem:
         shear = volume * mu * v.dot(v) - self.h[j] * b.dot(v)
         bulk = volume * (mu + self.bulk[None] - 2.0 * mu / self.tensors)
         return shear * ti.Matrix.identity(float, self.dimension) + bulk * v.outer_product(v)
+
+    @ti.func
+    def stiffness(self, i):
+        """V mu and V (mu + K - 2 mu/t) [Pa s m3], and what resists the velocity itself [kg/s], of particle i: for the
+        coarse levels (grid_levels.py)."""
+        shear, bulk = ti.cast(0.0, float), ti.cast(0.0, float)
+        if self.gradient.B[i][0, 0] > 0.0:
+            volume, mu = self.particles.volume(i), self.mu[i]
+            shear, bulk = volume * mu, volume * (mu + self.bulk[None] - 2.0 * mu / self.tensors)
+        return shear, bulk, self.local[i]
 
     @ti.kernel
     def subtract_wall_motion(self, walls_only: ti.template(), response: ti.template(), b: ti.template()):

@@ -2,8 +2,9 @@
 
 Solves A x = b for any symmetric positive definite operator; knows no physics. Preconditioners M:
 
-    Jacobi        M^-1 = D^-1, the inverse (block) diagonal: the cheapest below LEVELS_PAY_FROM rows
-    cell levels   M^-1 = one symmetric W-cycle over the cells of the binning grid (sparse.CellLevels)
+    Jacobi        M^-1 = D^-1, the inverse (block) diagonal: the cheapest for few rows
+    cell levels   M^-1 = one symmetric W-cycle over the cells of the binning grid (sparse.CellLevels): a matrix in rows
+    grid levels   M^-1 = D^-1 + a sum over grids of the corners of these cells (grid_levels.GridLevels): no matrix
 
 Source: Saad, Iterative Methods for Sparse Linear Systems (2003), algorithm 9.1.
 """
@@ -13,14 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from .backend import real, ti
+from .grid_levels import GridLevels
 from .sparse import CellLevels, SparseMatrix
 
-__all__ = ["MRPCG", "SolveReport", "SparseMatrix", "CellLevels", "LEVELS_PAY_FROM"]
-
-LEVELS_PAY_FROM = 20_000
-"""Rows from which the levels pay, set-up included. Measured on a lattice with 60 neighbours, f32, one core, zero
-start, tolerance 1e-6, CPU seconds (iterations), Jacobi against levels: 4.9k rows .011 (54), .013 (9); 12k .032 (72),
-about the same; 39k .16 (105), .11 (9); 118k .60 (140), .22 (9). A warm start helps Jacobi more than the levels."""
+__all__ = ["MRPCG", "SolveReport", "SparseMatrix", "CellLevels", "GridLevels"]
 
 ALONE_BELOW = 3000
 """Rows up to which one thread solves in one kernel: launching kernels would cost more than the work."""
@@ -52,7 +49,7 @@ class MRPCG:
         apply(x, y)        ti.func, y = A x; its loops are top-level loops
         inverse_diagonal   matrix field: inverse of the diagonal blocks; a zero block marks a row that is not an
                            unknown: its x is left as it is, its residual and direction are zero
-    levels: a CellLevels, used while ``use_levels`` is true; see ``prepare``.
+    levels: a CellLevels or GridLevels, used while ``use_levels`` is true; see ``prepare``.
 
     Stops at sqrt(r.z) <= tolerance sqrt(b.M^-1 b), z = M^-1 r (from the first r.z if b = 0).
     """
@@ -77,7 +74,7 @@ class MRPCG:
 
     def prepare(self) -> None:
         """Use the levels, rebuilt for the matrix as it is now, where they pay; Jacobi elsewhere."""
-        self.use_levels = self.levels is not None and self.operator.count[None] >= LEVELS_PAY_FROM
+        self.use_levels = self.levels is not None and self.operator.count[None] >= self.levels.PAY_FROM
         if self.use_levels:
             self.levels.build()
 

@@ -9,7 +9,7 @@ A_ii = sum w, A_ij = -w, b = (lambda n0/(2 d)) (rho/dt^2) (n* - n0)/n0. Negative
 """
 
 from .backend import ti
-from .mrpcg import LEVELS_PAY_FROM, MRPCG, CellLevels, SparseMatrix
+from .mrpcg import MRPCG, CellLevels, SparseMatrix
 from .particles import DUMMY, FLUID
 
 FREE_SURFACE = 0.97  # n*/n0 below which a particle lies on the free surface
@@ -43,7 +43,7 @@ class PressurePoisson:
             particles.capacity, neighbors.pair_capacity, neighbors.row_start, neighbors.column, particles.count
         )
         levels = None
-        if particles.capacity >= LEVELS_PAY_FROM:
+        if particles.capacity >= CellLevels.PAY_FROM:
             levels = CellLevels(self.matrix, bins.cell_start, bins.cell_of, bins.shape, bins.periodic)
         self.solver = MRPCG(particles.capacity, 1, self.matrix, levels)
 

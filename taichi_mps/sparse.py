@@ -85,6 +85,11 @@ class CellLevels:
     symmetric positive definite.
     """
 
+    PAY_FROM = 20_000
+    """Rows from which the levels pay, set-up included. Measured on a lattice with 60 neighbours, f32, one core, zero
+    start, tolerance 1e-6, CPU seconds (iterations), Jacobi against levels: 4.9k rows .011 (54), .013 (9); 12k .032
+    (72), about the same; 39k .16 (105), .11 (9); 118k .60 (140), .22 (9). A warm start helps Jacobi more."""
+
     DENSE = 64
     OVER_CORRECTION = 1.6
     DAMPING = 0.9

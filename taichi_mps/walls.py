@@ -230,6 +230,22 @@ class Walls:
         return total, drag
 
     @ti.func
+    def stiffness(self, i, x, B, shear, bulk):
+        """Block [kg/s] by which the walls resist a velocity of particle i: that of the gradient which they add for
+        it, with V mu = ``shear`` and V (mu + K - 2 mu/t) = ``bulk`` [Pa s m3]."""
+        total = ti.Matrix.zero(float, self.dimension, self.dimension)
+        for w, wall in ti.static(enumerate(self.surfaces)):
+            if self.c[i, w] > 0.0:
+                _z, n, _velocity, _curvature = wall.nearest(x)
+                v = B @ n * self.c[i, w]
+                normal = n.outer_product(n)
+                if ti.static(wall.slip):
+                    total += (shear * v.dot(v) + bulk * n.dot(v) ** 2) * normal
+                else:
+                    total += shear * v.dot(v) * ti.Matrix.identity(float, self.dimension) + bulk * v.outer_product(v)
+        return total
+
+    @ti.func
     def hydrostatic(self, x, weight, B, share):
         """Force density [N/m3] by which the ghosts' pressure exceeds the particle's own under rho g = ``weight``."""
         total = ti.Vector.zero(float, self.dimension)

@@ -18,7 +18,7 @@ PACKAGE = ROOT / "taichi_mps"
 EDGE = 4
 LAYERS = {
     0: "quantity material geometry solids measure report scene",
-    1: "backend weights surfaces particles neighbors gradient mrpcg sparse",
+    1: "backend weights surfaces particles neighbors gradient mrpcg sparse grid_levels",
     2: "rheology walls viscosity pressure momentum shifting totals",
     3: "schemes.implicit schemes.semi_implicit simulation",
 }
@@ -32,7 +32,8 @@ PEERS = {
     "particles": {"backend"},
     "neighbors": {"backend"},
     "gradient": {"backend", "particles", "weights"},
-    "mrpcg": {"backend", "sparse"},
+    "mrpcg": {"backend", "sparse", "grid_levels"},
+    "grid_levels": {"backend"},
     "sparse": {"backend"},
     "viscosity": {"rheology"},
     "momentum": {"rheology"},

@@ -7,7 +7,7 @@ the trial stress back onto the yield surface and p <- p - K (div u - s); rotate 
 from ..backend import real, ti
 from ..gradient import Gradient
 from ..momentum import MomentumSystem
-from ..mrpcg import MRPCG
+from ..mrpcg import MRPCG, GridLevels
 from ..particles import FLUID
 from ..rheology import bi_viscosity, deviator, magnitude, return_mapping
 from ..shifting import Shifting
@@ -68,7 +68,10 @@ class Implicit:
         self.system = MomentumSystem(particles, self.gradient, walls)
         self.system.bulk[None] = self.bulk
         self.shifting = Shifting(particles, self.gradient, walls, scene.spacing)
-        self.solver = MRPCG(particles.capacity, d, self.system)
+        many = particles.capacity >= GridLevels.PAY_FROM
+        self.solver = MRPCG(
+            particles.capacity, d, self.system, GridLevels(self.system, neighbors.bins) if many else None
+        )
         self.smooth_p = ti.field(real(), particles.capacity)  # smoothed pressure [Pa]
         self.source = ti.field(real(), particles.capacity)  # wanted divergence [1/s]
         self.reference = ti.field(ti.f64, ())  # drive . M^-1 drive over all particles [W]
@@ -102,6 +105,7 @@ class Implicit:
         for k in range(passes):
             if k == 0 or self.law == "bi-viscosity":
                 self.system.prepare()
+                self.solver.prepare()
                 self.refer()
             self.right_hand_side(self.solver.b)
             if self.walls.move:
