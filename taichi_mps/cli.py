@@ -121,7 +121,9 @@ def carry_out(sim, folder, options, source, as_json, resumed=False) -> int:
     if as_json:
         print(json.dumps(summary))
     elif not options.quiet:
-        table(summary, folder, sim.profile() if options.profile else ())
+        from .traffic import traffic
+
+        table(summary, folder, sim.profile(), traffic(sim))
     if error:
         print(f"taichi-mps: {error}; resume from {folder.checkpoint}", file=sys.stderr)
         return DIVERGED

@@ -9,15 +9,17 @@ the gradient of sum_i (h_i/2) sum_j (w/r^2) |u_j - u_i - G_i r_ij|^2, so the mat
 from .backend import real, ti
 from .particles import FLUID
 from .rheology import deviator
+from .sleeping import ASLEEP, AWAKE
 
 
 @ti.data_oriented
 class MomentumSystem:
     """Operator of the MRPCG solver; one row of d velocity components per particle, walls masked."""
 
-    def __init__(self, particles, gradient, walls):
+    def __init__(self, particles, gradient, walls, sleeping=None):
         d = particles.dimension
-        self.particles, self.gradient, self.walls = particles, gradient, walls
+        self.particles, self.gradient, self.walls, self.sleeping = particles, gradient, walls, sleeping
+        self.sleeps = sleeping is not None
         self.neighbors = gradient.neighbors
         self.count = particles.count
         self.dimension, self.tensors = d, particles.tensor_dimension
@@ -31,6 +33,22 @@ class MomentumSystem:
         self.local = ti.Matrix.field(d, d, real(), particles.capacity)  # inertia and walls: for coarse levels [kg/s]
 
     @ti.func
+    def unknown(self, i):
+        """Whether the velocity of particle i is solved for."""
+        unknown = self.particles.kind[i] == FLUID
+        if ti.static(self.sleeps):
+            unknown = unknown and self.sleeping.state[i] == AWAKE
+        return unknown
+
+    @ti.func
+    def acts(self, i):
+        """Whether the stress of particle i acts on an unknown."""
+        acts = True
+        if ti.static(self.sleeps):
+            acts = self.sleeping.state[i] != ASLEEP
+        return acts
+
+    @ti.func
     def apply(self, u, y):
         """y = A u [N], zero in wall rows."""
         self._apply(u, y, 0.0)
@@ -38,7 +56,7 @@ class MomentumSystem:
     @ti.func
     def _apply(self, u: ti.template(), y: ti.template(), motion):
         for i in range(self.count[None]):
-            if self.gradient.B[i][0, 0] > 0.0:
+            if self.gradient.B[i][0, 0] > 0.0 and self.acts(i):
                 G = self.gradient.velocity_gradient(i, u, motion)
                 T = 2.0 * self.mu[i] * deviator(G)
                 T += self.bulk[None] * G.trace() * ti.Matrix.identity(float, G.n)
@@ -47,7 +65,7 @@ class MomentumSystem:
                 self.flux[i] = self.gradient.spread_stress(i, ti.Matrix.zero(float, self.tensors, self.tensors))
         for i in range(self.count[None]):
             y[i] = ti.Vector.zero(float, self.dimension)
-            if self.particles.kind[i] == FLUID:
+            if self.unknown(i):
                 ui = u[i]
                 Pi = self.flux[i]
                 total = ti.Vector.zero(float, self.dimension)
@@ -63,13 +81,14 @@ class MomentumSystem:
     def prepare(self):
         """Pair drags and the inverse of the block diagonal for the present mu, h, K and m/dt."""
         for i in range(self.count[None]):
-            for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
+            end = self.neighbors.row_start[i + 1] if self.unknown(i) else self.neighbors.row_start[i]
+            for k in range(self.neighbors.row_start[i], end):
                 hj = self.h[self.neighbors.column[k]]
                 self.pair_drag[k] = (self.h[i] + hj) * self.gradient.weight_r2[k]
         for i in range(self.count[None]):
             self.inverse_diagonal[i] = ti.Matrix.zero(float, self.dimension, self.dimension)
             self.local[i] = ti.Matrix.zero(float, self.dimension, self.dimension)
-            if self.particles.kind[i] == FLUID:
+            if self.unknown(i):
                 inertia = self.particles.volume(i) * self.inertia[None]
                 self.local[i] = inertia * ti.Matrix.identity(float, self.dimension)
                 own = ti.Vector.zero(float, self.dimension)

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
+from pydantic import Field
 
 from .geometry import Cylinder, Plane
 from .material import Bingham
@@ -22,6 +23,7 @@ class Implicit(Checked):
     tolerance: Ratio = 3e-3
     passes: Count = 6
     effective_radius_ratio: RadiusRatio = 2.1
+    sleep: bool = Field(False, description="leave out of the solve what has come to rest")
 
 
 class SemiImplicit(Checked):

@@ -48,7 +48,7 @@ def progress(sim, recorder, until, quiet):
         yield
 
 
-def table(summary: dict, folder, stages=()) -> None:
+def table(summary: dict, folder, stages=(), traffic=None) -> None:
     """The result for a reader, on stdout."""
     from rich.console import Console
     from rich.table import Table
@@ -63,8 +63,15 @@ def table(summary: dict, folder, stages=()) -> None:
     rows.add_row("time spent", spent)
     if summary["volume_error"] is not None:
         rows.add_row("volume error", f"{100 * summary['volume_error']:.3f} %")
-    for stage, seconds, calls in stages:
-        rows.add_row(f"stage {stage}", f"{seconds:.2f} s, {1e3 * seconds / max(calls, 1):.2f} ms a call")
+    whole = sum(seconds for _, seconds, _ in stages)
+    for stage, seconds, calls in sorted(stages, key=lambda entry: -entry[1]):
+        each = seconds / max(calls, 1)
+        once = "an iteration" if stage == "solve" else "a call"
+        text = f"{seconds:.2f} s, {seconds / whole:.0%}, {1e3 * each:.3f} ms {once}"
+        if stage in (traffic or {}):
+            moved = traffic[stage]
+            text += f", {1e-9 * moved.bytes / each:.1f} GB/s, {1e-9 * moved.operations / each:.1f} Gflop/s"
+        rows.add_row(f"stage {stage}", text)
     rows.add_row("files", str(folder.path))
     Console().print(rows)
 

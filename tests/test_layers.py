@@ -19,7 +19,7 @@ EDGE = 4
 LAYERS = {
     0: "quantity material geometry solids measure report scene",
     1: "backend weights surfaces particles neighbors gradient mrpcg sparse grid_levels",
-    2: "rheology walls viscosity pressure momentum shifting totals",
+    2: "rheology walls viscosity pressure momentum shifting totals sleeping",
     3: "schemes.implicit schemes.semi_implicit simulation",
 }
 PEERS = {
@@ -36,7 +36,7 @@ PEERS = {
     "grid_levels": {"backend"},
     "sparse": {"backend"},
     "viscosity": {"rheology"},
-    "momentum": {"rheology"},
+    "momentum": {"rheology", "sleeping"},
     "simulation": {"schemes.implicit", "schemes.semi_implicit"},
 }
 LAYER = {name: layer for layer, names in LAYERS.items() for name in names.split()}

@@ -11,6 +11,7 @@ from ..mrpcg import MRPCG, GridLevels
 from ..particles import FLUID
 from ..rheology import bi_viscosity, deviator, magnitude, return_mapping
 from ..shifting import Shifting
+from ..sleeping import Sleeping
 
 NON_AFFINE = 0.6  # c: bond-associated dissipation gives 1/2 (shear) to 2/3 (along the bond), docs/equations.md
 INERTIAL = 0.5  # non-affine motion of a thin fluid decays within two natural steps or so: h += 0.5 rho l0^2/step
@@ -65,7 +66,11 @@ class Implicit:
         self.refill = RING_SOURCE if scene.axisymmetric else SOURCE
         self.drive = self.density * head / height  # force density [N/m3] that errors of the solve are compared with
         self.gradient = Gradient(neighbors, walls, constants, scene.spacing)
-        self.system = MomentumSystem(particles, self.gradient, walls)
+        self.sleeping = None
+        if numerics.sleep and self.law == "bingham":
+            self.sleeping = Sleeping(particles, neighbors, scene.spacing, max(0.2, self.eta / self.tau_y))
+        self.system = MomentumSystem(particles, self.gradient, walls, self.sleeping)
+        self.sleeps = self.system.sleeps
         self.system.bulk[None] = self.bulk
         self.shifting = Shifting(particles, self.gradient, walls, scene.spacing)
         many = particles.capacity >= GridLevels.PAY_FROM
@@ -77,13 +82,16 @@ class Implicit:
         self.reference = ti.field(ti.f64, ())  # drive . M^-1 drive over all particles [W]
         self.yielded = ti.field(ti.i32, particles.capacity)  # 1 where the material flows
         self.first = True
+        self.stage = lambda name, call, *arguments: call(*arguments)  # a simulation that is profiled times them
 
     def state(self) -> dict:
         """Scalars the scheme carries from step to step."""
-        return {"first": self.first}
+        return {"first": self.first} | ({"steps_asleep": self.sleeping.steps} if self.sleeping else {})
 
     def load(self, state: dict) -> None:
         self.first = state["first"]
+        if self.sleeping:
+            self.sleeping.steps = state["steps_asleep"]
 
     def time_step_limits(self, max_speed: float) -> dict[str, float]:
         """Largest allowed steps [s] by name."""
@@ -94,33 +102,35 @@ class Implicit:
 
     def step(self, dt: float) -> dict:
         """Advance the particles by dt [s]; returns iteration counts and the residual."""
-        self.gradient.build()
+        self.stage("gradient", self.gradient.build)
+        if self.sleeping:
+            self.stage("sleep", self.sleeping.rouse)
         self.system.inertia[None] = self.density / dt
-        self.smooth_pressure(dt)
-        self.prepare(dt, self.first)
+        self.stage("smooth pressure", self.smooth_pressure, dt)
+        self.stage("prepare", self.prepare, dt, self.first)
         self.balance()
         iterations, residual, status = 0, 0.0, "converged"
         passes = FIRST_PASSES if self.first else self.numerics.passes
         self.start(self.solver.x)
         for k in range(passes):
             if k == 0 or self.law == "bi-viscosity":
-                self.system.prepare()
-                self.solver.prepare()
+                self.stage("system", self.system.prepare)
+                self.stage("levels", self.solver.prepare)
                 self.refer()
-            self.right_hand_side(self.solver.b)
+            self.stage("right-hand side", self.right_hand_side, self.solver.b)
             if self.walls.move:
                 self.system.subtract_wall_motion(self.solver.p, self.solver.q, self.solver.b)
             tolerance = self.numerics.tolerance * (EARLY if k + 1 < passes else 1.0)
-            report = self.solver.solve(tolerance, 2000, self.reference[None])
+            report = self.stage("solve", self.solver.solve, tolerance, 2000, self.reference[None])
             iterations += report.iterations
             residual, status = report.residuals[-1], report.status
             if status in ("broken", "indefinite"):
                 break
-            self.update_stress(self.solver.x)
-        self.shifting.compute(dt, STRAIN_SCALE)
+            self.stage("stress", self.update_stress, self.solver.x)
+        self.stage("shift", self.shifting.compute, dt, STRAIN_SCALE)
         if self.walls.travel:
             self.walls.place(self.walls.clock[None] + 0.5 * dt)  # drift left them at the middle of the step
-        self.advance(dt, self.solver.x, self.first)
+        self.stage("advance", self.advance, dt, self.solver.x, self.first)
         self.first = False
         return {
             "viscous_iterations": passes,
@@ -253,21 +263,21 @@ class Implicit:
     @ti.kernel
     def start(self, u: ti.template()):
         for i in range(self.particles.count[None]):
-            fluid = self.particles.kind[i] == FLUID
-            u[i] = self.particles.u[i] if fluid else ti.Vector.zero(float, self.dimension)
+            u[i] = self.particles.u[i] if self.system.unknown(i) else ti.Vector.zero(float, self.dimension)
 
     @ti.kernel
     def right_hand_side(self, b: ti.template()):
         """b = (m/dt) u^n + m g + F[-(p~ + K s) I + stress - 2 mu_r q] [N]."""
         I = ti.Matrix.identity(float, self.particles.tensor_dimension)  # noqa: E741
         for i in range(self.particles.count[None]):
-            T = -(self.smooth_p[i] + self.bulk * self.source[i]) * I
-            if ti.static(self.law == "bingham"):
-                T += self.particles.stress[i] - 2.0 * self.mu_r * self.particles.plastic_rate[i]
-            self.system.flux[i] = self.gradient.spread_stress(i, T)
+            if self.system.acts(i):
+                T = -(self.smooth_p[i] + self.bulk * self.source[i]) * I
+                if ti.static(self.law == "bingham"):
+                    T += self.particles.stress[i] - 2.0 * self.mu_r * self.particles.plastic_rate[i]
+                self.system.flux[i] = self.gradient.spread_stress(i, T)
         for i in range(self.particles.count[None]):
             b[i] = ti.Vector.zero(float, self.dimension)
-            if self.particles.kind[i] == FLUID:
+            if self.system.unknown(i):
                 volume = self.particles.volume(i)
                 own = volume * (self.system.inertia[None] * self.particles.u[i] + self.density * self.g)
                 b[i] = own + self.gradient.force(i, self.system.flux)
@@ -283,25 +293,26 @@ class Implicit:
             if self.particles.kind[i] != FLUID:
                 u[i] = self.particles.u[i]
         for i in range(self.particles.count[None]):
-            G = self.gradient.velocity_gradient(i, u, 1.0)
-            D = deviator(G)
-            rate = 2.0 * magnitude(D)
-            self.particles.shear_rate[i] = rate
-            self.smooth_p[i] -= (
-                self.bulk * (G.trace() - self.source[i]) * ti.cast(self.gradient.B[i][0, 0] > 0.0, float)
-            )
-            if ti.static(self.law == "bingham"):
-                trial = self.particles.stress[i] + 2.0 * self.mu_r * D
-                stress, q, flow = return_mapping(trial, self.eta, self.tau_y, self.mu_r)
-                carries = ti.cast(self.gradient.B[i][0, 0] > 0.0, float)
-                self.particles.stress[i] = stress * carries
-                self.particles.plastic_rate[i] = q * carries
-                self.yielded[i] = flow > 0.0
-            elif ti.static(self.law == "bi-viscosity"):
-                self.yielded[i] = rate >= 2.0 * self.pi_c
-                self.system.mu[i] = bi_viscosity(rate, self.eta, self.tau_y, self.pi_c)
-            else:
-                self.yielded[i] = 1
+            if self.system.acts(i):
+                G = self.gradient.velocity_gradient(i, u, 1.0)
+                D = deviator(G)
+                rate = 2.0 * magnitude(D)
+                self.particles.shear_rate[i] = rate
+                self.smooth_p[i] -= (
+                    self.bulk * (G.trace() - self.source[i]) * ti.cast(self.gradient.B[i][0, 0] > 0.0, float)
+                )
+                if ti.static(self.law == "bingham"):
+                    trial = self.particles.stress[i] + 2.0 * self.mu_r * D
+                    stress, q, flow = return_mapping(trial, self.eta, self.tau_y, self.mu_r)
+                    carries = ti.cast(self.gradient.B[i][0, 0] > 0.0, float)
+                    self.particles.stress[i] = stress * carries
+                    self.particles.plastic_rate[i] = q * carries
+                    self.yielded[i] = flow > 0.0
+                elif ti.static(self.law == "bi-viscosity"):
+                    self.yielded[i] = rate >= 2.0 * self.pi_c
+                    self.system.mu[i] = bi_viscosity(rate, self.eta, self.tau_y, self.pi_c)
+                else:
+                    self.yielded[i] = 1
 
     @ti.kernel
     def advance(self, dt: float, u: ti.template(), first: ti.i32):
@@ -309,6 +320,9 @@ class Implicit:
         viscosity holds (it gains less than half of free fall) had its speed at once: x <- x + dt u."""
         for i in range(self.particles.count[None]):
             self.particles.p[i] = self.smooth_p[i]
+            if ti.static(self.sleeps):  # noqa: SIM102  (a compiled choice stays apart)
+                if not self.system.acts(i):  # what sleeps does not deform
+                    self.particles.shear_rate[i], self.yielded[i] = 0.0, 0
             if ti.static(self.law == "bingham"):
                 G = self.gradient.velocity_gradient(i, u, 1.0)
                 W = 0.5 * (G - G.transpose())
@@ -320,6 +334,10 @@ class Implicit:
                 if first != 0 and (u[i] - self.particles.u[i]).norm() < 0.5 * self.g.norm() * dt:
                     half = u[i] - 0.5 * self.particles.u[i]
                 move = ti.cast(dt * half + self.shifting.shift[i], ti.f64)
+                if ti.static(self.sleeps):
+                    self.sleeping.count_rest(i, dt, u[i].norm(), self.yielded[i] == 1)
+                    if not self.system.unknown(i):
+                        move *= 0.0
                 self.particles.u[i] = u[i]
                 self.particles.x[i] = self.walls.outside(self.particles.x[i], move)
 

@@ -1,0 +1,101 @@
+"""The step at the machine's limit: time by stage beside the bytes it must move, from 20,000 to a million particles.
+
+    python benchmarks/step.py [--sizes 20000 160000 1000000] [--threads 1 2]     # benchmarks/results/step.json
+
+The slump cone of 300 Pa in 3-D, with a spacing that gives these numbers of particles. Each size and number of threads
+runs in a process of its own: a few steps of the collapse, after it has begun. The bandwidth is that of a Taichi kernel
+that adds two fields of 256 MB into a third, in the same process.
+"""
+
+import argparse
+import json
+import platform
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+RESULT = Path(__file__).parent / "results" / "step.json"
+
+
+def bandwidth() -> float:
+    """GB/s of a = b + c, the best of five."""
+    from taichi_mps.backend import ti
+
+    a, b, c = (ti.field(ti.f32, 1 << 26) for _ in range(3))
+
+    @ti.kernel
+    def add():
+        for i in a:
+            a[i] = b[i] + c[i]
+
+    times = []
+    for _ in range(6):
+        begin = time.perf_counter()
+        add()
+        ti.sync()
+        times.append(time.perf_counter() - begin)
+    return 3 * 4 * (1 << 26) / min(times[1:]) * 1e-9
+
+
+def measure(particles: int, threads: int, steps: int) -> dict:
+    import taichi_mps as mps
+    from taichi_mps.traffic import traffic
+
+    mps.init(threads=threads)
+    speed = bandwidth()
+    spacing = (mps.Cone(0.1, 0.05, 0.3).volume / particles) ** (1 / 3)
+    sim = mps.Simulation(mps.slump_cone(yield_value=300.0, spacing=spacing), profile=True)
+    while sim.time < 0.02 or sim.steps < 4:
+        sim.step()
+    sim._stages.clear()
+    begin, iterations = (time.perf_counter(), time.process_time()), []
+    for _ in range(steps):
+        iterations.append(sim.step().pressure_iterations)
+    wall, cpu = time.perf_counter() - begin[0], time.process_time() - begin[1]
+    moved = traffic(sim)
+    stages = {}
+    for name, seconds, calls in sim.profile():
+        stages[name] = {"seconds": seconds, "calls": calls}
+        if name in moved:
+            stages[name] |= {"bytes": moved[name].bytes, "operations": moved[name].operations}
+    bound = sum(s["bytes"] * s["calls"] for s in stages.values() if "bytes" in s) / (1e9 * speed)
+    return {
+        "particles": len(sim.scene.fluid),
+        "threads": threads,
+        "steps": steps,
+        "time_step_s": sim.report.dt,
+        "bandwidth_GB_s": speed,
+        "wall_s": wall,
+        "cpu_s": cpu,
+        "iterations_per_step": float(np.mean(iterations)),
+        "bound_s": bound,
+        "stages": stages,
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--sizes", type=int, nargs="+", default=[20_000, 160_000, 1_000_000])
+    parser.add_argument("--threads", type=int, nargs="+", default=[1, 2])
+    parser.add_argument("--one", type=int, nargs=3, help=argparse.SUPPRESS)
+    arguments = parser.parse_args()
+    if arguments.one:
+        print(json.dumps(measure(*arguments.one)))
+        return
+    rows = []
+    for size in arguments.sizes:
+        for threads in arguments.threads:
+            steps = 8 if size < 500_000 else 2
+            command = [sys.executable, __file__, "--one", str(size), str(threads), str(steps)]
+            found = subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()[-1]
+            rows.append(json.loads(found))
+            print({k: v for k, v in rows[-1].items() if k != "stages"}, flush=True)
+    facts = {"machine": platform.processor() or platform.machine(), "python": platform.python_version()}
+    RESULT.write_text(json.dumps({**facts, "rows": rows}, indent=1) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,57 @@
+"""Sleep: what rests is left out of the solve, the front goes as far, and what is disturbed wakes."""
+
+import numpy as np
+import pytest
+
+import taichi_mps as mps
+from taichi_mps.sleeping import AWAKE
+
+
+@pytest.fixture(scope="module", autouse=True)
+def taichi():
+    mps.init(arch="cpu")
+
+
+def layer(length=0.6, height=0.1, l0=0.01):
+    """A layer of stiff concrete that slumps at its right end only."""
+    return mps.Scene(
+        name="layer",
+        material=mps.Bingham(yield_value=400.0, plastic_viscosity=20.0),
+        spacing=l0,
+        fluid=mps.fill(mps.Box((-length, 0.0), (0.0, height)), l0),
+        walls=(mps.Plane((0.0, 0.0), (0.0, 1.0)), mps.Plane((-length, 0.0), (1.0, 0.0))),
+        domain=((-length - 0.05, -0.03), (0.5, 0.2)),
+        measure=mps.measure.front,
+    )
+
+
+def asleep(sim):
+    """Share of the particles that were no unknowns in the last step."""
+    return float(np.mean(sim.scheme.sleeping.state.to_numpy()[: sim.particles.count[None]] != AWAKE))
+
+
+def test_most_of_a_layer_sleeps_and_its_front_goes_as_far():
+    fronts = {}
+    for sleep in (False, True):
+        sim = mps.Simulation(layer(), mps.Implicit(sleep=sleep))
+        while sim.time < 0.6 or (sleep and sim.steps % 10 == 0):  # in every tenth step all are awake
+            sim.step()
+        fronts[sleep] = sim.measures()["front_m"]
+    assert fronts[False] > 0.01
+    assert fronts[True] == pytest.approx(fronts[False], abs=1e-3)
+    assert asleep(sim) > 0.6
+
+    state = sim.state()  # push what sleeps: it wakes, and comes to rest again
+    pushed = (state["x"][:, 0] > -0.4) & (state["x"][:, 0] < -0.2) & (state["x"][:, 1] > 0.05)
+    state["u"][pushed, 0] = 0.05
+    state["still"][pushed] = 0.0
+    before = asleep(sim)
+    sim.load(state)
+    sim.step()
+    assert asleep(sim) < before - pushed.mean()
+    numbers = state["id"][pushed]
+    assert np.abs(sim.snapshot().u[numbers]).mean() > 1e-3
+    while sim.time < 1.5 or sim.steps % 10 == 0:
+        sim.step()
+    assert np.abs(sim.snapshot().u[numbers]).max() < 1e-4
+    assert asleep(sim) > 0.6
