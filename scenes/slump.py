@@ -118,7 +118,7 @@ def scene(
         **parts,
         until=until,
         stop_at_rest=True,
-        measure=partial(mps.measure.slump, height=height),
+        measure=partial(mps.measure.slump, height=height, axis_radius=0.2 * top_diameter),
         check=check,
         outline=tuple(outline),
     )

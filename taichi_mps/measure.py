@@ -116,3 +116,25 @@ def front(s: Snapshot) -> dict[str, float]:
         "front_m": float(s.x[:, 0].max() + 0.5 * s.spacing),
         "height_m": float(s.x[:, -1].max() + 0.5 * s.spacing),
     }
+
+
+def depth(s: Snapshot, where, area: float) -> float:
+    """Mean depth [m] of the fluid over a part of the floor: the volume of the particles ``where`` is True, over the
+    area [m2] (a length [m] in 2-D). Free of the choice of a surface; exact for a body without voids."""
+    return float((s.size[where] ** s.x.shape[1]).sum() / area)
+
+
+def clearance(s: Snapshot, walls) -> float:
+    """Distance [m] of the particle that is nearest to any of the walls; negative if one is behind a wall."""
+    return min(float(wall.distance(s.x, s.time).min()) for wall in walls)
+
+
+def time_of(time, values, level: float) -> float:
+    """First time [s] at which the values (n,) of a history reach a level, linear between two; nan if they do not."""
+    time, values = np.asarray(time, float), np.asarray(values, float)
+    k = int(np.argmax(values >= level))
+    if not values[k] >= level:
+        return float("nan")
+    if k == 0:
+        return float(time[0])
+    return float(np.interp(level, values[k - 1 : k + 1], time[k - 1 : k + 1]))
