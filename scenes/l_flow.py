@@ -19,7 +19,7 @@ def scene(
     yield_value: YieldValue = 100.0,
     plastic_viscosity: Viscosity = 50.0,
     density: Density = 2300.0,
-    spacing: Length = 0.01,
+    spacing: Length = 0.0125,
     column_depth: Length = 0.1,
     column_height: Length = 0.4,
     width: Length = 0.2,

@@ -14,15 +14,15 @@ from taichi_mps.quantity import Density, Duration, Length, Viscosity, YieldValue
 
 @mps.checked
 def scene(
-    yield_value: YieldValue = 50.0,
+    yield_value: YieldValue = 100.0,
     plastic_viscosity: Viscosity = 20.0,
     density: Density = 2300.0,
-    spacing: Length = 0.01,
+    spacing: Length = 0.0125,
     length: Length = 1.2,
     width: Length = 0.2,
     height: Length = 0.15,
     block: Length = 0.2,
-    until: Duration = 10.0,
+    until: Duration = 15.0,
     model: Literal["half", "plane"] = "half",
 ) -> mps.Scene:
     """Box with rough walls; a ``block`` of concrete this long fills one end of it up to the height. Model half computes
