@@ -24,7 +24,7 @@ def scene(
     yield_value: YieldValue = 40.0,
     plastic_viscosity: Viscosity = 20.0,
     density: Density = 2300.0,
-    spacing: Length = 0.01,
+    spacing: Length = 0.0125,
     bars: Literal["none", "2", "3"] = "3",
     length: Length = 0.7,
     width: Length = 0.2,
