@@ -16,7 +16,7 @@ from taichi_mps import catalogue
 from taichi_mps.quantity import Density, Duration, Length, Speed, Viscosity, YieldValue
 
 COLUMN, OPENING, BAR, PLACE = 0.1, 0.15, 0.012, 0.05  # depth, height, diameter, centre in front of the column [m]
-STRIP = 0.05  # length of the strip at either end of the channel whose mean depth is H1 or H2 [m]
+FROM, TO = 0.025, 0.075  # distances from either end between which the levels H1 and H2 are read [m]
 
 
 @mps.checked
@@ -50,8 +50,9 @@ def scene(
         outline = tuple(np.array([[x + dx, y, 0.0], [x + dx, y, OPENING]]) for y in across for dx in (-0.5 * BAR, 0.5 * BAR))
 
     def measure(s):
-        ends = s.x[:, 0] < STRIP, s.x[:, 0] > length - STRIP
-        h1, h2 = (mps.measure.depth(s, end, STRIP * width) for end in ends)
+        y = 0.25 * width
+        h1 = mps.measure.level(s, (FROM, -y), (TO, y))
+        h2 = mps.measure.level(s, (length - TO, -y), (length - FROM, y))
         return {"front_m": float(s.x[:, 0].max() + 0.5 * s.spacing), "h1_m": h1, "h2_m": h2, "passing_ratio": h2 / h1}
 
     def over_time(history):
@@ -67,7 +68,7 @@ def scene(
         if yield_value and s.speed.max() < 0.01:
             area = len(vessel.fluid) * spacing**3 / half
             at, h = mps.rest_shapes.channel_at_rest(area, density, yield_value, width, length)
-            h1, h2 = (h[end].mean() for end in (at < STRIP, at > length - STRIP))
+            h1, h2 = np.interp([0.5 * (FROM + TO), length - 0.5 * (FROM + TO)], at, h, right=0.0)
             assert h2 / h1 - 0.1 < measures["passing_ratio"] or count, (measures, h1, h2)
 
     return replace(

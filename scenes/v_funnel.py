@@ -26,11 +26,13 @@ def scene(
     taper: Length = 0.45,
     spout: Length = 0.15,
     fall: Length = 0.15,
+    surface: Literal["rough", "smooth"] = "rough",
     until: Duration = 8.0,
     model: Literal["quarter"] = "quarter",
 ) -> mps.Scene:
-    """Funnel with rough walls, filled to the brim, above a floor; a quarter of it between two mirror planes. ``top`` and
-    ``outlet`` are lengths of the openings, ``taper`` and ``spout`` heights, ``fall`` the height above the floor [m]."""
+    """Funnel filled to the brim above a rough floor; a quarter of it between two mirror planes. ``top`` and ``outlet``
+    are lengths of the openings, ``taper`` and ``spout`` heights, ``fall`` the height above the floor [m]. Its
+    ``surface`` is rough or, without any friction, smooth: concrete on steel is between the two."""
     if not outlet < top:
         raise mps.SceneError(f"outlet = {outlet:g} m: must be less than top = {top:g} m")
     if min(outlet, thickness) < 4.0 * spacing:
@@ -38,7 +40,7 @@ def scene(
             f"spacing = {spacing:g} m: must be at most {0.25 * min(outlet, thickness):g} m, a quarter of the outlet"
         )
     half, deep, height, reach = 0.5 * outlet, 0.5 * thickness, taper + spout, 2.5 * spacing
-    wide, cell = 0.5 * top, 0.5 * spacing
+    wide, cell, slip = 0.5 * top, 0.5 * spacing, surface == "smooth"
 
     def at_height(z):
         """Half length [m] of the inside of the funnel, z [m] above its outlet."""
@@ -50,10 +52,10 @@ def scene(
     walls = (
         mps.Plane((0.0, 0.0, -fall), (0.0, 0.0, 1.0)),
         *mirrors,
-        mps.Solid.prism(cheek, cell, reach, (-reach, deep + reach)),
+        mps.Solid.prism(cheek, cell, reach, (-reach, deep + reach), slip=slip),
         mps.Solid.of(
             lambda x: mps.polygon_distance(x[:, 1:], face),
-            (-reach, deep - reach, -reach), (wide + reach, deep + 3 * spacing + reach, height + reach), cell,
+            (-reach, deep - reach, -reach), (wide + reach, deep + 3 * spacing + reach, height + reach), cell, slip=slip,
         ),
     )  # fmt: skip
     box = mps.fill(mps.Box((-wide, -deep, 0.0), (wide, deep, height)), spacing, mirrors)
@@ -68,10 +70,10 @@ def scene(
         return {"left_m3": float((s.size[inside] ** 3).sum()), "light_ratio": float(np.mean(free))}
 
     def over_time(history):
-        """Time when light is first seen, and when half of the concrete has left."""
+        """Time when light is seen through a twentieth of the outlet, and when half of the concrete has left."""
         left = history["left_m3"]
         return {
-            "flow_time_s": mps.measure.time_of(history["time_s"], history["light_ratio"], 1e-9),
+            "flow_time_s": mps.measure.time_of(history["time_s"], history["light_ratio"], 0.05),
             "half_time_s": mps.measure.time_of(history["time_s"], -left, -0.5 * left[0]),
         }
 
