@@ -3,7 +3,7 @@
     python benchmarks/l_flow.py          # benchmarks/results/l_flow.json and docs/figures/l_flow.png
     python benchmarks/l_flow.py draw     # the figure alone
 
-The scene is scenes/l_flow.py with its defaults (half model, no bars, gate gone at t = 0) and 50 Pa s.
+The scene is scenes/l_flow.py with its defaults (half model, smooth upright walls, gate gone at t = 0) and 50 Pa s.
 """
 
 import json
@@ -27,7 +27,7 @@ def run(yield_value: float) -> dict:
     sim.run()
     scene.check(sim.snapshot(), sim.measures())
     history = {key: [round(row[key], 5) for row in rows] for key in rows[0]}
-    x, _ = mps.rest_shapes.channel_at_rest(0.04, scene.material.density, yield_value, 0.2)
+    x, _ = mps.rest_shapes.channel_at_rest(0.04, scene.material.density, yield_value)
     return {
         "parameters": scene.parameters,
         "particles": len(scene.fluid),

@@ -35,7 +35,9 @@ def scene(
         raise mps.SceneError(f"bars = {bars}: must be a multiple of 4, a quarter is computed")
     gap = np.pi * ring_diameter / bars - bar_diameter
     if gap < 2.0 * spacing:
-        raise mps.SceneError(f"spacing = {spacing:g} m: must be at most half of the gap between bars, {0.5 * gap:.3g} m")
+        raise mps.SceneError(
+            f"spacing = {spacing:g} m: must be at most half of the gap between bars, {0.5 * gap:.3g} m"
+        )
     cone = mps.slump_cone(
         yield_value=yield_value, plastic_viscosity=plastic_viscosity, density=density, spacing=spacing,
         until=until, model="quarter", floor_radius=0.4,

@@ -29,6 +29,7 @@ def scene(
     length: Length = 0.7,
     width: Length = 0.2,
     height: Length = 0.6,
+    sides: Literal["smooth", "rough"] = "smooth",
     lift_speed: Speed | None = None,
     until: Duration = 6.0,
     model: Literal["half"] = "half",
@@ -37,7 +38,7 @@ def scene(
     if not length > COLUMN + 2 * PLACE:
         raise mps.SceneError(f"length = {length:g} m: must be greater than {COLUMN + 2 * PLACE:g} m, column and bars")
     shared = dict(yield_value=yield_value, plastic_viscosity=plastic_viscosity, density=density, spacing=spacing)
-    shared |= dict(width=width, lift_speed=lift_speed, until=until)
+    shared |= dict(width=width, sides=sides, lift_speed=lift_speed, until=until)
     vessel = catalogue.build("l_flow", column_height=height, opening=OPENING, channel_length=length - COLUMN, **shared)
     walls, outline, count, half = vessel.walls, (), 0 if bars == "none" else int(bars), 0.5 * width
     x, reach = COLUMN + PLACE, 2.5 * spacing
@@ -47,7 +48,9 @@ def scene(
         across = -half + clear + 0.5 * BAR + (clear + BAR) * np.arange(count)
         places = [(x, y) for y in across if y > -1e-9]
         walls += (mps.Solid.bars(places, 0.5 * BAR, (-reach, OPENING), 0.4 * BAR, reach),)
-        outline = tuple(np.array([[x + dx, y, 0.0], [x + dx, y, OPENING]]) for y in across for dx in (-0.5 * BAR, 0.5 * BAR))
+        outline = tuple(
+            np.array([[x + dx, y, 0.0], [x + dx, y, OPENING]]) for y in across for dx in (-0.5 * BAR, 0.5 * BAR)
+        )
 
     def measure(s):
         y = 0.25 * width
@@ -58,7 +61,8 @@ def scene(
     def over_time(history):
         """Times at which the front is 200 and 400 mm from the column."""
         return {
-            f"t{mm}_s": mps.measure.time_of(history["time_s"], history["front_m"], COLUMN + 1e-3 * mm) for mm in (200, 400)
+            f"t{mm}_s": mps.measure.time_of(history["time_s"], history["front_m"], COLUMN + 1e-3 * mm)
+            for mm in (200, 400)
         }
 
     def check(s, measures):
@@ -67,7 +71,9 @@ def scene(
         assert 0.0 <= measures["passing_ratio"] < 1.1 and measures["h1_m"] < height, measures
         if yield_value and s.speed.max() < 0.01:
             area = len(vessel.fluid) * spacing**3 / half
-            at, h = mps.rest_shapes.channel_at_rest(area, density, yield_value, width, length)
+            at, h = mps.rest_shapes.channel_at_rest(
+                area, density, yield_value, width if sides == "rough" else None, length
+            )
             h1, h2 = np.interp([0.5 * (FROM + TO), length - 0.5 * (FROM + TO)], at, h, right=0.0)
             assert h2 / h1 - 0.1 < measures["passing_ratio"] or count, (measures, h1, h2)
 

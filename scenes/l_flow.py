@@ -25,18 +25,20 @@ def scene(
     width: Length = 0.2,
     opening: Length = 0.15,
     channel_length: Length = 0.9,
+    sides: Literal["smooth", "rough"] = "smooth",
     lift_speed: Speed | None = None,
     until: Duration = 5.0,
     model: Literal["half", "plane"] = "half",
 ) -> mps.Scene:
-    """L-shaped vessel with rough walls. The gate is gone at t = 0, or is a smooth plate on the outer face of the column,
-    a spacing away from the opening, lifted from then on with ``lift_speed`` [m/s]. Model half computes one side of the
-    middle plane, plane leaves out the side walls."""
+    """L-shaped vessel with a rough floor; upright walls have no friction, or are rough, too, and then hold back a layer
+    a spacing thick. The gate is gone at t = 0, or is a smooth plate on the outer face of the column, a spacing away from
+    the opening, lifted from then on with ``lift_speed`` [m/s]. Model half computes one side of the middle plane, plane
+    leaves out the side walls."""
     if not opening < column_height:
         raise mps.SceneError(
             f"opening = {opening:g} m: must be less than column_height = {column_height:g} m; a wall is above it"
         )
-    plane, half = model == "plane", 0.5 * width
+    plane, half, slip = model == "plane", 0.5 * width, sides == "smooth"
     length, reach = column_depth + channel_length, 2.5 * spacing
     cell, along = 0.5 * spacing, None if plane else (-2 * spacing, half + 2 * spacing)
 
@@ -45,17 +47,18 @@ def scene(
 
     mirrors = () if plane else (mps.Plane((0.0, 0.0, 0.0), (0.0, 1.0, 0.0), mirror=True),)
     floor, back, end = ((at(0, 0), at(0, 1)), (at(0, 0), at(1, 0)), (at(length, 0), at(-1, 0)))
-    side = () if plane else (mps.Plane((0.0, half, 0.0), (0.0, -1.0, 0.0)),)
+    side = () if plane else (((0.0, half, 0.0), (0.0, -1.0, 0.0)),)
     left, right, top = column_depth, column_depth + 3 * spacing, column_height + 2 * spacing
-    front = mps.Solid.prism([(left, opening), (right, opening), (right, top), (left, top)], cell, reach, along)
-    walls = (*(mps.Plane(*plane) for plane in (floor, back, end)), *side, *mirrors, front)
+    front = mps.Solid.prism(
+        [(left, opening), (right, opening), (right, top), (left, top)], cell, reach, along, slip=slip
+    )
+    upright = (mps.Plane(*wall, slip=slip) for wall in (back, end, *side))
+    walls = (mps.Plane(*floor), *upright, *mirrors, front)
     fluid = mps.fill(mps.Box(at(0, 0, -half), at(column_depth, column_height, half)), spacing, mirrors)
     if lift_speed:
         left, right, top = column_depth + spacing, column_depth + 2 * spacing, opening + spacing
         corners = [(left, -reach), (right, -reach), (right, top), (left, top)]
-        walls += (
-            mps.Solid.prism(corners, cell, reach, along, velocity=at(0, lift_speed), slip=True, loose=True),
-        )
+        walls += (mps.Solid.prism(corners, cell, reach, along, velocity=at(0, lift_speed), slip=True, loose=True),)
         under = fluid[(fluid[:, 0] > column_depth - spacing) & (fluid[:, -1] < opening - 0.4 * spacing)]
         fluid = np.vstack([fluid, under + at(spacing, 0)])
     area = len(fluid) * spacing**2 / (1.0 if plane else half / spacing)  # of the section [m2]
@@ -78,7 +81,7 @@ def scene(
         assert mps.measure.clearance(s, walls) > 0.0, "leak through a wall"
         assert 0.0 <= measures["drop_m"] < column_height and measures["flow_m"] > -spacing, measures
         if yield_value and measures["flow_m"] < channel_length - spacing and s.speed.max() < 0.02:
-            x, h = mps.rest_shapes.channel_at_rest(area, density, yield_value, None if plane else width)
+            x, h = mps.rest_shapes.channel_at_rest(area, density, yield_value, None if plane or slip else width)
             assert abs(measures["flow_m"] + column_depth - x[-1]) < h[0] + spacing, (measures, x[-1], h[0])
 
     return mps.Scene(

@@ -22,22 +22,25 @@ def scene(
     width: Length = 0.2,
     height: Length = 0.15,
     block: Length = 0.2,
+    sides: Literal["rough", "smooth"] = "rough",
     until: Duration = 10.0,
     model: Literal["half", "plane"] = "half",
 ) -> mps.Scene:
-    """Box with rough walls; a ``block`` of concrete this long fills one end of it up to the height. Model half computes
+    """Box with a rough floor and upright walls that are rough, too, or have no friction; a ``block`` of concrete this long
+    fills one end of it up to the height. Model half computes
     one side of the middle plane, plane leaves out the side walls."""
     if not block < length:
         raise mps.SceneError(f"block = {block:g} m: must be less than length = {length:g} m, that of the box")
     plane, half, reach = model == "plane", 0.5 * width, 2.5 * spacing
+    slip = sides == "smooth"
 
     def at(x, z, y=0.0):
         return (float(x), float(z)) if plane else (float(x), float(y), float(z))
 
     mirrors = () if plane else (mps.Plane((0.0, 0.0, 0.0), (0.0, 1.0, 0.0), mirror=True),)
-    side = () if plane else (mps.Plane((0.0, half, 0.0), (0.0, -1.0, 0.0)),)
+    side = () if plane else (((0.0, half, 0.0), (0.0, -1.0, 0.0)),)
     floor, back, end = ((at(0, 0), at(0, 1)), (at(0, 0), at(1, 0)), (at(length, 0), at(-1, 0)))
-    walls = (*(mps.Plane(*wall) for wall in (floor, back, end)), *side, *mirrors)
+    walls = (mps.Plane(*floor), *(mps.Plane(*wall, slip=slip) for wall in (back, end, *side)), *mirrors)
     fluid = mps.fill(mps.Box(at(0, 0, -half), at(block, height, half)), spacing, mirrors)
     area = len(fluid) * spacing**2 / (1.0 if plane else half / spacing)  # of the section [m2]
 
@@ -53,7 +56,7 @@ def scene(
         assert mps.measure.clearance(s, walls) > 0.0, "leak through a wall"
         assert block < measures["front_m"] <= length, measures
         if yield_value and s.speed.max() < 0.02:
-            x, h = mps.rest_shapes.channel_at_rest(area, density, yield_value, None if plane else width, length)
+            x, h = mps.rest_shapes.channel_at_rest(area, density, yield_value, None if plane or slip else width, length)
             assert abs(measures["front_m"] - x[-1]) < h[0] + spacing, (measures, x[-1], h[0])
 
     return mps.Scene(

@@ -27,24 +27,26 @@ def scene(
     height: Length = 0.68,
     opening: Length = 0.19,
     bars: Literal["yes", "no"] = "yes",
+    sides: Literal["smooth", "rough"] = "smooth",
     until: Duration = 6.0,
     model: Literal["half"] = "half",
 ) -> mps.Scene:
-    """Two legs with rough walls, the first filled to the brim; the gate between them is gone at t = 0. One side of the
+    """Two legs on a rough floor; upright walls have no friction, or are rough and then hold back a layer a spacing thick.
+    The first is filled to the brim; the gate between them is gone at t = 0. One side of the
     middle plane is computed. The bars stand in the middle of the opening."""
     if not opening < height:
         raise mps.SceneError(f"opening = {opening:g} m: must be less than height = {height:g} m; a wall is above it")
     half, reach, thick, cell = 0.5 * width, 2.5 * spacing, 3 * spacing, 0.5 * spacing
-    far = 2 * leg + thick
+    far, slip = 2 * leg + thick, sides == "smooth"
     corners = [(leg, opening), (leg + thick, opening), (leg + thick, height + reach), (leg, height + reach)]
     mirror = mps.Plane((0.0, 0.0, 0.0), (0.0, 1.0, 0.0), mirror=True)
     walls = (
         mps.Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
-        mps.Plane((0.0, 0.0, 0.0), (1.0, 0.0, 0.0)),
-        mps.Plane((far, 0.0, 0.0), (-1.0, 0.0, 0.0)),
-        mps.Plane((0.0, half, 0.0), (0.0, -1.0, 0.0)),
+        mps.Plane((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), slip=slip),
+        mps.Plane((far, 0.0, 0.0), (-1.0, 0.0, 0.0), slip=slip),
+        mps.Plane((0.0, half, 0.0), (0.0, -1.0, 0.0), slip=slip),
         mirror,
-        mps.Solid.prism(corners, cell, reach, (-2 * spacing, half + 2 * spacing)),
+        mps.Solid.prism(corners, cell, reach, (-2 * spacing, half + 2 * spacing), slip=slip),
     )
     fluid = mps.fill(mps.Box((0.0, -half, 0.0), (leg, half, height)), spacing, (mirror,))
     across = APART * (np.arange(COUNT) - 0.5 * (COUNT - 1))
@@ -53,7 +55,9 @@ def scene(
         places = [(middle, y) for y in across if y > -1e-9]
         walls += (mps.Solid.bars(places, 0.5 * BAR, (-reach, opening), 0.4 * BAR, reach),)
         outline = tuple(
-            np.array([[middle + dx, y, 0.0], [middle + dx, y, opening]]) for y in across for dx in (-0.5 * BAR, 0.5 * BAR)
+            np.array([[middle + dx, y, 0.0], [middle + dx, y, opening]])
+            for y in across
+            for dx in (-0.5 * BAR, 0.5 * BAR)
         )
     full = len(fluid) * spacing**3 / (half * leg)  # mean height of what fills the first leg [m]
 
@@ -71,7 +75,8 @@ def scene(
         assert mps.measure.clearance(s, walls) > 0.0, "leak through a wall or a bar"
         assert 0.0 <= measures["h2_m"] <= measures["h1_m"] + 2 * spacing < height + 3 * spacing, measures
         if s.speed.max() < 0.01 and bars == "no":
-            held = yield_value / (9.81 * density) * 2.0 * (1.0 / leg + 1.0 / width) * full
+            friction = far / opening + (0.0 if slip else 2.0 * (1.0 / leg + 1.0 / width) * full)
+            held = yield_value / (9.81 * density) * friction
             assert -spacing < measures["step_m"] < held + 2 * spacing, (measures, held)
 
     return mps.Scene(

@@ -26,13 +26,13 @@ def scene(
     taper: Length = 0.45,
     spout: Length = 0.15,
     fall: Length = 0.15,
-    surface: Literal["rough", "smooth"] = "rough",
+    sides: Literal["smooth", "rough"] = "smooth",
     until: Duration = 8.0,
     model: Literal["quarter"] = "quarter",
 ) -> mps.Scene:
     """Funnel filled to the brim above a rough floor; a quarter of it between two mirror planes. ``top`` and ``outlet``
-    are lengths of the openings, ``taper`` and ``spout`` heights, ``fall`` the height above the floor [m]. Its
-    ``surface`` is rough or, without any friction, smooth: concrete on steel is between the two."""
+    are lengths of the openings, ``taper`` and ``spout`` heights, ``fall`` the height above the floor [m]. The
+    sides have no friction, or are rough and then hold back a layer a spacing thick; steel is between the two."""
     if not outlet < top:
         raise mps.SceneError(f"outlet = {outlet:g} m: must be less than top = {top:g} m")
     if min(outlet, thickness) < 4.0 * spacing:
@@ -40,7 +40,7 @@ def scene(
             f"spacing = {spacing:g} m: must be at most {0.25 * min(outlet, thickness):g} m, a quarter of the outlet"
         )
     half, deep, height, reach = 0.5 * outlet, 0.5 * thickness, taper + spout, 2.5 * spacing
-    wide, cell, slip = 0.5 * top, 0.5 * spacing, surface == "smooth"
+    wide, cell, slip = 0.5 * top, 0.5 * spacing, sides == "smooth"
 
     def at_height(z):
         """Half length [m] of the inside of the funnel, z [m] above its outlet."""

@@ -35,7 +35,9 @@ def channel_at_rest(area, density, yield_value, width=None, length=math.inf, gra
 
     def depth(x):
         """The inverse: depth [m] at the distance x [m] from where it would end."""
-        return bisect(lambda h: reach(h) - x, 0.0, 10.0 * (math.sqrt(2.0 * x / scale) + 2.0 * x / (scale * (width or 1e9))))
+        return bisect(
+            lambda h: reach(h) - x, 0.0, 10.0 * (math.sqrt(2.0 * x / scale) + 2.0 * x / (scale * (width or 1e9)))
+        )
 
     def filled(h):
         """Volume over the width [m2] in front of a back wall where the depth is h [m]."""
