@@ -58,8 +58,8 @@ def draw(results: dict) -> None:
             flow = [100 * d for d in history["flow_m"]]
             axes.plot(history["time_s"], flow, color=colour, label=f"{name} Pa")
             axes.plot(history["time_s"][-1], flow[-1], "o", color=colour, ms=4)
-            axes.annotate("", (1.0, rest), (1.035, rest), xycoords=("axes fraction", "data"),
-                          textcoords=("axes fraction", "data"), arrowprops={"arrowstyle": "-|>", "color": colour})  # fmt: skip
+            beside, arrow = ("axes fraction", "data"), {"arrowstyle": "-|>", "color": colour}
+            axes.annotate("", (1.0, rest), (1.035, rest), xycoords=beside, textcoords=beside, arrowprops=arrow)
         axes.set(xlabel="time [s]", ylabel="flow distance from the gate [cm]", xlim=(0, 5), ylim=(0, None))
         axes.legend(title="yield value", frameon=False, loc="upper left", ncols=2)
         axes.set_title("L-flow, 50 Pa s; arrows: at rest without inertia, closed form", loc="left", fontsize=11)

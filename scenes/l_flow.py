@@ -31,9 +31,9 @@ def scene(
     model: Literal["half", "plane"] = "half",
 ) -> mps.Scene:
     """L-shaped vessel with a rough floor; upright walls have no friction, or are rough, too, and then hold back a layer
-    a spacing thick. The gate is gone at t = 0, or is a smooth plate on the outer face of the column, a spacing away from
-    the opening, lifted from then on with ``lift_speed`` [m/s]. Model half computes one side of the middle plane, plane
-    leaves out the side walls."""
+    a spacing thick. The gate is gone at t = 0, or a smooth plate on the outer face of the column, a spacing in front of
+    the opening, is lifted from then on with ``lift_speed`` [m/s]. Model half computes one side of the middle plane,
+    plane leaves out the side walls."""
     if not opening < column_height:
         raise mps.SceneError(
             f"opening = {opening:g} m: must be less than column_height = {column_height:g} m; a wall is above it"
@@ -76,8 +76,8 @@ def scene(
         return {"t100_s": t100, "early_speed_m_s": 0.05 / max(t100 - t50, 1e-9)}
 
     def check(s, measures):
-        """In the vessel; at rest as far as the closed form of a channel without the column above it, but for the error of a
-        thin layer, its depth."""
+        """In the vessel; at rest as far as the closed form of a channel without a column, within its depth, the error
+        of a thin layer."""
         assert mps.measure.clearance(s, walls) > 0.0, "leak through a wall"
         assert 0.0 <= measures["drop_m"] < column_height and measures["flow_m"] > -spacing, measures
         if yield_value and measures["flow_m"] < channel_length - spacing and s.speed.max() < 0.02:

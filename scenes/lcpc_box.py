@@ -26,9 +26,9 @@ def scene(
     until: Duration = 10.0,
     model: Literal["half", "plane"] = "half",
 ) -> mps.Scene:
-    """Box with a rough floor and upright walls that are rough, too, or have no friction; a ``block`` of concrete this long
-    fills one end of it up to the height. Model half computes
-    one side of the middle plane, plane leaves out the side walls."""
+    """Box with a rough floor; upright walls are rough, too, or have no friction. A ``block`` of concrete this long
+    fills one end of it up to the height. Model half computes one side of the middle plane, plane leaves out the side
+    walls."""
     if not block < length:
         raise mps.SceneError(f"block = {block:g} m: must be less than length = {length:g} m, that of the box")
     plane, half, reach = model == "plane", 0.5 * width, 2.5 * spacing

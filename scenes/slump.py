@@ -98,7 +98,7 @@ def scene(
             assert abs(measures["slump_m"] - slump) < max(spacing, 0.01), (measures, slump)
 
     def over_time(history):
-        """T500 of the slump flow test: time from the first lift to a spread of 500 mm; the mould's own time is in it."""
+        """T500 of the slump flow test: time from the first lift to a spread of 500 mm."""
         return {"t500_s": mps.measure.time_of(history["time_s"], history["spread_m"], 0.5)}
 
     if model == "axisymmetric":

@@ -1,7 +1,7 @@
 """U-box test (JSCE-F 511): concrete rises in the second leg of a U through a gate with bars; the two levels.
 
-Source: height 680 mm, width 200 mm, legs 140 mm deep, gate 190 mm high, 3 bars of 13 mm 50 mm apart, about 20 l: bars and
-volume as quoted, the rest from memory, fairly sure. The bottom is flat here; the wall between the legs is 3 l0 thick.
+Source: height 680 mm, width 200 mm, legs 140 mm deep, gate 190 mm high, 3 bars of 13 mm 50 mm apart, about 20 l: bars
+and volume as quoted, the rest from memory, fairly sure. The bottom is flat here; the wall between is 3 l0 thick.
 Run time: about two CPU-minutes at the default spacing.
 """
 
@@ -31,9 +31,9 @@ def scene(
     until: Duration = 6.0,
     model: Literal["half"] = "half",
 ) -> mps.Scene:
-    """Two legs on a rough floor; upright walls have no friction, or are rough and then hold back a layer a spacing thick.
-    The first is filled to the brim; the gate between them is gone at t = 0. One side of the
-    middle plane is computed. The bars stand in the middle of the opening."""
+    """Two legs on a rough floor; upright walls have no friction, or are rough and then hold back a layer a spacing
+    thick. The first is filled to the brim; the gate between them is gone at t = 0. One side of the middle plane is
+    computed. The bars stand in the middle of the opening."""
     if not opening < height:
         raise mps.SceneError(f"opening = {opening:g} m: must be less than height = {height:g} m; a wall is above it")
     half, reach, thick, cell = 0.5 * width, 2.5 * spacing, 3 * spacing, 0.5 * spacing

@@ -1,7 +1,7 @@
 """V-funnel test (EN 12350-9): the time in which a funnel runs empty, until light is seen through it.
 
-Source: top 515 mm, outlet 65 mm, thickness 75 mm, taper 450 mm, outlet 150 mm high, 10.5 l: from memory, fairly sure. Not of
-the standard: the concrete falls on a floor 150 mm below the outlet, and the flap is gone at once.
+Source: top 515 mm, outlet 65 mm, thickness 75 mm, taper 450 mm, outlet 150 mm high, 10.5 l: from memory, fairly sure.
+Not of the standard: the concrete falls on a floor 150 mm below the outlet, and the flap is gone at once.
 Run time: about two CPU-minutes at the default spacing.
 """
 

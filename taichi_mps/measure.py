@@ -72,8 +72,8 @@ def mirrored(s: Snapshot, point, normal) -> Snapshot:
 
 
 def surface(s: Snapshot, points) -> np.ndarray:
-    """Height (k,) [m] of the surface at horizontal places (k, d-1) [m]: of the highest particle within 0.75 spacings, and
-    half its size; nan where there is none."""
+    """Height (k,) [m] of the surface at horizontal places (k, d-1) [m]: of the highest particle within 0.75 spacings,
+    and half its size; nan where there is none."""
     points = np.asarray(points, float)
     low, high = points.min(0) - s.spacing, points.max(0) + s.spacing
     close = np.all((s.x[:, :-1] > low) & (s.x[:, :-1] < high), axis=1)

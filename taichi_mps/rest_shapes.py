@@ -20,7 +20,7 @@ def channel_at_rest(area, density, yield_value, width=None, length=math.inf, gra
     """Depth at rest in a level channel that is closed at x = 0 and ``length`` [m]: x and h (k,) [m] of a fluid of this
     volume over the width, ``area`` [m2], from the back wall to the front or the far wall.
 
-    The yield value acts on the floor and, with a ``width`` b [m], on both side walls: rho g h dh/dx = -tau_y (1 + 2 h/b).
+    The yield value acts on the floor and, with a ``width`` b [m], on both sides: rho g h dh/dx = -tau_y (1 + 2 h/b).
     Without inertia: Roussel (2007), Cem. Concr. Res. 37, 1298 (LCPC box); Nguyen, Roussel and Coussot (2006), Cem.
     Concr. Res. 36, 1789 (L-box). Inertia carries the front farther and levels the surface."""
     if not yield_value > 0.0:

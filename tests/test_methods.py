@@ -1,4 +1,4 @@
-"""The test methods: vessels hold their volume, measures read bodies known by hand, closed forms, refusals; one short run."""
+"""The test methods: vessels hold their volume, measures read bodies known by hand, closed forms, refusals; one run."""
 
 import math
 from dataclasses import replace
