@@ -26,7 +26,7 @@ def scene(
     taper: Length = 0.45,
     spout: Length = 0.15,
     fall: Length = 0.15,
-    sides: Literal["smooth", "rough"] = "smooth",
+    sides: Literal["rough", "smooth"] = "rough",
     until: Duration = 8.0,
     model: Literal["quarter"] = "quarter",
 ) -> mps.Scene:
