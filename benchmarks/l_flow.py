@@ -27,7 +27,8 @@ def run(yield_value: float) -> dict:
     sim.run()
     scene.check(sim.snapshot(), sim.measures())
     history = {key: [round(row[key], 5) for row in rows] for key in rows[0]}
-    x, _ = mps.rest_shapes.channel_at_rest(0.04, scene.material.density, yield_value)
+    mix, depth = (0.04, scene.material.density, yield_value), scene.parameters["column_depth"]
+    thin, thick = (mps.rest_shapes.channel_at_rest(*mix, normal_stress=kind)[0][-1] - depth for kind in (False, True))
     return {
         "parameters": scene.parameters,
         "particles": len(scene.fluid),
@@ -37,7 +38,8 @@ def run(yield_value: float) -> dict:
         "largest_speed_at_the_end_m_s": round(float(sim.snapshot().speed.max()), 5),
         "largest_volume_error": round(max(volume), 5),
         "clearance_m": round(mps.measure.clearance(sim.snapshot(), scene.walls), 5),
-        "at_rest_without_inertia_m": round(float(x[-1]) - scene.parameters["column_depth"], 4),
+        "thin_layer_at_rest_m": round(float(thin), 4),
+        "at_rest_m": round(float(thick), 4),
         **{key: round(value, 4) for key, value in scene.over_time(history).items()},
         "history": history,
     }
@@ -54,7 +56,7 @@ def draw(results: dict) -> None:
     with matplotlib.rc_context(STYLE):
         figure, axes = plt.subplots(figsize=(7.5, 4.4), layout="constrained")
         for colour, (name, result) in zip(COLOURS, results.items(), strict=False):
-            history, rest = result["history"], 100 * result["at_rest_without_inertia_m"]
+            history, rest = result["history"], 100 * result["at_rest_m"]
             flow = [100 * d for d in history["flow_m"]]
             axes.plot(history["time_s"], flow, color=colour, label=f"{name} Pa")
             axes.plot(history["time_s"][-1], flow[-1], "o", color=colour, ms=4)
