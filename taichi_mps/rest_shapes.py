@@ -30,7 +30,7 @@ def channel_at_rest(
 
         (h - pi a/2) dh/dx = -a (1 + 2 h/b),   h = pi a at the front
 
-    Without side walls this is within 3 % of finite elements (1-2 %) of blocks with tau_y/(rho g H) = 0.05 and 0.1, where
+    Without side walls this is within 3 % of finite elements of blocks with tau_y/(rho g H) = 0.05 and 0.1, where
     the thin layer reaches 18 and 28 % too far. Inertia carries the front farther and levels the surface."""
     must_come_to_rest(yield_value)
     a = yield_value / (density * gravity)
