@@ -31,7 +31,7 @@ def scene(
     height: Length = 0.6,
     sides: Literal["smooth", "rough"] = "smooth",
     lift_speed: Speed | None = None,
-    until: Duration = 6.0,
+    until: Duration = 4.0,
     model: Literal["half"] = "half",
 ) -> mps.Scene:
     """The vessel of l_flow with a far wall at ``length`` [m] and upright bars, evenly spaced, behind the gate."""
