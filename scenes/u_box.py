@@ -28,7 +28,7 @@ def scene(
     opening: Length = 0.19,
     bars: Literal["yes", "no"] = "yes",
     sides: Literal["smooth", "rough"] = "smooth",
-    until: Duration = 6.0,
+    until: Duration = 3.0,
     model: Literal["half"] = "half",
 ) -> mps.Scene:
     """Two legs on a rough floor; upright walls have no friction, or are rough and then hold back a layer a spacing

@@ -82,6 +82,22 @@ def test_levels_of_the_boxes():
     assert lcpc.measure(body) == pytest.approx({"front_m": 0.6, "h1_m": 0.05}, rel=1e-9)
 
 
+@pytest.mark.parametrize(
+    "h1, h2, holds", [(0.32, 0.32, True), (0.35, 0.29, False), (0.29, 0.35, False), (0.28, 0.28, False)]
+)
+def test_the_u_box_judges_levels_and_volume_at_rest(h1, h2, holds):
+    """40 Pa hold a step of 3 mm between smooth walls, and two spacings are the error of a level."""
+    scene = catalogue.build("u_box", spacing=0.01, bars="no")
+    legs = ((0.0, 0.0, 0.0), (0.14, 0.1, h1)), ((0.17, 0.0, 0.0), (0.31, 0.1, h2))
+    body = boxes(0.01, ((0.14, 0.0, 0.0), (0.17, 0.1, 0.18)), *legs)
+    measures = scene.measure(scene.unfold(body))
+    if holds:
+        scene.check(body, measures)
+    else:
+        with pytest.raises(AssertionError):
+            scene.check(body, measures)
+
+
 def test_flow_distance_drop_and_their_times():
     scene = catalogue.build("l_flow", spacing=0.01)
     body = boxes(0.01, ((0.0, -0.1, 0.0), (0.1, 0.1, 0.25)), ((0.1, -0.1, 0.0), (0.45, 0.1, 0.05)))
