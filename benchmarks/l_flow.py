@@ -62,9 +62,9 @@ def draw(results: dict) -> None:
             axes.plot(history["time_s"][-1], flow[-1], "o", color=colour, ms=4)
             beside, arrow = ("axes fraction", "data"), {"arrowstyle": "-|>", "color": colour}
             axes.annotate("", (1.0, rest), (1.035, rest), xycoords=beside, textcoords=beside, arrowprops=arrow)
-        axes.set(xlabel="time [s]", ylabel="flow distance from the gate [cm]", xlim=(0, 5), ylim=(0, None))
-        axes.legend(title="yield value", frameon=False, loc="upper left", ncols=2)
-        axes.set_title("L-flow, 50 Pa s; arrows: at rest without inertia, closed form", loc="left", fontsize=11)
+        axes.set(xlabel="time [s]", ylabel="flow distance from the gate [cm]", xlim=(0, 5), ylim=(0, 85))
+        axes.legend(title="yield value", frameon=False, loc="lower right", ncols=2)
+        axes.set_title("L-flow, 50 Pa s; arrows: at rest without inertia (closed form)", loc="left", fontsize=11)
         figure.savefig(FIGURE, dpi=110)
 
 

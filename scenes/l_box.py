@@ -66,16 +66,17 @@ def scene(
         }
 
     def check(s, measures):
-        """In the vessel; at rest without bars as level as the closed form, inertia can only make it more so."""
+        """In the vessel; at rest without bars no steeper than the closed form, which has no inertia to level it, and no
+        higher at the far end than at the column."""
         assert mps.measure.clearance(s, walls) > 0.0, "leak through a wall or a bar"
-        assert 0.0 <= measures["passing_ratio"] < 1.1 and measures["h1_m"] < height, measures
+        assert 0.0 <= measures["h2_m"] < height and measures["h1_m"] < height + spacing, measures
         if yield_value and s.speed.max() < 0.01:
             area = len(vessel.fluid) * spacing**3 / half
-            at, h = mps.rest_shapes.channel_at_rest(
-                area, density, yield_value, width if sides == "rough" else None, length
-            )
+            between = width if sides == "rough" else None
+            at, h = mps.rest_shapes.channel_at_rest(area, density, yield_value, between, length)
             h1, h2 = np.interp([0.5 * (FROM + TO), length - 0.5 * (FROM + TO)], at, h, right=0.0)
-            assert h2 / h1 - 0.1 < measures["passing_ratio"] or count, (measures, h1, h2)
+            assert measures["passing_ratio"] < 1.1, measures
+            assert count or measures["passing_ratio"] > h2 / h1 - 0.05, (measures, h1, h2)
 
     return replace(
         vessel, name="l_box", walls=walls, measure=measure, over_time=over_time, check=check, outline=outline

@@ -98,6 +98,20 @@ def test_the_u_box_judges_levels_and_volume_at_rest(h1, h2, holds):
             scene.check(body, measures)
 
 
+@pytest.mark.parametrize("h1, h2, holds", [(0.09, 0.08, True), (0.1, 0.07, False), (0.07, 0.1, False)])
+def test_the_l_box_judges_levels_at_rest(h1, h2, holds):
+    """The closed form for 40 Pa without bars and side walls has a ratio of 0.84 at the ends."""
+    scene = catalogue.build("l_box", spacing=0.01, bars="none")
+    body = boxes(0.01, ((0.0, 0.0, 0.0), (0.35, 0.1, h1)), ((0.35, 0.0, 0.0), (0.7, 0.1, h2)))
+    measures = scene.measure(scene.unfold(body))
+    assert measures["passing_ratio"] == pytest.approx(h2 / h1)
+    if holds:
+        scene.check(body, measures)
+    else:
+        with pytest.raises(AssertionError):
+            scene.check(body, measures)
+
+
 def test_flow_distance_drop_and_their_times():
     scene = catalogue.build("l_flow", spacing=0.01)
     body = boxes(0.01, ((0.0, -0.1, 0.0), (0.1, 0.1, 0.25)), ((0.1, -0.1, 0.0), (0.45, 0.1, 0.05)))
