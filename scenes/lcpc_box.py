@@ -2,7 +2,7 @@
 
 Source: Roussel (2007), Cem. Concr. Res. 37, 1298: box 1200 x 200 x 150 mm, 6 l; from memory, fairly sure. There the
 concrete is poured slowly at one end; here a block of 200 x 200 x 150 mm stands there and is let go at t = 0.
-Run time: about a CPU-minute at the default spacing.
+Run time: about half a CPU-minute at the default spacing, on a busy machine, and up to 45 s to compile.
 """
 
 import sys
