@@ -1,8 +1,8 @@
 """L-box test (EN 12350-10): concrete runs from a column between bars into a channel; the levels at its ends, H2/H1.
 
-Source: 2 or 3 bars, gaps of 59 or 41 mm, H2/H1: the standard as quoted, sure; bars of 12 mm fit these gaps. Column 600 x
-200 x 100 mm, channel 700 mm from the back wall, opening 150 mm: from memory (EFNARC 2002), fairly sure. Place of the
-bars: assumed.
+Source: 2 or 3 bars, gaps of 59 or 41 mm, H2/H1: the standard as quoted, sure; bars of 12 mm fit these gaps. Column
+600 x 200 x 100 mm, channel 700 mm from the back wall, opening 150 mm: from memory (EFNARC 2002), fairly sure. Place of
+the bars: assumed.
 Run time: about one and a half CPU-minutes at the default spacing, on a busy machine, and up to 45 s to compile.
 """
 
