@@ -1,4 +1,4 @@
-"""Slump test (JIS A 1101): a cone of fresh concrete after the mould is taken away at once, or while it is lifted.
+"""Slump and slump flow (JIS A 1101, A 1150): a cone of concrete whose mould is gone at once or lifted; slump, T500.
 
 Source: Tomiyama et al. (2009), cases #1-#5: l0 = 0.01 m, about 5,330 fluid particles, density not stated there.
 Run time: about 1 CPU-minute for 5 s with the scheme `implicit` at the default spacing.
@@ -97,6 +97,10 @@ def scene(
             slump = np.interp(yield_value, *AT_REST.T)
             assert abs(measures["slump_m"] - slump) < max(spacing, 0.01), (measures, slump)
 
+    def over_time(history):
+        """T500 of the slump flow test: time from the first lift to a spread of 500 mm."""
+        return {"t500_s": mps.measure.time_of(history["time_s"], history["spread_m"], 0.5)}
+
     if model == "axisymmetric":
         parts = dict(
             axisymmetric=True,
@@ -118,8 +122,9 @@ def scene(
         **parts,
         until=until,
         stop_at_rest=True,
-        measure=partial(mps.measure.slump, height=height),
+        measure=partial(mps.measure.slump, height=height, axis_radius=0.2 * top_diameter),
         check=check,
+        over_time=over_time,
         outline=tuple(outline),
     )
 

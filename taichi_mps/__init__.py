@@ -2,13 +2,13 @@
 
 from importlib import import_module
 
-from . import measure
+from . import measure, rest_shapes
 from .geometry import Box, Cone, Cylinder, Plane, box_planes, fill, fill_rings, lattice, rings, shell
 from .material import Bingham, Newtonian, rational_critical_strain_rate
 from .quantity import SceneError, checked
 from .report import DivergedError, StepReport
 from .scene import Implicit, Scene, SemiImplicit
-from .solids import Solid
+from .solids import Solid, polygon_distance
 
 __version__ = "0.1.0"
 
@@ -42,7 +42,9 @@ __all__ = [
     "fill_rings",
     "lattice",
     "measure",
+    "polygon_distance",
     "rational_critical_strain_rate",
+    "rest_shapes",
     "rings",
     "shell",
     *_LAZY,

@@ -201,6 +201,8 @@ class Recorder:
         good.write(self.folder.checkpoint)
         summary = self.sim.summary() | {"stopped_by": stopped_by, "resume_from": str(self.folder.checkpoint)}
         self.history.close()
+        if self.sim.scene.over_time:
+            summary |= self.sim.scene.over_time(read_history(self.folder.history))
         if error:
             summary["error"] = error
         self.folder.write_summary(summary)

@@ -71,20 +71,39 @@ def mirrored(s: Snapshot, point, normal) -> Snapshot:
     return replace(s, **twice)
 
 
+def surface(s: Snapshot, points) -> np.ndarray:
+    """Height (k,) [m] of the surface at horizontal places (k, d-1) [m]: of the highest particle within 0.75 spacings,
+    and half its size; nan where there is none."""
+    points = np.asarray(points, float)
+    low, high = points.min(0) - s.spacing, points.max(0) + s.spacing
+    close = np.all((s.x[:, :-1] > low) & (s.x[:, :-1] < high), axis=1)
+    near, top = s.x[close], s.x[close, -1] + 0.5 * s.size[close]
+    if len(near) == 0:
+        return np.full(len(points), np.nan)
+    distance2 = ((points[:, None, :] - near[None, :, :-1]) ** 2).sum(-1)
+    heights = np.where(distance2 < (0.75 * s.spacing) ** 2, top, -np.inf).max(1)
+    return np.where(np.isfinite(heights), heights, np.nan)
+
+
+def mean_of(heights) -> float:
+    """Mean [m] of those that are not nan; nan if all are."""
+    heights = heights[np.isfinite(heights)]
+    return float(heights.mean()) if len(heights) else float("nan")
+
+
 def top_height(s: Snapshot, radius: float) -> float:
     """Mean height [m] of the surface (particle + half its size) within ``radius`` [m] of the axis; nan if none."""
-    l0 = s.spacing
-    r = np.hypot(s.x[:, 0], s.x[:, 1])
-    near, half = s.x[r < radius + l0], 0.5 * s.size[r < radius + l0]
-    if len(near) == 0:
-        return float("nan")
-    ticks = np.arange(-radius, radius + 1e-12, 0.4 * l0)
+    ticks = np.arange(-radius, radius + 1e-12, 0.4 * s.spacing)
     points = np.stack(np.meshgrid(ticks, ticks), -1).reshape(-1, 2)
-    points = points[np.hypot(points[:, 0], points[:, 1]) <= radius]
-    distance2 = ((points[:, None, :] - near[None, :, :2]) ** 2).sum(-1)
-    tops = np.where(distance2 < (0.75 * l0) ** 2, near[None, :, 2] + half, -np.inf).max(1)
-    tops = tops[np.isfinite(tops)]
-    return float(tops.mean()) if len(tops) else float("nan")
+    return mean_of(surface(s, points[np.hypot(points[:, 0], points[:, 1]) <= radius]))
+
+
+def level(s: Snapshot, low, high) -> float:
+    """Mean height [m] of the surface between two horizontal places (d-1,) [m]; 0 where there is nothing. As one reads
+    a level: what hangs on the walls beside does not count."""
+    ticks = [np.arange(a, b + 1e-12, 0.4 * s.spacing) for a, b in zip(low, high, strict=True)]
+    points = np.stack(np.meshgrid(*ticks), -1).reshape(-1, len(ticks))
+    return float(np.nan_to_num(surface(s, points)).mean())
 
 
 def spread(s: Snapshot) -> float:
@@ -116,3 +135,25 @@ def front(s: Snapshot) -> dict[str, float]:
         "front_m": float(s.x[:, 0].max() + 0.5 * s.spacing),
         "height_m": float(s.x[:, -1].max() + 0.5 * s.spacing),
     }
+
+
+def depth(s: Snapshot, where, area: float) -> float:
+    """Mean depth [m] of the fluid over a part of the floor: the volume of the particles ``where`` is True, over the
+    area [m2] (a length [m] in 2-D). Free of the choice of a surface; exact for a body without voids."""
+    return float((s.size[where] ** s.x.shape[1]).sum() / area)
+
+
+def clearance(s: Snapshot, walls) -> float:
+    """Distance [m] of the particle that is nearest to any of the walls; negative if one is behind a wall."""
+    return min(float(wall.distance(s.x, s.time).min()) for wall in walls)
+
+
+def time_of(time, values, level: float) -> float:
+    """First time [s] at which the values (n,) of a history reach a level, linear between two; nan if they do not."""
+    time, values = np.asarray(time, float), np.asarray(values, float)
+    k = int(np.argmax(values >= level))
+    if not values[k] >= level:
+        return float("nan")
+    if k == 0:
+        return float(time[0])
+    return float(np.interp(level, values[k - 1 : k + 1], time[k - 1 : k + 1]))

@@ -27,7 +27,8 @@ FIELDS = {  # values of a view, and the label of its colour bar
     "shear-rate": (lambda s: s.shear_rate, "shear rate [1/s]"),
 }
 VIEWS = ("concrete", *FIELDS, "yielded")
-MEASURES = {"slump_m": "slump", "spread_m": "spread", "front_m": "front", "height_m": "height"}  # shown in cm
+MEASURES = {"slump_m": "slump", "spread_m": "spread", "front_m": "front", "height_m": "height"}
+MEASURES |= {"flow_m": "flow", "h1_m": "H1", "h2_m": "H2", "step_m": "step"}  # shown in cm
 VIRIDIS = np.array(
     [(68, 1, 84), (71, 44, 122), (59, 81, 139), (44, 113, 142), (33, 144, 141), (39, 173, 129), (92, 200, 99)]
     + [(170, 220, 50), (253, 231, 37)]

@@ -67,6 +67,7 @@ class Scene:
     stop_at_rest: bool = False
     measure: Callable[[Snapshot], dict[str, float]] | None = None  # of the whole body, see unfold
     check: Callable[[Snapshot, dict], None] | None = None  # raises AssertionError when the result is wrong
+    over_time: Callable[[dict], dict[str, float]] | None = None  # of the columns of history.csv, for the summary
     outline: tuple[np.ndarray, ...] = ()  # polylines to draw [m], each (k, d)
     parameters: dict = field(default_factory=dict)  # as given, for the summary
 

@@ -57,6 +57,10 @@ def table(summary: dict, folder, stages=(), traffic=None) -> None:
     for key, value in summary.items():
         if key.endswith("_m") and value is not None:
             rows.add_row(key[:-2].replace("_", " "), f"{100 * value:.2f} cm")
+        elif key.endswith("_s") and value is not None:
+            rows.add_row(key[:-2].replace("_", " "), f"{value:.2f} s")
+        elif key.endswith("_ratio") and value is not None:
+            rows.add_row(key.replace("_", " "), f"{value:.3f}")
     rows.add_row("simulated", f"{summary['simulated_seconds']:.3f} s in {summary['steps']} steps")
     rows.add_row("particles", f"{summary['fluid_particles']} fluid, {summary['wall_particles']} wall")
     spent = ", ".join(f"{summary[f'{key}_seconds']:.1f} s {key}" for key in ("wall", "cpu", "compile"))

@@ -62,6 +62,30 @@ class Solid:
         return cls(np.asarray(distance(nodes.reshape(len(low), -1).T)).reshape(shape), tuple(low), cell, **keywords)
 
     @classmethod
+    def prism(cls, corners, cell, reach, along=None, **keywords):
+        """Solid whose section in the (x, z) plane is a convex polygon, corners (k, 2) [m] counter-clockwise: a plate, a
+        gate, the side of a funnel. Its grid goes ``reach`` [m] beyond it and, in 3-D, from one y to another, ``along``
+        [m]; there it has no ends."""
+        low, high = np.min(corners, axis=0) - reach, np.max(corners, axis=0) + reach
+        if along is None:
+            return cls.of(lambda x: polygon_distance(x, corners), low, high, cell, **keywords)
+        low, high = np.insert(low, 1, along[0]), np.insert(high, 1, along[1])
+        return cls.of(lambda x: polygon_distance(x[:, [0, 2]], corners), low, high, cell, **keywords)
+
+    @classmethod
+    def bars(cls, places, radius, upright, cell, reach, **keywords):
+        """Solid of upright round bars of this radius [m] at places (k, 2) [m], from one z to another, ``upright`` [m];
+        its grid goes ``reach`` [m] beyond them to the sides."""
+        places = np.asarray(places, float)
+        low = [*(places.min(0) - radius - reach), upright[0]]
+        high = [*(places.max(0) + radius + reach), upright[1]]
+
+        def distance(x):
+            return np.min([np.hypot(*(x[:, :2] - place).T) for place in places], axis=0) - radius
+
+        return cls.of(distance, low, high, cell, **keywords)
+
+    @classmethod
     def from_mesh(cls, path, cell, reach, inside=False, scale=1.0, **keywords):
         """Solid of a closed triangle mesh (STL, OBJ, PLY), its coordinates times ``scale`` in metres, sampled every
         ``cell`` [m] up to ``reach`` [m] around it, an effective radius at least. ``inside``: the fluid is inside."""
@@ -116,6 +140,19 @@ class Solid:
         for corner in np.ndindex(*(2,) * len(self.low)):
             z += np.prod(np.where(corner, f, 1.0 - f), axis=1) * self.values[tuple((k + corner).T)]
         return np.where(np.all((place >= 0.0) & (place <= last), axis=1), z, np.inf)
+
+
+def polygon_distance(x, corners):
+    """Signed distance [m] of points (n, 2) from a convex polygon with these corners (k, 2) [m], counter-clockwise;
+    positive outside. A cross-section: of a plate, a gate, the wall of a funnel."""
+    corners = np.asarray(corners, float)
+    nearest, inside = np.full(len(x), np.inf), np.full(len(x), True)
+    for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        along, offset = b - a, x - a
+        t = np.clip(offset @ along / (along @ along), 0.0, 1.0)
+        nearest = np.minimum(nearest, np.linalg.norm(offset - np.outer(t, along), axis=1))
+        inside &= along[0] * offset[:, 1] - along[1] * offset[:, 0] > 0.0
+    return np.where(inside, -nearest, nearest)
 
 
 def read_mesh(path, scale=1.0):

@@ -17,7 +17,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "taichi_mps"
 EDGE = 4
 LAYERS = {
-    0: "quantity material geometry solids measure report scene",
+    0: "quantity material geometry solids measure rest_shapes report scene",
     1: "backend weights surfaces particles neighbors gradient mrpcg sparse grid_levels",
     2: "rheology walls viscosity pressure momentum shifting totals sleeping",
     3: "schemes.implicit schemes.semi_implicit simulation",
@@ -26,6 +26,7 @@ PEERS = {
     "material": {"quantity"},
     "geometry": {"quantity"},
     "solids": {"quantity"},
+    "rest_shapes": {"quantity"},
     "scene": {"quantity", "material", "geometry", "solids", "measure"},
     "weights": {"backend"},
     "surfaces": {"backend"},

@@ -1,4 +1,5 @@
-"""Every scene of scenes/, coarse and short, judged by its own check, and that the check can fail."""
+"""Every scene of scenes/, coarse and short, judged by its own check, and that the check can fail; of the test methods,
+which test_methods.py judges, only that they are there and say what they are."""
 
 import ast
 from dataclasses import replace
@@ -15,6 +16,7 @@ COARSE = {  # keywords that make a scene a matter of seconds; a new scene needs 
     "slump": {"spacing": 0.025, "yield_value": 1000.0, "until": 0.6},
     "still_pool": {"spacing": 0.025, "until": 0.5},
 }
+METHODS = {"j_ring", "l_box", "l_flow", "lcpc_box", "mini_cone", "u_box", "v_funnel"}
 
 
 @pytest.fixture(scope="module", params=sorted(COARSE))
@@ -26,7 +28,7 @@ def ran(request):
 
 
 def test_every_scene_is_tested():
-    assert set(COARSE) == set(catalogue.names())
+    assert set(COARSE) | METHODS == set(catalogue.names())
 
 
 def test_scene_passes_its_check(ran):
@@ -48,12 +50,12 @@ def test_run_ends_as_its_scene_says(ran):
     assert abs(summary["volume_error"]) < 0.06
 
 
-@pytest.mark.parametrize("name", sorted(COARSE))
+@pytest.mark.parametrize("name", sorted(catalogue.names()))
 def test_scene_file_says_what_it_is(name):
     path = catalogue.names()[name]
     text = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8")))
     assert "Source:" in text and "Run time:" in text
     assert catalogue.describe()[name] == text.splitlines()[0]
-    scene = catalogue.build(name, **COARSE[name])
+    scene = catalogue.build(name, **COARSE.get(name, {}))
     assert scene.name == name and scene.measure is not None
-    assert scene.wall_particles is not None and len(scene.wall_particles) > 0  # also for the paper's scheme
+    assert name in METHODS or len(scene.wall_particles) > 0  # also for the paper's scheme

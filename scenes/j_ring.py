@@ -1,0 +1,82 @@
+"""J-ring test (EN 12350-12): slump flow through a ring of bars; the step between inside and outside.
+
+Source: ring 300 mm, bars of 18 mm, 16 (gap 41 mm) or 12 (gap 59 mm), 125 mm high: from memory, fairly sure. The cone is
+that of the slump test, gone at once. Step: mean depth within 50 mm of the axis less that just outside the ring.
+Run time: about 20 CPU-seconds at the default spacing, on a busy machine, and up to 45 s to compile.
+"""
+
+import sys
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+
+import taichi_mps as mps
+from taichi_mps.quantity import Count, Density, Duration, Length, Viscosity, YieldValue
+
+INNER, OUTER = 0.05, 0.025  # radius of the middle, and width of the ring outside the bars, where depths are read [m]
+
+
+@mps.checked
+def scene(
+    yield_value: YieldValue = 40.0,
+    plastic_viscosity: Viscosity = 20.0,
+    density: Density = 2300.0,
+    spacing: Length = 0.01,
+    bars: Count = 16,
+    bar_diameter: Length = 0.018,
+    ring_diameter: Length = 0.3,
+    ring_height: Length = 0.125,
+    until: Duration = 5.0,
+    model: Literal["quarter"] = "quarter",
+) -> mps.Scene:
+    """A quarter of the slump cone and of the ring; none of the bars stands on a mirror plane."""
+    if bars % 4:
+        raise mps.SceneError(f"bars = {bars}: must be a multiple of 4, a quarter is computed")
+    gap = np.pi * ring_diameter / bars - bar_diameter
+    if gap < 2.0 * spacing:
+        raise mps.SceneError(
+            f"spacing = {spacing:g} m: must be at most half of the gap between bars, {0.5 * gap:.3g} m"
+        )
+    cone = mps.slump_cone(
+        yield_value=yield_value, plastic_viscosity=plastic_viscosity, density=density, spacing=spacing,
+        until=until, model="quarter", floor_radius=0.4,
+    )  # fmt: skip
+    ring, thick = 0.5 * ring_diameter, 0.5 * bar_diameter
+    angles = (np.arange(bars) + 0.5) * 2.0 * np.pi / bars
+    places = ring * np.stack([np.cos(angles), np.sin(angles)], -1)
+    reach = 2.5 * spacing
+    solid = mps.Solid.bars(places[: bars // 4], thick, (-reach, ring_height), min(0.5 * spacing, 0.4 * thick), reach)
+    walls = (*cone.walls, solid)
+    circle = np.linspace(0.0, 2.0 * np.pi, 73)
+    rim = np.column_stack([ring * np.cos(circle), ring * np.sin(circle), np.full(73, ring_height)])
+    upright = [np.array([[*place, 0.0], [*place, ring_height]]) for place in places]
+
+    def measure(s):
+        r = np.hypot(s.x[:, 0], s.x[:, 1])
+        first, last = ring + thick, ring + thick + OUTER
+        inside = mps.measure.depth(s, r < INNER, np.pi * INNER**2)
+        outside = mps.measure.depth(s, (r > first) & (r < last), np.pi * (last**2 - first**2))
+        return {**cone.measure(s), "step_m": inside - outside}
+
+    def over_time(history):
+        """Time to a spread of 500 mm."""
+        return {"t500_s": mps.measure.time_of(history["time_s"], history["spread_m"], 0.5)}
+
+    def check(s, measures):
+        """On the floor, in no bar; the surface falls outwards; no wider than without the ring."""
+        assert mps.measure.clearance(s, walls) > 0.0, "leak through a wall or a bar"
+        assert 0.2 - 2 * spacing < measures["spread_m"] and 0.0 <= measures["slump_m"] < 0.3, measures
+        if yield_value and s.speed.max() < 0.01:
+            volume = 4 * len(cone.fluid) * spacing**3
+            widest = mps.rest_shapes.spread_at_rest(volume, density, yield_value)
+            assert measures["spread_m"] < 1.05 * widest and measures["step_m"] > -0.5 * spacing, (measures, widest)
+
+    return replace(
+        cone, name="j_ring", walls=walls, measure=measure, over_time=over_time, check=check, wall_particles=None,
+        outline=(rim, *upright),
+    )  # fmt: skip
+
+
+if __name__ == "__main__":
+    sys.exit(mps.main(["run", __file__, *sys.argv[1:]]))

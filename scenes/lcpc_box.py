@@ -1,0 +1,77 @@
+"""LCPC box: six litres spread in a long level box; the length they reach gives the yield value.
+
+Source: Roussel (2007), Cem. Concr. Res. 37, 1298: box 1200 x 200 x 150 mm, 6 l; from memory, fairly sure. There the
+concrete is poured slowly at one end; here a block of 200 x 200 x 150 mm stands there and is let go at t = 0.
+Run time: about half a CPU-minute at the default spacing, on a busy machine, and up to 45 s to compile.
+"""
+
+import sys
+from typing import Literal
+
+import taichi_mps as mps
+from taichi_mps.quantity import Density, Duration, Length, Viscosity, YieldValue
+
+
+@mps.checked
+def scene(
+    yield_value: YieldValue = 100.0,
+    plastic_viscosity: Viscosity = 20.0,
+    density: Density = 2300.0,
+    spacing: Length = 0.0125,
+    length: Length = 1.2,
+    width: Length = 0.2,
+    height: Length = 0.15,
+    block: Length = 0.2,
+    sides: Literal["rough", "smooth"] = "rough",
+    until: Duration = 10.0,
+    model: Literal["half", "plane"] = "half",
+) -> mps.Scene:
+    """Box with a rough floor; upright walls are rough, too, or have no friction. A ``block`` of concrete this long
+    fills one end of it up to the height. Model half computes one side of the middle plane, plane leaves out the side
+    walls."""
+    if not block < length:
+        raise mps.SceneError(f"block = {block:g} m: must be less than length = {length:g} m, that of the box")
+    plane, half, reach = model == "plane", 0.5 * width, 2.5 * spacing
+    slip = sides == "smooth"
+
+    def at(x, z, y=0.0):
+        return (float(x), float(z)) if plane else (float(x), float(y), float(z))
+
+    mirrors = () if plane else (mps.Plane((0.0, 0.0, 0.0), (0.0, 1.0, 0.0), mirror=True),)
+    side = () if plane else (((0.0, half, 0.0), (0.0, -1.0, 0.0)),)
+    floor, back, end = ((at(0, 0), at(0, 1)), (at(0, 0), at(1, 0)), (at(length, 0), at(-1, 0)))
+    walls = (mps.Plane(*floor), *(mps.Plane(*wall, slip=slip) for wall in (back, end, *side)), *mirrors)
+    fluid = mps.fill(mps.Box(at(0, 0, -half), at(block, height, half)), spacing, mirrors)
+    area = len(fluid) * spacing**2 / (1.0 if plane else half / spacing)  # of the section [m2]
+
+    def measure(s):
+        low, high = (0.02, -0.25 * width), (0.08, 0.25 * width)
+        return {
+            "front_m": float(s.x[:, 0].max() + 0.5 * s.spacing),
+            "h1_m": mps.measure.level(s, low[: s.x.shape[1] - 1], high[: s.x.shape[1] - 1]),
+        }
+
+    def check(s, measures):
+        """In the box; at rest as long as the closed form within 5 % and a spacing."""
+        assert mps.measure.clearance(s, walls) > 0.0, "leak through a wall"
+        assert block < measures["front_m"] < length + spacing, measures
+        if yield_value and s.speed.max() < 0.002:
+            between = None if plane or slip else width
+            x, _ = mps.rest_shapes.channel_at_rest(area, density, yield_value, between, length, normal_stress=True)
+            assert abs(measures["front_m"] - x[-1]) < 0.05 * x[-1] + spacing, (measures, x[-1])
+
+    return mps.Scene(
+        name="lcpc_box",
+        material=mps.Bingham(density=density, plastic_viscosity=plastic_viscosity, yield_value=yield_value),
+        spacing=spacing,
+        fluid=fluid,
+        walls=walls,
+        domain=(at(-reach, -reach, -reach), at(length + reach, 2.0 * height, half + reach)),
+        until=until,
+        measure=measure,
+        check=check,
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(mps.main(["run", __file__, *sys.argv[1:]]))

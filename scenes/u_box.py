@@ -1,0 +1,102 @@
+"""U-box test (JSCE-F 511): concrete rises in the second leg of a U through a gate with bars; the two levels.
+
+Source: height 680 mm, width 200 mm, legs 140 mm deep, gate 190 mm high, 3 bars of 13 mm 50 mm apart, about 20 l: bars
+and volume as quoted, the rest from memory, fairly sure. The bottom is flat here; the wall between is 3 l0 thick.
+Run time: about two CPU-minutes at the default spacing, on a busy machine, and up to 45 s to compile.
+"""
+
+import sys
+from typing import Literal
+
+import numpy as np
+
+import taichi_mps as mps
+from taichi_mps.quantity import Density, Duration, Length, Viscosity, YieldValue
+
+BAR, APART, COUNT = 0.013, 0.05, 3  # diameter and distance of axes [m], number of the bars
+
+
+@mps.checked
+def scene(
+    yield_value: YieldValue = 40.0,
+    plastic_viscosity: Viscosity = 20.0,
+    density: Density = 2300.0,
+    spacing: Length = 0.0125,
+    leg: Length = 0.14,
+    width: Length = 0.2,
+    height: Length = 0.68,
+    opening: Length = 0.19,
+    bars: Literal["yes", "no"] = "yes",
+    sides: Literal["smooth", "rough"] = "smooth",
+    until: Duration = 3.0,
+    model: Literal["half"] = "half",
+) -> mps.Scene:
+    """Two legs on a rough floor; upright walls have no friction, or are rough and then hold back a layer a spacing
+    thick. The first is filled to the brim; the gate between them is gone at t = 0. One side of the middle plane is
+    computed. The bars stand in the middle of the opening."""
+    if not opening < height:
+        raise mps.SceneError(f"opening = {opening:g} m: must be less than height = {height:g} m; a wall is above it")
+    half, reach, thick, cell = 0.5 * width, 2.5 * spacing, 3 * spacing, 0.5 * spacing
+    far, slip = 2 * leg + thick, sides == "smooth"
+    corners = [(leg, opening), (leg + thick, opening), (leg + thick, height + reach), (leg, height + reach)]
+    mirror = mps.Plane((0.0, 0.0, 0.0), (0.0, 1.0, 0.0), mirror=True)
+    walls = (
+        mps.Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
+        mps.Plane((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), slip=slip),
+        mps.Plane((far, 0.0, 0.0), (-1.0, 0.0, 0.0), slip=slip),
+        mps.Plane((0.0, half, 0.0), (0.0, -1.0, 0.0), slip=slip),
+        mirror,
+        mps.Solid.prism(corners, cell, reach, (-2 * spacing, half + 2 * spacing), slip=slip),
+    )
+    fluid = mps.fill(mps.Box((0.0, -half, 0.0), (leg, half, height)), spacing, (mirror,))
+    across = APART * (np.arange(COUNT) - 0.5 * (COUNT - 1))
+    middle, outline = leg + 0.5 * thick, ()
+    if bars == "yes":
+        places = [(middle, y) for y in across if y > -1e-9]
+        walls += (mps.Solid.bars(places, 0.5 * BAR, (-reach, opening), 0.4 * BAR, reach),)
+        outline = tuple(
+            np.array([[middle + dx, y, 0.0], [middle + dx, y, opening]])
+            for y in across
+            for dx in (-0.5 * BAR, 0.5 * BAR)
+        )
+    full = len(fluid) * spacing**3 / (half * leg)  # mean height of what fills the first leg [m]
+
+    def measure(s):
+        middle, y = 0.25 * leg, 0.25 * width
+        h1, h2 = (mps.measure.level(s, (x + middle, -y), (x + leg - middle, y)) for x in (0.0, far - leg))
+        return {"h1_m": h1, "h2_m": h2, "step_m": h1 - h2}
+
+    def over_time(history):
+        """Time in which the second leg is filled to 300 mm."""
+        return {"t300_s": mps.measure.time_of(history["time_s"], history["h2_m"], 0.3)}
+
+    def check(s, measures):
+        """In the vessel; at rest the volume fills both legs and the opening, and the levels differ by no more than the
+        friction in legs and opening can hold, and the bars, if there are any."""
+        assert mps.measure.clearance(s, walls) > 0.0, "leak through a wall or a bar"
+        assert max(measures["h1_m"], measures["h2_m"]) < height + spacing, measures
+        if s.speed.max() < 0.01:
+            friction = far / opening + (0.0 if slip else 2.0 * (1.0 / leg + 1.0 / width) * full)
+            held = yield_value / (9.81 * density) * friction + 2.0 * spacing
+            assert -held < measures["step_m"] < held or bars == "yes", (measures, held)
+            both = measures["h1_m"] + measures["h2_m"] + thick * opening / leg
+            assert not slip or abs(both - full) < 3.0 * spacing, (measures, full)
+
+    return mps.Scene(
+        name="u_box",
+        material=mps.Bingham(density=density, plastic_viscosity=plastic_viscosity, yield_value=yield_value),
+        spacing=spacing,
+        fluid=fluid,
+        walls=walls,
+        domain=((-reach, -reach, -reach), (far + reach, half + reach, height + reach)),
+        until=until,
+        stop_at_rest=True,
+        measure=measure,
+        over_time=over_time,
+        check=check,
+        outline=outline,
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(mps.main(["run", __file__, *sys.argv[1:]]))
