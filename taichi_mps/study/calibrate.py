@@ -86,9 +86,9 @@ class Calibration:
 def fit(emulator: Emulator, measured: dict, density: float, correction: dict | None = None) -> Calibration:
     """The constants that fit ``measured`` {slump_m, spread_m or t500_s: (value, standard error)}.
 
-    The least squares of all measurements over their errors, and the interval of each constant in which the least squares
-    of the other rise by no more than 3.84 (profile likelihood): it needs no derivative, so it stays true where the
-    measurements say nothing of a constant. ``correction`` is added to the emulator's lengths and multiplies its times.
+    The least squares of all measurements over their errors, and the interval of each constant in which the least
+    squares over the other rise by no more than 3.84 (profile likelihood): it needs no derivative, so it stays true where
+    the measurements say nothing of a constant. ``correction`` is added to the emulator's lengths, multiplies its times.
     """
     from scipy.optimize import least_squares
 

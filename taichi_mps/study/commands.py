@@ -52,7 +52,7 @@ def sweep_command(argv) -> int:
     quiet = options.quiet or arguments.json
     with watching(differing(planned), quiet) as watch:
         rows = sweep(arguments.scene, folder, options.executor, options.workers, watch, **varied)
-    failed = sum(row["status"] == "failed" for row in rows)
+    failed = sum(row["status"] != "done" for row in rows)
     if options.chart:
         from .chart import study_chart
 
@@ -60,7 +60,7 @@ def sweep_command(argv) -> int:
     if arguments.json:
         print(json.dumps(rows))
     elif not quiet:
-        print(f"{len(rows) - failed} cases done, {failed} failed: {folder / 'results.csv'}")
+        print(f"{len(rows) - failed} cases done, {failed} not: {folder / 'results.csv'}")
     return 0
 
 

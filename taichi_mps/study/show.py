@@ -54,8 +54,8 @@ def spelled(value) -> str:
 
 def outcome(row) -> str:
     """The measures of a row in a few words, or why there are none."""
-    if row["status"] == "failed":
-        return f"failed: {row['reason']}"
+    if row["status"] != "done":
+        return f"{row['status']}: {row['reason']}"
     return ", ".join(f"{name[:-2]} {cell(name, row[name])}" for name in measures([row]) if row[name] is not None)
 
 

@@ -18,6 +18,7 @@ from .executors import named
 from .results import Results
 
 ACCURACY = 0.005  # of the slump [m], by which model and spacing are chosen where the scene can and nothing is given
+LOST = "lost"  # status of a case that its executor did not bring to an end; computed again when the study is resumed
 TABLE_EVERY = 2.0  # [s] between two tables of an unfinished study; the journal has every row at once
 
 
@@ -99,14 +100,14 @@ def carry_out(planned: list[Case], out, run=run_case, executor="local", workers=
             if watch:
                 watch(rows(), len(planned))
 
-        left = list({c.key: c for c in planned if c.key not in results.rows}.values())
+        over = {key for key, row in results.rows.items() if row["status"] != LOST}
+        left = list({c.key: c for c in planned if c.key not in over}.values())
         if watch:
             watch(rows(), len(planned))
         try:
-            suspects = together(left, run, opened, room, finished)
-            for suspect in suspects:
+            for suspect in together(left, run, opened, room, finished):
                 if together([suspect], run, opened, 1, finished):
-                    finished(failed(suspect, "its process died, in company and alone"))
+                    finished(without_row(suspect, LOST, "its process died, beside others and alone"))
         finally:
             results.write(rows())
         return rows()
@@ -122,16 +123,16 @@ def together(planned, run, opened, room, finished) -> list[Case]:
     others with it, so which of them it was is not known."""
     waiting, suspects = deque(planned), []
     while waiting:
+        before = len(waiting)
         with opened() as executor:
             flying, broken = {}, False
             while flying or (waiting and not broken):
-                while waiting and not broken and (room is None or len(flying) < room):
-                    try:
+                try:
+                    while waiting and not broken and (room is None or len(flying) < room):
                         flying[executor.submit(run, waiting[0])] = waiting[0]
-                    except BrokenExecutor:
-                        broken = True
-                        break
-                    waiting.popleft()
+                        waiting.popleft()
+                except BrokenExecutor:
+                    broken = True
                 for future in wait(flying, return_when=FIRST_COMPLETED).done:
                     it = flying.pop(future)
                     try:
@@ -140,12 +141,14 @@ def together(planned, run, opened, room, finished) -> list[Case]:
                         broken = True
                         suspects.append(it)
                         continue
-                    except Exception as error:
-                        row = failed(it, f"{type(error).__name__}: {' '.join(str(error).split())}")
+                    except Exception as error:  # of the executor; what goes wrong in a case is in its row
+                        row = without_row(it, LOST, f"{type(error).__name__}: {' '.join(str(error).split())}")
                     finished(row)
+        if len(waiting) == before:  # an executor that was broken when it came
+            return [*suspects, *waiting]
     return suspects
 
 
-def failed(case: Case, reason: str) -> dict:
+def without_row(case: Case, status: str, reason: str) -> dict:
     """The row of a case that gave none."""
-    return {"key": case.key, "status": "failed", "reason": reason, "scene": case.scene, **case.parameters}
+    return {"key": case.key, "status": status, "reason": reason, "scene": case.scene, **case.parameters}
