@@ -1,4 +1,4 @@
-"""Studies: nothing lost and nothing twice, whatever dies; constants found again from a slump test, with true intervals."""
+"""Studies: nothing lost and nothing twice, whatever dies; constants found again from a slump test, within intervals."""
 
 import json
 import subprocess
@@ -14,11 +14,11 @@ import taichi_mps as mps
 from taichi_mps import cli
 from taichi_mps.quantity import SceneError
 from taichi_mps.study import case as cases
-from taichi_mps.study import sweep
 from taichi_mps.study.calibrate import calibrate, fit
 from taichi_mps.study.emulator import Emulator
 from taichi_mps.study.results import Results, read
 from taichi_mps.study.sweep import LOST, carry_out, values
+from taichi_mps.study.sweep import cases as combinations
 
 
 # ---- what is to be computed ------------------------------------------------------------------------------------
@@ -46,11 +46,11 @@ def test_a_key_is_the_scene_and_all_its_parameters(tmp_path):
 
 
 def test_model_and_spacing_are_the_cheapest_that_are_good_enough():
-    planned = sweep.cases("slump", yield_value="100:400:3", plastic_viscosity=[20, 50])
+    planned = combinations("slump", yield_value="100:400:3", plastic_viscosity=[20, 50])
     mixes = [(c.parameters["yield_value"], c.parameters["plastic_viscosity"]) for c in planned]
     assert mixes == [(100, 20), (100, 50), (200, 20), (200, 50), (400, 20), (400, 50)]
     assert {(c.parameters["model"], c.parameters["spacing"]) for c in planned} == {("axisymmetric", 0.01)}
-    assert sweep.cases("slump", model="quarter")[0].parameters == {"model": "quarter"}
+    assert combinations("slump", model="quarter")[0].parameters == {"model": "quarter"}
 
 
 # ---- nothing lost, nothing twice -------------------------------------------------------------------------------

@@ -27,8 +27,7 @@ def slump_chart(out, study=None) -> Path:
     figure, (left, right) = _figure(13.0, 6.6, columns=2)
     yields = np.exp(np.linspace(emulator.low[0], emulator.high[0], 200)) * DENSITY
     for eta, colour in zip(VISCOSITIES, COLOURS, strict=False):
-        points = np.log(np.column_stack([yields, np.full(len(yields), eta)]) / DENSITY)
-        found = emulator.at(points)
+        found = emulator.at(np.log(yields / DENSITY), np.full(len(yields), np.log(eta / DENSITY)))
         for axes, name in ((left, "slump_m"), (right, "spread_m")):
             axes.semilogx(yields, 100.0 * found[name], color=colour, lw=2.4, label=f"this engine, {eta:g} Pa s")
     formulas = read_reference("A_slump_vs_yield_abrams.csv")
