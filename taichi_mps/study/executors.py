@@ -86,8 +86,10 @@ class Jobs(Executor):
             for job, future in list(self.flying.items()):
                 if job.done():
                     del self.flying[job]
-                    error = job.exception()
-                    future.set_exception(error) if error else future.set_result(job.result())
+                    try:
+                        future.set_result(job.result())
+                    except Exception as error:  # of the job or of Slurm: whoever waits shall know
+                        future.set_exception(error)
 
     def shutdown(self, wait=True, *, cancel_futures=False):
         self.over.set()
