@@ -267,6 +267,12 @@ def test_measurements_that_contradict_each_other_are_named(emulator):
         calibrate(spread=0.38, t500=3.2)
     with pytest.raises(SceneError, match="at least one of"):
         calibrate()
+    with pytest.raises(SceneError, match="slump = 21 m: must be less than 0.3 m"):
+        calibrate(slump=21)
+    with pytest.raises(SceneError, match="no column plastic_viscosity, slump_m"):
+        Emulator([{"status": "done", "yield_value": 300.0, "spread_m": 0.3}])
+    with pytest.raises(SceneError, match="at least 3 yield values"):
+        Emulator([{"status": "done", "yield_value": 3.0, "plastic_viscosity": 5.0, "slump_m": 0.1, "spread_m": 0.3}])
 
 
 @pytest.mark.parametrize(

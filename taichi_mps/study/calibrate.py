@@ -84,13 +84,15 @@ class Calibration:
             factor, unit = (100.0, "cm") if name.endswith("_m") else (1.0, "s")
             found = f"{factor * value:.2f} +- {factor * error:.2f} {unit}, of the model {factor * self.model[name]:.2f}"
             lines.append(f"{NAMES[name]:18} {found}")
-        if self.contradictory:
-            lines.append("no Bingham mix has all of these: the measurements contradict each other, or the model")
         if self.finer:
             apart = [f"{NAMES[name]} {1e3 * value:+.1f} mm" for name, value in self.finer.items() if name != "t500_s"]
             apart += [f"T500 {100.0 * (value - 1.0):+.1f} %" for name, value in self.finer.items() if name == "t500_s"]
             apart = ", ".join(apart)
             lines.append(f"the finer run      {apart} beside the table; the constants are corrected by it")
+        if self.contradictory:
+            lines.insert(
+                0, "no mix comes within three standard errors: the measurements contradict each other or the model"
+            )
         return "\n".join(lines)
 
 
@@ -221,6 +223,11 @@ def calibrate(
             f"t500 = {t500:g} s: with spread = {spread:g} m it never spread to 0.5 m; leave one of them out"
         )
     emulator = emulator_of(Path(table) if table else TABLE)
+    height = emulator.settings.get("height", 0.3)
+    if slump and slump >= height:
+        raise SceneError(
+            f"slump = {slump:g} m: must be less than {height:g} m, the height of the cone; 21cm is a length, too"
+        )
     found = fit(emulator, measured, rho)
     if not check:
         return found

@@ -8,7 +8,7 @@ from ..plots import COLOURS, _figure, _save
 from ..quantity import SceneError
 from ..validation import read_reference
 from .calibrate import TABLE, emulator_of
-from .show import UNITS, measures
+from .show import UNITS, measures, spelled
 
 VISCOSITIES = (20.0, 50.0, 200.0)  # of the engine's curves [Pa s]
 DENSITY = 2300.0  # of the chart [kg/m3]; yield value over density is what matters
@@ -76,13 +76,20 @@ def study_chart(rows, varied, out) -> Path:
         for k, kind in enumerate(dict.fromkeys(tuple(row[other] for other in others) for row in done)):
             points = [(row[x], row.get(name)) for row in done if tuple(row[other] for other in others) == kind]
             points = np.array(sorted(points), float)  # None becomes nan: a gap
-            label = ", ".join(f"{other.replace('_', ' ')} {value}" for other, value in zip(others, kind, strict=True))
+            label = ", ".join(
+                f"{other.replace('_', ' ')} {spelled(value)}" for other, value in zip(others, kind, strict=True)
+            )
             axes.plot(
                 points[:, 0], UNITS[name[-2:]][0] * points[:, 1], "o-", color=COLOURS[k % len(COLOURS)], label=label
             )
         axes.set(xlabel=x.replace("_", " "), ylabel=f"{name[:-2].replace('_', ' ')} [{UNITS[name[-2:]][1]}]")
-        if min(row[x] for row in done) > 0.0:
+        low, high = (end(row[x] for row in done) for end in (min, max))
+        if low > 0.0:
             axes.set_xscale("log")
+            steps = [k * 10.0**power for power in range(-6, 7) for k in (1, 2, 5)]
+            steps = [step for step in steps if 0.99 * low <= step <= 1.01 * high]
+            axes.set_xticks(steps, [f"{step:g}" for step in steps])
+            axes.minorticks_off()
     if others:
         panels[0][0].legend(frameon=False, fontsize=9)
     return _save(figure, out)

@@ -7,9 +7,10 @@ from pathlib import Path
 from pydantic import Field
 
 from .. import catalogue
+from ..choose import choose
 from ..options import Parser, given, joined
 from ..quantity import Checked, Count, Density, Duration, Length, SceneError
-from .sweep import cases, sweep
+from .sweep import ACCURACY, cases, sweep
 
 
 class Study(Checked):
@@ -47,6 +48,8 @@ def sweep_command(argv) -> int:
     varied = {name: text for name, text in varied.items() if text is not None}
     folder = Path(options.out or Path("studies") / Path(arguments.scene).stem)
     planned = cases(arguments.scene, **varied)
+    if "model" in planned[0].parameters and "model" not in varied:
+        print(f"taichi-mps: accuracy = {1e3 * ACCURACY:g} mm: {choose(ACCURACY)}", file=sys.stderr)
     from .show import differing, watching
 
     quiet = options.quiet or arguments.json

@@ -1,5 +1,7 @@
 """The slump test as a smooth function of the Bingham constants, through the cases of a study."""
 
+from importlib.util import find_spec
+
 import numpy as np
 
 from .. import catalogue
@@ -7,6 +9,7 @@ from ..quantity import SceneError
 
 DENSITY = 2300.0  # [kg/m3] of rows that name none: the default of scenes/slump.py
 SMOOTHING = 0.03  # of the thin plate: particles scatter the measures of soft mixes by millimetres from case to case
+NEEDED = ("status", "yield_value", "plastic_viscosity", "slump_m", "spread_m")  # columns of a table
 FEWEST = 6  # cases with a T500 from which on it is known
 NODES = 121, 61  # of the grid on which a fit looks first: yield value, plastic viscosity
 REACHED = 0.5  # spread [m] below which there is no T500
@@ -20,6 +23,13 @@ class Emulator:
     """
 
     def __init__(self, rows: list[dict]):
+        if not find_spec("scipy"):
+            raise SceneError("calibrate and chart need scipy: pip install 'taichi-mps[calibrate]'")
+        missing = [name for name in NEEDED if name not in (rows[0] if rows else {})]
+        if missing:
+            raise SceneError(
+                f"table: has no column {', '.join(missing)}; must be a study of the slump over both constants"
+            )
         done = [row for row in rows if row["status"] == "done" and row["yield_value"] > 0.0]
         constants = np.array([[row["yield_value"], row["plastic_viscosity"]] for row in done], float).reshape(-1, 2)
         if min((len(set(column)) for column in constants.T), default=0) < 3:

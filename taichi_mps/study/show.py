@@ -56,7 +56,9 @@ def outcome(row) -> str:
     """The measures of a row in a few words, or why there are none."""
     if row["status"] != "done":
         return f"{row['status']}: {row['reason']}"
-    return ", ".join(f"{name[:-2]} {cell(name, row[name])}" for name in measures([row]) if row[name] is not None)
+    return ", ".join(
+        f"{name[:-2].replace('_', ' ')} {cell(name, row[name])}" for name in measures([row]) if row[name] is not None
+    )
 
 
 def measures(rows) -> list[str]:
