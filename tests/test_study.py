@@ -54,6 +54,21 @@ def test_model_and_spacing_are_the_cheapest_that_are_good_enough():
     assert combinations("slump", model="quarter")[0].parameters == {"model": "quarter"}
 
 
+def test_cases_that_share_kernels_are_run_one_after_the_other(tmp_path):
+    mixed = combinations("slump", yield_value="100,200", height="0.3,0.2")
+    seen = []
+
+    def look(case):
+        seen.append((case.parameters["height"], case.parameters["yield_value"]))
+        return {"key": case.key, "status": "done", "reason": ""}
+
+    with ThreadPoolExecutor(1) as threads:
+        rows = carry_out(mixed, tmp_path / "s", look, threads)
+    assert sorted(seen[:2]) + sorted(seen[2:]) in ([(0.2, 100), (0.2, 200), (0.3, 100), (0.3, 200)],
+                                                    [(0.3, 100), (0.3, 200), (0.2, 100), (0.2, 200)])  # fmt: skip
+    assert [row["key"] for row in rows] == [case.key for case in mixed]
+
+
 # ---- nothing lost, nothing twice -------------------------------------------------------------------------------
 @pytest.fixture
 def notes(tmp_path):

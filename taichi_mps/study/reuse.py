@@ -25,6 +25,7 @@ class Compiled:
 
     def __init__(self, scene: Scene):
         self.shape = shape_of(scene)
+        self.program = ti.lang.impl.get_runtime().prog
         self.sim = Simulation(scene)
         self.beginning = self.sim.state()
         self.scheme = scheme = self.sim.scheme
@@ -55,8 +56,8 @@ class Compiled:
 
     @property
     def whole(self) -> bool:
-        """False once the Simulation has made a scheme of its own anew, for a longer neighbour list."""
-        return self.sim.scheme is self.scheme
+        """False once the Simulation has made its scheme anew, for a longer neighbour list, or Taichi was restarted."""
+        return self.sim.scheme is self.scheme and self.program is ti.lang.impl.get_runtime().prog
 
     def begin(self, scene: Scene) -> Simulation:
         """The Simulation of a scene of this shape, at its start; the one handed out before is over."""

@@ -11,6 +11,7 @@ from time import monotonic
 
 from .. import catalogue
 from ..choose import choose
+from ..material import Bingham
 from ..quantity import SceneError
 from .case import Case, case
 from .case import run as run_case
@@ -101,7 +102,7 @@ def carry_out(planned: list[Case], out, run=run_case, executor="local", workers=
                 watch(rows(), len(planned))
 
         over = {key for key, row in results.rows.items() if row["status"] != LOST}
-        left = list({c.key: c for c in planned if c.key not in over}.values())
+        left = sorted({c.key: c for c in planned if c.key not in over}.values(), key=shape)  # compiled once for all
         if watch:
             watch(rows(), len(planned))
         try:
@@ -116,6 +117,11 @@ def carry_out(planned: list[Case], out, run=run_case, executor="local", workers=
 @contextmanager
 def as_it_is(executor):
     yield executor
+
+
+def shape(case: Case) -> str:
+    """All parameters but the material's: cases that share it share their kernels."""
+    return str([(name, value) for name, value in case.given if name not in Bingham.model_fields])
 
 
 def together(planned, run, opened, room, finished) -> list[Case]:
