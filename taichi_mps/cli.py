@@ -1,4 +1,5 @@
-"""The command line: run | resume | render | plot | validate | scenes | info. Taichi is imported when a run starts."""
+"""The command line: run | resume | render | plot | validate | scenes | info, and those of studies. Taichi is imported
+when a run starts."""
 
 import io
 import json
@@ -18,6 +19,7 @@ from .options import Parser, Pictures, Run, Table, given, joined
 from .quantity import SceneError, suggestion
 from .scene import NUMERICS
 from .show import curves, pictures, progress, table
+from .study.commands import COMMANDS as STUDY
 
 DONE, BAD_INPUT, DIVERGED, INTERRUPTED = 0, 2, 3, 130
 
@@ -282,7 +284,7 @@ def validate(argv) -> int:
 
 
 COMMANDS = {"run": run, "resume": resume, "render": render, "plot": plot, "validate": validate}
-COMMANDS |= {"scenes": scenes, "info": info}
+COMMANDS |= STUDY | {"scenes": scenes, "info": info}
 
 
 def main(argv=None) -> int:
@@ -290,7 +292,7 @@ def main(argv=None) -> int:
     argv = [str(word) for word in (sys.argv[1:] if argv is None else argv)]
     try:
         if not argv or argv[0] in ("-h", "--help"):
-            lines = [f"  {name:8} {command.__doc__}" for name, command in COMMANDS.items()]
+            lines = [f"  {name:9} {command.__doc__}" for name, command in COMMANDS.items()]
             print("\n".join(["usage: taichi-mps COMMAND ... [--help]", "", *lines]))
             return DONE if argv else BAD_INPUT
         if argv[0] == "--version":

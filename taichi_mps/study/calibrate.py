@@ -1,0 +1,251 @@
+"""The Bingham constants of a mix from its slump test, with intervals from the errors of the measurements."""
+
+from dataclasses import asdict, dataclass, field, replace
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from ..quantity import Density, Duration, Length, SceneError, checked
+from .emulator import REACHED, Emulator
+from .results import read
+
+TABLE = Path(__file__).parent / "slump.csv"  # a sweep of the standard cone, axisymmetric, 10 mm; docs/studies.md
+RISE = 3.841  # of chi squared, one degree of freedom, 95 %
+ZOOMS = 2  # onto where the misfit is near its least
+VISCOSITIES, USUAL = (10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0), 50.0  # [Pa s]
+CONTRADICTION = 9.0  # a misfit of three standard errors
+NAMES = {"slump_m": "slump", "spread_m": "spread", "t500_s": "T500"}
+CONSTANTS = {"yield_value": ("yield value", "Pa"), "plastic_viscosity": ("plastic viscosity", "Pa s")}
+
+
+def short(value: float) -> str:
+    """Three figures, without an exponent."""
+    return f"{float(f'{value:.3g}'):g}"
+
+
+@dataclass(frozen=True)
+class Constant:
+    """A constant of the mix, SI units: the best value and the ends of its 95 % interval.
+
+    An end is None where the measurements do not bound the constant within the table, which reaches from ``low`` to
+    ``high``. It is then not determined, and ``value`` is one of many that fit.
+    """
+
+    value: float
+    lower: float | None
+    upper: float | None
+    low: float
+    high: float
+
+    @property
+    def determined(self) -> bool:
+        return self.lower is not None and self.upper is not None
+
+    def told(self, unit: str) -> str:
+        """In words."""
+        ends = f"{short(self.low)} to {short(self.high)} {unit}"
+        if self.determined:
+            return f"{short(self.value)} {unit}, 95 %: {short(self.lower)} to {short(self.upper)} {unit}"
+        if self.lower is None and self.upper is None:
+            return f"not determined by these measurements: anything from {ends} fits them"
+        bound = f"at most {short(self.upper)}" if self.lower is None else f"at least {short(self.lower)}"
+        return f"{bound} {unit} (95 %), not determined further by these measurements (looked for from {ends})"
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """What a slump test says of its mix: constants, the measures of the model there, the misfit in standard errors."""
+
+    yield_value: Constant
+    plastic_viscosity: Constant
+    measured: dict[str, tuple[float, float]]  # value and standard error, SI units
+    model: dict[str, float]
+    misfit: float  # chi squared
+    by_viscosity: dict[float, float]  # best yield value [Pa] at plastic viscosities [Pa s] that fit
+    finer: dict[str, float] = field(default_factory=dict)  # the run that checked: finer minus table, ratio for t500_s
+
+    @property
+    def contradictory(self) -> bool:
+        return self.misfit > CONTRADICTION
+
+    def facts(self) -> dict:
+        """Everything, JSON-ready."""
+        both = {name: getattr(self, name) for name in CONSTANTS}
+        both = {name: asdict(constant) | {"determined": constant.determined} for name, constant in both.items()}
+        return asdict(self) | both | {"contradictory": self.contradictory}
+
+    def __str__(self):
+        lines = [f"{word:18} {getattr(self, name).told(unit)}" for name, (word, unit) in CONSTANTS.items()]
+        if not self.plastic_viscosity.determined:
+            pairs = ", ".join(f"{short(tau)} Pa at {eta:g}" for eta, tau in self.by_viscosity.items())
+            lines.append(f"  yield value by plastic viscosity: {pairs} Pa s")
+        for name, (value, error) in self.measured.items():
+            factor, unit = (100.0, "cm") if name.endswith("_m") else (1.0, "s")
+            found = f"{factor * value:.2f} +- {factor * error:.2f} {unit}, of the model {factor * self.model[name]:.2f}"
+            lines.append(f"{NAMES[name]:18} {found}")
+        if self.finer:
+            apart = [f"{NAMES[name]} {1e3 * value:+.1f} mm" for name, value in self.finer.items() if name != "t500_s"]
+            apart += [f"T500 {100.0 * (value - 1.0):+.1f} %" for name, value in self.finer.items() if name == "t500_s"]
+            apart = ", ".join(apart)
+            lines.append(f"the finer run      {apart} beside the table; the constants are corrected by it")
+        if self.contradictory:
+            lines.insert(
+                0, "no mix comes within three standard errors: the measurements contradict each other or the model"
+            )
+        return "\n".join(lines)
+
+
+def fit(emulator: Emulator, measured: dict, density: float, correction: dict | None = None) -> Calibration:
+    """The constants that fit ``measured`` {slump_m, spread_m or t500_s: (value, standard error)}.
+
+    The least squares of all measurements over their errors, with the emulator's scatter among them, and the interval of
+    each constant in which the least squares over the other rise by no more than 3.84 (profile likelihood): it needs no
+    derivative, so it stays true where the measurements say nothing of a constant. ``correction`` is added to the
+    emulator's lengths and multiplies its times.
+    """
+    from scipy.optimize import least_squares
+
+    correction = correction or {}
+
+    def corrected(measures):
+        added = {name: value + correction.get(name, 0.0) for name, value in measures.items()}
+        return added | {"t500_s": measures["t500_s"] * correction.get("t500_s", 1.0)}
+
+    errors = {}
+    for name, (value, error) in measured.items():
+        scatter = emulator.scatter.get(name, 0.0) * (value if name == "t500_s" else 1.0)
+        errors[name] = float(np.hypot(error, scatter))
+
+    def residuals(measures):
+        model = corrected(measures)
+        return np.array([(model[name] - value) / errors[name] for name, (value, _) in measured.items()])
+
+    def misfit(axes):
+        return np.nan_to_num((residuals(emulator.at(*axes, grid=True)) ** 2).sum(0), nan=np.inf)  # nan: no T500 there
+
+    axes = emulator.axes
+    chi2 = misfit(axes)
+    if not np.isfinite(chi2).any():
+        raise SceneError("t500: no mix of the table spreads to 500 mm")
+    for _ in range(ZOOMS):
+        limit = chi2.min() + 4.0 * RISE + unevenness(chi2)
+        axes = [around(axis, chi2.min(1 - k) <= limit) for k, axis in enumerate(axes)]
+        chi2 = misfit(axes)
+    best = np.unravel_index(np.argmin(chi2), chi2.shape)
+    start = np.array([axis[k] for axis, k in zip(axes, best, strict=True)])
+
+    def near(point):
+        return np.nan_to_num(residuals(emulator.at(*point)), nan=1e3)
+
+    step = [axis[1] - axis[0] for axis in axes]
+    box = np.maximum(start - step, emulator.low), np.minimum(start + step, emulator.high)
+    polished = least_squares(near, start, bounds=box, x_scale=step)
+    point = polished.x if 2.0 * polished.cost < chi2[best] else start
+    least = min(2.0 * polished.cost, chi2[best])
+    intervals = [interval(axis, chi2.min(1 - k) - least, density) for k, axis in enumerate(axes)]
+    along = {}
+    for eta in VISCOSITIES:
+        fits = misfit((axes[0], np.log([eta / density])))[:, 0] if within(eta, axes[1], density) else np.array([np.inf])
+        if fits.min() - least <= RISE:
+            along[eta] = float(density * np.exp(axes[0][fits.argmin()]))
+    if None in intervals[1] and along:  # any of these is as good: the one of a usual concrete
+        usual = min(along, key=lambda eta: abs(np.log(eta / USUAL)))
+        point = np.log(np.array([along[usual], usual]) / density)
+    values, constants = density * np.exp(point), []
+    for value, ends, axis in zip(values, intervals, emulator.axes, strict=True):
+        constants.append(Constant(float(value), *ends, *(density * np.exp(axis[[0, -1]])).tolist()))
+    model = {name: float(value) for name, value in corrected(emulator.at(*point)).items()}
+    return Calibration(*constants, measured, model, float(least), along)
+
+
+def within(eta, axis, density) -> bool:
+    """Does a plastic viscosity lie on an axis of logarithms over the density?"""
+    return axis[0] <= np.log(eta / density) <= axis[-1]
+
+
+def unevenness(chi2):
+    """By how much a grid's least value may lie above the least between its nodes: the change to the nodes beside it."""
+    i, j = np.unravel_index(np.argmin(chi2), chi2.shape)
+    beside = chi2[max(i - 1, 0) : i + 2, max(j - 1, 0) : j + 2]
+    return beside[np.isfinite(beside)].max() - chi2[i, j]
+
+
+def around(axis, inside):
+    """An axis of as many nodes over what is inside and a node on either side of it."""
+    first, last = np.flatnonzero(inside)[[0, -1]]
+    return np.linspace(axis[max(first - 1, 0)], axis[min(last + 1, len(axis) - 1)], len(axis))
+
+
+def interval(axis, rise, density):
+    """The ends of {rise <= RISE} along an axis as constants; None where it reaches the axis' end."""
+    inside = np.flatnonzero(rise <= max(RISE, rise.min()))
+    ends = []
+    for last, beyond in ((inside[0], inside[0] - 1), (inside[-1], inside[-1] + 1)):
+        if not 0 <= beyond < len(axis):
+            ends.append(None)
+            continue
+        share = np.sqrt(max(rise[last], 0.0)), np.sqrt(rise[beyond])  # in which the rise is about linear
+        part = min(1.0, max(0.0, (RISE**0.5 - share[0]) / (share[1] - share[0]))) if np.isfinite(share[1]) else 0.5
+        ends.append(float(density * np.exp(axis[last] + part * (axis[beyond] - axis[last]))))
+    return ends
+
+
+@lru_cache(maxsize=4)
+def emulator_of(table: Path) -> Emulator:
+    return Emulator(read(table))
+
+
+@checked
+def calibrate(
+    slump: Length | None = None,
+    spread: Length | None = None,
+    t500: Duration | None = None,
+    rho: Density = 2300.0,
+    slump_error: Length = 0.005,
+    spread_error: Length = 0.01,
+    t500_error: Duration = 0.2,
+    table: str | None = None,
+    check: bool = True,
+) -> Calibration:
+    """Yield value and plastic viscosity of a mix from what was measured in its slump test, lengths [m], time [s].
+
+    ``table`` is a study of the slump test to look the answer up in, by default the package's own of the standard cone
+    with the mould gone at once. With ``check`` the cone is computed once more at half the spacing with the constants
+    found, and they are corrected by the difference.
+    """
+    given = {"slump_m": (slump, slump_error), "spread_m": (spread, spread_error), "t500_s": (t500, t500_error)}
+    measured = {name: pair for name, pair in given.items() if pair[0] is not None}
+    if not measured:
+        raise SceneError("calibrate: give at least one of --slump, --spread, --t500")
+    if t500 and spread and spread + 3.0 * spread_error < REACHED:
+        raise SceneError(
+            f"t500 = {t500:g} s: with spread = {spread:g} m it never spread to 0.5 m; leave one of them out"
+        )
+    emulator = emulator_of(Path(table) if table else TABLE)
+    height = emulator.settings.get("height", 0.3)
+    if slump and slump >= height:
+        raise SceneError(
+            f"slump = {slump:g} m: must be less than {height:g} m, the height of the cone; 21cm is a length, too"
+        )
+    found = fit(emulator, measured, rho)
+    if not check:
+        return found
+    apart = difference(emulator, found, rho)
+    corrected = fit(emulator, measured, rho, apart)
+    return replace(corrected, finer=apart)
+
+
+def difference(emulator: Emulator, found: Calibration, density: float) -> dict:
+    """What a finer run at the constants found measures beyond the emulator: lengths [m], and the ratio of T500."""
+    from .case import case, run
+
+    mix = {name: getattr(found, name).value for name in CONSTANTS}
+    row = run(case("slump", **emulator.settings | mix | {"density": density, "spacing": 0.5 * emulator.spacing}))
+    if row["status"] == "failed":
+        raise SceneError(f"the finer run failed: {row['reason']}")
+    table = emulator.at(*np.log(np.array(list(mix.values())) / density))
+    apart = {name: row[name] - float(table[name]) for name in ("slump_m", "spread_m")}
+    if row["t500_s"] and np.isfinite(table["t500_s"]):
+        apart["t500_s"] = row["t500_s"] / float(table["t500_s"])
+    return apart

@@ -1,0 +1,116 @@
+"""One case of a study: a scene with its parameters, the key by which it is known, and its run in this process."""
+
+import hashlib
+import io
+import json
+import math
+import threading
+from contextlib import redirect_stdout
+from dataclasses import dataclass
+
+from .. import __version__, catalogue
+from ..quantity import SceneError, explain
+
+T500 = 0.5  # spread [m] whose time is read: EN 12350-8
+LOOK = 0.02, 0.05  # the spread is read 0.02 s after the last time, or 5 % of the time so far, whichever is later
+_kept = None  # the Compiled of this process
+_one_at_a_time = threading.Lock()  # Taichi runs one Simulation at a time in a process
+
+
+@dataclass(frozen=True)
+class Case:
+    """A scene by name or file and the parameters given, JSON-ready. ``key`` is that of its result."""
+
+    scene: str
+    given: tuple[tuple[str, object], ...]
+    key: str
+
+    @property
+    def parameters(self) -> dict:
+        return dict(self.given)
+
+
+def case(scene: str, **parameters) -> Case:
+    """The case of these parameters, as text or numbers; SceneError for what the scene does not accept.
+
+    The key is a digest of the text of the scene's file, all its parameters with their defaults, and the version: equal
+    keys are equal results.
+    """
+    function = catalogue.load(scene)
+    try:
+        valid = function.parameters(**parameters)
+    except ValueError as error:
+        raise SceneError(explain(error, function.parameters)) from None
+    full = valid.model_dump(mode="json")
+    text = catalogue.locate(scene).read_text(encoding="utf-8")
+    digest = hashlib.sha256(json.dumps([text, full, __version__], sort_keys=True).encode()).hexdigest()
+    return Case(catalogue.source(scene), tuple((name, full[name]) for name in parameters), digest[:16])
+
+
+def run(case: Case) -> dict:
+    """Compute a case to its end in this process, with one thread: its row. What fails is a row with its reason.
+
+    A row holds key, status ('done' or 'failed'), reason, the parameters, the scene's measures at the end, t500_s [s]
+    where the spread came to 500 mm, what stopped the run, steps and seconds.
+    """
+    row = {"key": case.key, "status": "done", "reason": "", "scene": case.scene, **case.parameters}
+    with _one_at_a_time:
+        try:
+            sim = begin(catalogue.build(case.scene, **case.parameters))
+            spread = Milestone(sim, "spread_m", T500)
+            sim.run()
+            summary = sim.summary()
+        except Exception as error:  # a study goes on, whatever a case does
+            return row | {"status": "failed", "reason": f"{type(error).__name__}: {' '.join(str(error).split())}"}
+    row |= {name: float(value) for name, value in summary.items() if name.endswith("_m")}
+    if spread.watched:
+        row["t500_s"] = spread.time
+    kept = ("stopped_by", "simulated_seconds", "steps", "volume_error", "cpu_seconds", "compile_seconds", "version")
+    return row | {name: plain(summary[name]) for name in kept}
+
+
+def plain(value):
+    """A NumPy number as a Python one."""
+    return value.item() if hasattr(value, "item") else value
+
+
+def begin(scene):
+    """A Simulation of the scene, by kernels of this process where they fit. Starts Taichi where it is not."""
+    from .. import backend
+    from .reuse import Compiled, shape_of
+
+    global _kept
+    try:
+        backend.require_room()
+    except RuntimeError:  # not started, or full
+        _kept = None
+        with redirect_stdout(io.StringIO()):  # without Taichi's greeting
+            backend.init(threads=1)
+    if _kept is None or not _kept.whole or _kept.shape != shape_of(scene):
+        _kept = None
+        _kept = Compiled(scene)
+    return _kept.begin(scene)
+
+
+class Milestone:
+    """The first time [s] at which a measure of a run comes to a value; None if it never does.
+
+    Between two looks the measure is taken to go with the logarithm of time.
+    """
+
+    def __init__(self, sim, name: str, value: float):
+        self.name, self.value, self.time = name, value, None
+        self.watched = name in sim.measures()
+        self.last = 0.0, sim.measures()[name] if self.watched else math.nan
+        if self.watched:
+            sim.each_step(self.look)
+
+    def look(self, sim):
+        before, low = self.last
+        if self.time is not None or sim.time < before + max(LOOK[0], LOOK[1] * before):
+            return
+        now = sim.measures()[self.name]
+        if now >= self.value > low:
+            share = (self.value - low) / (now - low)
+            self.time = before + share * (sim.time - before) if before == 0.0 else before * (sim.time / before) ** share
+        self.last = sim.time, max(low, now)

@@ -1,0 +1,95 @@
+"""Charts of studies. The one for the wall: slump and spread of the standard cone against yield value."""
+
+from pathlib import Path
+
+import numpy as np
+
+from ..plots import COLOURS, _figure, _save
+from ..quantity import SceneError
+from ..validation import read_reference
+from .calibrate import TABLE, emulator_of
+from .show import UNITS, measures, spelled
+
+VISCOSITIES = (20.0, 50.0, 200.0)  # of the engine's curves [Pa s]
+DENSITY = 2300.0  # of the chart [kg/m3]; yield value over density is what matters
+FORMULAS = {  # column of the reference, who, and the slumps [mm] for which it was made
+    "s_MurataKikukawa_mm": ("Murata and Kikukawa 1992", (10.0, 300.0)),
+    "s_Hu_mm": ("Hu 1995", (0.0, 300.0)),
+    "s_FdL_mm": ("Ferraris and de Larrard 1998", (0.0, 300.0)),
+    "s_Roussel_mm": ("Roussel 2006", (50.0, 250.0)),
+    "s_schowalter_mm": ("static column, Murata 1984, Christensen", (0.0, 300.0)),
+}
+
+
+def slump_chart(out, study=None) -> Path:
+    """Slump and spread [cm] of the cone against yield value [Pa], by a study, finite elements and formulas."""
+    emulator = emulator_of(Path(study) if study else TABLE)
+    figure, (left, right) = _figure(13.0, 6.6, columns=2)
+    yields = np.exp(np.linspace(emulator.low[0], emulator.high[0], 200)) * DENSITY
+    for eta, colour in zip(VISCOSITIES, COLOURS, strict=False):
+        found = emulator.at(np.log(yields / DENSITY), np.full(len(yields), np.log(eta / DENSITY)))
+        for axes, name in ((left, "slump_m"), (right, "spread_m")):
+            axes.semilogx(yields, 100.0 * found[name], color=colour, lw=2.4, label=f"this engine, {eta:g} Pa s")
+    formulas = read_reference("A_slump_vs_yield_abrams.csv")
+    tau = np.array([float(line["tau0_Pa"]) for line in formulas])
+    for (column, (who, (low, high))), style in zip(FORMULAS.items(), ("-", "--", "-.", ":", (0, (1, 3))), strict=True):
+        slump = np.array([float(line[column]) for line in formulas])
+        slump[(slump < low) | (slump > high)] = np.nan
+        left.semilogx(tau, 0.1 * slump, color="#777f88", ls=style, lw=1.3, label=who)
+    flow = np.array([float(line["SF_Coussot_mm"]) for line in formulas])
+    thin = tau <= 200.0
+    right.semilogx(tau[thin], 0.1 * flow[thin], color="#777f88", lw=1.3, label="thin layer at rest, Coussot 1996")
+    inertial = read_reference("A_fe_inertial_slump_summary.csv")
+    last = [r for r in inertial if r["model"] == "A" and r["eta_Pa_s"] == "50" and r["kind"].startswith("final")]
+    still = [r for r in read_reference("A_fe_slump_abrams_final.csv") if "fine" not in r["run"]]
+    for lines, x, names, marker, label in (
+        (last, "tau_Pa", ("mean20_mm", "spread_mm"), "o", "finite elements, 50 Pa s"),
+        (still, "tau0_Pa", ("slump_mm", "spread_diam_mm"), "s", "finite elements without inertia"),
+    ):
+        for axes, name in zip((left, right), names, strict=True):
+            points = np.array([(float(r[x]), 0.1 * float(r[name])) for r in lines])
+            axes.semilogx(*points.T, marker, color="black", mfc="white", ms=8, mew=1.6, ls="none", label=label)
+    left.set(ylabel="slump [cm]", ylim=(0.0, 30.0), title="Slump of the cone, JIS A 1101 / EN 12350-2")
+    right.set(ylabel="spread [cm]", ylim=(20.0, 75.0), title="Spread, EN 12350-8")
+    ticks = [t for t in (20, 30, 50, 100, 200, 300, 500, 1000, 2000) if yields[0] <= t <= 1.001 * yields[-1]]
+    for axes in (left, right):
+        axes.set(xlabel=f"yield value [Pa] at {DENSITY:g} kg/m3", xlim=(yields[0], yields[-1]))
+        axes.set_xticks(ticks, [f"{t:g}" for t in ticks])
+        axes.minorticks_off()
+        axes.legend(frameon=False, fontsize=9)
+    return _save(figure, out)
+
+
+def study_chart(rows, varied, out) -> Path:
+    """Each measure of a study against its first parameter that is a number, a curve for every value of the others.
+
+    varied: the names of the parameters that differ between the rows.
+    """
+    done = [row for row in rows if row["status"] == "done"]
+    numbers = [name for name in varied if all(isinstance(row[name], float | int) for row in rows)]
+    names = [name for name in measures(done) if any(row.get(name) is not None for row in done)]
+    if not numbers or not names:
+        raise SceneError("chart: the study has no measure or no parameter that is varied by numbers")
+    x, others = numbers[0], [name for name in varied if name != numbers[0]]
+    figure, panels = _figure(4.6 * len(names), 4.4, columns=len(names), squeeze=False)
+    for axes, name in zip(panels[0], names, strict=True):
+        for k, kind in enumerate(dict.fromkeys(tuple(row[other] for other in others) for row in done)):
+            points = [(row[x], row.get(name)) for row in done if tuple(row[other] for other in others) == kind]
+            points = np.array(sorted(points), float)  # None becomes nan: a gap
+            label = ", ".join(
+                f"{other.replace('_', ' ')} {spelled(value)}" for other, value in zip(others, kind, strict=True)
+            )
+            axes.plot(
+                points[:, 0], UNITS[name[-2:]][0] * points[:, 1], "o-", color=COLOURS[k % len(COLOURS)], label=label
+            )
+        axes.set(xlabel=x.replace("_", " "), ylabel=f"{name[:-2].replace('_', ' ')} [{UNITS[name[-2:]][1]}]")
+        low, high = (end(row[x] for row in done) for end in (min, max))
+        if low > 0.0:
+            axes.set_xscale("log")
+            steps = [k * 10.0**power for power in range(-6, 7) for k in (1, 2, 5)]
+            steps = [step for step in steps if 0.99 * low <= step <= 1.01 * high]
+            axes.set_xticks(steps, [f"{step:g}" for step in steps])
+            axes.minorticks_off()
+    if others:
+        panels[0][0].legend(frameon=False, fontsize=9)
+    return _save(figure, out)

@@ -1,0 +1,121 @@
+"""The commands sweep, calibrate and chart of the command line."""
+
+import json
+import sys
+from pathlib import Path
+
+from pydantic import Field
+
+from .. import catalogue
+from ..choose import choose
+from ..options import Parser, given, joined
+from ..quantity import Checked, Count, Density, Duration, Length, SceneError
+from .sweep import ACCURACY, cases, sweep
+
+
+class Study(Checked):
+    """Options of sweep."""
+
+    out: str | None = Field(None, description="folder of the study, studies/<scene> by default")
+    executor: str = Field("local", description="where to compute: local, dask://HOST:PORT, slurm://PARTITION")
+    workers: Count | None = Field(None, description="processes of this machine, one for each CPU by default")
+    chart: bool = Field(False, description="draw chart.png into the folder")
+    quiet: bool = Field(False, description="no table")
+
+
+def sweep_command(argv) -> int:
+    """compute a scene at many values of its parameters"""
+    first = Parser("sweep", add_help=False)
+    first.add_argument("scene", nargs="?")
+    first.options(Study, "study")
+    known, _ = first.parse_known_args(joined(argv))
+    if known.scene is None and not {"-h", "--help"} & set(argv):
+        raise SceneError(f"sweep: name a scene: {', '.join(catalogue.names())}, or a Python file")
+    function = catalogue.load(known.scene) if known.scene else None
+    parser = Parser(
+        "sweep",
+        description="A scene at every combination of values: one value, a list 20,50,100, or first:last:number in "
+        "equal ratios (:linear in equal steps). What the folder of the study holds is not computed again.",
+    )
+    parser.add_argument("scene", help=f"name ({', '.join(catalogue.names())}) or Python file")
+    parser.add_argument("--json", action="store_true", help="print the rows as JSON")
+    if function:
+        parser.options(function.parameters, f"scene {known.scene}")
+    parser.options(Study, "study")
+    arguments = parser.parse(argv)
+    options = Study(**given(arguments, Study))
+    varied = {name: getattr(arguments, name) for name in function.parameters.model_fields}
+    varied = {name: text for name, text in varied.items() if text is not None}
+    folder = Path(options.out or Path("studies") / Path(arguments.scene).stem)
+    planned = cases(arguments.scene, **varied)
+    if "model" in planned[0].parameters and "model" not in varied:
+        print(f"taichi-mps: accuracy = {1e3 * ACCURACY:g} mm: {choose(ACCURACY)}", file=sys.stderr)
+    from .show import differing, watching
+
+    quiet = options.quiet or arguments.json
+    with watching(differing(planned), quiet) as watch:
+        rows = sweep(arguments.scene, folder, options.executor, options.workers, watch, **varied)
+    failed = sum(row["status"] != "done" for row in rows)
+    if options.chart:
+        from .chart import study_chart
+
+        study_chart(rows, differing(planned), folder / "chart.png")
+    if arguments.json:
+        print(json.dumps(rows))
+    elif not quiet:
+        print(f"{len(rows) - failed} cases done, {failed} not: {folder / 'results.csv'}")
+    return 0
+
+
+class Measurements(Checked):
+    """What was measured in a slump test, and how well."""
+
+    slump: Length | None = Field(None, description="slump")
+    spread: Length | None = Field(None, description="diameter of the spread, mean of two")
+    t500: Duration | None = Field(None, description="time to a spread of 500 mm")
+    rho: Density = Field(2300.0, description="density")
+    slump_error: Length = Field(0.005, description="standard error of the slump")
+    spread_error: Length = Field(0.01, description="standard error of the spread")
+    t500_error: Duration = Field(0.2, description="standard error of the time")
+
+
+def calibrate_command(argv) -> int:
+    """find the Bingham constants of a slump test"""
+    parser = Parser(
+        "calibrate",
+        description="Yield value and plastic viscosity of a mix from its slump test (standard cone, 300 mm), with 95 % "
+        "intervals from the errors of the measurements; checked by one finer run.",
+    )
+    parser.options(Measurements, "measurements")
+    parser.add_argument("--table", help="a study of the slump to look the answer up in; the package's own by default")
+    parser.add_argument("--no-check", action="store_true", help="without the finer run, in a second")
+    parser.add_argument("--json", action="store_true", help="print the result as JSON")
+    arguments = parser.parse(argv)
+    from .calibrate import calibrate
+
+    told = given(arguments, Measurements)
+    result = calibrate(**told, table=arguments.table, check=not arguments.no_check)
+    print(json.dumps(result.facts()) if arguments.json else result)
+    return 0
+
+
+def chart_command(argv) -> int:
+    """draw slump and spread against yield value"""
+    parser = Parser(
+        "chart", description="Slump and spread against yield value for the wall, with formulas and finite elements."
+    )
+    parser.add_argument("study", nargs="?", help="folder of a sweep of the slump; the package's own study by default")
+    parser.add_argument("--out", default="slump_chart.png", help="picture, slump_chart.png by default")
+    parser.add_argument("--json", action="store_true", help="print the name of the picture as JSON")
+    arguments = parser.parse(argv)
+    try:
+        from .chart import slump_chart
+
+        made = slump_chart(arguments.out, arguments.study)
+    except ImportError:
+        raise SceneError("chart needs matplotlib: pip install 'taichi-mps[plots]'") from None
+    print(json.dumps({"picture": str(made)}) if arguments.json else made, file=sys.stdout)
+    return 0
+
+
+COMMANDS = {"sweep": sweep_command, "calibrate": calibrate_command, "chart": chart_command}

@@ -1,0 +1,96 @@
+"""The folder of a study: a journal to which each row is added as soon as it is known, and the table made from it.
+
+``journal.jsonl``   one row a line, flushed to the disk before the next case is looked at; it alone is read again
+``results.csv``     the same rows in the order of the cases, one column a quantity; with pyarrow ``results.parquet``
+"""
+
+import csv
+import json
+import os
+from contextlib import suppress
+from pathlib import Path
+
+from ..quantity import SceneError
+
+
+class Results:
+    """Rows by key. Use it in a ``with``: one study at a time may write to a folder."""
+
+    def __init__(self, folder):
+        self.folder = Path(folder)
+        self.journal, self.table = self.folder / "journal.jsonl", self.folder / "results.csv"
+        self.rows: dict[str, dict] = {}
+        self._file = None
+
+    def __enter__(self):
+        if self.folder.is_dir() and any(self.folder.iterdir()) and not self.journal.exists():
+            raise SceneError(f"out = {self.folder}: holds other files and no study; must be a new or a study's folder")
+        self.folder.mkdir(parents=True, exist_ok=True)
+        self._file = open(self.journal, "a+b")  # noqa: SIM115  (open as long as the study)
+        self._lock()
+        self._file.seek(0)
+        whole = self._file.read()
+        end = whole.rfind(b"\n") + 1  # what stands after the last end of line was cut off by the end of a process
+        self._file.truncate(end)
+        for line in whole[:end].splitlines():
+            row = json.loads(line)
+            self.rows[row["key"]] = row
+        return self
+
+    def _lock(self):
+        with suppress(ImportError):  # not on every system
+            import fcntl
+
+            try:
+                fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError:
+                self._file.close()
+                raise SceneError(
+                    f"out = {self.folder}: another study is writing there; must be one at a time"
+                ) from None
+
+    def __exit__(self, *_):
+        self._file.close()
+
+    def add(self, row: dict) -> None:
+        """Keep a row for good."""
+        self._file.write(json.dumps(row).encode() + b"\n")
+        self._file.flush()
+        os.fsync(self._file.fileno())
+        self.rows[row["key"]] = row
+
+    def write(self, rows: list[dict]) -> None:
+        """Make the table of these rows anew, whole or not at all."""
+        columns = list(dict.fromkeys(name for row in rows for name in row))
+        fresh = self.table.with_suffix(".part")
+        with open(fresh, "w", newline="", encoding="utf-8") as file:
+            lines = csv.DictWriter(file, columns, restval="")
+            lines.writeheader()
+            lines.writerows(rows)
+        os.replace(fresh, self.table)
+        with suppress(ImportError):
+            import pyarrow
+            import pyarrow.parquet
+
+            full = [{name: row.get(name) for name in columns} for row in rows]
+            pyarrow.parquet.write_table(pyarrow.Table.from_pylist(full), self.table.with_suffix(".parquet"))
+
+
+def read(path) -> list[dict]:
+    """The rows of a results.csv or of a study's folder; lines that begin with # are remarks. Numbers as float, nothing
+    as None."""
+    path = Path(path)
+    path = path / "results.csv" if path.is_dir() else path
+    if not path.is_file():
+        raise SceneError(f"table = {path}: no such file; must be a study's folder or its results.csv")
+    with open(path, newline="", encoding="utf-8") as file:
+        lines = csv.DictReader(line for line in file if not line.startswith("#"))
+        return [{name: number(text) for name, text in row.items()} for row in lines]
+
+
+def number(text: str):
+    """A cell as float where it is one, None where it is empty."""
+    try:
+        return float(text)
+    except ValueError:
+        return text or None

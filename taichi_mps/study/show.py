@@ -1,0 +1,88 @@
+"""What a study shows while it goes on: a live table on a terminal, a line for each case elsewhere."""
+
+from contextlib import contextmanager
+
+from rich.console import Console
+from rich.live import Live
+from rich.table import Table
+
+LINES = 20  # of the live table: the last ones that came
+UNITS = {"_m": (100.0, "cm"), "_s": (1.0, "s")}
+
+
+@contextmanager
+def watching(varied, quiet: bool):
+    """``watch(rows, total)`` for a sweep in which the parameters of these names differ."""
+    console = Console(stderr=True)
+    order = []  # keys in the order in which they came
+
+    def news(rows):
+        fresh = [row for row in rows if row["key"] not in order]
+        order.extend(row["key"] for row in fresh)
+        return fresh
+
+    if quiet:
+        yield None
+        return
+    if not console.is_terminal:
+
+        def tell(rows, total):
+            before = len(order)
+            for number, row in enumerate(news(rows), before + 1):
+                parameters = ", ".join(f"{name.replace('_', ' ')} {spelled(row[name])}" for name in varied)
+                console.print(f"{number}/{total}  {parameters}: {outcome(row)}", soft_wrap=True, highlight=False)
+
+        yield tell
+        return
+    with Live(console=console, transient=False) as live:
+
+        def draw(rows, total):
+            news(rows)
+            live.update(table({row["key"]: row for row in rows}, order, varied, total))
+
+        yield draw
+
+
+def differing(cases) -> list[str]:
+    """The parameters that are not the same in all cases."""
+    return [name for name in cases[0].parameters if len({str(case.parameters[name]) for case in cases}) > 1]
+
+
+def spelled(value) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def outcome(row) -> str:
+    """The measures of a row in a few words, or why there are none."""
+    if row["status"] != "done":
+        return f"{row['status']}: {row['reason']}"
+    return ", ".join(
+        f"{name[:-2].replace('_', ' ')} {cell(name, row[name])}" for name in measures([row]) if row[name] is not None
+    )
+
+
+def measures(rows) -> list[str]:
+    """The columns that are results of the scene, [m] or [s]."""
+    names = dict.fromkeys(name for row in rows for name in row)
+    return [name for name in names if name.endswith("_m") or name == "t500_s"]
+
+
+def cell(name, value) -> str:
+    if value is None:
+        return "-"
+    factor, unit = UNITS[name[-2:]]
+    return f"{factor * value:.2f} {unit}"
+
+
+def table(rows, order, varied, total) -> Table:
+    """The last rows that came."""
+    names = measures(rows.values())
+    view = Table(title=f"{len(order)} of {total} cases")
+    for name in [*varied, *(name[:-2].replace("_", " ") for name in names), ""]:
+        view.add_column(name.replace("_", " "), justify="right")
+    for key in order[-LINES:]:
+        row = rows[key]
+        parameters = [spelled(row[name]) for name in varied]
+        reason = "" if row["status"] == "done" else row["reason"]
+        view.add_row(*parameters, *(cell(name, row.get(name)) for name in names), reason)
+    return view
