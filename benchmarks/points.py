@@ -56,9 +56,13 @@ def run(script: str, name: str, points: dict[str, dict]) -> None:
         if done.returncode != 0:
             sys.exit(f"{key}: {done.stderr[-2000:]}")
         result = settings | json.loads(done.stdout.splitlines()[-1])
-        kept = read(name) | {key: result}
-        write(name, {other: kept[other] for other in points if other in kept})
+        write(name, read(name) | {key: result})
         print(f"{key}: {json.dumps(result)}", flush=True)
+
+
+def forget(name: str, key: str) -> None:
+    """Drop a result, so that its point runs again."""
+    write(name, {other: value for other, value in read(name).items() if other != key})
 
 
 def write(name: str, kept: dict[str, dict]) -> None:
