@@ -177,7 +177,7 @@ def draw() -> None:
     finish(
         figure,
         points.FIGURES / "stability_steps.png",
-        "Film on a slope after N steps of fixed length; red: exact limit of the explicit viscosity (of the unyielded part)",
+        "Film on a slope after N steps of fixed length; red: exact limit of the explicit viscosity, unyielded",
     )
     plt.close(figure)
 
