@@ -248,15 +248,16 @@ def front(found: list[dict]) -> list[dict]:
 
 def label(item) -> str:
     size = f"{1e3 * item['spacing']:.3g} mm" if item["flow"] == "cone" else f"{item['size']:g}"
-    return size + {0.25: r" $\Delta t$/4", 4.0: r" 4$\Delta t$", 2.0: r" 2$\Delta t$"}.get(item["step"], "")
+    return size + {0.25: ", step/4", 4.0: ", step x4", 2.0: ", step x2"}.get(item["step"], "")
 
 
 def draw_flow(flow, found) -> None:
     import matplotlib.pyplot as plt
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     title, unit, _, _ = FLOWS[flow]
     done = [item for item in found if item["error"] is not None]
-    figure, axis = plt.subplots(figsize=(7.2, 4.6), layout="constrained")
+    figure, axis = plt.subplots(figsize=(7.2, 5.0), layout="constrained")
     top = 2.5 * max(item["error"] for item in done)
     for scheme, (marker, colour) in STYLE.items():
         mine = [item for item in done if item["scheme"] == scheme]
@@ -273,12 +274,16 @@ def draw_flow(flow, found) -> None:
     axis.plot([i["cpu_seconds"] for i in best], [i["error"] for i in best], "-", color="k", lw=1, zorder=0,
               label="best front")  # fmt: skip
     axis.axhspan(top / 1.35, 1.35 * top, color="0.92", zorder=-1)
-    axis.text(0.01, 0.985, "no error to show:  x failed  ·  hollow: did not finish, cost extrapolated",
+    axis.text(0.01, 0.985, f"labels: {'spacing' if flow == 'cone' else 'particles across'}.   Grey: x failed; hollow: did not finish, cost extrapolated",
               transform=axis.transAxes, fontsize=7.5, va="top")  # fmt: skip
     axis.set(xscale="log", yscale="log", xlabel="CPU seconds, one thread", ylabel=f"error: {unit}", title=title)
     axis.set_ylim(top=1.9 * top)
     axis.grid(alpha=0.3, which="both", lw=0.5)
-    axis.legend(fontsize=7.5, loc="lower left")
+    for side in (axis.xaxis, axis.yaxis):
+        side.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        side.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        side.set_minor_formatter(NullFormatter())
+    figure.legend(fontsize=7.5, loc="outside lower center", ncols=2, frameon=False)
     figure.savefig(points.FIGURES / f"speed_accuracy_{flow}.png", dpi=110)
     plt.close(figure)
 
@@ -314,7 +319,7 @@ def draw() -> None:
             continue
         draw_flow(flow, found)
         best = "; ".join(
-            f"{TITLES[i['scheme']]}, {label_plain(i)}" for i in front([i for i in found if i["error"] is not None])
+            f"{TITLES[i['scheme']]}, {label(i)}" for i in front([i for i in found if i["error"] is not None])
         )
         missing = sum(item["flow"] == flow for item in wanted.values()) - len(found)
         lines = [f"### {title[0].upper()}{title[1:]}", "", f"![{title}](figures/speed_accuracy_{flow}.png)", ""]
@@ -325,15 +330,6 @@ def draw() -> None:
         lines += ["", f"{missing} points have not been run yet."] if missing else []
         text.append("\n".join(lines))
     points.put("speed.md", "speed_accuracy", "\n\n".join(text))
-
-
-def label_plain(item) -> str:
-    return (
-        label(item)
-        .replace(r" $\Delta t$/4", ", a quarter of the step")
-        .replace(r" 4$\Delta t$", ", 4 steps in one")
-        .replace(r" 2$\Delta t$", ", 2 steps in one")
-    )
 
 
 def run(flows: list[str], budget: float | None) -> None:
