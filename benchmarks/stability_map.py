@@ -192,14 +192,15 @@ def draw() -> None:
     )
     plt.close(figure)
 
-    widths = [len(ratios(scheme)) for scheme, _ in YIELDING]
+    widths = [3.0 if scheme != BINGHAM else 1.7 for scheme, _ in YIELDING]
     figure, axes = plt.subplots(1, 6, figsize=(13, 3.6), layout="constrained", sharey=True, width_ratios=widths)
     for axis, (scheme, d) in zip(axes, YIELDING, strict=True):
         panel(axis, found, ratios(scheme), BINGHAM_NUMBERS, lambda r, b, p=(d, scheme): name(p[0], 0.2, b, r, p[1]))
         axis.set_title(f"{TITLES[scheme].replace(', ', ',' + chr(10), 1)}\n$D$ = {d:g}", fontsize=9)
-        axis.set_xlabel("unyielded over\nplastic viscosity")
         if scheme == BINGHAM:
             axis.set_xticks([0], [r"$\infty$"])
+        else:
+            axis.set_xlabel("unyielded over plastic viscosity")
     axes[0].set_ylabel(r"Bingham number $\tau_y/\tau_{wall}$")
     finish(
         figure,
