@@ -32,7 +32,7 @@ FLOWS = {
     "block": ("2-D block, 0.1 rho g H, to rest, 30 s at most", "runout [%]", 20.0, (8, 16, 32)),
     "channel": ("Bingham channel, Bn = 0.3, to 1 s", "velocity, L2 [%]", 20.0, (10, 20, 40)),
     "pool": ("still pool, 100 Pa, 2 s", "pressure, mean L2 [%]", 20.0, (5, 10, 20)),
-    "dam": ("dam break, water, to 0.26 s", "front, worst [%]", 20.0, (10, 20, 40)),
+    "dam": ("dam break, water, to 0.26 s", "front, worst [%]", 30.0, (10, 20, 40)),
 }
 
 
