@@ -23,6 +23,8 @@ from .totals import NOT_A_NUMBER, Totals
 from .walls import Walls
 from .weights import lattice_constants
 
+MOST_LOST = 0.2  # of the volume; impacts and thin films lose up to 0.05 (docs/stability.md)
+
 
 class Simulation:
     """A scene in motion: ``step``, ``run``, ``every``, ``snapshot``, ``summary``."""
@@ -46,6 +48,7 @@ class Simulation:
         self._last_dt = None
         self._wall_speed = max((wall.speed for wall in scene.walls), default=0.0)
         self._runaway_speed = self._find_runaway_speed()
+        self._volume = float(scene.volumes.sum())
         self._resting_since: float | None = None
 
     def _build(self):
@@ -170,7 +173,7 @@ class Simulation:
         return float(np.linalg.norm(self.particles.u.to_numpy(), axis=1).max())
 
     def _make_report(self, dt, name, result) -> StepReport:
-        speed2, moving2, energy, unyielded, volume_error = self.totals.take()
+        speed2, moving2, energy, unyielded, volume_error, lost = self.totals.take()
         report = StepReport(
             step=self.steps,
             time=self.time,
@@ -190,6 +193,8 @@ class Simulation:
             crossed = "a velocity is not a finite number"
         elif report.max_speed > self._runaway_speed:
             crossed = f"a speed of {report.max_speed:.4g} m/s, over {self._runaway_speed:.4g} m/s, is a runaway"
+        elif lost > MOST_LOST * self._volume:
+            crossed = f"{lost / self._volume:.0%} of the volume is lost, over {MOST_LOST:.0%}: particles overlap"
         elif result["status"] in ("broken", "indefinite"):
             crossed = f"the matrix of the linear solve is {result['status']}"
         if crossed:

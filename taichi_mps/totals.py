@@ -17,10 +17,11 @@ class Totals:
 
     def take(self):
         """Largest speed^2 and that of what moves [m2/s2], sum of V u^2 [m5/s2], number of unyielded particles, volume
-        error [-]."""
+        error [-], and the volume that was lost [m3]: negative where the fluid has become looser."""
         self._add()
         speed2, energy, square, unyielded, packing, volume = self.sums.to_numpy()
-        return speed2, square / energy if energy else 0.0, energy, unyielded, volume / packing - 1.0 if volume else 0.0
+        error = volume / packing - 1.0 if volume else 0.0
+        return speed2, square / energy if energy else 0.0, energy, unyielded, error, -error * volume
 
     @ti.kernel
     def _add(self):

@@ -191,7 +191,7 @@ def test_poisson_matrix_is_symmetric_positive_definite_and_equals_a_dense_one():
 @pytest.mark.parametrize(
     "numerics, pressure, speed, drift",
     [
-        ({}, np.inf, 1.0, 1.0),  # literal: the density source shakes the pool, but it stays where it is
+        ({}, np.inf, 1.0, 1.0),  # literal: the density source shakes the pool, but for 0.3 s it stays where it is
         ({"source": "mixed", "gradient": "conservative"}, 0.05, 0.05, 0.25),
     ],
     ids=["literal", "mixed-conservative"],
@@ -205,6 +205,8 @@ def test_a_still_pool_stays_bounded(numerics, pressure, speed, drift):
     simulation.every(0.05, lambda s: errors.append(s.measures()["pressure_error"]))
     assert simulation.run(until=0.3) == "time"
     measures = simulation.measures()
+    if not numerics:  # it fails: the noise is larger than the pressure
+        assert np.median(errors[2:]) > 1.0, errors
     assert np.median(errors[2:]) < pressure
     assert measures["max_speed_m_s"] < speed
     assert abs(measures["level_drift_m"]) < drift * L0

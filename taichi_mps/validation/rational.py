@@ -6,7 +6,7 @@ import numpy as np
 import taichi_mps as mps
 
 from . import Measured, row
-from .flows import CLOSED, DEPTH, ETA, SLOPE_WEIGHT, profile, run_film
+from .flows import CLOSED, DEPTH, ETA, SLOPE_WEIGHT, l2, profile, run_film
 from .slumps import INERTIAL, cone, follow, inertial
 
 ERROR = 0.01  # e of the rule
@@ -29,6 +29,19 @@ def rational_film():
     yield Measured("plug speed at tau_y = 0.5 of the wall stress, relative error", speed / exact - 1.0, 0.01)
     speed, _ = rational_film_speed(1.0 / 0.95, time)
     yield Measured("creep in T at a wall stress of 0.95 tau_y, over H", speed * time / DEPTH, ERROR)
+
+
+@row("bi-viscosity film, the same, viscosity ratio 1e6, tau_y = 0.3 of the wall stress, after 2 s", CLOSED)
+def film_viscosity_ratio():
+    """Unyielded material is a million times as viscous as flowing material."""
+    tau_y, until = 0.3 * SLOPE_WEIGHT * DEPTH, 2.0
+    knee_rate = tau_y / (ETA * 999999.0)
+    s, weight, tau_y = run_film(20, 0.3, until, 0.5 * knee_rate)
+    exact = profile(s.x[:, 1], weight, ETA, tau_y, DEPTH, knee_rate)
+    yield Measured("L2 error", l2(s.u[:, 0], exact), 0.02)
+    top = s.x[:, 1] > 0.75 * DEPTH  # the plug is 0.3 H thick: its particles move as one
+    spread = float(np.ptp(s.u[top, 0]) / exact.max())
+    yield Measured("difference of speed in the plug, over its speed", spread, 0.01)
 
 
 @row("slump cone, tau_y = 500 Pa, eta = 50 Pa s, l0 = 10 mm, bi-viscosity at the rational pi_c (1 %, T = 5 s)",

@@ -1,0 +1,249 @@
+"""Error against CPU seconds: scheme x spacing x time step, on five flows with a known answer.
+
+    python benchmarks/speed_accuracy.py run [flow ...]   # every point without a result, about 15 CPU-minutes in all
+    python benchmarks/speed_accuracy.py run --budget 900 # points that spent less than this without an end, again
+    python benchmarks/speed_accuracy.py draw             # docs/figures/speed_accuracy_*.png, tables of docs/speed.md
+
+Every point runs in a process of its own, one thread; its CPU seconds are without the first step, which compiles. The
+budget of a flow [CPU-s] ends a point that would take hours: it is listed with the time it reached and the cost that
+follows from it, and has no error. The answer is always that of the true Bingham material; the semi-implicit schemes and
+the bi-viscosity law take the paper's pi_c of 0.1 1/s.
+"""
+
+import json
+import sys
+from dataclasses import replace
+
+import known_flows
+import numpy as np
+import points
+
+LITERAL, IMPROVED, BI_VISCOSITY, BINGHAM = "literal", "improved", "bi-viscosity", "implicit"
+TITLES = {
+    BINGHAM: "implicit, true yield value",
+    BI_VISCOSITY: "implicit, bi-viscosity",
+    IMPROVED: "semi-implicit, mixed source, conservative gradient",
+    LITERAL: "semi-implicit, literal",
+}
+PI_C = 0.1  # of the paper [1/s]
+# flow: title, error, CPU seconds that a point may take, particles across or spacing [m] from coarse to fine
+FLOWS = {
+    "cone": ("slump cone, 500 Pa, to 1 s", "worst slump [mm]", 45.0, (0.025, 0.02, 0.0125)),
+    "block": ("2-D block, 0.1 rho g H, to rest, 30 s at most", "runout [%]", 20.0, (8, 16, 32)),
+    "channel": ("Bingham channel, Bn = 0.3, to 1 s", "velocity, L2 [%]", 20.0, (10, 20, 40)),
+    "pool": ("still pool, 100 Pa, 2 s", "pressure, mean L2 [%]", 20.0, (5, 10, 20)),
+    "dam": ("dam break, water, to 0.26 s", "front, worst [%]", 30.0, (10, 20, 40)),
+}
+
+
+def all_points() -> dict[str, dict]:
+    """By name; the cheap ones of every flow first. Step: a factor of the Courant and diffusion number and the longest
+    step of the defaults."""
+    found = []
+    for flow, (*_, sizes) in FLOWS.items():
+        found += [(k, flow, BINGHAM, size, 1.0) for k, size in enumerate(sizes)]
+        found += [(3 + k, flow, BINGHAM, sizes[1], step) for k, step in enumerate((4.0, 0.25))]
+        if flow != "dam":  # water has no yield value
+            found += [(k, flow, BI_VISCOSITY, size, 1.0) for k, size in enumerate(sizes)]
+        found += [(5, flow, LITERAL, size, 1.0) for size in sizes[:2]]
+        found += [
+            (6, flow, IMPROVED, sizes[0], 2.0),
+            (7, flow, IMPROVED, sizes[0], 1.0),
+            (8, flow, IMPROVED, sizes[1], 1.0),
+        ]
+    found.sort(key=lambda item: item[0])
+    names = ("flow", "scheme", "size", "step")
+    return {name(*item[1:]): dict(zip(names, item[1:], strict=True)) for item in found}
+
+
+def name(flow, scheme, size, step) -> str:
+    return f"{flow} {scheme} {size:g} x{step:g}"
+
+
+# ---- one point -------------------------------------------------------------------------------------------------
+def numerics_of(scheme, step, scene):
+    """The defaults of a scheme with every limit of the time step multiplied by ``step``."""
+    import taichi_mps as mps
+    from taichi_mps.schemes.implicit import longest_step
+
+    if scheme in (LITERAL, IMPROVED):
+        improved = {"source": "mixed", "gradient": "conservative"} if scheme == IMPROVED else {}
+        return mps.SemiImplicit(courant_number=0.2 * step, diffusion_number=0.2 * step, **improved)
+    if step == 1.0:
+        return mps.Implicit()
+    mix = scene.material
+    height = float(np.ptp(scene.fluid[:, -1])) + scene.spacing
+    gravity = float(np.linalg.norm(scene.gravity_vector))
+    longest = longest_step(mix.plastic_viscosity / mix.density, gravity, height, scene.spacing)
+    return mps.Implicit(courant_number=0.2 * step, max_time_step=step * longest)
+
+
+def point(flow, scheme, size, step, budget=None) -> dict:
+    """Run one point: its error if it came to its end, its CPU seconds, and what ended it."""
+    import warnings
+
+    import taichi_mps as mps
+    from taichi_mps.validation.scheme import with_wall_particles
+
+    warnings.simplefilter("ignore")  # a knee stress above the yield value is what is measured here
+    budget = budget or FLOWS[flow][2]
+    scene, watch, error = getattr(known_flows, flow)(size)
+    if scheme != BINGHAM and scene.material.yield_value:
+        scene = replace(scene, material=mps.Bingham(**(scene.material.model_dump() | {"critical_strain_rate": PI_C})))
+    if scheme in (LITERAL, IMPROVED):  # not stopped at nine tenths unyielded: it is the flow that is compared
+        scene = replace(scene if scene.wall_particles is not None else with_wall_particles(scene), stop_at_rest=False)
+    mps.init(threads=1)
+    sim = mps.Simulation(scene, numerics_of(scheme, step, scene))
+    if watch:
+        watch(sim)
+    sim.each_step(lambda s: s.interrupt() if s.cpu_seconds > budget else None)
+    try:
+        fate = sim.run()
+    except mps.DivergedError as failure:
+        fate = str(failure).split(";")[0]
+    finished = fate in ("time", "rest")
+    value = float(error(sim)) if finished else None
+    return {
+        "finished": finished,
+        "fate": fate,
+        "error": value if value is None or np.isfinite(value) else None,
+        "cpu_seconds": round(sim.cpu_seconds, 3),
+        "budget": budget,
+        "reached": round(sim.time, 6),
+        "until": round(scene.until, 3),
+        "steps": sim.steps,
+        "particles": len(scene.fluid),
+        "spacing": scene.spacing,
+    }
+
+
+# ---- drawing ---------------------------------------------------------------------------------------------------
+STYLE = {
+    BINGHAM: ("o", "#0072B2"),
+    BI_VISCOSITY: ("s", "#E69F00"),
+    IMPROVED: ("^", "#009E73"),
+    LITERAL: ("v", "#CC79A7"),
+}
+
+
+def front(found: list[dict]) -> list[dict]:
+    """Points that no other beats in both cost and error, by cost."""
+    best, out = np.inf, []
+    for item in sorted(found, key=lambda p: (p["cpu_seconds"], p["error"])):
+        if item["error"] < best:
+            best = item["error"]
+            out.append(item)
+    return out
+
+
+def label(item) -> str:
+    size = f"{1e3 * item['spacing']:.3g} mm" if item["flow"] == "cone" else f"{item['size']:g}"
+    return size + {0.25: ", step/4", 4.0: ", step x4", 2.0: ", step x2"}.get(item["step"], "")
+
+
+def draw_flow(flow, found) -> None:
+    import matplotlib.pyplot as plt
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    title, unit, _, _ = FLOWS[flow]
+    done = [item for item in found if item["error"] is not None]
+    figure, axis = plt.subplots(figsize=(7.2, 5.0), layout="constrained")
+    top = 2.5 * max(item["error"] for item in done)
+    for scheme, (marker, colour) in STYLE.items():
+        mine = [item for item in done if item["scheme"] == scheme]
+        axis.plot([i["cpu_seconds"] for i in mine], [i["error"] for i in mine], marker, color=colour, ms=8, ls="none",
+                  label=TITLES[scheme])  # fmt: skip
+        for item in mine:
+            at = (item["cpu_seconds"], item["error"])
+            axis.annotate(label(item), at, xytext=(6, 4), textcoords="offset points", fontsize=7.5)
+        for item in (i for i in found if i["scheme"] == scheme and i["error"] is None):
+            diverged = item["fate"].startswith("diverged")
+            cost = item["cpu_seconds"] if diverged else cost_of(item)
+            axis.plot(cost, top, "x" if diverged else marker, color=colour, mfc="none", ms=8, clip_on=False)
+    best = front(done)
+    axis.plot([i["cpu_seconds"] for i in best], [i["error"] for i in best], "-", color="k", lw=1, zorder=0,
+              label="best front")  # fmt: skip
+    axis.axhspan(top / 1.35, 1.35 * top, color="0.92", zorder=-1)
+    given = "spacing" if flow == "cone" else "particles across"
+    axis.text(0.01, 0.985, f"labels: {given}.   Grey: x failed; hollow: did not finish, cost extrapolated",
+              transform=axis.transAxes, fontsize=7.5, va="top")  # fmt: skip
+    axis.set(xscale="log", yscale="log", xlabel="CPU seconds, one thread", ylabel=f"error: {unit}", title=title)
+    axis.set_ylim(top=1.9 * top)
+    axis.grid(alpha=0.3, which="both", lw=0.5)
+    for side in (axis.xaxis, axis.yaxis):
+        side.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        side.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        side.set_minor_formatter(NullFormatter())
+    figure.legend(fontsize=7.5, loc="outside lower center", ncols=2, frameon=False)
+    figure.savefig(points.FIGURES / f"speed_accuracy_{flow}.png", dpi=110)
+    plt.close(figure)
+
+
+def cost_of(item) -> float:
+    """CPU seconds to the end: measured if it got there, extrapolated from the share it did if not."""
+    return item["cpu_seconds"] * (1.0 if item["finished"] else item["until"] / max(item["reached"], 1e-12))
+
+
+def row(item) -> str:
+    unit = FLOWS[item["flow"]][1].split("[")[1][:-1]
+    size = f"{1e3 * item['spacing']:.3g} mm" if item["flow"] == "cone" else f"{item['size']:g} across"
+    cost, error = f"{item['cpu_seconds']:.2g}", "-"
+    if item["error"] is not None:
+        error = f"{item['error']:.2g} {unit}"
+    elif item["fate"].startswith("diverged"):
+        error = f"failed: {item['fate']}"
+    else:
+        error = f"did not finish, reached t = {item['reached']:.2g} of {item['until']:.2g} s"
+        cost = f"{cost:s}; extrapolated {cost_of(item):.1e}"
+    return f"| {TITLES[item['scheme']]} | {size} | {item['step']:g} | {item['steps']} | {cost} | {error} |"
+
+
+def draw() -> None:
+    import matplotlib
+
+    matplotlib.use("Agg")
+    text = []
+    wanted = all_points()
+    for flow, (title, *_) in FLOWS.items():
+        found = [item for key, item in points.read(f"speed_accuracy_{flow}").items() if key in wanted]
+        if not any(item["error"] is not None for item in found):
+            continue
+        draw_flow(flow, found)
+        best = "; ".join(
+            f"{TITLES[i['scheme']]}, {label(i)}" for i in front([i for i in found if i["error"] is not None])
+        )
+        missing = sum(item["flow"] == flow for item in wanted.values()) - len(found)
+        lines = [f"### {title[0].upper()}{title[1:]}", "", f"![{title}](figures/speed_accuracy_{flow}.png)", ""]
+        lines += ["| scheme | resolution | step | steps | CPU-s | error |", "|" + "---|" * 6]
+        order = list(TITLES)
+        lines += [row(i) for i in sorted(found, key=lambda i: (order.index(i["scheme"]), -i["spacing"], i["step"]))]
+        lines += ["", f"Best front, from cheap to accurate: {best}."]
+        lines += ["", f"{missing} points have not been run yet."] if missing else []
+        text.append("\n".join(lines))
+    points.put("speed.md", "speed_accuracy", "\n\n".join(text))
+
+
+def run(flows: list[str], budget: float | None) -> None:
+    """Every point of these flows without a result; with a larger budget also those that did not finish."""
+    for key, settings in all_points().items():
+        file = f"speed_accuracy_{settings['flow']}"
+        if settings["flow"] not in flows:
+            continue
+        known = points.read(file).get(key)
+        if budget and known and not known["finished"] and known["fate"] == "interrupted" and known["budget"] < budget:
+            points.forget(file, key)
+        points.run(__file__, file, {key: settings | ({"budget": budget} if budget else {})})
+
+
+if __name__ == "__main__":
+    words = sys.argv[1:]
+    limit = float(words.pop(words.index("--budget") + 1)) if "--budget" in words else None
+    words = [word for word in words if word != "--budget"]
+    if words[:1] == ["run"] and set(words[1:]) <= set(FLOWS):
+        run(words[1:] or list(FLOWS), limit)
+    elif words == ["draw"]:
+        draw()
+    elif len(words) == 2 and words[0] == "point":
+        print(json.dumps(point(**json.loads(words[1]))))
+    else:
+        sys.exit(__doc__)
