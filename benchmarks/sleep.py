@@ -47,8 +47,7 @@ def run(length: float, yield_value: float, sleep: bool) -> dict:
         resting.append(still.mean())
         asleep.append((still & far).mean())
 
-    if not sleep:
-        sim.every(0.02, count)
+    sim.every(0.02, (lambda sim: None) if sleep else count)  # the same steps
     sim.run()
     return {
         "length_m": length,

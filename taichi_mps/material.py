@@ -1,11 +1,25 @@
 """Materials: what a technologist knows of the mix, in SI units."""
 
 import warnings
+from collections.abc import Callable
 
 from pydantic import model_validator
 
-from .quantity import Checked, Density, Duration, Ratio, SceneError, StrainRate, Viscosity, YieldValue, checked
+from .quantity import (
+    Checked,
+    Consistency,
+    Density,
+    Duration,
+    FlowIndex,
+    Ratio,
+    SceneError,
+    StrainRate,
+    Viscosity,
+    YieldValue,
+    checked,
+)
 
+TYPICAL_RATE = 5.0  # shear rate of a slump test [1/s]
 HIGH_KNEE = 0.1  # share of the yield value by which the knee stress may exceed it without a warning; the paper's #1
 
 
@@ -44,6 +58,47 @@ class Bingham(Checked):
                 stacklevel=1,  # by text: once in a process, however often the scene is built
             )
         return self
+
+
+class FlowCurve(Checked):
+    """A fluid by its own flow curve: rigid below the yield value, shear stress ``shear_stress`` above it.
+
+    ``shear_stress(rate, structure)`` is a short function that Taichi can compile: the stress [Pa] at a shear rate
+    [1/s], not falling with it, and equal to the yield value at rate 0. ``growth(rate, structure)``, if given, is the
+    rate of change [1/s] of ``structure``, a number that every particle carries and that is zero at the start:
+    thixotropy. ``plastic_viscosity`` [Pa s] is a typical slope of the curve; it sets the length of the steps and the
+    penalty of the iteration, not the answer. Scheme ``implicit`` only.
+    """
+
+    density: Density = 2300.0
+    yield_value: YieldValue = 0.0
+    plastic_viscosity: Viscosity = 50.0
+    shear_stress: Callable
+    growth: Callable | None = None
+    critical_strain_rate: None = None
+
+    @property
+    def newtonian(self) -> bool:
+        return False
+
+
+class HerschelBulkley(Checked):
+    """tau = tau_y + k rate^n: thickens (n > 1) or thins (n < 1) with the shear rate; rigid below the yield value."""
+
+    density: Density = 2300.0
+    yield_value: YieldValue = 300.0
+    consistency: Consistency = 50.0
+    flow_index: FlowIndex = 1.0
+    critical_strain_rate: None = None
+
+    @property
+    def newtonian(self) -> bool:
+        return False
+
+    @property
+    def plastic_viscosity(self) -> float:
+        """Slope [Pa s] of the chord of the curve up to TYPICAL_RATE: scale of the steps and of the penalty."""
+        return self.consistency * TYPICAL_RATE ** (self.flow_index - 1.0)
 
 
 def Newtonian(density: float = 1000.0, viscosity: float = 1e-3) -> Bingham:  # noqa: N802

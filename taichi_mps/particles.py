@@ -15,9 +15,7 @@ class Particles:
     particle number density.
     """
 
-    def __init__(
-        self, positions, kinds, velocity, volumes, carries_stress: bool, axisymmetric: bool = False, sleeps=False
-    ):
+    def __init__(self, positions, kinds, velocity, volumes, carries_stress, axisymmetric=False, extra=()):
         d = positions.shape[1]
         t = 3 if axisymmetric else d
         self.dimension, self.tensor_dimension = d, t  # of vectors, and of stresses and gradients
@@ -38,8 +36,8 @@ class Particles:
             makers["plastic_rate"] = lambda: ti.Matrix.field(t, t, real())  # deviatoric rate q of the yield law [1/s]
         if axisymmetric:
             makers["ring"] = lambda: ti.field(real())  # volume of the ring [m3]
-        if sleeps:
-            makers["still"] = lambda: ti.field(real())  # time at rest [s]
+        for name in extra:  # structure [-] of a thixotropic material; still, the time at rest [s] (sleep)
+            makers[name] = lambda: ti.field(real())
         self.carried = {name: make() for name, make in makers.items()}
         self._twin = {name: make() for name, make in makers.items()}  # scratch of the reorder
         self._pairs = [(item, self._twin[name]) for name, item in self.carried.items()]

@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import Field
 
 from .geometry import Cylinder, Plane
-from .material import Bingham
+from .material import Bingham, FlowCurve, HerschelBulkley
 from .measure import Snapshot, mirrored, revolved
 from .quantity import Checked, Count, Duration, RadiusRatio, Ratio, SceneError
 from .solids import Solid
@@ -53,7 +53,7 @@ class Scene:
     """
 
     name: str
-    material: Bingham
+    material: Bingham | HerschelBulkley | FlowCurve
     spacing: float  # l0 [m]
     fluid: np.ndarray  # particle positions [m], (n, d)
     domain: tuple[tuple[float, ...], tuple[float, ...]]  # low, high corner [m]; leaving it is an error

@@ -9,6 +9,7 @@ import numpy as np
 from . import __version__
 from .backend import require_room, started, ti
 from .geometry import Cylinder, Plane
+from .material import Bingham
 from .measure import Snapshot
 from .neighbors import Bins, CapacityError, EscapedError, NeighborList
 from .particles import DUMMY, FLUID, WALL, Particles
@@ -58,6 +59,11 @@ class Simulation:
         re = numerics.effective_radius_ratio * scene.spacing
         semi_implicit = isinstance(numerics, SemiImplicitNumerics)
         use_particles = semi_implicit or numerics.walls == "particles"
+        if semi_implicit and not isinstance(scene.material, Bingham):
+            raise SceneError(
+                f"scene {scene.name}: material {type(scene.material).__name__}: must be Bingham with the scheme "
+                "semi-implicit; implicit takes any flow curve"
+            )
         if use_particles and scene.axisymmetric:
             raise SceneError(f"scene {scene.name} is axisymmetric: must be computed with walls = surfaces, implicit")
         if use_particles and any(wall.speed > 0.0 or wall.thin for wall in scene.walls):
@@ -89,8 +95,10 @@ class Simulation:
         law = law_of(scene.material)
         carries_stress = law == "bingham" and not semi_implicit
         volumes = np.resize(scene.volumes, len(positions))
-        sleeps = carries_stress and numerics.sleep
-        self.particles = Particles(positions, kinds, velocity, volumes, carries_stress, scene.axisymmetric, sleeps)
+        sleeps = carries_stress and numerics.sleep and scene.material.yield_value > 0.0
+        ages = getattr(scene.material, "growth", None) is not None
+        extra = ["still"] * sleeps + ["structure"] * ages
+        self.particles = Particles(positions, kinds, velocity, volumes, carries_stress, scene.axisymmetric, extra)
         self.bins = Bins(self.particles, scene.domain, scene.periodic_axes, re)
         capacity = int(self._pairs_per_particle * constants.neighbours * len(positions)) + 64
         self.neighbors = NeighborList(self.bins, capacity)
@@ -270,7 +278,7 @@ class Simulation:
         which a Bingham flow decays, so a slow flow of a viscous mix is not taken for rest, nor a front before a large
         body that stands. Only a true yield value brings a body to rest."""
         material = self.scene.material
-        if law_of(material) != "bingham":
+        if law_of(material) != "bingham" or material.yield_value == 0.0:
             return False
         window = max(0.2, material.plastic_viscosity / material.yield_value)
         if self.report.moving_speed * window > 0.1 * self.scene.spacing or self._pushed():

@@ -9,7 +9,7 @@ from ..gradient import Gradient
 from ..momentum import MomentumSystem
 from ..mrpcg import MRPCG, GridLevels
 from ..particles import FLUID
-from ..rheology import bi_viscosity, deviator, magnitude, return_mapping
+from ..rheology import bi_viscosity, compiled, curve_mapping, deviator, flow_curve, magnitude, return_mapping
 from ..shifting import Shifting
 from ..sleeping import Sleeping
 
@@ -44,6 +44,8 @@ class Implicit:
         self.spacing = scene.spacing
         self.law = law_of(material)
         self.eta, self.tau_y = material.plastic_viscosity, material.yield_value
+        self.curve, self.growth = flow_curve(material), compiled(getattr(material, "growth", None))
+        self.has_curve, self.has_growth = self.curve is not None, self.growth is not None
         self.pi_c = material.critical_strain_rate or 0.0
         self.density = material.density
         self.g = ti.types.vector(d, real())(scene.gravity_vector)
@@ -67,7 +69,7 @@ class Implicit:
         self.drive = self.density * head / height  # force density [N/m3] that errors of the solve are compared with
         self.gradient = Gradient(neighbors, walls, constants, scene.spacing)
         self.sleeping = None
-        if numerics.sleep and self.law == "bingham":
+        if numerics.sleep and self.law == "bingham" and self.tau_y > 0.0:
             self.sleeping = Sleeping(particles, neighbors, scene.spacing, max(0.2, self.eta / self.tau_y))
         self.system = MomentumSystem(particles, self.gradient, walls, self.sleeping)
         self.sleeps = self.system.sleeps
@@ -202,8 +204,11 @@ class Implicit:
                 mu = self.mu_r
             if ti.static(self.law != "newtonian"):  # noqa: SIM102  (a compiled choice stays apart)
                 if first == 0:
-                    bond_rate = ti.sqrt(rate * rate + 2.0 * NON_AFFINE * EDGE * left)
-                    h += NON_AFFINE * self.tau_y / ti.max(bond_rate, self.slowest)
+                    bond_rate = ti.max(ti.sqrt(rate * rate + 2.0 * NON_AFFINE * EDGE * left), self.slowest)
+                    if ti.static(self.has_curve):
+                        h = NON_AFFINE * self.curve(bond_rate, self.structure(i)) / bond_rate + self.inertial
+                    else:
+                        h += NON_AFFINE * self.tau_y / bond_rate
             if ti.static(self.law == "bi-viscosity"):
                 mu = bi_viscosity(rate, self.eta, self.tau_y, self.pi_c)
             self.system.mu[i] = mu
@@ -286,6 +291,22 @@ class Implicit:
                     share = self.gradient.counts_as(i)
                     b[i] += volume * self.walls.hydrostatic(self.particles.x[i], heavy, self.gradient.B[i], share)
 
+    @ti.func
+    def structure(self, i):
+        """Structure of a thixotropic particle, 0 of any other [-]."""
+        structure = ti.cast(0.0, float)
+        if ti.static(self.has_growth):
+            structure = self.particles.structure[i]
+        return structure
+
+    @ti.func
+    def yield_law(self, i, trial):
+        """Stress [Pa], plastic rate and its size [1/s] of particle i for a trial stress [Pa]."""
+        if ti.static(self.has_curve):
+            return curve_mapping(self.curve, trial, self.structure(i), self.mu_r)
+        else:
+            return return_mapping(trial, self.eta, self.tau_y, self.mu_r)
+
     @ti.kernel
     def update_stress(self, u: ti.template()):
         """Shear rate, divergence, and the stress mapped back onto the yield surface, from the velocity u."""
@@ -303,7 +324,7 @@ class Implicit:
                 )
                 if ti.static(self.law == "bingham"):
                     trial = self.particles.stress[i] + 2.0 * self.mu_r * D
-                    stress, q, flow = return_mapping(trial, self.eta, self.tau_y, self.mu_r)
+                    stress, q, flow = self.yield_law(i, trial)
                     carries = ti.cast(self.gradient.B[i][0, 0] > 0.0, float)
                     self.particles.stress[i] = stress * carries
                     self.particles.plastic_rate[i] = q * carries
@@ -323,6 +344,8 @@ class Implicit:
             if ti.static(self.sleeps):  # noqa: SIM102  (a compiled choice stays apart)
                 if not self.system.acts(i):  # what sleeps does not deform
                     self.particles.shear_rate[i], self.yielded[i] = 0.0, 0
+            if ti.static(self.has_growth):
+                self.particles.structure[i] += dt * self.growth(self.particles.shear_rate[i], self.structure(i))
             if ti.static(self.law == "bingham"):
                 G = self.gradient.velocity_gradient(i, u, 1.0)
                 W = 0.5 * (G - G.transpose())

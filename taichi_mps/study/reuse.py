@@ -9,6 +9,7 @@ import time
 from dataclasses import replace
 
 from ..backend import require_room, ti
+from ..material import Bingham
 from ..scene import Scene
 from ..schemes.implicit import Implicit, law_of
 from ..simulation import Simulation
@@ -17,7 +18,8 @@ from ..simulation import Simulation
 def shape_of(scene: Scene) -> bytes:
     """What of a scene is compiled: all but the numbers of its material, its end and what is read from it."""
     bare = replace(scene, material=None, until=0.0, parameters={}, measure=None, check=None, outline=())
-    return pickle.dumps((bare, law_of(scene.material)))
+    law = law_of(scene.material) if isinstance(scene.material, Bingham) else repr(scene.material)
+    return pickle.dumps((bare, law))
 
 
 class Compiled:
