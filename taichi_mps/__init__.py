@@ -4,7 +4,7 @@ from importlib import import_module
 
 from . import measure
 from .geometry import Box, Cone, Cylinder, Plane, box_planes, fill, fill_rings, lattice, rings, shell
-from .material import Bingham, Newtonian, rational_critical_strain_rate
+from .material import Bingham, Friction, Newtonian, rational_critical_strain_rate
 from .quantity import SceneError, checked
 from .report import DivergedError, StepReport
 from .scene import Implicit, Scene, SemiImplicit
@@ -28,6 +28,7 @@ __all__ = [
     "Cone",
     "Cylinder",
     "DivergedError",
+    "Friction",
     "Implicit",
     "Newtonian",
     "Plane",

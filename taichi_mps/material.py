@@ -4,7 +4,18 @@ import warnings
 
 from pydantic import model_validator
 
-from .quantity import Checked, Density, Duration, Ratio, SceneError, StrainRate, Viscosity, YieldValue, checked
+from .quantity import (
+    Checked,
+    Density,
+    Duration,
+    Ratio,
+    SceneError,
+    StrainRate,
+    Viscosity,
+    ViscousConstant,
+    YieldValue,
+    checked,
+)
 
 HIGH_KNEE = 0.1  # share of the yield value by which the knee stress may exceed it without a warning; the paper's #1
 
@@ -49,6 +60,22 @@ class Bingham(Checked):
 def Newtonian(density: float = 1000.0, viscosity: float = 1e-3) -> Bingham:  # noqa: N802
     """A fluid without yield value."""
     return Bingham(density=density, plastic_viscosity=viscosity, yield_value=0.0)
+
+
+class Friction(Checked):
+    """Friction between the fluid and a wall, as a tribometer measures it. The wall holds the fluid up to the interface
+    ``yield_value`` [Pa]; beyond, it slips against the yield value plus ``viscous_constant`` [Pa s/m] times the slip
+    velocity. Without a yield value this is Navier's slip, with the slip length viscosity/viscous_constant.
+    """
+
+    yield_value: YieldValue = 0.0
+    viscous_constant: ViscousConstant = 0.0
+
+    @model_validator(mode="after")
+    def _holds_something(self):
+        if self.yield_value == 0.0 and self.viscous_constant == 0.0:
+            raise ValueError("no friction at all; must be slip = True of the wall, not Friction()")
+        return self
 
 
 @checked

@@ -37,6 +37,7 @@ Duration = _real("s", gt=0.0, le=1e6)
 Density = _real("kg/m3", gt=0.0, le=30000.0)
 Viscosity = _real("Pa s", gt=0.0, le=1e6)
 YieldValue = _real("Pa", ge=0.0, le=1e6)
+ViscousConstant = _real("Pa s/m", ge=0.0, le=1e9)
 Speed = _real("m/s", gt=0.0, le=100.0)
 StrainRate = _real("1/s", gt=0.0, le=1e4)
 CriticalStrainRate = StrainRate | Literal["rational"]  # the word: by material.rational_critical_strain_rate

@@ -18,17 +18,18 @@ PACKAGE = ROOT / "taichi_mps"
 EDGE = 4
 LAYERS = {
     0: "quantity material geometry solids measure report scene",
-    1: "backend weights surfaces particles neighbors gradient mrpcg sparse",
+    1: "backend weights surfaces friction particles neighbors gradient mrpcg sparse",
     2: "rheology walls viscosity pressure momentum shifting totals",
     3: "schemes.implicit schemes.semi_implicit simulation",
 }
 PEERS = {
     "material": {"quantity"},
-    "geometry": {"quantity"},
-    "solids": {"quantity"},
+    "geometry": {"quantity", "material"},
+    "solids": {"quantity", "material", "geometry"},
     "scene": {"quantity", "material", "geometry", "solids", "measure"},
     "weights": {"backend"},
     "surfaces": {"backend"},
+    "friction": {"backend"},
     "particles": {"backend"},
     "neighbors": {"backend"},
     "gradient": {"backend", "particles", "weights"},
