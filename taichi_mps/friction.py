@@ -7,9 +7,9 @@ slip of the particle, which within a solve is linear in the velocity u of the pa
     u_s = (1 - s) u + offset,      s = R/(R + mu/z),      t = R u_s + push:
 
 friction and the layer of thickness z between wall and particle in series. R is the viscous constant plus a penalty r,
-which ties the slip to the yield value as mu_r does the strain rate (augmented Lagrangian, rheology.py). After each solve
-``adjust`` maps the yield part of the traction back onto its bound, and moves ``offset`` so that in the end t is the
-traction of the particle's own stress, whatever s, R and r were. Axes and docs: docs/equations.md (I23).
+which ties the slip to the yield value as mu_r does the strain rate (rheology.py). After each solve ``adjust`` maps the
+yield part of the traction back onto its bound, and moves ``offset`` so that in the end t is the traction of the
+particle's own stress, whatever s and r were.
 """
 
 from .backend import real, ti
@@ -19,14 +19,14 @@ DEPTH = 2.0  # penalty r = rho/dt times this many spacings: a row or two gain u 
 
 @ti.data_oriented
 class WallFriction:
-    """Friction of one wall; ``law`` is its material.Friction. ``slip`` and ``traction`` are carried by the particles."""
+    """Friction of one wall by a material.Friction; ``slip`` and ``traction`` are carried by the particles."""
 
     def __init__(self, law, slip, traction, spacing: float, plastic_viscosity: float):
         d, capacity = slip.n, slip.shape[0]
         self.yield_value, self.constant = law.yield_value, law.viscous_constant
         self.yields = law.yield_value > 0.0
         self.slip, self.traction = slip, traction  # u_s [m/s]; yield part of the traction [Pa]
-        self.depth, self.eta = DEPTH * spacing, plastic_viscosity
+        self.spacing, self.depth, self.eta = spacing, DEPTH * spacing, plastic_viscosity
         self.penalty = ti.field(real(), ())  # r [Pa s/m]
         self.share = ti.field(real(), capacity)  # s [-]
         self.area = ti.field(real(), capacity)  # of the wall that belongs to the particle [m2]
@@ -73,10 +73,22 @@ class WallFriction:
         return self.bond[i]
 
     @ti.func
-    def begin(self, i, n, thickness, v, area, mu):
-        """Before the passes of a step: the slip that particle i brings along. One new at the wall has that of s alone."""
+    def cover(self, i, n, z, volume, cBn, share, acts, second):
+        """Area of the wall that particle i covers, and the layer beneath it. In all the area is that of the wall: the
+        second row of a lattice has its c V n.B n, ``second`` of the whole, and the first row the rest; its c V n.B n
+        grows by 5 % in sheared fluid. The layer is z, but not thicker than what makes ``adjust`` converge."""
+        size = self.spacing * ti.sqrt(share)
+        first = ti.max(0.0, ti.min(1.0, 2.5 - 2.0 * z / size))  # 1 in the first row, 0 in the second
+        own = volume * ti.max(n.dot(cBn), 1e-3 / size)
+        area = first * (1.0 - second) * acts * volume / size + (1.0 - first) * own
+        self.area[i] = area
+        self.thickness[i] = ti.min(z, area / ti.max(volume * cBn.norm_sqr(), 1e-12 * area))
+
+    @ti.func
+    def begin(self, i, n, v, mu):
+        """Before the passes of a step: the slip that particle i brings along; that of s alone if it is new here."""
         R = self.resistance()
-        self.area[i], self.thickness[i], self.share[i] = area, thickness, R / (R + mu / thickness)
+        self.share[i] = R / (R + mu / self.thickness[i])
         tangential = v - n * n.dot(v)
         slip = self.slip[i] - n * n.dot(self.slip[i])
         if slip.norm_sqr() == 0.0:
