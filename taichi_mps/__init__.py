@@ -4,7 +4,7 @@ from importlib import import_module
 
 from . import measure, rest_shapes
 from .geometry import Box, Cone, Cylinder, Plane, box_planes, fill, fill_rings, lattice, rings, shell
-from .material import Bingham, FlowCurve, HerschelBulkley, Newtonian, rational_critical_strain_rate
+from .material import Bingham, FlowCurve, Friction, HerschelBulkley, Newtonian, rational_critical_strain_rate
 from .quantity import SceneError, checked
 from .report import DivergedError, StepReport
 from .scene import Implicit, Scene, SemiImplicit
@@ -29,6 +29,7 @@ __all__ = [
     "Cylinder",
     "DivergedError",
     "FlowCurve",
+    "Friction",
     "HerschelBulkley",
     "Implicit",
     "Newtonian",

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .material import Friction
 from .quantity import SceneError
 
 MOST_POINTS = 1e8  # of one lattice: about 2.4 GB of coordinates
@@ -51,13 +52,20 @@ class Cone:
         return np.pi * self.height / 3.0 * (a * a + a * b + b * b)
 
 
+def check_friction(wall):
+    """SceneError unless a wall has either friction or slip."""
+    if wall.friction is not None and wall.slip:
+        raise SceneError(f"slip = True with friction = {wall.friction}: a wall has one of them; must be left out")
+
+
 @dataclass(frozen=True)
 class Plane:
     """Wall: the half-space behind the plane through ``point`` with unit ``normal`` into the fluid.
 
     ``velocity`` [m/s] moves the wall, in its own plane or out of it; ``slip`` leaves the tangential motion free. A
-    ``loose`` wall only pushes: the fluid parts from it where it would have to pull. ``mirror`` makes it a plane of
-    symmetry: a slip wall to the fluid, while measures and pictures show what lies behind it, too.
+    ``loose`` wall only pushes: the fluid parts from it where it would have to pull. ``friction`` resists it in between.
+    ``mirror`` makes it a plane of symmetry: a slip wall to the fluid, while measures and pictures show what lies behind
+    it, too.
     """
 
     point: tuple[float, ...]
@@ -66,11 +74,15 @@ class Plane:
     slip: bool = False
     loose: bool = False
     mirror: bool = False
+    friction: Friction | None = None
     thin = False
 
     def __post_init__(self):
+        check_friction(self)
         if not self.mirror:
             return
+        if self.friction is not None:
+            raise SceneError(f"friction = {self.friction} of a mirror plane: nothing rubs there; must be left out")
         if self.velocity is not None:
             raise SceneError(f"velocity = {self.velocity} m/s: a mirror plane cannot move; must be left out")
         if abs(np.linalg.norm(self.normal) - 1.0) > 1e-6:
@@ -97,7 +109,8 @@ class Plane:
 class Cylinder:
     """Wall: a circle (2-D, no axis), or a cylinder around the line through ``point`` along ``axis``, with the fluid
     inside or outside. It turns about its axis with ``angular_velocity`` [rad/s], counter-clockwise seen against the
-    axis, and moves along it with ``velocity`` [m/s], its ends too; ``slip`` leaves the tangential motion free.
+    axis, and moves along it with ``velocity`` [m/s], its ends too; ``slip`` leaves the tangential motion free,
+    ``friction`` resists it.
 
     With a ``length`` [m] the wall ends at ``point`` and this far along the axis; its radius grows by ``slope`` per
     metre between them: the mantle of a truncated cone, a funnel. It may be a ``thin`` sheet that has fluid on both
@@ -115,8 +128,10 @@ class Cylinder:
     length: float | None = None  # endless if None
     loose: bool = False
     thin: bool = False
+    friction: Friction | None = None
 
     def __post_init__(self):
+        check_friction(self)
         d = len(self.point)
         units = {"point": " m", "radius": " m", "angular_velocity": " rad/s", "velocity": " m/s", "length": " m"}
         for key in ("point", "radius", "axis", "angular_velocity", "velocity", "slope", "length"):
@@ -229,14 +244,15 @@ def shell(low, high, spacing, layers=3):
     return x[~inside]
 
 
-def box_planes(low, high, slip=False):
+def box_planes(low, high, slip=False, friction=None):
     """The walls of a box that is open at the top (last axis)."""
     low, high = tuple(map(float, low)), tuple(map(float, high))
     d = len(low)
     unit = np.eye(d)
-    floor = Plane(low, tuple(unit[-1]), slip=slip)
-    sides = [Plane(low, tuple(unit[a]), slip=slip) for a in range(d - 1)]
-    sides += [Plane(high, tuple(-unit[a]), slip=slip) for a in range(d - 1)]
+    surface = {"slip": slip, "friction": friction}
+    floor = Plane(low, tuple(unit[-1]), **surface)
+    sides = [Plane(low, tuple(unit[a]), **surface) for a in range(d - 1)]
+    sides += [Plane(high, tuple(-unit[a]), **surface) for a in range(d - 1)]
     return (floor, *sides)
 
 

@@ -75,6 +75,8 @@ class MomentumSystem:
                 total += self.gradient.own_force(i, Pi)
                 if ti.static(len(self.walls.surfaces) > 0):
                     total -= self.h[i] * self.walls.drag_term(i, self.particles.x[i], ui, motion)
+                    if ti.static(self.walls.rub):
+                        total -= self.walls.friction_term(i, self.particles.x[i], ui, motion)
                 y[i] = self.particles.volume(i) * self.inertia[None] * ui - total
 
     @ti.kernel

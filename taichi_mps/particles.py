@@ -15,7 +15,7 @@ class Particles:
     particle number density.
     """
 
-    def __init__(self, positions, kinds, velocity, volumes, carries_stress, axisymmetric=False, extra=()):
+    def __init__(self, positions, kinds, velocity, volumes, carries_stress, axisymmetric=False, extra=(), frictions=()):
         d = positions.shape[1]
         t = 3 if axisymmetric else d
         self.dimension, self.tensor_dimension = d, t  # of vectors, and of stresses and gradients
@@ -38,6 +38,10 @@ class Particles:
             makers["ring"] = lambda: ti.field(real())  # volume of the ring [m3]
         for name in extra:  # structure [-] of a thixotropic material; still, the time at rest [s] (sleep)
             makers[name] = lambda: ti.field(real())
+        for k, law in enumerate(frictions):  # of each wall with friction
+            makers[f"slip_{k}"] = lambda: ti.Vector.field(d, real())  # velocity on the wall beneath [m/s]
+            if law.yield_value > 0.0:
+                makers[f"traction_{k}"] = lambda: ti.Vector.field(d, real())  # yield part of the wall's traction [Pa]
         self.carried = {name: make() for name, make in makers.items()}
         self._twin = {name: make() for name, make in makers.items()}  # scratch of the reorder
         self._pairs = [(item, self._twin[name]) for name, item in self.carried.items()]

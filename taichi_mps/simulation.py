@@ -70,6 +70,10 @@ class Simulation:
             raise SceneError(
                 f"walls = particles: a wall of scene {scene.name} moves or is thin; must be surfaces, scheme implicit"
             )
+        if use_particles and any(wall.friction for wall in scene.walls):
+            raise SceneError(
+                f"walls = particles: a wall of scene {scene.name} has friction; must be surfaces, scheme implicit"
+            )
         if use_particles and scene.mirrors:
             raise SceneError(
                 f"walls = particles: scene {scene.name} has a mirror plane; must be surfaces, scheme implicit"
@@ -98,14 +102,26 @@ class Simulation:
         sleeps = carries_stress and numerics.sleep and scene.material.yield_value > 0.0
         ages = getattr(scene.material, "growth", None) is not None
         extra = ["still"] * sleeps + ["structure"] * ages
-        self.particles = Particles(positions, kinds, velocity, volumes, carries_stress, scene.axisymmetric, extra)
+        frictions = [wall.friction for wall in scene.walls if wall.friction]
+        self.particles = Particles(
+            positions, kinds, velocity, volumes, carries_stress, scene.axisymmetric, extra, frictions
+        )
         self.bins = Bins(self.particles, scene.domain, scene.periodic_axes, re)
         capacity = int(self._pairs_per_particle * constants.neighbours * len(positions)) + 64
         self.neighbors = NeighborList(self.bins, capacity)
         self.constants = constants
         axis = (Plane((0.0, 0.0), (1.0, 0.0), mirror=True),) if scene.axisymmetric else ()
         surfaces = () if use_particles else (*axis, *scene.walls)
-        self.walls = Walls(surfaces, d, scene.spacing, re, self.particles.capacity, rings=scene.axisymmetric)
+        self.walls = Walls(
+            surfaces,
+            d,
+            scene.spacing,
+            re,
+            self.particles.capacity,
+            rings=scene.axisymmetric,
+            particles=self.particles,
+            plastic_viscosity=scene.material.plastic_viscosity,
+        )
         self.walls.place(self._walls_at)
         scheme = SemiImplicit if semi_implicit else Implicit
         self.scheme = scheme(scene, numerics, self.particles, self.neighbors, self.walls, constants)

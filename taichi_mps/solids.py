@@ -5,6 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
+from .geometry import check_friction
+from .material import Friction
 from .quantity import SceneError
 
 MOST_NODES = 5e7  # of one grid: 400 MB of distances
@@ -14,8 +16,8 @@ MOST_NODES = 5e7  # of one grid: 400 MB of distances
 class Solid:
     """Wall: where the distance [m], linear between the nodes of a grid, is negative. ``values`` are the distances at
     the nodes, positive in the fluid; ``low`` is the first node and ``cell`` the step of the grid [m]. Beyond the grid
-    there is no wall. ``velocity`` [m/s] carries the solid along, ``slip`` leaves the tangential motion free, a
-    ``loose`` wall only pushes. Fluid on two sides of it does not feel the other through it.
+    there is no wall. ``velocity`` [m/s] carries the solid along, ``slip`` leaves the tangential motion free,
+    ``friction`` resists it, a ``loose`` wall only pushes. Fluid on two sides of it does not feel the other through it.
     """
 
     values: np.ndarray
@@ -24,9 +26,11 @@ class Solid:
     velocity: tuple[float, ...] | None = None
     slip: bool = False
     loose: bool = False
+    friction: Friction | None = None
     thin = False
 
     def __post_init__(self):
+        check_friction(self)
         values = np.asarray(self.values, float)
         if values.ndim != len(self.low) or values.ndim not in (2, 3) or min(values.shape) < 2:
             raise SceneError(f"values of shape {values.shape}: must be a grid of two nodes or more along {self.low}")

@@ -24,6 +24,7 @@ class Surface:
 
     def __init__(self, wall, dimension: int, spacing: float, clock):
         self.slip, self.thin, self.loose, self.spacing = wall.slip, wall.thin, wall.loose, spacing
+        self.rubs, self.friction = wall.friction is not None, None  # Walls gives what is carried
         self.clock, self.travels = clock, bool(np.any(wall.travel))
         self.parts = wall.thin  # the fluid on one side of it does not feel that on the other
         self.travel = ti.types.vector(dimension, ti.f64)(wall.travel)

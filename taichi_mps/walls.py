@@ -16,10 +16,11 @@ A mirror plane is a slip wall whose ghosts end at the planes it meets: what lies
 import numpy as np
 
 from .backend import real, ti
+from .friction import WallFriction
 from .geometry import Cylinder, Plane
 from .solids import Solid
 from .surfaces import Flat, Round, Sampled
-from .weights import GHOST_SUMS, corner_table, ghost_table
+from .weights import GHOST_SUMS, corner_table, ghost_table, lattice_constants
 
 
 def meeting(walls) -> list[list[int]]:
@@ -48,7 +49,15 @@ class Walls:
     the ghosts stand as close as they do."""
 
     def __init__(
-        self, walls, dimension: int, spacing: float, effective_radius: float, capacity: int = 1, rings: bool = False
+        self,
+        walls,
+        dimension: int,
+        spacing: float,
+        effective_radius: float,
+        capacity: int = 1,
+        rings: bool = False,
+        particles=None,
+        plastic_viscosity: float = 0.0,
     ):
         self.dimension = dimension
         self.effective_radius = effective_radius
@@ -57,6 +66,11 @@ class Walls:
         self.clock = ti.field(ti.f64, ())  # time [s] at which the walls stand
         self.sizes = FINEST + (COARSEST - FINEST) * np.arange(SIZES) / (SIZES - 1) if rings else np.ones(1)
         self.surfaces = tuple(SURFACES[type(wall)](wall, dimension, spacing, self.clock) for wall in walls)
+        rough = [(wall, surface) for wall, surface in zip(walls, self.surfaces, strict=True) if wall.friction]
+        for k, (wall, surface) in enumerate(rough):
+            carried = particles.carried[f"slip_{k}"], particles.carried.get(f"traction_{k}")
+            surface.friction = WallFriction(wall.friction, *carried, spacing, plastic_viscosity)
+        self.rub = bool(rough)
         for k, others in enumerate(meeting(walls)):
             mirror = [getattr(walls[m], "mirror", False) or getattr(walls[k], "mirror", False) for m in others]
             self.surfaces[k].cut_by = tuple(
@@ -79,11 +93,21 @@ class Walls:
                 for k in (0.0, bent, -bent)
             ]
         )
+        n0 = lattice_constants(dimension, spacing, effective_radius).n0
+        row = round(1.5 * spacing / effective_radius * (entries - 1))
+        pull = tables[0, np.argmin(np.abs(self.sizes - 1.0)), row, GHOST_SUMS.index("pull")]
+        self.second = float(pull) * spacing * dimension / n0  # share of a wall that the second row carries
         shape = tables[0].shape[:2]
         self.flat = ti.Vector.field(tables.shape[3], real(), shape)  # GHOST_SUMS at a size and z = re k/(entries - 1)
         self.flat.from_numpy(tables[0])
         self.bend = ti.Vector.field(tables.shape[3], real(), shape)  # their derivative by the curvature [m]
         self.bend.from_numpy((tables[1] - tables[2]) / (2.0 * bent))
+
+    def tie(self, inertia: float) -> None:
+        """Penalty of the walls' friction for a step of rho/dt = ``inertia`` [kg/(m3 s)]."""
+        for surface in self.surfaces:
+            if surface.rubs:
+                surface.friction.penalty[None] = inertia * surface.friction.depth
 
     def place(self, time: float) -> None:
         """Put the walls that travel where they are at this time [s]."""
@@ -157,8 +181,21 @@ class Walls:
                 moment += self.c[i, w] * ti.max(z, self.closest) * normal
                 if ti.static(not wall.slip):
                     t = self.lookup("tangential", wall, x, z, curvature, share)
+                    if ti.static(wall.rubs):
+                        t *= wall.friction.hold(i, ti.max(z, self.closest))
                     moment += t * (ti.Matrix.identity(float, self.dimension) - normal)
         return counts, moment
+
+    @ti.func
+    def felt(self, i, wall: ti.template(), n, v, motion):
+        """What of a velocity v relative to the wall the fit sees; ``motion`` 1 with the slip that does not depend on v.
+        At ``motion`` 0 it is symmetric: the same part of a pull reaches the particle."""
+        seen = v
+        if ti.static(wall.slip):
+            seen = n * n.dot(v)
+        if ti.static(wall.rubs):
+            seen = wall.friction.felt(i, n, v) - motion * wall.friction.offset[i]
+        return seen
 
     @ti.func
     def gradient_term(self, i, x, u, motion, share):
@@ -168,13 +205,13 @@ class Walls:
         for w, wall in ti.static(enumerate(self.surfaces)):
             if self.c[i, w] > 0.0:
                 z, n, velocity, curvature = wall.nearest(x)
-                jump = u - motion * velocity
-                if ti.static(wall.slip):
-                    jump = n * n.dot(jump)
+                jump = self.felt(i, wall, n, u - motion * velocity, motion)
                 total += jump.outer_product(n) * self.c[i, w]
                 if ti.static(wall.turns and not wall.slip):
                     spin = ti.cast(wall.spin, float)
                     t = self.lookup("tangential", wall, x, z, curvature, share)
+                    if ti.static(wall.rubs):
+                        t *= wall.friction.bond[i]
                     total += motion * t * (spin - (spin @ n).outer_product(n))
         return total
 
@@ -185,10 +222,7 @@ class Walls:
         for w, wall in ti.static(enumerate(self.surfaces)):
             if self.c[i, w] > 0.0:
                 _z, n, _velocity, _curvature = wall.nearest(x)
-                pull = flux @ n
-                if ti.static(wall.slip):
-                    pull = n * n.dot(pull)
-                total -= pull * self.c[i, w]
+                total -= self.felt(i, wall, n, flux @ n, 0.0) * self.c[i, w]
         return total
 
     @ti.func
@@ -198,11 +232,48 @@ class Walls:
         for w, wall in ti.static(enumerate(self.surfaces)):
             if self.c[i, w] > 0.0:
                 z, n, velocity, _curvature = wall.nearest(x)
-                jump = u - motion * velocity
-                if ti.static(wall.slip):
-                    jump = n * n.dot(jump)
+                jump = self.felt(i, wall, n, u - motion * velocity, motion)
+                if ti.static(wall.rubs):
+                    jump = self.felt(i, wall, n, jump, 0.0)
                 total += jump * (self.c[i, w] / ti.max(z, self.closest))
         return total
+
+    @ti.func
+    def friction_term(self, i, x, u, motion):
+        """Force [N] of the walls' friction against a particle, besides force_term."""
+        total = ti.Vector.zero(float, self.dimension)
+        for w, wall in ti.static(enumerate(self.surfaces)):
+            if ti.static(wall.rubs):  # noqa: SIM102  (a compiled choice stays apart)
+                if self.c[i, w] > 0.0:
+                    _z, n, velocity, _curvature = wall.nearest(x)
+                    total += wall.friction.drag(i, n, u - motion * velocity, motion)
+        return total
+
+    @ti.func
+    def begin_friction(self, i, x, u, B, volume, mu, share):
+        """Before the passes of a step: how particle i, of this viscosity [Pa s], slips on the walls with friction."""
+        for w, wall in ti.static(enumerate(self.surfaces)):
+            if ti.static(wall.rubs):
+                if self.c[i, w] > 0.0:
+                    z, n, velocity, _curvature = wall.nearest(x)
+                    acts = ti.cast(1.0, float)
+                    if ti.static(wall.thin or wall.loose):
+                        acts = wall.share(x, z)
+                    cBn = self.c[i, w] * (B @ n)
+                    wall.friction.cover(i, n, ti.max(z, self.closest), volume, cBn, share, acts, self.second)
+                    wall.friction.begin(i, n, u - velocity, mu)
+                else:
+                    wall.friction.forget(i)
+
+    @ti.func
+    def adjust_friction(self, i, x, u, flux, mu):
+        """After a pass: the slip at which the walls' traction is that of the flux V T B of the deviatoric stress."""
+        for w, wall in ti.static(enumerate(self.surfaces)):
+            if ti.static(wall.rubs):  # noqa: SIM102  (a compiled choice stays apart)
+                if self.c[i, w] > 0.0:
+                    _z, n, velocity, _curvature = wall.nearest(x)
+                    pull = flux @ n * (self.c[i, w] / wall.friction.area[i])
+                    wall.friction.adjust(i, n, u - velocity, pull, mu)
 
     @ti.func
     def drag_power(self, i, x, u, motion):
@@ -211,9 +282,7 @@ class Walls:
         for w, wall in ti.static(enumerate(self.surfaces)):
             if self.c[i, w] > 0.0:
                 z, n, velocity, _curvature = wall.nearest(x)
-                jump = u - motion * velocity
-                if ti.static(wall.slip):
-                    jump = n * n.dot(jump)
+                jump = self.felt(i, wall, n, u - motion * velocity, motion)
                 total += jump.norm_sqr() * (self.c[i, w] / ti.max(z, self.closest))
         return total
 

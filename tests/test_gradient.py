@@ -29,10 +29,11 @@ class Rig:
         kinds = np.full(len(x), FLUID) if kinds is None else kinds
         constants = lattice_constants(d, L0, 2.1 * L0)
         volumes = np.full(len(x), self.volume) if rings is None else rings
-        self.particles = Particles(x, kinds, 0.0 * x, volumes, False, rings is not None)
+        frictions = [plane.friction for plane in planes if plane.friction]
+        self.particles = Particles(x, kinds, 0.0 * x, volumes, False, rings is not None, frictions)
         bins = Bins(self.particles, ((-2.0,) * d, (2.0,) * d), (False,) * d, 2.1 * L0)
         neighbors = NeighborList(bins, 60 * len(x))
-        walls = Walls(planes, d, L0, 2.1 * L0, len(x), rings=rings is not None)
+        walls = Walls(planes, d, L0, 2.1 * L0, len(x), rings=rings is not None, particles=self.particles)
         self.gradient = Gradient(neighbors, walls, constants, L0)
         self.u, self.F = (ti.Vector.field(d, ti.f64, len(x)) for _ in range(2))
         self.left = ti.field(ti.f64, len(x))

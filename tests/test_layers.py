@@ -18,18 +18,19 @@ PACKAGE = ROOT / "taichi_mps"
 EDGE = 4
 LAYERS = {
     0: "quantity material geometry solids measure rest_shapes report scene",
-    1: "backend weights surfaces particles neighbors gradient mrpcg sparse grid_levels",
+    1: "backend weights surfaces friction particles neighbors gradient mrpcg sparse grid_levels",
     2: "rheology walls viscosity pressure momentum shifting totals sleeping",
     3: "schemes.implicit schemes.semi_implicit simulation",
 }
 PEERS = {
     "material": {"quantity"},
-    "geometry": {"quantity"},
-    "solids": {"quantity"},
+    "geometry": {"quantity", "material"},
+    "solids": {"quantity", "material", "geometry"},
     "rest_shapes": {"quantity"},
     "scene": {"quantity", "material", "geometry", "solids", "measure"},
     "weights": {"backend"},
     "surfaces": {"backend"},
+    "friction": {"backend"},
     "particles": {"backend"},
     "neighbors": {"backend"},
     "gradient": {"backend", "particles", "weights"},

@@ -109,6 +109,9 @@ class Implicit:
             self.stage("sleep", self.sleeping.rouse)
         self.system.inertia[None] = self.density / dt
         self.stage("smooth pressure", self.smooth_pressure, dt)
+        if self.walls.rub:
+            self.walls.tie(self.density / dt)
+            self.begin_friction()
         self.stage("prepare", self.prepare, dt, self.first)
         self.balance()
         iterations, residual, status = 0, 0.0, "converged"
@@ -120,7 +123,7 @@ class Implicit:
                 self.stage("levels", self.solver.prepare)
                 self.refer()
             self.stage("right-hand side", self.right_hand_side, self.solver.b)
-            if self.walls.move:
+            if self.walls.move or self.walls.rub:
                 self.system.subtract_wall_motion(self.solver.p, self.solver.q, self.solver.b)
             tolerance = self.numerics.tolerance * (EARLY if k + 1 < passes else 1.0)
             report = self.stage("solve", self.solver.solve, tolerance, 2000, self.reference[None])
@@ -186,6 +189,19 @@ class Implicit:
             self.smooth_p[i] = self.particles.p[i]
             if self.gradient.B[i][0, 0] > 0.0:
                 self.smooth_p[i] = self.mean_pressure(i, READING)
+
+    @ti.kernel
+    def begin_friction(self):
+        """The slip that each particle brings along to the walls with friction."""
+        for i in range(self.particles.count[None]):
+            mu = ti.cast(self.eta, float)
+            if ti.static(self.law == "bingham"):
+                mu = self.mu_r
+            elif ti.static(self.law == "bi-viscosity"):
+                mu = bi_viscosity(self.particles.shear_rate[i], self.eta, self.tau_y, self.pi_c)
+            volume, share = self.particles.volume(i), self.gradient.counts_as(i)
+            B = self.gradient.B[i]
+            self.walls.begin_friction(i, self.particles.x[i], self.particles.u[i], B, volume, mu, share)
 
     @ti.kernel
     def prepare(self, dt: float, first: ti.i32):
@@ -334,6 +350,12 @@ class Implicit:
                     self.system.mu[i] = bi_viscosity(rate, self.eta, self.tau_y, self.pi_c)
                 else:
                     self.yielded[i] = 1
+                if ti.static(self.walls.rub):
+                    T = 2.0 * self.system.mu[i] * D
+                    if ti.static(self.law == "bingham"):
+                        T = self.particles.stress[i]
+                    flux = self.gradient.spread_stress(i, T)
+                    self.walls.adjust_friction(i, self.particles.x[i], u[i], flux, self.system.mu[i])
 
     @ti.kernel
     def advance(self, dt: float, u: ti.template(), first: ti.i32):

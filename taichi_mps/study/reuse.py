@@ -19,7 +19,8 @@ def shape_of(scene: Scene) -> bytes:
     """What of a scene is compiled: all but the numbers of its material, its end and what is read from it."""
     bare = replace(scene, material=None, until=0.0, parameters={}, measure=None, check=None, outline=())
     law = law_of(scene.material) if isinstance(scene.material, Bingham) else repr(scene.material)
-    return pickle.dumps((bare, law))
+    rubs = any(wall.friction for wall in scene.walls)  # friction keeps the viscosity of the fluid, too
+    return pickle.dumps((bare, law, scene.material.plastic_viscosity if rubs else None))
 
 
 class Compiled:
