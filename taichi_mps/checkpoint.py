@@ -9,12 +9,15 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from . import catalogue
+from . import catalogue, outside
 from .quantity import SceneError
 from .scene import NUMERICS, Scene
 
 FORMAT = "taichi_mps checkpoint"
 VERSION = 1
+HEADER = {"source": str, "parameters": dict, "scheme": str, "numerics": dict, "time": float, "fluid": str}
+HEADER |= {"settings": dict}
+SCALARS = {"time", "steps", "last_dt", "resting_since", "report"}
 
 
 @dataclass(frozen=True)
@@ -52,17 +55,18 @@ class Checkpoint:
                 file[f"state/{key}"] = value
         with open(partial, "rb+") as file:
             os.fsync(file.fileno())
-        if path.exists():
+        if path.exists():  # killed between these two lines, the run goes on from the previous one
             os.replace(path, previous(path))
         os.replace(partial, path)
         return path
 
-    def scene(self, until: float | None = None) -> Scene:
-        """The scene, built anew from its source and parameters; ``until`` [s] replaces its end."""
+    def scene(self, until: float | None = None, scene_file=None) -> Scene:
+        """The scene, built anew from its source and parameters; ``until`` [s] replaces its end. A scene that is not a
+        built-in one is made by the code of ``scene_file``, which the caller must name."""
         keywords = dict(self.header["parameters"])
         if until is not None and "until" in keywords:
             keywords["until"] = until
-        return catalogue.build(self.header["source"], **keywords)
+        return catalogue.rebuild(self.header["source"], keywords, scene_file)
 
     def simulation(self, scene: Scene | None = None, profile: bool = False):
         """A Simulation that continues from here. Taichi must be started (``taichi_mps.init``)."""
@@ -75,7 +79,14 @@ class Checkpoint:
             )
         numerics = NUMERICS[self.header["scheme"]](**self.header["numerics"])
         sim = Simulation(scene, numerics, profile=profile)
-        sim.load(self.state)
+        for key, array in sim.particles.read().items():
+            found = self.state.get(key)
+            if np.shape(found) != array.shape or not np.all(np.isfinite(found)):
+                raise SceneError(f"checkpoint: {key} of shape {np.shape(found)}: must be {array.shape} finite numbers")
+        try:
+            sim.load(self.state)
+        except (TypeError, KeyError) as error:
+            raise SceneError(f"checkpoint: its state is not one of this version ({error})") from None
         return sim
 
 
@@ -111,21 +122,23 @@ def read(path) -> Checkpoint:
     path = Path(path)
     if not path.is_file():
         raise SceneError(f"checkpoint {path}: no such file")
-    try:
-        with h5py.File(path, "r", locking=False) as file:
-            if file.attrs.get("format") != FORMAT:
-                raise SceneError(f"checkpoint {path}: not a checkpoint of taichi_mps")
-            if file.attrs["version"] != VERSION:
-                raise SceneError(f"checkpoint {path}: version {file.attrs['version']}, this program reads {VERSION}")
-            text = file["header"].asstr()[()]
-            arrays = {key: dataset[()] for key, dataset in file["state"].items()}
-            good = file.attrs["sha256"] == digest(text, arrays)
-    except (OSError, KeyError, RuntimeError, UnicodeError, TypeError) as error:
-        raise SceneError(f"checkpoint {path}: damaged or not a checkpoint ({brief(error)})") from None
-    if not good:
-        raise SceneError(f"checkpoint {path}: damaged (its checksum is wrong)")
-    header = json.loads(text)
-    return Checkpoint(header, {**arrays, **header.pop("scalars")})
+    with outside.opened(path, "checkpoint") as file:
+        if outside.text(file, "format") != FORMAT:
+            raise SceneError(f"checkpoint {path}: not a checkpoint of taichi_mps")
+        if file.attrs["version"] != VERSION:
+            raise SceneError(f"checkpoint {path}: version {file.attrs['version']}, this program reads {VERSION}")
+        text, state = outside.text(file, "header"), outside.own(file, "state")
+        arrays = {key: outside.numbers(state, key) for key in state}
+        if outside.text(file, "sha256") != digest(text, arrays):
+            raise SceneError(f"checkpoint {path}: damaged (its checksum is wrong)")
+        header = json.loads(text)
+        scalars = header.pop("scalars")
+        for key, kind in HEADER.items():
+            if not isinstance(header[key], kind):
+                raise ValueError(f"{key} is wrong")
+        if header["scheme"] not in NUMERICS or SCALARS - set(scalars) or set(scalars) & set(arrays):
+            raise ValueError("scheme or state is wrong")
+        return Checkpoint(header, {**arrays, **scalars})
 
 
 def digest(header: str, arrays: dict[str, np.ndarray]) -> str:
@@ -153,8 +166,3 @@ def plain(value):
     if isinstance(value, dict):
         return {key: plain(item) for key, item in value.items()}
     return [plain(item) for item in value] if isinstance(value, list | tuple) else value
-
-
-def brief(error: Exception) -> str:
-    """The first line of an error, without h5py's details."""
-    return str(error).split("\n", 1)[0].split("(", 1)[0].strip() or type(error).__name__

@@ -1,4 +1,4 @@
-"""The command line: run | resume | render | plot | validate | scenes | info. Taichi is imported when a run starts."""
+"""The command line: one function a command, see COMMANDS. Taichi is imported when a run starts."""
 
 import io
 import json
@@ -20,6 +20,7 @@ from .scene import NUMERICS
 from .show import curves, pictures, progress, table
 
 DONE, BAD_INPUT, DIVERGED, INTERRUPTED = 0, 2, 3, 130
+SCENE_FILE = "the Python file of the scene, where it is not a built-in one"
 
 
 # ---- commands ---------------------------------------------------------------------------------------------------
@@ -68,6 +69,7 @@ def resume(argv) -> int:
     parser = Parser("resume", description="Continue a run from its checkpoint.")
     parser.add_argument("run", help="run folder, or the checkpoint file in it")
     parser.options(Run, "run", leave_out=kept)
+    parser.add_argument("--scene", help=SCENE_FILE)
     parser.add_argument("--json", action="store_true", help="print the summary as JSON")
     arguments = parser.parse(argv)
     from . import checkpoint
@@ -75,11 +77,13 @@ def resume(argv) -> int:
 
     path = Path(arguments.run)
     folder = RunFolder(path.parent if path.is_file() else path)
-    state, remark = checkpoint.read_good(path if path.is_file() else folder.checkpoint)
+    newest = path if path.is_file() else folder.checkpoint
+    state, remark = checkpoint.read_good(newest)
     if remark:
         print(f"taichi-mps: {remark}", file=sys.stderr)
+        os.replace(checkpoint.previous(newest), newest)  # so that the next one does not replace the good one
     options = Run(**{**state.header["settings"], **given(arguments, Run, leave_out=kept)})
-    scene = state.scene(options.until)
+    scene = state.scene(options.until, arguments.scene)
     if options.until:
         scene = replace(scene, until=options.until)
     folder.check()
@@ -187,6 +191,7 @@ def render(argv) -> int:
     )
     parser.add_argument("run", help="run folder")
     parser.options(Pictures, "pictures")
+    parser.add_argument("--scene", help=SCENE_FILE)
     parser.add_argument("--json", action="store_true", help="print the names of the results as JSON")
     arguments = parser.parse(argv)
     options = Pictures(**given(arguments, Pictures))
@@ -194,7 +199,7 @@ def render(argv) -> int:
     from .vtkhdf import Trajectory
 
     folder = RunFolder(arguments.run)
-    outputs = Trajectory(folder.trajectory).replay()
+    outputs = Trajectory(folder.trajectory).replay(arguments.scene)
     first = next(outputs, None)
     if first is None:
         raise SceneError(f"run = {folder.path}: run.h5 holds no output yet")
@@ -213,6 +218,27 @@ def render(argv) -> int:
     gif(frames, animation)
     made = {"frames": str(frames), "animation": str(animation), "pictures": len(list(frames.glob("*.png")))}
     tell(made, arguments.json, f"{made['pictures']} pictures in {frames}, {animation}")
+    return DONE
+
+
+def export(argv) -> int:
+    """write a run as .vtu and .pvd"""
+    parser = Parser("export", description="One .vtu file for each output of a run, and a .pvd that opens them all.")
+    parser.add_argument("run", help="run folder")
+    parser.add_argument("--out", help="folder of the files, vtu in the run folder by default")
+    parser.add_argument("--whole", action="store_true", help="the whole body where the scene is a part of it")
+    parser.add_argument("--scene", help=SCENE_FILE)
+    parser.add_argument("--json", action="store_true", help="print the name of the result as JSON")
+    arguments = parser.parse(argv)
+    from .files import RunFolder
+    from .vtkhdf import Trajectory
+
+    folder = RunFolder(arguments.run)
+    out = Path(arguments.out or folder.path / "vtu")
+    from .export import vtu
+
+    count = vtu(Trajectory(folder.trajectory).replay(arguments.scene), out, arguments.whole)
+    tell({"pvd": str(out / "run.pvd"), "outputs": count}, arguments.json, f"{count} outputs: {out / 'run.pvd'}")
     return DONE
 
 
@@ -279,8 +305,8 @@ def validate(argv) -> int:
     return DONE
 
 
-COMMANDS = {"run": run, "resume": resume, "render": render, "plot": plot, "validate": validate}
-COMMANDS |= {"scenes": scenes, "info": info}
+COMMANDS = {"run": run, "resume": resume, "render": render, "export": export, "plot": plot}
+COMMANDS |= {"validate": validate, "scenes": scenes, "info": info}
 
 
 def main(argv=None) -> int:
