@@ -1,4 +1,8 @@
-"""Checkpoints: one HDF5 file from which a run continues, written whole or not at all and checked when read."""
+"""Checkpoints: one HDF5 file from which a run continues, written whole or not at all and checked when read.
+
+The file begins with a line of text, in what HDF5 calls its user block: format, version and sha256 of all that follows.
+It is checked before HDF5 sees the file.
+"""
 
 import hashlib
 import json
@@ -14,7 +18,8 @@ from .quantity import SceneError
 from .scene import NUMERICS, Scene
 
 FORMAT = "taichi_mps checkpoint"
-VERSION = 1
+VERSION = 2
+LABEL = 512  # bytes of the user block
 HEADER = {"source": str, "parameters": dict, "scheme": str, "numerics": dict, "time": float, "fluid": str}
 HEADER |= {"settings": dict}
 SCALARS = {"time", "steps", "last_dt", "resting_since", "report"}
@@ -48,12 +53,16 @@ class Checkpoint:
         scalars = {key: plain(value) for key, value in self.state.items() if key not in arrays}
         header = json.dumps({**self.header, "scalars": scalars})
         partial = path.with_suffix(".partial")
-        with h5py.File(partial, "w") as file:
-            file.attrs.update(format=FORMAT, version=VERSION, sha256=digest(header, arrays))
+        with h5py.File(partial, "w", userblock_size=LABEL) as file:
             file["header"] = header
             for key, value in arrays.items():
                 file[f"state/{key}"] = value
         with open(partial, "rb+") as file:
+            file.seek(LABEL)
+            checksum = rest_of(file)
+            file.seek(0)
+            file.write(f"{FORMAT} {VERSION} sha256 {checksum}\n".encode())
+            file.flush()
             os.fsync(file.fileno())
         if path.exists():  # killed between these two lines, the run goes on from the previous one
             os.replace(path, previous(path))
@@ -122,16 +131,11 @@ def read(path) -> Checkpoint:
     path = Path(path)
     if not path.is_file():
         raise SceneError(f"checkpoint {path}: no such file")
+    check_label(path)
     with outside.opened(path, "checkpoint") as file:
-        if outside.text(file, "format") != FORMAT:
-            raise SceneError(f"checkpoint {path}: not a checkpoint of taichi_mps")
-        if file.attrs["version"] != VERSION:
-            raise SceneError(f"checkpoint {path}: version {file.attrs['version']}, this program reads {VERSION}")
-        text, state = outside.text(file, "header"), outside.own(file, "state")
+        state = outside.own(file, "state")
         arrays = {key: outside.numbers(state, key) for key in state}
-        if outside.text(file, "sha256") != digest(text, arrays):
-            raise SceneError(f"checkpoint {path}: damaged (its checksum is wrong)")
-        header = json.loads(text)
+        header = json.loads(outside.text(file, "header"))
         scalars = header.pop("scalars")
         for key, kind in HEADER.items():
             if not isinstance(header[key], kind):
@@ -139,6 +143,31 @@ def read(path) -> Checkpoint:
         if header["scheme"] not in NUMERICS or SCALARS - set(scalars) or set(scalars) & set(arrays):
             raise ValueError("scheme or state is wrong")
         return Checkpoint(header, {**arrays, **scalars})
+
+
+def check_label(path) -> None:
+    """Refuse a file without the label of this version, or with another checksum than it says."""
+    try:
+        with open(path, "rb") as file:
+            words = file.read(LABEL).split(b"\n")[0].decode("ascii", "replace")
+            checksum = rest_of(file)
+    except OSError as error:
+        raise SceneError(f"checkpoint {path}: cannot be read ({error.strerror})") from None
+    if not words.startswith(f"{FORMAT} "):
+        raise SceneError(f"checkpoint {path}: damaged, or not a checkpoint of taichi_mps {VERSION}")
+    version = words.removeprefix(f"{FORMAT} ").split(" ")[0]
+    if version != str(VERSION):
+        raise SceneError(f"checkpoint {path}: version {version}, this program reads {VERSION}")
+    if words != f"{FORMAT} {VERSION} sha256 {checksum}":
+        raise SceneError(f"checkpoint {path}: damaged (its checksum is wrong)")
+
+
+def rest_of(file) -> str:
+    """sha256 of an open file from where it stands."""
+    total = hashlib.sha256()
+    while block := file.read(1 << 20):
+        total.update(block)
+    return total.hexdigest()
 
 
 def digest(header: str, arrays: dict[str, np.ndarray]) -> str:

@@ -131,13 +131,13 @@ class Trajectory:
         A scene that is not a built-in one is made by the code of ``scene_file``, which the caller must name."""
         if not self.path.is_file():
             raise SceneError(f"run = {self.path.parent}: holds no run.h5; must be the folder of a run")
-        with outside.opened(self.path, "run.h5 of") as file:
+        with outside.opened(self.path, "run") as file:
             root, own = outside.own(file, "VTKHDF"), outside.own(file, "taichi_mps")
             parameters = json.loads(outside.text(own, "parameters"))
             scene = catalogue.rebuild(outside.text(own, "source"), parameters, scene_file)
             n, wall = int(outside.numbers(root, "NumberOfPoints")[0]), outside.numbers(own, "wall_x")
             if n != len(scene.fluid):
-                raise SceneError(f"run.h5 of {self.path}: has {n} particles, its scene makes {len(scene.fluid)}")
+                raise SceneError(f"run {self.path}: has {n} particles, its scene makes {len(scene.fluid)}")
             axes = [0, 2] if scene.dimension == 2 else [0, 1, 2]
             steps, fields = outside.own(root, "Steps"), outside.own(root, "PointData")
             for k, instant in enumerate(outside.numbers(steps, "Values")[: int(steps.attrs["NSteps"])]):

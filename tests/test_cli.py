@@ -254,7 +254,7 @@ def test_a_high_knee_stress_is_one_line_and_a_rational_rate_has_none(tmp_path, c
         ("run bare.py", "has no function 'scene'"),
         ("rnu slump", "unknown command 'rnu', did you mean 'run'?"),
         ("resume nowhere", "checkpoint nowhere/checkpoint.h5: no such file"),
-        ("resume file", "checkpoint file: damaged or not one of taichi_mps"),
+        ("resume file", "checkpoint file: damaged, or not a checkpoint"),
         ("render nowhere", "run = nowhere: holds no run.h5"),
         ("plot nowhere", "run = nowhere: holds no history.csv"),
         ("info nowhere", "run = nowhere: holds no summary.json"),

@@ -384,9 +384,8 @@ def test_a_checkpoint_of_another_version_or_scene_is_refused(tmp_path, slump):
     checkpoint.save(Falling(slump), path)
     with pytest.raises(mps.SceneError, match="no longer makes the particles"):
         checkpoint.read(path).simulation(catalogue.build("slump", spacing=0.06))
-    with h5py.File(path, "r+") as file:
-        file.attrs["version"] = 99
-    with pytest.raises(mps.SceneError, match="version 99"):
+    path.write_bytes(path.read_bytes().replace(b"checkpoint 2 ", b"checkpoint 9 ", 1))
+    with pytest.raises(mps.SceneError, match="version 9, this program reads 2"):
         checkpoint.read(path)
 
 
