@@ -14,6 +14,7 @@ import h5py
 import numpy as np
 
 from . import catalogue, outside
+from .admission import admit
 from .quantity import SceneError
 from .scene import NUMERICS, Scene
 
@@ -77,21 +78,33 @@ class Checkpoint:
             keywords["until"] = until
         return catalogue.rebuild(self.header["source"], keywords, scene_file)
 
+    def admit(self, scene: Scene) -> None:
+        """SceneError unless the scene can be computed and the state is one of its particles."""
+        if fingerprint(scene) != self.header["fluid"]:
+            raise SceneError(
+                f"checkpoint: scene {self.header['source']} no longer makes the particles that it was written with"
+            )
+        admit(scene, self.numerics)
+        for key, value in self.state.items():
+            if isinstance(value, np.ndarray) and not np.all(np.isfinite(value)):
+                raise SceneError(f"checkpoint: a value of {key} is not a finite number")
+
+    @property
+    def numerics(self):
+        """Those of the run."""
+        return NUMERICS[self.header["scheme"]](**self.header["numerics"])
+
     def simulation(self, scene: Scene | None = None, profile: bool = False):
         """A Simulation that continues from here. Taichi must be started (``taichi_mps.init``)."""
         from .simulation import Simulation
 
         scene = scene or self.scene()
-        if fingerprint(scene) != self.header["fluid"]:
-            raise SceneError(
-                f"checkpoint: scene {self.header['source']} no longer makes the particles that it was written with"
-            )
-        numerics = NUMERICS[self.header["scheme"]](**self.header["numerics"])
-        sim = Simulation(scene, numerics, profile=profile)
+        self.admit(scene)
+        sim = Simulation(scene, self.numerics, profile=profile)
         for key, array in sim.particles.read().items():
-            found = self.state.get(key)
-            if np.shape(found) != array.shape or not np.all(np.isfinite(found)):
-                raise SceneError(f"checkpoint: {key} of shape {np.shape(found)}: must be {array.shape} finite numbers")
+            if np.shape(self.state.get(key)) != array.shape:
+                found = np.shape(self.state.get(key))
+                raise SceneError(f"checkpoint: {key} has the shape {found}; must have {array.shape}")
         try:
             sim.load(self.state)
         except (TypeError, KeyError) as error:

@@ -14,6 +14,7 @@ from importlib import metadata
 from pathlib import Path
 
 from . import __version__, catalogue
+from .admission import admit
 from .options import Parser, Pictures, Run, Table, given, joined
 from .quantity import SceneError, suggestion
 from .scene import NUMERICS
@@ -56,6 +57,7 @@ def run(argv) -> int:
 
     folder = RunFolder(options.out or Path("renders") / scene.name)
     folder.check()
+    admit(scene, method)
     start(options)
     from .simulation import Simulation
 
@@ -87,6 +89,7 @@ def resume(argv) -> int:
     if options.until:
         scene = replace(scene, until=options.until)
     folder.check()
+    state.admit(scene)
     start(options)
     sim = state.simulation(scene, profile=options.profile)
     return carry_out(sim, folder, options, state.header["source"], arguments.json, resumed=True)

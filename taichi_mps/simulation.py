@@ -7,6 +7,7 @@ from dataclasses import asdict
 import numpy as np
 
 from . import __version__
+from .admission import admit
 from .backend import require_room, started, ti
 from .geometry import Cylinder, Plane
 from .measure import Snapshot
@@ -32,6 +33,7 @@ class Simulation:
         self._clock = time.process_time(), time.perf_counter()
         self.scene = scene
         self.numerics = numerics or ImplicitNumerics()
+        admit(scene, self.numerics)
         self._pairs_per_particle = 4.0 if scene.axisymmetric else 1.5  # rings that moved outward are thin
         self._walls_at = 0.0  # time [s] at which the walls stand
         self._stages: dict[str, list] = {}

@@ -17,7 +17,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "taichi_mps"
 EDGE = 4
 LAYERS = {
-    0: "quantity material geometry solids measure report scene",
+    0: "quantity material geometry solids measure report scene admission",
     1: "backend weights surfaces particles neighbors gradient mrpcg sparse",
     2: "rheology walls viscosity pressure momentum shifting totals",
     3: "schemes.implicit schemes.semi_implicit simulation",
@@ -27,6 +27,7 @@ PEERS = {
     "geometry": {"quantity"},
     "solids": {"quantity"},
     "scene": {"quantity", "material", "geometry", "solids", "measure"},
+    "admission": {"quantity", "scene"},
     "weights": {"backend"},
     "surfaces": {"backend"},
     "particles": {"backend"},
