@@ -221,7 +221,7 @@ class Recorder:
     def step(self, sim) -> None:
         self.measures = sim.measures()
         self.history.add(row_of(sim, self.measures))
-        if time.monotonic() > self.next:
+        if time.monotonic() > self.next and not due(sim.time, self.every):
             self._save()
 
     def output(self, sim) -> None:
@@ -232,6 +232,8 @@ class Recorder:
             self.good = self._checkpoint()
             if self.picture:
                 self.picture(sim, number)
+        if time.monotonic() > self.next:  # not before: an output needs fields of the step, which no checkpoint keeps
+            self._save()
 
     def finish(self, stopped_by: str, error: str | None = None) -> dict:
         """Write the checkpoint (after a divergence the last good one), the last row and the summary; return it."""
