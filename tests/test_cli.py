@@ -115,7 +115,7 @@ def test_a_run_killed_at_random_steps_goes_on_bit_for_bit(work, whole):
     folder, seen, command = RunFolder(here / "run"), 0, ["run", *words]
     for kill in range(kills):
         target = dice.randint(seen + 1, max(seen + 1, steps * (kill + 1) // (kills + 1)))
-        process, deadline = start(here, "-c", UNSEEN, *command), time.monotonic() + 100
+        process, deadline = start(here, "-c", UNSEEN, *command), time.monotonic() + 400
         while not (folder.history.is_file() and folder.history.read_bytes().count(b"\n") > target + 1):
             assert process.poll() is None and time.monotonic() < deadline, (target, (here / "err.txt").read_text())
             time.sleep(0.001)
