@@ -31,7 +31,7 @@ def run(argv) -> int:
     first.add_argument("scene", nargs="?")
     first.options(Run, "run")
     known, _ = first.parse_known_args(joined(argv))
-    if known.scene is None and not {"-h", "--help"} & set(argv):
+    if not known.scene and not {"-h", "--help"} & set(argv):
         raise SceneError(f"run: name a scene: {', '.join(catalogue.names())}, or a Python file")
     scheme = known.scheme or "implicit"
     numerics = NUMERICS.get(scheme) or NUMERICS["implicit"]

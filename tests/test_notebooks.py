@@ -13,8 +13,6 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-import taichi_mps as mps
-
 matplotlib.use("Agg")
 BOOKS = sorted((Path(__file__).resolve().parents[1] / "notebooks").glob("*.ipynb"))
 
@@ -75,5 +73,5 @@ def test_the_schemes_agree_on_where_the_heap_ends():
     fronts = {name: points[-1][1] for name, points in space["fronts"].items()}
     assert abs(fronts["implicit"] - fronts["semi-implicit"]) < space["l0"]
     assert min(fronts.values()) > 1.1 * space["width"]
-    assert space["sims"]["semi-implicit"].steps > 10 * space["sims"]["implicit"].steps
+    assert space["sims"]["semi-implicit"].steps > 4 * space["sims"]["implicit"].steps
     assert [item.shape for item in shown[-2:]] == [(540, 960, 3)] * 2
