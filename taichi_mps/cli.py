@@ -11,6 +11,7 @@ import warnings
 from contextlib import contextmanager, redirect_stdout
 from dataclasses import replace
 from importlib import metadata
+from itertools import chain
 from pathlib import Path
 
 from . import __version__, catalogue
@@ -18,7 +19,7 @@ from .admission import admit
 from .options import Parser, Pictures, Run, Table, given, joined
 from .quantity import SceneError, suggestion
 from .scene import NUMERICS
-from .show import curves, pictures, progress, table
+from .show import curves, pictures, progress, redraw, table
 
 DONE, BAD_INPUT, DIVERGED, INTERRUPTED = 0, 2, 3, 130
 SCENE_FILE = "the Python file of the scene, where it is not a built-in one"
@@ -193,6 +194,8 @@ def render(argv) -> int:
         "render", description="Pictures and animation of a run from its run.h5, without computing it again."
     )
     parser.add_argument("run", help="run folder")
+    parser.add_argument("--beside", metavar="RUN", help="another run, drawn beside it with the same camera and range")
+    parser.add_argument("--film", action="store_true", help="an MP4, too (extra film)")
     parser.options(Pictures, "pictures")
     parser.add_argument("--scene", help=SCENE_FILE)
     parser.add_argument("--json", action="store_true", help="print the names of the results as JSON")
@@ -201,26 +204,21 @@ def render(argv) -> int:
     from .files import RunFolder
     from .vtkhdf import Trajectory
 
-    folder = RunFolder(arguments.run)
-    outputs = Trajectory(folder.trajectory).replay(arguments.scene)
-    first = next(outputs, None)
-    if first is None:
-        raise SceneError(f"run = {folder.path}: run.h5 holds no output yet")
+    folders = [RunFolder(path) for path in (arguments.run, arguments.beside) if path]
+    replays = []
+    for folder in folders:
+        replay = Trajectory(folder.trajectory).replay(arguments.scene)
+        first = next(replay, None)
+        if first is None:
+            raise SceneError(f"run = {folder.path}: run.h5 holds no output yet")
+        replays.append(chain([first], replay))
     start(options)
-    from .render import gif
-
     suffix = "" if options.view == "concrete" else f"-{options.view}"
-    frames = folder.path / f"frames{suffix}"
-    for picture in frames.glob("*.png"):
-        picture.unlink()
-    draw = pictures(frames, options)
-    draw(first, 0)
-    for number, output in enumerate(outputs, 1):
-        draw(output, number)
-    animation = folder.path / f"animation{suffix}.gif"
-    gif(frames, animation)
-    made = {"frames": str(frames), "animation": str(animation), "pictures": len(list(frames.glob("*.png")))}
-    tell(made, arguments.json, f"{made['pictures']} pictures in {frames}, {animation}")
+    suffix += f"-beside-{folders[1].path.resolve().name}" if arguments.beside else ""
+    made = redraw(replays, folders[0].path, suffix, options, arguments.film)
+    tell(
+        made, arguments.json, f"{made['pictures']} pictures in {made['frames']}, {made.get('film', made['animation'])}"
+    )
     return DONE
 
 
@@ -230,6 +228,7 @@ def export(argv) -> int:
     parser.add_argument("run", help="run folder")
     parser.add_argument("--out", help="folder of the files, vtu in the run folder by default")
     parser.add_argument("--whole", action="store_true", help="the whole body where the scene is a part of it")
+    parser.add_argument("--surface", action="store_true", help="its smooth surface, not its particles (extra surface)")
     parser.add_argument("--scene", help=SCENE_FILE)
     parser.add_argument("--json", action="store_true", help="print the name of the result as JSON")
     arguments = parser.parse(argv)
@@ -240,7 +239,7 @@ def export(argv) -> int:
     out = Path(arguments.out or folder.path / "vtu")
     from .export import vtu
 
-    count = vtu(Trajectory(folder.trajectory).replay(arguments.scene), out, arguments.whole)
+    count = vtu(Trajectory(folder.trajectory).replay(arguments.scene), out, arguments.whole, arguments.surface)
     tell({"pvd": str(out / "run.pvd"), "outputs": count}, arguments.json, f"{count} outputs: {out / 'run.pvd'}")
     return DONE
 

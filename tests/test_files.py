@@ -6,12 +6,13 @@ from types import SimpleNamespace
 from xml.etree import ElementTree
 
 import h5py
+import imageio.v3 as iio
 import meshio
 import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps import catalogue, checkpoint, export, files, vtkhdf
+from taichi_mps import catalogue, checkpoint, export, files, film, solids, vtkhdf
 from taichi_mps.files import COLUMNS, History, Recorder, RunFolder, read_history
 from taichi_mps.measure import Snapshot
 from taichi_mps.vtkhdf import Trajectory
@@ -279,6 +280,44 @@ def test_an_export_holds_every_output_with_its_time(tmp_path, plane):
     np.testing.assert_array_equal(mesh.points, vtkhdf.embed(sim.snapshot().x))
     np.testing.assert_array_equal(mesh.point_data["velocity"], vtkhdf.embed(sim.snapshot().u))
     assert mesh.cells[0].type == "vertex" and len(mesh.cells[0].data) == len(plane.fluid)
+
+
+def test_a_smooth_surface_is_closed_and_holds_the_volume_of_the_particles(tmp_path):
+    pytest.importorskip("pysplashsurf", reason="pysplashsurf is not installed: pip install 'taichi-mps[surface]'")
+    scene = catalogue.build("slump", spacing=0.0125)
+    x = scene.fluid + np.random.default_rng(1).normal(0.0, 0.1 * scene.spacing, scene.fluid.shape)
+    assert export.vtu([vtkhdf.Replay(scene, mps.measure.still(x, scene.spacing))], tmp_path, smooth=True) == 1
+    points, triangles = solids.read_mesh(stl(tmp_path / "output_00000.vtu"))  # refuses what is not closed
+    corners = points[triangles]
+    volume = np.einsum("ij,ij->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6.0
+    assert volume == pytest.approx(scene.volumes.sum(), rel=0.03)
+    assert np.abs(points).max(0) == pytest.approx(np.abs(x).max(0) + 0.5 * scene.spacing, abs=scene.spacing)
+    with pytest.raises(mps.SceneError, match="plane one"):
+        export.surface(mps.measure.still(x[:, :2], scene.spacing))
+
+
+def stl(path):
+    """The same mesh as STL."""
+    meshio.read(path).write(path.with_suffix(".stl"), binary=True)
+    return path.with_suffix(".stl")
+
+
+def test_outputs_of_two_runs_are_matched_by_time():
+    def run(times):
+        return (SimpleNamespace(time=time) for time in times)
+
+    pairs = [(a.time, b.time) for a, b in film.together(run([0.0, 0.1, 0.2]), run([0.0, 0.15, 0.2, 0.4]))]
+    assert pairs == [(0.0, 0.0), (0.1, 0.0), (0.1, 0.15), (0.2, 0.2), (0.2, 0.4)]
+
+
+def test_a_film_has_every_picture(tmp_path):
+    pytest.importorskip("imageio_ffmpeg", reason="imageio-ffmpeg is not installed: pip install 'taichi-mps[film]'")
+    for k in range(5):
+        iio.imwrite(tmp_path / f"{k}.png", np.full((64, 96, 3), 40 * k, np.uint8))
+    made = film.mp4([tmp_path / f"{k}.png" for k in range(5)], tmp_path / "film.mp4")
+    shown = iio.imread(made, plugin="FFMPEG")
+    assert shown.shape == (5, 64, 96, 3)
+    assert np.abs(shown.mean((1, 2, 3)) - 40 * np.arange(5)).max() < 4
 
 
 def test_a_run_that_goes_on_between_two_outputs_has_none_of_it(tmp_path, slump):
