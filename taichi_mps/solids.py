@@ -130,21 +130,19 @@ def read_mesh(path, scale=1.0):
         check_ply(path)
     try:
         mesh = meshio.read(path)
+        faces = np.vstack([np.zeros((0, 3), np.uint8), *(block.data for block in mesh.cells if block.type == "triangle")])
     except (Exception, SystemExit) as error:  # meshio leaves the program for a file that it cannot read
         raise SceneError(f"mesh {path}: cannot be read as STL, OBJ or PLY ({type(error).__name__})") from None
-    faces = [block.data for block in mesh.cells if block.type == "triangle"]
-    if not faces or not sum(map(len, faces)):
+    if not len(faces):
         raise SceneError(f"mesh {path}: holds no triangles")
-    corners, count = np.vstack(faces), len(mesh.points)
     if (
         np.shape(mesh.points)[1:] != (3,)
-        or corners.dtype.kind not in "iu"
-        or corners.min() < 0
-        or corners.max() >= count
+        or faces.dtype.kind not in "iu"
+        or not 0 <= faces.min() <= faces.max() < len(mesh.points)
     ):
         raise SceneError(f"mesh {path}: damaged; a triangle names a point that is not there")
     points, renumbered = np.unique(np.asarray(mesh.points, float) * scale, axis=0, return_inverse=True)
-    triangles = renumbered.reshape(-1)[corners]  # STL repeats each corner
+    triangles = renumbered.reshape(-1)[faces]  # STL repeats each corner
     size = np.ptp(points, axis=0)
     if not np.all(np.isfinite(points)) or size.min() <= 0.0 or size.max() > 100.0:
         raise SceneError(
