@@ -125,7 +125,7 @@ def test_a_run_killed_at_random_steps_goes_on_bit_for_bit(work, whole):
         written = outputs(folder.trajectory)["Steps/Values"]
         assert len(written) >= int(times[-2] / 0.05 + 1e-6) + 1, "an output of an earlier step is missing"
         saved = checkpoint.read_good(folder.checkpoint)[0]
-        assert saved.header["time"] >= times[-4] - 1e-12, (saved.header["time"], times[-3:])
+        assert saved.header["time"] >= times[max(0, len(times) - 4)] - 1e-12, "steps were lost"
         seen = len(times) - 1
         command = ["resume", "run", "--scene", work / "blob.py", "--quiet"]
     code, _, err = finish(start(here, "-c", UNSEEN, *command), here)
