@@ -83,9 +83,9 @@ class Scene:
     parameters: dict = field(default_factory=dict)  # as given, for the summary
 
     def __post_init__(self):
-        x = finite("fluid", self.fluid, "m", dimensions=2)
-        if len(x) == 0:
+        if np.size(self.fluid) == 0:
             raise SceneError("fluid: the geometry is empty; it must hold at least one particle")
+        x = finite("fluid", self.fluid, "m", dimensions=2)
         if x.shape[1] not in (2, 3):
             raise SceneError(f"fluid: positions have {x.shape[1]} coordinates; must have 2 or 3")
         object.__setattr__(self, "fluid", x)

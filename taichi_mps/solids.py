@@ -130,7 +130,9 @@ def read_mesh(path, scale=1.0):
         check_ply(path)
     try:
         mesh = meshio.read(path)
-        faces = np.vstack([np.zeros((0, 3), np.uint8), *(block.data for block in mesh.cells if block.type == "triangle")])
+        faces = np.vstack(
+            [np.zeros((0, 3), np.uint8), *(block.data for block in mesh.cells if block.type == "triangle")]
+        )
     except (Exception, SystemExit) as error:  # meshio leaves the program for a file that it cannot read
         raise SceneError(f"mesh {path}: cannot be read as STL, OBJ or PLY ({type(error).__name__})") from None
     if not len(faces):

@@ -240,6 +240,8 @@ def test_a_high_knee_stress_is_one_line_and_a_rational_rate_has_none(tmp_path, c
         ("run slump --yield-value nan", "yield_value = nan Pa: must be a finite number"),
         ("run slump --until inf", "until = inf s: must be a finite number"),
         ("run slump --spacing 0.5", "spacing = 0.5 m: larger than the body"),
+        ("run slump --height 0.004 --lift-speed 0.1", "spacing = 0.01 m: larger than the body, 0.004 m high"),
+        ("run film --effective-radius-ratio 4.1", "domain = 0.05 m along periodic axis 0: must be at least three"),
         ("run slump --every 0", "every = 0 s: must be greater than 0 s"),
         ("run slump --threads 0", "threads = 0: must be greater than or equal to 1"),
         ("run slump --arch abacus", "arch = abacus: must be 'cpu', 'cuda' or 'vulkan'"),
