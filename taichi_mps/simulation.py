@@ -232,6 +232,7 @@ class Simulation:
         while self.stopped_by is None:
             upcoming = min([until] + [interval * (done + 1) for interval, _, done in self._schedules])
             self.step(max(upcoming, self.time + 1e-12))
+            self._why_stop(until)  # notes since when the body rests, which a checkpoint of this step must know
             for callback in self._each_step:
                 callback(self)
             self.stopped_by = self._why_stop(until)
