@@ -96,7 +96,7 @@ class History:
     def __init__(self, path, measures: dict, kept: float | None = None):
         self.columns = (*COLUMNS, *(key for key in measures if key not in (*COLUMNS, "slump_max_m")))
         rows = [] if kept is None or not Path(path).is_file() else read_rows(path)
-        rows = [row for row in rows if number(row.get("time_s")) <= kept * (1 + 1e-9)]
+        rows = [row for row in rows if number(row.get("time_s")) <= kept * (1 + 1e-8)]  # of nine digits
         self.empty = not rows
         partial = Path(path).with_suffix(".partial")  # a run killed just now keeps the rows that it had
         self.file = open(partial, "w", newline="", encoding="utf-8")  # noqa: SIM115  (closed in close)
