@@ -346,6 +346,17 @@ def test_a_history_keeps_its_rows_while_it_is_opened_again_and_drops_a_torn_one(
     assert folder.history.read_bytes() == rows
 
 
+def test_the_row_of_the_checkpoint_is_kept_however_its_time_is_rounded(tmp_path):
+    """Nine digits round 1.0000000049 up by 4e-9 of it, and 0.0458282506501 by 1.1e-9: both are that of the checkpoint."""
+    for time in (1.0000000049, 0.0458282506501, 0.3):
+        history = History(tmp_path / "history.csv", {})
+        history.add({"time_s": time})
+        history.add({"time_s": time + 1e-6})
+        history.close()
+        History(tmp_path / "history.csv", {}, kept=time).close()
+        assert len(read_history(tmp_path / "history.csv")["time_s"]) == 1
+
+
 def test_a_run_folder_from_elsewhere_names_no_code_to_run(tmp_path, slump):
     (tmp_path / "trap.py").write_text("raise SystemExit('this must not run')")
     folder, sim, recorder = recorded(tmp_path / "run", slump, 1)
