@@ -347,7 +347,7 @@ def test_a_history_keeps_its_rows_while_it_is_opened_again_and_drops_a_torn_one(
 
 
 def test_the_row_of_the_checkpoint_is_kept_however_its_time_is_rounded(tmp_path):
-    """Nine digits round 1.0000000049 up by 4e-9 of it, and 0.0458282506501 by 1.1e-9: both are that of the checkpoint."""
+    """Nine digits are up to 5e-9 away from the time that the checkpoint holds; the next step is farther."""
     for time in (1.0000000049, 0.0458282506501, 0.3):
         history = History(tmp_path / "history.csv", {})
         history.add({"time_s": time})
