@@ -27,6 +27,8 @@ def rings_in(cone, spacing):
         radius = cone.base_radius + (cone.top_radius - cone.base_radius) * z / cone.height
         disc = mps.rings(0.0, radius, spacing)
         layers.append(np.column_stack([disc, np.full(len(disc), z)]))
+    if not layers:
+        raise mps.SceneError(f"spacing = {spacing:g} m: larger than the body, {cone.height:g} m high")
     return np.vstack(layers)
 
 

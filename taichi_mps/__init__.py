@@ -14,7 +14,7 @@ __version__ = "0.1.0"
 
 _LAZY = {  # names whose modules import Taichi or the edges: loaded at first use, so that --help is instant
     "init": "backend",
-    "Simulation": "simulation",
+    "Simulation": "notebook",
     "CapacityError": "neighbors",
     "png": "render",
     "gif": "render",

@@ -70,7 +70,7 @@ def load(name: str):
     return function
 
 
-def build(name: str, **keywords) -> Scene:
+def build(name: str, /, **keywords) -> Scene:
     """The Scene of a name or a file, with every keyword it was made from in ``parameters``."""
     function = load(name)
     scene = function(**keywords)
@@ -80,6 +80,16 @@ def build(name: str, **keywords) -> Scene:
         print(f"taichi-mps: accuracy = {1e3 * valid.accuracy:g} mm: {choice}", file=sys.stderr)
         return build(name, **{**keywords, "model": choice.model, "spacing": choice.spacing})
     return replace(scene, parameters=valid.model_dump(mode="json"))
+
+
+def rebuild(source: str, parameters: dict, scene_file=None) -> Scene:
+    """The Scene of a run folder. A folder may come from anybody, so the scene file it names, which is code, is run only
+    if the caller names it, too; a built-in scene is taken by its name."""
+    if not isinstance(parameters, dict):
+        raise SceneError(f"scene = {source}: its parameters are damaged")
+    if scene_file is None and source not in names():
+        raise SceneError(f"scene = {source}: is code of yours, and run only if you name it again: --scene {source}")
+    return build(source if scene_file is None else scene_file, **parameters)
 
 
 def fixed(valid, keywords) -> dict:

@@ -1,4 +1,8 @@
-"""Checkpoints: one HDF5 file from which a run continues, written whole or not at all and checked when read."""
+"""Checkpoints: one HDF5 file from which a run continues, written whole or not at all and checked when read.
+
+The file begins with a line of text, in what HDF5 calls its user block: format, version and sha256 of all that follows.
+It is checked before HDF5 sees the file.
+"""
 
 import hashlib
 import json
@@ -9,12 +13,17 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from . import catalogue
+from . import catalogue, outside
+from .admission import admit
 from .quantity import SceneError
 from .scene import NUMERICS, Scene
 
 FORMAT = "taichi_mps checkpoint"
-VERSION = 1
+VERSION = 2
+LABEL = 512  # bytes of the user block
+HEADER = {"source": str, "parameters": dict, "scheme": str, "numerics": dict, "time": float, "fluid": str}
+HEADER |= {"settings": dict}
+SCALARS = {"time", "steps", "last_dt", "resting_since", "report"}
 
 
 @dataclass(frozen=True)
@@ -45,37 +54,61 @@ class Checkpoint:
         scalars = {key: plain(value) for key, value in self.state.items() if key not in arrays}
         header = json.dumps({**self.header, "scalars": scalars})
         partial = path.with_suffix(".partial")
-        with h5py.File(partial, "w") as file:
-            file.attrs.update(format=FORMAT, version=VERSION, sha256=digest(header, arrays))
+        with h5py.File(partial, "w", userblock_size=LABEL) as file:
             file["header"] = header
             for key, value in arrays.items():
                 file[f"state/{key}"] = value
         with open(partial, "rb+") as file:
+            file.seek(LABEL)
+            checksum = rest_of(file)
+            file.seek(0)
+            file.write(f"{FORMAT} {VERSION} sha256 {checksum}\n".encode())
+            file.flush()
             os.fsync(file.fileno())
-        if path.exists():
+        if path.exists():  # killed between these two lines, the run goes on from the previous one
             os.replace(path, previous(path))
         os.replace(partial, path)
         return path
 
-    def scene(self, until: float | None = None) -> Scene:
-        """The scene, built anew from its source and parameters; ``until`` [s] replaces its end."""
+    def scene(self, until: float | None = None, scene_file=None) -> Scene:
+        """The scene, built anew from its source and parameters; ``until`` [s] replaces its end. A scene that is not a
+        built-in one is made by the code of ``scene_file``, which the caller must name."""
         keywords = dict(self.header["parameters"])
         if until is not None and "until" in keywords:
             keywords["until"] = until
-        return catalogue.build(self.header["source"], **keywords)
+        return catalogue.rebuild(self.header["source"], keywords, scene_file)
+
+    def admit(self, scene: Scene) -> None:
+        """SceneError unless the scene can be computed and the state is one of its particles."""
+        if fingerprint(scene) != self.header["fluid"]:
+            raise SceneError(
+                f"checkpoint: scene {self.header['source']} no longer makes the particles that it was written with"
+            )
+        admit(scene, self.numerics)
+        for key, value in self.state.items():
+            if isinstance(value, np.ndarray) and not np.all(np.isfinite(value)):
+                raise SceneError(f"checkpoint: a value of {key} is not a finite number")
+
+    @property
+    def numerics(self):
+        """Those of the run."""
+        return NUMERICS[self.header["scheme"]](**self.header["numerics"])
 
     def simulation(self, scene: Scene | None = None, profile: bool = False):
         """A Simulation that continues from here. Taichi must be started (``taichi_mps.init``)."""
         from .simulation import Simulation
 
         scene = scene or self.scene()
-        if fingerprint(scene) != self.header["fluid"]:
-            raise SceneError(
-                f"checkpoint: scene {self.header['source']} no longer makes the particles that it was written with"
-            )
-        numerics = NUMERICS[self.header["scheme"]](**self.header["numerics"])
-        sim = Simulation(scene, numerics, profile=profile)
-        sim.load(self.state)
+        self.admit(scene)
+        sim = Simulation(scene, self.numerics, profile=profile)
+        for key, array in sim.particles.read().items():
+            if np.shape(self.state.get(key)) != array.shape:
+                found = np.shape(self.state.get(key))
+                raise SceneError(f"checkpoint: {key} has the shape {found}; must have {array.shape}")
+        try:
+            sim.load(self.state)
+        except (TypeError, KeyError) as error:
+            raise SceneError(f"checkpoint: its state is not one of this version ({error})") from None
         return sim
 
 
@@ -111,21 +144,43 @@ def read(path) -> Checkpoint:
     path = Path(path)
     if not path.is_file():
         raise SceneError(f"checkpoint {path}: no such file")
+    check_label(path)
+    with outside.opened(path, "checkpoint") as file:
+        state = outside.own(file, "state")
+        arrays = {key: outside.numbers(state, key) for key in state}
+        header = json.loads(outside.text(file, "header"))
+        scalars = header.pop("scalars")
+        for key, kind in HEADER.items():
+            if not isinstance(header[key], kind):
+                raise ValueError(f"{key} is wrong")
+        if header["scheme"] not in NUMERICS or SCALARS - set(scalars) or set(scalars) & set(arrays):
+            raise ValueError("scheme or state is wrong")
+        return Checkpoint(header, {**arrays, **scalars})
+
+
+def check_label(path) -> None:
+    """Refuse a file without the label of this version, or with another checksum than it says."""
     try:
-        with h5py.File(path, "r", locking=False) as file:
-            if file.attrs.get("format") != FORMAT:
-                raise SceneError(f"checkpoint {path}: not a checkpoint of taichi_mps")
-            if file.attrs["version"] != VERSION:
-                raise SceneError(f"checkpoint {path}: version {file.attrs['version']}, this program reads {VERSION}")
-            text = file["header"].asstr()[()]
-            arrays = {key: dataset[()] for key, dataset in file["state"].items()}
-            good = file.attrs["sha256"] == digest(text, arrays)
-    except (OSError, KeyError, RuntimeError, UnicodeError, TypeError) as error:
-        raise SceneError(f"checkpoint {path}: damaged or not a checkpoint ({brief(error)})") from None
-    if not good:
+        with open(path, "rb") as file:
+            words = file.read(LABEL).split(b"\n")[0].decode("ascii", "replace")
+            checksum = rest_of(file)
+    except OSError as error:
+        raise SceneError(f"checkpoint {path}: cannot be read ({error.strerror})") from None
+    if not words.startswith(f"{FORMAT} "):
+        raise SceneError(f"checkpoint {path}: damaged, or not a checkpoint of taichi_mps {VERSION}")
+    version = words.removeprefix(f"{FORMAT} ").split(" ")[0]
+    if version != str(VERSION):
+        raise SceneError(f"checkpoint {path}: version {version}, this program reads {VERSION}")
+    if words != f"{FORMAT} {VERSION} sha256 {checksum}":
         raise SceneError(f"checkpoint {path}: damaged (its checksum is wrong)")
-    header = json.loads(text)
-    return Checkpoint(header, {**arrays, **header.pop("scalars")})
+
+
+def rest_of(file) -> str:
+    """sha256 of an open file from where it stands."""
+    total = hashlib.sha256()
+    while block := file.read(1 << 20):
+        total.update(block)
+    return total.hexdigest()
 
 
 def digest(header: str, arrays: dict[str, np.ndarray]) -> str:
@@ -153,8 +208,3 @@ def plain(value):
     if isinstance(value, dict):
         return {key: plain(item) for key, item in value.items()}
     return [plain(item) for item in value] if isinstance(value, list | tuple) else value
-
-
-def brief(error: Exception) -> str:
-    """The first line of an error, without h5py's details."""
-    return str(error).split("\n", 1)[0].split("(", 1)[0].strip() or type(error).__name__

@@ -1,5 +1,4 @@
-"""The command line: run | resume | render | plot | validate | scenes | info, and those of studies. Taichi is imported
-when a run starts."""
+"""The command line: one function a command, see COMMANDS. Taichi is imported when a run starts."""
 
 import io
 import json
@@ -12,16 +11,19 @@ import warnings
 from contextlib import contextmanager, redirect_stdout
 from dataclasses import replace
 from importlib import metadata
+from itertools import chain
 from pathlib import Path
 
 from . import __version__, catalogue
+from .admission import admit
 from .options import Parser, Pictures, Run, Table, given, joined
 from .quantity import SceneError, suggestion
 from .scene import NUMERICS
-from .show import curves, pictures, progress, table
+from .show import curves, pictures, progress, redraw, table
 from .study.commands import COMMANDS as STUDY
 
 DONE, BAD_INPUT, DIVERGED, INTERRUPTED = 0, 2, 3, 130
+SCENE_FILE = "the Python file of the scene, where it is not a built-in one"
 
 
 # ---- commands ---------------------------------------------------------------------------------------------------
@@ -31,7 +33,7 @@ def run(argv) -> int:
     first.add_argument("scene", nargs="?")
     first.options(Run, "run")
     known, _ = first.parse_known_args(joined(argv))
-    if known.scene is None and not {"-h", "--help"} & set(argv):
+    if not known.scene and not {"-h", "--help"} & set(argv):
         raise SceneError(f"run: name a scene: {', '.join(catalogue.names())}, or a Python file")
     scheme = known.scheme or "implicit"
     numerics = NUMERICS.get(scheme) or NUMERICS["implicit"]
@@ -57,6 +59,7 @@ def run(argv) -> int:
 
     folder = RunFolder(options.out or Path("renders") / scene.name)
     folder.check()
+    admit(scene, method)
     start(options)
     from .simulation import Simulation
 
@@ -70,6 +73,7 @@ def resume(argv) -> int:
     parser = Parser("resume", description="Continue a run from its checkpoint.")
     parser.add_argument("run", help="run folder, or the checkpoint file in it")
     parser.options(Run, "run", leave_out=kept)
+    parser.add_argument("--scene", help=SCENE_FILE)
     parser.add_argument("--json", action="store_true", help="print the summary as JSON")
     arguments = parser.parse(argv)
     from . import checkpoint
@@ -77,14 +81,17 @@ def resume(argv) -> int:
 
     path = Path(arguments.run)
     folder = RunFolder(path.parent if path.is_file() else path)
-    state, remark = checkpoint.read_good(path if path.is_file() else folder.checkpoint)
+    newest = path if path.is_file() else folder.checkpoint
+    state, remark = checkpoint.read_good(newest)
     if remark:
         print(f"taichi-mps: {remark}", file=sys.stderr)
+        os.replace(checkpoint.previous(newest), newest)  # so that the next one does not replace the good one
     options = Run(**{**state.header["settings"], **given(arguments, Run, leave_out=kept)})
-    scene = state.scene(options.until)
+    scene = state.scene(options.until, arguments.scene)
     if options.until:
         scene = replace(scene, until=options.until)
     folder.check()
+    state.admit(scene)
     start(options)
     sim = state.simulation(scene, profile=options.profile)
     return carry_out(sim, folder, options, state.header["source"], arguments.json, resumed=True)
@@ -190,33 +197,53 @@ def render(argv) -> int:
         "render", description="Pictures and animation of a run from its run.h5, without computing it again."
     )
     parser.add_argument("run", help="run folder")
+    parser.add_argument("--beside", metavar="RUN", help="another run, drawn beside it with the same camera and range")
+    parser.add_argument("--film", action="store_true", help="an MP4, too (extra film)")
     parser.options(Pictures, "pictures")
+    parser.add_argument("--scene", help=SCENE_FILE)
     parser.add_argument("--json", action="store_true", help="print the names of the results as JSON")
     arguments = parser.parse(argv)
     options = Pictures(**given(arguments, Pictures))
     from .files import RunFolder
     from .vtkhdf import Trajectory
 
-    folder = RunFolder(arguments.run)
-    outputs = Trajectory(folder.trajectory).replay()
-    first = next(outputs, None)
-    if first is None:
-        raise SceneError(f"run = {folder.path}: run.h5 holds no output yet")
+    folders = [RunFolder(path) for path in (arguments.run, arguments.beside) if path]
+    replays = []
+    for folder in folders:
+        replay = Trajectory(folder.trajectory).replay(arguments.scene)
+        first = next(replay, None)
+        if first is None:
+            raise SceneError(f"run = {folder.path}: run.h5 holds no output yet")
+        replays.append(chain([first], replay))
     start(options)
-    from .render import gif
-
     suffix = "" if options.view == "concrete" else f"-{options.view}"
-    frames = folder.path / f"frames{suffix}"
-    for picture in frames.glob("*.png"):
-        picture.unlink()
-    draw = pictures(frames, options)
-    draw(first, 0)
-    for number, output in enumerate(outputs, 1):
-        draw(output, number)
-    animation = folder.path / f"animation{suffix}.gif"
-    gif(frames, animation)
-    made = {"frames": str(frames), "animation": str(animation), "pictures": len(list(frames.glob("*.png")))}
-    tell(made, arguments.json, f"{made['pictures']} pictures in {frames}, {animation}")
+    suffix += f"-beside-{folders[1].path.resolve().name}" if arguments.beside else ""
+    made = redraw(replays, folders[0].path, suffix, options, arguments.film)
+    tell(
+        made, arguments.json, f"{made['pictures']} pictures in {made['frames']}, {made.get('film', made['animation'])}"
+    )
+    return DONE
+
+
+def export(argv) -> int:
+    """write a run as .vtu and .pvd"""
+    parser = Parser("export", description="One .vtu file for each output of a run, and a .pvd that opens them all.")
+    parser.add_argument("run", help="run folder")
+    parser.add_argument("--out", help="folder of the files, vtu in the run folder by default")
+    parser.add_argument("--whole", action="store_true", help="the whole body where the scene is a part of it")
+    parser.add_argument("--surface", action="store_true", help="its smooth surface, not its particles (extra surface)")
+    parser.add_argument("--scene", help=SCENE_FILE)
+    parser.add_argument("--json", action="store_true", help="print the name of the result as JSON")
+    arguments = parser.parse(argv)
+    from .files import RunFolder
+    from .vtkhdf import Trajectory
+
+    folder = RunFolder(arguments.run)
+    out = Path(arguments.out or folder.path / "vtu")
+    from .export import vtu
+
+    count = vtu(Trajectory(folder.trajectory).replay(arguments.scene), out, arguments.whole, arguments.surface)
+    tell({"pvd": str(out / "run.pvd"), "outputs": count}, arguments.json, f"{count} outputs: {out / 'run.pvd'}")
     return DONE
 
 
@@ -283,8 +310,8 @@ def validate(argv) -> int:
     return DONE
 
 
-COMMANDS = {"run": run, "resume": resume, "render": render, "plot": plot, "validate": validate}
-COMMANDS |= STUDY | {"scenes": scenes, "info": info}
+COMMANDS = {"run": run, "resume": resume, "render": render, "export": export, "plot": plot}
+COMMANDS |= {"validate": validate} | STUDY | {"scenes": scenes, "info": info}
 
 
 def main(argv=None) -> int:

@@ -1,6 +1,7 @@
 """The run folder: history.csv, run.h5, summary.json and checkpoint.h5, written while a run goes on."""
 
 import csv
+import io
 import json
 import math
 import os
@@ -11,14 +12,15 @@ import numpy as np
 
 from . import checkpoint
 from .quantity import SceneError
-from .vtkhdf import Trajectory
+from .vtkhdf import Trajectory, due
 
 COLUMNS = ("time_s", "dt_s", "slump_m", "spread_m", "max_speed_m_s", "kinetic_energy_J")
 COLUMNS += ("unyielded_fraction", "viscous_iterations", "pressure_iterations", "volume_error")
 OURS = ("history.csv", "summary.json", "checkpoint.h5")  # any of them marks a folder as a run
 PRODUCTS = (*OURS, "checkpoint.previous.h5", "checkpoint.partial", "summary.partial", "run.h5", "animation.gif")
+PRODUCTS += ("history.partial", "run.twin1", "run.twin2")
 PLOTS = ("slump.png", "history.png")
-CHECKPOINT_INTERVAL = 60.0  # wall seconds
+CHECKPOINT_SHARE = 0.02  # of the time that a run takes, spent on checkpoints
 
 
 class RunFolder:
@@ -75,7 +77,13 @@ class RunFolder:
     def read_summary(self) -> dict:
         if not self.summary.is_file():
             raise SceneError(f"run = {self.path}: holds no summary.json; must be the folder of a run")
-        return json.loads(self.summary.read_text(encoding="utf-8"))
+        try:
+            facts = json.loads(self.summary.read_text(encoding="utf-8"))
+        except (ValueError, RecursionError):
+            facts = None
+        if not isinstance(facts, dict):
+            raise SceneError(f"run = {self.path}: its summary.json is damaged")
+        return facts
 
 
 class History:
@@ -88,12 +96,15 @@ class History:
     def __init__(self, path, measures: dict, kept: float | None = None):
         self.columns = (*COLUMNS, *(key for key in measures if key not in (*COLUMNS, "slump_max_m")))
         rows = [] if kept is None or not Path(path).is_file() else read_rows(path)
-        rows = [row for row in rows if float(row["time_s"]) <= kept * (1 + 1e-9)]
+        rows = [row for row in rows if number(row.get("time_s")) <= kept * (1 + 1e-8)]  # of nine digits
         self.empty = not rows
-        self.file = open(path, "w", newline="", encoding="utf-8")  # noqa: SIM115  (closed in close)
+        partial = Path(path).with_suffix(".partial")  # a run killed just now keeps the rows that it had
+        self.file = open(partial, "w", newline="", encoding="utf-8")  # noqa: SIM115  (closed in close)
         self.writer = csv.DictWriter(self.file, self.columns, restval="nan", extrasaction="ignore")
         self.writer.writeheader()
         self.writer.writerows(rows)
+        self.file.flush()
+        os.replace(partial, path)
 
     def add(self, row: dict) -> None:
         """Write a row and flush it."""
@@ -128,9 +139,17 @@ def row_of(sim, measures: dict) -> dict:
 
 
 def read_rows(path) -> list[dict[str, str]]:
-    """Rows of a history.csv as text."""
-    with open(path, newline="", encoding="utf-8") as file:
-        return list(csv.DictReader(file))
+    """Rows of a history.csv as text; SceneError for another file."""
+    try:
+        with open(path, newline="", encoding="utf-8") as file:
+            text = file.read()
+            whole = text[: text.rfind("\n") + 1]  # a process killed while it wrote leaves a torn row
+            table = csv.DictReader(io.StringIO(whole, newline=""))
+            if not set(COLUMNS) <= set(table.fieldnames or ()):
+                raise SceneError(f"{path}: damaged or no history of a run; must have the columns {', '.join(COLUMNS)}")
+            return [{key: row[key] for key in table.fieldnames} for row in table]
+    except (UnicodeError, csv.Error) as error:
+        raise SceneError(f"{path}: damaged or no history of a run ({type(error).__name__})") from None
 
 
 def read_history(path) -> dict[str, np.ndarray]:
@@ -138,7 +157,15 @@ def read_history(path) -> dict[str, np.ndarray]:
     if not Path(path).is_file():
         raise SceneError(f"run = {Path(path).parent}: holds no history.csv; must be the folder of a run")
     rows = read_rows(path)
-    return {key: np.array([float(row[key]) for row in rows]) for key in (rows[0] if rows else COLUMNS)}
+    return {key: np.array([number(row[key]) for row in rows]) for key in (rows[0] if rows else COLUMNS)}
+
+
+def number(text) -> float:
+    """The number that a text of a table is, nan where it is none."""
+    try:
+        return float(text)
+    except (TypeError, ValueError):
+        return math.nan
 
 
 def strict(value):
@@ -152,53 +179,67 @@ def strict(value):
 
 
 class Recorder:
-    """Writes a run as it goes: history every step, run.h5 and a picture every ``every`` [s], checkpoint every minute.
+    """Writes a run as it goes: history every step, run.h5 and a picture every ``every`` [s], a checkpoint at the start
+    and as often as costs no more than CHECKPOINT_SHARE of the time.
 
     ``settings`` are the options of the run that ``resume`` needs; ``picture(sim, number)`` draws one output.
     """
 
     def __init__(self, folder: RunFolder, sim, every: float, source: str, settings: dict, picture=None):
-        self.folder, self.sim, self.source, self.settings = folder, sim, source, settings
+        self.folder, self.sim, self.source, self.settings, self.every = folder, sim, source, settings, every
         self.picture = picture
         self.trajectory = Trajectory(folder.trajectory)
         self.measures = sim.measures()  # of the last step
         resumed = sim.steps > 0 and folder.trajectory.is_file()
         self.history = History(folder.history, self.measures, kept=sim.time if resumed else None)
         if resumed:
-            outputs = self.trajectory.cut(sim.time)
+            outputs = self.trajectory.cut(sim.time, every)
             for extra in sorted(folder.frames.glob("*.png"))[outputs:]:
                 extra.unlink()
         else:
             self.trajectory.create(sim, source)
         if self.history.empty:
             self.history.add(row_of(sim, self.measures))
-        self.good = self._checkpoint()
-        self.saved = time.monotonic()
+        self.begun, self.next = sim.steps, time.monotonic()
+        if resumed:
+            self.good = self._checkpoint()
+        else:
+            self._save()
         sim.each_step(self.step)
         sim.every(every, self.output)
 
     def _checkpoint(self):
         return checkpoint.Checkpoint.of(self.sim, self.source, self.settings)
 
+    def _save(self):
+        begin = time.monotonic()
+        self.good = self._checkpoint()
+        self.good.write(self.folder.checkpoint)
+        now = time.monotonic()
+        self.next = now + (now - begin) / CHECKPOINT_SHARE
+
     def step(self, sim) -> None:
         self.measures = sim.measures()
         self.history.add(row_of(sim, self.measures))
-        if time.monotonic() - self.saved > CHECKPOINT_INTERVAL:
-            self.good = self._checkpoint()
-            self.good.write(self.folder.checkpoint)
-            self.saved = time.monotonic()
+        if time.monotonic() > self.next and not due(sim.time, self.every):
+            self._save()
 
     def output(self, sim) -> None:
+        if sim.steps == self.begun and not due(sim.time, self.every):
+            return  # a run that goes on from between two outputs has none here
         number = self.trajectory.append(sim.snapshot())
         if number is not None:
             self.good = self._checkpoint()
             if self.picture:
                 self.picture(sim, number)
+        if time.monotonic() > self.next:  # not before: an output needs fields of the step, which no checkpoint keeps
+            self._save()
 
     def finish(self, stopped_by: str, error: str | None = None) -> dict:
         """Write the checkpoint (after a divergence the last good one), the last row and the summary; return it."""
         good = self.good if error else self._checkpoint()
         good.write(self.folder.checkpoint)
+        self.trajectory.close()
         summary = self.sim.summary() | {"stopped_by": stopped_by, "resume_from": str(self.folder.checkpoint)}
         self.history.close()
         if self.sim.scene.over_time:

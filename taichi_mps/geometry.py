@@ -79,14 +79,20 @@ class Plane:
 
     def __post_init__(self):
         check_friction(self)
+        units = {"point": " m", "normal": "", "velocity": " m/s"}
+        for key, unit in units.items():
+            value = getattr(self, key)
+            if value is not None and (len(value) != len(self.point) or not np.all(np.isfinite(value))):
+                raise SceneError(f"{key} = {value}{unit} of a plane: must be {len(self.point)} finite numbers")
+        if not abs(np.linalg.norm(self.normal) - 1.0) <= 1e-6:
+            kind = "mirror plane" if self.mirror else "plane"
+            raise SceneError(f"normal = {self.normal} of a {kind}: must have the length 1")
         if not self.mirror:
             return
         if self.friction is not None:
             raise SceneError(f"friction = {self.friction} of a mirror plane: nothing rubs there; must be left out")
         if self.velocity is not None:
             raise SceneError(f"velocity = {self.velocity} m/s: a mirror plane cannot move; must be left out")
-        if abs(np.linalg.norm(self.normal) - 1.0) > 1e-6:
-            raise SceneError(f"normal = {self.normal} of a mirror plane: must have the length 1")
         object.__setattr__(self, "slip", True)
 
     @property
@@ -133,6 +139,8 @@ class Cylinder:
     def __post_init__(self):
         check_friction(self)
         d = len(self.point)
+        if d not in (2, 3):
+            raise SceneError(f"point = {self.point} m of a cylinder: must be 2 or 3 numbers")
         units = {"point": " m", "radius": " m", "angular_velocity": " rad/s", "velocity": " m/s", "length": " m"}
         for key in ("point", "radius", "axis", "angular_velocity", "velocity", "slope", "length"):
             value = getattr(self, key)

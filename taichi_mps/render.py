@@ -82,16 +82,20 @@ class Renderer:
     """Pictures of one run; camera, rulers and the range of the colours are fixed.
 
     view: one of VIEWS; backend: software, or ggui where Vulkan is there (else one line on stderr, and software);
-    limits: (low, high) of the colour bar in its unit, by default from the scene.
+    limits: (low, high) of the colour bar in its unit, by default from the scene; beside: scenes shown beside it,
+    with the same camera and range.
     """
 
-    def __init__(self, scene, width=1280, height=720, view="concrete", backend="software", limits=None):
+    def __init__(self, scene, width=1280, height=720, view="concrete", backend="software", limits=None, beside=()):
         if view not in VIEWS:
             raise SceneError(f"view = {view}: must be one of {', '.join(VIEWS)}")
         if backend not in ("software", "ggui"):
             raise SceneError(f"backend = {backend}: must be software or ggui")
-        self.scene, self.view, self.limits = scene, view, limits or self._limits(scene, view)
-        self.low, self.high, floor = stage(scene)
+        self.scene, self.view = scene, view
+        self.limits = limits or max(self._limits(other, view) for other in (scene, *beside))
+        floor = stage(scene)[2]
+        lows, highs, _ = zip(*(stage(other) for other in (scene, *beside)), strict=True)
+        self.low, self.high = np.min(lows, axis=0), np.max(highs, axis=0)
         corners = np.stack(np.meshgrid(*zip(self.low, self.high, strict=True)), -1).reshape(-1, 3)
         steps = [digit * 10.0**power for power in range(-6, 4) for digit in (1, 2, 5)]
         self.tick = min(steps, key=lambda t: abs(np.log(np.ptp(corners) / 14 / t)))  # about 14 on the longest side

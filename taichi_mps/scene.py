@@ -45,6 +45,20 @@ class SemiImplicit(Checked):
 NUMERICS = {"implicit": Implicit, "semi-implicit": SemiImplicit}
 
 
+def finite(key, value, unit, shape=None, dimensions=None) -> np.ndarray:
+    """The value as an array of finite numbers; SceneError if it is none, or not of this shape or number of axes."""
+    try:
+        array = np.asarray(value, float)
+    except (TypeError, ValueError):
+        raise SceneError(f"{key} = {str(value)[:60]}: must be numbers [{unit}]") from None
+    if (shape is not None and array.shape != shape) or (dimensions is not None and array.ndim != dimensions):
+        wanted = f"shape {shape}" if shape is not None else f"{dimensions} axes"
+        raise SceneError(f"{key}: has the shape {array.shape}; must be numbers [{unit}] of {wanted}")
+    if not np.all(np.isfinite(array)):
+        raise SceneError(f"{key}: a value is not a finite number; all must be finite [{unit}]")
+    return array
+
+
 @dataclass(frozen=True)
 class Scene:
     """One problem. Lengths [m], d = 2 or 3 dimensions, gravity along the last axis unless given.
@@ -72,12 +86,14 @@ class Scene:
     parameters: dict = field(default_factory=dict)  # as given, for the summary
 
     def __post_init__(self):
-        x = np.asarray(self.fluid, float)
-        if x.ndim != 2 or len(x) == 0:
+        if np.size(self.fluid) == 0:
             raise SceneError("fluid: the geometry is empty; it must hold at least one particle")
-        if not np.all(np.isfinite(x)):
-            raise SceneError("fluid: a position is not a finite number; all must be finite [m]")
-        low, high = (np.array(corner, float) for corner in self.domain)
+        x = finite("fluid", self.fluid, "m", dimensions=2)
+        if x.shape[1] not in (2, 3):
+            raise SceneError(f"fluid: positions have {x.shape[1]} coordinates; must have 2 or 3")
+        object.__setattr__(self, "fluid", x)
+        self._check_numbers()
+        low, high = np.array(self.domain, float)
         if np.any(x < low) or np.any(x > high):
             raise SceneError(f"domain = {self.domain} m: a particle lies outside; the domain must hold all of them")
         if self.axisymmetric and x.shape[1] != 2:
@@ -89,8 +105,28 @@ class Scene:
         for wall in self.walls:
             if len(wall.point) != x.shape[1]:
                 raise SceneError(f"walls: point = {wall.point} m: must have {x.shape[1]} coordinates, as the fluid has")
-        object.__setattr__(self, "fluid", x)
         self._check_mirrors()
+
+    def _check_numbers(self):
+        """Shapes, units and ranges of what is given as plain numbers."""
+        n, d = self.fluid.shape
+        if not isinstance(self.material, Bingham):
+            raise SceneError(f"material = {self.material!r}: must be a Bingham or Newtonian material")
+        for key, unit in (("spacing", "m"), ("until", "s")):
+            if not finite(key, getattr(self, key), unit, shape=()) > 0.0:
+                raise SceneError(f"{key} = {getattr(self, key)} {unit}: must be greater than 0 {unit}")
+        low, high = finite("domain", self.domain, "m", shape=(2, d))
+        if not np.all(low < high):
+            raise SceneError(f"domain = {self.domain} m: the second corner must be above the first along each axis")
+        for key, unit, shape in (("gravity", "m/s2", (d,)), ("velocity", "m/s", (n, d))):
+            if getattr(self, key) is not None:
+                finite(key, getattr(self, key), unit, shape)
+        if self.wall_particles is not None:
+            wall = finite("wall_particles", self.wall_particles, "m", dimensions=2)
+            if wall.shape[1] != d:
+                raise SceneError(f"wall_particles: have {wall.shape[1]} coordinates; must have {d}, as the fluid has")
+        if self.periodic is not None and len(self.periodic) != d:
+            raise SceneError(f"periodic = {self.periodic}: must have one word for each of {d} axes")
 
     def _check_mirrors(self):
         """A mirror plane has all the fluid on one side; gravity lies in it, other mirror planes stand across it."""

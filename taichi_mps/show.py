@@ -23,6 +23,28 @@ def pictures(frames, options):
     return write
 
 
+def redraw(replays, folder, suffix, options, film=False) -> dict:
+    """Draw the outputs of runs again, side by side: pictures, GIF and, on request, MP4; the names of what was made."""
+    import imageio.v3 as iio
+
+    from .film import SideBySide, mp4, together
+    from .render import gif
+
+    frames, animation = folder / f"frames{suffix}", folder / f"animation{suffix}.gif"
+    painter, made = None, []
+    for number, outputs in enumerate(together(*replays)):
+        if painter is None:
+            painter = SideBySide([o.scene for o in outputs], view=options.view, backend=options.renderer)
+            frames.mkdir(parents=True, exist_ok=True)
+            for picture in frames.glob("frame_*.png"):
+                picture.unlink()
+        made.append(frames / f"frame_{number:05d}.png")
+        iio.imwrite(made[-1], painter.draw(outputs), compress_level=1)
+    gif(made, animation)
+    names = {"frames": str(frames), "animation": str(animation), "pictures": len(made)}
+    return names | ({"film": str(mp4(made, animation.with_suffix(".mp4")))} if film else {})
+
+
 @contextmanager
 def progress(sim, recorder, until, quiet):
     """A line on a terminal: time, dt and what bounds it, slump, iterations, time left. Nothing elsewhere."""

@@ -7,6 +7,7 @@ from dataclasses import asdict
 import numpy as np
 
 from . import __version__
+from .admission import admit
 from .backend import require_room, started, ti
 from .geometry import Cylinder, Plane
 from .material import Bingham
@@ -35,6 +36,7 @@ class Simulation:
         self._clock = time.process_time(), time.perf_counter()
         self.scene = scene
         self.numerics = numerics or ImplicitNumerics()
+        admit(scene, self.numerics)
         self._pairs_per_particle = 4.0 if scene.axisymmetric else 1.5  # rings that moved outward are thin
         self._walls_at = 0.0  # time [s] at which the walls stand
         self._stages: dict[str, list] = {}
@@ -264,6 +266,7 @@ class Simulation:
         while self.stopped_by is None:
             upcoming = min([until] + [interval * (done + 1) for interval, _, done in self._schedules])
             self.step(max(upcoming, self.time + 1e-12))
+            self._why_stop(until)  # notes since when the body rests, which a checkpoint of this step must know
             for callback in self._each_step:
                 callback(self)
             self.stopped_by = self._why_stop(until)

@@ -1,5 +1,6 @@
 """Walls of any shape: a signed distance sampled on a grid, from a function or from a triangle mesh. Plain NumPy."""
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -166,15 +167,25 @@ def read_mesh(path, scale=1.0):
     path = Path(path)
     if not path.is_file():
         raise SceneError(f"mesh {path}: no such file")
+    if path.suffix.lower() == ".ply":
+        check_ply(path)
     try:
         mesh = meshio.read(path)
+        faces = np.vstack(
+            [np.zeros((0, 3), np.uint8), *(block.data for block in mesh.cells if block.type == "triangle")]
+        )
     except (Exception, SystemExit) as error:  # meshio leaves the program for a file that it cannot read
         raise SceneError(f"mesh {path}: cannot be read as STL, OBJ or PLY ({type(error).__name__})") from None
-    faces = [block.data for block in mesh.cells if block.type == "triangle"]
-    if not faces or not sum(map(len, faces)):
+    if not len(faces):
         raise SceneError(f"mesh {path}: holds no triangles")
+    if (
+        np.shape(mesh.points)[1:] != (3,)
+        or faces.dtype.kind not in "iu"
+        or not 0 <= faces.min() <= faces.max() < len(mesh.points)
+    ):
+        raise SceneError(f"mesh {path}: damaged; a triangle names a point that is not there")
     points, renumbered = np.unique(np.asarray(mesh.points, float) * scale, axis=0, return_inverse=True)
-    triangles = renumbered.reshape(-1)[np.vstack(faces)]  # STL repeats each corner
+    triangles = renumbered.reshape(-1)[faces]  # STL repeats each corner
     size = np.ptp(points, axis=0)
     if not np.all(np.isfinite(points)) or size.min() <= 0.0 or size.max() > 100.0:
         raise SceneError(
@@ -192,6 +203,15 @@ def read_mesh(path, scale=1.0):
     if np.einsum("ij,ij->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) < 0.0:  # six times the volume
         triangles = triangles[:, ::-1]
     return points, triangles
+
+
+def check_ply(path):
+    """Refuse a header without end, which meshio would read for ever, and one that promises more than the file holds."""
+    content = path.read_bytes()
+    end = re.search(rb"^[ \t]*end_header[ \t\r]*$", content, re.M)
+    counts = re.findall(rb"element \w+ (\d+)", content[: end.start()]) if end else [b"0"]
+    if not end or any(len(count) > 18 or int(count) > len(content) for count in counts):
+        raise SceneError(f"mesh {path}: damaged; its header has no end, or promises more than the file holds")
 
 
 def mesh_distance(x, points, triangles):

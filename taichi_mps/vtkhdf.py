@@ -1,13 +1,15 @@
 """run.h5: the outputs of a run as temporal VTKHDF PolyData, written as it goes and read back."""
 
 import json
+import os
+import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
 import h5py
 import numpy as np
 
-from . import catalogue
+from . import catalogue, outside
 from .measure import Snapshot
 from .quantity import SceneError
 from .scene import Scene
@@ -16,21 +18,28 @@ PARTS = ("Vertices", "Lines", "Strips", "Polygons")  # order of the columns of S
 
 
 class Trajectory:
-    """run.h5: the fluid at every output as temporal VTKHDF PolyData, for ParaView and VTK >= 9.4, and for ``frame``.
+    """run.h5: the fluid at every output as temporal VTKHDF PolyData, for ParaView >= 5.12, pyvista and VTK >= 9.3.
 
     The number of particles is constant, so one part and one set of vertices serve all steps: step k has its points
     at row k n. What was computed is kept: half the section of an axisymmetric body, with the size of its rings, or the
-    part between mirror planes. The file is closed between outputs, so that it is whole whenever something else reads
-    it. Group ``taichi_mps`` holds what VTK does not need: how the scene was made and the wall particles.
+    part between mirror planes. Group ``taichi_mps`` holds what VTK does not need: how the scene was made and the wall
+    particles.
+
+    HDF5 leaves a damaged file behind when it is killed while it writes. So there are two files while a run goes on:
+    outputs are added to the twin, which then takes the place of run.h5 in one step. Whoever reads run.h5, and whenever
+    the run is killed, finds a whole file up to the last output.
     """
 
     def __init__(self, path):
         self.path = Path(path)
+        self.twins = [self.path.with_suffix(f".twin{k}") for k in (1, 2)]
+        self.missing: list[Snapshot] | None = None  # what the twin lacks of run.h5; None where there is no twin
 
     def create(self, sim, source: str) -> None:
         s = sim.snapshot()
         n = len(s.x)
-        with h5py.File(self.path, "w", libver=("earliest", "v110")) as file:
+        self.close()
+        with h5py.File(self.twins[0], "w", libver=("earliest", "v110")) as file:
             root = file.create_group("VTKHDF")
             root.attrs["Version"] = np.array([2, 0])
             root.attrs.create("Type", b"PolyData", dtype=h5py.string_dtype("ascii", 8))
@@ -57,58 +66,90 @@ class Trajectory:
             own = file.create_group("taichi_mps")
             own.attrs.update(source=source, parameters=json.dumps(sim.scene.parameters), dimension=s.x.shape[1])
             own["wall_x"] = s.wall_x
+        os.replace(self.twins[0], self.path)
 
     def append(self, s: Snapshot) -> int | None:
         """Add a snapshot; its number, or None if it is not later than the last one."""
-        with h5py.File(self.path, "r+", libver=("earliest", "v110")) as file:
-            root, n = file["VTKHDF"], len(s.x)
-            steps = root["Steps"]
-            k = int(steps.attrs["NSteps"])
-            if k and s.time <= steps["Values"][k - 1] + 1e-9:
-                return None
-            put(root["Points"], k * n, embed(s.x))
-            for name, rows in point_data(s).items():
-                if name in root["PointData"]:
-                    put(root[f"PointData/{name}"], k * n, rows)
-            put(steps["Values"], k, [s.time])
-            put(steps["NumberOfParts"], k, [1])
-            for name in ("PartOffsets", "CellOffsets", "ConnectivityIdOffsets"):
-                put(steps[name], k, np.zeros((1, *steps[name].shape[1:]), int))
-            for dataset in (steps["PointOffsets"], *steps["PointDataOffsets"].values()):
-                put(dataset, k, [k * n])
-            steps.attrs["NSteps"] = k + 1
-        return k
+        if self.missing is not None:
+            try:
+                number = self._extend([*self.missing, s])
+            except OSError:  # somebody has the twin open: ParaView, with what was run.h5 one output ago
+                self.missing = None
+        if self.missing is None:
+            self.close()
+            shutil.copyfile(self.path, self.twins[0])
+            number = self._extend([s])
+        self.missing = [s] if number is not None and self._exchange() else None
+        return number
 
-    def cut(self, last: float) -> int:
-        """Forget the outputs after the time ``last`` [s]; returns how many are left."""
-        with h5py.File(self.path, "r+", libver=("earliest", "v110")) as file:
+    def _extend(self, snapshots) -> int | None:
+        """Add snapshots to the twin; the number of the last, or None if it is not later than what is there."""
+        with h5py.File(self.twins[0], "r+", libver=("earliest", "v110")) as file:
+            for s in snapshots:
+                number = add(file["VTKHDF"], s)
+        return number
+
+    def _exchange(self) -> bool:
+        """The twin becomes run.h5, and run.h5 the twin: False, and no twin, where the disk has no links."""
+        try:
+            os.link(self.path, self.twins[1])
+        except OSError:
+            os.replace(self.twins[0], self.path)
+            return False
+        os.replace(self.twins[0], self.path)
+        self.twins.reverse()
+        return True
+
+    def close(self) -> None:
+        """Remove the twin: this run, or one that was killed, writes no more."""
+        self.missing = None
+        for twin in self.twins:
+            twin.unlink(missing_ok=True)
+
+    def cut(self, last: float, every: float) -> int:
+        """Forget the outputs after the time ``last`` [s], and those between the multiples of ``every`` [s], which only
+        an end of the run has made; returns how many are left."""
+        self.close()
+        shutil.copyfile(self.path, self.twins[0])
+        with h5py.File(self.twins[0], "r+", libver=("earliest", "v110")) as file:
             root = file["VTKHDF"]
             steps = root["Steps"]
-            k = int((steps["Values"][: steps.attrs["NSteps"]] <= last + 1e-9).sum())
+            instants = steps["Values"][: steps.attrs["NSteps"]]
+            kept = (instants <= last + 1e-9) & due(instants, every)
+            k = int(np.argmin(np.append(kept, False)))
             steps.attrs["NSteps"] = k
             offsets = [item for item in steps.values() if isinstance(item, h5py.Dataset)]
             for dataset in (*offsets, *steps["PointDataOffsets"].values()):
                 dataset.resize(k, axis=0)
             for dataset in (root["Points"], *root["PointData"].values()):
                 dataset.resize(k * int(root["NumberOfPoints"][0]), axis=0)
+        os.replace(self.twins[0], self.path)
         return k
 
-    def replay(self):
-        """The outputs one by one, each with what a picture needs of a Simulation: scene, time, snapshot, measures."""
+    def replay(self, scene_file=None):
+        """The outputs one by one, each with what a picture needs of a Simulation: scene, time, snapshot, measures.
+        A scene that is not a built-in one is made by the code of ``scene_file``, which the caller must name."""
         if not self.path.is_file():
             raise SceneError(f"run = {self.path.parent}: holds no run.h5; must be the folder of a run")
-        with h5py.File(self.path, "r", locking=False) as file:
-            root, own = file["VTKHDF"], file["taichi_mps"]
-            scene = catalogue.build(own.attrs["source"], **json.loads(own.attrs["parameters"]))
-            n, wall = int(root["NumberOfPoints"][0]), own["wall_x"][()]
-            axes = [0, 2] if own.attrs["dimension"] == 2 else [0, 1, 2]
-            for k, instant in enumerate(root["Steps/Values"][: root["Steps"].attrs["NSteps"]]):
+        with outside.opened(self.path, "run") as file:
+            root, own = outside.own(file, "VTKHDF"), outside.own(file, "taichi_mps")
+            parameters = json.loads(outside.text(own, "parameters"))
+            scene = catalogue.rebuild(outside.text(own, "source"), parameters, scene_file)
+            n, wall = int(outside.numbers(root, "NumberOfPoints")[0]), outside.numbers(own, "wall_x")
+            if n != len(scene.fluid):
+                raise SceneError(f"run {self.path}: has {n} particles, its scene makes {len(scene.fluid)}")
+            axes = [0, 2] if scene.dimension == 2 else [0, 1, 2]
+            steps, fields = outside.own(root, "Steps"), outside.own(root, "PointData")
+            for k, instant in enumerate(outside.numbers(steps, "Values")[: int(steps.attrs["NSteps"])]):
                 rows = slice(k * n, (k + 1) * n)
-                data = {name: values[rows] for name, values in root["PointData"].items()}
-                x, u = root["Points"][rows][:, axes].astype(float), data["velocity"][:, axes]
-                fields = data["pressure"], data["shear_rate"], data["yielded"].astype(bool), data["density_ratio"]
+                data = {name: outside.numbers(fields, name, rows=rows) for name in fields}
+                x = outside.numbers(root, "Points", rows=rows)[:, axes].astype(float)
+                if {len(values) for values in data.values()} != {n} or len(x) != n or not np.isfinite(x).all():
+                    raise ValueError(f"output {k} is not whole")
+                values = data["pressure"], data["shear_rate"], data["yielded"].astype(bool), data["density_ratio"]
                 size = data["size"].astype(float) if "size" in data else None
-                yield Replay(scene, Snapshot(float(instant), scene.spacing, x, u, *fields, wall, size))
+                u = data["velocity"][:, axes]
+                yield Replay(scene, Snapshot(float(instant), scene.spacing, x, u, *values, wall, size))
 
 
 @dataclass(frozen=True)
@@ -127,6 +168,31 @@ class Replay:
 
     def measures(self) -> dict[str, float]:
         return self.scene.measure(self.scene.unfold(self.state)) if self.scene.measure else {}
+
+
+def due(time, every: float):
+    """Is this time [s] a multiple of the interval of the outputs [s]?"""
+    return np.abs(time / every - np.round(time / every)) < 1e-6
+
+
+def add(root, s: Snapshot) -> int | None:
+    """Add a snapshot to the group VTKHDF; its number, or None if it is not later than the last one."""
+    steps, n = root["Steps"], len(s.x)
+    k = int(steps.attrs["NSteps"])
+    if k and s.time <= steps["Values"][k - 1] + 1e-9:
+        return None
+    put(root["Points"], k * n, embed(s.x))
+    for name, rows in point_data(s).items():
+        if name in root["PointData"]:
+            put(root[f"PointData/{name}"], k * n, rows)
+    put(steps["Values"], k, [s.time])
+    put(steps["NumberOfParts"], k, [1])
+    for name in ("PartOffsets", "CellOffsets", "ConnectivityIdOffsets"):
+        put(steps[name], k, np.zeros((1, *steps[name].shape[1:]), int))
+    for dataset in (steps["PointOffsets"], *steps["PointDataOffsets"].values()):
+        put(dataset, k, [k * n])
+    steps.attrs["NSteps"] = k + 1
+    return k
 
 
 def embed(x):

@@ -2,6 +2,7 @@
 
 import json
 import os
+import random
 import signal
 import subprocess
 import sys
@@ -9,6 +10,8 @@ import time
 from pathlib import Path
 from typing import get_args
 
+import h5py
+import numpy as np
 import pytest
 
 import taichi_mps as mps
@@ -82,18 +85,59 @@ def test_a_run_leaves_a_whole_folder_and_prints_only_json(whole):
     assert rows["front_m"][-1] == pytest.approx(summary["front_m"], rel=1e-6)
 
 
-def test_a_resumed_run_is_the_uninterrupted_one_bit_for_bit(work, whole):
-    here = work / "parts"
-    run = ["-m", "taichi_mps", "run", work / "blob.py", "--every", "0.05", "--until", "0.05", "--out", "run"]
-    code, out, err = finish(start(here, *run), here)
+UNSEEN = """
+import math, sys
+from taichi_mps import cli, files
+files.CHECKPOINT_SHARE = math.inf  # after every step, so that many a kill falls into the writing of one
+cli.pictures = lambda *_: None
+cli.entry()
+"""
+
+
+def outputs(path):
+    """Everything that a reader of run.h5 finds, by name."""
+    found = {}
+    with h5py.File(path) as file:
+        file["VTKHDF"].visititems(lambda name, item: found.update({name: item[()]} if hasattr(item, "dtype") else {}))
+    return found
+
+
+def test_a_run_killed_at_random_steps_goes_on_bit_for_bit(work, whole):
+    """By SIGKILL; each time what was written before can be read. 20 times: TAICHI_MPS_KILLS=20 pytest -n0 -k killed."""
+    kills, dice = int(os.environ.get("TAICHI_MPS_KILLS", 2)), random.Random()
+    here, reference = work / "killed", whole[0]
+    words = [work / "blob.py", "--every", "0.05", "--until", 0.05 * kills, "--threads", "1", "--quiet", "--out", "run"]
+    if kills > 2:
+        reference = work / "reference" / "run"
+        code, _, err = finish(start(reference.parent, "-c", UNSEEN, "run", *words), reference.parent)
+        assert code == 0, err
+    steps = len(read_history(reference / "history.csv")["time_s"]) - 1
+    folder, seen, command = RunFolder(here / "run"), 0, ["run", *words]
+    for kill in range(kills):
+        target = dice.randint(seen + 1, max(seen + 1, steps * (kill + 1) // (kills + 1)))
+        process, deadline = start(here, "-c", UNSEEN, *command), time.monotonic() + 400
+        while not (folder.history.is_file() and folder.history.read_bytes().count(b"\n") > target + 1):
+            assert process.poll() is None and time.monotonic() < deadline, (target, (here / "err.txt").read_text())
+            time.sleep(0.001)
+        process.kill()
+        assert process.wait() == -signal.SIGKILL
+        times = read_history(folder.history)["time_s"]
+        written = outputs(folder.trajectory)["Steps/Values"]
+        assert len(written) >= int(times[-2] / 0.05 + 1e-6) + 1, "an output of an earlier step is missing"
+        saved = checkpoint.read_good(folder.checkpoint)[0]
+        assert saved.header["time"] >= times[max(0, len(times) - 4)] - 1e-12, "steps were lost"
+        seen = len(times) - 1
+        command = ["resume", "run", "--scene", work / "blob.py", "--quiet"]
+    code, _, err = finish(start(here, "-c", UNSEEN, *command), here)
     assert code == 0, err
-    assert "stopped by time" in out
-    code, out, err = finish(start(here, "-m", "taichi_mps", "resume", "run", "--until", "0.1", "--quiet"), here)
-    assert (code, out) == (0, ""), err
-    parts, folder = here / "run", whole[0]
-    assert (parts / "history.csv").read_bytes() == (folder / "history.csv").read_bytes()
-    first, second = (checkpoint.read(path / "checkpoint.h5").state for path in (folder, parts))
-    assert all(first[key].tobytes() == second[key].tobytes() for key in ("x", "u", "p"))
+    assert folder.history.read_bytes() == (reference / "history.csv").read_bytes()
+    states = [checkpoint.read(path / "checkpoint.h5").state for path in (reference, folder.path)]
+    assert states[0].keys() == states[1].keys()
+    for key, value in states[0].items():
+        assert np.array_equal(value, states[1][key]), key
+    first, second = outputs(reference / "run.h5"), outputs(folder.trajectory)
+    assert first.keys() == second.keys()
+    assert not [key for key in first if not np.array_equal(first[key], second[key])]
 
 
 def test_ctrl_c_writes_a_checkpoint_that_resumes(work):
@@ -113,7 +157,7 @@ def test_ctrl_c_writes_a_checkpoint_that_resumes(work):
     assert summary["stopped_by"] == "interrupted"
     reached = checkpoint.read(folder.checkpoint).header["time"]
     assert reached == pytest.approx(summary["simulated_seconds"])
-    resume = ["-m", "taichi_mps", "resume", "run", "--until", reached + 0.02, "--json"]
+    resume = ["-m", "taichi_mps", "resume", "run", "--scene", work / "blob.py", "--until", reached + 0.02, "--json"]
     code, out, err = finish(start(here, *resume), here)
     assert code == 0, err
     assert json.loads(out)["simulated_seconds"] == pytest.approx(reached + 0.02)
@@ -196,6 +240,8 @@ def test_a_high_knee_stress_is_one_line_and_a_rational_rate_has_none(tmp_path, c
         ("run slump --yield-value nan", "yield_value = nan Pa: must be a finite number"),
         ("run slump --until inf", "until = inf s: must be a finite number"),
         ("run slump --spacing 0.5", "spacing = 0.5 m: larger than the body"),
+        ("run slump --height 0.004 --lift-speed 0.1", "spacing = 0.01 m: larger than the body, 0.004 m high"),
+        ("run film --effective-radius-ratio 4.1", "domain = 0.05 m along periodic axis 0: must be at least three"),
         ("run slump --every 0", "every = 0 s: must be greater than 0 s"),
         ("run slump --threads 0", "threads = 0: must be greater than or equal to 1"),
         ("run slump --arch abacus", "arch = abacus: must be 'cpu', 'cuda' or 'vulkan'"),
@@ -211,7 +257,7 @@ def test_a_high_knee_stress_is_one_line_and_a_rational_rate_has_none(tmp_path, c
         ("run bare.py", "has no function 'scene'"),
         ("rnu slump", "unknown command 'rnu', did you mean 'run'?"),
         ("resume nowhere", "checkpoint nowhere/checkpoint.h5: no such file"),
-        ("resume file", "checkpoint file: damaged or not a checkpoint"),
+        ("resume file", "checkpoint file: damaged, or not a checkpoint"),
         ("render nowhere", "run = nowhere: holds no run.h5"),
         ("plot nowhere", "run = nowhere: holds no history.csv"),
         ("info nowhere", "run = nowhere: holds no summary.json"),

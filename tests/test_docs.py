@@ -11,7 +11,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
-NAMES = ("equations", "architecture", "recipes", "limits", "studies", "stability", "speed")
+NAMES = ("index", "equations", "architecture", "recipes", "limits", "studies", "stability", "speed")
 PAGES = [DOCS / f"{name}.md" for name in NAMES]
 BLOCK = re.compile(r"^```python\n(.*?)^```$", re.S | re.M)
 FILE = re.compile(r"# file: (\S+\.py)\n")
@@ -56,6 +56,20 @@ def test_recipes_run(tmp_path):
         timeout=300,
     )
     assert result.returncode == 0, result.stdout + result.stderr
+
+
+def test_the_site_is_built_offline_without_a_warning(tmp_path):
+    """mkdocs --strict: every link, anchor and name of the API; nothing on its pages is fetched from elsewhere."""
+    pytest.importorskip("mkdocs", reason="mkdocs is not installed: pip install 'taichi-mps[docs]'")
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(tmp_path)]
+    result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=300)
+    assert result.returncode == 0, result.stdout + result.stderr
+    pages = {path.stem: path.read_text(encoding="utf-8") for path in tmp_path.glob("*.html")}
+    assert {page.stem for page in DOCS.glob("*.md")} <= set(pages)
+    fetched = [url for text in pages.values() for url in re.findall(r'(?:src|link [^>]*href)="(https?:[^"]+)', text)]
+    assert not fetched
+    for name in ("taichi_mps.Simulation.step", "taichi_mps.scene.Scene", "taichi_mps.geometry.fill"):
+        assert name.replace("taichi_mps.Sim", "taichi_mps.simulation.Sim") in pages["api"], name
 
 
 def test_named_functions_exist():

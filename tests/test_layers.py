@@ -17,7 +17,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "taichi_mps"
 EDGE = 4
 LAYERS = {
-    0: "quantity material geometry solids measure rest_shapes report scene",
+    0: "quantity material geometry solids measure rest_shapes report scene admission",
     1: "backend weights surfaces friction particles neighbors gradient mrpcg sparse grid_levels",
     2: "rheology walls viscosity pressure momentum shifting totals sleeping",
     3: "schemes.implicit schemes.semi_implicit simulation",
@@ -28,6 +28,7 @@ PEERS = {
     "solids": {"quantity", "material", "geometry"},
     "rest_shapes": {"quantity"},
     "scene": {"quantity", "material", "geometry", "solids", "measure"},
+    "admission": {"quantity", "scene"},
     "weights": {"backend"},
     "surfaces": {"backend"},
     "friction": {"backend"},

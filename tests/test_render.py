@@ -72,6 +72,16 @@ def test_a_sphere_covers_the_disc_of_its_perspective_projection(camera, centre):
     assert depth[covered].min() == pytest.approx(ahead - radius, abs=0.05 * radius)
 
 
+def test_scenes_beside_each_other_share_camera_and_range(body):
+    wide = replace(body, fluid=body.fluid * [1.5, 1.0, 1.0], domain=((-0.8, -0.5, -0.1), (0.8, 0.5, 0.9)))
+    fast = replace(wide, velocity=np.full(wide.fluid.shape, 9.0))
+    one, other = (render.Renderer(scene, view="speed", beside=(body, fast), **SIZE) for scene in (body, fast))
+    assert one.limits == other.limits == render.Renderer(fast, view="speed", **SIZE).limits
+    np.testing.assert_array_equal(one.camera.eye, other.camera.eye)
+    assert np.array_equal(one.low, other.low) and np.array_equal(one.high, other.high)
+    assert render.Renderer(body, view="speed", **SIZE).limits != one.limits
+
+
 def test_the_nearest_of_two_overlapping_spheres_wins_whatever_their_order(camera):
     near, far = (0.0, -0.2, 0.0), (0.1, 0.2, 0.0)
     for x, colours in (([near, far], [RED, GREEN]), ([far, near], [GREEN, RED])):

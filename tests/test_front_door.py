@@ -1,0 +1,344 @@
+"""Whatever comes from outside is taken, or refused in one clear message: no crash, no hang, nothing half written.
+
+Generated command lines, scenes, meshes, checkpoints and run folders. 25 of each here; thousands by
+``pytest -n0 tests/test_front_door.py --hypothesis-profile thorough``. No Taichi: a command stops where it would start.
+"""
+
+import contextlib
+import io
+import json
+import os
+import warnings
+from pathlib import Path
+from types import SimpleNamespace
+
+import h5py
+import meshio
+import numpy as np
+import pytest
+from hypothesis import event, given, settings
+from hypothesis import strategies as st
+from test_files import Falling
+
+import taichi_mps as mps
+from taichi_mps import admission, catalogue, checkpoint, cli, geometry, options, solids
+from taichi_mps.files import Recorder, RunFolder
+from taichi_mps.scene import NUMERICS
+
+if settings.get_current_profile_name() == "default":
+    settings.load_profile("quick")
+
+
+class Admitted(Exception):
+    """Raised in the place of what would start Taichi."""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def taichi():
+    """None is started: in the place of that of the other tests."""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def door(tmp_path_factory):
+    """An empty folder to work in, bodies of a few particles, and no start."""
+
+    def refuse(*_):
+        raise Admitted
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(tmp_path_factory.mktemp("door"))
+        patch.setattr(cli, "start", refuse)
+        patch.setattr(geometry, "MOST_POINTS", 2e4)
+        yield Path.cwd()
+
+
+def knock(words):
+    """Exit code of a command line, or 'admitted'. A refusal is one line on stderr and nothing on stdout."""
+    before = {path.name for path in Path.cwd().iterdir()}
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        try:
+            code = mps.main(words)
+        except Admitted:
+            code = "admitted"
+    remarks = (" keeps that within 10 %", ": model = ", "; continuing from checkpoint.previous.h5")
+    lines = [line for line in err.getvalue().splitlines() if not any(remark in line for remark in remarks)]
+    if code == 2:
+        assert len(lines) == 1 and lines[0].startswith("taichi-mps: ") and len(lines[0]) > 25, (words, lines)
+        assert out.getvalue() == "", words
+    else:
+        assert not lines, (words, lines)
+    assert {path.name for path in Path.cwd().iterdir()} == before, words
+    event(str(code))
+    return code
+
+
+NUMBERS = st.one_of(
+    st.floats(-10.0, 10.0),
+    st.floats(),
+    st.integers(-5, 10**9),
+    st.sampled_from(
+        ["1e400", "-0", "5mm", "0.3cm", "0.02", "1e-3", "nan", "inf", "", " ", "1_0", "0x10", "٣", "1,5", "3%"]
+    ),
+    st.text(max_size=6),
+).map(str)
+PLAUSIBLE = st.floats(0.005, 0.5).map(lambda v: f"{v:.3g}")
+
+
+@st.composite
+def command_lines(draw):
+    """run SCENE with some of its options, in which each value may be anything."""
+    name = draw(st.sampled_from(sorted(catalogue.names())))
+    scheme = draw(st.sampled_from(sorted(NUMERICS)))
+    fields = {**catalogue.load(name).parameters.model_fields, **NUMERICS[scheme].model_fields}
+    fields |= {key: field for key, field in options.Run.model_fields.items() if key not in ("out", "scheme", "profile")}
+    words = ["run", name, "--scheme", scheme]
+    for key in draw(st.lists(st.sampled_from(sorted(fields)), max_size=5, unique=True)):
+        if fields[key].annotation is bool:
+            words.append("--quiet")
+            continue
+        value = draw(PLAUSIBLE | NUMBERS | st.sampled_from(options.choices(fields[key]) or ["0.05"]))
+        words += draw(st.sampled_from([["--" + key.replace("_", "-"), value], [f"--{key.replace('_', '-')}={value}"]]))
+    return words
+
+
+@given(command_lines())
+def test_a_command_line_is_taken_or_refused(words):
+    assert knock(words) in ("admitted", 2)
+
+
+@given(
+    st.lists(
+        st.text(max_size=8) | st.sampled_from([*cli.COMMANDS, "--json", "--out", "--help", "slump"]),
+        min_size=1,
+        max_size=5,
+    )
+)
+def test_any_words_are_answered(words):
+    if {"scenes", "info", "--help", "-h", "--version", "validate"} & set(words):
+        return
+    assert knock(words) in ("admitted", 2)
+
+
+COORDINATES = st.floats(-2.0, 2.0) | st.sampled_from([0.0, 1e9, -1e300, float("nan"), float("inf")])
+
+
+def vectors(d):
+    return st.lists(COORDINATES, min_size=d, max_size=d).map(tuple) | st.lists(COORDINATES, max_size=4).map(tuple)
+
+
+def walls(d):
+    plane = st.fixed_dictionaries(
+        {"point": vectors(d), "normal": vectors(d) | st.sampled_from([tuple(row) for row in np.eye(d)])},
+        optional={"velocity": vectors(d), "slip": st.booleans(), "loose": st.booleans(), "mirror": st.booleans()},
+    )
+    cylinder = st.fixed_dictionaries(
+        {"point": vectors(d), "radius": COORDINATES, "axis": vectors(3) if d == 3 else st.none()},
+        optional={"length": COORDINATES, "slope": COORDINATES, "velocity": COORDINATES, "thin": st.booleans()},
+    )
+    return st.tuples(st.just(mps.Plane), plane) | st.tuples(st.just(mps.Cylinder), cylinder)
+
+
+@given(st.data())
+def test_a_scene_is_made_or_refused_and_admitted_or_refused(data):
+    d = data.draw(st.sampled_from([2, 3]))
+    shape = data.draw(st.sampled_from([(4, d), (1, d), (0, d), (4, 5 - d), (4,), (4, 1), (4, 4)]))
+    cells = np.array(
+        data.draw(st.lists(COORDINATES, min_size=int(np.prod(shape)), max_size=int(np.prod(shape)))), float
+    )
+    keywords = {
+        "name": "any",
+        "material": data.draw(st.sampled_from([mps.Bingham(), mps.Newtonian(), None])),
+        "spacing": data.draw(st.sampled_from([0.1, 0.5]) | COORDINATES | st.none()),
+        "fluid": cells.reshape(shape),
+        "domain": data.draw(st.sampled_from([((-3.0,) * d, (3.0,) * d)]) | st.tuples(vectors(d), vectors(d))),
+    }
+    optional = {
+        "velocity": st.none() | st.just(cells.reshape(shape)[:2]),
+        "gravity": vectors(d),
+        "periodic": st.lists(st.booleans(), max_size=4).map(tuple),
+        "axisymmetric": st.booleans(),
+        "until": COORDINATES,
+        "wall_particles": st.none() | st.just(cells.reshape(shape)[:1]),
+    }
+    keywords |= data.draw(st.fixed_dictionaries({}, optional=optional))
+    numerics = data.draw(st.sampled_from([mps.Implicit(), mps.SemiImplicit(), mps.Implicit(walls="particles")]))
+    try:
+        made = [kind(**given) for kind, given in data.draw(st.lists(walls(d), max_size=2))]
+        scene = mps.Scene(**keywords, walls=tuple(made))
+        admission.admit(scene, numerics)
+    except mps.SceneError as refusal:
+        event("refused")
+        assert "\n" not in str(refusal) and len(str(refusal)) > 15
+        return
+    event("admitted")
+    assert np.isfinite(scene.fluid).all() and np.isfinite(scene.gravity_vector).all() and scene.spacing > 0.0
+    assert scene.fluid.shape[1] == len(scene.domain[0]) == len(scene.gravity_vector) == len(scene.periodic_axes)
+
+
+@st.composite
+def damaged(draw, whole: bytes):
+    """Bytes of a file with a few of them changed, cut out, put in or repeated."""
+    content = bytearray(whole)
+    for _ in range(draw(st.integers(1, 4))):
+        at = draw(st.integers(0, max(0, len(content) - 1)))
+        kind = draw(st.sampled_from(["flip", "cut", "insert", "repeat", "end"]))
+        length = draw(st.integers(1, 64))
+        if kind == "flip" and content:
+            content[at] ^= draw(st.integers(1, 255))
+        elif kind == "cut":
+            del content[at : at + length]
+        elif kind == "insert":
+            content[at:at] = draw(st.binary(min_size=1, max_size=16))
+        elif kind == "repeat":
+            content[at:at] = content[at : at + length]
+        else:
+            del content[at:]
+    return bytes(content)
+
+
+def cubes():
+    """A closed cube as ASCII and binary STL, OBJ and PLY."""
+    points = np.array([(x, y, z) for x in (0.0, 0.1) for y in (0.0, 0.1) for z in (0.0, 0.1)])
+    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    faces = np.array([half for a, b, c, d in quads for half in ((a, b, c), (a, c, d))])
+    made = {}
+    for name, kind in (("ascii.stl", {"binary": False}), ("binary.stl", {"binary": True}), ("cube.obj", {}),
+                       ("ascii.ply", {"binary": False}), ("binary.ply", {"binary": True})):  # fmt: skip
+        with contextlib.redirect_stdout(io.StringIO()), warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            meshio.Mesh(points, [("triangle", faces)]).write(name, **kind)
+        made[name] = Path(name).read_bytes()
+        Path(name).unlink()
+    return made
+
+
+@pytest.fixture(scope="module")
+def meshes(door):
+    return cubes()
+
+
+@pytest.mark.parametrize("name", ["ascii.stl", "binary.stl", "cube.obj", "ascii.ply", "binary.ply"])
+@given(data=st.data())
+def test_a_mesh_is_read_whole_or_refused(name, data, meshes):
+    path = Path(name)
+    path.write_bytes(data.draw(damaged(meshes[name])))
+    try:
+        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+            points, triangles = solids.read_mesh(path)
+    except mps.SceneError as refusal:
+        event("refused")
+        assert str(path) in str(refusal)
+    else:
+        event("read")
+        assert np.isfinite(points).all() and triangles.min() >= 0 and triangles.max() < len(points)
+        assert np.ptp(points, axis=0).min() > 0.0 and np.ptp(points, axis=0).max() <= 100.0
+    finally:
+        path.unlink()
+
+
+def test_an_undamaged_mesh_is_read(meshes):
+    for name, content in meshes.items():
+        Path(name).write_bytes(content)
+        assert solids.read_mesh(name)[1].shape == (12, 3)
+        Path(name).unlink()
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """The folder of a run of 3 steps, with two checkpoints."""
+    scene = catalogue.build("slump", spacing=0.05, until=1.0)
+    folder, sim = RunFolder(tmp_path_factory.mktemp("outside") / "run"), Falling(scene)
+    folder.create()
+    recorder = Recorder(folder, sim, 0.01, "slump", {"every": 0.01})
+    recorder.output(sim)
+    for _ in range(3):
+        sim.step()
+    recorder.finish("time")
+    contents = {path.name: path.read_bytes() for path in folder.path.iterdir() if path.is_file()}
+    return SimpleNamespace(path=folder.path, contents=contents, state=checkpoint.read(folder.checkpoint))
+
+
+@contextlib.contextmanager
+def replaced(run, name, content):
+    """The run folder with another file in it."""
+    (run.path / name).write_bytes(content)
+    try:
+        yield run.path / name
+    finally:
+        for key, value in run.contents.items():
+            (run.path / key).write_bytes(value)
+
+
+@given(data=st.data())
+def test_no_damage_of_a_checkpoint_is_missed(run, data):
+    whole = run.contents["checkpoint.h5"]
+    content = data.draw(damaged(whole))
+    with replaced(run, "checkpoint.h5", content) as path:
+        try:
+            state = checkpoint.read(path)
+        except mps.SceneError as refusal:
+            assert str(path) in str(refusal)
+            assert checkpoint.read_good(path)[1].endswith("continuing from checkpoint.previous.h5")
+        else:
+            used = len(checkpoint.FORMAT) + 75  # behind the label the user block is empty, and nobody's
+            assert content[: used - 1] + content[512:] == whole[: used - 1] + whole[512:]
+            assert state.header == run.state.header
+
+
+JSON = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3),
+    max_leaves=5,
+)
+
+
+@given(data=st.data())
+def test_a_made_up_checkpoint_with_a_good_checksum_is_taken_or_refused(run, data):
+    header = {
+        **run.state.header,
+        "scalars": {"time": 0.0, "steps": 1, "last_dt": None, "resting_since": None, "report": None},
+    }
+    for key in data.draw(st.lists(st.sampled_from(sorted(header)), max_size=2)):
+        header[key] = data.draw(JSON)
+    header["source"] = data.draw(st.sampled_from(["slump", "../slump", "/etc/passwd", "slump.py", "os", "__init__"]))
+    text = data.draw(st.sampled_from([json.dumps(header)] * 3 + ["", "[" * 100000, "null", "{}"]))
+    path = run.path / "made.h5"
+    with h5py.File(path, "w", userblock_size=512) as file:
+        file["header"] = text
+        kind = data.draw(st.sampled_from(["good", "huge", "link", "text", "none", "group"]))
+        if kind == "good":
+            file["state/x"] = run.state.state["x"]
+        elif kind == "huge":
+            file.create_dataset("state/x", (10**7, 10**7, 3), "f8", chunks=(1000, 1000, 3))
+        elif kind == "link":
+            file["state/x"] = h5py.ExternalLink(str(run.path / "run.h5"), "VTKHDF/Points")
+        elif kind == "text":
+            file["state/x"] = ["a", "b"]
+        elif kind == "group":
+            file.create_group("state/x/y")
+    with open(path, "rb+") as file:
+        file.seek(512)
+        checksum = checkpoint.rest_of(file)
+        file.seek(0)
+        file.write(f"{checkpoint.FORMAT} {checkpoint.VERSION} sha256 {checksum}\n".encode())
+    try:
+        assert knock(["resume", str(path)]) in ("admitted", 2)
+    finally:
+        path.unlink()
+
+
+@given(data=st.data())
+def test_a_damaged_run_h5_is_shown_or_refused(run, data):
+    with replaced(run, "run.h5", data.draw(damaged(run.contents["run.h5"]))):
+        assert knock(["render", str(run.path)]) in ("admitted", 2)
+
+
+@pytest.mark.parametrize("words", [["info"], ["plot", "--out", os.devnull]])
+@given(data=st.data())
+def test_damaged_tables_are_shown_or_refused(run, words, data):
+    name = {"info": "summary.json", "plot": "history.csv"}[words[0]]
+    with replaced(run, name, data.draw(damaged(run.contents[name]))):
+        out = io.StringIO()
+        with contextlib.redirect_stdout(out), contextlib.redirect_stderr(out):
+            assert mps.main([*words, str(run.path)]) in (0, 2)
