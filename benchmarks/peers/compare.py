@@ -100,9 +100,14 @@ def compare(case: Case, peers: list[str], limit: float, repeats: int) -> None:
             if best is None or "failed" in best or row.get("cpu_seconds", np.inf) < best["cpu_seconds"]:
                 found[run.label] = row
             print(case.name, run.label, row.get("failed") or f"{row['cpu_seconds']:.1f} CPU-s", flush=True)
+            save(case, list(found.values()), repeats)
+
+
+def save(case: Case, rows: list[dict], repeats: int) -> None:
+    """The JSON of a case; of one that was begun, what is there so far."""
+    result = {"case": case.name, "title": case.title, "machine": machine(), "repeats": repeats, "rows": rows}
     path = RESULTS / f"peers_{case.name}.json"
-    result = {"case": case.name, "title": case.title, "machine": machine(), "repeats": repeats}
-    path.write_text(json.dumps(result | {"rows": list(found.values())}, indent=1) + "\n", encoding="utf-8")
+    path.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
 
 
 def installed(names: list[str]) -> list[str]:

@@ -2,6 +2,7 @@
 
 import json
 import sys
+from dataclasses import replace
 
 import numpy as np
 from cases import CASES
@@ -11,15 +12,15 @@ import taichi_mps as mps
 
 def simulate(case, settings: dict) -> dict:
     """Slump and spread, or positions, at the times of the case, and what the run cost."""
-    from dataclasses import replace
-
     options = dict(settings)
     numerics = mps.SemiImplicit if options.pop("scheme", "implicit") == "semi-implicit" else mps.Implicit
     mps.init(threads=1)
-    sim = mps.Simulation(replace(case.scene(), stop_at_rest=False), numerics(**options))
+    sim = mps.Simulation(replace(case.scene(), stop_at_rest=case.stop_at_rest), numerics(**options))
     frames = []
     sim.every(0.1 if case.kind == "slump" else 0.01, lambda s: frames.append((s.time, s.snapshot(), s.measures())))
     sim.run()
+    if sim.stopped_by == "rest":  # it stays as it is until the end of the case
+        frames.append((case.until, sim.snapshot(), sim.measures()))
     summary = sim.summary()
     kept = {
         "t": np.array([t for t, _, _ in frames]),
