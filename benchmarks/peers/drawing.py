@@ -46,7 +46,10 @@ def table(result: dict) -> str:
     head, cells = (DAM_HEAD, dam_cells) if result["case"] == "dam_break" else (SLUMP_HEAD, slump_cells)
     lines = [f"### {result['title']}", "", "| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
     for row in result["rows"]:
-        lines.append(f"| {row['label']} | {row['failed']} |" if "failed" in row else f"| {' | '.join(cells(row))} |")
+        failure = ["failed: " + row["failed"].split(";")[0] if "failed" in row else ""] + [""] * (len(head) - 2)
+        lines.append(
+            f"| {' | '.join([row['label'], *failure])} |" if "failed" in row else f"| {' | '.join(cells(row))} |"
+        )
     facts = result["machine"]
     load = [row["load_average"] for row in result["rows"]]
     lines += [
@@ -57,35 +60,56 @@ def table(result: dict) -> str:
     return "\n".join(lines)
 
 
-def chart(results: list[dict], better: str, path: Path) -> None:
-    """Error against CPU seconds of each case, logarithmic."""
+def panels(results: list[dict]) -> dict[str, list[tuple[str, dict]]]:
+    """Runs that succeeded, by the problem they share, each with a short name; of slumps those to 1 s, all spacings."""
+    found: dict[str, list[tuple[str, dict]]] = {}
+    for result in results:
+        title, spacing = result["title"], ""
+        if result["case"] != "dam_break":
+            title, spacing = title.rsplit(", ", 1)
+        for row in result["rows"]:
+            if "failed" not in row and (row["simulated_seconds"] == 1.0 or not spacing):
+                short = (
+                    row["label"].split(", ", 1)[-1].replace("creep rate 0.02 1/s, ", "").replace("voxel 1.5 l0, ", "")
+                )
+                found.setdefault(title, []).append(
+                    (f"{spacing} {'' if short == 'implicit' and spacing else short}", row)
+                )
+    return found
+
+
+def chart(found: dict[str, list[tuple[str, dict]]], error, what: str, path: Path) -> None:
+    """``error`` of a row against its CPU seconds for a second, both logarithmic, one panel for each problem."""
     import matplotlib
 
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-    columns = min(3, len(results))
-    rows = -(-len(results) // columns)
-    figure, axes = plt.subplots(rows, columns, figsize=(4.2 * columns, 3.4 * rows), squeeze=False)
-    for axis in axes.flat[len(results) :]:
-        axis.set_visible(False)
-    for axis, result in zip(axes.flat, results, strict=False):
-        for row in (row for row in result["rows"] if "failed" not in row):
-            error = 1e3 * abs(row["worst_slump_error_m"]) if better == "slump" else 100 * row["front_error"]
+    figure, axes = plt.subplots(
+        1, len(found), figsize=(1.0 + 4.0 * len(found), 3.8), squeeze=False, sharex=True, sharey=True
+    )
+    for axis, (title, runs) in zip(axes.flat, found.items(), strict=True):
+        for name, row in runs:
             cost = row["cpu_seconds"] / row["simulated_seconds"]
-            axis.loglog(cost, error, "o", color=COLOURS[row["peer"]])
-            axis.annotate(
-                row["label"].split(", ", 1)[-1], (cost, error), xytext=(4, 4), textcoords="offset points", fontsize=6
-            )
-        axis.set_title(result["title"], fontsize=9)
-        axis.margins(0.35)
-        axis.grid(alpha=0.3, which="both")
+            axis.loglog(cost, error(row), "o", color=COLOURS[row["peer"]])
+            axis.annotate(name.strip(), (cost, error(row)), xytext=(4, 4), textcoords="offset points", fontsize=7)
+        axis.set_title(title, fontsize=9)
         axis.set_xlabel("CPU seconds for 1 s")
-        axis.set_ylabel("worst error of the slump [mm]" if better == "slump" else "worst error of the front [%]")
-    names = {row["peer"] for result in results for row in result["rows"]}
+        axis.grid(alpha=0.3, which="both")
+        for line in (axis.xaxis, axis.yaxis):
+            line.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+            line.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+            line.set_minor_formatter(NullFormatter())
+    low, high = axes[0, 0].get_xlim()
+    axes[0, 0].set_xlim(low, 4.0 * high)  # room for the names
+    low, high = axes[0, 0].get_ylim()
+    axes[0, 0].set_ylim(0.8 * low, 1.3 * high)
+    axes[0, 0].set_ylabel(what)
+    names = {row["peer"] for runs in found.values() for _, row in runs}
     handles = [plt.Line2D([], [], marker="o", ls="", color=c, label=n) for n, c in COLOURS.items() if n in names]
     figure.legend(handles=handles, loc="upper center", ncols=len(handles), fontsize=8)
-    figure.tight_layout(rect=(0, 0, 1, 0.94))
+    figure.tight_layout(rect=(0, 0, 1, 0.93))
     figure.savefig(path, dpi=110)
 
 
@@ -97,7 +121,10 @@ def draw() -> None:
     before, rest = PAGE.read_text(encoding="utf-8").split(BEGIN)
     tables = "\n".join(table(result) for result in results)
     PAGE.write_text(f"{before}{BEGIN}\n\n{tables}\n{END}{rest.split(END)[1]}", encoding="utf-8")
-    for kind in ("slump", "dam"):
-        chosen = [result for result in results if (result["case"] == "dam_break") == (kind == "dam")]
-        if chosen:
-            chart(chosen, kind, FIGURES / f"peers_{kind}.png")
+    slumps = panels([result for result in results if result["case"] != "dam_break"])
+    dams = panels([result for result in results if result["case"] == "dam_break"])
+    if slumps:
+        what = "worst error of the slump [mm]"
+        chart(slumps, lambda row: 1e3 * abs(row["worst_slump_error_m"]), what, FIGURES / "peers_slump.png")
+    if dams:
+        chart(dams, lambda row: 100 * row["front_error"], "worst error of the front [%]", FIGURES / "peers_dam.png")
