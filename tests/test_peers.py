@@ -79,6 +79,7 @@ def test_slump_from_particles_and_from_a_peer_that_gives_it():
 
 def test_front_of_the_dam_break():
     from cases import CASES, COLUMN, MARTIN_MOYCE, judge
+
     from taichi_mps.validation import read_reference
 
     case = next(case for case in CASES if case.kind == "dam")
@@ -86,7 +87,9 @@ def test_front_of_the_dam_break():
     at, z = (np.array([float(r[key]) for r in rows]) for key in ("t*sqrt(2g/a)", "z/a"))
     t = np.concatenate([[0.0], at[:6]])
     front = COLUMN * np.concatenate([[1.0], z[:6]])
-    x = np.array([[[0.0, 0.0], [reach - 0.5 * case.spacing, 0.0]] for reach in front])
+    l0 = case.spacing
+    bodies = [np.append(np.arange(0.0, reach - 0.5 * l0, l0), reach - 0.5 * l0) for reach in front]
+    x = [np.column_stack([np.append(along, along[-1] + 2.5 * l0), np.zeros(len(along) + 1)]) for along in bodies]
     found = judge(case, {"t": t / (2 * 9.81 / COLUMN) ** 0.5, "x": x})
     assert found["front_error_no_delay"] < 1e-12 and found["gate_delay"] == 0.0
     early = judge(case, {"t": (t - 0.2) / (2 * 9.81 / COLUMN) ** 0.5, "x": x})

@@ -39,6 +39,8 @@ def simulate(case: dict) -> dict:
             fluid = get_particle_array(name="fluid", x=x, y=y, h=h, m=m, rho=rho)
             boundary = get_particle_array(name="boundary", x=xt, y=yt, h=h, m=m, rho=rho)
             self.scheme.setup_properties([fluid, boundary])
+            if case["settings"]["scheme"] == "iisph":
+                fluid.x += dx / 4  # as in the example: nearer to the wall it is pushed away
             self.kernel_corrections(fluid, boundary)
             return [fluid, boundary]
 
