@@ -70,7 +70,11 @@ def panels(results: list[dict]) -> dict[str, list[tuple[str, dict]]]:
         for row in result["rows"]:
             if "failed" not in row and (row["simulated_seconds"] == 1.0 or not spacing):
                 short = (
-                    row["label"].split(", ", 1)[-1].replace("creep rate 0.02 1/s, ", "").replace("voxel 1.5 l0, ", "")
+                    row["label"]
+                    .split(", ", 1)[-1]
+                    .replace("creep rate 0.02 1/s, ", "")
+                    .replace("voxel 1.5 l0, ", "")
+                    .replace(", conservative gradient", "")
                 )
                 found.setdefault(title, []).append(
                     (f"{spacing} {'' if short == 'implicit' and spacing else short}", row)
@@ -86,16 +90,18 @@ def chart(found: dict[str, list[tuple[str, dict]]], error, what: str, path: Path
     import matplotlib.pyplot as plt
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
+    columns = min(2, len(found))
+    rows = -(-len(found) // columns)
     figure, axes = plt.subplots(
-        1, len(found), figsize=(1.0 + 4.0 * len(found), 3.8), squeeze=False, sharex=True, sharey=True
+        rows, columns, figsize=(0.8 + 4.6 * columns, 0.6 + 3.3 * rows), squeeze=False, sharex=True, sharey=True
     )
-    for axis, (title, runs) in zip(axes.flat, found.items(), strict=True):
+    for axis, (title, runs) in zip(axes.flat, found.items(), strict=False):
         for name, row in runs:
             cost = row["cpu_seconds"] / row["simulated_seconds"]
             axis.loglog(cost, error(row), "o", color=COLOURS[row["peer"]])
             axis.annotate(name.strip(), (cost, error(row)), xytext=(4, 4), textcoords="offset points", fontsize=7)
         axis.set_title(title, fontsize=9)
-        axis.set_xlabel("CPU seconds for 1 s")
+        axis.set(xlabel="CPU seconds for 1 s", ylabel=what)
         axis.grid(alpha=0.3, which="both")
         for line in (axis.xaxis, axis.yaxis):
             line.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
@@ -105,7 +111,6 @@ def chart(found: dict[str, list[tuple[str, dict]]], error, what: str, path: Path
     axes[0, 0].set_xlim(low, 4.0 * high)  # room for the names
     low, high = axes[0, 0].get_ylim()
     axes[0, 0].set_ylim(0.8 * low, 1.3 * high)
-    axes[0, 0].set_ylabel(what)
     names = {row["peer"] for runs in found.values() for _, row in runs}
     handles = [plt.Line2D([], [], marker="o", ls="", color=c, label=n) for n, c in COLOURS.items() if n in names]
     figure.legend(handles=handles, loc="upper center", ncols=len(handles), fontsize=8)
