@@ -1,0 +1,206 @@
+"""The cases all peers run, who runs them with which settings, and how a run is judged. No Taichi here.
+
+Slump: the cone of the engine's `slump` scene, released at once, rho = 2300 kg/m3, eta = 50 Pa s, to t = 1 s. The
+reference is finite elements of a true Bingham material with inertia (taichi_mps/validation/reference, +-0.4 mm). Error:
+the largest of slump at 0.1, 0.2, 0.3, 0.5 and 1 s. Dam break: the `dam_break` scene; front against Martin and Moyce.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+import taichi_mps as mps
+from taichi_mps import catalogue, measure
+from taichi_mps.validation import read_reference
+
+TIMES = (0.1, 0.2, 0.3, 0.5, 1.0)  # [s]
+CONE = {"base_radius": 0.1, "top_radius": 0.05, "height": 0.3}  # [m]
+MIX = {"density": 2300.0, "plastic_viscosity": 50.0}
+COLUMN = 0.146  # width of the water column [m]
+MARTIN_MOYCE = "martin_moyce_a2.25in_n2=2"
+
+
+@dataclass(frozen=True)
+class Run:
+    """One peer with one choice of its settings."""
+
+    peer: str
+    label: str
+    settings: dict = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Case:
+    """One problem that several peers solve, each in a process of its own, one after the other."""
+
+    name: str
+    title: str
+    kind: str  # slump or dam
+    spacing: float  # [m]
+    runs: tuple[Run, ...]
+    yield_value: float = 0.0  # [Pa]
+    model: str = "full"
+    until: float = 1.0  # [s]
+    stop_at_rest: bool = False  # of this engine; the peers do not know when they are at rest
+
+    @property
+    def times(self) -> tuple[float, ...]:
+        """When a slump is read [s]."""
+        return TIMES if self.until <= TIMES[-1] else (*TIMES, self.until)
+
+    def scene(self) -> mps.Scene:
+        """The engine's scene of this case."""
+        if self.kind == "dam":
+            return catalogue.load("dam_break")(spacing=self.spacing, until=self.until)
+        return catalogue.load("slump")(
+            yield_value=self.yield_value, spacing=self.spacing, until=self.until, model=self.model, **MIX
+        )
+
+    def data(self, run: Run) -> dict:
+        """What a peer's script reads: the numbers of the case and, of particles, the engine's own filling."""
+        common = {"spacing": self.spacing, "until": self.until, "settings": run.settings}
+        if self.kind == "dam":
+            times = np.arange(1, round(self.until / 0.01) + 1) * 0.01
+            return common | {"width": COLUMN, "density": 1000.0, "viscosity": 1e-3, "times": times.tolist()}
+        cone = mps.Cone(*CONE.values())
+        fluid = [] if self.model == "axisymmetric" else self.scene().fluid.tolist()
+        return common | {
+            **MIX,
+            **CONE,
+            "yield_value": self.yield_value,
+            "times": self.times,
+            "volume": cone.volume,
+            "fluid": fluid,
+        }
+
+
+def newton(voxel: float, **settings) -> Run:
+    """Voxels of so many spacings; the step is 5 ms unless given."""
+    settings = {"voxel": voxel, "dt": 0.005} | settings
+    extra = "".join(f", {value}" for key, value in settings.items() if key not in ("voxel", "dt"))
+    return Run("newton", f"Newton, voxel {voxel:g} l0, dt {1e3 * settings['dt']:g} ms{extra}", settings)
+
+
+def openfoam(rate: float, max_dt: float) -> Run:
+    """Creep rate of the bi-viscous law [1/s], largest step [s]."""
+    label = f"interFoam, creep rate {rate:g} 1/s, dt <= {1e3 * max_dt:g} ms"
+    return Run("openfoam", label, {"rate": rate, "courant": 0.5, "max_dt": max_dt, "krylov": True})
+
+
+OURS = Run("taichi_mps", "taichi_mps, implicit")
+LITERAL = Run("taichi_mps", "taichi_mps, semi-implicit", {"scheme": "semi-implicit"})
+MIXED = Run(
+    "taichi_mps",
+    "taichi_mps, semi-implicit, mixed source, conservative gradient",
+    {"scheme": "semi-implicit", "source": "mixed", "gradient": "conservative"},
+)
+
+
+def slump(yield_value: float, spacing: float, *runs: Run, model: str = "full") -> Case:
+    where = "3-D" if model == "full" else model
+    millimetres = f"{1e3 * spacing:.3g}"
+    title = f"slump, {where}, {yield_value:g} Pa, {millimetres} mm"
+    return Case(
+        f"slump_{model}_{yield_value:g}Pa_{millimetres}mm", title, "slump", spacing, (OURS, *runs), yield_value, model
+    )
+
+
+CASES = (
+    slump(500.0, 0.015, newton(1.5, dt=0.01), newton(1.5)),
+    slump(500.0, 0.01, newton(1.5, dt=0.01), newton(1.5)),
+    slump(100.0, 0.01, newton(1.5, dt=0.01), newton(1.5)),
+    slump(500.0, 0.01, *(openfoam(0.02, dt) for dt in (0.002, 0.001, 0.0005)), model="axisymmetric"),
+    slump(100.0, 0.01, openfoam(0.02, 0.002), openfoam(0.02, 0.0005), model="axisymmetric"),
+    slump(500.0, 0.005, openfoam(0.02, 0.001), model="axisymmetric"),
+    Case(
+        "slump_axisymmetric_500Pa_10mm_5s",
+        "slump, axisymmetric, 500 Pa, 10 mm, to 5 s or rest",
+        "slump",
+        0.01,
+        (OURS, openfoam(0.02, 0.002)),
+        500.0,
+        "axisymmetric",
+        5.0,
+        stop_at_rest=True,
+    ),
+    Case(
+        "dam_break",
+        "dam break of water, 2-D, a/l0 = 20",
+        "dam",
+        0.0073,
+        (
+            OURS,
+            MIXED,
+            Run("pysph", "PySPH, WCSPH", {"scheme": "wcsph"}),
+            Run("splishsplash", "SPlisHSPlasH, DFSPH, 0.1 %", {"method": "DFSPH", "error": 0.1}),
+            Run("splishsplash", "SPlisHSPlasH, DFSPH, 0.01 %", {"method": "DFSPH", "error": 0.01}),
+            Run("splishsplash", "SPlisHSPlasH, IISPH, 0.01 %", {"method": "IISPH", "error": 0.01}),
+            LITERAL,
+            Run("pysph", "PySPH, EDAC", {"scheme": "edac"}),
+            Run("pysph", "PySPH, IISPH", {"scheme": "iisph"}),
+        ),
+        until=0.26,
+    ),
+)
+
+
+def reference(yield_value: float, times=TIMES) -> dict[float, tuple[float, float]]:
+    """Slump over r < 20 mm and spread [m] of the finite elements at these times [s]."""
+    rows = read_reference("A_fe_inertial_slump_summary.csv")
+    wanted = ("A", yield_value, 50.0, 0.0)
+    mine = [r for r in rows if (r["model"], *(float(r[k]) for k in ("tau_Pa", "eta_Pa_s", "gc_1_s"))) == wanted]
+    found = {float(r["time_s"]): r for r in mine if not r["kind"].startswith("final")}
+    return {t: (1e-3 * float(found[t]["mean20_mm"]), 1e-3 * float(found[t]["spread_mm"])) for t in times}
+
+
+def slumps_of(output: dict, spacing: float) -> tuple[np.ndarray, np.ndarray]:
+    """Slump and spread [m] in a peer's output: as it says or, of particles, by the engine's own measure."""
+    if "slump" in output:
+        return np.asarray(output["slump"]), np.asarray(output["spread"])
+    found = [measure.slump(measure.still(x, spacing), CONE["height"]) for x in output["x"]]
+    return np.array([f["slump_m"] for f in found]), np.array([f["spread_m"] for f in found])
+
+
+def judge_slump(case: Case, output: dict) -> dict:
+    """Slump at the times of the case [m], the errors, and that of the spread at the end [-]."""
+    times = case.times
+    exact = reference(case.yield_value, times)
+    t = np.asarray(output["t"])
+    if t[-1] < 0.999 * times[-1]:
+        raise ValueError(f"{case.name}: the run ended at {t[-1]:g} s")
+    slump, spread = (np.interp(times, t, values) for values in slumps_of(output, case.spacing))
+    errors = slump - np.array([exact[at][0] for at in times])
+    return {
+        "slump_m": slump.tolist(),
+        "slump_errors_m": errors.tolist(),
+        "worst_slump_error_m": float(errors[np.argmax(np.abs(errors))]),
+        "spread_error": float(spread[-1] / exact[times[-1]][1] - 1.0),
+    }
+
+
+def front_of(x: np.ndarray, spacing: float) -> float:
+    """Where the body ends [m]: the last particle along x before the first gap of two spacings, + l0/2; drops that were
+    thrown ahead do not count."""
+    along = np.sort(x[:, 0])
+    gaps = np.flatnonzero(np.diff(along) > 2.0 * spacing)
+    return float(along[gaps[0] if len(gaps) else -1] + 0.5 * spacing)
+
+
+def judge_dam(case: Case, output: dict) -> dict:
+    """Largest relative error of the front for the gate's best delay (at most 0.3 sqrt(a/2g)), and without any delay."""
+    rows = [r for r in read_reference("C_dambreak_front_martin_moyce_koshizuka.csv") if r["dataset"] == MARTIN_MOYCE]
+    at, z = (np.array([float(r[key]) for r in rows]) for key in ("t*sqrt(2g/a)", "z/a"))
+    t = np.asarray(output["t"]) * (2 * 9.81 / COLUMN) ** 0.5
+    covered = (at < t[-1]) & (z < 3.9)  # the wall stands at 4 a
+    front = np.array([front_of(x, case.spacing) for x in output["x"]]) / COLUMN
+
+    def error(delay):
+        return float(np.abs(np.interp(at[covered] - delay, t, front) / z[covered] - 1).max())
+
+    delays = np.linspace(0.0, 0.3, 31)
+    best = min(delays, key=error)
+    return {"front_error": error(best), "gate_delay": float(best), "front_error_no_delay": error(0.0)}
+
+
+def judge(case: Case, output: dict) -> dict:
+    return {"slump": judge_slump, "dam": judge_dam}[case.kind](case, output)

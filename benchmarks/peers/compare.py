@@ -1,0 +1,151 @@
+"""Peers and this engine on the same cases, in the same run, on the same machine; nothing is installed here.
+
+    python benchmarks/peers/compare.py list                      # peers, whether they are installed; cases
+    python benchmarks/peers/compare.py run                       # every installed peer on every case
+    python benchmarks/peers/compare.py run --peers newton openfoam --cases slump_full_500Pa_10mm
+    python benchmarks/peers/compare.py draw                      # docs/peers.md and its charts; runs nothing
+
+Each run is a process of its own, one after the other, with one thread. CPU seconds are those of the process and its
+children: user + system, of the time steps alone (what compiles or loads before the first step is left out) and of the
+whole. Each case becomes benchmarks/results/peers_CASE.json. A peer lives in ~/.cache/taichi_mps_peers/NAME, or where
+TAICHI_MPS_PEER_NAME says (its `install` makes that), and is skipped by name where it does not.
+"""
+
+import argparse
+import json
+import os
+import platform
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from datetime import UTC, datetime
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+sys.path[:0] = [str(HERE), str(HERE.parents[1])]
+
+import numpy as np  # noqa: E402
+from cases import CASES, Case, Run, judge  # noqa: E402
+from environments import PEERS, where  # noqa: E402
+
+RESULTS = HERE.parent / "results"
+
+
+def machine() -> dict:
+    """What the figures depend on."""
+    model = [
+        line.split(":")[1].strip() for line in _read("/proc/cpuinfo").splitlines() if line.startswith("model name")
+    ]
+    return {
+        "cpu": model[0] if model else platform.processor(),
+        "cores": os.cpu_count(),
+        "system": platform.platform(),
+        "python": platform.python_version(),
+        "load_average": os.getloadavg()[0],
+        "date": datetime.now(UTC).isoformat(timespec="minutes"),
+    }
+
+
+def _read(path: str) -> str:
+    return Path(path).read_text(encoding="utf-8") if Path(path).exists() else ""
+
+
+def command(case: Case, run: Run, folder: Path) -> list[str]:
+    """The command line that runs a peer on a case and writes folder/out.npz."""
+    out = folder / "out.npz"
+    if run.peer == "taichi_mps":
+        return [sys.executable, str(HERE / "ours.py"), case.name, json.dumps(run.settings), str(out)]
+    data = folder / "case.json"
+    data.write_text(json.dumps(case.data(run)), encoding="utf-8")
+    return [str(where(run.peer)), str(HERE / PEERS[run.peer].script), str(data), str(out)]
+
+
+def measure(case: Case, run: Run, limit: float) -> dict:
+    """Run one peer in a process of its own: what it found, its errors and cost; `failed` says why there is none."""
+    row = {"peer": run.peer, "label": run.label, "settings": run.settings, "load_average": os.getloadavg()[0]}
+    one = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        with open(folder / "log", "w", encoding="utf-8") as log:
+            start = time.perf_counter()
+            words = ["timeout", str(limit), *command(case, run, folder)]
+            child = subprocess.Popen(words, stdout=log, stderr=log, env=os.environ | one)
+            _, status, usage = os.wait4(child.pid, 0)
+        row |= {"process_cpu_seconds": usage.ru_utime + usage.ru_stime, "wall_seconds": time.perf_counter() - start}
+        if status or not (folder / "out.npz").exists():
+            last = (folder / "log").read_text(encoding="utf-8", errors="replace").strip().splitlines()[-1:]
+            why = f"not done in {limit:g} s" if os.waitstatus_to_exitcode(status) == 124 else "".join(last)
+            return row | {"failed": f"{why} (exit status {os.waitstatus_to_exitcode(status)})"}
+        with np.load(folder / "out.npz") as file:
+            output = {key: file[key] for key in file.files}
+    count = int(output["elements"])
+    row |= {key: float(output[key]) for key in ("cpu_seconds", "compile_seconds", "volume_error") if key in output}
+    row |= {"elements": count, "steps": int(output["steps"]), "simulated_seconds": case.until}
+    try:
+        return row | judge(case, output)
+    except ValueError as error:
+        return row | {"failed": str(error)}
+
+
+def compare(case: Case, peers: list[str], limit: float, repeats: int) -> None:
+    """All runs of a case, ``repeats`` times in turn; of each the cheapest is kept. Writes the JSON."""
+    runs = [run for run in case.runs if run.peer in peers]
+    found: dict[str, dict] = {}
+    for _ in range(repeats):
+        for run in runs:
+            row = measure(case, run, limit)
+            best = found.get(run.label)
+            if best is None or "failed" in best or row.get("cpu_seconds", np.inf) < best["cpu_seconds"]:
+                found[run.label] = row
+            print(case.name, run.label, row.get("failed") or f"{row['cpu_seconds']:.1f} CPU-s", flush=True)
+            save(case, list(found.values()), repeats)
+
+
+def save(case: Case, rows: list[dict], repeats: int) -> None:
+    """The JSON of a case; of one that was begun, what is there so far."""
+    result = {"case": case.name, "title": case.title, "machine": machine(), "repeats": repeats, "rows": rows}
+    path = RESULTS / f"peers_{case.name}.json"
+    path.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+
+
+def installed(names: list[str]) -> list[str]:
+    """Those that can run here; the others are named with how to install them."""
+    there = []
+    for name in names:
+        if name == "taichi_mps" or where(name):
+            there.append(name)
+        else:
+            print(f"{name}: not installed, skipped (python benchmarks/peers/{PEERS[name].script} install)", flush=True)
+    return there
+
+
+def main(words: list[str] | None = None) -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("what", choices=("list", "run", "draw"))
+    parser.add_argument("--peers", nargs="+", choices=list(PEERS), default=list(PEERS))
+    parser.add_argument("--cases", nargs="+", choices=[case.name for case in CASES])
+    parser.add_argument("--limit", type=float, default=900.0, help="seconds a run may take [900]")
+    parser.add_argument("--repeats", type=int, default=1, help="times each run is made, in turn [1]")
+    options = parser.parse_args(words)
+    cases = [case for case in CASES if not options.cases or case.name in options.cases]
+    if options.what == "draw":
+        from drawing import draw
+
+        draw()
+        return
+    peers = installed(["taichi_mps", *options.peers])
+    if options.what == "list":
+        print("installed:", ", ".join(peers))
+        for case in cases:
+            print(f"{case.name}: {', '.join(run.label for run in case.runs)}")
+        return
+    if not shutil.which("timeout"):
+        raise SystemExit("timeout (coreutils) is needed to end a run that hangs")
+    for case in cases:
+        compare(case, peers, options.limit, options.repeats)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,135 @@
+"""docs/peers.md and its charts from benchmarks/results/peers_*.json."""
+
+import json
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+RESULTS, PAGE, FIGURES = ROOT / "benchmarks/results", ROOT / "docs/peers.md", ROOT / "docs/figures"
+BEGIN, END = "<!-- written by benchmarks/peers/compare.py -->", "<!-- end of benchmarks/peers/compare.py -->"
+COLOURS = {"taichi_mps": "C0", "newton": "C1", "openfoam": "C2", "pysph": "C3", "splishsplash": "C4"}
+SLUMP_HEAD = ["run", "particles or cells", "steps", "CPU-s", "whole process", "worst slump [mm]", "spread [%]"]
+DAM_HEAD = ["run", "particles", "steps", "CPU-s per s", "particle-steps per CPU-s", "front [%]", "front, no delay [%]"]
+
+
+def read() -> list[dict]:
+    """The results in the order of the names of the cases, slumps before the dam break."""
+    found = [json.loads(path.read_text(encoding="utf-8")) for path in RESULTS.glob("peers_*.json")]
+    return sorted(found, key=lambda result: (result["case"] == "dam_break", result["case"]))
+
+
+def slump_cells(row: dict) -> list[str]:
+    return [
+        row["label"],
+        f"{row['elements']:,}",
+        f"{row['steps']:,}",
+        f"{row['cpu_seconds']:.1f}",
+        f"{row['process_cpu_seconds']:.1f}",
+        f"{1e3 * row['worst_slump_error_m']:+.1f}",
+        f"{100 * row['spread_error']:+.1f}",
+    ]
+
+
+def dam_cells(row: dict) -> list[str]:
+    return [
+        row["label"],
+        f"{row['elements']:,}",
+        f"{row['steps']:,}",
+        f"{row['cpu_seconds'] / row['simulated_seconds']:.1f}",
+        f"{row['elements'] * row['steps'] / row['cpu_seconds']:,.0f}",
+        f"{100 * row['front_error']:.1f} (gate {row['gate_delay']:.2f} late)",
+        f"{100 * row['front_error_no_delay']:.1f}",
+    ]
+
+
+def table(result: dict) -> str:
+    """One case in Markdown; a run that failed says why."""
+    head, cells = (DAM_HEAD, dam_cells) if result["case"] == "dam_break" else (SLUMP_HEAD, slump_cells)
+    lines = [f"### {result['title']}", "", "| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
+    for row in result["rows"]:
+        failure = ["failed: " + row["failed"].split(";")[0] if "failed" in row else ""] + [""] * (len(head) - 2)
+        lines.append(
+            f"| {' | '.join([row['label'], *failure])} |" if "failed" in row else f"| {' | '.join(cells(row))} |"
+        )
+    facts = result["machine"]
+    load = [row["load_average"] for row in result["rows"]]
+    lines += [
+        "",
+        f"{facts['cpu']}, {facts['cores']} cores, {facts['date']}, load {min(load):.0f} to {max(load):.0f}.",
+        "",
+    ]
+    return "\n".join(lines)
+
+
+def panels(results: list[dict]) -> dict[str, list[tuple[str, dict]]]:
+    """Runs that succeeded, by the problem they share, each with a short name; of slumps those to 1 s, all spacings."""
+    found: dict[str, list[tuple[str, dict]]] = {}
+    for result in results:
+        title, spacing = result["title"], ""
+        if result["case"] != "dam_break":
+            title, spacing = title.rsplit(", ", 1)
+        for row in result["rows"]:
+            if "failed" not in row and (row["simulated_seconds"] == 1.0 or not spacing):
+                short = (
+                    row["label"]
+                    .split(", ", 1)[-1]
+                    .replace("creep rate 0.02 1/s, ", "")
+                    .replace("voxel 1.5 l0, ", "")
+                    .replace(", conservative gradient", "")
+                )
+                found.setdefault(title, []).append(
+                    (f"{spacing} {'' if short == 'implicit' and spacing else short}", row)
+                )
+    return found
+
+
+def chart(found: dict[str, list[tuple[str, dict]]], error, what: str, path: Path) -> None:
+    """``error`` of a row against its CPU seconds for a second, both logarithmic, one panel for each problem."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    columns = min(2, len(found))
+    rows = -(-len(found) // columns)
+    figure, axes = plt.subplots(
+        rows, columns, figsize=(0.8 + 4.6 * columns, 0.6 + 3.3 * rows), squeeze=False, sharex=True, sharey=True
+    )
+    for axis, (title, runs) in zip(axes.flat, found.items(), strict=False):
+        for name, row in runs:
+            cost = row["cpu_seconds"] / row["simulated_seconds"]
+            axis.loglog(cost, error(row), "o", color=COLOURS[row["peer"]])
+            axis.annotate(name.strip(), (cost, error(row)), xytext=(4, 4), textcoords="offset points", fontsize=7)
+        axis.set_title(title, fontsize=9)
+        axis.set(xlabel="CPU seconds for 1 s", ylabel=what)
+        axis.grid(alpha=0.3, which="both")
+        for line in (axis.xaxis, axis.yaxis):
+            line.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+            line.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+            line.set_minor_formatter(NullFormatter())
+    low, high = axes[0, 0].get_xlim()
+    axes[0, 0].set_xlim(low, 4.0 * high)  # room for the names
+    low, high = axes[0, 0].get_ylim()
+    axes[0, 0].set_ylim(0.8 * low, 1.3 * high)
+    names = {row["peer"] for runs in found.values() for _, row in runs}
+    handles = [plt.Line2D([], [], marker="o", ls="", color=c, label=n) for n, c in COLOURS.items() if n in names]
+    figure.legend(handles=handles, loc="upper center", ncols=len(handles), fontsize=8)
+    figure.tight_layout(rect=(0, 0, 1, 0.93))
+    figure.savefig(path, dpi=110)
+
+
+def draw() -> None:
+    """The tables between the marks of docs/peers.md, and the charts beside it."""
+    results = read()
+    if not results:
+        raise SystemExit("no benchmarks/results/peers_*.json: run first")
+    before, rest = PAGE.read_text(encoding="utf-8").split(BEGIN)
+    tables = "\n".join(table(result) for result in results)
+    PAGE.write_text(f"{before}{BEGIN}\n\n{tables}\n{END}{rest.split(END)[1]}", encoding="utf-8")
+    slumps = panels([result for result in results if result["case"] != "dam_break"])
+    dams = panels([result for result in results if result["case"] == "dam_break"])
+    if slumps:
+        what = "worst error of the slump [mm]"
+        chart(slumps, lambda row: 1e3 * abs(row["worst_slump_error_m"]), what, FIGURES / "peers_slump.png")
+    if dams:
+        chart(dams, lambda row: 100 * row["front_error"], "worst error of the front [%]", FIGURES / "peers_dam.png")

@@ -1,0 +1,95 @@
+"""Newton's implicit material point method (`newton.solvers.SolverImplicitMPM`) on the slump cone.
+
+    python benchmarks/peers/newton_slump.py install       # in a virtual environment of its own
+
+Run by compare.py as `python newton_slump.py CASE.json OUT.npz`. The particles are the engine's own; voxels of ``voxel``
+spacings. True yield stress: in Newton's orthogonal map of symmetric tensors the norm of a deviatoric stress is
+sqrt(s:s/2) and that of a rate sqrt(2 D:D), so that its yield_stress and viscosity are tau_y and eta. friction is 0 (the
+default, 0.5, is that of sand), tensile_yield_ratio 1 (no tearing, as in its viscous example), air_drag stays at its
+default of 1, tolerance 1e-4 and at most 250 iterations. The floor holds: friction 1e4, adhesion 1e6 Pa.
+"""
+
+import json
+import resource
+import sys
+from pathlib import Path
+
+import numpy as np
+
+NEEDS = ("newton==1.8.0", "warp-lang==1.19.0")
+
+
+def simulate(case: dict) -> dict:
+    """Positions (n, 3) [m] at the case's times, and what the run cost."""
+    import newton
+    import warp as wp
+    from newton.solvers import SolverImplicitMPM
+
+    wp.config.quiet = True
+    wp.init()
+    spacing, settings = case["spacing"], case["settings"]
+    x = np.array(case["fluid"])
+    builder = newton.ModelBuilder()
+    SolverImplicitMPM.register_custom_attributes(builder)
+    builder.add_particles(
+        pos=x.tolist(),
+        vel=np.zeros_like(x).tolist(),
+        mass=[case["volume"] / len(x) * case["density"]] * len(x),
+        radius=[0.5 * (case["volume"] / len(x)) ** (1 / 3)] * len(x),
+    )
+    builder.add_ground_plane(cfg=newton.ModelBuilder.ShapeConfig(mu=1e4))
+    model = builder.finalize(device="cpu")
+    model.set_gravity((0.0, 0.0, -9.81))
+    model.mpm.friction.fill_(0.0)
+    model.mpm.tensile_yield_ratio.fill_(1.0)
+    model.mpm.yield_stress.fill_(case["yield_value"])
+    model.mpm.viscosity.fill_(case["plastic_viscosity"])
+    model.mpm.collider_adhesion.fill_(1e6)
+    config = SolverImplicitMPM.Config()
+    config.voxel_size = settings["voxel"] * spacing
+    for key in (
+        "tolerance",
+        "max_iterations",
+        "strain_basis",
+        "velocity_basis",
+        "solver",
+        "transfer_scheme",
+        "integration_scheme",
+    ):
+        if key in settings:
+            setattr(config, key, settings[key])
+    solver = SolverImplicitMPM(model, config=config)
+    now, following = model.state(), model.state()
+    dt = settings["dt"]
+    steps = round(case["until"] / dt)
+    frames, kept = [], {round(t / dt) for t in case["times"]}
+
+    def spent():
+        return sum(resource.getrusage(resource.RUSAGE_SELF)[:2])
+
+    solver.step(now, following, None, None, dt)  # compiles what is not in the cache
+    now, following = following, now
+    start = spent()
+    for step in range(2, steps + 1):
+        solver.step(now, following, None, None, dt)
+        now, following = following, now
+        if step in kept:
+            frames.append((step * dt, now.particle_q.numpy().copy()))
+    cpu = spent() - start
+    return {
+        "t": np.array([t for t, _ in frames]),
+        "x": np.array([x for _, x in frames]),
+        "steps": steps,
+        "elements": len(x),
+        "cpu_seconds": cpu * steps / (steps - 1),
+    }
+
+
+if __name__ == "__main__":
+    if sys.argv[1:] == ["install"]:
+        from environments import make_environment
+
+        make_environment("newton", NEEDS)
+    else:
+        case, out = json.loads(Path(sys.argv[1]).read_text()), Path(sys.argv[2])
+        np.savez(out, **simulate(case))
