@@ -110,8 +110,8 @@ class Scene:
     def _check_numbers(self):
         """Shapes, units and ranges of what is given as plain numbers."""
         n, d = self.fluid.shape
-        if not isinstance(self.material, Bingham):
-            raise SceneError(f"material = {self.material!r}: must be a Bingham or Newtonian material")
+        if not isinstance(self.material, Bingham | HerschelBulkley | FlowCurve):
+            raise SceneError(f"material = {self.material!r}: must be Bingham, Newtonian, HerschelBulkley or FlowCurve")
         for key, unit in (("spacing", "m"), ("until", "s")):
             if not finite(key, getattr(self, key), unit, shape=()) > 0.0:
                 raise SceneError(f"{key} = {getattr(self, key)} {unit}: must be greater than 0 {unit}")

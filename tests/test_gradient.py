@@ -30,7 +30,7 @@ class Rig:
         constants = lattice_constants(d, L0, 2.1 * L0)
         volumes = np.full(len(x), self.volume) if rings is None else rings
         frictions = [plane.friction for plane in planes if plane.friction]
-        self.particles = Particles(x, kinds, 0.0 * x, volumes, False, rings is not None, frictions)
+        self.particles = Particles(x, kinds, 0.0 * x, volumes, False, rings is not None, frictions=frictions)
         bins = Bins(self.particles, ((-2.0,) * d, (2.0,) * d), (False,) * d, 2.1 * L0)
         neighbors = NeighborList(bins, 60 * len(x))
         walls = Walls(planes, d, L0, 2.1 * L0, len(x), rings=rings is not None, particles=self.particles)

@@ -156,6 +156,7 @@ def through(scene, s):
     return int(np.sum((height > 0.0) & (height < mould.length) & (np.hypot(s.x[:, 0], s.x[:, 1]) > radius)))
 
 
+@pytest.mark.long
 def test_the_mould_holds_the_concrete_and_is_lifted_off_it():
     """Nothing leaks through the sheet, nothing sticks in it, and the end is that of the instant removal within l0."""
     scene = lifted(until=3.0)

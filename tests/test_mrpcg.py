@@ -145,6 +145,7 @@ def test_masked_rows_keep_their_values_and_act_as_dirichlet_values():
     np.testing.assert_allclose(x[free], expected, rtol=0, atol=1e-9 * np.abs(expected).max())
 
 
+@pytest.mark.long
 def test_one_kernel_does_what_many_do():
     """Same solution, iterations, status and residuals at both ends; with a guess, a limit, and without a solution."""
     rng = np.random.default_rng(4)
@@ -224,7 +225,7 @@ def test_matrix_on_an_owned_neighbour_list():
 
 def test_levels_make_the_iterations_independent_of_the_size():
     jacobi, cells, smoothed = [], [], []
-    for n in (16, 48):
+    for n in (12, 36):
         a, levels, matrix = with_levels(pyamg.gallery.poisson((n, n, n), format="csr"), (n, n, n), 3)
         b = np.random.default_rng(6).standard_normal(n**3)
         x, report = solve(a, b, levels=levels, tolerance=1e-6)
@@ -343,7 +344,7 @@ def run_child(threads, precision):
     return [line for line in child.stdout.splitlines() if line.startswith(("converged", "limit"))]
 
 
-@pytest.mark.parametrize("precision", ["f64", "f32"])
+@pytest.mark.parametrize("precision", ["f32", pytest.param("f64", marks=pytest.mark.long)])
 def test_same_bits_with_one_and_two_threads(precision):
     one, two = run_child(1, precision), run_child(2, precision)
     assert one == two

@@ -7,6 +7,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 import taichi_mps as mps
+from taichi_mps import simulation
 from taichi_mps.neighbors import Bins, CapacityError, EscapedError, NeighborList
 from taichi_mps.particles import Particles
 
@@ -151,7 +152,7 @@ def test_bins_refuse_a_short_period():
         Bins(particles, ((0.0, 0.0), (1.0, 0.3)), (False, True), RE)
 
 
-def test_simulation_grows_a_full_list_and_goes_on_as_if_it_had_been_large():
+def test_simulation_grows_a_full_list_and_goes_on_as_if_it_had_been_large(monkeypatch):
     """Particles at 0.55 spacings: three times the neighbours that a new simulation makes room for."""
     x = mps.lattice((0.0, 0.0), (0.11, 0.11), 0.011)
     scene = mps.Scene(
@@ -162,6 +163,7 @@ def test_simulation_grows_a_full_list_and_goes_on_as_if_it_had_been_large():
         velocity=np.random.default_rng(1).uniform(-0.1, 0.1, x.shape),
         domain=((-1.0, -1.0), (1.0, 1.0)),
     )
+    monkeypatch.setattr(simulation, "MOST_LOST", 1.0)  # so crowded a body has lost its volume
     grown, roomy = mps.Simulation(scene), mps.Simulation(replace(scene))
     roomy._pairs_per_particle = 12.0
     roomy._build()

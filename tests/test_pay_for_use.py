@@ -42,6 +42,7 @@ def test_a_law_compiles_its_own_functions_only(law, forbid):
     assert ("stress" in sim.particles.carried) == (law == "bingham")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("law", ["bingham", "bi-viscosity"])
 def test_the_check_would_see_it(law, forbid):
     for name in USED[law]:

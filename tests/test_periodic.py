@@ -24,7 +24,7 @@ def box(dimension, across, velocity):
     return mps.Simulation(scene, mps.Implicit(max_time_step=0.01, tolerance=1e-6))
 
 
-@pytest.mark.parametrize("dimension", [2, 3])
+@pytest.mark.parametrize("dimension", [2, pytest.param(3, marks=pytest.mark.long)])
 def test_a_body_that_fills_space_goes_on_uniformly(dimension):
     """Once around the box along the diagonal: every particle is back, at its speed, without pressure."""
     sim = box(dimension, 8, lambda x: np.ones_like(x))

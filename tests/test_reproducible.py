@@ -35,7 +35,7 @@ print(start, end, again)
 """
 
 
-@pytest.mark.parametrize("precision", ["f32", "f64"])
+@pytest.mark.parametrize("precision", ["f32", pytest.param("f64", marks=pytest.mark.long)])
 def test_same_bits_with_any_number_of_threads_and_from_a_saved_state(precision):
     runs = [
         subprocess.Popen([sys.executable, "-c", RUN, precision, threads], cwd=ROOT, text=True, stdout=subprocess.PIPE)

@@ -52,6 +52,7 @@ def test_a_flat_solid_is_exact_wherever_it_has_travelled_to():
     assert np.isinf(solid.distance(beyond)[0]) and Probe(solid, 1, 3)(beyond)[0][0] > 1e8
 
 
+@pytest.mark.long
 def test_a_sampled_pipe_comes_near_the_exact_one_with_second_order():
     """Distance to cell^2/(4 R) and a bit, normal to cell/R, near the wall."""
     x = np.random.default_rng(3).uniform(-0.3, 0.3, (300, 3))
@@ -224,6 +225,7 @@ def pool(walls, material):
     ].max() + 0.025
 
 
+@pytest.mark.long
 def test_a_mesh_holds_a_pool(tmp_path):
     """Nothing leaks and the level stays. The pressure is within 15 %, where planes have 5 %: a solid knows the nearest
     wall only, not both of an edge (docs/limits.md)."""

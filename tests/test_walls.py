@@ -363,6 +363,7 @@ def test_a_half_full_pipe_rests_without_a_leak():
     assert below.walls[0].distance(s.x).min() >= 0.1 * L0 * (1.0 - 1e-9)
 
 
+@pytest.mark.long
 def test_fluid_turns_with_its_walls():
     """Between circles that turn together, over half a radian: the mean angular velocity errs by less than a tenth of
     the angle of one step, that of a single particle (the pressure turns it, and lags) by under one and a half of it;

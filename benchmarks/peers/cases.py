@@ -102,7 +102,13 @@ def slump(yield_value: float, spacing: float, *runs: Run, model: str = "full") -
     millimetres = f"{1e3 * spacing:.3g}"
     title = f"slump, {where}, {yield_value:g} Pa, {millimetres} mm"
     return Case(
-        f"slump_{model}_{yield_value:g}Pa_{millimetres}mm", title, "slump", spacing, (OURS, LONG_STEPS, *runs), yield_value, model
+        f"slump_{model}_{yield_value:g}Pa_{millimetres}mm",
+        title,
+        "slump",
+        spacing,
+        (OURS, LONG_STEPS, *runs),
+        yield_value,
+        model,
     )
 
 
