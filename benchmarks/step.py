@@ -1,6 +1,7 @@
 """The step at the machine's limit: time by stage beside the bytes it must move, from 20,000 to a million particles.
 
-    python benchmarks/step.py [--sizes 20000 160000 1000000] [--threads 1 2]     # benchmarks/results/step.json
+    python benchmarks/step.py [--sizes 20000 160000 1000000] [--threads 1 2]
+    python benchmarks/step.py --draw     # the tables of docs/speed.md from benchmarks/results/step.json
 
 The slump cone of 300 Pa in 3-D, with a spacing that gives these numbers of particles. Each size and number of threads
 runs in a process of its own: a few steps of the collapse, after it has begun. The bandwidth is that of a Taichi kernel
@@ -17,6 +18,12 @@ from pathlib import Path
 
 import numpy as np
 
+ROOT = Path(__file__).resolve().parents[1]
+PAGE, BEGIN, END = (
+    ROOT / "docs" / "speed.md",
+    "<!-- written by benchmarks/step.py -->",
+    "<!-- end of benchmarks/step.py -->",
+)
 RESULT = Path(__file__).parent / "results" / "step.json"
 
 
@@ -76,12 +83,46 @@ def measure(particles: int, threads: int, steps: int) -> dict:
     }
 
 
+def tables(rows) -> str:
+    """The runs, and the stages of the largest with one thread."""
+    columns = "particles", "threads", "steps", "iterations a step", "us a particle and step", "GB/s of the machine"
+    text = f"| {' | '.join(columns)} | time over the bound |\n"
+    text += "|---|---|---|---|---|---|---|\n"
+    for r in rows:
+        each = 1e6 * r["wall_s"] / r["steps"] / r["particles"]
+        text += f"| {r['particles']:,} | {r['threads']} | {r['steps']} | {r['iterations_per_step']:.0f} | {each:.1f} "
+        text += f"| {r['bandwidth_GB_s']:.1f} | {r['wall_s'] / r['bound_s']:.2f} |\n"
+    last = max((r for r in rows if r["threads"] == 1), key=lambda r: r["particles"])
+    text += f"\n{last['particles']:,} particles, one thread, by stage:\n\n"
+    text += "| stage | share of the time | ms a call | MB a call | time over the bound | Mflop a call |\n|---|---|---|---|---|---|\n"
+    whole = sum(s["seconds"] for s in last["stages"].values())
+    for name, s in sorted(last["stages"].items(), key=lambda item: -item[1]["seconds"]):
+        each = s["seconds"] / s["calls"]
+        moved = f"{1e-6 * s['bytes']:.0f}" if "bytes" in s else "-"
+        over = f"{each * 1e9 * last['bandwidth_GB_s'] / s['bytes']:.1f}" if "bytes" in s else "-"
+        worked = f"{1e-6 * s['operations']:.0f}" if "operations" in s else "-"
+        text += f"| {name} | {s['seconds'] / whole:.1%} | {1e3 * each:.1f} | {moved} | {over} | {worked} |\n"
+    return text
+
+
+def draw() -> None:
+    """Write the tables into the page."""
+    page = PAGE.read_text(encoding="utf-8")
+    before, rest = page.split(BEGIN)
+    rows = json.loads(RESULT.read_text(encoding="utf-8"))["rows"]
+    PAGE.write_text(f"{before}{BEGIN}\n\n{tables(rows)}\n{END}{rest.split(END)[1]}", encoding="utf-8")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--sizes", type=int, nargs="+", default=[20_000, 160_000, 1_000_000])
     parser.add_argument("--threads", type=int, nargs="+", default=[1, 2])
     parser.add_argument("--one", type=int, nargs=3, help=argparse.SUPPRESS)
+    parser.add_argument("--draw", action="store_true", help="only write the tables")
     arguments = parser.parse_args()
+    if arguments.draw:
+        draw()
+        return
     if arguments.one:
         print(json.dumps(measure(*arguments.one)))
         return
@@ -95,6 +136,7 @@ def main() -> None:
             print({k: v for k, v in rows[-1].items() if k != "stages"}, flush=True)
     facts = {"machine": platform.processor() or platform.machine(), "python": platform.python_version()}
     RESULT.write_text(json.dumps({**facts, "rows": rows}, indent=1) + "\n", encoding="utf-8")
+    draw()
 
 
 if __name__ == "__main__":
