@@ -94,7 +94,8 @@ def tables(rows) -> str:
         text += f"| {r['bandwidth_GB_s']:.1f} | {r['wall_s'] / r['bound_s']:.2f} |\n"
     last = max((r for r in rows if r["threads"] == 1), key=lambda r: r["particles"])
     text += f"\n{last['particles']:,} particles, one thread, by stage:\n\n"
-    text += "| stage | share of the time | ms a call | MB a call | time over the bound | Mflop a call |\n|---|---|---|---|---|---|\n"
+    text += "| stage | share of the time | ms a call | MB a call | time over the bound | Mflop a call |\n"
+    text += "|---|---|---|---|---|---|\n"
     whole = sum(s["seconds"] for s in last["stages"].values())
     for name, s in sorted(last["stages"].items(), key=lambda item: -item[1]["seconds"]):
         each = s["seconds"] / s["calls"]
