@@ -17,7 +17,7 @@ COLUMNS = ("time_s", "dt_s", "slump_m", "spread_m", "max_speed_m_s", "kinetic_en
 COLUMNS += ("unyielded_fraction", "viscous_iterations", "pressure_iterations", "volume_error")
 OURS = ("history.csv", "summary.json", "checkpoint.h5")  # any of them marks a folder as a run
 PRODUCTS = (*OURS, "checkpoint.previous.h5", "checkpoint.partial", "summary.partial", "run.h5", "animation.gif")
-PLOTS = ("slump.png", "history.png")
+PLOTS = ("slump.png", "history.png", "filling.png")
 CHECKPOINT_INTERVAL = 60.0  # wall seconds
 
 
@@ -109,7 +109,7 @@ def row_of(sim, measures: dict) -> dict:
     report = sim.report
     if report is None:
         s = sim.snapshot()
-        masses = sim.scene.material.density * sim.scene.volumes
+        masses = sim.scene.material.density * sim.scene.volumes_at(s.x)
         values = (
             0.0,
             0.0,

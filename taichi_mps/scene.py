@@ -7,7 +7,9 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
+from .filling import Cavity
 from .geometry import Cylinder, Plane
+from .inlet import Inlet
 from .material import Bingham
 from .measure import Snapshot, mirrored, revolved
 from .quantity import Checked, Count, Duration, RadiusRatio, Ratio, SceneError
@@ -55,7 +57,7 @@ class Scene:
     name: str
     material: Bingham
     spacing: float  # l0 [m]
-    fluid: np.ndarray  # particle positions [m], (n, d)
+    fluid: np.ndarray | None  # particle positions [m], (n, d); may be None with an inlet
     domain: tuple[tuple[float, ...], tuple[float, ...]]  # low, high corner [m]; leaving it is an error
     walls: tuple[Plane | Cylinder | Solid, ...] = ()
     wall_particles: np.ndarray | None = None  # the paper's walls [m], (m, d)
@@ -65,6 +67,8 @@ class Scene:
     axisymmetric: bool = False
     until: float = 5.0  # [s]
     stop_at_rest: bool = False
+    inlet: Inlet | None = None  # where concrete enters, scheme implicit
+    cavity: Cavity | None = None  # what it is to fill, for the report
     measure: Callable[[Snapshot], dict[str, float]] | None = None  # of the whole body, see unfold
     check: Callable[[Snapshot, dict], None] | None = None  # raises AssertionError when the result is wrong
     over_time: Callable[[dict], dict[str, float]] | None = None  # of the columns of history.csv, for the summary
@@ -72,7 +76,12 @@ class Scene:
     parameters: dict = field(default_factory=dict)  # as given, for the summary
 
     def __post_init__(self):
-        x = np.asarray(self.fluid, float)
+        inlet = self.inlet
+        x = np.zeros((0, len(inlet.centre))) if self.fluid is None and inlet else np.asarray(self.fluid, float)
+        object.__setattr__(self, "fluid", x)
+        if inlet:
+            self._check_inlet()
+            x = np.vstack([x, self.inlet_layer])  # what is there at the start
         if x.ndim != 2 or len(x) == 0:
             raise SceneError("fluid: the geometry is empty; it must hold at least one particle")
         if not np.all(np.isfinite(x)):
@@ -89,15 +98,54 @@ class Scene:
         for wall in self.walls:
             if len(wall.point) != x.shape[1]:
                 raise SceneError(f"walls: point = {wall.point} m: must have {x.shape[1]} coordinates, as the fluid has")
-        object.__setattr__(self, "fluid", x)
-        self._check_mirrors()
+        self._check_mirrors(x)
 
-    def _check_mirrors(self):
-        """A mirror plane has all the fluid on one side; gravity lies in it, other mirror planes stand across it."""
+    def _check_inlet(self):
+        """The mouth has the dimension of the fluid and no wall in it; mirror planes leave it whole or halve it."""
+        inlet, layer = self.inlet, self.inlet.layer(self.spacing)
+        if self.axisymmetric:
+            raise SceneError("inlet: the scene is axisymmetric; must be a scene without rings")
+        if self.fluid.ndim != 2 or self.fluid.shape[1] != layer.shape[1]:
+            raise SceneError(f"inlet: centre = {inlet.centre} m: must have as many coordinates as the fluid")
+        least = 0.5 * inlet.layer_volume(self.spacing)
+        if inlet.volume < least:
+            raise SceneError(f"inlet: volume = {inlet.volume:g} m3: must be at least half a layer, {least:g} m3")
+        for mirror in self.mirrors:
+            away = abs(float(mirror.distance(np.array([inlet.centre]))[0]))
+            aligned = abs(inlet.unit_direction @ mirror.normal) < 1e-6
+            if away < inlet.radius and not (away < 1e-9 and aligned):
+                raise SceneError(
+                    f"inlet: the mirror plane with normal = {mirror.normal} cuts the hose; its axis must lie in the "
+                    "plane, or it must be clear of it"
+                )
+        for wall in self.walls:
+            if np.min(wall.distance(self.inlet_layer)) <= 0.0:
+                raise SceneError(f"inlet: centre = {inlet.centre} m: the mouth reaches into a wall; must be free of it")
+
+    @property
+    def inlet_layer(self) -> np.ndarray:
+        """Places (m, d) [m] of the particles of a layer at the inlet that are in front of all mirror planes."""
+        layer = self.inlet.layer(self.spacing)
+        for mirror in self.mirrors:
+            layer = layer[mirror.distance(layer) > 0.0]
+        return layer
+
+    @property
+    def reach(self) -> np.ndarray:
+        """Points (n, d) [m] that say how far the fluid extends: that at the start, and the layer at the inlet there and
+        at the bottom of the domain."""
+        if self.inlet is None:
+            return self.fluid
+        layer, fallen = self.inlet_layer, self.inlet_layer
+        fallen[:, -1] = self.domain[0][-1]
+        return np.vstack([self.fluid, layer, fallen])
+
+    def _check_mirrors(self, x):
+        """A mirror plane has all the fluid x on one side; gravity lies in it, other mirror planes stand across it."""
         gravity = self.gravity_vector
         for k, mirror in enumerate(self.mirrors):
             name = f"walls: mirror plane, normal = {mirror.normal}"
-            if np.min(mirror.distance(self.fluid)) <= 0.0:
+            if np.min(mirror.distance(x)) <= 0.0:
                 raise SceneError(f"{name}: a fluid particle lies on it or behind it; all must be in front")
             if abs(gravity @ mirror.normal) > 1e-6 * np.linalg.norm(gravity):
                 raise SceneError(f"{name}: gravity = {tuple(gravity.tolist())} m/s2 must lie in the plane")
@@ -124,9 +172,13 @@ class Scene:
     @property
     def volumes(self) -> np.ndarray:
         """Volume of each fluid particle [m3], (n,): l0^d, 2 pi r l0^2 of a ring; per metre of depth in 2-D [m2]."""
+        return self.volumes_at(self.fluid)
+
+    def volumes_at(self, x) -> np.ndarray:
+        """Volumes (n,) [m3] of particles that start at x (n, d) [m]."""
         if self.axisymmetric:
-            return 2.0 * np.pi * self.fluid[:, 0] * self.spacing**2
-        return np.full(len(self.fluid), self.spacing**self.dimension)
+            return 2.0 * np.pi * x[:, 0] * self.spacing**2
+        return np.full(len(x), self.spacing**self.dimension)
 
     @property
     def gravity_vector(self) -> np.ndarray:

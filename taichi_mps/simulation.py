@@ -2,7 +2,7 @@
 
 import math
 import time
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from .geometry import Cylinder, Plane
 from .measure import Snapshot
 from .neighbors import Bins, CapacityError, EscapedError, NeighborList
 from .particles import DUMMY, FLUID, WALL, Particles
+from .pouring import Pouring
 from .quantity import SceneError
 from .report import DivergedError, StepReport
 from .scene import Implicit as ImplicitNumerics
@@ -34,6 +35,8 @@ class Simulation:
         self.numerics = numerics or ImplicitNumerics()
         self._pairs_per_particle = 4.0 if scene.axisymmetric else 1.5  # rings that moved outward are thin
         self._walls_at = 0.0  # time [s] at which the walls stand
+        self._wall_particles = 0
+        self.pouring = Pouring(scene) if scene.inlet else None
         self._stages: dict[str, list] = {}
         self._profile = profile
         self._build()
@@ -71,25 +74,37 @@ class Simulation:
                     f"radius = {wall.smallest_radius:g} m of a curved wall: must be greater than the effective radius, "
                     f"{re:g} m"
                 )
-        positions, kinds = scene.fluid, np.full(len(scene.fluid), FLUID)
+        if use_particles and scene.inlet:
+            raise SceneError(f"scene {scene.name} has an inlet: must be computed with walls = surfaces, implicit")
+        positions = scene.fluid if scene.inlet is None else np.vstack([scene.fluid, scene.inlet_layer])
+        kinds = np.full(len(positions), FLUID)
         if use_particles and scene.wall_particles is not None:
             wall = np.asarray(scene.wall_particles, float)
             depth = np.max([-surface.distance(wall) for surface in scene.walls], axis=0)
             positions = np.vstack([positions, wall])
             kinds = np.concatenate([kinds, np.where(depth < scene.spacing, WALL, DUMMY)])
+            self._wall_particles = len(wall)
         elif use_particles and scene.walls:
             raise SceneError(f"walls = particles: scene {scene.name} describes its walls as surfaces only")
         velocity = np.zeros_like(positions)
         if scene.velocity is not None:
             velocity[: len(scene.fluid)] = scene.velocity
+        to_come, expected = 0, scene
+        if self.pouring:
+            velocity[len(scene.fluid) :] = self.pouring.velocity
+            to_come = self.pouring.layers * len(self.pouring.layer) - len(scene.inlet_layer)
+            jet = np.tile(self.pouring.velocity, (len(scene.reach), 1))
+            expected = replace(scene, fluid=scene.reach, velocity=jet, inlet=None)  # as high and as fast as it will be
         constants = lattice_constants(d, scene.spacing, re)
         law = law_of(scene.material)
         carries_stress = law == "bingham" and not semi_implicit
-        volumes = np.resize(scene.volumes, len(positions))
+        volumes = np.resize(expected.volumes, len(positions))
         sleeps = carries_stress and numerics.sleep
-        self.particles = Particles(positions, kinds, velocity, volumes, carries_stress, scene.axisymmetric, sleeps)
+        self.particles = Particles(
+            positions, kinds, velocity, volumes, carries_stress, scene.axisymmetric, sleeps, to_come
+        )
         self.bins = Bins(self.particles, scene.domain, scene.periodic_axes, re)
-        capacity = int(self._pairs_per_particle * constants.neighbours * len(positions)) + 64
+        capacity = int(self._pairs_per_particle * constants.neighbours * self.particles.capacity) + 64
         self.neighbors = NeighborList(self.bins, capacity)
         self.constants = constants
         axis = (Plane((0.0, 0.0), (1.0, 0.0), mirror=True),) if scene.axisymmetric else ()
@@ -97,7 +112,7 @@ class Simulation:
         self.walls = Walls(surfaces, d, scene.spacing, re, self.particles.capacity, rings=scene.axisymmetric)
         self.walls.place(self._walls_at)
         scheme = SemiImplicit if semi_implicit else Implicit
-        self.scheme = scheme(scene, numerics, self.particles, self.neighbors, self.walls, constants)
+        self.scheme = scheme(expected, numerics, self.particles, self.neighbors, self.walls, constants)
         self.totals = Totals(self.particles, self.scheme, constants)
         if hasattr(self.scheme, "stage"):
             self.scheme.stage = self._stage
@@ -106,7 +121,11 @@ class Simulation:
     def step(self, until: float | None = None) -> StepReport:
         """One time step, at most to ``until`` [s]."""
         cpu = time.process_time()
+        if self.pouring:
+            self._pour()
         speed = max(self.report.max_speed if self.report else self._initial_speed(), self._wall_speed)
+        if self.pouring and not self.pouring.done:
+            speed = max(speed, self.pouring.speed)
         limits = self.scheme.time_step_limits(speed)
         if self._last_dt is not None:
             limits["growth"] = 2.0 * self._last_dt
@@ -137,6 +156,17 @@ class Simulation:
             self.cpu_seconds += time.process_time() - cpu
         self.wall_seconds = time.perf_counter() - self._clock[1]
         return self.report
+
+    def _pour(self):
+        if self.pouring.due(self.time):
+            layer = self.pouring.enter(self.time, self.particles.x.to_numpy()[: self.particles.count[None]])
+            if layer is not None:
+                self.particles.append(layer, self.pouring.velocity)
+
+    @property
+    def fluid_particles(self) -> int:
+        """Number of fluid particles that are there now."""
+        return self.particles.count[None] - self._wall_particles
 
     def _neighbours(self):
         try:
@@ -179,7 +209,7 @@ class Simulation:
             max_speed=math.sqrt(speed2),
             moving_speed=math.sqrt(moving2),
             kinetic_energy=0.5 * self.scene.material.density * energy,
-            unyielded_fraction=unyielded / len(self.scene.fluid),
+            unyielded_fraction=unyielded / self.fluid_particles,
             viscous_iterations=result["viscous_iterations"],
             pressure_iterations=result["pressure_iterations"],
             residual=result["residual"],
@@ -207,7 +237,8 @@ class Simulation:
         size = float(np.linalg.norm(np.subtract(*scene.domain)))
         fall = math.sqrt(2.0 * float(np.linalg.norm(scene.gravity_vector)) * size)
         start = 0.0 if scene.velocity is None else float(np.linalg.norm(scene.velocity, axis=1).max())
-        return 10.0 * (fall + self._wall_speed + start) or math.inf
+        jet = self.pouring.speed if self.pouring else 0.0
+        return 10.0 * (fall + self._wall_speed + start + jet) or math.inf
 
     # ---- running --------------------------------------------------------------------------------------------
     def every(self, interval: float, callback) -> None:
@@ -258,6 +289,8 @@ class Simulation:
         if hasattr(numerics, "unyielded_stop"):
             moved = self.time > 0.05 and self.scene.stop_at_rest
             return "unyielded" if moved and self.report.unyielded_fraction >= numerics.unyielded_stop else None
+        if self.pouring and not self.pouring.done:
+            return None
         return "rest" if self.scene.stop_at_rest and self._at_rest() else None
 
     def _at_rest(self) -> bool:
@@ -322,8 +355,8 @@ class Simulation:
             "parameters": dict(self.scene.parameters),
             "scheme": "semi-implicit" if isinstance(self.numerics, SemiImplicitNumerics) else "implicit",
             "numerics": self.numerics.model_dump(),
-            "fluid_particles": len(self.scene.fluid),
-            "wall_particles": self.particles.count[None] - len(self.scene.fluid),
+            "fluid_particles": self.fluid_particles,
+            "wall_particles": self._wall_particles,
             "steps": self.steps,
             "simulated_seconds": self.time,
             "wall_seconds": self.wall_seconds,
@@ -331,10 +364,21 @@ class Simulation:
             "compile_seconds": self.compile_seconds,
             "stopped_by": self.stopped_by,
             **({} if self.stopped_by == "diverged" else self.measures()),  # nothing can be measured on what is left
+            **({} if self.stopped_by == "diverged" else self._filling()),
             "volume_error": report.volume_error if report else 0.0,
             "backend": started(),
             "version": __version__,
         }
+
+    def _filling(self) -> dict:
+        """What has been poured, and what is filled of the cavity; both of the whole body."""
+        facts = {}
+        if self.pouring:
+            facts |= {"poured_m3": self.pouring.volume, "pour_delay_s": self.pouring.delay}
+        if self.scene.cavity:
+            facts |= self.scene.cavity.report(self.snapshot())
+            facts["void_m3"] *= 2 ** len(self.scene.mirrors)
+        return facts
 
     def state(self) -> dict:
         """All that is needed to continue bit for bit: arrays by row and plain scalars."""
@@ -346,6 +390,7 @@ class Simulation:
             "last_dt": self._last_dt,
             "resting_since": self._resting_since,
             "report": report,
+            **({"layers": self.pouring.entered, "pour_delay": self.pouring.delay} if self.pouring else {}),
             **self.scheme.state(),
         }
 
@@ -355,4 +400,6 @@ class Simulation:
         self.time, self.steps, self._last_dt = state["time"], state["steps"], state["last_dt"]
         self.report = StepReport(**state["report"]) if state["report"] else None
         self._resting_since = state["resting_since"]
+        if self.pouring:
+            self.pouring.entered, self.pouring.delay = state["layers"], state["pour_delay"]
         self.scheme.load(state)

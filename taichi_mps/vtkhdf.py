@@ -1,7 +1,7 @@
 """run.h5: the outputs of a run as temporal VTKHDF PolyData, written as it goes and read back."""
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import h5py
@@ -18,18 +18,19 @@ PARTS = ("Vertices", "Lines", "Strips", "Polygons")  # order of the columns of S
 class Trajectory:
     """run.h5: the fluid at every output as temporal VTKHDF PolyData, for ParaView and VTK >= 9.4, and for ``frame``.
 
-    The number of particles is constant, so one part and one set of vertices serve all steps: step k has its points
-    at row k n. What was computed is kept: half the section of an axisymmetric body, with the size of its rings, or the
-    part between mirror planes. The file is closed between outputs, so that it is whole whenever something else reads
-    it. Group ``taichi_mps`` holds what VTK does not need: how the scene was made and the wall particles.
+    The number of particles is constant (those that an inlet has yet to add wait at its mouth, with size 0), so one part
+    and one set of vertices serve all steps: step k has its points at row k n. What was computed is kept: half the
+    section of an axisymmetric body, with the size of its rings, or the part between mirror planes. The file is closed
+    between outputs, so that it is whole whenever something else reads it. Group ``taichi_mps`` holds what VTK does not
+    need: how the scene was made and the wall particles.
     """
 
     def __init__(self, path):
         self.path = Path(path)
 
     def create(self, sim, source: str) -> None:
-        s = sim.snapshot()
-        n = len(s.x)
+        s, inlet = sim.snapshot(), sim.scene.inlet
+        n = sim.particles.capacity if inlet else len(s.x)
         with h5py.File(self.path, "w", libver=("earliest", "v110")) as file:
             root = file.create_group("VTKHDF")
             root.attrs["Version"] = np.array([2, 0])
@@ -41,7 +42,7 @@ class Trajectory:
                 root[f"{part}/Connectivity"] = np.arange(used)
                 root[f"{part}/Offsets"] = np.arange(used + 1)
             fields = point_data(s)
-            if not sim.scene.axisymmetric:
+            if not sim.scene.axisymmetric and not inlet:
                 del fields["size"]
             for name, rows in {"Points": embed(s.x), **fields}.items():
                 where = name if name == "Points" else f"PointData/{name}"
@@ -57,6 +58,8 @@ class Trajectory:
             own = file.create_group("taichi_mps")
             own.attrs.update(source=source, parameters=json.dumps(sim.scene.parameters), dimension=s.x.shape[1])
             own["wall_x"] = s.wall_x
+            if inlet:
+                own["mouth"] = np.array(inlet.centre, float)
 
     def append(self, s: Snapshot) -> int | None:
         """Add a snapshot; its number, or None if it is not later than the last one."""
@@ -66,6 +69,8 @@ class Trajectory:
             k = int(steps.attrs["NSteps"])
             if k and s.time <= steps["Values"][k - 1] + 1e-9:
                 return None
+            if len(s.x) < n:
+                s = waiting(s, n, file["taichi_mps/mouth"][()])
             put(root["Points"], k * n, embed(s.x))
             for name, rows in point_data(s).items():
                 if name in root["PointData"]:
@@ -105,7 +110,9 @@ class Trajectory:
             for k, instant in enumerate(root["Steps/Values"][: root["Steps"].attrs["NSteps"]]):
                 rows = slice(k * n, (k + 1) * n)
                 data = {name: values[rows] for name, values in root["PointData"].items()}
-                x, u = root["Points"][rows][:, axes].astype(float), data["velocity"][:, axes]
+                there = data["size"] > 0.0 if "size" in data else slice(None)
+                data = {name: values[there] for name, values in data.items()}
+                x, u = root["Points"][rows][there][:, axes].astype(float), data["velocity"][:, axes]
                 fields = data["pressure"], data["shear_rate"], data["yielded"].astype(bool), data["density_ratio"]
                 size = data["size"].astype(float) if "size" in data else None
                 yield Replay(scene, Snapshot(float(instant), scene.spacing, x, u, *fields, wall, size))
@@ -127,6 +134,15 @@ class Replay:
 
     def measures(self) -> dict[str, float]:
         return self.scene.measure(self.scene.unfold(self.state)) if self.scene.measure else {}
+
+
+def waiting(s: Snapshot, n: int, mouth) -> Snapshot:
+    """The snapshot with all n particles: those to come are at the mouth of the inlet [m] and have no size."""
+    names = ("x", "u", "p", "shear_rate", "yielded", "density_ratio", "size")
+    rows = {name: getattr(s, name) for name in names}
+    more = {name: np.zeros((n - len(s.x), *values.shape[1:]), values.dtype) for name, values in rows.items()}
+    more["x"] = more["x"] + mouth
+    return replace(s, **{name: np.concatenate([rows[name], more[name]]) for name in names})
 
 
 def embed(x):
