@@ -1,6 +1,6 @@
 """Wall poured from a hose: a form with two curtains of rebar from an STL file, filled from one end; what stays empty.
 
-Source: no standard; reinforcement and cover as in a thin wall of a building, the rate of a small concrete pump (40 m3/h).
+Source: no standard; bars and cover as in a thin wall of a building, the rate of a concrete pump (43 m3/h).
 Run time: RUNTIME
 """
 
@@ -34,8 +34,8 @@ def scene(
     fill_ratio: Ratio = 0.95,
     until: Duration = 8.0,
 ) -> mps.Scene:
-    """Half of the form, cut along its middle plane y = 0, and the curtain in it: upright bars and, inside of them, level
-    ones; or the mesh of the file ``rebar`` (STL, OBJ, PLY, in metres) in its place."""
+    """Half of the form, cut along its middle plane y = 0, and the curtain in it: upright bars and, inside of them,
+    level ones; or the mesh of the file ``rebar`` (STL, OBJ, PLY, in metres) in its place."""
     half = 0.5 * width
     upright = half - cover - 0.5 * bar_diameter
     level = upright - 1.1 * bar_diameter
@@ -44,9 +44,8 @@ def scene(
             f"width = {width:g} m: must be at least {2 * (cover + 2.2 * bar_diameter):.3g} m for cover and bars"
         )
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(rebar) if rebar else curtain(
-            Path(folder) / "rebar.stl", length, height, bar_diameter, bar_distance, upright, level
-        )  # fmt: skip
+        ends = curtain(length, height, bar_diameter, bar_distance, upright, level)
+        path = Path(rebar) if rebar else mps.write_bars(Path(folder) / "rebar.stl", ends, 0.5 * bar_diameter)
         cell, reach = min(0.5 * spacing, 0.4 * bar_diameter), 2.5 * spacing
         bars = mps.Solid.from_mesh(path, cell, reach)
     walls = (
@@ -61,7 +60,8 @@ def scene(
     room = 2.0 * float(cavity.cells.sum() * np.prod(cavity.cell))
     mouth = (0.5 * hose_diameter + spacing, 0.0, height + FREE)
     inlet = mps.Inlet(mouth, (0.0, 0.0, -1.0), 0.5 * hose_diameter, rate, fill_ratio * room)
-    corners = [[(x, y, z) for z in (0.0, height)] for x in (0.0, length) for y in (-half, half)]
+    lines = [[(x, y, z) for z in (0.0, height)] for x in (0.0, length) for y in (-half, half)]
+    lines += [] if rebar else [bar * (1.0, side, 1.0) for bar in ends for side in (-1.0, 1.0)]
 
     def measure(s):
         ends = [mps.measure.level(s, (x, -0.5 * half), (x + 0.1, 0.5 * half)) for x in (0.0, length - 0.1)]
@@ -90,19 +90,16 @@ def scene(
         stop_at_rest=True,
         measure=measure,
         check=check,
-        outline=tuple(np.array(line) for line in corners),
+        outline=tuple(np.array(line) for line in lines),
     )
 
 
-def curtain(path, length, height, diameter, distance, upright, level):
-    """Write the mesh of upright bars at y = ``upright`` and level ones at y = ``level`` [m], evenly spaced; returns the
-    path. The form cuts them off half a bar before its ends."""
-    ends = []
-    for x in middles(length, distance):
-        ends.append(((x, upright, 0.5 * diameter), (x, upright, height + 0.02)))
-    for z in middles(height, distance):
-        ends.append(((0.5 * diameter, level, z), (length - 0.5 * diameter, level, z)))
-    return mps.write_bars(path, ends, 0.5 * diameter)
+def curtain(length, height, diameter, distance, upright, level):
+    """Ends (k, 2, 3) [m] of upright bars at y = ``upright`` and of level ones at y = ``level`` [m], evenly spaced, half a
+    diameter clear of the form."""
+    clear = 0.5 * diameter
+    bars = [((x, upright, clear), (x, upright, height + FREE / 3)) for x in middles(length, distance)]
+    return np.array(bars + [((clear, level, z), (length - clear, level, z)) for z in middles(height, distance)])
 
 
 def middles(length, distance):

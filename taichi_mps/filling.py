@@ -85,14 +85,14 @@ class Cavity:
         return self.middles(len(rest)), np.where(room > 0, filled / np.maximum(room, 1), np.nan)
 
     def report(self, s) -> dict:
-        """filled_ratio [-], void_m3 (m2 in 2-D) and where the voids are: ``void_centre_m`` and the lowest of them,
-        ``void_from_m`` [m]; the latter are None if there are none."""
+        """filled_ratio [-]; void_m3 (m2 in 2-D) and void_centre [m], None if there is no void; filled_by_height: pairs
+        of by_height, without what is all wall."""
         void = self.cells & ~self.filled(s)
         places = np.argwhere(void)
-        share = 1.0 - void.sum() / self.cells.sum()
-        report = {"filled_ratio": float(share), "void_m3": float(void.sum() * np.prod(self.cell))}
-        if not len(places):
-            return report | {"void_centre_m": None, "void_from_m": None}
-        x = np.array(self.low) + self.cell * (places + 0.5)
-        lowest = float(x[:, -1].min() - 0.5 * self.cell[-1])
-        return report | {"void_centre_m": x.mean(0).tolist(), "void_from_m": lowest}
+        centre = np.array(self.low) + self.cell * (places.mean(0) + 0.5) if len(places) else None
+        return {
+            "filled_ratio": float(1.0 - void.sum() / self.cells.sum()),
+            "void_m3": float(void.sum() * np.prod(self.cell)),
+            "void_centre": None if centre is None else centre.tolist(),
+            "filled_by_height": [[z, share] for z, share in np.transpose(self.by_height(s)).tolist() if share == share],
+        }

@@ -237,18 +237,18 @@ def filling(cavity, s, out):
     length, height = (cavity.high[a] - cavity.low[a] for a in (0, -1))
     from matplotlib.colors import LinearSegmentedColormap
 
-    wide = min(11.0, max(4.0, 5.0 * length / height))
-    figure, (picture, curve) = _figure(wide + 3.4, min(9.0, 1.6 + wide * height / length), 1, 2, sharey=True,
-                                       gridspec_kw={"width_ratios": (wide, 2.2)})  # fmt: skip
+    wide = min(8.0, max(3.0, 4.5 * length / height))
+    figure, picture = _figure(1.5 * wide + 1.0, wide * height / length + 2.2)
     colours = LinearSegmentedColormap.from_list("filling", (COLOURS[4], "#f0c9a8", "#9aa1a9"))
     corners = (cavity.low[0], cavity.high[0], cavity.low[-1], cavity.high[-1])
     image = picture.imshow(share.T, origin="lower", extent=corners, cmap=colours, vmin=0.0, vmax=1.0, aspect="equal")
-    report = cavity.report(s)
     picture.grid(False)
     picture.set(xlabel="x [m]", ylabel="z [m]")
-    picture.set_title(f"filled {report['filled_ratio']:.1%} at {s.time:.3g} s", loc="left")
-    figure.colorbar(image, ax=picture, label="share through the thickness", shrink=0.8)
+    picture.set_title(f"filled {cavity.report(s)['filled_ratio']:.1%} at {s.time:.3g} s", loc="left")
+    figure.colorbar(image, ax=picture, label="filled share of the thickness", location="bottom", shrink=0.5, aspect=40)
+    curve = picture.inset_axes((1.04, 0.0, 0.25, 1.0), sharey=picture)
     heights, shares = cavity.by_height(s)
     curve.plot(100.0 * shares, heights, color=COLOURS[0])
     curve.set(xlabel="filled [%]", xlim=(-3.0, 103.0))
+    curve.tick_params(labelleft=False)
     return _save(figure, out)

@@ -163,7 +163,8 @@ def read_mesh(path, scale=1.0):
     if not path.is_file():
         raise SceneError(f"mesh {path}: no such file")
     try:
-        mesh = meshio.read(path)
+        with np.errstate(over="ignore"):  # meshio takes the text of an STL file for a number first
+            mesh = meshio.read(path)
     except (Exception, SystemExit) as error:  # meshio leaves the program for a file that it cannot read
         raise SceneError(f"mesh {path}: cannot be read as STL, OBJ or PLY ({type(error).__name__})") from None
     faces = [block.data for block in mesh.cells if block.type == "triangle"]
@@ -233,5 +234,7 @@ def write_bars(path, ends, radius: float, sides: int = 12) -> Path:
         middle = np.full(sides, 2 * sides)
         faces = ((k, n, sides + n), (k, sides + n, sides + k), (middle, n, k), (middle + 1, sides + k, sides + n))
         triangles += [base + np.stack(face, 1) for face in faces]
-    meshio.write(path, meshio.Mesh(np.vstack(points), [("triangle", np.vstack(triangles))]))
-    return Path(path)
+    path = Path(path)
+    options = {"binary": True} if path.suffix.lower() == ".stl" else {}
+    meshio.write(path, meshio.Mesh(np.vstack(points), [("triangle", np.vstack(triangles))]), **options)
+    return path
