@@ -32,7 +32,7 @@ def scene(
     hose_diameter: Length = 0.12,
     rate: _real("m3/s", gt=0.0, le=1.0) = 0.012,
     fill_ratio: Ratio = 0.95,
-    until: Duration = 8.0,
+    until: Duration = 10.0,
 ) -> mps.Scene:
     """Half of the form, cut along its middle plane y = 0, and the curtain in it: upright bars and, inside of them,
     level ones; or the mesh of the file ``rebar`` (STL, OBJ, PLY, in metres) in its place."""
@@ -95,8 +95,8 @@ def scene(
 
 
 def curtain(length, height, diameter, distance, upright, level):
-    """Ends (k, 2, 3) [m] of upright bars at y = ``upright`` and of level ones at y = ``level`` [m], evenly spaced, half a
-    diameter clear of the form."""
+    """Ends (k, 2, 3) [m] of upright bars at y = ``upright`` and of level ones at y = ``level`` [m], evenly spaced, half
+    a diameter clear of the form."""
     clear = 0.5 * diameter
     bars = [((x, upright, clear), (x, upright, height + FREE / 3)) for x in middles(length, distance)]
     return np.array(bars + [((clear, level, z), (length - clear, level, z)) for z in middles(height, distance)])

@@ -236,5 +236,5 @@ def write_bars(path, ends, radius: float, sides: int = 12) -> Path:
         triangles += [base + np.stack(face, 1) for face in faces]
     path = Path(path)
     options = {"binary": True} if path.suffix.lower() == ".stl" else {}
-    meshio.write(path, meshio.Mesh(np.vstack(points), [("triangle", np.vstack(triangles))]), **options)
+    meshio.write(path, meshio.Mesh(np.vstack(points), [("triangle", np.vstack(triangles).astype(np.int32))]), **options)
     return path

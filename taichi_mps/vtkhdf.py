@@ -64,7 +64,8 @@ class Trajectory:
     def append(self, s: Snapshot) -> int | None:
         """Add a snapshot; its number, or None if it is not later than the last one."""
         with h5py.File(self.path, "r+", libver=("earliest", "v110")) as file:
-            root, n = file["VTKHDF"], len(s.x)
+            root = file["VTKHDF"]
+            n = int(root["NumberOfPoints"][0])
             steps = root["Steps"]
             k = int(steps.attrs["NSteps"])
             if k and s.time <= steps["Values"][k - 1] + 1e-9:
