@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 import taichi_mps as mps
-from taichi_mps.quantity import Density, Duration, Length, Ratio, Viscosity, YieldValue, _real
+from taichi_mps.quantity import Density, Duration, FlowRate, Length, Ratio, Viscosity, YieldValue
 
 FREE = 0.06  # height of the mouth above the form [m]
 
@@ -30,7 +30,7 @@ def scene(
     cover: Length = 0.03,
     rebar: str = "",
     hose_diameter: Length = 0.12,
-    rate: _real("m3/s", gt=0.0, le=1.0) = 0.012,
+    rate: FlowRate = 0.012,
     fill_ratio: Ratio = 0.95,
     until: Duration = 10.0,
 ) -> mps.Scene:

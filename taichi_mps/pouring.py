@@ -36,6 +36,21 @@ class Pouring:
         """Volume [m3] that has entered through the whole hose."""
         return self.entered * self.layer_volume
 
+    @property
+    def state(self) -> dict:
+        """What the next step needs to know."""
+        return {"layers_entered": self.entered, "pour_delay": self.delay}
+
+    def load(self, state: dict) -> None:
+        self.entered, self.delay = state["layers_entered"], state["pour_delay"]
+
+    def pour(self, time: float, particles) -> None:
+        """Give the particles the layer that has to enter at this time [s], if any."""
+        if self.due(time):
+            layer = self.enter(time, particles.x.to_numpy()[: particles.count[None]])
+            if layer is not None:
+                particles.append(layer, self.velocity)
+
     def due(self, time: float) -> bool:
         """Has a layer to enter at this time [s]?"""
         return not self.done and time >= self.entered * self.interval + self.delay

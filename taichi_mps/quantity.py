@@ -38,6 +38,7 @@ Density = _real("kg/m3", gt=0.0, le=30000.0)
 Viscosity = _real("Pa s", gt=0.0, le=1e6)
 YieldValue = _real("Pa", ge=0.0, le=1e6)
 Speed = _real("m/s", gt=0.0, le=100.0)
+FlowRate = _real("m3/s", gt=0.0, le=100.0)
 StrainRate = _real("1/s", gt=0.0, le=1e4)
 CriticalStrainRate = StrainRate | Literal["rational"]  # the word: by material.rational_critical_strain_rate
 Acceleration = _real("m/s2", ge=0.0, le=1000.0)

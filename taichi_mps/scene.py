@@ -1,7 +1,7 @@
 """Scene: everything that defines a problem, immutable and free of Taichi; and the numerics that solve it."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -139,6 +139,17 @@ class Scene:
         layer, fallen = self.inlet_layer, self.inlet_layer
         fallen[:, -1] = self.domain[0][-1]
         return np.vstack([self.fluid, layer, fallen])
+
+    @property
+    def expected(self) -> "Scene":
+        """The scene, without an inlet as high and as fast as it will be: that from which a scheme takes its scales."""
+        if self.inlet is None:
+            return self
+        jet = self.inlet.speed(self.spacing) * self.inlet.unit_direction
+        velocity = np.tile(jet, (len(self.reach), 1))
+        if self.velocity is not None:
+            velocity[: len(self.fluid)] = self.velocity
+        return replace(self, fluid=self.reach, velocity=velocity, inlet=None)
 
     def _check_mirrors(self, x):
         """A mirror plane has all the fluid x on one side; gravity lies in it, other mirror planes stand across it."""

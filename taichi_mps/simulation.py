@@ -2,7 +2,7 @@
 
 import math
 import time
-from dataclasses import asdict, replace
+from dataclasses import asdict
 
 import numpy as np
 
@@ -89,12 +89,10 @@ class Simulation:
         velocity = np.zeros_like(positions)
         if scene.velocity is not None:
             velocity[: len(scene.fluid)] = scene.velocity
-        to_come, expected = 0, scene
+        to_come, expected = 0, scene.expected
         if self.pouring:
             velocity[len(scene.fluid) :] = self.pouring.velocity
-            to_come = self.pouring.layers * len(self.pouring.layer) - len(scene.inlet_layer)
-            jet = np.tile(self.pouring.velocity, (len(scene.reach), 1))
-            expected = replace(scene, fluid=scene.reach, velocity=jet, inlet=None)  # as high and as fast as it will be
+            to_come = (self.pouring.layers - 1) * len(self.pouring.layer)
         constants = lattice_constants(d, scene.spacing, re)
         law = law_of(scene.material)
         carries_stress = law == "bingham" and not semi_implicit
@@ -122,7 +120,7 @@ class Simulation:
         """One time step, at most to ``until`` [s]."""
         cpu = time.process_time()
         if self.pouring:
-            self._pour()
+            self.pouring.pour(self.time, self.particles)
         speed = max(self.report.max_speed if self.report else self._initial_speed(), self._wall_speed)
         if self.pouring and not self.pouring.done:
             speed = max(speed, self.pouring.speed)
@@ -156,12 +154,6 @@ class Simulation:
             self.cpu_seconds += time.process_time() - cpu
         self.wall_seconds = time.perf_counter() - self._clock[1]
         return self.report
-
-    def _pour(self):
-        if self.pouring.due(self.time):
-            layer = self.pouring.enter(self.time, self.particles.x.to_numpy()[: self.particles.count[None]])
-            if layer is not None:
-                self.particles.append(layer, self.pouring.velocity)
 
     @property
     def fluid_particles(self) -> int:
@@ -390,7 +382,7 @@ class Simulation:
             "last_dt": self._last_dt,
             "resting_since": self._resting_since,
             "report": report,
-            **({"layers": self.pouring.entered, "pour_delay": self.pouring.delay} if self.pouring else {}),
+            **(self.pouring.state if self.pouring else {}),
             **self.scheme.state(),
         }
 
@@ -401,5 +393,5 @@ class Simulation:
         self.report = StepReport(**state["report"]) if state["report"] else None
         self._resting_since = state["resting_since"]
         if self.pouring:
-            self.pouring.entered, self.pouring.delay = state["layers"], state["pour_delay"]
+            self.pouring.load(state)
         self.scheme.load(state)

@@ -11,7 +11,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
-PAGES = [DOCS / f"{name}.md" for name in ("equations", "architecture", "recipes", "limits", "studies")]
+PAGES = [DOCS / f"{name}.md" for name in ("equations", "architecture", "recipes", "limits", "studies", "pouring")]
 BLOCK = re.compile(r"^```python\n(.*?)^```$", re.S | re.M)
 FILE = re.compile(r"# file: (\S+\.py)\n")
 CALL = re.compile(r"`((?:schemes\.)?[a-z_]+)\.([A-Za-z_]\w*(?:\.[A-Za-z_]\w*)?)`")
