@@ -1,7 +1,7 @@
 """Wall poured from a hose: a form with two curtains of rebar from an STL file, filled from one end; what stays empty.
 
 Source: no standard; bars and cover as in a thin wall of a building, the rate of a concrete pump (43 m3/h).
-Run time: RUNTIME
+Run time: about two and a quarter CPU-minutes at the default spacing, on a busy machine, and up to 20 s to compile.
 """
 
 import sys
@@ -73,9 +73,9 @@ def scene(
         layers = len(s.x) * spacing**3 / (0.5 * inlet.layer_volume(spacing))
         assert abs(layers - round(layers)) < 1e-6 and layers < inlet.layers(spacing) + 0.5, layers
         report = cavity.report(s)
-        if round(layers) == inlet.layers(spacing) and s.speed.max() < 0.05:
+        if round(layers) == inlet.layers(spacing) and s.speed.mean() < 0.01:
             poured = len(s.x) * spacing**3 / (0.5 * room)
-            assert abs(report["filled_ratio"] - poured) < 0.05, (report, poured)
+            assert abs(report["filled_ratio"] - poured) < 0.03, (report, poured)
 
     return mps.Scene(
         name="wall",
