@@ -82,7 +82,7 @@ def scene(
         material=mps.Bingham(density=density, plastic_viscosity=plastic_viscosity, yield_value=yield_value),
         spacing=spacing,
         fluid=None,
-        inlet=inlet,
+        inlets=(inlet,),
         cavity=cavity,
         walls=walls,
         domain=((-spacing, -spacing, -spacing), (length + spacing, half + spacing, mouth[2] + 4 * spacing)),

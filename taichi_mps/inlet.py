@@ -10,7 +10,7 @@ from .quantity import SceneError
 @dataclass(frozen=True)
 class Inlet:
     """Mouth of a round hose (a slot in 2-D) around ``centre``, from which concrete comes along ``direction`` at a
-    ``rate`` from t = 0 on until the ``volume`` is in; in 2-D both are per metre of depth.
+    ``rate`` from the time ``start`` on until the ``volume`` is in; in 2-D both are per metre of depth.
 
     Particles enter in layers of a lattice across the hose, a spacing apart: a layer begins to leave when its front is
     on the mouth. The speed follows from the rate and the area of a layer, so the rate is met whatever the spacing.
@@ -22,14 +22,17 @@ class Inlet:
     radius: float  # half of the width in 2-D [m]
     rate: float  # [m3/s]
     volume: float  # [m3]
+    start: float = 0.0  # [s]
 
     def __post_init__(self):
-        units = {"centre": " m", "direction": "", "radius": " m", "rate": " m3/s", "volume": " m3"}
+        units = {"centre": " m", "direction": "", "radius": " m", "rate": " m3/s", "volume": " m3", "start": " s"}
         for key, unit in units.items():
             value = getattr(self, key)
             if not np.all(np.isfinite(value)):
                 raise SceneError(f"inlet: {key} = {value}{unit}: must be finite")
-            if np.ndim(value) == 0 and not value > 0.0:
+            if key == "start" and value < 0.0:
+                raise SceneError(f"inlet: start = {value:g} s: must be at least 0 s")
+            if key in ("radius", "rate", "volume") and not value > 0.0:
                 raise SceneError(f"inlet: {key} = {value:g}{unit}: must be greater than 0{unit}")
         if len(self.direction) != len(self.centre) or not np.any(self.direction):
             raise SceneError(f"inlet: direction = {self.direction}: must have {len(self.centre)} numbers, not all zero")

@@ -57,7 +57,7 @@ class Scene:
     name: str
     material: Bingham
     spacing: float  # l0 [m]
-    fluid: np.ndarray | None  # particle positions [m], (n, d); may be None with an inlet
+    fluid: np.ndarray | None  # particle positions [m], (n, d); may be None with an inlet that starts at 0 s
     domain: tuple[tuple[float, ...], tuple[float, ...]]  # low, high corner [m]; leaving it is an error
     walls: tuple[Plane | Cylinder | Solid, ...] = ()
     wall_particles: np.ndarray | None = None  # the paper's walls [m], (m, d)
@@ -67,7 +67,7 @@ class Scene:
     axisymmetric: bool = False
     until: float = 5.0  # [s]
     stop_at_rest: bool = False
-    inlet: Inlet | None = None  # where concrete enters, scheme implicit
+    inlets: tuple[Inlet, ...] = ()  # where concrete enters, scheme implicit
     cavity: Cavity | None = None  # what it is to fill, for the report
     measure: Callable[[Snapshot], dict[str, float]] | None = None  # of the whole body, see unfold
     check: Callable[[Snapshot, dict], None] | None = None  # raises AssertionError when the result is wrong
@@ -76,12 +76,13 @@ class Scene:
     parameters: dict = field(default_factory=dict)  # as given, for the summary
 
     def __post_init__(self):
-        inlet = self.inlet
-        x = np.zeros((0, len(inlet.centre))) if self.fluid is None and inlet else np.asarray(self.fluid, float)
+        poured = self.fluid is None and self.inlets
+        x = np.zeros((0, len(self.inlets[0].centre))) if poured else np.asarray(self.fluid, float)
         object.__setattr__(self, "fluid", x)
-        if inlet:
-            self._check_inlet()
-            x = np.vstack([x, self.inlet_layer])  # what is there at the start
+        for inlet in self.inlets:
+            self._check_inlet(inlet)
+        if self.inlets:
+            x = self.initial
         if x.ndim != 2 or len(x) == 0:
             raise SceneError("fluid: the geometry is empty; it must hold at least one particle")
         if not np.all(np.isfinite(x)):
@@ -100,9 +101,9 @@ class Scene:
                 raise SceneError(f"walls: point = {wall.point} m: must have {x.shape[1]} coordinates, as the fluid has")
         self._check_mirrors(x)
 
-    def _check_inlet(self):
+    def _check_inlet(self, inlet):
         """The mouth has the dimension of the fluid and no wall in it; mirror planes leave it whole or halve it."""
-        inlet, layer = self.inlet, self.inlet.layer(self.spacing)
+        layer = inlet.layer(self.spacing)
         if self.axisymmetric:
             raise SceneError("inlet: the scene is axisymmetric; must be a scene without rings")
         if self.fluid.ndim != 2 or self.fluid.shape[1] != layer.shape[1]:
@@ -119,37 +120,42 @@ class Scene:
                     "plane, or it must be clear of it"
                 )
         for wall in self.walls:
-            if np.min(wall.distance(self.inlet_layer)) <= 0.0:
+            if np.min(wall.distance(self.inlet_layer(inlet))) <= 0.0:
                 raise SceneError(f"inlet: centre = {inlet.centre} m: the mouth reaches into a wall; must be free of it")
 
-    @property
-    def inlet_layer(self) -> np.ndarray:
+    def inlet_layer(self, inlet: Inlet) -> np.ndarray:
         """Places (m, d) [m] of the particles of a layer at the inlet that are in front of all mirror planes."""
-        layer = self.inlet.layer(self.spacing)
+        layer = inlet.layer(self.spacing)
         for mirror in self.mirrors:
             layer = layer[mirror.distance(layer) > 0.0]
         return layer
 
     @property
+    def initial(self) -> np.ndarray:
+        """Positions (n, d) [m] of all that is there at t = 0: the fluid and the first layers of the inlets."""
+        return np.vstack([self.fluid, *(self.inlet_layer(inlet) for inlet in self.inlets if inlet.start == 0.0)])
+
+    @property
     def reach(self) -> np.ndarray:
-        """Points (n, d) [m] that say how far the fluid extends: that at the start, and the layer at the inlet there and
-        at the bottom of the domain."""
-        if self.inlet is None:
-            return self.fluid
-        layer, fallen = self.inlet_layer, self.inlet_layer
-        fallen[:, -1] = self.domain[0][-1]
-        return np.vstack([self.fluid, layer, fallen])
+        """Points (n, d) [m] that say how far the fluid extends: the fluid, and a layer at each inlet, there and at the
+        bottom of the domain."""
+        points = [self.fluid]
+        for inlet in self.inlets:
+            fallen = self.inlet_layer(inlet)
+            fallen[:, -1] = self.domain[0][-1]
+            points += [self.inlet_layer(inlet), fallen]
+        return np.vstack(points)
 
     @property
     def expected(self) -> "Scene":
-        """The scene, without an inlet as high and as fast as it will be: that from which a scheme takes its scales."""
-        if self.inlet is None:
+        """The scene, without inlets as high and as fast as it will be: that from which a scheme takes its scales."""
+        if not self.inlets:
             return self
-        jet = self.inlet.speed(self.spacing) * self.inlet.unit_direction
+        jet = max((inlet.speed(self.spacing) * inlet.unit_direction for inlet in self.inlets), key=np.linalg.norm)
         velocity = np.tile(jet, (len(self.reach), 1))
         if self.velocity is not None:
             velocity[: len(self.fluid)] = self.velocity
-        return replace(self, fluid=self.reach, velocity=velocity, inlet=None)
+        return replace(self, fluid=self.reach, velocity=velocity, inlets=())
 
     def _check_mirrors(self, x):
         """A mirror plane has all the fluid x on one side; gravity lies in it, other mirror planes stand across it."""

@@ -36,7 +36,7 @@ class Simulation:
         self._pairs_per_particle = 4.0 if scene.axisymmetric else 1.5  # rings that moved outward are thin
         self._walls_at = 0.0  # time [s] at which the walls stand
         self._wall_particles = 0
-        self.pouring = Pouring(scene) if scene.inlet else None
+        self.pouring = tuple(Pouring(scene, inlet) for inlet in scene.inlets)
         self._stages: dict[str, list] = {}
         self._profile = profile
         self._build()
@@ -74,9 +74,9 @@ class Simulation:
                     f"radius = {wall.smallest_radius:g} m of a curved wall: must be greater than the effective radius, "
                     f"{re:g} m"
                 )
-        if use_particles and scene.inlet:
+        if use_particles and scene.inlets:
             raise SceneError(f"scene {scene.name} has an inlet: must be computed with walls = surfaces, implicit")
-        positions = scene.fluid if scene.inlet is None else np.vstack([scene.fluid, scene.inlet_layer])
+        positions = scene.initial
         kinds = np.full(len(positions), FLUID)
         if use_particles and scene.wall_particles is not None:
             wall = np.asarray(scene.wall_particles, float)
@@ -89,10 +89,12 @@ class Simulation:
         velocity = np.zeros_like(positions)
         if scene.velocity is not None:
             velocity[: len(scene.fluid)] = scene.velocity
-        to_come, expected = 0, scene.expected
-        if self.pouring:
-            velocity[len(scene.fluid) :] = self.pouring.velocity
-            to_come = (self.pouring.layers - 1) * len(self.pouring.layer)
+        row, to_come, expected = len(scene.fluid), 0, scene.expected
+        for inlet, pouring in zip(scene.inlets, self.pouring, strict=True):
+            there = inlet.start == 0.0  # its first layer is among the positions
+            velocity[row : row + there * len(pouring.layer)] = pouring.velocity
+            row += there * len(pouring.layer)
+            to_come += (pouring.layers - there) * len(pouring.layer)
         constants = lattice_constants(d, scene.spacing, re)
         law = law_of(scene.material)
         carries_stress = law == "bingham" and not semi_implicit
@@ -119,11 +121,10 @@ class Simulation:
     def step(self, until: float | None = None) -> StepReport:
         """One time step, at most to ``until`` [s]."""
         cpu = time.process_time()
-        if self.pouring:
-            self.pouring.pour(self.time, self.particles)
+        for pouring in self.pouring:
+            pouring.pour(self.time, self.particles)
         speed = max(self.report.max_speed if self.report else self._initial_speed(), self._wall_speed)
-        if self.pouring and not self.pouring.done:
-            speed = max(speed, self.pouring.speed)
+        speed = max([speed, *(pouring.speed for pouring in self.pouring if pouring.entered and not pouring.done)])
         limits = self.scheme.time_step_limits(speed)
         if self._last_dt is not None:
             limits["growth"] = 2.0 * self._last_dt
@@ -229,7 +230,7 @@ class Simulation:
         size = float(np.linalg.norm(np.subtract(*scene.domain)))
         fall = math.sqrt(2.0 * float(np.linalg.norm(scene.gravity_vector)) * size)
         start = 0.0 if scene.velocity is None else float(np.linalg.norm(scene.velocity, axis=1).max())
-        jet = self.pouring.speed if self.pouring else 0.0
+        jet = max((pouring.speed for pouring in self.pouring), default=0.0)
         return 10.0 * (fall + self._wall_speed + start + jet) or math.inf
 
     # ---- running --------------------------------------------------------------------------------------------
@@ -281,7 +282,7 @@ class Simulation:
         if hasattr(numerics, "unyielded_stop"):
             moved = self.time > 0.05 and self.scene.stop_at_rest
             return "unyielded" if moved and self.report.unyielded_fraction >= numerics.unyielded_stop else None
-        if self.pouring and not self.pouring.done:
+        if not all(pouring.done for pouring in self.pouring):
             return None
         return "rest" if self.scene.stop_at_rest and self._at_rest() else None
 
@@ -366,7 +367,8 @@ class Simulation:
         """What has been poured, and what is filled of the cavity; both of the whole body."""
         facts = {}
         if self.pouring:
-            facts |= {"poured_m3": self.pouring.volume, "pour_delay_s": self.pouring.delay}
+            facts["poured_m3"] = sum(pouring.volume for pouring in self.pouring)
+            facts["pour_delay_s"] = max(pouring.delay for pouring in self.pouring)
         if self.scene.cavity:
             facts |= self.scene.cavity.report(self.snapshot())
             facts["void_m3"] *= 2 ** len(self.scene.mirrors)
@@ -382,7 +384,7 @@ class Simulation:
             "last_dt": self._last_dt,
             "resting_since": self._resting_since,
             "report": report,
-            **(self.pouring.state if self.pouring else {}),
+            **({"pouring": [[pouring.entered, pouring.delay] for pouring in self.pouring]} if self.pouring else {}),
             **self.scheme.state(),
         }
 
@@ -392,6 +394,6 @@ class Simulation:
         self.time, self.steps, self._last_dt = state["time"], state["steps"], state["last_dt"]
         self.report = StepReport(**state["report"]) if state["report"] else None
         self._resting_since = state["resting_since"]
-        if self.pouring:
-            self.pouring.load(state)
+        for pouring, carried in zip(self.pouring, state.get("pouring", []), strict=True):
+            pouring.entered, pouring.delay = carried
         self.scheme.load(state)

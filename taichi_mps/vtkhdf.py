@@ -29,8 +29,8 @@ class Trajectory:
         self.path = Path(path)
 
     def create(self, sim, source: str) -> None:
-        s, inlet = sim.snapshot(), sim.scene.inlet
-        n = sim.particles.capacity if inlet else len(s.x)
+        s, inlets = sim.snapshot(), sim.scene.inlets
+        n = sim.particles.capacity if inlets else len(s.x)
         with h5py.File(self.path, "w", libver=("earliest", "v110")) as file:
             root = file.create_group("VTKHDF")
             root.attrs["Version"] = np.array([2, 0])
@@ -42,7 +42,7 @@ class Trajectory:
                 root[f"{part}/Connectivity"] = np.arange(used)
                 root[f"{part}/Offsets"] = np.arange(used + 1)
             fields = point_data(s)
-            if not sim.scene.axisymmetric and not inlet:
+            if not sim.scene.axisymmetric and not inlets:
                 del fields["size"]
             for name, rows in {"Points": embed(s.x), **fields}.items():
                 where = name if name == "Points" else f"PointData/{name}"
@@ -58,8 +58,8 @@ class Trajectory:
             own = file.create_group("taichi_mps")
             own.attrs.update(source=source, parameters=json.dumps(sim.scene.parameters), dimension=s.x.shape[1])
             own["wall_x"] = s.wall_x
-            if inlet:
-                own["mouth"] = np.array(inlet.centre, float)
+            if inlets:
+                own["mouth"] = np.array(inlets[0].centre, float)
 
     def append(self, s: Snapshot) -> int | None:
         """Add a snapshot; its number, or None if it is not later than the last one."""

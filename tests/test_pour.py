@@ -13,6 +13,7 @@ from taichi_mps.vtkhdf import Trajectory
 
 L0, RATE, LAYERS = 0.02, 0.04, 9
 HOSE = mps.Inlet(centre=(0.01, 0.4), direction=(0.0, -2.0), radius=0.04, rate=RATE, volume=0.0144)
+ALL = LAYERS + 2  # layers: a second hose adds two
 SPEED = RATE / (4 * L0)  # four particles lie across the hose
 FILE = """
 import taichi_mps as mps
@@ -22,7 +23,10 @@ def scene() -> mps.Scene:
     walls = mps.box_planes((-0.1, 0.0), (0.1, 0.4), slip=True)
     return mps.Scene(
         name="poured", material=mps.Bingham(yield_value=2000.0, plastic_viscosity=50.0), spacing=0.02, fluid=None,
-        inlet=mps.Inlet(centre=(0.01, 0.4), direction=(0.0, -2.0), radius=0.04, rate=0.04, volume=0.0144),
+        inlets=(
+            mps.Inlet(centre=(0.01, 0.4), direction=(0.0, -2.0), radius=0.04, rate=0.04, volume=0.0144),
+            mps.Inlet(centre=(-0.05, 0.35), direction=(0.0, -1.0), radius=0.04, rate=0.08, volume=0.003, start=0.7),
+        ),
         cavity=mps.Cavity((-0.1, 0.0), (0.1, 0.06), walls, 0.02),
         walls=walls, domain=((-0.12, -0.04), (0.12, 0.5)), until=3.0, stop_at_rest=True, measure=mps.measure.front,
     )
@@ -43,7 +47,7 @@ def scene(source):
 
 def test_concrete_enters_at_its_rate_falls_freely_rests_and_resumes_bit_for_bit(scene, source, tmp_path):
     sim = mps.Simulation(scene)
-    assert repr(sim.scene.inlet) == repr(HOSE) and sim.particles.capacity == 4 * LAYERS
+    assert repr(sim.scene.inlets[0]) == repr(HOSE) and sim.particles.capacity == 4 * ALL
     layer, interval = 4 * L0**2, 4 * L0**2 / RATE
     entered = [0.0]  # times at which the layers entered [s]
     output = Trajectory(tmp_path / "run.h5")
@@ -70,10 +74,12 @@ def test_concrete_enters_at_its_rate_falls_freely_rests_and_resumes_bit_for_bit(
     checkpoint.Checkpoint.of(sim, source).write(tmp_path / "checkpoint.h5")
     ends = []
     for _ in range(2):
-        while not sim.pouring.done:
+        while not all(pouring.done for pouring in sim.pouring):
             sim._at_rest = lambda: True
             assert sim._why_stop(10.0) is None  # a rest is no end while concrete is to come
+            before, start = sim.fluid_particles, sim.time
             sim.step()
+            assert sim.fluid_particles == before or start < LAYERS * interval or start >= 0.7
         del sim._at_rest
         ends.append(sim.state())
         saved = checkpoint.read(tmp_path / "checkpoint.h5")
@@ -83,21 +89,21 @@ def test_concrete_enters_at_its_rate_falls_freely_rests_and_resumes_bit_for_bit(
     for key, value in ends[0].items():
         assert np.array_equal(value, ends[1][key]), key
 
-    assert sim.run() == "rest" and sim.time > LAYERS * interval
+    assert sim.run() == "rest" and sim.time > 0.7
     summary = sim.summary()
-    assert summary["fluid_particles"] == 4 * LAYERS and summary["poured_m3"] == pytest.approx(HOSE.volume)
+    assert summary["fluid_particles"] == 4 * ALL and summary["poured_m3"] == pytest.approx(4 * ALL * L0**2)
     assert summary["pour_delay_s"] == 0.0
     s = sim.snapshot()
-    assert len(s.x) == 4 * LAYERS and measure.clearance(s, scene.walls) > 0.0 and s.x[:, 1].max() < 0.3
+    assert len(s.x) == 4 * ALL and measure.clearance(s, scene.walls) > 0.0 and s.x[:, 1].max() < 0.3
     assert 0.3 < summary["filled_ratio"] <= 1.0  # it would fill more than the cavity, but stands on its own
     output.append(s)
     replay = [(len(out.snapshot().x), out.snapshot()) for out in output.replay()]
-    assert [n for n, _ in replay] == [*counts, 4 * LAYERS]
+    assert [n for n, _ in replay] == [*counts, 4 * ALL]
     assert np.allclose(replay[-1][1].x, s.x, atol=1e-6)
 
 
 def test_a_buried_mouth_holds_the_layers_back(scene):
-    pouring = Pouring(scene)
+    pouring = Pouring(scene, HOSE)
     t = 1.25 * pouring.interval
     assert not pouring.due(0.99 * pouring.interval) and pouring.due(t)
     buried = np.array([[0.0, 0.4]])
@@ -105,9 +111,13 @@ def test_a_buried_mouth_holds_the_layers_back(scene):
     assert pouring.entered == 1 and pouring.delay == pytest.approx(0.25 * pouring.interval)
     assert pouring.due(1.3 * pouring.interval)
     layer = pouring.enter(1.3 * pouring.interval, buried - (0.0, 0.1))
-    assert np.allclose(layer, scene.inlet_layer - (0.0, 0.05 * L0)) and pouring.entered == 2
+    assert np.allclose(layer, scene.inlet_layer(HOSE) - (0.0, 0.05 * L0)) and pouring.entered == 2
     assert not pouring.due(2.2 * pouring.interval) and pouring.due(2.26 * pouring.interval)
-    assert pouring.to_come == 4 * (LAYERS - 2) and pouring.volume == pytest.approx(8 * L0**2)
+    assert pouring.volume == pytest.approx(8 * L0**2)
+    later = Pouring(scene, replace(HOSE, start=0.5))
+    assert later.entered == 0 and not later.due(0.499) and later.due(0.5)
+    assert np.allclose(later.enter(0.5, buried - (0.0, 0.1)), scene.inlet_layer(HOSE))
+    assert not later.due(0.499 + later.interval) and later.due(0.501 + later.interval)
 
 
 def test_a_layer_has_the_area_that_its_speed_is_taken_from():
@@ -123,9 +133,9 @@ def test_a_layer_has_the_area_that_its_speed_is_taken_from():
     mirror = mps.Plane((0.0, 0.0, 0.0), (0.0, 1.0, 0.0), mirror=True)
     inlet = mps.Inlet((0.1, 0.0, 0.5), (1.0, 0.0, -1.0), 0.05, 0.01, 0.02)
     half = mps.Scene(
-        "half", mps.Bingham(), 0.01, None, ((-1.0, -0.1, 0.0), (1.0, 1.0, 1.0)), walls=(mirror,), inlet=inlet
+        "half", mps.Bingham(), 0.01, None, ((-1.0, -0.1, 0.0), (1.0, 1.0, 1.0)), walls=(mirror,), inlets=(inlet,)
     )
-    assert 2 * len(half.inlet_layer) == len(inlet.layer(0.01)) and half.fluid.shape == (0, 3)
+    assert 2 * len(half.inlet_layer(inlet)) == len(inlet.layer(0.01)) and half.fluid.shape == (0, 3)
 
 
 @pytest.mark.parametrize(
@@ -133,6 +143,8 @@ def test_a_layer_has_the_area_that_its_speed_is_taken_from():
     [
         ({"rate": 0.0}, "rate = 0 m3/s: must be greater than 0"),
         ({"rate": float("nan")}, "rate = nan m3/s: must be finite"),
+        ({"start": -1.0}, "start = -1 s: must be at least 0 s"),
+        ({"start": 1.0}, "fluid: the geometry is empty"),
         ({"volume": -1.0}, "volume = -1 m3: must be greater"),
         ({"direction": (0.0, 0.0)}, "direction"),
         ({"direction": (0.0, 0.0, 1.0)}, "direction"),
@@ -145,7 +157,7 @@ def test_a_layer_has_the_area_that_its_speed_is_taken_from():
 )
 def test_an_inlet_that_cannot_be_is_refused(scene, change, message):
     with pytest.raises(mps.SceneError, match=message.replace(".", r"\.")):
-        replace(scene, inlet=replace(HOSE, **change))
+        replace(scene, inlets=(replace(HOSE, **change),))
 
 
 def test_scenes_that_cannot_have_an_inlet_are_refused(scene):
@@ -154,7 +166,7 @@ def test_scenes_that_cannot_have_an_inlet_are_refused(scene):
     with pytest.raises(mps.SceneError, match="cuts the hose"):
         replace(scene, walls=(mps.Plane((0.0, 0.0), (1.0, 0.0), mirror=True),))
     with pytest.raises(mps.SceneError, match="empty"):
-        replace(scene, inlet=None)
+        replace(scene, inlets=())
     for numerics in (mps.SemiImplicit(), mps.Implicit(walls="particles")):
         with pytest.raises(mps.SceneError, match="has an inlet"):
             mps.Simulation(scene, numerics)
@@ -246,9 +258,9 @@ def test_a_form_from_a_mesh_holds_a_cavity_and_the_mouth(tmp_path):
     inlet = mps.Inlet((0.3, 0.0, 0.1), (0.0, 0.0, -1.0), 0.03, 0.001, 0.01)
     shared = dict(name="form", material=mps.Bingham(), spacing=0.02, fluid=None, walls=(form,), cavity=cavity)
     shared |= dict(domain=((-0.1, -0.3, -0.3), (0.7, 0.3, 0.3)))
-    assert len(mps.Scene(inlet=inlet, **shared).inlet_layer) == 4
+    assert len(mps.Scene(inlets=(inlet,), **shared).initial) == 4
     with pytest.raises(mps.SceneError, match="reaches into a wall"):
-        mps.Scene(inlet=replace(inlet, centre=(-0.02, 0.0, 0.0)), **shared)
+        mps.Scene(inlets=(replace(inlet, centre=(-0.02, 0.0, 0.0)),), **shared)
 
 
 def test_bars_that_cross_are_refused(tmp_path):
@@ -263,8 +275,9 @@ def test_the_wall_judges_what_lies_in_it():
     wall = catalogue.build("wall")
     x = mps.lattice((0.0, 0.0, 0.0), (0.8, 0.1, 0.4), wall.spacing)
     x = x[np.min([surface.distance(x) for surface in wall.walls], axis=0) > 0.0]
-    n = wall.inlet.layers(wall.spacing) * len(wall.inlet_layer)
-    assert len(x) >= n and n * wall.spacing**3 == pytest.approx(0.5 * wall.inlet.volume, rel=0.01)
+    (hose,) = wall.inlets
+    n = hose.layers(wall.spacing) * len(wall.inlet_layer(hose))
+    assert len(x) >= n and n * wall.spacing**3 == pytest.approx(0.5 * hose.volume, rel=0.01)
     full = measure.still(x[np.argsort(x[:, 2], kind="stable")[:n]], wall.spacing)
     measures = wall.measure(wall.unfold(full))
     wall.check(full, measures)
