@@ -3,12 +3,14 @@
 from importlib import import_module
 
 from . import measure, rest_shapes
+from .filling import Cavity
 from .geometry import Box, Cone, Cylinder, Plane, box_planes, fill, fill_rings, lattice, rings, shell
+from .inlet import Inlet
 from .material import Bingham, FlowCurve, Friction, HerschelBulkley, Newtonian, rational_critical_strain_rate
 from .quantity import SceneError, checked
 from .report import DivergedError, StepReport
 from .scene import Implicit, Scene, SemiImplicit
-from .solids import Solid, polygon_distance
+from .solids import Solid, polygon_distance, write_bars
 
 __version__ = "0.1.0"
 
@@ -25,6 +27,7 @@ _LAZY = {  # names whose modules import Taichi or the edges: loaded at first use
 __all__ = [
     "Bingham",
     "Box",
+    "Cavity",
     "Cone",
     "Cylinder",
     "DivergedError",
@@ -32,6 +35,7 @@ __all__ = [
     "Friction",
     "HerschelBulkley",
     "Implicit",
+    "Inlet",
     "Newtonian",
     "Plane",
     "Scene",
@@ -50,6 +54,7 @@ __all__ = [
     "rest_shapes",
     "rings",
     "shell",
+    "write_bars",
     *_LAZY,
 ]
 

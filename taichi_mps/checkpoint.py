@@ -194,11 +194,12 @@ def digest(header: str, arrays: dict[str, np.ndarray]) -> str:
 
 
 def fingerprint(scene: Scene) -> str:
-    """sha256 of what the arrays of a state depend on: spacing, particles, domain."""
+    """sha256 of what the arrays of a state depend on: spacing, particles, domain, inlets."""
     parts = {"fluid": scene.fluid, "domain": np.array(scene.domain, float)}
     if scene.wall_particles is not None:
         parts["walls"] = np.asarray(scene.wall_particles, float)
-    return digest(f"{scene.spacing!r}", parts)
+    inlets = f" {scene.inlets!r}" if scene.inlets else ""
+    return digest(f"{scene.spacing!r}{inlets}", parts)
 
 
 def plain(value):

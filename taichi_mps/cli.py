@@ -19,7 +19,7 @@ from .admission import admit
 from .options import Parser, Pictures, Run, Table, given, joined
 from .quantity import SceneError, suggestion
 from .scene import NUMERICS
-from .show import curves, pictures, progress, redraw, table
+from .show import curves, pictures, progress, redraw, table, voids
 from .study.commands import COMMANDS as STUDY
 
 DONE, BAD_INPUT, DIVERGED, INTERRUPTED = 0, 2, 3, 130
@@ -126,6 +126,7 @@ def carry_out(sim, folder, options, source, as_json, resumed=False) -> int:
     summary = recorder.finish(stopped_by, error)
     if any(folder.frames.glob("*.png")):
         gif(folder.frames, folder.animation)
+    voids(folder, sim.scene, sim.snapshot())
     curves(folder)
     if as_json:
         print(json.dumps(summary))

@@ -19,7 +19,7 @@ COLUMNS += ("unyielded_fraction", "viscous_iterations", "pressure_iterations", "
 OURS = ("history.csv", "summary.json", "checkpoint.h5")  # any of them marks a folder as a run
 PRODUCTS = (*OURS, "checkpoint.previous.h5", "checkpoint.partial", "summary.partial", "run.h5", "animation.gif")
 PRODUCTS += ("history.partial", "run.twin1", "run.twin2")
-PLOTS = ("slump.png", "history.png")
+PLOTS = ("slump.png", "history.png", "filling.png")
 CHECKPOINT_SHARE = 0.02  # of the time that a run takes, spent on checkpoints
 
 
@@ -120,7 +120,7 @@ def row_of(sim, measures: dict) -> dict:
     report = sim.report
     if report is None:
         s = sim.snapshot()
-        masses = sim.scene.material.density * sim.scene.volumes
+        masses = sim.scene.material.density * sim.scene.volumes_at(s.x)
         values = (
             0.0,
             0.0,

@@ -15,13 +15,15 @@ class Particles:
     particle number density.
     """
 
-    def __init__(self, positions, kinds, velocity, volumes, carries_stress, axisymmetric=False, extra=(), frictions=()):
+    def __init__(
+        self, positions, kinds, velocity, volumes, carries_stress, axisymmetric=False, extra=(), frictions=(), to_come=0
+    ):
         d = positions.shape[1]
         t = 3 if axisymmetric else d
         self.dimension, self.tensor_dimension = d, t  # of vectors, and of stresses and gradients
         self.axisymmetric = axisymmetric
         self.usual_volume = float(volumes[0])  # of every particle but rings [m3, m2 in 2-D]
-        self.capacity = len(positions)
+        self.capacity = len(positions) + to_come  # rows, some of them for particles that enter later
         self.carries_stress = carries_stress
         makers = {
             "x": lambda: ti.Vector.field(d, ti.f64),  # position [m]
@@ -68,6 +70,14 @@ class Particles:
         """All carried fields (n, ...), in the order of the rows."""
         n = self.count[None]
         return {name: item.to_numpy()[:n] for name, item in self.carried.items()}
+
+    def append(self, positions, velocity) -> None:
+        """Fluid particles at positions (m, d) [m] with a velocity (d,) [m/s], numbered on; all else of them is zero."""
+        old, m = self.read(), len(positions)
+        new = {name: np.zeros((m, *rows.shape[1:]), rows.dtype) for name, rows in old.items()}
+        n = len(old["id"])
+        new |= {"x": positions, "u": np.tile(velocity, (m, 1)), "kind": np.full(m, FLUID), "id": np.arange(n, n + m)}
+        self.load({name: np.concatenate([old[name], new[name]]) for name in old})
 
     @ti.func
     def volume(self, i):

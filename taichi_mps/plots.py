@@ -225,3 +225,30 @@ def _order_guides(axes, points, sign):
         axes.plot([coarse, fine], [top, end], color="#9aa1a9", lw=1.0, ls="--", zorder=1)
         axes.annotate(f"order {order:g}", (fine, end), (-6 * sign, -3), textcoords="offset points", color="#6b727a",
                       fontsize=10, ha="right" if sign < 0 else "left", va="top", zorder=1)  # fmt: skip
+
+
+def filling(cavity, s, out):
+    """Where a form stayed empty: through its thickness (y; in 2-D the section itself) the share of the cavity that is
+    filled at a snapshot, white where there is none, and beside it the share that is filled at each height."""
+    room, filled = cavity.cells, cavity.filled(s)
+    if room.ndim == 3:
+        room, filled = room.sum(1), filled.sum(1)
+    share = np.where(room > 0, filled / np.maximum(room, 1), np.nan)
+    length, height = (cavity.high[a] - cavity.low[a] for a in (0, -1))
+    from matplotlib.colors import LinearSegmentedColormap
+
+    wide = min(8.0, max(3.0, 4.5 * length / height))
+    figure, picture = _figure(1.5 * wide + 1.0, wide * height / length + 2.2)
+    colours = LinearSegmentedColormap.from_list("filling", (COLOURS[4], "#f0c9a8", "#9aa1a9"))
+    corners = (cavity.low[0], cavity.high[0], cavity.low[-1], cavity.high[-1])
+    image = picture.imshow(share.T, origin="lower", extent=corners, cmap=colours, vmin=0.0, vmax=1.0, aspect="equal")
+    picture.grid(False)
+    picture.set(xlabel="x [m]", ylabel="z [m]")
+    picture.set_title(f"filled {cavity.report(s)['filled_ratio']:.1%} at {s.time:.3g} s", loc="left")
+    figure.colorbar(image, ax=picture, label="filled share of the thickness", location="bottom", shrink=0.5, aspect=40)
+    curve = picture.inset_axes((1.04, 0.0, 0.25, 1.0), sharey=picture)
+    heights, shares = cavity.by_height(s)
+    curve.plot(100.0 * shares, heights, color=COLOURS[0])
+    curve.set(xlabel="filled [%]", xlim=(-3.0, 103.0))
+    curve.tick_params(labelleft=False)
+    return _save(figure, out)

@@ -41,6 +41,7 @@ ViscousConstant = _real("Pa s/m", ge=0.0, le=1e9)
 Speed = _real("m/s", gt=0.0, le=100.0)
 Consistency = _real("Pa s^n", gt=0.0, le=1e6)
 FlowIndex = _real("", ge=0.1, le=4.0)
+FlowRate = _real("m3/s", gt=0.0, le=100.0)
 StrainRate = _real("1/s", gt=0.0, le=1e4)
 CriticalStrainRate = StrainRate | Literal["rational"]  # the word: by material.rational_critical_strain_rate
 Acceleration = _real("m/s2", ge=0.0, le=1000.0)

@@ -61,7 +61,7 @@ def images(scene, line):
 
 def stage(scene):
     """Low and high corner [m] (3,) of what a run may show, the body with room to spread up to the walls; its floor."""
-    whole, domain = (scene.unfold(still(x, scene.spacing)).x for x in (scene.fluid, np.array(scene.domain, float)))
+    whole, domain = (scene.unfold(still(x, scene.spacing)).x for x in (scene.reach, np.array(scene.domain, float)))
     low, high = whole.min(0) - 0.5 * scene.spacing, whole.max(0) + 0.5 * scene.spacing
     planes = [wall for wall in scene.walls if isinstance(wall, Plane) and not wall.mirror]
     body, domain, touch = (low.copy(), high.copy()), (domain.min(0), domain.max(0)), 0.6 * scene.spacing
@@ -115,7 +115,7 @@ class Renderer:
 
     @staticmethod
     def _limits(scene, view):
-        head = np.linalg.norm(scene.gravity_vector) * np.ptp(scene.fluid[:, -1])  # g H
+        head = np.linalg.norm(scene.gravity_vector) * np.ptp(scene.reach[:, -1])  # g H
         moved = [wall.speed for wall in scene.walls]
         moved += [] if scene.velocity is None else [np.linalg.norm(scene.velocity, axis=1).max()]
         highest = {"speed": max([0.5 * np.sqrt(2.0 * head), *moved]), "pressure": 1e-3 * scene.material.density * head}

@@ -1,13 +1,15 @@
 """Scene: everything that defines a problem, immutable and free of Taichi; and the numerics that solve it."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
 from pydantic import Field
 
+from .filling import Cavity
 from .geometry import Cylinder, Plane
+from .inlet import Inlet
 from .material import Bingham, FlowCurve, HerschelBulkley
 from .measure import Snapshot, mirrored, revolved
 from .quantity import Checked, Count, Duration, RadiusRatio, Ratio, SceneError
@@ -69,7 +71,7 @@ class Scene:
     name: str
     material: Bingham | HerschelBulkley | FlowCurve
     spacing: float  # l0 [m]
-    fluid: np.ndarray  # particle positions [m], (n, d)
+    fluid: np.ndarray | None  # particle positions [m], (n, d); may be None with an inlet that starts at 0 s
     domain: tuple[tuple[float, ...], tuple[float, ...]]  # low, high corner [m]; leaving it is an error
     walls: tuple[Plane | Cylinder | Solid, ...] = ()
     wall_particles: np.ndarray | None = None  # the paper's walls [m], (m, d)
@@ -79,6 +81,8 @@ class Scene:
     axisymmetric: bool = False
     until: float = 5.0  # [s]
     stop_at_rest: bool = False
+    inlets: tuple[Inlet, ...] = ()  # where concrete enters, scheme implicit
+    cavity: Cavity | None = None  # what it is to fill, for the report
     measure: Callable[[Snapshot], dict[str, float]] | None = None  # of the whole body, see unfold
     check: Callable[[Snapshot, dict], None] | None = None  # raises AssertionError when the result is wrong
     over_time: Callable[[dict], dict[str, float]] | None = None  # of the columns of history.csv, for the summary
@@ -86,13 +90,19 @@ class Scene:
     parameters: dict = field(default_factory=dict)  # as given, for the summary
 
     def __post_init__(self):
-        if np.size(self.fluid) == 0:
+        poured = self.inlets and (self.fluid is None or np.size(self.fluid) == 0)
+        given = np.zeros((0, len(self.inlets[0].centre))) if poured else self.fluid
+        if not poured and np.size(given) == 0:
             raise SceneError("fluid: the geometry is empty; it must hold at least one particle")
-        x = finite("fluid", self.fluid, "m", dimensions=2)
-        if x.shape[1] not in (2, 3):
-            raise SceneError(f"fluid: positions have {x.shape[1]} coordinates; must have 2 or 3")
-        object.__setattr__(self, "fluid", x)
+        object.__setattr__(self, "fluid", given if poured else finite("fluid", given, "m", dimensions=2))
+        if self.fluid.shape[1] not in (2, 3):
+            raise SceneError(f"fluid: positions have {self.fluid.shape[1]} coordinates; must have 2 or 3")
         self._check_numbers()
+        for inlet in self.inlets:
+            self._check_inlet(inlet)
+        x = self.initial if self.inlets else self.fluid
+        if len(x) == 0:
+            raise SceneError("fluid: the geometry is empty; it must hold at least one particle")
         low, high = np.array(self.domain, float)
         if np.any(x < low) or np.any(x > high):
             raise SceneError(f"domain = {self.domain} m: a particle lies outside; the domain must hold all of them")
@@ -105,7 +115,7 @@ class Scene:
         for wall in self.walls:
             if len(wall.point) != x.shape[1]:
                 raise SceneError(f"walls: point = {wall.point} m: must have {x.shape[1]} coordinates, as the fluid has")
-        self._check_mirrors()
+        self._check_mirrors(x)
 
     def _check_numbers(self):
         """Shapes, units and ranges of what is given as plain numbers."""
@@ -128,12 +138,68 @@ class Scene:
         if self.periodic is not None and len(self.periodic) != d:
             raise SceneError(f"periodic = {self.periodic}: must have one word for each of {d} axes")
 
-    def _check_mirrors(self):
-        """A mirror plane has all the fluid on one side; gravity lies in it, other mirror planes stand across it."""
+    def _check_inlet(self, inlet):
+        """The mouth has the dimension of the fluid and no wall in it; mirror planes leave it whole or halve it."""
+        layer = inlet.layer(self.spacing)
+        if self.axisymmetric:
+            raise SceneError("inlet: the scene is axisymmetric; must be a scene without rings")
+        if self.fluid.ndim != 2 or self.fluid.shape[1] != layer.shape[1]:
+            raise SceneError(f"inlet: centre = {inlet.centre} m: must have as many coordinates as the fluid")
+        least = 0.5 * inlet.layer_volume(self.spacing)
+        if inlet.volume < least:
+            raise SceneError(f"inlet: volume = {inlet.volume:g} m3: must be at least half a layer, {least:g} m3")
+        for mirror in self.mirrors:
+            away = abs(float(mirror.distance(np.array([inlet.centre]))[0]))
+            aligned = abs(inlet.unit_direction @ mirror.normal) < 1e-6
+            if away < inlet.radius and not (away < 1e-9 and aligned):
+                raise SceneError(
+                    f"inlet: the mirror plane with normal = {mirror.normal} cuts the hose; its axis must lie in the "
+                    "plane, or it must be clear of it"
+                )
+        for wall in self.walls:
+            if np.min(wall.distance(self.inlet_layer(inlet))) <= 0.0:
+                raise SceneError(f"inlet: centre = {inlet.centre} m: the mouth reaches into a wall; must be free of it")
+
+    def inlet_layer(self, inlet: Inlet) -> np.ndarray:
+        """Places (m, d) [m] of the particles of a layer at the inlet that are in front of all mirror planes."""
+        layer = inlet.layer(self.spacing)
+        for mirror in self.mirrors:
+            layer = layer[mirror.distance(layer) > 0.0]
+        return layer
+
+    @property
+    def initial(self) -> np.ndarray:
+        """Positions (n, d) [m] of all that is there at t = 0: the fluid and the first layers of the inlets."""
+        return np.vstack([self.fluid, *(self.inlet_layer(inlet) for inlet in self.inlets if inlet.start == 0.0)])
+
+    @property
+    def reach(self) -> np.ndarray:
+        """Points (n, d) [m] that say how far the fluid extends: the fluid, and a layer at each inlet, there and at the
+        bottom of the domain."""
+        points = [self.fluid]
+        for inlet in self.inlets:
+            fallen = self.inlet_layer(inlet)
+            fallen[:, -1] = self.domain[0][-1]
+            points += [self.inlet_layer(inlet), fallen]
+        return np.vstack(points)
+
+    @property
+    def expected(self) -> "Scene":
+        """The scene, without inlets as high and as fast as it will be: that from which a scheme takes its scales."""
+        if not self.inlets:
+            return self
+        jet = max((inlet.speed(self.spacing) * inlet.unit_direction for inlet in self.inlets), key=np.linalg.norm)
+        velocity = np.tile(jet, (len(self.reach), 1))
+        if self.velocity is not None:
+            velocity[: len(self.fluid)] = self.velocity
+        return replace(self, fluid=self.reach, velocity=velocity, inlets=())
+
+    def _check_mirrors(self, x):
+        """A mirror plane has all the fluid x on one side; gravity lies in it, other mirror planes stand across it."""
         gravity = self.gravity_vector
         for k, mirror in enumerate(self.mirrors):
             name = f"walls: mirror plane, normal = {mirror.normal}"
-            if np.min(mirror.distance(self.fluid)) <= 0.0:
+            if np.min(mirror.distance(x)) <= 0.0:
                 raise SceneError(f"{name}: a fluid particle lies on it or behind it; all must be in front")
             if abs(gravity @ mirror.normal) > 1e-6 * np.linalg.norm(gravity):
                 raise SceneError(f"{name}: gravity = {tuple(gravity.tolist())} m/s2 must lie in the plane")
@@ -160,9 +226,13 @@ class Scene:
     @property
     def volumes(self) -> np.ndarray:
         """Volume of each fluid particle [m3], (n,): l0^d, 2 pi r l0^2 of a ring; per metre of depth in 2-D [m2]."""
+        return self.volumes_at(self.fluid)
+
+    def volumes_at(self, x) -> np.ndarray:
+        """Volumes (n,) [m3] of particles that start at x (n, d) [m]."""
         if self.axisymmetric:
-            return 2.0 * np.pi * self.fluid[:, 0] * self.spacing**2
-        return np.full(len(self.fluid), self.spacing**self.dimension)
+            return 2.0 * np.pi * x[:, 0] * self.spacing**2
+        return np.full(len(x), self.spacing**self.dimension)
 
     @property
     def gravity_vector(self) -> np.ndarray:

@@ -81,6 +81,8 @@ def table(summary: dict, folder, stages=(), traffic=None) -> None:
             rows.add_row(key[:-2].replace("_", " "), f"{100 * value:.2f} cm")
         elif key.endswith("_s") and value is not None:
             rows.add_row(key[:-2].replace("_", " "), f"{value:.2f} s")
+        elif key.endswith("_m3") and value is not None:
+            rows.add_row(key[:-3].replace("_", " "), f"{1e3 * value:.3g} l")
         elif key.endswith("_ratio") and value is not None:
             rows.add_row(key.replace("_", " "), f"{value:.3f}")
     rows.add_row("simulated", f"{summary['simulated_seconds']:.3f} s in {summary['steps']} steps")
@@ -116,3 +118,17 @@ def curves(folder) -> list[str]:
     except ImportError:
         return []
     return [str(folder.path / name) for name in PLOTS if (folder.path / name).is_file()]
+
+
+def voids(folder, scene, snapshot) -> None:
+    """filling.png, of a scene with a cavity and where matplotlib is installed."""
+    from .files import PLOTS
+
+    if scene.cavity is None:
+        return
+    try:
+        from . import plots
+
+        plots.filling(scene.cavity, snapshot, folder.path / PLOTS[2])
+    except ImportError:
+        pass

@@ -14,6 +14,7 @@ from .material import Bingham
 from .measure import Snapshot
 from .neighbors import Bins, CapacityError, EscapedError, NeighborList
 from .particles import DUMMY, FLUID, WALL, Particles
+from .pouring import Pouring
 from .quantity import SceneError
 from .report import DivergedError, StepReport
 from .scene import Implicit as ImplicitNumerics
@@ -39,6 +40,8 @@ class Simulation:
         admit(scene, self.numerics)
         self._pairs_per_particle = 4.0 if scene.axisymmetric else 1.5  # rings that moved outward are thin
         self._walls_at = 0.0  # time [s] at which the walls stand
+        self._wall_particles = 0
+        self.pouring = tuple(Pouring(scene, inlet) for inlet in scene.inlets)
         self._stages: dict[str, list] = {}
         self._profile = profile
         self._build()
@@ -86,30 +89,40 @@ class Simulation:
                     f"radius = {wall.smallest_radius:g} m of a curved wall: must be greater than the effective radius, "
                     f"{re:g} m"
                 )
-        positions, kinds = scene.fluid, np.full(len(scene.fluid), FLUID)
+        if use_particles and scene.inlets:
+            raise SceneError(f"scene {scene.name} has an inlet: must be computed with walls = surfaces, implicit")
+        positions = scene.initial
+        kinds = np.full(len(positions), FLUID)
         if use_particles and scene.wall_particles is not None:
             wall = np.asarray(scene.wall_particles, float)
             depth = np.max([-surface.distance(wall) for surface in scene.walls], axis=0)
             positions = np.vstack([positions, wall])
             kinds = np.concatenate([kinds, np.where(depth < scene.spacing, WALL, DUMMY)])
+            self._wall_particles = len(wall)
         elif use_particles and scene.walls:
             raise SceneError(f"walls = particles: scene {scene.name} describes its walls as surfaces only")
         velocity = np.zeros_like(positions)
         if scene.velocity is not None:
             velocity[: len(scene.fluid)] = scene.velocity
+        row, to_come, expected = len(scene.fluid), 0, scene.expected
+        for inlet, pouring in zip(scene.inlets, self.pouring, strict=True):
+            there = inlet.start == 0.0  # its first layer is among the positions
+            velocity[row : row + there * len(pouring.layer)] = pouring.velocity
+            row += there * len(pouring.layer)
+            to_come += (pouring.layers - there) * len(pouring.layer)
         constants = lattice_constants(d, scene.spacing, re)
         law = law_of(scene.material)
         carries_stress = law == "bingham" and not semi_implicit
-        volumes = np.resize(scene.volumes, len(positions))
+        volumes = np.resize(expected.volumes, len(positions))
         sleeps = carries_stress and numerics.sleep and scene.material.yield_value > 0.0
         ages = getattr(scene.material, "growth", None) is not None
         extra = ["still"] * sleeps + ["structure"] * ages
         frictions = [wall.friction for wall in scene.walls if wall.friction]
         self.particles = Particles(
-            positions, kinds, velocity, volumes, carries_stress, scene.axisymmetric, extra, frictions
+            positions, kinds, velocity, volumes, carries_stress, scene.axisymmetric, extra, frictions, to_come
         )
         self.bins = Bins(self.particles, scene.domain, scene.periodic_axes, re)
-        capacity = int(self._pairs_per_particle * constants.neighbours * len(positions)) + 64
+        capacity = int(self._pairs_per_particle * constants.neighbours * self.particles.capacity) + 64
         self.neighbors = NeighborList(self.bins, capacity)
         self.constants = constants
         axis = (Plane((0.0, 0.0), (1.0, 0.0), mirror=True),) if scene.axisymmetric else ()
@@ -126,7 +139,7 @@ class Simulation:
         )
         self.walls.place(self._walls_at)
         scheme = SemiImplicit if semi_implicit else Implicit
-        self.scheme = scheme(scene, numerics, self.particles, self.neighbors, self.walls, constants)
+        self.scheme = scheme(expected, numerics, self.particles, self.neighbors, self.walls, constants)
         self.totals = Totals(self.particles, self.scheme, constants)
         if hasattr(self.scheme, "stage"):
             self.scheme.stage = self._stage
@@ -135,7 +148,10 @@ class Simulation:
     def step(self, until: float | None = None) -> StepReport:
         """One time step, at most to ``until`` [s]."""
         cpu = time.process_time()
+        for pouring in self.pouring:
+            pouring.pour(self.time, self.particles)
         speed = max(self.report.max_speed if self.report else self._initial_speed(), self._wall_speed)
+        speed = max([speed, *(pouring.speed for pouring in self.pouring if pouring.entered and not pouring.done)])
         limits = self.scheme.time_step_limits(speed)
         if self._last_dt is not None:
             limits["growth"] = 2.0 * self._last_dt
@@ -166,6 +182,11 @@ class Simulation:
             self.cpu_seconds += time.process_time() - cpu
         self.wall_seconds = time.perf_counter() - self._clock[1]
         return self.report
+
+    @property
+    def fluid_particles(self) -> int:
+        """Number of fluid particles that are there now."""
+        return self.particles.count[None] - self._wall_particles
 
     def _neighbours(self):
         try:
@@ -208,7 +229,7 @@ class Simulation:
             max_speed=math.sqrt(speed2),
             moving_speed=math.sqrt(moving2),
             kinetic_energy=0.5 * self.scene.material.density * energy,
-            unyielded_fraction=unyielded / len(self.scene.fluid),
+            unyielded_fraction=unyielded / self.fluid_particles,
             viscous_iterations=result["viscous_iterations"],
             pressure_iterations=result["pressure_iterations"],
             residual=result["residual"],
@@ -238,7 +259,8 @@ class Simulation:
         size = float(np.linalg.norm(np.subtract(*scene.domain)))
         fall = math.sqrt(2.0 * float(np.linalg.norm(scene.gravity_vector)) * size)
         start = 0.0 if scene.velocity is None else float(np.linalg.norm(scene.velocity, axis=1).max())
-        return 10.0 * (fall + self._wall_speed + start) or math.inf
+        jet = max((pouring.speed for pouring in self.pouring), default=0.0)
+        return 10.0 * (fall + self._wall_speed + start + jet) or math.inf
 
     # ---- running --------------------------------------------------------------------------------------------
     def every(self, interval: float, callback) -> None:
@@ -290,6 +312,8 @@ class Simulation:
         if hasattr(numerics, "unyielded_stop"):
             moved = self.time > 0.05 and self.scene.stop_at_rest
             return "unyielded" if moved and self.report.unyielded_fraction >= numerics.unyielded_stop else None
+        if not all(pouring.done for pouring in self.pouring):
+            return None
         return "rest" if self.scene.stop_at_rest and self._at_rest() else None
 
     def _at_rest(self) -> bool:
@@ -354,8 +378,8 @@ class Simulation:
             "parameters": dict(self.scene.parameters),
             "scheme": "semi-implicit" if isinstance(self.numerics, SemiImplicitNumerics) else "implicit",
             "numerics": self.numerics.model_dump(),
-            "fluid_particles": len(self.scene.fluid),
-            "wall_particles": self.particles.count[None] - len(self.scene.fluid),
+            "fluid_particles": self.fluid_particles,
+            "wall_particles": self._wall_particles,
             "steps": self.steps,
             "simulated_seconds": self.time,
             "wall_seconds": self.wall_seconds,
@@ -363,10 +387,22 @@ class Simulation:
             "compile_seconds": self.compile_seconds,
             "stopped_by": self.stopped_by,
             **({} if self.stopped_by == "diverged" else self.measures()),  # nothing can be measured on what is left
+            **({} if self.stopped_by == "diverged" else self._filling()),
             "volume_error": report.volume_error if report else 0.0,
             "backend": started(),
             "version": __version__,
         }
+
+    def _filling(self) -> dict:
+        """What has been poured, and what is filled of the cavity; both of the whole body."""
+        facts = {}
+        if self.pouring:
+            facts["poured_m3"] = sum(pouring.volume for pouring in self.pouring)
+            facts["pour_delay_s"] = max(pouring.delay for pouring in self.pouring)
+        if self.scene.cavity:
+            facts |= self.scene.cavity.report(self.snapshot())
+            facts["void_m3"] *= 2 ** len(self.scene.mirrors)
+        return facts
 
     def state(self) -> dict:
         """All that is needed to continue bit for bit: arrays by row and plain scalars."""
@@ -378,6 +414,7 @@ class Simulation:
             "last_dt": self._last_dt,
             "resting_since": self._resting_since,
             "report": report,
+            **({"pouring": [[pouring.entered, pouring.delay] for pouring in self.pouring]} if self.pouring else {}),
             **self.scheme.state(),
         }
 
@@ -387,4 +424,6 @@ class Simulation:
         self.time, self.steps, self._last_dt = state["time"], state["steps"], state["last_dt"]
         self.report = StepReport(**state["report"]) if state["report"] else None
         self._resting_since = state["resting_since"]
+        for pouring, carried in zip(self.pouring, state.get("pouring", []), strict=True):
+            pouring.entered, pouring.delay = carried
         self.scheme.load(state)

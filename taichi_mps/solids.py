@@ -170,7 +170,8 @@ def read_mesh(path, scale=1.0):
     if path.suffix.lower() == ".ply":
         check_ply(path)
     try:
-        mesh = meshio.read(path)
+        with np.errstate(over="ignore"):  # meshio takes the text of an STL file for a number first
+            mesh = meshio.read(path)
         faces = np.vstack(
             [np.zeros((0, 3), np.uint8), *(block.data for block in mesh.cells if block.type == "triangle")]
         )
@@ -221,3 +222,43 @@ def mesh_distance(x, points, triangles):
     except ImportError:
         raise SceneError('a solid from a mesh needs libigl: pip install "taichi-mps[cad]"') from None
     return igl.signed_distance(x, points, triangles.astype(np.int64), igl.SIGNED_DISTANCE_TYPE_PSEUDONORMAL)[0]
+
+
+def write_bars(path, ends, radius: float, sides: int = 12) -> Path:
+    """Write round bars between two ends each, (k, 2, 3) [m], as a closed triangle mesh (STL, OBJ, PLY by the suffix):
+    prisms with the cross-section of the round bar. SceneError if two overlap: of a surface inside another no distance
+    is known; bars that cross lie one behind the other."""
+    import meshio
+
+    ends = np.asarray(ends, float)
+    for k, (start, end) in enumerate(ends):
+        along = end - start
+        for other in range(k + 1, len(ends)):
+            o, b = ends[other, 0], ends[other, 1] - ends[other, 0]
+            x = start + np.linspace(0.0, 1.0, 2 + int(4 * np.linalg.norm(along) / radius))[:, None] * along
+            t = np.clip((x - o) @ b / (b @ b), 0.0, 1.0)
+            gap = float(np.linalg.norm(x - o - t[:, None] * b, axis=1).min()) - 2.0 * radius
+            if gap < 0.1 * radius:
+                raise SceneError(
+                    f"radius = {radius:g} m: bars {k} and {other} leave a gap of {gap:.3g} m; must be at least a tenth "
+                    f"of it, {0.1 * radius:.3g} m"
+                )
+    turn = 2.0 * np.pi * np.arange(sides) / sides
+    outer = radius * np.sqrt(2.0 * np.pi / (sides * np.sin(2.0 * np.pi / sides)))
+    points, triangles = [], []
+    for start, end in ends:
+        along = (end - start) / np.linalg.norm(end - start)
+        first = np.cross(along, np.eye(3)[np.argmin(np.abs(along))])
+        first /= np.linalg.norm(first)
+        rim = outer * (np.outer(np.cos(turn), first) + np.outer(np.sin(turn), np.cross(along, first)))
+        base = len(points) * (2 * sides + 2)
+        points.append(np.vstack([start + rim, end + rim, start, end]))
+        k = np.arange(sides)
+        n = (k + 1) % sides
+        middle = np.full(sides, 2 * sides)
+        faces = ((k, n, sides + n), (k, sides + n, sides + k), (middle, n, k), (middle + 1, sides + k, sides + n))
+        triangles += [base + np.stack(face, 1) for face in faces]
+    path = Path(path)
+    options = {"binary": True} if path.suffix.lower() == ".stl" else {}
+    meshio.write(path, meshio.Mesh(np.vstack(points), [("triangle", np.vstack(triangles).astype(np.int32))]), **options)
+    return path

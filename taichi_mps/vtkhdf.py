@@ -3,7 +3,7 @@
 import json
 import os
 import shutil
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import h5py
@@ -20,10 +20,10 @@ PARTS = ("Vertices", "Lines", "Strips", "Polygons")  # order of the columns of S
 class Trajectory:
     """run.h5: the fluid at every output as temporal VTKHDF PolyData, for ParaView >= 5.12, pyvista and VTK >= 9.3.
 
-    The number of particles is constant, so one part and one set of vertices serve all steps: step k has its points
-    at row k n. What was computed is kept: half the section of an axisymmetric body, with the size of its rings, or the
-    part between mirror planes. Group ``taichi_mps`` holds what VTK does not need: how the scene was made and the wall
-    particles.
+    The number of particles is constant (those that an inlet has yet to add wait at its mouth, with size 0), so one part
+    and one set of vertices serve all steps: step k has its points at row k n. What was computed is kept: half the
+    section of an axisymmetric body, with the size of its rings, or the part between mirror planes. Group ``taichi_mps``
+    holds what VTK does not need: how the scene was made, the wall particles and the mouth of the first inlet.
 
     HDF5 leaves a damaged file behind when it is killed while it writes. So there are two files while a run goes on:
     outputs are added to the twin, which then takes the place of run.h5 in one step. Whoever reads run.h5, and whenever
@@ -36,8 +36,8 @@ class Trajectory:
         self.missing: list[Snapshot] | None = None  # what the twin lacks of run.h5; None where there is no twin
 
     def create(self, sim, source: str) -> None:
-        s = sim.snapshot()
-        n = len(s.x)
+        s, inlets = sim.snapshot(), sim.scene.inlets
+        n = sim.particles.capacity if inlets else len(s.x)
         self.close()
         with h5py.File(self.twins[0], "w", libver=("earliest", "v110")) as file:
             root = file.create_group("VTKHDF")
@@ -50,7 +50,7 @@ class Trajectory:
                 root[f"{part}/Connectivity"] = np.arange(used)
                 root[f"{part}/Offsets"] = np.arange(used + 1)
             fields = point_data(s)
-            if not sim.scene.axisymmetric:
+            if not sim.scene.axisymmetric and not inlets:
                 del fields["size"]
             for name, rows in {"Points": embed(s.x), **fields}.items():
                 where = name if name == "Points" else f"PointData/{name}"
@@ -66,6 +66,8 @@ class Trajectory:
             own = file.create_group("taichi_mps")
             own.attrs.update(source=source, parameters=json.dumps(sim.scene.parameters), dimension=s.x.shape[1])
             own["wall_x"] = s.wall_x
+            if inlets:
+                own["mouth"] = np.array(inlets[0].centre, float)
         os.replace(self.twins[0], self.path)
 
     def append(self, s: Snapshot) -> int | None:
@@ -136,7 +138,7 @@ class Trajectory:
             parameters = json.loads(outside.text(own, "parameters"))
             scene = catalogue.rebuild(outside.text(own, "source"), parameters, scene_file)
             n, wall = int(outside.numbers(root, "NumberOfPoints")[0]), outside.numbers(own, "wall_x")
-            if n != len(scene.fluid):
+            if n != len(scene.fluid) and not scene.inlets:
                 raise SceneError(f"run {self.path}: has {n} particles, its scene makes {len(scene.fluid)}")
             axes = [0, 2] if scene.dimension == 2 else [0, 1, 2]
             steps, fields = outside.own(root, "Steps"), outside.own(root, "PointData")
@@ -146,6 +148,9 @@ class Trajectory:
                 x = outside.numbers(root, "Points", rows=rows)[:, axes].astype(float)
                 if {len(values) for values in data.values()} != {n} or len(x) != n or not np.isfinite(x).all():
                     raise ValueError(f"output {k} is not whole")
+                values = data["pressure"], data["shear_rate"], data["yielded"].astype(bool), data["density_ratio"]
+                there = data["size"] > 0.0 if "size" in data else slice(None)
+                x, data = x[there], {name: rows[there] for name, rows in data.items()}
                 values = data["pressure"], data["shear_rate"], data["yielded"].astype(bool), data["density_ratio"]
                 size = data["size"].astype(float) if "size" in data else None
                 u = data["velocity"][:, axes]
@@ -177,10 +182,12 @@ def due(time, every: float):
 
 def add(root, s: Snapshot) -> int | None:
     """Add a snapshot to the group VTKHDF; its number, or None if it is not later than the last one."""
-    steps, n = root["Steps"], len(s.x)
+    steps, n = root["Steps"], int(root["NumberOfPoints"][0])
     k = int(steps.attrs["NSteps"])
     if k and s.time <= steps["Values"][k - 1] + 1e-9:
         return None
+    if len(s.x) < n:
+        s = waiting(s, n, root.parent["taichi_mps/mouth"][()])
     put(root["Points"], k * n, embed(s.x))
     for name, rows in point_data(s).items():
         if name in root["PointData"]:
@@ -193,6 +200,15 @@ def add(root, s: Snapshot) -> int | None:
         put(dataset, k, [k * n])
     steps.attrs["NSteps"] = k + 1
     return k
+
+
+def waiting(s: Snapshot, n: int, mouth) -> Snapshot:
+    """The snapshot with all n particles: those to come are at the mouth of the inlet [m] and have no size."""
+    names = ("x", "u", "p", "shear_rate", "yielded", "density_ratio", "size")
+    rows = {name: getattr(s, name) for name in names}
+    more = {name: np.zeros((n - len(s.x), *values.shape[1:]), values.dtype) for name, values in rows.items()}
+    more["x"] = more["x"] + mouth
+    return replace(s, **{name: np.concatenate([rows[name], more[name]]) for name in names})
 
 
 def embed(x):

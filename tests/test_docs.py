@@ -11,7 +11,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
-NAMES = ("index", "equations", "architecture", "recipes", "limits", "studies", "stability", "speed")
+NAMES = ("index", "equations", "architecture", "recipes", "limits", "studies", "stability", "speed", "pouring")
 PAGES = [DOCS / f"{name}.md" for name in NAMES]
 BLOCK = re.compile(r"^```python\n(.*?)^```$", re.S | re.M)
 FILE = re.compile(r"# file: (\S+\.py)\n")

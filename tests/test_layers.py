@@ -17,9 +17,9 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "taichi_mps"
 EDGE = 4
 LAYERS = {
-    0: "quantity material geometry solids measure rest_shapes report scene admission",
+    0: "quantity material geometry solids measure rest_shapes inlet filling report scene admission",
     1: "backend weights surfaces friction particles neighbors gradient mrpcg sparse grid_levels",
-    2: "rheology walls viscosity pressure momentum shifting totals sleeping",
+    2: "rheology walls viscosity pressure momentum shifting totals sleeping pouring",
     3: "schemes.implicit schemes.semi_implicit simulation",
 }
 PEERS = {
@@ -27,7 +27,9 @@ PEERS = {
     "geometry": {"quantity", "material"},
     "solids": {"quantity", "material", "geometry"},
     "rest_shapes": {"quantity"},
-    "scene": {"quantity", "material", "geometry", "solids", "measure"},
+    "inlet": {"quantity"},
+    "filling": {"quantity"},
+    "scene": {"quantity", "material", "geometry", "solids", "measure", "inlet", "filling"},
     "admission": {"quantity", "scene"},
     "weights": {"backend"},
     "surfaces": {"backend"},

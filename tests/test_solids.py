@@ -177,6 +177,7 @@ def test_distances_from_a_cube(tmp_path, suffix):
     [
         (lambda path: path, "no such file"),
         (lambda path: path.write_bytes(b"no mesh"), "mesh .*: "),
+        (lambda path: path.write_bytes(b""), "holds no triangles"),
         (lambda path: write(path, CUBE[:-1]), "3 of its edges .* must be closed"),
         (lambda path: write(path, np.vstack([CUBE[:-1], CUBE[-1:, ::-1]])), "must be closed"),
         (lambda path: write(path, CUBE, 1000.0 * CORNERS), "1000 x 1000 x 1000 m; .* 0.001 for a file in mm"),

@@ -1,0 +1,69 @@
+"""Inlet: a hose or chute from which concrete enters, layer of particles by layer. Plain NumPy."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .quantity import SceneError
+
+
+@dataclass(frozen=True)
+class Inlet:
+    """Mouth of a round hose (a slot in 2-D) around ``centre``, from which concrete comes along ``direction`` at a
+    ``rate`` from the time ``start`` on until the ``volume`` is in; in 2-D both are per metre of depth.
+
+    Particles enter in layers of a lattice across the hose, a spacing apart: a layer begins to leave when its front is
+    on the mouth. The speed follows from the rate and the area of a layer, so the rate is met whatever the spacing.
+    Below the mouth they move as the fluid does. A mouth that is buried holds the next layer back until there is room.
+    """
+
+    centre: tuple[float, ...]  # [m]
+    direction: tuple[float, ...]
+    radius: float  # half of the width in 2-D [m]
+    rate: float  # [m3/s]
+    volume: float  # [m3]
+    start: float = 0.0  # [s]
+
+    def __post_init__(self):
+        units = {"centre": " m", "direction": "", "radius": " m", "rate": " m3/s", "volume": " m3", "start": " s"}
+        for key, unit in units.items():
+            value = getattr(self, key)
+            if not np.all(np.isfinite(value)):
+                raise SceneError(f"inlet: {key} = {value}{unit}: must be finite")
+            if key == "start" and value < 0.0:
+                raise SceneError(f"inlet: start = {value:g} s: must be at least 0 s")
+            if key in ("radius", "rate", "volume") and not value > 0.0:
+                raise SceneError(f"inlet: {key} = {value:g}{unit}: must be greater than 0{unit}")
+        if len(self.direction) != len(self.centre) or not np.any(self.direction):
+            raise SceneError(f"inlet: direction = {self.direction}: must have {len(self.centre)} numbers, not all zero")
+
+    @property
+    def unit_direction(self) -> np.ndarray:
+        return np.array(self.direction, float) / np.linalg.norm(self.direction)
+
+    def layer(self, spacing: float) -> np.ndarray:
+        """Places (m, d) [m] of a layer of particles that begins to leave; an edge of their lattice is on the axis."""
+        if self.radius < 1.5 * spacing * (1.0 - 1e-9):
+            raise SceneError(f"inlet: radius = {self.radius:g} m: must be at least 1.5 spacings, {1.5 * spacing:g} m")
+        along, across = self.unit_direction, []
+        for axis in np.eye(len(along))[np.argsort(np.abs(along), kind="stable")[:-1]]:  # those most square to the hose
+            for other in (along, *across):
+                axis = axis - (axis @ other) * other
+            across.append(axis / np.linalg.norm(axis))
+        count = int(np.ceil(self.radius / spacing))
+        ticks = spacing * (np.arange(-count, count) + 0.5)
+        offset = np.stack(np.meshgrid(*(ticks for _ in across), indexing="ij"), -1).reshape(-1, len(across))
+        offset = offset[np.linalg.norm(offset, axis=1) < self.radius]
+        return np.array(self.centre, float) - 0.5 * spacing * along + offset @ np.array(across)
+
+    def layer_volume(self, spacing: float) -> float:
+        """Volume [m3] of one layer."""
+        return len(self.layer(spacing)) * spacing ** len(self.centre)
+
+    def speed(self, spacing: float) -> float:
+        """Speed [m/s] in the hose: a spacing in the time in which the rate fills a layer."""
+        return spacing * self.rate / self.layer_volume(spacing)
+
+    def layers(self, spacing: float) -> int:
+        """Number of layers, the nearest to the volume and one at least."""
+        return max(1, round(self.volume / self.layer_volume(spacing)))
