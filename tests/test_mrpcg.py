@@ -344,7 +344,8 @@ def run_child(threads, precision):
     return [line for line in child.stdout.splitlines() if line.startswith(("converged", "limit"))]
 
 
-@pytest.mark.parametrize("precision", ["f32", pytest.param("f64", marks=pytest.mark.long)])
+@pytest.mark.long  # test_reproducible.py does it for a whole run
+@pytest.mark.parametrize("precision", ["f32", "f64"])
 def test_same_bits_with_one_and_two_threads(precision):
     one, two = run_child(1, precision), run_child(2, precision)
     assert one == two

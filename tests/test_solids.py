@@ -87,6 +87,7 @@ def plate(x):
 PLATE = mps.Solid.of(plate, (-0.6, -0.8), (0.6, 1.3), 0.025)
 
 
+@pytest.mark.long
 def test_fluid_behind_a_thin_plate_is_not_felt():
     """With particles on both sides each has the density and the neighbours of its own side only."""
     x = mps.lattice((-0.525, 0.0), (0.525, 0.5), L0, offset=(0.0, 0.5))

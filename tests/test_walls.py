@@ -352,6 +352,7 @@ def test_a_turning_wall_is_refused_as_particles():
         mps.Simulation(disc(material=mps.Newtonian(), wall=AROUND), mps.Implicit(walls="particles"))
 
 
+@pytest.mark.long
 def test_a_half_full_pipe_rests_without_a_leak():
     """Across a pipe under gravity, 100 Pa: in 0.3 s nothing moves by a twentieth of a spacing, nothing leaves."""
     scene = disc(material=mps.Bingham(plastic_viscosity=50.0, yield_value=1000.0))
