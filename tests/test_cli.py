@@ -106,7 +106,8 @@ def test_a_run_killed_at_random_steps_goes_on_bit_for_bit(work, whole):
     """By SIGKILL; each time what was written before can be read. 20 times: TAICHI_MPS_KILLS=20 pytest -n0 -k killed."""
     kills, dice = int(os.environ.get("TAICHI_MPS_KILLS", 1)), random.Random()
     here, reference = work / "killed", whole[0]
-    words = [work / "blob.py", "--every", "0.05", "--until", 0.05 * max(kills, 2), "--threads", "1", "--quiet", "--out", "run"]
+    until = 0.05 * max(kills, 2)
+    words = [work / "blob.py", "--every", "0.05", "--until", until, "--threads", "1", "--quiet", "--out", "run"]
     if kills > 2:
         reference = work / "reference" / "run"
         code, _, err = finish(start(reference.parent, "-c", UNSEEN, "run", *words), reference.parent)
