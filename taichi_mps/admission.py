@@ -1,17 +1,20 @@
-"""What a scene must be to be computed with these numerics: room in memory and in 32-bit numbers, and in its periods."""
+"""What a scene must be to be computed with these numerics: what they can do, room in memory and in 32-bit numbers."""
 
 import numpy as np
 
+from .geometry import Cylinder
+from .material import Bingham
 from .quantity import SceneError
-from .scene import Scene
+from .scene import Scene, SemiImplicit
 
 MOST_CELLS = 2**27  # of the binning grid: 8 bytes each
 MOST_PAIRS = 2**31 - 1  # of neighbours: their numbers are 32-bit
 
 
 def admit(scene: Scene, numerics) -> None:
-    """SceneError, before anything is allocated, if the grid or the neighbour list of a scene would not fit, or a
-    periodic side is too short."""
+    """SceneError, before anything is allocated, if these numerics cannot do what a scene asks for, if its grid or its
+    neighbour list would not fit, or a periodic side is too short."""
+    able(scene, numerics)
     re = numerics.effective_radius_ratio * scene.spacing
     size = np.subtract(scene.domain[1], scene.domain[0])
     sides = np.maximum(1.0, np.floor(size / re))
@@ -36,3 +39,38 @@ def admit(scene: Scene, numerics) -> None:
             f"spacing = {scene.spacing:g} m: makes {particles} particles with up to {pairs:.2g} pairs of "
             f"neighbours; at most {MOST_PAIRS:.2g}"
         )
+
+
+def able(scene: Scene, numerics) -> None:
+    """SceneError for a scene with something that these numerics have not."""
+    semi_implicit = isinstance(numerics, SemiImplicit)
+    if semi_implicit and not isinstance(scene.material, Bingham):
+        raise SceneError(
+            f"scene {scene.name}: material {type(scene.material).__name__}: must be Bingham with the scheme "
+            "semi-implicit; implicit takes any flow curve"
+        )
+    re = numerics.effective_radius_ratio * scene.spacing
+    for wall in scene.walls:
+        if isinstance(wall, Cylinder) and wall.smallest_radius <= re:
+            raise SceneError(
+                f"radius = {wall.smallest_radius:g} m of a curved wall: must be greater than the effective radius, "
+                f"{re:g} m"
+            )
+    if not semi_implicit and numerics.walls == "surfaces":
+        return
+    if scene.axisymmetric:
+        raise SceneError(f"scene {scene.name} is axisymmetric: must be computed with walls = surfaces, implicit")
+    if any(wall.speed > 0.0 or wall.thin for wall in scene.walls):
+        raise SceneError(
+            f"walls = particles: a wall of scene {scene.name} moves or is thin; must be surfaces, scheme implicit"
+        )
+    if any(wall.friction for wall in scene.walls):
+        raise SceneError(
+            f"walls = particles: a wall of scene {scene.name} has friction; must be surfaces, scheme implicit"
+        )
+    if scene.mirrors:
+        raise SceneError(f"walls = particles: scene {scene.name} has a mirror plane; must be surfaces, scheme implicit")
+    if scene.inlets:
+        raise SceneError(f"scene {scene.name} has an inlet: must be computed with walls = surfaces, implicit")
+    if scene.walls and scene.wall_particles is None:
+        raise SceneError(f"walls = particles: scene {scene.name} describes its walls as surfaces only")

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .material import Bingham
 from .quantity import SceneError
 
 
@@ -23,6 +24,7 @@ class Inlet:
     rate: float  # [m3/s]
     volume: float  # [m3]
     start: float = 0.0  # [s]
+    material: Bingham | None = None  # the mix; that of the scene by default
 
     def __post_init__(self):
         units = {"centre": " m", "direction": "", "radius": " m", "rate": " m3/s", "volume": " m3", "start": " s"}
@@ -63,6 +65,10 @@ class Inlet:
     def speed(self, spacing: float) -> float:
         """Speed [m/s] in the hose: a spacing in the time in which the rate fills a layer."""
         return spacing * self.rate / self.layer_volume(spacing)
+
+    def velocity(self, spacing: float) -> np.ndarray:
+        """Velocity (d,) [m/s] in the hose."""
+        return self.speed(spacing) * self.unit_direction
 
     def layers(self, spacing: float) -> int:
         """Number of layers, the nearest to the volume and one at least."""

@@ -19,10 +19,13 @@ class Snapshot:
     density_ratio: np.ndarray  # particle number density over n0 [-], (n,)
     wall_x: np.ndarray  # wall particles [m], (m, d); empty where walls are surfaces
     size: np.ndarray | None = None  # side of each particle's square or cube [m], (n,); l0 by default
+    mix: np.ndarray | None = None  # number of the mix, (n,); 0 by default
 
     def __post_init__(self):
         if self.size is None:
             object.__setattr__(self, "size", np.full(len(self.x), self.spacing))
+        if self.mix is None:
+            object.__setattr__(self, "mix", np.zeros(len(self.x), np.int32))
 
     @property
     def speed(self):
@@ -64,7 +67,9 @@ def reflected(vectors, normal, point=None):
 def mirrored(s: Snapshot, point, normal) -> Snapshot:
     """The snapshot and, after it and in the same order, its image at the plane through ``point`` [m] with this unit
     normal; pressure, shear rate, density ratio and the yielded flag are those of the particle itself."""
-    twice = {name: np.tile(getattr(s, name), 2) for name in ("p", "shear_rate", "yielded", "density_ratio", "size")}
+    twice = {
+        name: np.tile(getattr(s, name), 2) for name in ("p", "shear_rate", "yielded", "density_ratio", "size", "mix")
+    }
     twice["x"] = np.vstack([s.x, reflected(s.x, normal, point)])
     twice["u"] = np.vstack([s.u, reflected(s.u, normal)])
     twice["wall_x"] = np.vstack([s.wall_x, reflected(s.wall_x, normal, point)])

@@ -23,7 +23,7 @@ class MomentumSystem:
         self.neighbors = gradient.neighbors
         self.count = particles.count
         self.dimension, self.tensors = d, particles.tensor_dimension
-        self.inertia = ti.field(real(), ())  # rho/dt [kg/(m3 s)]
+        self.inertia = ti.field(real(), particles.capacity)  # rho/dt [kg/(m3 s)]
         self.bulk = ti.field(real(), ())  # K [Pa s]
         self.mu = ti.field(real(), particles.capacity)  # viscosity of the implicit part [Pa s]
         self.h = ti.field(real(), particles.capacity)  # 2V/n0 times the resistance to non-affine motion [N s m]
@@ -77,7 +77,7 @@ class MomentumSystem:
                     total -= self.h[i] * self.walls.drag_term(i, self.particles.x[i], ui, motion)
                     if ti.static(self.walls.rub):
                         total -= self.walls.friction_term(i, self.particles.x[i], ui, motion)
-                y[i] = self.particles.volume(i) * self.inertia[None] * ui - total
+                y[i] = self.particles.volume(i) * self.inertia[i] * ui - total
 
     @ti.kernel
     def prepare(self):
@@ -91,7 +91,7 @@ class MomentumSystem:
             self.inverse_diagonal[i] = ti.Matrix.zero(float, self.dimension, self.dimension)
             self.local[i] = ti.Matrix.zero(float, self.dimension, self.dimension)
             if self.unknown(i):
-                inertia = self.particles.volume(i) * self.inertia[None]
+                inertia = self.particles.volume(i) * self.inertia[i]
                 self.local[i] = inertia * ti.Matrix.identity(float, self.dimension)
                 own = ti.Vector.zero(float, self.dimension)
                 drag = inertia

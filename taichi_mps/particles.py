@@ -16,7 +16,17 @@ class Particles:
     """
 
     def __init__(
-        self, positions, kinds, velocity, volumes, carries_stress, axisymmetric=False, extra=(), frictions=(), to_come=0
+        self,
+        positions,
+        kinds,
+        velocity,
+        volumes,
+        carries_stress,
+        axisymmetric=False,
+        extra=(),
+        frictions=(),
+        to_come=0,
+        mixes=0,
     ):
         d = positions.shape[1]
         t = 3 if axisymmetric else d
@@ -38,8 +48,10 @@ class Particles:
             makers["plastic_rate"] = lambda: ti.Matrix.field(t, t, real())  # deviatoric rate q of the yield law [1/s]
         if axisymmetric:
             makers["ring"] = lambda: ti.field(real())  # volume of the ring [m3]
-        for name in extra:  # structure [-] of a thixotropic material; still, the time at rest [s] (sleep)
-            makers[name] = lambda: ti.field(real())
+        for (
+            name
+        ) in extra:  # structure [-] of a thixotropic material; still, time at rest [s] (sleep); number of the mix
+            makers[name] = (lambda: ti.field(ti.i32)) if name == "mix" else (lambda: ti.field(real()))
         for k, law in enumerate(frictions):  # of each wall with friction
             makers[f"slip_{k}"] = lambda: ti.Vector.field(d, real())  # velocity on the wall beneath [m/s]
             if law.yield_value > 0.0:
@@ -54,7 +66,7 @@ class Particles:
         for item in (*self.carried.values(), *self._twin.values(), self.source_row):
             ti.root.dense(ti.i, self.capacity).place(item)
         n = len(positions)
-        self.load({"x": positions, "u": velocity, "kind": kinds, "id": np.arange(n)} | {"ring": volumes})
+        self.load({"x": positions, "u": velocity, "kind": kinds, "id": np.arange(n), "ring": volumes, "mix": mixes})
 
     def load(self, state: dict) -> None:
         """Put arrays (n, ...) into the fields; what is not named becomes zero."""
@@ -71,12 +83,14 @@ class Particles:
         n = self.count[None]
         return {name: item.to_numpy()[:n] for name, item in self.carried.items()}
 
-    def append(self, positions, velocity) -> None:
-        """Fluid particles at positions (m, d) [m] with a velocity (d,) [m/s], numbered on; all else of them is zero."""
+    def append(self, positions, velocity, mix: int = 0) -> None:
+        """Fluid particles of a mix at positions (m, d) [m] with a velocity (d,) [m/s], numbered on; all else of them is
+        zero."""
         old, m = self.read(), len(positions)
         new = {name: np.zeros((m, *rows.shape[1:]), rows.dtype) for name, rows in old.items()}
         n = len(old["id"])
         new |= {"x": positions, "u": np.tile(velocity, (m, 1)), "kind": np.full(m, FLUID), "id": np.arange(n, n + m)}
+        new["mix"] = np.full(m, mix)
         self.load({name: np.concatenate([old[name], new[name]]) for name in old})
 
     @ti.func

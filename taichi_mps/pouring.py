@@ -13,7 +13,8 @@ class Pouring:
     def __init__(self, scene, inlet):
         self.spacing, self.start = scene.spacing, inlet.start
         self.layer = scene.inlet_layer(inlet)  # (m, d) [m]
-        self.velocity = inlet.speed(scene.spacing) * inlet.unit_direction  # [m/s]
+        self.mix = scene.mix_of(inlet)
+        self.velocity = inlet.velocity(scene.spacing)  # [m/s]
         self.speed = float(np.linalg.norm(self.velocity))
         self.layers = inlet.layers(scene.spacing)
         self.layer_volume = inlet.layer_volume(scene.spacing)  # of the whole hose [m3]
@@ -35,7 +36,7 @@ class Pouring:
         if self.due(time):
             layer = self.enter(time, particles.x.to_numpy()[: particles.count[None]])
             if layer is not None:
-                particles.append(layer, self.velocity)
+                particles.append(layer, self.velocity, self.mix)
 
     @property
     def next(self) -> float:

@@ -21,12 +21,13 @@ from .splatter import Camera, Ggui, Splatter
 RADIUS = 0.62  # of a drawn sphere over l0
 INK, FAINT, MOULD = (38, 42, 48), (112, 118, 126), (196, 62, 38)  # of text, rulers and outlines
 CONCRETE, FLOWING, RIGID = np.array([(0.68, 0.675, 0.66), (0.93, 0.50, 0.16), (0.45, 0.53, 0.64)])
+MIXES = np.array([(0.68, 0.675, 0.66), (0.30, 0.50, 0.72), (0.86, 0.55, 0.25), (0.42, 0.62, 0.40)])  # of mixes in turn
 FIELDS = {  # values of a view, and the label of its colour bar
     "speed": (lambda s: s.speed, "speed [m/s]"),
     "pressure": (lambda s: 1e-3 * s.p, "pressure [kPa]"),
     "shear-rate": (lambda s: s.shear_rate, "shear rate [1/s]"),
 }
-VIEWS = ("concrete", *FIELDS, "yielded")
+VIEWS = ("concrete", *FIELDS, "yielded", "mix")
 MEASURES = {"slump_m": "slump", "spread_m": "spread", "front_m": "front", "height_m": "height"}
 MEASURES |= {"flow_m": "flow", "h1_m": "H1", "h2_m": "H2", "step_m": "step"}  # shown in cm
 VIRIDIS = np.array(
@@ -130,6 +131,8 @@ class Renderer:
             return CONCRETE * (0.94 + 0.12 * np.modf(0.618034 * np.arange(len(snapshot.x)))[0])[:, None]
         if self.view == "yielded":
             return np.where(np.asarray(snapshot.yielded, bool)[:, None], FLOWING, RIGID)
+        if self.view == "mix":
+            return MIXES[np.asarray(snapshot.mix) % len(MIXES)]
         low, high = self.limits
         return viridis((np.asarray(FIELDS[self.view][0](snapshot), float) - low) / (high - low))
 
@@ -215,8 +218,15 @@ class Renderer:
     def _legend(self, image, pen):
         unit, (low, high) = self.camera.height / 720, self.limits
         x, y, wide, tall = (round(v * unit) for v in (image.width / unit - 105, 150, 20, 300))
-        if self.view == "yielded":
-            for k, (name, colour) in enumerate((("flowing", FLOWING), ("below the yield value", RIGID))):
+        keys = {
+            "yielded": (("flowing", FLOWING), ("below the yield value", RIGID)),
+            "mix": [
+                (f"{m.yield_value:g} Pa, {m.plastic_viscosity:g} Pa s", MIXES[k % len(MIXES)])
+                for k, m in enumerate(self.scene.materials)
+            ],
+        }
+        if self.view in keys:
+            for k, (name, colour) in enumerate(keys[self.view]):
                 top = round((28 + 30 * k) * unit)
                 pen.rectangle((x + 57 * unit, top, x + 77 * unit, top + wide), fill=tuple(int(255 * c) for c in colour))
                 self._write(pen, (x + 48 * unit, top + 0.5 * wide), name, 16, INK, "rm")

@@ -100,6 +100,7 @@ class Scene:
         self._check_numbers()
         for inlet in self.inlets:
             self._check_inlet(inlet)
+        self._check_mixes()
         x = self.initial if self.inlets else self.fluid
         if len(x) == 0:
             raise SceneError("fluid: the geometry is empty; it must hold at least one particle")
@@ -138,6 +139,26 @@ class Scene:
         if self.periodic is not None and len(self.periodic) != d:
             raise SceneError(f"periodic = {self.periodic}: must have one word for each of {d} axes")
 
+    def _check_mixes(self):
+        """Mixes differ in their numbers only: one law, and nothing on a wall that is of one of them."""
+        if len(self.materials) == 1:
+            return
+        for inlet in self.inlets:
+            if inlet.material is not None and not isinstance(inlet.material, Bingham):
+                raise SceneError(f"inlet: material = {inlet.material!r}: must be Bingham or Newtonian")
+        if not isinstance(self.material, Bingham):
+            raise SceneError(
+                f"material = {type(self.material).__name__}: must be Bingham or Newtonian where an inlet has "
+                "a material of its own"
+            )
+        knees = [m.critical_strain_rate for m in self.materials if not m.newtonian]
+        if None in knees and any(knees):
+            raise SceneError(
+                "inlet: critical_strain_rate: must be given for all mixes or for none; some have a true yield value"
+            )
+        if any(wall.friction for wall in self.walls):
+            raise SceneError("inlet: material: must be that of the scene where a wall has friction")
+
     def _check_inlet(self, inlet):
         """The mouth has the dimension of the fluid and no wall in it; mirror planes leave it whole or halve it."""
         layer = inlet.layer(self.spacing)
@@ -170,7 +191,34 @@ class Scene:
     @property
     def initial(self) -> np.ndarray:
         """Positions (n, d) [m] of all that is there at t = 0: the fluid and the first layers of the inlets."""
-        return np.vstack([self.fluid, *(self.inlet_layer(inlet) for inlet in self.inlets if inlet.start == 0.0)])
+        return np.vstack([self.fluid, *(x for _, x in self._first_layers)])
+
+    @property
+    def initial_velocity(self) -> np.ndarray:
+        """Velocities (n, d) [m/s] of what is there at t = 0."""
+        own = np.zeros_like(self.fluid) if self.velocity is None else np.asarray(self.velocity, float)
+        first = [np.tile(inlet.velocity(self.spacing), (len(x), 1)) for inlet, x in self._first_layers]
+        return np.vstack([own, *first])
+
+    @property
+    def initial_mixes(self) -> np.ndarray:
+        """Number (n,) in ``materials`` of the mix of what is there at t = 0."""
+        first = [np.full(len(x), self.mix_of(inlet)) for inlet, x in self._first_layers]
+        return np.concatenate([np.zeros(len(self.fluid), int), *first])
+
+    @property
+    def _first_layers(self):
+        return [(inlet, self.inlet_layer(inlet)) for inlet in self.inlets if inlet.start == 0.0]
+
+    @property
+    def materials(self) -> tuple:
+        """The mixes: ``material`` and the others that inlets bring."""
+        others = [inlet.material for inlet in self.inlets if inlet.material not in (None, self.material)]
+        return (self.material, *dict.fromkeys(others))
+
+    def mix_of(self, inlet: Inlet) -> int:
+        """Number in ``materials`` of the mix that an inlet brings."""
+        return 0 if inlet.material is None else self.materials.index(inlet.material)
 
     @property
     def reach(self) -> np.ndarray:
@@ -188,7 +236,7 @@ class Scene:
         """The scene, without inlets as high and as fast as it will be: that from which a scheme takes its scales."""
         if not self.inlets:
             return self
-        jet = max((inlet.speed(self.spacing) * inlet.unit_direction for inlet in self.inlets), key=np.linalg.norm)
+        jet = max((inlet.velocity(self.spacing) for inlet in self.inlets), key=np.linalg.norm)
         velocity = np.tile(jet, (len(self.reach), 1))
         if self.velocity is not None:
             velocity[: len(self.fluid)] = self.velocity

@@ -9,18 +9,18 @@ import numpy as np
 from . import __version__
 from .admission import admit
 from .backend import require_room, started, ti
-from .geometry import Cylinder, Plane
-from .material import Bingham
+from .geometry import Plane
 from .measure import Snapshot
 from .neighbors import Bins, CapacityError, EscapedError, NeighborList
 from .particles import DUMMY, FLUID, WALL, Particles
 from .pouring import Pouring
 from .quantity import SceneError
 from .report import DivergedError, StepReport
+from .scales import law_of, resting_time
 from .scene import Implicit as ImplicitNumerics
 from .scene import Scene
 from .scene import SemiImplicit as SemiImplicitNumerics
-from .schemes.implicit import Implicit, law_of
+from .schemes.implicit import Implicit
 from .schemes.semi_implicit import SemiImplicit
 from .totals import NOT_A_NUMBER, Totals
 from .walls import Walls
@@ -64,62 +64,27 @@ class Simulation:
         re = numerics.effective_radius_ratio * scene.spacing
         semi_implicit = isinstance(numerics, SemiImplicitNumerics)
         use_particles = semi_implicit or numerics.walls == "particles"
-        if semi_implicit and not isinstance(scene.material, Bingham):
-            raise SceneError(
-                f"scene {scene.name}: material {type(scene.material).__name__}: must be Bingham with the scheme "
-                "semi-implicit; implicit takes any flow curve"
-            )
-        if use_particles and scene.axisymmetric:
-            raise SceneError(f"scene {scene.name} is axisymmetric: must be computed with walls = surfaces, implicit")
-        if use_particles and any(wall.speed > 0.0 or wall.thin for wall in scene.walls):
-            raise SceneError(
-                f"walls = particles: a wall of scene {scene.name} moves or is thin; must be surfaces, scheme implicit"
-            )
-        if use_particles and any(wall.friction for wall in scene.walls):
-            raise SceneError(
-                f"walls = particles: a wall of scene {scene.name} has friction; must be surfaces, scheme implicit"
-            )
-        if use_particles and scene.mirrors:
-            raise SceneError(
-                f"walls = particles: scene {scene.name} has a mirror plane; must be surfaces, scheme implicit"
-            )
-        for wall in scene.walls:
-            if isinstance(wall, Cylinder) and wall.smallest_radius <= re:
-                raise SceneError(
-                    f"radius = {wall.smallest_radius:g} m of a curved wall: must be greater than the effective radius, "
-                    f"{re:g} m"
-                )
-        if use_particles and scene.inlets:
-            raise SceneError(f"scene {scene.name} has an inlet: must be computed with walls = surfaces, implicit")
-        positions = scene.initial
-        kinds = np.full(len(positions), FLUID)
+        kinds, positions = np.full(len(scene.initial), FLUID), scene.initial
+        velocity, mixes = scene.initial_velocity, scene.initial_mixes
         if use_particles and scene.wall_particles is not None:
             wall = np.asarray(scene.wall_particles, float)
             depth = np.max([-surface.distance(wall) for surface in scene.walls], axis=0)
             positions = np.vstack([positions, wall])
             kinds = np.concatenate([kinds, np.where(depth < scene.spacing, WALL, DUMMY)])
+            velocity = np.vstack([velocity, np.zeros_like(wall)])
+            mixes = np.concatenate([mixes, np.zeros(len(wall))])
             self._wall_particles = len(wall)
-        elif use_particles and scene.walls:
-            raise SceneError(f"walls = particles: scene {scene.name} describes its walls as surfaces only")
-        velocity = np.zeros_like(positions)
-        if scene.velocity is not None:
-            velocity[: len(scene.fluid)] = scene.velocity
-        row, to_come, expected = len(scene.fluid), 0, scene.expected
-        for inlet, pouring in zip(scene.inlets, self.pouring, strict=True):
-            there = inlet.start == 0.0  # its first layer is among the positions
-            velocity[row : row + there * len(pouring.layer)] = pouring.velocity
-            row += there * len(pouring.layer)
-            to_come += (pouring.layers - there) * len(pouring.layer)
+        expected = scene.expected
+        to_come = sum((pouring.layers - (pouring.start == 0.0)) * len(pouring.layer) for pouring in self.pouring)
         constants = lattice_constants(d, scene.spacing, re)
-        law = law_of(scene.material)
-        carries_stress = law == "bingham" and not semi_implicit
+        carries_stress = law_of(scene.materials) == "bingham" and not semi_implicit
         volumes = np.resize(expected.volumes, len(positions))
-        sleeps = carries_stress and numerics.sleep and scene.material.yield_value > 0.0
+        sleeps = carries_stress and numerics.sleep and math.isfinite(resting_time(scene.materials))
         ages = getattr(scene.material, "growth", None) is not None
-        extra = ["still"] * sleeps + ["structure"] * ages
+        extra = ["still"] * sleeps + ["structure"] * ages + ["mix"] * (len(scene.materials) > 1)
         frictions = [wall.friction for wall in scene.walls if wall.friction]
         self.particles = Particles(
-            positions, kinds, velocity, volumes, carries_stress, scene.axisymmetric, extra, frictions, to_come
+            positions, kinds, velocity, volumes, carries_stress, scene.axisymmetric, extra, frictions, to_come, mixes
         )
         self.bins = Bins(self.particles, scene.domain, scene.periodic_axes, re)
         capacity = int(self._pairs_per_particle * constants.neighbours * self.particles.capacity) + 64
@@ -138,8 +103,8 @@ class Simulation:
             plastic_viscosity=scene.material.plastic_viscosity,
         )
         self.walls.place(self._walls_at)
-        scheme = SemiImplicit if semi_implicit else Implicit
-        self.scheme = scheme(expected, numerics, self.particles, self.neighbors, self.walls, constants)
+        parts = expected, numerics, self.particles, self.neighbors, self.walls, constants
+        self.scheme = SemiImplicit(*parts) if semi_implicit else Implicit(*parts, scene.materials[1:])
         self.totals = Totals(self.particles, self.scheme, constants)
         if hasattr(self.scheme, "stage"):
             self.scheme.stage = self._stage
@@ -220,7 +185,7 @@ class Simulation:
         return float(np.linalg.norm(self.particles.u.to_numpy(), axis=1).max())
 
     def _make_report(self, dt, name, result) -> StepReport:
-        speed2, moving2, energy, unyielded, volume_error, lost = self.totals.take()
+        speed2, moving2, kinetic, unyielded, volume_error, lost = self.totals.take()
         report = StepReport(
             step=self.steps,
             time=self.time,
@@ -228,7 +193,7 @@ class Simulation:
             dt_limit=name,
             max_speed=math.sqrt(speed2),
             moving_speed=math.sqrt(moving2),
-            kinetic_energy=0.5 * self.scene.material.density * energy,
+            kinetic_energy=kinetic,
             unyielded_fraction=unyielded / self.fluid_particles,
             viscous_iterations=result["viscous_iterations"],
             pressure_iterations=result["pressure_iterations"],
@@ -319,11 +284,10 @@ class Simulation:
     def _at_rest(self) -> bool:
         """Would what moves still go less than a tenth of a spacing in the material's own time? eta/tau_y is the time in
         which a Bingham flow decays, so a slow flow of a viscous mix is not taken for rest, nor a front before a large
-        body that stands. Only a true yield value brings a body to rest."""
-        material = self.scene.material
-        if law_of(material) != "bingham" or material.yield_value == 0.0:
+        body that stands."""
+        window = resting_time(self.scene.materials)
+        if not math.isfinite(window):
             return False
-        window = max(0.2, material.plastic_viscosity / material.yield_value)
         if self.report.moving_speed * window > 0.1 * self.scene.spacing or self._pushed():
             self._resting_since = None
             return False
@@ -343,9 +307,9 @@ class Simulation:
         rows = self.particles.read()
         n = len(rows["id"])
         rows["yielded"] = self.scheme.yielded.to_numpy()[:n].astype(bool)
-        if hasattr(self.scheme, "read_pressure"):
-            self.scheme.read_pressure()
-            rows["p"] = self.scheme.smooth_p.to_numpy()[:n]
+        if hasattr(self.scheme, "smoothing"):
+            self.scheme.smoothing.read()
+            rows["p"] = self.scheme.smoothing.p.to_numpy()[:n]
         rows["n"] = self.scheme.gradient.density_ratio()[:n]
         fluid = np.flatnonzero(rows["kind"] == FLUID)
         order = fluid[np.argsort(rows["id"][fluid])]
@@ -360,6 +324,7 @@ class Simulation:
             density_ratio=rows["n"][order],
             wall_x=rows["x"][rows["kind"] != FLUID],
             size=self._ring_sizes(rows)[order] if self.scene.axisymmetric else None,
+            mix=rows["mix"][order] if "mix" in rows else None,
         )
 
     def _ring_sizes(self, rows):

@@ -13,19 +13,19 @@ class Totals:
     def __init__(self, particles, scheme, constants):
         self.particles, self.scheme = particles, scheme
         self.nearly_all = 0.9 * constants.neighbours
-        self.sums = ti.field(ti.f64, 6)  # max u^2, sum V u^2, V u^4, unyielded; of full ones sum V packing, sum V
+        self.sums = ti.field(ti.f64, 7)  # max u^2, sum V u^2, V u^4, m u^2, unyielded; of full: sum V packing, sum V
 
     def take(self):
-        """Largest speed^2 and that of what moves [m2/s2], sum of V u^2 [m5/s2], number of unyielded particles, volume
+        """Largest speed^2 and that of what moves [m2/s2], kinetic energy [J], number of unyielded particles, volume
         error [-], and the volume that was lost [m3]: negative where the fluid has become looser."""
         self._add()
-        speed2, energy, square, unyielded, packing, volume = self.sums.to_numpy()
+        speed2, squares, fourths, energy, unyielded, packing, volume = self.sums.to_numpy()
         error = volume / packing - 1.0 if volume else 0.0
-        return speed2, square / energy if energy else 0.0, energy, unyielded, error, -error * volume
+        return speed2, fourths / squares if squares else 0.0, 0.5 * energy, unyielded, error, -error * volume
 
     @ti.kernel
     def _add(self):
-        for k in range(6):
+        for k in range(7):
             self.sums[k] = 0.0
         ti.loop_config(serialize=True)
         for i in range(self.particles.count[None]):
@@ -37,7 +37,8 @@ class Totals:
                 self.sums[0] = ti.max(self.sums[0], u2)
                 self.sums[1] += volume * u2
                 self.sums[2] += volume * u2 * u2
-                self.sums[3] += 1 - self.scheme.yielded[i]
+                self.sums[3] += volume * u2 * self.scheme.density(i)
+                self.sums[4] += 1 - self.scheme.yielded[i]
                 if self.scheme.gradient.around[i] >= self.nearly_all:
-                    self.sums[4] += volume * self.scheme.gradient.packing[i]
-                    self.sums[5] += volume
+                    self.sums[5] += volume * self.scheme.gradient.packing[i]
+                    self.sums[6] += volume

@@ -52,6 +52,8 @@ class Trajectory:
             fields = point_data(s)
             if not sim.scene.axisymmetric and not inlets:
                 del fields["size"]
+            if len(sim.scene.materials) == 1:
+                del fields["mix"]
             for name, rows in {"Points": embed(s.x), **fields}.items():
                 where = name if name == "Points" else f"PointData/{name}"
                 growing(root, where, rows.shape[1:], rows.dtype, min(n, 1 << 16))
@@ -153,8 +155,8 @@ class Trajectory:
                 x, data = x[there], {name: rows[there] for name, rows in data.items()}
                 values = data["pressure"], data["shear_rate"], data["yielded"].astype(bool), data["density_ratio"]
                 size = data["size"].astype(float) if "size" in data else None
-                u = data["velocity"][:, axes]
-                yield Replay(scene, Snapshot(float(instant), scene.spacing, x, u, *values, wall, size))
+                u, mix = data["velocity"][:, axes], data.get("mix")
+                yield Replay(scene, Snapshot(float(instant), scene.spacing, x, u, *values, wall, size, mix))
 
 
 @dataclass(frozen=True)
@@ -204,7 +206,7 @@ def add(root, s: Snapshot) -> int | None:
 
 def waiting(s: Snapshot, n: int, mouth) -> Snapshot:
     """The snapshot with all n particles: those to come are at the mouth of the inlet [m] and have no size."""
-    names = ("x", "u", "p", "shear_rate", "yielded", "density_ratio", "size")
+    names = ("x", "u", "p", "shear_rate", "yielded", "density_ratio", "size", "mix")
     rows = {name: getattr(s, name) for name in names}
     more = {name: np.zeros((n - len(s.x), *values.shape[1:]), values.dtype) for name, values in rows.items()}
     more["x"] = more["x"] + mouth
@@ -218,12 +220,13 @@ def embed(x):
 
 
 def point_data(s: Snapshot) -> dict[str, np.ndarray]:
-    """velocity [m/s], pressure [Pa], shear_rate [1/s], yielded 0 or 1, density_ratio [-] and size [m] of every
+    """velocity [m/s], pressure [Pa], shear_rate [1/s], yielded 0 or 1, density_ratio [-], size [m] and mix of every
     particle."""
     scalars = {"pressure": s.p, "shear_rate": s.shear_rate, "density_ratio": s.density_ratio, "size": s.size}
     return {
         "velocity": embed(s.u),
         "yielded": s.yielded.astype(np.uint8),
+        "mix": s.mix.astype(np.uint8),
         **{name: np.asarray(values, np.float32) for name, values in scalars.items()},
     }
 

@@ -18,7 +18,7 @@ PACKAGE = ROOT / "taichi_mps"
 EDGE = 4
 LAYERS = {
     0: "quantity material geometry solids measure rest_shapes inlet filling report scene admission",
-    1: "backend weights surfaces friction particles neighbors gradient mrpcg sparse grid_levels",
+    1: "backend weights surfaces friction particles neighbors gradient mrpcg sparse grid_levels scales smoothing",
     2: "rheology walls viscosity pressure momentum shifting totals sleeping pouring",
     3: "schemes.implicit schemes.semi_implicit simulation",
 }
@@ -27,10 +27,10 @@ PEERS = {
     "geometry": {"quantity", "material"},
     "solids": {"quantity", "material", "geometry"},
     "rest_shapes": {"quantity"},
-    "inlet": {"quantity"},
+    "inlet": {"quantity", "material"},
     "filling": {"quantity"},
     "scene": {"quantity", "material", "geometry", "solids", "measure", "inlet", "filling"},
-    "admission": {"quantity", "scene"},
+    "admission": {"quantity", "material", "geometry", "scene"},
     "weights": {"backend"},
     "surfaces": {"backend"},
     "friction": {"backend"},
@@ -40,6 +40,8 @@ PEERS = {
     "mrpcg": {"backend", "sparse", "grid_levels"},
     "grid_levels": {"backend"},
     "sparse": {"backend"},
+    "scales": {"backend"},
+    "smoothing": {"backend"},
     "viscosity": {"rheology"},
     "momentum": {"rheology", "sleeping"},
     "simulation": {"schemes.implicit", "schemes.semi_implicit"},

@@ -22,7 +22,8 @@ class System(Rig):
         rng = np.random.default_rng(8)
         n, d = x.shape
         self.system = MomentumSystem(self.particles, self.gradient, self.gradient.walls)
-        self.system.inertia[None], self.system.bulk[None] = MASS_RATE / self.volume, BULK
+        self.system.bulk[None] = BULK
+        self.system.inertia.fill(MASS_RATE / self.volume)
         self.system.mu.from_numpy(rng.uniform(10.0, 1000.0, n))
         self.system.h.from_numpy(2.0 * self.volume / self.gradient.n0 * rng.uniform(5.0, 500.0, n))
         self.system.prepare()

@@ -25,7 +25,10 @@ def scene() -> mps.Scene:
         name="poured", material=mps.Bingham(yield_value=2000.0, plastic_viscosity=50.0), spacing=0.02, fluid=None,
         inlets=(
             mps.Inlet(centre=(0.01, 0.4), direction=(0.0, -2.0), radius=0.04, rate=0.04, volume=0.0144),
-            mps.Inlet(centre=(-0.05, 0.35), direction=(0.0, -1.0), radius=0.04, rate=0.08, volume=0.003, start=0.7),
+            mps.Inlet(
+                centre=(-0.05, 0.35), direction=(0.0, -1.0), radius=0.04, rate=0.08, volume=0.003, start=0.7,
+                material=mps.Bingham(density=2000.0, yield_value=1500.0, plastic_viscosity=30.0),
+            ),
         ),
         cavity=mps.Cavity((-0.1, 0.0), (0.1, 0.06), walls, 0.02),
         walls=walls, domain=((-0.12, -0.04), (0.12, 0.5)), until=3.0, stop_at_rest=True, measure=mps.measure.front,
@@ -99,7 +102,11 @@ def test_concrete_enters_at_its_rate_falls_freely_rests_and_resumes_bit_for_bit(
     output.append(s)
     replay = [(len(out.snapshot().x), out.snapshot()) for out in output.replay(source)]
     assert [n for n, _ in replay] == [*counts, 4 * ALL]
-    assert np.allclose(replay[-1][1].x, s.x, atol=1e-6)
+    last = replay[-1][1]
+    assert np.allclose(last.x, s.x, atol=1e-6) and np.array_equal(last.mix, s.mix)
+    assert s.mix.tolist() == [0] * 4 * LAYERS + [1] * 8  # by id: the second hose has brought its own
+    energy = 0.5 * L0**2 * ((s.u**2).sum(1) * np.where(s.mix == 1, 2000.0, 2300.0)).sum()
+    assert sim.report.kinetic_energy == pytest.approx(energy, rel=1e-4)
 
 
 def test_a_buried_mouth_holds_the_layers_back(scene):

@@ -13,7 +13,7 @@ import study_cases
 import taichi_mps as mps
 from taichi_mps import cli
 from taichi_mps.quantity import SceneError
-from taichi_mps.schemes.implicit import longest_step
+from taichi_mps.scales import longest_step
 from taichi_mps.study import case as cases
 from taichi_mps.study.calibrate import calibrate, fit
 from taichi_mps.study.emulator import Emulator
@@ -183,7 +183,7 @@ def test_materials_of_one_law_share_their_kernels():
     assert rows[1]["slump_m"] > 1.1 * rows[0]["slump_m"]  # 100 Pa
     sim = cases.begin(mps.slump_cone(plastic_viscosity=20, density=2000, **cone))
     height = np.ptp(sim.scene.fluid[:, 1]) + 0.03
-    assert sim.scheme.max_time_step == longest_step(0.01, 9.81, height, 0.03)  # what similarity leaves the same
+    assert sim.scheme.scales.max_time_step == longest_step(0.01, 9.81, height, 0.03)  # what similarity leaves the same
     failed = cases.run(cases.case("slump", lift_speed=0.1, **cone))
     assert failed["status"] == "failed" and "lift_speed = 0.1 m/s" in failed["reason"]
 

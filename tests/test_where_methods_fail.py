@@ -107,9 +107,12 @@ def test_any_diffusion_number_is_stable_by_default(free_default):
     x = free_default.scene.fluid
     u = 1e-9 * np.random.default_rng(0).normal(size=x.shape)
     rigid = u.mean(0) + spin(x, angular_momentum(x, u) / (x**2).sum())
-    usual, free_default.scheme.max_time_step = free_default.scheme.max_time_step, 1000.0 * WIDE**2 * 1000.0 / 1.0
+    usual, free_default.scheme.scales.max_time_step = (
+        free_default.scheme.scales.max_time_step,
+        1000.0 * WIDE**2 * 1000.0 / 1.0,
+    )
     report = start(free_default, x, u).step()
-    free_default.scheme.max_time_step = usual
+    free_default.scheme.scales.max_time_step = usual
     assert report.dt * 1.0 / 1000.0 / WIDE**2 == pytest.approx(1000.0)
     assert np.abs(free_default.snapshot().u - rigid).max() < 2e-3 * np.abs(u).max()
 

@@ -21,6 +21,7 @@ class SemiImplicit:
         self.particles, self.neighbors = particles, neighbors
         self.numerics = numerics
         self.spacing = scene.spacing
+        self.mass_density = scene.material.density  # [kg/m3]
         self.gradient = Gradient(neighbors, walls, constants, scene.spacing)
         self.viscosity = ExplicitViscosity(particles, self.gradient, scene.material, constants, scene.gravity_vector)
         self.pressure = PressurePoisson(
@@ -68,6 +69,11 @@ class SemiImplicit:
             "residual": report.residuals[-1],
             "status": report.status,
         }
+
+    @ti.func
+    def density(self, i):
+        """Density of particle i [kg/m3]."""
+        return ti.cast(self.mass_density, float)
 
     @ti.kernel
     def mark_yielded(self):

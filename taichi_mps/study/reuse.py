@@ -1,7 +1,7 @@
 """A Simulation that is compiled once and run again with other materials.
 
-Taichi compiles the numbers of a scheme into its kernels, so each Simulation compiles anew: 5 to 8 s for a cone that
-runs in half a second. Here the kernels read those numbers from a field; another material of the law is other entries.
+A Simulation compiles its kernels anew: 5 to 8 s for a cone that runs in half a second. They read the numbers of a
+material from fields (scales.py), so another material of the law is other entries.
 """
 
 import pickle
@@ -10,8 +10,8 @@ from dataclasses import fields
 
 from ..backend import require_room, ti
 from ..material import Bingham
+from ..scales import law_of
 from ..scene import Scene
-from ..schemes.implicit import Implicit, law_of
 from ..simulation import Simulation
 
 
@@ -31,32 +31,8 @@ class Compiled:
         self.shape = shape_of(scene)
         self.program = ti.lang.impl.get_runtime().prog
         self.sim = Simulation(scene)
+        self.scheme = self.sim.scheme
         self.beginning = self.sim.state()
-        self.scheme = scheme = self.sim.scheme
-        self.numbers = {name: value for name, value in vars(scheme).items() if isinstance(value, float)}
-        self.field = ti.field(ti.f64, len(self.numbers))
-        for name in self.numbers:
-            delattr(scheme, name)
-        scheme.__class__ = type(
-            "ImplicitOfAnyMaterial", (Implicit,), {name: self._number(name) for name in self.numbers}
-        )
-        self._write()
-
-    def _number(self, name):
-        """A property of the scheme: an entry of the field where a kernel is compiled, a float elsewhere."""
-        numbers, field, place = self.numbers, self.field, list(self.numbers).index(name)
-
-        def get(_):
-            if not ti.lang.impl.inside_kernel():
-                return numbers[name]
-            kernel = ti.lang.impl.get_runtime().compiling_callable
-            return ti.cast(ti.lang.impl.subscript(kernel.ast_builder(), field, place), float)
-
-        return property(get)
-
-    def _write(self):
-        for place, value in enumerate(self.numbers.values()):
-            self.field[place] = value
 
     @property
     def whole(self) -> bool:
@@ -65,13 +41,9 @@ class Compiled:
 
     def begin(self, scene: Scene) -> Simulation:
         """The Simulation of a scene of this shape, at its start; the one handed out before is over."""
+        require_room()
         sim = self.sim
-        if scene.material != sim.scene.material:  # a scheme on the same particles, made for its numbers alone
-            require_room()
-            made = Implicit(scene, sim.numerics, sim.particles, sim.neighbors, sim.walls, sim.constants)
-            self.numbers.update({name: vars(made)[name] for name in self.numbers})
-            sim.scheme.system.bulk[None] = made.bulk
-            self._write()
+        self.scheme.take(scene.expected, scene.materials)
         sim.scene = scene
         sim.load(self.beginning)
         sim._walls_at = 0.0

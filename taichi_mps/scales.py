@@ -1,0 +1,93 @@
+"""The numbers of a scene that the kernels of ``implicit`` read: the constants of its mixes, and the scales of time,
+rate and pressure that follow. They stand in fields, so another material is other entries, not another compilation."""
+
+from .backend import real, ti
+
+NON_AFFINE = 0.6  # c: bond-associated dissipation gives 1/2 (shear) to 2/3 (along the bond), docs/equations.md
+INERTIAL = 0.5  # non-affine motion of a thin fluid decays within two natural steps or so: h += 0.5 rho l0^2/step
+SLOWEST = 1e-2  # strain per natural step below which the non-affine resistance of a yield-stress fluid stops growing
+STIFFNESS = 75.0  # K = STIFFNESS rho (g H + U^2) times the natural step: that pressure compresses by 1/75 in one pass
+VISCOUS_STIFFNESS = 8.0  # and K >= 8 mu_r: a slow flow is resisted by its viscosity, not by its weight
+PENALTY = 6.0, 64.0  # mu_r >= 6 eta and 64 tau_y times the natural step: the stress converges in a few passes
+
+
+def law_of(materials) -> str:
+    """'newtonian', 'bingham' (true yield value) or 'bi-viscosity' (a critical strain rate is given), of a material or
+    of mixes that are of one law."""
+    yielding = [m for m in (materials if isinstance(materials, tuple) else (materials,)) if not m.newtonian]
+    if not yielding:
+        return "newtonian"
+    return "bingham" if yielding[0].critical_strain_rate is None else "bi-viscosity"
+
+
+def longest_step(kinematic_viscosity: float, gravity: float, height: float, spacing: float) -> float:
+    """Step [s] that resolves the fall of the body, 0.057 sqrt(H/g), or the viscous flow where that is slower; a fluid
+    too thin to damp motion on the scale of a particle must resolve that motion, 0.06 sqrt(l0/g)."""
+    gravity = max(gravity, 0.1)
+    fall = 0.057 * (height / gravity) ** 0.5
+    damping = kinematic_viscosity / (spacing * (gravity * spacing) ** 0.5)
+    return max(
+        min(fall, 0.06 * (spacing / gravity) ** 0.5 * (1.0 + damping)), 0.5 * kinematic_viscosity / (gravity * height)
+    )
+
+
+def resting_time(materials) -> float:
+    """Time [s] in which flow decays, the longest eta/tau_y of the mixes, 0.2 s at least; infinite if one of them never
+    comes to rest: only a true yield value brings a body to rest."""
+    if any(m.newtonian or m.yield_value == 0.0 or m.critical_strain_rate is not None for m in materials):
+        return float("inf")
+    return max(0.2, *(m.plastic_viscosity / m.yield_value for m in materials))
+
+
+@ti.data_oriented
+class Scales:
+    """Constants of each mix and scales of the scene; ``take`` fills them in."""
+
+    def __init__(self, particles, mixes: int):
+        self.particles, self.mixes = particles, mixes
+        of_mix = [ti.field(real(), mixes) for _ in range(6)]
+        self.density, self.eta, self.tau_y, self.pi_c = of_mix[:4]  # [kg/m3], [Pa s], [Pa], [1/s]
+        self.mu_r = of_mix[4]  # penalty that ties the strain rate to the yield law [Pa s]
+        self.inertial = of_mix[5]  # resistance of a thin fluid to non-affine motion [Pa s]
+        of_scene = [ti.field(real(), ()) for _ in range(4)]
+        self.layer_pressure = of_scene[0]  # of half a layer of particles [Pa]
+        self.slowest = of_scene[1]  # rate of the bonds below which their resistance stops growing [1/s]
+        self.bulk = of_scene[2]  # K [Pa s]
+        self.drive = of_scene[3]  # force density that errors of the solve are compared with [N/m3]
+        self.natural_step = self.max_time_step = 0.0  # [s]
+
+    def take(self, scene, materials, numerics) -> None:
+        """The numbers of these mixes in this scene, which is as high and as fast as it will be."""
+        height = float(scene.fluid[:, -1].max() - scene.fluid[:, -1].min()) + scene.spacing
+        gravity = float((scene.gravity_vector**2).sum() ** 0.5)
+        speeds = [float((scene.velocity**2).sum(1).max() ** 0.5)] if scene.velocity is not None else []
+        speed = max(speeds + [wall.speed for wall in scene.walls] + [0.0])
+        head = max(gravity, 0.1) * height + speed**2  # the pressure to expect, over the density [m2/s2]
+        longest = min(longest_step(m.plastic_viscosity / m.density, gravity, height, scene.spacing) for m in materials)
+        self.max_time_step = numerics.max_time_step or longest
+        # the step [s] of this scene at its defaults: it scales what must not depend on the steps taken
+        self.natural_step = min(longest, numerics.courant_number * scene.spacing / speed) if speed else longest
+        density, step = max(m.density for m in materials), self.natural_step
+        penalties = [max(PENALTY[0] * m.plastic_viscosity, PENALTY[1] * m.yield_value * step) for m in materials]
+        for k, (m, mu_r) in enumerate(zip(materials, penalties, strict=True)):
+            self.density[k], self.eta[k], self.tau_y[k] = m.density, m.plastic_viscosity, m.yield_value
+            self.pi_c[k] = m.critical_strain_rate or 0.0
+            self.mu_r[k], self.inertial[k] = mu_r, INERTIAL * m.density * scene.spacing**2 / step
+        self.layer_pressure[None] = 0.5 * density * max(gravity, 0.1) * scene.spacing
+        self.slowest[None] = SLOWEST / step
+        stiff = STIFFNESS * density * head * min(step, self.max_time_step)
+        self.bulk[None] = max(stiff, VISCOUS_STIFFNESS * max(penalties))
+        self.drive[None] = density * head / height
+
+    @ti.func
+    def mix(self, i):
+        """Number of the mix of particle i."""
+        mix = 0
+        if ti.static(self.mixes > 1):
+            mix = self.particles.mix[i]
+        return mix
+
+    @ti.func
+    def pressed(self, p):
+        """0 where there is no pressure to 1 from that of half a layer of particles [-]."""
+        return ti.max(0.0, ti.min(1.0, p / self.layer_pressure[None]))

@@ -1,0 +1,95 @@
+"""The pressure that acts and the one that is read: mean over neighbours, and the constant of a full closed box."""
+
+from .backend import real, ti
+
+SMOOTHING = 0.6  # share of the neighbours' mean in the pressure
+READING = 0.75  # the same in a snapshot
+SMOOTHING_SCALE = 1e-3  # strain per step above which the pressure is smoothed fully
+COMPRESSION = 3.0  # mean pressure of a full closed box over the largest viscous stress in it
+
+
+@ti.data_oriented
+class PressureSmoothing:
+    """Smoothed pressure ``p`` [Pa] of every particle; zero where it carries no stress."""
+
+    def __init__(self, particles, gradient, scales, gravity):
+        self.particles, self.gradient, self.scales = particles, gradient, scales
+        self.neighbors, self.dimension = gradient.neighbors, particles.dimension
+        self.g = ti.types.vector(particles.dimension, real())(gravity)
+        self.p = ti.field(real(), particles.capacity)  # [Pa]
+
+    @ti.func
+    def mean(self, i, share):
+        """(1-a) p_i + a sum w (p_j - f rho g.r_ij)/sum w over particles that carry stress, a the ``share``; f fades to
+        zero where p_i is below that of half a layer, for a body in free fall has no hydrostatic part."""
+        x = self.particles.x[i]
+        total, weight = ti.cast(0.0, float), ti.cast(0.0, float)
+        own = self.scales.density[self.scales.mix(i)]
+        g = self.g * self.scales.pressed(self.particles.p[i])
+        for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
+            j = self.neighbors.column[k]
+            if self.gradient.B[j][0, 0] > 0.0:
+                r = ti.cast(self.neighbors.bins.displacement(x, self.particles.x[j]), float)
+                w = self.gradient.weight_r2[k] * r.dot(r)
+                density = own
+                if ti.static(self.scales.mixes > 1):
+                    density = 0.5 * (own + self.scales.density[self.scales.mix(j)])
+                total += w * (self.particles.p[j] - density * g.dot(r))
+                weight += w
+        p = self.particles.p[i]
+        if weight > 0.0:
+            p = (1.0 - share) * p + share * total / weight
+        return p
+
+    @ti.kernel
+    def smooth(self, dt: float):
+        """p~: the mean pressure with the share 0.6 where the material deforms and 0 at rest."""
+        for i in range(self.particles.count[None]):
+            self.p[i] = 0.0
+            if self.gradient.B[i][0, 0] > 0.0:
+                deforming = ti.min(1.0, self.particles.shear_rate[i] * dt / SMOOTHING_SCALE)
+                self.p[i] = self.mean(i, SMOOTHING * deforming)
+
+    @ti.kernel
+    def read(self):
+        """The pressure to read, into ``p``, which the next step fills anew: the force does not see what alternates
+        from particle to particle, so nothing holds it down at rest, and it means nothing."""
+        for i in range(self.particles.count[None]):
+            self.p[i] = self.particles.p[i]
+            if self.gradient.B[i][0, 0] > 0.0:
+                self.p[i] = self.mean(i, READING)
+
+    @ti.kernel
+    def balance(self, source: ti.template()):
+        """A box full of fluid has no surface to give way: there no mean divergence can be wanted of the ``source``,
+        and the pressure, which is free up to a constant, is kept high enough that nothing is in tension: tension tears
+        voids open."""
+        ti.loop_config(serialize=True)
+        for _ in range(1):
+            surface, rows = 0, ti.cast(0.0, ti.f64)
+            total, pressure = ti.cast(0.0, ti.f64), ti.cast(0.0, ti.f64)
+            momentum = ti.Vector.zero(ti.f64, self.dimension)
+            fastest, speed2 = ti.cast(0.0, float), ti.cast(0.0, float)
+            for i in range(self.particles.count[None]):
+                if self.gradient.B[i][0, 0] > 0.0:
+                    volume = ti.cast(self.particles.volume(i), ti.f64)
+                    rows += volume
+                    total += volume * source[i]
+                    pressure += volume * self.p[i]
+                    fastest = ti.max(fastest, self.particles.shear_rate[i])
+                    momentum += volume * ti.cast(self.particles.u[i], ti.f64)
+                    if self.gradient.around[i] < 0.75 * self.gradient.full:
+                        surface += 1
+            if surface == 0 and rows > 0.0:
+                mean_source, mean_u = ti.cast(total / rows, float), ti.cast(momentum / rows, float)
+                for i in range(self.particles.count[None]):
+                    if self.gradient.B[i][0, 0] > 0.0:
+                        speed2 = ti.max(speed2, (self.particles.u[i] - mean_u).norm_sqr())
+                wanted = ti.cast(0.0, float)
+                for m in range(self.scales.mixes):
+                    stress = self.scales.eta[m] * fastest + self.scales.tau_y[m]
+                    wanted = ti.max(wanted, COMPRESSION * stress + self.scales.density[m] * speed2)
+                missing = wanted - ti.cast(pressure / rows, float)
+                for i in range(self.particles.count[None]):
+                    source[i] -= mean_source
+                    self.p[i] += missing
