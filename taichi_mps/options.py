@@ -9,7 +9,7 @@ from pydantic import Field
 from .quantity import Checked, Count, Duration, SceneError, suggestion, unit_of
 
 SCHEMES = Literal["implicit", "semi-implicit"]
-VIEWS = Literal["concrete", "speed", "pressure", "shear-rate", "yielded"]
+VIEWS = Literal["concrete", "speed", "pressure", "shear-rate", "yielded", "mix"]
 
 
 class Pictures(Checked):

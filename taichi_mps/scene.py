@@ -222,12 +222,14 @@ class Scene:
 
     @property
     def reach(self) -> np.ndarray:
-        """Points (n, d) [m] that say how far the fluid extends: the fluid, and a layer at each inlet, there and at the
-        bottom of the domain."""
+        """Points (n, d) [m] that say how far the fluid extends: the fluid, and a layer at each inlet, there and on the
+        floor."""
+        floors = [wall.point[-1] for wall in self.walls if isinstance(wall, Plane) and wall.normal[-1] > 0.99]
+        bottom = max([self.domain[0][-1], *(z + 0.5 * self.spacing for z in floors)])
         points = [self.fluid]
         for inlet in self.inlets:
             fallen = self.inlet_layer(inlet)
-            fallen[:, -1] = self.domain[0][-1]
+            fallen[:, -1] = np.minimum(fallen[:, -1], bottom)
             points += [self.inlet_layer(inlet), fallen]
         return np.vstack(points)
 

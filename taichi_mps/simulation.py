@@ -54,7 +54,7 @@ class Simulation:
         self._last_dt = None
         self._wall_speed = max((wall.speed for wall in scene.walls), default=0.0)
         self._runaway_speed = self._find_runaway_speed()
-        self._volume = float(scene.volumes.sum())
+        self._volume = float(scene.volumes.sum())  # of the fluid that is there [m3]
         self._resting_since: float | None = None
 
     def _build(self):
@@ -115,6 +115,7 @@ class Simulation:
         cpu = time.process_time()
         for pouring in self.pouring:
             pouring.pour(self.time, self.particles)
+            self._volume = self.fluid_particles * self.particles.usual_volume
         speed = max(self.report.max_speed if self.report else self._initial_speed(), self._wall_speed)
         speed = max([speed, *(pouring.speed for pouring in self.pouring if pouring.entered and not pouring.done)])
         limits = self.scheme.time_step_limits(speed)
