@@ -6,7 +6,6 @@ from dataclasses import asdict
 
 import numpy as np
 
-from . import __version__
 from .admission import admit
 from .backend import require_room, started, ti
 from .geometry import Plane
@@ -22,6 +21,7 @@ from .scene import Scene
 from .scene import SemiImplicit as SemiImplicitNumerics
 from .schemes.implicit import Implicit
 from .schemes.semi_implicit import SemiImplicit
+from .summary import summary
 from .totals import NOT_A_NUMBER, Totals
 from .walls import Walls
 from .weights import lattice_constants
@@ -40,7 +40,7 @@ class Simulation:
         admit(scene, self.numerics)
         self._pairs_per_particle = 4.0 if scene.axisymmetric else 1.5  # rings that moved outward are thin
         self._walls_at = 0.0  # time [s] at which the walls stand
-        self._wall_particles = 0
+        self.wall_particles = 0
         self.pouring = tuple(Pouring(scene, inlet) for inlet in scene.inlets)
         self._stages: dict[str, list] = {}
         self._profile = profile
@@ -73,7 +73,7 @@ class Simulation:
             kinds = np.concatenate([kinds, np.where(depth < scene.spacing, WALL, DUMMY)])
             velocity = np.vstack([velocity, np.zeros_like(wall)])
             mixes = np.concatenate([mixes, np.zeros(len(wall))])
-            self._wall_particles = len(wall)
+            self.wall_particles = len(wall)
         expected = scene.expected
         to_come = sum((pouring.layers - (pouring.start == 0.0)) * len(pouring.layer) for pouring in self.pouring)
         constants = lattice_constants(d, scene.spacing, re)
@@ -152,7 +152,7 @@ class Simulation:
     @property
     def fluid_particles(self) -> int:
         """Number of fluid particles that are there now."""
-        return self.particles.count[None] - self._wall_particles
+        return self.particles.count[None] - self.wall_particles
 
     def _neighbours(self):
         try:
@@ -338,37 +338,7 @@ class Simulation:
 
     def summary(self) -> dict:
         """Everything that describes the run, JSON-ready."""
-        report = self.report
-        return {
-            "scene": self.scene.name,
-            "parameters": dict(self.scene.parameters),
-            "scheme": "semi-implicit" if isinstance(self.numerics, SemiImplicitNumerics) else "implicit",
-            "numerics": self.numerics.model_dump(),
-            "fluid_particles": self.fluid_particles,
-            "wall_particles": self._wall_particles,
-            "steps": self.steps,
-            "simulated_seconds": self.time,
-            "wall_seconds": self.wall_seconds,
-            "cpu_seconds": self.cpu_seconds,
-            "compile_seconds": self.compile_seconds,
-            "stopped_by": self.stopped_by,
-            **({} if self.stopped_by == "diverged" else self.measures()),  # nothing can be measured on what is left
-            **({} if self.stopped_by == "diverged" else self._filling()),
-            "volume_error": report.volume_error if report else 0.0,
-            "backend": started(),
-            "version": __version__,
-        }
-
-    def _filling(self) -> dict:
-        """What has been poured, and what is filled of the cavity; both of the whole body."""
-        facts = {}
-        if self.pouring:
-            facts["poured_m3"] = sum(pouring.volume for pouring in self.pouring)
-            facts["pour_delay_s"] = max(pouring.delay for pouring in self.pouring)
-        if self.scene.cavity:
-            facts |= self.scene.cavity.report(self.snapshot())
-            facts["void_m3"] *= 2 ** len(self.scene.mirrors)
-        return facts
+        return summary(self)
 
     def state(self) -> dict:
         """All that is needed to continue bit for bit: arrays by row and plain scalars."""

@@ -19,7 +19,7 @@ EDGE = 4
 LAYERS = {
     0: "quantity material geometry solids measure rest_shapes inlet filling report scene admission",
     1: "backend weights surfaces friction particles neighbors gradient mrpcg sparse grid_levels scales smoothing",
-    2: "rheology walls viscosity pressure momentum shifting totals sleeping pouring",
+    2: "rheology walls viscosity pressure momentum shifting totals sleeping pouring summary",
     3: "schemes.implicit schemes.semi_implicit simulation",
 }
 PEERS = {
