@@ -295,13 +295,15 @@ class Implicit:
                 T = -(self.smooth_p[i] + self.bulk * self.source[i]) * I
                 if ti.static(self.law == "bingham"):
                     T += self.particles.stress[i] - 2.0 * self.mu_r * self.particles.plastic_rate[i]
-                self.system.flux[i] = self.gradient.spread_stress(i, T)
+                self.system.keep(i, self.gradient.spread_stress(i, T))
+        for i in range(self.particles.count[None]):
+            self.system.gather_force(i, False)
         for i in range(self.particles.count[None]):
             b[i] = ti.Vector.zero(float, self.dimension)
             if self.system.unknown(i):
                 volume = self.particles.volume(i)
                 own = volume * (self.system.inertia[None] * self.particles.u[i] + self.density * self.g)
-                b[i] = own + self.gradient.force(i, self.system.flux)
+                b[i] = own + self.system.force(i)
                 if ti.static(len(self.walls.surfaces) > 0):
                     heavy = self.density * self.g * self.pressed(self.smooth_p[i])
                     share = self.gradient.counts_as(i)
