@@ -3,6 +3,8 @@
 Source: Bramble, Pasciak and Xu, Parallel multilevel preconditioners, Mathematics of Computation 55 (1990), 1-22.
 """
 
+from itertools import pairwise
+
 import numpy as np
 
 from .backend import real, ti
@@ -55,6 +57,8 @@ class GridLevels:
         self.first.from_numpy(first.astype(np.int32))
         self.shape.from_numpy(np.array(shapes, np.int32))
         self.stride.from_numpy(np.array(strides, np.int32))
+        self.ratio = ti.Vector.field(d, ti.i32, self.grids)  # nodes of the finer grid from node to node, 1 or 2
+        self.ratio.from_numpy(np.array([stride // finer for finer, stride in pairwise([strides[0], *strides])], np.int32))
         self.active = ti.field(ti.i32, nodes)  # 1 where a particle may be within reach of the node
         self.used = ti.field(ti.i32, nodes)  # the active nodes of a grid, from its first on
         self.uses = ti.field(ti.i32, self.grids)  # how many they are
@@ -93,21 +97,24 @@ class GridLevels:
         """Value at particle i of the shape function of the node at a corner (0 or 1 along each axis) of its cell."""
         share = ti.cast(1.0, float)
         for a in ti.static(range(self.dimension)):
-            share *= ti.select(corner[a] == 1, self.fraction[i][a], 1.0 - self.fraction[i][a])
+            share *= ti.abs(1.0 - corner[a] - self.fraction[i][a])
         return share
 
     @ti.func
     def parent(self, place, corner, grid):
         """Number of a node of the next grid around a node of this one, and its share in it."""
-        at, share = place, ti.cast(1.0, float)
-        for a in ti.static(range(self.dimension)):
-            if self.stride[grid + 1][a] > self.stride[grid][a]:
-                at[a] = place[a] // 2 + corner[a]
-                share *= ti.select(place[a] % 2 == 0, 1.0 - corner[a], 0.5)
-            elif corner[a] > 0:
-                share = 0.0
-        number = self.linear(at, self.shape[grid + 1])
+        at = place // self.ratio[grid + 1] + corner
+        share = self.hat(place, at, self.ratio[grid + 1])
+        number = self.linear(at, self.shape[grid + 1]) if share > 0.0 else -1
         return self.first[grid + 1] + number, ti.select(number < 0, 0.0, share)
+
+    @ti.func
+    def hat(self, place, at, ratio):
+        """Value at a node of the shape function of the node ``at`` of the next coarser grid."""
+        share = ti.cast(1.0, float)
+        for a in ti.static(range(self.dimension)):
+            share *= ti.max(0.0, 1.0 - ti.abs(place[a] - ratio[a] * at[a]) / ti.cast(ratio[a], float))
+        return share
 
     @ti.func
     def child(self, place, offset, grid):
@@ -248,6 +255,11 @@ class GridLevels:
     @ti.kernel
     def cycle(self, r: ti.template(), z: ti.template()):
         """z = M^-1 r."""
+        self.correct(r, z)
+
+    @ti.func
+    def correct(self, r: ti.template(), z: ti.template()):
+        """z = M^-1 r; its loops are top-level loops."""
         for m in range(self.uses[0]):
             node = self.used[m]
             place = self.place(node, self.shape[0])
@@ -275,11 +287,12 @@ class GridLevels:
         for m in range(self.uses[0]):
             self.prolong(0, m)
         for i in range(self.operator.count[None]):
-            z[i] = self.operator.inverse_diagonal[i] @ r[i]
+            correction = ti.Vector.zero(float, self.dimension)
             if ti.abs(self.operator.inverse_diagonal[i]).sum() > 0:
                 place = self.place(self.bins.cell_of[i], ti.Vector(self.bins.shape))
                 for corner in ti.grouped(ti.ndrange(*((0, 2),) * self.dimension)):
-                    z[i] += self.WEIGHT * self.share(i, corner) * self.z[self.linear(place + corner, self.shape[0])]
+                    correction += self.share(i, corner) * self.z[self.linear(place + corner, self.shape[0])]
+            z[i] = self.operator.inverse_diagonal[i] @ r[i] + self.WEIGHT * correction
 
     @ti.func
     def restrict(self, grid, m):
@@ -288,12 +301,11 @@ class GridLevels:
         place = self.place(node - self.first[grid], self.shape[grid])
         b = ti.Vector.zero(float, self.dimension)
         for offset in ti.grouped(ti.ndrange(*((-1, 2),) * self.dimension)):
-            number, square, _rise, _product = self.child(place, offset, grid)
-            if number >= 0 and self.active[number] > 0:
-                share = ti.cast(1.0, float)
-                for a in ti.static(range(self.dimension)):
-                    share *= square[a]
-                b += ti.sqrt(share) * self.b[number]
+            child = self.ratio[grid] * place + offset
+            share = self.hat(child, place, self.ratio[grid])
+            number = self.linear(child, self.shape[grid - 1]) if share > 0.0 else -1
+            if number >= 0 and self.active[self.first[grid - 1] + number] > 0:
+                b += share * self.b[self.first[grid - 1] + number]
         self.b[node] = b
 
     @ti.func
