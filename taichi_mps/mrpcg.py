@@ -20,8 +20,8 @@ from .sparse import CellLevels, SparseMatrix
 __all__ = ["MRPCG", "SolveReport", "SparseMatrix", "CellLevels", "GridLevels"]
 
 ALONE_BELOW = 3000
-"""Rows up to which one thread solves in one kernel: launching kernels would cost more than the work. Of several threads;
-where there is but one, it always does."""
+"""Rows up to which one of several threads solves in one kernel: launching kernels would cost more than the work. Where
+there is but one thread, it always does."""
 
 BLOCK = 1024  # rows per partial sum: a dot product has the same bits with any number of threads
 HUGE = 1e38  # not (|s| < HUGE) finds NaN and infinity, also under fast_math
