@@ -3,6 +3,8 @@
 Source: Bramble, Pasciak and Xu, Parallel multilevel preconditioners, Mathematics of Computation 55 (1990), 1-22.
 """
 
+from itertools import pairwise
+
 import numpy as np
 
 from .backend import real, ti
@@ -36,6 +38,7 @@ class GridLevels:
         d = self.dimension = bins.dimension
         stride = np.ones(d, int)  # cells between nodes
         shape = np.array(bins.shape) + np.where(bins.periodic, 0, 1)
+        self.corners = tuple(int(s) for s in shape)  # nodes of grid 0 along each axis
         strides, shapes = [], []
         while True:
             strides.append(stride)
@@ -55,6 +58,11 @@ class GridLevels:
         self.first.from_numpy(first.astype(np.int32))
         self.shape.from_numpy(np.array(shapes, np.int32))
         self.stride.from_numpy(np.array(strides, np.int32))
+        self.ratio = ti.Vector.field(d, ti.i32, self.grids)  # nodes of the finer grid from node to node, 1 or 2
+        ratios = [stride // finer for finer, stride in pairwise([strides[0], *strides])]
+        self.ratio.from_numpy(np.array(ratios, np.int32))
+        self.unit = ti.field(real(), self.grids)  # 1 over the product of these
+        self.unit.from_numpy(1.0 / self.ratio.to_numpy().prod(1))
         self.active = ti.field(ti.i32, nodes)  # 1 where a particle may be within reach of the node
         self.used = ti.field(ti.i32, nodes)  # the active nodes of a grid, from its first on
         self.uses = ti.field(ti.i32, self.grids)  # how many they are
@@ -89,24 +97,38 @@ class GridLevels:
         return ti.select(inside == 1, number, -1)
 
     @ti.func
+    def corner(self, place, corner: ti.template()):
+        """Number of the node at a corner (0 or 1 along each axis) of the cell at a place."""
+        number = 0
+        for a in ti.static(range(self.dimension)):
+            k = place[a] + corner[a]
+            if ti.static(self.bins.periodic[a] and corner[a] == 1):
+                k = ti.select(k == self.corners[a], 0, k)
+            number = number * self.corners[a] + k
+        return number
+
+    @ti.func
     def share(self, i, corner):
         """Value at particle i of the shape function of the node at a corner (0 or 1 along each axis) of its cell."""
         share = ti.cast(1.0, float)
         for a in ti.static(range(self.dimension)):
-            share *= ti.select(corner[a] == 1, self.fraction[i][a], 1.0 - self.fraction[i][a])
+            share *= ti.abs(1.0 - corner[a] - self.fraction[i][a])
         return share
 
     @ti.func
-    def parent(self, place, corner, grid):
-        """Number of a node of the next grid around a node of this one, and its share in it."""
-        at, share = place, ti.cast(1.0, float)
+    def parents(self, place, grid):
+        """Of the node at a place: the place of its first parent on the next grid, and its distance from it, in nodes of
+        this grid: 0, or 1 along an axis where it stands between two parents."""
+        halved = self.ratio[grid + 1] - 1
+        return place >> halved, place & halved
+
+    @ti.func
+    def parent(self, first, rest, corner, grid):
+        """Number of the parent at a corner (0 or 1 along each axis) and its share in the node."""
+        share = ti.cast(self.unit[grid + 1], float)
         for a in ti.static(range(self.dimension)):
-            if self.stride[grid + 1][a] > self.stride[grid][a]:
-                at[a] = place[a] // 2 + corner[a]
-                share *= ti.select(place[a] % 2 == 0, 1.0 - corner[a], 0.5)
-            elif corner[a] > 0:
-                share = 0.0
-        number = self.linear(at, self.shape[grid + 1])
+            share *= ti.select(corner[a] == 1, rest[a], self.ratio[grid + 1][a] - rest[a])
+        number = self.linear(first + corner, self.shape[grid + 1]) if share > 0.0 else -1
         return self.first[grid + 1] + number, ti.select(number < 0, 0.0, share)
 
     @ti.func
@@ -171,9 +193,9 @@ class GridLevels:
         """Nodes that an active one of the finer grid adds to are active."""
         for m in range(self.uses[grid - 1]):
             node = self.used[self.first[grid - 1] + m]
-            place = self.place(node - self.first[grid - 1], self.shape[grid - 1])
+            place, rest = self.parents(self.place(node - self.first[grid - 1], self.shape[grid - 1]), grid - 1)
             for corner in ti.grouped(ti.ndrange(*((0, 2),) * self.dimension)):
-                number, share = self.parent(place, corner, grid - 1)
+                number, share = self.parent(place, rest, corner, grid - 1)
                 if share > 0.0:
                     self.active[number] = 1
         self.collect(grid)
@@ -248,12 +270,17 @@ class GridLevels:
     @ti.kernel
     def cycle(self, r: ti.template(), z: ti.template()):
         """z = M^-1 r."""
+        self.correct(r, z)
+
+    @ti.func
+    def correct(self, r: ti.template(), z: ti.template()):
+        """z = M^-1 r; its loops are top-level loops."""
         for m in range(self.uses[0]):
             node = self.used[m]
-            place = self.place(node, self.shape[0])
+            place = self.place(node, ti.Vector(self.corners))
             b = ti.Vector.zero(float, self.dimension)
-            for corner in ti.grouped(ti.ndrange(*((0, 2),) * self.dimension)):
-                cell = self.linear(place - corner, ti.Vector(self.bins.shape))
+            for corner in ti.static(ti.ndrange(*((0, 2),) * self.dimension)):
+                cell = self.linear(place - ti.Vector(corner), ti.Vector(self.bins.shape))
                 if cell >= 0:
                     for i in range(self.bins.cell_start[cell], self.bins.cell_start[cell + 1]):
                         b += self.share(i, corner) * r[i]
@@ -275,11 +302,12 @@ class GridLevels:
         for m in range(self.uses[0]):
             self.prolong(0, m)
         for i in range(self.operator.count[None]):
-            z[i] = self.operator.inverse_diagonal[i] @ r[i]
+            correction = ti.Vector.zero(float, self.dimension)
             if ti.abs(self.operator.inverse_diagonal[i]).sum() > 0:
                 place = self.place(self.bins.cell_of[i], ti.Vector(self.bins.shape))
-                for corner in ti.grouped(ti.ndrange(*((0, 2),) * self.dimension)):
-                    z[i] += self.WEIGHT * self.share(i, corner) * self.z[self.linear(place + corner, self.shape[0])]
+                for corner in ti.static(ti.ndrange(*((0, 2),) * self.dimension)):
+                    correction += self.share(i, corner) * self.z[self.corner(place, corner)]
+            z[i] = self.operator.inverse_diagonal[i] @ r[i] + self.WEIGHT * correction
 
     @ti.func
     def restrict(self, grid, m):
@@ -288,12 +316,12 @@ class GridLevels:
         place = self.place(node - self.first[grid], self.shape[grid])
         b = ti.Vector.zero(float, self.dimension)
         for offset in ti.grouped(ti.ndrange(*((-1, 2),) * self.dimension)):
-            number, square, _rise, _product = self.child(place, offset, grid)
-            if number >= 0 and self.active[number] > 0:
-                share = ti.cast(1.0, float)
-                for a in ti.static(range(self.dimension)):
-                    share *= square[a]
-                b += ti.sqrt(share) * self.b[number]
+            share = ti.cast(self.unit[grid], float)
+            for a in ti.static(range(self.dimension)):
+                share *= self.ratio[grid][a] - ti.abs(offset[a])
+            number = self.linear(self.ratio[grid] * place + offset, self.shape[grid - 1]) if share > 0.0 else -1
+            if number >= 0 and self.active[self.first[grid - 1] + number] > 0:
+                b += share * self.b[self.first[grid - 1] + number]
         self.b[node] = b
 
     @ti.func
@@ -302,9 +330,9 @@ class GridLevels:
         node = self.used[self.first[grid] + m]
         z = self.inverse[node] @ self.b[node]
         if grid + 1 < self.grids:
-            place = self.place(node - self.first[grid], self.shape[grid])
+            place, rest = self.parents(self.place(node - self.first[grid], self.shape[grid]), grid)
             for corner in ti.grouped(ti.ndrange(*((0, 2),) * self.dimension)):
-                number, share = self.parent(place, corner, grid)
+                number, share = self.parent(place, rest, corner, grid)
                 if share > 0.0:
                     z += share * self.z[number]
         self.z[node] = z

@@ -2,6 +2,10 @@
 
     (m/dt) u - F[2 mu D'(u) + K div(u) I] - H(u) = (m/dt) u^n + m g + F[-(p + K s) I + stress - 2 mu_r q]
 
+The two loops over pairs are written for LLVM, which turns them into vector instructions of four numbers if vectors of
+three components are kept as four, if a sum is stored whole and used only in another loop, and if the loop has a way out:
+without, LLVM takes many pairs at a time instead, whose numbers it must pick one by one. That is twice as slow.
+
 F is the adjoint of the least-squares gradient G (gradient.py). H resists the non-affine motion that G does not see:
 the gradient of sum_i (h_i/2) sum_j (w/r^2) |u_j - u_i - G_i r_ij|^2, so the matrix is symmetric positive definite.
 """
@@ -10,6 +14,8 @@ from .backend import real, ti
 from .particles import FLUID
 from .rheology import deviator
 from .sleeping import ASLEEP, AWAKE
+
+BLOCK = 64  # particles whose sums over pairs are stored before they are used
 
 
 @ti.data_oriented
@@ -28,7 +34,10 @@ class MomentumSystem:
         self.mu = ti.field(real(), particles.capacity)  # viscosity of the implicit part [Pa s]
         self.h = ti.field(real(), particles.capacity)  # 2V/n0 times the resistance to non-affine motion [N s m]
         self.pair_drag = ti.field(real(), self.neighbors.pair_capacity)  # (h_i + h_j) w/r^2 of each pair [kg/s]
-        self.flux = ti.Matrix.field(d, d, real(), particles.capacity)  # P = V T B - h G [N m]
+        lanes = self.lanes = 4 if d == 3 else d
+        self.motion = ti.Vector.field(lanes, real(), particles.capacity)  # u [m/s]
+        self.flux = ti.Matrix.field(d, lanes, real(), particles.capacity)  # transpose of P = V T B - h G [N m]
+        self.forces = ti.Vector.field(lanes, real(), particles.capacity)  # what all pairs give [N]
         self.inverse_diagonal = ti.Matrix.field(d, d, real(), particles.capacity)  # block Jacobi [s/kg]; 0: no unknown
         self.local = ti.Matrix.field(d, d, real(), particles.capacity)  # inertia and walls: for coarse levels [kg/s]
 
@@ -54,30 +63,93 @@ class MomentumSystem:
         self._apply(u, y, 0.0)
 
     @ti.func
+    def gather_slope(self, i):
+        """flux_i = transpose of sum_j (u_j - u_i) (x) b_ij [1/s] of the velocity ``motion``, walls not included."""
+        H = ti.Matrix.zero(float, self.dimension, self.lanes)
+        ui = self.motion[i]
+        for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
+            j = self.neighbors.column[k]
+            if j < 0:  # never: the way out
+                break
+            jump, b = self.motion[j] - ui, self.gradient.b[k]
+            for c, a in ti.static(ti.ndrange(self.dimension, self.lanes)):
+                H[c, a] += jump[a] * b[c]
+        self.flux[i] = H
+
+    @ti.func
+    def gather_force(self, i, drag: ti.template()):
+        """forces_i [N] of all flux matrices, and of the pair drags on ``motion`` if ``drag``; walls not included."""
+        total, push = ti.Matrix.zero(float, self.dimension, self.lanes), ti.Vector.zero(float, self.lanes)
+        ui, Pi = self.motion[i], self.flux[i]
+        for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
+            j = self.neighbors.column[k]
+            if j < 0:  # never: the way out
+                break
+            Pj, b = self.flux[j], self.gradient.b[k]
+            for c, a in ti.static(ti.ndrange(self.dimension, self.lanes)):
+                total[c, a] += (Pi[c, a] + Pj[c, a]) * b[c]
+            if ti.static(drag):
+                push += self.pair_drag[k] * (self.motion[j] - ui)
+        for c, a in ti.static(ti.ndrange(self.dimension, self.lanes)):
+            push[a] += total[c, a]
+        self.forces[i] = push
+
+    @ti.func
+    def kept(self, i):
+        """The matrix of particle i in ``flux``."""
+        P = ti.Matrix.zero(float, self.dimension, self.dimension)
+        for a, c in ti.static(ti.ndrange(self.dimension, self.dimension)):
+            P[a, c] = self.flux[i][c, a]
+        return P
+
+    @ti.func
+    def keep(self, i, P):
+        """Put the matrix P of particle i into ``flux``."""
+        for a, c in ti.static(ti.ndrange(self.dimension, self.dimension)):
+            self.flux[i][c, a] = P[a, c]
+
+    @ti.func
+    def force(self, i):
+        """Force [N] on particle i of all flux matrices, once gathered; walls included."""
+        force = self.gradient.own_force(i, self.kept(i))
+        for a in ti.static(range(self.dimension)):
+            force[a] += self.forces[i][a]
+        return force
+
+    @ti.func
     def _apply(self, u: ti.template(), y: ti.template(), motion):
         for i in range(self.count[None]):
-            if self.gradient.B[i][0, 0] > 0.0 and self.acts(i):
-                G = self.gradient.velocity_gradient(i, u, motion)
-                T = 2.0 * self.mu[i] * deviator(G)
-                T += self.bulk[None] * G.trace() * ti.Matrix.identity(float, G.n)
-                self.flux[i] = self.gradient.spread_stress(i, T) - self.h[i] * self.gradient.in_plane(G)
-            else:
-                self.flux[i] = self.gradient.spread_stress(i, ti.Matrix.zero(float, self.tensors, self.tensors))
-        for i in range(self.count[None]):
-            y[i] = ti.Vector.zero(float, self.dimension)
-            if self.unknown(i):
-                ui = u[i]
-                Pi = self.flux[i]
-                total = ti.Vector.zero(float, self.dimension)
-                for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
-                    j = self.neighbors.column[k]
-                    total += (Pi + self.flux[j]) @ self.gradient.b[k] + self.pair_drag[k] * (u[j] - ui)
-                total += self.gradient.own_force(i, Pi)
-                if ti.static(len(self.walls.surfaces) > 0):
-                    total -= self.h[i] * self.walls.drag_term(i, self.particles.x[i], ui, motion)
-                    if ti.static(self.walls.rub):
-                        total -= self.walls.friction_term(i, self.particles.x[i], ui, motion)
-                y[i] = self.particles.volume(i) * self.inertia[i] * ui - total
+            for a in ti.static(range(self.dimension)):
+                self.motion[i][a] = u[i][a]
+        for block in range((self.count[None] + BLOCK - 1) // BLOCK):
+            first, last = block * BLOCK, ti.min((block + 1) * BLOCK, self.count[None])
+            for i in range(first, last):
+                self.gather_slope(i)
+            for i in range(first, last):
+                T = ti.Matrix.zero(float, self.tensors, self.tensors)
+                if self.gradient.B[i][0, 0] > 0.0 and self.acts(i):
+                    H = self.kept(i)
+                    if ti.static(len(self.walls.surfaces) > 0):
+                        H += self.walls.gradient_term(i, self.particles.x[i], u[i], motion, self.gradient.counts_as(i))
+                    G = self.gradient.tensor(i, H @ self.gradient.B[i], u)
+                    T = 2.0 * self.mu[i] * deviator(G)
+                    T += self.bulk[None] * G.trace() * ti.Matrix.identity(float, G.n)
+                    self.keep(i, self.gradient.spread_stress(i, T) - self.h[i] * self.gradient.in_plane(G))
+                else:
+                    self.keep(i, self.gradient.spread_stress(i, T))
+        for block in range((self.count[None] + BLOCK - 1) // BLOCK):
+            first, last = block * BLOCK, ti.min((block + 1) * BLOCK, self.count[None])
+            for i in range(first, last):
+                self.gather_force(i, True)
+            for i in range(first, last):
+                y[i] = ti.Vector.zero(float, self.dimension)
+                if self.unknown(i):
+                    total = self.force(i)
+                    if ti.static(len(self.walls.surfaces) > 0):
+                        total -= self.h[i] * self.walls.drag_term(i, self.particles.x[i], u[i], motion)
+                        if ti.static(self.walls.rub):
+                            total -= self.walls.friction_term(i, self.particles.x[i], u[i], motion)
+                    y[i] = self.particles.volume(i) * self.inertia[i] * u[i] - total
 
     @ti.kernel
     def prepare(self):

@@ -13,14 +13,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .backend import real, ti
+from .backend import real, started, ti
 from .grid_levels import GridLevels
 from .sparse import CellLevels, SparseMatrix
 
 __all__ = ["MRPCG", "SolveReport", "SparseMatrix", "CellLevels", "GridLevels"]
 
 ALONE_BELOW = 3000
-"""Rows up to which one thread solves in one kernel: launching kernels would cost more than the work."""
+"""Rows up to which one of several threads solves in one kernel: launching kernels would cost more than the work. Where
+there is but one thread, it always does."""
 
 BLOCK = 1024  # rows per partial sum: a dot product has the same bits with any number of threads
 HUGE = 1e38  # not (|s| < HUGE) finds NaN and infinity, also under fast_math
@@ -56,7 +57,8 @@ class MRPCG:
 
     def __init__(self, capacity: int, components: int, operator, levels=None, check_every: int = 5):
         self.operator, self.levels, self.check_every = operator, levels, check_every
-        self.alone = capacity < ALONE_BELOW
+        self.alone = capacity < ALONE_BELOW or started()["threads"] == 1
+        self.in_kernel = isinstance(levels, GridLevels)  # levels that a kernel can call
         self.use_levels = levels is not None
         self.real = real()
         unknowns = [ti.Vector.field(components, self.real, capacity) for _ in range(6)]
@@ -80,8 +82,8 @@ class MRPCG:
 
     def solve(self, tolerance: float, max_iterations: int = 1000, reference: float | None = None) -> SolveReport:
         """Improve self.x until sqrt(r.z) <= tolerance sqrt(min(b.M^-1 b, reference))."""
-        if self.alone and not self.use_levels:
-            self._solve_alone(tolerance, max_iterations, HUGE if reference is None else reference)
+        if self.alone and (self.in_kernel or not self.use_levels):
+            self._solve_alone(self.use_levels, tolerance, max_iterations, HUGE if reference is None else reference)
             return self._report([self._relative_residual(self.first), self._relative_residual(self.rz)])
         self._load()
         self._precondition()
@@ -112,18 +114,18 @@ class MRPCG:
         return float(np.sqrt(abs(rz[None]) / reference)) if reference != 0.0 else 0.0
 
     def _iterate(self) -> None:
-        if self.use_levels:
+        if self.use_levels and not self.in_kernel:
             self._advance_only()
             self.levels.cycle(self.r, self.z)
             self._turn_only()
         else:
-            self._jacobi_iteration()
+            self._iteration(self.use_levels)
 
     def _precondition(self) -> None:
-        if self.use_levels:
+        if self.use_levels and not self.in_kernel:
             self.levels.cycle(self.r, self.z)
         else:
-            self._jacobi_only()
+            self._precondition_only(self.use_levels)
 
     @ti.func
     def masked(self, i, v):
@@ -161,9 +163,13 @@ class MRPCG:
             self.stop(INDEFINITE)
 
     @ti.func
-    def jacobi(self):
-        for i in range(self.active[None]):
-            self.z[i] = self.operator.inverse_diagonal[i] @ self.r[i]
+    def precondition(self, levels: ti.template()):
+        """z = M^-1 r, with the levels if a kernel can call them."""
+        if ti.static(levels):
+            self.levels.correct(self.r, self.z)
+        else:
+            for i in range(self.active[None]):
+                self.z[i] = self.operator.inverse_diagonal[i] @ self.r[i]
 
     @ti.func
     def advance(self):
@@ -225,27 +231,27 @@ class MRPCG:
             self.p[i] = self.z[i]
 
     @ti.kernel
-    def _solve_alone(self, tolerance: ti.f64, limit: ti.i32, reference: ti.f64):
+    def _solve_alone(self, levels: ti.template(), tolerance: ti.f64, limit: ti.i32, reference: ti.f64):
         """The whole of ``solve``: loops inside a loop run in one thread."""
         ti.loop_config(serialize=True)
         for _ in range(1):
             self.load()
-            self.jacobi()
+            self.precondition(levels)
             self.refer()
             if self.xx[None] != 0.0:
                 self.subtract_guess()
-                self.jacobi()
+                self.precondition(levels)
             self.reference[None] = ti.min(self.reference[None], reference)
             self.begin(tolerance)
             while self.status[None] == RUNNING and self.iterations[None] < limit:
                 self.advance()
-                self.jacobi()
+                self.precondition(levels)
                 self.turn()
 
     @ti.kernel
-    def _jacobi_iteration(self):
+    def _iteration(self, levels: ti.template()):
         self.advance()
-        self.jacobi()
+        self.precondition(levels)
         self.turn()
 
     @ti.kernel
@@ -253,8 +259,8 @@ class MRPCG:
         self.advance()
 
     @ti.kernel
-    def _jacobi_only(self):
-        self.jacobi()
+    def _precondition_only(self, levels: ti.template()):
+        self.precondition(levels)
 
     @ti.kernel
     def _turn_only(self):

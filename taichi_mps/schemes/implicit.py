@@ -215,13 +215,15 @@ class Implicit:
                 T = -(self.smoothing.p[i] + self.scales.bulk[None] * self.source[i]) * I
                 if ti.static(self.law == "bingham"):
                     T += self.particles.stress[i] - 2.0 * self.system.mu[i] * self.particles.plastic_rate[i]
-                self.system.flux[i] = self.gradient.spread_stress(i, T)
+                self.system.keep(i, self.gradient.spread_stress(i, T))
+        for i in range(self.particles.count[None]):
+            self.system.gather_force(i, False)
         for i in range(self.particles.count[None]):
             b[i] = ti.Vector.zero(float, self.dimension)
             if self.system.unknown(i):
                 volume = self.particles.volume(i)
                 own = volume * (self.system.inertia[i] * self.particles.u[i] + self.density(i) * self.g)
-                b[i] = own + self.gradient.force(i, self.system.flux)
+                b[i] = own + self.system.force(i)
                 if ti.static(len(self.walls.surfaces) > 0):
                     heavy = self.density(i) * self.g * self.scales.pressed(self.smoothing.p[i])
                     share = self.gradient.counts_as(i)
