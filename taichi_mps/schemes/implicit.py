@@ -305,7 +305,7 @@ class Implicit:
                 if ti.static(len(self.walls.surfaces) > 0):
                     heavy = self.density * self.g * self.pressed(self.smooth_p[i])
                     share = self.gradient.counts_as(i)
-                    b[i] += volume * self.walls.hydrostatic(self.particles.x[i], heavy, self.gradient.B[i], share)
+                    b[i] += volume * self.walls.hydrostatic(i, self.particles.x[i], heavy, self.gradient.B[i], share)
 
     @ti.func
     def structure(self, i):

@@ -1,0 +1,113 @@
+"""The faces that meet at the inner edges of a sampled solid, from its distances alone. Plain NumPy.
+
+A signed distance knows the nearest face. In front of an inner edge it has a crease, where another face becomes the
+nearest one. Beside a crease the other faces are looked for at places around, where they are the nearest, and
+extended to here as planes.
+"""
+
+import itertools
+
+import numpy as np
+
+CREASE = 0.97  # size of the gradient [-] below which two faces meet at a node
+BEND = 0.1  # difference of the slopes before and behind a node [-] from which on it is not one face's
+TURN = 0.8  # cosine of the angle between the normals of two faces up to which they are two
+NODES = 200_000  # looked at at once
+
+
+def inner_edges(values, cell: float, reach: float):
+    """Faces within ``reach`` [m] of the nodes beside inner edges, from distances [m] at the nodes of a grid, positive
+    in the fluid. Returns for each node its row in the table, -1 where the nearest face is all, and the table (rows,
+    faces, 1 + d): distance [m] and normal of each face at the node; where there are fewer faces the distance is
+    infinite."""
+    values = np.asarray(values, float)
+    d, shape = values.ndim, values.shape
+    number = np.full(shape, -1, np.int32)
+    normal = np.stack(np.gradient(values, cell), -1)
+    size = np.linalg.norm(normal, axis=-1)
+    crease = (size < CREASE) & (values > 0.0) & (values < reach + cell)
+    near = spread(crease, int(np.ceil(0.75 * reach / cell)))
+    near = np.argwhere(near & (values > 0.0) & (values < reach + d**0.5 * cell))
+    clean = (np.abs(size - 1.0) < 0.01) & (values > 0.0)
+    for axis in range(d):
+        bend = np.abs(np.diff(values, 2, axis=axis)) / cell
+        clean &= np.pad(bend < BEND, [(int(a == axis),) * 2 for a in range(d)])
+    normal /= np.maximum(size, 1e-9)[..., None]
+    steps = probes(d, reach / cell)
+    tables = [np.zeros((0, d, 1 + d))]
+    for part in np.array_split(near, 1 + len(near) // NODES):
+        table = faces_at(values, cell, normal, clean, part, steps, reach)
+        several = np.isfinite(table[:, 1, 0])
+        number[tuple(part[several].T)] = sum(map(len, tables)) + np.arange(several.sum())
+        tables.append(table[several])
+    table = np.concatenate(tables)
+    most = int(np.isfinite(table[..., 0]).sum(1).max(initial=1))
+    return number, table[:, :most]
+
+
+def spread(where, width):
+    """Nodes within ``width`` nodes along each axis of one of these."""
+    for axis in range(where.ndim):
+        count = np.cumsum(where, axis=axis)
+        ends = [(0, 0)] * where.ndim
+        ends[axis] = (width + 1, width)
+        count = np.pad(count, ends, mode="edge")
+        first = [slice(None)] * where.ndim
+        first[axis] = slice(0, width + 1)
+        count[tuple(first)] = 0
+        last, before = ([slice(None)] * where.ndim for _ in range(2))
+        last[axis], before[axis] = slice(2 * width + 1, None), slice(0, where.shape[axis])
+        where = count[tuple(last)] > count[tuple(before)]
+    return where
+
+
+def probes(d, reach):
+    """Steps in nodes (k, d) to places around, in all diagonal directions and from one node to 1.2 times the reach."""
+    directions = np.array([step for step in itertools.product((-1, 0, 1), repeat=d) if any(step)], float)
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    sizes = 1.2 * reach * 0.7 ** np.arange(12)
+    steps = np.rint(sizes[sizes > 0.9, None, None] * directions).astype(int).reshape(-1, d)
+    return np.unique(steps, axis=0)
+
+
+def faces_at(values, cell, normal, clean, nodes, steps, reach):
+    """Table (n, d, 1 + d) of inner_edges for these nodes."""
+    d, n = values.ndim, len(nodes)
+    table = np.zeros((n, d, 1 + d))
+    table[:, :, 0] = np.inf
+    foot = np.zeros((n, d, d))  # of each face, from the node [m]
+    for slot in range(d):
+        best = np.full(n, np.inf)
+        for step in (np.zeros(d, int), *steps):
+            there = nodes + step
+            on_grid = np.all((there >= 0) & (there < values.shape), axis=1)
+            there = tuple(np.clip(there, 0, np.array(values.shape) - 1).T)
+            m, z = normal[there], values[there]
+            p = step * cell - z[:, None] * m  # foot of that place, from the node
+            distance = -np.einsum("ij,ij->i", m, p)  # of the node from that face
+            sought = on_grid & clean[there] & (distance > -cell) & (distance < reach + d**0.5 * cell)
+            for k in range(slot):
+                turn, apart = m - table[:, k, 1:], p - foot[:, k]
+                facing = -np.einsum("ij,ij->i", turn, apart)  # of an inner edge; negative across an outer one
+                sought &= np.einsum("ij,ij->i", m, table[:, k, 1:]) < TURN
+                sought &= facing > 0.4 * np.linalg.norm(apart, axis=1)
+            aside = np.linalg.norm(p + distance[:, None] * m, axis=1)  # foot of the place from that of the node
+            sought &= aside < best - 1e-9 * cell
+            rows = np.flatnonzero(sought)
+            at = nodes[rows] - distance[rows, None] * m[rows] / cell
+            depth = interpolate(values, at)
+            rows = rows[(depth < 0.25 * cell) & (depth > -0.5 * reach)]  # the face is there, or ends at the edge
+            best[rows] = aside[rows]
+            table[rows, slot, 0], table[rows, slot, 1:], foot[rows, slot] = distance[rows], m[rows], p[rows]
+    return table
+
+
+def interpolate(values, at):
+    """Distance [m] at places (n, d) in nodes, linear between nodes; infinite beyond the grid."""
+    last = np.array(values.shape) - 1
+    k = np.clip(np.floor(at).astype(int), 0, last - 1)
+    f = at - k
+    z = np.zeros(len(at))
+    for corner in np.ndindex(*(2,) * values.ndim):
+        z += np.prod(np.where(corner, f, 1.0 - f), axis=1) * values[tuple((k + corner).T)]
+    return np.where(np.all((at >= 0.0) & (at <= last), axis=1), z, np.inf)
