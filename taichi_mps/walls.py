@@ -100,11 +100,10 @@ class Walls:
             self.clock[None] = time
 
     @ti.func
-    def lookup(self, name: ti.template(), i, face: ti.template(), x, z, curvature, share):
-        """One of GHOST_SUMS of particle i at x, the distance z [m] from a face of this curvature [1/m]. In a corner the
+    def lookup(self, name: ti.template(), i, wall: ti.template(), slot: ti.template(), x, z, curvature, share):
+        """One of GHOST_SUMS of particle i at x, the distance z [m] from this face of a wall, of this curvature [1/m]. In a corner the
         ghosts behind both walls are counted once. Where one of the two is a mirror plane, their pull along either
         normal is that of nobody: it cancels the pull of the other wall's ghosts in front of the one."""
-        wall = ti.static(self.faces[face])
         value = self.ghosts.interpolate(self.ghosts.flat, name, z, share)
         if ti.static(wall.curved):
             value += curvature * self.ghosts.interpolate(self.ghosts.bend, name, z, share)
@@ -117,7 +116,7 @@ class Walls:
                         cut *= other.share(x, across)
                     value *= 1.0 - cut
         if ti.static(wall.faces > 1):
-            value *= wall.left[i, self.slots[face]][ti.static(GHOST_SUMS.index(name))]
+            value *= wall.left[i, slot][ti.static(GHOST_SUMS.index(name))]
         if ti.static(wall.thin or wall.loose):
             value *= wall.share(x, z)
         return value
@@ -160,12 +159,12 @@ class Walls:
             z, n, _velocity, curvature = wall.face(i, x, self.slots[f])
             if z < self.effective_radius:
                 for k, name in ti.static(enumerate(COUNTED)):
-                    counts[k] += self.lookup(name, i, f, x, z, curvature, share)
+                    counts[k] += self.lookup(name, i, wall, self.slots[f], x, z, curvature, share)
                 normal = n.outer_product(n)
-                self.c[i, f] = self.lookup("pull", i, f, x, z, curvature, share)
+                self.c[i, f] = self.lookup("pull", i, wall, self.slots[f], x, z, curvature, share)
                 moment += self.c[i, f] * ti.max(z, self.closest) * normal
                 if ti.static(not wall.slip):
-                    t = self.lookup("tangential", i, f, x, z, curvature, share)
+                    t = self.lookup("tangential", i, wall, self.slots[f], x, z, curvature, share)
                     if ti.static(wall.rubs):
                         t *= wall.friction.hold(i, ti.max(z, self.closest))
                     moment += t * (ti.Matrix.identity(float, self.dimension) - normal)
@@ -194,7 +193,7 @@ class Walls:
                 total += jump.outer_product(n) * self.c[i, f]
                 if ti.static(wall.turns and not wall.slip):
                     spin = ti.cast(wall.spin, float)
-                    t = self.lookup("tangential", i, f, x, z, curvature, share)
+                    t = self.lookup("tangential", i, wall, self.slots[f], x, z, curvature, share)
                     if ti.static(wall.rubs):
                         t *= wall.friction.bond[i]
                     total += motion * t * (spin - (spin @ n).outer_product(n))
@@ -306,7 +305,7 @@ class Walls:
         for f, wall in ti.static(enumerate(self.faces)):
             z, n, _velocity, curvature = wall.face(i, x, self.slots[f])
             if z < self.effective_radius:
-                total -= B @ n * (n.dot(weight) * self.lookup("normal", i, f, x, z, curvature, share))
+                total -= B @ n * (n.dot(weight) * self.lookup("normal", i, wall, self.slots[f], x, z, curvature, share))
         return total
 
     @ti.func
@@ -317,8 +316,8 @@ class Walls:
         for f, wall in ti.static(enumerate(self.faces)):
             z, n, _velocity, curvature = wall.face(i, x, self.slots[f])
             if z < self.effective_radius:
-                inward -= n * self.lookup("inward", i, f, x, z, curvature, share)
-                near -= n * self.lookup("crowding", i, f, x, z, curvature, share)
+                inward -= n * self.lookup("inward", i, wall, self.slots[f], x, z, curvature, share)
+                near -= n * self.lookup("crowding", i, wall, self.slots[f], x, z, curvature, share)
         return inward, near
 
     @ti.func
