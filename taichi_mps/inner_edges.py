@@ -9,9 +9,13 @@ import itertools
 
 import numpy as np
 
-CREASE = 0.97  # size of the gradient [-] below which two faces meet at a node
-BEND = 0.1  # difference of the slopes before and behind a node [-] from which on it is not one face's
+CREASE = (
+    0.15,
+    0.97,
+)  # there the slope falls by this much from before to behind a node, and the gradient is this small [-]
+BEND = 0.1  # change of the slope [-] from which on a node is not clearly in front of one face
 TURN = 0.8  # cosine of the angle between the normals of two faces up to which they are two
+BEYOND = 0.15  # reaches behind the other face at which a foot is beyond the edge
 NODES = 200_000  # looked at at once
 
 
@@ -25,13 +29,15 @@ def inner_edges(values, cell: float, reach: float):
     number = np.full(shape, -1, np.int32)
     normal = np.stack(np.gradient(values, cell), -1)
     size = np.linalg.norm(normal, axis=-1)
-    crease = (size < CREASE) & (values > 0.0) & (values < reach + cell)
+    clean, crease = (np.abs(size - 1.0) < 0.01) & (values > 0.0), np.zeros(shape, bool)
+    for axis in range(d):
+        bend = np.diff(values, 2, axis=axis) / cell
+        inner = tuple(slice(1, -1) if a == axis else slice(None) for a in range(d))
+        clean[inner] &= np.abs(bend) < BEND
+        crease[inner] |= bend < -CREASE[0]
+    crease &= (size < CREASE[1]) & (values > 0.0) & (values < reach + cell)
     near = spread(crease, int(np.ceil(0.75 * reach / cell)))
     near = np.argwhere(near & (values > 0.0) & (values < reach + d**0.5 * cell))
-    clean = (np.abs(size - 1.0) < 0.01) & (values > 0.0)
-    for axis in range(d):
-        bend = np.abs(np.diff(values, 2, axis=axis)) / cell
-        clean &= np.pad(bend < BEND, [(int(a == axis),) * 2 for a in range(d)])
     normal /= np.maximum(size, 1e-9)[..., None]
     steps = probes(d, reach / cell)
     tables = [np.zeros((0, d, 1 + d))]
@@ -80,25 +86,24 @@ def faces_at(values, cell, normal, clean, nodes, steps, reach):
         best = np.full(n, np.inf)
         for step in (np.zeros(d, int), *steps):
             there = nodes + step
-            on_grid = np.all((there >= 0) & (there < values.shape), axis=1)
-            there = tuple(np.clip(there, 0, np.array(values.shape) - 1).T)
-            m, z = normal[there], values[there]
-            p = step * cell - z[:, None] * m  # foot of that place, from the node
+            rows = np.flatnonzero(np.all((there >= 0) & (there < values.shape), axis=1))
+            rows = rows[clean[tuple(there[rows].T)]]
+            at = tuple(there[rows].T)
+            m, p = normal[at], step * cell - values[at][:, None] * normal[at]  # p: foot of that place, from the node
             distance = -np.einsum("ij,ij->i", m, p)  # of the node from that face
-            sought = on_grid & clean[there] & (distance > -cell) & (distance < reach + d**0.5 * cell)
-            for k in range(slot):
-                turn, apart = m - table[:, k, 1:], p - foot[:, k]
-                facing = -np.einsum("ij,ij->i", turn, apart)  # of an inner edge; negative across an outer one
-                sought &= np.einsum("ij,ij->i", m, table[:, k, 1:]) < TURN
-                sought &= facing > 0.4 * np.linalg.norm(apart, axis=1)
             aside = np.linalg.norm(p + distance[:, None] * m, axis=1)  # foot of the place from that of the node
-            sought &= aside < best - 1e-9 * cell
-            rows = np.flatnonzero(sought)
-            at = nodes[rows] - distance[rows, None] * m[rows] / cell
-            depth = interpolate(values, at)
-            rows = rows[(depth < 0.25 * cell) & (depth > -0.5 * reach)]  # the face is there, or ends at the edge
-            best[rows] = aside[rows]
-            table[rows, slot, 0], table[rows, slot, 1:], foot[rows, slot] = distance[rows], m[rows], p[rows]
+            sought = (distance > -cell) & (distance < reach + d**0.5 * cell) & (aside < best[rows] - 1e-9 * cell)
+            for k in range(slot):
+                turn, apart = m - table[rows, k, 1:], p - foot[rows, k]
+                facing = -np.einsum("ij,ij->i", turn, apart)  # of an inner edge; negative across an outer one
+                sought &= np.einsum("ij,ij->i", m, table[rows, k, 1:]) < TURN
+                sought &= facing > 0.4 * np.linalg.norm(apart, axis=1)
+            rows, m, p, distance, aside = (part[sought] for part in (rows, m, p, distance, aside))
+            depth = interpolate(values, nodes[rows] - distance[:, None] * m / cell)
+            there = (depth < 0.25 * cell) & (depth > -BEYOND * reach)  # the face is there, or ends at the edge
+            rows = rows[there]
+            best[rows] = aside[there]
+            table[rows, slot, 0], table[rows, slot, 1:], foot[rows, slot] = distance[there], m[there], p[there]
     return table
 
 

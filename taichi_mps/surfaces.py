@@ -183,9 +183,9 @@ class Sampled(Surface):
 
     def keep(self, capacity: int, effective_radius: float):
         """What each particle sees of the solid; and beside inner edges the faces that meet there."""
-        self.effective_radius = effective_radius
+        self.reach = effective_radius - 0.5 * self.spacing  # of the ghosts: the first is half a spacing behind a face
         if not self.rubs:  # slip is carried for one face
-            number, planes = inner_edges(self.distances, self.cell, effective_radius)
+            number, planes = inner_edges(self.distances, self.cell, self.reach)
             self.faces = planes.shape[1]
         if self.faces > 1:
             self.number = ti.field(ti.i32, self.shape)  # row of a node among the planes, -1: the nearest face is all
@@ -203,7 +203,7 @@ class Sampled(Surface):
         if ti.static(self.faces > 1):
             for slot in range(1, self.faces):
                 self.z[i, slot] = FAR
-            if z < self.effective_radius:
+            if z < self.reach:
                 place = self.offset(x) / self.cell
                 first = ti.min(ti.cast(place, ti.i32), ti.Vector(self.shape) - 2)
                 node = first  # of those around the one farthest from the solid: the faces are clear there

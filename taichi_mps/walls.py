@@ -19,6 +19,7 @@ from .backend import real, ti
 from .friction import WallFriction
 from .geometry import Cylinder, Plane
 from .ghosts import GhostSums
+from .inner_edges import BEYOND
 from .solids import Solid
 from .surfaces import Flat, Round, Sampled
 from .weights import GHOST_SUMS
@@ -101,9 +102,9 @@ class Walls:
 
     @ti.func
     def lookup(self, name: ti.template(), i, wall: ti.template(), slot: ti.template(), x, z, curvature, share):
-        """One of GHOST_SUMS of particle i at x, the distance z [m] from this face of a wall, of this curvature [1/m]. In a corner the
-        ghosts behind both walls are counted once. Where one of the two is a mirror plane, their pull along either
-        normal is that of nobody: it cancels the pull of the other wall's ghosts in front of the one."""
+        """One of GHOST_SUMS of particle i at x, the distance z [m] from this face of a wall, of this curvature [1/m].
+        In a corner the ghosts behind both walls are counted once. Where one of the two is a mirror plane, their pull
+        along either normal is that of nobody: it cancels the pull of the other wall's ghosts in front of the one."""
         value = self.ghosts.interpolate(self.ghosts.flat, name, z, share)
         if ti.static(wall.curved):
             value += curvature * self.ghosts.interpolate(self.ghosts.bend, name, z, share)
@@ -125,7 +126,7 @@ class Walls:
     def divide(self, i, wall: ti.template()):
         """What is left of the sums of each face of a solid beside an inner edge. The ghosts behind two of them count
         once, with the first; along either normal the pull of these ghosts counts once, too: the normals n and m share
-        n.m of it. A face whose foot lies behind the other, beyond the edge, fades out over a spacing."""
+        n.m of it. A face fades out where its foot lies behind the other, beyond the edge."""
         for slot in range(wall.faces):
             z, n = wall.z[i, slot], wall.n[i, slot]
             left = ti.Vector.one(float, ti.static(len(GHOST_SUMS)))
@@ -135,7 +136,7 @@ class Walls:
                     cosine = n.dot(wall.n[i, other])
                     shares = self.ghosts.left_at_angle(z, across, cosine)
                     once = ti.max(0.0, cosine) / (1.0 + ti.max(0.0, cosine))
-                    seen = ti.max(0.0, ti.min(1.0, 1.0 + (across - cosine * z) / wall.spacing))
+                    seen = ti.max(0.0, ti.min(1.0, 1.0 + (across - cosine * z) / (BEYOND * wall.reach)))
                     for k, name in ti.static(enumerate(GHOST_SUMS)):
                         if ti.static(name in COUNTED):
                             left[k] *= shares[k] if other < slot else 1.0
