@@ -3,10 +3,26 @@
 import numpy as np
 
 from .backend import real, ti
+from .geometry import Cylinder, Plane
+from .inner_edges import BEYOND
 from .weights import GHOST_SUMS, corner_table, ghost_table, lattice_constants
 
 FINEST, COARSEST, SIZES = 0.2, 1.5, 27  # sizes of rings in the tables, over the spacing
+COUNTED = "neighbours", "n", "packing"  # sums in which a ghost counts once
 COSINES, WEDGE = 9, 24  # of the angles between two faces of a solid; entries of their tables along each distance
+
+
+def meeting(walls) -> list[list[int]]:
+    """For each wall those at right angles, where its ghosts end: planes, and curved walls that stand on a plane."""
+
+    def across(one, other):
+        if isinstance(one, Plane) and isinstance(other, Plane):
+            return abs(np.dot(one.normal, other.normal)) < 1e-6
+        if isinstance(one, Plane) and isinstance(other, Cylinder):
+            return other.axis is not None and other.slope == 0.0 and abs(other.unit_axis @ one.normal) > 1.0 - 1e-6
+        return isinstance(other, Plane) and isinstance(one, Cylinder) and across(other, one)
+
+    return [[m for m, other in enumerate(walls) if across(wall, other)] for wall in walls]
 
 
 @ti.data_oriented
@@ -94,3 +110,48 @@ class GhostSums:
             part = (h if da else 1.0 - h) * (f if dk else 1.0 - f) * (g if dm else 1.0 - g)
             share += part * self.wedge[a + da, k + dk, m + dm]
         return share
+
+    @ti.func
+    def lookup(self, name: ti.template(), i, wall: ti.template(), slot: ti.template(), x, z, curvature, share):
+        """One of GHOST_SUMS of particle i at x, the distance z [m] from this face of a wall, of this curvature [1/m].
+        In a corner the ghosts behind both walls are counted once. Where one of the two is a mirror plane, their pull
+        along either normal is that of nobody: it cancels the pull of the other wall's ghosts in front of the one."""
+        value = self.interpolate(self.flat, name, z, share)
+        if ti.static(wall.curved):
+            value += curvature * self.interpolate(self.bend, name, z, share)
+        for other, before, mirror in ti.static(wall.cut_by):
+            if ti.static(before if name in COUNTED else mirror):
+                across, _n, _velocity, _curvature = other.nearest(x)
+                if across < self.effective_radius:
+                    cut = 1.0 - self.left(name, z, across)
+                    if ti.static(other.thin or other.loose):
+                        cut *= other.share(x, across)
+                    value *= 1.0 - cut
+        if ti.static(wall.faces > 1):
+            value *= wall.left[i, slot][ti.static(GHOST_SUMS.index(name))]
+        if ti.static(wall.thin or wall.loose):
+            value *= wall.share(x, z)
+        return value
+
+    @ti.func
+    def divide(self, i, wall: ti.template()):
+        """What is left of the sums of each face of a solid beside an inner edge. The ghosts behind two of them count
+        once, with the first; along either normal the pull of these ghosts counts once, too: the normals n and m share
+        n.m of it. A face fades out where its foot lies behind the other, beyond the edge."""
+        for slot in range(wall.faces):
+            z, n = wall.z[i, slot], wall.n[i, slot]
+            left = ti.Vector.one(float, ti.static(len(GHOST_SUMS)))
+            for other in range(wall.faces):
+                across = wall.z[i, other]
+                if other != slot and z < self.effective_radius and across < self.effective_radius:
+                    cosine = n.dot(wall.n[i, other])
+                    shares = self.left_at_angle(z, across, cosine)
+                    once = ti.max(0.0, cosine) / (1.0 + ti.max(0.0, cosine))
+                    seen = ti.max(0.0, ti.min(1.0, 1.0 + (across - cosine * z) / (BEYOND * wall.reach)))
+                    for k, name in ti.static(enumerate(GHOST_SUMS)):
+                        if ti.static(name in COUNTED):
+                            left[k] *= shares[k] if other < slot else 1.0
+                        else:
+                            left[k] *= 1.0 - once * (1.0 - shares[k])
+                    left *= seen
+            wall.left[i, slot] = left

@@ -13,32 +13,12 @@ to one particle and exactly adjoint to its gradient.
 A mirror plane is a slip wall whose ghosts end at the planes it meets: what lies behind both are ghosts of the other.
 """
 
-import numpy as np
-
 from .backend import real, ti
 from .friction import WallFriction
 from .geometry import Cylinder, Plane
-from .ghosts import GhostSums
-from .inner_edges import BEYOND
+from .ghosts import COUNTED, GhostSums, meeting
 from .solids import Solid
 from .surfaces import Flat, Round, Sampled
-from .weights import GHOST_SUMS
-
-
-def meeting(walls) -> list[list[int]]:
-    """For each wall those at right angles, where its ghosts end: planes, and curved walls that stand on a plane."""
-
-    def across(one, other):
-        if isinstance(one, Plane) and isinstance(other, Plane):
-            return abs(np.dot(one.normal, other.normal)) < 1e-6
-        if isinstance(one, Plane) and isinstance(other, Cylinder):
-            return other.axis is not None and other.slope == 0.0 and abs(other.unit_axis @ one.normal) > 1.0 - 1e-6
-        return isinstance(other, Plane) and isinstance(one, Cylinder) and across(other, one)
-
-    return [[m for m, other in enumerate(walls) if across(wall, other)] for wall in walls]
-
-
-COUNTED = "neighbours", "n", "packing"  # sums in which a ghost counts once
 
 SURFACES = {Plane: Flat, Cylinder: Round, Solid: Sampled}
 
@@ -101,58 +81,13 @@ class Walls:
             self.clock[None] = time
 
     @ti.func
-    def lookup(self, name: ti.template(), i, wall: ti.template(), slot: ti.template(), x, z, curvature, share):
-        """One of GHOST_SUMS of particle i at x, the distance z [m] from this face of a wall, of this curvature [1/m].
-        In a corner the ghosts behind both walls are counted once. Where one of the two is a mirror plane, their pull
-        along either normal is that of nobody: it cancels the pull of the other wall's ghosts in front of the one."""
-        value = self.ghosts.interpolate(self.ghosts.flat, name, z, share)
-        if ti.static(wall.curved):
-            value += curvature * self.ghosts.interpolate(self.ghosts.bend, name, z, share)
-        for other, before, mirror in ti.static(wall.cut_by):
-            if ti.static(before if name in COUNTED else mirror):
-                across, _n, _velocity, _curvature = other.nearest(x)
-                if across < self.effective_radius:
-                    cut = 1.0 - self.ghosts.left(name, z, across)
-                    if ti.static(other.thin or other.loose):
-                        cut *= other.share(x, across)
-                    value *= 1.0 - cut
-        if ti.static(wall.faces > 1):
-            value *= wall.left[i, slot][ti.static(GHOST_SUMS.index(name))]
-        if ti.static(wall.thin or wall.loose):
-            value *= wall.share(x, z)
-        return value
-
-    @ti.func
-    def divide(self, i, wall: ti.template()):
-        """What is left of the sums of each face of a solid beside an inner edge. The ghosts behind two of them count
-        once, with the first; along either normal the pull of these ghosts counts once, too: the normals n and m share
-        n.m of it. A face fades out where its foot lies behind the other, beyond the edge."""
-        for slot in range(wall.faces):
-            z, n = wall.z[i, slot], wall.n[i, slot]
-            left = ti.Vector.one(float, ti.static(len(GHOST_SUMS)))
-            for other in range(wall.faces):
-                across = wall.z[i, other]
-                if other != slot and z < self.effective_radius and across < self.effective_radius:
-                    cosine = n.dot(wall.n[i, other])
-                    shares = self.ghosts.left_at_angle(z, across, cosine)
-                    once = ti.max(0.0, cosine) / (1.0 + ti.max(0.0, cosine))
-                    seen = ti.max(0.0, ti.min(1.0, 1.0 + (across - cosine * z) / (BEYOND * wall.reach)))
-                    for k, name in ti.static(enumerate(GHOST_SUMS)):
-                        if ti.static(name in COUNTED):
-                            left[k] *= shares[k] if other < slot else 1.0
-                        else:
-                            left[k] *= 1.0 - once * (1.0 - shares[k])
-                    left *= seen
-            wall.left[i, slot] = left
-
-    @ti.func
     def moments(self, i, x, share):
         """Neighbours, n and packing [-], and the moment matrix [-] that the walls add at x, the place of particle i;
         keeps their pull on it, and what faces of solids it stands in front of."""
         for wall in ti.static(self.surfaces):
             wall.find(i, x)
             if ti.static(wall.faces > 1):
-                self.divide(i, wall)
+                self.ghosts.divide(i, wall)
         counts = ti.Vector.zero(float, 3)
         moment = ti.Matrix.zero(float, self.dimension, self.dimension)
         for f, wall in ti.static(enumerate(self.faces)):
@@ -160,12 +95,12 @@ class Walls:
             z, n, _velocity, curvature = wall.face(i, x, self.slots[f])
             if z < self.effective_radius:
                 for k, name in ti.static(enumerate(COUNTED)):
-                    counts[k] += self.lookup(name, i, wall, self.slots[f], x, z, curvature, share)
+                    counts[k] += self.ghosts.lookup(name, i, wall, self.slots[f], x, z, curvature, share)
                 normal = n.outer_product(n)
-                self.c[i, f] = self.lookup("pull", i, wall, self.slots[f], x, z, curvature, share)
+                self.c[i, f] = self.ghosts.lookup("pull", i, wall, self.slots[f], x, z, curvature, share)
                 moment += self.c[i, f] * ti.max(z, self.closest) * normal
                 if ti.static(not wall.slip):
-                    t = self.lookup("tangential", i, wall, self.slots[f], x, z, curvature, share)
+                    t = self.ghosts.lookup("tangential", i, wall, self.slots[f], x, z, curvature, share)
                     if ti.static(wall.rubs):
                         t *= wall.friction.hold(i, ti.max(z, self.closest))
                     moment += t * (ti.Matrix.identity(float, self.dimension) - normal)
@@ -194,7 +129,7 @@ class Walls:
                 total += jump.outer_product(n) * self.c[i, f]
                 if ti.static(wall.turns and not wall.slip):
                     spin = ti.cast(wall.spin, float)
-                    t = self.lookup("tangential", i, wall, self.slots[f], x, z, curvature, share)
+                    t = self.ghosts.lookup("tangential", i, wall, self.slots[f], x, z, curvature, share)
                     if ti.static(wall.rubs):
                         t *= wall.friction.bond[i]
                     total += motion * t * (spin - (spin @ n).outer_product(n))
@@ -306,7 +241,11 @@ class Walls:
         for f, wall in ti.static(enumerate(self.faces)):
             z, n, _velocity, curvature = wall.face(i, x, self.slots[f])
             if z < self.effective_radius:
-                total -= B @ n * (n.dot(weight) * self.lookup("normal", i, wall, self.slots[f], x, z, curvature, share))
+                total -= (
+                    B
+                    @ n
+                    * (n.dot(weight) * self.ghosts.lookup("normal", i, wall, self.slots[f], x, z, curvature, share))
+                )
         return total
 
     @ti.func
@@ -317,8 +256,8 @@ class Walls:
         for f, wall in ti.static(enumerate(self.faces)):
             z, n, _velocity, curvature = wall.face(i, x, self.slots[f])
             if z < self.effective_radius:
-                inward -= n * self.lookup("inward", i, wall, self.slots[f], x, z, curvature, share)
-                near -= n * self.lookup("crowding", i, wall, self.slots[f], x, z, curvature, share)
+                inward -= n * self.ghosts.lookup("inward", i, wall, self.slots[f], x, z, curvature, share)
+                near -= n * self.ghosts.lookup("crowding", i, wall, self.slots[f], x, z, curvature, share)
         return inward, near
 
     @ti.func

@@ -66,7 +66,7 @@ def test_walls_at_rest_that_do_not_meet_cost_neither_motion_nor_corners(forbid):
 
 
 def test_without_walls_there_is_no_wall_code(forbid):
-    forbid(walls.Walls, "lookup")
+    forbid(ghosts.GhostSums, "lookup")
     forbid(walls.Walls, "force_term")
     assert not hasattr(simulate(NEWTONIAN, walls=()).walls, "c")
 
