@@ -9,10 +9,7 @@ import itertools
 
 import numpy as np
 
-CREASE = (
-    0.15,
-    0.97,
-)  # there the slope falls by this much from before to behind a node, and the gradient is this small [-]
+CREASE, SHORT = 0.15, 0.97  # there the slope falls by this much over a node, and the gradient is this short [-]
 BEND = 0.1  # change of the slope [-] from which on a node is not clearly in front of one face
 TURN = 0.8  # cosine of the angle between the normals of two faces up to which they are two
 BEYOND = 0.15  # reaches behind the other face at which a foot is beyond the edge
@@ -27,17 +24,22 @@ def inner_edges(values, cell: float, reach: float):
     values = np.asarray(values, float)
     d, shape = values.ndim, values.shape
     number = np.full(shape, -1, np.int32)
-    normal = np.stack(np.gradient(values, cell), -1)
-    size = np.linalg.norm(normal, axis=-1)
-    clean, crease = (np.abs(size - 1.0) < 0.01) & (values > 0.0), np.zeros(shape, bool)
+    front = values > 0.0
+    clean, crease = front.copy(), np.zeros(shape, bool)
     for axis in range(d):
         bend = np.diff(values, 2, axis=axis) / cell
         inner = tuple(slice(1, -1) if a == axis else slice(None) for a in range(d))
         clean[inner] &= np.abs(bend) < BEND
-        crease[inner] |= bend < -CREASE[0]
-    crease &= (size < CREASE[1]) & (values > 0.0) & (values < reach + cell)
+        crease[inner] |= bend < -CREASE
+    crease &= front & (values < reach + cell)
+    if not crease.any():
+        return number, np.zeros((0, 1, 1 + d))
+    normal = np.stack(np.gradient(values, cell), -1)
+    size = np.linalg.norm(normal, axis=-1)
+    clean &= np.abs(size - 1.0) < 0.01
+    crease &= size < SHORT
     near = spread(crease, int(np.ceil(0.75 * reach / cell)))
-    near = np.argwhere(near & (values > 0.0) & (values < reach + d**0.5 * cell))
+    near = np.argwhere(near & front & (values < reach + d**0.5 * cell))
     normal /= np.maximum(size, 1e-9)[..., None]
     steps = probes(d, reach / cell)
     tables = [np.zeros((0, d, 1 + d))]
@@ -54,16 +56,9 @@ def inner_edges(values, cell: float, reach: float):
 def spread(where, width):
     """Nodes within ``width`` nodes along each axis of one of these."""
     for axis in range(where.ndim):
-        count = np.cumsum(where, axis=axis)
-        ends = [(0, 0)] * where.ndim
-        ends[axis] = (width + 1, width)
-        count = np.pad(count, ends, mode="edge")
-        first = [slice(None)] * where.ndim
-        first[axis] = slice(0, width + 1)
-        count[tuple(first)] = 0
-        last, before = ([slice(None)] * where.ndim for _ in range(2))
-        last[axis], before[axis] = slice(2 * width + 1, None), slice(0, where.shape[axis])
-        where = count[tuple(last)] > count[tuple(before)]
+        room = [(width * (a == axis),) * 2 for a in range(where.ndim)]
+        windows = np.lib.stride_tricks.sliding_window_view(np.pad(where, room), 2 * width + 1, axis)
+        where = windows.any(axis=-1)
     return where
 
 
