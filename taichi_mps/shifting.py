@@ -37,7 +37,7 @@ class Shifting:
                     inward += ti.max(self.gradient.effective_radius / r - 1.0, 0.0) * e
                     apart -= 0.05 * ti.max(0.0, 0.85 * l0 - r) * e
                 if ti.static(len(self.walls.surfaces) > 0):
-                    wall_inward, wall_near = self.walls.crowding(x, self.gradient.counts_as(i))
+                    wall_inward, wall_near = self.walls.crowding(i, x, self.gradient.counts_as(i))
                     near += wall_near
                     inward += wall_inward
                 move = -0.1 * l0 * near

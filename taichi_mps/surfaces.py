@@ -10,6 +10,8 @@ n points to the side of x; ``signed(x)`` tells the side, ``beyond(x)`` how far o
 import numpy as np
 
 from .backend import real, ti
+from .inner_edges import inner_edges
+from .weights import GHOST_SUMS
 
 FAR = 1e9  # distance [m] from a wall that ends before the foot
 TOUCHING, RELEASED = 0.5, 0.55  # spacings from a loose wall up to which it acts fully, and from which on not at all
@@ -20,6 +22,7 @@ class Surface:
     """What all walls have in common."""
 
     curved = turns = parts = False
+    faces = 1  # that a particle may stand in front of
     cut_by = ()  # planes at right angles where its ghosts end
 
     def __init__(self, wall, dimension: int, spacing: float, clock):
@@ -37,6 +40,18 @@ class Surface:
         if ti.static(self.travels):
             offset -= self.clock[None] * self.travel
         return offset
+
+    def keep(self, capacity: int, effective_radius: float):
+        """Fields for what is found once a step."""
+
+    @ti.func
+    def find(self, i, x):
+        """Once a step: the faces in front of which particle i stands, at x [m]."""
+
+    @ti.func
+    def face(self, i, x, slot: ti.template()):
+        """What ``nearest`` gives, of one of the faces before particle i at x [m]."""
+        return self.nearest(x)
 
     @ti.func
     def share(self, x, z):
@@ -164,6 +179,49 @@ class Sampled(Surface):
         self.values = ti.field(real(), self.shape)
         self.values.from_numpy(wall.values)
         self.velocity = ti.types.vector(dimension, real())(wall.travel)
+        self.distances = wall.values
+
+    def keep(self, capacity: int, effective_radius: float):
+        """What each particle sees of the solid; and beside inner edges the faces that meet there."""
+        self.reach = effective_radius - 0.5 * self.spacing  # of the ghosts: the first is half a spacing behind a face
+        if not self.rubs:  # slip is carried for one face
+            number, planes = inner_edges(self.distances, self.cell, self.reach)
+            self.faces = planes.shape[1]
+        if self.faces > 1:
+            self.number = ti.field(ti.i32, self.shape)  # row of a node among the planes, -1: the nearest face is all
+            self.number.from_numpy(number)
+            self.planes = ti.Vector.field(1 + self.dimension, real(), planes.shape[:2])  # distance [m], normal
+            self.planes.from_numpy(np.where(np.isinf(planes), FAR, planes))
+            self.left = ti.Vector.field(len(GHOST_SUMS), real(), (capacity, self.faces))
+        self.z = ti.field(real(), (capacity, self.faces))  # [m]
+        self.n = ti.Vector.field(self.dimension, real(), (capacity, self.faces))
+
+    @ti.func
+    def find(self, i, x):
+        z, n, _velocity, _curvature = self.nearest(x)
+        self.z[i, 0], self.n[i, 0] = z, n
+        if ti.static(self.faces > 1):
+            for slot in range(1, self.faces):
+                self.z[i, slot] = FAR
+            if z < self.reach:
+                place = self.offset(x) / self.cell
+                first = ti.min(ti.cast(place, ti.i32), ti.Vector(self.shape) - 2)
+                node = first  # of those around the one farthest from the solid: the faces are clear there
+                for corner in ti.static(ti.ndrange(*((2,) * self.dimension))):
+                    if self.values[first + ti.Vector(corner)] > self.values[node]:
+                        node = first + ti.Vector(corner)
+                row = self.number[node]
+                if row >= 0:
+                    offset = ti.cast((place - node) * self.cell, float)
+                    for slot in range(self.faces):
+                        plane = self.planes[row, slot]
+                        for a in ti.static(range(self.dimension)):
+                            self.n[i, slot][a] = plane[1 + a]
+                        self.z[i, slot] = plane[0] + self.n[i, slot].dot(offset)
+
+    @ti.func
+    def face(self, i, x, slot: ti.template()):
+        return self.z[i, slot], self.n[i, slot], self.velocity, ti.cast(0.0, float)
 
     @ti.func
     def sample(self, x):

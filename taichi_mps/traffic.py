@@ -24,7 +24,7 @@ def traffic(sim) -> dict[str, Traffic]:
     n, d, t = sim.particles.count[None], sim.particles.dimension, sim.particles.tensor_dimension
     m = sim.neighbors.row_start[n]
     s = 8 if started()["precision"] == "f64" else 4
-    x, vector, block, tensor, walls = 8 * d, s * d, s * d * d, s * t * t, s * len(sim.walls.surfaces)
+    x, vector, block, tensor, walls = 8 * d, s * d, s * d * d, s * t * t, s * len(sim.walls.faces)
     carried = x + vector + 2 * s + 8 + 2 * tensor * sim.particles.carries_stress
     law = 2 * tensor + 3 * s  # stress, plastic rate, shear rate, p, source
     candidates = m * (27.0 / 4.19 if d == 3 else 9.0 / 3.14)  # cells around a particle over the ball of its neighbours

@@ -13,30 +13,12 @@ to one particle and exactly adjoint to its gradient.
 A mirror plane is a slip wall whose ghosts end at the planes it meets: what lies behind both are ghosts of the other.
 """
 
-import numpy as np
-
 from .backend import real, ti
 from .friction import WallFriction
 from .geometry import Cylinder, Plane
+from .ghosts import COUNTED, GhostSums, meeting
 from .solids import Solid
 from .surfaces import Flat, Round, Sampled
-from .weights import GHOST_SUMS, corner_table, ghost_table, lattice_constants
-
-
-def meeting(walls) -> list[list[int]]:
-    """For each wall those at right angles, where its ghosts end: planes, and curved walls that stand on a plane."""
-
-    def across(one, other):
-        if isinstance(one, Plane) and isinstance(other, Plane):
-            return abs(np.dot(one.normal, other.normal)) < 1e-6
-        if isinstance(one, Plane) and isinstance(other, Cylinder):
-            return other.axis is not None and other.slope == 0.0 and abs(other.unit_axis @ one.normal) > 1.0 - 1e-6
-        return isinstance(other, Plane) and isinstance(one, Cylinder) and across(other, one)
-
-    return [[m for m, other in enumerate(walls) if across(wall, other)] for wall in walls]
-
-
-FINEST, COARSEST, SIZES = 0.2, 1.5, 27  # sizes of rings in the tables, over the spacing
 
 SURFACES = {Plane: Flat, Cylinder: Round, Solid: Sampled}
 
@@ -61,11 +43,12 @@ class Walls:
     ):
         self.dimension = dimension
         self.effective_radius = effective_radius
-        self.closest = 0.1 * spacing
-        self.entries = entries = 256
         self.clock = ti.field(ti.f64, ())  # time [s] at which the walls stand
-        self.sizes = FINEST + (COARSEST - FINEST) * np.arange(SIZES) / (SIZES - 1) if rings else np.ones(1)
         self.surfaces = tuple(SURFACES[type(wall)](wall, dimension, spacing, self.clock) for wall in walls)
+        for surface in self.surfaces:
+            surface.keep(capacity, effective_radius)
+        self.faces = tuple(surface for surface in self.surfaces for _ in range(surface.faces))
+        self.slots = tuple(slot for surface in self.surfaces for slot in range(surface.faces))
         rough = [(wall, surface) for wall, surface in zip(walls, self.surfaces, strict=True) if wall.friction]
         for k, (wall, surface) in enumerate(rough):
             carried = particles.carried[f"slip_{k}"], particles.carried.get(f"traction_{k}")
@@ -76,32 +59,15 @@ class Walls:
             self.surfaces[k].cut_by = tuple(
                 (self.surfaces[m], m < k, part) for m, part in zip(others, mirror, strict=True) if m < k or part
             )
-        if any(surface.cut_by for surface in self.surfaces):
-            shares = corner_table(dimension, spacing, effective_radius)
-            self.corner_entries = len(shares)
-            self.corner = ti.Vector.field(shares.shape[2], real(), shares.shape[:2])  # share of each sum that is left
-            self.corner.from_numpy(shares)
+        corners = any(surface.cut_by for surface in self.surfaces)
+        wedges = any(surface.faces > 1 for surface in self.surfaces)
+        self.ghosts = GhostSums(dimension, spacing, effective_radius, rings, corners, wedges)
+        self.closest = self.ghosts.closest
         if self.surfaces:
-            self.c = ti.field(real(), (capacity, len(self.surfaces)))  # pull of each wall on each particle [1/m]
+            self.c = ti.field(real(), (capacity, len(self.faces)))  # pull of each face on each particle [1/m]
         self.move = any(wall.speed > 0.0 for wall in walls)
         self.travel = any(surface.travels for surface in self.surfaces)
         self.part = any(surface.parts for surface in self.surfaces)
-        bent = 0.1 / spacing  # curvature [1/m] of the arcs that give the slope of the sums
-        tables = np.array(
-            [
-                [ghost_table(dimension, spacing, effective_radius, entries, k, size) for size in self.sizes]
-                for k in (0.0, bent, -bent)
-            ]
-        )
-        n0 = lattice_constants(dimension, spacing, effective_radius).n0
-        row = round(1.5 * spacing / effective_radius * (entries - 1))
-        pull = tables[0, np.argmin(np.abs(self.sizes - 1.0)), row, GHOST_SUMS.index("pull")]
-        self.second = float(pull) * spacing * dimension / n0  # share of a wall that the second row carries
-        shape = tables[0].shape[:2]
-        self.flat = ti.Vector.field(tables.shape[3], real(), shape)  # GHOST_SUMS at a size and z = re k/(entries - 1)
-        self.flat.from_numpy(tables[0])
-        self.bend = ti.Vector.field(tables.shape[3], real(), shape)  # their derivative by the curvature [m]
-        self.bend.from_numpy((tables[1] - tables[2]) / (2.0 * bent))
 
     def tie(self, inertia: float) -> None:
         """Penalty of the walls' friction for a step of rho/dt = ``inertia`` [kg/(m3 s)]."""
@@ -115,72 +81,26 @@ class Walls:
             self.clock[None] = time
 
     @ti.func
-    def interpolate(self, table: ti.template(), name: ti.template(), z, share):
-        """Entry of one of GHOST_SUMS in a table at distance z [m] for a particle of this share, linear between two;
-        zero beyond the effective radius."""
-        s = ti.max(z, self.closest) / self.effective_radius * (self.entries - 1)
-        k = ti.min(ti.cast(s, ti.i32), self.entries - 2)
-        f = s - k
-        c = ti.static(GHOST_SUMS.index(name))
-        value = table[0, k][c] * (1.0 - f) + table[0, k + 1][c] * f
-        if ti.static(len(self.sizes) > 1):
-            s = (ti.sqrt(share) - FINEST) / (COARSEST - FINEST) * (SIZES - 1)
-            a = ti.max(0, ti.min(ti.cast(s, ti.i32), SIZES - 2))
-            g = ti.max(0.0, ti.min(1.0, s - a))
-            value = (table[a, k][c] * (1.0 - f) + table[a, k + 1][c] * f) * (1.0 - g)
-            value += (table[a + 1, k][c] * (1.0 - f) + table[a + 1, k + 1][c] * f) * g
-        return value
-
-    @ti.func
-    def left(self, name: ti.template(), z, across):
-        """Share of a ghost sum at distance z [m] from a wall whose ghosts end at another ``across`` [m] away."""
-        scale = (self.corner_entries - 1) / self.effective_radius
-        s, t = ti.max(z, self.closest) * scale, ti.max(across, self.closest) * scale
-        k = ti.min(ti.cast(s, ti.i32), self.corner_entries - 2)
-        m = ti.min(ti.cast(t, ti.i32), self.corner_entries - 2)
-        f, g = s - k, t - m
-        c = ti.static(GHOST_SUMS.index(name))
-        near = self.corner[k, m][c] * (1.0 - f) + self.corner[k + 1, m][c] * f
-        far = self.corner[k, m + 1][c] * (1.0 - f) + self.corner[k + 1, m + 1][c] * f
-        return near * (1.0 - g) + far * g
-
-    @ti.func
-    def lookup(self, name: ti.template(), wall: ti.template(), x, z, curvature, share):
-        """One of GHOST_SUMS at x, the distance z [m] from a wall of this curvature [1/m]. In a corner the ghosts behind
-        both walls are counted once. Where one of the two is a mirror plane, their pull along either normal is that of
-        nobody: it cancels the pull of the other wall's ghosts in front of the one."""
-        value = self.interpolate(self.flat, name, z, share)
-        if ti.static(wall.curved):
-            value += curvature * self.interpolate(self.bend, name, z, share)
-        for other, before, mirror in ti.static(wall.cut_by):
-            if ti.static(before if name in ("neighbours", "n", "packing") else mirror):
-                across, _n, _velocity, _curvature = other.nearest(x)
-                if across < self.effective_radius:
-                    cut = 1.0 - self.left(name, z, across)
-                    if ti.static(other.thin or other.loose):
-                        cut *= other.share(x, across)
-                    value *= 1.0 - cut
-        if ti.static(wall.thin or wall.loose):
-            value *= wall.share(x, z)
-        return value
-
-    @ti.func
     def moments(self, i, x, share):
         """Neighbours, n and packing [-], and the moment matrix [-] that the walls add at x, the place of particle i;
-        keeps their pull on it."""
+        keeps their pull on it, and what faces of solids it stands in front of."""
+        for wall in ti.static(self.surfaces):
+            wall.find(i, x)
+            if ti.static(wall.faces > 1):
+                self.ghosts.divide(i, wall)
         counts = ti.Vector.zero(float, 3)
         moment = ti.Matrix.zero(float, self.dimension, self.dimension)
-        for w, wall in ti.static(enumerate(self.surfaces)):
-            self.c[i, w] = 0.0
-            z, n, _velocity, curvature = wall.nearest(x)
+        for f, wall in ti.static(enumerate(self.faces)):
+            self.c[i, f] = 0.0
+            z, n, _velocity, curvature = wall.face(i, x, self.slots[f])
             if z < self.effective_radius:
-                for k, name in ti.static(enumerate(("neighbours", "n", "packing"))):
-                    counts[k] += self.lookup(name, wall, x, z, curvature, share)
+                for k, name in ti.static(enumerate(COUNTED)):
+                    counts[k] += self.ghosts.lookup(name, i, wall, self.slots[f], x, z, curvature, share)
                 normal = n.outer_product(n)
-                self.c[i, w] = self.lookup("pull", wall, x, z, curvature, share)
-                moment += self.c[i, w] * ti.max(z, self.closest) * normal
+                self.c[i, f] = self.ghosts.lookup("pull", i, wall, self.slots[f], x, z, curvature, share)
+                moment += self.c[i, f] * ti.max(z, self.closest) * normal
                 if ti.static(not wall.slip):
-                    t = self.lookup("tangential", wall, x, z, curvature, share)
+                    t = self.ghosts.lookup("tangential", i, wall, self.slots[f], x, z, curvature, share)
                     if ti.static(wall.rubs):
                         t *= wall.friction.hold(i, ti.max(z, self.closest))
                     moment += t * (ti.Matrix.identity(float, self.dimension) - normal)
@@ -202,14 +122,14 @@ class Walls:
         """sum of (u - u_wall) (x) n c [1/s 1/m], and t S (I - n (x) n) where the wall turns with the gradient S;
         ``motion`` 1 with the walls' velocity, 0 without."""
         total = ti.Matrix.zero(float, self.dimension, self.dimension)
-        for w, wall in ti.static(enumerate(self.surfaces)):
-            if self.c[i, w] > 0.0:
-                z, n, velocity, curvature = wall.nearest(x)
+        for f, wall in ti.static(enumerate(self.faces)):
+            if self.c[i, f] > 0.0:
+                z, n, velocity, curvature = wall.face(i, x, self.slots[f])
                 jump = self.felt(i, wall, n, u - motion * velocity, motion)
-                total += jump.outer_product(n) * self.c[i, w]
+                total += jump.outer_product(n) * self.c[i, f]
                 if ti.static(wall.turns and not wall.slip):
                     spin = ti.cast(wall.spin, float)
-                    t = self.lookup("tangential", wall, x, z, curvature, share)
+                    t = self.ghosts.lookup("tangential", i, wall, self.slots[f], x, z, curvature, share)
                     if ti.static(wall.rubs):
                         t *= wall.friction.bond[i]
                     total += motion * t * (spin - (spin @ n).outer_product(n))
@@ -219,48 +139,48 @@ class Walls:
     def force_term(self, i, x, flux):
         """Force of the walls on a particle with flux matrix P = V T B: the exact adjoint of gradient_term."""
         total = ti.Vector.zero(float, self.dimension)
-        for w, wall in ti.static(enumerate(self.surfaces)):
-            if self.c[i, w] > 0.0:
-                _z, n, _velocity, _curvature = wall.nearest(x)
-                total -= self.felt(i, wall, n, flux @ n, 0.0) * self.c[i, w]
+        for f, wall in ti.static(enumerate(self.faces)):
+            if self.c[i, f] > 0.0:
+                _z, n, _velocity, _curvature = wall.face(i, x, self.slots[f])
+                total -= self.felt(i, wall, n, flux @ n, 0.0) * self.c[i, f]
         return total
 
     @ti.func
     def drag_term(self, i, x, u, motion):
         """sum of (u - u_wall) c/z: the walls' part of the resistance to non-affine motion (momentum.py)."""
         total = ti.Vector.zero(float, self.dimension)
-        for w, wall in ti.static(enumerate(self.surfaces)):
-            if self.c[i, w] > 0.0:
-                z, n, velocity, _curvature = wall.nearest(x)
+        for f, wall in ti.static(enumerate(self.faces)):
+            if self.c[i, f] > 0.0:
+                z, n, velocity, _curvature = wall.face(i, x, self.slots[f])
                 jump = self.felt(i, wall, n, u - motion * velocity, motion)
                 if ti.static(wall.rubs):
                     jump = self.felt(i, wall, n, jump, 0.0)
-                total += jump * (self.c[i, w] / ti.max(z, self.closest))
+                total += jump * (self.c[i, f] / ti.max(z, self.closest))
         return total
 
     @ti.func
     def friction_term(self, i, x, u, motion):
         """Force [N] of the walls' friction against a particle, besides force_term."""
         total = ti.Vector.zero(float, self.dimension)
-        for w, wall in ti.static(enumerate(self.surfaces)):
+        for f, wall in ti.static(enumerate(self.faces)):
             if ti.static(wall.rubs):  # noqa: SIM102  (a compiled choice stays apart)
-                if self.c[i, w] > 0.0:
-                    _z, n, velocity, _curvature = wall.nearest(x)
+                if self.c[i, f] > 0.0:
+                    _z, n, velocity, _curvature = wall.face(i, x, self.slots[f])
                     total += wall.friction.drag(i, n, u - motion * velocity, motion)
         return total
 
     @ti.func
     def begin_friction(self, i, x, u, B, volume, mu, share):
         """Before the passes of a step: how particle i, of this viscosity [Pa s], slips on the walls with friction."""
-        for w, wall in ti.static(enumerate(self.surfaces)):
+        for f, wall in ti.static(enumerate(self.faces)):
             if ti.static(wall.rubs):
-                if self.c[i, w] > 0.0:
-                    z, n, velocity, _curvature = wall.nearest(x)
+                if self.c[i, f] > 0.0:
+                    z, n, velocity, _curvature = wall.face(i, x, self.slots[f])
                     acts = ti.cast(1.0, float)
                     if ti.static(wall.thin or wall.loose):
                         acts = wall.share(x, z)
-                    cBn = self.c[i, w] * (B @ n)
-                    wall.friction.cover(i, n, ti.max(z, self.closest), volume, cBn, share, acts, self.second)
+                    cBn = self.c[i, f] * (B @ n)
+                    wall.friction.cover(i, n, ti.max(z, self.closest), volume, cBn, share, acts, self.ghosts.second)
                     wall.friction.begin(i, n, u - velocity, mu)
                 else:
                     wall.friction.forget(i)
@@ -268,22 +188,22 @@ class Walls:
     @ti.func
     def adjust_friction(self, i, x, u, flux, mu):
         """After a pass: the slip at which the walls' traction is that of the flux V T B of the deviatoric stress."""
-        for w, wall in ti.static(enumerate(self.surfaces)):
+        for f, wall in ti.static(enumerate(self.faces)):
             if ti.static(wall.rubs):  # noqa: SIM102  (a compiled choice stays apart)
-                if self.c[i, w] > 0.0:
-                    _z, n, velocity, _curvature = wall.nearest(x)
-                    pull = flux @ n * (self.c[i, w] / wall.friction.area[i])
+                if self.c[i, f] > 0.0:
+                    _z, n, velocity, _curvature = wall.face(i, x, self.slots[f])
+                    pull = flux @ n * (self.c[i, f] / wall.friction.area[i])
                     wall.friction.adjust(i, n, u - velocity, pull, mu)
 
     @ti.func
     def drag_power(self, i, x, u, motion):
         """sum of |u - u_wall|^2 c/z [1/s2]: u . drag_term for walls at rest."""
         total = ti.cast(0.0, float)
-        for w, wall in ti.static(enumerate(self.surfaces)):
-            if self.c[i, w] > 0.0:
-                z, n, velocity, _curvature = wall.nearest(x)
+        for f, wall in ti.static(enumerate(self.faces)):
+            if self.c[i, f] > 0.0:
+                z, n, velocity, _curvature = wall.face(i, x, self.slots[f])
                 jump = self.felt(i, wall, n, u - motion * velocity, motion)
-                total += jump.norm_sqr() * (self.c[i, w] / ti.max(z, self.closest))
+                total += jump.norm_sqr() * (self.c[i, f] / ti.max(z, self.closest))
         return total
 
     @ti.func
@@ -291,11 +211,11 @@ class Walls:
         """sum of n c [1/m] over the walls, and of c/z [1/m2] (for the diagonal)."""
         total = ti.Vector.zero(float, self.dimension)
         drag = ti.cast(0.0, float)
-        for w, wall in ti.static(enumerate(self.surfaces)):
-            if self.c[i, w] > 0.0:
-                z, n, _velocity, _curvature = wall.nearest(x)
-                total += n * self.c[i, w]
-                drag += self.c[i, w] / ti.max(z, self.closest)
+        for f, wall in ti.static(enumerate(self.faces)):
+            if self.c[i, f] > 0.0:
+                z, n, _velocity, _curvature = wall.face(i, x, self.slots[f])
+                total += n * self.c[i, f]
+                drag += self.c[i, f] / ti.max(z, self.closest)
         return total, drag
 
     @ti.func
@@ -303,10 +223,10 @@ class Walls:
         """Block [kg/s] by which the walls resist a velocity of particle i: that of the gradient which they add for
         it, with V mu = ``shear`` and V (mu + K - 2 mu/t) = ``bulk`` [Pa s m3]."""
         total = ti.Matrix.zero(float, self.dimension, self.dimension)
-        for w, wall in ti.static(enumerate(self.surfaces)):
-            if self.c[i, w] > 0.0:
-                _z, n, _velocity, _curvature = wall.nearest(x)
-                v = B @ n * self.c[i, w]
+        for f, wall in ti.static(enumerate(self.faces)):
+            if self.c[i, f] > 0.0:
+                _z, n, _velocity, _curvature = wall.face(i, x, self.slots[f])
+                v = B @ n * self.c[i, f]
                 normal = n.outer_product(n)
                 if ti.static(wall.slip):
                     total += (shear * v.dot(v) + bulk * n.dot(v) ** 2) * normal
@@ -315,25 +235,29 @@ class Walls:
         return total
 
     @ti.func
-    def hydrostatic(self, x, weight, B, share):
+    def hydrostatic(self, i, x, weight, B, share):
         """Force density [N/m3] by which the ghosts' pressure exceeds the particle's own under rho g = ``weight``."""
         total = ti.Vector.zero(float, self.dimension)
-        for wall in ti.static(self.surfaces):
-            z, n, _velocity, curvature = wall.nearest(x)
+        for f, wall in ti.static(enumerate(self.faces)):
+            z, n, _velocity, curvature = wall.face(i, x, self.slots[f])
             if z < self.effective_radius:
-                total -= B @ n * (n.dot(weight) * self.lookup("normal", wall, x, z, curvature, share))
+                total -= (
+                    B
+                    @ n
+                    * (n.dot(weight) * self.ghosts.lookup("normal", i, wall, self.slots[f], x, z, curvature, share))
+                )
         return total
 
     @ti.func
-    def crowding(self, x, share):
+    def crowding(self, i, x, share):
         """sum w e and sum max(0, 1 - r/(1.5 l0)) e over the ghosts, e the direction from x to each [-]."""
         inward = ti.Vector.zero(float, self.dimension)
         near = ti.Vector.zero(float, self.dimension)
-        for wall in ti.static(self.surfaces):
-            z, n, _velocity, curvature = wall.nearest(x)
+        for f, wall in ti.static(enumerate(self.faces)):
+            z, n, _velocity, curvature = wall.face(i, x, self.slots[f])
             if z < self.effective_radius:
-                inward -= n * self.lookup("inward", wall, x, z, curvature, share)
-                near -= n * self.lookup("crowding", wall, x, z, curvature, share)
+                inward -= n * self.ghosts.lookup("inward", i, wall, self.slots[f], x, z, curvature, share)
+                near -= n * self.ghosts.lookup("crowding", i, wall, self.slots[f], x, z, curvature, share)
         return inward, near
 
     @ti.func

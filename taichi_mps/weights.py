@@ -54,9 +54,7 @@ def ring_table(spacing: float, effective_radius: float, shares) -> np.ndarray:
 GHOST_SUMS = ("neighbours", "n", "pull", "tangential", "normal", "inward", "crowding", "packing")
 
 
-def ghost_table(
-    dimension, spacing, effective_radius, entries=256, curvature=0.0, size=1.0, across=np.inf
-) -> np.ndarray:
+def ghost_table(dimension, spacing, effective_radius, entries=256, curvature=0.0, size=1.0) -> np.ndarray:
     """Sums over the ghost lattice behind a wall, (entries, 8), columns GHOST_SUMS, for a particle at distance
     z = effective_radius * max(k, 1)/(entries - 1) in front of it. A ghost lies at depth d = l0/2, 3 l0/2, ... behind
     the wall and h, t are its normal and one tangential distance from the particle: h = z + d and t = 0, l0, ... behind
@@ -67,47 +65,62 @@ def ghost_table(
 
     ``size`` over l0 is the spacing of ghosts that stand closer than l0; each then counts size^2 in neighbours, n and
     packing.
-
-    ``across`` [m]: the particle's distance from a plane at right angles, where the ghosts end. Those on its other side
-    do not count; those half a spacing or less from it count in part, so that nothing jumps.
     """
     spacing = size * spacing
-    reach = int(effective_radius / spacing) + 2
-    axis = np.arange(-reach, reach + 1) * spacing
-    depth = (np.arange(reach) + 0.5) * spacing
-    grid = np.stack(np.meshgrid(*[axis] * (dimension - 1), depth, indexing="ij"), -1).reshape(-1, dimension)
-    share = np.clip((across + grid[:, 0]) / spacing + 0.5, 0.0, 1.0)
+    ghosts = _lattice_behind(dimension, spacing, effective_radius)
     table = np.zeros((entries, len(GHOST_SUMS)))
     for k in range(entries):
         z = effective_radius * max(k, 1) / (entries - 1)
-        t, d = grid[:, 0], grid[:, -1]
-        h = z + d
-        if curvature != 0.0:
-            arc = 1.0 / curvature + d
-            h, t = h - arc * (1.0 - np.cos(t / arc)), arc * np.sin(t / arc)
-        r = np.sqrt(t**2 + (grid[:, 1:-1] ** 2).sum(1) + h**2)
-        w = _weights(r, effective_radius)
-        wr2 = w / r**2
-        sums = (
-            r < effective_radius,
-            w,
-            2 * wr2 * h,
-            wr2 * t**2 * (1 + d / z),
-            wr2 * h**2,
-            w * h / r,
-            np.maximum(0.0, 1.0 - r / (1.5 * spacing)) * h / r,
-            _packing(r, effective_radius),
-        )
-        table[k] = (np.stack(sums) * share).sum(1)
+        table[k] = _terms(ghosts, z, spacing, effective_radius, curvature).sum(1)
     counted = [GHOST_SUMS.index(name) for name in ("neighbours", "n", "packing")]
     table[:, counted] *= size**2
     return table
 
 
-def corner_table(dimension, spacing, effective_radius, entries=64) -> np.ndarray:
-    """Share of GHOST_SUMS that is left where the ghosts end at a plane at right angles: (entries, entries, 8), for
-    distances effective_radius * max(k, 1)/(entries - 1) from the wall and from that plane."""
-    whole = ghost_table(dimension, spacing, effective_radius, entries)
+def _lattice_behind(dimension, spacing, effective_radius):
+    """Ghosts (n, d): tangential distances from the particle, and last the depth behind the wall [m]."""
+    reach = int(effective_radius / spacing) + 2
+    axis = np.arange(-reach, reach + 1) * spacing
+    depth = (np.arange(reach) + 0.5) * spacing
+    return np.stack(np.meshgrid(*[axis] * (dimension - 1), depth, indexing="ij"), -1).reshape(-1, dimension)
+
+
+def _terms(ghosts, z, spacing, effective_radius, curvature=0.0):
+    """What each ghost adds to GHOST_SUMS of a particle at the distance z, (8, n)."""
+    t, d = ghosts[:, 0], ghosts[:, -1]
+    h = z + d
+    if curvature != 0.0:
+        arc = 1.0 / curvature + d
+        h, t = h - arc * (1.0 - np.cos(t / arc)), arc * np.sin(t / arc)
+    r = np.sqrt(t**2 + (ghosts[:, 1:-1] ** 2).sum(1) + h**2)
+    w = _weights(r, effective_radius)
+    wr2 = w / r**2
+    terms = (
+        r < effective_radius,
+        w,
+        2 * wr2 * h,
+        wr2 * t**2 * (1 + d / z),
+        wr2 * h**2,
+        w * h / r,
+        np.maximum(0.0, 1.0 - r / (1.5 * spacing)) * h / r,
+        _packing(r, effective_radius),
+    )
+    return np.stack(terms)
+
+
+def corner_table(dimension, spacing, effective_radius, entries=64, cosine=0.0) -> np.ndarray:
+    """Share of GHOST_SUMS that is left of the ghosts behind a wall where they end at another, whose normal has this
+    ``cosine`` with that of the wall: (entries, entries, 8), for distances effective_radius * max(k, 1)/(entries - 1)
+    from the wall and from the other. Ghosts half a spacing or less from the other count in part, so that nothing jumps.
+    """
+    ghosts = _lattice_behind(dimension, spacing, effective_radius)
     distances = effective_radius * np.maximum(np.arange(entries), 1) / (entries - 1)
-    cut = [ghost_table(dimension, spacing, effective_radius, entries, across=distance) for distance in distances]
-    return np.where(whole[:, None] > 0.0, np.stack(cut, 1) / np.maximum(whole[:, None], 1e-300), 1.0)
+    table = np.ones((entries, entries, len(GHOST_SUMS)))
+    for z, left in zip(distances, table, strict=True):
+        terms = _terms(ghosts, z, spacing, effective_radius)
+        ahead = (1.0 - cosine**2) ** 0.5 * ghosts[:, 0] - cosine * (z + ghosts[:, -1])  # of the other wall [m]
+        whole = terms.sum(1)
+        for across, row in zip(distances, left, strict=True):
+            cut = (terms * np.clip((across + ahead) / spacing + 0.5, 0.0, 1.0)).sum(1)
+            row[whole > 0.0] = cut[whole > 0.0] / whole[whole > 0.0]
+    return table

@@ -17,8 +17,8 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "taichi_mps"
 EDGE = 4
 LAYERS = {
-    0: "quantity material geometry solids measure rest_shapes inlet filling report scene admission",
-    1: "backend weights surfaces friction particles neighbors gradient mrpcg sparse grid_levels scales smoothing",
+    0: "quantity material geometry solids inner_edges measure rest_shapes inlet filling report scene admission",
+    1: "backend weights ghosts surfaces friction particles neighbors gradient mrpcg sparse grid_levels scales smoothing",
     2: "rheology walls viscosity pressure momentum shifting totals sleeping pouring summary",
     3: "schemes.implicit schemes.semi_implicit simulation",
 }
@@ -32,7 +32,8 @@ PEERS = {
     "scene": {"quantity", "material", "geometry", "solids", "measure", "inlet", "filling"},
     "admission": {"quantity", "material", "geometry", "scene"},
     "weights": {"backend"},
-    "surfaces": {"backend"},
+    "surfaces": {"backend", "weights"},
+    "ghosts": {"backend", "weights"},
     "friction": {"backend"},
     "particles": {"backend"},
     "neighbors": {"backend"},

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps import friction, momentum, simulation, surfaces, walls
+from taichi_mps import friction, ghosts, momentum, simulation, surfaces, walls
 from taichi_mps.schemes import implicit
 
 FLOOR = mps.Plane((0.0, 0.0), (0.0, 1.0))
@@ -53,19 +53,20 @@ def test_the_check_would_see_it(law, forbid):
 
 def test_walls_at_rest_that_do_not_meet_cost_neither_motion_nor_corners(forbid):
     forbid(momentum.MomentumSystem, "subtract_wall_motion")
-    forbid(walls.Walls, "left")
+    forbid(ghosts.GhostSums, "left")
+    forbid(ghosts.GhostSums, "left_at_angle")
     forbid(walls.Walls, "between")
     forbid(surfaces.Surface, "share")
     forbid(friction.WallFriction, "__init__")
     sim = simulate(NEWTONIAN)
-    assert not hasattr(sim.walls, "corner") and not hasattr(sim.scheme.gradient, "hoop")
+    assert not hasattr(sim.walls.ghosts, "corner") and not hasattr(sim.scheme.gradient, "hoop")
     assert "ring" not in sim.particles.carried and "slip_0" not in sim.particles.carried
     with pytest.raises(Exception, match="not paid for"):
         simulate(NEWTONIAN, walls=(FLOOR, WEST))
 
 
 def test_without_walls_there_is_no_wall_code(forbid):
-    forbid(walls.Walls, "lookup")
+    forbid(ghosts.GhostSums, "lookup")
     forbid(walls.Walls, "force_term")
     assert not hasattr(simulate(NEWTONIAN, walls=()).walls, "c")
 

@@ -55,8 +55,8 @@ class Rig:
             self.P[i] = -(p0 + weight * (HEIGHT - self.particles.x[i][self.dimension - 1])) * self.gradient.B[i]
         for i in range(self.particles.count[None]):
             self.F[i] = self.gradient.force(i, self.P)
-            self.W[i] = self.walls.hydrostatic(self.particles.x[i], down, self.gradient.B[i], 1.0)
-            inward, near = self.walls.crowding(self.particles.x[i], 1.0)
+            self.W[i] = self.walls.hydrostatic(i, self.particles.x[i], down, self.gradient.B[i], 1.0)
+            inward, near = self.walls.crowding(i, self.particles.x[i], 1.0)
             self.inward[i], self.near[i] = inward, near
 
     @ti.kernel

@@ -227,7 +227,7 @@ class Implicit:
                 if ti.static(len(self.walls.surfaces) > 0):
                     heavy = self.density(i) * self.g * self.scales.pressed(self.smoothing.p[i])
                     share = self.gradient.counts_as(i)
-                    b[i] += volume * self.walls.hydrostatic(self.particles.x[i], heavy, self.gradient.B[i], share)
+                    b[i] += volume * self.walls.hydrostatic(i, self.particles.x[i], heavy, self.gradient.B[i], share)
 
     @ti.func
     def structure(self, i):

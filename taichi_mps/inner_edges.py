@@ -1,0 +1,113 @@
+"""The faces that meet at the inner edges of a sampled solid, from its distances alone. Plain NumPy.
+
+A signed distance knows the nearest face. In front of an inner edge it has a crease, where another face becomes the
+nearest one. Beside a crease the other faces are looked for at places around, where they are the nearest, and
+extended to here as planes.
+"""
+
+import itertools
+
+import numpy as np
+
+CREASE, SHORT = 0.15, 0.97  # there the slope falls by this much over a node, and the gradient is this short [-]
+BEND = 0.1  # change of the slope [-] from which on a node is not clearly in front of one face
+TURN = 0.8  # cosine of the angle between the normals of two faces up to which they are two
+BEYOND = 0.15  # reaches behind the other face at which a foot is beyond the edge
+NODES = 200_000  # looked at at once
+
+
+def inner_edges(values, cell: float, reach: float):
+    """Faces within ``reach`` [m] of the nodes beside inner edges, from distances [m] at the nodes of a grid, positive
+    in the fluid. Returns for each node its row in the table, -1 where the nearest face is all, and the table (rows,
+    faces, 1 + d): distance [m] and normal of each face at the node; where there are fewer faces the distance is
+    infinite."""
+    values = np.asarray(values, float)
+    d, shape = values.ndim, values.shape
+    number = np.full(shape, -1, np.int32)
+    front = values > 0.0
+    clean, crease = front.copy(), np.zeros(shape, bool)
+    for axis in range(d):
+        bend = np.diff(values, 2, axis=axis) / cell
+        inner = tuple(slice(1, -1) if a == axis else slice(None) for a in range(d))
+        clean[inner] &= np.abs(bend) < BEND
+        crease[inner] |= bend < -CREASE
+    crease &= front & (values < reach + cell)
+    if not crease.any():
+        return number, np.zeros((0, 1, 1 + d))
+    normal = np.stack(np.gradient(values, cell), -1)
+    size = np.linalg.norm(normal, axis=-1)
+    clean &= np.abs(size - 1.0) < 0.01
+    crease &= size < SHORT
+    near = spread(crease, int(np.ceil(0.75 * reach / cell)))
+    near = np.argwhere(near & front & (values < reach + d**0.5 * cell))
+    normal /= np.maximum(size, 1e-9)[..., None]
+    steps = probes(d, reach / cell)
+    tables = [np.zeros((0, d, 1 + d))]
+    for part in np.array_split(near, 1 + len(near) // NODES):
+        table = faces_at(values, cell, normal, clean, part, steps, reach)
+        several = np.isfinite(table[:, 1, 0])
+        number[tuple(part[several].T)] = sum(map(len, tables)) + np.arange(several.sum())
+        tables.append(table[several])
+    table = np.concatenate(tables)
+    most = int(np.isfinite(table[..., 0]).sum(1).max(initial=1))
+    return number, table[:, :most]
+
+
+def spread(where, width):
+    """Nodes within ``width`` nodes along each axis of one of these."""
+    for axis in range(where.ndim):
+        room = [(width * (a == axis),) * 2 for a in range(where.ndim)]
+        windows = np.lib.stride_tricks.sliding_window_view(np.pad(where, room), 2 * width + 1, axis)
+        where = windows.any(axis=-1)
+    return where
+
+
+def probes(d, reach):
+    """Steps in nodes (k, d) to places around, in all diagonal directions and from one node to 1.2 times the reach."""
+    directions = np.array([step for step in itertools.product((-1, 0, 1), repeat=d) if any(step)], float)
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    sizes = 1.2 * reach * 0.7 ** np.arange(12)
+    steps = np.rint(sizes[sizes > 0.9, None, None] * directions).astype(int).reshape(-1, d)
+    return np.unique(steps, axis=0)
+
+
+def faces_at(values, cell, normal, clean, nodes, steps, reach):
+    """Table (n, d, 1 + d) of inner_edges for these nodes."""
+    d, n = values.ndim, len(nodes)
+    table = np.zeros((n, d, 1 + d))
+    table[:, :, 0] = np.inf
+    foot = np.zeros((n, d, d))  # of each face, from the node [m]
+    for slot in range(d):
+        best = np.full(n, np.inf)
+        for step in (np.zeros(d, int), *steps):
+            there = nodes + step
+            rows = np.flatnonzero(np.all((there >= 0) & (there < values.shape), axis=1))
+            rows = rows[clean[tuple(there[rows].T)]]
+            at = tuple(there[rows].T)
+            m, p = normal[at], step * cell - values[at][:, None] * normal[at]  # p: foot of that place, from the node
+            distance = -np.einsum("ij,ij->i", m, p)  # of the node from that face
+            aside = np.linalg.norm(p + distance[:, None] * m, axis=1)  # foot of the place from that of the node
+            sought = (distance > -cell) & (distance < reach + d**0.5 * cell) & (aside < best[rows] - 1e-9 * cell)
+            for k in range(slot):
+                turn, apart = m - table[rows, k, 1:], p - foot[rows, k]
+                facing = -np.einsum("ij,ij->i", turn, apart)  # of an inner edge; negative across an outer one
+                sought &= np.einsum("ij,ij->i", m, table[rows, k, 1:]) < TURN
+                sought &= facing > 0.4 * np.linalg.norm(apart, axis=1)
+            rows, m, p, distance, aside = (part[sought] for part in (rows, m, p, distance, aside))
+            depth = interpolate(values, nodes[rows] - distance[:, None] * m / cell)
+            there = (depth < 0.25 * cell) & (depth > -BEYOND * reach)  # the face is there, or ends at the edge
+            rows = rows[there]
+            best[rows] = aside[there]
+            table[rows, slot, 0], table[rows, slot, 1:], foot[rows, slot] = distance[there], m[there], p[there]
+    return table
+
+
+def interpolate(values, at):
+    """Distance [m] at places (n, d) in nodes, linear between nodes; infinite beyond the grid."""
+    last = np.array(values.shape) - 1
+    k = np.clip(np.floor(at).astype(int), 0, last - 1)
+    f = at - k
+    z = np.zeros(len(at))
+    for corner in np.ndindex(*(2,) * values.ndim):
+        z += np.prod(np.where(corner, f, 1.0 - f), axis=1) * values[tuple((k + corner).T)]
+    return np.where(np.all((at >= 0.0) & (at <= last), axis=1), z, np.inf)
