@@ -74,7 +74,7 @@ class Walls:
         for k, others in enumerate(meeting(walls)):
             mirror = [getattr(walls[m], "mirror", False) or getattr(walls[k], "mirror", False) for m in others]
             self.surfaces[k].cut_by = tuple(
-                (self.surfaces[m], m < k, part) for m, part in zip(others, mirror, strict=True) if m < k or part
+                (self.surfaces[m], m < k, part) for m, part in zip(others, mirror, strict=True)
             )
         if any(surface.cut_by for surface in self.surfaces):
             shares = corner_table(dimension, spacing, effective_radius)
@@ -147,13 +147,13 @@ class Walls:
     @ti.func
     def lookup(self, name: ti.template(), wall: ti.template(), x, z, curvature, share):
         """One of GHOST_SUMS at x, the distance z [m] from a wall of this curvature [1/m]. In a corner the ghosts behind
-        both walls are counted once. Where one of the two is a mirror plane, their pull along either normal is that of
-        nobody: it cancels the pull of the other wall's ghosts in front of the one."""
+        both walls are counted once. Their sum w e along either normal is that of nobody: it cancels that of the other
+        wall's ghosts in front of the one; so does their pull where one of the two is a mirror plane."""
         value = self.interpolate(self.flat, name, z, share)
         if ti.static(wall.curved):
             value += curvature * self.interpolate(self.bend, name, z, share)
         for other, before, mirror in ti.static(wall.cut_by):
-            if ti.static(before if name in ("neighbours", "n", "packing") else mirror):
+            if ti.static(name == "inward" or (before if name in ("neighbours", "n", "packing") else mirror)):
                 across, _n, _velocity, _curvature = other.nearest(x)
                 if across < self.effective_radius:
                     cut = 1.0 - self.left(name, z, across)
@@ -166,9 +166,10 @@ class Walls:
 
     @ti.func
     def moments(self, i, x, share):
-        """Neighbours, n and packing [-], and the moment matrix [-] that the walls add at x, the place of particle i;
-        keeps their pull on it."""
+        """Neighbours, n and packing [-], the moment matrix [-], and sum w e [-] that the walls add at x, the place
+        of particle i, e the direction to each ghost; keeps their pull on it."""
         counts = ti.Vector.zero(float, 3)
+        lean = ti.Vector.zero(float, self.dimension)
         moment = ti.Matrix.zero(float, self.dimension, self.dimension)
         for w, wall in ti.static(enumerate(self.surfaces)):
             self.c[i, w] = 0.0
@@ -176,6 +177,7 @@ class Walls:
             if z < self.effective_radius:
                 for k, name in ti.static(enumerate(("neighbours", "n", "packing"))):
                     counts[k] += self.lookup(name, wall, x, z, curvature, share)
+                lean -= n * self.lookup("inward", wall, x, z, curvature, share)
                 normal = n.outer_product(n)
                 self.c[i, w] = self.lookup("pull", wall, x, z, curvature, share)
                 moment += self.c[i, w] * ti.max(z, self.closest) * normal
@@ -184,7 +186,7 @@ class Walls:
                     if ti.static(wall.rubs):
                         t *= wall.friction.hold(i, ti.max(z, self.closest))
                     moment += t * (ti.Matrix.identity(float, self.dimension) - normal)
-        return counts, moment
+        return counts, moment, lean
 
     @ti.func
     def felt(self, i, wall: ti.template(), n, v, motion):
@@ -326,15 +328,13 @@ class Walls:
 
     @ti.func
     def crowding(self, x, share):
-        """sum w e and sum max(0, 1 - r/(1.5 l0)) e over the ghosts, e the direction from x to each [-]."""
-        inward = ti.Vector.zero(float, self.dimension)
+        """sum max(0, 1 - r/(1.5 l0)) e over the ghosts, e the direction from x to each [-]."""
         near = ti.Vector.zero(float, self.dimension)
         for wall in ti.static(self.surfaces):
             z, n, _velocity, curvature = wall.nearest(x)
             if z < self.effective_radius:
-                inward -= n * self.lookup("inward", wall, x, z, curvature, share)
                 near -= n * self.lookup("crowding", wall, x, z, curvature, share)
-        return inward, near
+        return near
 
     @ti.func
     def between(self, x, y):
