@@ -15,9 +15,8 @@ from .backend import real, ti
 from .particles import DUMMY, FLUID, WALL
 from .weights import ring_table
 
-ENCLOSED = (
-    0.3  # largest lean of a full neighbourhood: 1.15 l0 below a flat surface, where 3 % of the packing is missing
-)
+# largest lean of a full neighbourhood: 1.15 l0 below a flat surface, where 3 % of the packing is missing
+ENCLOSED = 0.3
 THICKEST, ENTRIES = 2.0, 256  # largest share in the table of lattice sums, and its length
 
 
