@@ -114,13 +114,14 @@ class GhostSums:
     @ti.func
     def lookup(self, name: ti.template(), i, wall: ti.template(), slot: ti.template(), x, z, curvature, share):
         """One of GHOST_SUMS of particle i at x, the distance z [m] from this face of a wall, of this curvature [1/m].
-        In a corner the ghosts behind both walls are counted once. Where one of the two is a mirror plane, their pull
-        along either normal is that of nobody: it cancels the pull of the other wall's ghosts in front of the one."""
+        In a corner the ghosts behind both walls are counted once. Their sum w e along either normal is that of nobody:
+        it cancels that of the other wall's ghosts in front of the one; so does their pull where one of the two is a
+        mirror plane."""
         value = self.interpolate(self.flat, name, z, share)
         if ti.static(wall.curved):
             value += curvature * self.interpolate(self.bend, name, z, share)
         for other, before, mirror in ti.static(wall.cut_by):
-            if ti.static(before if name in COUNTED else mirror):
+            if ti.static(name == "inward" or (before if name in COUNTED else mirror)):
                 across, _n, _velocity, _curvature = other.nearest(x)
                 if across < self.effective_radius:
                     cut = 1.0 - self.left(name, z, across)
@@ -137,7 +138,8 @@ class GhostSums:
     def divide(self, i, wall: ti.template()):
         """What is left of the sums of each face of a solid beside an inner edge. The ghosts behind two of them count
         once, with the first; along either normal the pull of these ghosts counts once, too: the normals n and m share
-        n.m of it. A face fades out where its foot lies behind the other, beyond the edge."""
+        n.m of it; of their sum w e each has a half where the faces are one, and none at a right angle. A face fades
+        out where its foot lies behind the other, beyond the edge."""
         for slot in range(wall.faces):
             z, n = wall.z[i, slot], wall.n[i, slot]
             left = ti.Vector.one(float, ti.static(len(GHOST_SUMS)))
@@ -151,6 +153,8 @@ class GhostSums:
                     for k, name in ti.static(enumerate(GHOST_SUMS)):
                         if ti.static(name in COUNTED):
                             left[k] *= shares[k] if other < slot else 1.0
+                        elif ti.static(name == "inward"):
+                            left[k] *= 1.0 - (1.0 - once) * (1.0 - shares[k])
                         else:
                             left[k] *= 1.0 - once * (1.0 - shares[k])
                     left *= seen

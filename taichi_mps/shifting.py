@@ -24,7 +24,6 @@ class Shifting:
                 x = self.particles.x[i]
                 l0 = self.spacing * ti.sqrt(self.gradient.counts_as(i))  # of rings as thin as this one
                 near = ti.Vector.zero(float, d)
-                inward = ti.Vector.zero(float, d)
                 apart = ti.Vector.zero(float, d)
                 for k in range(self.gradient.neighbors.row_start[i], self.gradient.neighbors.row_start[i + 1]):
                     j = self.gradient.neighbors.column[k]
@@ -34,13 +33,11 @@ class Shifting:
                     if ti.static(self.walls.part):
                         e *= ti.cast(self.gradient.weight_r2[k] > 0.0, float)  # not through a thin wall
                     near += ti.max(0.0, 1.0 - r / (1.5 * l0)) * e
-                    inward += ti.max(self.gradient.effective_radius / r - 1.0, 0.0) * e
                     apart -= 0.05 * ti.max(0.0, 0.85 * l0 - r) * e
                 if ti.static(len(self.walls.surfaces) > 0):
-                    wall_inward, wall_near = self.walls.crowding(i, x, self.gradient.counts_as(i))
-                    near += wall_near
-                    inward += wall_inward
+                    near += self.walls.crowding(i, x, self.gradient.counts_as(i))
                 move = -0.1 * l0 * near
+                inward = self.gradient.lean[i]
                 outward = -inward / ti.max(inward.norm(), 1e-12)
                 if self.gradient.around[i] < 0.97 * self.gradient.full:
                     move -= ti.max(move.dot(outward), 0.0) * outward

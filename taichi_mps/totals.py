@@ -12,8 +12,7 @@ class Totals:
 
     def __init__(self, particles, scheme, constants):
         self.particles, self.scheme = particles, scheme
-        self.nearly_all = 0.9 * constants.neighbours
-        self.sums = ti.field(ti.f64, 7)  # max u^2, sum V u^2, V u^4, m u^2, unyielded; of full: sum V packing, sum V
+        self.sums = ti.field(ti.f64, 7)  # max u^2, sum V u^2, V u^4, m u^2, unyielded; of enclosed: V packing, V
 
     def take(self):
         """Largest speed^2 and that of what moves [m2/s2], kinetic energy [J], number of unyielded particles, volume
@@ -39,6 +38,6 @@ class Totals:
                 self.sums[2] += volume * u2 * u2
                 self.sums[3] += volume * u2 * self.scheme.density(i)
                 self.sums[4] += 1 - self.scheme.yielded[i]
-                if self.scheme.gradient.around[i] >= self.nearly_all:
+                if self.scheme.gradient.enclosed(i):
                     self.sums[5] += volume * self.scheme.gradient.packing[i]
                     self.sums[6] += volume

@@ -57,7 +57,7 @@ class Walls:
         for k, others in enumerate(meeting(walls)):
             mirror = [getattr(walls[m], "mirror", False) or getattr(walls[k], "mirror", False) for m in others]
             self.surfaces[k].cut_by = tuple(
-                (self.surfaces[m], m < k, part) for m, part in zip(others, mirror, strict=True) if m < k or part
+                (self.surfaces[m], m < k, part) for m, part in zip(others, mirror, strict=True)
             )
         corners = any(surface.cut_by for surface in self.surfaces)
         wedges = any(surface.faces > 1 for surface in self.surfaces)
@@ -82,13 +82,15 @@ class Walls:
 
     @ti.func
     def moments(self, i, x, share):
-        """Neighbours, n and packing [-], and the moment matrix [-] that the walls add at x, the place of particle i;
-        keeps their pull on it, and what faces of solids it stands in front of."""
+        """Neighbours, n and packing [-], the moment matrix [-], and sum w e [-] that the walls add at x, the place of
+        particle i, e the direction to each ghost; keeps their pull on it, and what faces of solids it stands in front
+        of."""
         for wall in ti.static(self.surfaces):
             wall.find(i, x)
             if ti.static(wall.faces > 1):
                 self.ghosts.divide(i, wall)
         counts = ti.Vector.zero(float, 3)
+        lean = ti.Vector.zero(float, self.dimension)
         moment = ti.Matrix.zero(float, self.dimension, self.dimension)
         for f, wall in ti.static(enumerate(self.faces)):
             self.c[i, f] = 0.0
@@ -96,6 +98,7 @@ class Walls:
             if z < self.effective_radius:
                 for k, name in ti.static(enumerate(COUNTED)):
                     counts[k] += self.ghosts.lookup(name, i, wall, self.slots[f], x, z, curvature, share)
+                lean -= n * self.ghosts.lookup("inward", i, wall, self.slots[f], x, z, curvature, share)
                 normal = n.outer_product(n)
                 self.c[i, f] = self.ghosts.lookup("pull", i, wall, self.slots[f], x, z, curvature, share)
                 moment += self.c[i, f] * ti.max(z, self.closest) * normal
@@ -104,7 +107,7 @@ class Walls:
                     if ti.static(wall.rubs):
                         t *= wall.friction.hold(i, ti.max(z, self.closest))
                     moment += t * (ti.Matrix.identity(float, self.dimension) - normal)
-        return counts, moment
+        return counts, moment, lean
 
     @ti.func
     def felt(self, i, wall: ti.template(), n, v, motion):
@@ -250,15 +253,13 @@ class Walls:
 
     @ti.func
     def crowding(self, i, x, share):
-        """sum w e and sum max(0, 1 - r/(1.5 l0)) e over the ghosts, e the direction from x to each [-]."""
-        inward = ti.Vector.zero(float, self.dimension)
+        """sum max(0, 1 - r/(1.5 l0)) e over the ghosts, e the direction from x to each [-]."""
         near = ti.Vector.zero(float, self.dimension)
         for f, wall in ti.static(enumerate(self.faces)):
             z, n, _velocity, curvature = wall.face(i, x, self.slots[f])
             if z < self.effective_radius:
-                inward -= n * self.ghosts.lookup("inward", i, wall, self.slots[f], x, z, curvature, share)
                 near -= n * self.ghosts.lookup("crowding", i, wall, self.slots[f], x, z, curvature, share)
-        return inward, near
+        return near
 
     @ti.func
     def between(self, x, y):

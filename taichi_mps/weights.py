@@ -20,6 +20,7 @@ class LatticeConstants:
     n0: float  # particle number density [-], eq 13
     lam: float  # lambda = sum w r^2 / sum w [m2], eq 14
     neighbours: int  # particles within the effective radius
+    lean: float  # sum w cos, to the normal, of a particle in the first row below a flat surface [-]
     packing: float  # 1 + sum (1 - r/re)^3 (1 + 3 r/re) [-]
 
 
@@ -33,15 +34,18 @@ def _packing(r, effective_radius):
 
 
 def lattice_constants(dimension: int, spacing: float, effective_radius: float) -> LatticeConstants:
-    """n0, lambda and the neighbour count of the initial arrangement."""
+    """The sums over the lattice of the initial arrangement."""
     reach = int(effective_radius / spacing) + 1
     axis = np.arange(-reach, reach + 1) * spacing
     points = np.stack(np.meshgrid(*[axis] * dimension), -1).reshape(-1, dimension)
     r = np.linalg.norm(points, axis=1)
-    r = r[(r > 0.5 * spacing) & (r < effective_radius)]
+    near = (r > 0.5 * spacing) & (r < effective_radius)
+    r, height = r[near], points[near, 0]
     w = _weights(r, effective_radius)
-    packing = 1.0 + _packing(r, effective_radius).sum()
-    return LatticeConstants(float(w.sum()), float((w * r * r).sum() / w.sum()), len(r), float(packing))
+    lam, lean = (w * r * r).sum() / w.sum(), 0.5 * (w * np.abs(height) / r).sum()
+    return LatticeConstants(
+        float(w.sum()), float(lam), len(r), float(lean), float(1.0 + _packing(r, effective_radius).sum())
+    )
 
 
 def ring_table(spacing: float, effective_radius: float, shares) -> np.ndarray:

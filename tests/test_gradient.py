@@ -216,6 +216,22 @@ def test_single_and_paired_particles_carry_no_stress(cube):
     assert np.any(cube.gradient.B.to_numpy()[cube.kind == WALL])
 
 
+@pytest.mark.parametrize("d", [2, 3])
+def test_lean_is_one_at_a_flat_surface_and_points_into_the_lattice(d):
+    """Sums over the missing half by hand: one layer at the surface, of the second row only what is 2 l0 away."""
+    x = mps.lattice((-0.45,) * d, (0.4,) * d, L0)
+    rig = Rig(x)
+    lean, top = rig.gradient.lean.to_numpy(), rig.x[:, -1].max()
+    middle = np.all(np.abs(rig.x[:, :-1]) < 0.06, axis=1)
+    first, second = middle & (rig.x[:, -1] > top - 0.01), middle & (np.abs(rig.x[:, -1] - top + L0) < 0.01)
+    down = -np.eye(d)[-1]
+    layers = {2: (1, 2, 0), 3: (1, 4, 4)}[d]  # neighbours at 1, sqrt 2 and sqrt 3 l0 in the next layer
+    w = [2.1 / r - 1.0 for r in (1.0, 2.0**0.5, 3.0**0.5, 2.0)]
+    whole = w[0] * layers[0] + w[1] * layers[1] / 2.0**0.5 + w[2] * layers[2] / 3.0**0.5 + w[3]
+    assert first.sum() > 0 and np.abs(lean[first] - down).max() < ROUNDING
+    assert np.abs(lean[second] - w[3] / whole * down).max() < ROUNDING
+
+
 def test_particle_number_density_counts_every_neighbour(cube):
     r = np.linalg.norm(cube.x[None] - cube.x[:, None], axis=-1)
     np.fill_diagonal(r, np.inf)

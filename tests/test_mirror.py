@@ -175,6 +175,8 @@ def test_corners_count_every_neighbour_once(d, mirrors, tolerance):
     for name in ("n", "packing", "around"):
         values = getattr(whole.gradient, name).to_numpy()[order[0]], getattr(part.gradient, name).to_numpy()[order[1]]
         assert np.abs(values[1] / values[0] - 1.0)[beside].max() < tolerance, name
+    leans = whole.gradient.lean.to_numpy()[order[0]], part.gradient.lean.to_numpy()[order[1]]
+    assert np.abs(leans[1] - leans[0])[beside].max() < tolerance
 
 
 # ---- refusals -------------------------------------------------------------------------------------------------

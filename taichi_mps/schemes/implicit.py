@@ -164,8 +164,7 @@ class Implicit:
             G, left = self.gradient.fit(i, self.particles.u, 1.0)
             rate = 2.0 * magnitude(deviator(G))
             excess = self.gradient.packing[i] - 1.0
-            full = self.gradient.around[i] >= 0.9 * self.gradient.full
-            error = ti.max(excess, -0.03) if full else ti.max(excess, 0.0)
+            error = ti.max(excess, -0.03 if self.gradient.enclosed(i) else 0.0)
             source = ti.max(-1.0, ti.min(1.0, self.refill * error / dt))
             self.source[i] = source * self.deforming(i, dt, STRAIN_SCALE)
             m = self.scales.mix(i)
