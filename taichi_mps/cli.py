@@ -199,6 +199,7 @@ def render(argv) -> int:
     )
     parser.add_argument("run", help="run folder")
     parser.add_argument("--beside", metavar="RUN", help="another run, drawn beside it with the same camera and range")
+    parser.add_argument("--surface", action="store_true", help="the smooth surface, not particles (extra surface)")
     parser.add_argument("--film", action="store_true", help="an MP4, too (extra film)")
     parser.options(Pictures, "pictures")
     parser.add_argument("--scene", help=SCENE_FILE)
@@ -217,9 +218,9 @@ def render(argv) -> int:
             raise SceneError(f"run = {folder.path}: run.h5 holds no output yet")
         replays.append(chain([first], replay))
     start(options)
-    suffix = "" if options.view == "concrete" else f"-{options.view}"
+    suffix = ("" if options.view == "concrete" else f"-{options.view}") + "-surface" * arguments.surface
     suffix += f"-beside-{folders[1].path.resolve().name}" if arguments.beside else ""
-    made = redraw(replays, folders[0].path, suffix, options, arguments.film)
+    made = redraw(replays, folders[0].path, suffix, options, arguments.film, arguments.surface)
     tell(
         made, arguments.json, f"{made['pictures']} pictures in {made['frames']}, {made.get('film', made['animation'])}"
     )

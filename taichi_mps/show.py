@@ -23,8 +23,9 @@ def pictures(frames, options):
     return write
 
 
-def redraw(replays, folder, suffix, options, film=False) -> dict:
-    """Draw the outputs of runs again, side by side: pictures, GIF and, on request, MP4; the names of what was made."""
+def redraw(replays, folder, suffix, options, film=False, surface=False) -> dict:
+    """Draw the outputs of runs again, side by side, their particles or smooth surface: pictures, GIF and, on request,
+    MP4; the names of what was made."""
     import imageio.v3 as iio
 
     from .film import SideBySide, mp4, together
@@ -34,7 +35,8 @@ def redraw(replays, folder, suffix, options, film=False) -> dict:
     painter, made = None, []
     for number, outputs in enumerate(together(*replays)):
         if painter is None:
-            painter = SideBySide([o.scene for o in outputs], view=options.view, backend=options.renderer)
+            shown = {"view": options.view, "backend": options.renderer, "surface": surface}
+            painter = SideBySide([o.scene for o in outputs], **shown)
             frames.mkdir(parents=True, exist_ok=True)
             for picture in frames.glob("frame_*.png"):
                 picture.unlink()
