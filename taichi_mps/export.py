@@ -6,6 +6,7 @@ from pathlib import Path
 import meshio
 import numpy as np
 
+from .quantity import SceneError
 from .smooth_surface import smooth_surface
 from .vtkhdf import embed, point_data
 
@@ -14,7 +15,7 @@ def vtu(outputs, folder, whole: bool = False, smooth: bool = False) -> int:
     """Write folder/output_00000.vtu, ... and folder/run.pvd, which opens all of them with their times [s].
 
     outputs: those of ``Trajectory.replay``; with ``whole`` the body of which they are the computed part; with
-    ``smooth`` the surface of the whole body as triangles instead of its particles. Vertices with the fields of run.h5;
+    ``smooth`` the surface of the whole body as triangles instead of its particles. Points with the fields of run.h5;
     a plane scene lies at y = 0. Returns how many; the .pvd is written anew with each.
     """
     folder = Path(folder)
@@ -25,7 +26,10 @@ def vtu(outputs, folder, whole: bool = False, smooth: bool = False) -> int:
         if smooth:
             s, _, triangles = smooth_surface(s)
             cells = [("triangle", triangles)]
-        folder.mkdir(parents=True, exist_ok=True)
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise SceneError(f"out = {folder}: cannot be written ({error.strerror}); choose another folder") from None
         name = f"output_{number:05d}.vtu"
         mesh = meshio.Mesh(embed(s.x), cells, point_data=point_data(s))
         meshio.write(folder / name, mesh, file_format="vtu")

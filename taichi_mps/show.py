@@ -28,21 +28,27 @@ def redraw(replays, folder, suffix, options, film=False, surface=False) -> dict:
     MP4; the names of what was made."""
     import imageio.v3 as iio
 
-    from .film import SideBySide, mp4, together
+    from .film import SideBySide, check, mp4, together
+    from .quantity import SceneError
     from .render import gif
 
+    if film:
+        check()
     frames, animation = folder / f"frames{suffix}", folder / f"animation{suffix}.gif"
     painter, made = None, []
     for number, outputs in enumerate(together(*replays)):
         if painter is None:
             shown = {"view": options.view, "backend": options.renderer, "surface": surface}
             painter = SideBySide([o.scene for o in outputs], **shown)
-            frames.mkdir(parents=True, exist_ok=True)
-            for picture in frames.glob("frame_*.png"):
-                picture.unlink()
+            try:
+                frames.mkdir(exist_ok=True)
+                for picture in frames.glob("frame_*.png"):
+                    picture.unlink()
+            except OSError as error:
+                raise SceneError(f"run = {folder}: {frames} cannot be written ({error.strerror})") from None
         made.append(frames / f"frame_{number:05d}.png")
         iio.imwrite(made[-1], painter.draw(outputs), compress_level=1)
-    gif(made, animation)
+    gif(made, animation, width=640 * len(replays))
     names = {"frames": str(frames), "animation": str(animation), "pictures": len(made)}
     return names | ({"film": str(mp4(made, animation.with_suffix(".mp4")))} if film else {})
 

@@ -128,6 +128,13 @@ class Trajectory:
         os.replace(self.twins[0], self.path)
         return k
 
+    def whole(self, scene_file=None):
+        """``replay``, once all of it has been read: a file without outputs or with damage anywhere is refused before
+        anything is made of it."""
+        if not sum(1 for _ in self.replay(scene_file)):
+            raise SceneError(f"run = {self.path.parent}: run.h5 holds no output yet")
+        return self.replay(scene_file)
+
     def replay(self, scene_file=None):
         """The outputs one by one, each with what a picture needs of a Simulation: scene, time, snapshot, measures.
         A scene that is not a built-in one is made by the code of ``scene_file``, which the caller must name."""
