@@ -32,7 +32,7 @@ def _fill(points: Rows, corners: Corners, focal: ti.f32, keys: Keys):
                         at = vec2(j + 0.5, i + 0.5)
                         u, v, w = _turn(at, b, c) / area, _turn(a, at, c) / area, _turn(a, b, at) / area
                         if ti.min(u, v, w) >= -1e-5:  # an edge belongs to both sides: rounding leaves no holes
-                            depth = 1.0 / (u / p.z + v / q.z + w / r.z)
+                            depth = ti.cast(1.0 / (u / p.z + v / q.z + w / r.z), ti.f32)
                             key = (ti.cast(ti.bit_cast(depth, ti.u32), ti.u64) << 32) | ti.cast(k, ti.u64)
                             if key < keys[i, j]:
                                 ti.atomic_min(keys[i, j], key)
