@@ -26,8 +26,8 @@ def smooth_surface(s: Snapshot) -> tuple[Snapshot, np.ndarray, np.ndarray]:
     interpolated to them, their outward normals (k, 3), and its triangles (m, 3), rows of the vertices.
 
     The level set at 0.6 of the density of spheres of the spacing, with weighted smoothing (Loeschner et al., 2023,
-    "Weighted Laplacian smoothing for surface reconstruction of particle-based fluids"). What is thinner than about a
-    spacing in two directions, a single line of particles, is thin or missing.
+    "Weighted Laplacian smoothing for surface reconstruction of particle-based fluids"). It lies 0.2 to 0.5 spacings
+    outside of the outermost particles; a particle alone becomes a ball of 1.2 spacings.
     """
     check(s.x.shape[1])
     import pysplashsurf
