@@ -8,6 +8,7 @@ from .measure import Snapshot
 from .quantity import SceneError
 
 CUBE, SMOOTHING = 0.3, 15  # side of the cells of a surface over l0; passes in which its mesh is smoothed
+MOST_CELLS = 1e6  # along an axis: their number is a 64-bit integer
 FIELDS = ("u", "p", "shear_rate", "yielded", "density_ratio")
 
 
@@ -32,6 +33,9 @@ def smooth_surface(s: Snapshot) -> tuple[Snapshot, np.ndarray, np.ndarray]:
     check(s.x.shape[1])
     import pysplashsurf
 
+    size = np.ptp(s.x, axis=0).max(initial=0.0) / (CUBE * s.spacing)
+    if not size < MOST_CELLS:
+        raise SceneError(f"surface: the body is {size:.2g} cells long; must be at most {MOST_CELLS:g}")
     made, _ = pysplashsurf.reconstruction_pipeline(
         np.ascontiguousarray(s.x, np.float64),
         attributes_to_interpolate={name: np.ascontiguousarray(getattr(s, name), np.float64) for name in FIELDS},

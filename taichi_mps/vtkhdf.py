@@ -148,12 +148,15 @@ class Trajectory:
             if n != len(scene.fluid) and not scene.inlets:
                 raise SceneError(f"run {self.path}: has {n} particles, its scene makes {len(scene.fluid)}")
             axes = [0, 2] if scene.dimension == 2 else [0, 1, 2]
+            low, high = np.array(scene.domain, float)
+            room = high - low  # a particle leaves the domain by less than that before the run ends
             steps, fields = outside.own(root, "Steps"), outside.own(root, "PointData")
             for k, instant in enumerate(outside.numbers(steps, "Values")[: int(steps.attrs["NSteps"])]):
                 rows = slice(k * n, (k + 1) * n)
                 data = {name: outside.numbers(fields, name, rows=rows) for name in fields}
                 x = outside.numbers(root, "Points", rows=rows)[:, axes].astype(float)
-                if {len(values) for values in data.values()} != {n} or len(x) != n or not np.isfinite(x).all():
+                inside = np.all((x > low - room) & (x < high + room))
+                if {len(values) for values in data.values()} != {n} or len(x) != n or not inside:
                     raise ValueError(f"output {k} is not whole")
                 values = data["pressure"], data["shear_rate"], data["yielded"].astype(bool), data["density_ratio"]
                 there = data["size"] > 0.0 if "size" in data else slice(None)

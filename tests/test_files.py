@@ -295,6 +295,8 @@ def test_a_smooth_surface_is_closed_and_holds_the_volume_of_the_particles(tmp_pa
     volume = np.einsum("ij,ij->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6.0
     assert volume == pytest.approx(scene.volumes.sum(), rel=0.03)
     assert np.abs(points).max(0) == pytest.approx(np.abs(x).max(0) + 0.5 * scene.spacing, abs=scene.spacing)
+    with pytest.raises(mps.SceneError, match="the body is .* cells long; must be at most 1e.06"):
+        smooth_surface(still([(0.0, 0.0, 0.0), (1e30, 0.0, 0.0)], scene.spacing))
     with pytest.raises(mps.SceneError, match="plane one"):
         smooth_surface(still(x[:, :2], scene.spacing))
 
@@ -327,9 +329,9 @@ def test_a_run_with_damage_in_a_later_output_is_refused_before_anything_is_made_
     scene = catalogue.build("slump", spacing=0.05)
     folder, _, recorder = recorded(tmp_path / "run", scene, 3)
     recorder.finish("time")
-    for words in (["render"], ["export"]):
+    for words, far in ((["render"], np.nan), (["export"], np.nan), (["render"], 1e6), (["export", "--surface"], -1e30)):
         with h5py.File(folder.trajectory, "r+") as file:
-            file["VTKHDF/Points"][2 * len(scene.fluid) + 1, 0] = np.nan
+            file["VTKHDF/Points"][2 * len(scene.fluid) + 1, 0] = far
         before = sorted(path.name for path in folder.path.rglob("*"))
         assert mps.main([*words, str(folder.path)]) == 2
         assert sorted(path.name for path in folder.path.rglob("*")) == before
