@@ -40,7 +40,7 @@ def values(text: str, key: str = "values") -> list[str]:
     if not linear and min(low, high) <= 0.0:
         raise SceneError(f"{key} = {text}: equal ratios need values above 0; must be, or add :linear")
     if count > MOST_CASES:
-        raise SceneError(f"{key} = {text}: has {count:.3g} values; must be at most {MOST_CASES}")
+        raise SceneError(f"{key} = {text}: must be at most {MOST_CASES} values")
     shares = [k / (count - 1) for k in range(count)]
     points = [low + s * (high - low) if linear else low * (high / low) ** s for s in shares]
     return [f"{point:.4g}" for point in points]
