@@ -24,10 +24,11 @@ from hypothesis import strategies as st
 from test_files import Falling
 
 import taichi_mps as mps
-from taichi_mps import admission, catalogue, checkpoint, cli, geometry, options, solids
+from taichi_mps import admission, catalogue, checkpoint, cli, film, geometry, options, solids
 from taichi_mps.files import Recorder, RunFolder
 from taichi_mps.scene import NUMERICS
 from taichi_mps.study import commands
+from taichi_mps.vtkhdf import Trajectory
 
 if settings.get_current_profile_name() == "default":
     settings.load_profile("quick")
@@ -464,7 +465,13 @@ def test_an_edited_run_h5_is_shown_or_refused_and_nothing_is_made_of_a_part(run,
     with replaced(run, "run.h5", run.contents["run.h5"]) as path:
         data.draw(edited(path))
         if command == "render":
-            assert knock([command, str(run.path)]) in ("admitted", 2)
+            code = knock([command, str(run.path)])
+            assert code in ("admitted", 2)
+            replays = [Trajectory(path).whole()] if code == "admitted" else []
+            for (output,) in film.together(*replays):  # what is drawn once Taichi has started
+                assert (
+                    np.isfinite(output.measures()["slump_m"]) and output.scene.unfold(output.snapshot()).u.shape[1] == 3
+                )
             return
         out = io.StringIO()
         with contextlib.redirect_stdout(out), contextlib.redirect_stderr(out):
