@@ -33,7 +33,7 @@ def smooth_surface(s: Snapshot) -> tuple[Snapshot, np.ndarray, np.ndarray]:
     check(s.x.shape[1])
     import pysplashsurf
 
-    size = np.ptp(s.x, axis=0).max(initial=0.0) / (CUBE * s.spacing)
+    size = np.ptp(s.x, axis=0).max() / (CUBE * s.spacing) if len(s.x) else 0.0
     if not size < MOST_CELLS:
         raise SceneError(f"surface: the body is {size:.2g} cells long; must be at most {MOST_CELLS:g}")
     made, _ = pysplashsurf.reconstruction_pipeline(
