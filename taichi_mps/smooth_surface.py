@@ -17,9 +17,9 @@ def check(dimension: int) -> None:
     if dimension != 3:
         raise SceneError("surface: the scene is a plane one; must have three dimensions")
     try:
-        import pysplashsurf  # noqa: F401
+        from pysplashsurf import MeshWithData  # noqa: F401  (0.12 and older have none)
     except ImportError:
-        raise SceneError("surface: needs pysplashsurf: pip install 'taichi-mps[surface]'") from None
+        raise SceneError("surface: needs pysplashsurf 0.13 or later: pip install 'taichi-mps[surface]'") from None
 
 
 def smooth_surface(s: Snapshot) -> tuple[Snapshot, np.ndarray, np.ndarray]:
