@@ -301,7 +301,7 @@ def test_a_surface_that_cannot_be_drawn_is_refused(body, tmp_path, monkeypatch):
     with pytest.raises(mps.SceneError, match="surface: is drawn in software alone"):
         render.Renderer(body, surface=True, backend="ggui")
     monkeypatch.setitem(sys.modules, "pysplashsurf", None)
-    with pytest.raises(mps.SceneError, match=r"surface: needs pysplashsurf 0.13 or later: pip install 'taichi-mps\[surface\]'"):
+    with pytest.raises(mps.SceneError, match=r"needs pysplashsurf 0.13 or later: pip install 'taichi-mps\[surface\]'"):
         render.Renderer(body, surface=True)
     with pytest.raises(mps.SceneError, match="surface: needs pysplashsurf"):
         export.vtu([vtkhdf.Replay(body, snapshot(body))], tmp_path / "vtu", smooth=True)
