@@ -160,7 +160,7 @@ class Trajectory:
                 rows = slice(k * n, (k + 1) * n)
                 data = {name: outside.numbers(fields, name, rows=rows) for name in fields}
                 x = outside.numbers(root, "Points", rows=rows)[:, axes].astype(float)
-                sound = len(x) == n and np.all((x > low - room) & (x < high + room))
+                sound = x.shape == (n, len(axes)) and np.all((x > low - room) & (x < high + room))
                 sound &= all(values.shape == ((n, 3) if name == "velocity" else (n,)) for name, values in data.items())
                 share = data.get("size", np.full(n, scene.spacing)) / scene.spacing  # thin rings moved far outward
                 sound &= share.any() and np.all((share == 0.0) | ((share > 0.01) & (share < 100.0)))

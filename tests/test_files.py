@@ -342,7 +342,7 @@ def test_a_run_with_damage_in_a_later_output_is_refused_before_anything_is_made_
     assert sorted(path.name for path in folder.path.rglob("*")) == before
 
 
-@pytest.mark.parametrize("member", ["Steps/Values", "PointData/size", "PointData/pressure"])
+@pytest.mark.parametrize("member", ["Steps/Values", "Points", "PointData/size", "PointData/pressure"])
 def test_times_that_do_not_rise_sizes_and_shapes_that_cannot_be_are_damage(tmp_path, slump, member):
     """They made the films wait for ever, the revolved body larger than memory and the painter fail."""
     folder, _, recorder = recorded(tmp_path / "run", slump, 2)
@@ -350,6 +350,7 @@ def test_times_that_do_not_rise_sizes_and_shapes_that_cannot_be_are_damage(tmp_p
     with h5py.File(folder.trajectory, "r+") as file:
         p, times = file["VTKHDF/PointData/pressure"][()], file["VTKHDF/Steps/Values"][()]
         wrong = {"Steps/Values": times * np.nan, "PointData/size": 0.0 * p + 1e-9, "PointData/pressure": p[:, None]}
+        wrong["Points"] = file["VTKHDF/Points"][()][..., None]
         if member in file["VTKHDF"]:
             del file[f"VTKHDF/{member}"]
         file[f"VTKHDF/{member}"] = wrong[member]

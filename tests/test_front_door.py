@@ -247,6 +247,11 @@ def test_a_hose_of_too_many_particles_is_refused_by_name():
             mps.Scene("hose", mps.Bingham(), spacing, None, ((-3.0, -3.0), (3.0, 3.0)), inlets=(hose,))
 
 
+def test_a_value_of_several_lines_is_refused_in_one():
+    with pytest.raises(mps.SceneError, match="^density = a b kg/m3: must be a valid number"):
+        mps.Bingham(density="a\n b\n")
+
+
 ANY = st.floats(0.0, 1e3) | NUMBERS | st.none() | st.booleans() | st.lists(st.floats(), max_size=2)
 LAWS = (mps.Bingham, mps.HerschelBulkley, mps.Friction, mps.Implicit, mps.SemiImplicit)
 
@@ -467,11 +472,10 @@ def test_an_edited_run_h5_is_shown_or_refused_and_nothing_is_made_of_a_part(run,
         if command == "render":
             code = knock([command, str(run.path)])
             assert code in ("admitted", 2)
-            replays = [Trajectory(path).whole()] if code == "admitted" else []
-            for (output,) in film.together(*replays):  # what is drawn once Taichi has started
-                assert (
-                    np.isfinite(output.measures()["slump_m"]) and output.scene.unfold(output.snapshot()).u.shape[1] == 3
-                )
+            outputs = list(Trajectory(path).whole()) if code == "admitted" else []
+            assert len(list(film.together(iter(outputs)))) == len(outputs)
+            for output in outputs:  # what is drawn once Taichi has started
+                assert "slump_m" in output.measures() and output.scene.unfold(output.snapshot()).u.shape[1] == 3
             return
         out = io.StringIO()
         with contextlib.redirect_stdout(out), contextlib.redirect_stderr(out):
