@@ -32,11 +32,11 @@ def admit(scene: Scene, numerics) -> None:
     wall = 0 if scene.wall_particles is None else len(scene.wall_particles)
     around = {2: np.pi, 3: 4.0 * np.pi / 3.0}[scene.dimension] * numerics.effective_radius_ratio**scene.dimension
     poured = sum(inlet.volume for inlet in scene.inlets) / scene.spacing**scene.dimension
-    particles = len(scene.fluid) + wall + round(poured)
+    particles = len(scene.fluid) + wall + poured
     pairs = 4.0 * around * particles
     if pairs > MOST_PAIRS:
         raise SceneError(
-            f"spacing = {scene.spacing:g} m: makes {particles} particles with up to {pairs:.2g} pairs of "
+            f"spacing = {scene.spacing:g} m: makes {particles:.6g} particles with up to {pairs:.2g} pairs of "
             f"neighbours; at most {MOST_PAIRS:.2g}"
         )
 

@@ -11,7 +11,6 @@ import warnings
 from contextlib import contextmanager, redirect_stdout
 from dataclasses import replace
 from importlib import metadata
-from itertools import chain
 from pathlib import Path
 
 from . import __version__, catalogue
@@ -199,6 +198,7 @@ def render(argv) -> int:
     )
     parser.add_argument("run", help="run folder")
     parser.add_argument("--beside", metavar="RUN", help="another run, drawn beside it with the same camera and range")
+    parser.add_argument("--surface", action="store_true", help="the smooth surface, not particles (extra surface)")
     parser.add_argument("--film", action="store_true", help="an MP4, too (extra film)")
     parser.options(Pictures, "pictures")
     parser.add_argument("--scene", help=SCENE_FILE)
@@ -209,17 +209,11 @@ def render(argv) -> int:
     from .vtkhdf import Trajectory
 
     folders = [RunFolder(path) for path in (arguments.run, arguments.beside) if path]
-    replays = []
-    for folder in folders:
-        replay = Trajectory(folder.trajectory).replay(arguments.scene)
-        first = next(replay, None)
-        if first is None:
-            raise SceneError(f"run = {folder.path}: run.h5 holds no output yet")
-        replays.append(chain([first], replay))
+    replays = [Trajectory(folder.trajectory).whole(arguments.scene) for folder in folders]
     start(options)
-    suffix = "" if options.view == "concrete" else f"-{options.view}"
+    suffix = ("" if options.view == "concrete" else f"-{options.view}") + "-surface" * arguments.surface
     suffix += f"-beside-{folders[1].path.resolve().name}" if arguments.beside else ""
-    made = redraw(replays, folders[0].path, suffix, options, arguments.film)
+    made = redraw(replays, folders[0].path, suffix, options, arguments.film, arguments.surface)
     tell(
         made, arguments.json, f"{made['pictures']} pictures in {made['frames']}, {made.get('film', made['animation'])}"
     )
@@ -243,7 +237,7 @@ def export(argv) -> int:
     out = Path(arguments.out or folder.path / "vtu")
     from .export import vtu
 
-    count = vtu(Trajectory(folder.trajectory).replay(arguments.scene), out, arguments.whole, arguments.surface)
+    count = vtu(Trajectory(folder.trajectory).whole(arguments.scene), out, arguments.whole, arguments.surface)
     tell({"pvd": str(out / "run.pvd"), "outputs": count}, arguments.json, f"{count} outputs: {out / 'run.pvd'}")
     return DONE
 

@@ -33,13 +33,19 @@ class SideBySide:
         return np.hstack([painter.draw(output.snapshot(), output.measures()) for painter, output in pairs])
 
 
-def mp4(pictures, out, fps: float = 10.0) -> Path:
-    """A film (H.264) of a list of picture files, by imageio-ffmpeg (extra ``film``)."""
+def check() -> None:
+    """SceneError where no film can be made."""
     try:
-        import imageio.v2 as iio
         import imageio_ffmpeg  # noqa: F401
     except ImportError:
         raise SceneError("film: needs imageio-ffmpeg: pip install 'taichi-mps[film]'") from None
+
+
+def mp4(pictures, out, fps: float = 10.0) -> Path:
+    """A film (H.264) of a list of picture files, by imageio-ffmpeg (extra ``film``)."""
+    check()
+    import imageio.v2 as iio
+
     with iio.get_writer(out, fps=fps, codec="libx264", quality=8, macro_block_size=16) as film:
         for path in pictures:
             with Image.open(path) as picture:

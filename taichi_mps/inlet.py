@@ -7,6 +7,8 @@ import numpy as np
 from .material import Bingham
 from .quantity import SceneError
 
+MOST_ACROSS = 1000  # spacings of a radius: three million particles a layer
+
 
 @dataclass(frozen=True)
 class Inlet:
@@ -47,6 +49,10 @@ class Inlet:
         """Places (m, d) [m] of a layer of particles that begins to leave; an edge of their lattice is on the axis."""
         if self.radius < 1.5 * spacing * (1.0 - 1e-9):
             raise SceneError(f"inlet: radius = {self.radius:g} m: must be at least 1.5 spacings, {1.5 * spacing:g} m")
+        if not self.radius <= MOST_ACROSS * spacing:
+            raise SceneError(
+                f"inlet: radius = {self.radius:g} m: must be at most {MOST_ACROSS} spacings of {spacing:g} m"
+            )
         along, across = self.unit_direction, []
         for axis in np.eye(len(along))[np.argsort(np.abs(along), kind="stable")[:-1]]:  # those most square to the hose
             for other in (along, *across):

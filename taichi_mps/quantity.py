@@ -102,7 +102,7 @@ def explain(error: ValidationError, model: type[BaseModel]) -> str:
         else:
             tail = f" {unit}" if unit else ""
             bound = tail if item["type"].startswith(("greater", "less")) else ""
-            start = f"{key} = {item['input']}{tail}: "
+            start = f"{key} = {' '.join(str(item['input']).split())}{tail}: "  # one line, whatever was given
             if lines and lines[-1].startswith(start):
                 lines[-1] += allowed.replace("must be", ", or", 1)
             else:

@@ -1,7 +1,8 @@
 """Pictures of a run. Layer 4: it reads scenes and snapshots, the numerics never see it.
 
-A software sphere splatter in Taichi kernels draws the body, its shadow and the floor on any machine; Pillow writes
-rulers, the lifted mould and the measures over it. Two-dimensional scenes are drawn in the plane y = 0, z up.
+A software sphere splatter in Taichi kernels draws the body, its shadow and the floor on any machine, or triangles of
+its smooth surface in the place of the spheres; Pillow writes rulers, the lifted mould and the measures over it.
+Two-dimensional scenes are drawn in the plane y = 0, z up.
 """
 
 import sys
@@ -12,9 +13,11 @@ import imageio.v3 as iio
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
+from .facets import Facets
 from .geometry import Cylinder, Plane
 from .measure import reflected, still
 from .quantity import SceneError
+from .smooth_surface import check, smooth_surface
 from .solids import Solid
 from .splatter import Camera, Ggui, Splatter
 
@@ -84,15 +87,21 @@ class Renderer:
 
     view: one of VIEWS; backend: software, or ggui where Vulkan is there (else one line on stderr, and software);
     limits: (low, high) of the colour bar in its unit, by default from the scene; beside: scenes shown beside it,
-    with the same camera and range.
+    with the same camera and range; surface: the smooth surface of the body instead of its particles.
     """
 
-    def __init__(self, scene, width=1280, height=720, view="concrete", backend="software", limits=None, beside=()):
+    def __init__(
+        self, scene, width=1280, height=720, view="concrete", backend="software", limits=None, beside=(), surface=False
+    ):
         if view not in VIEWS:
             raise SceneError(f"view = {view}: must be one of {', '.join(VIEWS)}")
         if backend not in ("software", "ggui"):
             raise SceneError(f"backend = {backend}: must be software or ggui")
-        self.scene, self.view = scene, view
+        if surface and backend == "ggui":
+            raise SceneError("surface: is drawn in software alone; must be without ggui")
+        if surface:
+            check(3 if scene.axisymmetric else scene.dimension)
+        self.scene, self.view, self.surface = scene, view, surface
         self.limits = limits or max(self._limits(other, view) for other in (scene, *beside))
         floor = stage(scene)[2]
         lows, highs, _ = zip(*(stage(other) for other in (scene, *beside)), strict=True)
@@ -103,7 +112,8 @@ class Renderer:
         tilt = np.radians(15.0 if scene.dimension == 3 or scene.axisymmetric else 0.0)
         self.camera = Camera((0.0, np.cos(tilt), -np.sin(tilt)), corners, width, height, (0.09, 0.17, 0.88, 0.89))
         arguments = (self.camera, corners, RADIUS * scene.spacing, floor, self.tick)
-        self.painter = self._ggui(*arguments) if backend == "ggui" else Splatter(*arguments)
+        painter = self._ggui if backend == "ggui" else Facets if surface else Splatter
+        self.painter = painter(*arguments)
 
     @staticmethod
     def _ggui(*arguments):
@@ -126,7 +136,9 @@ class Renderer:
         )
 
     def colours(self, snapshot):
-        """Colours (n, 3) in 0..1 of the particles in this view."""
+        """Colours (n, 3) in 0..1 of the particles, or of the vertices of the surface, in this view."""
+        if self.view == "concrete" and self.surface:
+            return np.tile(CONCRETE, (len(snapshot.x), 1))
         if self.view == "concrete":
             return CONCRETE * (0.94 + 0.12 * np.modf(0.618034 * np.arange(len(snapshot.x)))[0])[:, None]
         if self.view == "yielded":
@@ -138,9 +150,11 @@ class Renderer:
 
     def draw(self, snapshot, measures=None):
         """The picture, (h, w, 3) uint8, of the whole body of which the snapshot is the computed part."""
-        snapshot = self.scene.unfold(snapshot)
+        snapshot, mesh = self.scene.unfold(snapshot), ()
+        if self.surface:
+            snapshot, *mesh = smooth_surface(snapshot)
         relief = 1.0 if self.view == "concrete" else 0.7
-        pixels, depth = self.painter.draw(embed(snapshot.x), self.colours(snapshot), relief)
+        pixels, depth = self.painter.draw(embed(snapshot.x), self.colours(snapshot), relief, *mesh)
         image = Image.fromarray(pixels)
         self._lines(image, depth, snapshot.time)
         pen = ImageDraw.Draw(image)

@@ -23,24 +23,32 @@ def pictures(frames, options):
     return write
 
 
-def redraw(replays, folder, suffix, options, film=False) -> dict:
-    """Draw the outputs of runs again, side by side: pictures, GIF and, on request, MP4; the names of what was made."""
+def redraw(replays, folder, suffix, options, film=False, surface=False) -> dict:
+    """Draw the outputs of runs again, side by side, their particles or smooth surface: pictures, GIF and, on request,
+    MP4; the names of what was made."""
     import imageio.v3 as iio
 
-    from .film import SideBySide, mp4, together
+    from .film import SideBySide, check, mp4, together
+    from .quantity import SceneError
     from .render import gif
 
+    if film:
+        check()
     frames, animation = folder / f"frames{suffix}", folder / f"animation{suffix}.gif"
     painter, made = None, []
     for number, outputs in enumerate(together(*replays)):
         if painter is None:
-            painter = SideBySide([o.scene for o in outputs], view=options.view, backend=options.renderer)
-            frames.mkdir(parents=True, exist_ok=True)
-            for picture in frames.glob("frame_*.png"):
-                picture.unlink()
+            shown = {"view": options.view, "backend": options.renderer, "surface": surface}
+            painter = SideBySide([o.scene for o in outputs], **shown)
+            try:
+                frames.mkdir(exist_ok=True)
+                for picture in frames.glob("frame_*.png"):
+                    picture.unlink()
+            except OSError as error:
+                raise SceneError(f"run = {folder}: {frames} cannot be written ({error.strerror})") from None
         made.append(frames / f"frame_{number:05d}.png")
         iio.imwrite(made[-1], painter.draw(outputs), compress_level=1)
-    gif(made, animation)
+    gif(made, animation, width=640 * len(replays))
     names = {"frames": str(frames), "animation": str(animation), "pictures": len(made)}
     return names | ({"film": str(mp4(made, animation.with_suffix(".mp4")))} if film else {})
 

@@ -1,4 +1,5 @@
 """Painters: spheres drawn by a software splatter in Taichi kernels, or by Taichi's GGUI; and the camera they share.
+The painter of triangles, `facets`, shares the shading, too.
 
 Depth and row of the nearest sphere of each pixel are found by an atomic minimum over 64-bit keys, then each pixel is
 shaded on its own: light, shadow, floor. The bits are the same on every run.
@@ -11,11 +12,13 @@ import numpy as np
 
 from .backend import ti
 
-vec3, mat3, mat34 = ti.types.vector(3, ti.f32), ti.types.matrix(3, 3, ti.f32), ti.types.matrix(3, 4, ti.f32)
+vec2, vec3 = ti.types.vector(2, ti.f32), ti.types.vector(3, ti.f32)
+mat3, mat34 = ti.types.matrix(3, 3, ti.f32), ti.types.matrix(3, 4, ti.f32)
 Keys, Rows = ti.types.ndarray(dtype=ti.u64, ndim=2), ti.types.ndarray(dtype=ti.f32, ndim=2)
-Pixels = ti.types.ndarray(dtype=ti.u8, ndim=3)
+Pixels, Corners = ti.types.ndarray(dtype=ti.u8, ndim=3), ti.types.ndarray(dtype=ti.i32, ndim=2)
 EMPTY = 0x4E6E6B28 << 32  # key of a pixel without sphere: depth 1e9 m; others: depth bits << 32 | row of the sphere
 PAPER = (0.955, 0.96, 0.965)  # background colour
+NONE = np.zeros((1, 3), np.float32)
 SUN = np.array((0.45, -0.6, 0.72))  # where its light goes: right, up, away from the eye
 
 
@@ -52,6 +55,19 @@ def _splat(centres: Rows, radius: ti.f32, focal: ti.f32, keys: Keys):
                         key = (ti.cast(ti.bit_cast(depth, ti.u32), ti.u64) << 32) | ti.cast(k, ti.u64)
                         if key < keys[i, j]:
                             ti.atomic_min(keys[i, j], key)
+
+
+@ti.func
+def row(rows: ti.template(), k):
+    return vec3(rows[k, 0], rows[k, 1], rows[k, 2])
+
+
+@ti.func
+def _weights(a, b, c, q):
+    """Shares of the corners of a triangle at the point q of its plane."""
+    across = (b - a).cross(c - a)
+    u, v = (c - b).cross(q - b).dot(across), (a - c).cross(q - c).dot(across)
+    return ti.math.clamp(vec3(u, v, across.norm_sqr() - u - v) / across.norm_sqr(), 0.0, 1.0)
 
 
 @ti.func
@@ -95,11 +111,12 @@ def _line(x, step, pixel):
 
 @ti.kernel
 def _shade(
-    keys: Keys, sun_map: Keys, sky_map: Keys, centres: Rows, colours: Rows, radius: ti.f32, relief: ti.f32,
-    ray: mat3, sun: vec3, sun_project: mat34, sky_project: mat34, eye: vec3, middle: vec3, reach: ti.f32,
-    floor: ti.f32, grid: ti.f32, image: Pixels, depth: Rows,
+    keys: Keys, sun_map: Keys, sky_map: Keys, points: Rows, colours: Rows, smooth: ti.template(), normals: Rows,
+    corners: Corners, radius: ti.f32, relief: ti.f32, ray: mat3, sun: vec3, sun_project: mat34, sky_project: mat34,
+    eye: vec3, middle: vec3, reach: ti.f32, floor: ti.f32, grid: ti.f32, image: Pixels, depth: Rows,
 ):  # fmt: skip
-    """Colour of every pixel from its s x s samples, and the depth of its nearest sphere. Positions from the eye."""
+    """Colour of every pixel from its s x s samples, and the depth of its nearest sphere or, if smooth, triangle.
+    Points from the eye: centres of spheres, or what the corners of the triangles refer to."""
     s = keys.shape[0] // image.shape[0]
     for i in range(image.shape[0]):
         for j in range(image.shape[1]):
@@ -117,11 +134,18 @@ def _shade(
                         direct = _light(sun_map, sun_project, t * d, 2.5 * radius, 5)
                         sky = _light(sky_map, sky_project, t * d, 2.5 * radius, 5)
                         last = hit
-                    n = (t * d - vec3(centres[hit, 0], centres[hit, 1], centres[hit, 2])) / radius
+                    n, colour = vec3(0.0), vec3(0.0)
+                    if ti.static(smooth):
+                        a, b, c = corners[hit, 0], corners[hit, 1], corners[hit, 2]
+                        w = _weights(row(points, a), row(points, b), row(points, c), t * d)
+                        n = (w.x * row(normals, a) + w.y * row(normals, b) + w.z * row(normals, c)).normalized(1e-9)
+                        colour = w.x * row(colours, a) + w.y * row(colours, b) + w.z * row(colours, c)
+                    else:
+                        n, colour = (t * d - row(points, hit)) / radius, row(colours, hit)
                     facing = ti.max(0.0, -n.dot(d.normalized()))
                     ambient = (0.5 + 0.14 * n.z) * (0.6 + 0.4 * sky) * (0.6 + 0.4 * facing)
                     shade = 1.0 - relief + relief * (ambient + 0.72 * direct * ti.max(0.0, n.dot(sun)))
-                    total += vec3(colours[hit, 0], colours[hit, 1], colours[hit, 2]) * shade
+                    total += colour * shade
                     near = ti.min(near, t)
             if empty > 0:
                 d = ray @ vec3(j + 0.5, i + 0.5, 1.0)
@@ -181,7 +205,8 @@ class Camera:
 class Splatter:
     """The software picture: spheres, their shadow, and the floor at height ``floor`` (None: there is none)."""
 
-    name = "software"
+    name, smooth = "software", False
+    corners = np.zeros((1, 3), np.int32)  # of triangles: spheres have none
 
     def __init__(self, camera, points, radius, floor=None, grid=0.05, samples=2):
         self.camera, self.radius, self.samples, self.grid = camera, radius, samples, grid
@@ -192,27 +217,27 @@ class Splatter:
         self.keys = ti.ndarray(ti.u64, (camera.height * samples, camera.width * samples))
         self.sun_map, self.sky_map = ti.ndarray(ti.u64, (256, 256)), ti.ndarray(ti.u64, (72, 72))
 
-    def _project(self, x, camera, scale, keys):
-        _clear(keys)
-        centres = np.ascontiguousarray((x - camera.eye) @ camera.axes.T, np.float32)
-        _splat(centres, self.radius, camera.focal * scale, keys)
+    def _hits(self, x, camera, focal, keys):
+        _splat(np.ascontiguousarray((x - camera.eye) @ camera.axes.T, np.float32), self.radius, focal, keys)
 
     def draw(self, x, colours, relief=1.0):
         """Picture (h, w, 3) uint8 and depth (h, w) of spheres at x (n, 3) [m]."""
-        camera, sun = self.camera, self.sun
-        order = np.argsort(x @ camera.axes[2], kind="stable")  # front first: most hidden pixels are never written
-        x, colours = x[order], np.ascontiguousarray(colours[order], np.float32)
-        self._project(x, camera, self.samples, self.keys)
-        self._project(x, sun, 1, self.sun_map)
-        self._project(x, self.sky, 1, self.sky_map)
+        order = np.argsort(x @ self.camera.axes[2], kind="stable")  # front first: most hidden pixels are never written
+        return self._shaded(x[order], np.ascontiguousarray(colours[order], np.float32), relief)
+
+    def _shaded(self, x, colours, relief, normals=NONE):
+        camera, sun, sky = self.camera, self.sun, self.sky
+        for view, scale, keys in ((camera, self.samples, self.keys), (sun, 1, self.sun_map), (sky, 1, self.sky_map)):
+            _clear(keys)
+            self._hits(x, view, view.focal * scale, keys)
         image = np.empty((camera.height, camera.width, 3), np.uint8)
         depth = np.empty((camera.height, camera.width), np.float32)
         ray = camera.axes.T @ np.linalg.inv(camera.matrix(camera.eye)[:, :3] @ camera.axes.T)
         _shade(
             self.keys, self.sun_map, self.sky_map, np.ascontiguousarray(x - camera.eye, np.float32), colours,
-            self.radius, relief, mat3(ray), vec3(-sun.axes[2]), mat34(sun.matrix(camera.eye)),
-            mat34(self.sky.matrix(camera.eye)), vec3(camera.eye), vec3(camera.middle - camera.eye), self.reach,
-            self.floor, self.grid, image, depth,
+            self.smooth, normals, self.corners, self.radius, relief, mat3(ray), vec3(-sun.axes[2]),
+            mat34(sun.matrix(camera.eye)), mat34(sky.matrix(camera.eye)), vec3(camera.eye),
+            vec3(camera.middle - camera.eye), self.reach, self.floor, self.grid, image, depth,
         )  # fmt: skip
         return image, depth
 

@@ -130,6 +130,13 @@ class Trajectory:
         os.replace(self.twins[0], self.path)
         return k
 
+    def whole(self, scene_file=None):
+        """``replay``, once all of it has been read: a file without outputs or with damage anywhere is refused before
+        anything is made of it."""
+        if not sum(1 for _ in self.replay(scene_file)):
+            raise SceneError(f"run = {self.path.parent}: run.h5 holds no output yet")
+        return self.replay(scene_file)
+
     def replay(self, scene_file=None):
         """The outputs one by one, each with what a picture needs of a Simulation: scene, time, snapshot, measures.
         A scene that is not a built-in one is made by the code of ``scene_file``, which the caller must name."""
@@ -142,15 +149,25 @@ class Trajectory:
             n, wall = int(outside.numbers(root, "NumberOfPoints")[0]), outside.numbers(own, "wall_x")
             if n != len(scene.fluid) and not scene.inlets:
                 raise SceneError(f"run {self.path}: has {n} particles, its scene makes {len(scene.fluid)}")
+            if wall.ndim != 2 or wall.shape[1] != scene.dimension:
+                raise ValueError("wall_x does not hold positions")
             axes = [0, 2] if scene.dimension == 2 else [0, 1, 2]
+            low, high = np.array(scene.domain, float)
+            room = high - low  # a particle leaves the domain by less than that before the run ends
             steps, fields = outside.own(root, "Steps"), outside.own(root, "PointData")
-            for k, instant in enumerate(outside.numbers(steps, "Values")[: int(steps.attrs["NSteps"])]):
+            instants = outside.numbers(steps, "Values")[: int(steps.attrs["NSteps"])]
+            if instants.ndim != 1 or not np.all(np.isfinite(instants)) or not np.all(np.diff(instants) > 0.0):
+                raise ValueError("the times of the outputs do not rise")
+            for k, instant in enumerate(instants):
                 rows = slice(k * n, (k + 1) * n)
                 data = {name: outside.numbers(fields, name, rows=rows) for name in fields}
                 x = outside.numbers(root, "Points", rows=rows)[:, axes].astype(float)
-                if {len(values) for values in data.values()} != {n} or len(x) != n or not np.isfinite(x).all():
+                sound = x.shape == (n, len(axes)) and np.all((x > low - room) & (x < high + room))
+                sound &= all(values.shape == ((n, 3) if name == "velocity" else (n,)) for name, values in data.items())
+                share = data.get("size", np.full(n, scene.spacing)) / scene.spacing  # thin rings moved far outward
+                sound &= share.any() and np.all((share == 0.0) | ((share > 0.01) & (share < 100.0)))
+                if not sound:
                     raise ValueError(f"output {k} is not whole")
-                values = data["pressure"], data["shear_rate"], data["yielded"].astype(bool), data["density_ratio"]
                 there = data["size"] > 0.0 if "size" in data else slice(None)
                 x, data = x[there], {name: rows[there] for name, rows in data.items()}
                 values = data["pressure"], data["shear_rate"], data["yielded"].astype(bool), data["density_ratio"]

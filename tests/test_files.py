@@ -14,7 +14,8 @@ import pytest
 import taichi_mps as mps
 from taichi_mps import catalogue, checkpoint, export, files, film, solids, vtkhdf
 from taichi_mps.files import COLUMNS, History, Recorder, RunFolder, read_history
-from taichi_mps.measure import Snapshot
+from taichi_mps.measure import Snapshot, still
+from taichi_mps.smooth_surface import smooth_surface
 from taichi_mps.vtkhdf import Trajectory
 
 
@@ -286,14 +287,75 @@ def test_a_smooth_surface_is_closed_and_holds_the_volume_of_the_particles(tmp_pa
     pytest.importorskip("pysplashsurf", reason="pysplashsurf is not installed: pip install 'taichi-mps[surface]'")
     scene = catalogue.build("slump", spacing=0.0125)
     x = scene.fluid + np.random.default_rng(1).normal(0.0, 0.1 * scene.spacing, scene.fluid.shape)
-    assert export.vtu([vtkhdf.Replay(scene, mps.measure.still(x, scene.spacing))], tmp_path, smooth=True) == 1
+    assert export.vtu([vtkhdf.Replay(scene, still(x, scene.spacing))], tmp_path, smooth=True) == 1
+    mesh = meshio.read(tmp_path / "output_00000.vtu")
+    assert set(mesh.point_data) == set(vtkhdf.point_data(still(x, scene.spacing)))
     points, triangles = solids.read_mesh(stl(tmp_path / "output_00000.vtu"))  # refuses what is not closed
     corners = points[triangles]
     volume = np.einsum("ij,ij->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6.0
     assert volume == pytest.approx(scene.volumes.sum(), rel=0.03)
     assert np.abs(points).max(0) == pytest.approx(np.abs(x).max(0) + 0.5 * scene.spacing, abs=scene.spacing)
+    with pytest.raises(mps.SceneError, match="the body is .* cells long; must be at most 1e.06"):
+        smooth_surface(still([(0.0, 0.0, 0.0), (1e30, 0.0, 0.0)], scene.spacing))
     with pytest.raises(mps.SceneError, match="plane one"):
-        export.surface(mps.measure.still(x[:, :2], scene.spacing))
+        smooth_surface(still(x[:, :2], scene.spacing))
+
+
+@pytest.mark.parametrize("model", ["full", "quarter", "axisymmetric"])
+def test_the_surface_of_a_part_is_that_of_the_whole_body(model):
+    """Closed, around the volume of the paper's cone, with normals outward and the fields of the particles."""
+    pytest.importorskip("pysplashsurf", reason="pysplashsurf is not installed: pip install 'taichi-mps[surface]'")
+    scene = catalogue.build("slump", spacing=0.0125, model=model)
+    x = scene.fluid
+    part = replace(
+        still(x, scene.spacing), p=3.0 - 2.0 * x[:, -1], shear_rate=np.full(len(x), 7.0), yielded=x[:, -1] > 0.15
+    )
+    s, normals, triangles = smooth_surface(scene.unfold(part))
+    corners = s.x[triangles]
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    volume = np.einsum("ij,ij->", corners[:, 0], across) / 6.0
+    whole = catalogue.build("slump", spacing=0.0125)
+    assert volume == pytest.approx(whole.volumes.sum(), rel=0.04)
+    assert np.abs(across.sum(0)).max() < 1e-9  # closed
+    assert np.einsum("ij,ij->i", normals[triangles].mean(1), across).min() > 0.0
+    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0)
+    assert np.abs(s.x[:, :2]).max(0) == pytest.approx(0.1, abs=0.6 * scene.spacing)  # of the base
+    np.testing.assert_allclose(s.shear_rate, 7.0, rtol=1e-9)
+    assert np.abs(s.p - (3.0 - 2.0 * s.x[:, 2])).max() < 2.0 * 1.5 * scene.spacing
+    assert not s.yielded[s.x[:, 2] < 0.13].any() and s.yielded[s.x[:, 2] > 0.17].all()
+
+
+def test_a_run_with_damage_in_a_later_output_is_refused_before_anything_is_made_of_it(tmp_path):
+    scene = catalogue.build("slump", spacing=0.05)
+    folder, _, recorder = recorded(tmp_path / "run", scene, 3)
+    recorder.finish("time")
+    for words, far in ((["render"], np.nan), (["export"], np.nan), (["render"], 1e6), (["export", "--surface"], -1e30)):
+        with h5py.File(folder.trajectory, "r+") as file:
+            file["VTKHDF/Points"][2 * len(scene.fluid) + 1, 0] = far
+        before = sorted(path.name for path in folder.path.rglob("*"))
+        assert mps.main([*words, str(folder.path)]) == 2
+        assert sorted(path.name for path in folder.path.rglob("*")) == before
+    with h5py.File(folder.trajectory, "r+") as file:
+        file["VTKHDF/Steps"].attrs["NSteps"] = 0
+    for words in (["render"], ["export"]):
+        assert mps.main([*words, str(folder.path)]) == 2
+    assert sorted(path.name for path in folder.path.rglob("*")) == before
+
+
+@pytest.mark.parametrize("member", ["Steps/Values", "Points", "PointData/size", "PointData/pressure"])
+def test_times_that_do_not_rise_sizes_and_shapes_that_cannot_be_are_damage(tmp_path, slump, member):
+    """They made the films wait for ever, the revolved body larger than memory and the painter fail."""
+    folder, _, recorder = recorded(tmp_path / "run", slump, 2)
+    recorder.finish("time")
+    with h5py.File(folder.trajectory, "r+") as file:
+        p, times = file["VTKHDF/PointData/pressure"][()], file["VTKHDF/Steps/Values"][()]
+        wrong = {"Steps/Values": times * np.nan, "PointData/size": 0.0 * p + 1e-9, "PointData/pressure": p[:, None]}
+        wrong["Points"] = file["VTKHDF/Points"][()][..., None]
+        if member in file["VTKHDF"]:
+            del file[f"VTKHDF/{member}"]
+        file[f"VTKHDF/{member}"] = wrong[member]
+    with pytest.raises(mps.SceneError, match="run .*run.h5: damaged or not one of taichi_mps"):
+        Trajectory(folder.trajectory).whole()
 
 
 def stl(path):

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps import render, splatter
+from taichi_mps import catalogue, export, facets, render, show, splatter, vtkhdf
 from taichi_mps.measure import Snapshot
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -239,6 +239,113 @@ def test_ggui_without_vulkan_says_so_in_one_line_and_draws_in_software(body, mon
     assert np.array_equal(renderer.draw(snapshot(body)), software)
 
 
+# ---- triangles and the smooth surface ----------------------------------------------------------------------------
+BALL = 0.3
+
+
+def ball(centre, across=96):
+    """Points, unit normals and triangles of a sphere, of rings from pole to pole."""
+    polar, around = np.meshgrid(np.linspace(0, np.pi, across // 2 + 1), np.arange(across) * 2 * np.pi / across)
+    normals = np.stack([np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar)], -1)
+    i, j = np.meshgrid(np.arange(across), np.arange(across // 2))
+    a, b = i * (across // 2 + 1) + j, (i + 1) % across * (across // 2 + 1) + j
+    triangles = np.concatenate([np.stack([a, b, a + 1], -1), np.stack([b, b + 1, a + 1], -1)]).reshape(-1, 3)
+    normals = normals.reshape(-1, 3)
+    return np.asarray(centre) + BALL * normals, normals, triangles
+
+
+def test_a_ball_of_triangles_is_drawn_as_a_sphere(camera):
+    centre, colour = np.array([(0.4, 0.1, -0.2)]), np.array([(0.7, 0.5, 0.3)])
+    floor = -0.8
+    sphere, far = splatter.Splatter(*camera, BALL, floor).draw(centre, colour)
+    points, normals, triangles = ball(centre[0])
+    mesh, near = facets.Facets(*camera, BALL, floor).draw(
+        points, np.tile(colour, (len(points), 1)), 1.0, normals, triangles
+    )
+    assert 0.02 < (far < 1e8).mean() < 0.5
+    differ = (far < 1e8) != (near < 1e8)
+    assert differ.sum() <= 0.02 * (far < 1e8).sum()  # an outline of 96 corners
+    both = (far < 1e8) & (near < 1e8)
+    inside = both & (far < np.quantile(far[both], 0.8))  # not the rim, which is steep
+    assert np.abs(far - near)[inside].max() < 0.01 * BALL
+    away = np.abs(sphere.astype(int) - mesh).max(-1)
+    assert away[inside].max() <= 4 and np.mean(away > 4) < 0.005  # light, shadow and floor are the same
+
+
+def test_triangles_that_share_edges_leave_no_hole_and_cover_their_area(camera):
+    x, z = np.meshgrid(np.linspace(-0.5, 0.7, 41), np.linspace(-0.6, 0.4, 37))
+    points = np.stack([x, 0 * x, z], -1).reshape(-1, 3)
+    i, j = np.meshgrid(np.arange(36), np.arange(40), indexing="ij")
+    a = 41 * i + j
+    triangles = np.concatenate([np.stack([a, a + 1, a + 42], -1), np.stack([a, a + 42, a + 41], -1)]).reshape(-1, 3)
+    shades = (points[:, :1] + 0.5) / 1.2 * np.ones(3)  # dark at the left, light at the right
+    pixels, depth = facets.Facets(*camera, 0.1).draw(
+        points, shades, 0.0, np.tile((0, -1.0, 0), (len(x) * 41, 1)), triangles
+    )
+    (left, bottom), (right, top) = camera[0].project(points[[0, -1]])[:, :2]
+    rows, columns = (np.arange(round(low) + 1, round(high) - 1) for low, high in ((top, bottom), (left, right)))
+    inner = depth[np.ix_(rows, columns)]
+    np.testing.assert_allclose(inner, -camera[0].eye[1], rtol=1e-5)
+    assert (depth < 1e8).sum() == pytest.approx((right - left) * (bottom - top), rel=0.01)
+    shown = pixels[rows[len(rows) // 2], columns].mean(-1)
+    np.testing.assert_allclose(shown, 255 * (columns + 0.5 - left) / (right - left), atol=2)
+
+
+def test_a_mesh_without_triangles_is_an_empty_picture(camera):
+    none = np.zeros((0, 3))
+    pixels, depth = facets.Facets(*camera, 0.1).draw(none, none, 1.0, none, np.zeros((0, 3), int))
+    assert np.ptp(pixels.reshape(-1, 3), axis=0).max() == 0 and depth.min() > 1e8
+
+
+def test_a_surface_that_cannot_be_drawn_is_refused(body, tmp_path, monkeypatch):
+    with pytest.raises(mps.SceneError, match="surface: is drawn in software alone"):
+        render.Renderer(body, surface=True, backend="ggui")
+    monkeypatch.setitem(sys.modules, "pysplashsurf", None)
+    with pytest.raises(mps.SceneError, match=r"needs pysplashsurf 0.13 or later: pip install 'taichi-mps\[surface\]'"):
+        render.Renderer(body, surface=True)
+    with pytest.raises(mps.SceneError, match="surface: needs pysplashsurf"):
+        export.vtu([vtkhdf.Replay(body, snapshot(body))], tmp_path / "vtu", smooth=True)
+    plane = catalogue.build("dam_break", spacing=0.05)
+    with pytest.raises(mps.SceneError, match="surface: the scene is a plane one; must have three dimensions"):
+        render.Renderer(plane, surface=True)
+    assert not list(tmp_path.iterdir())
+
+
+def test_pictures_that_cannot_be_made_are_refused_before_any_is(body, tmp_path, monkeypatch):
+    replay, options = [vtkhdf.Replay(body, snapshot(body))], SimpleNamespace(view="concrete", renderer="software")
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
+    with pytest.raises(mps.SceneError, match=r"film: needs imageio-ffmpeg: pip install 'taichi-mps\[film\]'"):
+        show.redraw([iter(replay)], tmp_path, "", options, film=True)
+    assert not list(tmp_path.iterdir())
+    (tmp_path / "frames-x").write_text("mine")
+    with pytest.raises(mps.SceneError, match="frames-x cannot be written"):
+        show.redraw([iter(replay)], tmp_path, "-x", options)
+    with pytest.raises(mps.SceneError, match="out = .*frames-x: cannot be written .*; choose another folder"):
+        export.vtu(replay, tmp_path / "frames-x")
+    assert [path.name for path in tmp_path.iterdir()] == ["frames-x"]
+
+
+def test_a_surface_has_the_camera_the_range_and_the_colours_of_the_particles(body):
+    pytest.importorskip("pysplashsurf", reason="pysplashsurf is not installed: pip install 'taichi-mps[surface]'")
+    spheres, smooth = (render.Renderer(body, view="pressure", surface=on, **SIZE) for on in (False, True))
+    assert spheres.limits == smooth.limits
+    np.testing.assert_array_equal(spheres.camera.eye, smooth.camera.eye)
+    state = snapshot(body, p=0.5e3 * smooth.limits[1])
+    expected = render.viridis(0.5)
+    for pixels in (spheres.draw(state), smooth.draw(state)):
+        seen = np.median(pixels[80:120, 140:170].reshape(-1, 3), axis=0)  # on the cone; shaded, but of the same hue
+        np.testing.assert_allclose(seen / seen.max(), expected / expected.max(), atol=0.05)
+    assert np.array_equal(smooth.draw(state), smooth.draw(state))
+    nothing = replace(
+        state,
+        **{
+            name: getattr(state, name)[:0] for name in ("x", "u", "p", "shear_rate", "yielded", "density_ratio", "size")
+        },
+    )
+    assert smooth.draw(nothing).shape == (180, 320, 3)  # before the first layer of an inlet
+
+
+# ---- a process of its own ------------------------------------------------------------------------------------------
 SCRIPT = """
 import numpy as np, taichi_mps as mps
 from taichi_mps import backend, render

@@ -29,7 +29,7 @@ def sweep_command(argv) -> int:
     first.add_argument("scene", nargs="?")
     first.options(Study, "study")
     known, _ = first.parse_known_args(joined(argv))
-    if known.scene is None and not {"-h", "--help"} & set(argv):
+    if not known.scene and not {"-h", "--help"} & set(argv):
         raise SceneError(f"sweep: name a scene: {', '.join(catalogue.names())}, or a Python file")
     function = catalogue.load(known.scene) if known.scene else None
     parser = Parser(

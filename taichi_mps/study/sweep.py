@@ -20,6 +20,7 @@ from .results import Results
 
 ACCURACY = 0.005  # of the slump [m], by which model and spacing are chosen where the scene can and nothing is given
 LOST = "lost"  # status of a case that its executor did not bring to an end; computed again when the study is resumed
+MOST_CASES = 100_000  # of a study
 TABLE_EVERY = 2.0  # [s] between two tables of an unfinished study; the journal has every row at once
 
 
@@ -38,6 +39,8 @@ def values(text: str, key: str = "values") -> list[str]:
         raise SceneError(f"{key} = {text}: must be a list, 20,50,100, or first:last:number[:linear]") from None
     if not linear and min(low, high) <= 0.0:
         raise SceneError(f"{key} = {text}: equal ratios need values above 0; must be, or add :linear")
+    if count > MOST_CASES:
+        raise SceneError(f"{key} = {text}: must be at most {MOST_CASES} values")
     shares = [k / (count - 1) for k in range(count)]
     points = [low + s * (high - low) if linear else low * (high / low) ** s for s in shares]
     return [f"{point:.4g}" for point in points]
@@ -51,6 +54,9 @@ def cases(scene: str, **parameters) -> list[Case]:
     if "accuracy" in known and not given.keys() & {"accuracy", "model", "spacing", "lift_speed"}:
         choice = choose(ACCURACY)
         given |= {"model": [choice.model], "spacing": [choice.spacing]}
+    count = math.prod(len(choices) for choices in given.values())
+    if count > MOST_CASES:
+        raise SceneError(f"{', '.join(given)}: make {count:.3g} cases; must be at most {MOST_CASES}")
     return [case(scene, **dict(zip(given, combination, strict=True))) for combination in product(*given.values())]
 
 
