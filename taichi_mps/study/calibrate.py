@@ -241,7 +241,8 @@ def difference(emulator: Emulator, found: Calibration, density: float) -> dict:
     from .case import case, run
 
     mix = {name: getattr(found, name).value for name in CONSTANTS}
-    row = run(case("slump", **emulator.settings | mix | {"density": density, "spacing": 0.5 * emulator.spacing}))
+    finer = case("slump", **emulator.settings | mix | {"density": density, "spacing": 0.5 * emulator.spacing})
+    row = run(finer, haste=True)
     if row["status"] == "failed":
         raise SceneError(f"the finer run failed: {row['reason']}")
     table = emulator.at(*np.log(np.array(list(mix.values())) / density))
