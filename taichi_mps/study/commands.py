@@ -18,7 +18,9 @@ class Study(Checked):
 
     out: str | None = Field(None, description="folder of the study, studies/<scene> by default")
     executor: str = Field("local", description="where to compute: local, dask://HOST:PORT, slurm://PARTITION")
-    workers: Count | None = Field(None, description="processes of this machine, one for each CPU by default")
+    workers: Count | None = Field(
+        None, description="cases at once: processes of this machine, one for each CPU by default; of a cluster: all"
+    )
     chart: bool = Field(False, description="draw chart.png into the folder")
     quiet: bool = Field(False, description="no table")
 

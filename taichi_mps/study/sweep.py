@@ -1,7 +1,6 @@
 """A sweep: a scene at every combination of some values, in parallel; what fails is a row, what is done stays done."""
 
 import math
-import os
 from collections import deque
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, wait
 from contextlib import contextmanager
@@ -85,7 +84,7 @@ def carry_out(planned: list[Case], out, run=run_case, executor="local", workers=
     if isinstance(executor, Executor):
         opened, room = (lambda: as_it_is(executor)), None
     else:
-        opened, room = named(executor, workers or os.cpu_count() or 1)
+        opened, room = named(executor, workers, out)
     with Results(out) as results:
         written = monotonic()
 
