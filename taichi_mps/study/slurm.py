@@ -32,7 +32,7 @@ def slurm(text: str, partition: str, settings: dict, folder):
             executor = submitit.SlurmExecutor(Path(folder) / FOLDER)
             settings |= {"partition": partition, "time": settings.pop("timeout_min")}
             if "mem_gb" in settings:
-                settings["mem"] = f"{settings.pop('mem_gb')}GB"
+                settings["mem"] = f"{round(1024 * settings.pop('mem_gb'))}M"
         executor.update_parameters(**settings)
     except (RuntimeError, ValueError, TypeError) as error:
         raise SceneError(f"executor = {text}: {str(error).splitlines()[0]}") from None

@@ -100,8 +100,9 @@ def carry_out(planned: list[Case], out, run=run_case, executor="local", workers=
             if watch:
                 watch(rows(), len(planned))
 
-        over = {key for key, row in results.rows.items() if row["status"] != LOST}
-        left = sorted({c.key: c for c in planned if c.key not in over}.values(), key=shape)  # compiled once for all
+        results.rows = {key: row for key, row in results.rows.items() if row["status"] != LOST}
+        left = {c.key: c for c in planned if c.key not in results.rows}
+        left = sorted(left.values(), key=shape)  # compiled once for all
         if watch:
             watch(rows(), len(planned))
         try:
