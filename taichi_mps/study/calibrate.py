@@ -42,6 +42,10 @@ class Constant:
     def determined(self) -> bool:
         return self.lower is not None and self.upper is not None
 
+    @property
+    def at_the_edge(self) -> bool:
+        return (self.lower is None) != (self.upper is None) and not 1.01 * self.low < self.value < 0.99 * self.high
+
     def told(self, unit: str) -> str:
         """In words."""
         ends = f"{short(self.low)} to {short(self.high)} {unit}"
@@ -66,6 +70,11 @@ class Calibration:
     finer: dict[str, float] = field(default_factory=dict)  # the run that checked: finer minus table, ratio for t500_s
 
     @property
+    def at_the_edge(self) -> list[str]:
+        """The constants whose best value is the first or the last of the table: what lies beyond was not looked at."""
+        return [name for name in CONSTANTS if getattr(self, name).at_the_edge]
+
+    @property
     def contradictory(self) -> bool:
         return self.misfit > CONTRADICTION
 
@@ -73,7 +82,7 @@ class Calibration:
         """Everything, JSON-ready."""
         both = {name: getattr(self, name) for name in CONSTANTS}
         both = {name: asdict(constant) | {"determined": constant.determined} for name, constant in both.items()}
-        return asdict(self) | both | {"contradictory": self.contradictory}
+        return asdict(self) | both | {"contradictory": self.contradictory, "at_the_edge": self.at_the_edge}
 
     def __str__(self):
         lines = [f"{word:18} {getattr(self, name).told(unit)}" for name, (word, unit) in CONSTANTS.items()]
@@ -89,6 +98,12 @@ class Calibration:
             apart += [f"T500 {100.0 * (value - 1.0):+.1f} %" for name, value in self.finer.items() if name == "t500_s"]
             apart = ", ".join(apart)
             lines.append(f"the finer run      {apart} beside the table; the constants are corrected by it")
+        if self.at_the_edge:
+            ends = [(CONSTANTS[name][0], getattr(self, name), CONSTANTS[name][1]) for name in self.at_the_edge]
+            ends = ", ".join(f"{word} {short(it.low)} to {short(it.high)} {unit}" for word, it, unit in ends)
+            lines.insert(
+                0, f"the best fit lies at the edge of the table ({ends}): what is bounded is so within it only"
+            )
         if self.contradictory:
             lines.insert(
                 0, "no mix comes within three standard errors: the measurements contradict each other or the model"
@@ -228,6 +243,9 @@ def calibrate(
         raise SceneError(
             f"slump = {slump:g} m: must be less than {height:g} m, the height of the cone; 21cm is a length, too"
         )
+    base = emulator.settings.get("base_diameter", 0.2)
+    if spread and spread + 3.0 * spread_error < base:
+        raise SceneError(f"spread = {spread:g} m: must be more than {base:g} m, the base of the cone")
     found = fit(emulator, measured, rho)
     if not check:
         return found

@@ -70,6 +70,20 @@ def last_state(number: str) -> str:
     return "no longer known"
 
 
+def row_of(job) -> dict:
+    """What a job that is over gives; RuntimeError with its last words if it did not come to the end of its case."""
+    try:
+        row = job.result()
+    except Exception as error:  # submitit's, around the trace of the job
+        lines = [line for line in str(error).splitlines() if line.strip() and not line.startswith("---")]
+        trace = [line for line in lines if not line.startswith("You can check")]
+        raise RuntimeError(f"job {job.job_id}: {(trace or [type(error).__name__])[-1].strip()}") from None
+    _, stopped, why = row["reason"].rpartition("UncompletedJobError: ")
+    if stopped:  # submitit's, raised in the midst of the case 90 s before its time is up
+        raise RuntimeError(f"job {job.job_id}: {why} timeout_min= gives more time")
+    return row
+
+
 class Jobs(Executor):
     """submitit's jobs as concurrent.futures: its own futures cannot be waited for together.
 
@@ -100,7 +114,9 @@ class Jobs(Executor):
             return None
         job = self.jobs.job_class(self.jobs.folder, note.read_text())
         if job.paths.result_pickle.exists():
-            return job if job.exception() is None else None
+            with suppress(Exception):
+                return row_of(job) and job
+            return None
         return job if job.job_id in (self.queued() or ()) else None
 
     def _new(self, function, case):
@@ -128,11 +144,9 @@ class Jobs(Executor):
 
     def _deliver(self, job, future):
         try:
-            future.set_result(job.result())
-        except Exception as error:  # of the job: whoever waits shall know; the last line of its trace
-            lines = [line for line in str(error).splitlines() if line.strip() and not line.startswith("---")]
-            trace = lines[1 : next((k for k, line in enumerate(lines) if line.startswith("You can check")), None)]
-            future.set_exception(RuntimeError(f"job {job.job_id}: {(trace or lines or [type(error).__name__])[-1]}"))
+            future.set_result(row_of(job))
+        except Exception as error:  # of the job: whoever waits shall know
+            future.set_exception(error)
 
     def shutdown(self, wait=True, *, cancel_futures=False):
         """Whatever is still to come is not wanted any more."""

@@ -43,14 +43,15 @@ def values(text: str, key: str = "values") -> list[str]:
 
 
 def cases(scene: str, **parameters) -> list[Case]:
-    """Every combination of the parameters that are lists or texts of ``values``, the last varied fastest. A value that
-    the scene does not accept is refused at once."""
+    """Every combination of the parameters that are lists or texts of ``values``, the last varied fastest, each once. A
+    value that the scene does not accept is refused at once."""
     known = catalogue.load(scene).parameters.model_fields
     given = {name: spelled(name, value) for name, value in parameters.items()}
     if "accuracy" in known and not given.keys() & {"accuracy", "model", "spacing", "lift_speed"}:
         choice = choose(ACCURACY)
         given |= {"model": [choice.model], "spacing": [choice.spacing]}
-    return [case(scene, **dict(zip(given, combination, strict=True))) for combination in product(*given.values())]
+    found = [case(scene, **dict(zip(given, combination, strict=True))) for combination in product(*given.values())]
+    return list({c.key: c for c in found}.values())
 
 
 def spelled(name, value) -> list:
@@ -148,7 +149,8 @@ def together(planned, run, opened, room, finished) -> list[Case]:
                         suspects.append(it)
                         continue
                     except Exception as error:  # of the executor; what goes wrong in a case is in its row
-                        row = without_row(it, LOST, f"{type(error).__name__}: {' '.join(str(error).split())}")
+                        why = " ".join(str(error).split()) or "given up by the executor"
+                        row = without_row(it, LOST, f"{type(error).__name__}: {why}")
                     finished(row)
         if len(waiting) == before:  # an executor that was broken when it came
             return [*suspects, *waiting]
