@@ -323,9 +323,11 @@ def test_measurements_that_contradict_each_other_are_named(emulator):
 
 
 def test_a_mix_beyond_the_table_is_said_to_be_so(emulator):
-    """2000 Pa are its end: 4000 Pa slump less than all of it, and what they seem to say of the viscosity is its end."""
+    """2000 Pa are its end. 4000 Pa slump less than anything in it, and least of that where the viscosity is high, which
+    says nothing of the viscosity."""
     stiff, known = (fit(emulator, {"slump_m": (float(closed_form(tau, 50.0)[0]), 0.001)}, 2300.0) for tau in (4e3, 1e3))
     assert stiff.at_the_edge[0] == "yield_value" and "edge of the table (yield value 20 to 2000 Pa" in str(stiff)
+    assert stiff.plastic_viscosity.lower is None and stiff.plastic_viscosity.upper is None
     assert not known.at_the_edge and "edge" not in str(known)
 
 

@@ -52,7 +52,7 @@ class Constant:
         if self.determined:
             return f"{short(self.value)} {unit}, 95 %: {short(self.lower)} to {short(self.upper)} {unit}"
         if self.lower is None and self.upper is None:
-            return f"not determined by these measurements: anything from {ends} fits them"
+            return f"not determined by these measurements (looked for from {ends})"
         bound = f"at most {short(self.upper)}" if self.lower is None else f"at least {short(self.lower)}"
         return f"{bound} {unit} (95 %), not determined further by these measurements (looked for from {ends})"
 
@@ -158,7 +158,8 @@ def fit(emulator: Emulator, measured: dict, density: float, correction: dict | N
     polished = least_squares(near, start, bounds=box, x_scale=step)
     point = polished.x if 2.0 * polished.cost < chi2[best] else start
     least = min(2.0 * polished.cost, chi2[best])
-    intervals = [interval(axis, chi2.min(1 - k) - least, density) for k, axis in enumerate(axes)]
+    ends = np.isclose(axes[0][chi2.argmin(0)][:, None], emulator.axes[0][[0, -1]]).any(1)  # a softer or stiffer mix
+    intervals = [interval(axes[0], chi2.min(1) - least, density), interval(axes[1], chi2.min(0) - least, density, ends)]
     along = {}
     for eta in VISCOSITIES:
         fits = misfit((axes[0], np.log([eta / density])))[:, 0] if within(eta, axes[1], density) else np.array([np.inf])
@@ -192,12 +193,13 @@ def around(axis, inside):
     return np.linspace(axis[max(first - 1, 0)], axis[min(last + 1, len(axis) - 1)], len(axis))
 
 
-def interval(axis, rise, density):
-    """The ends of {rise <= RISE} along an axis as constants; None where it reaches the axis' end."""
+def interval(axis, rise, density, open_at=None):
+    """The ends of {rise <= RISE} along an axis as constants; None where it reaches the axis' end, or a node at which it
+    is open whether something beyond the table would fit better."""
     inside = np.flatnonzero(rise <= max(RISE, rise.min()))
     ends = []
     for last, beyond in ((inside[0], inside[0] - 1), (inside[-1], inside[-1] + 1)):
-        if not 0 <= beyond < len(axis):
+        if not 0 <= beyond < len(axis) or (open_at is not None and open_at[beyond]):
             ends.append(None)
             continue
         share = np.sqrt(max(rise[last], 0.0)), np.sqrt(rise[beyond])  # in which the rise is about linear
