@@ -2,6 +2,7 @@
 
 import os
 import signal
+import time
 from pathlib import Path
 
 
@@ -57,3 +58,9 @@ def planned(count: int, notes) -> list:
     from taichi_mps.study.case import Case
 
     return [Case("none", (("number", k), ("notes", str(notes))), f"case{k}") for k in range(count)]
+
+
+def waits_at_two_at_first(case):
+    if note(case) == 1 and case.parameters["number"] == 2:
+        time.sleep(600.0)
+    return row(case)

@@ -17,7 +17,7 @@ from taichi_mps.scales import longest_step
 from taichi_mps.study import case as cases
 from taichi_mps.study.calibrate import calibrate, fit
 from taichi_mps.study.emulator import Emulator
-from taichi_mps.study.results import Results, read
+from taichi_mps.study.results import Results, read, uniform
 from taichi_mps.study.sweep import LOST, carry_out, values
 from taichi_mps.study.sweep import cases as combinations
 
@@ -52,6 +52,7 @@ def test_model_and_spacing_are_the_cheapest_that_are_good_enough():
     assert mixes == [(100, 20), (100, 50), (200, 20), (200, 50), (400, 20), (400, 50)]
     assert {(c.parameters["model"], c.parameters["spacing"]) for c in planned} == {("axisymmetric", 0.01)}
     assert combinations("slump", model="quarter")[0].parameters == {"model": "quarter"}
+    assert len(combinations("slump", yield_value="300,3e2", model="quarter,quarter")) == 1
 
 
 def test_cases_that_share_kernels_are_run_one_after_the_other(tmp_path):
@@ -159,9 +160,31 @@ def test_one_study_at_a_time_and_no_foreign_folder(tmp_path):
     (tmp_path / "other.txt").write_text("mine")
     with pytest.raises(SceneError, match="holds other files"), Results(tmp_path):
         pass
+    (tmp_path / "s" / "journal.jsonl").write_text('{"key": "a"}\nnonsense\n{"key": "b"}\n')
+    with pytest.raises(SceneError, match="line 2 is no row"), Results(tmp_path / "s"):
+        pass
+    with pytest.raises(SceneError, match="other.txt: has no column status"):
+        read(tmp_path / "other.txt")
 
 
-@pytest.mark.parametrize("name", ["dask", "dask://", "ssh://there", "4"])
+def test_the_tables_hold_text_beside_numbers_and_what_is_missing(tmp_path):
+    """A column may be a number in one row and a word in the next, or miss; Parquet has columns of one kind."""
+    rows = [{"key": "a", "status": "done", "rate": 0.1, "steps": 3},
+            {"key": "b", "status": "failed", "rate": "rational", "reason": "[Errno 5] out, of order"}]  # fmt: skip
+    with Results(tmp_path / "s") as results:
+        results.write([])
+        assert not results.table.exists()
+        results.write(rows)
+    again = read(tmp_path / "s")
+    assert [row["rate"] for row in again] == [0.1, "rational"] and [row["steps"] for row in again] == [3.0, None]
+    assert again[1]["reason"] == rows[1]["reason"]
+    assert uniform([0.1, "rational", None]) == ["0.1", "rational", None] and uniform([3, None]) == [3.0, None]
+    parquet = pytest.importorskip("pyarrow.parquet", reason="needs pyarrow for results.parquet")
+    table = parquet.read_table(tmp_path / "s" / "results.parquet").to_pylist()
+    assert [row["rate"] for row in table] == ["0.1", "rational"] and [row["steps"] for row in table] == [3.0, None]
+
+
+@pytest.mark.parametrize("name", ["dask", "dask://", "dask://host", "dask://host:port", "ssh://there", "4"])
 def test_an_executor_that_is_none_is_refused(tmp_path, name):
     with pytest.raises(SceneError, match=f"executor = {name}: must be"):
         carry_out([], tmp_path / "s", executor=name)
@@ -189,20 +212,27 @@ def test_materials_of_one_law_share_their_kernels():
 
 
 def test_the_time_of_a_milestone_lies_between_two_looks():
+    looks = []
+
     class Run:
         time = 0.0
 
         def measures(self):
+            looks.append(self.time)
             return {"spread_m": 0.2 if self.time == 0.0 else 0.6 + 0.1 * np.log(self.time)}
 
         def each_step(self, look):
             self.look = look
 
     sim = Run()
-    milestone = cases.Milestone(sim, "spread_m", 0.5)
-    for sim.time in np.arange(0.01, 1.0, 0.01):
-        sim.look(sim)
-    assert milestone.time == pytest.approx(np.exp(-1.0), rel=1e-6)
+    for end, steps in ((1.0, 100), (30.0, 3000)):  # of 0.5 m at 1/e s, and of 0.85 m at e^2.5 s
+        sim.time = 0.0
+        milestone = cases.Milestone(sim, "spread_m", value := 0.5 if end == 1.0 else 0.85)
+        looks.clear()
+        for sim.time in np.linspace(0.01, end, steps):
+            sim.look(sim)
+        assert milestone.time == pytest.approx(np.exp(10.0 * (value - 0.6)), rel=1e-6)
+        assert 5 < len(looks) < 50
 
 
 # ---- the inverse question --------------------------------------------------------------------------------------
@@ -280,6 +310,8 @@ def test_measurements_that_contradict_each_other_are_named(emulator):
     assert fit(emulator, {"slump_m": (0.05, 0.005), "spread_m": (0.6, 0.01)}, 2300.0).contradictory
     with pytest.raises(SceneError, match="never spread to 0.5 m"):
         calibrate(spread=0.38, t500=3.2)
+    with pytest.raises(SceneError, match="spread = 0.15 m: must be more than 0.2 m"):
+        calibrate(spread=0.15)
     with pytest.raises(SceneError, match="at least one of"):
         calibrate()
     with pytest.raises(SceneError, match="slump = 21 m: must be less than 0.3 m"):
@@ -288,6 +320,15 @@ def test_measurements_that_contradict_each_other_are_named(emulator):
         Emulator([{"status": "done", "yield_value": 300.0, "spread_m": 0.3}])
     with pytest.raises(SceneError, match="at least 3 yield values"):
         Emulator([{"status": "done", "yield_value": 3.0, "plastic_viscosity": 5.0, "slump_m": 0.1, "spread_m": 0.3}])
+
+
+def test_a_mix_beyond_the_table_is_said_to_be_so(emulator):
+    """2000 Pa are its end. 4000 Pa slump less than anything in it, and least of that where the viscosity is high, which
+    says nothing of the viscosity."""
+    stiff, known = (fit(emulator, {"slump_m": (float(closed_form(tau, 50.0)[0]), 0.001)}, 2300.0) for tau in (4e3, 1e3))
+    assert stiff.at_the_edge[0] == "yield_value" and "edge of the table (yield value 20 to 2000 Pa" in str(stiff)
+    assert stiff.plastic_viscosity.lower is None and stiff.plastic_viscosity.upper is None
+    assert not known.at_the_edge and "edge" not in str(known)
 
 
 @pytest.mark.parametrize(

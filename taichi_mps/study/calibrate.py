@@ -42,13 +42,17 @@ class Constant:
     def determined(self) -> bool:
         return self.lower is not None and self.upper is not None
 
+    @property
+    def at_the_edge(self) -> bool:
+        return (self.lower is None) != (self.upper is None) and not 1.01 * self.low < self.value < 0.99 * self.high
+
     def told(self, unit: str) -> str:
         """In words."""
         ends = f"{short(self.low)} to {short(self.high)} {unit}"
         if self.determined:
             return f"{short(self.value)} {unit}, 95 %: {short(self.lower)} to {short(self.upper)} {unit}"
         if self.lower is None and self.upper is None:
-            return f"not determined by these measurements: anything from {ends} fits them"
+            return f"not determined by these measurements (looked for from {ends})"
         bound = f"at most {short(self.upper)}" if self.lower is None else f"at least {short(self.lower)}"
         return f"{bound} {unit} (95 %), not determined further by these measurements (looked for from {ends})"
 
@@ -66,6 +70,11 @@ class Calibration:
     finer: dict[str, float] = field(default_factory=dict)  # the run that checked: finer minus table, ratio for t500_s
 
     @property
+    def at_the_edge(self) -> list[str]:
+        """The constants whose best value is the first or the last of the table: what lies beyond was not looked at."""
+        return [name for name in CONSTANTS if getattr(self, name).at_the_edge]
+
+    @property
     def contradictory(self) -> bool:
         return self.misfit > CONTRADICTION
 
@@ -73,7 +82,7 @@ class Calibration:
         """Everything, JSON-ready."""
         both = {name: getattr(self, name) for name in CONSTANTS}
         both = {name: asdict(constant) | {"determined": constant.determined} for name, constant in both.items()}
-        return asdict(self) | both | {"contradictory": self.contradictory}
+        return asdict(self) | both | {"contradictory": self.contradictory, "at_the_edge": self.at_the_edge}
 
     def __str__(self):
         lines = [f"{word:18} {getattr(self, name).told(unit)}" for name, (word, unit) in CONSTANTS.items()]
@@ -89,6 +98,12 @@ class Calibration:
             apart += [f"T500 {100.0 * (value - 1.0):+.1f} %" for name, value in self.finer.items() if name == "t500_s"]
             apart = ", ".join(apart)
             lines.append(f"the finer run      {apart} beside the table; the constants are corrected by it")
+        if self.at_the_edge:
+            ends = [(CONSTANTS[name][0], getattr(self, name), CONSTANTS[name][1]) for name in self.at_the_edge]
+            ends = ", ".join(f"{word} {short(it.low)} to {short(it.high)} {unit}" for word, it, unit in ends)
+            lines.insert(
+                0, f"the best fit lies at the edge of the table ({ends}): what is bounded is so within it only"
+            )
         if self.contradictory:
             lines.insert(
                 0, "no mix comes within three standard errors: the measurements contradict each other or the model"
@@ -143,7 +158,8 @@ def fit(emulator: Emulator, measured: dict, density: float, correction: dict | N
     polished = least_squares(near, start, bounds=box, x_scale=step)
     point = polished.x if 2.0 * polished.cost < chi2[best] else start
     least = min(2.0 * polished.cost, chi2[best])
-    intervals = [interval(axis, chi2.min(1 - k) - least, density) for k, axis in enumerate(axes)]
+    ends = np.isclose(axes[0][chi2.argmin(0)][:, None], emulator.axes[0][[0, -1]]).any(1)  # a softer or stiffer mix
+    intervals = [interval(axes[0], chi2.min(1) - least, density), interval(axes[1], chi2.min(0) - least, density, ends)]
     along = {}
     for eta in VISCOSITIES:
         fits = misfit((axes[0], np.log([eta / density])))[:, 0] if within(eta, axes[1], density) else np.array([np.inf])
@@ -177,12 +193,13 @@ def around(axis, inside):
     return np.linspace(axis[max(first - 1, 0)], axis[min(last + 1, len(axis) - 1)], len(axis))
 
 
-def interval(axis, rise, density):
-    """The ends of {rise <= RISE} along an axis as constants; None where it reaches the axis' end."""
+def interval(axis, rise, density, open_at=None):
+    """The ends of {rise <= RISE} along an axis as constants; None where it reaches the axis' end, or a node at which it
+    is open whether something beyond the table would fit better."""
     inside = np.flatnonzero(rise <= max(RISE, rise.min()))
     ends = []
     for last, beyond in ((inside[0], inside[0] - 1), (inside[-1], inside[-1] + 1)):
-        if not 0 <= beyond < len(axis):
+        if not 0 <= beyond < len(axis) or (open_at is not None and open_at[beyond]):
             ends.append(None)
             continue
         share = np.sqrt(max(rise[last], 0.0)), np.sqrt(rise[beyond])  # in which the rise is about linear
@@ -228,6 +245,9 @@ def calibrate(
         raise SceneError(
             f"slump = {slump:g} m: must be less than {height:g} m, the height of the cone; 21cm is a length, too"
         )
+    base = emulator.settings.get("base_diameter", 0.2)
+    if spread and spread + 3.0 * spread_error < base:
+        raise SceneError(f"spread = {spread:g} m: must be more than {base:g} m, the base of the cone")
     found = fit(emulator, measured, rho)
     if not check:
         return found
@@ -241,7 +261,8 @@ def difference(emulator: Emulator, found: Calibration, density: float) -> dict:
     from .case import case, run
 
     mix = {name: getattr(found, name).value for name in CONSTANTS}
-    row = run(case("slump", **emulator.settings | mix | {"density": density, "spacing": 0.5 * emulator.spacing}))
+    finer = case("slump", **emulator.settings | mix | {"density": density, "spacing": 0.5 * emulator.spacing})
+    row = run(finer, haste=True)
     if row["status"] == "failed":
         raise SceneError(f"the finer run failed: {row['reason']}")
     table = emulator.at(*np.log(np.array(list(mix.values())) / density))

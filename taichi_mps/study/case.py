@@ -5,14 +5,15 @@ import io
 import json
 import math
 import threading
-from contextlib import redirect_stdout
+from contextlib import contextmanager, nullcontext, redirect_stdout
 from dataclasses import dataclass
 
 from .. import __version__, catalogue
 from ..quantity import SceneError, explain
 
 T500 = 0.5  # spread [m] whose time is read: EN 12350-8
-LOOK = 0.02, 0.05  # the spread is read 0.02 s after the last time, or 5 % of the time so far, whichever is later
+LOOK = 0.02, 0.05, 0.25  # between two looks at the spread: 0.02 s or 5 % of the time so far at least, 25 % at most
+CREEP = 10.0  # [s] from which on a run in haste takes steps twice as long: what still flows creeps by millimetres
 _kept = None  # the Compiled of this process
 _one_at_a_time = threading.Lock()  # Taichi runs one Simulation at a time in a process
 
@@ -47,18 +48,22 @@ def case(scene: str, **parameters) -> Case:
     return Case(catalogue.source(scene), tuple((name, full[name]) for name in parameters), digest[:16])
 
 
-def run(case: Case) -> dict:
+def run(case: Case, haste: bool = False) -> dict:
     """Compute a case to its end in this process, with one thread: its row. What fails is a row with its reason.
 
     A row holds key, status ('done' or 'failed'), reason, the parameters, the scene's measures at the end, t500_s [s]
-    where the spread came to 500 mm, what stopped the run, steps and seconds.
+    where the spread came to 500 mm, what stopped the run, steps and seconds. In ``haste`` the steps may be twice as
+    long after 10 s: a third less to compute for a soft mix, which is then up to 2 mm off.
     """
     row = {"key": case.key, "status": "done", "reason": "", "scene": case.scene, **case.parameters}
     with _one_at_a_time:
         try:
             sim = begin(catalogue.build(case.scene, **case.parameters))
             spread = Milestone(sim, "spread_m", T500)
-            sim.run()
+            if haste:
+                sim.run(min(CREEP, sim.scene.until))
+            with longer_steps(sim) if haste and sim.stopped_by == "time" else nullcontext():
+                sim.run()
             summary = sim.summary()
         except Exception as error:  # a study goes on, whatever a case does
             return row | {"status": "failed", "reason": f"{type(error).__name__}: {' '.join(str(error).split())}"}
@@ -92,25 +97,39 @@ def begin(scene):
     return _kept.begin(scene)
 
 
+@contextmanager
+def longer_steps(sim):
+    """Within, the longest step of a Simulation is twice that of its scheme; the Courant number bounds it as ever."""
+    limits = sim.scheme.time_step_limits
+    sim.scheme.time_step_limits = lambda speed: limits(speed) | {"maximum": 2.0 * limits(speed)["maximum"]}
+    try:
+        yield
+    finally:
+        del sim.scheme.time_step_limits
+
+
 class Milestone:
     """The first time [s] at which a measure of a run comes to a value; None if it never does.
 
-    Between two looks the measure is taken to go with the logarithm of time.
+    Between two looks the measure is taken to go with the logarithm of time. A look costs as much as some steps, so
+    the next one is due when at its present pace the measure would be half way to the value.
     """
 
     def __init__(self, sim, name: str, value: float):
         self.name, self.value, self.time = name, value, None
-        self.watched = name in sim.measures()
-        self.last = 0.0, sim.measures()[name] if self.watched else math.nan
+        self.last, self.due = (0.0, sim.measures().get(name)), 0.0
+        self.watched = self.last[1] is not None
         if self.watched:
             sim.each_step(self.look)
 
     def look(self, sim):
         before, low = self.last
-        if self.time is not None or sim.time < before + max(LOOK[0], LOOK[1] * before):
+        if self.time is not None or sim.time < self.due:
             return
         now = sim.measures()[self.name]
         if now >= self.value > low:
             share = (self.value - low) / (now - low)
             self.time = before + share * (sim.time - before) if before == 0.0 else before * (sim.time / before) ** share
+        half = 0.5 * (self.value - now) / (now - low) * (sim.time - before) if now > low else math.inf
+        self.due = sim.time + max(LOOK[0], LOOK[1] * sim.time, min(half, LOOK[2] * sim.time))
         self.last = sim.time, max(low, now)

@@ -2,6 +2,8 @@
 
 import json
 import sys
+from collections import Counter
+from importlib.util import find_spec
 from pathlib import Path
 
 from pydantic import Field
@@ -10,7 +12,7 @@ from .. import catalogue
 from ..choose import choose
 from ..options import Parser, given, joined
 from ..quantity import Checked, Count, Density, Duration, Length, SceneError
-from .sweep import ACCURACY, cases, sweep
+from .sweep import ACCURACY, LOST, cases, sweep
 
 
 class Study(Checked):
@@ -18,7 +20,9 @@ class Study(Checked):
 
     out: str | None = Field(None, description="folder of the study, studies/<scene> by default")
     executor: str = Field("local", description="where to compute: local, dask://HOST:PORT, slurm://PARTITION")
-    workers: Count | None = Field(None, description="processes of this machine, one for each CPU by default")
+    workers: Count | None = Field(
+        None, description="cases at once: processes of this machine, one for each CPU by default; of a cluster: all"
+    )
     chart: bool = Field(False, description="draw chart.png into the folder")
     quiet: bool = Field(False, description="no table")
 
@@ -46,6 +50,8 @@ def sweep_command(argv) -> int:
     options = Study(**given(arguments, Study))
     varied = {name: getattr(arguments, name) for name in function.parameters.model_fields}
     varied = {name: text for name, text in varied.items() if text is not None}
+    if options.chart and not find_spec("matplotlib"):
+        raise SceneError("chart needs matplotlib: pip install 'taichi-mps[plots]'")
     folder = Path(options.out or Path("studies") / Path(arguments.scene).stem)
     planned = cases(arguments.scene, **varied)
     if "model" in planned[0].parameters and "model" not in varied:
@@ -55,16 +61,22 @@ def sweep_command(argv) -> int:
     quiet = options.quiet or arguments.json
     with watching(differing(planned), quiet) as watch:
         rows = sweep(arguments.scene, folder, options.executor, options.workers, watch, **varied)
-    failed = sum(row["status"] != "done" for row in rows)
+    if arguments.json:
+        print(json.dumps(rows))
+    elif not quiet:
+        print(f"{tally(rows)}: {folder / 'results.csv'}")
     if options.chart:
         from .chart import study_chart
 
         study_chart(rows, differing(planned), folder / "chart.png")
-    if arguments.json:
-        print(json.dumps(rows))
-    elif not quiet:
-        print(f"{len(rows) - failed} cases done, {failed} not: {folder / 'results.csv'}")
     return 0
+
+
+def tally(rows) -> str:
+    """How many cases are done, failed and lost, in words."""
+    count = Counter(row["status"] for row in rows)
+    words = [f"{count['done']} cases done", *(f"{count[name]} {name}" for name in ("failed", LOST) if count[name])]
+    return ", ".join(words) + " (the same command computes the lost ones again)" * bool(count[LOST])
 
 
 class Measurements(Checked):

@@ -1,15 +1,16 @@
-"""Where the cases of a study are computed: processes of this machine, Dask, Slurm, any concurrent.futures.Executor."""
+"""Where the cases of a study are computed: processes of this machine, the workers of Dask, Slurm (slurm.py)."""
 
 import multiprocessing
 import os
 import signal
 import threading
-from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from importlib.util import find_spec
 from urllib.parse import parse_qsl, urlsplit
 
 from ..quantity import SceneError
+from .slurm import slurm
 
 KINDS = "dask://HOST:PORT, slurm://PARTITION?timeout_min=60 or local"
 
@@ -52,61 +53,26 @@ def dask(address: str):
         yield client.get_executor(pure=False)
 
 
-@contextmanager
-def slurm(partition: str, settings: dict):
-    """One Slurm job a case through submitit, or with the partition 'local' one process a case of this machine."""
-    import submitit
-
-    jobs = submitit.AutoExecutor("slurm-jobs", cluster="local" if partition == "local" else "slurm")
-    jobs.update_parameters(
-        cpus_per_task=1,
-        **({} if partition == "local" else {"slurm_partition": partition}),
-        **{name: int(value) if value.isdigit() else value for name, value in settings.items()},
-    )
-    with Jobs(jobs) as executor:
-        yield executor
-
-
-class Jobs(Executor):
-    """submitit's jobs as concurrent.futures: its own futures cannot be waited for together."""
-
-    def __init__(self, jobs, look_every: float = 1.0):
-        self.jobs, self.look_every = jobs, look_every
-        self.flying, self.over = {}, threading.Event()
-        self.thread = threading.Thread(target=self._look, daemon=True)
-        self.thread.start()
-
-    def submit(self, function, /, *arguments, **keywords):
-        future = Future()
-        self.flying[self.jobs.submit(function, *arguments, **keywords)] = future
-        return future
-
-    def _look(self):
-        while not self.over.wait(self.look_every):
-            for job, future in list(self.flying.items()):
-                if job.done():
-                    del self.flying[job]
-                    try:
-                        future.set_result(job.result())
-                    except Exception as error:  # of the job or of Slurm: whoever waits shall know
-                        future.set_exception(error)
-
-    def shutdown(self, wait=True, *, cancel_futures=False):
-        self.over.set()
-        for job in list(self.flying):
-            job.cancel()
-
-
-def named(text: str, workers: int):
-    """A context manager that opens the executor of an address, and how many cases to hand it at once (None: all)."""
+def named(text: str, workers: int | None, folder):
+    """A context manager that opens the executor of an address for a study's folder, and how many cases to hand it at
+    once (None: all)."""
     parts = urlsplit(text)
     package = {"dask": "distributed", "slurm": "submitit"}.get(parts.scheme)
     if package and not find_spec(package):
         raise SceneError(f"executor = {text}: needs {package}: pip install 'taichi-mps[cluster]'")
     if text == "local":
+        workers = workers or os.cpu_count() or 1
         return lambda: processes(workers), workers
-    if parts.scheme == "dask" and parts.netloc:
-        return lambda: dask(parts.netloc), None
+    if parts.scheme == "dask" and has_port(parts):
+        return lambda: dask(parts.netloc), workers
     if parts.scheme == "slurm" and parts.netloc:
-        return lambda: slurm(parts.netloc, dict(parse_qsl(parts.query))), None
+        return lambda: slurm(text, parts.netloc, dict(parse_qsl(parts.query)), folder), workers
     raise SceneError(f"executor = {text}: must be {KINDS}")
+
+
+def has_port(parts) -> bool:
+    """Does an address name a host and a port?"""
+    try:
+        return bool(parts.hostname and parts.port)
+    except ValueError:  # no number, or none of a port
+        return False

@@ -32,9 +32,15 @@ class Results:
         whole = self._file.read()
         end = whole.rfind(b"\n") + 1  # what stands after the last end of line was cut off by the end of a process
         self._file.truncate(end)
-        for line in whole[:end].splitlines():
-            row = json.loads(line)
-            self.rows[row["key"]] = row
+        for number, line in enumerate(whole[:end].splitlines(), 1):
+            try:
+                row = json.loads(line)
+                self.rows[row["key"]] = row
+            except (ValueError, TypeError, KeyError):
+                self._file.close()
+                raise SceneError(
+                    f"{self.journal}: line {number} is no row; delete it to compute its case anew"
+                ) from None
         return self
 
     def _lock(self):
@@ -62,6 +68,8 @@ class Results:
     def write(self, rows: list[dict]) -> None:
         """Make the table of these rows anew, whole or not at all."""
         columns = list(dict.fromkeys(name for row in rows for name in row))
+        if not columns:
+            return
         fresh = self.table.with_suffix(".part")
         with open(fresh, "w", newline="", encoding="utf-8") as file:
             lines = csv.DictWriter(file, columns, restval="")
@@ -72,8 +80,16 @@ class Results:
             import pyarrow
             import pyarrow.parquet
 
-            full = [{name: row.get(name) for name in columns} for row in rows]
-            pyarrow.parquet.write_table(pyarrow.Table.from_pylist(full), self.table.with_suffix(".parquet"))
+            full = {name: uniform([row.get(name) for row in rows]) for name in columns}
+            pyarrow.parquet.write_table(pyarrow.table(full), fresh)
+            os.replace(fresh, self.table.with_suffix(".parquet"))
+
+
+def uniform(values: list) -> list:
+    """A column of one kind, as Parquet has them: text where some is text, numbers as float."""
+    if any(isinstance(value, str) for value in values):
+        return [None if value is None else str(value) for value in values]
+    return [float(value) if isinstance(value, int) else value for value in values]
 
 
 def read(path) -> list[dict]:
@@ -83,9 +99,11 @@ def read(path) -> list[dict]:
     path = path / "results.csv" if path.is_dir() else path
     if not path.is_file():
         raise SceneError(f"table = {path}: no such file; must be a study's folder or its results.csv")
-    with open(path, newline="", encoding="utf-8") as file:
+    with open(path, newline="", encoding="utf-8", errors="replace") as file:
         lines = csv.DictReader(line for line in file if not line.startswith("#"))
-        return [{name: number(text) for name, text in row.items()} for row in lines]
+        if "status" not in (lines.fieldnames or ()):
+            raise SceneError(f"table = {path}: has no column status; must be a study's folder or its results.csv")
+        return [{name: number(row[name] or "") for name in lines.fieldnames} for row in lines]
 
 
 def number(text: str):

@@ -4,6 +4,7 @@ from contextlib import contextmanager
 
 from rich.console import Console
 from rich.live import Live
+from rich.markup import escape
 from rich.table import Table
 
 LINES = 20  # of the live table: the last ones that came
@@ -29,8 +30,8 @@ def watching(varied, quiet: bool):
         def tell(rows, total):
             before = len(order)
             for number, row in enumerate(news(rows), before + 1):
-                parameters = ", ".join(f"{name.replace('_', ' ')} {spelled(row[name])}" for name in varied)
-                console.print(f"{number}/{total}  {parameters}: {outcome(row)}", soft_wrap=True, highlight=False)
+                words = [f"{number}/{total}", *(f"{name.replace('_', ' ')} {spelled(row[name])}" for name in varied)]
+                console.print(f"{', '.join(words)}: {outcome(row)}", soft_wrap=True, highlight=False, markup=False)
 
         yield tell
         return
@@ -83,6 +84,6 @@ def table(rows, order, varied, total) -> Table:
     for key in order[-LINES:]:
         row = rows[key]
         parameters = [spelled(row[name]) for name in varied]
-        reason = "" if row["status"] == "done" else row["reason"]
+        reason = "" if row["status"] == "done" else escape(row["reason"])
         view.add_row(*parameters, *(cell(name, row.get(name)) for name in names), reason)
     return view

@@ -1,7 +1,6 @@
 """A sweep: a scene at every combination of some values, in parallel; what fails is a row, what is done stays done."""
 
 import math
-import os
 from collections import deque
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, wait
 from contextlib import contextmanager
@@ -47,8 +46,8 @@ def values(text: str, key: str = "values") -> list[str]:
 
 
 def cases(scene: str, **parameters) -> list[Case]:
-    """Every combination of the parameters that are lists or texts of ``values``, the last varied fastest. A value that
-    the scene does not accept is refused at once."""
+    """Every combination of the parameters that are lists or texts of ``values``, the last varied fastest, each once. A
+    value that the scene does not accept is refused at once."""
     known = catalogue.load(scene).parameters.model_fields
     given = {name: spelled(name, value) for name, value in parameters.items()}
     if "accuracy" in known and not given.keys() & {"accuracy", "model", "spacing", "lift_speed"}:
@@ -57,7 +56,8 @@ def cases(scene: str, **parameters) -> list[Case]:
     count = math.prod(len(choices) for choices in given.values())
     if count > MOST_CASES:
         raise SceneError(f"{', '.join(given)}: make {count:.3g} cases; must be at most {MOST_CASES}")
-    return [case(scene, **dict(zip(given, combination, strict=True))) for combination in product(*given.values())]
+    found = [case(scene, **dict(zip(given, combination, strict=True))) for combination in product(*given.values())]
+    return list({c.key: c for c in found}.values())
 
 
 def spelled(name, value) -> list:
@@ -91,7 +91,7 @@ def carry_out(planned: list[Case], out, run=run_case, executor="local", workers=
     if isinstance(executor, Executor):
         opened, room = (lambda: as_it_is(executor)), None
     else:
-        opened, room = named(executor, workers or os.cpu_count() or 1)
+        opened, room = named(executor, workers, out)
     with Results(out) as results:
         written = monotonic()
 
@@ -107,8 +107,9 @@ def carry_out(planned: list[Case], out, run=run_case, executor="local", workers=
             if watch:
                 watch(rows(), len(planned))
 
-        over = {key for key, row in results.rows.items() if row["status"] != LOST}
-        left = sorted({c.key: c for c in planned if c.key not in over}.values(), key=shape)  # compiled once for all
+        results.rows = {key: row for key, row in results.rows.items() if row["status"] != LOST}
+        left = {c.key: c for c in planned if c.key not in results.rows}
+        left = sorted(left.values(), key=shape)  # compiled once for all
         if watch:
             watch(rows(), len(planned))
         try:
@@ -154,7 +155,8 @@ def together(planned, run, opened, room, finished) -> list[Case]:
                         suspects.append(it)
                         continue
                     except Exception as error:  # of the executor; what goes wrong in a case is in its row
-                        row = without_row(it, LOST, f"{type(error).__name__}: {' '.join(str(error).split())}")
+                        why = " ".join(str(error).split()) or "given up by the executor"
+                        row = without_row(it, LOST, f"{type(error).__name__}: {why}")
                     finished(row)
         if len(waiting) == before:  # an executor that was broken when it came
             return [*suspects, *waiting]
