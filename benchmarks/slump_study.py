@@ -30,13 +30,18 @@ def main(folder="studies/standard_cone"):
     rows = sweep(
         "slump", folder, **mixes, **SETTINGS, watch=lambda rows, total: print(len(rows), "of", total, flush=True)
     )
+    missing = [row for row in rows if row["status"] != "done"]
+    if missing:
+        sys.exit(
+            "\n".join(f"{row['yield_value']} Pa, {row['plastic_viscosity']} Pa s: {row['reason']}" for row in missing)
+        )
     with open(TABLE, "w", newline="", encoding="utf-8") as file:
         file.write(HEAD.format(version=rows[0]["version"]))
         lines = csv.DictWriter(file, KEPT, extrasaction="ignore", lineterminator="\n")
         lines.writeheader()
         for row in rows:
-            short = {name: row[name] and float(f"{row[name]:.5g}") for name in ("slump_m", "spread_m", "t500_s")}
-            lines.writerow(row | short)
+            known = [name for name in ("slump_m", "spread_m", "t500_s") if row.get(name) is not None]
+            lines.writerow(row | {name: f"{row[name]:.5g}" for name in known})
     from taichi_mps.study.chart import slump_chart
 
     print(TABLE, slump_chart(CHART))

@@ -191,6 +191,20 @@ def test_an_executor_that_is_none_is_refused(tmp_path, name):
     assert not (tmp_path / "s").exists()
 
 
+def test_the_chart_of_a_study_names_unit_and_values_and_leaves_out_what_failed(monkeypatch):
+    from taichi_mps.study import chart
+
+    monkeypatch.setattr(chart, "_save", lambda figure, out: figure)
+    rows = [{"scene": "slump", "status": "done", "yield_value": tau, "slump_m": 60.0 / tau} for tau in (250.0, 200.0)]
+    failed = {"scene": "slump", "status": "failed", "yield_value": 320.0, "reason": "it is"}
+    (axes,) = chart.study_chart([*rows, failed], ["yield_value"], "no.png").axes
+    assert axes.get_xlabel() == "yield value [Pa]" and axes.get_ylabel() == "slump [cm]"
+    assert axes.lines[0].get_xydata() == pytest.approx(np.array([[200.0, 30.0], [250.0, 24.0]]))
+    assert list(axes.get_xticks()) == [200.0, 250.0]
+    with pytest.raises(SceneError, match="needs a case that is done"):
+        chart.study_chart([failed], ["yield_value"], "no.png")
+
+
 # ---- one compilation for all materials -------------------------------------------------------------------------
 def test_materials_of_one_law_share_their_kernels():
     """Half the density, viscosity and yield value are the same motion under gravity, to the last bit: every number of

@@ -7,6 +7,7 @@ import math
 import threading
 from contextlib import contextmanager, nullcontext, redirect_stdout
 from dataclasses import dataclass
+from functools import lru_cache
 
 from .. import __version__, catalogue
 from ..quantity import SceneError, explain
@@ -34,8 +35,8 @@ class Case:
 def case(scene: str, **parameters) -> Case:
     """The case of these parameters, as text or numbers; SceneError for what the scene does not accept.
 
-    The key is a digest of the text of the scene's file, all its parameters with their defaults, and the version: equal
-    keys are equal results.
+    The key is a digest of the text of the scene's file, all its parameters with their defaults, and the package's code:
+    equal keys are equal results.
     """
     function = catalogue.load(scene)
     try:
@@ -44,8 +45,17 @@ def case(scene: str, **parameters) -> Case:
         raise SceneError(explain(error, function.parameters)) from None
     full = valid.model_dump(mode="json")
     text = catalogue.locate(scene).read_text(encoding="utf-8")
-    digest = hashlib.sha256(json.dumps([text, full, __version__], sort_keys=True).encode()).hexdigest()
+    digest = hashlib.sha256(json.dumps([text, full, code()], sort_keys=True).encode()).hexdigest()
     return Case(catalogue.source(scene), tuple((name, full[name]) for name in parameters), digest[:16])
+
+
+@lru_cache
+def code() -> str:
+    """A digest of the package's modules, but for those of studies: between two versions the numerics change, too."""
+    digest = hashlib.sha256(__version__.encode())
+    for path in sorted([*catalogue.PACKAGE.glob("*.py"), *catalogue.PACKAGE.glob("schemes/*.py")]):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()
 
 
 def run(case: Case, haste: bool = False) -> dict:

@@ -4,8 +4,9 @@ from pathlib import Path
 
 import numpy as np
 
+from .. import catalogue
 from ..plots import COLOURS, _figure, _save
-from ..quantity import SceneError
+from ..quantity import SceneError, unit_of
 from ..validation import read_reference
 from .calibrate import TABLE, emulator_of
 from .show import UNITS, measures, spelled
@@ -69,7 +70,8 @@ def study_chart(rows, varied, out) -> Path:
     numbers = [name for name in varied if all(isinstance(row[name], float | int) for row in rows)]
     names = [name for name in measures(done) if any(row.get(name) is not None for row in done)]
     if not numbers or not names:
-        raise SceneError("chart: the study has no measure or no parameter that is varied by numbers")
+        raise SceneError("chart: needs a case that is done, with a measure, and a parameter that is varied by numbers")
+    unit = unit_of(catalogue.load(rows[0]["scene"]).parameters.model_fields[numbers[0]])
     x, others = numbers[0], [name for name in varied if name != numbers[0]]
     figure, panels = _figure(4.6 * len(names), 4.4, columns=len(names), squeeze=False)
     for axes, name in zip(panels[0], names, strict=True):
@@ -82,12 +84,16 @@ def study_chart(rows, varied, out) -> Path:
             axes.plot(
                 points[:, 0], UNITS[name[-2:]][0] * points[:, 1], "o-", color=COLOURS[k % len(COLOURS)], label=label
             )
-        axes.set(xlabel=x.replace("_", " "), ylabel=f"{name[:-2].replace('_', ' ')} [{UNITS[name[-2:]][1]}]")
+        axes.set(
+            xlabel=x.replace("_", " ") + f" [{unit}]" * bool(unit),
+            ylabel=f"{name[:-2].replace('_', ' ')} [{UNITS[name[-2:]][1]}]",
+        )
         low, high = (end(row[x] for row in done) for end in (min, max))
         if low > 0.0:
             axes.set_xscale("log")
             steps = [k * 10.0**power for power in range(-6, 7) for k in (1, 2, 5)]
             steps = [step for step in steps if 0.99 * low <= step <= 1.01 * high]
+            steps = steps if len(steps) > 2 else sorted({row[x] for row in done})
             axes.set_xticks(steps, [f"{step:g}" for step in steps])
             axes.minorticks_off()
     if others:

@@ -78,7 +78,7 @@ def row_of(job) -> dict:
         lines = [line for line in str(error).splitlines() if line.strip() and not line.startswith("---")]
         trace = [line for line in lines if not line.startswith("You can check")]
         raise RuntimeError(f"job {job.job_id}: {(trace or [type(error).__name__])[-1].strip()}") from None
-    _, stopped, why = row["reason"].rpartition("UncompletedJobError: ")
+    _, stopped, why = row.get("reason", "").rpartition("UncompletedJobError: ")
     if stopped:  # submitit's, raised in the midst of the case 90 s before its time is up
         raise RuntimeError(f"job {job.job_id}: {why} timeout_min= gives more time")
     return row
