@@ -36,9 +36,12 @@ def smooth_surface(s: Snapshot) -> tuple[Snapshot, np.ndarray, np.ndarray]:
     size = np.ptp(s.x, axis=0).max() / (CUBE * s.spacing) if len(s.x) else 0.0
     if not size < MOST_CELLS:
         raise SceneError(f"surface: the body is {size:.2g} cells long; must be at most {MOST_CELLS:g}")
+    given = {name: np.ascontiguousarray(getattr(s, name), np.float64) for name in FIELDS}
+    mixes = np.arange(s.mix.max(initial=0) + 1)
+    given |= {f"mix {k}": (s.mix == k).astype(np.float64) for k in mixes}
     made, _ = pysplashsurf.reconstruction_pipeline(
         np.ascontiguousarray(s.x, np.float64),
-        attributes_to_interpolate={name: np.ascontiguousarray(getattr(s, name), np.float64) for name in FIELDS},
+        attributes_to_interpolate=given,
         particle_radius=0.5 * s.spacing,
         smoothing_length=2.0,  # in radii, as the next
         cube_size=2.0 * CUBE,
@@ -49,6 +52,7 @@ def smooth_surface(s: Snapshot) -> tuple[Snapshot, np.ndarray, np.ndarray]:
     )
     at = {name: np.asarray(values, float) for name, values in made.point_attributes.items()}
     fields = {name: at[name] for name in FIELDS} | {"yielded": at["yielded"] > 0.5}
+    fields["mix"] = np.argmax([at[f"mix {k}"] for k in mixes], axis=0)
     points = np.asarray(made.mesh.vertices, float)
     vertices = replace(s, x=points, size=np.full(len(points), s.spacing), **fields)
     return vertices, at["normals"], np.asarray(made.mesh.triangles).astype(np.int64)
