@@ -3,8 +3,8 @@
     (m/dt) u - F[2 mu D'(u) + K div(u) I] - H(u) = (m/dt) u^n + m g + F[-(p + K s) I + stress - 2 mu_r q]
 
 The two loops over pairs are written for LLVM, which turns them into vector instructions of four numbers if vectors of
-three components are kept as four, if a sum is stored whole and used only in another loop, and if the loop has a way
-out: without, LLVM takes many pairs at a time instead, whose numbers it must pick one by one. That is twice as slow.
+three components are kept as four, if a sum is stored whole and used in another loop only, and if the loop has a way
+out. Without, LLVM takes many pairs at a time, whose numbers it must pick one by one: twice as slow.
 
 F is the adjoint of the least-squares gradient G (gradient.py). H resists the non-affine motion that G does not see:
 the gradient of sum_i (h_i/2) sum_j (w/r^2) |u_j - u_i - G_i r_ij|^2, so the matrix is symmetric positive definite.

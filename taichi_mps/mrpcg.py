@@ -114,18 +114,18 @@ class MRPCG:
         return float(np.sqrt(abs(rz[None]) / reference)) if reference != 0.0 else 0.0
 
     def _iterate(self) -> None:
-        if self.use_levels and not self.in_kernel:
+        if self.use_levels:
             self._advance_only()
             self.levels.cycle(self.r, self.z)
             self._turn_only()
         else:
-            self._iteration(self.use_levels)
+            self._jacobi_iteration()
 
     def _precondition(self) -> None:
-        if self.use_levels and not self.in_kernel:
+        if self.use_levels:
             self.levels.cycle(self.r, self.z)
         else:
-            self._precondition_only(self.use_levels)
+            self._jacobi_only()
 
     @ti.func
     def masked(self, i, v):
@@ -173,8 +173,12 @@ class MRPCG:
 
     @ti.func
     def advance(self):
-        """alpha = r.z / p.Ap;  x += alpha p;  r -= alpha A p."""
+        """q = A p;  alpha = r.z / p.q;  x += alpha p;  r -= alpha q."""
         self.operator.apply(self.p, self.q)
+        self.move()
+
+    @ti.func
+    def move(self):
         self.dot(self.p, self.q, self.pq)
         if self.status[None] == RUNNING:
             if not (ti.abs(self.pq[None]) < HUGE):
@@ -232,26 +236,36 @@ class MRPCG:
 
     @ti.kernel
     def _solve_alone(self, levels: ti.template(), tolerance: ti.f64, limit: ti.i32, reference: ti.f64):
-        """The whole of ``solve``: loops inside a loop run in one thread."""
+        """The whole of ``solve``: loops inside a loop run in one thread. A and M^-1 stand here once, for they take
+        long to compile: round 0 measures b, round 1 the guess, the others are the iterations."""
         ti.loop_config(serialize=True)
         for _ in range(1):
             self.load()
-            self.precondition(levels)
-            self.refer()
-            if self.xx[None] != 0.0:
-                self.subtract_guess()
+            stage = 0
+            while stage < 2 or (self.status[None] == RUNNING and self.iterations[None] < limit):
+                if stage > 0:
+                    self.operator.apply(self.p, self.q)
+                if stage == 1:
+                    for i in range(self.active[None]):
+                        self.r[i] = self.masked(i, self.b[i] - self.q[i])
+                elif stage == 2:
+                    self.move()
                 self.precondition(levels)
-            self.reference[None] = ti.min(self.reference[None], reference)
-            self.begin(tolerance)
-            while self.status[None] == RUNNING and self.iterations[None] < limit:
-                self.advance()
-                self.precondition(levels)
-                self.turn()
+                if stage == 0:
+                    self.refer()
+                    for i in range(self.active[None]):
+                        self.p[i] = self.x[i]
+                elif stage == 1:
+                    self.reference[None] = ti.min(self.reference[None], reference)
+                    self.begin(tolerance)
+                else:
+                    self.turn()
+                stage = ti.min(stage + 1, 2)
 
     @ti.kernel
-    def _iteration(self, levels: ti.template()):
+    def _jacobi_iteration(self):
         self.advance()
-        self.precondition(levels)
+        self.precondition(False)
         self.turn()
 
     @ti.kernel
@@ -259,8 +273,8 @@ class MRPCG:
         self.advance()
 
     @ti.kernel
-    def _precondition_only(self, levels: ti.template()):
-        self.precondition(levels)
+    def _jacobi_only(self):
+        self.precondition(False)
 
     @ti.kernel
     def _turn_only(self):
