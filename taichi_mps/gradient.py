@@ -13,7 +13,7 @@ import numpy as np
 
 from .backend import real, ti
 from .particles import DUMMY, FLUID, WALL
-from .weights import ring_table
+from .weights import PACKING_POWER, ring_table
 
 # largest lean of a full neighbourhood: 1.15 l0 below a flat surface, where 3 % of the packing is missing
 ENCLOSED = 0.3
@@ -38,7 +38,7 @@ class Gradient:
         self.weight_r2 = ti.field(real(), neighbors.pair_capacity)  # w/r^2 [1/m2] of each pair
         self.B = ti.Matrix.field(d, d, real(), particles.capacity)  # inverse moment [-]; zero: carries no stress
         self.n = ti.field(real(), particles.capacity)  # particle number density [-], eq 13, walls included
-        self.packing = ti.field(real(), particles.capacity)  # sum of (1 - r/re)^3 (1 + 3 r/re) over that of a lattice
+        self.packing = ti.field(real(), particles.capacity)  # sum of the packing kernel over that of a lattice
         # sum w e over that of a particle at a flat surface [-]: 0 inside, points away from where neighbours are missing
         self.lean = ti.Vector.field(d, real(), particles.capacity)
         self.around = ti.field(real(), particles.capacity)  # neighbours, those behind walls included [-]
@@ -124,7 +124,7 @@ class Gradient:
                 M += b.outer_product(r)
                 n += share * w
                 lean += ti.sqrt(r2) * b
-                packing += share * (1.0 - q) ** 3 * (1.0 + 3.0 * q)
+                packing += share * (1.0 - q) ** PACKING_POWER * (1.0 + PACKING_POWER * q)
                 around += share
                 if self.particles.kind[j] == FLUID:
                     wet += 1

@@ -6,6 +6,10 @@ import numpy as np
 
 from .backend import ti
 
+# a of the packing kernel (1 - q)^a (1 + a q), q = r/re: such that square, hexagonal and sheared lattices of one density
+# have sums alike, and cubic, body-centred and face-centred ones, to 0.4 % (docs/equations.md, I11)
+PACKING_POWER = 3.25
+
 
 @ti.func
 def weight(r, re):
@@ -21,7 +25,7 @@ class LatticeConstants:
     lam: float  # lambda = sum w r^2 / sum w [m2], eq 14
     neighbours: int  # particles within the effective radius
     lean: float  # sum w cos, to the normal, of a particle in the first row below a flat surface [-]
-    packing: float  # 1 + sum (1 - r/re)^3 (1 + 3 r/re) [-]
+    packing: float  # 1 + sum of the packing kernel [-]
 
 
 def _weights(r, effective_radius):
@@ -30,7 +34,7 @@ def _weights(r, effective_radius):
 
 def _packing(r, effective_radius):
     q = np.minimum(1.0, r / effective_radius)
-    return (1.0 - q) ** 3 * (1.0 + 3.0 * q)
+    return (1.0 - q) ** PACKING_POWER * (1.0 + PACKING_POWER * q)
 
 
 def lattice_constants(dimension: int, spacing: float, effective_radius: float) -> LatticeConstants:
@@ -65,7 +69,7 @@ def ghost_table(dimension, spacing, effective_radius, entries=256, curvature=0.0
     a plane. Behind a wall with a curvature [1/m] along t, positive with the fluid inside, they are bent onto arcs:
 
     neighbours 1; n w; pull 2 (w/r^2) h [1/m]; tangential (w/r^2) t^2 (1 + d/z); normal (w/r^2) h^2;
-    inward w h/r; crowding max(0, 1 - r/(1.5 l0)) h/r; packing (1 - r/re)^3 (1 + 3 r/re).
+    inward w h/r; crowding max(0, 1 - r/(1.5 l0)) h/r; packing the packing kernel.
 
     ``size`` over l0 is the spacing of ghosts that stand closer than l0; each then counts size^2 in neighbours, n and
     packing.
