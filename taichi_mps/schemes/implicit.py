@@ -19,6 +19,7 @@ from ..smoothing import PressureSmoothing
 
 EDGE = 4.0  # at the edge of a plug a quarter of the bonds carry all non-affine motion: their rate is twice the mean
 SOURCE, RING_SOURCE = 0.05, 0.2  # share of the packing error removed per step; thin rings lose more of it per step
+FASTEST, RING_FASTEST = 1.0, 0.25  # at most this [1/s]; of rings also this share of the shear rate, or the shift wins
 STRAIN_SCALE = 0.02  # strain per step above which source and shift act fully
 EARLY = 10.0  # only the last pass is solved to the tolerance: the others to ten times that
 FIRST_PASSES = 30  # the pressure and the stress of the first step are found from zero
@@ -165,7 +166,10 @@ class Implicit:
             rate = 2.0 * magnitude(deviator(G))
             excess = self.gradient.packing[i] - 1.0
             error = ti.max(excess, -0.03 if self.gradient.enclosed(i) else 0.0)
-            source = ti.max(-1.0, ti.min(1.0, self.refill * error / dt))
+            fastest = ti.cast(FASTEST, float)
+            if ti.static(self.gradient.axisymmetric):
+                fastest = ti.max(fastest, RING_FASTEST * rate)
+            source = ti.max(-fastest, ti.min(fastest, self.refill * error / dt))
             self.source[i] = source * self.deforming(i, dt, STRAIN_SCALE)
             m = self.scales.mix(i)
             h = NON_AFFINE * self.scales.eta[m] + self.scales.inertial[m]
