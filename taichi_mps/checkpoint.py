@@ -88,6 +88,9 @@ class Checkpoint:
         for key, value in self.state.items():
             if isinstance(value, np.ndarray) and not np.all(np.isfinite(value)):
                 raise SceneError(f"checkpoint: a value of {key} is not a finite number")
+        mix, mixes = np.asarray(self.state.get("mix", 0)), len(scene.materials)
+        if not np.all((mix >= 0) & (mix < mixes)):  # a kernel would read beyond the mixes
+            raise SceneError(f"checkpoint: mix: must be from 0 to {mixes - 1}, the mixes of the scene")
 
     @property
     def numerics(self):

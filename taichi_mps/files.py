@@ -120,7 +120,7 @@ def row_of(sim, measures: dict) -> dict:
     report = sim.report
     if report is None:
         s = sim.snapshot()
-        masses = sim.scene.material.density * sim.scene.volumes_at(s.x)
+        masses = np.array([m.density for m in sim.scene.materials])[s.mix] * sim.scene.volumes_at(s.x)
         values = (
             0.0,
             0.0,

@@ -46,7 +46,14 @@ def revolved(s: Snapshot) -> Snapshot:
 
     fields = (s.p, s.shear_rate, s.yielded, s.density_ratio)
     return Snapshot(
-        s.time, s.spacing, turned(s.x), turned(s.u), *(f[ring] for f in fields), np.zeros((0, 3)), s.size[ring]
+        s.time,
+        s.spacing,
+        turned(s.x),
+        turned(s.u),
+        *(f[ring] for f in fields),
+        np.zeros((0, 3)),
+        s.size[ring],
+        s.mix[ring],
     )
 
 

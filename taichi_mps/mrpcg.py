@@ -57,7 +57,8 @@ class MRPCG:
 
     def __init__(self, capacity: int, components: int, operator, levels=None, check_every: int = 5):
         self.operator, self.levels, self.check_every = operator, levels, check_every
-        self.alone = capacity < ALONE_BELOW or started()["threads"] == 1
+        one_thread = started()["arch"] == "cpu" and started()["threads"] == 1
+        self.alone = capacity < ALONE_BELOW or one_thread
         self.in_kernel = isinstance(levels, GridLevels)  # levels that a kernel can call
         self.use_levels = levels is not None
         self.real = real()

@@ -48,9 +48,8 @@ class Particles:
             makers["plastic_rate"] = lambda: ti.Matrix.field(t, t, real())  # deviatoric rate q of the yield law [1/s]
         if axisymmetric:
             makers["ring"] = lambda: ti.field(real())  # volume of the ring [m3]
-        for (
-            name
-        ) in extra:  # structure [-] of a thixotropic material; still, time at rest [s] (sleep); number of the mix
+        # structure [-] of a thixotropic material; still, the time at rest [s] (sleep); number of the mix
+        for name in extra:
             makers[name] = (lambda: ti.field(ti.i32)) if name == "mix" else (lambda: ti.field(real()))
         for k, law in enumerate(frictions):  # of each wall with friction
             makers[f"slip_{k}"] = lambda: ti.Vector.field(d, real())  # velocity on the wall beneath [m/s]

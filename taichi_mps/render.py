@@ -129,7 +129,10 @@ class Renderer:
         head = np.linalg.norm(scene.gravity_vector) * np.ptp(scene.reach[:, -1])  # g H
         moved = [wall.speed for wall in scene.walls]
         moved += [] if scene.velocity is None else [np.linalg.norm(scene.velocity, axis=1).max()]
-        highest = {"speed": max([0.5 * np.sqrt(2.0 * head), *moved]), "pressure": 1e-3 * scene.material.density * head}
+        highest = {
+            "speed": max([0.5 * np.sqrt(2.0 * head), *moved]),
+            "pressure": 1e-3 * max(m.density for m in scene.materials) * head,
+        }
         top = float(highest.get(view, 10.0)) or 1.0
         return 0.0, min(
             v for v in (d * 10.0 ** np.floor(np.log10(top)) for d in (1, 1.5, 2, 3, 4, 5, 6, 8, 10)) if v > 0.97 * top

@@ -141,8 +141,13 @@ class Scene:
 
     def _check_mixes(self):
         """Mixes differ in their numbers only: one law, and nothing on a wall that is of one of them."""
+        for inlet in self.inlets:
+            if not isinstance(inlet.material, Bingham | HerschelBulkley | FlowCurve | None):
+                raise SceneError(f"inlet: material = {str(inlet.material)[:60]}: must be Bingham or Newtonian")
         if len(self.materials) == 1:
             return
+        if len(self.materials) > 256:
+            raise SceneError(f"inlets: bring {len(self.materials)} mixes; must be at most 256")
         for inlet in self.inlets:
             if inlet.material is not None and not isinstance(inlet.material, Bingham):
                 raise SceneError(f"inlet: material = {inlet.material!r}: must be Bingham or Newtonian")

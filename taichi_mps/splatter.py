@@ -136,10 +136,10 @@ def _shade(
                         last = hit
                     n, colour = vec3(0.0), vec3(0.0)
                     if ti.static(smooth):
-                        a, b, c = corners[hit, 0], corners[hit, 1], corners[hit, 2]
-                        w = _weights(row(points, a), row(points, b), row(points, c), t * d)
-                        n = (w.x * row(normals, a) + w.y * row(normals, b) + w.z * row(normals, c)).normalized(1e-9)
-                        colour = w.x * row(colours, a) + w.y * row(colours, b) + w.z * row(colours, c)
+                        e, f, g = corners[hit, 0], corners[hit, 1], corners[hit, 2]
+                        w = _weights(row(points, e), row(points, f), row(points, g), t * d)
+                        n = (w.x * row(normals, e) + w.y * row(normals, f) + w.z * row(normals, g)).normalized(1e-9)
+                        colour = w.x * row(colours, e) + w.y * row(colours, f) + w.z * row(colours, g)
                     else:
                         n, colour = (t * d - row(points, hit)) / radius, row(colours, hit)
                     facing = ti.max(0.0, -n.dot(d.normalized()))

@@ -12,19 +12,23 @@ class Totals:
 
     def __init__(self, particles, scheme, constants):
         self.particles, self.scheme = particles, scheme
-        self.sums = ti.field(ti.f64, 7)  # max u^2, sum V u^2, V u^4, m u^2, unyielded; of enclosed: V packing, V
+        self.nearly_all = 0.9 * constants.neighbours
+        # max u^2, sum V u^2, V u^4, m u^2, unyielded; V packing, V of enclosed ones, and of all with many neighbours:
+        # particles that lie in pairs or clumps lean to each other, and would pass for a surface
+        self.sums = ti.field(ti.f64, 9)
 
     def take(self):
         """Largest speed^2 and that of what moves [m2/s2], kinetic energy [J], number of unyielded particles, volume
         error [-], and the volume that was lost [m3]: negative where the fluid has become looser."""
         self._add()
-        speed2, squares, fourths, energy, unyielded, packing, volume = self.sums.to_numpy()
+        speed2, squares, fourths, energy, unyielded, packing, volume, crowd, room = self.sums.to_numpy()
         error = volume / packing - 1.0 if volume else 0.0
-        return speed2, fourths / squares if squares else 0.0, 0.5 * energy, unyielded, error, -error * volume
+        lost = room - room**2 / crowd if room else 0.0
+        return speed2, fourths / squares if squares else 0.0, 0.5 * energy, unyielded, error, lost
 
     @ti.kernel
     def _add(self):
-        for k in range(7):
+        for k in range(9):
             self.sums[k] = 0.0
         ti.loop_config(serialize=True)
         for i in range(self.particles.count[None]):
@@ -41,3 +45,6 @@ class Totals:
                 if self.scheme.gradient.enclosed(i):
                     self.sums[5] += volume * self.scheme.gradient.packing[i]
                     self.sums[6] += volume
+                if self.scheme.gradient.around[i] >= self.nearly_all:
+                    self.sums[7] += volume * self.scheme.gradient.packing[i]
+                    self.sums[8] += volume

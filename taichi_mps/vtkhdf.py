@@ -166,13 +166,14 @@ class Trajectory:
                 sound &= all(values.shape == ((n, 3) if name == "velocity" else (n,)) for name, values in data.items())
                 share = data.get("size", np.full(n, scene.spacing)) / scene.spacing  # thin rings moved far outward
                 sound &= share.any() and np.all((share == 0.0) | ((share > 0.01) & (share < 100.0)))
+                sound &= np.all(np.isin(data.get("mix", 0), np.arange(len(scene.materials))))
                 if not sound:
                     raise ValueError(f"output {k} is not whole")
                 there = data["size"] > 0.0 if "size" in data else slice(None)
                 x, data = x[there], {name: rows[there] for name, rows in data.items()}
                 values = data["pressure"], data["shear_rate"], data["yielded"].astype(bool), data["density_ratio"]
                 size = data["size"].astype(float) if "size" in data else None
-                u, mix = data["velocity"][:, axes], data.get("mix")
+                u, mix = data["velocity"][:, axes], data["mix"].astype(np.int32) if "mix" in data else None
                 yield Replay(scene, Snapshot(float(instant), scene.spacing, x, u, *values, wall, size, mix))
 
 

@@ -97,3 +97,16 @@ def test_no_void_opens_below_the_lid_of_a_full_box():
     state = sim.snapshot()
     assert abs((state.x[:, 1] > 1.0 - 2.0 * l0).sum() - 40) <= 4
     assert np.quantile(state.p, 0.01) > 0.0
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_a_body_of_which_every_particle_has_a_twin_has_lost_half_of_its_volume(dimension):
+    """Pairs lean to each other, so none of them is enclosed; what is lost is found all the same."""
+    spacing, side = 0.01, {2: 20, 3: 8}[dimension]
+    x = mps.lattice((0.0,) * dimension, (side * spacing - 0.5 * spacing,) * dimension, spacing)
+    twins = x + 0.3 * spacing * np.eye(dimension)[0]
+    domain = ((-0.05,) * dimension, (side * spacing + 0.05,) * dimension)
+    sim = mps.Simulation(mps.Scene("twins", mps.Bingham(), spacing, np.vstack([x, twins]), domain))
+    sim._neighbours()
+    sim.scheme.gradient.build()
+    assert sim.totals.take()[-1] > 0.4 * sim._volume

@@ -110,12 +110,12 @@ def begin(scene):
 @contextmanager
 def longer_steps(sim):
     """Within, the longest step of a Simulation is twice that of its scheme; the Courant number bounds it as ever."""
-    limits = sim.scheme.time_step_limits
-    sim.scheme.time_step_limits = lambda speed: limits(speed) | {"maximum": 2.0 * limits(speed)["maximum"]}
+    scheme, limits = sim.scheme, sim.scheme.time_step_limits  # the neighbour list may grow, and bring another scheme
+    scheme.time_step_limits = lambda speed: limits(speed) | {"maximum": 2.0 * limits(speed)["maximum"]}
     try:
         yield
     finally:
-        del sim.scheme.time_step_limits
+        del scheme.time_step_limits
 
 
 class Milestone:

@@ -21,7 +21,8 @@ def shape_of(scene: Scene) -> bytes:
     bare = [getattr(scene, field.name) for field in fields(scene) if field.name not in free]
     law = law_of(scene.material) if isinstance(scene.material, Bingham) else repr(scene.material)
     rubs = any(wall.friction for wall in scene.walls)  # friction keeps the viscosity of the fluid, too
-    return pickle.dumps((bare, law, scene.material.plastic_viscosity if rubs else None))
+    mixes = len(scene.materials), [scene.mix_of(inlet) for inlet in scene.inlets]  # one may be that of the scene
+    return pickle.dumps((bare, law, mixes, scene.material.plastic_viscosity if rubs else None))
 
 
 class Compiled:

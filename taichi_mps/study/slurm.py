@@ -94,6 +94,7 @@ class Jobs(Executor):
     def __init__(self, jobs, text: str, queued=None, look_every=LOOK, ask_every=ASK):
         self.jobs, self.text, self.look_every, self.ask_every = jobs, text, look_every, ask_every
         self.flying, self.over = {}, threading.Event()
+        self.there = None  # what was queued when the study went on, asked once
         self.queued = queued or (lambda: {job.job_id for job in list(self.flying) if not job.done()})
         self.thread = threading.Thread(target=self._watch, daemon=True)
         self.thread.start()
@@ -117,7 +118,9 @@ class Jobs(Executor):
             with suppress(Exception):
                 return row_of(job) and job
             return None
-        return job if job.job_id in (self.queued() or ()) else None
+        if self.there is None:
+            self.there = self.queued()
+        return job if self.there is None or job.job_id in self.there else None  # what is over, _watch will find
 
     def _new(self, function, case):
         try:
