@@ -102,4 +102,4 @@ def test_the_speed_of_what_moves(share):
     sim.scheme.gradient.build()
     fastest2, moving2, energy, *_ = sim.totals.take()
     assert (fastest2, moving2) == pytest.approx((0.09, 0.09), rel=1e-12)
-    assert energy == pytest.approx(0.09 * share * 0.2, rel=1e-9)
+    assert energy == pytest.approx(0.5 * 1000.0 * 0.09 * share * 0.2, rel=1e-9)
