@@ -85,6 +85,7 @@ def test_a_plug_slips_on_a_yielding_floor_by_the_excess_over_its_viscous_constan
     assert carried_by(sim.walls.surfaces[0].friction, DEPTH) == pytest.approx(WEIGHT, rel=0.01)
 
 
+@pytest.mark.long
 def test_a_plug_stands_on_a_floor_that_holds_more_than_its_weight():
     sim = mps.Simulation(film(mps.Friction(yield_value=1.05 * WEIGHT), STIFF))
     sim.run(until=0.5)

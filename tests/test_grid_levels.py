@@ -76,7 +76,7 @@ def solved(across, levels, periodic=False):
     return solver.x.to_numpy(), report.iterations, grids
 
 
-@pytest.mark.parametrize("periodic", [False, True])
+@pytest.mark.parametrize("periodic", [pytest.param(False, marks=pytest.mark.long), True])
 def test_the_preconditioner_is_symmetric_and_positive(periodic):
     _, _, levels = solved(24, True, periodic)
     rng = np.random.default_rng(2)

@@ -209,6 +209,7 @@ def test_wall_particles_are_refused_beside_a_mirror_plane():
 
 
 # ---- runs -----------------------------------------------------------------------------------------------------
+@pytest.mark.long
 def test_a_block_collapses_as_its_half():
     """Two-dimensional, Bingham: front and height of the whole within a tenth of a spacing."""
     found = []

@@ -274,6 +274,7 @@ def test_turning_with_the_walls_is_exact_and_meets_no_resistance(case):
     assert np.abs(system.multiply(u) - MASS_RATE * u - push)[free].max() < 1e-9 * np.abs(push).max()
 
 
+@pytest.mark.long
 def test_a_cylinder_of_vast_radius_is_a_plane():
     R = 1e6 * L0
     flat = mps.Plane((0.0, -0.33), (0.0, 1.0))
