@@ -267,7 +267,7 @@ def test_vtk_reads_the_times_the_points_and_the_fields(tmp_path, slump):
         assert (found.GetNumberOfPoints(), found.GetNumberOfVerts()) == (len(slump.fluid),) * 2
         np.testing.assert_array_equal(vtk_to_numpy(found.GetPoints().GetData()), output.state.x.astype(np.float32))
         for name, values in vtkhdf.point_data(output.state).items():
-            if name != "size":
+            if name not in ("size", "mix"):  # where they are not all alike only
                 np.testing.assert_array_equal(vtk_to_numpy(found.GetPointData().GetArray(name)), values)
 
 
