@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps import catalogue, checkpoint, cli, options
+from taichi_mps import catalogue, checkpoint, cli, options, running
 from taichi_mps.files import RunFolder, read_history
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -87,9 +87,9 @@ def test_a_run_leaves_a_whole_folder_and_prints_only_json(whole):
 
 UNSEEN = """
 import math, sys
-from taichi_mps import cli, files
+from taichi_mps import cli, files, running
 files.CHECKPOINT_SHARE = math.inf  # after every step, so that many a kill falls into the writing of one
-cli.pictures = lambda *_: None
+running.pictures = lambda *_: None
 cli.entry()
 """
 
@@ -303,4 +303,4 @@ def test_scenes_and_info(capsys):
 
 @pytest.mark.parametrize(("interval", "nice"), [(0.1, 0.1), (0.004, 0.005), (0.06, 0.05), (0.0013, 0.001), (7.4, 10)])
 def test_picture_intervals_are_round(interval, nice):
-    assert cli.rounded(interval) == pytest.approx(nice)
+    assert running.rounded(interval) == pytest.approx(nice)
