@@ -195,14 +195,20 @@ class Walls:
                     wall.friction.forget(i)
 
     @ti.func
-    def adjust_friction(self, i, x, u, flux, mu):
-        """After a pass: the slip at which the walls' traction is that of the flux V T B of the deviatoric stress."""
+    def adjust_friction(self, i, x, u, flux, weight, B, mu, h, share):
+        """After a pass: the slip at which the walls' traction is all that they give to particle i: of its flux
+        V T B - h G, of drag_term times h, and of what their ghosts' pressure exceeds its own by under its ``weight``
+        [N]."""
         for f, wall in ti.static(enumerate(self.faces)):
             if ti.static(wall.rubs):  # noqa: SIM102  (a compiled choice stays apart)
                 if self.c[i, f] > 0.0:
-                    _z, n, velocity, _curvature = wall.face(i, x, self.slots[f])
-                    pull = flux @ n * (self.c[i, f] / wall.friction.area[i])
-                    wall.friction.adjust(i, n, u - velocity, pull, mu)
+                    z, n, velocity, curvature = wall.face(i, x, self.slots[f])
+                    deeper = n.dot(weight) * self.ghosts.lookup("normal", i, wall, f, x, z, curvature, share)
+                    stiff = h * self.c[i, f] / ti.max(z, self.closest)
+                    pull = flux @ n * self.c[i, f] + B @ n * deeper
+                    pull += stiff * self.felt(i, wall, n, u - velocity, 1.0)
+                    area = wall.friction.area[i]
+                    wall.friction.adjust(i, n, u - velocity, pull / area, stiff / area, mu)
 
     @ti.func
     def drag_power(self, i, x, u, motion):
@@ -250,7 +256,10 @@ class Walls:
         for f, wall in ti.static(enumerate(self.faces)):
             z, n, _velocity, curvature = wall.face(i, x, self.slots[f])
             if z < self.effective_radius:
-                total -= B @ n * (n.dot(weight) * self.ghosts.lookup("normal", i, wall, f, x, z, curvature, share))
+                push = B @ n * (n.dot(weight) * self.ghosts.lookup("normal", i, wall, f, x, z, curvature, share))
+                if ti.static(wall.rubs):
+                    push = self.felt(i, wall, n, push, 0.0)
+                total -= push
         return total
 
     @ti.func
