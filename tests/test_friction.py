@@ -99,9 +99,9 @@ def test_a_plug_stands_on_a_floor_that_holds_more_than_its_weight():
     traction = sim.walls.surfaces[0].friction.traction.to_numpy()
     assert np.linalg.norm(traction, axis=1).max() <= 1.05 * WEIGHT * (1.0 + 1e-12)
     sim = mps.Simulation(replace(scene, velocity=np.tile((0.1, 0.0), (len(scene.fluid), 1))))
-    for time in (2.0, 2.055, 2.2):
+    for time in (3.0, 3.055, 3.2):
         sim.run(until=time)
-        assert sim.snapshot().speed.max() < 2e-7
+        assert sim.snapshot().speed.max() < 1e-7
 
 
 @ti.data_oriented
