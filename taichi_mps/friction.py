@@ -106,10 +106,11 @@ class WallFriction:
             self.traction[i] *= 0.0
 
     @ti.func
-    def adjust(self, i, n, v, pull, mu):
-        """After a pass, from the velocity v relative to the wall and the traction ``pull`` [Pa] of the new stress."""
-        tangential, R, kappa = v - n * n.dot(v), self.resistance(), mu / self.thickness[i]
-        slip = self.sliding(i, n, v, 1.0)
+    def adjust(self, i, n, v, pull, stiff, mu):
+        """After a pass, from the velocity v relative to the wall and the traction ``pull`` [Pa] on the particle, which
+        falls with the slip by ``stiff`` [Pa s/m] besides that of its viscosity."""
+        tangential, R, layer = v - n * n.dot(v), self.resistance(), mu / self.thickness[i]
+        slip, kappa = self.sliding(i, n, v, 1.0), layer + stiff
         rest = pull - n * n.dot(pull) + kappa * slip
         if ti.static(self.yields):
             trial = self.traction[i] + self.penalty[None] * slip
@@ -117,5 +118,5 @@ class WallFriction:
             self.push[i] = 2.0 * self.traction[i] - trial
             rest -= self.push[i]
         self.slip[i] = rest / (kappa + R)
-        self.share[i] = R / (R + kappa)
+        self.share[i] = R / (R + layer)
         self.offset[i] = self.slip[i] - (1.0 - self.share[i]) * tangential

@@ -5,6 +5,7 @@ import numpy as np
 from .backend import real, ti
 from .geometry import Cylinder, Plane
 from .inner_edges import BEYOND
+from .solids import Solid
 from .weights import GHOST_SUMS, corner_table, ghost_table, lattice_constants
 
 FINEST, COARSEST, SIZES = 0.2, 1.5, 27  # sizes of rings in the tables, over the spacing
@@ -25,12 +26,22 @@ def meeting(walls) -> list[list[int]]:
     return [[m for m, other in enumerate(walls) if across(wall, other)] for wall in walls]
 
 
+def wedges(walls, faces) -> np.ndarray:
+    """Which faces meet at any angle: those of a solid, with each other and with those of all
+    other walls. (faces, faces), 0 no, 1 yes, 2 where one of the two is a mirror plane; ``faces``: their walls."""
+    solid = np.array([isinstance(walls[k], Solid) for k in faces], bool)
+    mirror = np.array([getattr(walls[k], "mirror", False) for k in faces], bool)
+    meet = (solid[:, None] | solid) & ~np.eye(len(faces), dtype=bool)
+    return meet * (1 + (mirror[:, None] | mirror))
+
+
 @ti.data_oriented
 class GhostSums:
     """GHOST_SUMS of a particle at the distance z [m] from a wall. ``rings``: also where ghosts stand closer than the
-    spacing; ``corners``: where planes meet at right angles; ``wedges``: where faces of a solid meet at any angle."""
+    spacing; ``corners``: where planes meet at right angles; ``meet``: which faces meet at any angle (wedges)."""
 
-    def __init__(self, dimension, spacing, effective_radius, rings=False, corners=False, wedges=False):
+    def __init__(self, dimension, spacing, effective_radius, rings=False, corners=False, meet=None, capacity=1):
+        self.dimension, self.reach = dimension, effective_radius - 0.5 * spacing
         self.effective_radius = effective_radius
         self.closest = 0.1 * spacing
         self.entries = entries = 256
@@ -56,13 +67,19 @@ class GhostSums:
             self.corner_entries = len(shares)
             self.corner = ti.Vector.field(columns, real(), shares.shape[:2])  # share of each sum that is left
             self.corner.from_numpy(shares)
-        if wedges:
+        self.wedges = meet is not None and bool(meet.any())
+        if self.wedges:
             shares = [
                 corner_table(dimension, spacing, effective_radius, WEDGE, cosine)
                 for cosine in np.linspace(-1.0, 1.0, COSINES)
             ]
             self.wedge = ti.Vector.field(columns, real(), (COSINES, WEDGE, WEDGE))
             self.wedge.from_numpy(np.array(shares))
+            self.meet = ti.field(ti.i32, meet.shape)
+            self.meet.from_numpy(meet.astype(np.int32))
+            each = (capacity, len(meet))
+            self.before = ti.Vector.field(2 + dimension, real(), each)  # distance [m], share, normal of each face
+            self.remains = ti.Vector.field(columns, real(), each)  # share of each sum behind it that is left
 
     @ti.func
     def interpolate(self, table: ti.template(), name: ti.template(), z, share):
@@ -112,8 +129,8 @@ class GhostSums:
         return share
 
     @ti.func
-    def lookup(self, name: ti.template(), i, wall: ti.template(), slot: ti.template(), x, z, curvature, share):
-        """One of GHOST_SUMS of particle i at x, the distance z [m] from this face of a wall, of this curvature [1/m].
+    def lookup(self, name: ti.template(), i, wall: ti.template(), f: ti.template(), x, z, curvature, share):
+        """One of GHOST_SUMS of particle i at x, the distance z [m] from face f, of this wall and curvature [1/m].
         In a corner the ghosts behind both walls are counted once. Their sum w e along either normal is that of nobody:
         it cancels that of the other wall's ghosts in front of the one; so does their pull where one of the two is a
         mirror plane."""
@@ -128,34 +145,51 @@ class GhostSums:
                     if ti.static(other.thin or other.loose):
                         cut *= other.share(x, across)
                     value *= 1.0 - cut
-        if ti.static(wall.faces > 1):
-            value *= wall.left[i, slot][ti.static(GHOST_SUMS.index(name))]
+        if ti.static(self.wedges):
+            value *= self.remains[i, f][ti.static(GHOST_SUMS.index(name))]
         if ti.static(wall.thin or wall.loose):
             value *= wall.share(x, z)
         return value
 
     @ti.func
-    def divide(self, i, wall: ti.template()):
-        """What is left of the sums of each face of a solid beside an inner edge. The ghosts behind two of them count
-        once, with the first; along either normal the pull of these ghosts counts once, too: the normals n and m share
-        n.m of it; of their sum w e each has a half where the faces are one, and none at a right angle. A face fades
-        out where its foot lies behind the other, beyond the edge."""
-        for slot in range(wall.faces):
-            z, n = wall.z[i, slot], wall.n[i, slot]
+    def stand(self, i, f, z, n, share):
+        """Keep that particle i stands at the distance z [m] before face f of this normal, of which a share acts."""
+        self.before[i, f][0], self.before[i, f][1] = z, share
+        for a in ti.static(range(self.dimension)):
+            self.before[i, f][2 + a] = n[a]
+
+    @ti.func
+    def divide(self, i):
+        """What remains of the sums of each face before particle i. The ghosts behind two of them count once, with the
+        first; along either normal the pull of these ghosts counts once, too: the normals n and m share n.m of it; of
+        their sum w e each has a half where the faces are one, and none at a right angle, as of their pull at a mirror
+        plane. A face fades out where its foot lies behind the other, beyond the edge."""
+        for f in range(self.meet.shape[0]):
+            z = self.before[i, f][0]
             left = ti.Vector.one(float, ti.static(len(GHOST_SUMS)))
-            for other in range(wall.faces):
-                across = wall.z[i, other]
-                if other != slot and z < self.effective_radius and across < self.effective_radius:
-                    cosine = n.dot(wall.n[i, other])
-                    shares = self.left_at_angle(z, across, cosine)
-                    once = ti.max(0.0, cosine) / (1.0 + ti.max(0.0, cosine))
-                    seen = ti.max(0.0, ti.min(1.0, 1.0 + (across - cosine * z) / (BEYOND * wall.reach)))
-                    for k, name in ti.static(enumerate(GHOST_SUMS)):
-                        if ti.static(name in COUNTED):
-                            left[k] *= shares[k] if other < slot else 1.0
-                        elif ti.static(name == "inward"):
-                            left[k] *= 1.0 - (1.0 - once) * (1.0 - shares[k])
-                        else:
-                            left[k] *= 1.0 - once * (1.0 - shares[k])
-                    left *= seen
-            wall.left[i, slot] = left
+            if z < self.effective_radius:
+                for g in range(self.meet.shape[0]):
+                    across = self.before[i, g][0]
+                    if self.meet[f, g] > 0 and across < self.effective_radius:
+                        cosine = ti.cast(0.0, float)
+                        for a in ti.static(range(self.dimension)):
+                            cosine += self.before[i, f][2 + a] * self.before[i, g][2 + a]
+                        acts = self.before[i, g][1]  # the other, where it has not faded out itself
+                        cut = 1.0 - self.left_at_angle(z, across, cosine)
+                        cut *= acts * self.seen(across, z, cosine)
+                        once = ti.max(0.0, cosine) / (1.0 + ti.max(0.0, cosine))
+                        pull = 1.0 if self.meet[f, g] == 2 else once
+                        for k, name in ti.static(enumerate(GHOST_SUMS)):
+                            if ti.static(name in COUNTED):
+                                left[k] *= 1.0 - cut[k] if g < f else 1.0
+                            elif ti.static(name == "inward"):
+                                left[k] *= 1.0 - (1.0 - once) * cut[k]
+                            else:
+                                left[k] *= 1.0 - pull * cut[k]
+                        left *= 1.0 - acts * (1.0 - self.seen(z, across, cosine))
+            self.remains[i, f] = left
+
+    @ti.func
+    def seen(self, z, across, cosine):
+        """How much of a face z [m] away is seen: none where its foot is well behind another, ``across`` [m] away."""
+        return ti.max(0.0, ti.min(1.0, 1.0 + (across - cosine * z) / (BEYOND * self.reach)))

@@ -11,7 +11,6 @@ import numpy as np
 
 from .backend import real, ti
 from .inner_edges import inner_edges
-from .weights import GHOST_SUMS
 
 FAR = 1e9  # distance [m] from a wall that ends before the foot
 TOUCHING, RELEASED = 0.5, 0.55  # spacings from a loose wall up to which it acts fully, and from which on not at all
@@ -192,7 +191,6 @@ class Sampled(Surface):
             self.number.from_numpy(number)
             self.planes = ti.Vector.field(1 + self.dimension, real(), planes.shape[:2])  # distance [m], normal
             self.planes.from_numpy(np.where(np.isinf(planes), FAR, planes))
-            self.left = ti.Vector.field(len(GHOST_SUMS), real(), (capacity, self.faces))
         self.z = ti.field(real(), (capacity, self.faces))  # [m]
         self.n = ti.Vector.field(self.dimension, real(), (capacity, self.faces))
 

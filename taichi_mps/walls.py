@@ -16,7 +16,7 @@ A mirror plane is a slip wall whose ghosts end at the planes it meets: what lies
 from .backend import real, ti
 from .friction import WallFriction
 from .geometry import Cylinder, Plane
-from .ghosts import COUNTED, GhostSums, meeting
+from .ghosts import COUNTED, GhostSums, meeting, wedges
 from .solids import Solid
 from .surfaces import Flat, Round, Sampled
 
@@ -60,8 +60,8 @@ class Walls:
                 (self.surfaces[m], m < k, part) for m, part in zip(others, mirror, strict=True)
             )
         corners = any(surface.cut_by for surface in self.surfaces)
-        wedges = any(surface.faces > 1 for surface in self.surfaces)
-        self.ghosts = GhostSums(dimension, spacing, effective_radius, rings, corners, wedges)
+        meet = wedges(walls, [self.surfaces.index(surface) for surface in self.faces])
+        self.ghosts = GhostSums(dimension, spacing, effective_radius, rings, corners, meet, capacity)
         self.closest = self.ghosts.closest
         if self.surfaces:
             self.c = ti.field(real(), (capacity, len(self.faces)))  # pull of each face on each particle [1/m]
@@ -87,8 +87,14 @@ class Walls:
         of."""
         for wall in ti.static(self.surfaces):
             wall.find(i, x)
-            if ti.static(wall.faces > 1):
-                self.ghosts.divide(i, wall)
+        if ti.static(self.ghosts.wedges):
+            for f, wall in ti.static(enumerate(self.faces)):
+                z, n, _velocity, _curvature = wall.face(i, x, self.slots[f])
+                acts = ti.cast(1.0, float)
+                if ti.static(wall.thin or wall.loose):
+                    acts = wall.share(x, z)
+                self.ghosts.stand(i, f, z, n, acts)
+            self.ghosts.divide(i)
         counts = ti.Vector.zero(float, 3)
         lean = ti.Vector.zero(float, self.dimension)
         moment = ti.Matrix.zero(float, self.dimension, self.dimension)
@@ -97,13 +103,13 @@ class Walls:
             z, n, _velocity, curvature = wall.face(i, x, self.slots[f])
             if z < self.effective_radius:
                 for k, name in ti.static(enumerate(COUNTED)):
-                    counts[k] += self.ghosts.lookup(name, i, wall, self.slots[f], x, z, curvature, share)
-                lean -= n * self.ghosts.lookup("inward", i, wall, self.slots[f], x, z, curvature, share)
+                    counts[k] += self.ghosts.lookup(name, i, wall, f, x, z, curvature, share)
+                lean -= n * self.ghosts.lookup("inward", i, wall, f, x, z, curvature, share)
                 normal = n.outer_product(n)
-                self.c[i, f] = self.ghosts.lookup("pull", i, wall, self.slots[f], x, z, curvature, share)
+                self.c[i, f] = self.ghosts.lookup("pull", i, wall, f, x, z, curvature, share)
                 moment += self.c[i, f] * ti.max(z, self.closest) * normal
                 if ti.static(not wall.slip):
-                    t = self.ghosts.lookup("tangential", i, wall, self.slots[f], x, z, curvature, share)
+                    t = self.ghosts.lookup("tangential", i, wall, f, x, z, curvature, share)
                     if ti.static(wall.rubs):
                         t *= wall.friction.hold(i, ti.max(z, self.closest))
                     moment += t * (ti.Matrix.identity(float, self.dimension) - normal)
@@ -132,7 +138,7 @@ class Walls:
                 total += jump.outer_product(n) * self.c[i, f]
                 if ti.static(wall.turns and not wall.slip):
                     spin = ti.cast(wall.spin, float)
-                    t = self.ghosts.lookup("tangential", i, wall, self.slots[f], x, z, curvature, share)
+                    t = self.ghosts.lookup("tangential", i, wall, f, x, z, curvature, share)
                     if ti.static(wall.rubs):
                         t *= wall.friction.bond[i]
                     total += motion * t * (spin - (spin @ n).outer_product(n))
@@ -189,14 +195,20 @@ class Walls:
                     wall.friction.forget(i)
 
     @ti.func
-    def adjust_friction(self, i, x, u, flux, mu):
-        """After a pass: the slip at which the walls' traction is that of the flux V T B of the deviatoric stress."""
+    def adjust_friction(self, i, x, u, flux, weight, B, mu, h, share):
+        """After a pass: the slip at which the walls' traction is all that they give to particle i: of its flux
+        V T B - h G, of drag_term times h, and of what their ghosts' pressure exceeds its own by under its ``weight``
+        [N]."""
         for f, wall in ti.static(enumerate(self.faces)):
             if ti.static(wall.rubs):  # noqa: SIM102  (a compiled choice stays apart)
                 if self.c[i, f] > 0.0:
-                    _z, n, velocity, _curvature = wall.face(i, x, self.slots[f])
-                    pull = flux @ n * (self.c[i, f] / wall.friction.area[i])
-                    wall.friction.adjust(i, n, u - velocity, pull, mu)
+                    z, n, velocity, curvature = wall.face(i, x, self.slots[f])
+                    deeper = n.dot(weight) * self.ghosts.lookup("normal", i, wall, f, x, z, curvature, share)
+                    stiff = h * self.c[i, f] / ti.max(z, self.closest)
+                    pull = flux @ n * self.c[i, f] + B @ n * deeper
+                    pull += stiff * self.felt(i, wall, n, u - velocity, 1.0)
+                    area = wall.friction.area[i]
+                    wall.friction.adjust(i, n, u - velocity, pull / area, stiff / area, mu)
 
     @ti.func
     def drag_power(self, i, x, u, motion):
@@ -244,11 +256,10 @@ class Walls:
         for f, wall in ti.static(enumerate(self.faces)):
             z, n, _velocity, curvature = wall.face(i, x, self.slots[f])
             if z < self.effective_radius:
-                total -= (
-                    B
-                    @ n
-                    * (n.dot(weight) * self.ghosts.lookup("normal", i, wall, self.slots[f], x, z, curvature, share))
-                )
+                push = B @ n * (n.dot(weight) * self.ghosts.lookup("normal", i, wall, f, x, z, curvature, share))
+                if ti.static(wall.rubs):
+                    push = self.felt(i, wall, n, push, 0.0)
+                total -= push
         return total
 
     @ti.func
@@ -258,7 +269,7 @@ class Walls:
         for f, wall in ti.static(enumerate(self.faces)):
             z, n, _velocity, curvature = wall.face(i, x, self.slots[f])
             if z < self.effective_radius:
-                near -= n * self.ghosts.lookup("crowding", i, wall, self.slots[f], x, z, curvature, share)
+                near -= n * self.ghosts.lookup("crowding", i, wall, f, x, z, curvature, share)
         return near
 
     @ti.func

@@ -98,26 +98,46 @@ def sampled(corners, **keywords):
     return mps.Solid.of(lambda x: -polygon_distance(x, corners), (-0.8,) * 2, (0.8,) * 2, CELL, **keywords)
 
 
-def test_a_tank_as_a_solid_acts_as_its_planes():
-    """Turned against its grid. Forces to rounding; n, packing and neighbours within 2 %, the interpolation of the
-    tables, where one face alone would miss a tenth and more."""
-    sides = np.roll(TANK, -1, axis=0) - TANK
-    normals = np.column_stack([-sides[:, 1], sides[:, 0]]) / np.linalg.norm(sides, axis=1)[:, None]
-    planes = tuple(mps.Plane(tuple(p), tuple(n)) for p, n in zip(TANK, normals, strict=True))
+SIDES = np.roll(TANK, -1, axis=0) - TANK
+NORMALS = np.column_stack([-SIDES[:, 1], SIDES[:, 0]]) / np.linalg.norm(SIDES, axis=1)[:, None]
+PLANES = tuple(mps.Plane(tuple(p), tuple(n)) for p, n in zip(TANK, NORMALS, strict=True))
+
+
+def between(planes):
+    """A solid: what lies behind any of these planes."""
+    return mps.Solid.of(lambda x: np.min([plane.distance(x) for plane in planes], 0), (-0.8,) * 2, (0.8,) * 2, CELL)
+
+
+@pytest.fixture(scope="module")
+def rigged():
+    """Particles in a tank, and its forces, n, packing and neighbours, given its walls."""
     rng = np.random.default_rng(4)
     x = mps.lattice((-0.35, -0.35), (0.35, 0.35), L0)
     x = (x + rng.uniform(-0.2, 0.2, x.shape) * L0) @ turned(0.4).T
     T = rng.standard_normal((len(x), 2, 2))
-    seen = []
-    for walls in (planes, (sampled(TANK),)):
+
+    def sums(walls):
         rig = Rig(x, planes=walls)
-        fields = [getattr(rig.gradient, name).to_numpy() for name in ("n", "packing", "around")]
-        seen.append((rig.forces(T), *fields))
-    corner = np.sort([plane.distance(rig.x) for plane in planes], axis=0)[1] < L0
+        return rig.forces(T), *(getattr(rig.gradient, name).to_numpy() for name in ("n", "packing", "around")), rig.x
+
+    return sums, sums(PLANES)
+
+
+@pytest.mark.parametrize(
+    "walls",
+    [(sampled(TANK),), (PLANES[0], between(PLANES[1::2]), PLANES[2])],
+    ids=["one solid", "sides between planes"],
+)
+def test_a_tank_as_a_solid_acts_as_its_planes(walls, rigged):
+    """Turned against its grid. Forces to rounding; n, packing and neighbours within 2 %, the interpolation of the
+    tables, where one face alone, or all that lies behind two walls, would miss a tenth and more."""
+    sums, (forces, *exact, x) = rigged
+    found_forces, *found, _x = sums(walls)
+    corner = np.sort([plane.distance(x) for plane in PLANES], axis=0)[1] < L0
     assert corner.sum() >= 4
-    assert np.abs(seen[1][0] - seen[0][0]).max() < 1e-9 * np.abs(seen[0][0]).max()
-    for exact, found in zip(seen[0][1:], seen[1][1:], strict=True):
-        assert np.abs(found / exact - 1.0).max() < 0.02
+    assert np.abs(found_forces - forces).max() < 1e-9 * np.abs(forces).max()
+    for one, other in zip(exact, found, strict=True):
+        assert np.abs(other / one - 1.0).max() < 0.02
 
 
 def test_force_is_the_negative_transpose_of_the_gradient_at_any_angle():

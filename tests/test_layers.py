@@ -33,7 +33,7 @@ PEERS = {
     "scene": {"quantity", "material", "geometry", "solids", "measure", "inlet", "filling"},
     "admission": {"quantity", "material", "geometry", "scene"},
     "weights": {"backend"},
-    "surfaces": {"backend", "weights"},
+    "surfaces": {"backend"},
     "ghosts": {"backend", "weights"},
     "friction": {"backend"},
     "particles": {"backend"},

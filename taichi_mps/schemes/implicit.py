@@ -282,8 +282,13 @@ class Implicit:
                     T = 2.0 * self.system.mu[i] * D
                     if ti.static(self.law == "bingham"):
                         T = self.particles.stress[i]
-                    flux = self.gradient.spread_stress(i, T)
-                    self.walls.adjust_friction(i, self.particles.x[i], u[i], flux, self.system.mu[i])
+                    T -= self.smoothing.p[i] * ti.Matrix.identity(float, T.n)
+                    B, x, h = self.gradient.B[i], self.particles.x[i], self.system.h[i]
+                    flux = self.gradient.spread_stress(i, T) - h * self.gradient.in_plane(G)
+                    weight = self.particles.volume(i) * self.density(i) * self.g
+                    weight *= self.scales.pressed(self.smoothing.p[i])
+                    share, mu = self.gradient.counts_as(i), self.system.mu[i]
+                    self.walls.adjust_friction(i, x, u[i], flux, weight, B, mu, h, share)
 
     @ti.kernel
     def advance(self, dt: float, u: ti.template(), first: ti.i32):
