@@ -7,7 +7,7 @@ from dataclasses import asdict
 import numpy as np
 
 from .admission import admit
-from .backend import require_room, started, ti
+from .backend import require_room, started
 from .geometry import Plane
 from .measure import Snapshot
 from .neighbors import Bins, CapacityError, EscapedError, NeighborList
@@ -21,6 +21,7 @@ from .scene import Scene
 from .scene import SemiImplicit as SemiImplicitNumerics
 from .schemes.implicit import Implicit
 from .schemes.semi_implicit import SemiImplicit
+from .stages import Stages
 from .summary import summary
 from .totals import NOT_A_NUMBER, Totals
 from .walls import Walls
@@ -42,8 +43,7 @@ class Simulation:
         self._walls_at = 0.0  # time [s] at which the walls stand
         self.wall_particles = 0
         self.pouring = tuple(Pouring(scene, inlet) for inlet in scene.inlets)
-        self._stages: dict[str, list] = {}
-        self._profile = profile
+        self._stage = Stages(timed=profile)
         self._build()
         self.time, self.steps, self.report = 0.0, 0, None
         self.stopped_by = None
@@ -104,10 +104,8 @@ class Simulation:
         )
         self.walls.place(self._walls_at)
         parts = expected, numerics, self.particles, self.neighbors, self.walls, constants
-        self.scheme = SemiImplicit(*parts) if semi_implicit else Implicit(*parts, scene.materials[1:])
+        self.scheme = SemiImplicit(*parts) if semi_implicit else Implicit(*parts, scene.materials[1:], self._stage)
         self.totals = Totals(self.particles, self.scheme, constants)
-        if hasattr(self.scheme, "stage"):
-            self.scheme.stage = self._stage
 
     # ---- stepping -------------------------------------------------------------------------------------------
     def step(self, until: float | None = None) -> StepReport:
@@ -136,13 +134,12 @@ class Simulation:
         if hasattr(self.scheme, "predict"):  # the semi-implicit scheme moves twice in a step
             self._stage("predictor", self.scheme.predict, dt)
             self._neighbours()
-        staged = hasattr(self.scheme, "stage")
-        result = self.scheme.step(dt) if staged else self._stage("scheme", self.scheme.step, dt)
+        result = self.scheme.step(dt)
         self.time += dt
         self.steps += 1
         self.report = self._stage("report", self._make_report, dt, name, result)
         if self.steps == 1:
-            self._stages.clear()  # they held the compilation
+            self._stage.spent.clear()  # they held the compilation
             self.compile_seconds = time.process_time() - self._clock[0]
         else:
             self.cpu_seconds += time.process_time() - cpu
@@ -156,8 +153,11 @@ class Simulation:
 
     def _neighbours(self):
         try:
-            self._stage("reorder", self.bins.sort)
-            self._stage("neighbours", self.neighbors.build)
+            if self.neighbors.alone and not self._stage.timed:
+                self.neighbors.search()
+            else:
+                self._stage("reorder", self.bins.sort)
+                self._stage("neighbours", self.neighbors.build)
         except EscapedError as error:
             self._diverge(f"{error}; {self.scheme.REMEDY}, or enlarge the scene's domain")
         except CapacityError:
@@ -167,20 +167,9 @@ class Simulation:
             self.load(state)
             self._neighbours()
 
-    def _stage(self, name, call, *arguments):
-        if not self._profile:
-            return call(*arguments)
-        begin = time.perf_counter()
-        result = call(*arguments)
-        ti.sync()
-        entry = self._stages.setdefault(name, [0.0, 0])
-        entry[0] += time.perf_counter() - begin
-        entry[1] += getattr(result, "iterations", 1)
-        return result
-
     def profile(self) -> list[tuple[str, float, int]]:
         """(stage, wall seconds, calls; of a solve its iterations) since the first step, when made with profile=True."""
-        return [(name, seconds, calls) for name, (seconds, calls) in self._stages.items()]
+        return [(name, seconds, calls) for name, (seconds, calls) in self._stage.spent.items()]
 
     def _initial_speed(self) -> float:
         return float(np.linalg.norm(self.particles.u.to_numpy(), axis=1).max())
