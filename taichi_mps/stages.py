@@ -1,4 +1,4 @@
-"""Stages of a time step: each a kernel of its own, or all of them parts of one kernel where starting kernels costs more.
+"""Stages of a time step: each a kernel of its own, or parts of one kernel where starting kernels costs more.
 
 To start a kernel takes 20 to 30 microseconds, each loop in it that is spread over threads another 5 to 9, to read a
 number from Python 5: more than the arithmetic of a few hundred particles. So a step is written once, as calls of its
@@ -21,7 +21,7 @@ def few(rows: int) -> bool:
 
 
 def stage(function):
-    """A method of a @ti.data_oriented class that is a kernel where Python calls it, and a part of any kernel that does."""
+    """A method of a @ti.data_oriented class that is a kernel where Python calls it, and part of any kernel that does."""
     function.__annotations__["self"] = ti.template()
     kernel, part = ti.kernel(function), ti.func(function)
 

@@ -147,7 +147,7 @@ class Implicit:
     def iterate(self, passes, tolerance):
         for k in range(passes):
             if k == 0 or self.solver.status[None] < INDEFINITE:
-                if ti.static(self.law == "bi-viscosity"):  # its viscosity is that of the last pass
+                if ti.static(self.law == "bi-viscosity"):  # noqa: SIM102  (a compiled choice stays apart)
                     if k > 0:
                         self.prepare_system()
                 self.run("right-hand side", self.right_hand_side, self.solver.b)
