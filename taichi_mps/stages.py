@@ -21,7 +21,7 @@ def few(rows: int) -> bool:
 
 
 def stage(function):
-    """A method of a @ti.data_oriented class that is a kernel where Python calls it, and part of any kernel that does."""
+    """A method of a @ti.data_oriented class: a kernel where Python calls it, part of any kernel that calls it."""
     function.__annotations__["self"] = ti.template()
     kernel, part = ti.kernel(function), ti.func(function)
 

@@ -67,6 +67,7 @@ class Implicit:
         self.first = True
         self.run = stages or Stages()
         self.alone = few(particles.capacity) and not walls.travel  # nothing is needed from Python between the stages
+        self.parts = self.begin, self.iterate, self.end  # of a step: stages, kernels or parts of one (stages.py)
         self.take(scene, self.materials)
 
     def take(self, scene, materials) -> None:
@@ -97,10 +98,12 @@ class Implicit:
             self.walls.tie(self.materials[0].density / dt)
         all_awake = self.sleeping.begin() if self.sleeping else False
         passes = FIRST_PASSES if self.first else self.numerics.passes
-        alone = self.alone and not self.run.timed
-        (self.begin_alone if alone else self.begin)(dt, self.first, all_awake)
-        (self.iterate_alone if alone else self.iterate)(passes, self.numerics.tolerance)
-        (self.end_alone if alone else self.end)(dt, self.first)
+        for k, part in enumerate(self.parts):
+            numbers = dt, self.first, all_awake, passes, self.numerics.tolerance
+            if self.alone and not self.run.timed:
+                self.in_one_kernel(k, *numbers)
+            else:
+                part(*numbers)
         self.first = False
         report = self.solver.report()
         return {
@@ -111,26 +114,17 @@ class Implicit:
         }
 
     @ti.kernel
-    def begin_alone(self, dt: float, first: ti.i32, all_awake: ti.i32):
+    def in_one_kernel(
+        self, k: ti.template(), dt: float, first: ti.i32, all_awake: ti.i32, passes: ti.i32, tolerance: ti.f64
+    ):
+        """The stages of part k of a step: loops inside a loop run in one thread. All parts in one compile too long."""
         ti.loop_config(serialize=True)
         for _ in range(1):
-            self.begin(dt, first, all_awake)
-
-    @ti.kernel
-    def iterate_alone(self, passes: ti.i32, tolerance: ti.f64):
-        ti.loop_config(serialize=True)
-        for _ in range(1):
-            self.iterate(passes, tolerance)
-
-    @ti.kernel
-    def end_alone(self, dt: float, first: ti.i32):
-        ti.loop_config(serialize=True)
-        for _ in range(1):
-            self.end(dt, first)
+            ti.static(self.parts[k])(dt, first, all_awake, passes, tolerance)
 
     @ti.pyfunc
-    def begin(self, dt, first, all_awake):
-        """The stages of a step: kernels in Python, parts of one in a kernel (stages.py)."""
+    def begin(self, dt, first, all_awake, passes, tolerance):
+        """Gradients, p~, source and the matrix at the middle of the step."""
         self.run("gradient", self.gradient.build)
         if ti.static(self.sleeps):
             self.run("sleep", self.sleeping.rouse, all_awake)
@@ -144,7 +138,8 @@ class Implicit:
         self.iterations[None] = 0
 
     @ti.pyfunc
-    def iterate(self, passes, tolerance):
+    def iterate(self, dt, first, all_awake, passes, tolerance):
+        """``passes`` times: solve for u, then stress and pressure from u."""
         for k in range(passes):
             if k == 0 or self.solver.status[None] < INDEFINITE:
                 if ti.static(self.law == "bi-viscosity"):  # noqa: SIM102  (a compiled choice stays apart)
@@ -158,7 +153,8 @@ class Implicit:
                     self.run("stress", self.update_stress, self.solver.x)
 
     @ti.pyfunc
-    def end(self, dt, first):
+    def end(self, dt, first, all_awake, passes, tolerance):
+        """Shift, and the other half of the drift."""
         self.run("shift", self.shifting.compute, dt, STRAIN_SCALE)
         if ti.static(self.walls.travel):
             self.walls.place(self.walls.clock[None] + 0.5 * dt)  # drift left them at the middle of the step
