@@ -18,8 +18,8 @@ PACKAGE = ROOT / "taichi_mps"
 EDGE = 4
 LAYERS = {
     0: "quantity material geometry solids inner_edges measure rest_shapes inlet filling report scene admission",
-    1: "backend weights ghosts surfaces friction particles neighbors gradient mrpcg sparse grid_levels scales "
-    "smoothing stages",
+    1: "backend stages weights ghosts surfaces friction particles neighbors gradient mrpcg sparse grid_levels scales "
+    "smoothing",
     2: "rheology walls viscosity pressure momentum shifting totals sleeping pouring rest snapshots summary",
     3: "schemes.implicit schemes.semi_implicit simulation",
 }
