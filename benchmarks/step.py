@@ -57,7 +57,7 @@ def measure(particles: int, threads: int, steps: int) -> dict:
     sim = mps.Simulation(mps.slump_cone(yield_value=300.0, spacing=spacing), profile=True)
     while sim.time < 0.02 or sim.steps < 4:
         sim.step()
-    sim._stages.clear()
+    sim.stages.spent.clear()
     begin, iterations = (time.perf_counter(), time.process_time()), []
     for _ in range(steps):
         iterations.append(sim.step().pressure_iterations)

@@ -13,6 +13,7 @@ import numpy as np
 
 from .backend import real, ti
 from .particles import DUMMY, FLUID, WALL
+from .stages import stage
 from .weights import PACKING_POWER, ring_table
 
 # largest lean of a full neighbourhood: 1.15 l0 below a flat surface, where 3 % of the packing is missing
@@ -92,7 +93,7 @@ class Gradient:
         deficient = ti.cast(M.determinant() < 0.05 * m0**self.dimension, float)
         return (M + deficient * 0.3 * m0 * ti.Matrix.identity(float, self.dimension)).inverse()
 
-    @ti.kernel
+    @stage
     def build(self):
         """Fill b, w/r^2, B, n, packing at the present positions."""
         re = self.effective_radius

@@ -14,6 +14,7 @@ from .backend import real, ti
 from .particles import FLUID
 from .rheology import deviator
 from .sleeping import ASLEEP, AWAKE
+from .stages import stage
 
 BLOCK = 64  # particles whose sums over pairs are stored before they are used
 
@@ -151,7 +152,7 @@ class MomentumSystem:
                             total -= self.walls.friction_term(i, self.particles.x[i], u[i], motion)
                     y[i] = self.particles.volume(i) * self.inertia[i] * u[i] - total
 
-    @ti.kernel
+    @stage
     def prepare(self):
         """Pair drags and the inverse of the block diagonal for the present mu, h, K and m/dt."""
         for i in range(self.count[None]):
@@ -205,7 +206,7 @@ class MomentumSystem:
             shear, bulk = volume * mu, volume * (mu + self.bulk[None] - 2.0 * mu / self.tensors)
         return shear, bulk, self.local[i]
 
-    @ti.kernel
+    @stage
     def subtract_wall_motion(self, walls_only: ti.template(), response: ti.template(), b: ti.template()):
         """b -= A applied to the walls' own velocity alone; ``walls_only`` and ``response`` are scratch."""
         for i in range(self.count[None]):

@@ -16,12 +16,9 @@ import numpy as np
 from .backend import real, started, ti
 from .grid_levels import GridLevels
 from .sparse import CellLevels, SparseMatrix
+from .stages import few, stage
 
 __all__ = ["MRPCG", "SolveReport", "SparseMatrix", "CellLevels", "GridLevels"]
-
-ALONE_BELOW = 3000
-"""Rows up to which one of several threads solves in one kernel: launching kernels would cost more than the work. Where
-there is but one thread, it always does."""
 
 BLOCK = 1024  # rows per partial sum: a dot product has the same bits with any number of threads
 HUGE = 1e38  # not (|s| < HUGE) finds NaN and infinity, also under fast_math
@@ -58,7 +55,7 @@ class MRPCG:
     def __init__(self, capacity: int, components: int, operator, levels=None, check_every: int = 5):
         self.operator, self.levels, self.check_every = operator, levels, check_every
         one_thread = started()["arch"] == "cpu" and started()["threads"] == 1
-        self.alone = capacity < ALONE_BELOW or one_thread
+        self.alone = one_thread or few(capacity)
         self.in_kernel = isinstance(levels, GridLevels)  # levels that a kernel can call
         self.use_levels = levels is not None
         self.real = real()
@@ -84,8 +81,8 @@ class MRPCG:
     def solve(self, tolerance: float, max_iterations: int = 1000, reference: float | None = None) -> SolveReport:
         """Improve self.x until sqrt(r.z) <= tolerance sqrt(min(b.M^-1 b, reference))."""
         if self.alone and (self.in_kernel or not self.use_levels):
-            self._solve_alone(self.use_levels, tolerance, max_iterations, HUGE if reference is None else reference)
-            return self._report([self._relative_residual(self.first), self._relative_residual(self.rz)])
+            self.solve_alone(self.use_levels, tolerance, max_iterations, HUGE if reference is None else reference)
+            return self.report([self._relative_residual(self.first), self._relative_residual(self.rz)])
         self._load()
         self._precondition()
         self._refer()
@@ -104,9 +101,11 @@ class MRPCG:
                 self._iterate()
             done += steps
             residuals.append(self._relative_residual(self.rz))
-        return self._report(residuals)
+        return self.report(residuals)
 
-    def _report(self, residuals) -> SolveReport:
+    def report(self, residuals=None) -> SolveReport:
+        """Of the last solve; its last residual, where no others are given."""
+        residuals = residuals or [self._relative_residual(self.rz)]
         status = ("limit", "converged", "indefinite", "broken")[self.status[None]]
         return SolveReport(status, self.iterations[None], residuals)
 
@@ -235,8 +234,8 @@ class MRPCG:
         for i in range(self.active[None]):
             self.p[i] = self.z[i]
 
-    @ti.kernel
-    def _solve_alone(self, levels: ti.template(), tolerance: ti.f64, limit: ti.i32, reference: ti.f64):
+    @stage
+    def solve_alone(self, levels: ti.template(), tolerance: ti.f64, limit: ti.i32, reference: ti.f64):
         """The whole of ``solve``: loops inside a loop run in one thread. A and M^-1 stand here once, for they take
         long to compile: round 0 measures b, round 1 the guess, the others are the iterations."""
         ti.loop_config(serialize=True)

@@ -3,6 +3,7 @@
 import numpy as np
 
 from .backend import ti
+from .stages import few, stage
 
 
 class CapacityError(RuntimeError):
@@ -58,7 +59,16 @@ class Bins:
                 r[a] -= self.size[a] * ti.round(r[a] / self.size[a])
         return r
 
-    @ti.kernel
+    @stage
+    def arrange(self):
+        """Put the rows into the order (cell, id), and count the particles that are lost."""
+        self._bin()
+        self.particles.reorder()
+        for k in range(self.cells):
+            for i in range(self.cell_start[k], self.cell_start[k + 1]):
+                self.cell_of[i] = k
+
+    @ti.func
     def _bin(self):
         self.lost[None] = 0
         for k in range(self.cells + 1):
@@ -97,19 +107,15 @@ class Bins:
                     b -= 1
                 self.particles.source_row[b] = row
 
-    @ti.kernel
-    def _label(self):
-        for k in range(self.cells):
-            for i in range(self.cell_start[k], self.cell_start[k + 1]):
-                self.cell_of[i] = k
-
     def sort(self) -> None:
         """Bin and reorder the particles; EscapedError if any left the domain."""
-        self._bin()
-        if self.lost[None] > 0:
-            raise EscapedError(f"{self.lost[None]} particles left the domain or are not finite numbers")
-        self.particles.reorder()
-        self._label()
+        self.arrange()
+        self.check()
+
+    def check(self) -> None:
+        lost = self.lost[None]
+        if lost > 0:
+            raise EscapedError(f"{lost} particles left the domain or are not finite numbers")
 
 
 @ti.data_oriented
@@ -120,6 +126,7 @@ class NeighborList:
         self.bins = bins
         self.particles = bins.particles
         self.pair_capacity = int(pair_capacity)
+        self.alone = few(self.particles.capacity)
         self.row_start = ti.field(ti.i32, bins.particles.capacity + 1)  # first pair of each particle
         self.column = ti.field(ti.i32, self.pair_capacity)  # neighbour's row of each pair
 
@@ -162,24 +169,38 @@ class NeighborList:
                             found += 1
         return found
 
-    @ti.kernel
-    def _count(self):
+    @stage
+    def list(self):
+        """Count the pairs of each particle, add up, and store them if they fit."""
         for i in range(self.particles.count[None]):
             self.row_start[i + 1] = self._scan(i, False)
         self.row_start[0] = 0
         ti.loop_config(serialize=True)
         for i in range(self.particles.count[None]):
             self.row_start[i + 1] += self.row_start[i]
+        for i in range(self.particles.count[None]):
+            if self.row_start[self.particles.count[None]] <= self.pair_capacity:
+                self._scan(i, True)
 
     @ti.kernel
-    def _fill(self):
-        for i in range(self.particles.count[None]):
-            self._scan(i, True)
+    def _search_alone(self):
+        ti.loop_config(serialize=True)
+        for _ in range(1):
+            self.bins.arrange()
+            self.list()
+
+    def search(self) -> None:
+        """``bins.sort`` and ``build`` of few particles."""
+        self._search_alone()
+        self.bins.check()
+        self.check()
 
     def build(self) -> None:
         """Make the list at the present positions; CapacityError when the pairs do not fit."""
-        self._count()
+        self.list()
+        self.check()
+
+    def check(self) -> None:
         pairs = self.row_start[self.particles.count[None]]
         if pairs > self.pair_capacity:
             raise CapacityError(f"{pairs} neighbour pairs do not fit into pair_capacity = {self.pair_capacity}")
-        self._fill()

@@ -3,6 +3,7 @@
 import numpy as np
 
 from .backend import real, ti
+from .stages import stage
 
 FLUID, WALL, DUMMY = 0, 1, 2
 
@@ -100,7 +101,7 @@ class Particles:
             volume = self.ring[i]
         return volume
 
-    @ti.kernel
+    @stage
     def reorder(self):
         """Move every carried field from row source_row[i] to row i."""
         for i in range(self.count[None]):

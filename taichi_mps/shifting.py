@@ -2,6 +2,7 @@
 
 from .backend import real, ti
 from .particles import FLUID
+from .stages import stage
 
 
 @ti.data_oriented
@@ -13,7 +14,7 @@ class Shifting:
         self.spacing = spacing
         self.shift = ti.Vector.field(particles.dimension, real(), particles.capacity)  # displacement [m]
 
-    @ti.kernel
+    @stage
     def compute(self, dt: float, strain_scale: float):
         """shift = -0.1 l0 sum_j max(0, 1 - r/(1.5 l0)) e_ij without its outward part at a surface, times
         min(1, shear_rate dt/strain_scale), at most 0.05 l0; and 0.05 (0.85 l0 - r) between closer pairs."""

@@ -7,7 +7,7 @@ from dataclasses import asdict
 import numpy as np
 
 from .admission import admit
-from .backend import require_room, started, ti
+from .backend import require_room, started
 from .geometry import Plane
 from .measure import Snapshot
 from .neighbors import Bins, CapacityError, EscapedError, NeighborList
@@ -15,12 +15,15 @@ from .particles import DUMMY, FLUID, WALL, Particles
 from .pouring import Pouring
 from .quantity import SceneError
 from .report import DivergedError, StepReport
+from .rest import Rest
 from .scales import law_of, resting_time
 from .scene import Implicit as ImplicitNumerics
 from .scene import Scene
 from .scene import SemiImplicit as SemiImplicitNumerics
 from .schemes.implicit import Implicit
 from .schemes.semi_implicit import SemiImplicit
+from .snapshots import snapshot
+from .stages import Stages
 from .summary import summary
 from .totals import NOT_A_NUMBER, Totals
 from .walls import Walls
@@ -42,8 +45,7 @@ class Simulation:
         self._walls_at = 0.0  # time [s] at which the walls stand
         self.wall_particles = 0
         self.pouring = tuple(Pouring(scene, inlet) for inlet in scene.inlets)
-        self._stages: dict[str, list] = {}
-        self._profile = profile
+        self.stages = Stages(timed=profile)
         self._build()
         self.time, self.steps, self.report = 0.0, 0, None
         self.stopped_by = None
@@ -55,7 +57,7 @@ class Simulation:
         self._wall_speed = max((wall.speed for wall in scene.walls), default=0.0)
         self._runaway_speed = self._find_runaway_speed()
         self._volume = float(scene.volumes.sum())  # of the fluid that is there [m3]
-        self._resting_since: float | None = None
+        self.rest = Rest()
 
     def _build(self):
         require_room()
@@ -104,10 +106,8 @@ class Simulation:
         )
         self.walls.place(self._walls_at)
         parts = expected, numerics, self.particles, self.neighbors, self.walls, constants
-        self.scheme = SemiImplicit(*parts) if semi_implicit else Implicit(*parts, scene.materials[1:])
+        self.scheme = SemiImplicit(*parts) if semi_implicit else Implicit(*parts, scene.materials[1:], self.stages)
         self.totals = Totals(self.particles, self.scheme, constants)
-        if hasattr(self.scheme, "stage"):
-            self.scheme.stage = self._stage
 
     # ---- stepping -------------------------------------------------------------------------------------------
     def step(self, until: float | None = None) -> StepReport:
@@ -131,18 +131,17 @@ class Simulation:
         if hasattr(self.scheme, "drift"):  # the implicit scheme works at the middle of the step
             self._walls_at = self.time + 0.5 * dt
             self.walls.place(self._walls_at)
-            self._stage("drift", self.scheme.drift, dt)
+            self.stages("drift", self.scheme.drift, dt)
         self._neighbours()
         if hasattr(self.scheme, "predict"):  # the semi-implicit scheme moves twice in a step
-            self._stage("predictor", self.scheme.predict, dt)
+            self.stages("predictor", self.scheme.predict, dt)
             self._neighbours()
-        staged = hasattr(self.scheme, "stage")
-        result = self.scheme.step(dt) if staged else self._stage("scheme", self.scheme.step, dt)
+        result = self.scheme.step(dt)
         self.time += dt
         self.steps += 1
-        self.report = self._stage("report", self._make_report, dt, name, result)
+        self.report = self.stages("report", self._make_report, dt, name, result)
         if self.steps == 1:
-            self._stages.clear()  # they held the compilation
+            self.stages.spent.clear()  # they held the compilation
             self.compile_seconds = time.process_time() - self._clock[0]
         else:
             self.cpu_seconds += time.process_time() - cpu
@@ -156,8 +155,11 @@ class Simulation:
 
     def _neighbours(self):
         try:
-            self._stage("reorder", self.bins.sort)
-            self._stage("neighbours", self.neighbors.build)
+            if self.neighbors.alone and not self.stages.timed:
+                self.neighbors.search()
+            else:
+                self.stages("reorder", self.bins.sort)
+                self.stages("neighbours", self.neighbors.build)
         except EscapedError as error:
             self._diverge(f"{error}; {self.scheme.REMEDY}, or enlarge the scene's domain")
         except CapacityError:
@@ -167,20 +169,9 @@ class Simulation:
             self.load(state)
             self._neighbours()
 
-    def _stage(self, name, call, *arguments):
-        if not self._profile:
-            return call(*arguments)
-        begin = time.perf_counter()
-        result = call(*arguments)
-        ti.sync()
-        entry = self._stages.setdefault(name, [0.0, 0])
-        entry[0] += time.perf_counter() - begin
-        entry[1] += getattr(result, "iterations", 1)
-        return result
-
     def profile(self) -> list[tuple[str, float, int]]:
         """(stage, wall seconds, calls; of a solve its iterations) since the first step, when made with profile=True."""
-        return [(name, seconds, calls) for name, (seconds, calls) in self._stages.items()]
+        return [(name, seconds, calls) for name, (seconds, calls) in self.stages.spent.items()]
 
     def _initial_speed(self) -> float:
         return float(np.linalg.norm(self.particles.u.to_numpy(), axis=1).max())
@@ -280,57 +271,12 @@ class Simulation:
             return "unyielded" if moved and self.report.unyielded_fraction >= numerics.unyielded_stop else None
         if not all(pouring.done for pouring in self.pouring):
             return None
-        return "rest" if self.scene.stop_at_rest and self._at_rest() else None
-
-    def _at_rest(self) -> bool:
-        """Would what moves still go less than a tenth of a spacing in the material's own time? eta/tau_y is the time in
-        which a Bingham flow decays, so a slow flow of a viscous mix is not taken for rest, nor a front before a large
-        body that stands."""
-        window = resting_time(self.scene.materials)
-        if not math.isfinite(window):
-            return False
-        if self.report.moving_speed * window > 0.1 * self.scene.spacing or self._pushed():
-            self._resting_since = None
-            return False
-        if self._resting_since is None:
-            self._resting_since = self.time
-        return self.time - self._resting_since >= 0.2
-
-    def _pushed(self) -> bool:
-        """Does a wall that travels touch the fluid? What stands in a mould is at rest only once the mould is gone."""
-        walls = [wall for wall in self.scene.walls if np.any(wall.travel)]
-        x = self.particles.read()["x"] if walls else None
-        return any(np.abs(wall.distance(x, self.time)).min() < self.walls.effective_radius for wall in walls)
+        return "rest" if self.scene.stop_at_rest and self.rest.reached(self) else None
 
     # ---- reading --------------------------------------------------------------------------------------------
     def snapshot(self) -> Snapshot:
         """The computed fluid now, ordered by id; ``scene.unfold`` completes it where the scene is part of a body."""
-        rows = self.particles.read()
-        n = len(rows["id"])
-        rows["yielded"] = self.scheme.yielded.to_numpy()[:n].astype(bool)
-        if hasattr(self.scheme, "smoothing"):
-            self.scheme.smoothing.read()
-            rows["p"] = self.scheme.smoothing.p.to_numpy()[:n]
-        rows["n"] = self.scheme.gradient.density_ratio()[:n]
-        fluid = np.flatnonzero(rows["kind"] == FLUID)
-        order = fluid[np.argsort(rows["id"][fluid])]
-        return Snapshot(
-            time=self.time,
-            spacing=self.scene.spacing,
-            x=rows["x"][order],
-            u=rows["u"][order],
-            p=rows["p"][order],
-            shear_rate=rows["shear_rate"][order],
-            yielded=rows["yielded"][order],
-            density_ratio=rows["n"][order],
-            wall_x=rows["x"][rows["kind"] != FLUID],
-            size=self._ring_sizes(rows)[order] if self.scene.axisymmetric else None,
-            mix=rows["mix"][order] if "mix" in rows else None,
-        )
-
-    def _ring_sizes(self, rows):
-        """Side [m] of the cross-section of rings; that of one on the axis as if it were half a spacing from it."""
-        return np.sqrt(rows["ring"] / (2.0 * np.pi * np.maximum(rows["x"][:, 0], 0.5 * self.scene.spacing)))
+        return snapshot(self)
 
     def measures(self) -> dict[str, float]:
         """The scene's measures of the whole body now (slump_m, spread_m, ...)."""
@@ -348,7 +294,7 @@ class Simulation:
             "time": self.time,
             "steps": self.steps,
             "last_dt": self._last_dt,
-            "resting_since": self._resting_since,
+            "resting_since": self.rest.since,
             "report": report,
             **({"pouring": [[pouring.entered, pouring.delay] for pouring in self.pouring]} if self.pouring else {}),
             **self.scheme.state(),
@@ -359,7 +305,7 @@ class Simulation:
         self.particles.load({name: state[name] for name in self.particles.carried})
         self.time, self.steps, self._last_dt = state["time"], state["steps"], state["last_dt"]
         self.report = StepReport(**state["report"]) if state["report"] else None
-        self._resting_since = state["resting_since"]
+        self.rest.since = state["resting_since"]
         for pouring, carried in zip(self.pouring, state.get("pouring", []), strict=True):
             pouring.entered, pouring.delay = carried
         self.scheme.load(state)

@@ -8,6 +8,7 @@ then moves stays so. Only a true yield value brings particles to rest.
 
 from .backend import ti
 from .particles import FLUID
+from .stages import stage
 
 SLOW = 0.02  # spacings per window: what would wake was moving by less than this
 EVERY = 10  # steps from one in which all are awake to the next
@@ -25,17 +26,18 @@ class Sleeping:
         self.state = ti.field(ti.i32, particles.capacity)  # ASLEEP, BORDER (has an awake neighbour) or AWAKE
         self.steps = 0
 
-    def rouse(self) -> None:
-        """Find who sleeps in this step."""
+    def begin(self) -> bool:
+        """Begin a step: whether all are awake in it."""
         self.steps += 1
-        self._rouse(self.steps % EVERY == 0)
+        return self.steps % EVERY == 0
 
     @ti.func
     def rests(self, i):
         return self.particles.kind[i] != FLUID or self.particles.still[i] >= self.window
 
-    @ti.kernel
-    def _rouse(self, everybody: ti.i32):
+    @stage
+    def rouse(self, everybody: ti.i32):
+        """Find who sleeps in this step: nobody if ``everybody`` is to be awake."""
         for i in range(self.particles.count[None]):
             state = ti.select(self.rests(i) and everybody == 0, ASLEEP, AWAKE)
             for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):

@@ -1,6 +1,7 @@
 """The pressure that acts and the one that is read: mean over neighbours, and the constant of a full closed box."""
 
 from .backend import real, ti
+from .stages import stage
 
 SMOOTHING = 0.6  # share of the neighbours' mean in the pressure
 READING = 0.75  # the same in a snapshot
@@ -41,7 +42,7 @@ class PressureSmoothing:
             p = (1.0 - share) * p + share * total / weight
         return p
 
-    @ti.kernel
+    @stage
     def smooth(self, dt: float):
         """p~: the mean pressure with the share 0.6 where the material deforms and 0 at rest."""
         for i in range(self.particles.count[None]):
@@ -59,7 +60,7 @@ class PressureSmoothing:
             if self.gradient.B[i][0, 0] > 0.0:
                 self.p[i] = self.mean(i, READING)
 
-    @ti.kernel
+    @stage
     def balance(self, source: ti.template()):
         """A box full of fluid has no surface to give way: there no mean divergence can be wanted of the ``source``,
         and the pressure, which is free up to a constant, is kept high enough that nothing is in tension: tension tears

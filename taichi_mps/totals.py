@@ -1,5 +1,7 @@
 """Sums over the fluid after a step: what the report of the step and the stop rules read."""
 
+import numpy as np
+
 from .backend import ti
 from .particles import FLUID
 
@@ -15,21 +17,22 @@ class Totals:
         self.nearly_all = 0.9 * constants.neighbours
         # max u^2, sum V u^2, V u^4, m u^2, unyielded; V packing, V of enclosed ones, and of all with many neighbours:
         # particles that lie in pairs or clumps lean to each other, and would pass for a surface
-        self.sums = ti.field(ti.f64, 9)
+        self.sums = np.zeros(9)
 
     def take(self):
         """Largest speed^2 and that of what moves [m2/s2], kinetic energy [J], number of unyielded particles, volume
         error [-], and the volume that was lost [m3]: negative where the fluid has become looser."""
-        self._add()
-        speed2, squares, fourths, energy, unyielded, packing, volume, crowd, room = self.sums.to_numpy()
+        self._add(self.sums)
+        speed2, squares, fourths, energy, unyielded, packing, volume, crowd, room = self.sums.tolist()
         error = volume / packing - 1.0 if volume else 0.0
         lost = room - room**2 / crowd if room else 0.0
         return speed2, fourths / squares if squares else 0.0, 0.5 * energy, unyielded, error, lost
 
     @ti.kernel
-    def _add(self):
+    def _add(self, sums: ti.types.ndarray(ti.f64, 1)):
+        ti.loop_config(serialize=True)
         for k in range(9):
-            self.sums[k] = 0.0
+            sums[k] = 0.0
         ti.loop_config(serialize=True)
         for i in range(self.particles.count[None]):
             if self.particles.kind[i] == FLUID:
@@ -37,14 +40,14 @@ class Totals:
                 u2 = ti.cast(self.particles.u[i].norm_sqr(), ti.f64)
                 if not (u2 < NOT_A_NUMBER):
                     u2 = NOT_A_NUMBER
-                self.sums[0] = ti.max(self.sums[0], u2)
-                self.sums[1] += volume * u2
-                self.sums[2] += volume * u2 * u2
-                self.sums[3] += volume * u2 * self.scheme.density(i)
-                self.sums[4] += 1 - self.scheme.yielded[i]
+                sums[0] = ti.max(sums[0], u2)
+                sums[1] += volume * u2
+                sums[2] += volume * u2 * u2
+                sums[3] += volume * u2 * self.scheme.density(i)
+                sums[4] += 1 - self.scheme.yielded[i]
                 if self.scheme.gradient.enclosed(i):
-                    self.sums[5] += volume * self.scheme.gradient.packing[i]
-                    self.sums[6] += volume
+                    sums[5] += volume * self.scheme.gradient.packing[i]
+                    sums[6] += volume
                 if self.scheme.gradient.around[i] >= self.nearly_all:
-                    self.sums[7] += volume * self.scheme.gradient.packing[i]
-                    self.sums[8] += volume
+                    sums[7] += volume * self.scheme.gradient.packing[i]
+                    sums[8] += volume

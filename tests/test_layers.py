@@ -18,9 +18,9 @@ PACKAGE = ROOT / "taichi_mps"
 EDGE = 4
 LAYERS = {
     0: "quantity material geometry solids inner_edges measure rest_shapes inlet filling report scene admission",
-    1: "backend weights ghosts surfaces friction particles neighbors gradient mrpcg sparse grid_levels scales "
+    1: "backend stages weights ghosts surfaces friction particles neighbors gradient mrpcg sparse grid_levels scales "
     "smoothing",
-    2: "rheology walls viscosity pressure momentum shifting totals sleeping pouring summary",
+    2: "rheology walls viscosity pressure momentum shifting totals sleeping pouring rest snapshots summary",
     3: "schemes.implicit schemes.semi_implicit simulation",
 }
 PEERS = {
@@ -32,18 +32,19 @@ PEERS = {
     "filling": {"quantity"},
     "scene": {"quantity", "material", "geometry", "solids", "measure", "inlet", "filling"},
     "admission": {"quantity", "material", "geometry", "scene"},
+    "stages": {"backend"},
     "weights": {"backend"},
     "surfaces": {"backend"},
     "ghosts": {"backend", "weights"},
     "friction": {"backend"},
-    "particles": {"backend"},
-    "neighbors": {"backend"},
-    "gradient": {"backend", "particles", "weights"},
-    "mrpcg": {"backend", "sparse", "grid_levels"},
+    "particles": {"backend", "stages"},
+    "neighbors": {"backend", "stages"},
+    "gradient": {"backend", "stages", "particles", "weights"},
+    "mrpcg": {"backend", "stages", "sparse", "grid_levels"},
     "grid_levels": {"backend"},
     "sparse": {"backend"},
     "scales": {"backend"},
-    "smoothing": {"backend"},
+    "smoothing": {"backend", "stages"},
     "viscosity": {"rheology"},
     "momentum": {"rheology", "sleeping"},
     "simulation": {"schemes.implicit", "schemes.semi_implicit"},

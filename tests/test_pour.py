@@ -78,12 +78,12 @@ def test_concrete_enters_at_its_rate_falls_freely_rests_and_resumes_bit_for_bit(
     ends = []
     for _ in range(2):
         while not all(pouring.done for pouring in sim.pouring):
-            sim._at_rest = lambda: True
+            sim.rest.reached = lambda _: True
             assert sim._why_stop(10.0) is None  # a rest is no end while concrete is to come
             before, start = sim.fluid_particles, sim.time
             sim.step()
             assert sim.fluid_particles == before or start < LAYERS * interval or start >= 0.7
-        del sim._at_rest
+        del sim.rest.reached
         ends.append(sim.state())
         saved = checkpoint.read(tmp_path / "checkpoint.h5")
         assert saved.header["fluid"] == checkpoint.fingerprint(scene)

@@ -9,19 +9,21 @@ import math
 from ..backend import real, ti
 from ..gradient import Gradient
 from ..momentum import MomentumSystem
-from ..mrpcg import MRPCG, GridLevels
+from ..mrpcg import INDEFINITE, MRPCG, GridLevels
 from ..particles import FLUID
 from ..rheology import bi_viscosity, compiled, curve_mapping, deviator, flow_curve, magnitude, return_mapping
 from ..scales import NON_AFFINE, Scales, law_of, resting_time
 from ..shifting import Shifting
 from ..sleeping import Sleeping
 from ..smoothing import PressureSmoothing
+from ..stages import Stages, few, stage
 
 EDGE = 4.0  # at the edge of a plug a quarter of the bonds carry all non-affine motion: their rate is twice the mean
 SOURCE, RING_SOURCE = 0.05, 0.2  # share of the packing error removed per step; thin rings lose more of it per step
 FASTEST, RING_FASTEST = 1.0, 0.25  # at most this [1/s]; of rings also this share of the shear rate, or the shift wins
 STRAIN_SCALE = 0.02  # strain per step above which source and shift act fully
 EARLY = 10.0  # only the last pass is solved to the tolerance: the others to ten times that
+MOST_ITERATIONS = 2000  # of a solve
 FIRST_PASSES = 30  # the pressure and the stress of the first step are found from zero
 
 
@@ -31,8 +33,8 @@ class Implicit:
 
     REMEDY = "lower max_time_step or courant_number, or use precision f64"
 
-    def __init__(self, scene, numerics, particles, neighbors, walls, constants, materials=()):
-        """``materials`` of the mixes that come in later, besides that of the scene."""
+    def __init__(self, scene, numerics, particles, neighbors, walls, constants, materials=(), stages=None):
+        """``materials`` of the mixes that come in later, besides that of the scene; ``stages`` may time the stages."""
         material, d = scene.material, scene.dimension
         self.materials = (material, *materials)
         self.particles, self.neighbors, self.walls = particles, neighbors, walls
@@ -60,9 +62,12 @@ class Implicit:
         )
         self.source = ti.field(real(), particles.capacity)  # wanted divergence [1/s]
         self.reference = ti.field(ti.f64, ())  # drive . M^-1 drive over all particles [W]
+        self.iterations = ti.field(ti.i32, ())  # of all solves of a step
         self.yielded = ti.field(ti.i32, particles.capacity)  # 1 where the material flows
         self.first = True
-        self.stage = lambda name, call, *arguments: call(*arguments)  # a simulation that is profiled times them
+        self.run = stages or Stages()
+        self.alone = few(particles.capacity) and not walls.travel  # nothing is needed from Python between the stages
+        self.parts = self.begin, self.iterate, self.end  # of a step: stages, kernels or parts of one (stages.py)
         self.take(scene, self.materials)
 
     def take(self, scene, materials) -> None:
@@ -89,44 +94,89 @@ class Implicit:
 
     def step(self, dt: float) -> dict:
         """Advance the particles by dt [s]; returns iteration counts and the residual."""
-        self.stage("gradient", self.gradient.build)
-        if self.sleeping:
-            self.stage("sleep", self.sleeping.rouse)
-        self.stage("smooth pressure", self.smoothing.smooth, dt)
         if self.walls.rub:
             self.walls.tie(self.materials[0].density / dt)
-            self.begin_friction()
-        self.stage("prepare", self.prepare, dt, self.first)
-        self.smoothing.balance(self.source)
-        iterations, residual, status = 0, 0.0, "converged"
+        all_awake = self.sleeping.begin() if self.sleeping else False
         passes = FIRST_PASSES if self.first else self.numerics.passes
-        self.start(self.solver.x)
-        for k in range(passes):
-            if k == 0 or self.law == "bi-viscosity":
-                self.stage("system", self.system.prepare)
-                self.stage("levels", self.solver.prepare)
-                self.refer()
-            self.stage("right-hand side", self.right_hand_side, self.solver.b)
-            if self.walls.move or self.walls.rub:
-                self.system.subtract_wall_motion(self.solver.p, self.solver.q, self.solver.b)
-            tolerance = self.numerics.tolerance * (EARLY if k + 1 < passes else 1.0)
-            report = self.stage("solve", self.solver.solve, tolerance, 2000, self.reference[None])
-            iterations += report.iterations
-            residual, status = report.residuals[-1], report.status
-            if status in ("broken", "indefinite"):
-                break
-            self.stage("stress", self.update_stress, self.solver.x)
-        self.stage("shift", self.shifting.compute, dt, STRAIN_SCALE)
-        if self.walls.travel:
-            self.walls.place(self.walls.clock[None] + 0.5 * dt)  # drift left them at the middle of the step
-        self.stage("advance", self.advance, dt, self.solver.x, self.first)
+        for k, part in enumerate(self.parts):
+            numbers = dt, self.first, all_awake, passes, self.numerics.tolerance
+            if self.alone and not self.run.timed:
+                self.in_one_kernel(k, *numbers)
+            else:
+                part(*numbers)
         self.first = False
+        report = self.solver.report()
         return {
             "viscous_iterations": passes,
-            "pressure_iterations": iterations,
-            "residual": residual,
-            "status": status,
+            "pressure_iterations": self.iterations[None],
+            "residual": report.residuals[-1],
+            "status": report.status,
         }
+
+    @ti.kernel
+    def in_one_kernel(
+        self, k: ti.template(), dt: float, first: ti.i32, all_awake: ti.i32, passes: ti.i32, tolerance: ti.f64
+    ):
+        """The stages of part k of a step: loops inside a loop run in one thread. All parts in one compile too long."""
+        ti.loop_config(serialize=True)
+        for _ in range(1):
+            ti.static(self.parts[k])(dt, first, all_awake, passes, tolerance)
+
+    @ti.pyfunc
+    def begin(self, dt, first, all_awake, passes, tolerance):
+        """Gradients, p~, source and the matrix at the middle of the step."""
+        self.run("gradient", self.gradient.build)
+        if ti.static(self.sleeps):
+            self.run("sleep", self.sleeping.rouse, all_awake)
+        self.run("smooth pressure", self.smoothing.smooth, dt)
+        if ti.static(self.walls.rub):
+            self.begin_friction()
+        self.run("prepare", self.prepare, dt, first)
+        self.smoothing.balance(self.source)
+        self.start(self.solver.x)
+        self.prepare_system()
+        self.iterations[None] = 0
+
+    @ti.pyfunc
+    def iterate(self, dt, first, all_awake, passes, tolerance):
+        """``passes`` times: solve for u, then stress and pressure from u."""
+        for k in range(passes):
+            if k == 0 or self.solver.status[None] < INDEFINITE:
+                if ti.static(self.law == "bi-viscosity"):  # noqa: SIM102  (a compiled choice stays apart)
+                    if k > 0:
+                        self.prepare_system()
+                self.run("right-hand side", self.right_hand_side, self.solver.b)
+                if ti.static(self.walls.move or self.walls.rub):
+                    self.system.subtract_wall_motion(self.solver.p, self.solver.q, self.solver.b)
+                self.run("solve", self.solve, tolerance * (EARLY if k + 1 < passes else 1.0))
+                if self.solver.status[None] < INDEFINITE:
+                    self.run("stress", self.update_stress, self.solver.x)
+
+    @ti.pyfunc
+    def end(self, dt, first, all_awake, passes, tolerance):
+        """Shift, and the other half of the drift."""
+        self.run("shift", self.shifting.compute, dt, STRAIN_SCALE)
+        if ti.static(self.walls.travel):
+            self.walls.place(self.walls.clock[None] + 0.5 * dt)  # drift left them at the middle of the step
+        self.run("advance", self.advance, dt, self.solver.x, first)
+
+    @ti.pyfunc
+    def prepare_system(self):
+        """Diagonal and coarse levels of the matrix, and what its residual is compared with."""
+        self.run("system", self.system.prepare)
+        if ti.static(not self.alone):
+            self.run("levels", self.solver.prepare)
+        self.refer()
+
+    @ti.pyfunc
+    def solve(self, tolerance):
+        """Velocity of the present stress and pressure; returns the number of iterations."""
+        if ti.static(self.alone):
+            self.solver.solve_alone(False, tolerance, MOST_ITERATIONS, self.reference[None])
+        else:
+            self.solver.solve(tolerance, MOST_ITERATIONS, self.reference[None])
+        self.iterations[None] += self.solver.iterations[None]
+        return self.solver.iterations[None]
 
     @ti.func
     def deforming(self, i, dt, strain):
@@ -149,7 +199,7 @@ class Implicit:
             mu = bi_viscosity(rate, self.scales.eta[m], self.scales.tau_y[m], self.scales.pi_c[m])
         return mu
 
-    @ti.kernel
+    @stage
     def begin_friction(self):
         """The slip that each particle brings along to the walls with friction."""
         for i in range(self.particles.count[None]):
@@ -158,7 +208,7 @@ class Implicit:
             B = self.gradient.B[i]
             self.walls.begin_friction(i, self.particles.x[i], self.particles.u[i], B, volume, mu, share)
 
-    @ti.kernel
+    @stage
     def prepare(self, dt: float, first: ti.i32):
         """Source, implicit viscosity and non-affine resistance from the last velocity."""
         for i in range(self.particles.count[None]):
@@ -184,7 +234,7 @@ class Implicit:
             self.system.mu[i] = self.viscosity(i, rate)
             self.system.h[i] = 2.0 * self.particles.volume(i) * h / self.gradient.lattice(i)[0]
 
-    @ti.kernel
+    @stage
     def refer(self):
         """What the residual of the solve is compared with, in the solver's norm."""
         ti.loop_config(serialize=True)
@@ -195,21 +245,22 @@ class Implicit:
                 total += ti.cast(self.system.inverse_diagonal[i].trace() * drive**2, ti.f64)
             self.reference[None] = total / self.dimension
 
-    @ti.kernel
+    @stage
     def drift(self, dt: float):
         """x <- x + dt u/2, before the neighbours are found: forces act at the middle of the step, so a body in rotation
         keeps its angular momentum and a wave its energy."""
+        ti.loop_config(serialize=self.alone)
         for i in range(self.particles.count[None]):
             if self.particles.kind[i] == FLUID:
                 move = ti.cast(0.5 * dt * self.particles.u[i], ti.f64)
                 self.particles.x[i] = self.walls.outside(self.particles.x[i], move)
 
-    @ti.kernel
+    @stage
     def start(self, u: ti.template()):
         for i in range(self.particles.count[None]):
             u[i] = self.particles.u[i] if self.system.unknown(i) else ti.Vector.zero(float, self.dimension)
 
-    @ti.kernel
+    @stage
     def right_hand_side(self, b: ti.template()):
         """b = (m/dt) u^n + m g + F[-(p~ + K s) I + stress - 2 mu_r q] [N]."""
         I = ti.Matrix.identity(float, self.particles.tensor_dimension)  # noqa: E741
@@ -249,7 +300,7 @@ class Implicit:
             m = self.scales.mix(i)
             return return_mapping(trial, self.scales.eta[m], self.scales.tau_y[m], self.system.mu[i])
 
-    @ti.kernel
+    @stage
     def update_stress(self, u: ti.template()):
         """Shear rate, divergence, and the stress mapped back onto the yield surface, from the velocity u."""
         for i in range(self.particles.count[None]):
@@ -290,7 +341,7 @@ class Implicit:
                     share, mu = self.gradient.counts_as(i), self.system.mu[i]
                     self.walls.adjust_friction(i, x, u[i], flux, weight, B, mu, h, share)
 
-    @ti.kernel
+    @stage
     def advance(self, dt: float, u: ti.template(), first: ti.i32):
         """Keep p; rotate the stress with the material; x <- x + dt u/2 + shift. In the first step a particle that
         viscosity holds (it gains less than half of free fall) had its speed at once: x <- x + dt u."""

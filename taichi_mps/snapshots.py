@@ -1,0 +1,37 @@
+"""What can be read of the fluid at one moment."""
+
+import numpy as np
+
+from .measure import Snapshot
+from .particles import FLUID
+
+
+def snapshot(sim) -> Snapshot:
+    """The computed fluid of a simulation now, ordered by id."""
+    rows = sim.particles.read()
+    n = len(rows["id"])
+    rows["yielded"] = sim.scheme.yielded.to_numpy()[:n].astype(bool)
+    if hasattr(sim.scheme, "smoothing"):
+        sim.scheme.smoothing.read()
+        rows["p"] = sim.scheme.smoothing.p.to_numpy()[:n]
+    rows["n"] = sim.scheme.gradient.density_ratio()[:n]
+    fluid = np.flatnonzero(rows["kind"] == FLUID)
+    order = fluid[np.argsort(rows["id"][fluid])]
+    return Snapshot(
+        time=sim.time,
+        spacing=sim.scene.spacing,
+        x=rows["x"][order],
+        u=rows["u"][order],
+        p=rows["p"][order],
+        shear_rate=rows["shear_rate"][order],
+        yielded=rows["yielded"][order],
+        density_ratio=rows["n"][order],
+        wall_x=rows["x"][rows["kind"] != FLUID],
+        size=ring_sizes(rows, sim.scene.spacing)[order] if sim.scene.axisymmetric else None,
+        mix=rows["mix"][order] if "mix" in rows else None,
+    )
+
+
+def ring_sizes(rows, spacing: float):
+    """Side [m] of the cross-section of rings; that of one on the axis as if it were half a spacing from it."""
+    return np.sqrt(rows["ring"] / (2.0 * np.pi * np.maximum(rows["x"][:, 0], 0.5 * spacing)))
