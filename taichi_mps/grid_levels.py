@@ -115,7 +115,8 @@ class GridLevels(NodeGrids):
         """Neighbours of the node of a row, and zero blocks."""
         for k in range(self.points):
             self.stencil[row, k] = ti.Matrix.zero(float, self.dimension, self.lanes)
-            self.column[row, k] = self.neighbour(place + self.offset(k), grid)
+            other = self.neighbour(place + self.offset(k), grid)
+            self.column[row, k] = other if other >= 0 else self.first[grid]
 
     @ti.func
     def offset(self, k):
@@ -272,10 +273,11 @@ class GridLevels(NodeGrids):
         total = ti.Vector.zero(float, self.lanes)
         for k in range(self.points):
             other = self.column[row, k]
-            if other >= 0:
-                z = self.z[at, other]
-                for e, a in ti.static(ti.ndrange(self.dimension, self.lanes)):
-                    total[a] += self.stencil[row, k][e, a] * z[e]
+            if other < 0:
+                break
+            z = self.z[at, other]
+            for e, a in ti.static(ti.ndrange(self.dimension, self.lanes)):
+                total[a] += self.stencil[row, k][e, a] * z[e]
         rest = self.b[self.used[self.first[grid] + m]]
         for a in ti.static(range(self.dimension)):
             rest[a] -= total[a]
