@@ -1,6 +1,6 @@
 """Coarse levels for an operator on particles that has no matrix: a multigrid cycle on grids of nodes.
 
-Sources: Bramble, Pasciak and Xu, Parallel multilevel preconditioners, Mathematics of Computation 55 (1990), 1-22 (grid 0
+Sources: Bramble, Pasciak and Xu, Parallel multilevel preconditioners, Mathematics of Computation 55 (1990), 1-22 (what
 is added); Adams, Brezina, Hu and Tuminaro, Parallel multigrid smoothing: polynomial versus Gauss-Seidel, Journal of
 Computational Physics 188 (2003), 593-610 (Chebyshev smoothing).
 """
@@ -18,18 +18,19 @@ class GridLevels(NodeGrids):
     """M^-1 = D^-1 + P_0 (w D_0^-1 + I C_1 I^T) P_0^T.
 
     P_0 is linear interpolation from the nodes of grid 0 to the particles, I from grid 1 to grid 0, and D_0 are the
-    diagonal blocks of the operator A_0 on the nodes of grid 0. C_l is one V-cycle on grid l for the Galerkin operator
-    A_l = P_l^T A P_l, P_l from the nodes of grid l to the particles, a stencil of 3^d blocks:
+    diagonal blocks of the operator on the nodes of grid 0. C_l is one V-cycle on grid l,
 
         x = s b;    x += I C_{l+1} I^T (b - A_l x);    x += s (b - A_l x)
 
-    with the Chebyshev polynomial s in D_l^-1 A_l. A is taken as that of an elastic body: the block of nodes n and m is
+    with a Chebyshev polynomial s in D_l^-1 A_l. A_l is the operator on the shape functions f of the nodes of grid l, a
+    stencil of 3^d blocks; that of nodes n and m is
 
         sum_i a_i (grad f_n . grad f_m I + grad f_m (x) grad f_n) + (c_i - a_i) grad f_n (x) grad f_m + f_n f_m S_i
 
-    summed over the particles, with the shape functions f. Each particle gives 2^d nodes a part of A_l that is positive,
-    so the eigenvalues of D_l^-1 A_l are at most 2^d. The polynomial contracts up to there, so M is symmetric
-    positive definite whatever the particles.
+    summed over the cells of grid l - 1, each of which stands for its particles with the sums of their a, c and S at
+    the centre of a: the operator of an elastic body. Each cell gives 2^d nodes a part of A_l that is positive, so the
+    eigenvalues of D_l^-1 A_l are at most 2^d. The polynomial contracts up to there, so M is symmetric positive definite
+    whatever the particles.
 
     operator: ``inverse_diagonal`` as for MRPCG (a zero block: no unknown), and the ti.func ``stiffness(i)``, which
     gives a_i = V mu, c_i = V (mu + lambda) of Lame's lambda, and the d x d matrix S_i of particle i.
@@ -45,7 +46,8 @@ class GridLevels(NodeGrids):
         self.points = 3**d
         self.weight = 2.0 / 2**d  # of grid 0
         # Where there is one thread, loops that are not top-level loops cost nothing and compile once for all grids.
-        self.apart = 0 if started()["arch"] == "cpu" and started()["threads"] == 1 else 1  # grids with loops of their own
+        one_thread = started()["arch"] == "cpu" and started()["threads"] == 1
+        self.apart = 0 if one_thread else 1  # grids that have top-level loops of their own
         self.a, self.c = (ti.field(real(), self.nodes) for _ in range(2))  # of the cell above each node [times m2]
         self.S = ti.Matrix.field(d, d, real(), self.nodes)
         self.centre = ti.Vector.field(d, real(), self.nodes)  # of a in the cell, 0 to 1 [-]
@@ -112,11 +114,18 @@ class GridLevels(NodeGrids):
 
     @ti.func
     def clear(self, row, place, grid):
-        """Neighbours of the node of a row, and zero blocks."""
+        """Neighbours of the node of a row, -1 where there is none, and zero blocks."""
         for k in range(self.points):
             self.stencil[row, k] = ti.Matrix.zero(float, self.dimension, self.lanes)
-            other = self.neighbour(place + self.offset(k), grid)
-            self.column[row, k] = other if other >= 0 else self.first[grid]
+            self.column[row, k] = self.neighbour(place + self.offset(k), grid)
+
+    @ti.func
+    def close(self, row, grid):
+        """Where there is no neighbour a zero block of any node: sums over the stencil need not ask."""
+        for k in range(self.points):
+            if self.column[row, k] < 0:
+                self.stencil[row, k] = ti.Matrix.zero(float, self.dimension, self.lanes)
+                self.column[row, k] = self.first[grid]
 
     @ti.func
     def offset(self, k):
@@ -180,6 +189,7 @@ class GridLevels(NodeGrids):
                             self.stencil[row, k][e, a] += block + level if ti.static(a == e) else block
             for e, a in ti.static(ti.ndrange(self.dimension, self.dimension)):
                 D[a, e] = self.stencil[row, self.points // 2][e, a]
+            self.close(row, grid)
             self.invert(node, D)
 
     # ---- the cycle ------------------------------------------------------------------------------------------
@@ -273,7 +283,7 @@ class GridLevels(NodeGrids):
         total = ti.Vector.zero(float, self.lanes)
         for k in range(self.points):
             other = self.column[row, k]
-            if other < 0:
+            if other < 0:  # never: the way out (momentum.py says why)
                 break
             z = self.z[at, other]
             for e, a in ti.static(ti.ndrange(self.dimension, self.lanes)):

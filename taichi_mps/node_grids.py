@@ -9,12 +9,12 @@ from .backend import real, ti
 
 @ti.data_oriented
 class NodeGrids:
-    """Grid 0 has a node at each corner of the binning cells, each next one every second node of the last, along the axes
-    where that is possible. ``share`` interpolates from the nodes of grid 0 to the particles, ``parent`` from grid to grid.
+    """Grid 0 has a node at each corner of the binning cells, each next one every second node of the last, along the
+    axes where that is possible. ``share`` interpolates from grid 0 to the particles, ``parent`` from grid to grid.
 
-    Active are the nodes within reach of particles. Nodes of grid l >= 1 that are active have a row, start[l] and on. There
-    is room for one in four particles on grid 1, half as many on each next one, 1000 at least: concrete takes a tenth
-    of that; of a spray what has no room stays out of the coarse grids, which then correct less.
+    Active are the nodes within reach of particles. From grid 1 on each of them has a row, start[grid] and on. There
+    are rows for one in four particles on grid 1, half as many on each next one, 1000 at least; concrete takes a tenth
+    of that. What has no row, of a spray, stays out of these grids, which then correct less.
     """
 
     ROWS = 1000
@@ -52,7 +52,9 @@ class NodeGrids:
         self.active = ti.field(ti.i32, nodes)  # 1 where a particle may be within reach of the node
         self.used = ti.field(ti.i32, nodes)  # the active nodes of a grid, from its first on
         self.uses = ti.field(ti.i32, self.grids)  # how many they are
-        room = [0] + [min(n, max(self.ROWS, bins.particles.capacity >> (k + 2))) for k, n in enumerate(np.diff(first)[1:])]
+        room = [0] + [
+            min(n, max(self.ROWS, bins.particles.capacity >> (k + 2))) for k, n in enumerate(np.diff(first)[1:])
+        ]
         start = np.cumsum([0, *room])
         self.rows = max(1, int(start[-1]))
         self.start = ti.field(ti.i32, self.grids + 1)  # first row of each grid
@@ -177,4 +179,3 @@ class NodeGrids:
                 if share > 0.0:
                     self.active[number] = 1
         self.collect(grid)
-

@@ -19,7 +19,7 @@ EDGE = 4
 LAYERS = {
     0: "quantity material geometry solids inner_edges measure rest_shapes inlet filling report scene admission",
     1: "backend weights ghosts surfaces friction particles neighbors gradient mrpcg sparse grid_levels scales "
-    "smoothing",
+    "smoothing node_grids",
     2: "rheology walls viscosity pressure momentum shifting totals sleeping pouring summary",
     3: "schemes.implicit schemes.semi_implicit simulation",
 }
@@ -40,7 +40,8 @@ PEERS = {
     "neighbors": {"backend"},
     "gradient": {"backend", "particles", "weights"},
     "mrpcg": {"backend", "sparse", "grid_levels"},
-    "grid_levels": {"backend"},
+    "grid_levels": {"backend", "node_grids"},
+    "node_grids": {"backend"},
     "sparse": {"backend"},
     "scales": {"backend"},
     "smoothing": {"backend"},
