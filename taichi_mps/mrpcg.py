@@ -4,7 +4,7 @@ Solves A x = b for any symmetric positive definite operator; knows no physics. P
 
     Jacobi        M^-1 = D^-1, the inverse (block) diagonal: the cheapest for few rows
     cell levels   M^-1 = one symmetric W-cycle over the cells of the binning grid (sparse.CellLevels): a matrix in rows
-    grid levels   M^-1 = D^-1 + a sum over grids of the corners of these cells (grid_levels.GridLevels): no matrix
+    grid levels   M^-1 = D^-1 + a V-cycle over grids of the corners of these cells (grid_levels.GridLevels): no matrix
 
 Source: Saad, Iterative Methods for Sparse Linear Systems (2003), algorithm 9.1.
 """
