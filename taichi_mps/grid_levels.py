@@ -38,7 +38,8 @@ class GridLevels(NodeGrids):
 
     PAY_FROM = 8000
     """Rows from which the levels pay. Measured on the slump cone of 300 Pa, one thread, CPU milliseconds a step
-    (iterations), Jacobi against levels: 3,033 rows 37 (76), 44 (42); 5,504 rows 76 (85), 68 (34), and seconds to compile."""
+    (iterations), Jacobi against levels: 3,033 rows 37 (76), 44 (42); 5,504 rows 76 (85), 68 (34).
+    They also take seconds to compile."""
 
     def __init__(self, operator, bins):
         super().__init__(operator, bins)
