@@ -5,7 +5,7 @@ is added); Adams, Brezina, Hu and Tuminaro, Parallel multigrid smoothing: polyno
 Computational Physics 188 (2003), 593-610 (Chebyshev smoothing).
 """
 
-from .backend import real, ti
+from .backend import real, started, ti
 from .node_grids import NodeGrids
 
 SWEEPS = 3  # degree of the Chebyshev polynomial; odd
@@ -46,7 +46,9 @@ class GridLevels(NodeGrids):
         d = self.dimension
         self.points = 3**d
         self.weight = 2.0 / 2**d  # of grid 0
-        self.apart = 1  # grids after grid 0 that have top-level loops of their own
+        # Where there is one thread, loops that are not top-level loops cost nothing and compile once for all grids.
+        one_thread = started()["arch"] == "cpu" and started()["threads"] == 1
+        self.apart = 0 if one_thread else 1  # grids that have top-level loops of their own
         self.a, self.c = (ti.field(real(), self.nodes) for _ in range(2))  # of the cell above each node [times m2]
         self.S = ti.Matrix.field(d, d, real(), self.nodes)
         self.centre = ti.Vector.field(d, real(), self.nodes)  # of a in the cell, 0 to 1 [-]
