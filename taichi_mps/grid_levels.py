@@ -1,204 +1,78 @@
-"""Coarse levels for an operator on particles that has no matrix: grids of nodes made from the binning grid.
+"""Coarse levels for an operator on particles that has no matrix: a multigrid cycle on grids of nodes.
 
-Source: Bramble, Pasciak and Xu, Parallel multilevel preconditioners, Mathematics of Computation 55 (1990), 1-22.
+Sources: Bramble, Pasciak and Xu, Parallel multilevel preconditioners, Mathematics of Computation 55 (1990), 1-22 (what
+is added); Adams, Brezina, Hu and Tuminaro, Parallel multigrid smoothing: polynomial versus Gauss-Seidel, Journal of
+Computational Physics 188 (2003), 593-610 (Chebyshev smoothing).
 """
 
-from itertools import pairwise
-
-import numpy as np
-
 from .backend import real, ti
+from .node_grids import NodeGrids
+
+SWEEPS = 3  # degree of the Chebyshev polynomial; odd
+LOWEST = 1.0 / 16.0  # share of the spectrum of D^-1 A below which the next grid corrects
+LAST = 3  # times that the last grid, which has no next one, is smoothed after; odd
 
 
 @ti.data_oriented
-class GridLevels:
-    """M^-1 = D^-1 + w sum_l P_l D_l^-1 P_l^T, the sum over grids l of nodes.
+class GridLevels(NodeGrids):
+    """M^-1 = D^-1 + P_0 (w D_0^-1 + I C_1 I^T) P_0^T.
 
-    Grid 0 has a node at each corner of the binning cells, each next one every second node of the last, along the axes
-    where that is possible. P_l is linear interpolation from the nodes of grid l to the particles. D_l are the diagonal
-    blocks of the operator on the shape functions phi of the nodes,
+    P_0 is linear interpolation from the nodes of grid 0 to the particles, I from grid 1 to grid 0, and D_0 are the
+    diagonal blocks of the operator on the nodes of grid 0. C_l is one V-cycle on grid l,
 
-        D_l,n = sum_i a_i |grad phi_n|^2 I + c_i grad phi_n (x) grad phi_n + phi_n^2 S_i,
+        x = s b;    x += I C_{l+1} I^T (b - A_l x);    x += s (b - A_l x)
 
-    summed over the particles on grid 0, on the next ones over the nodes of the finer grid, onto which the particles'
-    a, c and S are lumped.
+    with a Chebyshev polynomial s in D_l^-1 A_l. A_l is the operator on the shape functions f of the nodes of grid l, a
+    stencil of 3^d blocks; that of nodes n and m is
+
+        sum_i a_i (grad f_n . grad f_m I + grad f_m (x) grad f_n) + (c_i - a_i) grad f_n (x) grad f_m + f_n f_m S_i
+
+    summed over the cells of grid l - 1, each of which stands for its particles with the sums of their a, c and S at
+    the centre of a: the operator of an elastic body. Each cell gives 2^d nodes a part of A_l that is positive, so the
+    eigenvalues of D_l^-1 A_l are at most 2^d. The polynomial contracts up to there, so M is symmetric positive definite
+    whatever the particles.
 
     operator: ``inverse_diagonal`` as for MRPCG (a zero block: no unknown), and the ti.func ``stiffness(i)``, which
-    gives a_i, c_i and the d x d matrix S_i of particle i.
+    gives a_i = V mu, c_i = V (mu + lambda) of Lame's lambda, and the d x d matrix S_i of particle i.
     """
 
     PAY_FROM = 8000
-    """Rows from which the levels pay. Measured on the slump cone of 300 Pa, CPU milliseconds a step (iterations),
-    Jacobi against levels: 5,504 rows 126 (77), 124 (42); 43,992 rows 1826 (180), 968 (65)."""
-
-    WEIGHT = 0.5
+    """Rows from which the levels pay. Measured on the slump cone of 300 Pa, one thread, CPU milliseconds a step
+    (iterations), Jacobi against levels: 3,033 rows 37 (76), 44 (42); 5,504 rows 76 (85), 68 (34).
+    They also take seconds to compile."""
 
     def __init__(self, operator, bins):
-        self.operator, self.bins = operator, bins
-        d = self.dimension = bins.dimension
-        stride = np.ones(d, int)  # cells between nodes
-        shape = np.array(bins.shape) + np.where(bins.periodic, 0, 1)
-        self.corners = tuple(int(s) for s in shape)  # nodes of grid 0 along each axis
-        strides, shapes = [], []
-        while True:
-            strides.append(stride)
-            shapes.append(shape)
-            merge = np.where(bins.periodic, (shape % 2 == 0) & (shape >= 6), shape > 3)
-            if not merge.any():
-                break
-            stride = np.where(merge, 2 * stride, stride)
-            shape = np.where(merge, np.where(bins.periodic, shape // 2, shape // 2 + 1), shape)
-        self.grids = len(shapes)
-        first = np.cumsum([0] + [int(np.prod(s)) for s in shapes])
-        nodes = int(first[-1])
-        self.nodes = nodes
-        self.first = ti.field(ti.i32, self.grids + 1)  # first node of each grid
-        self.shape = ti.Vector.field(d, ti.i32, self.grids)  # nodes along each axis
-        self.stride = ti.Vector.field(d, ti.i32, self.grids)  # cells from node to node
-        self.first.from_numpy(first.astype(np.int32))
-        self.shape.from_numpy(np.array(shapes, np.int32))
-        self.stride.from_numpy(np.array(strides, np.int32))
-        self.ratio = ti.Vector.field(d, ti.i32, self.grids)  # nodes of the finer grid from node to node, 1 or 2
-        ratios = [stride // finer for finer, stride in pairwise([strides[0], *strides])]
-        self.ratio.from_numpy(np.array(ratios, np.int32))
-        self.unit = ti.field(real(), self.grids)  # 1 over the product of these
-        self.unit.from_numpy(1.0 / self.ratio.to_numpy().prod(1))
-        self.active = ti.field(ti.i32, nodes)  # 1 where a particle may be within reach of the node
-        self.used = ti.field(ti.i32, nodes)  # the active nodes of a grid, from its first on
-        self.uses = ti.field(ti.i32, self.grids)  # how many they are
-        self.a, self.c = (ti.field(real(), nodes) for _ in range(2))  # lumped [of the operator times m2]
-        self.S = ti.Matrix.field(d, d, real(), nodes)  # lumped [of the operator]
-        self.inverse = ti.Matrix.field(d, d, real(), nodes)  # D_l^-1
-        self.b = ti.Vector.field(d, real(), nodes)  # P_l^T r
-        self.z = ti.Vector.field(d, real(), nodes)  # sum of P D^-1 b over this grid and the coarser ones
-        self.fraction = ti.Vector.field(d, real(), bins.particles.capacity)  # place of each particle in its cell [-]
+        super().__init__(operator, bins)
+        d = self.dimension
+        self.points = 3**d
+        self.weight = 2.0 / 2**d  # of grid 0
+        self.a, self.c = (ti.field(real(), self.nodes) for _ in range(2))  # of the cell above each node [times m2]
+        self.S = ti.Matrix.field(d, d, real(), self.nodes)
+        self.centre = ti.Vector.field(d, real(), self.nodes)  # of a in the cell, 0 to 1 [-]
+        self.lanes = 4 if d == 3 else d  # LLVM makes vector instructions of four numbers
+        self.stencil = ti.Matrix.field(d, self.lanes, real(), (self.rows, self.points))  # transposed blocks of A_l
+        self.column = ti.field(ti.i32, (self.rows, self.points))  # node at each stencil point, -1: none
+        self.inverse = ti.Matrix.field(d, d, real(), self.nodes)  # D_l^-1
+        self.b = ti.Vector.field(d, real(), self.nodes)  # right-hand side
+        self.rest = ti.Vector.field(d, real(), self.nodes)  # what the next grid corrects: b - A x
+        self.z = ti.Vector.field(d, real(), (2, self.nodes))  # x and the one before, in turn; at last in z[1]
+        self.step, self.carry = (ti.field(real(), SWEEPS) for _ in range(2))
+        highest = 2.0**d
+        middle, half = 0.5 * highest * (1.0 + LOWEST), 0.5 * highest * (1.0 - LOWEST)
+        rho = half / middle
+        for k in range(SWEEPS):
+            last, rho = rho, rho if k == 0 else 1.0 / (2.0 * middle / half - rho)
+            self.step[k] = 1.0 / middle if k == 0 else 2.0 * rho / half
+            self.carry[k] = 0.0 if k == 0 else rho * last
 
-    # ---- places ---------------------------------------------------------------------------------------------
-    @ti.func
-    def place(self, k, shape):
-        """Coordinates of the k-th node or cell of a grid of this shape."""
-        place, rest = ti.Vector.zero(ti.i32, self.dimension), k
-        for a in ti.static(range(self.dimension - 1, -1, -1)):
-            place[a] = rest % shape[a]
-            rest //= shape[a]
-        return place
-
-    @ti.func
-    def linear(self, place, shape):
-        """Number of the node or cell at a place of a grid of this shape, wrapped along periodic axes; -1 outside."""
-        number, inside = 0, 1
-        for a in ti.static(range(self.dimension)):
-            k = place[a]
-            if ti.static(self.bins.periodic[a]):
-                k = (k + shape[a]) % shape[a]
-            if k < 0 or k >= shape[a]:
-                inside = 0
-            number = number * shape[a] + k
-        return ti.select(inside == 1, number, -1)
-
-    @ti.func
-    def corner(self, place, corner: ti.template()):
-        """Number of the node at a corner (0 or 1 along each axis) of the cell at a place."""
-        number = 0
-        for a in ti.static(range(self.dimension)):
-            k = place[a] + corner[a]
-            if ti.static(self.bins.periodic[a] and corner[a] == 1):
-                k = ti.select(k == self.corners[a], 0, k)
-            number = number * self.corners[a] + k
-        return number
-
-    @ti.func
-    def share(self, i, corner):
-        """Value at particle i of the shape function of the node at a corner (0 or 1 along each axis) of its cell."""
-        share = ti.cast(1.0, float)
-        for a in ti.static(range(self.dimension)):
-            share *= ti.abs(1.0 - corner[a] - self.fraction[i][a])
-        return share
-
-    @ti.func
-    def parents(self, place, grid):
-        """Of the node at a place: the place of its first parent on the next grid, and its distance from it, in nodes of
-        this grid: 0, or 1 along an axis where it stands between two parents."""
-        halved = self.ratio[grid + 1] - 1
-        return place >> halved, place & halved
-
-    @ti.func
-    def parent(self, first, rest, corner, grid):
-        """Number of the parent at a corner (0 or 1 along each axis) and its share in the node."""
-        share = ti.cast(self.unit[grid + 1], float)
-        for a in ti.static(range(self.dimension)):
-            share *= ti.select(corner[a] == 1, rest[a], self.ratio[grid + 1][a] - rest[a])
-        number = self.linear(first + corner, self.shape[grid + 1]) if share > 0.0 else -1
-        return self.first[grid + 1] + number, ti.select(number < 0, 0.0, share)
-
-    @ti.func
-    def child(self, place, offset, grid):
-        """Number of the node of the finer grid, ``offset`` of its nodes (-2 to 2 along each axis) from a node of this
-        one, and by axis the means around it of phi^2, of (h dphi/dx)^2 and of phi h dphi/dx, h from node to node."""
-        at, square = place, ti.Vector.one(float, self.dimension)
-        rise, product = ti.Vector.zero(float, self.dimension), ti.Vector.zero(float, self.dimension)
-        for a in ti.static(range(self.dimension)):
-            far = ti.abs(offset[a])
-            if self.stride[grid][a] > self.stride[grid - 1][a]:
-                at[a] = 2 * place[a] + offset[a]
-                square[a] = ti.select(far == 0, 1.0, ti.select(far == 1, 0.25, 0.0))
-                rise[a] = ti.select(far < 2, 1.0, 0.5)
-                product[a] = ti.select(far == 1, -0.5 * offset[a], 0.0)
-            else:
-                at[a] = place[a] + offset[a]
-                square[a] = ti.select(far == 0, 1.0, 0.0)
-                rise[a] = ti.select(far == 0, 1.0, ti.select(far == 1, 0.5, 0.0))
-        number = self.linear(at, self.shape[grid - 1])
-        return ti.select(number < 0, -1, self.first[grid - 1] + number), square, rise, product
-
-    # ---- blocks ---------------------------------------------------------------------------------------------
+    # ---- operators ------------------------------------------------------------------------------------------
     def build(self) -> None:
-        """Blocks of all grids for the operator as it is now."""
-        self._locate()
-        for grid in range(1, self.grids):
-            self._mark(grid)
+        """Operators of all grids for the particles' operator as it is now."""
+        self.locate()
         self._assemble_finest()
         for grid in range(1, self.grids):
+            self._lump(grid - 1)
             self._assemble(grid)
-
-    @ti.func
-    def collect(self, grid):
-        """List the active nodes of a grid, in order."""
-        ti.loop_config(serialize=True)
-        for _ in range(1):
-            found = self.first[grid]
-            for node in range(self.first[grid], self.first[grid + 1]):
-                if self.active[node] > 0:
-                    self.used[found] = node
-                    found += 1
-            self.uses[grid] = found - self.first[grid]
-
-    @ti.kernel
-    def _locate(self):
-        """Place of the particles in their cells; nodes at the corners of cells that hold some are active."""
-        for i in range(self.operator.count[None]):
-            s = (self.bins.particles.x[i] - self.bins.low) / self.bins.cell_size
-            self.fraction[i] = ti.cast(s - self.place(self.bins.cell_of[i], ti.Vector(self.bins.shape)), float)
-        for node in range(self.nodes):
-            self.active[node] = 0
-        for cell in range(self.bins.cells):
-            if self.bins.cell_start[cell + 1] > self.bins.cell_start[cell]:
-                place = self.place(cell, ti.Vector(self.bins.shape))
-                for corner in ti.grouped(ti.ndrange(*((0, 2),) * self.dimension)):
-                    self.active[self.linear(place + corner, self.shape[0])] = 1
-        self.collect(0)
-
-    @ti.kernel
-    def _mark(self, grid: ti.i32):
-        """Nodes that an active one of the finer grid adds to are active."""
-        for m in range(self.uses[grid - 1]):
-            node = self.used[self.first[grid - 1] + m]
-            place, rest = self.parents(self.place(node - self.first[grid - 1], self.shape[grid - 1]), grid - 1)
-            for corner in ti.grouped(ti.ndrange(*((0, 2),) * self.dimension)):
-                number, share = self.parent(place, rest, corner, grid - 1)
-                if share > 0.0:
-                    self.active[number] = 1
-        self.collect(grid)
 
     @ti.func
     def invert(self, node, D):
@@ -209,71 +83,116 @@ class GridLevels:
 
     @ti.kernel
     def _assemble_finest(self):
+        """Diagonal blocks of grid 0."""
         for m in range(self.uses[0]):
             node = self.used[m]
             place = self.place(node, self.shape[0])
             I = ti.Matrix.identity(float, self.dimension)  # noqa: E741
-            D, total = 0.0 * I, 0.0 * I
-            shear, bulk = ti.cast(0.0, float), ti.cast(0.0, float)
+            D = 0.0 * I
             for corner in ti.grouped(ti.ndrange(*((0, 2),) * self.dimension)):
                 cell = self.linear(place - corner, ti.Vector(self.bins.shape))
                 if cell >= 0:
                     for i in range(self.bins.cell_start[cell], self.bins.cell_start[cell + 1]):
-                        value = self.share(i, corner)
-                        slope = ti.Vector.zero(float, self.dimension)
-                        for a in ti.static(range(self.dimension)):
-                            side = ti.select(corner[a] == 1, self.fraction[i][a], 1.0 - self.fraction[i][a])
-                            sign = ti.select(corner[a] == 1, 1.0, -1.0) / ti.cast(self.bins.cell_size[a], float)
-                            slope[a] = value / ti.max(side, 1e-6) * sign
+                        value, slope = self.shape_function(corner, self.fraction[i], 0)
                         a_i, c_i, S_i = self.operator.stiffness(i)
                         D += a_i * slope.dot(slope) * I + c_i * slope.outer_product(slope) + value * value * S_i
-                        shear += value * a_i
-                        bulk += value * c_i
-                        total += value * S_i
-            self.a[node], self.c[node], self.S[node] = shear, bulk, total
             self.invert(node, D)
 
+    @ti.func
+    def shape_function(self, corner, fraction, grid):
+        """Value, and gradient [1/m], of the shape function of the node at a corner of a cell between the nodes."""
+        value, slope = ti.cast(1.0, float), ti.Vector.one(float, self.dimension)
+        for a in ti.static(range(self.dimension)):
+            width = ti.cast(self.bins.cell_size[a] * self.stride[grid][a], float)
+            share = ti.abs(1.0 - corner[a] - fraction[a])
+            value *= share
+            for e in ti.static(range(self.dimension)):
+                slope[e] *= ti.select(corner[a] == 1, 1.0, -1.0) / width if e == a else share
+        return value, slope
+
+    @ti.func
+    def clear(self, row, place, grid):
+        """Neighbours of the node of a row, -1 where there is none, and zero blocks."""
+        for k in range(self.points):
+            self.stencil[row, k] = ti.Matrix.zero(float, self.dimension, self.lanes)
+            self.column[row, k] = self.neighbour(place + self.offset(k), grid)
+
+    @ti.func
+    def close(self, row, grid):
+        """Where there is no neighbour a zero block of any node: sums over the stencil need not ask."""
+        for k in range(self.points):
+            if self.column[row, k] < 0:
+                self.stencil[row, k] = ti.Matrix.zero(float, self.dimension, self.lanes)
+                self.column[row, k] = self.first[grid]
+
+    @ti.func
+    def offset(self, k):
+        """Stencil point k, -1 to 1 along each axis."""
+        return self.place(k, 3 * ti.Vector.one(ti.i32, self.dimension)) - 1
+
+    @ti.func
+    def point(self, offset):
+        """Number of the stencil point at an offset."""
+        k = 0
+        for a in ti.static(range(self.dimension)):
+            k = 3 * k + offset[a] + 1
+        return k
+
     @ti.kernel
-    def _assemble(self, grid: ti.i32):
+    def _lump(self, grid: ti.i32):
+        """Sums of a, c and S over the cells above the nodes of a grid, and where their a is."""
         for m in range(self.uses[grid]):
             node = self.used[self.first[grid] + m]
             place = self.place(node - self.first[grid], self.shape[grid])
-            size = ti.cast(self.bins.cell_size * ti.cast(self.stride[grid], ti.f64), float)
-            I = ti.Matrix.identity(float, self.dimension)  # noqa: E741
-            D, total = 0.0 * I, 0.0 * I
-            shear, bulk = ti.cast(0.0, float), ti.cast(0.0, float)
-            for offset in ti.grouped(ti.ndrange(*((-2, 3),) * self.dimension)):
-                number, square, rise, product = self.child(place, offset, grid)
-                if number >= 0 and self.active[number] > 0:
-                    outer, value = 0.0 * I, ti.cast(1.0, float)
-                    for a in ti.static(range(self.dimension)):
-                        value *= square[a]
-                        for c in ti.static(range(self.dimension)):
-                            term = ti.cast(1.0, float) / (size[a] * size[c])
-                            for e in ti.static(range(self.dimension)):
-                                if ti.static(a == c and e == a):
-                                    term *= rise[e]
-                                elif ti.static(e in (a, c) and a != c):
-                                    term *= product[e]
-                                else:
-                                    term *= square[e]
-                            outer[a, c] = term
-                    D += self.a[number] * outer.trace() * I + self.c[number] * outer + value * self.S[number]
-                    share = ti.sqrt(value)
-                    shear += share * self.a[number]
-                    bulk += share * self.c[number]
-                    total += share * self.S[number]
-            self.a[node], self.c[node], self.S[node] = shear, bulk, total
+            S = ti.Matrix.zero(float, self.dimension, self.dimension)
+            shear, bulk, moment = ti.cast(0.0, float), ti.cast(0.0, float), ti.Vector.zero(float, self.dimension)
+            if grid == 0:
+                cell = self.linear(place, ti.Vector(self.bins.shape))
+                if cell >= 0:
+                    for i in range(self.bins.cell_start[cell], self.bins.cell_start[cell + 1]):
+                        a_i, c_i, S_i = self.operator.stiffness(i)
+                        shear, bulk, S, moment = shear + a_i, bulk + c_i, S + S_i, moment + a_i * self.fraction[i]
+            else:
+                for corner in ti.grouped(ti.ndrange(*((0, 2),) * self.dimension)):
+                    inner = self.neighbour(self.ratio[grid] * place + corner, grid - 1)
+                    if (corner < self.ratio[grid]).all() and inner >= 0:
+                        shear, bulk, S = shear + self.a[inner], bulk + self.c[inner], S + self.S[inner]
+                        moment += self.a[inner] * (self.centre[inner] + corner) / self.ratio[grid]
+            self.a[node], self.c[node], self.S[node] = shear, bulk, S
+            self.centre[node] = moment / shear if shear > 0.0 else 0.5 + 0.0 * moment
+
+    @ti.kernel
+    def _assemble(self, grid: ti.i32):
+        """Stencils of a grid, from the sums over the cells of the finer one."""
+        for m in range(self.uses[grid]):
+            node, row = self.used[self.first[grid] + m], self.start[grid] + m
+            place = self.place(node - self.first[grid], self.shape[grid])
+            self.clear(row, place, grid)
+            D = ti.Matrix.zero(float, self.dimension, self.dimension)
+            ratio = self.ratio[grid]
+            for offset in ti.grouped(ti.ndrange(*((-2, 2),) * self.dimension)):
+                at, cell = ratio * place + offset, -1
+                if (offset >= -ratio).all() and (offset < ratio).all():
+                    cell = self.neighbour(at, grid - 1)
+                if cell >= 0 and self.c[cell] > 0.0:
+                    corner = place - (at >> (ratio - 1))  # of the node in its cell
+                    fraction = (self.centre[cell] + (at & (ratio - 1))) / ratio
+                    value, slope = self.shape_function(corner, fraction, grid)
+                    shear, rest, S = self.a[cell], self.c[cell] - self.a[cell], value * self.S[cell]
+                    for other in ti.grouped(ti.ndrange(*((0, 2),) * self.dimension)):
+                        v, s = self.shape_function(other, fraction, grid)
+                        k, level = self.point(other - corner), shear * slope.dot(s)
+                        for e, a in ti.static(ti.ndrange(self.dimension, self.dimension)):
+                            block = shear * s[a] * slope[e] + rest * slope[a] * s[e] + v * S[a, e]
+                            self.stencil[row, k][e, a] += block + level if ti.static(a == e) else block
+            for e, a in ti.static(ti.ndrange(self.dimension, self.dimension)):
+                D[a, e] = self.stencil[row, self.points // 2][e, a]
+            self.close(row, grid)
             self.invert(node, D)
 
     # ---- the cycle ------------------------------------------------------------------------------------------
     @ti.kernel
     def cycle(self, r: ti.template(), z: ti.template()):
-        """z = M^-1 r."""
-        self.correct(r, z)
-
-    @ti.func
-    def correct(self, r: ti.template(), z: ti.template()):
         """z = M^-1 r; its loops are top-level loops."""
         for m in range(self.uses[0]):
             node = self.used[m]
@@ -284,55 +203,115 @@ class GridLevels:
                 if cell >= 0:
                     for i in range(self.bins.cell_start[cell], self.bins.cell_start[cell + 1]):
                         b += self.share(i, corner) * r[i]
-            self.b[node] = b
+            self.rest[node] = b
         if ti.static(self.grids > 1):
             for m in range(self.uses[1]):
                 self.restrict(1, m)
+            for k in ti.static(range(1, SWEEPS)):
+                for m in range(self.uses[1]):
+                    self.sweep(1, m, k, (k + 1) % 2)
+            for m in range(self.uses[1]):
+                self.leave(1, m)
         ti.loop_config(serialize=True)
         for _ in range(1):  # the coarser grids have few nodes: one thread, no launches
             for grid in range(2, self.grids):
                 for m in range(self.uses[grid]):
                     self.restrict(grid, m)
-            for k in range(2, self.grids):
-                for m in range(self.uses[self.grids + 1 - k]):
-                    self.prolong(self.grids + 1 - k, m)
+                for k in range(1, SWEEPS):
+                    for m in range(self.uses[grid]):
+                        self.sweep(grid, m, k, (k + 1) % 2)
+                for m in range(self.uses[grid]):
+                    self.leave(grid, m)
+            for up in range(2, self.grids):
+                grid = self.grids + 1 - up
+                for m in range(self.uses[grid]):
+                    self.prolong(grid, m)
+                for k in range(LAST * SWEEPS if grid == self.grids - 1 else SWEEPS):
+                    for m in range(self.uses[grid]):
+                        self.sweep(grid, m, k % SWEEPS, k % 2)
         if ti.static(self.grids > 1):
             for m in range(self.uses[1]):
                 self.prolong(1, m)
+            for k in ti.static(range(SWEEPS)):
+                for m in range(self.uses[1]):
+                    self.sweep(1, m, k, k % 2)
         for m in range(self.uses[0]):
-            self.prolong(0, m)
+            node = self.used[m]
+            self.z[1, node] = self.weight * self.inverse[node] @ self.rest[node] + self.coarser(node, 0)
         for i in range(self.operator.count[None]):
             correction = ti.Vector.zero(float, self.dimension)
             if ti.abs(self.operator.inverse_diagonal[i]).sum() > 0:
                 place = self.place(self.bins.cell_of[i], ti.Vector(self.bins.shape))
                 for corner in ti.static(ti.ndrange(*((0, 2),) * self.dimension)):
-                    correction += self.share(i, corner) * self.z[self.corner(place, corner)]
-            z[i] = self.operator.inverse_diagonal[i] @ r[i] + self.WEIGHT * correction
+                    correction += self.share(i, corner) * self.z[1, self.corner(place, corner)]
+            z[i] = self.operator.inverse_diagonal[i] @ r[i] + correction
+
+    @ti.func
+    def part(self, offset, grid):
+        """Share of a node of a grid in the node of the finer one at an offset from it."""
+        share = ti.cast(self.unit[grid], float)
+        for a in ti.static(range(self.dimension)):
+            share *= self.ratio[grid][a] - ti.abs(offset[a])
+        return share
 
     @ti.func
     def restrict(self, grid, m):
-        """b of the m-th node of a grid from those of the finer one."""
+        """b of the m-th node of a grid from what the finer one leaves; x after the first sweep from zero."""
         node = self.used[self.first[grid] + m]
         place = self.place(node - self.first[grid], self.shape[grid])
         b = ti.Vector.zero(float, self.dimension)
         for offset in ti.grouped(ti.ndrange(*((-1, 2),) * self.dimension)):
-            share = ti.cast(self.unit[grid], float)
-            for a in ti.static(range(self.dimension)):
-                share *= self.ratio[grid][a] - ti.abs(offset[a])
-            number = self.linear(self.ratio[grid] * place + offset, self.shape[grid - 1]) if share > 0.0 else -1
-            if number >= 0 and self.active[self.first[grid - 1] + number] > 0:
-                b += share * self.b[self.first[grid - 1] + number]
+            share = self.part(offset, grid)
+            fine = self.neighbour(self.ratio[grid] * place + offset, grid - 1) if share > 0.0 else -1
+            if fine >= 0:
+                b += share * self.rest[fine]
         self.b[node] = b
+        self.z[0, node] = self.step[0] * self.inverse[node] @ b
+        self.z[1, node] = ti.Vector.zero(float, self.dimension)
+
+    @ti.func
+    def residual(self, grid, m, at):
+        """b - A z[at] of the m-th node of a grid."""
+        row = self.start[grid] + m
+        total = ti.Vector.zero(float, self.lanes)
+        for k in range(self.points):
+            other = self.column[row, k]
+            if other < 0:  # never: the way out (momentum.py says why)
+                break
+            z = self.z[at, other]
+            for e, a in ti.static(ti.ndrange(self.dimension, self.lanes)):
+                total[a] += self.stencil[row, k][e, a] * z[e]
+        rest = self.b[self.used[self.first[grid] + m]]
+        for a in ti.static(range(self.dimension)):
+            rest[a] -= total[a]
+        return rest
+
+    @ti.func
+    def sweep(self, grid, m, k, at):
+        """Step k of the Chebyshev polynomial, from z[at] and the one before, which the result replaces."""
+        node = self.used[self.first[grid] + m]
+        x, before = self.z[at, node], self.z[1 - at, node]
+        change = self.carry[k] * (x - before) + self.step[k] * self.inverse[node] @ self.residual(grid, m, at)
+        self.z[1 - at, node] = x + change
+
+    @ti.func
+    def leave(self, grid, m):
+        self.rest[self.used[self.first[grid] + m]] = self.residual(grid, m, 0)
 
     @ti.func
     def prolong(self, grid, m):
-        """z of the m-th node of a grid: D^-1 b, and what the next grid adds."""
+        """Add what the next grid adds."""
         node = self.used[self.first[grid] + m]
-        z = self.inverse[node] @ self.b[node]
+        self.z[0, node] += self.coarser(node, grid)
+
+    @ti.func
+    def coarser(self, node, grid):
+        """What the next grid adds at a node."""
+        z = ti.Vector.zero(float, self.dimension)
         if grid + 1 < self.grids:
             place, rest = self.parents(self.place(node - self.first[grid], self.shape[grid]), grid)
             for corner in ti.grouped(ti.ndrange(*((0, 2),) * self.dimension)):
                 number, share = self.parent(place, rest, corner, grid)
-                if share > 0.0:
-                    z += share * self.z[number]
-        self.z[node] = z
+                if share > 0.0 and self.active[number] > 0:
+                    z += share * self.z[1, number]
+        return z

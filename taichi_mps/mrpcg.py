@@ -4,7 +4,7 @@ Solves A x = b for any symmetric positive definite operator; knows no physics. P
 
     Jacobi        M^-1 = D^-1, the inverse (block) diagonal: the cheapest for few rows
     cell levels   M^-1 = one symmetric W-cycle over the cells of the binning grid (sparse.CellLevels): a matrix in rows
-    grid levels   M^-1 = D^-1 + a sum over grids of the corners of these cells (grid_levels.GridLevels): no matrix
+    grid levels   M^-1 = D^-1 + a V-cycle over grids of the corners of these cells (grid_levels.GridLevels): no matrix
 
 Source: Saad, Iterative Methods for Sparse Linear Systems (2003), algorithm 9.1.
 """
@@ -56,7 +56,6 @@ class MRPCG:
         self.operator, self.levels, self.check_every = operator, levels, check_every
         one_thread = started()["arch"] == "cpu" and started()["threads"] == 1
         self.alone = one_thread or few(capacity)
-        self.in_kernel = isinstance(levels, GridLevels)  # levels that a kernel can call
         self.use_levels = levels is not None
         self.real = real()
         unknowns = [ti.Vector.field(components, self.real, capacity) for _ in range(6)]
@@ -80,8 +79,8 @@ class MRPCG:
 
     def solve(self, tolerance: float, max_iterations: int = 1000, reference: float | None = None) -> SolveReport:
         """Improve self.x until sqrt(r.z) <= tolerance sqrt(min(b.M^-1 b, reference))."""
-        if self.alone and (self.in_kernel or not self.use_levels):
-            self.solve_alone(self.use_levels, tolerance, max_iterations, HUGE if reference is None else reference)
+        if self.alone and not self.use_levels:
+            self.solve_alone(tolerance, max_iterations, HUGE if reference is None else reference)
             return self.report([self._relative_residual(self.first), self._relative_residual(self.rz)])
         self._load()
         self._precondition()
@@ -163,13 +162,10 @@ class MRPCG:
             self.stop(INDEFINITE)
 
     @ti.func
-    def precondition(self, levels: ti.template()):
-        """z = M^-1 r, with the levels if a kernel can call them."""
-        if ti.static(levels):
-            self.levels.correct(self.r, self.z)
-        else:
-            for i in range(self.active[None]):
-                self.z[i] = self.operator.inverse_diagonal[i] @ self.r[i]
+    def precondition(self):
+        """z = D^-1 r."""
+        for i in range(self.active[None]):
+            self.z[i] = self.operator.inverse_diagonal[i] @ self.r[i]
 
     @ti.func
     def advance(self):
@@ -235,9 +231,9 @@ class MRPCG:
             self.p[i] = self.z[i]
 
     @stage
-    def solve_alone(self, levels: ti.template(), tolerance: ti.f64, limit: ti.i32, reference: ti.f64):
-        """The whole of ``solve``: loops inside a loop run in one thread. A and M^-1 stand here once, for they take
-        long to compile: round 0 measures b, round 1 the guess, the others are the iterations."""
+    def solve_alone(self, tolerance: ti.f64, limit: ti.i32, reference: ti.f64):
+        """The whole of ``solve`` without levels: loops inside a loop run in one thread. A and D^-1 stand here once, for
+        they take long to compile: round 0 measures b, round 1 the guess, the others are the iterations."""
         ti.loop_config(serialize=True)
         for _ in range(1):
             self.load()
@@ -250,7 +246,7 @@ class MRPCG:
                         self.r[i] = self.masked(i, self.b[i] - self.q[i])
                 elif stage == 2:
                     self.move()
-                self.precondition(levels)
+                self.precondition()
                 if stage == 0:
                     self.refer()
                     for i in range(self.active[None]):
@@ -265,7 +261,7 @@ class MRPCG:
     @ti.kernel
     def _jacobi_iteration(self):
         self.advance()
-        self.precondition(False)
+        self.precondition()
         self.turn()
 
     @ti.kernel
@@ -274,7 +270,7 @@ class MRPCG:
 
     @ti.kernel
     def _jacobi_only(self):
-        self.precondition(False)
+        self.precondition()
 
     @ti.kernel
     def _turn_only(self):

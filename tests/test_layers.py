@@ -19,7 +19,7 @@ EDGE = 4
 LAYERS = {
     0: "quantity material geometry solids inner_edges measure rest_shapes inlet filling report scene admission",
     1: "backend stages weights ghosts surfaces friction particles neighbors gradient mrpcg sparse grid_levels scales "
-    "smoothing",
+    "smoothing node_grids",
     2: "rheology walls viscosity pressure momentum shifting totals sleeping pouring rest snapshots summary",
     3: "schemes.implicit schemes.semi_implicit simulation",
 }
@@ -41,7 +41,8 @@ PEERS = {
     "neighbors": {"backend", "stages"},
     "gradient": {"backend", "stages", "particles", "weights"},
     "mrpcg": {"backend", "stages", "sparse", "grid_levels"},
-    "grid_levels": {"backend"},
+    "grid_levels": {"backend", "node_grids"},
+    "node_grids": {"backend"},
     "sparse": {"backend"},
     "scales": {"backend"},
     "smoothing": {"backend", "stages"},

@@ -172,7 +172,7 @@ class Implicit:
     def solve(self, tolerance):
         """Velocity of the present stress and pressure; returns the number of iterations."""
         if ti.static(self.alone):
-            self.solver.solve_alone(False, tolerance, MOST_ITERATIONS, self.reference[None])
+            self.solver.solve_alone(tolerance, MOST_ITERATIONS, self.reference[None])
         else:
             self.solver.solve(tolerance, MOST_ITERATIONS, self.reference[None])
         self.iterations[None] += self.solver.iterations[None]
