@@ -77,9 +77,10 @@ class GridLevels(NodeGrids):
     @ti.func
     def invert(self, node, D):
         self.inverse[node] = ti.Matrix.zero(float, self.dimension, self.dimension)
-        if D.trace() > 0.0:  # a node that the particles only just touch must not blow up
-            tiny = 1e-4 * D.trace() * ti.Matrix.identity(float, self.dimension)
-            self.inverse[node] = (D + tiny).inverse()
+        size = D.trace()
+        if size > 1e-30:  # a node that the particles only just touch must not blow up, nor its determinant underflow
+            scaled = D / size + 1e-4 * ti.Matrix.identity(float, self.dimension)
+            self.inverse[node] = scaled.inverse() / size
 
     @ti.kernel
     def _assemble_finest(self):

@@ -177,3 +177,20 @@ def test_the_operators_of_all_grids_have_the_energy_of_linear_fields():
             if mass == 0.0:
                 u = place * np.array(levels.bins.cell_size) * levels.stride.to_numpy()[grid] @ G.T
                 assert np.einsum("na,nmab,mb", u, A, u) == pytest.approx(24 * 24 * strain, rel=1e-9)
+
+
+@ti.kernel
+def inverse_of(levels: ti.template(), size: float) -> ti.types.matrix(2, 2, ti.f32):
+    levels.invert(0, size * ti.Matrix([[0.6, 0.2], [0.2, 0.4]]))
+    return levels.inverse[0]
+
+
+def test_a_node_that_particles_hardly_touch_has_an_inverse_in_single_precision():
+    """Its block may be so small that the determinant is not a number of f32; last, as it starts Taichi anew."""
+    mps.init(arch="cpu", precision="f32")
+    springs = Springs(24, False)
+    levels = GridLevels(springs, springs.bins)
+    for size in (1e-25, 1.0, 1e6):
+        found = np.array(inverse_of(levels, size).to_numpy()) * size
+        np.testing.assert_allclose(found, np.linalg.inv([[0.6001, 0.2], [0.2, 0.4001]]), rtol=1e-5)
+    assert np.all(inverse_of(levels, 1e-38).to_numpy() == 0.0)  # as good as no particle there

@@ -20,7 +20,7 @@ LAYERS = {
     0: "quantity material geometry solids inner_edges measure rest_shapes inlet filling report scene admission",
     1: "backend stages weights ghosts surfaces friction particles neighbors gradient mrpcg sparse grid_levels scales "
     "smoothing node_grids",
-    2: "rheology walls viscosity pressure momentum shifting totals sleeping pouring rest snapshots summary",
+    2: "rheology stress walls viscosity pressure momentum shifting totals sleeping pouring rest snapshots summary",
     3: "schemes.implicit schemes.semi_implicit simulation",
 }
 PEERS = {
@@ -47,6 +47,7 @@ PEERS = {
     "scales": {"backend"},
     "smoothing": {"backend", "stages"},
     "viscosity": {"rheology"},
+    "stress": {"rheology"},
     "momentum": {"rheology", "sleeping"},
     "simulation": {"schemes.implicit", "schemes.semi_implicit"},
 }

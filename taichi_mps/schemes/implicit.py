@@ -11,14 +11,14 @@ from ..gradient import Gradient
 from ..momentum import MomentumSystem
 from ..mrpcg import INDEFINITE, MRPCG, GridLevels
 from ..particles import FLUID
-from ..rheology import bi_viscosity, compiled, curve_mapping, deviator, flow_curve, magnitude, return_mapping
-from ..scales import NON_AFFINE, Scales, law_of, resting_time
+from ..rheology import shear_rate
+from ..scales import Scales, law_of, resting_time
 from ..shifting import Shifting
 from ..sleeping import Sleeping
 from ..smoothing import PressureSmoothing
 from ..stages import Stages, few, stage
+from ..stress import Stress
 
-EDGE = 4.0  # at the edge of a plug a quarter of the bonds carry all non-affine motion: their rate is twice the mean
 SOURCE, RING_SOURCE = 0.05, 0.2  # share of the packing error removed per step; thin rings lose more of it per step
 FASTEST, RING_FASTEST = 1.0, 0.25  # at most this [1/s]; of rings also this share of the shear rate, or the shift wins
 STRAIN_SCALE = 0.02  # strain per step above which source and shift act fully
@@ -41,9 +41,6 @@ class Implicit:
         self.numerics = numerics
         self.dimension = d
         self.spacing = scene.spacing
-        self.law = law_of(self.materials)
-        self.curve, self.growth = flow_curve(material), compiled(getattr(material, "growth", None))
-        self.has_curve, self.has_growth = self.curve is not None, self.growth is not None
         self.g = ti.types.vector(d, real())(scene.gravity_vector)
         self.refill = RING_SOURCE if scene.axisymmetric else SOURCE
         self.scales = Scales(particles, len(self.materials))
@@ -55,6 +52,9 @@ class Implicit:
         self.system = MomentumSystem(particles, self.gradient, walls, self.sleeping)
         self.sleeps = self.system.sleeps
         self.smoothing = PressureSmoothing(particles, self.gradient, self.scales, scene.gravity_vector)
+        of_system = self.gradient, walls, self.system, self.scales, self.smoothing
+        self.stress = Stress(particles, *of_system, material, law_of(self.materials), scene.gravity_vector)
+        self.yielded = self.stress.yielded  # 1 where the material flows
         self.shifting = Shifting(particles, self.gradient, walls, scene.spacing)
         many = particles.capacity >= GridLevels.PAY_FROM
         self.solver = MRPCG(
@@ -63,7 +63,6 @@ class Implicit:
         self.source = ti.field(real(), particles.capacity)  # wanted divergence [1/s]
         self.reference = ti.field(ti.f64, ())  # drive . M^-1 drive over all particles [W]
         self.iterations = ti.field(ti.i32, ())  # of all solves of a step
-        self.yielded = ti.field(ti.i32, particles.capacity)  # 1 where the material flows
         self.first = True
         self.run = stages or Stages()
         self.alone = few(particles.capacity) and not walls.travel  # nothing is needed from Python between the stages
@@ -142,7 +141,7 @@ class Implicit:
         """``passes`` times: solve for u, then stress and pressure from u."""
         for k in range(passes):
             if k == 0 or self.solver.status[None] < INDEFINITE:
-                if ti.static(self.law == "bi-viscosity"):  # noqa: SIM102  (a compiled choice stays apart)
+                if ti.static(self.stress.law == "bi-viscosity"):  # noqa: SIM102  (a compiled choice stays apart)
                     if k > 0:
                         self.prepare_system()
                 self.run("right-hand side", self.right_hand_side, self.solver.b)
@@ -150,7 +149,7 @@ class Implicit:
                     self.system.subtract_wall_motion(self.solver.p, self.solver.q, self.solver.b)
                 self.run("solve", self.solve, tolerance * (EARLY if k + 1 < passes else 1.0))
                 if self.solver.status[None] < INDEFINITE:
-                    self.run("stress", self.update_stress, self.solver.x)
+                    self.run("stress", self.stress.update, self.solver.x, self.source)
 
     @ti.pyfunc
     def end(self, dt, first, all_awake, passes, tolerance):
@@ -188,22 +187,11 @@ class Implicit:
         """Density of particle i [kg/m3]."""
         return self.scales.density[self.scales.mix(i)]
 
-    @ti.func
-    def viscosity(self, i, rate):
-        """Viscosity [Pa s] of the implicit part of the stress: apparent, or the penalty of a true yield value."""
-        m = self.scales.mix(i)
-        mu = self.scales.eta[m]
-        if ti.static(self.law == "bingham"):
-            mu = self.scales.mu_r[m]
-        elif ti.static(self.law == "bi-viscosity"):
-            mu = bi_viscosity(rate, self.scales.eta[m], self.scales.tau_y[m], self.scales.pi_c[m])
-        return mu
-
     @stage
     def begin_friction(self):
         """The slip that each particle brings along to the walls with friction."""
         for i in range(self.particles.count[None]):
-            mu = self.viscosity(i, self.particles.shear_rate[i])
+            mu = self.stress.viscosity(i, self.particles.shear_rate[i])
             volume, share = self.particles.volume(i), self.gradient.counts_as(i)
             B = self.gradient.B[i]
             self.walls.begin_friction(i, self.particles.x[i], self.particles.u[i], B, volume, mu, share)
@@ -213,7 +201,7 @@ class Implicit:
         """Source, implicit viscosity and non-affine resistance from the last velocity."""
         for i in range(self.particles.count[None]):
             G, left = self.gradient.fit(i, self.particles.u, 1.0)
-            rate = 2.0 * magnitude(deviator(G))
+            rate = shear_rate(G)
             excess = self.gradient.packing[i] - 1.0
             error = ti.max(excess, -0.03 if self.gradient.enclosed(i) else 0.0)
             fastest = ti.cast(FASTEST, float)
@@ -221,17 +209,9 @@ class Implicit:
                 fastest = ti.max(fastest, RING_FASTEST * rate)
             source = ti.max(-fastest, ti.min(fastest, self.refill * error / dt))
             self.source[i] = source * self.deforming(i, dt, STRAIN_SCALE)
-            m = self.scales.mix(i)
-            h = NON_AFFINE * self.scales.eta[m] + self.scales.inertial[m]
-            if ti.static(self.law != "newtonian"):  # noqa: SIM102  (a compiled choice stays apart)
-                if first == 0:
-                    bond_rate = ti.max(ti.sqrt(rate * rate + 2.0 * NON_AFFINE * EDGE * left), self.scales.slowest[None])
-                    if ti.static(self.has_curve):
-                        h = NON_AFFINE * self.curve(bond_rate, self.structure(i)) / bond_rate + self.scales.inertial[m]
-                    else:
-                        h += NON_AFFINE * self.scales.tau_y[m] / bond_rate
-            self.system.inertia[i] = self.scales.density[m] / dt
-            self.system.mu[i] = self.viscosity(i, rate)
+            h = self.stress.non_affine(i, rate, left, first)
+            self.system.inertia[i] = self.density(i) / dt
+            self.system.mu[i] = self.stress.viscosity(i, rate)
             self.system.h[i] = 2.0 * self.particles.volume(i) * h / self.gradient.lattice(i)[0]
 
     @stage
@@ -267,7 +247,7 @@ class Implicit:
         for i in range(self.particles.count[None]):
             if self.system.acts(i):
                 T = -(self.smoothing.p[i] + self.scales.bulk[None] * self.source[i]) * I
-                if ti.static(self.law == "bingham"):
+                if ti.static(self.stress.law == "bingham"):
                     T += self.particles.stress[i] - 2.0 * self.system.mu[i] * self.particles.plastic_rate[i]
                 self.system.keep(i, self.gradient.spread_stress(i, T))
         for i in range(self.particles.count[None]):
@@ -283,80 +263,12 @@ class Implicit:
                     share = self.gradient.counts_as(i)
                     b[i] += volume * self.walls.hydrostatic(i, self.particles.x[i], heavy, self.gradient.B[i], share)
 
-    @ti.func
-    def structure(self, i):
-        """Structure of a thixotropic particle, 0 of any other [-]."""
-        structure = ti.cast(0.0, float)
-        if ti.static(self.has_growth):
-            structure = self.particles.structure[i]
-        return structure
-
-    @ti.func
-    def yield_law(self, i, trial):
-        """Stress [Pa], plastic rate and its size [1/s] of particle i for a trial stress [Pa]."""
-        if ti.static(self.has_curve):
-            return curve_mapping(self.curve, trial, self.structure(i), self.system.mu[i])
-        else:
-            m = self.scales.mix(i)
-            return return_mapping(trial, self.scales.eta[m], self.scales.tau_y[m], self.system.mu[i])
-
-    @stage
-    def update_stress(self, u: ti.template()):
-        """Shear rate, divergence, and the stress mapped back onto the yield surface, from the velocity u."""
-        for i in range(self.particles.count[None]):
-            if self.particles.kind[i] != FLUID:
-                u[i] = self.particles.u[i]
-        for i in range(self.particles.count[None]):
-            if self.system.acts(i):
-                G = self.gradient.velocity_gradient(i, u, 1.0)
-                D = deviator(G)
-                rate = 2.0 * magnitude(D)
-                self.particles.shear_rate[i] = rate
-                self.smoothing.p[i] -= (
-                    self.scales.bulk[None]
-                    * (G.trace() - self.source[i])
-                    * ti.cast(self.gradient.B[i][0, 0] > 0.0, float)
-                )
-                if ti.static(self.law == "bingham"):
-                    trial = self.particles.stress[i] + 2.0 * self.system.mu[i] * D
-                    stress, q, flow = self.yield_law(i, trial)
-                    carries = ti.cast(self.gradient.B[i][0, 0] > 0.0, float)
-                    self.particles.stress[i] = stress * carries
-                    self.particles.plastic_rate[i] = q * carries
-                    self.yielded[i] = flow > 0.0
-                elif ti.static(self.law == "bi-viscosity"):
-                    self.yielded[i] = rate >= 2.0 * self.scales.pi_c[self.scales.mix(i)]
-                    self.system.mu[i] = self.viscosity(i, rate)
-                else:
-                    self.yielded[i] = 1
-                if ti.static(self.walls.rub):
-                    T = 2.0 * self.system.mu[i] * D
-                    if ti.static(self.law == "bingham"):
-                        T = self.particles.stress[i]
-                    T -= self.smoothing.p[i] * ti.Matrix.identity(float, T.n)
-                    B, x, h = self.gradient.B[i], self.particles.x[i], self.system.h[i]
-                    flux = self.gradient.spread_stress(i, T) - h * self.gradient.in_plane(G)
-                    weight = self.particles.volume(i) * self.density(i) * self.g
-                    weight *= self.scales.pressed(self.smoothing.p[i])
-                    share, mu = self.gradient.counts_as(i), self.system.mu[i]
-                    self.walls.adjust_friction(i, x, u[i], flux, weight, B, mu, h, share)
-
     @stage
     def advance(self, dt: float, u: ti.template(), first: ti.i32):
-        """Keep p; rotate the stress with the material; x <- x + dt u/2 + shift. In the first step a particle that
+        """Keep p; turn the stress with the material; x <- x + dt u/2 + shift. In the first step a particle that
         viscosity holds (it gains less than half of free fall) had its speed at once: x <- x + dt u."""
         for i in range(self.particles.count[None]):
-            self.particles.p[i] = self.smoothing.p[i]
-            if ti.static(self.sleeps):  # noqa: SIM102  (a compiled choice stays apart)
-                if not self.system.acts(i):  # what sleeps does not deform
-                    self.particles.shear_rate[i], self.yielded[i] = 0.0, 0
-            if ti.static(self.has_growth):
-                self.particles.structure[i] += dt * self.growth(self.particles.shear_rate[i], self.structure(i))
-            if ti.static(self.law == "bingham"):
-                G = self.gradient.velocity_gradient(i, u, 1.0)
-                W = 0.5 * (G - G.transpose())
-                stress = self.particles.stress[i]
-                self.particles.stress[i] = stress + dt * (W @ stress - stress @ W)
+            self.stress.carry(i, dt, u)
         for i in range(self.particles.count[None]):
             if self.particles.kind[i] == FLUID:
                 half = 0.5 * u[i]
@@ -364,7 +276,7 @@ class Implicit:
                     half = u[i] - 0.5 * self.particles.u[i]
                 move = ti.cast(dt * half + self.shifting.shift[i], ti.f64)
                 if ti.static(self.sleeps):
-                    self.sleeping.count_rest(i, dt, u[i].norm(), self.yielded[i] == 1)
+                    self.sleeping.count_rest(i, dt, u[i].norm(), self.stress.yielded[i] == 1)
                     if not self.system.unknown(i):
                         move *= 0.0
                 self.particles.u[i] = u[i]

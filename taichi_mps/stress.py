@@ -1,0 +1,124 @@
+"""The stress of the implicit scheme: what the yield law makes of a velocity, and the viscosities of the matrix."""
+
+from .backend import real, ti
+from .particles import FLUID
+from .rheology import bi_viscosity, compiled, curve_mapping, deviator, flow_curve, magnitude, return_mapping
+from .scales import NON_AFFINE
+from .stages import stage
+
+EDGE = 4.0  # at the edge of a plug a quarter of the bonds carry all non-affine motion: their rate is twice the mean
+
+
+@ti.data_oriented
+class Stress:
+    """Stress, pressure and shear rate of every particle from the velocity, and its viscosities.
+
+    law: newtonian, bingham (a true yield value) or bi-viscosity."""
+
+    def __init__(self, particles, gradient, walls, system, scales, smoothing, material, law, gravity):
+        self.particles, self.gradient, self.walls, self.system = particles, gradient, walls, system
+        self.scales, self.smoothing, self.law = scales, smoothing, law
+        self.curve, self.growth = flow_curve(material), compiled(getattr(material, "growth", None))
+        self.has_curve, self.has_growth = self.curve is not None, self.growth is not None
+        self.g = ti.types.vector(particles.dimension, real())(gravity)
+        self.yielded = ti.field(ti.i32, particles.capacity)  # 1 where the material flows
+
+    @ti.func
+    def viscosity(self, i, rate):
+        """Viscosity [Pa s] of the implicit part of the stress: apparent, or the penalty of a true yield value."""
+        m = self.scales.mix(i)
+        mu = self.scales.eta[m]
+        if ti.static(self.law == "bingham"):
+            mu = self.scales.mu_r[m]
+        elif ti.static(self.law == "bi-viscosity"):
+            mu = bi_viscosity(rate, self.scales.eta[m], self.scales.tau_y[m], self.scales.pi_c[m])
+        return mu
+
+    @ti.func
+    def non_affine(self, i, rate, left, first):
+        """h [Pa s], what resists the motion that the gradient does not see, for a shear rate [1/s] and what the linear
+        fit ``left`` of the last velocity [1/s2]; in the first step these are not known."""
+        m = self.scales.mix(i)
+        h = NON_AFFINE * self.scales.eta[m] + self.scales.inertial[m]
+        if ti.static(self.law != "newtonian"):  # noqa: SIM102  (a compiled choice stays apart)
+            if first == 0:
+                bond_rate = ti.max(ti.sqrt(rate * rate + 2.0 * NON_AFFINE * EDGE * left), self.scales.slowest[None])
+                if ti.static(self.has_curve):
+                    h = NON_AFFINE * self.curve(bond_rate, self.structure(i)) / bond_rate + self.scales.inertial[m]
+                else:
+                    h += NON_AFFINE * self.scales.tau_y[m] / bond_rate
+        return h
+
+    @ti.func
+    def structure(self, i):
+        """Structure of a thixotropic particle, 0 of any other [-]."""
+        structure = ti.cast(0.0, float)
+        if ti.static(self.has_growth):
+            structure = self.particles.structure[i]
+        return structure
+
+    @ti.func
+    def yield_law(self, i, trial):
+        """Stress [Pa], plastic rate and its size [1/s] of particle i for a trial stress [Pa]."""
+        if ti.static(self.has_curve):
+            return curve_mapping(self.curve, trial, self.structure(i), self.system.mu[i])
+        else:
+            m = self.scales.mix(i)
+            return return_mapping(trial, self.scales.eta[m], self.scales.tau_y[m], self.system.mu[i])
+
+    @stage
+    def update(self, u: ti.template(), source: ti.template()):
+        """Shear rate; p <- p - K (div u - s), s the ``source`` [1/s]; the stress mapped back onto the yield surface."""
+        for i in range(self.particles.count[None]):
+            if self.particles.kind[i] != FLUID:
+                u[i] = self.particles.u[i]
+        for i in range(self.particles.count[None]):
+            if self.system.acts(i):
+                G = self.gradient.velocity_gradient(i, u, 1.0)
+                D = deviator(G)
+                rate = 2.0 * magnitude(D)
+                carries = ti.cast(self.gradient.B[i][0, 0] > 0.0, float)
+                self.particles.shear_rate[i] = rate
+                self.smoothing.p[i] -= self.scales.bulk[None] * (G.trace() - source[i]) * carries
+                if ti.static(self.law == "bingham"):
+                    trial = self.particles.stress[i] + 2.0 * self.system.mu[i] * D
+                    stress, q, flow = self.yield_law(i, trial)
+                    self.particles.stress[i] = stress * carries
+                    self.particles.plastic_rate[i] = q * carries
+                    self.yielded[i] = flow > 0.0
+                elif ti.static(self.law == "bi-viscosity"):
+                    self.yielded[i] = rate >= 2.0 * self.scales.pi_c[self.scales.mix(i)]
+                    self.system.mu[i] = self.viscosity(i, rate)
+                else:
+                    self.yielded[i] = 1
+                if ti.static(self.walls.rub):
+                    self.rub(i, G, D, u)
+
+    @ti.func
+    def rub(self, i, G, D, u: ti.template()):
+        """Friction of the walls for all that particle i gives to them: stress, pressure, non-affine resistance."""
+        T = 2.0 * self.system.mu[i] * D
+        if ti.static(self.law == "bingham"):
+            T = self.particles.stress[i]
+        T -= self.smoothing.p[i] * ti.Matrix.identity(float, T.n)
+        B, x, h = self.gradient.B[i], self.particles.x[i], self.system.h[i]
+        flux = self.gradient.spread_stress(i, T) - h * self.gradient.in_plane(G)
+        weight = self.particles.volume(i) * self.scales.density[self.scales.mix(i)] * self.g
+        weight *= self.scales.pressed(self.smoothing.p[i])
+        share, mu = self.gradient.counts_as(i), self.system.mu[i]
+        self.walls.adjust_friction(i, x, u[i], flux, weight, B, mu, h, share)
+
+    @ti.func
+    def carry(self, i, dt, u: ti.template()):
+        """At the end of a step: keep p; the structure grows; the stress turns with the material."""
+        self.particles.p[i] = self.smoothing.p[i]
+        if ti.static(self.system.sleeps):  # noqa: SIM102  (a compiled choice stays apart)
+            if not self.system.acts(i):  # what sleeps does not deform
+                self.particles.shear_rate[i], self.yielded[i] = 0.0, 0
+        if ti.static(self.has_growth):
+            self.particles.structure[i] += dt * self.growth(self.particles.shear_rate[i], self.structure(i))
+        if ti.static(self.law == "bingham"):
+            G = self.gradient.velocity_gradient(i, u, 1.0)
+            W = 0.5 * (G - G.transpose())
+            stress = self.particles.stress[i]
+            self.particles.stress[i] = stress + dt * (W @ stress - stress @ W)
