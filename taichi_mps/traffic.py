@@ -7,6 +7,7 @@ in the cache, what belongs to a pair is streamed. Operations are the floating-po
 from dataclasses import dataclass
 
 from .backend import started
+from .grid_levels import SWEEPS
 
 
 @dataclass(frozen=True)
@@ -25,6 +26,8 @@ def traffic(sim) -> dict[str, Traffic]:
     m = sim.neighbors.row_start[n]
     s = 8 if started()["precision"] == "f64" else 4
     x, vector, block, tensor, walls = 8 * d, s * d, s * d * d, s * t * t, s * len(sim.walls.faces)
+    wide = s * sim.scheme.system.lanes  # of fields that vector instructions read
+    flux = wide * d
     carried = x + vector + 2 * s + 8 + 2 * tensor * sim.particles.carries_stress
     law = 2 * tensor + 3 * s  # stress, plastic rate, shear rate, p, source
     candidates = m * (27.0 / 4.19 if d == 3 else 9.0 / 3.14)  # cells around a particle over the ball of its neighbours
@@ -35,8 +38,9 @@ def traffic(sim) -> dict[str, Traffic]:
         "smooth pressure": x + block + 2 * s,
         "prepare": vector + block + 6 * s + walls,
         "system": 3 * block + 4 * s + x + walls,
-        "right-hand side": 2 * block + 2 * vector + law + x + walls,
-        "solve": (vector + 2 * block + 3 * s + walls + x) + (block + 2 * vector + s + walls + x)
+        "right-hand side": 2 * flux + 2 * wide + 2 * vector + law + x + walls,
+        "solve": (vector + wide) + (wide + flux + block + 2 * s + vector + walls + x)
+        + (flux + 2 * wide + 3 * s + 2 * vector + walls + x)
         + 2 * vector + 6 * vector + block + 3 * vector + block + 5 * vector,
         "stress": vector + block + law + tensor + walls + x,
         "shift": x + 2 * vector + 2 * s,
@@ -58,5 +62,10 @@ def traffic(sim) -> dict[str, Traffic]:
     for stage, row in per_row.items():
         pair_bytes, operations = per_pair.get(stage, (0, 0))
         found[stage] = Traffic(row * n + pair_bytes * m, operations * m)
+    solver = sim.scheme.solver
+    if solver.use_levels:  # to and from the finest grid, and as many times over the stencils as the others are smoothed
+        rows = sum(solver.levels.uses.to_numpy()[1:])
+        cycle = (3 * vector + 4) * n + 2 * SWEEPS * (flux + 4) * solver.levels.points * rows
+        found["solve"] = Traffic(found["solve"].bytes + cycle, found["solve"].operations)
     found["neighbours"] = Traffic(found["neighbours"].bytes, 2 * candidates * 3 * d)
     return found
