@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps import friction, ghosts, momentum, simulation, surfaces, walls
-from taichi_mps.schemes import implicit
+from taichi_mps import friction, ghosts, momentum, simulation, stress, surfaces, walls
 
 FLOOR = mps.Plane((0.0, 0.0), (0.0, 1.0))
 WEST = mps.Plane((0.0, 0.0), (1.0, 0.0))
@@ -37,7 +36,7 @@ USED = {"newtonian": set(), "bingham": {"return_mapping"}, "bi-viscosity": {"bi_
 @pytest.mark.parametrize("law", LAWS)
 def test_a_law_compiles_its_own_functions_only(law, forbid):
     for name in {"return_mapping", "bi_viscosity"} - USED[law]:
-        forbid(implicit, name)
+        forbid(stress, name)
     sim = simulate(LAWS[law])
     assert ("stress" in sim.particles.carried) == (law == "bingham")
 
@@ -46,7 +45,7 @@ def test_a_law_compiles_its_own_functions_only(law, forbid):
 @pytest.mark.parametrize("law", ["bingham", "bi-viscosity"])
 def test_the_check_would_see_it(law, forbid):
     for name in USED[law]:
-        forbid(implicit, name)
+        forbid(stress, name)
     with pytest.raises(Exception, match="not paid for"):
         simulate(LAWS[law])
 
