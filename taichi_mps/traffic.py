@@ -64,7 +64,7 @@ def traffic(sim) -> dict[str, Traffic]:
         found[stage] = Traffic(row * n + pair_bytes * m, operations * m)
     solver = sim.scheme.solver
     if solver.use_levels:  # to and from the finest grid, and as many times over the stencils as the others are smoothed
-        rows = sum(solver.levels.uses.to_numpy()[1:])
+        rows = int(solver.levels.uses.to_numpy()[1:].sum())
         cycle = (3 * vector + 4) * n + 2 * SWEEPS * (flux + 4) * solver.levels.points * rows
         found["solve"] = Traffic(found["solve"].bytes + cycle, found["solve"].operations)
     found["neighbours"] = Traffic(found["neighbours"].bytes, 2 * candidates * 3 * d)
