@@ -204,7 +204,10 @@ class MomentumSystem:
         if self.gradient.B[i][0, 0] > 0.0:
             volume, mu = self.particles.volume(i), self.mu[i]
             shear, bulk = volume * mu, volume * (mu + self.bulk[None] - 2.0 * mu / self.tensors)
-        return shear, bulk, self.local[i]
+        local = self.local[i]
+        if not self.unknown(i):  # walls and what sleeps are held on the coarse grids, too
+            local += (2.0 * shear + bulk) / self.gradient.spacing**2 * ti.Matrix.identity(float, self.dimension)
+        return shear, bulk, local
 
     @stage
     def subtract_wall_motion(self, walls_only: ti.template(), response: ti.template(), b: ti.template()):
