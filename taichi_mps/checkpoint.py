@@ -19,11 +19,11 @@ from .quantity import SceneError
 from .scene import NUMERICS, Scene
 
 FORMAT = "taichi_mps checkpoint"
-VERSION = 2
+VERSION = 3
 LABEL = 512  # bytes of the user block
 HEADER = {"source": str, "parameters": dict, "scheme": str, "numerics": dict, "time": float, "fluid": str}
 HEADER |= {"settings": dict}
-SCALARS = {"time", "steps", "last_dt", "resting_since", "report"}
+SCALARS = {"time", "steps", "last_dt", "rest", "report"}
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ class StepReport:
     dt: float  # [s]
     dt_limit: str  # what bounded dt: Courant, diffusion, growth, maximum, first or output
     max_speed: float  # [m/s]
+    mean_speed: float  # root mean square [m/s]
     moving_speed: float  # of what moves: sqrt(sum V u^4/sum V u^2) [m/s]
     kinetic_energy: float  # [J]
     unyielded_fraction: float  # of the fluid particles [-]

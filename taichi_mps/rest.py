@@ -1,26 +1,39 @@
-"""When a body is at rest."""
+"""When a body is at rest (I15)."""
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
 from .scales import resting_time
 
+OF_WHAT_MOVES = 0.1  # way [l0] that what moves may still have before it in the material's own time
+OF_THE_BODY = 0.25  # way [l0] that the body may still have before it if it slows down as it has done
 
+
+@dataclass
 class Rest:
-    """Since when a simulation rests."""
+    """Since when a simulation rests, and its largest mean speed, with its time."""
 
-    def __init__(self):
-        self.since: float | None = None  # [s]
+    since: float | None = None  # [s]
+    fastest: float = 0.0  # [m/s]
+    fastest_at: float = 0.0  # [s]
 
     def reached(self, sim) -> bool:
-        """Would what moves still go less than a tenth of a spacing in the material's own time? eta/tau_y is the time in
-        which a Bingham flow decays, so a slow flow of a viscous mix is not taken for rest, nor a front before a large
-        body that stands."""
+        """Is there hardly a way left? eta/tau_y is the time in which a Bingham flow decays where it ceases as a whole:
+        a slow flow of a viscous mix is not taken for rest, nor a front before a large body that stands. A thin layer
+        goes on as 1/t^2; what is left there is speed times age."""
         window = resting_time(sim.scene.materials)
         if not math.isfinite(window):
             return False
-        if sim.report.moving_speed * window > 0.1 * sim.scene.spacing or pushed(sim):
+        report = sim.report
+        if report.mean_speed >= self.fastest:
+            self.fastest, self.fastest_at = report.mean_speed, sim.time
+        ways = (
+            report.moving_speed * window / OF_WHAT_MOVES,
+            report.mean_speed * (sim.time - self.fastest_at) / OF_THE_BODY,
+        )
+        if max(ways) > sim.scene.spacing or pushed(sim):
             self.since = None
             return False
         if self.since is None:

@@ -177,13 +177,14 @@ class Simulation:
         return float(np.linalg.norm(self.particles.u.to_numpy(), axis=1).max())
 
     def _make_report(self, dt, name, result) -> StepReport:
-        speed2, moving2, kinetic, unyielded, volume_error, lost = self.totals.take()
+        speed2, mean2, moving2, kinetic, unyielded, volume_error, lost = self.totals.take()
         report = StepReport(
             step=self.steps,
             time=self.time,
             dt=dt,
             dt_limit=name,
             max_speed=math.sqrt(speed2),
+            mean_speed=math.sqrt(mean2),
             moving_speed=math.sqrt(moving2),
             kinetic_energy=kinetic,
             unyielded_fraction=unyielded / self.fluid_particles,
@@ -294,7 +295,7 @@ class Simulation:
             "time": self.time,
             "steps": self.steps,
             "last_dt": self._last_dt,
-            "resting_since": self.rest.since,
+            "rest": asdict(self.rest),
             "report": report,
             **({"pouring": [[pouring.entered, pouring.delay] for pouring in self.pouring]} if self.pouring else {}),
             **self.scheme.state(),
@@ -305,7 +306,7 @@ class Simulation:
         self.particles.load({name: state[name] for name in self.particles.carried})
         self.time, self.steps, self._last_dt = state["time"], state["steps"], state["last_dt"]
         self.report = StepReport(**state["report"]) if state["report"] else None
-        self.rest.since = state["resting_since"]
+        self.rest = Rest(**state["rest"])
         for pouring, carried in zip(self.pouring, state.get("pouring", []), strict=True):
             pouring.entered, pouring.delay = carried
         self.scheme.load(state)

@@ -57,7 +57,7 @@ class Falling:
         return {"scene": self.scene.name, "steps": self.steps, "volume_error": float("nan"), **self.measures()}
 
     def state(self):
-        scalars = {"time": self.time, "steps": self.steps, "last_dt": None, "resting_since": 0.1 + 0.2}
+        scalars = {"time": self.time, "steps": self.steps, "last_dt": None, "rest": {"since": 0.1 + 0.2}}
         return {"x": self.snapshot().x, **scalars, "report": {"dt": 0.1}}
 
 
@@ -496,8 +496,8 @@ def test_a_checkpoint_of_another_version_or_scene_is_refused(tmp_path, slump):
     checkpoint.save(Falling(slump), path)
     with pytest.raises(mps.SceneError, match="no longer makes the particles"):
         checkpoint.read(path).simulation(catalogue.build("slump", spacing=0.06))
-    path.write_bytes(path.read_bytes().replace(b"checkpoint 2 ", b"checkpoint 9 ", 1))
-    with pytest.raises(mps.SceneError, match="version 9, this program reads 2"):
+    path.write_bytes(path.read_bytes().replace(b"checkpoint 3 ", b"checkpoint 9 ", 1))
+    with pytest.raises(mps.SceneError, match="version 9, this program reads 3"):
         checkpoint.read(path)
 
 

@@ -395,7 +395,7 @@ JSON = st.recursive(
 def test_a_made_up_checkpoint_with_a_good_checksum_is_taken_or_refused(run, data):
     header = {
         **run.state.header,
-        "scalars": {"time": 0.0, "steps": 1, "last_dt": None, "resting_since": None, "report": None},
+        "scalars": {"time": 0.0, "steps": 1, "last_dt": None, "rest": {}, "report": None},
     }
     for key in data.draw(st.lists(st.sampled_from(sorted(header)), max_size=2)):
         header[key] = data.draw(JSON)

@@ -100,6 +100,7 @@ def test_the_speed_of_what_moves(share):
     sim.bins.sort()
     sim.neighbors.build()
     sim.scheme.gradient.build()
-    fastest2, moving2, energy, *_ = sim.totals.take()
+    fastest2, mean2, moving2, energy, *_ = sim.totals.take()
     assert (fastest2, moving2) == pytest.approx((0.09, 0.09), rel=1e-12)
+    assert mean2 == pytest.approx(0.09 * share, rel=1e-9)
     assert energy == pytest.approx(0.5 * 1000.0 * 0.09 * share * 0.2, rel=1e-9)

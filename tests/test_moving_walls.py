@@ -123,6 +123,7 @@ def test_force_at_a_thin_wall_is_the_negative_transpose_of_the_gradient(slip):
     assert power == pytest.approx(-rig.volume * (T * rig.gradients(u)).sum(), rel=1e-10)
 
 
+@pytest.mark.long
 def test_a_rising_floor_carries_a_block_along():
     """A block that stands on a floor rises as far as the floor, at its speed; it starts at that speed."""
     speed = 0.2
@@ -179,6 +180,7 @@ def test_the_mould_holds_the_concrete_and_is_lifted_off_it():
     scene.check(sim.snapshot(), sim.measures())
 
 
+@pytest.mark.long  # tests/test_rest.py has the rule alone
 def test_a_stiff_mix_is_not_at_rest_in_its_mould():
     """20 kPa stands by itself; the run still goes on until the mould, lifted at 0.5 m/s, is an effective radius of
     42 mm away from it all around, and 0.2 s longer: the gap grows by 82 mm/s, and particles begin up to 8 mm away."""

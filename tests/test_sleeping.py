@@ -30,18 +30,25 @@ def asleep(sim):
     return float(np.mean(sim.scheme.sleeping.state.to_numpy()[: sim.particles.count[None]] != AWAKE))
 
 
-def test_most_of_a_layer_sleeps_and_its_front_goes_as_far():
-    fronts = {}
-    for sleep in (False, True):
-        sim = mps.Simulation(layer(), mps.Implicit(sleep=sleep))
-        while sim.time < 0.6 or (sleep and sim.steps % 10 == 0):  # in every tenth step all are awake
-            sim.step()
-        fronts[sleep] = sim.measures()["front_m"]
-    assert fronts[False] > 0.01
-    assert fronts[True] == pytest.approx(fronts[False], abs=1e-3)
-    assert asleep(sim) > 0.6
+def carried(sleep, until=0.6):
+    """A simulation of the layer at the first step from ``until`` [s] on, not a tenth one: in these all are awake."""
+    sim = mps.Simulation(layer(), mps.Implicit(sleep=sleep))
+    while sim.time < until or sim.steps % 10 == 0:
+        sim.step()
+    return sim
 
-    state = sim.state()  # push what sleeps: it wakes, and comes to rest again
+
+@pytest.mark.long
+def test_the_front_of_a_layer_that_sleeps_goes_as_far():
+    awake, sleeping = (carried(sleep).measures()["front_m"] for sleep in (False, True))
+    assert awake > 0.01
+    assert sleeping == pytest.approx(awake, abs=1e-3)
+
+
+def test_most_of_a_layer_sleeps_and_what_is_pushed_wakes_and_comes_to_rest_again():
+    sim = carried(True)
+    assert asleep(sim) > 0.6
+    state = sim.state()
     pushed = (state["x"][:, 0] > -0.4) & (state["x"][:, 0] < -0.2) & (state["x"][:, 1] > 0.05)
     state["u"][pushed, 0] = 0.05
     state["still"][pushed] = 0.0

@@ -54,7 +54,10 @@ def test_packing_counts_volume_whatever_the_disorder():
     assert packing.mean() == pytest.approx(1.0, abs=0.015)
 
 
-@pytest.mark.parametrize(("until", "tolerance"), [(0.3, 0.02), (0.6, 0.04), (1.0, 0.02)])
+@pytest.mark.parametrize(
+    ("until", "tolerance"),
+    [pytest.param(0.3, 0.02, marks=pytest.mark.long), pytest.param(0.6, 0.04, marks=pytest.mark.long), (1.0, 0.02)],
+)
 def test_a_stretched_body_keeps_its_volume(until, tolerance):
     """A drop in the flow (x, -y) becomes an ellipse of the same area: half axes from the second moments. At 0.6 s the
     rows of the lattice stand closest: the packing of an ordered, stretched lattice is 4 % too high."""

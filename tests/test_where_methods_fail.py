@@ -77,7 +77,7 @@ def start(sim, x, u=None):
     """The simulation at t = 0 with another body of fluid, as large as the first at most."""
     rows = {"x": x, "u": np.zeros_like(x) if u is None else u, "kind": np.full(len(x), FLUID), "id": np.arange(len(x))}
     nothing = {name: np.zeros((len(x), *item.shape[1:])) for name, item in sim.particles.read().items()}
-    scalars = dict(time=0.0, steps=0, last_dt=None, report=None, resting_since=None)
+    scalars = dict(time=0.0, steps=0, last_dt=None, report=None, rest={})
     sim.load({**nothing, **rows, **scalars, "first": True, "largest_viscosity": 0.0, "passes": 0})
     return sim
 
