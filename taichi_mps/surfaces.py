@@ -7,6 +7,8 @@ A wall that travels stands where it is at the time ``clock`` [s]. A thin one has
 n points to the side of x; ``signed(x)`` tells the side, ``beyond(x)`` how far outside the edge the foot is [m].
 """
 
+from copy import copy
+
 import numpy as np
 
 from .backend import real, ti
@@ -42,6 +44,12 @@ class Surface:
 
     def keep(self, capacity: int, effective_radius: float):
         """Fields for what is found once a step."""
+
+    def smooth(self):
+        """The same wall with slip instead of friction."""
+        other = copy(self)
+        other.slip, other.rubs, other.friction = True, False, None
+        return other
 
     @ti.func
     def find(self, i, x):
@@ -183,9 +191,8 @@ class Sampled(Surface):
     def keep(self, capacity: int, effective_radius: float):
         """What each particle sees of the solid; and beside inner edges the faces that meet there."""
         self.reach = effective_radius - 0.5 * self.spacing  # of the ghosts: the first is half a spacing behind a face
-        if not self.rubs:  # slip is carried for one face
-            number, planes = inner_edges(self.distances, self.cell, self.reach)
-            self.faces = planes.shape[1]
+        number, planes = inner_edges(self.distances, self.cell, self.reach)
+        self.faces = planes.shape[1]
         if self.faces > 1:
             self.number = ti.field(ti.i32, self.shape)  # row of a node among the planes, -1: the nearest face is all
             self.number.from_numpy(number)
@@ -216,6 +223,11 @@ class Sampled(Surface):
                         for a in ti.static(range(self.dimension)):
                             self.n[i, slot][a] = plane[1 + a]
                         self.z[i, slot] = plane[0] + self.n[i, slot].dot(offset)
+                        if ti.static(self.rubs):  # noqa: SIM102  (friction acts on the first face: the nearest one)
+                            if self.z[i, slot] < self.z[i, 0]:
+                                z, n = self.z[i, 0], self.n[i, 0]
+                                self.z[i, 0], self.n[i, 0] = self.z[i, slot], self.n[i, slot]
+                                self.z[i, slot], self.n[i, slot] = z, n
 
     @ti.func
     def face(self, i, x, slot: ti.template()):

@@ -47,20 +47,23 @@ class Walls:
         self.surfaces = tuple(SURFACES[type(wall)](wall, dimension, spacing, self.clock) for wall in walls)
         for surface in self.surfaces:
             surface.keep(capacity, effective_radius)
-        self.faces = tuple(surface for surface in self.surfaces for _ in range(surface.faces))
-        self.slots = tuple(slot for surface in self.surfaces for slot in range(surface.faces))
         rough = [(wall, surface) for wall, surface in zip(walls, self.surfaces, strict=True) if wall.friction]
         for k, (wall, surface) in enumerate(rough):
             carried = particles.carried[f"slip_{k}"], particles.carried.get(f"traction_{k}")
             surface.friction = WallFriction(wall.friction, *carried, spacing, plastic_viscosity)
         self.rub = bool(rough)
+        each = [(k, slot) for k, surface in enumerate(self.surfaces) for slot in range(surface.faces)]
+        self.slots = tuple(slot for _, slot in each)
+        self.faces = tuple(  # the slip that a particle carries belongs to one face
+            self.surfaces[k].smooth() if slot and self.surfaces[k].rubs else self.surfaces[k] for k, slot in each
+        )
         for k, others in enumerate(meeting(walls)):
             mirror = [getattr(walls[m], "mirror", False) or getattr(walls[k], "mirror", False) for m in others]
             self.surfaces[k].cut_by = tuple(
                 (self.surfaces[m], m < k, part) for m, part in zip(others, mirror, strict=True)
             )
         corners = any(surface.cut_by for surface in self.surfaces)
-        meet = wedges(walls, [self.surfaces.index(surface) for surface in self.faces])
+        meet = wedges(walls, [k for k, _ in each])
         self.ghosts = GhostSums(dimension, spacing, effective_radius, rings, corners, meet, capacity)
         self.closest = self.ghosts.closest
         if self.surfaces:
