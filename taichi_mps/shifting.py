@@ -16,8 +16,9 @@ class Shifting:
 
     @stage
     def compute(self, dt: float, strain_scale: float):
-        """shift = -0.1 l0 sum_j max(0, 1 - r/(1.5 l0)) e_ij without its outward part at a surface, times
-        min(1, shear_rate dt/strain_scale), at most 0.05 l0; and 0.05 (0.85 l0 - r) between closer pairs."""
+        """shift = -0.1 l0 sum_j (s_j/s_i) max(0, 1 - r/(1.5 l0)) e_ij without its outward part at a surface, times
+        min(1, shear_rate dt/strain_scale), at most 0.05 l0; and 0.05 (0.85 l0 - r) between closer pairs. s is the
+        share of a ring (gradient.py)."""
         d = ti.static(self.particles.dimension)
         for i in range(self.particles.count[None]):
             self.shift[i] = ti.Vector.zero(float, d)
@@ -33,8 +34,9 @@ class Shifting:
                     e = r_ij / r
                     if ti.static(self.walls.part):
                         e *= ti.cast(self.gradient.weight_r2[k] > 0.0, float)  # not through a thin wall
-                    near += ti.max(0.0, 1.0 - r / (1.5 * l0)) * e
+                    near += self.gradient.counts_as(j) * ti.max(0.0, 1.0 - r / (1.5 * l0)) * e
                     apart -= 0.05 * ti.max(0.0, 0.85 * l0 - r) * e
+                near /= self.gradient.counts_as(i)
                 if ti.static(len(self.walls.surfaces) > 0):
                     near += self.walls.crowding(i, x, self.gradient.counts_as(i))
                 move = -0.1 * l0 * near

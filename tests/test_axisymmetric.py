@@ -8,6 +8,7 @@ from test_momentum import System
 import taichi_mps as mps
 from taichi_mps import measure, render
 from taichi_mps.measure import Snapshot
+from taichi_mps.shifting import Shifting
 
 FLOOR = mps.Plane((0.0, -0.55), (0.0, 1.0))
 AXIS = mps.Plane((0.0, 0.0), (1.0, 0.0), mirror=True)
@@ -74,6 +75,26 @@ def test_forces_are_the_negative_transpose_of_the_gradient(rings):
     power = (u * rings.forces(T)).sum()
     work = ((rings.volumes * carries)[:, None, None] * T * rings.gradients(u)).sum()
     assert power == pytest.approx(-work, rel=1e-10)
+
+
+def test_the_shift_counts_a_ring_as_its_share(free):
+    """(I12) by brute force, where the rings are all around; and none without deformation but of close pairs."""
+    shifting = Shifting(free.particles, free.gradient, free.gradient.walls, L0)
+    share, x = free.volumes / (2.0 * np.pi * free.x[:, 0] * L0**2), free.x
+    e = x[None] - x[:, None]
+    r = np.linalg.norm(e, axis=-1) + 9.0 * np.eye(len(x))
+    e /= r[..., None]
+    l0 = L0 * np.sqrt(share)[:, None]
+    near = (share / share[:, None] * np.maximum(0.0, 1.0 - r / (1.5 * l0)))[..., None] * e
+    apart = -(0.05 * np.maximum(0.0, 0.85 * l0 - r)[..., None] * e).sum(1)
+    move = -0.1 * l0 * near.sum(1)
+    size = np.linalg.norm(move, axis=1, keepdims=True)
+    full = free.gradient.around.to_numpy() >= 0.97 * free.gradient.full
+    assert full.sum() > 15 and share.std() > 0.1
+    for rate, expected in ((5.0, move * np.minimum(1.0, 0.05 * l0 / size) + apart), (0.0, apart)):
+        free.particles.shear_rate.fill(rate)
+        shifting.compute(0.01, 0.02)
+        assert np.abs(shifting.shift.to_numpy() - expected)[full].max() < 1e-9 * L0
 
 
 def test_momentum_along_the_axis_is_conserved(free):
