@@ -8,7 +8,7 @@ import numpy as np
 from .scales import resting_time
 
 OF_WHAT_MOVES = 0.1  # way [l0] that what moves may still have before it in the material's own time
-OF_THE_BODY = 0.25  # way [l0] that the body may still have before it if it slows down as it has done
+OF_THE_BODY = 0.5  # way [l0] that the body may still have before it if it slows down as it has done
 
 
 @dataclass
