@@ -143,7 +143,7 @@ def test_any_words_are_answered(words):
         ["sweep", "slump", "--yield-value", "1:2:1000", "--density", "1000:2000:1000"],
     ],
 )
-def test_command_lines_that_once_were_answered_by_a_traceback_or_never(words):  # or by two lines
+def test_command_lines_that_once_were_answered_by_a_traceback_or_never(words):
     assert knock(words) == 2
 
 
