@@ -7,8 +7,10 @@ Run time: about two and a quarter CPU-minutes at the default spacing, on a busy 
 import sys
 import tempfile
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+from pydantic import Field
 
 import taichi_mps as mps
 from taichi_mps.quantity import Density, Duration, FlowRate, Length, Ratio, Viscosity, YieldValue
@@ -28,14 +30,15 @@ def scene(
     bar_diameter: Length = 0.016,
     bar_distance: Length = 0.2,
     cover: Length = 0.03,
-    rebar: str = "",
+    rebar: Annotated[str, Field(description="mesh of one curtain (STL, OBJ, PLY), bars of its own by default")] = "",
+    rebar_scale: Annotated[Ratio, Field(description="metres a unit of that file, 0.001 where it is in mm")] = 1.0,
     hose_diameter: Length = 0.12,
     rate: FlowRate = 0.012,
     fill_ratio: Ratio = 0.95,
     until: Duration = 10.0,
 ) -> mps.Scene:
     """Half of the form, cut along its middle plane y = 0, and the curtain in it: upright bars and, inside of them,
-    level ones; or the mesh of the file ``rebar`` (STL, OBJ, PLY, in metres) in its place."""
+    level ones; or the mesh of the file ``rebar`` (STL, OBJ, PLY) in its place."""
     half = 0.5 * width
     upright = half - cover - 0.5 * bar_diameter
     level = upright - 1.1 * bar_diameter
@@ -47,7 +50,7 @@ def scene(
         ends = curtain(length, height, bar_diameter, bar_distance, upright, level)
         path = Path(rebar) if rebar else mps.write_bars(Path(folder) / "rebar.stl", ends, 0.5 * bar_diameter)
         cell, reach = min(0.5 * spacing, 0.4 * bar_diameter), 2.5 * spacing
-        bars = mps.Solid.from_mesh(path, cell, reach)
+        bars = mps.Solid.from_mesh(path, cell, reach, scale=rebar_scale if rebar else 1.0)
     walls = (
         mps.Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
         mps.Plane((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), slip=True),

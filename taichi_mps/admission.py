@@ -3,9 +3,11 @@
 import numpy as np
 
 from .geometry import Cylinder
+from .inlet import FASTEST
 from .material import Bingham
 from .quantity import SceneError
 from .scene import Scene, SemiImplicit
+from .solids import Solid
 
 MOST_CELLS = 2**27  # of the binning grid: 8 bytes each
 MOST_PAIRS = 2**31 - 1  # of neighbours: their numbers are 32-bit
@@ -15,6 +17,7 @@ def admit(scene: Scene, numerics) -> None:
     """SceneError, before anything is allocated, if these numerics cannot do what a scene asks for, if its grid or its
     neighbour list would not fit, or a periodic side is too short."""
     able(scene, numerics)
+    plausible(scene)
     re = numerics.effective_radius_ratio * scene.spacing
     size = np.subtract(scene.domain[1], scene.domain[0])
     sides = np.maximum(1.0, np.floor(size / re))
@@ -39,6 +42,30 @@ def admit(scene: Scene, numerics) -> None:
             f"spacing = {scene.spacing:g} m: makes {particles:.6g} particles with up to {pairs:.2g} pairs of "
             f"neighbours; at most {MOST_PAIRS:.2g}"
         )
+
+
+def plausible(scene: Scene) -> None:
+    """SceneError for what comes of a wrong unit or origin: a jet that no hose gives, a solid that nothing can meet."""
+    for inlet in scene.inlets:
+        speed, most = inlet.speed(scene.spacing), FASTEST * inlet.layer_volume(scene.spacing) / scene.spacing
+        if speed > FASTEST:
+            raise SceneError(
+                f"inlet: rate = {inlet.rate:g} m3/s: leaves the hose at {speed:.3g} m/s; must be at most {most:.3g} "
+                "m3/s (0.012 for 12 l/s)"
+            )
+    low, high = scene.domain
+    for wall in scene.walls:
+        if not isinstance(wall, Solid) or wall.speed > 0.0:
+            continue
+        if np.any(np.greater(wall.low, high)) or np.any(np.greater(low, wall.high)):
+            raise SceneError(
+                f"walls: a solid from {point(wall.low)} to {point(wall.high)} m: must reach into the domain, from "
+                f"{point(low)} to {point(high)} m; its origin or its scale is another"
+            )
+
+
+def point(x) -> str:
+    return "(" + ", ".join(f"{value:.4g}" for value in x) + ")"
 
 
 def able(scene: Scene, numerics) -> None:

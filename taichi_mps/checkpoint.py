@@ -6,6 +6,7 @@ It is checked before HDF5 sees the file.
 
 import hashlib
 import json
+import math
 import os
 from dataclasses import dataclass
 from pathlib import Path
@@ -91,6 +92,12 @@ class Checkpoint:
         mix, mixes = np.asarray(self.state.get("mix", 0)), len(scene.materials)
         if not np.all((mix >= 0) & (mix < mixes)):  # a kernel would read beyond the mixes
             raise SceneError(f"checkpoint: mix: must be from 0 to {mixes - 1}, the mixes of the scene")
+        layers, poured = [inlet.layers(scene.spacing) for inlet in scene.inlets], self.state.get("pouring", [])
+        if not isinstance(poured, list) or len(poured) != len(layers) or not all(map(possible, poured, layers)):
+            raise SceneError(
+                f"checkpoint: pouring = {poured!r:.60}: must be a number of layers and a delay for each inlet of the "
+                f"scene; they have {layers} layers"
+            )
 
     @property
     def numerics(self):
@@ -104,10 +111,13 @@ class Checkpoint:
         scene = scene or self.scene()
         self.admit(scene)
         sim = Simulation(scene, self.numerics, profile=profile)
+        rows = sim.particles.count[None]
+        for pouring, (entered, _) in zip(sim.pouring, self.state.get("pouring", []), strict=True):
+            rows += (entered - pouring.entered) * len(pouring.layer)
         for key, array in sim.particles.read().items():
-            if np.shape(self.state.get(key)) != array.shape:
-                found = np.shape(self.state.get(key))
-                raise SceneError(f"checkpoint: {key} has the shape {found}; must have {array.shape}")
+            found, right = np.shape(self.state.get(key)), (rows, *array.shape[1:])
+            if found != right:
+                raise SceneError(f"checkpoint: {key} has the shape {found}; must have {right}")
         try:
             sim.load(self.state)
         except (TypeError, KeyError) as error:
@@ -203,6 +213,16 @@ def fingerprint(scene: Scene) -> str:
         parts["walls"] = np.asarray(scene.wall_particles, float)
     inlets = f" {scene.inlets!r}" if scene.inlets else ""
     return digest(f"{scene.spacing!r}{inlets}", parts)
+
+
+def possible(poured, layers: int) -> bool:
+    """Is this what an inlet of so many layers can have poured: [layers, delay in s]?"""
+    return (
+        isinstance(poured, list)
+        and [type(number) for number in poured] in ([int, float], [int, int])
+        and 0 <= poured[0] <= layers
+        and 0.0 <= poured[1] < math.inf
+    )
 
 
 def plain(value):

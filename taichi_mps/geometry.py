@@ -211,7 +211,8 @@ def lattice(low, high, spacing, offset=0.5):
     """Points of a cubic lattice [m] in a box, (n, d); ``offset`` of the first point in spacings, per axis or one."""
     low, high = np.asarray(low, float), np.asarray(high, float)
     offsets = np.broadcast_to(offset, low.shape)
-    points = float(np.prod(np.maximum(high - low, 0.0) / spacing))
+    with np.errstate(over="ignore"):  # of a spacing next to nothing
+        points = float(np.prod(np.maximum(high - low, 0.0) / spacing))
     if points > MOST_POINTS:
         raise SceneError(
             f"spacing = {spacing:g} m: fills the box with {points:.2g} particles; at most {MOST_POINTS:.2g}"

@@ -8,6 +8,7 @@ from .material import Bingham
 from .quantity import SceneError
 
 MOST_ACROSS = 1000  # spacings of a radius: three million particles a layer
+FASTEST = 100.0  # speed [m/s] in a hose, three times that of sprayed concrete
 
 
 @dataclass(frozen=True)

@@ -89,12 +89,16 @@ def surface(s: Snapshot, points) -> np.ndarray:
     points = np.asarray(points, float)
     low, high = points.min(0) - s.spacing, points.max(0) + s.spacing
     close = np.all((s.x[:, :-1] > low) & (s.x[:, :-1] < high), axis=1)
-    near, top = s.x[close], s.x[close, -1] + 0.5 * s.size[close]
-    if len(near) == 0:
-        return np.full(len(points), np.nan)
-    distance2 = ((points[:, None, :] - near[None, :, :-1]) ** 2).sum(-1)
-    heights = np.where(distance2 < (0.75 * s.spacing) ** 2, top, -np.inf).max(1)
-    return np.where(np.isfinite(heights), heights, np.nan)
+    near, top = s.x[close, :-1], s.x[close, -1] + 0.5 * s.size[close]
+    order, heights = np.argsort(-top), np.full(len(points), np.nan)
+    for first in range(0, len(top), 500):  # from the highest down: most places are covered by the first few
+        left, k = np.flatnonzero(np.isnan(heights)), order[first : first + 500]
+        if len(left) == 0:
+            break
+        distance2 = ((points[left, None, :] - near[k]) ** 2).sum(-1)
+        found = np.where(distance2 < (0.75 * s.spacing) ** 2, top[k], -np.inf).max(1)
+        heights[left] = np.where(np.isfinite(found), found, np.nan)
+    return heights
 
 
 def mean_of(heights) -> float:

@@ -122,7 +122,7 @@ def allowed(field) -> str:
 def default(field) -> str:
     if field.is_required():
         return "required"
-    return "" if field.default in (None, False) else f"default {field.default}"
+    return "" if field.default in (None, False, "") else f"default {field.default}"
 
 
 def given(arguments, model, leave_out=()) -> dict:

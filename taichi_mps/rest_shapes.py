@@ -10,7 +10,8 @@ from .quantity import SceneError
 def spread_at_rest(volume: float, density: float, yield_value: float, gravity: float = 9.81) -> float:
     """Diameter [m] of a thin round cake of this volume [m3]: R^5 = 225 rho g V^2/(128 pi^2 tau_y).
 
-    Roussel and Coussot (2005), J. Rheol. 49, 705. It holds for bodies much wider than high."""
+    Roussel and Coussot (2005), J. Rheol. 49, 705. It holds for bodies much wider than high: of the slump cone it is 10,
+    12, 20 and 32 % too wide at 50, 100, 300 and 1000 Pa, by finite elements without inertia."""
     must_come_to_rest(yield_value)
     return 2.0 * (225.0 * density * gravity * volume**2 / (128.0 * math.pi**2 * yield_value)) ** 0.2
 

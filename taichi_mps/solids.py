@@ -126,6 +126,11 @@ class Solid:
         return self.low
 
     @property
+    def high(self) -> tuple[float, ...]:
+        """The last node [m]."""
+        return tuple(np.array(self.low) + self.cell * (np.array(self.values.shape) - 1))
+
+    @property
     def travel(self):
         """Velocity [m/s] at which the place of the wall changes."""
         return np.zeros(len(self.low)) if self.velocity is None else np.array(self.velocity, float)

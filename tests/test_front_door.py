@@ -138,6 +138,7 @@ def test_any_words_are_answered(words):
         ["sweep", ""],
         ["run", ""],
         ["export", ""],
+        ["run", "slump", "--spacing", "5e-324"],
         ["sweep", "slump", "--yield-value", "1:2:1000000000"],
         ["sweep", "slump", "--yield-value", "1:2:1000", "--density", "1000:2000:1000"],
     ],

@@ -31,7 +31,7 @@ PEERS = {
     "inlet": {"quantity", "material"},
     "filling": {"quantity"},
     "scene": {"quantity", "material", "geometry", "solids", "measure", "inlet", "filling"},
-    "admission": {"quantity", "material", "geometry", "scene"},
+    "admission": {"quantity", "material", "geometry", "inlet", "solids", "scene"},
     "stages": {"backend"},
     "weights": {"backend"},
     "surfaces": {"backend"},

@@ -7,6 +7,7 @@ import pytest
 
 import taichi_mps as mps
 from taichi_mps import catalogue, checkpoint, measure
+from taichi_mps.admission import admit
 from taichi_mps.pouring import Pouring
 from taichi_mps.solids import read_mesh
 from taichi_mps.vtkhdf import Trajectory
@@ -91,6 +92,12 @@ def test_concrete_enters_at_its_rate_falls_freely_rests_and_resumes_bit_for_bit(
         assert sim.fluid_particles == counts[-1]
     for key, value in ends[0].items():
         assert np.array_equal(value, ends[1][key]), key
+    again = checkpoint.restore(tmp_path / "checkpoint.h5", scene).state()  # of another simulation, as resume makes it
+    assert again.keys() == saved.state.keys() and len(again["x"]) == counts[-1] > counts[0]
+    assert all(np.array_equal(value, again[key]) for key, value in saved.state.items())
+    for poured in (None, [], [[1, 0.0]], [[LAYERS + 1, 0.0], [0, 0.0]], [[1.0, 0.0], [0, 0.0]], [[1, -0.1], [0, 0.0]]):
+        with pytest.raises(mps.SceneError, match="^checkpoint: pouring = .* they have .9, 2. layers$"):
+            replace(saved, state={**saved.state, "pouring": poured}).admit(scene)
 
     assert sim.run() == "rest" and sim.time > 0.7
     summary = sim.summary()
@@ -269,6 +276,26 @@ def test_a_form_from_a_mesh_holds_a_cavity_and_the_mouth(tmp_path):
     assert len(mps.Scene(inlets=(inlet,), **shared).initial) == 4
     with pytest.raises(mps.SceneError, match="reaches into a wall"):
         mps.Scene(inlets=(replace(inlet, centre=(-0.02, 0.0, 0.0)),), **shared)
+
+
+def test_a_wrong_unit_or_origin_is_refused_by_name(tmp_path):
+    """12 l/s as 12 m3/s; a mesh in mm, as it is and with its scale; one that lies beside the form."""
+    pytest.importorskip("igl")
+    with pytest.raises(mps.SceneError, match="rate = 12 m3/s: leaves the hose at 937 m/s; must be at most 1.28 m3/s"):
+        admit(catalogue.build("wall", rate=12.0), mps.Implicit())
+    bar = np.array([[(200.0, 50.0, 10.0), (200.0, 50.0, 400.0)]])
+    path = str(mps.write_bars(tmp_path / "mm.stl", bar, 8.0))
+    with pytest.raises(
+        mps.SceneError, match=r"mm.stl: .* x 390 m; must .* at most 100 m long .*0.001 for a file in mm"
+    ):
+        catalogue.build("wall", rebar=path)
+    right = catalogue.build("wall", rebar=path, rebar_scale=0.001)
+    admit(right, mps.Implicit())
+    inside, outside = right.walls[-1].distance(np.array([(0.2, 0.05, 0.2), (0.2, 0.07, 0.2)]))
+    assert inside < 0.0 and outside == pytest.approx(0.012, abs=1e-3)
+    path = str(mps.write_bars(tmp_path / "beside.stl", 0.001 * bar + (5.0, 0.0, 0.0), 0.008))
+    with pytest.raises(mps.SceneError, match=r"a solid from \(5.1.* m: must reach into the domain, from \(-0.02"):
+        admit(catalogue.build("wall", rebar=path), mps.Implicit())
 
 
 def test_bars_that_cross_are_refused(tmp_path):
