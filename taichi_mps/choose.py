@@ -1,4 +1,4 @@
-"""Model and spacing for a wanted accuracy of the slump, from what benchmarks/models.py has measured."""
+"""Model and spacing for a wanted accuracy of slump and reach, from what benchmarks/models.py has measured."""
 
 import json
 from dataclasses import dataclass
@@ -16,12 +16,12 @@ class Choice:
 
     model: str
     spacing: float  # [m]
-    error: float  # largest error of the slump at any time [m], over RANGE
+    error: float  # largest error of the slump at any time, and of half of the spread at rest [m], over RANGE
     cpu_seconds: float  # to rest, without compiling, mean over RANGE
 
     def __str__(self):
         return (
-            f"model = {self.model}, spacing = {1e3 * self.spacing:g} mm, scheme = implicit: slump within "
+            f"model = {self.model}, spacing = {1e3 * self.spacing:g} mm, scheme = implicit: slump and reach within "
             f"{1e3 * self.error:.1f} mm in {self.cpu_seconds:.2g} CPU-seconds and some to compile, measured for {RANGE}"
         )
 
@@ -33,8 +33,8 @@ def measured() -> list[Choice]:
 
 
 def choose(accuracy: float, model: str | None = None, spacing: float | None = None) -> Choice:
-    """The cheapest whose slump was never more than ``accuracy`` [m] from the reference; a model or a spacing [m] that
-    is given stays as it is. SceneError where nothing measured is that good."""
+    """The cheapest whose slump and reach were never more than ``accuracy`` [m] from the reference; a model or a spacing
+    [m] that is given stays as it is. SceneError where nothing measured is that good."""
     fitting = [
         c for c in measured() if model in (None, c.model) and (spacing is None or abs(c.spacing - spacing) < 1e-9)
     ]
