@@ -107,7 +107,9 @@ def film(across, until=1.0, **keywords):
     return sim
 
 
-@pytest.mark.parametrize(("yield_value", "bounds"), [(0.0, (0.013, 0.006)), (100.0, (0.018, 0.011))])
+@pytest.mark.parametrize(
+    ("yield_value", "bounds"), [pytest.param(0.0, (0.013, 0.006), marks=pytest.mark.long), (100.0, (0.018, 0.011))]
+)
 def test_film_profile_converges(yield_value, bounds):
     """Measured at 10 and 20 across: Bingham 0.0150, 0.0095 (the target of the validation table at 20 is 0.02)."""
     errors = []
@@ -167,6 +169,7 @@ def between_walls(across, push=0.0, eta=50.0):
     return np.sqrt(np.mean((s.u[:, 0] - exact) ** 2)) / exact.max(), s
 
 
+@pytest.mark.long
 def test_channel_between_two_no_slip_walls():
     """2 % at 10 across; measured 0.0180, 0.0075 at 20 and 0.0038 at 40."""
     error, s = between_walls(10, push=2.943)

@@ -112,7 +112,9 @@ def test_a_rim_fades_over_one_spacing():
     assert mover.share.to_numpy() == pytest.approx([1.0, 1.0, 1.0, 0.75, 0.5, 0.01, 0.0, 0.5, 0.0], abs=1e-12)
 
 
-@pytest.mark.parametrize("slip", [False, True], ids=["rough", "smooth"])
+@pytest.mark.parametrize(
+    "slip", [pytest.param(False, id="rough"), pytest.param(True, id="smooth", marks=pytest.mark.long)]
+)
 def test_force_at_a_thin_wall_is_the_negative_transpose_of_the_gradient(slip):
     x = cloud((6, 6, 6))
     x = x[SHEET.distance(x) > 0.1 * L0]

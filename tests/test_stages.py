@@ -43,6 +43,7 @@ def test_iterations_of_a_stage_count_as_calls():
     assert [(name, calls) for name, (_, calls) in timed.spent.items()] == [("solve", 8)] and quick.spent == {}
 
 
+@pytest.mark.long
 def test_few_kernels_do_what_the_stages_do_one_by_one(monkeypatch):
     """One step agrees to round-off; in later ones the iterations of the solve amplify that, up to their tolerance."""
     x = mps.fill(mps.Box((0.0, 0.0), (0.1, 0.1)), SPACING)

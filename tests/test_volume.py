@@ -69,6 +69,7 @@ def test_a_stretched_body_keeps_its_volume(until, tolerance):
     assert a * b / start == pytest.approx(1.0, abs=tolerance)
 
 
+@pytest.mark.long  # tests/test_where_methods_fail.py spins one, too
 def test_a_spinning_disc_keeps_its_angular_momentum():
     """Forces at the middle of the step have no torque there: a fifth of a turn, w dt up to 0.02."""
     x = ball(2, 0.125)
@@ -102,7 +103,7 @@ def test_no_void_opens_below_the_lid_of_a_full_box():
     assert np.quantile(state.p, 0.01) > 0.0
 
 
-@pytest.mark.parametrize("dimension", [2, 3])
+@pytest.mark.parametrize("dimension", [pytest.param(2, marks=pytest.mark.long), 3])
 def test_a_body_of_which_every_particle_has_a_twin_has_lost_half_of_its_volume(dimension):
     """Pairs lean to each other, so none of them is enclosed; what is lost is found all the same."""
     spacing, side = 0.01, {2: 20, 3: 8}[dimension]

@@ -251,7 +251,7 @@ def test_force_at_curved_walls_is_the_negative_transpose_of_the_gradient(curved)
     assert np.abs(F[rows] + curved.volume * G[rows]).max() < 1e-12 * np.abs(F).max()
 
 
-@pytest.mark.parametrize("case", ["between circles", "pipe"])
+@pytest.mark.parametrize("case", ["between circles", pytest.param("pipe", marks=pytest.mark.long)])
 def test_turning_with_the_walls_is_exact_and_meets_no_resistance(case):
     """Gradient, stress and non-affine resistance of a solid rotation between co-rotating walls, to rounding."""
     d, walls = CURVED[case]
