@@ -19,6 +19,12 @@ class Rest:
     fastest: float = 0.0  # [m/s]
     fastest_at: float = 0.0  # [s]
 
+    def __post_init__(self):
+        """TypeError for what a checkpoint should not hold."""
+        for key, value in vars(self).items():
+            if not isinstance(value, int | float) and (key, value) != ("since", None):
+                raise TypeError(f"rest: {key} = {value!r} is not a number")
+
     def reached(self, sim) -> bool:
         """Is there hardly a way left? eta/tau_y is the time in which a Bingham flow decays where it ceases as a whole:
         a slow flow of a viscous mix is not taken for rest, nor a front before a large body that stands. A thin layer

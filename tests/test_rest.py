@@ -49,6 +49,12 @@ def test_a_front_before_a_large_body_that_stands_is_not_at_rest():
     assert stop(lambda t: 0.01 if t < 2.0 else 0.0, material, share=0.001) == pytest.approx(2.2, abs=0.02)
 
 
+@pytest.mark.parametrize("written", [{"since": "now"}, {"fastest": None}, {"fastest_at": [0.0]}, {"rest": 0.0}])
+def test_what_a_checkpoint_should_not_hold_is_refused(written):
+    with pytest.raises(TypeError):
+        Rest(**written)
+
+
 def test_what_has_no_true_yield_value_never_rests():
     for material in (mps.Newtonian(), mps.Bingham(critical_strain_rate=0.1)):
         assert stop(lambda t: 0.0, material, until=2.0) is None
