@@ -80,7 +80,6 @@ def resume(argv) -> int:
     state, remark = checkpoint.read_good(newest)
     if remark:
         print(f"taichi-mps: {remark}", file=sys.stderr)
-        os.replace(checkpoint.previous(newest), newest)  # so that the next one does not replace the good one
     options = Run(**{**state.header["settings"], **given(arguments, Run, leave_out=kept)})
     scene = state.scene(options.until, arguments.scene)
     if options.until:
@@ -89,6 +88,8 @@ def resume(argv) -> int:
     state.admit(scene)
     start(options)
     sim = state.simulation(scene, profile=options.profile)
+    if remark:
+        os.replace(checkpoint.previous(newest), newest)  # so that the next one does not replace the good one
     return carry_out(sim, folder, options, state.header["source"], arguments.json, resumed=True)
 
 

@@ -385,6 +385,15 @@ def test_no_damage_of_a_checkpoint_is_missed(run, data):
             assert state.header == run.state.header
 
 
+@pytest.mark.parametrize("words", [["--until", "-1"], ["--every", "0"], ["--scene", "nowhere.py"], []])
+def test_a_resume_that_is_refused_or_not_yet_begun_leaves_a_damaged_checkpoint(run, words):
+    before = {path.name: path.read_bytes() for path in run.path.iterdir() if path.is_file()}
+    before["checkpoint.h5"] = b"damaged"
+    with replaced(run, "checkpoint.h5", b"damaged"):
+        assert knock(["resume", str(run.path), *words]) == (2 if words else "admitted")
+        assert {path.name: path.read_bytes() for path in run.path.iterdir() if path.is_file()} == before
+
+
 JSON = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
     lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3),
