@@ -9,7 +9,7 @@ from dataclasses import replace
 from importlib import metadata
 from pathlib import Path
 
-from . import __version__, catalogue
+from . import __version__, catalogue, lock
 from .admission import admit
 from .options import Parser, Pictures, Run, Table, given, joined
 from .quantity import SceneError, suggestion
@@ -55,11 +55,12 @@ def run(argv) -> int:
     folder = RunFolder(options.out or Path("renders") / scene.name)
     folder.check()
     admit(scene, method)
-    start(options)
-    from .simulation import Simulation
+    with lock.held(folder.path):
+        start(options)
+        from .simulation import Simulation
 
-    sim = Simulation(scene, method, profile=options.profile)
-    return carry_out(sim, folder, options, catalogue.source(arguments.scene), arguments.json)
+        sim = Simulation(scene, method, profile=options.profile)
+        return carry_out(sim, folder, options, catalogue.source(arguments.scene), arguments.json)
 
 
 def resume(argv) -> int:
@@ -81,16 +82,17 @@ def resume(argv) -> int:
     if remark:
         print(f"taichi-mps: {remark}", file=sys.stderr)
     options = Run(**{**state.header["settings"], **given(arguments, Run, leave_out=kept)})
-    scene = state.scene(options.until, arguments.scene)
-    if options.until:
-        scene = replace(scene, until=options.until)
     folder.check()
-    state.admit(scene)
-    start(options)
-    sim = state.simulation(scene, profile=options.profile)
-    if remark:
-        os.replace(checkpoint.previous(newest), newest)  # so that the next one does not replace the good one
-    return carry_out(sim, folder, options, state.header["source"], arguments.json, resumed=True)
+    with lock.held(folder.path):
+        scene = state.scene(options.until, arguments.scene)
+        if options.until:
+            scene = replace(scene, until=options.until)
+        state.admit(scene)
+        start(options)
+        sim = state.simulation(scene, profile=options.profile)
+        if remark:
+            os.replace(checkpoint.previous(newest), newest)  # so that the next one does not replace the good one
+        return carry_out(sim, folder, options, state.header["source"], arguments.json, resumed=True)
 
 
 def plot(argv) -> int:

@@ -10,13 +10,13 @@ from pathlib import Path
 
 import numpy as np
 
-from . import checkpoint
+from . import checkpoint, lock
 from .quantity import SceneError
 from .vtkhdf import Trajectory, due
 
 COLUMNS = ("time_s", "dt_s", "slump_m", "spread_m", "max_speed_m_s", "kinetic_energy_J")
 COLUMNS += ("unyielded_fraction", "viscous_iterations", "pressure_iterations", "volume_error")
-OURS = ("history.csv", "summary.json", "checkpoint.h5")  # any of them marks a folder as a run
+OURS = ("history.csv", "summary.json", "checkpoint.h5")  # any of them, or a lock, marks a folder as a run
 PRODUCTS = (*OURS, "checkpoint.previous.h5", "checkpoint.partial", "summary.partial", "run.h5", "animation.gif")
 PRODUCTS += ("history.partial", "run.twin1", "run.twin2")
 PLOTS = ("slump.png", "history.png", "filling.png")
@@ -37,7 +37,7 @@ class RunFolder:
 
     @property
     def ours(self) -> bool:
-        return any((self.path / name).is_file() for name in OURS)
+        return any((self.path / name).is_file() for name in (*OURS, lock.NAME))
 
     def check(self) -> None:
         """Refuse, before anything is computed, a path that is a file, somebody else's folder, or not writable."""

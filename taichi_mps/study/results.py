@@ -10,6 +10,7 @@ import os
 from contextlib import suppress
 from pathlib import Path
 
+from ..lock import lock
 from ..quantity import SceneError
 
 
@@ -27,7 +28,9 @@ class Results:
             raise SceneError(f"out = {self.folder}: holds other files and no study; must be a new or a study's folder")
         self.folder.mkdir(parents=True, exist_ok=True)
         self._file = open(self.journal, "a+b")  # noqa: SIM115  (open as long as the study)
-        self._lock()
+        if not lock(self._file):
+            self._file.close()
+            raise SceneError(f"out = {self.folder}: another study is writing there; must be one at a time")
         self._file.seek(0)
         whole = self._file.read()
         end = whole.rfind(b"\n") + 1  # what stands after the last end of line was cut off by the end of a process
@@ -42,18 +45,6 @@ class Results:
                     f"{self.journal}: line {number} is no row; delete it to compute its case anew"
                 ) from None
         return self
-
-    def _lock(self):
-        with suppress(ImportError):  # not on every system
-            import fcntl
-
-            try:
-                fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError:
-                self._file.close()
-                raise SceneError(
-                    f"out = {self.folder}: another study is writing there; must be one at a time"
-                ) from None
 
     def __exit__(self, *_):
         self._file.close()
