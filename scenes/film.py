@@ -36,6 +36,8 @@ def scene(
     if critical_strain_rate == "rational":
         mix = {"plastic_viscosity": plastic_viscosity, "yield_value": yield_value}
         critical_strain_rate = mps.rational_critical_strain_rate(**mix, time=until)
+    if spacing > depth:
+        raise mps.SceneError(f"spacing = {spacing:g} m: larger than the film, {depth:g} m deep")
     length = max(10, round(0.5 * depth / spacing)) * spacing
     theta = np.radians(angle)
     low, high = (0.0, 0.0), (length, depth)

@@ -14,6 +14,8 @@ import numpy as np
 import taichi_mps as mps
 from taichi_mps.quantity import CriticalStrainRate, Density, Duration, Length, Speed, Viscosity, YieldValue
 
+TALLEST = 3.0  # [m]; a cone beyond was given in centimetres
+
 # Rest slump of the standard cone by finite elements with inertia, rho = 2300 kg/m3, eta = 50 Pa s, true Bingham:
 # yield value [Pa], slump over r < 20 mm [m]; own solution, +-0.4 mm
 AT_REST = np.array([[100.0, 0.2482], [300.0, 0.2173], [500.0, 0.1799], [1000.0, 0.1015]])
@@ -52,6 +54,8 @@ def scene(
     ``lift_speed`` [m/s]; the standard's 300 mm in 2 to 3 s are 0.1 to 0.15 m/s. Model half or quarter computes that
     part of the cone between mirror planes, axisymmetric its half section. With ``accuracy``, the error of the slump
     that is wanted, the cheapest model and spacing measured to reach it are taken where they are not given."""
+    if height > TALLEST:
+        raise mps.SceneError(f"height = {height:g} m: must be at most {TALLEST:g} m; 300mm and 30cm are lengths, too")
     if critical_strain_rate == "rational":
         mix = {"plastic_viscosity": plastic_viscosity, "yield_value": yield_value}
         critical_strain_rate = mps.rational_critical_strain_rate(**mix, time=until)

@@ -39,6 +39,8 @@ def scene(
 ) -> mps.Scene:
     """Half of the form, cut along its middle plane y = 0, and the curtain in it: upright bars and, inside of them,
     level ones; or the mesh of the file ``rebar`` (STL, OBJ, PLY) in its place."""
+    if spacing > hose_diameter / 3.0 * (1.0 + 1e-9):
+        raise mps.SceneError(f"spacing = {spacing:g} m: must be at most a third of the hose, {hose_diameter / 3.0:g} m")
     half = 0.5 * width
     upright = half - cover - 0.5 * bar_diameter
     level = upright - 1.1 * bar_diameter

@@ -5,7 +5,7 @@ import numpy as np
 from .geometry import Cylinder
 from .inlet import FASTEST
 from .material import Bingham
-from .quantity import SceneError
+from .quantity import DENSITY_HINT, HEAVIEST, LIGHTEST, SceneError
 from .scene import Scene, SemiImplicit
 from .solids import Solid
 
@@ -45,7 +45,15 @@ def admit(scene: Scene, numerics) -> None:
 
 
 def plausible(scene: Scene) -> None:
-    """SceneError for what comes of a wrong unit or origin: a jet that no hose gives, a solid that nothing can meet."""
+    """SceneError for what comes of a wrong unit or origin: a density that nothing has where things weigh as on Earth, a
+    jet that no hose gives, a solid that nothing can meet."""
+    density = [material.density for material in scene.materials]
+    earth = 9.0 < float(np.linalg.norm(scene.gravity_vector)) < 11.0
+    if earth and not LIGHTEST <= min(density) <= max(density) <= HEAVIEST:
+        wrong = min(density) if min(density) < LIGHTEST else max(density)
+        raise SceneError(
+            f"density = {wrong:g} kg/m3: must be from {LIGHTEST:g} to {HEAVIEST:g} kg/m3 under gravity ({DENSITY_HINT})"
+        )
     for inlet in scene.inlets:
         speed, most = inlet.speed(scene.spacing), FASTEST * inlet.layer_volume(scene.spacing) / scene.spacing
         if speed > FASTEST:

@@ -7,6 +7,7 @@ from pathlib import Path
 from .quantity import SceneError
 
 MEASURED = Path(__file__).parent / "accuracy.json"
+COARSEST = 0.1  # [m]; what is asked for beyond is millimetres
 RANGE = "100 to 1000 Pa, 50 Pa s, standard cone"  # where the errors were measured
 
 
@@ -35,6 +36,8 @@ def measured() -> list[Choice]:
 def choose(accuracy: float, model: str | None = None, spacing: float | None = None) -> Choice:
     """The cheapest whose slump and reach were never more than ``accuracy`` [m] from the reference; a model or a spacing
     [m] that is given stays as it is. SceneError where nothing measured is that good."""
+    if not accuracy <= COARSEST:
+        raise SceneError(f"accuracy = {accuracy:g} m: must be at most {COARSEST:g} m (0.005 or 5mm for 5 mm)")
     fitting = [
         c for c in measured() if model in (None, c.model) and (spacing is None or abs(c.spacing - spacing) < 1e-9)
     ]

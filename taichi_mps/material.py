@@ -6,9 +6,9 @@ from collections.abc import Callable
 from pydantic import model_validator
 
 from .quantity import (
+    AnyDensity,
     Checked,
     Consistency,
-    Density,
     Duration,
     FlowIndex,
     Ratio,
@@ -33,7 +33,7 @@ class Bingham(Checked):
     yield code is compiled. Warns if the knee stress is more than HIGH_KNEE above the yield value.
     """
 
-    density: Density = 2300.0
+    density: AnyDensity = 2300.0
     plastic_viscosity: Viscosity = 50.0
     yield_value: YieldValue = 300.0
     critical_strain_rate: StrainRate | None = None
@@ -71,7 +71,7 @@ class FlowCurve(Checked):
     penalty of the iteration, not the answer. Scheme ``implicit`` only.
     """
 
-    density: Density = 2300.0
+    density: AnyDensity = 2300.0
     yield_value: YieldValue = 0.0
     plastic_viscosity: Viscosity = 50.0
     shear_stress: Callable
@@ -86,7 +86,7 @@ class FlowCurve(Checked):
 class HerschelBulkley(Checked):
     """tau = tau_y + k rate^n: thickens (n > 1) or thins (n < 1) with the shear rate; rigid below the yield value."""
 
-    density: Density = 2300.0
+    density: AnyDensity = 2300.0
     yield_value: YieldValue = 300.0
     consistency: Consistency = 50.0
     flow_index: FlowIndex = 1.0

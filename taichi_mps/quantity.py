@@ -13,11 +13,16 @@ class SceneError(ValueError):
 
 
 class Unit(str):
-    """The unit of an annotated number, for messages and for --help."""
+    """The unit of an annotated number, for messages and for --help; ``hint``: what one may have meant, in another."""
+
+    def __new__(cls, unit, hint=""):
+        self = super().__new__(cls, unit)
+        self.hint = hint
+        return self
 
 
-def _real(unit, **bounds):
-    return Annotated[float, Field(allow_inf_nan=False, **bounds), Unit(unit)]
+def _real(unit, hint="", **bounds):
+    return Annotated[float, Field(allow_inf_nan=False, **bounds), Unit(unit, hint)]
 
 
 def in_metres(value):
@@ -31,14 +36,18 @@ def in_metres(value):
     return value
 
 
-Length = Annotated[_real("m", gt=0.0, le=1000.0), BeforeValidator(in_metres)]
+LIGHTEST, HEAVIEST = 200.0, 20000.0  # foamed concrete in the mould, and above mercury [kg/m3]
+DENSITY_HINT = "2300 for 2.3 t/m3"
+
+Length = Annotated[_real("m", "0.3 or 300mm for 300 mm", gt=0.0, le=100.0), BeforeValidator(in_metres)]
 Position = _real("m", ge=-1000.0, le=1000.0)
 Duration = _real("s", gt=0.0, le=1e6)
-Density = _real("kg/m3", gt=0.0, le=30000.0)
+Density = _real("kg/m3", DENSITY_HINT, ge=LIGHTEST, le=HEAVIEST)
+AnyDensity = _real("kg/m3", gt=0.0, le=30000.0)  # also 1, of a flow without weight in numbers without dimension
 Viscosity = _real("Pa s", gt=0.0, le=1e6)
 YieldValue = _real("Pa", ge=0.0, le=1e6)
 ViscousConstant = _real("Pa s/m", ge=0.0, le=1e9)
-Speed = _real("m/s", gt=0.0, le=100.0)
+Speed = _real("m/s", "0.1 for 100 mm/s", gt=0.0, le=5.0)  # of a mould or a gate that is lifted
 Consistency = _real("Pa s^n", gt=0.0, le=1e6)
 FlowIndex = _real("", ge=0.1, le=4.0)
 FlowRate = _real("m3/s", gt=0.0, le=100.0)
@@ -67,17 +76,17 @@ class Checked(BaseModel):
         cls.__pydantic_validator__  # noqa: B018  (build now, so that a wrong declaration fails at import)
 
 
-def unit_of(field) -> str:
+def unit_of(field) -> Unit:
     """Unit of a pydantic field, '' where it has none (a choice, a flag)."""
     for item in field.metadata:
         if isinstance(item, Unit):
-            return str(item)
+            return item
     for option in get_args(field.annotation):
         if get_origin(option) is Annotated:
             for item in get_args(option)[1:]:
                 if isinstance(item, Unit):
-                    return str(item)
-    return ""
+                    return item
+    return Unit("")
 
 
 def suggestion(key, known) -> str:
@@ -94,14 +103,15 @@ def explain(error: ValidationError, model: type[BaseModel]) -> str:
         if item["type"] == "extra_forbidden":
             lines.append(f"unknown key '{key}'{suggestion(key, model.model_fields)}")
             continue
-        unit = unit_of(model.model_fields[key]) if key in model.model_fields else ""
-        unit = "" if unit == "-" else unit
+        unit = unit_of(model.model_fields[key]) if key in model.model_fields else Unit("")
+        unit = Unit("") if unit == "-" else unit
         allowed = item["msg"].replace("Input should be", "must be").replace("Value error, ", "")
         if item["type"] == "missing":
             lines.append(f"{key} is missing [{unit}]" if unit else f"{key} is missing")
         else:
             tail = f" {unit}" if unit else ""
             bound = tail if item["type"].startswith(("greater", "less")) else ""
+            bound += f" ({unit.hint})" if bound and unit.hint else ""
             start = f"{key} = {' '.join(str(item['input']).split())}{tail}: "  # one line, whatever was given
             if lines and lines[-1].startswith(start):
                 lines[-1] += allowed.replace("must be", ", or", 1)

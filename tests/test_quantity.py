@@ -7,7 +7,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 import taichi_mps as mps
-from taichi_mps import backend, catalogue
+from taichi_mps import admission, backend, catalogue
 from taichi_mps.quantity import Count, Length, SceneError, Viscosity
 
 BOUNDS = {"density": (0.0, 30000.0), "plastic_viscosity": (0.0, 1e6), "critical_strain_rate": (0.0, 1e4)}  # (low, high]
@@ -61,6 +61,22 @@ def test_scene_refuses_bad_particles():
     for fluid, text in (([[2.0, 0.5]], "lies outside"), ([[math.nan, 0.5]], "finite"), ([], "at least one particle")):
         with pytest.raises(SceneError, match=text):
             mps.Scene(fluid=fluid, **parts)
+
+
+@pytest.mark.parametrize(("density", "gravity"), [(2.3, None), (23.0, (0.0, -9.81)), (2.3e4, (6.9, -6.9))])
+def test_a_density_in_another_unit_is_refused_where_things_weigh_as_on_earth(density, gravity):
+    """And only there: in numbers without dimension it is 1, and so may gravity be."""
+    parts = {"fluid": [[0.5, 0.5]], "spacing": 0.1, "domain": ((0.0, 0.0), (1.0, 1.0))}
+
+    def admit(density, gravity):
+        material = mps.Bingham(density=density)
+        admission.admit(mps.Scene("x", material, gravity=gravity, **parts), mps.Implicit())
+
+    with pytest.raises(SceneError, match=f"^density = {density:g} kg/m3: must be from 200 to 20000 kg/m3 .*2.3 t/m3"):
+        admit(density, gravity)
+    admit(1.0, (0.0, 0.0))
+    admit(1.0, (0.0, -1.0))
+    admit(1000.0, gravity)
 
 
 def test_records_are_frozen_and_good_values_pass():

@@ -245,6 +245,11 @@ def calibrate(
         raise SceneError(
             f"slump = {slump:g} m: must be less than {height:g} m, the height of the cone; 21cm is a length, too"
         )
+    largest = {"spread": (spread or 0.0, 10.0 * height)}
+    largest |= {"slump_error": (slump_error, height), "spread_error": (spread_error, height)}
+    for key, (value, most) in largest.items():
+        if value >= most:
+            raise SceneError(f"{key} = {value:g} m: must be less than {most:g} m; 21cm and 5mm are lengths, too")
     base = emulator.settings.get("base_diameter", 0.2)
     if spread and spread + 3.0 * spread_error < base:
         raise SceneError(f"spread = {spread:g} m: must be more than {base:g} m, the base of the cone")
