@@ -4,6 +4,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+HOLE = (0.75, 1.0)  # radius of a ring over its size: below, its particles cover the axis; above, another one fits in
+
 
 @dataclass(frozen=True)
 class Snapshot:
@@ -34,12 +36,15 @@ class Snapshot:
 
 def revolved(s: Snapshot) -> Snapshot:
     """The body of which ``s`` is the axisymmetric model (r, z): every ring as particles a size apart around the z axis,
-    each ring turned by the golden angle against the one before."""
-    count = np.maximum(1, np.round(2.0 * np.pi * s.x[:, 0] / s.size)).astype(int)
+    each ring turned by the golden angle against the one before. A ring with a hole that no other fits into has a
+    particle on the axis, too: the fluid is whole there."""
+    r = s.x[:, 0]
+    around = np.maximum(1, np.round(2.0 * np.pi * r / s.size)).astype(int)
+    count = around + ((HOLE[0] * s.size < r) & (r < HOLE[1] * s.size))
     ring = np.repeat(np.arange(len(count)), count)
     place = np.arange(len(ring)) - np.repeat(np.cumsum(count) - count, count)
-    angle = 2.0 * np.pi * (place / count[ring] + 0.381966 * ring)
-    across = np.stack([np.cos(angle), np.sin(angle)], 1)
+    angle = 2.0 * np.pi * (place / around[ring] + 0.381966 * ring)
+    across = np.stack([np.cos(angle), np.sin(angle)], 1) * (place < around[ring])[:, None]
 
     def turned(v):
         return np.column_stack([v[ring, :1] * across, v[ring, 1]])

@@ -151,6 +151,28 @@ def test_a_section_is_revolved_to_the_whole_body():
     assert np.abs(whole.u[:, :2].sum(0)).max() < 1e-9 * len(whole.x)
 
 
+@pytest.mark.parametrize("first", [0.5, 0.74, 0.76, 0.85, 0.99])
+def test_rings_that_have_left_the_axis_revolve_to_a_whole_cylinder(first):
+    """Three rings a spacing apart in four layers, the innermost ``first`` spacings from the axis: flat on top, on the
+    axis too, and as large as the cylinder but for half a particle a ring, and the one on the axis."""
+    columns = first + np.arange(3)
+    x = L0 * np.array([(r, z) for r in columns for z in 0.5 + np.arange(4)])
+    whole = measure.revolved(measure.still(x, L0))
+    reach = L0 * columns[-1]
+    ticks = np.linspace(-reach, reach, 41)
+    places = np.stack(np.meshgrid(ticks, ticks), -1).reshape(-1, 2)
+    places = places[np.hypot(*places.T) <= reach]
+    assert np.abs(measure.surface(whole, places) - 4.0 * L0).max() < 1e-12
+    layer = (whole.size**3).sum() / (4.0 * L0**3)
+    assert abs(layer - np.pi * (columns[-1] + 0.5) ** 2) < 3 * 0.5 + (first > 0.75)
+
+
+def test_a_hole_around_the_axis_that_a_ring_would_fit_into_stays():
+    whole = measure.revolved(measure.still([[1.3 * L0, 0.5 * L0], [2.3 * L0, 0.5 * L0]], L0))
+    assert np.isnan(measure.surface(whole, [[0.0, 0.0]])[0])
+    assert np.hypot(*whole.x[:, :2].T).min() == pytest.approx(1.3 * L0)
+
+
 def test_the_cone_of_rings_has_the_volume_of_the_cone():
     for spacing, error in ((0.01, 0.012), (0.005, 0.005)):
         scene = mps.slump_cone(model="axisymmetric", spacing=spacing)
