@@ -7,6 +7,7 @@ the trial stress back onto the yield surface and p <- p - K (div u - s); rotate 
 import math
 
 from ..backend import real, ti
+from ..deferred_correction import DeferredCorrection
 from ..gradient import Gradient
 from ..momentum import MomentumSystem
 from ..mrpcg import INDEFINITE, MRPCG, GridLevels
@@ -51,8 +52,9 @@ class Implicit:
             self.sleeping = Sleeping(particles, neighbors, scene.spacing, window)
         self.system = MomentumSystem(particles, self.gradient, walls, self.sleeping)
         self.sleeps = self.system.sleeps
+        self.correction = DeferredCorrection(particles, self.gradient, self.system)
         self.smoothing = PressureSmoothing(particles, self.gradient, self.scales, scene.gravity_vector)
-        of_system = self.gradient, walls, self.system, self.scales, self.smoothing
+        of_system = self.gradient, walls, self.system, self.correction, self.scales, self.smoothing
         self.stress = Stress(particles, *of_system, material, law_of(self.materials), scene.gravity_vector)
         self.yielded = self.stress.yielded  # 1 where the material flows
         self.shifting = Shifting(particles, self.gradient, walls, scene.spacing)
@@ -201,6 +203,7 @@ class Implicit:
         """Source, implicit viscosity and non-affine resistance from the last velocity."""
         for i in range(self.particles.count[None]):
             G, left = self.gradient.fit(i, self.particles.u, 1.0)
+            self.correction.keep(i, G)
             rate = shear_rate(G)
             excess = self.gradient.packing[i] - 1.0
             error = ti.max(excess, -0.03 if self.gradient.enclosed(i) else 0.0)
@@ -242,26 +245,30 @@ class Implicit:
 
     @stage
     def right_hand_side(self, b: ti.template()):
-        """b = (m/dt) u^n + m g + F[-(p~ + K s) I + stress - 2 mu_r q] [N]."""
+        """b = (m/dt) u^n + m g + F[-(p~ + K s) I + stress - 2 mu_r q] + what is taken back of H [N]."""
         I = ti.Matrix.identity(float, self.particles.tensor_dimension)  # noqa: E741
         for i in range(self.particles.count[None]):
+            b[i] = ti.Vector.zero(float, self.dimension)
             if self.system.acts(i):
                 T = -(self.smoothing.p[i] + self.scales.bulk[None] * self.source[i]) * I
                 if ti.static(self.stress.law == "bingham"):
                     T += self.particles.stress[i] - 2.0 * self.system.mu[i] * self.particles.plastic_rate[i]
-                self.system.keep(i, self.gradient.spread_stress(i, T))
+                flux, push = self.correction.force(i, self.solver.x)
+                self.system.keep(i, self.gradient.spread_stress(i, T) + flux)
+                b[i] = push
         for i in range(self.particles.count[None]):
             self.system.gather_force(i, False)
         for i in range(self.particles.count[None]):
-            b[i] = ti.Vector.zero(float, self.dimension)
             if self.system.unknown(i):
                 volume = self.particles.volume(i)
                 own = volume * (self.system.inertia[i] * self.particles.u[i] + self.density(i) * self.g)
-                b[i] = own + self.system.force(i)
+                b[i] += own + self.system.force(i)
                 if ti.static(len(self.walls.surfaces) > 0):
                     heavy = self.density(i) * self.g * self.scales.pressed(self.smoothing.p[i])
                     share = self.gradient.counts_as(i)
                     b[i] += volume * self.walls.hydrostatic(i, self.particles.x[i], heavy, self.gradient.B[i], share)
+            else:
+                b[i] = ti.Vector.zero(float, self.dimension)
 
     @stage
     def advance(self, dt: float, u: ti.template(), first: ti.i32):
