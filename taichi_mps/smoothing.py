@@ -18,6 +18,7 @@ class PressureSmoothing:
         self.neighbors, self.dimension = gradient.neighbors, particles.dimension
         self.g = ti.types.vector(particles.dimension, real())(gravity)
         self.p = ti.field(real(), particles.capacity)  # [Pa]
+        self.full = ti.field(ti.i32, ())  # 1 in a closed box without a free surface
 
     @ti.func
     def mean(self, i, share):
@@ -81,7 +82,8 @@ class PressureSmoothing:
                     momentum += volume * ti.cast(self.particles.u[i], ti.f64)
                     if self.gradient.around[i] < 0.75 * self.gradient.full:
                         surface += 1
-            if surface == 0 and rows > 0.0:
+            self.full[None] = ti.cast(surface == 0 and rows > 0.0, ti.i32)
+            if self.full[None] == 1:
                 mean_source, mean_u = ti.cast(total / rows, float), ti.cast(momentum / rows, float)
                 for i in range(self.particles.count[None]):
                     if self.gradient.B[i][0, 0] > 0.0:

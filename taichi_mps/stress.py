@@ -51,6 +51,14 @@ class Stress:
         return h
 
     @ti.func
+    def size(self, i):
+        """Shear stress [Pa] of particle i."""
+        size = self.system.mu[i] * self.particles.shear_rate[i]
+        if ti.static(self.law == "bingham"):
+            size = magnitude(self.particles.stress[i])
+        return size
+
+    @ti.func
     def structure(self, i):
         """Structure of a thixotropic particle, 0 of any other [-]."""
         structure = ti.cast(0.0, float)

@@ -29,6 +29,7 @@ class Surface:
     def __init__(self, wall, dimension: int, spacing: float, clock):
         self.slip, self.thin, self.loose, self.spacing = wall.slip, wall.thin, wall.loose, spacing
         self.rubs, self.friction = wall.friction is not None, None  # Walls gives what is carried
+        self.holds = not wall.slip and not self.rubs  # the fluid does not slip on it
         self.clock, self.travels = clock, bool(np.any(wall.travel))
         self.parts = wall.thin  # the fluid on one side of it does not feel that on the other
         self.travel = ti.types.vector(dimension, ti.f64)(wall.travel)
@@ -48,7 +49,7 @@ class Surface:
     def smooth(self):
         """The same wall with slip instead of friction."""
         other = copy(self)
-        other.slip, other.rubs, other.friction = True, False, None
+        other.slip, other.rubs, other.holds, other.friction = True, False, False, None
         return other
 
     @ti.func

@@ -19,6 +19,7 @@ from ..sleeping import Sleeping
 from ..smoothing import PressureSmoothing
 from ..stages import Stages, few, stage
 from ..stress import Stress
+from ..wall_layer import WallLayer
 
 SOURCE, RING_SOURCE = 0.05, 0.2  # share of the packing error removed per step; thin rings lose more of it per step
 FASTEST, RING_FASTEST = 1.0, 0.25  # at most this [1/s]; of rings also this share of the shear rate, or the shift wins
@@ -56,6 +57,10 @@ class Implicit:
         self.smoothing = PressureSmoothing(particles, self.gradient, self.scales, scene.gravity_vector)
         of_system = self.gradient, walls, self.system, self.correction, self.scales, self.smoothing
         self.stress = Stress(particles, *of_system, material, law_of(self.materials), scene.gravity_vector)
+        self.layer = WallLayer(
+            particles, self.gradient, walls, self.scales, self.smoothing, self.stress, scene.gravity_vector
+        )
+        self.held = any(wall.holds for wall in walls.surfaces)
         self.yielded = self.stress.yielded  # 1 where the material flows
         self.shifting = Shifting(particles, self.gradient, walls, scene.spacing)
         many = particles.capacity >= GridLevels.PAY_FROM
@@ -134,6 +139,8 @@ class Implicit:
             self.begin_friction()
         self.run("prepare", self.prepare, dt, first)
         self.smoothing.balance(self.source)
+        if ti.static(self.held):
+            self.run("wall layer", self.layer.begin)
         self.start(self.solver.x)
         self.prepare_system()
         self.iterations[None] = 0
@@ -152,6 +159,8 @@ class Implicit:
                 self.run("solve", self.solve, tolerance * (EARLY if k + 1 < passes else 1.0))
                 if self.solver.status[None] < INDEFINITE:
                     self.run("stress", self.stress.update, self.solver.x, self.source)
+                    if ti.static(self.held):
+                        self.run("wall layer", self.layer.adjust)
 
     @ti.pyfunc
     def end(self, dt, first, all_awake, passes, tolerance):
@@ -267,6 +276,8 @@ class Implicit:
                     heavy = self.density(i) * self.g * self.scales.pressed(self.smoothing.p[i])
                     share = self.gradient.counts_as(i)
                     b[i] += volume * self.walls.hydrostatic(i, self.particles.x[i], heavy, self.gradient.B[i], share)
+                if ti.static(self.held):
+                    b[i] += volume * self.layer.excess(i)
             else:
                 b[i] = ti.Vector.zero(float, self.dimension)
 

@@ -1,0 +1,77 @@
+"""The shear stress behind a no-slip wall of a full vessel: like the pressure there it exceeds the first row's (I9).
+
+A drive f = rho g - grad p along a wall makes the shear stress grow towards it, so a ghost at the normal distance h
+carries f h more than the particle. The first row has the stress of its own place then, f l0/2 less than the wall, and
+would yield late. So the law is averaged over the layer between row and wall: while the yield surface lies in it, where
+the wall carries s = tau_w - tau_y < f l0, the share of the excess is 2 s/(f l0) - (s/(f l0))^2, and 1 beyond.
+
+Where there is a free surface nothing is added: its own error, a last row that is held back, balances this one in thin
+layers.
+"""
+
+from .backend import real, ti
+from .stages import stage
+
+
+@ti.data_oriented
+class WallLayer:
+    """Drive along the walls and share of the excess that acts, of every particle in reach of a no-slip wall."""
+
+    def __init__(self, particles, gradient, walls, scales, smoothing, stress, gravity):
+        self.particles, self.gradient, self.walls = particles, gradient, walls
+        self.neighbors, self.scales, self.smoothing, self.stress = gradient.neighbors, scales, smoothing, stress
+        self.dimension = particles.dimension
+        self.g = ti.types.vector(self.dimension, real())(gravity)
+        self.drive = ti.Vector.field(self.dimension, real(), particles.capacity)  # rho g - grad p [N/m3]
+        self.share = ti.field(real(), particles.capacity)  # of the excess [-]
+
+    @ti.func
+    def slope(self, i):
+        """grad p [Pa/m] at particle i, from a linear fit to the particles around it."""
+        M = ti.Matrix.zero(float, self.dimension, self.dimension)
+        N = ti.Vector.zero(float, self.dimension)
+        for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
+            j, b = self.neighbors.column[k], self.gradient.b[k]
+            if self.gradient.weight_r2[k] > 0.0:
+                M += b.outer_product(b) / self.gradient.weight_r2[k]
+                N += (self.smoothing.p[j] - self.smoothing.p[i]) * b
+        return self.gradient.inverse(M, self.gradient.lattice(i)[0]) @ N
+
+    @stage
+    def begin(self):
+        """Drive and share at the start of a step: the share with which the present stress is in equilibrium."""
+        for i in range(self.particles.count[None]):
+            self.drive[i] = ti.Vector.zero(float, self.dimension)
+            if self.smoothing.full[None] == 1 and self.gradient.B[i][0, 0] > 0.0 and self.walls.holds(i):
+                self.drive[i] = self.scales.density[self.scales.mix(i)] * self.g - self.slope(i)
+                over = self.stress.size(i) - self.scales.tau_y[self.scales.mix(i)]
+                s = ti.sqrt(2.0 * ti.max(0.0, over) / ti.max(2.0 * self.half(i), 1e-12))
+                self.share[i] = self.acts(i, s)
+
+    @ti.func
+    def half(self, i):
+        """f l0/2 [Pa]."""
+        return 0.5 * self.gradient.spacing * self.walls.along(i, self.particles.x[i], self.drive[i])
+
+    @ti.func
+    def acts(self, i, s):
+        """Share of the excess, s over f l0: never more than doubles the stress of the first row."""
+        share = ti.cast(1.0, float)
+        if s < 1.0:
+            share = 2.0 * s - s * s
+        return ti.min(share, self.stress.size(i) / ti.max(self.half(i), 1e-12))
+
+    @stage
+    def adjust(self):
+        """After a pass: the share for the stress that the wall carries now."""
+        for i in range(self.particles.count[None]):
+            if self.smoothing.full[None] == 1 and self.walls.holds(i):
+                half = self.half(i)
+                s = self.stress.size(i) + self.share[i] * half - self.scales.tau_y[self.scales.mix(i)]
+                self.share[i] = self.acts(i, ti.max(0.0, s) / ti.max(2.0 * half, 1e-12))
+
+    @ti.func
+    def excess(self, i):
+        """Force density [N/m3] by which the shear stress of the ghosts exceeds that of particle i."""
+        x, share = self.particles.x[i], self.gradient.counts_as(i)
+        return self.share[i] * self.walls.sheared(i, x, self.drive[i], self.gradient.B[i], share)
