@@ -42,7 +42,7 @@ class WallLayer:
         """Drive and share at the start of a step: the share with which the present stress is in equilibrium."""
         for i in range(self.particles.count[None]):
             self.drive[i] = ti.Vector.zero(float, self.dimension)
-            if self.smoothing.full[None] == 1 and self.gradient.B[i][0, 0] > 0.0 and self.walls.holds(i):
+            if self.smoothing.full[None] == 1 and self.gradient.B[i][0, 0] > 0.0 and self.near(i):
                 self.drive[i] = self.scales.density[self.scales.mix(i)] * self.g - self.slope(i)
                 over = self.stress.size(i) - self.scales.tau_y[self.scales.mix(i)]
                 s = ti.sqrt(2.0 * ti.max(0.0, over) / ti.max(2.0 * self.half(i), 1e-12))
@@ -51,7 +51,7 @@ class WallLayer:
     @ti.func
     def half(self, i):
         """f l0/2 [Pa]."""
-        return 0.5 * self.gradient.spacing * self.walls.along(i, self.particles.x[i], self.drive[i])
+        return 0.5 * self.gradient.spacing * self.along(i)
 
     @ti.func
     def acts(self, i, s):
@@ -65,13 +65,41 @@ class WallLayer:
     def adjust(self):
         """After a pass: the share for the stress that the wall carries now."""
         for i in range(self.particles.count[None]):
-            if self.smoothing.full[None] == 1 and self.walls.holds(i):
+            if self.smoothing.full[None] == 1 and self.near(i):
                 half = self.half(i)
                 s = self.stress.size(i) + self.share[i] * half - self.scales.tau_y[self.scales.mix(i)]
                 self.share[i] = self.acts(i, ti.max(0.0, s) / ti.max(2.0 * half, 1e-12))
 
     @ti.func
+    def near(self, i):
+        """Whether particle i is in reach of a no-slip wall."""
+        near = False
+        for f, wall in ti.static(enumerate(self.walls.faces)):
+            if ti.static(wall.holds):
+                near = near or self.walls.c[i, f] > 0.0
+        return near
+
+    @ti.func
+    def along(self, i):
+        """Largest part [N/m3] of the drive of particle i along a no-slip wall in reach."""
+        most = ti.cast(0.0, float)
+        for f, wall in ti.static(enumerate(self.walls.faces)):
+            if ti.static(wall.holds):  # noqa: SIM102  (a compiled choice stays apart)
+                if self.walls.c[i, f] > 0.0:
+                    _z, n, _velocity, _curvature = wall.face(i, self.particles.x[i], self.walls.slots[f])
+                    most = ti.max(most, (self.drive[i] - n * n.dot(self.drive[i])).norm())
+        return most
+
+    @ti.func
     def excess(self, i):
         """Force density [N/m3] by which the shear stress of the ghosts exceeds that of particle i."""
-        x, share = self.particles.x[i], self.gradient.counts_as(i)
-        return self.share[i] * self.walls.sheared(i, x, self.drive[i], self.gradient.B[i], share)
+        total = ti.Vector.zero(float, self.dimension)
+        x, size = self.particles.x[i], self.gradient.counts_as(i)
+        for f, wall in ti.static(enumerate(self.walls.faces)):
+            if ti.static(wall.holds):  # noqa: SIM102  (a compiled choice stays apart)
+                if self.walls.c[i, f] > 0.0:
+                    z, n, _velocity, curvature = wall.face(i, x, self.walls.slots[f])
+                    along = self.drive[i] - n * n.dot(self.drive[i])
+                    depth = self.walls.ghosts.lookup("normal", i, wall, f, x, z, curvature, size)
+                    total -= along * (n.dot(self.gradient.B[i] @ n) * depth)
+        return self.share[i] * total

@@ -266,38 +266,6 @@ class Walls:
         return total
 
     @ti.func
-    def holds(self, i):
-        """Whether particle i is in reach of a no-slip wall."""
-        holds = False
-        for f, wall in ti.static(enumerate(self.faces)):
-            if ti.static(wall.holds):
-                holds = holds or self.c[i, f] > 0.0
-        return holds
-
-    @ti.func
-    def along(self, i, x, drive):
-        """Largest part of a vector along a no-slip wall in reach."""
-        most = ti.cast(0.0, float)
-        for f, wall in ti.static(enumerate(self.faces)):
-            if ti.static(wall.holds):  # noqa: SIM102  (a compiled choice stays apart)
-                if self.c[i, f] > 0.0:
-                    _z, n, _velocity, _curvature = wall.face(i, x, self.slots[f])
-                    most = ti.max(most, (drive - n * n.dot(drive)).norm())
-        return most
-
-    @ti.func
-    def sheared(self, i, x, drive, B, share):
-        """Force density [N/m3] by which the ghosts' shear stress exceeds the particle's own under a ``drive``."""
-        total = ti.Vector.zero(float, self.dimension)
-        for f, wall in ti.static(enumerate(self.faces)):
-            if ti.static(wall.holds):  # noqa: SIM102  (a compiled choice stays apart)
-                if self.c[i, f] > 0.0:
-                    z, n, _velocity, curvature = wall.face(i, x, self.slots[f])
-                    depth = self.ghosts.lookup("normal", i, wall, f, x, z, curvature, share)
-                    total -= (drive - n * n.dot(drive)) * (n.dot(B @ n) * depth)
-        return total
-
-    @ti.func
     def crowding(self, i, x, share):
         """sum max(0, 1 - r/(1.5 l0)) e over the ghosts, e the direction from x to each [-]."""
         near = ti.Vector.zero(float, self.dimension)

@@ -20,8 +20,8 @@ LAYERS = {
     0: "quantity material geometry solids inner_edges measure rest_shapes inlet filling report scene admission",
     1: "backend stages weights ghosts surfaces friction particles neighbors gradient mrpcg sparse grid_levels scales "
     "smoothing node_grids",
-    2: "rheology stress walls viscosity pressure momentum deferred_correction shifting totals sleeping pouring rest snapshots "
-    "summary",
+    2: "rheology stress walls wall_layer viscosity pressure momentum deferred_correction shifting totals sleeping "
+    "pouring rest snapshots summary",
     3: "schemes.implicit schemes.semi_implicit simulation",
 }
 PEERS = {
