@@ -251,7 +251,7 @@ class Implicit:
                     T += self.particles.stress[i] - 2.0 * self.system.mu[i] * self.particles.plastic_rate[i]
                 self.system.keep(i, self.gradient.spread_stress(i, T))
         for i in range(self.particles.count[None]):
-            self.system.gather_force(i, False)
+            self.system.gather_pull(i)
         for i in range(self.particles.count[None]):
             b[i] = ti.Vector.zero(float, self.dimension)
             if self.system.unknown(i):
