@@ -147,7 +147,7 @@ class Implicit:
                 self.run("right-hand side", self.right_hand_side, self.solver.b)
                 if ti.static(self.walls.move or self.walls.rub):
                     self.system.subtract_wall_motion(self.solver.p, self.solver.q, self.solver.b)
-                self.run("solve", self.solve, tolerance * (EARLY if k + 1 < passes else 1.0))
+                self.run("solve", self.solve, tolerance * (EARLY if k + 1 < passes else 1.0), k)
                 if self.solver.status[None] < INDEFINITE:
                     self.run("stress", self.stress.update, self.solver.x, self.source)
 
@@ -168,12 +168,15 @@ class Implicit:
         self.refer()
 
     @ti.pyfunc
-    def solve(self, tolerance):
-        """Velocity of the present stress and pressure; returns the number of iterations."""
+    def solve(self, tolerance, k):
+        """Velocity of the present stress and pressure in pass k; returns the number of iterations."""
+        again = 0
+        if ti.static(self.stress.law != "bi-viscosity"):  # its matrix changes from pass to pass
+            again = ti.min(k, 1)
         if ti.static(self.alone):
-            self.solver.solve_alone(tolerance, MOST_ITERATIONS, self.reference[None])
+            self.solver.solve_alone(tolerance, MOST_ITERATIONS, self.reference[None], again, 0)
         else:
-            self.solver.solve(tolerance, MOST_ITERATIONS, self.reference[None])
+            self.solver.solve(tolerance, MOST_ITERATIONS, self.reference[None], again)
         self.iterations[None] += self.solver.iterations[None]
         return self.solver.iterations[None]
 
