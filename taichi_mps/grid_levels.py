@@ -98,8 +98,7 @@ class GridLevels(NodeGrids):
     def _assemble_finest(self):
         """Diagonal blocks of grid 0."""
         for m in range(self.uses[0]):
-            node = self.used[m]
-            place = self.place(node, self.shape[0])
+            node, place = self.used[m], self.where[m]
             I = ti.Matrix.identity(float, self.dimension)  # noqa: E741
             D = 0.0 * I
             for corner in ti.grouped(ti.ndrange(*((0, 2),) * self.dimension)):
@@ -157,8 +156,7 @@ class GridLevels(NodeGrids):
     def _lump(self, grid: ti.i32):
         """Sums of a, c and S over the cells above the nodes of a grid, and where their a is."""
         for m in range(self.uses[grid]):
-            node = self.used[self.first[grid] + m]
-            place = self.place(node - self.first[grid], self.shape[grid])
+            node, place = self.used[self.first[grid] + m], self.where[self.first[grid] + m]
             S = ti.Matrix.zero(float, self.dimension, self.dimension)
             shear, bulk, moment = ti.cast(0.0, float), ti.cast(0.0, float), ti.Vector.zero(float, self.dimension)
             if grid == 0:
@@ -181,7 +179,7 @@ class GridLevels(NodeGrids):
         """Stencils of a grid, from the sums over the cells of the finer one."""
         for m in range(self.uses[grid]):
             node, row = self.used[self.first[grid] + m], self.start[grid] + m
-            place = self.place(node - self.first[grid], self.shape[grid])
+            place = self.where[self.first[grid] + m]
             self.clear(row, place, grid)
             D = ti.Matrix.zero(float, self.dimension, self.dimension)
             ratio = self.ratio[grid]
@@ -212,8 +210,7 @@ class GridLevels(NodeGrids):
         for c in range(self.filled[None]):
             self.collect_residual(c, r)
         for m in range(self.uses[0]):
-            node = self.used[m]
-            place = self.place(node, ti.Vector(self.corners))
+            node, place = self.used[m], self.where[m]
             b = ti.Vector.zero(float, self.dimension)
             for k, corner in ti.static(enumerate(self.corners_of_a_cell)):
                 cell = self.linear(place - ti.Vector(corner), ti.Vector(self.bins.shape))
@@ -255,7 +252,7 @@ class GridLevels(NodeGrids):
                     self.sweep(1, m, k, k % 2)
         for m in range(self.uses[0]):
             node = self.used[m]
-            self.z[1, node] = self.weight * self.inverse[node] @ self.rest[node] + self.coarser(node, 0)
+            self.z[1, node] = self.weight * self.inverse[node] @ self.rest[node] + self.coarser(m, 0)
         for c in range(self.filled[None]):
             self.correct(c, r, z)
 
@@ -332,16 +329,16 @@ class GridLevels(NodeGrids):
     def prolong(self, grid, m):
         """Add what the next grid adds."""
         node = self.used[self.first[grid] + m]
-        self.z[0, node] += self.coarser(node, grid)
+        self.z[0, node] += self.coarser(m, grid)
 
     @ti.func
-    def coarser(self, node, grid):
-        """What the next grid adds at a node."""
+    def coarser(self, m, grid):
+        """What the next grid adds at the m-th node of a grid."""
         z = ti.Vector.zero(float, self.dimension)
         if grid + 1 < self.grids:
-            place, rest = self.parents(self.place(node - self.first[grid], self.shape[grid]), grid)
-            for corner in ti.grouped(ti.ndrange(*((0, 2),) * self.dimension)):
-                number, share = self.parent(place, rest, corner, grid)
+            place, rest = self.parents(self.where[self.first[grid] + m], grid)
+            for corner in ti.static(self.corners_of_a_cell):
+                number, share = self.parent(place, rest, ti.Vector(corner), grid)
                 if share > 0.0 and self.active[number] > 0:
                     z += share * self.z[1, number]
         return z

@@ -15,10 +15,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .backend import real, started, ti
+from .backend import real, ti
 from .grid_levels import GridLevels
 from .sparse import CellLevels, SparseMatrix
-from .stages import few, stage
+from .stages import alone, few, stage
 
 __all__ = ["MRPCG", "SolveReport", "SparseMatrix", "CellLevels", "GridLevels"]
 
@@ -58,8 +58,7 @@ class MRPCG:
 
     def __init__(self, capacity: int, components: int, operator, levels=None, check_every: int = 5):
         self.operator, self.levels, self.check_every = operator, levels, check_every
-        one_thread = started()["arch"] == "cpu" and started()["threads"] == 1
-        self.alone = one_thread or few(capacity)
+        self.alone = alone() or few(capacity)
         self.use_levels = levels is not None
         self.has_grids = isinstance(levels, GridLevels)
         self.real = real()

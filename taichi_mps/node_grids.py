@@ -52,6 +52,7 @@ class NodeGrids:
         self.unit.from_numpy(1.0 / self.ratio.to_numpy().prod(1))
         self.active = ti.field(ti.i32, nodes)  # 1 where a particle may be within reach of the node
         self.used = ti.field(ti.i32, nodes)  # the active nodes of a grid, from its first on
+        self.where = ti.Vector.field(d, ti.i32, nodes)  # the places of these
         self.uses = ti.field(ti.i32, self.grids)  # how many they are
         room = [0] + [
             min(n, max(self.ROWS, bins.particles.capacity >> (k + 2))) for k, n in enumerate(np.diff(first)[1:])
@@ -144,6 +145,7 @@ class NodeGrids:
                     row = self.start[grid] + found - self.first[grid]
                     if grid == 0 or row < self.start[grid + 1]:
                         self.used[found] = node
+                        self.where[found] = self.place(node - self.first[grid], self.shape[grid])
                         self.row[node] = row
                         found += 1
                     else:
@@ -183,8 +185,7 @@ class NodeGrids:
     def _mark(self, grid: ti.i32):
         """Nodes that an active one of the finer grid adds to are active."""
         for m in range(self.uses[grid - 1]):
-            node = self.used[self.first[grid - 1] + m]
-            place, rest = self.parents(self.place(node - self.first[grid - 1], self.shape[grid - 1]), grid - 1)
+            place, rest = self.parents(self.where[self.first[grid - 1] + m], grid - 1)
             for corner in ti.grouped(ti.ndrange(*((0, 2),) * self.dimension)):
                 number, share = self.parent(place, rest, corner, grid - 1)
                 if share > 0.0:
