@@ -41,16 +41,21 @@ class GridLevels(NodeGrids):
     gives a_i = V mu, c_i = V (mu + lambda) of Lame's lambda, and the d x d matrix S_i of particle i.
     """
 
-    PAY_FROM = 3000
-    """Rows from which the levels pay. Measured on the slump cone of 300 Pa, one thread, CPU milliseconds a step
-    (iterations), Jacobi against levels: 3,033 rows 37 (76), 44 (42); 5,504 rows 76 (85), 68 (34).
-    They also take seconds to compile."""
+    PAY_FROM = 6000
+    """Rows from which the levels pay. Measured on the slump cone, one thread, CPU milliseconds a step (iterations),
+    Jacobi against levels: 500 Pa, 3,192 rows 30 (58), 32 (35); 100 Pa, 5,504 rows 59 (66), 59 (43). They also take seconds to
+    compile."""
+
+    SPREAD_FROM = 50_000
+    """Rows from which grid 1 is work for several threads."""
 
     def __init__(self, operator, bins):
         super().__init__(operator, bins)
         d = self.dimension
         self.points = 3**d
         self.weight = 2.0 / 2**d  # of grid 0
+        # first grid that one thread works on: grid 1 has about a row for 30 particles
+        self.serial = 2 if self.grids > 1 and bins.particles.capacity >= self.SPREAD_FROM else 1
         self.a, self.c = (ti.field(real(), self.nodes) for _ in range(2))  # of the cell above each node [times m2]
         self.S = ti.Matrix.field(d, d, real(), self.nodes)
         self.centre = ti.Vector.field(d, real(), self.nodes)  # of a in the cell, 0 to 1 [-]
@@ -219,7 +224,7 @@ class GridLevels(NodeGrids):
                     for a in ti.static(range(self.dimension)):
                         b[a] += self.sums[number][k, a]
             self.rest[node] = b
-        if ti.static(self.grids > 1):
+        if ti.static(self.serial > 1):
             for m in range(self.uses[1]):
                 self.restrict(1, m)
             for k in ti.static(range(1, SWEEPS)):
@@ -228,8 +233,8 @@ class GridLevels(NodeGrids):
             for m in range(self.uses[1]):
                 self.leave(1, m)
         ti.loop_config(serialize=True)
-        for _ in range(1):  # the coarser grids have few nodes: one thread, no launches
-            for grid in range(2, self.grids):
+        for _ in range(1):  # few nodes: to wake the other threads for each loop would take longer
+            for grid in range(self.serial, self.grids):
                 for m in range(self.uses[grid]):
                     self.restrict(grid, m)
                 for k in range(1, SWEEPS):
@@ -237,14 +242,14 @@ class GridLevels(NodeGrids):
                         self.sweep(grid, m, k, (k + 1) % 2)
                 for m in range(self.uses[grid]):
                     self.leave(grid, m)
-            for up in range(2, self.grids):
-                grid = self.grids + 1 - up
+            for up in range(self.serial, self.grids):
+                grid = self.grids - 1 + self.serial - up
                 for m in range(self.uses[grid]):
                     self.prolong(grid, m)
                 for k in range(LAST * SWEEPS if grid == self.grids - 1 else SWEEPS):
                     for m in range(self.uses[grid]):
                         self.sweep(grid, m, k % SWEEPS, k % 2)
-        if ti.static(self.grids > 1):
+        if ti.static(self.serial > 1):
             for m in range(self.uses[1]):
                 self.prolong(1, m)
             for k in ti.static(range(SWEEPS)):
