@@ -43,8 +43,8 @@ class GridLevels(NodeGrids):
 
     PAY_FROM = 6000
     """Rows from which the levels pay. Measured on the slump cone, one thread, CPU milliseconds a step (iterations),
-    Jacobi against levels: 500 Pa, 3,192 rows 30 (58), 32 (35); 100 Pa, 5,504 rows 59 (66), 59 (43). They also take seconds to
-    compile."""
+    Jacobi against levels: 500 Pa, 3,192 rows 30 (58), 32 (35); 100 Pa, 5,504 rows 59 (66), 59 (43). They also
+    take seconds to compile."""
 
     SPREAD_FROM = 50_000
     """Rows from which grid 1 is work for several threads."""
