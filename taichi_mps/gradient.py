@@ -14,7 +14,8 @@ import numpy as np
 from .backend import real, ti
 from .particles import DUMMY, FLUID, WALL
 from .stages import stage
-from .weights import PACKING_POWER, ring_table
+from .weights import packing as packing_kernel
+from .weights import ring_table
 
 # largest lean of a full neighbourhood: 1.15 l0 below a flat surface, where 3 % of the packing is missing
 ENCLOSED = 0.3
@@ -113,8 +114,9 @@ class Gradient:
                 to_j = self.neighbors.bins.displacement(x, self.particles.x[j])
                 r = ti.cast(to_j, float)
                 r2 = ti.max(r.dot(r), 1e-4 * re * re)
-                w = ti.max(re / ti.sqrt(r2) - 1.0, 0.0)
-                q = ti.min(1.0, ti.sqrt(r2) / re)
+                distance = ti.sqrt(r2)
+                w = ti.max(re / distance - 1.0, 0.0)
+                q = ti.min(1.0, distance / re)
                 share = self.counts_as(j)
                 if ti.static(self.walls.part):  # noqa: SIM102  (a compiled choice stays apart)
                     if self.walls.between(x, x + to_j):
@@ -124,8 +126,8 @@ class Gradient:
                 self.weight_r2[k] = w / r2
                 M += b.outer_product(r)
                 n += share * w
-                lean += ti.sqrt(r2) * b
-                packing += share * (1.0 - q) ** PACKING_POWER * (1.0 + PACKING_POWER * q)
+                lean += distance * b
+                packing += share * packing_kernel(q)
                 around += share
                 if self.particles.kind[j] == FLUID:
                     wet += 1

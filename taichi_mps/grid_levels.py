@@ -5,8 +5,13 @@ is added); Adams, Brezina, Hu and Tuminaro, Parallel multigrid smoothing: polyno
 Computational Physics 188 (2003), 593-610 (Chebyshev smoothing).
 """
 
+from itertools import product
+
+import numpy as np
+
 from .backend import real, ti
 from .node_grids import NodeGrids
+from .stages import stage
 
 SWEEPS = 3  # degree of the Chebyshev polynomial; odd
 LOWEST = 1.0 / 16.0  # share of the spectrum of D^-1 A below which the next grid corrects
@@ -36,16 +41,21 @@ class GridLevels(NodeGrids):
     gives a_i = V mu, c_i = V (mu + lambda) of Lame's lambda, and the d x d matrix S_i of particle i.
     """
 
-    PAY_FROM = 8000
-    """Rows from which the levels pay. Measured on the slump cone of 300 Pa, one thread, CPU milliseconds a step
-    (iterations), Jacobi against levels: 3,033 rows 37 (76), 44 (42); 5,504 rows 76 (85), 68 (34).
-    They also take seconds to compile."""
+    PAY_FROM = 6000
+    """Rows from which the levels pay. Measured on the slump cone, one thread, CPU milliseconds a step (iterations),
+    Jacobi against levels: 500 Pa, 3,192 rows 30 (58), 32 (35); 100 Pa, 5,504 rows 59 (66), 59 (43). They also
+    take seconds to compile."""
+
+    SPREAD_FROM = 50_000
+    """Rows from which grid 1 is work for several threads."""
 
     def __init__(self, operator, bins):
         super().__init__(operator, bins)
         d = self.dimension
         self.points = 3**d
         self.weight = 2.0 / 2**d  # of grid 0
+        # first grid that one thread works on: grid 1 has about a row for 30 particles
+        self.serial = 2 if self.grids > 1 and bins.particles.capacity >= self.SPREAD_FROM else 1
         self.a, self.c = (ti.field(real(), self.nodes) for _ in range(2))  # of the cell above each node [times m2]
         self.S = ti.Matrix.field(d, d, real(), self.nodes)
         self.centre = ti.Vector.field(d, real(), self.nodes)  # of a in the cell, 0 to 1 [-]
@@ -53,9 +63,16 @@ class GridLevels(NodeGrids):
         self.stencil = ti.Matrix.field(d, self.lanes, real(), (self.rows, self.points))  # transposed blocks of A_l
         self.column = ti.field(ti.i32, (self.rows, self.points))  # node at each stencil point, -1: none
         self.inverse = ti.Matrix.field(d, d, real(), self.nodes)  # D_l^-1
+        self.finer = ti.field(ti.i32, (self.rows, self.points))  # node of the finer grid at each offset, -1: none
+        self.weights = ti.field(real(), (self.grids, self.points))  # its share there
+        most = min(bins.cells, bins.particles.capacity)  # cells that hold particles
+        self.sums = ti.Matrix.field(2**d, self.lanes, real(), most)  # what the corners of each of them get
         self.b = ti.Vector.field(d, real(), self.nodes)  # right-hand side
         self.rest = ti.Vector.field(d, real(), self.nodes)  # what the next grid corrects: b - A x
         self.z = ti.Vector.field(d, real(), (2, self.nodes))  # x and the one before, in turn; at last in z[1]
+        ratio = self.ratio.to_numpy()[:, None]
+        apart = np.abs(np.array(list(product((-1, 0, 1), repeat=d))))
+        self.weights.from_numpy(np.maximum(0, ratio - apart).prod(2) * (1.0 / ratio.prod(2)))
         self.step, self.carry = (ti.field(real(), SWEEPS) for _ in range(2))
         highest = 2.0**d
         middle, half = 0.5 * highest * (1.0 + LOWEST), 0.5 * highest * (1.0 - LOWEST)
@@ -86,8 +103,7 @@ class GridLevels(NodeGrids):
     def _assemble_finest(self):
         """Diagonal blocks of grid 0."""
         for m in range(self.uses[0]):
-            node = self.used[m]
-            place = self.place(node, self.shape[0])
+            node, place = self.used[m], self.where[m]
             I = ti.Matrix.identity(float, self.dimension)  # noqa: E741
             D = 0.0 * I
             for corner in ti.grouped(ti.ndrange(*((0, 2),) * self.dimension)):
@@ -113,10 +129,12 @@ class GridLevels(NodeGrids):
 
     @ti.func
     def clear(self, row, place, grid):
-        """Neighbours of the node of a row, -1 where there is none, and zero blocks."""
+        """Neighbours of the node of a row on its grid and on the finer one, -1 where there is none, and zero blocks."""
         for k in range(self.points):
             self.stencil[row, k] = ti.Matrix.zero(float, self.dimension, self.lanes)
             self.column[row, k] = self.neighbour(place + self.offset(k), grid)
+            fine = self.neighbour(self.ratio[grid] * place + self.offset(k), grid - 1)
+            self.finer[row, k] = fine if self.weights[grid, k] > 0.0 else -1
 
     @ti.func
     def close(self, row, grid):
@@ -143,8 +161,7 @@ class GridLevels(NodeGrids):
     def _lump(self, grid: ti.i32):
         """Sums of a, c and S over the cells above the nodes of a grid, and where their a is."""
         for m in range(self.uses[grid]):
-            node = self.used[self.first[grid] + m]
-            place = self.place(node - self.first[grid], self.shape[grid])
+            node, place = self.used[self.first[grid] + m], self.where[self.first[grid] + m]
             S = ti.Matrix.zero(float, self.dimension, self.dimension)
             shear, bulk, moment = ti.cast(0.0, float), ti.cast(0.0, float), ti.Vector.zero(float, self.dimension)
             if grid == 0:
@@ -167,7 +184,7 @@ class GridLevels(NodeGrids):
         """Stencils of a grid, from the sums over the cells of the finer one."""
         for m in range(self.uses[grid]):
             node, row = self.used[self.first[grid] + m], self.start[grid] + m
-            place = self.place(node - self.first[grid], self.shape[grid])
+            place = self.where[self.first[grid] + m]
             self.clear(row, place, grid)
             D = ti.Matrix.zero(float, self.dimension, self.dimension)
             ratio = self.ratio[grid]
@@ -192,20 +209,22 @@ class GridLevels(NodeGrids):
             self.invert(node, D)
 
     # ---- the cycle ------------------------------------------------------------------------------------------
-    @ti.kernel
+    @stage
     def cycle(self, r: ti.template(), z: ti.template()):
         """z = M^-1 r; its loops are top-level loops."""
+        for c in range(self.filled[None]):
+            self.collect_residual(c, r)
         for m in range(self.uses[0]):
-            node = self.used[m]
-            place = self.place(node, ti.Vector(self.corners))
+            node, place = self.used[m], self.where[m]
             b = ti.Vector.zero(float, self.dimension)
-            for corner in ti.static(ti.ndrange(*((0, 2),) * self.dimension)):
+            for k, corner in ti.static(enumerate(self.corners_of_a_cell)):
                 cell = self.linear(place - ti.Vector(corner), ti.Vector(self.bins.shape))
-                if cell >= 0:
-                    for i in range(self.bins.cell_start[cell], self.bins.cell_start[cell + 1]):
-                        b += self.share(i, corner) * r[i]
+                number = self.number[cell] if cell >= 0 else -1
+                if number >= 0:
+                    for a in ti.static(range(self.dimension)):
+                        b[a] += self.sums[number][k, a]
             self.rest[node] = b
-        if ti.static(self.grids > 1):
+        if ti.static(self.serial > 1):
             for m in range(self.uses[1]):
                 self.restrict(1, m)
             for k in ti.static(range(1, SWEEPS)):
@@ -214,8 +233,8 @@ class GridLevels(NodeGrids):
             for m in range(self.uses[1]):
                 self.leave(1, m)
         ti.loop_config(serialize=True)
-        for _ in range(1):  # the coarser grids have few nodes: one thread, no launches
-            for grid in range(2, self.grids):
+        for _ in range(1):  # few nodes: to wake the other threads for each loop would take longer
+            for grid in range(self.serial, self.grids):
                 for m in range(self.uses[grid]):
                     self.restrict(grid, m)
                 for k in range(1, SWEEPS):
@@ -223,14 +242,14 @@ class GridLevels(NodeGrids):
                         self.sweep(grid, m, k, (k + 1) % 2)
                 for m in range(self.uses[grid]):
                     self.leave(grid, m)
-            for up in range(2, self.grids):
-                grid = self.grids + 1 - up
+            for up in range(self.serial, self.grids):
+                grid = self.grids - 1 + self.serial - up
                 for m in range(self.uses[grid]):
                     self.prolong(grid, m)
                 for k in range(LAST * SWEEPS if grid == self.grids - 1 else SWEEPS):
                     for m in range(self.uses[grid]):
                         self.sweep(grid, m, k % SWEEPS, k % 2)
-        if ti.static(self.grids > 1):
+        if ti.static(self.serial > 1):
             for m in range(self.uses[1]):
                 self.prolong(1, m)
             for k in ti.static(range(SWEEPS)):
@@ -238,34 +257,46 @@ class GridLevels(NodeGrids):
                     self.sweep(1, m, k, k % 2)
         for m in range(self.uses[0]):
             node = self.used[m]
-            self.z[1, node] = self.weight * self.inverse[node] @ self.rest[node] + self.coarser(node, 0)
-        for i in range(self.operator.count[None]):
-            correction = ti.Vector.zero(float, self.dimension)
-            if ti.abs(self.operator.inverse_diagonal[i]).sum() > 0:
-                place = self.place(self.bins.cell_of[i], ti.Vector(self.bins.shape))
-                for corner in ti.static(ti.ndrange(*((0, 2),) * self.dimension)):
-                    correction += self.share(i, corner) * self.z[1, self.corner(place, corner)]
-            z[i] = self.operator.inverse_diagonal[i] @ r[i] + correction
+            self.z[1, node] = self.weight * self.inverse[node] @ self.rest[node] + self.coarser(m, 0)
+        for c in range(self.filled[None]):
+            self.correct(c, r, z)
 
     @ti.func
-    def part(self, offset, grid):
-        """Share of a node of a grid in the node of the finer one at an offset from it."""
-        share = ti.cast(self.unit[grid], float)
-        for a in ti.static(range(self.dimension)):
-            share *= self.ratio[grid][a] - ti.abs(offset[a])
-        return share
+    def collect_residual(self, c, r: ti.template()):
+        """What the corners of the c-th cell that holds particles get of the r of these."""
+        sums = ti.Matrix.zero(float, 2**self.dimension, self.lanes)
+        for i in range(self.bins.cell_start[self.cells[c]], self.bins.cell_start[self.cells[c] + 1]):
+            shares, own = self.shares[i], r[i]
+            for k, a in ti.static(ti.ndrange(2**self.dimension, self.dimension)):
+                sums[k, a] += shares[k] * own[a]
+        self.sums[c] = sums
+
+    @ti.func
+    def correct(self, c, r: ti.template(), z: ti.template()):
+        """z of the particles in that cell."""
+        place = self.place(self.cells[c], ti.Vector(self.bins.shape))
+        of_corners = ti.Matrix.zero(float, 2**self.dimension, self.lanes)
+        for k, corner in ti.static(enumerate(self.corners_of_a_cell)):
+            node = self.corner(place, corner)
+            for a in ti.static(range(self.dimension)):
+                of_corners[k, a] = self.z[1, node][a]
+        for i in range(self.bins.cell_start[self.cells[c]], self.bins.cell_start[self.cells[c] + 1]):
+            D, shares = self.operator.inverse_diagonal[i], self.shares[i]
+            correction = ti.Vector.zero(float, self.dimension)
+            for k, a in ti.static(ti.ndrange(2**self.dimension, self.dimension)):
+                correction[a] += shares[k] * of_corners[k, a]
+            z[i] = D @ r[i] + (correction if ti.abs(D).sum() > 0 else 0.0 * correction)
 
     @ti.func
     def restrict(self, grid, m):
         """b of the m-th node of a grid from what the finer one leaves; x after the first sweep from zero."""
         node = self.used[self.first[grid] + m]
-        place = self.place(node - self.first[grid], self.shape[grid])
+        row = self.start[grid] + m
         b = ti.Vector.zero(float, self.dimension)
-        for offset in ti.grouped(ti.ndrange(*((-1, 2),) * self.dimension)):
-            share = self.part(offset, grid)
-            fine = self.neighbour(self.ratio[grid] * place + offset, grid - 1) if share > 0.0 else -1
+        for k in range(self.points):
+            fine = self.finer[row, k]
             if fine >= 0:
-                b += share * self.rest[fine]
+                b += self.weights[grid, k] * self.rest[fine]
         self.b[node] = b
         self.z[0, node] = self.step[0] * self.inverse[node] @ b
         self.z[1, node] = ti.Vector.zero(float, self.dimension)
@@ -303,16 +334,16 @@ class GridLevels(NodeGrids):
     def prolong(self, grid, m):
         """Add what the next grid adds."""
         node = self.used[self.first[grid] + m]
-        self.z[0, node] += self.coarser(node, grid)
+        self.z[0, node] += self.coarser(m, grid)
 
     @ti.func
-    def coarser(self, node, grid):
-        """What the next grid adds at a node."""
+    def coarser(self, m, grid):
+        """What the next grid adds at the m-th node of a grid."""
         z = ti.Vector.zero(float, self.dimension)
         if grid + 1 < self.grids:
-            place, rest = self.parents(self.place(node - self.first[grid], self.shape[grid]), grid)
-            for corner in ti.grouped(ti.ndrange(*((0, 2),) * self.dimension)):
-                number, share = self.parent(place, rest, corner, grid)
+            place, rest = self.parents(self.where[self.first[grid] + m], grid)
+            for corner in ti.static(self.corners_of_a_cell):
+                number, share = self.parent(place, rest, ti.Vector(corner), grid)
                 if share > 0.0 and self.active[number] > 0:
                     z += share * self.z[1, number]
         return z

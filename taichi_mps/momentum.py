@@ -37,8 +37,10 @@ class MomentumSystem:
         self.pair_drag = ti.field(real(), self.neighbors.pair_capacity)  # (h_i + h_j) w/r^2 of each pair [kg/s]
         lanes = self.lanes = 4 if d == 3 else d
         self.motion = ti.Vector.field(lanes, real(), particles.capacity)  # u [m/s]
+        # sums over pairs of u_j - u_i: d rows of its slopes [1/s], one of the drag [N]
+        self.jumps = ti.Matrix.field(d + 1, lanes, real(), particles.capacity)
         self.flux = ti.Matrix.field(d, lanes, real(), particles.capacity)  # transpose of P = V T B - h G [N m]
-        self.forces = ti.Vector.field(lanes, real(), particles.capacity)  # what all pairs give [N]
+        self.pulls = ti.Matrix.field(d, lanes, real(), particles.capacity)  # sums over pairs of the fluxes, by axis [N]
         self.inverse_diagonal = ti.Matrix.field(d, d, real(), particles.capacity)  # block Jacobi [s/kg]; 0: no unknown
         self.local = ti.Matrix.field(d, d, real(), particles.capacity)  # inertia and walls: for coarse levels [kg/s]
 
@@ -64,44 +66,53 @@ class MomentumSystem:
         self._apply(u, y, 0.0)
 
     @ti.func
-    def gather_slope(self, i):
-        """flux_i = transpose of sum_j (u_j - u_i) (x) b_ij [1/s] of the velocity ``motion``, walls not included."""
-        H = ti.Matrix.zero(float, self.dimension, self.lanes)
+    def gather_jumps(self, u: ti.template()):
+        """``jumps`` of the velocity u: walls not included."""
+        for i in range(self.count[None]):
+            for a in ti.static(range(self.dimension)):
+                self.motion[i][a] = u[i][a]
+        for i in range(self.count[None]):
+            self.gather_jump(i)
+
+    @ti.func
+    def gather_jump(self, i):
+        """jumps_i: the transpose of sum_j (u_j - u_i) (x) b_ij, and the drag, of the velocity ``motion``."""
+        sums = ti.Matrix.zero(float, self.dimension + 1, self.lanes)
         ui = self.motion[i]
         for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
             j = self.neighbors.column[k]
             if j < 0:  # never: the way out
                 break
-            jump, b = self.motion[j] - ui, self.gradient.b[k]
+            jump, b, drag = self.motion[j] - ui, self.gradient.b[k], self.pair_drag[k]
             for c, a in ti.static(ti.ndrange(self.dimension, self.lanes)):
-                H[c, a] += jump[a] * b[c]
-        self.flux[i] = H
+                sums[c, a] += jump[a] * b[c]
+            for a in ti.static(range(self.lanes)):
+                sums[self.dimension, a] += jump[a] * drag
+        self.jumps[i] = sums
 
     @ti.func
-    def gather_force(self, i, drag: ti.template()):
-        """forces_i [N] of all flux matrices, and of the pair drags on ``motion`` if ``drag``; walls not included."""
-        total, push = ti.Matrix.zero(float, self.dimension, self.lanes), ti.Vector.zero(float, self.lanes)
-        ui, Pi = self.motion[i], self.flux[i]
+    def gather_pull(self, i):
+        """pulls_i of all flux matrices; walls not included."""
+        sums = ti.Matrix.zero(float, self.dimension, self.lanes)
+        Pi = self.flux[i]
         for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
             j = self.neighbors.column[k]
             if j < 0:  # never: the way out
                 break
             Pj, b = self.flux[j], self.gradient.b[k]
             for c, a in ti.static(ti.ndrange(self.dimension, self.lanes)):
-                total[c, a] += (Pi[c, a] + Pj[c, a]) * b[c]
-            if ti.static(drag):
-                push += self.pair_drag[k] * (self.motion[j] - ui)
-        for c, a in ti.static(ti.ndrange(self.dimension, self.lanes)):
-            push[a] += total[c, a]
-        self.forces[i] = push
+                sums[c, a] += (Pi[c, a] + Pj[c, a]) * b[c]
+        self.pulls[i] = sums
 
     @ti.func
-    def kept(self, i):
-        """The matrix of particle i in ``flux``."""
-        P = ti.Matrix.zero(float, self.dimension, self.dimension)
+    def velocity_gradient(self, i, u: ti.template(), motion):
+        """That of ``gradient``, once the jumps of u are gathered."""
+        H = ti.Matrix.zero(float, self.dimension, self.dimension)
         for a, c in ti.static(ti.ndrange(self.dimension, self.dimension)):
-            P[a, c] = self.flux[i][c, a]
-        return P
+            H[a, c] = self.jumps[i][c, a]
+        if ti.static(len(self.walls.surfaces) > 0):
+            H += self.walls.gradient_term(i, self.particles.x[i], u[i], motion, self.gradient.counts_as(i))
+        return self.gradient.tensor(i, H @ self.gradient.B[i], u)
 
     @ti.func
     def keep(self, i, P):
@@ -112,9 +123,12 @@ class MomentumSystem:
     @ti.func
     def force(self, i):
         """Force [N] on particle i of all flux matrices, once gathered; walls included."""
-        force = self.gradient.own_force(i, self.kept(i))
-        for a in ti.static(range(self.dimension)):
-            force[a] += self.forces[i][a]
+        P = ti.Matrix.zero(float, self.dimension, self.dimension)
+        for a, c in ti.static(ti.ndrange(self.dimension, self.dimension)):
+            P[a, c] = self.flux[i][c, a]
+        force = self.gradient.own_force(i, P)
+        for c, a in ti.static(ti.ndrange(self.dimension, self.dimension)):
+            force[a] += self.pulls[i][c, a]
         return force
 
     @ti.func
@@ -125,14 +139,11 @@ class MomentumSystem:
         for block in range((self.count[None] + BLOCK - 1) // BLOCK):
             first, last = block * BLOCK, ti.min((block + 1) * BLOCK, self.count[None])
             for i in range(first, last):
-                self.gather_slope(i)
+                self.gather_jump(i)
             for i in range(first, last):
                 T = ti.Matrix.zero(float, self.tensors, self.tensors)
                 if self.gradient.B[i][0, 0] > 0.0 and self.acts(i):
-                    H = self.kept(i)
-                    if ti.static(len(self.walls.surfaces) > 0):
-                        H += self.walls.gradient_term(i, self.particles.x[i], u[i], motion, self.gradient.counts_as(i))
-                    G = self.gradient.tensor(i, H @ self.gradient.B[i], u)
+                    G = self.velocity_gradient(i, u, motion)
                     T = 2.0 * self.mu[i] * deviator(G)
                     T += self.bulk[None] * G.trace() * ti.Matrix.identity(float, G.n)
                     self.keep(i, self.gradient.spread_stress(i, T) - self.h[i] * self.gradient.in_plane(G))
@@ -141,11 +152,13 @@ class MomentumSystem:
         for block in range((self.count[None] + BLOCK - 1) // BLOCK):
             first, last = block * BLOCK, ti.min((block + 1) * BLOCK, self.count[None])
             for i in range(first, last):
-                self.gather_force(i, True)
+                self.gather_pull(i)
             for i in range(first, last):
                 y[i] = ti.Vector.zero(float, self.dimension)
                 if self.unknown(i):
                     total = self.force(i)
+                    for a in ti.static(range(self.dimension)):
+                        total[a] += self.jumps[i][self.dimension, a]
                     if ti.static(len(self.walls.surfaces) > 0):
                         total -= self.h[i] * self.walls.drag_term(i, self.particles.x[i], u[i], motion)
                         if ti.static(self.walls.rub):

@@ -6,17 +6,19 @@ Solves A x = b for any symmetric positive definite operator; knows no physics. P
     cell levels   M^-1 = one symmetric W-cycle over the cells of the binning grid (sparse.CellLevels): a matrix in rows
     grid levels   M^-1 = D^-1 + a V-cycle over grids of the corners of these cells (grid_levels.GridLevels): no matrix
 
-Source: Saad, Iterative Methods for Sparse Linear Systems (2003), algorithm 9.1.
+Sources: Saad, Iterative Methods for Sparse Linear Systems (2003), algorithm 9.1; Fischer, Projection techniques for
+iterative solution of Ax = b with successive right-hand sides, Computer Methods in Applied Mechanics and Engineering 163
+(1998), 193-204.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from .backend import real, started, ti
+from .backend import real, ti
 from .grid_levels import GridLevels
 from .sparse import CellLevels, SparseMatrix
-from .stages import few, stage
+from .stages import alone, few, stage
 
 __all__ = ["MRPCG", "SolveReport", "SparseMatrix", "CellLevels", "GridLevels"]
 
@@ -49,18 +51,21 @@ class MRPCG:
                            unknown: its x is left as it is, its residual and direction are zero
     levels: a CellLevels or GridLevels, used while ``use_levels`` is true; see ``prepare``.
 
-    Stops at sqrt(r.z) <= tolerance sqrt(b.M^-1 b), z = M^-1 r (from the first r.z if b = 0).
+    Stops at sqrt(r.z) <= tolerance sqrt(b.M^-1 b), z = M^-1 r (from the first r.z if b = 0). Solves that follow each
+    other with the same A and M may go on ``again`` from the last one: from its x, whose residual is then known, and
+    from there to the best point along its change of x (Fischer's projection onto a single vector).
     """
 
     def __init__(self, capacity: int, components: int, operator, levels=None, check_every: int = 5):
         self.operator, self.levels, self.check_every = operator, levels, check_every
-        one_thread = started()["arch"] == "cpu" and started()["threads"] == 1
-        self.alone = one_thread or few(capacity)
+        self.alone = alone() or few(capacity)
         self.use_levels = levels is not None
+        self.has_grids = isinstance(levels, GridLevels)
         self.real = real()
-        unknowns = [ti.Vector.field(components, self.real, capacity) for _ in range(6)]
+        unknowns = [ti.Vector.field(components, self.real, capacity) for _ in range(9)]
         self.b, self.x = unknowns[:2]  # right-hand side; initial guess in, solution out
-        self.r, self.z, self.p, self.q = unknowns[2:]  # b - A x, M^-1 r, search direction, A p
+        self.r, self.z, self.p, self.q = unknowns[2:6]  # b - A x, M^-1 r, search direction, A p
+        self.first_x, self.first_r, self.last_b = unknowns[6:]  # of the last solve: where it began, and its b
         scalars = [ti.field(ti.f64, ()) for _ in range(8)]
         self.rz, self.rz_new, self.pq, self.xx = scalars[:4]  # r.z, the next one, p.Ap, x.x of the guess
         self.reference, self.target = scalars[4:6]  # b.M^-1 b, tolerance^2 b.M^-1 b
@@ -77,18 +82,26 @@ class MRPCG:
         if self.use_levels:
             self.levels.build()
 
-    def solve(self, tolerance: float, max_iterations: int = 1000, reference: float | None = None) -> SolveReport:
-        """Improve self.x until sqrt(r.z) <= tolerance sqrt(min(b.M^-1 b, reference))."""
-        if self.alone and not self.use_levels:
-            self.solve_alone(tolerance, max_iterations, HUGE if reference is None else reference)
+    def solve(
+        self, tolerance: float, max_iterations: int = 1000, reference: float | None = None, again: bool = False
+    ) -> SolveReport:
+        """Improve self.x until sqrt(r.z) <= tolerance sqrt(min(b.M^-1 b, reference)); ``again`` if A, M and x are those
+        that the last solve left: then its b.M^-1 b stays what is compared with."""
+        if self.alone and (self.has_grids or not self.use_levels):
+            limit = HUGE if reference is None else reference
+            self.solve_alone(tolerance, max_iterations, limit, again, self.use_levels)
             return self.report([self._relative_residual(self.first), self._relative_residual(self.rz)])
-        self._load()
-        self._precondition()
-        self._refer()
-        if self.xx[None] != 0.0:
-            self._subtract_guess()
+        if again:
+            self._go_on()
             self._precondition()
-        if reference is not None:
+        else:
+            self._load()
+            self._precondition()
+            self._refer()
+            if self.xx[None] != 0.0:
+                self._subtract_guess()
+                self._precondition()
+        if reference is not None and not again:
             self.reference[None] = min(self.reference[None], reference)
         self._begin(tolerance)
         residuals = [self._relative_residual(self.rz)]
@@ -205,6 +218,24 @@ class MRPCG:
         self.active[None] = self.operator.count[None]
         for i in range(self.active[None]):
             self.r[i] = self.masked(i, self.b[i])
+            self.last_b[i] = self.b[i]
+
+    @ti.func
+    def go_on(self):
+        """r of the last x and the present b; then x and r at the best point along the last change of x."""
+        self.active[None] = self.operator.count[None]
+        for i in range(self.active[None]):
+            self.p[i] = self.x[i] - self.first_x[i]
+            self.q[i] = self.first_r[i] - self.r[i]
+            self.r[i] += self.masked(i, self.b[i] - self.last_b[i])
+            self.last_b[i] = self.b[i]
+        self.dot(self.p, self.r, self.rz)
+        self.dot(self.p, self.q, self.pq)
+        self.step[None] = self.rz[None] / self.pq[None] if self.pq[None] > 0.0 else 0.0
+        for i in range(self.active[None]):
+            self.first_x[i], self.first_r[i] = self.x[i], self.r[i]
+            self.x[i] += ti.cast(self.step[None], self.real) * self.p[i]
+            self.r[i] -= ti.cast(self.step[None], self.real) * self.q[i]
 
     @ti.func
     def refer(self):
@@ -216,6 +247,12 @@ class MRPCG:
         self.operator.apply(self.x, self.q)
         for i in range(self.active[None]):
             self.r[i] = self.masked(i, self.b[i] - self.q[i])
+
+    @ti.func
+    def note(self):
+        """Where a solve begins."""
+        for i in range(self.active[None]):
+            self.first_x[i], self.first_r[i] = self.x[i], self.r[i]
 
     @ti.func
     def begin(self, tolerance):
@@ -231,28 +268,40 @@ class MRPCG:
             self.p[i] = self.z[i]
 
     @stage
-    def solve_alone(self, tolerance: ti.f64, limit: ti.i32, reference: ti.f64):
-        """The whole of ``solve`` without levels: loops inside a loop run in one thread. A and D^-1 stand here once, for
-        they take long to compile: round 0 measures b, round 1 the guess, the others are the iterations."""
+    def solve_alone(self, tolerance: ti.f64, limit: ti.i32, reference: ti.f64, again: ti.i32, grids: ti.i32):
+        """The whole of ``solve`` with ``grids`` or no levels: loops inside a loop run in one thread. A and M^-1 stand
+        here once, for they take long to compile: round 0 measures b, round 1 the guess, the others are the iterations;
+        ``again``, round 0 is left out."""
         ti.loop_config(serialize=True)
         for _ in range(1):
-            self.load()
-            stage = 0
+            if again != 0:
+                self.go_on()
+            else:
+                self.load()
+            stage = again
             while stage < 2 or (self.status[None] == RUNNING and self.iterations[None] < limit):
-                if stage > 0:
+                if stage > again:
                     self.operator.apply(self.p, self.q)
-                if stage == 1:
+                if stage == 2:
+                    self.move()
+                elif stage > again:
                     for i in range(self.active[None]):
                         self.r[i] = self.masked(i, self.b[i] - self.q[i])
-                elif stage == 2:
-                    self.move()
-                self.precondition()
+                    self.note()
+                if ti.static(self.has_grids):
+                    if grids != 0:
+                        self.levels.cycle(self.r, self.z)
+                    else:
+                        self.precondition()
+                else:
+                    self.precondition()
                 if stage == 0:
                     self.refer()
                     for i in range(self.active[None]):
                         self.p[i] = self.x[i]
                 elif stage == 1:
-                    self.reference[None] = ti.min(self.reference[None], reference)
+                    if again == 0:
+                        self.reference[None] = ti.min(self.reference[None], reference)
                     self.begin(tolerance)
                 else:
                     self.turn()
@@ -281,12 +330,18 @@ class MRPCG:
         self.load()
 
     @ti.kernel
+    def _go_on(self):
+        self.go_on()
+
+    @ti.kernel
     def _refer(self):
         self.refer()
+        self.note()
 
     @ti.kernel
     def _subtract_guess(self):
         self.subtract_guess()
+        self.note()
 
     @ti.kernel
     def _begin(self, tolerance: ti.f64):

@@ -3,7 +3,7 @@
 import numpy as np
 
 from .backend import ti
-from .stages import few, stage
+from .stages import alone, few, stage
 
 
 class CapacityError(RuntimeError):
@@ -127,6 +127,7 @@ class NeighborList:
         self.particles = bins.particles
         self.pair_capacity = int(pair_capacity)
         self.alone = few(self.particles.capacity)
+        self.one_thread = self.alone or alone()
         self.row_start = ti.field(ti.i32, bins.particles.capacity + 1)  # first pair of each particle
         self.column = ti.field(ti.i32, self.pair_capacity)  # neighbour's row of each pair
 
@@ -165,21 +166,25 @@ class NeighborList:
                         r = self.bins.displacement(x, self.particles.x[j])
                         if j != i and r.dot(r) < re2:
                             if ti.static(fill):
-                                self.column[first + found] = j
+                                self.column[ti.min(first + found, self.pair_capacity - 1)] = j
                             found += 1
         return found
 
     @stage
     def list(self):
-        """Count the pairs of each particle, add up, and store them if they fit."""
-        for i in range(self.particles.count[None]):
-            self.row_start[i + 1] = self._scan(i, False)
+        """Count the pairs of each particle and store them as far as they fit; threads must add up the counts first."""
         self.row_start[0] = 0
-        ti.loop_config(serialize=True)
-        for i in range(self.particles.count[None]):
-            self.row_start[i + 1] += self.row_start[i]
-        for i in range(self.particles.count[None]):
-            if self.row_start[self.particles.count[None]] <= self.pair_capacity:
+        if ti.static(self.one_thread):
+            ti.loop_config(serialize=True)
+            for i in range(self.particles.count[None]):
+                self.row_start[i + 1] = self.row_start[i] + self._scan(i, True)
+        else:
+            for i in range(self.particles.count[None]):
+                self.row_start[i + 1] = self._scan(i, False)
+            ti.loop_config(serialize=True)
+            for i in range(self.particles.count[None]):
+                self.row_start[i + 1] += self.row_start[i]
+            for i in range(self.particles.count[None]):
                 self._scan(i, True)
 
     @ti.kernel

@@ -1,6 +1,6 @@
 """Grids of nodes made from the binning grid, and linear interpolation between them and the particles."""
 
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from .backend import real, ti
 @ti.data_oriented
 class NodeGrids:
     """Grid 0 has a node at each corner of the binning cells, each next one every second node of the last, along the
-    axes where that is possible. ``share`` interpolates from grid 0 to the particles, ``parent`` from grid to grid.
+    axes where that is possible. ``shares`` interpolate from grid 0 to the particles, ``parent`` from grid to grid.
 
     Active are the nodes within reach of particles. From grid 1 on each of them has a row, start[grid] and on. There
     are rows for one in four particles on grid 1, half as many on each next one, 1000 at least; concrete takes a tenth
@@ -25,6 +25,7 @@ class NodeGrids:
         stride = np.ones(d, int)  # cells between nodes
         shape = np.array(bins.shape) + np.where(bins.periodic, 0, 1)
         self.corners = tuple(int(s) for s in shape)  # nodes of grid 0 along each axis
+        self.corners_of_a_cell = tuple(product((0, 1), repeat=d))
         strides, shapes = [], []
         while True:
             strides.append(stride)
@@ -51,6 +52,7 @@ class NodeGrids:
         self.unit.from_numpy(1.0 / self.ratio.to_numpy().prod(1))
         self.active = ti.field(ti.i32, nodes)  # 1 where a particle may be within reach of the node
         self.used = ti.field(ti.i32, nodes)  # the active nodes of a grid, from its first on
+        self.where = ti.Vector.field(d, ti.i32, nodes)  # the places of these
         self.uses = ti.field(ti.i32, self.grids)  # how many they are
         room = [0] + [
             min(n, max(self.ROWS, bins.particles.capacity >> (k + 2))) for k, n in enumerate(np.diff(first)[1:])
@@ -60,7 +62,11 @@ class NodeGrids:
         self.start = ti.field(ti.i32, self.grids + 1)  # first row of each grid
         self.start.from_numpy(start.astype(np.int32))
         self.row = ti.field(ti.i32, nodes)  # of each active node of grid 1 and on
+        self.cells = ti.field(ti.i32, bins.cells)  # those that hold particles
+        self.filled = ti.field(ti.i32, ())  # how many they are
+        self.number = ti.field(ti.i32, bins.cells)  # which of them each cell is, -1: empty
         self.fraction = ti.Vector.field(d, real(), bins.particles.capacity)  # place of each particle in its cell [-]
+        self.shares = ti.Vector.field(2**d, real(), bins.particles.capacity)  # of the corners of its cell in it [-]
 
     # ---- places ---------------------------------------------------------------------------------------------
     @ti.func
@@ -95,14 +101,6 @@ class NodeGrids:
                 k = ti.select(k == self.corners[a], 0, k)
             number = number * self.corners[a] + k
         return number
-
-    @ti.func
-    def share(self, i, corner):
-        """Value at particle i of the shape function of the node at a corner (0 or 1 along each axis) of its cell."""
-        share = ti.cast(1.0, float)
-        for a in ti.static(range(self.dimension)):
-            share *= ti.abs(1.0 - corner[a] - self.fraction[i][a])
-        return share
 
     @ti.func
     def parents(self, place, grid):
@@ -147,6 +145,7 @@ class NodeGrids:
                     row = self.start[grid] + found - self.first[grid]
                     if grid == 0 or row < self.start[grid + 1]:
                         self.used[found] = node
+                        self.where[found] = self.place(node - self.first[grid], self.shape[grid])
                         self.row[node] = row
                         found += 1
                     else:
@@ -158,22 +157,35 @@ class NodeGrids:
         """Place of the particles in their cells; nodes at the corners of cells that hold some are active."""
         for i in range(self.operator.count[None]):
             s = (self.bins.particles.x[i] - self.bins.low) / self.bins.cell_size
-            self.fraction[i] = ti.cast(s - self.place(self.bins.cell_of[i], ti.Vector(self.bins.shape)), float)
+            fraction = ti.cast(s - self.place(self.bins.cell_of[i], ti.Vector(self.bins.shape)), float)
+            self.fraction[i] = fraction
+            for k, corner in ti.static(enumerate(self.corners_of_a_cell)):
+                share = ti.cast(1.0, float)
+                for a in ti.static(range(self.dimension)):
+                    share *= ti.abs(1.0 - corner[a] - fraction[a])
+                self.shares[i][k] = share
         for node in range(self.nodes):
             self.active[node] = 0
-        for cell in range(self.bins.cells):
-            if self.bins.cell_start[cell + 1] > self.bins.cell_start[cell]:
-                place = self.place(cell, ti.Vector(self.bins.shape))
-                for corner in ti.grouped(ti.ndrange(*((0, 2),) * self.dimension)):
-                    self.active[self.linear(place + corner, self.shape[0])] = 1
+        ti.loop_config(serialize=True)
+        for _ in range(1):
+            found = 0
+            for cell in range(self.bins.cells):
+                self.number[cell] = -1
+                if self.bins.cell_start[cell + 1] > self.bins.cell_start[cell]:
+                    self.number[cell], self.cells[found] = found, cell
+                    found += 1
+            self.filled[None] = found
+        for c in range(self.filled[None]):
+            place = self.place(self.cells[c], ti.Vector(self.bins.shape))
+            for corner in ti.static(self.corners_of_a_cell):
+                self.active[self.corner(place, corner)] = 1
         self.collect(0)
 
     @ti.kernel
     def _mark(self, grid: ti.i32):
         """Nodes that an active one of the finer grid adds to are active."""
         for m in range(self.uses[grid - 1]):
-            node = self.used[self.first[grid - 1] + m]
-            place, rest = self.parents(self.place(node - self.first[grid - 1], self.shape[grid - 1]), grid - 1)
+            place, rest = self.parents(self.where[self.first[grid - 1] + m], grid - 1)
             for corner in ti.grouped(ti.ndrange(*((0, 2),) * self.dimension)):
                 number, share = self.parent(place, rest, corner, grid - 1)
                 if share > 0.0:

@@ -15,6 +15,11 @@ ALONE_BELOW = 3000
 """Rows up to which one thread works alone: to start kernels and threads would cost more than the work."""
 
 
+def alone() -> bool:
+    """Whether Taichi has one thread of the processor."""
+    return started()["arch"] == "cpu" and started()["threads"] == 1
+
+
 def few(rows: int) -> bool:
     """Whether so many rows are work for one thread of the processor, whatever the number of threads."""
     return started()["arch"] == "cpu" and rows < ALONE_BELOW

@@ -81,9 +81,10 @@ class Stress:
         for i in range(self.particles.count[None]):
             if self.particles.kind[i] != FLUID:
                 u[i] = self.particles.u[i]
+        self.system.gather_jumps(u)
         for i in range(self.particles.count[None]):
             if self.system.acts(i):
-                G = self.gradient.velocity_gradient(i, u, 1.0)
+                G = self.system.velocity_gradient(i, u, 1.0)
                 D = deviator(G)
                 rate = 2.0 * magnitude(D)
                 self.correction.keep(i, G)

@@ -39,8 +39,8 @@ def traffic(sim) -> dict[str, Traffic]:
         "prepare": vector + block + 6 * s + walls,
         "system": 3 * block + 4 * s + x + walls,
         "right-hand side": 2 * flux + 2 * wide + 2 * vector + law + x + walls,
-        "solve": (vector + wide) + (wide + flux + block + 2 * s + vector + walls + x)
-        + (flux + 2 * wide + 3 * s + 2 * vector + walls + x)
+        "solve": (vector + wide) + (2 * (wide + flux) + wide + block + 2 * s + vector + walls + x)
+        + (3 * flux + wide + 3 * s + 2 * vector + walls + x)
         + 2 * vector + 6 * vector + block + 3 * vector + block + 5 * vector,
         "stress": vector + block + law + tensor + walls + x,
         "shift": x + 2 * vector + 2 * s,

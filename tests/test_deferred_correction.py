@@ -33,7 +33,7 @@ class Corrected(System):
             self.system.keep(i, flux)
             self.y[i] = push
         for i in range(self.particles.count[None]):
-            self.system.gather_force(i, False)
+            self.system.gather_pull(i)
         for i in range(self.particles.count[None]):
             self.y[i] += self.system.force(i)
 

@@ -42,7 +42,7 @@ PEERS = {
     "neighbors": {"backend", "stages"},
     "gradient": {"backend", "stages", "particles", "weights"},
     "mrpcg": {"backend", "stages", "sparse", "grid_levels"},
-    "grid_levels": {"backend", "node_grids"},
+    "grid_levels": {"backend", "node_grids", "stages"},
     "node_grids": {"backend"},
     "sparse": {"backend"},
     "scales": {"backend"},

@@ -167,6 +167,22 @@ def test_one_kernel_does_what_many_do():
         )
 
 
+@pytest.mark.parametrize("alone", [False, True])
+def test_a_solve_goes_on_from_the_last_one(alone):
+    """The residual is known without A; a load that changes in proportion to the last change needs no iteration."""
+    rng = np.random.default_rng(11)
+    a, (b, c) = spd(40), rng.standard_normal((2, 40))
+    b[6:9], c[6:9] = 1e20, -1e20  # of a masked row
+    operator = BlockOperator(a, 2, masked=(3, 4))
+    free = np.repeat(np.abs(operator.inverse_diagonal.to_numpy()).sum((1, 2)) > 0, 2)
+    block = a[np.ix_(free, free)]
+    x, report = solve(operator, b, 2, tolerance=1e-12, alone=alone)
+    for load, iterations in ((2.0 * b, 0), (-3.0 * b, 0), (c, 3)):
+        x, report = solve(operator, load, 2, x=x, tolerance=1e-8, alone=alone, again=True)
+        assert report.converged and (report.iterations == 0) == (iterations == 0)
+        assert np.abs(block @ x[free] - load[free]).max() < 1e-6
+
+
 def test_a_finished_solve_changes_nothing_more():
     a, b = BlockOperator(np.eye(6), 1), np.arange(1.0, 7.0)
     x, report = solve(a, b, check_every=50)

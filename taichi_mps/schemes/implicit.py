@@ -156,7 +156,7 @@ class Implicit:
                 self.run("right-hand side", self.right_hand_side, self.solver.b)
                 if ti.static(self.walls.move or self.walls.rub):
                     self.system.subtract_wall_motion(self.solver.p, self.solver.q, self.solver.b)
-                self.run("solve", self.solve, tolerance * (EARLY if k + 1 < passes else 1.0))
+                self.run("solve", self.solve, tolerance * (EARLY if k + 1 < passes else 1.0), k)
                 if self.solver.status[None] < INDEFINITE:
                     self.run("stress", self.stress.update, self.solver.x, self.source)
                     if ti.static(self.held):
@@ -179,12 +179,15 @@ class Implicit:
         self.refer()
 
     @ti.pyfunc
-    def solve(self, tolerance):
-        """Velocity of the present stress and pressure; returns the number of iterations."""
+    def solve(self, tolerance, k):
+        """Velocity of the present stress and pressure in pass k; returns the number of iterations."""
+        again = 0
+        if ti.static(self.stress.law != "bi-viscosity"):  # its matrix changes from pass to pass
+            again = ti.min(k, 1)
         if ti.static(self.alone):
-            self.solver.solve_alone(tolerance, MOST_ITERATIONS, self.reference[None])
+            self.solver.solve_alone(tolerance, MOST_ITERATIONS, self.reference[None], again, 0)
         else:
-            self.solver.solve(tolerance, MOST_ITERATIONS, self.reference[None])
+            self.solver.solve(tolerance, MOST_ITERATIONS, self.reference[None], again)
         self.iterations[None] += self.solver.iterations[None]
         return self.solver.iterations[None]
 
@@ -266,7 +269,7 @@ class Implicit:
                 self.system.keep(i, self.gradient.spread_stress(i, T) + flux)
                 b[i] = push
         for i in range(self.particles.count[None]):
-            self.system.gather_force(i, False)
+            self.system.gather_pull(i)
         for i in range(self.particles.count[None]):
             if self.system.unknown(i):
                 volume = self.particles.volume(i)
