@@ -60,7 +60,7 @@ class Implicit:
         self.layer = WallLayer(
             particles, self.gradient, walls, self.scales, self.smoothing, self.stress, scene.gravity_vector
         )
-        self.held = any(wall.holds for wall in walls.surfaces)
+        self.held = not scene.axisymmetric and any(wall.holds for wall in walls.surfaces)
         self.yielded = self.stress.yielded  # 1 where the material flows
         self.shifting = Shifting(particles, self.gradient, walls, scene.spacing)
         many = particles.capacity >= GridLevels.PAY_FROM
