@@ -75,6 +75,7 @@ def test_newtonian_film_slips_by_the_wall_stress_over_the_viscous_constant():
     assert carried_by(sim.walls.surfaces[0].friction, DEPTH) == pytest.approx(WEIGHT, rel=0.02)
 
 
+@pytest.mark.long
 def test_a_plug_slips_on_a_yielding_floor_by_the_excess_over_its_viscous_constant():
     """From rest, rho H du/dt = WEIGHT - yield value - k u: within 5 % on the way, where the step of a tenth of
     rho H/k costs 1 % and the passes lag, and within 1 % in the end."""

@@ -143,6 +143,7 @@ def test_a_tank_as_a_solid_acts_as_its_planes(walls, rigged):
         assert np.abs(other / one - 1.0).max() < 0.02
 
 
+@pytest.mark.long
 def test_a_tank_with_friction_pushes_with_all_its_faces(rigged, monkeypatch):
     """Before anything slips it acts as planes with friction but for the fit in corners, where only the nearest face has
     friction: the forces there are wrong by a fifth of what they are without the other faces."""
