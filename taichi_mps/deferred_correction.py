@@ -16,31 +16,60 @@ from .backend import real, ti
 
 @ti.data_oriented
 class DeferredCorrection:
-    """Holds the gradient ``G`` of the last velocity [1/s] of every particle."""
+    """The correction of one velocity after the other; its sums over pairs are kept as in momentum.py."""
 
     def __init__(self, particles, gradient, system):
-        self.gradient, self.system, self.neighbors = gradient, system, gradient.neighbors
-        self.dimension = d = particles.dimension
-        self.G = ti.Matrix.field(d, d, real(), particles.capacity)  # of the velocity of the last pass [1/s]
+        self.particles, self.gradient, self.system = particles, gradient, system
+        self.neighbors, self.dimension, self.lanes = gradient.neighbors, particles.dimension, system.lanes
+        shape = self.dimension, self.lanes
+        self.G = ti.Matrix.field(*shape, real(), particles.capacity)  # transpose of the gradient of the velocity [1/s]
+        # transpose of the flux before it meets B [N], and last the force of the bonds [N]
+        self.sums = ti.Matrix.field(shape[0] + 1, shape[1], real(), particles.capacity)
 
     @ti.func
     def keep(self, i, G):
-        """G is the gradient at particle i of the velocity that ``force`` will see."""
-        self.G[i] = self.gradient.in_plane(G)
+        """G is the gradient at particle i of the velocity that ``gather`` will see."""
+        for a, c in ti.static(ti.ndrange(self.dimension, self.dimension)):
+            self.G[i][c, a] = G[a, c]
 
     @ti.func
-    def force(self, i, u: ti.template()):
+    def gather(self, u: ti.template()):
+        """The sums over the pairs of all particles at the velocity u."""
+        for i in range(self.particles.count[None]):
+            for a in ti.static(range(self.dimension)):
+                self.system.motion[i][a] = u[i][a]
+        for i in range(self.particles.count[None]):
+            self.gather_bonds(i)
+
+    @ti.func
+    def gather_bonds(self, i):
+        sums = ti.Matrix.zero(float, self.dimension + 1, self.lanes)
+        ui, Gi, hi = self.system.motion[i], self.G[i], self.system.h[i]
+        for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
+            j = self.neighbors.column[k]
+            if j < 0:  # never: the way out
+                break
+            Gj, hj, b, w = self.G[j], self.system.h[j], self.gradient.b[k], self.gradient.weight_r2[k]
+            jump, r = self.system.motion[j] - ui, b / ti.max(w, 1e-12)
+            together = hi * hj / ti.max(hi + hj, 1e-30)
+            for a in ti.static(range(self.lanes)):
+                ours, theirs = jump[a], -jump[a]
+                for c in ti.static(range(self.dimension)):
+                    ours -= Gi[c, a] * r[c]
+                    theirs += Gj[c, a] * r[c]
+                resisted = together * (ours - theirs)
+                for c in ti.static(range(self.dimension)):
+                    sums[c, a] += (hi * ours - resisted) * b[c]
+                sums[self.dimension, a] -= w * (hi * ours - hj * theirs - 2.0 * resisted)
+        self.sums[i] = sums
+
+    @ti.func
+    def force(self, i):
         """Flux matrix [N m] of particle i, to be added to that of its stress, and the force of its bonds [N]."""
         flux = ti.Matrix.zero(float, self.dimension, self.dimension)
         push = ti.Vector.zero(float, self.dimension)
-        for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
-            j = self.neighbors.column[k]
-            b, w = self.gradient.b[k], self.gradient.weight_r2[k]
-            if w > 0.0:
-                r, jump = b / w, u[j] - u[i]
-                ours, theirs = jump - self.G[i] @ r, self.G[j] @ r - jump
-                hi, hj = self.system.h[i], self.system.h[j]
-                resisted = hi * hj / (hi + hj) * (ours - theirs)
-                flux += (hi * ours - resisted).outer_product(b)
-                push -= w * (hi * ours - hj * theirs - 2.0 * resisted)
+        for a in ti.static(range(self.dimension)):
+            push[a] = self.sums[i][self.dimension, a]
+            for c in ti.static(range(self.dimension)):
+                flux[a, c] = self.sums[i][c, a]
         return flux @ self.gradient.B[i], push

@@ -15,7 +15,8 @@ from .stages import stage
 
 @ti.data_oriented
 class WallLayer:
-    """Drive along the walls and share of the excess that acts, of every particle in reach of a no-slip wall."""
+    """Drive along the walls and share of the excess that acts, of every particle in reach of a no-slip wall; only to be
+    asked where the vessel is full."""
 
     def __init__(self, particles, gradient, walls, scales, smoothing, stress, gravity):
         self.particles, self.gradient, self.walls = particles, gradient, walls
@@ -42,7 +43,7 @@ class WallLayer:
         """Drive and share at the start of a step: the share with which the present stress is in equilibrium."""
         for i in range(self.particles.count[None]):
             self.drive[i] = ti.Vector.zero(float, self.dimension)
-            if self.smoothing.full[None] == 1 and self.gradient.B[i][0, 0] > 0.0 and self.near(i):
+            if self.gradient.B[i][0, 0] > 0.0 and self.near(i):
                 self.drive[i] = self.scales.density[self.scales.mix(i)] * self.g - self.slope(i)
                 over = self.stress.size(i) - self.scales.tau_y[self.scales.mix(i)]
                 s = ti.sqrt(2.0 * ti.max(0.0, over) / ti.max(2.0 * self.half(i), 1e-12))
@@ -65,7 +66,7 @@ class WallLayer:
     def adjust(self):
         """After a pass: the share for the stress that the wall carries now."""
         for i in range(self.particles.count[None]):
-            if self.smoothing.full[None] == 1 and self.near(i):
+            if self.near(i):
                 half = self.half(i)
                 s = self.stress.size(i) + self.share[i] * half - self.scales.tau_y[self.scales.mix(i)]
                 self.share[i] = self.acts(i, ti.max(0.0, s) / ti.max(2.0 * half, 1e-12))

@@ -36,8 +36,9 @@ class Corrected(System):
     def _correct(self):
         for i in range(self.particles.count[None]):
             self.correction.keep(i, self.gradient.velocity_gradient(i, self.u, 0.0))
+        self.correction.gather(self.u)
         for i in range(self.particles.count[None]):
-            flux, push = self.correction.force(i, self.u)
+            flux, push = self.correction.force(i)
             self.system.keep(i, flux)
             self.y[i] = push
         for i in range(self.particles.count[None]):

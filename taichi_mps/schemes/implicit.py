@@ -139,8 +139,9 @@ class Implicit:
             self.begin_friction()
         self.run("prepare", self.prepare, dt, first)
         self.smoothing.balance(self.source)
-        if ti.static(self.held):
-            self.run("wall layer", self.layer.begin)
+        if ti.static(self.held):  # noqa: SIM102  (a compiled choice stays apart)
+            if self.smoothing.full[None] == 1:
+                self.run("wall layer", self.layer.begin)
         self.start(self.solver.x)
         self.prepare_system()
         self.iterations[None] = 0
@@ -159,8 +160,9 @@ class Implicit:
                 self.run("solve", self.solve, tolerance * (EARLY if k + 1 < passes else 1.0), k)
                 if self.solver.status[None] < INDEFINITE:
                     self.run("stress", self.stress.update, self.solver.x, self.source)
-                    if ti.static(self.held):
-                        self.run("wall layer", self.layer.adjust)
+                    if ti.static(self.held):  # noqa: SIM102
+                        if self.smoothing.full[None] == 1:
+                            self.run("wall layer", self.layer.adjust)
 
     @ti.pyfunc
     def end(self, dt, first, all_awake, passes, tolerance):
@@ -259,13 +261,14 @@ class Implicit:
     def right_hand_side(self, b: ti.template()):
         """b = (m/dt) u^n + m g + F[-(p~ + K s) I + stress - 2 mu_r q] + what is taken back of H [N]."""
         I = ti.Matrix.identity(float, self.particles.tensor_dimension)  # noqa: E741
+        self.correction.gather(self.solver.x)
         for i in range(self.particles.count[None]):
             b[i] = ti.Vector.zero(float, self.dimension)
             if self.system.acts(i):
                 T = -(self.smoothing.p[i] + self.scales.bulk[None] * self.source[i]) * I
                 if ti.static(self.stress.law == "bingham"):
                     T += self.particles.stress[i] - 2.0 * self.system.mu[i] * self.particles.plastic_rate[i]
-                flux, push = self.correction.force(i, self.solver.x)
+                flux, push = self.correction.force(i)
                 self.system.keep(i, self.gradient.spread_stress(i, T) + flux)
                 b[i] = push
         for i in range(self.particles.count[None]):
@@ -279,8 +282,9 @@ class Implicit:
                     heavy = self.density(i) * self.g * self.scales.pressed(self.smoothing.p[i])
                     share = self.gradient.counts_as(i)
                     b[i] += volume * self.walls.hydrostatic(i, self.particles.x[i], heavy, self.gradient.B[i], share)
-                if ti.static(self.held):
-                    b[i] += volume * self.layer.excess(i)
+                if ti.static(self.held):  # noqa: SIM102
+                    if self.smoothing.full[None] == 1:
+                        b[i] += volume * self.layer.excess(i)
             else:
                 b[i] = ti.Vector.zero(float, self.dimension)
 
