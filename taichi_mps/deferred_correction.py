@@ -7,16 +7,17 @@ both gradients leaves, e = (delta_ij - delta_ji)/2, is to be resisted: instead o
     (1/2) (w/r^2) (h_i |delta_ij|^2 + h_j |delta_ji|^2)  of a bond  its least for this e,  (w/r^2) h |e|^2,
 
 with h = 2 h_i h_j/(h_i + h_j). The matrix keeps the first, which needs the neighbours only. The force of the difference
-goes to the right-hand side, at the velocity of the pass before: a deferred correction. It is never more than what the
-matrix resists, so passes and steps converge whatever their length.
+goes to the right-hand side, at the velocity before the step: a deferred correction. It is never more than what the matrix
+resists, so it is stable with any step.
 """
 
 from .backend import real, ti
+from .stages import stage
 
 
 @ti.data_oriented
 class DeferredCorrection:
-    """The correction of one velocity after the other; its sums over pairs are kept as in momentum.py."""
+    """The correction for a velocity; its sums over pairs are kept as in momentum.py."""
 
     def __init__(self, particles, gradient, system):
         self.particles, self.gradient, self.system = particles, gradient, system
@@ -32,7 +33,7 @@ class DeferredCorrection:
         for a, c in ti.static(ti.ndrange(self.dimension, self.dimension)):
             self.G[i][c, a] = G[a, c]
 
-    @ti.func
+    @stage
     def gather(self, u: ti.template()):
         """The sums over the pairs of all particles at the velocity u."""
         for i in range(self.particles.count[None]):

@@ -15,9 +15,8 @@ class Stress:
 
     law: newtonian, bingham (a true yield value) or bi-viscosity."""
 
-    def __init__(self, particles, gradient, walls, system, correction, scales, smoothing, material, law, gravity):
+    def __init__(self, particles, gradient, walls, system, scales, smoothing, material, law, gravity):
         self.particles, self.gradient, self.walls, self.system = particles, gradient, walls, system
-        self.correction = correction
         self.scales, self.smoothing, self.law = scales, smoothing, law
         self.curve, self.growth = flow_curve(material), compiled(getattr(material, "growth", None))
         self.has_curve, self.has_growth = self.curve is not None, self.growth is not None
@@ -87,7 +86,6 @@ class Stress:
                 G = self.system.velocity_gradient(i, u, 1.0)
                 D = deviator(G)
                 rate = 2.0 * magnitude(D)
-                self.correction.keep(i, G)
                 carries = ti.cast(self.gradient.B[i][0, 0] > 0.0, float)
                 self.particles.shear_rate[i] = rate
                 self.smoothing.p[i] -= self.scales.bulk[None] * (G.trace() - source[i]) * carries

@@ -38,7 +38,8 @@ def traffic(sim) -> dict[str, Traffic]:
         "smooth pressure": x + block + 2 * s,
         "prepare": vector + block + 6 * s + walls,
         "system": 3 * block + 4 * s + x + walls,
-        "right-hand side": 2 * flux + 2 * wide + 3 * vector + block + s + law + x + walls,
+        "correction": 2 * flux + 3 * wide + vector + s,
+        "right-hand side": 3 * flux + 3 * wide + 2 * vector + law + x + walls,
         "solve": (vector + wide) + (2 * (wide + flux) + wide + block + 2 * s + vector + walls + x)
         + (3 * flux + wide + 3 * s + 2 * vector + walls + x)
         + 2 * vector + 6 * vector + block + 3 * vector + block + 5 * vector,
@@ -52,7 +53,8 @@ def traffic(sim) -> dict[str, Traffic]:
         "smooth pressure": (4 + s, 4 * d + 6),
         "prepare": (2 * (4 + vector) + s, 2 * (3 * d * d) + 4 * d),
         "system": (2 * 4 + vector + 2 * s, 8 * d * d),
-        "right-hand side": (2 * (4 + vector) + s, 4 * d * d + 6 * d * d + 10 * d),
+        "correction": (4 + vector + s, 6 * d * d + 10 * d),
+        "right-hand side": (4 + vector, 4 * d * d),
         "solve": (2 * (4 + vector) + s, 3 * d * d + 3 * d * d + 3 * d),
         "stress": (4 + vector, 3 * d * d),
         "shift": (4 + s, 10 * d + 12),

@@ -55,7 +55,7 @@ class Implicit:
         self.sleeps = self.system.sleeps
         self.correction = DeferredCorrection(particles, self.gradient, self.system)
         self.smoothing = PressureSmoothing(particles, self.gradient, self.scales, scene.gravity_vector)
-        of_system = self.gradient, walls, self.system, self.correction, self.scales, self.smoothing
+        of_system = self.gradient, walls, self.system, self.scales, self.smoothing
         self.stress = Stress(particles, *of_system, material, law_of(self.materials), scene.gravity_vector)
         self.layer = WallLayer(
             particles, self.gradient, walls, self.scales, self.smoothing, self.stress, scene.gravity_vector
@@ -143,6 +143,7 @@ class Implicit:
             if self.smoothing.full[None] == 1:
                 self.run("wall layer", self.layer.begin)
         self.start(self.solver.x)
+        self.run("correction", self.correction.gather, self.solver.x)
         self.prepare_system()
         self.iterations[None] = 0
 
@@ -261,7 +262,6 @@ class Implicit:
     def right_hand_side(self, b: ti.template()):
         """b = (m/dt) u^n + m g + F[-(p~ + K s) I + stress - 2 mu_r q] + what is taken back of H [N]."""
         I = ti.Matrix.identity(float, self.particles.tensor_dimension)  # noqa: E741
-        self.correction.gather(self.solver.x)
         for i in range(self.particles.count[None]):
             b[i] = ti.Vector.zero(float, self.dimension)
             if self.system.acts(i):
