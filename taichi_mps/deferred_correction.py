@@ -7,8 +7,8 @@ both gradients leaves, e = (delta_ij - delta_ji)/2, is to be resisted: instead o
     (1/2) (w/r^2) (h_i |delta_ij|^2 + h_j |delta_ji|^2)  of a bond  its least for this e,  (w/r^2) h |e|^2,
 
 with h = 2 h_i h_j/(h_i + h_j). The matrix keeps the first, which needs the neighbours only. The force of the difference
-goes to the right-hand side, at the velocity before the step: a deferred correction. It is never more than what the matrix
-resists, so it is stable with any step.
+goes to the right-hand side, at the velocity before the step: a deferred correction. It is never more than what the
+matrix resists, so it is stable with any step.
 """
 
 from .backend import real, ti
