@@ -8,7 +8,8 @@ both gradients leaves, e = (delta_ij - delta_ji)/2, is to be resisted: instead o
 
 with h = 2 h_i h_j/(h_i + h_j). The matrix keeps the first, which needs the neighbours only. The force of the difference
 goes to the right-hand side, at the velocity before the step: a deferred correction. It is never more than what the
-matrix resists, so it is stable with any step.
+matrix resists, so it is stable with any step; in one much longer than the scene's own it would hold up what should be
+gone at once, and fades.
 """
 
 from .backend import real, ti
@@ -34,16 +35,16 @@ class DeferredCorrection:
             self.G[i][c, a] = G[a, c]
 
     @stage
-    def gather(self, u: ti.template()):
-        """The sums over the pairs of all particles at the velocity u."""
+    def gather(self, u: ti.template(), share: float):
+        """The sums over the pairs of all particles at the velocity u; a ``share`` of them is given back."""
         for i in range(self.particles.count[None]):
             for a in ti.static(range(self.dimension)):
                 self.system.motion[i][a] = u[i][a]
         for i in range(self.particles.count[None]):
-            self.gather_bonds(i)
+            self.gather_bonds(i, share)
 
     @ti.func
-    def gather_bonds(self, i):
+    def gather_bonds(self, i, share):
         sums = ti.Matrix.zero(float, self.dimension + 1, self.lanes)
         ui, Gi, hi = self.system.motion[i], self.G[i], self.system.h[i]
         for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
@@ -62,7 +63,7 @@ class DeferredCorrection:
                 for c in ti.static(range(self.dimension)):
                     sums[c, a] += (hi * ours - resisted) * b[c]
                 sums[self.dimension, a] -= w * (hi * ours - hj * theirs - 2.0 * resisted)
-        self.sums[i] = sums
+        self.sums[i] = share * sums
 
     @ti.func
     def force(self, i):

@@ -232,6 +232,7 @@ class MRPCG:
         self.dot(self.p, self.r, self.rz)
         self.dot(self.p, self.q, self.pq)
         self.step[None] = self.rz[None] / self.pq[None] if self.pq[None] > 0.0 else 0.0
+        self.step[None] = ti.max(0.0, ti.min(1.0, self.step[None]))  # q of a tiny change is rounding: never blow it up
         for i in range(self.active[None]):
             self.first_x[i], self.first_r[i] = self.x[i], self.r[i]
             self.x[i] += ti.cast(self.step[None], self.real) * self.p[i]

@@ -49,11 +49,12 @@ class Scales:
         self.density, self.eta, self.tau_y, self.pi_c = of_mix[:4]  # [kg/m3], [Pa s], [Pa], [1/s]
         self.mu_r = of_mix[4]  # penalty that ties the strain rate to the yield law [Pa s]
         self.inertial = of_mix[5]  # resistance of a thin fluid to non-affine motion [Pa s]
-        of_scene = [ti.field(real(), ()) for _ in range(4)]
+        of_scene = [ti.field(real(), ()) for _ in range(5)]
         self.layer_pressure = of_scene[0]  # of half a layer of particles [Pa]
         self.slowest = of_scene[1]  # rate of the bonds below which their resistance stops growing [1/s]
         self.bulk = of_scene[2]  # K [Pa s]
         self.drive = of_scene[3]  # force density that errors of the solve are compared with [N/m3]
+        self.own_step = of_scene[4]  # natural_step, as the kernels read it [s]
         self.natural_step = self.max_time_step = 0.0  # [s]
 
     def take(self, scene, materials, numerics) -> None:
@@ -75,6 +76,7 @@ class Scales:
             self.mu_r[k], self.inertial[k] = mu_r, INERTIAL * m.density * scene.spacing**2 / step
         self.layer_pressure[None] = 0.5 * density * max(gravity, 0.1) * scene.spacing
         self.slowest[None] = SLOWEST / step
+        self.own_step[None] = step
         stiff = STIFFNESS * density * head * min(step, self.max_time_step)
         self.bulk[None] = max(stiff, VISCOUS_STIFFNESS * max(penalties))
         self.drive[None] = density * head / height

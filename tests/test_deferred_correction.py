@@ -36,7 +36,7 @@ class Corrected(System):
     def _correct(self):
         for i in range(self.particles.count[None]):
             self.correction.keep(i, self.gradient.velocity_gradient(i, self.u, 0.0))
-        self.correction.gather(self.u)
+        self.correction.gather(self.u, 1.0)
         for i in range(self.particles.count[None]):
             flux, push = self.correction.force(i)
             self.system.keep(i, flux)

@@ -25,6 +25,7 @@ SOURCE, RING_SOURCE = 0.05, 0.2  # share of the packing error removed per step; 
 FASTEST, RING_FASTEST = 1.0, 0.25  # at most this [1/s]; of rings also this share of the shear rate, or the shift wins
 STRAIN_SCALE = 0.02  # strain per step above which source and shift act fully
 EARLY = 10.0  # only the last pass is solved to the tolerance: the others to ten times that
+LONG = 2.0  # steps longer than this many of the scene's own take back less of the non-affine resistance
 MOST_ITERATIONS = 2000  # of a solve
 FIRST_PASSES = 30  # the pressure and the stress of the first step are found from zero
 
@@ -143,7 +144,8 @@ class Implicit:
             if self.smoothing.full[None] == 1:
                 self.run("wall layer", self.layer.begin)
         self.start(self.solver.x)
-        self.run("correction", self.correction.gather, self.solver.x)
+        share = min(1.0, LONG * self.scales.own_step[None] / dt)
+        self.run("correction", self.correction.gather, self.solver.x, share)
         self.prepare_system()
         self.iterations[None] = 0
 
