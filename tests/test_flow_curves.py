@@ -58,7 +58,8 @@ def test_the_mapping_of_a_straight_curve_is_that_of_bingham():
     assert (out[:, 1] == 0.0).sum() == 16  # up to 300 Pa, where the trial is 0, 20, ... Pa
 
 
-@pytest.mark.parametrize("index", [pytest.param(0.5, marks=pytest.mark.long), 1.6])
+@pytest.mark.long
+@pytest.mark.parametrize("index", [0.5, 1.6])
 def test_film_of_herschel_and_bulkley(index):
     """u(y) = n/(n+1) (W/k)^(1/n) (d^(1+1/n) - (d - y)^(1+1/n)), d the depth of the sheared layer."""
     material = mps.HerschelBulkley(density=DENSITY, yield_value=100.0, consistency=60.0, flow_index=index)

@@ -107,9 +107,8 @@ def film(across, until=1.0, **keywords):
     return sim
 
 
-@pytest.mark.parametrize(
-    ("yield_value", "bounds"), [pytest.param(0.0, (0.013, 0.006), marks=pytest.mark.long), (100.0, (0.018, 0.011))]
-)
+@pytest.mark.parametrize(("yield_value", "bounds"), [(0.0, (0.013, 0.006)), (100.0, (0.018, 0.011))])
+@pytest.mark.long
 def test_film_profile_converges(yield_value, bounds):
     """Measured at 10 and 20 across: Bingham 0.0150, 0.0095 (the target of the validation table at 20 is 0.02)."""
     errors = []

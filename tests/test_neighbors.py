@@ -152,6 +152,7 @@ def test_bins_refuse_a_short_period():
         Bins(particles, ((0.0, 0.0), (1.0, 0.3)), (False, True), RE)
 
 
+@pytest.mark.long
 def test_simulation_grows_a_full_list_and_goes_on_as_if_it_had_been_large(monkeypatch):
     """Particles at 0.55 spacings: three times the neighbours that a new simulation makes room for."""
     x = mps.lattice((0.0, 0.0), (0.11, 0.11), 0.011)

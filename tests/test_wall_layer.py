@@ -80,6 +80,7 @@ def test_what_has_not_yielded_keeps_its_stress_and_what_flows_well_has_all_of_th
     assert adjusted == pytest.approx(begun, abs=1e-9)
 
 
+@pytest.mark.long
 def test_below_a_free_surface_there_is_none():
     sim = channel(lid=False)
     for _ in range(3):
