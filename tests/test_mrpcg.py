@@ -169,8 +169,8 @@ def test_one_kernel_does_what_many_do():
 
 @pytest.mark.parametrize("alone", [False, True])
 def test_a_solve_goes_on_from_the_last_one(alone):
-    """The residual is known without A; a load that changes as it did last, or by a part of that, needs no iteration. More
-    than the last change is never taken: where that was next to nothing, it is rounding."""
+    """The residual is known without A; a load that changes as it did last, or by a part of that, needs no iteration. No
+    more than the last change is taken: where that was next to nothing, it is rounding."""
     rng = np.random.default_rng(11)
     a, (b, c) = spd(40), rng.standard_normal((2, 40))
     b[6:9], c[6:9] = 1e20, -1e20  # of a masked row
