@@ -34,6 +34,7 @@ def names(path):
     return found
 
 
+@pytest.mark.long
 def test_recipes_run(tmp_path):
     """All Python blocks of recipes.md, in order, as one script; a block that names a file becomes that file."""
     script = ""

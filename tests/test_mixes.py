@@ -38,6 +38,7 @@ def exact(y, force):
     return np.interp(y, at, np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1])) * at[1]]))
 
 
+@pytest.mark.long
 def test_film_of_two_layers():
     mps.init(arch="cpu")
     sim = mps.Simulation(film())

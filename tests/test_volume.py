@@ -82,6 +82,7 @@ def test_a_spinning_disc_keeps_its_angular_momentum():
     assert spin / start == pytest.approx(1.0, abs=2e-4)
 
 
+@pytest.mark.long
 def test_no_void_opens_below_the_lid_of_a_full_box():
     """A lid drags fluid away from its upstream corner; without a pressure that keeps the box in compression a void
     opens there. Two layers of 20 particles stay within two spacings of the lid, give or take one of ten."""
