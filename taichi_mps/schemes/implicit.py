@@ -187,7 +187,7 @@ class Implicit:
     def solve(self, tolerance, k):
         """Velocity of the present stress and pressure in pass k; returns the number of iterations."""
         again = 0
-        if ti.static(self.stress.law != "bi-viscosity"):  # its matrix changes from pass to pass
+        if ti.static(self.stress.law != "bi-viscosity" and not self.walls.rub):  # matrix or slip change in each pass
             again = ti.min(k, 1)
         if ti.static(self.alone):
             self.solver.solve_alone(tolerance, MOST_ITERATIONS, self.reference[None], again, 0)
