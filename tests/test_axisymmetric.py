@@ -231,10 +231,8 @@ def pipe(rings_across, yield_value=0.0, radius=0.1, push=5.0, eta=50.0, density=
     return np.sqrt((volume * (s.u[:, 1] - exact) ** 2).sum() / (volume * exact**2).sum()), s
 
 
-@pytest.mark.parametrize(
-    "yield_value",
-    [pytest.param(0.0, id="Newtonian", marks=pytest.mark.long), pytest.param(150.0, id="plug over 0.3 R")],
-)
+@pytest.mark.long
+@pytest.mark.parametrize("yield_value", [0.0, 150.0], ids=["Newtonian", "plug over 0.3 R"])
 def test_pipe_flow(yield_value):
     """3 % at 20 across."""
     error, s = pipe(10, yield_value)

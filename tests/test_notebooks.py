@@ -68,6 +68,7 @@ def test_kernels_by_hand_leave_the_simulation_as_it_was():
     assert np.array_equal(sim.snapshot().x, after)
 
 
+@pytest.mark.long
 def test_the_schemes_agree_on_where_the_heap_ends():
     space, shown = run(BOOKS[2])
     fronts = {name: points[-1][1] for name, points in space["fronts"].items()}
