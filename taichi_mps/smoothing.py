@@ -4,7 +4,7 @@ from .backend import real, ti
 from .stages import stage
 
 SMOOTHING = 0.6  # share of the neighbours' mean in the pressure
-READING = 0.75  # the same in a snapshot
+READING = 0.75  # the same in a snapshot, twice
 SMOOTHING_SCALE = 1e-3  # strain per step above which the pressure is smoothed fully
 COMPRESSION = 3.0  # mean pressure of a full closed box over the largest viscous stress in it
 
@@ -18,16 +18,18 @@ class PressureSmoothing:
         self.neighbors, self.dimension = gradient.neighbors, particles.dimension
         self.g = ti.types.vector(particles.dimension, real())(gravity)
         self.p = ti.field(real(), particles.capacity)  # [Pa]
+        self.once = ti.field(real(), particles.capacity)  # half-way to the pressure that is read [Pa]
         self.full = ti.field(ti.i32, ())  # 1 in a closed box without a free surface
 
     @ti.func
-    def mean(self, i, share):
-        """(1-a) p_i + a sum w (p_j - f rho g.r_ij)/sum w over particles that carry stress, a the ``share``; f fades to
-        zero where p_i is below that of half a layer, for a body in free fall has no hydrostatic part."""
+    def mean(self, i, share, pressure: ti.template()):
+        """(1-a) p_i + a sum w (p_j - f rho g.r_ij)/sum w of a ``pressure``, over particles that carry stress, a the
+        ``share``; f fades to zero where p_i is below that of half a layer, for a body in free fall has no hydrostatic
+        part."""
         x = self.particles.x[i]
         total, weight = ti.cast(0.0, float), ti.cast(0.0, float)
         own = self.scales.density[self.scales.mix(i)]
-        g = self.g * self.scales.pressed(self.particles.p[i])
+        g = self.g * self.scales.pressed(pressure[i])
         for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
             j = self.neighbors.column[k]
             if self.gradient.B[j][0, 0] > 0.0:
@@ -36,9 +38,9 @@ class PressureSmoothing:
                 density = own
                 if ti.static(self.scales.mixes > 1):
                     density = 0.5 * (own + self.scales.density[self.scales.mix(j)])
-                total += w * (self.particles.p[j] - density * g.dot(r))
+                total += w * (pressure[j] - density * g.dot(r))
                 weight += w
-        p = self.particles.p[i]
+        p = pressure[i]
         if weight > 0.0:
             p = (1.0 - share) * p + share * total / weight
         return p
@@ -50,16 +52,20 @@ class PressureSmoothing:
             self.p[i] = 0.0
             if self.gradient.B[i][0, 0] > 0.0:
                 deforming = ti.min(1.0, self.particles.shear_rate[i] * dt / SMOOTHING_SCALE)
-                self.p[i] = self.mean(i, SMOOTHING * deforming)
+                self.p[i] = self.mean(i, SMOOTHING * deforming, self.particles.p)
 
     @ti.kernel
     def read(self):
-        """The pressure to read, into ``p``, which the next step fills anew: the force does not see what alternates
-        from particle to particle, so nothing holds it down at rest, and it means nothing."""
+        """The pressure to read, the mean of the mean, into ``p``, which the next step fills anew: the force does not
+        see what alternates from particle to particle, so nothing holds it down at rest, and it means nothing."""
         for i in range(self.particles.count[None]):
-            self.p[i] = self.particles.p[i]
+            self.once[i] = self.particles.p[i]
             if self.gradient.B[i][0, 0] > 0.0:
-                self.p[i] = self.mean(i, READING)
+                self.once[i] = self.mean(i, READING, self.particles.p)
+        for i in range(self.particles.count[None]):
+            self.p[i] = self.once[i]
+            if self.gradient.B[i][0, 0] > 0.0:
+                self.p[i] = self.mean(i, READING, self.once)
 
     @stage
     def balance(self, source: ti.template()):

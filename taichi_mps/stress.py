@@ -75,8 +75,9 @@ class Stress:
             return return_mapping(trial, self.scales.eta[m], self.scales.tau_y[m], self.system.mu[i])
 
     @stage
-    def update(self, u: ti.template(), source: ti.template()):
-        """Shear rate; p <- p - K (div u - s), s the ``source`` [1/s]; the stress mapped back onto the yield surface."""
+    def update(self, u: ti.template(), source: ti.template(), viscous: ti.i32):
+        """Shear rate; p <- p - K (div u - s), s the ``source`` [1/s]; the stress mapped back onto the yield surface,
+        unless the body is still taken for a ``viscous`` one."""
         for i in range(self.particles.count[None]):
             if self.particles.kind[i] != FLUID:
                 u[i] = self.particles.u[i]
@@ -92,8 +93,9 @@ class Stress:
                 if ti.static(self.law == "bingham"):
                     trial = self.particles.stress[i] + 2.0 * self.system.mu[i] * D
                     stress, q, flow = self.yield_law(i, trial)
-                    self.particles.stress[i] = stress * carries
-                    self.particles.plastic_rate[i] = q * carries
+                    if viscous == 0:
+                        self.particles.stress[i] = stress * carries
+                        self.particles.plastic_rate[i] = q * carries
                     self.yielded[i] = flow > 0.0
                 elif ti.static(self.law == "bi-viscosity"):
                     self.yielded[i] = rate >= 2.0 * self.scales.pi_c[self.scales.mix(i)]

@@ -27,7 +27,8 @@ STRAIN_SCALE = 0.02  # strain per step above which source and shift act fully
 EARLY = 10.0  # only the last pass is solved to the tolerance: the others to ten times that
 LONG = 2.0  # steps longer than this many of the scene's own take back less of the non-affine resistance
 MOST_ITERATIONS = 2000  # of a solve
-FIRST_PASSES = 30  # the pressure and the stress of the first step are found from zero
+FIRST_PASSES = 40  # the pressure and the stress of the first step are found from zero
+VISCOUS_PASSES = 10  # of these, with mu_r and no yield value: pressure first, or its strain stays as stress in a plug
 
 
 @ti.data_oriented
@@ -162,7 +163,7 @@ class Implicit:
                     self.system.subtract_wall_motion(self.solver.p, self.solver.q, self.solver.b)
                 self.run("solve", self.solve, tolerance * (EARLY if k + 1 < passes else 1.0), k)
                 if self.solver.status[None] < INDEFINITE:
-                    self.run("stress", self.stress.update, self.solver.x, self.source)
+                    self.run("stress", self.stress.update, self.solver.x, self.source, first * (k < VISCOUS_PASSES))
                     if ti.static(self.held):  # noqa: SIM102
                         if self.smoothing.full[None] == 1:
                             self.run("wall layer", self.layer.adjust)
