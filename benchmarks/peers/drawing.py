@@ -7,6 +7,14 @@ ROOT = Path(__file__).resolve().parents[2]
 RESULTS, PAGE, FIGURES = ROOT / "benchmarks/results", ROOT / "docs/peers.md", ROOT / "docs/figures"
 BEGIN, END = "<!-- written by benchmarks/peers/compare.py -->", "<!-- end of benchmarks/peers/compare.py -->"
 COLOURS = {"taichi_mps": "C0", "newton": "C1", "openfoam": "C2", "pysph": "C3", "splishsplash": "C4"}
+PLACES = [
+    (5, 5, "left"),
+    (5, -6, "left"),
+    (-5, -6, "right"),
+    (-5, 5, "right"),
+    (5, 14, "left"),
+    (5, -15, "left"),
+]  # [pt]
 SLUMP_HEAD = ["run", "particles or cells", "steps", "CPU-s", "whole process", "worst slump [mm]", "spread [%]"]
 DAM_HEAD = ["run", "particles", "steps", "CPU-s per s", "particle-steps per CPU-s", "front [%]", "front, no delay [%]"]
 
@@ -72,6 +80,7 @@ def panels(results: list[dict]) -> dict[str, list[tuple[str, dict]]]:
                 short = (
                     row["label"]
                     .split(", ", 1)[-1]
+                    .replace("implicit, ", "" if spacing else "implicit, ")
                     .replace("creep rate 0.02 1/s, ", "")
                     .replace("voxel 1.5 l0, ", "")
                     .replace(", conservative gradient", "")
@@ -96,10 +105,9 @@ def chart(found: dict[str, list[tuple[str, dict]]], error, what: str, path: Path
         rows, columns, figsize=(0.8 + 4.6 * columns, 0.6 + 3.3 * rows), squeeze=False, sharex=True, sharey=True
     )
     for axis, (title, runs) in zip(axes.flat, found.items(), strict=False):
-        for name, row in runs:
+        for _, row in runs:
             cost = row["cpu_seconds"] / row["simulated_seconds"]
             axis.loglog(cost, error(row), "o", color=COLOURS[row["peer"]])
-            axis.annotate(name.strip(), (cost, error(row)), xytext=(4, 4), textcoords="offset points", fontsize=7)
         axis.set_title(title, fontsize=9)
         axis.set(xlabel="CPU seconds for 1 s", ylabel=what)
         axis.grid(alpha=0.3, which="both")
@@ -115,7 +123,27 @@ def chart(found: dict[str, list[tuple[str, dict]]], error, what: str, path: Path
     handles = [plt.Line2D([], [], marker="o", ls="", color=c, label=n) for n, c in COLOURS.items() if n in names]
     figure.legend(handles=handles, loc="upper center", ncols=len(handles), fontsize=8)
     figure.tight_layout(rect=(0, 0, 1, 0.93))
+    for axis, runs in zip(axes.flat, found.values(), strict=False):
+        write_names(
+            axis, [(name.strip(), row["cpu_seconds"] / row["simulated_seconds"], error(row)) for name, row in runs]
+        )
     figure.savefig(path, dpi=110)
+
+
+def write_names(axis, points: list[tuple[str, float, float]]) -> None:
+    """Write each name beside its point, at the first place in the panel where it covers no other name and no point."""
+    from matplotlib.transforms import Bbox
+
+    taken = [Bbox.from_bounds(*(axis.transData.transform(at) - 4.0), 8.0, 8.0) for _, *at in points]
+    for name, *at in points:
+        for x, y, side in PLACES:
+            text = axis.annotate(name, at, (x, y), textcoords="offset points", fontsize=7, ha=side, va="center")
+            box = text.get_window_extent()
+            free = box.x0 > axis.bbox.x0 and not any(box.overlaps(other) for other in taken)
+            if free or (x, y, side) == PLACES[-1]:
+                break
+            text.remove()
+        taken.append(box)
 
 
 def draw() -> None:
