@@ -104,7 +104,8 @@ def reach_error(row: dict) -> float:
 
 def choices(results: list[dict]) -> list[dict]:
     """Of each model and spacing the largest error [m] of the slump at any time and of the reach, half of the spread, at
-    rest, also of finer ones lest a lucky number be promised, and the mean CPU seconds over the yield values."""
+    rest, also of finer ones lest a lucky number be promised, the largest volume error, and the mean CPU seconds over
+    the yield values."""
     found = []
     for model, spacing in VARIANTS:
         rows = [
@@ -113,7 +114,11 @@ def choices(results: list[dict]) -> list[dict]:
         if model != PARTICLES:
             error = max(max(abs(row["worst_slump_error_m"]), abs(reach_error(row))) for row in rows)
             cost = sum(row["cpu_seconds"] for row in rows) / len(rows)
-            found.append({"model": model, "spacing": spacing, "error": round(error, 4), "cpu_seconds": round(cost, 2)})
+            volume = max(row["worst_volume_error"] for row in rows)
+            found.append(
+                {"model": model, "spacing": spacing, "error": round(error, 4), "volume_error": round(volume, 4)}
+            )
+            found[-1]["cpu_seconds"] = round(cost, 2)
     for choice in found:
         finer = [
             other for other in found if other["model"] == choice["model"] and other["spacing"] <= choice["spacing"]

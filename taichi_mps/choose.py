@@ -8,6 +8,7 @@ from .quantity import SceneError
 
 MEASURED = Path(__file__).parent / "accuracy.json"
 COARSEST = 0.1  # [m]; what is asked for beyond is millimetres
+MOST_VOLUME = 0.01  # largest volume error of what is chosen [-]: a coarse cone may have the right slump by luck
 RANGE = "100 to 1000 Pa, 50 Pa s, standard cone"  # where the errors were measured
 
 
@@ -18,6 +19,7 @@ class Choice:
     model: str
     spacing: float  # [m]
     error: float  # largest error of the slump at any time, and of half of the spread at rest [m], over RANGE
+    volume_error: float  # largest at any time [-], over RANGE
     cpu_seconds: float  # to rest, without compiling, mean over RANGE
 
     def __str__(self):
@@ -34,19 +36,23 @@ def measured() -> list[Choice]:
 
 
 def choose(accuracy: float, model: str | None = None, spacing: float | None = None) -> Choice:
-    """The cheapest whose slump and reach were never more than ``accuracy`` [m] from the reference; a model or a spacing
-    [m] that is given stays as it is. SceneError where nothing measured is that good."""
+    """The cheapest whose slump and reach were never more than ``accuracy`` [m] from the reference, and whose volume was
+    kept within 1 %; a model or a spacing [m] that is given stays as it is. SceneError where nothing measured is that
+    good."""
     if not accuracy <= COARSEST:
         raise SceneError(f"accuracy = {accuracy:g} m: must be at most {COARSEST:g} m (0.005 or 5mm for 5 mm)")
     fitting = [
         c for c in measured() if model in (None, c.model) and (spacing is None or abs(c.spacing - spacing) < 1e-9)
     ]
-    for choice in fitting:
+    keeping = [choice for choice in fitting if choice.volume_error <= MOST_VOLUME]
+    for choice in keeping:
         if choice.error <= accuracy:
             return choice
     given = ", ".join(
         f"{key} = {value}" for key, value in (("model", model), ("spacing", spacing)) if value is not None
     )
-    best = min(fitting, key=lambda choice: choice.error, default=None)
+    best = min(keeping, key=lambda choice: choice.error, default=None)
     allowed = f"must be at least {best.error:g} m, which is {best}" if best else "nothing was measured there"
+    if fitting and not keeping:
+        allowed += f" that keeps the volume within {100.0 * MOST_VOLUME:g} %"
     raise SceneError(f"accuracy = {accuracy:g} m{' with ' * bool(given)}{given}: {allowed}")
