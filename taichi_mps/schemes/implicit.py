@@ -73,6 +73,7 @@ class Implicit:
         self.reference = ti.field(ti.f64, ())  # drive . M^-1 drive over all particles [W]
         self.iterations = ti.field(ti.i32, ())  # of all solves of a step
         self.first = True
+        self.viscous_passes = 0 if walls.rub else VISCOUS_PASSES  # friction is found together with the stress
         self.run = stages or Stages()
         self.alone = few(particles.capacity) and not walls.travel  # nothing is needed from Python between the stages
         self.parts = self.begin, self.iterate, self.end  # of a step: stages, kernels or parts of one (stages.py)
@@ -163,7 +164,9 @@ class Implicit:
                     self.system.subtract_wall_motion(self.solver.p, self.solver.q, self.solver.b)
                 self.run("solve", self.solve, tolerance * (EARLY if k + 1 < passes else 1.0), k)
                 if self.solver.status[None] < INDEFINITE:
-                    self.run("stress", self.stress.update, self.solver.x, self.source, first * (k < VISCOUS_PASSES))
+                    self.run(
+                        "stress", self.stress.update, self.solver.x, self.source, first * (k < self.viscous_passes)
+                    )
                     if ti.static(self.held):  # noqa: SIM102
                         if self.smoothing.full[None] == 1:
                             self.run("wall layer", self.layer.adjust)
