@@ -32,7 +32,7 @@ class Gradient:
         self.neighbors, self.particles, self.walls = neighbors, particles, walls
         self.dimension, self.tensors = d, particles.tensor_dimension
         self.axisymmetric, self.spacing = particles.axisymmetric, spacing
-        self.n0 = constants.n0
+        self.n0, self.weight = constants.n0, constants.weight
         self.full, self.at_surface = constants.neighbours, constants.lean
         self.full_packing = constants.packing
         self.effective_radius = neighbors.bins.effective_radius
@@ -49,7 +49,7 @@ class Gradient:
             self.hoop = ti.field(real(), particles.capacity)  # V T_33/r of the stress that was spread last [N]
             shares = THICKEST / ENTRIES * np.arange(1, ENTRIES + 1)
             self.lattices = ti.Vector.field(2, real(), ENTRIES)  # n0 and packing [-] of a lattice with these shares
-            self.lattices.from_numpy(ring_table(spacing, self.effective_radius, shares))
+            self.lattices.from_numpy(ring_table(spacing, self.effective_radius, shares, self.weight))
 
     @ti.func
     def counts_as(self, i):
@@ -115,8 +115,8 @@ class Gradient:
                 r = ti.cast(to_j, float)
                 r2 = ti.max(r.dot(r), 1e-4 * re * re)
                 distance = ti.sqrt(r2)
-                w = ti.max(re / distance - 1.0, 0.0)
                 q = ti.min(1.0, distance / re)
+                w = self.weight(q)
                 share = self.counts_as(j)
                 if ti.static(self.walls.part):  # noqa: SIM102  (a compiled choice stays apart)
                     if self.walls.between(x, x + to_j):

@@ -1,8 +1,12 @@
-"""Particle regularity: Fickian shift of deforming material, and close pairs pushed apart."""
+"""Particle regularity: deforming material is shifted towards even spacing, and close pairs are pushed apart."""
 
 from .backend import real, ti
 from .particles import FLUID
 from .stages import stage
+
+UNEVENNESS = (
+    0.005  # share of l0: a symmetric lattice gives way all at once, late and with force, if nothing disturbs it
+)
 
 
 @ti.data_oriented
@@ -16,9 +20,9 @@ class Shifting:
 
     @stage
     def compute(self, dt: float, strain_scale: float):
-        """shift = -0.1 l0 sum_j (s_j/s_i) max(0, 1 - r/(1.5 l0)) e_ij without its outward part at a surface, times
-        min(1, shear_rate dt/strain_scale), at most 0.05 l0; and 0.05 (0.85 l0 - r) between closer pairs. s is the
-        share of a ring (gradient.py)."""
+        """shift = -0.1 l0 sum_j (s_j/s_i) max(0, 1 - r/(1.5 l0)) e_ij + 0.005 l0 e(x) without its outward part at a
+        surface, at most 0.05 l0, and 0.05 (0.85 l0 - r) between closer pairs; all of it times
+        min(1, shear_rate dt/strain_scale). s is the share of a ring (gradient.py), e(x) ``uneven``."""
         d = ti.static(self.particles.dimension)
         for i in range(self.particles.count[None]):
             self.shift[i] = ti.Vector.zero(float, d)
@@ -39,12 +43,27 @@ class Shifting:
                 near /= self.gradient.counts_as(i)
                 if ti.static(len(self.walls.surfaces) > 0):
                     near += self.walls.crowding(i, x, self.gradient.counts_as(i))
-                move = -0.1 * l0 * near
+                move = -0.1 * l0 * near + UNEVENNESS * l0 * self.uneven(x)
                 inward = self.gradient.lean[i]
                 outward = -inward / ti.max(inward.norm(), 1e-12)
                 if self.gradient.around[i] < 0.97 * self.gradient.full:
                     move -= ti.max(move.dot(outward), 0.0) * outward
                 if self.gradient.around[i] < 0.5 * self.gradient.full:
                     move *= 0.0
-                move *= ti.min(1.0, self.particles.shear_rate[i] * dt / strain_scale)
-                self.shift[i] = move * ti.min(1.0, 0.05 * l0 / ti.max(move.norm(), 1e-12)) + apart
+                deforming = ti.min(1.0, self.particles.shear_rate[i] * dt / strain_scale)
+                move *= deforming
+                self.shift[i] = move * ti.min(1.0, 0.05 * l0 / ti.max(move.norm(), 1e-12)) + deforming * apart
+
+    @ti.func
+    def uneven(self, x):
+        """Numbers between -1 and 1 that look random but follow from the place x [m] alone: a run is repeated and
+        resumed bit for bit."""
+        d = ti.static(self.particles.dimension)
+        phase = ti.cast(0.5, ti.f64)
+        for a in ti.static(range(d)):
+            phase += (12.9898, 78.233, 37.719)[a] * x[a] / self.spacing
+        e = ti.Vector.zero(float, d)
+        for a in ti.static(range(d)):
+            digits = ti.sin(phase + 4.934 * a) * 43758.5453
+            e[a] = ti.cast(2.0 * (digits - ti.floor(digits)) - 1.0, float)
+        return e

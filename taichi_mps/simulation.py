@@ -27,7 +27,7 @@ from .stages import Stages
 from .summary import summary
 from .totals import NOT_A_NUMBER, Totals
 from .walls import Walls
-from .weights import lattice_constants
+from .weights import lattice_constants, mps_weight, smooth_weight
 
 MOST_LOST = 0.2  # of the volume; impacts and thin films lose up to 0.05 (docs/stability.md)
 
@@ -78,7 +78,7 @@ class Simulation:
             self.wall_particles = len(wall)
         expected = scene.expected
         to_come = sum((pouring.layers - (pouring.start == 0.0)) * len(pouring.layer) for pouring in self.pouring)
-        constants = lattice_constants(d, scene.spacing, re)
+        constants = lattice_constants(d, scene.spacing, re, mps_weight if semi_implicit else smooth_weight)
         carries_stress = law_of(scene.materials) == "bingham" and not semi_implicit
         volumes = np.resize(expected.volumes, len(positions))
         sleeps = carries_stress and numerics.sleep and math.isfinite(resting_time(scene.materials))
@@ -103,6 +103,7 @@ class Simulation:
             rings=scene.axisymmetric,
             particles=self.particles,
             plastic_viscosity=scene.material.plastic_viscosity,
+            weight=constants.weight,
         )
         self.walls.place(self._walls_at)
         parts = expected, numerics, self.particles, self.neighbors, self.walls, constants

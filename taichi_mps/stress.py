@@ -6,6 +6,7 @@ from .rheology import bi_viscosity, compiled, curve_mapping, deviator, flow_curv
 from .scales import NON_AFFINE
 from .stages import stage
 
+SETTLING = 2.0  # h >= 2 p dt: what the pressure pushes apart goes no further than to its place in a step
 EDGE = 4.0  # at the edge of a plug a quarter of the bonds carry all non-affine motion: their rate is twice the mean
 
 
@@ -35,9 +36,9 @@ class Stress:
         return mu
 
     @ti.func
-    def non_affine(self, i, rate, left, first):
-        """h [Pa s], what resists the motion that the gradient does not see, for a shear rate [1/s] and what the linear
-        fit ``left`` of the last velocity [1/s2]; in the first step these are not known."""
+    def non_affine(self, i, rate, left, first, dt):
+        """h [Pa s], what resists the motion that the gradient does not see, for a shear rate [1/s], what the linear
+        fit ``left`` of the last velocity [1/s2] (in the first step these are not known) and a step of dt [s]."""
         m = self.scales.mix(i)
         h = NON_AFFINE * self.scales.eta[m] + self.scales.inertial[m]
         if ti.static(self.law != "newtonian"):  # noqa: SIM102  (a compiled choice stays apart)
@@ -47,7 +48,7 @@ class Stress:
                     h = NON_AFFINE * self.curve(bond_rate, self.structure(i)) / bond_rate + self.scales.inertial[m]
                 else:
                     h += NON_AFFINE * self.scales.tau_y[m] / bond_rate
-        return h
+        return ti.max(h, SETTLING * self.smoothing.p[i] * dt)
 
     @ti.func
     def size(self, i):

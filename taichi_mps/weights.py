@@ -1,27 +1,41 @@
-"""The MPS weight and its exact sums over a full lattice and over the lattice behind a wall (eqs 10, 13, 14)."""
+"""Weights and their exact sums over a full lattice and over the lattice behind a wall (eqs 10, 13, 14)."""
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from .backend import ti
 
-# a of the packing kernel (1 - q)^a (1 + a q), q = r/re: such that square, hexagonal and sheared lattices of one density
-# have sums alike, and cubic, body-centred and face-centred ones, to 0.4 % (docs/equations.md, I11)
-PACKING_POWER = 3.25
+# The packing kernel is the window of Kaiser and Bessel, (I0(b sqrt(1 - q^2)) - 1)/(I0(b) - 1), q = r/re: square,
+# hexagonal and sheared lattices of one density have sums alike, and cubic, body- and face-centred ones, to 0.3 %
+# (docs/equations.md, I11). As a series in 1 - q^2, the highest power first; its rest is below 1e-7.
+PACKING_B = 10.0
+_TERMS = [(0.25 * PACKING_B**2) ** k / math.factorial(k) ** 2 for k in range(1, 17)]
+PACKING_SERIES = tuple(term / sum(_TERMS) for term in reversed(_TERMS))
 
 
-@ti.func
-def weight(r, re):
-    """w(r) = re/r - 1 inside the effective radius, else 0 [-] (eq 10); r [m] is kept away from zero."""
-    return ti.max(re / ti.max(r, 0.01 * re) - 1.0, 0.0)
+@ti.pyfunc
+def mps_weight(q):
+    """w = re/r - 1 of the paper (eq 10) at q = r/re, 0 < q <= 1 [-]."""
+    return 1.0 / q - 1.0
 
 
-@ti.func
+@ti.pyfunc
+def smooth_weight(q):
+    """w = q^2 (1 - q)^4 (1 + 4 q), with which the fit has Wendland's kernel for w/r^2, at q = r/re, 0 < q <= 1 [-]."""
+    return q * q * (1.0 - q) ** 4 * (1.0 + 4.0 * q)
+
+
+@ti.pyfunc
 def packing(q):
-    """The packing kernel at q = r/re, 0 to 1 [-]; a power that is no integer takes five times as long as two roots."""
-    rest = 1.0 - q
-    return rest**3 * ti.sqrt(ti.sqrt(rest)) * (1.0 + PACKING_POWER * q)
+    """The packing kernel at q = r/re, 0 to 1 [-]."""
+    rest = 1.0 - q * q
+    total = 0.0 * q
+    for factor in ti.static(PACKING_SERIES):
+        total = (total + factor) * rest
+    return total
 
 
 @dataclass(frozen=True)
@@ -33,18 +47,12 @@ class LatticeConstants:
     neighbours: int  # particles within the effective radius
     lean: float  # sum w cos, to the normal, of a particle in the first row below a flat surface [-]
     packing: float  # 1 + sum of the packing kernel [-]
+    weight: Callable  # that these are the sums of
 
 
-def _weights(r, effective_radius):
-    return np.where(r < effective_radius, effective_radius / np.maximum(r, 1e-300) - 1.0, 0.0)
-
-
-def _packing(r, effective_radius):
-    q = np.minimum(1.0, r / effective_radius)
-    return (1.0 - q) ** PACKING_POWER * (1.0 + PACKING_POWER * q)
-
-
-def lattice_constants(dimension: int, spacing: float, effective_radius: float) -> LatticeConstants:
+def lattice_constants(
+    dimension: int, spacing: float, effective_radius: float, weight: Callable = mps_weight
+) -> LatticeConstants:
     """The sums over the lattice of the initial arrangement."""
     reach = int(effective_radius / spacing) + 1
     axis = np.arange(-reach, reach + 1) * spacing
@@ -52,24 +60,25 @@ def lattice_constants(dimension: int, spacing: float, effective_radius: float) -
     r = np.linalg.norm(points, axis=1)
     near = (r > 0.5 * spacing) & (r < effective_radius)
     r, height = r[near], points[near, 0]
-    w = _weights(r, effective_radius)
+    w = weight(r / effective_radius)
     lam, lean = (w * r * r).sum() / w.sum(), 0.5 * (w * np.abs(height) / r).sum()
-    return LatticeConstants(
-        float(w.sum()), float(lam), len(r), float(lean), float(1.0 + _packing(r, effective_radius).sum())
-    )
+    crowd = 1.0 + packing(r / effective_radius).sum()
+    return LatticeConstants(float(w.sum()), float(lam), len(r), float(lean), float(crowd), weight)
 
 
-def ring_table(spacing: float, effective_radius: float, shares) -> np.ndarray:
+def ring_table(spacing: float, effective_radius: float, shares, weight: Callable = mps_weight) -> np.ndarray:
     """(n, 2): n0, and the packing with each particle counted by its share, of square lattices whose cells are these
     shares of spacing^2 [-]. The effective radius stays that of the spacing."""
-    lattices = [lattice_constants(2, spacing * share**0.5, effective_radius) for share in shares]
+    lattices = [lattice_constants(2, spacing * share**0.5, effective_radius, weight) for share in shares]
     return np.array([[sums.n0, share * sums.packing] for share, sums in zip(shares, lattices, strict=True)])
 
 
 GHOST_SUMS = ("neighbours", "n", "pull", "tangential", "normal", "inward", "crowding", "packing")
 
 
-def ghost_table(dimension, spacing, effective_radius, entries=256, curvature=0.0, size=1.0) -> np.ndarray:
+def ghost_table(
+    dimension, spacing, effective_radius, entries=256, curvature=0.0, size=1.0, weight=mps_weight
+) -> np.ndarray:
     """Sums over the ghost lattice behind a wall, (entries, 8), columns GHOST_SUMS, for a particle at distance
     z = effective_radius * max(k, 1)/(entries - 1) in front of it. A ghost lies at depth d = l0/2, 3 l0/2, ... behind
     the wall and h, t are its normal and one tangential distance from the particle: h = z + d and t = 0, l0, ... behind
@@ -86,7 +95,7 @@ def ghost_table(dimension, spacing, effective_radius, entries=256, curvature=0.0
     table = np.zeros((entries, len(GHOST_SUMS)))
     for k in range(entries):
         z = effective_radius * max(k, 1) / (entries - 1)
-        table[k] = _terms(ghosts, z, spacing, effective_radius, curvature).sum(1)
+        table[k] = _terms(ghosts, z, spacing, effective_radius, weight, curvature).sum(1)
     counted = [GHOST_SUMS.index(name) for name in ("neighbours", "n", "packing")]
     table[:, counted] *= size**2
     return table
@@ -100,7 +109,7 @@ def _lattice_behind(dimension, spacing, effective_radius):
     return np.stack(np.meshgrid(*[axis] * (dimension - 1), depth, indexing="ij"), -1).reshape(-1, dimension)
 
 
-def _terms(ghosts, z, spacing, effective_radius, curvature=0.0):
+def _terms(ghosts, z, spacing, effective_radius, weight, curvature=0.0):
     """What each ghost adds to GHOST_SUMS of a particle at the distance z, (8, n)."""
     t, d = ghosts[:, 0], ghosts[:, -1]
     h = z + d
@@ -108,7 +117,8 @@ def _terms(ghosts, z, spacing, effective_radius, curvature=0.0):
         arc = 1.0 / curvature + d
         h, t = h - arc * (1.0 - np.cos(t / arc)), arc * np.sin(t / arc)
     r = np.sqrt(t**2 + (ghosts[:, 1:-1] ** 2).sum(1) + h**2)
-    w = _weights(r, effective_radius)
+    q = np.minimum(1.0, r / effective_radius)
+    w = weight(q)
     wr2 = w / r**2
     terms = (
         r < effective_radius,
@@ -118,12 +128,12 @@ def _terms(ghosts, z, spacing, effective_radius, curvature=0.0):
         wr2 * h**2,
         w * h / r,
         np.maximum(0.0, 1.0 - r / (1.5 * spacing)) * h / r,
-        _packing(r, effective_radius),
+        packing(q),
     )
     return np.stack(terms)
 
 
-def corner_table(dimension, spacing, effective_radius, entries=64, cosine=0.0) -> np.ndarray:
+def corner_table(dimension, spacing, effective_radius, entries=64, cosine=0.0, weight=mps_weight) -> np.ndarray:
     """Share of GHOST_SUMS that is left of the ghosts behind a wall where they end at another, whose normal has this
     ``cosine`` with that of the wall: (entries, entries, 8), for distances effective_radius * max(k, 1)/(entries - 1)
     from the wall and from the other. Ghosts half a spacing or less from the other count in part, so that nothing jumps.
@@ -132,7 +142,7 @@ def corner_table(dimension, spacing, effective_radius, entries=64, cosine=0.0) -
     distances = effective_radius * np.maximum(np.arange(entries), 1) / (entries - 1)
     table = np.ones((entries, entries, len(GHOST_SUMS)))
     for z, left in zip(distances, table, strict=True):
-        terms = _terms(ghosts, z, spacing, effective_radius)
+        terms = _terms(ghosts, z, spacing, effective_radius, weight)
         ahead = (1.0 - cosine**2) ** 0.5 * ghosts[:, 0] - cosine * (z + ghosts[:, -1])  # of the other wall [m]
         whole = terms.sum(1)
         for across, row in zip(distances, left, strict=True):

@@ -9,31 +9,32 @@ from taichi_mps.gradient import Gradient
 from taichi_mps.neighbors import Bins, NeighborList
 from taichi_mps.particles import DUMMY, FLUID, WALL, Particles
 from taichi_mps.walls import Walls
-from taichi_mps.weights import lattice_constants
+from taichi_mps.weights import lattice_constants, mps_weight, smooth_weight
 
 L0 = 0.1
 ROUNDING = 1e-12
 FLOOR, LEFT = -0.43, -0.53  # places of the two walls [m]
-CASES = ("2-D", "3-D", "2-D walls")
+CASES = ("2-D", "3-D", "2-D walls", "2-D smooth")
 
 
 @ti.data_oriented
 class Rig:
     """Particles at given places, with kernels for the gradient of ``u`` and the force of the stresses ``T``."""
 
-    def __init__(self, x, kinds=None, planes=(), rings=None):
+    def __init__(self, x, kinds=None, planes=(), rings=None, weight=mps_weight):
         """``rings``: their volumes [m3] in an axisymmetric scene."""
         d = x.shape[1]
         t = d if rings is None else 3
         self.dimension, self.volume, self.planes = d, L0**d, planes
         kinds = np.full(len(x), FLUID) if kinds is None else kinds
-        constants = lattice_constants(d, L0, 2.1 * L0)
+        constants = lattice_constants(d, L0, 2.1 * L0, weight)
         volumes = np.full(len(x), self.volume) if rings is None else rings
         frictions = [plane.friction for plane in planes if plane.friction]
         self.particles = Particles(x, kinds, 0.0 * x, volumes, False, rings is not None, frictions=frictions)
         bins = Bins(self.particles, ((-2.0,) * d, (2.0,) * d), (False,) * d, 2.1 * L0)
         neighbors = NeighborList(bins, 60 * len(x))
-        walls = Walls(planes, d, L0, 2.1 * L0, len(x), rings=rings is not None, particles=self.particles)
+        on = dict(rings=rings is not None, particles=self.particles, weight=weight)
+        walls = Walls(planes, d, L0, 2.1 * L0, len(x), **on)
         self.gradient = Gradient(neighbors, walls, constants, L0)
         self.u, self.F = (ti.Vector.field(d, ti.f64, len(x)) for _ in range(2))
         self.left = ti.field(ti.f64, len(x))
@@ -46,8 +47,8 @@ class Rig:
         self.x, self.kind = rows["x"], rows["kind"]
         r = self.x[None] - self.x[:, None]
         size = np.linalg.norm(r, axis=-1) + 9.0 * np.eye(len(x))
-        wr2 = np.maximum(2.1 * L0 / size - 1.0, 0.0) / size**2
-        moment = np.einsum("ij,ija,ijb->iab", wr2, r, r)
+        self.weight_r2 = weight(np.minimum(1.0, size / (2.1 * L0))) / size**2
+        moment = np.einsum("ij,ija,ijb->iab", self.weight_r2, r, r)
         self.healthy = np.linalg.det(moment) > 0.05 * (constants.n0 / d) ** d  # not nearly flat: not stiffened
         self.healthy &= self.gradient.B.to_numpy()[:, 0, 0] > 0.0
 
@@ -97,6 +98,13 @@ def plain():
 
 
 @pytest.fixture(scope="module")
+def smooth():
+    """The weight of the scheme ``implicit``, on a floor."""
+    floor = mps.Plane((0.0, FLOOR), (0.0, 1.0), velocity=(0.7, 0.0))
+    return Rig(cloud((10, 8)), planes=(floor,), weight=smooth_weight)
+
+
+@pytest.fixture(scope="module")
 def cube():
     """A 3-D cloud with wall and dummy particles in it, a pair and a line of three apart."""
     x = cloud((5, 4, 4))
@@ -118,7 +126,9 @@ def walled():
 
 @pytest.fixture(params=CASES)
 def rig(request):
-    return request.getfixturevalue({"2-D": "plain", "3-D": "cube", "2-D walls": "walled"}[request.param])
+    return request.getfixturevalue(
+        {"2-D": "plain", "3-D": "cube", "2-D walls": "walled", "2-D smooth": "smooth"}[request.param]
+    )
 
 
 def linear(rig, seed=4):
@@ -141,10 +151,8 @@ def test_what_the_fit_leaves_is_the_sum_over_the_bonds(case, request):
     assert rig.fits(u)[1][rig.healthy].max() < 1e-10 * (A**2).sum()
     G, left = rig.fits(u + noise)
     r, jump = rig.x[None] - rig.x[:, None], (u + noise)[None] - (u + noise)[:, None]
-    size2 = (r**2).sum(-1) + np.eye(len(r))
     delta = jump - np.einsum("iab,ijb->ija", G, r)
-    weight = np.maximum(2.1 * L0 / np.sqrt(size2) - 1.0, 0.0) / size2 * (1.0 - np.eye(len(r)))
-    exact = (weight * (delta**2).sum(-1)).sum(1) / rig.gradient.n0
+    exact = (rig.weight_r2 * (delta**2).sum(-1)).sum(1) / rig.gradient.n0
     assert np.allclose(left[rig.healthy], exact[rig.healthy], rtol=1e-9, atol=1e-9 * exact.max())
     assert np.allclose(G, rig.gradients(u + noise), rtol=1e-12, atol=1e-9)
 

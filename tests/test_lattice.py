@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from taichi_mps.weights import GHOST_SUMS, PACKING_POWER, ghost_table, lattice_constants
+from taichi_mps.weights import GHOST_SUMS, ghost_table, lattice_constants, mps_weight, packing, smooth_weight
 
 REFERENCE = Path(__file__).parent / "reference" / "C_mps_lattice_constants_viscous_limit.csv"
 ROWS = list(csv.DictReader(line for line in REFERENCE.read_text(encoding="utf-8").splitlines() if line[0] != "#"))
@@ -31,25 +31,56 @@ def test_lattice_constants_by_hand():
     assert found.lam == pytest.approx(w @ [1.0, 2.0, 4.0] / w.sum(), rel=1e-14)
 
 
-def full_lattice(dimension):
+def full_lattice(dimension, weight=mps_weight):
     """Displacements [l0] of the neighbours in a full lattice and their weights."""
     r = np.array([c for c in itertools.product(range(-3, 4), repeat=dimension) if any(c)], float)
     size = np.linalg.norm(r, axis=1)
     near = size < RE
-    return r[near], size[near], RE / size[near] - 1.0
+    return r[near], size[near], weight(size[near] / RE)
 
 
-def ghosts(dimension, entries, k):
-    return dict(zip(GHOST_SUMS, ghost_table(dimension, 1.0, RE, entries)[k], strict=True))
+def ghosts(dimension, entries, k, weight=mps_weight):
+    return dict(zip(GHOST_SUMS, ghost_table(dimension, 1.0, RE, entries, weight=weight)[k], strict=True))
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
+def test_the_smooth_weight_by_hand(dimension):
+    """w/r^2 is Wendland's kernel, of 4, 4 and 4 neighbours in two, 6, 12, 8 and 6 in three dimensions."""
+    distances, many = ([1.0, 2.0, 4.0], [4, 4, 4]) if dimension == 2 else ([1.0, 2.0, 3.0, 4.0], [6, 12, 8, 6])
+    q = np.sqrt(distances) / RE
+    kernel = (1.0 - q) ** 4 * (4.0 * q + 1.0)
+    found = lattice_constants(dimension, 1.0, RE, smooth_weight)
+    assert found.n0 == pytest.approx(many @ (kernel * q**2), rel=1e-12)
+    assert found.lam == pytest.approx(many @ (kernel * q**2 * distances) / found.n0, rel=1e-12)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_rows_that_slide_past_each_other_hardly_change_the_smooth_sums(dimension):
+    """sum (w/r^2) r over the next row (layer), over the moment of a full lattice: along the row it should vanish at any
+    offset, across it should stay. The smooth weight changes by less than a quarter of what that of the paper does."""
+    axis = np.arange(-4.0, 5.0)
+    across = np.array(np.meshgrid(*[axis] * (dimension - 2), [1.0], indexing="ij")).reshape(dimension - 1, -1).T
+    change = {}
+    for weight in (mps_weight, smooth_weight):
+        sums = []
+        for offset in np.linspace(0.0, 1.0, 41):
+            r = np.array([(x + offset, *rest) for x in axis for rest in across])
+            q = np.minimum(1.0, np.linalg.norm(r, axis=1) / RE)
+            sums.append((weight(q) / q**2) @ r[:, [0, -1]] / RE**2)
+        moment = lattice_constants(dimension, 1.0, RE, weight).n0 / dimension
+        change[weight] = np.abs(sums)[:, 0].max() / moment, np.ptp(sums, axis=0)[1] / moment
+    assert change[smooth_weight][0] < 0.25 * change[mps_weight][0] < 0.005
+    assert change[smooth_weight][1] < 0.25 * change[mps_weight][1] < 0.0075
+
+
+@pytest.mark.parametrize("weight", [mps_weight, smooth_weight], ids=["paper", "smooth"])
+@pytest.mark.parametrize("dimension", [2, 3])
 @pytest.mark.parametrize("layer", [0, 1])
-def test_ghosts_complete_the_lattice(dimension, layer):
+def test_ghosts_complete_the_lattice(dimension, layer, weight):
     """A particle at z = l0/2 or 3 l0/2 has, with the ghosts, exactly the neighbourhood of the interior."""
-    sums = ghosts(dimension, 22, 5 + 10 * layer)  # z = 2.1 k/21 = 0.5, 1.5
-    constants = lattice_constants(dimension, 1.0, RE)
-    r, size, w = full_lattice(dimension)
+    sums = ghosts(dimension, 22, 5 + 10 * layer, weight)  # z = 2.1 k/21 = 0.5, 1.5
+    constants = lattice_constants(dimension, 1.0, RE, weight)
+    r, size, w = full_lattice(dimension, weight)
     real = r[:, -1] > -layer - 0.5
     normal, e = r[:, -1], r[:, -1] / size
     near = np.maximum(0.0, 1.0 - size / 1.5)
@@ -60,8 +91,14 @@ def test_ghosts_complete_the_lattice(dimension, layer):
     assert (w * e)[real].sum() == pytest.approx(sums["inward"], rel=1e-13)  # the pull of both sides balances
     assert (near * e)[real].sum() == pytest.approx(sums["crowding"], abs=1e-13)
     assert (w / size**2 * normal)[real].sum() == pytest.approx(0.5 * sums["pull"], rel=1e-13)
-    packing = 1.0 + ((1.0 - size / RE) ** 3.25 * (1.0 + 3.25 * size / RE))[real].sum() + sums["packing"]
-    assert packing == pytest.approx(constants.packing, rel=1e-13)
+    crowd = 1.0 + packing(size / RE)[real].sum() + sums["packing"]
+    assert crowd == pytest.approx(constants.packing, rel=1e-13)
+
+
+def test_the_packing_kernel_is_the_window_of_kaiser_and_bessel():
+    """(I0(10 sqrt(1 - q^2)) - 1)/(I0(10) - 1), 1 at the particle and 0 at the effective radius."""
+    q = np.linspace(0.0, 1.0, 101)
+    assert np.abs(packing(q) - (np.i0(10.0 * np.sqrt(1.0 - q**2)) - 1.0) / (np.i0(10.0) - 1.0)).max() < 1e-7
 
 
 @pytest.mark.parametrize("basis", [
@@ -77,10 +114,7 @@ def test_packing_of_other_lattices_of_the_same_density(basis):
     d = len(basis)
     basis /= abs(np.linalg.det(basis)) ** (1.0 / d)  # one particle in each unit of volume
     q = np.linalg.norm(np.array(list(itertools.product(range(-6, 7), repeat=d))) @ basis, axis=1) / RE
-    a = PACKING_POWER
-    q = q[q < 1.0]
-    packing = ((1.0 - q) ** a * (1.0 + a * q)).sum()
-    assert packing == pytest.approx(lattice_constants(d, 1.0, RE).packing, rel=4e-3)
+    assert packing(q[q < 1.0]).sum() == pytest.approx(lattice_constants(d, 1.0, RE).packing, rel=4e-3)
 
 
 @pytest.mark.parametrize("dimension", [2, 3])

@@ -14,7 +14,7 @@ from taichi_mps.gradient import Gradient
 from taichi_mps.neighbors import Bins, NeighborList
 from taichi_mps.particles import Particles
 from taichi_mps.walls import Walls
-from taichi_mps.weights import lattice_constants
+from taichi_mps.weights import lattice_constants, mps_weight, smooth_weight
 
 L0, RE = 0.1, 0.21
 HEIGHT = 10 * L0
@@ -24,19 +24,19 @@ HEIGHT = 10 * L0
 class Rig:
     """A lattice between two walls, periodic elsewhere: every particle should feel an unbounded lattice."""
 
-    def __init__(self, dimension, slip):
+    def __init__(self, dimension, slip, weight=mps_weight):
         d = dimension
         width = 7 * L0  # at least three effective radii
         low, high = (0.0,) * d, (width,) * (d - 1) + (HEIGHT,)
         up = (0.0,) * (d - 1)
         planes = (mps.Plane(low, (*up, 1.0), slip=slip), mps.Plane(high, (*up, -1.0), slip=slip))
         x = mps.lattice(low, np.array(high) - 0.5 * L0, L0)
-        self.dimension, self.constants = d, lattice_constants(d, L0, RE)
+        self.dimension, self.constants = d, lattice_constants(d, L0, RE, weight)
         self.particles = Particles(x, np.zeros(len(x), int), 0.0 * x, np.ones(len(x)), False)
         domain = (np.array(low) - np.eye(d)[-1], np.array(high) + np.eye(d)[-1])
         bins = Bins(self.particles, domain, (True,) * (d - 1) + (False,), RE)
         neighbors = NeighborList(bins, 40 * len(x))
-        self.walls = Walls(planes, d, L0, RE, len(x))
+        self.walls = Walls(planes, d, L0, RE, len(x), weight=weight)
         self.gradient = Gradient(neighbors, self.walls, self.constants, L0)
         self.F, self.W, self.near = (ti.Vector.field(d, ti.f64, len(x)) for _ in range(3))
         self.P = ti.Matrix.field(d, d, ti.f64, len(x))
@@ -67,7 +67,13 @@ class Rig:
             self.moved[i] = self.walls.outside(y, ti.Vector.zero(ti.f64, self.dimension))
 
 
-@pytest.fixture(scope="module", params=[(2, False), (2, True), (3, False)], ids=["2-D", "2-D slip", "3-D"])
+WALLS = {
+    "2-D": (2, False), "2-D slip": (2, True), "3-D": (3, False),
+    "2-D smooth": (2, False, smooth_weight), "3-D smooth": (3, False, smooth_weight),
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module", params=WALLS.values(), ids=WALLS)
 def rig(request):
     return Rig(*request.param)
 

@@ -245,6 +245,25 @@ def test_what_must_stand_stands(box_default, body):
         assert np.sqrt(np.mean((s.p - weight) ** 2)) < 0.01 * DENSITY * 9.81 * 8 * FINE
 
 
+def test_a_deep_pool_of_a_viscous_fluid_stands():
+    """30 layers of 50 Pa s without a yield value, pushed by twice the pressure that viscosity alone stops in a step:
+    without more resistance to motion that the gradient does not see its lattice collapsed, by a tenth in half a second."""
+    depth, layers = 0.3, 30
+    scene = mps.Scene(
+        name="pool",
+        material=mps.Newtonian(density=DENSITY, viscosity=50.0),
+        spacing=depth / layers,
+        fluid=box((0.0, 0.0), (depth, depth), depth / layers),
+        walls=mps.box_planes((0.0, 0.0), (depth, depth), slip=True),
+        domain=((-0.1, -0.1), (depth + 0.1, depth + 0.1)),
+    )
+    sim = mps.Simulation(scene)
+    s = run(sim, 1.0)
+    assert s.x[:, 1].mean() == pytest.approx(0.5 * depth, rel=1e-3)
+    assert s.speed.max() < 0.002
+    assert np.sqrt(np.mean((s.p - DENSITY * 9.81 * (depth - s.x[:, 1])) ** 2)) < 0.005 * DENSITY * 9.81 * depth
+
+
 def test_a_moving_contact_front_of_soft_concrete(box_default):
     """A block of 50 Pa runs out in one piece, over ground where its front is one or two particles high, and not
     farther than finite elements without inertia say (B = 0.1: 1.75 H), by more than 10 %."""

@@ -22,6 +22,7 @@ from ..stress import Stress
 from ..wall_layer import WallLayer
 
 SOURCE, RING_SOURCE = 0.05, 0.2  # share of the packing error removed per step; thin rings lose more of it per step
+VISCOUS_SOURCE, DAMPED = 0.25, 0.25  # the same where viscosity damps what it moves: above this diffusion number
 FASTEST, RING_FASTEST = 1.0, 0.25  # at most this [1/s]; of rings also this share of the shear rate, or the shift wins
 STRAIN_SCALE = 0.02  # strain per step above which source and shift act fully
 EARLY = 10.0  # only the last pass is solved to the tolerance: the others to ten times that
@@ -206,6 +207,12 @@ class Implicit:
         return ti.min(1.0, self.particles.shear_rate[i] * dt / strain)
 
     @ti.func
+    def refill_share(self, i, dt):
+        """Share of the packing error that a step removes, by its diffusion number eta dt/(rho l0^2) [-]."""
+        diffusion = self.scales.eta[self.scales.mix(i)] * dt / (self.density(i) * self.spacing**2)
+        return self.refill + (VISCOUS_SOURCE - self.refill) * diffusion / (DAMPED + diffusion)
+
+    @ti.func
     def density(self, i):
         """Density of particle i [kg/m3]."""
         return self.scales.density[self.scales.mix(i)]
@@ -231,9 +238,9 @@ class Implicit:
             fastest = ti.cast(FASTEST, float)
             if ti.static(self.gradient.axisymmetric):
                 fastest = ti.max(fastest, RING_FASTEST * rate)
-            source = ti.max(-fastest, ti.min(fastest, self.refill * error / dt))
+            source = ti.max(-fastest, ti.min(fastest, self.refill_share(i, dt) * error / dt))
             self.source[i] = source * self.deforming(i, dt, STRAIN_SCALE)
-            h = self.stress.non_affine(i, rate, left, first)
+            h = self.stress.non_affine(i, rate, left, first, dt)
             self.system.inertia[i] = self.density(i) / dt
             self.system.mu[i] = self.stress.viscosity(i, rate)
             self.system.h[i] = 2.0 * self.particles.volume(i) * h / self.gradient.lattice(i)[0]
