@@ -4,9 +4,7 @@ from .backend import real, ti
 from .particles import FLUID
 from .stages import stage
 
-UNEVENNESS = (
-    0.005  # share of l0: a symmetric lattice gives way all at once, late and with force, if nothing disturbs it
-)
+UNEVENNESS = 0.005  # share of l0: undisturbed, a symmetric lattice gives way late, all at once and with force
 
 
 @ti.data_oriented

@@ -68,28 +68,37 @@ class PressureSmoothing:
                 self.p[i] = self.mean(i, READING, self.once)
 
     @stage
+    def look(self):
+        """Whether this is a full closed box."""
+        ti.loop_config(serialize=True)
+        for _ in range(1):
+            surface, rows = 0, 0
+            for i in range(self.particles.count[None]):
+                if self.gradient.B[i][0, 0] > 0.0:
+                    rows += 1
+                    if self.gradient.around[i] < 0.75 * self.gradient.full:
+                        surface += 1
+            self.full[None] = ti.cast(surface == 0 and rows > 0, ti.i32)
+
+    @stage
     def balance(self, source: ti.template()):
         """A box full of fluid has no surface to give way: there no mean divergence can be wanted of the ``source``,
         and the pressure, which is free up to a constant, is kept high enough that nothing is in tension: tension tears
         voids open."""
         ti.loop_config(serialize=True)
         for _ in range(1):
-            surface, rows = 0, ti.cast(0.0, ti.f64)
-            total, pressure = ti.cast(0.0, ti.f64), ti.cast(0.0, ti.f64)
-            momentum = ti.Vector.zero(ti.f64, self.dimension)
-            fastest, speed2 = ti.cast(0.0, float), ti.cast(0.0, float)
-            for i in range(self.particles.count[None]):
-                if self.gradient.B[i][0, 0] > 0.0:
-                    volume = ti.cast(self.particles.volume(i), ti.f64)
-                    rows += volume
-                    total += volume * source[i]
-                    pressure += volume * self.p[i]
-                    fastest = ti.max(fastest, self.particles.shear_rate[i])
-                    momentum += volume * ti.cast(self.particles.u[i], ti.f64)
-                    if self.gradient.around[i] < 0.75 * self.gradient.full:
-                        surface += 1
-            self.full[None] = ti.cast(surface == 0 and rows > 0.0, ti.i32)
             if self.full[None] == 1:
+                rows, total = ti.cast(0.0, ti.f64), ti.cast(0.0, ti.f64)
+                pressure, momentum = ti.cast(0.0, ti.f64), ti.Vector.zero(ti.f64, self.dimension)
+                fastest, speed2 = ti.cast(0.0, float), ti.cast(0.0, float)
+                for i in range(self.particles.count[None]):
+                    if self.gradient.B[i][0, 0] > 0.0:
+                        volume = ti.cast(self.particles.volume(i), ti.f64)
+                        rows += volume
+                        total += volume * source[i]
+                        pressure += volume * self.p[i]
+                        fastest = ti.max(fastest, self.particles.shear_rate[i])
+                        momentum += volume * ti.cast(self.particles.u[i], ti.f64)
                 mean_source, mean_u = ti.cast(total / rows, float), ti.cast(momentum / rows, float)
                 for i in range(self.particles.count[None]):
                     if self.gradient.B[i][0, 0] > 0.0:

@@ -141,6 +141,7 @@ class Implicit:
         self.run("smooth pressure", self.smoothing.smooth, dt)
         if ti.static(self.walls.rub):
             self.begin_friction()
+        self.smoothing.look()
         self.run("prepare", self.prepare, dt, first)
         self.smoothing.balance(self.source)
         if ti.static(self.held):  # noqa: SIM102  (a compiled choice stays apart)
@@ -208,9 +209,11 @@ class Implicit:
 
     @ti.func
     def refill_share(self, i, dt):
-        """Share of the packing error that a step removes, by its diffusion number eta dt/(rho l0^2) [-]."""
+        """Share of the packing error that a step removes, by its diffusion number eta dt/(rho l0^2) [-]; in a full
+        closed box, which cannot change its volume, more would only stir."""
         diffusion = self.scales.eta[self.scales.mix(i)] * dt / (self.density(i) * self.spacing**2)
-        return self.refill + (VISCOUS_SOURCE - self.refill) * diffusion / (DAMPED + diffusion)
+        more = (VISCOUS_SOURCE - self.refill) * diffusion / (DAMPED + diffusion)
+        return self.refill + more * (1 - self.smoothing.full[None])
 
     @ti.func
     def density(self, i):
