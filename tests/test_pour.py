@@ -73,7 +73,7 @@ def test_concrete_enters_at_its_rate_falls_freely_rests_and_resumes_bit_for_bit(
     counts.append(len(sim.snapshot().x))
     output.append(sim.snapshot())
     x = sim.snapshot().x[-4:]  # the last layer: level, around the axis of the hose
-    assert np.ptp(x[:, 1]) < 0.05 * L0 and x[:, 0].mean() == pytest.approx(0.01, abs=1e-4 * L0)
+    assert np.ptp(x[:, 1]) < 0.05 * L0 and x[:, 0].mean() == pytest.approx(0.01, abs=1e-3 * L0)
 
     checkpoint.Checkpoint.of(sim, source).write(tmp_path / "checkpoint.h5")
     ends = []
