@@ -9,7 +9,7 @@ import numpy as np
 from .backend import ti
 
 # The packing kernel is the window of Kaiser and Bessel, (I0(b sqrt(1 - q^2)) - 1)/(I0(b) - 1), q = r/re: square,
-# hexagonal and sheared lattices of one density have sums alike, and cubic, body- and face-centred ones, to 0.3 %
+# hexagonal and sheared lattices of one density have sums alike, and cubic, body- and face-centred ones, to 0.4 %
 # (docs/equations.md, I11). As a series in 1 - q^2, the highest power first; its rest is below 1e-7.
 PACKING_B = 10.0
 _TERMS = [(0.25 * PACKING_B**2) ** k / math.factorial(k) ** 2 for k in range(1, 17)]
