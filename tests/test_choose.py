@@ -1,5 +1,7 @@
 """--accuracy: the cheapest measured model and spacing that is good enough; what is given stays."""
 
+from dataclasses import replace
+
 import pytest
 
 import taichi_mps as mps
@@ -47,11 +49,13 @@ def test_what_is_given_rules(capsys):
     assert "0.03" not in capsys.readouterr().err
 
 
-def test_what_nothing_reaches_is_refused_with_the_best_there_is():
+def test_what_nothing_reaches_is_refused_with_the_best_there_is(monkeypatch):
     with pytest.raises(SceneError, match=r"accuracy = 1e-06 m: must be at least 0.\d+ m, which is model = "):
         mps.slump_cone(accuracy=1e-6)
     with pytest.raises(SceneError, match="with spacing = 0.013: nothing was measured there$"):
         mps.slump_cone(accuracy=0.005, spacing=0.013)
+    swollen = [replace(c, volume_error=0.011) if c.spacing == 0.02 else c for c in measured()]
+    monkeypatch.setattr("taichi_mps.choose.measured", lambda: swollen)
     with pytest.raises(
         SceneError, match="with spacing = 0.02: nothing was measured there that keeps the volume within 1 %$"
     ):

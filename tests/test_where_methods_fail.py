@@ -248,7 +248,7 @@ def test_what_must_stand_stands(box_default, body):
 
 def test_a_deep_pool_of_a_viscous_fluid_stands():
     """30 layers of 50 Pa s without a yield value, pushed by twice the pressure that viscosity alone stops in a step:
-    without more resistance to motion that the gradient does not see its lattice collapsed, by a tenth in half a second."""
+    without more resistance to motion that the gradient does not see its lattice collapsed, by a tenth in 0.4 s."""
     depth, layers = 0.3, 30
     scene = mps.Scene(
         name="pool",
