@@ -4,7 +4,8 @@
 
 The two loops over pairs are written for LLVM, which turns them into vector instructions of four numbers if vectors of
 three components are kept as four, if a sum is stored whole and used in another loop only, and if the loop has a way
-out. Without, LLVM takes many pairs at a time, whose numbers it must pick one by one: twice as slow.
+out. Without, LLVM takes many pairs at a time, whose numbers it must pick one by one: twice as slow. The loops over
+blocks count particles, for Taichi gives a thread 512 turns of a loop or more: 512 blocks would stay in one thread.
 
 F is the adjoint of the least-squares gradient G (gradient.py). H resists the non-affine motion that G does not see:
 the gradient of sum_i (h_i/2) sum_j (w/r^2) |u_j - u_i - G_i r_ij|^2, so the matrix is symmetric positive definite.
@@ -136,34 +137,46 @@ class MomentumSystem:
         for i in range(self.count[None]):
             for a in ti.static(range(self.dimension)):
                 self.motion[i][a] = u[i][a]
-        for block in range((self.count[None] + BLOCK - 1) // BLOCK):
-            first, last = block * BLOCK, ti.min((block + 1) * BLOCK, self.count[None])
-            for i in range(first, last):
-                self.gather_jump(i)
-            for i in range(first, last):
-                T = ti.Matrix.zero(float, self.tensors, self.tensors)
-                if self.gradient.B[i][0, 0] > 0.0 and self.acts(i):
-                    G = self.velocity_gradient(i, u, motion)
-                    T = 2.0 * self.mu[i] * deviator(G)
-                    T += self.bulk[None] * G.trace() * ti.Matrix.identity(float, G.n)
-                    self.keep(i, self.gradient.spread_stress(i, T) - self.h[i] * self.gradient.in_plane(G))
-                else:
-                    self.keep(i, self.gradient.spread_stress(i, T))
-        for block in range((self.count[None] + BLOCK - 1) // BLOCK):
-            first, last = block * BLOCK, ti.min((block + 1) * BLOCK, self.count[None])
-            for i in range(first, last):
-                self.gather_pull(i)
-            for i in range(first, last):
-                y[i] = ti.Vector.zero(float, self.dimension)
-                if self.unknown(i):
-                    total = self.force(i)
-                    for a in ti.static(range(self.dimension)):
-                        total[a] += self.jumps[i][self.dimension, a]
-                    if ti.static(len(self.walls.surfaces) > 0):
-                        total -= self.h[i] * self.walls.drag_term(i, self.particles.x[i], u[i], motion)
-                        if ti.static(self.walls.rub):
-                            total -= self.walls.friction_term(i, self.particles.x[i], u[i], motion)
-                    y[i] = self.particles.volume(i) * self.inertia[i] * u[i] - total
+        for first in range(self.count[None]):
+            if first % BLOCK == 0:
+                last = ti.min(first + BLOCK, self.count[None])
+                for i in range(first, last):
+                    self.gather_jump(i)
+                for i in range(first, last):
+                    self.spread(i, u, motion)
+        for first in range(self.count[None]):
+            if first % BLOCK == 0:
+                last = ti.min(first + BLOCK, self.count[None])
+                for i in range(first, last):
+                    self.gather_pull(i)
+                for i in range(first, last):
+                    y[i] = self.balance(i, u, motion)
+
+    @ti.func
+    def spread(self, i, u: ti.template(), motion):
+        """``flux`` of particle i, once the jumps of u are gathered."""
+        T = ti.Matrix.zero(float, self.tensors, self.tensors)
+        if self.gradient.B[i][0, 0] > 0.0 and self.acts(i):
+            G = self.velocity_gradient(i, u, motion)
+            T = 2.0 * self.mu[i] * deviator(G)
+            T += self.bulk[None] * G.trace() * ti.Matrix.identity(float, G.n)
+            self.keep(i, self.gradient.spread_stress(i, T) - self.h[i] * self.gradient.in_plane(G))
+        else:
+            self.keep(i, self.gradient.spread_stress(i, T))
+
+    @ti.func
+    def balance(self, i, u: ti.template(), motion):
+        """Row i of A u [N], once the fluxes are gathered."""
+        row = ti.Vector.zero(float, self.dimension)
+        if self.unknown(i):
+            row = self.particles.volume(i) * self.inertia[i] * u[i] - self.force(i)
+            for a in ti.static(range(self.dimension)):
+                row[a] -= self.jumps[i][self.dimension, a]
+            if ti.static(len(self.walls.surfaces) > 0):
+                row += self.h[i] * self.walls.drag_term(i, self.particles.x[i], u[i], motion)
+                if ti.static(self.walls.rub):
+                    row += self.walls.friction_term(i, self.particles.x[i], u[i], motion)
+        return row
 
     @stage
     def prepare(self):

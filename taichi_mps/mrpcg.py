@@ -147,11 +147,12 @@ class MRPCG:
     @ti.func
     def dot(self, a: ti.template(), b: ti.template(), out: ti.template()):
         """out = a.b, partial sums of BLOCK rows in f64, then their sum in order."""
-        for k in range((self.active[None] + BLOCK - 1) // BLOCK):
-            s = ti.cast(0.0, ti.f64)
-            for i in range(k * BLOCK, ti.min((k + 1) * BLOCK, self.active[None])):
-                s += ti.cast(a[i].dot(b[i]), ti.f64)
-            self.partial[k] = s
+        for first in range(self.active[None]):
+            if first % BLOCK == 0:
+                s = ti.cast(0.0, ti.f64)
+                for i in range(first, ti.min(first + BLOCK, self.active[None])):
+                    s += ti.cast(a[i].dot(b[i]), ti.f64)
+                self.partial[first // BLOCK] = s
         ti.loop_config(serialize=True)
         for _ in range(1):
             s = ti.cast(0.0, ti.f64)

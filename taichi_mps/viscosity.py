@@ -124,23 +124,24 @@ class ExplicitViscosity:
     @ti.kernel
     def explicit_step(self, dt: float):
         """u* from eq 17, without the gradient of Lambda where unyielded (eq 8); relative change; largest viscosity."""
-        for block in range((self.particles.count[None] + BLOCK - 1) // BLOCK):
-            sums = ti.Vector.zero(ti.f64, 2)
-            largest = ti.cast(self.eta, float)
-            for i in range(block * BLOCK, ti.min((block + 1) * BLOCK, self.particles.count[None])):
-                if self.particles.kind[i] == FLUID:
-                    stress_force = self.eta * self.lap_u[i]  # divergence of the viscous stress [N/m3]
-                    if ti.static(not self.newtonian):
-                        stress_force += self.Lambda[i] * self.lap_u[i]
-                        if self.particles.shear_rate[i] >= 2.0 * self.pi_c:
-                            stress_force += 2.0 * (self.strain_rate[i] @ self.gradient_of_Lambda(i))
-                        largest = ti.max(largest, self.eta + self.Lambda[i])
-                    u = self.particles.u[i] + dt * (stress_force / self.density + self.g)
-                    change = u - self.u_star[i]
-                    sums += ti.cast(ti.Vector([change.norm_sqr(), u.norm_sqr()]), ti.f64)
-                    self.u_star[i] = u
-            self.partial[block] = sums
-            self.block_max[block] = largest
+        for first in range(self.particles.count[None]):
+            if first % BLOCK == 0:
+                sums = ti.Vector.zero(ti.f64, 2)
+                largest = ti.cast(self.eta, float)
+                for i in range(first, ti.min(first + BLOCK, self.particles.count[None])):
+                    if self.particles.kind[i] == FLUID:
+                        stress_force = self.eta * self.lap_u[i]  # divergence of the viscous stress [N/m3]
+                        if ti.static(not self.newtonian):
+                            stress_force += self.Lambda[i] * self.lap_u[i]
+                            if self.particles.shear_rate[i] >= 2.0 * self.pi_c:
+                                stress_force += 2.0 * (self.strain_rate[i] @ self.gradient_of_Lambda(i))
+                            largest = ti.max(largest, self.eta + self.Lambda[i])
+                        u = self.particles.u[i] + dt * (stress_force / self.density + self.g)
+                        change = u - self.u_star[i]
+                        sums += ti.cast(ti.Vector([change.norm_sqr(), u.norm_sqr()]), ti.f64)
+                        self.u_star[i] = u
+                self.partial[first // BLOCK] = sums
+                self.block_max[first // BLOCK] = largest
         ti.loop_config(serialize=True)
         for _ in range(1):
             total = ti.Vector.zero(ti.f64, 2)
