@@ -49,7 +49,7 @@ def init(arch: str = "cpu", precision: str = "f32", threads: int | None = None, 
         log_level=ti.ERROR,
         **({"cpu_max_num_threads": threads} if threads else {}),
     )
-    _started.update(arch=arch, precision=precision, threads=threads)
+    _started.update(arch=arch, precision=precision, threads=threads or os.cpu_count())
 
 
 def started() -> dict:

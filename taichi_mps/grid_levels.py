@@ -11,7 +11,7 @@ import numpy as np
 
 from .backend import real, ti
 from .node_grids import NodeGrids
-from .stages import stage
+from .team import WHOLE
 
 SWEEPS = 3  # degree of the Chebyshev polynomial; odd
 LOWEST = 1.0 / 16.0  # share of the spectrum of D^-1 A below which the next grid corrects
@@ -209,57 +209,86 @@ class GridLevels(NodeGrids):
             self.invert(node, D)
 
     # ---- the cycle ------------------------------------------------------------------------------------------
-    @stage
+    @ti.kernel
     def cycle(self, r: ti.template(), z: ti.template()):
-        """z = M^-1 r; its loops are top-level loops."""
-        for c in range(self.filled[None]):
+        """z = M^-1 r."""
+        self.part_of_cycle(r, z, WHOLE, 0)
+
+    @ti.func
+    def part_of_cycle(self, r: ti.template(), z: ti.template(), team: ti.template(), member):
+        """What a member of a team does of it."""
+        for c in range(team.first(member, self.filled[None]), team.last(member, self.filled[None])):
             self.collect_residual(c, r)
-        for m in range(self.uses[0]):
-            node, place = self.used[m], self.where[m]
-            b = ti.Vector.zero(float, self.dimension)
-            for k, corner in ti.static(enumerate(self.corners_of_a_cell)):
-                cell = self.linear(place - ti.Vector(corner), ti.Vector(self.bins.shape))
-                number = self.number[cell] if cell >= 0 else -1
-                if number >= 0:
-                    for a in ti.static(range(self.dimension)):
-                        b[a] += self.sums[number][k, a]
-            self.rest[node] = b
-        if ti.static(self.serial > 1):
-            for m in range(self.uses[1]):
-                self.restrict(1, m)
-            for k in ti.static(range(1, SWEEPS)):
+        team.wait()
+        for m in range(team.first(member, self.uses[0]), team.last(member, self.uses[0])):
+            self.gather(m)
+        team.wait()
+        if ti.static(team.together):
+            self.correct_by(1, team, member)
+        else:
+            if ti.static(self.serial > 1):
                 for m in range(self.uses[1]):
-                    self.sweep(1, m, k, (k + 1) % 2)
-            for m in range(self.uses[1]):
-                self.leave(1, m)
-        ti.loop_config(serialize=True)
-        for _ in range(1):  # few nodes: to wake the other threads for each loop would take longer
-            for grid in range(self.serial, self.grids):
-                for m in range(self.uses[grid]):
-                    self.restrict(grid, m)
-                for k in range(1, SWEEPS):
-                    for m in range(self.uses[grid]):
-                        self.sweep(grid, m, k, (k + 1) % 2)
-                for m in range(self.uses[grid]):
-                    self.leave(grid, m)
-            for up in range(self.serial, self.grids):
-                grid = self.grids - 1 + self.serial - up
-                for m in range(self.uses[grid]):
-                    self.prolong(grid, m)
-                for k in range(LAST * SWEEPS if grid == self.grids - 1 else SWEEPS):
-                    for m in range(self.uses[grid]):
-                        self.sweep(grid, m, k % SWEEPS, k % 2)
-        if ti.static(self.serial > 1):
-            for m in range(self.uses[1]):
-                self.prolong(1, m)
-            for k in ti.static(range(SWEEPS)):
+                    self.restrict(1, m)
+                for k in ti.static(range(1, SWEEPS)):
+                    for m in range(self.uses[1]):
+                        self.sweep(1, m, k, (k + 1) % 2)
                 for m in range(self.uses[1]):
-                    self.sweep(1, m, k, k % 2)
-        for m in range(self.uses[0]):
+                    self.leave(1, m)
+            ti.loop_config(serialize=True)
+            for _ in range(1):  # few nodes: to wake the other threads for each loop would take longer
+                self.correct_by(self.serial, team, member)
+            if ti.static(self.serial > 1):
+                for m in range(self.uses[1]):
+                    self.prolong(1, m)
+                for k in ti.static(range(SWEEPS)):
+                    for m in range(self.uses[1]):
+                        self.sweep(1, m, k, k % 2)
+        for m in range(team.first(member, self.uses[0]), team.last(member, self.uses[0])):
             node = self.used[m]
             self.z[1, node] = self.weight * self.inverse[node] @ self.rest[node] + self.coarser(m, 0)
-        for c in range(self.filled[None]):
+        team.wait()
+        for c in range(team.first(member, self.filled[None]), team.last(member, self.filled[None])):
             self.correct(c, r, z)
+        team.wait()
+
+    @ti.func
+    def correct_by(self, highest, team: ti.template(), member):
+        """The V-cycle on the grids from this one on."""
+        for grid in range(highest, self.grids):
+            first, last = team.first(member, self.uses[grid]), team.last(member, self.uses[grid])
+            for m in range(first, last):
+                self.restrict(grid, m)
+            team.wait()
+            for k in range(1, SWEEPS):
+                for m in range(first, last):
+                    self.sweep(grid, m, k, (k + 1) % 2)
+                team.wait()
+            for m in range(first, last):
+                self.leave(grid, m)
+            team.wait()
+        for up in range(highest, self.grids):
+            grid = self.grids - 1 + highest - up
+            first, last = team.first(member, self.uses[grid]), team.last(member, self.uses[grid])
+            for m in range(first, last):
+                self.prolong(grid, m)
+            team.wait()
+            for k in range(LAST * SWEEPS if grid == self.grids - 1 else SWEEPS):
+                for m in range(first, last):
+                    self.sweep(grid, m, k % SWEEPS, k % 2)
+                team.wait()
+
+    @ti.func
+    def gather(self, m):
+        """What the m-th node of grid 0 gets of its cells."""
+        node, place = self.used[m], self.where[m]
+        b = ti.Vector.zero(float, self.dimension)
+        for k, corner in ti.static(enumerate(self.corners_of_a_cell)):
+            cell = self.linear(place - ti.Vector(corner), ti.Vector(self.bins.shape))
+            number = self.number[cell] if cell >= 0 else -1
+            if number >= 0:
+                for a in ti.static(range(self.dimension)):
+                    b[a] += self.sums[number][k, a]
+        self.rest[node] = b
 
     @ti.func
     def collect_residual(self, c, r: ti.template()):

@@ -16,6 +16,7 @@ from .particles import FLUID
 from .rheology import deviator
 from .sleeping import ASLEEP, AWAKE
 from .stages import stage
+from .team import WHOLE
 
 BLOCK = 64  # particles whose sums over pairs are stored before they are used
 
@@ -62,9 +63,9 @@ class MomentumSystem:
         return acts
 
     @ti.func
-    def apply(self, u, y):
+    def apply(self, u: ti.template(), y: ti.template(), team: ti.template(), member):
         """y = A u [N], zero in wall rows."""
-        self._apply(u, y, 0.0)
+        self._apply(u, y, 0.0, team, member)
 
     @ti.func
     def gather_jumps(self, u: ti.template()):
@@ -133,24 +134,27 @@ class MomentumSystem:
         return force
 
     @ti.func
-    def _apply(self, u: ti.template(), y: ti.template(), motion):
-        for i in range(self.count[None]):
+    def _apply(self, u: ti.template(), y: ti.template(), motion, team: ti.template(), member):
+        for i in range(team.first(member, self.count[None]), team.last(member, self.count[None])):
             for a in ti.static(range(self.dimension)):
                 self.motion[i][a] = u[i][a]
-        for first in range(self.count[None]):
+        team.wait()
+        for first in range(team.first(member, self.count[None]), team.last(member, self.count[None])):
             if first % BLOCK == 0:
                 last = ti.min(first + BLOCK, self.count[None])
                 for i in range(first, last):
                     self.gather_jump(i)
                 for i in range(first, last):
                     self.spread(i, u, motion)
-        for first in range(self.count[None]):
+        team.wait()
+        for first in range(team.first(member, self.count[None]), team.last(member, self.count[None])):
             if first % BLOCK == 0:
                 last = ti.min(first + BLOCK, self.count[None])
                 for i in range(first, last):
                     self.gather_pull(i)
                 for i in range(first, last):
                     y[i] = self.balance(i, u, motion)
+        team.wait()
 
     @ti.func
     def spread(self, i, u: ti.template(), motion):
@@ -241,6 +245,6 @@ class MomentumSystem:
         for i in range(self.count[None]):
             fluid = self.particles.kind[i] == FLUID
             walls_only[i] = ti.Vector.zero(float, self.dimension) if fluid else self.particles.u[i]
-        self._apply(walls_only, response, 1.0)
+        self._apply(walls_only, response, 1.0, WHOLE, 0)
         for i in range(self.count[None]):
             b[i] -= response[i]

@@ -18,11 +18,12 @@ import numpy as np
 from .backend import real, ti
 from .grid_levels import GridLevels
 from .sparse import CellLevels, SparseMatrix
-from .stages import alone, few, stage
+from .stages import stage
+from .team import WHOLE, team
 
 __all__ = ["MRPCG", "SolveReport", "SparseMatrix", "CellLevels", "GridLevels"]
 
-BLOCK = 1024  # rows per partial sum: a dot product has the same bits with any number of threads
+BLOCK = 256  # rows per partial sum: a dot product has the same bits with any number of threads
 HUGE = 1e38  # not (|s| < HUGE) finds NaN and infinity, also under fast_math
 RUNNING, CONVERGED, INDEFINITE, BROKEN = range(4)
 
@@ -46,7 +47,7 @@ class MRPCG:
 
     operator: a @ti.data_oriented object with
         count              0-D i32 field: rows in use
-        apply(x, y)        ti.func, y = A x; its loops are top-level loops
+        apply(x, y, team, member)   ti.func, y = A x, of whose loops this does the part of a member (team.py)
         inverse_diagonal   matrix field: inverse of the diagonal blocks; a zero block marks a row that is not an
                            unknown: its x is left as it is, its residual and direction are zero
     levels: a CellLevels or GridLevels, used while ``use_levels`` is true; see ``prepare``.
@@ -58,7 +59,7 @@ class MRPCG:
 
     def __init__(self, capacity: int, components: int, operator, levels=None, check_every: int = 5):
         self.operator, self.levels, self.check_every = operator, levels, check_every
-        self.alone = alone() or few(capacity)
+        self.team = team(capacity)
         self.use_levels = levels is not None
         self.has_grids = isinstance(levels, GridLevels)
         self.real = real()
@@ -74,6 +75,7 @@ class MRPCG:
         self.partial = ti.field(ti.f64, (capacity + BLOCK - 1) // BLOCK)
         self.status = ti.field(ti.i32, ())
         self.iterations = ti.field(ti.i32, ())
+        self.round = ti.field(ti.i32, ())  # see go_through
         self.active = ti.field(ti.i32, ())  # rows worked on: all while running, then none (extra steps do nothing)
 
     def prepare(self) -> None:
@@ -87,9 +89,9 @@ class MRPCG:
     ) -> SolveReport:
         """Improve self.x until sqrt(r.z) <= tolerance sqrt(min(b.M^-1 b, reference)); ``again`` if A, M and x are those
         that the last solve left: then its b.M^-1 b stays what is compared with."""
-        if self.alone and (self.has_grids or not self.use_levels):
+        if self.team and (self.has_grids or not self.use_levels):
             limit = HUGE if reference is None else reference
-            self.solve_alone(tolerance, max_iterations, limit, again, self.use_levels)
+            self.solve_at_once(tolerance, max_iterations, limit, again, self.use_levels)
             return self.report([self._relative_residual(self.first), self._relative_residual(self.rz)])
         if again:
             self._go_on()
@@ -101,9 +103,7 @@ class MRPCG:
             if self.xx[None] != 0.0:
                 self._subtract_guess()
                 self._precondition()
-        if reference is not None and not again:
-            self.reference[None] = min(self.reference[None], reference)
-        self._begin(tolerance)
+        self._begin(tolerance, HUGE if reference is None or again else reference)
         residuals = [self._relative_residual(self.rz)]
         done = 0
         check_every = 1 if self.use_levels else self.check_every  # a cycle costs far more than a look
@@ -145,20 +145,22 @@ class MRPCG:
         return ti.select(ti.abs(self.operator.inverse_diagonal[i]).sum() > 0, v, ti.zero(v))
 
     @ti.func
-    def dot(self, a: ti.template(), b: ti.template(), out: ti.template()):
+    def dot(self, a: ti.template(), b: ti.template(), out: ti.template(), team: ti.template(), member):
         """out = a.b, partial sums of BLOCK rows in f64, then their sum in order."""
-        for first in range(self.active[None]):
+        for first in range(team.first(member, self.active[None]), team.last(member, self.active[None])):
             if first % BLOCK == 0:
                 s = ti.cast(0.0, ti.f64)
                 for i in range(first, ti.min(first + BLOCK, self.active[None])):
                     s += ti.cast(a[i].dot(b[i]), ti.f64)
                 self.partial[first // BLOCK] = s
+        team.wait()
         ti.loop_config(serialize=True)
-        for _ in range(1):
+        for _ in range(team.first(member, 1), team.last(member, 1)):
             s = ti.cast(0.0, ti.f64)
             for k in range((self.active[None] + BLOCK - 1) // BLOCK):
                 s += self.partial[k]
             out[None] = s
+        team.wait()
 
     @ti.func
     def stop(self, status):
@@ -176,175 +178,210 @@ class MRPCG:
             self.stop(INDEFINITE)
 
     @ti.func
-    def precondition(self):
+    def precondition(self, team: ti.template(), member):
         """z = D^-1 r."""
-        for i in range(self.active[None]):
+        for i in range(team.first(member, self.active[None]), team.last(member, self.active[None])):
             self.z[i] = self.operator.inverse_diagonal[i] @ self.r[i]
+        team.wait()
 
     @ti.func
-    def advance(self):
-        """q = A p;  alpha = r.z / p.q;  x += alpha p;  r -= alpha q."""
-        self.operator.apply(self.p, self.q)
-        self.move()
-
-    @ti.func
-    def move(self):
-        self.dot(self.p, self.q, self.pq)
-        if self.status[None] == RUNNING:
-            if not (ti.abs(self.pq[None]) < HUGE):
-                self.stop(BROKEN)
-            elif self.pq[None] <= 0.0:
-                self.stop(INDEFINITE)
-            else:
-                self.step[None] = self.rz[None] / self.pq[None]
-        for i in range(self.active[None]):
+    def move(self, team: ti.template(), member):
+        """alpha = r.z / p.q;  x += alpha p;  r -= alpha q, with q = A p."""
+        self.dot(self.p, self.q, self.pq, team, member)
+        ti.loop_config(serialize=True)
+        for _ in range(team.first(member, 1), team.last(member, 1)):
+            if self.status[None] == RUNNING:
+                if not (ti.abs(self.pq[None]) < HUGE):
+                    self.stop(BROKEN)
+                elif self.pq[None] <= 0.0:
+                    self.stop(INDEFINITE)
+                else:
+                    self.step[None] = self.rz[None] / self.pq[None]
+        team.wait()
+        for i in range(team.first(member, self.active[None]), team.last(member, self.active[None])):
             alpha = ti.cast(self.step[None], self.real)
             self.x[i] += alpha * self.p[i]
             self.r[i] = self.masked(i, self.r[i] - alpha * self.q[i])
+        team.wait()
 
     @ti.func
-    def turn(self):
+    def turn(self, team: ti.template(), member):
         """beta = (r.z) new / old;  p = z + beta p."""
-        self.dot(self.r, self.z, self.rz_new)
-        if self.status[None] == RUNNING:
-            self.iterations[None] += 1
-            self.step[None] = self.rz_new[None] / self.rz[None]
-            self.rz[None] = self.rz_new[None]
-            self.judge()
-        for i in range(self.active[None]):
+        self.dot(self.r, self.z, self.rz_new, team, member)
+        ti.loop_config(serialize=True)
+        for _ in range(team.first(member, 1), team.last(member, 1)):
+            if self.status[None] == RUNNING:
+                self.iterations[None] += 1
+                self.step[None] = self.rz_new[None] / self.rz[None]
+                self.rz[None] = self.rz_new[None]
+                self.judge()
+        team.wait()
+        for i in range(team.first(member, self.active[None]), team.last(member, self.active[None])):
             self.p[i] = self.z[i] + ti.cast(self.step[None], self.real) * self.p[i]
+        team.wait()
 
     @ti.func
-    def load(self):
+    def load(self, team: ti.template(), member):
         self.active[None] = self.operator.count[None]
-        for i in range(self.active[None]):
+        for i in range(team.first(member, self.active[None]), team.last(member, self.active[None])):
             self.r[i] = self.masked(i, self.b[i])
             self.last_b[i] = self.b[i]
+        team.wait()
 
     @ti.func
-    def go_on(self):
+    def go_on(self, team: ti.template(), member):
         """r of the last x and the present b; then x and r at the best point along the last change of x."""
         self.active[None] = self.operator.count[None]
-        for i in range(self.active[None]):
+        for i in range(team.first(member, self.active[None]), team.last(member, self.active[None])):
             self.p[i] = self.x[i] - self.first_x[i]
             self.q[i] = self.first_r[i] - self.r[i]
             self.r[i] += self.masked(i, self.b[i] - self.last_b[i])
             self.last_b[i] = self.b[i]
-        self.dot(self.p, self.r, self.rz)
-        self.dot(self.p, self.q, self.pq)
-        self.step[None] = self.rz[None] / self.pq[None] if self.pq[None] > 0.0 else 0.0
-        self.step[None] = ti.max(0.0, ti.min(1.0, self.step[None]))  # q of a tiny change is rounding: never blow it up
-        for i in range(self.active[None]):
+        team.wait()
+        self.dot(self.p, self.r, self.rz, team, member)
+        self.dot(self.p, self.q, self.pq, team, member)
+        ti.loop_config(serialize=True)
+        for _ in range(team.first(member, 1), team.last(member, 1)):
+            best = self.rz[None] / self.pq[None] if self.pq[None] > 0.0 else 0.0
+            self.step[None] = ti.max(0.0, ti.min(1.0, best))  # q of a tiny change is rounding: never blow it up
+        team.wait()
+        for i in range(team.first(member, self.active[None]), team.last(member, self.active[None])):
             self.first_x[i], self.first_r[i] = self.x[i], self.r[i]
             self.x[i] += ti.cast(self.step[None], self.real) * self.p[i]
             self.r[i] -= ti.cast(self.step[None], self.real) * self.q[i]
+        team.wait()
 
     @ti.func
-    def refer(self):
-        self.dot(self.r, self.z, self.reference)
-        self.dot(self.x, self.x, self.xx)
+    def refer(self, team: ti.template(), member):
+        """b.M^-1 b, and the guess as the direction p, to be multiplied next."""
+        self.dot(self.r, self.z, self.reference, team, member)
+        self.dot(self.x, self.x, self.xx, team, member)
+        for i in range(team.first(member, self.active[None]), team.last(member, self.active[None])):
+            self.p[i] = self.x[i]
+        team.wait()
 
     @ti.func
-    def subtract_guess(self):
-        self.operator.apply(self.x, self.q)
-        for i in range(self.active[None]):
+    def subtract_guess(self, team: ti.template(), member):
+        """r = b - q, with q = A x; where a solve begins."""
+        for i in range(team.first(member, self.active[None]), team.last(member, self.active[None])):
             self.r[i] = self.masked(i, self.b[i] - self.q[i])
+        team.wait()
+        self.note(team, member)
 
     @ti.func
-    def note(self):
+    def note(self, team: ti.template(), member):
         """Where a solve begins."""
-        for i in range(self.active[None]):
+        for i in range(team.first(member, self.active[None]), team.last(member, self.active[None])):
             self.first_x[i], self.first_r[i] = self.x[i], self.r[i]
+        team.wait()
 
     @ti.func
-    def begin(self, tolerance):
-        self.dot(self.r, self.z, self.rz)
-        self.status[None] = RUNNING
-        self.iterations[None] = 0
-        self.first[None] = self.rz[None]
-        if self.reference[None] == 0.0:
-            self.reference[None] = self.rz[None]
-        self.target[None] = tolerance * tolerance * ti.abs(self.reference[None])
-        self.judge()
-        for i in range(self.active[None]):
+    def begin(self, tolerance, limit, team: ti.template(), member):
+        """p = z; what r.z is compared with, at most ``limit``."""
+        self.dot(self.r, self.z, self.rz, team, member)
+        ti.loop_config(serialize=True)
+        for _ in range(team.first(member, 1), team.last(member, 1)):
+            self.status[None] = RUNNING
+            self.iterations[None] = 0
+            self.first[None] = self.rz[None]
+            self.reference[None] = ti.min(self.reference[None], limit)
+            if self.reference[None] == 0.0:
+                self.reference[None] = self.rz[None]
+            self.target[None] = tolerance * tolerance * ti.abs(self.reference[None])
+            self.judge()
+        team.wait()
+        for i in range(team.first(member, self.active[None]), team.last(member, self.active[None])):
             self.p[i] = self.z[i]
+        team.wait()
 
     @stage
-    def solve_alone(self, tolerance: ti.f64, limit: ti.i32, reference: ti.f64, again: ti.i32, grids: ti.i32):
-        """The whole of ``solve`` with ``grids`` or no levels: loops inside a loop run in one thread. A and M^-1 stand
-        here once, for they take long to compile: round 0 measures b, round 1 the guess, the others are the iterations;
-        ``again``, round 0 is left out."""
-        ti.loop_config(serialize=True)
-        for _ in range(1):
-            if again != 0:
-                self.go_on()
+    def solve_at_once(self, tolerance: ti.f64, limit: ti.i32, reference: ti.f64, again: ti.i32, grids: ti.i32):
+        """The whole of ``solve`` with ``grids`` or no levels, by one thread or a team."""
+        self.round[None] = -again
+        if ti.static(self.team.together):
+            self.team.open(self.operator.count[None])
+            for turn in range(self.team.turns):
+                member = self.team.join(turn)
+                if member >= 0:
+                    self.go_through(tolerance, limit, reference, grids, self.team, member)
+                    self.team.close()
+        else:
+            ti.loop_config(serialize=True)
+            for _ in range(1):
+                self.go_through(tolerance, limit, reference, grids, self.team, 0)
+
+    @ti.func
+    def go_through(self, tolerance, limit, reference, grids, team: ti.template(), member):
+        """Round 0 measures b, round 1 the guess; -1 takes the place of both to go on; then iterations. A and M^-1 stand
+        here once, for they take long to compile."""
+        while team.has(member) and (
+            self.round[None] < 2 or (self.status[None] == RUNNING and self.iterations[None] < limit)
+        ):
+            this = self.round[None]
+            if this > 0:
+                self.operator.apply(self.p, self.q, team, member)
+            if this == -1:
+                self.go_on(team, member)
+            elif this == 0:
+                self.load(team, member)
+            elif this == 1:
+                self.subtract_guess(team, member)
             else:
-                self.load()
-            stage = again
-            while stage < 2 or (self.status[None] == RUNNING and self.iterations[None] < limit):
-                if stage > again:
-                    self.operator.apply(self.p, self.q)
-                if stage == 2:
-                    self.move()
-                elif stage > again:
-                    for i in range(self.active[None]):
-                        self.r[i] = self.masked(i, self.b[i] - self.q[i])
-                    self.note()
-                if ti.static(self.has_grids):
-                    if grids != 0:
-                        self.levels.cycle(self.r, self.z)
-                    else:
-                        self.precondition()
+                self.move(team, member)
+            if ti.static(self.has_grids):
+                if grids != 0:
+                    self.levels.part_of_cycle(self.r, self.z, team, member)
                 else:
-                    self.precondition()
-                if stage == 0:
-                    self.refer()
-                    for i in range(self.active[None]):
-                        self.p[i] = self.x[i]
-                elif stage == 1:
-                    if again == 0:
-                        self.reference[None] = ti.min(self.reference[None], reference)
-                    self.begin(tolerance)
-                else:
-                    self.turn()
-                stage = ti.min(stage + 1, 2)
+                    self.precondition(team, member)
+            else:
+                self.precondition(team, member)
+            if this == 0:
+                self.refer(team, member)
+            elif this < 2:
+                self.begin(tolerance, HUGE if this < 0 else reference, team, member)
+            else:
+                self.turn(team, member)
+            self.round[None] = 1 if this == 0 else 2
+            team.regroup()
 
     @ti.kernel
     def _jacobi_iteration(self):
-        self.advance()
-        self.precondition()
-        self.turn()
+        self.operator.apply(self.p, self.q, WHOLE, 0)
+        self.move(WHOLE, 0)
+        self.precondition(WHOLE, 0)
+        self.turn(WHOLE, 0)
 
     @ti.kernel
     def _advance_only(self):
-        self.advance()
+        self.operator.apply(self.p, self.q, WHOLE, 0)
+        self.move(WHOLE, 0)
 
     @ti.kernel
     def _jacobi_only(self):
-        self.precondition()
+        self.precondition(WHOLE, 0)
 
     @ti.kernel
     def _turn_only(self):
-        self.turn()
+        self.turn(WHOLE, 0)
 
     @ti.kernel
     def _load(self):
-        self.load()
+        self.load(WHOLE, 0)
 
     @ti.kernel
     def _go_on(self):
-        self.go_on()
+        self.go_on(WHOLE, 0)
 
     @ti.kernel
     def _refer(self):
-        self.refer()
-        self.note()
+        self.refer(WHOLE, 0)
+        self.note(WHOLE, 0)
 
     @ti.kernel
     def _subtract_guess(self):
-        self.subtract_guess()
-        self.note()
+        self.operator.apply(self.p, self.q, WHOLE, 0)
+        self.subtract_guess(WHOLE, 0)
 
     @ti.kernel
-    def _begin(self, tolerance: ti.f64):
-        self.begin(tolerance)
+    def _begin(self, tolerance: ti.f64, limit: ti.f64):
+        self.begin(tolerance, limit, WHOLE, 0)

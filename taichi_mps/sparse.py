@@ -10,6 +10,7 @@ from itertools import product
 import numpy as np
 
 from .backend import real, ti
+from .team import WHOLE
 
 
 @ti.data_oriented
@@ -36,13 +37,14 @@ class SparseMatrix:
         self.inverse_diagonal[i][0, 0] = ti.select(d > 0, 1 / d, 0)
 
     @ti.func
-    def apply(self, x: ti.template(), y: ti.template()):
+    def apply(self, x: ti.template(), y: ti.template(), team: ti.template(), member):
         """y_i = sum_j A_ij x_j."""
-        for i in range(self.count[None]):
+        for i in range(team.first(member, self.count[None]), team.last(member, self.count[None])):
             s = self.diagonal[i] * x[i][0]
             for k in range(self.row_start[i], self.row_start[i + 1]):
                 s += self.value[k] * x[self.column[k]][0]
             y[i][0] = s
+        team.wait()
 
     def load(self, matrix) -> None:
         """Copy a SciPy sparse matrix."""
@@ -262,7 +264,7 @@ class CellLevels:
     def _restrict_rows(self, r: ti.template(), z: ti.template()):
         for i in range(self.matrix.count[None]):
             z[i] = self.DAMPING * self.matrix.inverse_diagonal[i] @ r[i]
-        self.matrix.apply(z, self.y)
+        self.matrix.apply(z, self.y, WHOLE, 0)
         for c in range(self.cells):
             s = ti.cast(0.0, ti.f64)
             for i in range(self.cell_start[c], self.cell_start[c + 1]):
@@ -276,6 +278,6 @@ class CellLevels:
         for i in range(self.matrix.count[None]):
             if self.matrix.diagonal[i] > 0:
                 z[i][0] += ti.cast(self.OVER_CORRECTION * self.x[self.cell_of[i]], self.real)
-        self.matrix.apply(z, self.y)
+        self.matrix.apply(z, self.y, WHOLE, 0)
         for i in range(self.matrix.count[None]):
             z[i] += self.DAMPING * self.matrix.inverse_diagonal[i] @ (r[i] - self.y[i])

@@ -53,13 +53,14 @@ class Springs:
                 self.inverse_diagonal[i] *= 0.0
 
     @ti.func
-    def apply(self, u: ti.template(), y: ti.template()):
-        for i in range(self.count[None]):
+    def apply(self, u: ti.template(), y: ti.template(), team: ti.template(), member):
+        for i in range(team.first(member, self.count[None]), team.last(member, self.count[None])):
             s = self.mass[None] * u[i]
             for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
                 j = self.neighbors.column[k]
                 s += self.spring(i, j) @ (u[i] - u[j])
             y[i] = s
+        team.wait()
 
     @ti.func
     def stiffness(self, i):

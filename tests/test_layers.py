@@ -18,8 +18,8 @@ PACKAGE = ROOT / "taichi_mps"
 EDGE = 4
 LAYERS = {
     0: "quantity material geometry solids inner_edges measure rest_shapes inlet filling report scene admission",
-    1: "backend stages weights ghosts surfaces friction particles neighbors gradient mrpcg sparse grid_levels scales "
-    "smoothing node_grids",
+    1: "backend stages team weights ghosts surfaces friction particles neighbors gradient mrpcg sparse grid_levels "
+    "scales smoothing node_grids",
     2: "rheology stress walls wall_layer viscosity pressure momentum deferred_correction shifting totals sleeping "
     "pouring rest snapshots summary",
     3: "schemes.implicit schemes.semi_implicit simulation",
@@ -34,6 +34,7 @@ PEERS = {
     "scene": {"quantity", "material", "geometry", "solids", "measure", "inlet", "filling"},
     "admission": {"quantity", "material", "geometry", "inlet", "solids", "scene"},
     "stages": {"backend"},
+    "team": {"backend", "stages"},
     "weights": {"backend"},
     "surfaces": {"backend"},
     "ghosts": {"backend", "weights"},
@@ -41,10 +42,10 @@ PEERS = {
     "particles": {"backend", "stages"},
     "neighbors": {"backend", "stages"},
     "gradient": {"backend", "stages", "particles", "weights"},
-    "mrpcg": {"backend", "stages", "sparse", "grid_levels"},
-    "grid_levels": {"backend", "node_grids", "stages"},
+    "mrpcg": {"backend", "stages", "team", "sparse", "grid_levels"},
+    "grid_levels": {"backend", "node_grids", "team"},
     "node_grids": {"backend"},
-    "sparse": {"backend"},
+    "sparse": {"backend", "team"},
     "scales": {"backend"},
     "smoothing": {"backend", "stages"},
     "viscosity": {"rheology"},

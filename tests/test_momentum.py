@@ -8,6 +8,7 @@ import taichi_mps as mps
 from taichi_mps.backend import ti
 from taichi_mps.momentum import MomentumSystem
 from taichi_mps.particles import FLUID, WALL
+from taichi_mps.team import WHOLE
 
 MASS_RATE, BULK = 40.0, 3000.0
 FLOOR = mps.Plane((0.0, -0.33), (0.0, 1.0), velocity=(0.5, 0.0))
@@ -32,7 +33,7 @@ class System(Rig):
 
     @ti.kernel
     def _multiply(self):
-        self.system.apply(self.u, self.y)
+        self.system.apply(self.u, self.y, WHOLE, 0)
 
     def multiply(self, u):
         self.u.from_numpy(np.ascontiguousarray(u))

@@ -12,6 +12,7 @@ import scipy.sparse as sp
 from taichi_mps.backend import real, ti
 from taichi_mps.mrpcg import MRPCG
 from taichi_mps.sparse import CellLevels, SparseMatrix
+from taichi_mps.team import WHOLE
 
 
 @ti.data_oriented
@@ -32,14 +33,15 @@ class BlockOperator:
         self.count[None] = self.rows
 
     @ti.func
-    def apply(self, x: ti.template(), y: ti.template()):
-        for i in range(self.count[None]):
+    def apply(self, x: ti.template(), y: ti.template(), team: ti.template(), member):
+        for i in range(team.first(member, self.count[None]), team.last(member, self.count[None])):
             for a in ti.static(range(self.components)):
                 s = ti.cast(0.0, ti.f64)
                 for j in range(self.count[None]):
                     for b in ti.static(range(self.components)):
                         s += self.dense[i * self.components + a, j * self.components + b] * x[j][b]
                 y[i][a] = s
+        team.wait()
 
 
 def spd(n, seed=0):
@@ -53,14 +55,14 @@ def sparse_matrix(matrix, capacity=None):
     return a
 
 
-def solve(operator, b, components=1, tolerance=1e-10, x=0.0, levels=None, check_every=5, alone=False, **options):
+def solve(operator, b, components=1, tolerance=1e-10, x=0.0, levels=None, check_every=5, team=None, **options):
     """(x, report) of A x = b; an operator keeps its solver, which is compiled once."""
     capacity = operator.inverse_diagonal.shape[0]
     if not hasattr(operator, "solver"):
         operator.solver = MRPCG(capacity, components, operator)
     solver = operator.solver
     solver.levels, solver.use_levels, solver.check_every = levels, levels is not None, check_every
-    solver.alone = alone
+    solver.team = team
     for field, values in ((solver.b, b), (solver.x, np.broadcast_to(x, b.size))):
         padded = np.zeros(capacity * components)
         padded[: b.size] = values
@@ -159,7 +161,7 @@ def test_one_kernel_does_what_many_do():
         (indefinite, 1, {}),
     ):
         b = rng.standard_normal(60)
-        (many, first), (one, second) = (solve(a, b, components, alone=alone, **options) for alone in (False, True))
+        (many, first), (one, second) = (solve(a, b, components, team=team, **options) for team in (None, WHOLE))
         np.testing.assert_allclose(one, many, rtol=1e-12, atol=1e-14)
         assert (second.status, second.iterations) == (first.status, first.iterations)
         assert [second.residuals[0], second.residuals[-1]] == pytest.approx(
@@ -167,8 +169,8 @@ def test_one_kernel_does_what_many_do():
         )
 
 
-@pytest.mark.parametrize("alone", [False, True])
-def test_a_solve_goes_on_from_the_last_one(alone):
+@pytest.mark.parametrize("team", [None, WHOLE])
+def test_a_solve_goes_on_from_the_last_one(team):
     """The residual is known without A; a load that changes as it did last, or by a part of that, needs no iteration. No
     more than the last change is taken: where that was next to nothing, it is rounding."""
     rng = np.random.default_rng(11)
@@ -177,9 +179,9 @@ def test_a_solve_goes_on_from_the_last_one(alone):
     operator = BlockOperator(a, 2, masked=(3, 4))
     free = np.repeat(np.abs(operator.inverse_diagonal.to_numpy()).sum((1, 2)) > 0, 2)
     block = a[np.ix_(free, free)]
-    x, report = solve(operator, b, 2, tolerance=1e-12, alone=alone)
+    x, report = solve(operator, b, 2, tolerance=1e-12, team=team)
     for load, iterations in ((2.0 * b, 0), (2.5 * b, 0), (-3.0 * b, 3), (c, 3)):
-        x, report = solve(operator, load, 2, x=x, tolerance=1e-8, alone=alone, again=True)
+        x, report = solve(operator, load, 2, x=x, tolerance=1e-8, team=team, again=True)
         assert report.converged and (report.iterations == 0) == (iterations == 0)
         assert np.abs(block @ x[free] - load[free]).max() < 1e-6
 

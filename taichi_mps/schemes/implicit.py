@@ -196,7 +196,7 @@ class Implicit:
         if ti.static(self.stress.law != "bi-viscosity" and not self.walls.rub):  # matrix or slip change in each pass
             again = ti.min(k, 1)
         if ti.static(self.alone):
-            self.solver.solve_alone(tolerance, MOST_ITERATIONS, self.reference[None], again, 0)
+            self.solver.solve_at_once(tolerance, MOST_ITERATIONS, self.reference[None], again, 0)
         else:
             self.solver.solve(tolerance, MOST_ITERATIONS, self.reference[None], again)
         self.iterations[None] += self.solver.iterations[None]
