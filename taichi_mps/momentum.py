@@ -173,13 +173,14 @@ class MomentumSystem:
         """Row i of A u [N], once the fluxes are gathered."""
         row = ti.Vector.zero(float, self.dimension)
         if self.unknown(i):
-            row = self.particles.volume(i) * self.inertia[i] * u[i] - self.force(i)
+            total = self.force(i)
             for a in ti.static(range(self.dimension)):
-                row[a] -= self.jumps[i][self.dimension, a]
+                total[a] += self.jumps[i][self.dimension, a]
             if ti.static(len(self.walls.surfaces) > 0):
-                row += self.h[i] * self.walls.drag_term(i, self.particles.x[i], u[i], motion)
+                total -= self.h[i] * self.walls.drag_term(i, self.particles.x[i], u[i], motion)
                 if ti.static(self.walls.rub):
-                    row += self.walls.friction_term(i, self.particles.x[i], u[i], motion)
+                    total -= self.walls.friction_term(i, self.particles.x[i], u[i], motion)
+            row = self.particles.volume(i) * self.inertia[i] * u[i] - total
         return row
 
     @stage

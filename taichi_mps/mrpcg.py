@@ -23,7 +23,7 @@ from .team import WHOLE, team
 
 __all__ = ["MRPCG", "SolveReport", "SparseMatrix", "CellLevels", "GridLevels"]
 
-BLOCK = 256  # rows per partial sum: a dot product has the same bits with any number of threads
+BLOCK = 1024  # rows per partial sum: a dot product has the same bits with any number of threads
 HUGE = 1e38  # not (|s| < HUGE) finds NaN and infinity, also under fast_math
 RUNNING, CONVERGED, INDEFINITE, BROKEN = range(4)
 
