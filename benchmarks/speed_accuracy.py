@@ -155,7 +155,9 @@ def draw_flow(flow, found) -> None:
                   label=TITLES[scheme])  # fmt: skip
         for item in mine:
             at = (item["cpu_seconds"], item["error"])
-            axis.annotate(label(item), at, xytext=(6, 4), textcoords="offset points", fontsize=7.5)
+            # beside the same spacing at the default step there is often a label already, right of it the best front
+            where = dict(xytext=(6, 4)) if item["step"] == 1.0 else dict(xytext=(-6, -9), ha="right")
+            axis.annotate(label(item), at, textcoords="offset points", fontsize=7.5, **where)
         for item in (i for i in found if i["scheme"] == scheme and i["error"] is None):
             diverged = item["fate"].startswith("diverged")
             cost = item["cpu_seconds"] if diverged else cost_of(item)
@@ -169,6 +171,7 @@ def draw_flow(flow, found) -> None:
               transform=axis.transAxes, fontsize=7.5, va="top")  # fmt: skip
     axis.set(xscale="log", yscale="log", xlabel="CPU seconds, one thread", ylabel=f"error: {unit}", title=title)
     axis.set_ylim(top=1.9 * top)
+    axis.set_xlim(left=0.25 * min(item["cpu_seconds"] for item in done))
     axis.grid(alpha=0.3, which="both", lw=0.5)
     for side in (axis.xaxis, axis.yaxis):
         side.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))

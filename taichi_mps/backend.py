@@ -30,7 +30,7 @@ def init(arch: str = "cpu", precision: str = "f32", threads: int | None = None, 
     """Start Taichi; call once before a Simulation. Calling again drops every earlier Simulation.
 
     arch: cpu, cuda or vulkan; precision of the solver's fields: f32 or f64 (positions are always f64);
-    threads: CPU threads, all by default. Raises SceneError for anything else.
+    threads: CPU threads, by default all that this process may use. Raises SceneError for anything else.
     """
     architectures = {"cpu": ti.cpu, "cuda": ti.cuda, "vulkan": ti.vulkan}
     if arch not in architectures:
@@ -39,6 +39,8 @@ def init(arch: str = "cpu", precision: str = "f32", threads: int | None = None, 
         raise SceneError(f"precision = {precision}: must be f32 or f64")
     if threads is not None and threads < 1:
         raise SceneError(f"threads = {threads}: must be at least 1")
+    if threads is None:
+        threads = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     ti.init(
         arch=architectures[arch],
         default_fp=ti.f64 if precision == "f64" else ti.f32,
@@ -47,9 +49,9 @@ def init(arch: str = "cpu", precision: str = "f32", threads: int | None = None, 
         fast_math=True,
         debug=debug,
         log_level=ti.ERROR,
-        **({"cpu_max_num_threads": threads} if threads else {}),
+        cpu_max_num_threads=threads,
     )
-    _started.update(arch=arch, precision=precision, threads=threads or os.cpu_count())
+    _started.update(arch=arch, precision=precision, threads=threads)
 
 
 def started() -> dict:
