@@ -88,7 +88,7 @@ def scene(
         spacing=spacing,
         fluid=fluid,
         walls=walls,
-        domain=((-reach, -reach, -reach), (far + reach, half + reach, height + reach)),
+        domain=((-reach, -reach, -reach), (far + reach, half + reach, 2.2 * height)),  # the far wall throws drops up
         until=until,
         stop_at_rest=True,
         measure=measure,
