@@ -19,7 +19,7 @@ EDGE = 4
 LAYERS = {
     0: "quantity material geometry solids inner_edges measure rest_shapes inlet filling report scene admission",
     1: "backend stages team weights ghosts surfaces friction particles neighbors gradient mrpcg sparse grid_levels "
-    "scales smoothing node_grids",
+    "scales smoothing node_grids conjugate_gradient grid_operators",
     2: "rheology stress walls wall_layer viscosity pressure momentum deferred_correction shifting totals sleeping "
     "pouring rest snapshots summary",
     3: "schemes.implicit schemes.semi_implicit simulation",
@@ -42,8 +42,10 @@ PEERS = {
     "particles": {"backend", "stages"},
     "neighbors": {"backend", "stages"},
     "gradient": {"backend", "stages", "particles", "weights"},
-    "mrpcg": {"backend", "stages", "team", "sparse", "grid_levels"},
-    "grid_levels": {"backend", "node_grids", "team"},
+    "mrpcg": {"backend", "stages", "team", "conjugate_gradient", "sparse", "grid_levels"},
+    "conjugate_gradient": {"backend"},
+    "grid_levels": {"backend", "grid_operators", "team"},
+    "grid_operators": {"backend", "node_grids"},
     "node_grids": {"backend"},
     "sparse": {"backend", "team"},
     "scales": {"backend"},

@@ -7,10 +7,11 @@ the trial stress back onto the yield surface and p <- p - K (div u - s); rotate 
 import math
 
 from ..backend import real, ti
+from ..conjugate_gradient import INDEFINITE
 from ..deferred_correction import DeferredCorrection
 from ..gradient import Gradient
 from ..momentum import MomentumSystem
-from ..mrpcg import INDEFINITE, MRPCG, GridLevels
+from ..mrpcg import MRPCG, GridLevels
 from ..particles import FLUID
 from ..rheology import shear_rate
 from ..scales import Scales, law_of, resting_time
