@@ -2,7 +2,7 @@
 
 To start a kernel takes 20 to 30 microseconds, each loop in it that is spread over threads another 5 to 9, or 15 to 70
 where they must be woken, to read a number from Python 5: more than the arithmetic of a few hundred particles. So a step
-is written once, as calls of its stages. In Python they are kernels, one after the other; in a kernel they are its parts.
+is written once, as calls of its stages. In Python they are kernels, one after the other; in a kernel they are parts.
 """
 
 import functools
