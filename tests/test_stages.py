@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps import stages
+from taichi_mps import shifting, stages
 from taichi_mps.backend import ti
 
 SPACING = 0.02
@@ -45,7 +45,9 @@ def test_iterations_of_a_stage_count_as_calls():
 
 @pytest.mark.long
 def test_few_kernels_do_what_the_stages_do_one_by_one(monkeypatch):
-    """One step agrees to round-off; in later ones the iterations of the solve amplify that, up to their tolerance."""
+    """One step agrees to round-off; in later ones the iterations of the solve amplify that, up to their tolerance. The
+    disturbance of the shift is left out: it follows from the last bits of the place."""
+    monkeypatch.setattr(shifting, "UNEVENNESS", 0.0)
     x = mps.fill(mps.Box((0.0, 0.0), (0.1, 0.1)), SPACING)
     floor = mps.Plane((0.0, 0.0), (0.0, 1.0))
     material = mps.Bingham(plastic_viscosity=50.0, yield_value=300.0)
