@@ -26,6 +26,12 @@ def run(yield_value: float) -> dict:
     sim.each_step(lambda sim: volume.append(abs(sim.report.volume_error)))
     sim.run()
     assert mps.measure.clearance(sim.snapshot(), scene.walls) > 0.0, "leak through a wall"
+    check = "passed"
+    try:
+        scene.check(sim.snapshot(), sim.measures())
+    except AssertionError as failure:  # recorded and printed: its closed form has no inertia
+        check = f"failed: {failure}"
+        print(f"{yield_value:g} Pa: check {check}")
     history = {key: [round(row[key], 5) for row in rows] for key in rows[0]}
     mix, depth = (0.04, scene.material.density, yield_value), scene.parameters["column_depth"]
     thin, thick = (mps.rest_shapes.channel_at_rest(*mix, normal_stress=kind)[0][-1] - depth for kind in (False, True))
@@ -35,6 +41,7 @@ def run(yield_value: float) -> dict:
         "steps": sim.steps,
         "cpu_seconds": round(sim.cpu_seconds, 1),
         "stopped_by": sim.stopped_by,
+        "check": check,
         "largest_speed_at_the_end_m_s": round(float(sim.snapshot().speed.max()), 5),
         "largest_volume_error": round(max(volume), 5),
         "clearance_m": round(mps.measure.clearance(sim.snapshot(), scene.walls), 5),
