@@ -20,7 +20,7 @@ from .quantity import SceneError
 from .scene import NUMERICS, Scene
 
 FORMAT = "taichi_mps checkpoint"
-VERSION = 3
+VERSION = 4
 LABEL = 512  # bytes of the user block
 HEADER = {"source": str, "parameters": dict, "scheme": str, "numerics": dict, "time": float, "fluid": str}
 HEADER |= {"settings": dict}

@@ -143,12 +143,12 @@ class GhostSums:
                 if across < self.effective_radius:
                     cut = 1.0 - self.left(name, z, across)
                     if ti.static(other.thin or other.loose):
-                        cut *= other.share(x, across)
+                        cut *= other.share(i, x, across)
                     value *= 1.0 - cut
         if ti.static(self.wedges):
             value *= self.remains[i, f][ti.static(GHOST_SUMS.index(name))]
         if ti.static(wall.thin or wall.loose):
-            value *= wall.share(x, z)
+            value *= wall.share(i, x, z)
         return value
 
     @ti.func

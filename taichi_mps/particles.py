@@ -49,9 +49,10 @@ class Particles:
             makers["plastic_rate"] = lambda: ti.Matrix.field(t, t, real())  # deviatoric rate q of the yield law [1/s]
         if axisymmetric:
             makers["ring"] = lambda: ti.field(real())  # volume of the ring [m3]
-        # structure [-] of a thixotropic material; still, the time at rest [s] (sleep); number of the mix
-        for name in extra:
-            makers[name] = (lambda: ti.field(ti.i32)) if name == "mix" else (lambda: ti.field(real()))
+        # structure [-] of a thixotropic material; still, the time at rest [s] (sleep); number of the mix; a, the
+        # acceleration of the last step [m/s2]; released, 1 where a loose wall has let go
+        others = {"mix": lambda: ti.field(ti.i32), "a": lambda: ti.Vector.field(d, real())}
+        makers |= {name: others.get(name, lambda: ti.field(real())) for name in extra}
         for k, law in enumerate(frictions):  # of each wall with friction
             makers[f"slip_{k}"] = lambda: ti.Vector.field(d, real())  # velocity on the wall beneath [m/s]
             if law.yield_value > 0.0:

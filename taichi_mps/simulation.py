@@ -83,7 +83,9 @@ class Simulation:
         volumes = np.resize(expected.volumes, len(positions))
         sleeps = carries_stress and numerics.sleep and math.isfinite(resting_time(scene.materials))
         ages = getattr(scene.material, "growth", None) is not None
-        extra = ["still"] * sleeps + ["structure"] * ages + ["mix"] * (len(scene.materials) > 1)
+        extra = [] if semi_implicit else ["a"]
+        extra += ["still"] * sleeps + ["structure"] * ages + ["mix"] * (len(scene.materials) > 1)
+        extra += [f"released_{k}" for k in range(sum(wall.loose for wall in scene.walls))]
         frictions = [wall.friction for wall in scene.walls if wall.friction]
         self.particles = Particles(
             positions, kinds, velocity, volumes, carries_stress, scene.axisymmetric, extra, frictions, to_come, mixes

@@ -30,6 +30,7 @@ class Surface:
         self.slip, self.thin, self.loose, self.spacing = wall.slip, wall.thin, wall.loose, spacing
         self.rubs, self.friction = wall.friction is not None, None  # Walls gives what is carried
         self.holds = not wall.slip and not self.rubs  # the fluid does not slip on it
+        self.lets_go, self.particles, self.released = False, None, None  # of a loose wall: Walls gives what is carried
         self.clock, self.travels = clock, bool(np.any(wall.travel))
         self.parts = wall.thin  # the fluid on one side of it does not feel that on the other
         self.travel = ti.types.vector(dimension, ti.f64)(wall.travel)
@@ -62,14 +63,30 @@ class Surface:
         return self.nearest(x)
 
     @ti.func
-    def share(self, x, z):
-        """How much of a wall acts on x at the distance z, 0 to 1. A thin one fades out over a spacing beyond its edge,
-        where the other side comes in view; a loose one within the first gap that opens, so that it pushes only."""
+    def part(self, i, x):
+        """Once a step: whether particle i has parted from a loose wall. It does where it leaves the wall and does not
+        press on it, and has until it comes nearer again."""
+        _z, n, velocity, _curvature = self.nearest(x)
+        leaves = n.dot(self.particles.u[i] - velocity) > 0.0
+        pressure = self.particles.p[i]
+        if ti.static(self.particles.carries_stress):
+            for a, b in ti.static(ti.ndrange(self.particles.dimension, self.particles.dimension)):
+                pressure -= n[a] * self.particles.stress[i][a, b] * n[b]
+        presses = self.released[i] == 0.0 and pressure > 0.0
+        self.released[i] = ti.cast(leaves and not presses, float)
+
+    @ti.func
+    def share(self, i, x, z):
+        """How much of a wall acts on particle i at x, at the distance z, 0 to 1. A thin one fades out over a spacing
+        beyond its edge, where the other side comes in view; a loose one within the first gap that opens, and where the
+        particle has parted from it, so that it pushes only."""
         share = ti.cast(1.0, float)
         if ti.static(self.thin):
             share *= ti.cast(ti.max(0.0, ti.min(1.0, 1.0 - self.beyond(x) / self.spacing)), float)
         if ti.static(self.loose):
             share *= ti.max(0.0, ti.min(1.0, (RELEASED - z / self.spacing) / (RELEASED - TOUCHING)))
+            if ti.static(self.lets_go):
+                share *= 1.0 - self.released[i]
         return share
 
     @ti.func

@@ -54,6 +54,9 @@ class Walls:
             carried = particles.carried[f"slip_{k}"], particles.carried.get(f"traction_{k}")
             surface.friction = WallFriction(wall.friction, *carried, spacing, plastic_viscosity)
         self.rub = bool(rough)
+        for k, surface in enumerate(surface for surface in self.surfaces if surface.loose and particles):
+            surface.lets_go, surface.particles = True, particles
+            surface.released = particles.carried[f"released_{k}"]
         each = [(k, slot) for k, surface in enumerate(self.surfaces) for slot in range(surface.faces)]
         self.slots = tuple(slot for _, slot in each)
         self.faces = tuple(  # the slip that a particle carries belongs to one face
@@ -92,12 +95,14 @@ class Walls:
         of."""
         for wall in ti.static(self.surfaces):
             wall.find(i, x)
+            if ti.static(wall.lets_go):
+                wall.part(i, x)
         if ti.static(self.ghosts.wedges):
             for f, wall in ti.static(enumerate(self.faces)):
                 z, n, _velocity, _curvature = wall.face(i, x, self.slots[f])
                 acts = ti.cast(1.0, float)
                 if ti.static(wall.thin or wall.loose):
-                    acts = wall.share(x, z)
+                    acts = wall.share(i, x, z)
                 self.ghosts.stand(i, f, z, n, acts)
             self.ghosts.divide(i)
         counts = ti.Vector.zero(float, 3)
@@ -192,7 +197,7 @@ class Walls:
                     z, n, velocity, _curvature = wall.face(i, x, self.slots[f])
                     acts = ti.cast(1.0, float)
                     if ti.static(wall.thin or wall.loose):
-                        acts = wall.share(x, z)
+                        acts = wall.share(i, x, z)
                     cBn = self.c[i, f] * (B @ n)
                     wall.friction.cover(i, n, ti.max(z, self.closest), volume, cBn, share, acts, self.ghosts.second)
                     wall.friction.begin(i, n, u - velocity, mu)

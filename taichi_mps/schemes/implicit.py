@@ -151,6 +151,7 @@ class Implicit:
         self.start(self.solver.x)
         share = min(1.0, LONG * self.scales.own_step[None] / dt)
         self.run("correction", self.correction.gather, self.solver.x, share)
+        self.foresee(dt, self.solver.x)
         self.prepare_system()
         self.iterations[None] = 0
 
@@ -276,6 +277,13 @@ class Implicit:
             u[i] = self.particles.u[i] if self.system.unknown(i) else ti.Vector.zero(float, self.dimension)
 
     @stage
+    def foresee(self, dt: float, u: ti.template()):
+        """Where the first solve starts: with the acceleration of the last step."""
+        for i in range(self.particles.count[None]):
+            if self.system.unknown(i):
+                u[i] += dt * self.particles.a[i]
+
+    @stage
     def right_hand_side(self, b: ti.template()):
         """b = (m/dt) u^n + m g + F[-(p~ + K s) I + stress - 2 mu_r q] + what is taken back of H [N]."""
         I = ti.Matrix.identity(float, self.particles.tensor_dimension)  # noqa: E741
@@ -321,5 +329,6 @@ class Implicit:
                     self.sleeping.count_rest(i, dt, u[i].norm(), self.stress.yielded[i] == 1)
                     if not self.system.unknown(i):
                         move *= 0.0
+                self.particles.a[i] = (u[i] - self.particles.u[i]) / dt
                 self.particles.u[i] = u[i]
                 self.particles.x[i] = self.walls.outside(self.particles.x[i], move)
