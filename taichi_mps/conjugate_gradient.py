@@ -9,6 +9,9 @@ from .backend import real, ti
 
 BLOCK = 1024  # rows per partial sum: a dot product has the same bits with any number of threads
 HUGE = 1e38  # not (|s| < HUGE) finds NaN and infinity, also under fast_math
+# Every solve takes this much off what it begins with, down to this part of the tolerance's norm: a guess that just
+# passes would go on unchanged from solve to solve, until it fails and is corrected by a jump.
+REDUCTION, LEAST = 0.3, 1e-4
 RUNNING, CONVERGED, INDEFINITE, BROKEN = range(4)
 
 
@@ -26,7 +29,7 @@ class ConjugateGradient:
         self.first_x, self.first_r, self.last_b = unknowns[6:]  # of the last solve: where it began, and its b
         scalars = [ti.field(ti.f64, ()) for _ in range(8)]
         self.rz, self.rz_new, self.pq, self.xx = scalars[:4]  # r.z, the next one, p.Ap, x.x of the guess
-        self.reference, self.target = scalars[4:6]  # b.M^-1 b, tolerance^2 b.M^-1 b
+        self.reference, self.target = scalars[4:6]  # b.M^-1 b, where r.z is small enough
         self.step = scalars[6]  # alpha, then beta
         self.first = scalars[7]  # r.z at the start
         self.partial = ti.field(ti.f64, (capacity + BLOCK - 1) // BLOCK)
@@ -172,7 +175,7 @@ class ConjugateGradient:
 
     @ti.func
     def begin(self, tolerance, limit, team: ti.template(), member):
-        """p = z; what r.z is compared with, at most ``limit``."""
+        """p = z; what r.z is compared with: that of the reference, at most ``limit``, and that of the guess."""
         self.dot(self.r, self.z, self.rz, team, member)
         ti.loop_config(serialize=True)
         for _ in range(team.first(member, 1), team.last(member, 1)):
@@ -182,7 +185,9 @@ class ConjugateGradient:
             self.reference[None] = ti.min(self.reference[None], limit)
             if self.reference[None] == 0.0:
                 self.reference[None] = self.rz[None]
-            self.target[None] = tolerance * tolerance * ti.abs(self.reference[None])
+            first, norm = ti.abs(self.rz[None]), ti.abs(self.reference[None])
+            least = ti.max(REDUCTION * REDUCTION * first, LEAST * LEAST * norm)
+            self.target[None] = ti.min(tolerance * tolerance * norm, least)
             self.judge()
         team.wait()
         for i in range(team.first(member, self.active[None]), team.last(member, self.active[None])):

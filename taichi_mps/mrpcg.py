@@ -45,7 +45,8 @@ class MRPCG(ConjugateGradient):
                            unknown: its x is left as it is, its residual and direction are zero
     levels: a CellLevels or GridLevels, used while ``use_levels`` is true; see ``prepare``.
 
-    Stops at sqrt(r.z) <= tolerance sqrt(b.M^-1 b), z = M^-1 r (from the first r.z if b = 0). Solves that follow each
+    Stops at sqrt(r.z) <= tolerance sqrt(b.M^-1 b), z = M^-1 r (from the first r.z if b = 0), and not before 0.3 of the
+    first r.z, if that is more than 1e-4 sqrt(b.M^-1 b). Solves that follow each
     other with the same A and M may go on ``again`` from the last one: from its x, whose residual is then known, and
     from there to the best point along its change of x (Fischer's projection onto a single vector).
     """

@@ -186,6 +186,20 @@ def test_a_solve_goes_on_from_the_last_one(team):
         assert np.abs(block @ x[free] - load[free]).max() < 1e-6
 
 
+@pytest.mark.parametrize("team", [None, WHOLE])
+def test_a_guess_within_the_tolerance_is_improved_all_the_same(team):
+    """By 0.3, or to 1e-4: otherwise a slow flow would go on unchanged until it is as wrong as the tolerance allows."""
+    a, b = spd(40), np.random.default_rng(12).standard_normal(40)
+    exact, off = np.linalg.solve(a, b), np.random.default_rng(13).standard_normal(40)
+    for residual, least in ((1e-2, 3e-3), (1e-3, 3e-4), (2e-4, 1e-4), (5e-5, 1.0)):
+        operator = BlockOperator(a, 1)
+        scaled = solve(operator, b, x=exact + 1e-3 * off, tolerance=1.0, team=team)[1].residuals[0]
+        _, report = solve(operator, b, x=exact + 1e-3 * off * residual / scaled, tolerance=0.05, team=team)
+        assert report.residuals[0] == pytest.approx(residual, rel=1e-6)
+        assert report.converged and report.residuals[-1] <= least
+        assert (report.iterations == 0) == (residual < 1e-4)
+
+
 def test_a_finished_solve_changes_nothing_more():
     a, b = BlockOperator(np.eye(6), 1), np.arange(1.0, 7.0)
     x, report = solve(a, b, check_every=50)

@@ -124,16 +124,24 @@ def film_bi_viscosity():
 
 @row("Bingham film with a wall stress of 0.95 and 1.05 tau_y, 20 and 40 across, 100 Pa s", CLOSED)
 def film_at_yield():
-    """Below, it must stand; above, a layer of H/21 (1.9 particles at 40 across) is sheared."""
+    """Below, it must stand; above, a layer of H/21 (1.9 particles at 40 across) is sheared, and the speed varies by a
+    tenth from instant to instant: the mean over 2 s, in which the plug slides by a third of a spacing."""
     sim = simulate(
         catalogue.build("film", spacing=DEPTH / 20, yield_value=SLOPE_WEIGHT * DEPTH / 0.95, plastic_viscosity=ETA)
     )
     for t in (2.0, 10.0):
         sim.run(until=t)
         yield Measured(f"largest speed after {t:g} s at 0.95", float(sim.snapshot().speed.max()), 1e-6, "m/s")
-    s, weight, tau_y = run_film(40, 1.0 / 1.05, 5.0)
-    top, exact = float(s.u[s.x[:, 1] > 0.5 * DEPTH, 0].mean()), float(profile(DEPTH, weight, ETA, tau_y))
-    yield Measured(f"plug speed at 1.05 ({1e3 * exact:.3g} mm/s) after 5 s, relative error", top / exact - 1.0, 0.05)
+    tau_y = SLOPE_WEIGHT * DEPTH / 1.05
+    sim = simulate(catalogue.build("film", spacing=DEPTH / 40, yield_value=tau_y, plastic_viscosity=ETA))
+    speeds = []
+    for t in np.linspace(3.0, 5.0, 21):
+        sim.run(until=float(t))
+        s = sim.snapshot()
+        speeds.append(s.u[s.x[:, 1] > 0.5 * DEPTH, 0].mean())
+    exact = float(profile(DEPTH, SLOPE_WEIGHT, ETA, tau_y))
+    what = f"plug speed at 1.05 ({1e3 * exact:.3g} mm/s), mean of 3 to 5 s, relative error"
+    yield Measured(what, float(np.mean(speeds)) / exact - 1.0, 0.05)
 
 
 # ---- between walls --------------------------------------------------------------------------------------------
