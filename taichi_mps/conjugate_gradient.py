@@ -9,10 +9,9 @@ from .backend import real, ti
 
 BLOCK = 1024  # rows per partial sum: a dot product has the same bits with any number of threads
 HUGE = 1e38  # not (|s| < HUGE) finds NaN and infinity, also under fast_math
-# Every solve takes this much off what it begins with, down to this part of the tolerance's norm: a guess that just
-# passes would go on unchanged from solve to solve, until it fails and is corrected by a jump.
-REDUCTION, LEAST = 0.3, 1e-4
+LEAST = 1e-4  # part of the norm that the tolerance is compared with, below which no residual need be reduced
 RUNNING, CONVERGED, INDEFINITE, BROKEN = range(4)
+STATUS = "limit", "converged", "indefinite", "broken"  # how a solve ended: p.Ap <= 0 or r.z < 0; NaN or infinity
 
 
 @ti.data_oriented
@@ -174,7 +173,7 @@ class ConjugateGradient:
         team.wait()
 
     @ti.func
-    def begin(self, tolerance, limit, team: ti.template(), member):
+    def begin(self, tolerance, limit, reduction, team: ti.template(), member):
         """p = z; what r.z is compared with: that of the reference, at most ``limit``, and that of the guess."""
         self.dot(self.r, self.z, self.rz, team, member)
         ti.loop_config(serialize=True)
@@ -186,7 +185,7 @@ class ConjugateGradient:
             if self.reference[None] == 0.0:
                 self.reference[None] = self.rz[None]
             first, norm = ti.abs(self.rz[None]), ti.abs(self.reference[None])
-            least = ti.max(REDUCTION * REDUCTION * first, LEAST * LEAST * norm)
+            least = ti.max(reduction * reduction * first, LEAST * LEAST * norm)
             self.target[None] = ti.min(tolerance * tolerance * norm, least)
             self.judge()
         team.wait()

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .backend import ti
-from .conjugate_gradient import HUGE, RUNNING, ConjugateGradient
+from .conjugate_gradient import HUGE, RUNNING, STATUS, ConjugateGradient
 from .grid_levels import GridLevels
 from .sparse import CellLevels, SparseMatrix
 from .stages import stage
@@ -25,7 +25,7 @@ __all__ = ["MRPCG", "SolveReport", "SparseMatrix", "CellLevels", "GridLevels"]
 class SolveReport:
     """How a solve ended; ``iterations`` is where the tolerance was first met, or the number done."""
 
-    status: str  # converged | limit | indefinite (p.Ap <= 0 or r.z < 0) | broken (NaN or infinity)
+    status: str  # one of STATUS
     iterations: int
     residuals: list[float]  # sqrt(r.z / b.M^-1 b) at the start, at every check and at the end
 
@@ -45,10 +45,10 @@ class MRPCG(ConjugateGradient):
                            unknown: its x is left as it is, its residual and direction are zero
     levels: a CellLevels or GridLevels, used while ``use_levels`` is true; see ``prepare``.
 
-    Stops at sqrt(r.z) <= tolerance sqrt(b.M^-1 b), z = M^-1 r (from the first r.z if b = 0), and not before 0.3 of the
-    first r.z, if that is more than 1e-4 sqrt(b.M^-1 b). Solves that follow each
-    other with the same A and M may go on ``again`` from the last one: from its x, whose residual is then known, and
-    from there to the best point along its change of x (Fischer's projection onto a single vector).
+    Stops at sqrt(r.z) <= tolerance sqrt(b.M^-1 b), z = M^-1 r (from the first r.z if b = 0), and not before sqrt(r.z)
+    is ``reduction`` times the first one or 1e-4 sqrt(b.M^-1 b). Solves that follow each other with the same A and M may
+    go on ``again`` from the last one: from its x, whose residual is then known, and from there to the best point along
+    its change of x (Fischer's projection onto a single vector).
     """
 
     def __init__(self, capacity: int, components: int, operator, levels=None, check_every: int = 5):
@@ -66,13 +66,18 @@ class MRPCG(ConjugateGradient):
             self.levels.build()
 
     def solve(
-        self, tolerance: float, max_iterations: int = 1000, reference: float | None = None, again: bool = False
+        self,
+        tolerance: float,
+        max_iterations: int = 1000,
+        reference: float | None = None,
+        again: bool = False,
+        reduction: float = 1.0,
     ) -> SolveReport:
         """Improve self.x until sqrt(r.z) <= tolerance sqrt(min(b.M^-1 b, reference)); ``again`` if A, M and x are those
         that the last solve left: then its b.M^-1 b stays what is compared with."""
         if self.team and (self.has_grids or not self.use_levels):
             limit = HUGE if reference is None else reference
-            self.solve_at_once(tolerance, max_iterations, limit, again, self.use_levels)
+            self.solve_at_once(tolerance, max_iterations, limit, again, reduction, self.use_levels)
             return self.report([self._relative_residual(self.first), self._relative_residual(self.rz)])
         if again:
             self._go_on()
@@ -84,7 +89,7 @@ class MRPCG(ConjugateGradient):
             if self.xx[None] != 0.0:
                 self._subtract_guess()
                 self._precondition()
-        self._begin(tolerance, HUGE if reference is None or again else reference)
+        self._begin(tolerance, HUGE if reference is None or again else reference, reduction)
         residuals = [self._relative_residual(self.rz)]
         done = 0
         check_every = 1 if self.use_levels else self.check_every  # a cycle costs far more than a look
@@ -99,8 +104,7 @@ class MRPCG(ConjugateGradient):
     def report(self, residuals=None) -> SolveReport:
         """Of the last solve; its last residual, where no others are given."""
         residuals = residuals or [self._relative_residual(self.rz)]
-        status = ("limit", "converged", "indefinite", "broken")[self.status[None]]
-        return SolveReport(status, self.iterations[None], residuals)
+        return SolveReport(STATUS[self.status[None]], self.iterations[None], residuals)
 
     def _relative_residual(self, rz) -> float:
         reference = self.reference[None]
@@ -121,7 +125,9 @@ class MRPCG(ConjugateGradient):
             self._jacobi_only()
 
     @stage
-    def solve_at_once(self, tolerance: ti.f64, limit: ti.i32, reference: ti.f64, again: ti.i32, grids: ti.i32):
+    def solve_at_once(
+        self, tolerance: ti.f64, limit: ti.i32, reference: ti.f64, again: ti.i32, reduction: ti.f64, grids: ti.i32
+    ):
         """The whole of ``solve`` with ``grids`` or no levels, by one thread or a team."""
         self.round[None] = -again
         if ti.static(self.team.together):
@@ -129,15 +135,15 @@ class MRPCG(ConjugateGradient):
             for turn in range(self.team.turns):
                 member = self.team.join(turn)
                 if member >= 0:
-                    self.go_through(tolerance, limit, reference, grids, self.team, member)
+                    self.go_through(tolerance, limit, reference, reduction, grids, self.team, member)
                     self.team.close()
         else:
             ti.loop_config(serialize=True)
             for _ in range(1):
-                self.go_through(tolerance, limit, reference, grids, self.team, 0)
+                self.go_through(tolerance, limit, reference, reduction, grids, self.team, 0)
 
     @ti.func
-    def go_through(self, tolerance, limit, reference, grids, team: ti.template(), member):
+    def go_through(self, tolerance, limit, reference, reduction, grids, team: ti.template(), member):
         """Round 0 measures b, round 1 the guess; -1 takes the place of both to go on; then iterations. A and M^-1 stand
         here once, for they take long to compile."""
         while team.has(member) and (
@@ -164,7 +170,7 @@ class MRPCG(ConjugateGradient):
             if this == 0:
                 self.refer(team, member)
             elif this < 2:
-                self.begin(tolerance, HUGE if this < 0 else reference, team, member)
+                self.begin(tolerance, HUGE if this < 0 else reference, reduction, team, member)
             else:
                 self.turn(team, member)
             self.round[None] = 1 if this == 0 else 2
@@ -209,5 +215,5 @@ class MRPCG(ConjugateGradient):
         self.subtract_guess(WHOLE, 0)
 
     @ti.kernel
-    def _begin(self, tolerance: ti.f64, limit: ti.f64):
-        self.begin(tolerance, limit, WHOLE, 0)
+    def _begin(self, tolerance: ti.f64, limit: ti.f64, reduction: ti.f64):
+        self.begin(tolerance, limit, reduction, WHOLE, 0)

@@ -130,6 +130,7 @@ class NeighborList:
         self.one_thread = self.alone or alone()
         self.row_start = ti.field(ti.i32, bins.particles.capacity + 1)  # first pair of each particle
         self.column = ti.field(ti.i32, self.pair_capacity)  # neighbour's row of each pair
+        self.pairs = ti.field(ti.i32, ())  # number of pairs, also of those that do not fit
 
     @ti.func
     def _scan(self, i, fill: ti.template()):
@@ -186,6 +187,7 @@ class NeighborList:
                 self.row_start[i + 1] += self.row_start[i]
             for i in range(self.particles.count[None]):
                 self._scan(i, True)
+        self.pairs[None] = self.row_start[self.particles.count[None]]
 
     @ti.kernel
     def _search_alone(self):
@@ -206,6 +208,6 @@ class NeighborList:
         self.check()
 
     def check(self) -> None:
-        pairs = self.row_start[self.particles.count[None]]
+        pairs = self.pairs[None]
         if pairs > self.pair_capacity:
             raise CapacityError(f"{pairs} neighbour pairs do not fit into pair_capacity = {self.pair_capacity}")

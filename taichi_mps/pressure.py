@@ -47,14 +47,13 @@ class PressurePoisson:
             levels = CellLevels(self.matrix, bins.cell_start, bins.cell_of, bins.shape, bins.periodic)
         self.solver = MRPCG(particles.capacity, 1, self.matrix, levels)
 
-    def solve(self, dt: float, tolerance: float):
-        """P^{k+1} into particles.p; returns the solver's report."""
+    def solve(self, dt: float, tolerance: float) -> None:
+        """P^{k+1} into particles.p."""
         self.assemble(dt, self.solver.b, self.solver.x)
         self.balance(self.solver.b)
         self.solver.prepare()
-        report = self.solver.solve(tolerance, 2000)
+        self.solver.solve(tolerance, 2000)
         self.store(self.solver.x)
-        return report
 
     @ti.func
     def carries(self, i):

@@ -8,6 +8,7 @@ import numpy as np
 
 from .admission import admit
 from .backend import require_room, started
+from .conjugate_gradient import INDEFINITE, STATUS
 from .geometry import Plane
 from .measure import Snapshot
 from .neighbors import Bins, CapacityError, EscapedError, NeighborList
@@ -139,10 +140,10 @@ class Simulation:
         if hasattr(self.scheme, "predict"):  # the semi-implicit scheme moves twice in a step
             self.stages("predictor", self.scheme.predict, dt)
             self._neighbours()
-        result = self.scheme.step(dt)
+        passes = self.scheme.step(dt)
         self.time += dt
         self.steps += 1
-        self.report = self.stages("report", self._make_report, dt, name, result)
+        self.report = self.stages("report", self._make_report, dt, name, passes)
         if self.steps == 1:
             self.stages.spent.clear()  # they held the compilation
             self.compile_seconds = time.process_time() - self._clock[0]
@@ -179,8 +180,8 @@ class Simulation:
     def _initial_speed(self) -> float:
         return float(np.linalg.norm(self.particles.u.to_numpy(), axis=1).max())
 
-    def _make_report(self, dt, name, result) -> StepReport:
-        speed2, mean2, moving2, kinetic, unyielded, volume_error, lost = self.totals.take()
+    def _make_report(self, dt, name, passes) -> StepReport:
+        speed2, mean2, moving2, kinetic, unyielded, error, lost, iterations, residual, status = self.totals.take()
         report = StepReport(
             step=self.steps,
             time=self.time,
@@ -190,11 +191,11 @@ class Simulation:
             mean_speed=math.sqrt(mean2),
             moving_speed=math.sqrt(moving2),
             kinetic_energy=kinetic,
-            unyielded_fraction=unyielded / self.fluid_particles,
-            viscous_iterations=result["viscous_iterations"],
-            pressure_iterations=result["pressure_iterations"],
-            residual=result["residual"],
-            volume_error=volume_error,
+            unyielded_fraction=unyielded,
+            viscous_iterations=passes,
+            pressure_iterations=iterations,
+            residual=residual,
+            volume_error=error,
         )
         crossed = None
         if speed2 >= NOT_A_NUMBER:
@@ -203,8 +204,8 @@ class Simulation:
             crossed = f"a speed of {report.max_speed:.4g} m/s, over {self._runaway_speed:.4g} m/s, is a runaway"
         elif lost > MOST_LOST * self._volume:
             crossed = f"{lost / self._volume:.0%} of the volume is lost, over {MOST_LOST:.0%}: particles overlap"
-        elif result["status"] in ("broken", "indefinite"):
-            crossed = f"the matrix of the linear solve is {result['status']}"
+        elif status >= INDEFINITE:
+            crossed = f"the matrix of the linear solve is {STATUS[status]}"
         if crossed:
             self.report = report
             self._diverge(f"{crossed}; {self.scheme.REMEDY}")

@@ -20,7 +20,7 @@ class Traffic:
 
 def traffic(sim) -> dict[str, Traffic]:
     """By stage of the implicit scheme; "solve" is one iteration of the conjugate gradient. Empty for others."""
-    if not hasattr(sim.scheme, "solver"):
+    if not hasattr(sim.scheme, "system"):
         return {}
     n, d, t = sim.particles.count[None], sim.particles.dimension, sim.particles.tensor_dimension
     m = sim.neighbors.row_start[n]

@@ -187,17 +187,19 @@ def test_a_solve_goes_on_from_the_last_one(team):
 
 
 @pytest.mark.parametrize("team", [None, WHOLE])
-def test_a_guess_within_the_tolerance_is_improved_all_the_same(team):
-    """By 0.3, or to 1e-4: otherwise a slow flow would go on unchanged until it is as wrong as the tolerance allows."""
+def test_a_guess_within_the_tolerance_is_improved_if_asked_for(team):
+    """To 0.3 of its residual, but no further than to 1e-4."""
     a, b = spd(40), np.random.default_rng(12).standard_normal(40)
     exact, off = np.linalg.solve(a, b), np.random.default_rng(13).standard_normal(40)
     for residual, least in ((1e-2, 3e-3), (1e-3, 3e-4), (2e-4, 1e-4), (5e-5, 1.0)):
         operator = BlockOperator(a, 1)
-        scaled = solve(operator, b, x=exact + 1e-3 * off, tolerance=1.0, team=team)[1].residuals[0]
-        _, report = solve(operator, b, x=exact + 1e-3 * off * residual / scaled, tolerance=0.05, team=team)
+        size = solve(operator, b, x=exact + 1e-3 * off, tolerance=1.0, team=team)[1].residuals[0]
+        given = dict(x=exact + 1e-3 * residual / size * off, tolerance=0.05, team=team)
+        _, report = solve(operator, b, reduction=0.3, **given)
         assert report.residuals[0] == pytest.approx(residual, rel=1e-6)
         assert report.converged and report.residuals[-1] <= least
         assert (report.iterations == 0) == (residual < 1e-4)
+        assert solve(operator, b, **given)[1].iterations == 0
 
 
 def test_a_finished_solve_changes_nothing_more():

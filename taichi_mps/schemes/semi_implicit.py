@@ -27,6 +27,7 @@ class SemiImplicit:
         self.pressure = PressurePoisson(
             particles, self.gradient, scene.material.density, constants, numerics.source, numerics.gradient
         )
+        self.solver, self.iterations = self.pressure.solver, self.pressure.solver.iterations
         self.yielded = ti.field(ti.i32, particles.capacity)  # 1 where the material flows
         self.largest_viscosity = 0.0  # of the last step [Pa s]; 0 before the first one
         self.passes = 0  # of the direct iteration in the last step
@@ -57,18 +58,14 @@ class SemiImplicit:
         self.largest_viscosity = float(self.viscosity.largest[None])
         self.viscosity.move(dt)
 
-    def step(self, dt: float) -> dict:
-        """Second half, at r*: n* (eq 13), P (eq 19), u^{k+1} and r^{k+1} (eqs 20, 21)."""
+    def step(self, dt: float) -> int:
+        """Second half, at r*: n* (eq 13), P (eq 19), u^{k+1} and r^{k+1} (eqs 20, 21); returns the passes of the
+        direct iteration."""
         self.gradient.build()
-        report = self.pressure.solve(dt, self.numerics.tolerance)
+        self.pressure.solve(dt, self.numerics.tolerance)
         self.pressure.correct(dt)
         self.mark_yielded()
-        return {
-            "viscous_iterations": self.passes,
-            "pressure_iterations": report.iterations,
-            "residual": report.residuals[-1],
-            "status": report.status,
-        }
+        return self.passes
 
     @ti.func
     def density(self, i):
