@@ -11,7 +11,7 @@ BLOCK = 1024  # rows per partial sum: a dot product has the same bits with any n
 HUGE = 1e38  # not (|s| < HUGE) finds NaN and infinity, also under fast_math
 LEAST = 1e-4  # part of the norm that the tolerance is compared with, below which no residual need be reduced
 RUNNING, CONVERGED, INDEFINITE, BROKEN = range(4)
-STATUS = "limit", "converged", "indefinite", "broken"  # how a solve ended: p.Ap <= 0 or r.z < 0; NaN or infinity
+STATUS = "limit", "converged", "indefinite", "broken"  # how a solve ended; indefinite: p.Ap <= 0 or r.z < 0
 
 
 @ti.data_oriented

@@ -28,7 +28,7 @@ def traffic(sim) -> dict[str, Traffic]:
     x, vector, block, tensor, walls = 8 * d, s * d, s * d * d, s * t * t, s * len(sim.walls.faces)
     wide = s * sim.scheme.system.lanes  # of fields that vector instructions read
     flux = wide * d
-    carried = x + (1 + ("a" in sim.particles.carried)) * vector + 2 * s + 8 + 2 * tensor * sim.particles.carries_stress
+    carried = x + 2 * vector + 2 * s + 8 + 2 * tensor * sim.particles.carries_stress
     law = 2 * tensor + 3 * s  # stress, plastic rate, shear rate, p, source
     candidates = m * (27.0 / 4.19 if d == 3 else 9.0 / 3.14)  # cells around a particle over the ball of its neighbours
     per_row = {
