@@ -146,7 +146,7 @@ def test_a_rising_floor_carries_a_block_along():
     assert np.abs(moved - (0.0, speed)).max() < 0.03 * L0
 
 
-@pytest.mark.parametrize("loose", [True, False])
+@pytest.mark.parametrize("loose", [True, pytest.param(False, marks=pytest.mark.long)])
 def test_a_loose_wall_pushes_a_block_and_does_not_pull_it(loose):
     """A block that would stand, on a smooth floor: a board moves it at its speed, and leaves it where it is if the
     board is drawn away and loose; one that is not loose takes it along."""

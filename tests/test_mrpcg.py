@@ -191,8 +191,8 @@ def test_a_guess_within_the_tolerance_is_improved_if_asked_for(team):
     """To 0.3 of its residual, but no further than to 1e-4."""
     a, b = spd(40), np.random.default_rng(12).standard_normal(40)
     exact, off = np.linalg.solve(a, b), np.random.default_rng(13).standard_normal(40)
+    operator = BlockOperator(a, 1)
     for residual, least in ((1e-2, 3e-3), (1e-3, 3e-4), (2e-4, 1e-4), (5e-5, 1.0)):
-        operator = BlockOperator(a, 1)
         size = solve(operator, b, x=exact + 1e-3 * off, tolerance=1.0, team=team)[1].residuals[0]
         given = dict(x=exact + 1e-3 * residual / size * off, tolerance=0.05, team=team)
         _, report = solve(operator, b, reduction=0.3, **given)
