@@ -112,9 +112,10 @@ class Implicit:
             self.walls.tie(self.materials[0].density / dt)
         all_awake = self.sleeping.begin() if self.sleeping else False
         passes = FIRST_PASSES if self.first else self.numerics.passes
+        numbers = dt, self.first, all_awake, passes, self.numerics.tolerance
+        together = self.alone and not self.run.timed
         for k, part in enumerate(self.parts):
-            numbers = dt, self.first, all_awake, passes, self.numerics.tolerance
-            if self.alone and not self.run.timed:
+            if together:
                 self.in_one_kernel(k, *numbers)
             else:
                 part(*numbers)
