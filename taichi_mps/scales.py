@@ -8,7 +8,7 @@ INERTIAL = 0.5  # non-affine motion of a thin fluid decays within two natural st
 SLOWEST = 1e-2  # strain per natural step below which the non-affine resistance of a yield-stress fluid stops growing
 STIFFNESS = 75.0  # K = STIFFNESS rho (g H + U^2) times the natural step: that pressure compresses by 1/75 in one pass
 VISCOUS_STIFFNESS = 8.0  # and K >= 8 mu_r: a slow flow is resisted by its viscosity, not by its weight
-PENALTY = 6.0, 64.0  # mu_r >= 6 eta and 64 tau_y times the natural step: the stress converges in a few passes
+PENALTY = 6.0, 64.0, 0.5  # mu_r >= 6 eta and 64 tau_y times the natural step: the stress converges in a few passes
 
 
 def law_of(materials) -> str:
@@ -69,7 +69,15 @@ class Scales:
         # the step [s] of this scene at its defaults: it scales what must not depend on the steps taken
         self.natural_step = min(longest, numerics.courant_number * scene.spacing / speed) if speed else longest
         density, step = max(m.density for m in materials), self.natural_step
-        penalties = [max(PENALTY[0] * m.plastic_viscosity, PENALTY[1] * m.yield_value * step) for m in materials]
+        inertia = density * height**2 * max(0.0, 1.0 / self.max_time_step - 1.0 / step)  # of shorter steps [Pa s]
+        penalties = [
+            max(
+                PENALTY[0] * m.plastic_viscosity,
+                PENALTY[1] * m.yield_value * step,
+                PENALTY[2] * (m.plastic_viscosity * inertia) ** 0.5,
+            )
+            for m in materials
+        ]
         for k, (m, mu_r) in enumerate(zip(materials, penalties, strict=True)):
             self.density[k], self.eta[k], self.tau_y[k] = m.density, m.plastic_viscosity, m.yield_value
             self.pi_c[k] = m.critical_strain_rate or 0.0
