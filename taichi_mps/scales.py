@@ -8,7 +8,9 @@ INERTIAL = 0.5  # non-affine motion of a thin fluid decays within two natural st
 SLOWEST = 1e-2  # strain per natural step below which the non-affine resistance of a yield-stress fluid stops growing
 STIFFNESS = 75.0  # K = STIFFNESS rho (g H + U^2) times the natural step: that pressure compresses by 1/75 in one pass
 VISCOUS_STIFFNESS = 8.0  # and K >= 8 mu_r: a slow flow is resisted by its viscosity, not by its weight
-PENALTY = 6.0, 64.0, 0.5  # mu_r >= 6 eta and 64 tau_y times the natural step: the stress converges in a few passes
+# mu_r >= 6 eta and 64 tau_y times the natural step: the stress converges in a few passes; in shorter steps also half
+# the geometric mean of eta and rho H^2/dt, or a plug that stops springs back
+PENALTY = 6.0, 64.0, 0.5
 
 
 def law_of(materials) -> str:
