@@ -1,5 +1,6 @@
 """The only import of Taichi, the one function that starts it, and how its kernels are called."""
 
+import functools
 import os
 import weakref
 
@@ -8,8 +9,8 @@ os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "False")
 
 import numpy as np  # noqa: E402
 import taichi as ti  # noqa: E402
+from taichi.lang import kernel_impl  # noqa: E402
 from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext  # noqa: E402
-from taichi.lang.kernel_impl import Kernel  # noqa: E402
 from taichi.types.primitive_types import integer_type_ids, real_type_ids  # noqa: E402
 
 from .quantity import SceneError  # noqa: E402
@@ -28,9 +29,11 @@ def _place(context, node):
 
 
 ASTTransformerContext.get_pos_info = _place
+# Taichi reads the text of a function again at each of its calls in a kernel, 900 times in a Simulation
+kernel_impl.getsourcelines = functools.cache(kernel_impl.getsourcelines)
 
 VALUES = int, float, bool, str  # templates that Taichi tells apart by value, all other objects by identity
-_call = Kernel.__call__
+_call = kernel_impl.Kernel.__call__
 
 
 def _start(kernel, *arguments, **named):
@@ -103,7 +106,7 @@ def _alive(ready) -> bool:
     return all([reference() is not None for reference in ready[-1]])
 
 
-Kernel.__call__ = _start
+kernel_impl.Kernel.__call__ = _start
 
 
 def init(arch: str = "cpu", precision: str = "f32", threads: int | None = None, debug: bool = False) -> None:

@@ -92,10 +92,8 @@ def ghost_table(
     """
     spacing = size * spacing
     ghosts = _lattice_behind(dimension, spacing, effective_radius)
-    table = np.zeros((entries, len(GHOST_SUMS)))
-    for k in range(entries):
-        z = effective_radius * max(k, 1) / (entries - 1)
-        table[k] = _terms(ghosts, z, spacing, effective_radius, weight, curvature).sum(1)
+    z = effective_radius * np.maximum(np.arange(entries), 1) / (entries - 1)
+    table = _terms(ghosts, z[:, None], spacing, effective_radius, weight, curvature).sum(2).T.copy()
     counted = [GHOST_SUMS.index(name) for name in ("neighbours", "n", "packing")]
     table[:, counted] *= size**2
     return table
@@ -110,7 +108,7 @@ def _lattice_behind(dimension, spacing, effective_radius):
 
 
 def _terms(ghosts, z, spacing, effective_radius, weight, curvature=0.0):
-    """What each ghost adds to GHOST_SUMS of a particle at the distance z, (8, n)."""
+    """What each ghost adds to GHOST_SUMS of particles at the distances z, (k, 1): (8, k, n)."""
     t, d = ghosts[:, 0], ghosts[:, -1]
     h = z + d
     if curvature != 0.0:
@@ -141,11 +139,10 @@ def corner_table(dimension, spacing, effective_radius, entries=64, cosine=0.0, w
     ghosts = _lattice_behind(dimension, spacing, effective_radius)
     distances = effective_radius * np.maximum(np.arange(entries), 1) / (entries - 1)
     table = np.ones((entries, entries, len(GHOST_SUMS)))
-    for z, left in zip(distances, table, strict=True):
-        terms = _terms(ghosts, z, spacing, effective_radius, weight)
+    each = _terms(ghosts, distances[:, None], spacing, effective_radius, weight).swapaxes(0, 1)
+    for z, terms, left in zip(distances, each, table, strict=True):
         ahead = (1.0 - cosine**2) ** 0.5 * ghosts[:, 0] - cosine * (z + ghosts[:, -1])  # of the other wall [m]
-        whole = terms.sum(1)
-        for across, row in zip(distances, left, strict=True):
-            cut = (terms * np.clip((across + ahead) / spacing + 0.5, 0.0, 1.0)).sum(1)
-            row[whole > 0.0] = cut[whole > 0.0] / whole[whole > 0.0]
+        some = terms.sum(1) > 0.0
+        shares = np.clip((distances[:, None] + ahead) / spacing + 0.5, 0.0, 1.0)
+        left[:, some] = (terms[some, None] * shares).sum(2).T / terms[some].sum(1)
     return table
