@@ -61,8 +61,16 @@ def plausible(scene: Scene) -> None:
                 f"inlet: rate = {inlet.rate:g} m3/s: leaves the hose at {speed:.3g} m/s; must be at most {most:.3g} "
                 "m3/s (0.012 for 12 l/s)"
             )
+    crowded = doubles(scene.initial, 1e-3 * scene.spacing)
+    if crowded:
+        raise SceneError(f"fluid: {crowded} of {len(scene.initial)} particles lie on others; all must be apart")
     low, high = scene.domain
     for wall in scene.walls:
+        depth = 0.0 if wall.thin else -float(np.min(wall.distance(scene.initial)))
+        if depth > 0.5 * scene.spacing:
+            raise SceneError(
+                f"fluid: a particle lies {depth:.3g} m behind a wall ({type(wall).__name__}); all must be in front"
+            )
         if not isinstance(wall, Solid) or wall.speed > 0.0:
             continue
         if np.any(np.greater(wall.low, high)) or np.any(np.greater(low, wall.high)):
@@ -70,6 +78,14 @@ def plausible(scene: Scene) -> None:
                 f"walls: a solid from {point(wall.low)} to {point(wall.high)} m: must reach into the domain, from "
                 f"{point(low)} to {point(high)} m; its origin or its scale is another"
             )
+
+
+def doubles(x, apart: float) -> int:
+    """How many of the points x (n, d) [m] share a cell of this size [m] with another."""
+    cells = np.round((x - x.min(0)) / apart).astype(np.int64)
+    shape = cells.max(0) + 1
+    fits = np.prod(shape.astype(float)) < 2**62
+    return len(x) - len(np.unique(np.ravel_multi_index(cells.T, shape)) if fits else np.unique(cells, axis=0))
 
 
 def point(x) -> str:
@@ -84,6 +100,8 @@ def able(scene: Scene, numerics) -> None:
             f"scene {scene.name}: material {type(scene.material).__name__}: must be Bingham with the scheme "
             "semi-implicit; implicit takes any flow curve"
         )
+    if scene.wall_particles is not None and not scene.walls:
+        raise SceneError(f"wall_particles: scene {scene.name} has no walls; must also describe them as surfaces")
     re = numerics.effective_radius_ratio * scene.spacing
     for wall in scene.walls:
         if isinstance(wall, Cylinder) and wall.smallest_radius <= re:

@@ -11,7 +11,7 @@ import numpy as np  # noqa: E402
 import taichi as ti  # noqa: E402
 from taichi.lang import kernel_impl  # noqa: E402
 from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext  # noqa: E402
-from taichi.types.primitive_types import integer_type_ids, real_type_ids  # noqa: E402
+from taichi.types.primitive_types import real_type_ids  # noqa: E402
 
 from .quantity import SceneError  # noqa: E402
 
@@ -70,7 +70,7 @@ def _prepare(kernel) -> None:
             kernel.passed_on.append((k, slot, _pass_array))
         elif id(kind) in real_type_ids:
             kernel.passed_on.append((k, slot, _pass_real))
-        elif id(kind) in integer_type_ids:
+        elif kind in (ti.i32, ti.i64):
             kernel.passed_on.append((k, slot, _pass_integer))
         elif not isinstance(kind, ti.template):
             kernel.quick = False
@@ -97,7 +97,10 @@ def _remember(kernel, key, arguments) -> None:
     program, of_taichi = kernel.runtime.prog, kernel.compiled_kernels[kernel.ensure_compiled(*arguments)]
     compiled = program.compile_kernel(program.config(), program.get_device_caps(), of_taichi)
     objects = [arguments[k] for k in kernel.objects]
-    alive = [weakref.ref(an_object) for an_object in objects if type(an_object) not in VALUES]
+    try:
+        alive = [weakref.ref(an_object) for an_object in objects if type(an_object) not in VALUES]
+    except TypeError:  # a tuple, say: nothing tells when it is gone
+        return
     kernel.ready = {key: ready for key, ready in kernel.ready.items() if _alive(ready)}
     kernel.ready[key] = compiled, program, of_taichi, alive
 
@@ -134,6 +137,8 @@ def init(arch: str = "cpu", precision: str = "f32", threads: int | None = None, 
         log_level=ti.ERROR,
         cpu_max_num_threads=threads,
     )
+    for kernel in ti.lang.impl.get_runtime().kernels:
+        kernel.ready = {}  # else they would keep the program before alive
     _started.update(arch=arch, precision=precision, threads=threads)
 
 

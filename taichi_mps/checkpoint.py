@@ -5,6 +5,7 @@ It is checked before HDF5 sees the file.
 """
 
 import hashlib
+import io
 import json
 import math
 import os
@@ -55,15 +56,17 @@ class Checkpoint:
         scalars = {key: plain(value) for key, value in self.state.items() if key not in arrays}
         header = json.dumps({**self.header, "scalars": scalars})
         partial = path.with_suffix(".partial")
-        with h5py.File(partial, "w", userblock_size=LABEL) as file:
+        whole = io.BytesIO()  # HDF5 kills the process where a disk is full when it closes a file
+        with h5py.File(whole, "w", userblock_size=LABEL) as file:
             file["header"] = header
             for key, value in arrays.items():
                 file[f"state/{key}"] = value
-        with open(partial, "rb+") as file:
-            file.seek(LABEL)
-            checksum = rest_of(file)
-            file.seek(0)
-            file.write(f"{FORMAT} {VERSION} sha256 {checksum}\n".encode())
+        whole.seek(LABEL)
+        checksum = rest_of(whole)
+        whole.seek(0)
+        whole.write(f"{FORMAT} {VERSION} sha256 {checksum}\n".encode())
+        with open(partial, "wb") as file:
+            file.write(whole.getbuffer())
             file.flush()
             os.fsync(file.fileno())
         if path.exists():  # killed between these two lines, the run goes on from the previous one

@@ -191,13 +191,18 @@ class Recorder:
         self.trajectory = Trajectory(folder.trajectory)
         self.measures = sim.measures()  # of the last step
         resumed = sim.steps > 0 and folder.trajectory.is_file()
-        self.history = History(folder.history, self.measures, kept=sim.time if resumed else None)
+        if sim.steps > 0 and not resumed and any(folder.frames.glob("*.png")):
+            raise SceneError(
+                f"run = {folder.path}: run.h5 is gone, by whose outputs the pictures in frames/ are numbered; move the "
+                "pictures elsewhere, then resume"
+            )
+        self.history = History(folder.history, self.measures, kept=sim.time if sim.steps > 0 else None)
         if resumed:
             outputs = self.trajectory.cut(sim.time, every)
             for extra in sorted(folder.frames.glob("*.png"))[outputs:]:
                 extra.unlink()
         else:
-            self.trajectory.create(sim, source)
+            self.trajectory.create(sim, source, every)
         if self.history.empty:
             self.history.add(row_of(sim, self.measures))
         self.begun, self.next = sim.steps, time.monotonic()

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+SAME = 1e-9  # [s] between instants that count as one
 ROOM = 0.6  # distance from what is there in spacings below which a layer waits
 
 
@@ -18,6 +19,7 @@ class Pouring:
         self.speed = float(np.linalg.norm(self.velocity))
         self.layers = inlet.layers(scene.spacing)
         self.layer_volume = inlet.layer_volume(scene.spacing)  # of the whole hose [m3]
+        self.copies = scene.copies_of(inlet)
         self.interval = self.layer_volume / inlet.rate  # [s]
         self.entered = int(inlet.start == 0.0)  # layers; the first may be there from the beginning
         self.delay = 0.0
@@ -31,12 +33,16 @@ class Pouring:
         """Volume [m3] that has entered through the whole hose."""
         return self.entered * self.layer_volume
 
-    def pour(self, time: float, particles) -> None:
-        """Give the particles the layer that has to enter at this time [s], if any."""
+    def pour(self, time: float, particles) -> float:
+        """Give the particles the layer that has to enter at this time [s], if any. The speed [m/s] of the jet, 0 before
+        its first layer and after the step of its last one."""
+        flows = self.entered > 0 and not self.done
         if self.due(time):
             layer = self.enter(time, particles.x.to_numpy()[: particles.count[None]])
             if layer is not None:
                 particles.append(layer, self.velocity, self.mix)
+                flows = True
+        return self.speed if flows else 0.0
 
     @property
     def next(self) -> float:
@@ -45,12 +51,12 @@ class Pouring:
 
     def due(self, time: float) -> bool:
         """Has a layer to enter at this time [s]?"""
-        return not self.done and time >= self.next
+        return not self.done and time >= self.next - SAME
 
     def enter(self, time: float, x: np.ndarray) -> np.ndarray | None:
         """Places (m, d) [m] of the layer that is due at this time [s], as far in front of the mouth as it has come
         since; None, and due later, if one of the particles that are there, x (n, d) [m], is in its way."""
-        late = time - self.next
+        late = max(0.0, time - self.next)
         layer = self.layer + late * self.velocity
         reach = ROOM * self.spacing
         near = x[np.all((x > layer.min(0) - reach) & (x < layer.max(0) + reach), axis=1)]

@@ -53,7 +53,7 @@ FlowIndex = _real("", ge=0.1, le=4.0)
 FlowRate = _real("m3/s", gt=0.0, le=100.0)
 StrainRate = _real("1/s", gt=0.0, le=1e4)
 CriticalStrainRate = StrainRate | Literal["rational"]  # the word: by material.rational_critical_strain_rate
-Acceleration = _real("m/s2", ge=0.0, le=1000.0)
+
 Angle = _real("deg", ge=0.0, lt=90.0)
 Ratio = _real("-", gt=0.0, le=1.0)
 RadiusRatio = _real("l0", ge=1.6, le=4.1)

@@ -29,8 +29,8 @@ def apparent_viscosity(rate, plastic_viscosity, yield_value, critical_strain_rat
 
 @ti.func
 def bi_viscosity(rate, plastic_viscosity, yield_value, critical_strain_rate):
-    """The same inside a kernel."""
-    return plastic_viscosity + yield_value / ti.max(rate, 2.0 * critical_strain_rate)
+    """The same inside a kernel; a Newtonian mix at rest has neither a yield value nor a rate."""
+    return plastic_viscosity + yield_value / ti.max(rate, 2.0 * critical_strain_rate, 1e-12)
 
 
 def flow_curve(material):

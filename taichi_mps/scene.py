@@ -111,6 +111,8 @@ class Scene:
             raise SceneError(f"axisymmetric = True: the fluid has {x.shape[1]} coordinates; must have 2, (r, z)")
         if self.axisymmetric and x[:, 0].min() <= 0.0:
             raise SceneError(f"axisymmetric = True: a particle lies at r = {x[:, 0].min():g} m; r must be above 0 m")
+        if self.axisymmetric and self.gravity_vector[0] != 0.0:
+            raise SceneError(f"gravity = {tuple(self.gravity_vector.tolist())} m/s2: must be along z, axisymmetric")
         if self.axisymmetric and self.periodic_axes[0]:
             raise SceneError("axisymmetric = True: periodic along r; only z may be periodic")
         for wall in self.walls:
@@ -182,9 +184,16 @@ class Scene:
                     f"inlet: the mirror plane with normal = {mirror.normal} cuts the hose; its axis must lie in the "
                     "plane, or it must be clear of it"
                 )
+        if not len(self.inlet_layer(inlet)):
+            raise SceneError(f"inlet: centre = {inlet.centre} m: lies behind a mirror plane; must be in front of it")
         for wall in self.walls:
             if np.min(wall.distance(self.inlet_layer(inlet))) <= 0.0:
                 raise SceneError(f"inlet: centre = {inlet.centre} m: the mouth reaches into a wall; must be free of it")
+
+    def copies_of(self, inlet: Inlet) -> int:
+        """How often the whole body has this inlet: twice for each mirror plane that does not cut it."""
+        clear = [abs(float(mirror.distance(np.array([inlet.centre]))[0])) >= inlet.radius for mirror in self.mirrors]
+        return 2 ** sum(clear)
 
     def inlet_layer(self, inlet: Inlet) -> np.ndarray:
         """Places (m, d) [m] of the particles of a layer at the inlet that are in front of all mirror planes."""

@@ -117,11 +117,12 @@ class Simulation:
     def step(self, until: float | None = None) -> StepReport:
         """One time step, at most to ``until`` [s]."""
         cpu = time.process_time()
-        for pouring in self.pouring:
-            pouring.pour(self.time, self.particles)
+        jets = [pouring.pour(self.time, self.particles) for pouring in self.pouring]
+        if jets:
             self._volume = self.fluid_particles * self.particles.usual_volume
-        speed = max(self.report.max_speed if self.report else self._initial_speed(), self._wall_speed)
-        speed = max([speed, *(pouring.speed for pouring in self.pouring if pouring.entered and not pouring.done)])
+            starts = [pouring.next for pouring in self.pouring if not pouring.entered and pouring.next > self.time]
+            until = min([until or math.inf, *starts])
+        speed = max([self.report.max_speed if self.report else self._initial_speed(), self._wall_speed, *jets])
         limits = self.scheme.time_step_limits(speed)
         if self._last_dt is not None:
             limits["growth"] = 2.0 * self._last_dt
@@ -266,6 +267,7 @@ class Simulation:
                 callback(self)
 
     def _why_stop(self, until) -> str | None:
+        rests = self.scene.stop_at_rest and not hasattr(self.numerics, "unyielded_stop") and self.rest.reached(self)
         if self._interrupted:
             return "interrupted"
         if self.time >= until - 1e-9:
@@ -276,7 +278,7 @@ class Simulation:
             return "unyielded" if moved and self.report.unyielded_fraction >= numerics.unyielded_stop else None
         if not all(pouring.done for pouring in self.pouring):
             return None
-        return "rest" if self.scene.stop_at_rest and self.rest.reached(self) else None
+        return "rest" if rests else None
 
     # ---- reading --------------------------------------------------------------------------------------------
     def snapshot(self) -> Snapshot:

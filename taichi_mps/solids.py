@@ -35,6 +35,12 @@ class Solid:
         values = np.asarray(self.values, float)
         if values.ndim != len(self.low) or values.ndim not in (2, 3) or min(values.shape) < 2:
             raise SceneError(f"values of shape {values.shape}: must be a grid of two nodes or more along {self.low}")
+        for key, unit in (("low", "m"), ("velocity", "m/s")):
+            given = getattr(self, key)
+            if given is not None and (len(given) != values.ndim or not np.all(np.isfinite(given))):
+                raise SceneError(f"{key} = {given} {unit} of a solid: must be {values.ndim} finite numbers")
+        if not 0.0 < self.cell < np.inf:
+            raise SceneError(f"cell = {self.cell} m: must be greater than 0 m")
         if not np.all(np.isfinite(values)):
             raise SceneError("values: a distance is not a finite number; all must be finite [m]")
         if not np.any(values < 0.0):

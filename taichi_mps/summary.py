@@ -32,7 +32,7 @@ def filling(sim) -> dict:
     """What has been poured, and what is filled of the cavity; both of the whole body."""
     facts = {}
     if sim.pouring:
-        facts["poured_m3"] = sum(pouring.volume for pouring in sim.pouring)
+        facts["poured_m3"] = sum(pouring.volume * pouring.copies for pouring in sim.pouring)
         facts["pour_delay_s"] = max(pouring.delay for pouring in sim.pouring)
     if sim.scene.cavity:
         facts |= sim.scene.cavity.report(sim.snapshot())

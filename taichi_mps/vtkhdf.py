@@ -1,5 +1,6 @@
 """run.h5: the outputs of a run as temporal VTKHDF PolyData, written as it goes and read back."""
 
+import errno
 import json
 import os
 import shutil
@@ -14,6 +15,7 @@ from .measure import Snapshot
 from .quantity import SceneError
 from .scene import Scene
 
+BYTES, ROOM = 64, 1 << 20  # of a particle in an output, and of all else that a file may need
 PARTS = ("Vertices", "Lines", "Strips", "Polygons")  # order of the columns of Steps/CellOffsets
 
 
@@ -35,10 +37,12 @@ class Trajectory:
         self.twins = [self.path.with_suffix(f".twin{k}") for k in (1, 2)]
         self.missing: list[Snapshot] | None = None  # what the twin lacks of run.h5; None where there is no twin
 
-    def create(self, sim, source: str) -> None:
+    def create(self, sim, source: str, every: float) -> None:
+        """Begin a file without outputs, for one every ``every`` [s]."""
         s, inlets = sim.snapshot(), sim.scene.inlets
         n = sim.particles.capacity if inlets else len(s.x)
         self.close()
+        self._require_room(n)
         with h5py.File(self.twins[0], "w", libver=("earliest", "v110")) as file:
             root = file.create_group("VTKHDF")
             root.attrs["Version"] = np.array([2, 0])
@@ -67,6 +71,7 @@ class Trajectory:
                 growing(steps, name, (len(PARTS),))
             own = file.create_group("taichi_mps")
             own.attrs.update(source=source, parameters=json.dumps(sim.scene.parameters), dimension=s.x.shape[1])
+            own.attrs["every"] = every
             own["wall_x"] = s.wall_x
             if inlets:
                 own["mouth"] = np.array(inlets[0].centre, float)
@@ -88,10 +93,16 @@ class Trajectory:
 
     def _extend(self, snapshots) -> int | None:
         """Add snapshots to the twin; the number of the last, or None if it is not later than what is there."""
+        self._require_room(sum(len(s.x) for s in snapshots))
         with h5py.File(self.twins[0], "r+", libver=("earliest", "v110")) as file:
             for s in snapshots:
                 number = add(file["VTKHDF"], s)
         return number
+
+    def _require_room(self, particles: int) -> None:
+        """OSError where the disk has no room for an output: HDF5 would not return from closing the file."""
+        if shutil.disk_usage(self.path.parent).free < BYTES * particles + ROOM:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(self.path))
 
     def _exchange(self) -> bool:
         """The twin becomes run.h5, and run.h5 the twin: False, and no twin, where the disk has no links."""
@@ -111,16 +122,19 @@ class Trajectory:
             twin.unlink(missing_ok=True)
 
     def cut(self, last: float, every: float) -> int:
-        """Forget the outputs after the time ``last`` [s], and those between the multiples of ``every`` [s], which only
-        an end of the run has made; returns how many are left."""
+        """Forget the outputs after the time ``last`` [s], and the last one that is left if it is not a multiple of the
+        interval so far, for then an end of the run has made it; go on with the interval ``every`` [s]. Returns how many
+        are left."""
         self.close()
         shutil.copyfile(self.path, self.twins[0])
         with h5py.File(self.twins[0], "r+", libver=("earliest", "v110")) as file:
             root = file["VTKHDF"]
             steps = root["Steps"]
             instants = steps["Values"][: steps.attrs["NSteps"]]
-            kept = (instants <= last + 1e-9) & due(instants, every)
-            k = int(np.argmin(np.append(kept, False)))
+            own = file["taichi_mps"].attrs
+            k = int(np.count_nonzero(instants <= last + 1e-9))
+            k -= int(k > 0 and not due(instants[k - 1], own.get("every", every)))
+            own["every"] = every
             steps.attrs["NSteps"] = k
             offsets = [item for item in steps.values() if isinstance(item, h5py.Dataset)]
             for dataset in (*offsets, *steps["PointDataOffsets"].values()):

@@ -1,6 +1,8 @@
 """Run folder, history, VTKHDF trajectory and checkpoints, with a stand-in for the simulation: no Taichi here."""
 
 import json
+import subprocess
+import sys
 from dataclasses import replace
 from types import SimpleNamespace
 from xml.etree import ElementTree
@@ -176,7 +178,7 @@ def test_a_replay_of_rings_has_their_sizes_and_measures(tmp_path):
     plain = sim.snapshot
     sim.snapshot = lambda: replace(plain(), size=np.linspace(0.01, 0.02, len(sim.scene.fluid)))
     trajectory = Trajectory(tmp_path / "run.h5")
-    trajectory.create(sim, "slump")
+    trajectory.create(sim, "slump", 0.01)
     trajectory.append(sim.snapshot())
     (output,) = trajectory.replay()
     assert output.snapshot().x.shape == sim.scene.fluid.shape
@@ -186,7 +188,7 @@ def test_a_replay_of_rings_has_their_sizes_and_measures(tmp_path):
 
 def test_a_plane_lies_at_y_zero(tmp_path, plane):
     trajectory, sim = Trajectory(tmp_path / "run.h5"), Falling(plane)
-    trajectory.create(sim, "plane")
+    trajectory.create(sim, "plane", 0.01)
     assert trajectory.append(sim.snapshot()) == 0
     with h5py.File(tmp_path / "run.h5") as file:
         points = file["VTKHDF/Points"][()]
@@ -208,6 +210,63 @@ def test_an_output_that_only_the_end_of_a_run_made_is_cut_when_it_goes_on(tmp_pa
     assert recorder.trajectory.append(sim.snapshot()) == 4
     assert recorder.trajectory.cut(0.034, every=0.01) == 4
     assert [output.time for output in recorder.trajectory.replay()] == pytest.approx([0.0, 0.01, 0.02, 0.03])
+
+
+def test_a_run_that_goes_on_with_another_interval_keeps_its_outputs(tmp_path, slump):
+    _, sim, recorder = recorded(tmp_path / "run", slump, 4)
+    assert recorder.trajectory.cut(0.04, every=0.02) == 5
+    sim.time = 0.06
+    recorder.trajectory.append(sim.snapshot())
+    sim.time = 0.07  # interrupted between two outputs of the new interval
+    recorder.trajectory.append(sim.snapshot())
+    assert recorder.trajectory.cut(0.07, every=0.01) == 6
+    assert [output.time for output in recorder.trajectory.replay()] == pytest.approx(
+        [0.0, 0.01, 0.02, 0.03, 0.04, 0.06]
+    )
+
+
+def test_without_run_h5_the_history_goes_on_and_pictures_are_not_mixed(tmp_path, slump):
+    folder, sim, recorder = recorded(tmp_path / "run", slump, 3)
+    recorder.finish("time")
+    folder.trajectory.unlink()
+    sim.steps = 3
+    Recorder(folder, sim, 0.01, "slump", {}).finish("time")
+    assert read_history(folder.history)["time_s"] == pytest.approx([0.0, 0.01, 0.02, 0.03])
+    folder.trajectory.unlink()
+    (folder.frames / "frame_00000.png").write_bytes(b"")
+    with pytest.raises(mps.SceneError, match=r"run.h5 is gone.*move the pictures elsewhere"):
+        Recorder(folder, sim, 0.01, "slump", {})
+    assert len(read_history(folder.history)["time_s"]) == 4
+
+
+FULL_DISK = """
+import resource, signal, sys
+import numpy as np
+from taichi_mps.checkpoint import Checkpoint
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
+try:
+    Checkpoint({}, {"x": np.zeros((300, 3))}).write(sys.argv[1])
+except OSError as error:
+    print(type(error).__name__)
+"""
+
+
+def test_a_full_disk_is_an_error_and_the_last_checkpoint_stays(tmp_path):
+    """HDF5 itself ends the process where it cannot write when it closes a file."""
+    (tmp_path / "checkpoint.h5").write_bytes(b"the last one")
+    command = [sys.executable, "-c", FULL_DISK, str(tmp_path / "checkpoint.h5")]
+    assert subprocess.run(command, capture_output=True, text=True, timeout=60).stdout == "OSError\n"
+    assert (tmp_path / "checkpoint.h5").read_bytes() == b"the last one"
+
+
+def test_no_room_for_an_output_is_an_error_and_run_h5_stays(tmp_path, slump, monkeypatch):
+    folder, sim, recorder = recorded(tmp_path / "run", slump, 2)
+    before = folder.trajectory.read_bytes()
+    monkeypatch.setattr(vtkhdf.shutil, "disk_usage", lambda path: SimpleNamespace(free=1000))
+    with pytest.raises(OSError, match="No space left"):
+        sim.step()
+    assert folder.trajectory.read_bytes() == before
 
 
 def test_run_h5_is_never_open_for_writing_and_nothing_else_stays(tmp_path, slump, monkeypatch):

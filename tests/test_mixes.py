@@ -55,6 +55,16 @@ def test_film_of_two_layers():
     assert s.x[s.mix == 0, 1].max() < middle < s.x[s.mix == 1, 1].min()  # the layers do not mix
 
 
+def test_a_newtonian_mix_at_rest_beside_one_with_a_critical_strain_rate():
+    """Neither a yield value nor a rate: its viscosity is eta."""
+    water = mps.Newtonian(density=2000.0, viscosity=10.0)
+    stiff = mps.Bingham(yield_value=100.0, plastic_viscosity=50.0, critical_strain_rate=0.1)
+    sim = mps.Simulation(film(material=water, inlets=(replace(film().inlets[0], material=stiff),)))
+    sim.step()
+    s = sim.snapshot()
+    assert np.all(s.yielded) and np.all(np.isfinite(s.u)) and np.all(s.mix == 0)
+
+
 @pytest.mark.parametrize(
     "change, message",
     [

@@ -55,7 +55,7 @@ def test_concrete_enters_at_its_rate_falls_freely_rests_and_resumes_bit_for_bit(
     layer, interval = 4 * L0**2, 4 * L0**2 / RATE
     entered = [0.0]  # times at which the layers entered [s]
     output = Trajectory(tmp_path / "run.h5")
-    output.create(sim, source)
+    output.create(sim, source, 0.1)
     counts = [len(sim.snapshot().x)]
     output.append(sim.snapshot())
     while sim.snapshot().x[:, 1].min() > 2.5 * L0:  # nothing has come near the floor
@@ -133,6 +133,36 @@ def test_a_buried_mouth_holds_the_layers_back(scene):
     assert later.entered == 0 and not later.due(0.499) and later.due(0.5)
     assert np.allclose(later.enter(0.5, buried - (0.0, 0.1)), scene.inlet_layer(HOSE))
     assert not later.due(0.499 + later.interval) and later.due(0.501 + later.interval)
+
+
+def test_a_hose_that_opens_later_does_so_on_time():
+    """A stiff, viscous mix takes steps that would carry the first layer far in front of the mouth."""
+    start = 0.25
+    hose = replace(HOSE, start=start, volume=0.0016)
+    block = mps.lattice((-0.09, 0.01), (0.09, 0.1), L0)
+    thick = mps.Bingham(yield_value=2000.0, plastic_viscosity=1500.0)
+    floor = mps.Plane((0.0, 0.0), (0.0, 1.0))
+    scene = mps.Scene(
+        "late", thick, L0, block, ((-0.3, -0.1), (0.3, 0.6)), walls=(floor,), inlets=(hose,), stop_at_rest=False
+    )
+    sim, ends = mps.Simulation(scene), []
+    while not sim.pouring[0].entered:
+        ends.append(sim.time)
+        sim.step()
+    assert ends[-1] == pytest.approx(start, abs=1e-9) and max(np.diff(ends)) > 0.004
+    jet = sim.snapshot().x[len(block) :]
+    assert jet[:, 1] == pytest.approx(0.4 + 0.5 * L0 - sim.pouring[0].speed * sim.report.dt, abs=0.1 * L0)
+    assert sim.report.dt <= 1.001 * sim.numerics.courant_number * L0 / sim.pouring[0].speed
+
+
+def test_what_a_whole_body_gets_through_a_hose_beside_its_mirror_plane():
+    mirror = mps.Plane((0.0, 0.0), (1.0, 0.0), mirror=True)
+    for x, copies in ((0.0, 1), (0.2, 2)):
+        hose = replace(HOSE, centre=(x, 0.4), direction=(0.0, -1.0))
+        scene = mps.Scene("half", mps.Bingham(), L0, None, ((-0.1, 0.0), (0.5, 0.6)), walls=(mirror,), inlets=(hose,))
+        assert Pouring(scene, hose).copies == copies
+    with pytest.raises(mps.SceneError, match="behind a mirror plane"):
+        replace(scene, inlets=(hose, replace(hose, centre=(-0.2, 0.4))))
 
 
 def test_a_layer_has_the_area_that_its_speed_is_taken_from():

@@ -203,6 +203,9 @@ def test_a_bad_mesh_is_refused(tmp_path, make, message):
         ({"values": np.ones(4)}, "must be a grid"),
         ({"values": np.full((4, 4), np.nan)}, "must be finite"),
         ({"values": np.diag([-1.0, 1.0, 1.0, 1.0])}, "the distance changes by 10 m per metre"),
+        ({"values": np.eye(4) - 0.5, "low": (np.nan, 0.0)}, "low = .* of a solid: must be 2 finite numbers"),
+        ({"values": np.eye(4) - 0.5, "velocity": (0.0, 0.0, 1.0)}, "velocity = .* must be 2 finite numbers"),
+        ({"values": np.eye(4) - 0.5, "cell": np.nan}, "cell = nan m: must be greater than 0 m"),
     ],
 )
 def test_a_bad_grid_is_refused(arguments, message):

@@ -44,6 +44,12 @@ def test_a_key_is_the_scene_and_all_its_parameters(tmp_path):
     assert known.key != cases.case(str(changed), yield_value=300.0).key
     with pytest.raises(SceneError, match="yield_value = -1 Pa"):
         cases.case("slump", yield_value=-1)
+    bars = tmp_path / "bars.stl"
+    keys = []
+    for text in ("one", "another"):
+        bars.write_text(text)
+        keys.append(cases.case("wall", rebar=str(bars)).key)
+    assert keys[0] != keys[1]
 
 
 def test_model_and_spacing_are_the_cheapest_that_are_good_enough():

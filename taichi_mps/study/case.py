@@ -8,6 +8,7 @@ import threading
 from contextlib import contextmanager, nullcontext, redirect_stdout
 from dataclasses import dataclass
 from functools import lru_cache
+from pathlib import Path
 
 from .. import __version__, catalogue
 from ..quantity import SceneError, explain
@@ -35,8 +36,8 @@ class Case:
 def case(scene: str, **parameters) -> Case:
     """The case of these parameters, as text or numbers; SceneError for what the scene does not accept.
 
-    The key is a digest of the text of the scene's file, all its parameters with their defaults, and the package's code:
-    equal keys are equal results.
+    The key is a digest of the scene's file and of all built-in ones, from which it may be made, of all its parameters
+    with their defaults, of the files that they name, and of the package's code: equal keys are equal results.
     """
     function = catalogue.load(scene)
     try:
@@ -44,8 +45,10 @@ def case(scene: str, **parameters) -> Case:
     except ValueError as error:
         raise SceneError(explain(error, function.parameters)) from None
     full = valid.model_dump(mode="json")
-    text = catalogue.locate(scene).read_text(encoding="utf-8")
-    digest = hashlib.sha256(json.dumps([text, full, code()], sort_keys=True).encode()).hexdigest()
+    named = [Path(value) for value in full.values() if isinstance(value, str) and value and Path(value).is_file()]
+    files = [catalogue.locate(scene), *catalogue.names().values(), *named]
+    contents = [hashlib.sha256(path.read_bytes()).hexdigest() for path in files]
+    digest = hashlib.sha256(json.dumps([contents, full, code()], sort_keys=True).encode()).hexdigest()
     return Case(catalogue.source(scene), tuple((name, full[name]) for name in parameters), digest[:16])
 
 
@@ -59,7 +62,8 @@ def code() -> str:
 
 
 def run(case: Case, haste: bool = False) -> dict:
-    """Compute a case to its end in this process, with one thread: its row. What fails is a row with its reason.
+    """Compute a case to its end in this process: its row. What fails is a row with its reason. Taichi is started with
+    one thread where it is not, and again, which drops every earlier Simulation, where its fields are used up.
 
     A row holds key, status ('done' or 'failed'), reason, the parameters, the scene's measures at the end, t500_s [s]
     where the spread came to 500 mm, what stopped the run, steps and seconds. In ``haste`` the steps may be twice as
