@@ -29,7 +29,8 @@ def _place(context, node):
 
 
 ASTTransformerContext.get_pos_info = _place
-# Taichi reads the text of a function again at each of its calls in a kernel, 900 times in a Simulation
+# Taichi looks for the text of a function again at each of its calls in a kernel, 900 times in a Simulation
+kernel_impl.getsourcefile = functools.cache(kernel_impl.getsourcefile)
 kernel_impl.getsourcelines = functools.cache(kernel_impl.getsourcelines)
 
 VALUES = int, float, bool, str  # templates that Taichi tells apart by value, all other objects by identity

@@ -8,7 +8,7 @@ import numpy as np
 
 from .quantity import SceneError
 from .smooth_surface import smooth_surface
-from .vtkhdf import embed, point_data
+from .vtkhdf import point_data, single
 
 
 def vtu(outputs, folder, whole: bool = False, smooth: bool = False) -> int:
@@ -31,7 +31,7 @@ def vtu(outputs, folder, whole: bool = False, smooth: bool = False) -> int:
         except OSError as error:
             raise SceneError(f"out = {folder}: cannot be written ({error.strerror}); choose another folder") from None
         name = f"output_{number:05d}.vtu"
-        mesh = meshio.Mesh(embed(s.x), cells, point_data=point_data(s))
+        mesh = meshio.Mesh(single(s.x), cells, point_data=point_data(s))
         meshio.write(folder / name, mesh, file_format="vtu")
         lines.append(f'    <DataSet timestep="{s.time!r}" part="0" file="{name}"/>')
         text = ['<?xml version="1.0"?>', '<VTKFile type="Collection" version="0.1" byte_order="LittleEndian">']

@@ -151,6 +151,12 @@ class Gradient:
             )
 
     @ti.func
+    def pair_weight(self, k):
+        """w of pair k (eq 10) from b = (w/r^2) r_ij and w/r^2."""
+        b = self.b[k]
+        return b.dot(b) / ti.max(self.weight_r2[k], 1e-30)
+
+    @ti.func
     def slope(self, i, u: ti.template(), motion):
         """sum_j (u_j - u_i) (x) b_ij [1/s], walls included."""
         H = ti.Matrix.zero(float, self.dimension, self.dimension)

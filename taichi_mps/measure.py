@@ -69,6 +69,12 @@ def still(x, spacing: float) -> Snapshot:
     return Snapshot(0.0, spacing, x, 0.0 * x, zero, zero, zero > 0.0, zero + 1.0, np.zeros((0, x.shape[1])))
 
 
+def embed(x) -> np.ndarray:
+    """Vectors (n, 3) of vectors (n, d): a two-dimensional scene lies in the plane y = 0."""
+    x = np.asarray(x, float)
+    return x if x.shape[1] == 3 else np.insert(x, 1, 0.0, axis=1)
+
+
 def reflected(vectors, normal, point=None):
     """Mirror images (n, d) of vectors at a plane with this unit normal; of positions [m] with a ``point`` of it [m]."""
     normal = np.asarray(normal, float)

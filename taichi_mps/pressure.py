@@ -61,12 +61,6 @@ class PressurePoisson:
         return self.particles.kind[i] != DUMMY and self.gradient.n[i] >= FREE_SURFACE * self.n0
 
     @ti.func
-    def weight(self, k):
-        """w of pair k (eq 10) from b = (w/r^2) r_ij and w/r^2."""
-        b = self.gradient.b[k]
-        return b.dot(b) / ti.max(self.gradient.weight_r2[k], 1e-30)
-
-    @ti.func
     def divergence(self, i):
         """div u* [1/s] at r* (eq 11), walls included."""
         total = ti.cast(0.0, float)
@@ -88,7 +82,7 @@ class PressurePoisson:
                     source = self.density / (dt * dt) * excess
                 for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
                     j = self.neighbors.column[k]
-                    w = self.weight(k)
+                    w = self.gradient.pair_weight(k)
                     diagonal += w if self.particles.kind[j] != DUMMY else 0.0
                     self.matrix.value[k] = -w if self.carries(j) else 0.0
             else:

@@ -15,7 +15,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from .facets import Facets
 from .geometry import Cylinder, Plane
-from .measure import reflected, still
+from .measure import embed, reflected, still
 from .quantity import SceneError
 from .smooth_surface import check, smooth_surface
 from .solids import Solid
@@ -44,12 +44,6 @@ def viridis(t):
     t = np.asarray(t, float)
     colours = np.stack([np.interp(t, np.linspace(0, 1, 9), VIRIDIS[:, k] / 255.0) for k in range(3)], -1)
     return np.where(np.isnan(t)[..., None], 0.5, colours)
-
-
-def embed(x):
-    """Points (n, 3) of points (n, d): a two-dimensional scene lies in the plane y = 0."""
-    x = np.asarray(x, float)
-    return x if x.shape[1] == 3 else np.column_stack([x[:, 0], np.zeros(len(x)), x[:, 1]])
 
 
 def images(scene, line):

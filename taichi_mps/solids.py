@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from .geometry import check_friction
+from .inner_edges import interpolate
 from .material import Friction
 from .quantity import SceneError
 
@@ -148,14 +149,7 @@ class Solid:
 
     def distance(self, x, time=0.0):
         """Signed distance [m] of points (n, d) at a time [s], positive in the fluid; infinite beyond the grid."""
-        place = (x - np.array(self.low) - time * self.travel) / self.cell
-        last = np.array(self.values.shape) - 1
-        k = np.clip(np.floor(place).astype(int), 0, last - 1)
-        f = place - k
-        z = np.zeros(len(x))
-        for corner in np.ndindex(*(2,) * len(self.low)):
-            z += np.prod(np.where(corner, f, 1.0 - f), axis=1) * self.values[tuple((k + corner).T)]
-        return np.where(np.all((place >= 0.0) & (place <= last), axis=1), z, np.inf)
+        return interpolate(self.values, (x - np.array(self.low) - time * self.travel) / self.cell)
 
 
 def polygon_distance(x, corners):

@@ -74,18 +74,12 @@ class ExplicitViscosity:
         return limit
 
     @ti.func
-    def pair_weight(self, k):
-        """w of pair k (eq 10) from b = (w/r^2) r_ij and w/r^2."""
-        b = self.gradient.b[k]
-        return b.dot(b) / ti.max(self.gradient.weight_r2[k], 1e-30)
-
-    @ti.func
     def laplacian(self, i, u: ti.template()):
         """lap u at i (eq 12), walls included."""
         ui = u[i]
         total = ti.Vector.zero(float, self.dimension)
         for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
-            total += (u[self.neighbors.column[k]] - ui) * self.pair_weight(k)
+            total += (u[self.neighbors.column[k]] - ui) * self.gradient.pair_weight(k)
         return self.laplacian_scale * total
 
     @ti.func

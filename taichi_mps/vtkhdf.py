@@ -11,7 +11,7 @@ import h5py
 import numpy as np
 
 from . import catalogue, outside
-from .measure import Snapshot
+from .measure import Snapshot, embed
 from .quantity import SceneError
 from .scene import Scene
 
@@ -58,7 +58,7 @@ class Trajectory:
                 del fields["size"]
             if len(sim.scene.materials) == 1:
                 del fields["mix"]
-            for name, rows in {"Points": embed(s.x), **fields}.items():
+            for name, rows in {"Points": single(s.x), **fields}.items():
                 where = name if name == "Points" else f"PointData/{name}"
                 growing(root, where, rows.shape[1:], rows.dtype, min(n, 1 << 16))
             steps = root.create_group("Steps")
@@ -222,7 +222,7 @@ def add(root, s: Snapshot) -> int | None:
         return None
     if len(s.x) < n:
         s = waiting(s, n, root.parent["taichi_mps/mouth"][()])
-    put(root["Points"], k * n, embed(s.x))
+    put(root["Points"], k * n, single(s.x))
     for name, rows in point_data(s).items():
         if name in root["PointData"]:
             put(root[f"PointData/{name}"], k * n, rows)
@@ -245,10 +245,9 @@ def waiting(s: Snapshot, n: int, mouth) -> Snapshot:
     return replace(s, **{name: np.concatenate([rows[name], more[name]]) for name in names})
 
 
-def embed(x):
-    """Vectors (n, 3) in single precision of vectors (n, d); a two-dimensional scene lies in the plane y = 0."""
-    x = np.asarray(x, np.float32)
-    return x if x.shape[1] == 3 else np.insert(x, 1, 0.0, axis=1)
+def single(x):
+    """Vectors (n, 3) in single precision of vectors (n, d)."""
+    return embed(x).astype(np.float32)
 
 
 def point_data(s: Snapshot) -> dict[str, np.ndarray]:
@@ -256,7 +255,7 @@ def point_data(s: Snapshot) -> dict[str, np.ndarray]:
     particle."""
     scalars = {"pressure": s.p, "shear_rate": s.shear_rate, "density_ratio": s.density_ratio, "size": s.size}
     return {
-        "velocity": embed(s.u),
+        "velocity": single(s.u),
         "yielded": s.yielded.astype(np.uint8),
         "mix": s.mix.astype(np.uint8),
         **{name: np.asarray(values, np.float32) for name, values in scalars.items()},

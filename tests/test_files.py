@@ -337,8 +337,8 @@ def test_an_export_holds_every_output_with_its_time(tmp_path, plane):
     sets = ElementTree.parse(tmp_path / "vtu" / "run.pvd").getroot().findall("Collection/DataSet")
     assert [float(item.get("timestep")) for item in sets] == pytest.approx([0.02, 0.03])
     mesh = meshio.read(tmp_path / "vtu" / sets[-1].get("file"))
-    np.testing.assert_array_equal(mesh.points, vtkhdf.embed(sim.snapshot().x))
-    np.testing.assert_array_equal(mesh.point_data["velocity"], vtkhdf.embed(sim.snapshot().u))
+    np.testing.assert_array_equal(mesh.points, vtkhdf.single(sim.snapshot().x))
+    np.testing.assert_array_equal(mesh.point_data["velocity"], vtkhdf.single(sim.snapshot().u))
     assert mesh.cells[0].type == "vertex" and len(mesh.cells[0].data) == len(plane.fluid)
 
 

@@ -27,7 +27,7 @@ LAYERS = {
 PEERS = {
     "material": {"quantity"},
     "geometry": {"quantity", "material"},
-    "solids": {"quantity", "material", "geometry"},
+    "solids": {"quantity", "material", "geometry", "inner_edges"},
     "rest_shapes": {"quantity"},
     "inlet": {"quantity", "material"},
     "filling": {"quantity"},
