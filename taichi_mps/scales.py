@@ -8,7 +8,6 @@ INERTIAL = 0.5  # non-affine motion of a thin fluid decays within two natural st
 SLOWEST = 1e-2  # strain per natural step below which the non-affine resistance of a yield-stress fluid stops growing
 STIFFNESS = 75.0  # K = STIFFNESS rho (g H + U^2) times the natural step: that pressure compresses by 1/75 in one pass
 VISCOUS_STIFFNESS = 8.0  # and K >= 8 mu_r: a slow flow is resisted by its viscosity, not by its weight
-COURANT = 0.2  # of the natural step: the default of the numerics
 # mu_r >= 6 eta and 64 tau_y times the natural step: the stress converges in a few passes; in shorter steps also half
 # the geometric mean of eta and rho H^2/dt, or a plug that stops springs back
 PENALTY = 6.0, 64.0, 0.5
@@ -70,7 +69,8 @@ class Scales:
         longest = min(longest_step(m.plastic_viscosity / m.density, gravity, height, scene.spacing) for m in materials)
         self.max_time_step = numerics.max_time_step or longest
         # the step [s] of this scene at its defaults: it scales what must not depend on the steps taken
-        self.natural_step = min(longest, COURANT * scene.spacing / speed) if speed else longest
+        courant_number = type(numerics).model_fields["courant_number"].default
+        self.natural_step = min(longest, courant_number * scene.spacing / speed) if speed else longest
         density, step = max(m.density for m in materials), self.natural_step
         inertia = density * height**2 * max(0.0, 1.0 / self.max_time_step - 1.0 / step)  # of shorter steps [Pa s]
         penalties = [

@@ -67,6 +67,21 @@ def test_what_does_not_fit_is_refused_as_by_taichi():
     assert np.all(owner.diagonal.to_numpy() == 1.0)
 
 
+@ti.kernel
+def total(numbers: ti.template(), result: ti.template()):
+    result[None] = numbers[0] + numbers[1]
+
+
+def test_templates_whose_end_nobody_can_tell_are_looked_up_in_each_call(monkeypatch):
+    """Tuples: an id alone could be that of another one."""
+    monkeypatch.setattr(total._primal.func, "__module__", "taichi_mps.none")
+    result = ti.field(ti.i32, ())
+    for numbers in ((1, 2), (1, 2), (3, 4)):
+        total(numbers, result)
+        assert result[None] == sum(numbers)
+    assert total._primal.quick and not total._primal.ready
+
+
 def test_a_new_start_of_taichi_forgets_what_was_compiled_before():
     values = np.arange(float(ROWS))
     for _ in range(2):

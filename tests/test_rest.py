@@ -71,3 +71,23 @@ def test_what_a_travelling_wall_touches_is_not_at_rest():
         return rest.reached(SimpleNamespace(report=still, scene=scene, particles=particles, walls=walls, time=time))
 
     assert next(time for time in np.arange(0.0, 1.0, 0.01) if reached(time)) == pytest.approx(0.36, abs=0.02)
+
+
+def test_every_step_counts_for_the_rule_also_one_that_ends_a_run(monkeypatch):
+    """Else a run that is stopped and goes on would come to rest at another step than one that is not."""
+    x = mps.lattice((0.0, 0.0), (0.1, 0.1), 0.02)
+    floor = mps.Plane((0.0, 0.0), (0.0, 1.0))
+    scene = mps.Scene("block", mps.Bingham(), 0.02, x, ((-0.2, -0.1), (0.3, 0.2)), walls=(floor,), stop_at_rest=True)
+    sim, counted = mps.Simulation(scene), []
+    monkeypatch.setattr(sim.rest, "reached", lambda s: counted.append(s.steps))
+    sim.run(until=0.02)
+    assert sim.stopped_by == "time" and sorted(set(counted)) == list(range(1, sim.steps + 1))
+    step = sim.step
+
+    def interrupted(until):
+        sim.interrupt()
+        return step(until)
+
+    monkeypatch.setattr(sim, "step", interrupted)
+    sim.run(until=1.0)
+    assert sim.stopped_by == "interrupted" and counted[-1] == sim.steps
