@@ -4,9 +4,8 @@
     python benchmarks/step.py --draw     # the tables of docs/speed.md from benchmarks/results/step.json
 
 The slump cone of 300 Pa in 3-D, with a spacing that gives these numbers of particles. Each size and number of threads
-runs in a process of its own, `--repeats` times in turn (a million particles once): a few steps of the collapse, after
-it has begun, of which the fastest counts, for the machine is shared and at times gives two processes little more than
-one. The bandwidth is that of a Taichi kernel that adds two fields of 256 MB into a third, in the same process, also the
+runs in a process of its own, `--repeats` times in turn: a few steps of the collapse, after it has begun, of which the
+fastest counts, for the machine is shared and at times gives two processes little more than one. The bandwidth is that of a Taichi kernel that adds two fields of 256 MB into a third, in the same process, also the
 best of five.
 """
 
@@ -140,7 +139,7 @@ def main() -> None:
     rows = []
     for size in arguments.sizes:
         found = {}
-        for threads in arguments.threads * (arguments.repeats if size < 500_000 else 1):
+        for threads in arguments.threads * arguments.repeats:
             command = [sys.executable, __file__, "--one", str(size), str(threads), str(8 if size < 500_000 else 2)]
             row = json.loads(
                 subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()[-1]

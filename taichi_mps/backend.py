@@ -1,6 +1,7 @@
 """The only import of Taichi, the one function that starts it, and how its kernels are called."""
 
 import functools
+import math
 import os
 import weakref
 
@@ -126,6 +127,8 @@ def init(arch: str = "cpu", precision: str = "f32", threads: int | None = None, 
         raise SceneError(f"precision = {precision}: must be f32 or f64")
     if threads is not None and threads < 1:
         raise SceneError(f"threads = {threads}: must be at least 1")
+    if arch == "vulkan" and precision == "f64":
+        raise SceneError("precision = f64: must be f32 on arch = vulkan, which has no sine or power of f64")
     if threads is None:
         threads = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     ti.init(
@@ -138,6 +141,9 @@ def init(arch: str = "cpu", precision: str = "f32", threads: int | None = None, 
         log_level=ti.ERROR,
         cpu_max_num_threads=threads,
     )
+    if ti.cfg.arch != architectures[arch]:  # Taichi goes on with the processor, in silence
+        _started.clear()
+        raise SceneError(f"arch = {arch}: no such device is found here; must be one that this machine has, such as cpu")
     for kernel in ti.lang.impl.get_runtime().kernels:
         kernel.ready = {}  # else they would keep the program before alive
     _started.update(arch=arch, precision=precision, threads=threads)
@@ -161,6 +167,31 @@ def require_room() -> None:
         )
 
 
+def double_field(shape=(), components=None):
+    """Field of f64, or of vectors of them. On Vulkan it has memory of its own: Taichi 1.7.4 packs fields without
+    alignment there, and 8 bytes that begin at an odd multiple of 4 would overwrite the last number of another field."""
+    make = ti.field if components is None else functools.partial(ti.Vector.field, components)
+    if started()["arch"] != "vulkan":
+        return make(ti.f64, shape)
+    field, memory = make(ti.f64), ti.FieldsBuilder()
+    shape = shape if isinstance(shape, tuple) else (shape,)
+    (memory.dense(ti.axes(*range(len(shape))), shape) if shape else memory).place(field)
+    memory.finalize()
+    return field
+
+
 def real():
     """Floating-point type of the solver's fields: ti.f32 or ti.f64."""
     return ti.f64 if started()["precision"] == "f64" else ti.f32
+
+
+@ti.func
+def sine(angle):
+    """Sine [-] of an angle [rad] in f64; Vulkan has it in f32 only, where it is that of the angle less whole turns."""
+    result = ti.cast(0.0, ti.f64)
+    if ti.static(started()["arch"] == "vulkan"):
+        turns = angle / (2.0 * math.pi)
+        result = ti.cast(ti.sin(ti.cast(2.0 * math.pi * (turns - ti.floor(turns)), ti.f32)), ti.f64)
+    else:
+        result = ti.sin(angle)
+    return result

@@ -5,7 +5,7 @@ iterative solution of Ax = b with successive right-hand sides, Computer Methods 
 (1998), 193-204.
 """
 
-from .backend import real, ti
+from .backend import double_field, real, ti
 
 BLOCK = 1024  # rows per partial sum: a dot product has the same bits with any number of threads
 HUGE = 1e38  # not (|s| < HUGE) finds NaN and infinity, also under fast_math
@@ -26,12 +26,12 @@ class ConjugateGradient:
         self.b, self.x = unknowns[:2]  # right-hand side; initial guess in, solution out
         self.r, self.z, self.p, self.q = unknowns[2:6]  # b - A x, M^-1 r, search direction, A p
         self.first_x, self.first_r, self.last_b = unknowns[6:]  # of the last solve: where it began, and its b
-        scalars = [ti.field(ti.f64, ()) for _ in range(8)]
+        scalars = [double_field() for _ in range(8)]
         self.rz, self.rz_new, self.pq, self.xx = scalars[:4]  # r.z, the next one, p.Ap, x.x of the guess
         self.reference, self.target = scalars[4:6]  # b.M^-1 b, where r.z is small enough
         self.step = scalars[6]  # alpha, then beta
         self.first = scalars[7]  # r.z at the start
-        self.partial = ti.field(ti.f64, (capacity + BLOCK - 1) // BLOCK)
+        self.partial = double_field((capacity + BLOCK - 1) // BLOCK)
         self.status = ti.field(ti.i32, ())
         self.iterations = ti.field(ti.i32, ())
         self.active = ti.field(ti.i32, ())  # rows worked on: all while running, then none (extra steps do nothing)

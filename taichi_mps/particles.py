@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from .backend import real, ti
+from .backend import double_field, real, ti
 from .stages import stage
 
 FLUID, WALL, DUMMY = 0, 1, 2
@@ -37,7 +37,7 @@ class Particles:
         self.capacity = len(positions) + to_come  # rows, some of them for particles that enter later
         self.carries_stress = carries_stress
         makers = {
-            "x": lambda: ti.Vector.field(d, ti.f64),  # position [m]
+            "x": lambda: double_field(self.capacity, d),  # position [m]
             "u": lambda: ti.Vector.field(d, real()),  # velocity [m/s]
             "p": lambda: ti.field(real()),  # pressure [Pa]
             "shear_rate": lambda: ti.field(real()),  # sqrt(2 D:D) [1/s]
@@ -64,7 +64,8 @@ class Particles:
             setattr(self, name, item)
         self.count = ti.field(ti.i32, ())  # particles in use
         self.source_row = ti.field(ti.i32)  # row that each particle had before the reorder
-        for item in (*self.carried.values(), *self._twin.values(), self.source_row):
+        others = [item for pair in self._pairs if pair[0] is not self.x for item in pair]
+        for item in (*others, self.source_row):
             ti.root.dense(ti.i, self.capacity).place(item)
         n = len(positions)
         self.load({"x": positions, "u": velocity, "kind": kinds, "id": np.arange(n), "ring": volumes, "mix": mixes})

@@ -1,6 +1,6 @@
 """Particle regularity: deforming material is shifted towards even spacing, and close pairs are pushed apart."""
 
-from .backend import real, ti
+from .backend import real, sine, ti
 from .particles import FLUID
 from .stages import stage
 
@@ -62,6 +62,6 @@ class Shifting:
             phase += (12.9898, 78.233, 37.719)[a] * x[a] / self.spacing
         e = ti.Vector.zero(float, d)
         for a in ti.static(range(d)):
-            digits = ti.sin(phase + 4.934 * a) * 43758.5453
+            digits = sine(phase + 4.934 * a) * 43758.5453
             e[a] = ti.cast(2.0 * (digits - ti.floor(digits)) - 1.0, float)
         return e

@@ -9,7 +9,7 @@ from itertools import product
 
 import numpy as np
 
-from .backend import real, ti
+from .backend import double_field, real, ti
 from .team import WHOLE
 
 
@@ -114,9 +114,9 @@ class CellLevels:
         self.child_start = ti.field(ti.i32, cells + 1)
         for name, table in tables.items():
             getattr(self, name).from_numpy(table)
-        self.value = ti.field(ti.f64, (cells, self.points))  # stencils of all levels
-        self.b, self.x, self.r = (ti.field(ti.f64, cells) for _ in range(3))  # A' x = b, r = b - A' x
-        self.inverse = ti.field(ti.f64, (last, last))  # of the last level
+        self.value = double_field((cells, self.points))  # stencils of all levels
+        self.b, self.x, self.r = (double_field(cells) for _ in range(3))  # A' x = b, r = b - A' x
+        self.inverse = double_field((last, last))  # of the last level
 
     def _tables(self) -> dict:
         """Which cell touches, contains and adds to which; level l holds first[l] <= cell < first[l+1]."""

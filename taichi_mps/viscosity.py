@@ -19,7 +19,7 @@ at the edge of the plug feeds itself and the film accelerates without bound (rho
 pi_c = 0.1 1/s, 10 across: 18 times the exact speed after 0.5 s and growing; 20 across: 5 % error).
 """
 
-from .backend import real, ti
+from .backend import double_field, real, ti
 from .particles import DUMMY, FLUID
 from .rheology import magnitude
 
@@ -45,9 +45,9 @@ class ExplicitViscosity:
         self.strain_rate = ti.Matrix.field(d, d, real(), capacity)  # e [1/s] of the guess u*0
         self.Lambda = ti.field(real(), capacity)  # tau_y / sqrt(Pi) [Pa s], eqs 5 and 9
         blocks = (capacity + BLOCK - 1) // BLOCK
-        self.partial = ti.Vector.field(2, ti.f64, blocks)
+        self.partial = double_field(blocks, 2)
         self.block_max = ti.field(real(), blocks)
-        self.error = ti.field(ti.f64, ())  # relative change of u* in the last pass [-]
+        self.error = double_field()  # relative change of u* in the last pass [-]
         self.largest = ti.field(real(), ())  # largest apparent viscosity eta + Lambda of the last pass [Pa s]
 
     @property

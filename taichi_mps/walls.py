@@ -13,7 +13,7 @@ to one particle and exactly adjoint to its gradient.
 A mirror plane is a slip wall whose ghosts end at the planes it meets: what lies behind both are ghosts of the other.
 """
 
-from .backend import real, ti
+from .backend import double_field, real, ti
 from .friction import WallFriction
 from .geometry import Cylinder, Plane
 from .ghosts import COUNTED, GhostSums, meeting, wedges
@@ -45,7 +45,7 @@ class Walls:
     ):
         self.dimension = dimension
         self.effective_radius = effective_radius
-        self.clock = ti.field(ti.f64, ())  # time [s] at which the walls stand
+        self.clock = double_field()  # time [s] at which the walls stand
         self.surfaces = tuple(SURFACES[type(wall)](wall, dimension, spacing, self.clock) for wall in walls)
         for surface in self.surfaces:
             surface.keep(capacity, effective_radius)

@@ -39,6 +39,7 @@ def sample(spacing: Length, plastic_viscosity: Viscosity = 50.0, layers: Count =
         (lambda: backend.init(arch="tpu"), ["arch = tpu", "cpu, cuda, vulkan"]),
         (lambda: backend.init(precision="f16"), ["precision = f16", "f32 or f64"]),
         (lambda: backend.init(threads=0), ["threads = 0", "at least 1"]),
+        (lambda: backend.init(arch="vulkan", precision="f64"), ["precision = f64", "must be f32 on arch = vulkan"]),
     ],
 )
 def test_message(call, parts):

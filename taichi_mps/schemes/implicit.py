@@ -6,7 +6,7 @@ the trial stress back onto the yield surface and p <- p - K (div u - s); rotate 
 
 import math
 
-from ..backend import real, ti
+from ..backend import double_field, real, ti
 from ..conjugate_gradient import INDEFINITE
 from ..deferred_correction import DeferredCorrection
 from ..gradient import Gradient
@@ -75,7 +75,7 @@ class Implicit:
             particles.capacity, d, self.system, GridLevels(self.system, neighbors.bins) if many else None
         )
         self.source = ti.field(real(), particles.capacity)  # wanted divergence [1/s]
-        self.reference = ti.field(ti.f64, ())  # drive . M^-1 drive over all particles [W]
+        self.reference = double_field()  # drive . M^-1 drive over all particles [W]
         self.iterations = ti.field(ti.i32, ())  # of all solves of a step
         self.first = True
         self.viscous_passes = 0 if walls.rub else VISCOUS_PASSES  # friction is found together with the stress

@@ -1,8 +1,8 @@
 """The validation table: cases with an exact or independent answer, run and judged by ``taichi-mps validate``.
 
 A row is a function that runs one case and yields what it measured, each beside its target. Rows stand in ``flows.py``,
-``curved.py``, ``slumps.py``, ``fluids.py``, ``vortices.py`` and ``rational.py``, and make their simulations by
-``scheme.simulate``. ``table.py`` runs them, each in a process of its own.
+``curved.py``, ``slumps.py``, ``standing.py``, ``fluids.py``, ``vortices.py`` and ``rational.py``, and make their
+simulations by ``scheme.simulate``. ``table.py`` runs them, each in a process of its own.
 """
 
 import csv

@@ -6,7 +6,6 @@ Errors are engine - reference, with their sign; of several, the largest by magni
 """
 
 import math
-from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -246,54 +245,3 @@ def block_005():
 @row("2-D block of half width H, tau_y = 0.1 rho g H, l0 = H/40", INERTIALESS)
 def block_010():
     yield from block(0.1)
-
-
-# ---- a body that must stand ------------------------------------------------------------------------------------
-@dataclass(frozen=True)
-class Revolved:
-    """The body of revolution under a curve (r, z) [m] that ends on the axis, on the floor z = 0."""
-
-    curve: np.ndarray
-    volume: float  # [m3]
-
-    @property
-    def bounds(self):
-        r, z = self.curve.max(0)
-        return np.array([-r, -r, 0.0]), np.array([r, r, z])
-
-    def contains(self, x):
-        """Inside where a ray to large r crosses the curve an odd number of times."""
-        r, z = np.hypot(x[:, 0], x[:, 1])[:, None], x[:, 2][:, None]
-        (r0, z0), (r1, z1) = self.curve[:-1].T, self.curve[1:].T
-        between = (z0 <= z) != (z1 <= z)
-        rise = np.where(z1 == z0, 1.0, z1 - z0)
-        return (between & (r < r0 + (z - z0) / rise * (r1 - r0))).sum(1) % 2 == 1
-
-
-def standing(jitter):
-    """Sinking of the top of the arrested body of 500 Pa in 1 s, with its yield value and with nine tenths of it.
-
-    The top: the particles that start within 40 mm of the axis and 1.5 l0 of the highest one; their mean way down.
-    ``jitter``: largest displacement of each coordinate from the lattice [l0], seed 1.
-    """
-    l0 = 0.01
-    fluid = mps.fill(Revolved(final_shape(500.0), mps.Cone(0.1, 0.05, 0.3).volume), l0)
-    fluid = fluid + jitter * l0 * np.random.default_rng(1).uniform(-1.0, 1.0, fluid.shape)
-    top = (np.hypot(fluid[:, 0], fluid[:, 1]) < 0.04) & (fluid[:, 2] > fluid[:, 2].max() - 1.5 * l0)
-    sunk = {}
-    for share in (1.0, 0.9):
-        scene = cone(yield_value=500.0 * share, plastic_viscosity=50.0, spacing=l0, until=1.0)
-        sim, _, _ = follow(replace(scene, fluid=fluid, stop_at_rest=False))
-        sunk[share] = float((fluid[top, 2] - sim.snapshot().x[top, 2]).mean())
-    yield Measured("tau_y: sinking of the top in 1 s", 1e3 * sunk[1.0], 1.0, "mm")
-    yield Measured("0.9 tau_y: 1 mm / sinking of the top in 1 s (flows if under 1)", 1e-3 / max(sunk[0.9], 1e-9), 1.0)
-
-
-@row("arrested slump of tau_y = 500 Pa, filled with a lattice", INERTIAL + ": it stands")
-def standing_ordered():
-    yield from standing(0.0)
-
-
-@row("arrested slump of tau_y = 500 Pa, filled with a lattice jittered by 0.3 l0", INERTIAL + ": it stands")
-def standing_disordered():
-    yield from standing(0.3)

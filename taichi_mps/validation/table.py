@@ -21,6 +21,7 @@ from . import (  # noqa: F401  (the modules register their rows)
     fluids,
     rational,
     slumps,
+    standing,
     vortices,
 )
 from .scheme import BudgetError, Setting
