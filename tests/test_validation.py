@@ -9,7 +9,7 @@ import pytest
 import taichi_mps as mps
 from taichi_mps import catalogue, plots
 from taichi_mps.cli import main
-from taichi_mps.validation import ROWS, SLUMP_ERROR, Measured, Row, table
+from taichi_mps.validation import ROWS, SLUMP_ERROR, Measured, Row, standing, table
 from taichi_mps.validation.scheme import BudgetError, Setting, simulate
 
 MISSED = ("volume", "no delay")  # quantities that miss their target, see docs/limits.md; all others must meet it
@@ -27,6 +27,27 @@ def test_quick_row_meets_its_targets(name):
 def test_a_number_is_met_only_within_its_target():
     assert Measured("q", -0.05, 0.05).met and not Measured("q", 0.051, 0.05).met
     assert not Measured("q", float("nan"), 1.0).met
+
+
+@pytest.mark.parametrize(("tau_y", "by_hand"), [(500.0, 0.87), (1000.0, 0.84)])
+def test_a_body_that_fell_stands_below_its_own_yield_value(tau_y, by_hand):
+    """By hand: along the chord of slump, and of spread, against log tau_y between two references without inertia
+    (300 Pa: 216.8 and 348.9 mm; 500 Pa: 166.7 and 307.9 mm; 1000 Pa: 81.0 and 248.8 mm)."""
+    assert standing.static_limit(tau_y) == pytest.approx(by_hand, abs=0.015)
+
+
+def test_relaxed_particles_fill_a_body_evenly_and_without_order():
+    body = mps.Box((-0.09, -0.09, 0.0), (0.09, 0.09, 0.06))
+    x = standing.relaxed(body) / standing.SPACING
+    assert len(x) == pytest.approx(18 * 18 * 6, rel=0.02)
+    inside = x[np.all((np.abs(x[:, :2]) < 6.0), axis=1) & (np.abs(x[:, 2] - 3.0) < 1.0)]
+    distance = np.sqrt(((inside[:, None] - x) ** 2).sum(-1))
+    nearest = np.sort(distance, 1)[:, 1]
+    assert nearest.min() > 0.6 and nearest.mean() == pytest.approx(0.85, abs=0.02)  # at random: 0.03 and 0.55
+    assert len(inside) == pytest.approx(12 * 12 * 2, rel=0.06)
+    directions = (x - inside[:, None])[(distance > 0.6) & (distance < 1.2)]
+    cubic = ((directions / np.linalg.norm(directions, axis=1)[:, None]) ** 4).sum(1).mean()
+    assert cubic == pytest.approx(0.6, abs=0.03)  # that of all directions alike; a lattice has 1
 
 
 def test_every_row_says_what_it_is():

@@ -150,9 +150,9 @@ def square_patch():
     yield Measured("angular momentum lost", float(1 - spin / spin0), 0.05)
 
 
-def cavity(reynolds, until):
-    """Lid-driven unit cavity, 40 across, no-slip walls: u on x = 0.5 against the independent solution."""
-    l0 = 1.0 / 40
+def cavity(reynolds, until, across=40):
+    """Lid-driven unit cavity, no-slip walls: u on x = 0.5 against the independent solution."""
+    l0 = 1.0 / across
     box = mps.Box((0.0, 0.0), (1.0, 1.0))
     floor, left, right = mps.box_planes((0.0, 0.0), (1.0, 1.0))
     lid = mps.Plane((0.0, 1.0), (0.0, -1.0), velocity=(1.0, 0.0))
@@ -194,3 +194,8 @@ def cavity_100():
 @row("lid-driven cavity, Re = 400, 40 across", "own solution beside Ghia et al. (1982)")
 def cavity_400():
     yield from cavity(400, 30.0)
+
+
+@row("lid-driven cavity, Re = 400, 60 across", "own solution beside Ghia et al. (1982)")
+def cavity_400_fine():
+    yield from cavity(400, 30.0, 60)
