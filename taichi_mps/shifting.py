@@ -1,26 +1,45 @@
-"""Particle regularity: deforming material is shifted towards even spacing, and close pairs are pushed apart."""
+"""Particle regularity: deforming material is shifted towards even spacing, and close pairs are pushed apart; so is
+what tension would tear."""
 
 from .backend import real, sine, ti
 from .particles import FLUID
 from .stages import stage
 
 UNEVENNESS = 0.005  # share of l0: undisturbed, a symmetric lattice gives way late, all at once and with force
+# Tension moves a particle out of its place at the rate kappa d (-p)/h, kappa d = 1.7 in the plane and 1.2 in space; the
+# shift takes back 0.19 and 0.23 of its way: as a share of the shift 9 and 5 (-p) dt/h would just do
+TENSION = 30.0
 
 
 @ti.data_oriented
 class Shifting:
-    """Small displacements that keep the particles evenly spread; none where the material does not deform."""
+    """Small displacements that keep the particles evenly spread where the material deforms and, if it has no yield
+    value (``tears``), where it is in tension."""
 
-    def __init__(self, particles, gradient, walls, spacing: float):
+    def __init__(self, particles, gradient, walls, spacing: float, tears: bool):
         self.particles, self.gradient, self.walls = particles, gradient, walls
         self.spacing = spacing
         self.shift = ti.Vector.field(particles.dimension, real(), particles.capacity)  # displacement [m]
+        self.tears = tears
+        if tears:
+            self.tension = ti.field(real(), particles.capacity)  # share of the shift that tension calls for [-]
+
+    @ti.func
+    def pull(self, i, h, dt):
+        """Share of the shift, and of the source, that tension calls for [-]: min(1, 30 (-p) dt/h), h the resistance to
+        non-affine motion [Pa s]. A yield value holds particles in their places."""
+        share = ti.cast(0.0, float)
+        if ti.static(self.tears):
+            share = ti.max(0.0, ti.min(1.0, -TENSION * self.particles.p[i] * dt / h))
+            self.tension[i] = share
+        return share
 
     @stage
     def compute(self, dt: float, strain_scale: float):
         """shift = -0.1 l0 sum_j (s_j/s_i) max(0, 1 - r/(1.5 l0)) e_ij + 0.005 l0 e(x) without its outward part at a
         surface, at most 0.05 l0, and 0.05 (0.85 l0 - r) between closer pairs; all of it times
-        min(1, shear_rate dt/strain_scale). s is the share of a ring (gradient.py), e(x) ``uneven``."""
+        min(1, shear_rate dt/strain_scale), the sum at least times ``tension``. s is the share of a ring (gradient.py),
+        e(x) ``uneven``."""
         d = ti.static(self.particles.dimension)
         for i in range(self.particles.count[None]):
             self.shift[i] = ti.Vector.zero(float, d)
@@ -41,16 +60,27 @@ class Shifting:
                 near /= self.gradient.counts_as(i)
                 if ti.static(len(self.walls.surfaces) > 0):
                     near += self.walls.crowding(i, x, self.gradient.counts_as(i))
-                move = -0.1 * l0 * near + UNEVENNESS * l0 * self.uneven(x)
+                uneven = self.uneven(x)
+                if ti.static(self.tears):
+                    uneven *= ti.min(1.0, self.deforming(i, dt, strain_scale) / ti.max(self.tension[i], 1e-12))
+                move = -0.1 * l0 * near + UNEVENNESS * l0 * uneven
                 inward = self.gradient.lean[i]
                 outward = -inward / ti.max(inward.norm(), 1e-12)
                 if self.gradient.around[i] < 0.97 * self.gradient.full:
                     move -= ti.max(move.dot(outward), 0.0) * outward
                 if self.gradient.around[i] < 0.5 * self.gradient.full:
                     move *= 0.0
-                deforming = ti.min(1.0, self.particles.shear_rate[i] * dt / strain_scale)
-                move *= deforming
+                deforming = self.deforming(i, dt, strain_scale)
+                if ti.static(self.tears):
+                    move *= ti.max(deforming, self.tension[i])
+                else:
+                    move *= deforming
                 self.shift[i] = move * ti.min(1.0, 0.05 * l0 / ti.max(move.norm(), 1e-12)) + deforming * apart
+
+    @ti.func
+    def deforming(self, i, dt, strain):
+        """0 at rest to 1 where a step strains the material by ``strain`` [-]."""
+        return ti.min(1.0, self.particles.shear_rate[i] * dt / strain)
 
     @ti.func
     def uneven(self, x):

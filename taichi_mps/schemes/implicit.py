@@ -69,7 +69,7 @@ class Implicit:
         )
         self.held = not scene.axisymmetric and any(wall.holds for wall in walls.surfaces)
         self.yielded = self.stress.yielded  # 1 where the material flows
-        self.shifting = Shifting(particles, self.gradient, walls, scene.spacing)
+        self.shifting = Shifting(particles, self.gradient, walls, scene.spacing, tears=self.stress.law == "newtonian")
         many = particles.capacity >= GridLevels.PAY_FROM
         self.solver = MRPCG(
             particles.capacity, d, self.system, GridLevels(self.system, neighbors.bins) if many else None
@@ -205,11 +205,6 @@ class Implicit:
         return self.solver.iterations[None]
 
     @ti.func
-    def deforming(self, i, dt, strain):
-        """0 at rest to 1 where a step strains the material by ``strain`` [-]."""
-        return ti.min(1.0, self.particles.shear_rate[i] * dt / strain)
-
-    @ti.func
     def refill_share(self, i, dt):
         """Share of the packing error that a step removes, by its diffusion number eta dt/(rho l0^2) [-]; in a full
         closed box, which cannot change its volume, more would only stir."""
@@ -244,8 +239,8 @@ class Implicit:
             if ti.static(self.gradient.axisymmetric):
                 fastest = ti.max(fastest, RING_FASTEST * rate)
             source = ti.max(-fastest, ti.min(fastest, self.refill_share(i, dt) * error / dt))
-            self.source[i] = source * self.deforming(i, dt, STRAIN_SCALE)
             h = self.stress.non_affine(i, rate, left, first, dt)
+            self.source[i] = source * ti.max(self.shifting.deforming(i, dt, STRAIN_SCALE), self.shifting.pull(i, h, dt))
             self.system.inertia[i] = self.density(i) / dt
             self.system.mu[i] = self.stress.viscosity(i, rate)
             self.system.h[i] = 2.0 * self.particles.volume(i) * h / self.gradient.lattice(i)[0]
