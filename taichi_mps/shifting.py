@@ -9,6 +9,7 @@ UNEVENNESS = 0.005  # share of l0: undisturbed, a symmetric lattice gives way la
 # Tension moves a particle out of its place at the rate kappa d (-p)/h, kappa d = 1.7 in the plane and 1.2 in space; the
 # shift takes back 0.19 and 0.23 of its way: as a share of the shift 9 and 5 (-p) dt/h would just do
 TENSION = 30.0
+INSIDE = 0.97  # of the neighbours of a lattice: with fewer a particle lies beside a surface
 
 
 @ti.data_oriented
@@ -27,10 +28,11 @@ class Shifting:
     @ti.func
     def pull(self, i, h, dt):
         """Share of the shift, and of the source, that tension calls for [-]: min(1, 30 (-p) dt/h), h the resistance to
-        non-affine motion [Pa s]. A yield value holds particles in their places."""
+        non-affine motion [Pa s], none beside a surface. A yield value holds particles in their places."""
         share = ti.cast(0.0, float)
         if ti.static(self.tears):
-            share = ti.max(0.0, ti.min(1.0, -TENSION * self.particles.p[i] * dt / h))
+            if self.gradient.around[i] >= INSIDE * self.gradient.full:
+                share = ti.max(0.0, ti.min(1.0, -TENSION * self.particles.p[i] * dt / h))
             self.tension[i] = share
         return share
 
@@ -66,7 +68,7 @@ class Shifting:
                 move = -0.1 * l0 * near + UNEVENNESS * l0 * uneven
                 inward = self.gradient.lean[i]
                 outward = -inward / ti.max(inward.norm(), 1e-12)
-                if self.gradient.around[i] < 0.97 * self.gradient.full:
+                if self.gradient.around[i] < INSIDE * self.gradient.full:
                     move -= ti.max(move.dot(outward), 0.0) * outward
                 if self.gradient.around[i] < 0.5 * self.gradient.full:
                     move *= 0.0

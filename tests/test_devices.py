@@ -31,7 +31,7 @@ sim = mps.Simulation(catalogue.load(sys.argv[2])(**json.loads(sys.argv[3])), sch
 for _ in range(6):
     sim.step()
 s = sim.snapshot()
-print(json.dumps({"time": sim.time, "x": s.x.tolist(), "u": s.u.tolist(), "p": s.p.tolist(), "id": s.id.tolist()}))
+print(json.dumps({"time": sim.time, "spacing": s.spacing, "x": s.x.tolist(), "u": s.u.tolist(), "p": s.p.tolist()}))
 """
 
 
@@ -63,8 +63,9 @@ def test_vulkan_computes_what_the_processor_computes(scene, keywords, scheme):
     if child(ASK, "vulkan")[-1] != "on vulkan":
         pytest.skip("no Vulkan device here; Mesa's lavapipe is one in software")
     runs = [json.loads(child(RUN, arch, scene, json.dumps(keywords), scheme)[-1]) for arch in ("cpu", "vulkan")]
-    ours, theirs = ({k: np.array(v)[np.argsort(run["id"])] for k, v in run.items() if k in "xup"} for run in runs)
+    ours, theirs = ({name: np.array(run[name]) for name in "xup"} for run in runs)
     assert runs[0]["time"] == pytest.approx(runs[1]["time"], rel=1e-3)
-    for name in "xup":
-        difference = np.sqrt(((ours[name] - theirs[name]) ** 2).mean())
-        assert difference < {"x": 1e-3, "u": 5e-3, "p": 2e-2}[name] * np.sqrt((ours[name] ** 2).mean())
+    difference = {name: np.sqrt(((ours[name] - theirs[name]) ** 2).mean()) for name in "xup"}
+    assert difference["x"] < 0.01 * runs[0]["spacing"]  # solves end at a tolerance, in another order of sums
+    assert difference["u"] < 5e-3 * np.sqrt((ours["u"] ** 2).mean())
+    assert difference["p"] < 2e-2 * np.sqrt((ours["p"] ** 2).mean())
