@@ -5,8 +5,8 @@
 
 The slump cone of 300 Pa in 3-D, with a spacing that gives these numbers of particles. Each size and number of threads
 runs in a process of its own, `--repeats` times in turn: a few steps of the collapse, after it has begun, of which the
-fastest counts, for the machine is shared and at times gives two processes little more than one. The bandwidth is that of a Taichi kernel that adds two fields of 256 MB into a third, in the same process, also the
-best of five.
+fastest counts, for the machine is shared and at times gives two processes little more than one. The bandwidth is that
+of a Taichi kernel that adds two fields of 256 MB into a third, in the same process, also the best of five.
 """
 
 import argparse

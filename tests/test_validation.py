@@ -36,6 +36,7 @@ def test_a_body_that_fell_stands_below_its_own_yield_value(tau_y, by_hand):
     assert standing.static_limit(tau_y) == pytest.approx(by_hand, abs=0.015)
 
 
+@pytest.mark.long
 def test_relaxed_particles_fill_a_body_evenly_and_without_order():
     body = mps.Box((-0.09, -0.09, 0.0), (0.09, 0.09, 0.06))
     x = standing.relaxed(body) / standing.SPACING
