@@ -26,13 +26,14 @@ class Shifting:
             self.tension = ti.field(real(), particles.capacity)  # share of the shift that tension calls for [-]
 
     @ti.func
-    def pull(self, i, h, dt):
-        """Share of the shift, and of the source, that tension calls for [-]: min(1, 30 (-p) dt/h), h the resistance to
-        non-affine motion [Pa s], none beside a surface. A yield value holds particles in their places."""
+    def pull(self, i, h, inertial, dt):
+        """Share of the shift, and of the source, that tension calls for [-]: min(1, 30 (-p) dt/h) (h_0/h)^2, none
+        beside a surface; h is the resistance to non-affine motion, h_0 that of a thin fluid [Pa s]: what is viscous
+        would lose angular momentum by it. A yield value holds particles in their places."""
         share = ti.cast(0.0, float)
         if ti.static(self.tears):
             if self.gradient.around[i] >= INSIDE * self.gradient.full:
-                share = ti.max(0.0, ti.min(1.0, -TENSION * self.particles.p[i] * dt / h))
+                share = ti.max(0.0, ti.min(1.0, -TENSION * self.particles.p[i] * dt / h)) * (inertial / h) ** 2
             self.tension[i] = share
         return share
 

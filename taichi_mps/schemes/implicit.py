@@ -240,7 +240,8 @@ class Implicit:
                 fastest = ti.max(fastest, RING_FASTEST * rate)
             source = ti.max(-fastest, ti.min(fastest, self.refill_share(i, dt) * error / dt))
             h = self.stress.non_affine(i, rate, left, first, dt)
-            self.source[i] = source * ti.max(self.shifting.deforming(i, dt, STRAIN_SCALE), self.shifting.pull(i, h, dt))
+            pull = self.shifting.pull(i, h, self.scales.inertial[self.scales.mix(i)], dt)
+            self.source[i] = source * ti.max(self.shifting.deforming(i, dt, STRAIN_SCALE), pull)
             self.system.inertia[i] = self.density(i) / dt
             self.system.mu[i] = self.stress.viscosity(i, rate)
             self.system.h[i] = 2.0 * self.particles.volume(i) * h / self.gradient.lattice(i)[0]
