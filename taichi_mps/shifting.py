@@ -24,6 +24,7 @@ class Shifting:
         self.tears = tears
         if tears:
             self.tension = ti.field(real(), particles.capacity)  # share of the shift that tension calls for [-]
+            self.carried = ti.Vector.field(particles.dimension, real(), particles.capacity)  # mean shift around [m]
 
     @ti.func
     def pull(self, i, h, inertial, dt):
@@ -79,6 +80,22 @@ class Shifting:
                 else:
                     move *= deforming
                 self.shift[i] = move * ti.min(1.0, 0.05 * l0 / ti.max(move.norm(), 1e-12)) + deforming * apart
+
+    @stage
+    def stay(self, dt: float, strain_scale: float):
+        """shift -= (1 - min(1, shear_rate dt/strain_scale)) times its mean over the particle and its neighbours, with
+        Wendland's kernel (w/r^2 times re^2) as weight: what hardly deforms must not be carried by the shift, for what
+        is carried up flows down, which stirs."""
+        neighbors, re2 = self.gradient.neighbors, self.gradient.effective_radius**2
+        for i in range(self.particles.count[None]):
+            total, weight = self.shift[i], ti.cast(1.0, float)
+            for k in range(neighbors.row_start[i], neighbors.row_start[i + 1]):
+                w = re2 * self.gradient.weight_r2[k]
+                total += w * self.shift[neighbors.column[k]]
+                weight += w
+            self.carried[i] = total / weight
+        for i in range(self.particles.count[None]):
+            self.shift[i] -= (1.0 - self.deforming(i, dt, strain_scale)) * self.carried[i]
 
     @ti.func
     def deforming(self, i, dt, strain):

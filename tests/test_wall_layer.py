@@ -1,4 +1,5 @@
-"""The shear stress behind the walls of a full vessel: a channel on its lattice, and the law averaged over a layer."""
+"""What ghosts carry besides the stress of the first row: pressure along a wall; in a full vessel the shear stress, of a
+channel on its lattice, and the law averaged over a layer."""
 
 import numpy as np
 import pytest
@@ -87,3 +88,39 @@ def test_below_a_free_surface_there_is_none():
         sim.step()
     assert sim.scheme.smoothing.full[None] == 0
     assert np.abs(sim.scheme.layer.drive.to_numpy()).max() == 0.0
+
+
+def pushed(dimension, wall):
+    """Force along x over -V dp/dx [-] of the first four rows of a lattice on a floor, where p grows along x, (4,)."""
+    floor = mps.Plane((0.0,) * dimension, (0.0,) * (dimension - 1) + (1.0,), **wall)
+    size = (11 * L0,) * (dimension - 1) + (6 * L0,)
+    scene = mps.Scene(
+        name="pressure along a wall",
+        material=mps.Newtonian(density=DENSITY, viscosity=ETA),
+        spacing=L0,
+        fluid=mps.lattice((0.0,) * dimension, np.array(size) - 0.5 * L0, L0),
+        walls=(floor,),
+        domain=((-L0,) * dimension, tuple(np.array(size) + L0)),
+    )
+    sim = mps.Simulation(scene)
+    sim.bins.sort()
+    sim.neighbors.build()
+    sim.scheme.gradient.build()
+    x = sim.particles.x.to_numpy()
+    sim.scheme.smoothing.p.from_numpy(1000.0 + PUSH * x[:, 0])
+    b = sim.scheme.solver.b
+    sim.scheme.right_hand_side(b)
+    middle = (np.abs(x[:, : dimension - 1] - 5.5 * L0) < 0.6 * L0).all(1)
+    row = np.rint(x[:, -1] / L0 - 0.5).astype(int)
+    each = b.to_numpy()[:, 0] / (-PUSH * L0**dimension)
+    return np.array([each[middle & (row == k)].mean() for k in range(4)])
+
+
+@pytest.mark.parametrize("dimension", (2, 3))
+@pytest.mark.parametrize("wall", ({}, {"slip": True}), ids=("no slip", "slip"))
+def test_a_pressure_that_grows_along_a_wall_pushes_every_row(dimension, wall):
+    """The force is -V grad p in the fluid, and in the rows at the wall within 3 %: without the ghosts' part the first
+    row at a no-slip wall has 77 % of it in two dimensions, 79 % in three."""
+    rows = pushed(dimension, wall)
+    assert rows[3] == pytest.approx(1.0, abs=1e-9)
+    assert rows == pytest.approx(1.0, abs=0.03)

@@ -68,6 +68,7 @@ class Implicit:
             particles, self.gradient, walls, self.scales, self.smoothing, self.stress, scene.gravity_vector
         )
         self.held = not scene.axisymmetric and any(wall.holds for wall in walls.surfaces)
+        self.clings = any(not wall.slip for wall in walls.surfaces)
         self.yielded = self.stress.yielded  # 1 where the material flows
         self.shifting = Shifting(particles, self.gradient, walls, scene.spacing, tears=self.stress.law == "newtonian")
         many = particles.capacity >= GridLevels.PAY_FROM
@@ -177,6 +178,8 @@ class Implicit:
     def end(self, dt, first, all_awake, passes, tolerance):
         """Shift, and the other half of the drift."""
         self.run("shift", self.shifting.compute, dt, STRAIN_SCALE)
+        if ti.static(self.shifting.tears):
+            self.run("shift", self.shifting.stay, dt, STRAIN_SCALE)
         if ti.static(self.walls.travel):
             self.walls.place(self.walls.clock[None] + 0.5 * dt)  # drift left them at the middle of the step
         self.run("advance", self.advance, dt, self.solver.x, first)
@@ -306,6 +309,9 @@ class Implicit:
                 if ti.static(self.held):  # noqa: SIM102
                     if self.smoothing.full[None] == 1:
                         b[i] += volume * self.layer.excess(i)
+                if ti.static(self.clings):  # noqa: SIM102
+                    if self.smoothing.full[None] == 0:
+                        b[i] += volume * self.layer.pressure_along(i)
             else:
                 b[i] = ti.Vector.zero(float, self.dimension)
 
