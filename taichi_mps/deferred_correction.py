@@ -34,6 +34,14 @@ class DeferredCorrection:
         for a, c in ti.static(ti.ndrange(self.dimension, self.dimension)):
             self.G[i][c, a] = G[a, c]
 
+    @ti.func
+    def gradient_of(self, i):
+        """The gradient at particle i of the velocity at the start of the step [1/s]."""
+        G = ti.Matrix.zero(float, self.dimension, self.dimension)
+        for a, c in ti.static(ti.ndrange(self.dimension, self.dimension)):
+            G[a, c] = self.G[i][c, a]
+        return self.gradient.tensor(i, G, self.particles.u)
+
     @stage
     def gather(self, u: ti.template(), share: float):
         """The sums over the pairs of all particles at the velocity u; a ``share`` of them is given back."""

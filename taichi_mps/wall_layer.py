@@ -1,6 +1,6 @@
 """What the ghosts behind a no-slip wall carry besides the stress of the particle in front of it (I9).
 
-Their pressure differs along the wall as that of the fluid does. They stand in the moment M with t(z); without the force
+Their stress differs along the wall as that of the fluid does. They stand in the moment M with t(z); without the force
 that belongs to it, the first row feels only 77 % of a pressure gradient along the wall in two dimensions.
 
 In a full vessel their shear stress, too, exceeds the first row's. A drive f = rho g - grad p along a wall makes it
@@ -12,18 +12,19 @@ own error, a last row that is held back, balances this one in thin layers.
 """
 
 from .backend import real, ti
+from .rheology import deviator
 from .stages import stage
 
 
 @ti.data_oriented
 class WallLayer:
-    """Pressure along the walls; drive along them and share of the excess of shear stress that acts, of every particle
+    """Stress along the walls; drive along them and share of the excess of shear stress that acts, of every particle
     in reach of a no-slip wall. The last two are only to be asked where the vessel is full."""
 
-    def __init__(self, particles, gradient, walls, scales, smoothing, stress, gravity):
+    def __init__(self, particles, gradient, walls, scales, smoothing, stress, correction, gravity):
         self.particles, self.gradient, self.walls = particles, gradient, walls
         self.neighbors, self.scales, self.smoothing, self.stress = gradient.neighbors, scales, smoothing, stress
-        self.dimension = particles.dimension
+        self.dimension, self.correction = particles.dimension, correction
         self.g = ti.types.vector(self.dimension, real())(gravity)
         self.drive = ti.Vector.field(self.dimension, real(), particles.capacity)  # rho g - grad p [N/m3]
         self.share = ti.field(real(), particles.capacity)  # of the excess [-]
@@ -31,14 +32,10 @@ class WallLayer:
     @ti.func
     def slope(self, i):
         """grad p [Pa/m] at particle i, from a linear fit to the particles around it."""
-        M = ti.Matrix.zero(float, self.dimension, self.dimension)
         N = ti.Vector.zero(float, self.dimension)
         for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
-            j, b = self.neighbors.column[k], self.gradient.b[k]
-            if self.gradient.weight_r2[k] > 0.0:
-                M += b.outer_product(b) / self.gradient.weight_r2[k]
-                N += (self.smoothing.p[j] - self.smoothing.p[i]) * b
-        return self.gradient.inverse(M, self.gradient.lattice(i)[0]) @ N
+            N += (self.smoothing.p[self.neighbors.column[k]] - self.smoothing.p[i]) * self.gradient.b[k]
+        return self.gradient.inverse(self.moment(i), self.gradient.lattice(i)[0]) @ N
 
     @stage
     def begin(self):
@@ -108,8 +105,9 @@ class WallLayer:
         return self.share[i] * total
 
     @ti.func
-    def pressure_along(self, i):
-        """Force density [N/m3] by which the pressure of the ghosts differs along the walls: -B (grad p)_t t(z)."""
+    def along_the_walls(self, i):
+        """Force density [N/m3] by which the stress of the ghosts differs along the walls: the divergence of the stress
+        T in the directions along each wall, times t(z) and B."""
         force = ti.Vector.zero(float, self.dimension)
         moment = ti.Matrix.zero(float, self.dimension, self.dimension)
         x, size = self.particles.x[i], self.gradient.counts_as(i)
@@ -122,5 +120,29 @@ class WallLayer:
                         t *= wall.friction.bond[i]
                     moment += t * (ti.Matrix.identity(float, self.dimension) - n.outer_product(n))
         if moment.trace() > 0.0:
-            force = -self.gradient.B[i] @ (moment @ self.slope(i))
+            fit = moment @ self.gradient.inverse(self.moment(i), self.gradient.lattice(i)[0])
+            T = self.total(i)
+            for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
+                force += (self.total(self.neighbors.column[k]) - T) @ (fit @ self.gradient.b[k])
+            force = self.gradient.B[i] @ force
         return force
+
+    @ti.func
+    def total(self, i):
+        """Stress [Pa] of particle i in the plane; what is viscous has that of the velocity at the start of the step."""
+        T = ti.Matrix.zero(float, self.dimension, self.dimension)
+        if ti.static(self.stress.law == "bingham"):
+            T = self.gradient.in_plane(self.particles.stress[i])
+        else:
+            T = self.gradient.in_plane(2.0 * self.stress.system.mu[i] * deviator(self.correction.gradient_of(i)))
+        return T - self.smoothing.p[i] * ti.Matrix.identity(float, self.dimension)
+
+    @ti.func
+    def moment(self, i):
+        """M without the walls."""
+        M = ti.Matrix.zero(float, self.dimension, self.dimension)
+        for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
+            b = self.gradient.b[k]
+            if self.gradient.weight_r2[k] > 0.0:
+                M += b.outer_product(b) / self.gradient.weight_r2[k]
+        return M

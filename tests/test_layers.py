@@ -1,7 +1,7 @@
 """Architecture: who may import whom, read from the source with ast; and an import of the package that is instant.
 
 The rule: a module imports only modules of a lower layer; inside one layer only what PEERS names. So the terms of
-layer 2 do not know each other, except that the two viscous terms share the constitutive law (rheology). Whatever is
+layer 2 do not know each other, except that what is made of stress shares the constitutive law (rheology). Whatever is
 not in LAYERS is an edge (files, pictures, command line): it may read everything, and nothing below may import it.
 """
 
@@ -52,6 +52,7 @@ PEERS = {
     "smoothing": {"backend", "stages"},
     "viscosity": {"rheology"},
     "stress": {"rheology"},
+    "wall_layer": {"rheology"},
     "momentum": {"rheology", "sleeping"},
     "simulation": {"schemes.implicit", "schemes.semi_implicit"},
 }

@@ -1,4 +1,4 @@
-"""What ghosts carry besides the stress of the first row: pressure along a wall; in a full vessel the shear stress, of a
+"""What ghosts carry besides the stress of the first row: stress along a wall; in a full vessel the shear stress, of a
 channel on its lattice, and the law averaged over a layer."""
 
 import numpy as np
@@ -90,13 +90,14 @@ def test_below_a_free_surface_there_is_none():
     assert np.abs(sim.scheme.layer.drive.to_numpy()).max() == 0.0
 
 
-def pushed(dimension, wall):
-    """Force along x over -V dp/dx [-] of the first four rows of a lattice on a floor, where p grows along x, (4,)."""
+def pushed(dimension, wall, borne=0.0):
+    """Force along x over -V dp/dx [-] of the first four rows of a lattice on a floor, where p grows along x, (4,); the
+    share ``borne`` of p along x is borne by a deviatoric stress."""
     floor = mps.Plane((0.0,) * dimension, (0.0,) * (dimension - 1) + (1.0,), **wall)
     size = (11 * L0,) * (dimension - 1) + (6 * L0,)
     scene = mps.Scene(
         name="pressure along a wall",
-        material=mps.Newtonian(density=DENSITY, viscosity=ETA),
+        material=mps.Bingham(density=DENSITY, plastic_viscosity=ETA, yield_value=1e4),
         spacing=L0,
         fluid=mps.lattice((0.0,) * dimension, np.array(size) - 0.5 * L0, L0),
         walls=(floor,),
@@ -107,7 +108,10 @@ def pushed(dimension, wall):
     sim.neighbors.build()
     sim.scheme.gradient.build()
     x = sim.particles.x.to_numpy()
-    sim.scheme.smoothing.p.from_numpy(1000.0 + PUSH * x[:, 0])
+    p = 1000.0 + PUSH * x[:, 0]
+    sim.scheme.smoothing.p.from_numpy(p)
+    stress = np.diag([1.0] + [-1.0 / (dimension - 1)] * (dimension - 1))
+    sim.particles.stress.from_numpy(borne * p[:, None, None] * stress)
     b = sim.scheme.solver.b
     sim.scheme.right_hand_side(b)
     middle = (np.abs(x[:, : dimension - 1] - 5.5 * L0) < 0.6 * L0).all(1)
@@ -124,3 +128,10 @@ def test_a_pressure_that_grows_along_a_wall_pushes_every_row(dimension, wall):
     rows = pushed(dimension, wall)
     assert rows[3] == pytest.approx(1.0, abs=1e-9)
     assert rows == pytest.approx(1.0, abs=0.03)
+
+
+@pytest.mark.parametrize("dimension", (2, 3))
+def test_a_pressure_that_stress_bears_along_a_wall_pushes_no_row(dimension):
+    """As in a column that stands: its pressure is that of its weight, and nothing holds it at its sides."""
+    assert pushed(dimension, {}, borne=1.0) == pytest.approx(0.0, abs=1e-9)
+    assert pushed(dimension, {}, borne=0.5) == pytest.approx(0.5, abs=0.015)

@@ -64,9 +64,8 @@ class Implicit:
         self.smoothing = PressureSmoothing(particles, self.gradient, self.scales, scene.gravity_vector)
         of_system = self.gradient, walls, self.system, self.scales, self.smoothing
         self.stress = Stress(particles, *of_system, material, law_of(self.materials), scene.gravity_vector)
-        self.layer = WallLayer(
-            particles, self.gradient, walls, self.scales, self.smoothing, self.stress, scene.gravity_vector
-        )
+        of_layer = self.gradient, walls, self.scales, self.smoothing, self.stress, self.correction
+        self.layer = WallLayer(particles, *of_layer, scene.gravity_vector)
         self.held = not scene.axisymmetric and any(wall.holds for wall in walls.surfaces)
         self.clings = any(not wall.slip for wall in walls.surfaces)
         self.yielded = self.stress.yielded  # 1 where the material flows
@@ -311,7 +310,7 @@ class Implicit:
                         b[i] += volume * self.layer.excess(i)
                 if ti.static(self.clings):  # noqa: SIM102
                     if self.smoothing.full[None] == 0:
-                        b[i] += volume * self.layer.pressure_along(i)
+                        b[i] += volume * self.layer.along_the_walls(i)
             else:
                 b[i] = ti.Vector.zero(float, self.dimension)
 
