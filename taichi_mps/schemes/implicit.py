@@ -67,7 +67,7 @@ class Implicit:
         of_layer = self.gradient, walls, self.scales, self.smoothing, self.stress, self.correction
         self.layer = WallLayer(particles, *of_layer, scene.gravity_vector)
         self.held = not scene.axisymmetric and any(wall.holds for wall in walls.surfaces)
-        self.clings = any(not wall.slip for wall in walls.surfaces)
+        self.clings = any(not wall.slip for wall in walls.surfaces)  # some wall holds the fluid, or rubs
         self.yielded = self.stress.yielded  # 1 where the material flows
         self.shifting = Shifting(particles, self.gradient, walls, scene.spacing, tears=self.stress.law == "newtonian")
         many = particles.capacity >= GridLevels.PAY_FROM
