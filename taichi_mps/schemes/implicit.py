@@ -9,6 +9,7 @@ import math
 from ..backend import double_field, real, ti
 from ..conjugate_gradient import INDEFINITE
 from ..deferred_correction import DeferredCorrection
+from ..free_momentum import FreeMomentum, free_directions
 from ..gradient import Gradient
 from ..momentum import MomentumSystem
 from ..mrpcg import MRPCG, GridLevels
@@ -68,6 +69,10 @@ class Implicit:
         self.layer = WallLayer(particles, *of_layer, scene.gravity_vector)
         self.held = not scene.axisymmetric and any(wall.holds for wall in walls.surfaces)
         self.clings = any(not wall.slip for wall in walls.surfaces)  # some wall holds the fluid, or rubs
+        directions = free_directions(scene)
+        self.free = bool(directions.any()) and not self.sleeps  # nothing but gravity acts along some direction
+        if self.free:
+            self.free_momentum = FreeMomentum(particles, self.scales, directions, scene.gravity_vector)
         self.yielded = self.stress.yielded  # 1 where the material flows
         self.shifting = Shifting(particles, self.gradient, walls, scene.spacing, tears=self.stress.law == "newtonian")
         many = particles.capacity >= GridLevels.PAY_FROM
@@ -176,6 +181,8 @@ class Implicit:
     @ti.pyfunc
     def end(self, dt, first, all_awake, passes, tolerance):
         """Shift, and the other half of the drift."""
+        if ti.static(self.free):
+            self.run("momentum", self.free_momentum.restore, dt, self.solver.x)
         self.run("shift", self.shifting.compute, dt, STRAIN_SCALE)
         if ti.static(self.shifting.tears):
             self.run("shift", self.shifting.stay, dt, STRAIN_SCALE)
@@ -242,10 +249,13 @@ class Implicit:
                 fastest = ti.max(fastest, RING_FASTEST * rate)
             source = ti.max(-fastest, ti.min(fastest, self.refill_share(i, dt) * error / dt))
             h = self.stress.non_affine(i, rate, left, first, dt)
-            pull = self.shifting.pull(i, h, self.scales.inertial[self.scales.mix(i)], dt)
+            inertial = self.scales.inertial[self.scales.mix(i)]
+            pull = self.shifting.pull(i, h, inertial, dt)
             self.source[i] = source * ti.max(self.shifting.deforming(i, dt, STRAIN_SCALE), pull)
             self.system.inertia[i] = self.density(i) / dt
             self.system.mu[i] = self.stress.viscosity(i, rate)
+            tension = 1.0 - self.smoothing.p[i] / ti.max(self.stress.size(i), 1e-9)
+            self.shifting.stretched[i] = (1.0 - inertial / h) * ti.max(0.0, ti.min(1.0, tension))
             self.system.h[i] = 2.0 * self.particles.volume(i) * h / self.gradient.lattice(i)[0]
 
     @stage

@@ -255,3 +255,42 @@ def block_005():
 @row("2-D block of half width H, tau_y = 0.1 rho g H, l0 = H/40", INERTIALESS)
 def block_010():
     yield from block(0.1)
+
+
+@row(
+    "2-D block on a frictionless floor, from 1.6 to 1.06 of its final height, l0 = H/10",
+    "balance of forces",
+    quick=True,
+)
+def stretched_block():
+    """Height of the middle after 5 and 10 s, how smooth it is, and how fast the block slides.
+
+    tau_y = 564 Pa, eta = 1500 Pa s, 0.8 m wide. No section of it carries a horizontal force, so the middle thins at the
+    rate e with 2 (tau_y + 2 eta e) = rho g h/2: h = H/(1 - (1 - H/h_0) exp(-rho g H t/(8 eta))), H = 4 tau_y/(rho g).
+    Its surface is in tension, of twice its shear stress.
+    """
+    height, initial, half, eta = 0.1, 0.16, 0.4, 1500.0
+    l0 = height / 10
+    scene = mps.Scene(
+        name="block on a frictionless floor",
+        material=mps.Bingham(density=DENSITY, plastic_viscosity=eta, yield_value=DENSITY * GRAVITY * height / 4.0),
+        spacing=l0,
+        fluid=mps.fill(mps.Box((-half, 0.0), (half, initial)), l0),
+        walls=(mps.Plane((0.0, 0.0), (0.0, 1.0), slip=True),),
+        domain=((-2.5 * half, -4 * l0), (2.5 * half, 2.0 * initial)),
+        until=10.0,
+    )
+    sim, middles = simulate(scene), {}
+    sim.every(5.0, lambda s: middles.update({s.time: middle(s.snapshot())}))
+    sim.run()
+    for time in (5.0, 10.0):
+        exact = height / (1.0 - (1.0 - height / initial) * math.exp(-DENSITY * GRAVITY * height * time / (8.0 * eta)))
+        yield Measured(f"height of the middle after {time:g} s", percent(middles[time].mean(), exact), 3.0, "%")
+    yield Measured("its surface, standard deviation", middles[10.0].std() / l0, 0.5, "l0")
+    yield Measured("speed of sliding", float(sim.snapshot().u[:, 0].mean()), 1e-6, "m/s")
+
+
+def middle(s) -> np.ndarray:
+    """Heights [m] of the top surface over the middle half of a body's width."""
+    centre, width = s.x[:, 0].mean(), np.ptp(s.x[:, 0])
+    return top_surface(s, np.linspace(centre - 0.25 * width, centre + 0.25 * width, 201)[:, None])
