@@ -255,7 +255,8 @@ class Implicit:
             self.system.inertia[i] = self.density(i) / dt
             self.system.mu[i] = self.stress.viscosity(i, rate)
             tension = 1.0 - self.smoothing.p[i] / ti.max(self.stress.size(i), 1e-9)
-            self.shifting.stretched[i] = (1.0 - inertial / h) * ti.max(0.0, ti.min(1.0, tension))
+            viscous = (1.0 - inertial / h) * (1 - self.smoothing.full[None])  # a full closed box is kept out of tension
+            self.shifting.stretched[i] = viscous * ti.max(0.0, ti.min(1.0, tension))
             self.system.h[i] = 2.0 * self.particles.volume(i) * h / self.gradient.lattice(i)[0]
 
     @stage
