@@ -5,7 +5,7 @@ from .backend import real, ti
 
 NON_AFFINE = 0.6  # c: bond-associated dissipation gives 1/2 (shear) to 2/3 (along the bond), docs/equations.md
 INERTIAL = 0.5  # non-affine motion of a thin fluid decays within two natural steps or so: h += 0.5 rho l0^2/step
-SLOWEST = 4.5e-3  # strain per natural step below which the non-affine resistance of a yield-stress fluid stops growing
+SLOWEST = 5e-3  # strain per natural step below which the non-affine resistance of a yield-stress fluid stops growing
 STIFFNESS = 75.0  # K = STIFFNESS rho (g H + U^2) times the natural step: that pressure compresses by 1/75 in one pass
 VISCOUS_STIFFNESS = 8.0  # and K >= 8 mu_r: a slow flow is resisted by its viscosity, not by its weight
 # mu_r >= 6 eta and 64 tau_y times the natural step: the stress converges in a few passes; in shorter steps also half
