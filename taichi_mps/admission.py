@@ -3,7 +3,7 @@
 import numpy as np
 
 from .geometry import Cylinder
-from .inlet import FASTEST
+from .inlet import FASTEST, buried
 from .material import Bingham
 from .quantity import DENSITY_HINT, HEAVIEST, LIGHTEST, SceneError
 from .scene import Scene, SemiImplicit
@@ -60,6 +60,10 @@ def plausible(scene: Scene) -> None:
             raise SceneError(
                 f"inlet: rate = {inlet.rate:g} m3/s: leaves the hose at {speed:.3g} m/s; must be at most {most:.3g} "
                 "m3/s (0.012 for 12 l/s)"
+            )
+        if inlet.start == 0.0 and buried(scene.inlet_layer(inlet), scene.fluid, scene.spacing):
+            raise SceneError(
+                f"inlet: centre = {point(inlet.centre)} m: lies in the fluid at 0 s; must be clear of it or start later"
             )
     crowded = doubles(scene.initial, 1e-3 * scene.spacing)
     if crowded:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .material import Friction
-from .quantity import SceneError
+from .quantity import SceneError, array_of, check_numbers, check_vectors
 
 MOST_POINTS = 1e8  # of one lattice: about 2.4 GB of coordinates
 
@@ -16,6 +16,11 @@ class Box:
 
     low: tuple[float, ...]
     high: tuple[float, ...]
+
+    def __post_init__(self):
+        check_vectors(self, "a box", {"low": "m", "high": "m"})
+        if not np.all(np.less(self.low, self.high)):
+            raise SceneError(f"high = {self.high} m of a box: must be above low = {self.low} m along each axis")
 
     def contains(self, x):
         return np.all((x > self.low) & (x < self.high), axis=1)
@@ -36,6 +41,14 @@ class Cone:
     base_radius: float
     top_radius: float
     height: float
+
+    def __post_init__(self):
+        check_numbers(self, {"base_radius": "m", "top_radius": "m", "height": "m"})
+        for key in ("base_radius", "top_radius"):
+            if getattr(self, key) < 0.0:
+                raise SceneError(f"{key} = {getattr(self, key):g} m: must be at least 0 m")
+        if not self.volume > 0.0:
+            raise SceneError(f"height = {self.height:g} m: must be greater than 0 m, and one radius of a cone, too")
 
     def contains(self, x):
         radius = self.base_radius + (self.top_radius - self.base_radius) * x[:, 2] / self.height
@@ -79,11 +92,7 @@ class Plane:
 
     def __post_init__(self):
         check_friction(self)
-        units = {"point": " m", "normal": "", "velocity": " m/s"}
-        for key, unit in units.items():
-            value = getattr(self, key)
-            if value is not None and (len(value) != len(self.point) or not np.all(np.isfinite(value))):
-                raise SceneError(f"{key} = {value}{unit} of a plane: must be {len(self.point)} finite numbers")
+        check_vectors(self, "a plane", {"point": "m", "normal": "", "velocity": "m/s"})
         if not abs(np.linalg.norm(self.normal) - 1.0) <= 1e-6:
             kind = "mirror plane" if self.mirror else "plane"
             raise SceneError(f"normal = {self.normal} of a {kind}: must have the length 1")
@@ -138,16 +147,12 @@ class Cylinder:
 
     def __post_init__(self):
         check_friction(self)
+        check_vectors(self, "a cylinder", {"point": "m"})
+        units = {"radius": "m", "angular_velocity": "rad/s", "velocity": "m/s", "slope": "", "length": "m"}
+        check_numbers(self, units)
         d = len(self.point)
-        if d not in (2, 3):
-            raise SceneError(f"point = {self.point} m of a cylinder: must be 2 or 3 numbers")
-        units = {"point": " m", "radius": " m", "angular_velocity": " rad/s", "velocity": " m/s", "length": " m"}
-        for key in ("point", "radius", "axis", "angular_velocity", "velocity", "slope", "length"):
-            value = getattr(self, key)
-            if value is not None and not np.all(np.isfinite(value)):
-                raise SceneError(f"{key} = {value}{units.get(key, '')}: must be finite")
-        given = () if self.axis is None else self.axis
-        if len(given) != (d == 3) * 3 or (d == 3 and not np.any(given)):
+        given = array_of([] if self.axis is None else self.axis)
+        if given.shape != ((3,) if d == 3 else (0,)) or not np.all(np.isfinite(given)) or (d == 3 and not given.any()):
             raise SceneError(f"axis = {self.axis}: must be a direction of 3 numbers in 3-D and None in 2-D")
         if d == 2 and (self.velocity or self.slope or self.length):
             raise SceneError(

@@ -5,10 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from .material import Bingham
-from .quantity import SceneError
+from .quantity import SceneError, check_numbers, check_vectors
 
 MOST_ACROSS = 1000  # spacings of a radius: three million particles a layer
 FASTEST = 100.0  # speed [m/s] in a hose, three times that of sprayed concrete
+ROOM = 0.6  # distance from what is there in spacings below which a layer cannot enter
 
 
 @dataclass(frozen=True)
@@ -30,16 +31,18 @@ class Inlet:
     material: Bingham | None = None  # the mix; that of the scene by default
 
     def __post_init__(self):
-        units = {"centre": " m", "direction": "", "radius": " m", "rate": " m3/s", "volume": " m3", "start": " s"}
+        units = {"radius": "m", "rate": "m3/s", "volume": "m3"}
+        try:
+            check_vectors(self, "the mouth", {"centre": "m", "direction": ""})
+            check_numbers(self, units | {"start": "s"})
+        except SceneError as error:
+            raise SceneError(f"inlet: {error}") from None
         for key, unit in units.items():
-            value = getattr(self, key)
-            if not np.all(np.isfinite(value)):
-                raise SceneError(f"inlet: {key} = {value}{unit}: must be finite")
-            if key == "start" and value < 0.0:
-                raise SceneError(f"inlet: start = {value:g} s: must be at least 0 s")
-            if key in ("radius", "rate", "volume") and not value > 0.0:
-                raise SceneError(f"inlet: {key} = {value:g}{unit}: must be greater than 0{unit}")
-        if len(self.direction) != len(self.centre) or not np.any(self.direction):
+            if not getattr(self, key) > 0.0:
+                raise SceneError(f"inlet: {key} = {getattr(self, key):g} {unit}: must be greater than 0 {unit}")
+        if self.start < 0.0:
+            raise SceneError(f"inlet: start = {self.start:g} s: must be at least 0 s")
+        if not np.any(self.direction):
             raise SceneError(f"inlet: direction = {self.direction}: must have {len(self.centre)} numbers, not all zero")
 
     @property
@@ -80,3 +83,10 @@ class Inlet:
     def layers(self, spacing: float) -> int:
         """Number of layers, the nearest to the volume and one at least."""
         return max(1, round(self.volume / self.layer_volume(spacing)))
+
+
+def buried(layer: np.ndarray, x: np.ndarray, spacing: float) -> bool:
+    """Whether a layer (m, d) [m] of particles has no room among those that are there, x (n, d) [m]."""
+    reach = ROOM * spacing
+    near = x[np.all((x > layer.min(0) - reach) & (x < layer.max(0) + reach), axis=1)]
+    return bool(np.any(((near[:, None, :] - layer[None]) ** 2).sum(-1) < reach**2))

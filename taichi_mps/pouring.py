@@ -2,8 +2,9 @@
 
 import numpy as np
 
+from .inlet import buried
+
 SAME = 1e-9  # [s] between instants that count as one
-ROOM = 0.6  # distance from what is there in spacings below which a layer waits
 
 
 class Pouring:
@@ -58,9 +59,7 @@ class Pouring:
         since; None, and due later, if one of the particles that are there, x (n, d) [m], is in its way."""
         late = max(0.0, time - self.next)
         layer = self.layer + late * self.velocity
-        reach = ROOM * self.spacing
-        near = x[np.all((x > layer.min(0) - reach) & (x < layer.max(0) + reach), axis=1)]
-        if np.any(((near[:, None, :] - layer[None]) ** 2).sum(-1) < reach**2):
+        if buried(layer, x, self.spacing):
             self.delay += late
             return None
         self.entered += 1

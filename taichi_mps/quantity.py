@@ -5,11 +5,67 @@ import inspect
 from functools import wraps
 from typing import Annotated, Any, Literal, get_args, get_origin
 
+import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, create_model
 
 
 class SceneError(ValueError):
     """Bad input: names the key, the value with its unit and what is allowed. Raised before any allocation."""
+
+
+def array_of(value) -> np.ndarray:
+    """The value as an array of real numbers; an array of None, without axes, if it is none."""
+    try:
+        array = np.asarray(value)
+    except ValueError:  # rows of different lengths
+        return np.array(None)
+    return array.astype(float) if array.dtype.kind in "iuf" else np.array(None)
+
+
+def finite(key, value, unit, shape=None, dimensions=None) -> np.ndarray:
+    """The value as an array of finite numbers; SceneError if it is none, or not of this shape or number of axes."""
+    array = array_of(value)
+    if array.dtype.kind == "O":
+        raise SceneError(f"{key} = {said(value, '')}: must be numbers [{unit}]")
+    if (shape is not None and array.shape != shape) or (dimensions is not None and array.ndim != dimensions):
+        wanted = f"shape {shape}" if shape is not None else f"{dimensions} axes"
+        raise SceneError(f"{key}: has the shape {array.shape}; must be numbers [{unit}] of {wanted}")
+    if not np.all(np.isfinite(array)):
+        raise SceneError(f"{key}: a value is not a finite number; all must be finite [{unit}]")
+    return array
+
+
+def check_vectors(record, of: str, units: dict) -> None:
+    """SceneError unless these keys of a record, {key: unit}, have 2 or 3 finite numbers, all as many as the first; what
+    is None by default may be None. ``of`` says whose keys they are."""
+    shapes, wanted = ((2,), (3,)), "2 or 3"
+    for key, unit in units.items():
+        value = getattr(record, key)
+        if value is None and type(record).__dataclass_fields__[key].default is None:
+            continue
+        array = array_of(value)
+        if array.shape not in shapes or not np.all(np.isfinite(array)):
+            wanted = len(array) if array.shape in shapes else wanted
+            raise SceneError(f"{key} = {said(value, unit)} of {of}: must be {wanted} finite numbers")
+        shapes, wanted = (array.shape,), len(array)
+
+
+def check_numbers(record, units: dict) -> None:
+    """SceneError unless these keys of a record, {key: unit}, are finite numbers or None by default."""
+    for key, unit in units.items():
+        value = getattr(record, key)
+        if value is None and type(record).__dataclass_fields__[key].default is None:
+            continue
+        array = array_of(value)
+        if array.shape != () or array.dtype.kind == "O":
+            raise SceneError(f"{key} = {said(value, unit)}: must be a number")
+        if not np.isfinite(array):
+            raise SceneError(f"{key} = {said(value, unit)}: must be finite")
+
+
+def said(value, unit) -> str:
+    """A value as it was given, on one line, and its unit."""
+    return f"{' '.join(str(value).split())[:60]} {unit}".rstrip()
 
 
 class Unit(str):

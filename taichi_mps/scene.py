@@ -12,7 +12,7 @@ from .geometry import Cylinder, Plane
 from .inlet import Inlet
 from .material import Bingham, FlowCurve, HerschelBulkley
 from .measure import Snapshot, mirrored, revolved
-from .quantity import Checked, Count, Duration, RadiusRatio, Ratio, SceneError
+from .quantity import Checked, Count, Duration, RadiusRatio, Ratio, SceneError, finite
 from .solids import Solid
 
 
@@ -45,20 +45,6 @@ class SemiImplicit(Checked):
 
 
 NUMERICS = {"implicit": Implicit, "semi-implicit": SemiImplicit}
-
-
-def finite(key, value, unit, shape=None, dimensions=None) -> np.ndarray:
-    """The value as an array of finite numbers; SceneError if it is none, or not of this shape or number of axes."""
-    try:
-        array = np.asarray(value, float)
-    except (TypeError, ValueError):
-        raise SceneError(f"{key} = {str(value)[:60]}: must be numbers [{unit}]") from None
-    if (shape is not None and array.shape != shape) or (dimensions is not None and array.ndim != dimensions):
-        wanted = f"shape {shape}" if shape is not None else f"{dimensions} axes"
-        raise SceneError(f"{key}: has the shape {array.shape}; must be numbers [{unit}] of {wanted}")
-    if not np.all(np.isfinite(array)):
-        raise SceneError(f"{key}: a value is not a finite number; all must be finite [{unit}]")
-    return array
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ import numpy as np
 from .geometry import check_friction
 from .inner_edges import interpolate
 from .material import Friction
-from .quantity import SceneError
+from .quantity import SceneError, array_of, check_vectors
 
 MOST_NODES = 5e7  # of one grid: 400 MB of distances
 
@@ -33,14 +33,11 @@ class Solid:
 
     def __post_init__(self):
         check_friction(self)
-        values = np.asarray(self.values, float)
-        if values.ndim != len(self.low) or values.ndim not in (2, 3) or min(values.shape) < 2:
+        check_vectors(self, "a solid", {"low": "m", "velocity": "m/s"})
+        values, cell = array_of(self.values), array_of(self.cell)
+        if values.ndim != len(self.low) or min(values.shape) < 2:
             raise SceneError(f"values of shape {values.shape}: must be a grid of two nodes or more along {self.low}")
-        for key, unit in (("low", "m"), ("velocity", "m/s")):
-            given = getattr(self, key)
-            if given is not None and (len(given) != values.ndim or not np.all(np.isfinite(given))):
-                raise SceneError(f"{key} = {given} {unit} of a solid: must be {values.ndim} finite numbers")
-        if not 0.0 < self.cell < np.inf:
+        if cell.shape != () or cell.dtype.kind == "O" or not 0.0 < cell < np.inf:
             raise SceneError(f"cell = {self.cell} m: must be greater than 0 m")
         if not np.all(np.isfinite(values)):
             raise SceneError("values: a distance is not a finite number; all must be finite [m]")

@@ -205,6 +205,13 @@ def test_an_inlet_that_cannot_be_is_refused(scene, change, message):
         replace(scene, inlets=(replace(HOSE, **change),))
 
 
+def test_a_mouth_in_the_fluid_is_refused_unless_it_opens_later(scene):
+    pool = replace(scene, fluid=mps.fill(mps.Box((-0.1, 0.0), (0.1, 0.44)), L0))
+    with pytest.raises(mps.SceneError, match=r"inlet: centre = \(0.01, 0.4\) m: lies in the fluid at 0 s"):
+        admit(pool, mps.Implicit())
+    admit(replace(pool, inlets=(replace(HOSE, start=1.0),)), mps.Implicit())
+
+
 def test_scenes_that_cannot_have_an_inlet_are_refused(scene):
     with pytest.raises(mps.SceneError, match="axisymmetric"):
         replace(scene, axisymmetric=True)

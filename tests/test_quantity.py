@@ -2,6 +2,7 @@
 
 import math
 
+import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
@@ -47,6 +48,47 @@ def test_message(call, parts):
         call()
     for part in parts:
         assert part in str(error.value)
+
+
+@pytest.mark.parametrize("bad", [None, "x", {}, (0,), (0, None), ("a", "b"), [[1, 2], [1]], (math.nan, 0), (0.0,) * 4])
+def test_a_wrong_type_in_a_body_a_wall_or_an_inlet_is_named(bad):
+    distance = np.eye(4) - 0.5
+    for key, make in {
+        "point": lambda: mps.Plane(bad, (0, 1)),
+        "normal": lambda: mps.Plane((0, 0), bad),
+        "low": lambda: mps.Box(bad, (1, 1)),
+        "high": lambda: mps.Box((0, 0), bad),
+        "base_radius": lambda: mps.Cone(bad, 1.0, 1.0),
+        "height": lambda: mps.Cone(1.0, 1.0, bad),
+        "point =": lambda: mps.Cylinder(bad, 1.0),
+        "radius": lambda: mps.Cylinder((0, 0), bad),
+        "axis": lambda: mps.Cylinder((0, 0, 0), 1.0, bad),
+        "inlet: centre": lambda: mps.Inlet(bad, (0, -1), 1.0, 1.0, 1.0),
+        "inlet: direction": lambda: mps.Inlet((0, 0), bad, 1.0, 1.0, 1.0),
+        "inlet: rate": lambda: mps.Inlet((0, 0), (0, -1), 1.0, bad, 1.0),
+        "values": lambda: mps.Solid(bad, (0, 0), 1.0),
+        "low =": lambda: mps.Solid(distance, bad, 1.0),
+        "cell": lambda: mps.Solid(distance, (0, 0), bad),
+    }.items():
+        with pytest.raises(SceneError, match=f"^{key}.*must be"):
+            make()
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: mps.Box((1, 1), (0, 0)), r"high = \(0, 0\) m of a box: must be above low = \(1, 1\) m"),
+        (lambda: mps.Cone(-1.0, 1.0, 1.0), "base_radius = -1 m: must be at least 0 m"),
+        (lambda: mps.Cone(0.0, 0.0, 1.0), "height = 1 m: must be greater than 0 m, and one radius"),
+        (
+            lambda: mps.Scene("x", mps.Bingham(), "0.1", [[0.5, 0.5]], ((0, 0), (1, 1))),
+            "spacing = 0.1: must be numbers",
+        ),
+    ],
+)
+def test_an_impossible_body_is_refused(call, message):
+    with pytest.raises(SceneError, match=message):
+        call()
 
 
 def test_every_violation_is_listed():
