@@ -4,10 +4,10 @@
     python benchmarks/step.py --draw     # the tables of docs/speed.md from benchmarks/results/step.json
 
 The slump cone of 300 Pa in 3-D, with a spacing that gives these numbers of particles. Each size and number of threads
-runs in a process of its own, `--repeats` times in turn: a few steps of the collapse, after it has begun. Their mean counts,
-for steps differ in their iterations, of the process with the least, for the machine is shared and at times gives two
-processes little more than one; the fastest step stands beside. The bandwidth is that
-of a Taichi kernel that adds two fields of 256 MB into a third, in the same process, also the best of five.
+runs in a process of its own, `--repeats` times in turn: a few steps of the collapse, after it has begun. Their mean
+counts, for steps differ in their iterations, of the process with the least, for the machine is shared and at times
+gives two processes little more than one; the fastest step stands beside. The bandwidth is that of a Taichi kernel that
+adds two fields of 256 MB into a third, in the same process, also the best of five.
 """
 
 import argparse
