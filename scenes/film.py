@@ -32,15 +32,16 @@ def scene(
     until: Duration = 2.0,
     model: Literal["plane"] = "plane",
 ) -> mps.Scene:
-    """Two-dimensional film, periodic along the slope; axes along and normal to it."""
+    """Two-dimensional film, periodic along the slope; axes along and normal to it. Its depth is that of whole rows of
+    particles, the nearest to the one given."""
     if critical_strain_rate == "rational":
         mix = {"plastic_viscosity": plastic_viscosity, "yield_value": yield_value}
         critical_strain_rate = mps.rational_critical_strain_rate(**mix, time=until)
     if spacing > depth:
         raise mps.SceneError(f"spacing = {spacing:g} m: larger than the film, {depth:g} m deep")
-    length = max(10, round(0.5 * depth / spacing)) * spacing
+    rows, columns = round(depth / spacing), max(10, round(0.5 * depth / spacing))
+    depth, length = rows * spacing, columns * spacing
     theta = np.radians(angle)
-    low, high = (0.0, 0.0), (length, depth)
     slope_weight = density * 9.81 * np.sin(theta)
     thick = 3 * spacing
 
@@ -70,7 +71,7 @@ def scene(
             critical_strain_rate=critical_strain_rate,
         ),
         spacing=spacing,
-        fluid=mps.lattice(low, high, spacing)[: round(length / spacing) * round(depth / spacing)],
+        fluid=mps.lattice((0.0, 0.0), (length - 0.1 * spacing, depth - 0.1 * spacing), spacing),
         walls=(mps.Plane((0.0, 0.0), (0.0, 1.0)),),
         wall_particles=mps.lattice((0.0, -thick), (length - 0.1 * spacing, 0.0 - 0.1 * spacing), spacing),
         domain=((0.0, -thick), (length, depth + 5 * spacing)),

@@ -56,7 +56,8 @@ def scene(
         y = 0.25 * width
         h1 = mps.measure.level(s, (FROM, -y), (TO, y))
         h2 = mps.measure.level(s, (length - TO, -y), (length - FROM, y))
-        return {"front_m": float(s.x[:, 0].max() + 0.5 * s.spacing), "h1_m": h1, "h2_m": h2, "passing_ratio": h2 / h1}
+        front, ratio = float(s.x[:, 0].max() + 0.5 * s.spacing), h2 / h1 if h1 > 0.0 else np.nan
+        return {"front_m": front, "h1_m": h1, "h2_m": h2, "passing_ratio": ratio}
 
     def over_time(history):
         """Times at which the front is 200 and 400 mm from the column."""

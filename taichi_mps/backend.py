@@ -121,12 +121,12 @@ def init(arch: str = "cpu", precision: str = "f32", threads: int | None = None, 
     threads: CPU threads, by default all that this process may use. Raises SceneError for anything else.
     """
     architectures = {"cpu": ti.cpu, "cuda": ti.cuda, "vulkan": ti.vulkan}
-    if arch not in architectures:
+    if not isinstance(arch, str) or arch not in architectures:
         raise SceneError(f"arch = {arch}: must be one of {', '.join(architectures)}")
     if precision not in ("f32", "f64"):
         raise SceneError(f"precision = {precision}: must be f32 or f64")
-    if threads is not None and threads < 1:
-        raise SceneError(f"threads = {threads}: must be at least 1")
+    if threads is not None and (not isinstance(threads, int) or threads < 1):
+        raise SceneError(f"threads = {threads}: must be at least 1, a whole number")
     if arch == "vulkan" and precision == "f64":
         raise SceneError("precision = f64: must be f32 on arch = vulkan, which has no sine or power of f64")
     if threads is None:

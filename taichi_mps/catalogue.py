@@ -73,7 +73,14 @@ def load(name: str):
 def build(name: str, /, **keywords) -> Scene:
     """The Scene of a name or a file, with every keyword it was made from in ``parameters``."""
     function = load(name)
-    scene = function(**keywords)
+    try:
+        scene = function(**keywords)
+    except SceneError:
+        raise
+    except Exception as error:
+        raise SceneError(f"scene {name} cannot be made: {type(error).__name__}: {error}") from error
+    if not isinstance(scene, Scene):
+        raise SceneError(f"scene {name}: its function returns {type(scene).__name__}; must return a Scene")
     valid = function.parameters(**keywords)
     if getattr(valid, "accuracy", None) is not None and not {"model", "spacing"} <= set(keywords):
         choice = choose(valid.accuracy, **fixed(valid, keywords))

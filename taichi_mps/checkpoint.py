@@ -21,16 +21,18 @@ from .quantity import SceneError
 from .scene import NUMERICS, Scene
 
 FORMAT = "taichi_mps checkpoint"
-VERSION = 4
+VERSION = 5
 LABEL = 512  # bytes of the user block
+LARGE = 10_000  # numbers of an array from which on a part of it stands for all
 HEADER = {"source": str, "parameters": dict, "scheme": str, "numerics": dict, "time": float, "fluid": str}
-HEADER |= {"settings": dict}
+HEADER |= {"settings": dict, "problem": str}
 SCALARS = {"time", "steps", "last_dt", "rest", "report"}
 
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """``header``: source, parameters, scheme, numerics, time [s], fluid, settings; ``state``: that of Simulation."""
+    """``header``: source, parameters, scheme, numerics, time [s], fluid, problem, settings; ``state``: that of
+    Simulation."""
 
     header: dict
     state: dict
@@ -45,6 +47,7 @@ class Checkpoint:
             "numerics": sim.numerics.model_dump(mode="json"),
             "time": sim.time,
             "fluid": fingerprint(sim.scene),
+            "problem": problem(sim.scene),
             "settings": settings or {},
         }
         return cls(header, sim.state())
@@ -76,11 +79,18 @@ class Checkpoint:
 
     def scene(self, until: float | None = None, scene_file=None) -> Scene:
         """The scene, built anew from its source and parameters; ``until`` [s] replaces its end. A scene that is not a
-        built-in one is made by the code of ``scene_file``, which the caller must name."""
+        built-in one is made by the code of ``scene_file``, which the caller must name. SceneError if what is built has
+        another material, gravity or wall than the run had."""
         keywords = dict(self.header["parameters"])
         if until is not None and "until" in keywords:
             keywords["until"] = until
-        return catalogue.rebuild(self.header["source"], keywords, scene_file)
+        scene = catalogue.rebuild(self.header["source"], keywords, scene_file)
+        if problem(scene) != self.header["problem"]:
+            raise SceneError(
+                f"checkpoint: scene {self.header['source']} has another material, gravity or wall than when it was "
+                "written; must be the same, or handed over: restore(path, scene)"
+            )
+        return scene
 
     def admit(self, scene: Scene) -> None:
         """SceneError unless the scene can be computed and the state is one of its particles."""
@@ -129,7 +139,8 @@ class Checkpoint:
 
 
 def save(sim, path) -> Path:
-    """Write a checkpoint of the simulation. A scene outside the catalogue must be handed to ``restore`` again."""
+    """Write a checkpoint of the simulation. A scene that is not just a built-in one with its keywords must be handed to
+    ``restore`` again."""
     return Checkpoint.of(sim).write(path)
 
 
@@ -216,6 +227,22 @@ def fingerprint(scene: Scene) -> str:
         parts["walls"] = np.asarray(scene.wall_particles, float)
     inlets = f" {scene.inlets!r}" if scene.inlets else ""
     return digest(f"{scene.spacing!r}{inlets}", parts)
+
+
+def problem(scene: Scene) -> str:
+    """sha256 of what no state shows: materials, gravity, walls; of functions their names, of large arrays a part."""
+    words, arrays = [f"{scene.gravity_vector.tolist()}"], {}
+    for k, item in enumerate((*scene.materials, *scene.walls)):
+        words.append(type(item).__name__)
+        for name in getattr(item, "__dataclass_fields__", None) or type(item).model_fields:
+            value = getattr(item, name)
+            if isinstance(value, np.ndarray) and value.size > LARGE:
+                arrays[f"{k} {name}"] = value.reshape(-1)[:: value.size // LARGE]
+            elif callable(value):
+                words.append(f"{name} {getattr(value, '__qualname__', type(value).__name__)}")
+            else:
+                words.append(f"{name} {plain(value.tolist() if isinstance(value, np.ndarray) else value)!r}")
+    return digest(" ".join(words), arrays)
 
 
 def possible(poured, layers: int) -> bool:

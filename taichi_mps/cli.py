@@ -11,7 +11,7 @@ from pathlib import Path
 
 from . import __version__, catalogue, lock
 from .admission import admit
-from .options import Parser, Pictures, Run, Table, given, joined
+from .options import Parser, Pictures, Run, Table, given, scene_of
 from .quantity import SceneError, suggestion
 from .running import BAD_INPUT, DONE, INTERRUPTED, carry_out, start
 from .scene import NUMERICS
@@ -24,12 +24,7 @@ SCENE_FILE = "the Python file of the scene, where it is not a built-in one"
 # ---- commands ---------------------------------------------------------------------------------------------------
 def run(argv) -> int:
     """compute a scene"""
-    first = Parser("run", add_help=False)
-    first.add_argument("scene", nargs="?")
-    first.options(Run, "run")
-    known, _ = first.parse_known_args(joined(argv))
-    if not known.scene and not {"-h", "--help"} & set(argv):
-        raise SceneError(f"run: name a scene: {', '.join(catalogue.names())}, or a Python file")
+    known = scene_of("run", argv, Run)
     scheme = known.scheme or "implicit"
     numerics = NUMERICS.get(scheme) or NUMERICS["implicit"]
     function = catalogue.load(known.scene) if known.scene else None

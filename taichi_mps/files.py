@@ -198,9 +198,10 @@ class Recorder:
             )
         self.history = History(folder.history, self.measures, kept=sim.time if sim.steps > 0 else None)
         if resumed:
-            outputs = self.trajectory.cut(sim.time, every)
-            for extra in sorted(folder.frames.glob("*.png"))[outputs:]:
-                extra.unlink()
+            if sim.time < sim.scene.until - 1e-9:  # of a run at its end the last output stays
+                outputs = self.trajectory.cut(sim.time, every)
+                for extra in sorted(folder.frames.glob("*.png"))[outputs:]:
+                    extra.unlink()
         else:
             self.trajectory.create(sim, source, every)
         if self.history.empty:

@@ -5,7 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
-from .quantity import SceneError
+from .quantity import SceneError, check_vectors, positive
 
 
 @dataclass(frozen=True)
@@ -24,6 +24,8 @@ class Cavity:
     spacing: float  # of the particles [m]
 
     def __post_init__(self):
+        check_vectors(self, "a cavity", {"low": "m", "high": "m"})
+        positive("spacing", self.spacing)
         size = np.subtract(self.high, self.low)
         if not np.all(size >= 0.5 * self.spacing):
             raise SceneError(

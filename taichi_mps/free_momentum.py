@@ -12,12 +12,13 @@ from .particles import FLUID
 from .stages import stage
 
 
-def free_directions(scene) -> np.ndarray:
+def free_directions(scene, walls: str) -> np.ndarray:
     """Projector (d, d) [-] onto the directions in which nothing but gravity acts on the whole fluid: those along all
-    walls, if each is a plane with slip. Zero with any other wall, with an inlet, and of rings, whose radius is no
-    direction."""
+    walls, if each is a plane with slip. Zero with any other wall, with walls that are "particles", with an inlet, and
+    of rings, whose radius is no direction."""
     d = scene.dimension
-    held = scene.wall_particles is not None or scene.inlets or scene.axisymmetric
+    particles = walls == "particles" and scene.wall_particles is not None
+    held = particles or scene.inlets or scene.axisymmetric
     if held or not all(isinstance(wall, Plane) and wall.slip for wall in scene.walls):
         return np.zeros((d, d))
     normals = np.array([wall.normal for wall in scene.walls]).reshape(-1, d)

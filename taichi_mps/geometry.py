@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .material import Friction
-from .quantity import SceneError, array_of, check_numbers, check_vectors
+from .quantity import SceneError, array_of, check_kinds, check_numbers, check_vectors, finite, positive
 
 MOST_POINTS = 1e8  # of one lattice: about 2.4 GB of coordinates
 
@@ -27,10 +27,12 @@ class Box:
 
     @property
     def bounds(self):
+        """Corners (d,), (d,) [m] of the box around it."""
         return np.array(self.low, float), np.array(self.high, float)
 
     @property
     def volume(self):
+        """[m3]; in 2-D [m2]."""
         return float(np.prod(np.subtract(self.high, self.low)))
 
 
@@ -56,17 +58,22 @@ class Cone:
 
     @property
     def bounds(self):
+        """Corners (3,), (3,) [m] of the box around it."""
         r = max(self.base_radius, self.top_radius)
         return np.array([-r, -r, 0.0]), np.array([r, r, self.height])
 
     @property
     def volume(self):
+        """[m3]"""
         a, b = self.base_radius, self.top_radius
         return np.pi * self.height / 3.0 * (a * a + a * b + b * b)
 
 
 def check_friction(wall):
-    """SceneError unless a wall has either friction or slip."""
+    """SceneError unless a wall has either friction or slip, and what is no number has its type."""
+    check_kinds(wall, {"friction": (Friction, "Friction(...)")})
+    flags = [key for key in ("slip", "loose", "mirror", "inside") if hasattr(wall, key)]
+    check_kinds(wall, {key: (bool | np.bool_, "True or False") for key in flags})
     if wall.friction is not None and wall.slip:
         raise SceneError(f"slip = True with friction = {wall.friction}: a wall has one of them; must be left out")
 
@@ -170,6 +177,7 @@ class Cylinder:
 
     @property
     def smallest_radius(self):
+        """At the narrower end [m]."""
         return self.radius + min(0.0, self.slope * (self.length or 0.0))
 
     @property
@@ -213,8 +221,11 @@ class Cylinder:
 
 
 def lattice(low, high, spacing, offset=0.5):
-    """Points of a cubic lattice [m] in a box, (n, d); ``offset`` of the first point in spacings, per axis or one."""
-    low, high = np.asarray(low, float), np.asarray(high, float)
+    """Points of a cubic lattice [m] in a box between two corners (d,) [m], (n, d); ``offset`` of the first point in
+    spacings [m], per axis or one."""
+    positive("spacing", spacing)
+    low = finite("low", low, "m", dimensions=1)
+    high = finite("high", high, "m", shape=low.shape)
     offsets = np.broadcast_to(offset, low.shape)
     with np.errstate(over="ignore"):  # of a spacing next to nothing
         points = float(np.prod(np.maximum(high - low, 0.0) / spacing))
@@ -232,6 +243,7 @@ def lattice(low, high, spacing, offset=0.5):
 def rings(inner_radius, outer_radius, spacing):
     """Points (n, 2) [m] on circles about the origin, a spacing apart: a disc (inner radius 0) or what is between two
     circles, without the steps that a square lattice has there."""
+    positive("spacing", spacing)
     count = round((outer_radius - inner_radius) / spacing)
     if count < 1 or inner_radius < 0.0:
         raise SceneError(
@@ -249,7 +261,8 @@ def rings(inner_radius, outer_radius, spacing):
 
 
 def shell(low, high, spacing, layers=3):
-    """Wall particles [m], (m, d): ``layers`` around a box that is open at the top (last axis)."""
+    """Wall particles [m], (m, d): ``layers`` around a box that is open at the top (last axis), its corners (d,) [m]."""
+    positive("spacing", spacing)
     low, high = np.asarray(low, float), np.asarray(high, float)
     thick = layers * spacing
     top = np.append(np.zeros(len(low) - 1), 1.0)
@@ -259,8 +272,9 @@ def shell(low, high, spacing, layers=3):
 
 
 def box_planes(low, high, slip=False, friction=None):
-    """The walls of a box that is open at the top (last axis)."""
-    low, high = tuple(map(float, low)), tuple(map(float, high))
+    """The walls of a box that is open at the top (last axis), its corners (d,) [m]."""
+    corners = Box(low, high)
+    low, high = (tuple(map(float, corner)) for corner in (corners.low, corners.high))
     d = len(low)
     unit = np.eye(d)
     surface = {"slip": slip, "friction": friction}
@@ -273,6 +287,7 @@ def box_planes(low, high, slip=False, friction=None):
 def fill_rings(solid, spacing):
     """Positions (n, 2) [m] (r, z) of the rings of a solid around the z axis, one per spacing^2, half a spacing from the
     axis and the base: those whose middle lies in the solid."""
+    positive("spacing", spacing)
     low, high = solid.bounds
     x = lattice((0.0, low[2]), (high[0] + spacing, high[2]), spacing)
     x = x[solid.contains(np.insert(x, 1, 0.0, axis=1))]
@@ -288,6 +303,7 @@ def fill(solid, spacing, mirrors=()):
     the solid (a particle or an edge on the middle) the one nearest to the solid's volume is taken. With ``mirrors``,
     planes across axes, it is the one with an edge on the middle and on these planes, and only what is in front of them.
     """
+    positive("spacing", spacing)
     low, high = solid.bounds
     size = high - low
     if np.any(size < 0.999 * spacing):

@@ -1,11 +1,12 @@
 """Options of the command line made from pydantic models: unit, allowed range and default in --help."""
 
 import argparse
-import math
+from contextlib import suppress
 from typing import Literal, get_args, get_origin
 
 from pydantic import Field
 
+from . import catalogue
 from .quantity import Checked, Count, Duration, SceneError, suggestion, unit_of
 
 SCHEMES = Literal["implicit", "semi-implicit"]
@@ -85,6 +86,23 @@ class Parser(argparse.ArgumentParser):
         return arguments
 
 
+def scene_of(command, argv, model) -> argparse.Namespace:
+    """The scene that a command line names, ``scene``, and the options of ``model`` in it, before those of the scene are
+    known: with these before it, the first word that is a scene."""
+    first = Parser(command, add_help=False)
+    first.add_argument("scene", nargs="?")
+    first.options(model, command)
+    known, others = first.parse_known_args(joined(argv))
+    if not known.scene and not {"-h", "--help"} & set(argv):
+        raise SceneError(f"{command}: name a scene: {', '.join(catalogue.names())}, or a Python file")
+    for word in (known.scene, *others):
+        with suppress(SceneError):
+            catalogue.locate(word or "")
+            known.scene = word
+            break
+    return known
+
+
 def joined(argv) -> list[str]:
     """``--key -1e3`` as ``--key=-1e3``, which argparse would take for an option."""
     words = []
@@ -99,9 +117,10 @@ def joined(argv) -> list[str]:
 
 def is_number(word: str) -> bool:
     try:
-        return math.isfinite(float(word)) or True
+        float(word)
     except ValueError:
         return False
+    return True
 
 
 def choices(field) -> list[str]:

@@ -20,8 +20,13 @@ def opened(path, what: str):
     except SceneError:
         raise
     except DAMAGE as error:
-        reason = str(error).split("\n", 1)[0].split("(", 1)[0].strip() or type(error).__name__
-        raise SceneError(f"{what} {path}: damaged or not one of taichi_mps ({reason})") from None
+        raise damaged(what, path, error) from None
+
+
+def damaged(what: str, path, error) -> SceneError:
+    """What went wrong with a file, in one line."""
+    reason = str(error).split("\n", 1)[0].split("(", 1)[0].strip() or type(error).__name__
+    return SceneError(f"{what} {path}: damaged or not one of taichi_mps ({reason})")
 
 
 def own(group, name: str):

@@ -4,6 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
+from .quantity import SceneError
+
 COLOURS = ("#1f5f99", "#d1662a", "#2e8b57", "#8f4f9f", "#b8323f", "#7a6a35", "#4b8ea8", "#555b63")
 STYLE = {
     "font.size": 11, "axes.titlesize": 12, "axes.labelsize": 11, "axes.edgecolor": "#6b727a", "axes.linewidth": 0.8,
@@ -161,7 +163,7 @@ def history(rows, out):
         if shown:
             panels.append((title, shown))
     if not panels:
-        raise ValueError("history: holds no column to draw")
+        raise SceneError("history.csv: holds no numbers to draw; must hold a step of a run")
     lines = -(-len(panels) // 2)
     figure, axes = _figure(10.0, 2.3 * lines + 0.4, lines, 2, sharex=True, squeeze=False)
     for panel, (title, curves) in zip(axes.flat, panels, strict=False):

@@ -35,6 +35,13 @@ def finite(key, value, unit, shape=None, dimensions=None) -> np.ndarray:
     return array
 
 
+def positive(key, value, unit="m") -> None:
+    """SceneError unless the value is one finite number above 0."""
+    array = array_of(value)
+    if array.shape != () or array.dtype.kind == "O" or not 0.0 < array < np.inf:
+        raise SceneError(f"{key} = {said(value, unit)}: must be greater than 0 {unit}")
+
+
 def check_vectors(record, of: str, units: dict) -> None:
     """SceneError unless these keys of a record, {key: unit}, have 2 or 3 finite numbers, all as many as the first; what
     is None by default may be None. ``of`` says whose keys they are."""
@@ -61,6 +68,17 @@ def check_numbers(record, units: dict) -> None:
             raise SceneError(f"{key} = {said(value, unit)}: must be a number")
         if not np.isfinite(array):
             raise SceneError(f"{key} = {said(value, unit)}: must be finite")
+
+
+def check_kinds(record, kinds: dict) -> None:
+    """SceneError unless these keys of a record, {key: (type or types, in words)}, are of these types or None by
+    default."""
+    for key, (kind, words) in kinds.items():
+        value = getattr(record, key)
+        if not isinstance(value, kind) and not (
+            value is None and type(record).__dataclass_fields__[key].default is None
+        ):
+            raise SceneError(f"{key} = {said(value, '')}: must be {words}")
 
 
 def said(value, unit) -> str:

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from .quantity import SceneError
+from .quantity import SceneError, finite, positive
 
 
 def spread_at_rest(volume: float, density: float, yield_value: float, gravity: float = 9.81) -> float:
@@ -12,7 +12,8 @@ def spread_at_rest(volume: float, density: float, yield_value: float, gravity: f
 
     Roussel and Coussot (2005), J. Rheol. 49, 705. It holds for bodies much wider than high: of the slump cone it is 10,
     12, 20 and 32 % too wide at 50, 100, 300 and 1000 Pa, by finite elements without inertia."""
-    must_come_to_rest(yield_value)
+    must_come_to_rest(yield_value, density, gravity)
+    positive("volume", volume, "m3")
     return 2.0 * (225.0 * density * gravity * volume**2 / (128.0 * math.pi**2 * yield_value)) ** 0.2
 
 
@@ -33,7 +34,8 @@ def channel_at_rest(
 
     Without side walls this is within 3 % of finite elements of blocks with tau_y/(rho g H) = 0.05 and 0.1, where
     the thin layer reaches 18 and 28 % too far. Inertia carries the front farther and levels the surface."""
-    must_come_to_rest(yield_value)
+    must_come_to_rest(yield_value, density, gravity)
+    positive("area", area, "m2")
     a = yield_value / (density * gravity)
     shift, lip = (0.5 * math.pi * a, math.pi * a) if normal_stress else (0.0, 0.0)
 
@@ -61,8 +63,10 @@ def channel_at_rest(
     return integral(front, 0) - integral(h, 0), h
 
 
-def must_come_to_rest(yield_value):
-    if not yield_value > 0.0:
+def must_come_to_rest(yield_value, density, gravity):
+    positive("density", density, "kg/m3")
+    positive("gravity", gravity, "m/s2")
+    if finite("yield_value", yield_value, "Pa", shape=()) <= 0.0:
         raise SceneError(f"yield_value = {yield_value:g} Pa: without one nothing comes to rest; must be above 0 Pa")
 
 

@@ -12,7 +12,7 @@ from .geometry import Cylinder, Plane
 from .inlet import Inlet
 from .material import Bingham, FlowCurve, HerschelBulkley
 from .measure import Snapshot, mirrored, revolved
-from .quantity import Checked, Count, Duration, RadiusRatio, Ratio, SceneError, finite
+from .quantity import Checked, Count, Duration, RadiusRatio, Ratio, SceneError, check_kinds, finite, said
 from .solids import Solid
 
 
@@ -76,6 +76,7 @@ class Scene:
     parameters: dict = field(default_factory=dict)  # as given, for the summary
 
     def __post_init__(self):
+        self._check_kinds()
         poured = self.inlets and (self.fluid is None or np.size(self.fluid) == 0)
         given = np.zeros((0, len(self.inlets[0].centre))) if poured else self.fluid
         if not poured and np.size(given) == 0:
@@ -106,6 +107,23 @@ class Scene:
                 raise SceneError(f"walls: point = {wall.point} m: must have {x.shape[1]} coordinates, as the fluid has")
         self._check_mirrors(x)
 
+    def _check_kinds(self):
+        """What is no number has its type, and walls and inlets stand in a tuple."""
+        flag = (bool | np.bool_, "True or False")
+        function = (Callable, "a function")
+        check_kinds(self, {"name": (str, "text"), "parameters": (dict, "a dict"), "cavity": (Cavity, "a Cavity")})
+        check_kinds(self, {"axisymmetric": flag, "stop_at_rest": flag})
+        check_kinds(self, {"measure": function, "check": function, "over_time": function})
+        for key, kind in (("walls", Plane | Cylinder | Solid), ("inlets", Inlet), ("periodic", bool | np.bool_)):
+            value = getattr(self, key)
+            if value is None and key == "periodic":
+                continue
+            if not isinstance(value, tuple | list) or not all(isinstance(item, kind) for item in value):
+                kinds = getattr(kind, "__args__", (kind,))
+                words = "True or False" if key == "periodic" else " or ".join(item.__name__ for item in kinds)
+                raise SceneError(f"{key} = {said(value, '')}: must be a tuple, each {words}")
+            object.__setattr__(self, key, tuple(value))
+
     def _check_numbers(self):
         """Shapes, units and ranges of what is given as plain numbers."""
         n, d = self.fluid.shape
@@ -114,12 +132,14 @@ class Scene:
         for key, unit in (("spacing", "m"), ("until", "s")):
             if not finite(key, getattr(self, key), unit, shape=()) > 0.0:
                 raise SceneError(f"{key} = {getattr(self, key)} {unit}: must be greater than 0 {unit}")
+            object.__setattr__(self, key, float(getattr(self, key)))
         low, high = finite("domain", self.domain, "m", shape=(2, d))
         if not np.all(low < high):
             raise SceneError(f"domain = {self.domain} m: the second corner must be above the first along each axis")
         for key, unit, shape in (("gravity", "m/s2", (d,)), ("velocity", "m/s", (n, d))):
             if getattr(self, key) is not None:
-                finite(key, getattr(self, key), unit, shape)
+                array = finite(key, getattr(self, key), unit, shape)
+                object.__setattr__(self, key, array if key == "velocity" else tuple(array.tolist()))
         if self.wall_particles is not None:
             wall = finite("wall_particles", self.wall_particles, "m", dimensions=2)
             if wall.shape[1] != d:

@@ -3,6 +3,10 @@
 import math
 from contextlib import contextmanager
 
+# how results are shown by the ends of their names: factor, unit, digits; the longer end first
+UNITS = {"_m_s": (1.0, "m/s", ".3g"), "_m3": (1e3, "l", ".3g"), "_ratio": (1.0, "", ".3f")}
+UNITS |= {"_m": (100.0, "cm", ".2f"), "_s": (1.0, "s", ".2f")}
+
 
 def pictures(frames, options):
     """Callback of a simulation and a number that draws frame_<number>.png as the options ask."""
@@ -78,6 +82,28 @@ def progress(sim, recorder, until, quiet):
         yield
 
 
+def is_measure(name: str) -> bool:
+    """Whether a name ends with the unit of a result."""
+    return name.endswith(tuple(UNITS))
+
+
+def unit_of_measure(name: str) -> tuple[float, str, str]:
+    """Factor, unit and format in which a result is shown."""
+    return next(shown for end, shown in UNITS.items() if name.endswith(end))
+
+
+def title(name: str) -> str:
+    """The name of a result in words."""
+    end = next(end for end in UNITS if name.endswith(end))
+    return name.removesuffix("" if end == "_ratio" else end).replace("_", " ")
+
+
+def written(name: str, value: float) -> str:
+    """A result with its unit."""
+    factor, unit, digits = unit_of_measure(name)
+    return f"{factor * value:{digits}} {unit}".rstrip()
+
+
 def table(summary: dict, folder, stages=(), traffic=None) -> None:
     """The result for a reader, on stdout."""
     from rich.console import Console
@@ -85,14 +111,8 @@ def table(summary: dict, folder, stages=(), traffic=None) -> None:
 
     rows = Table(title=f"{summary['scene']}: stopped by {summary['stopped_by']}", show_header=False)
     for key, value in summary.items():
-        if key.endswith("_m") and value is not None:
-            rows.add_row(key[:-2].replace("_", " "), f"{100 * value:.2f} cm")
-        elif key.endswith("_s") and value is not None:
-            rows.add_row(key[:-2].replace("_", " "), f"{value:.2f} s")
-        elif key.endswith("_m3") and value is not None:
-            rows.add_row(key[:-3].replace("_", " "), f"{1e3 * value:.3g} l")
-        elif key.endswith("_ratio") and value is not None:
-            rows.add_row(key.replace("_", " "), f"{value:.3f}")
+        if is_measure(key) and value is not None:
+            rows.add_row(title(key), written(key, value))
     rows.add_row("simulated", f"{summary['simulated_seconds']:.3f} s in {summary['steps']} steps")
     rows.add_row("particles", f"{summary['fluid_particles']} fluid, {summary['wall_particles']} wall")
     spent = ", ".join(f"{summary[f'{key}_seconds']:.1f} s {key}" for key in ("wall", "cpu", "compile"))

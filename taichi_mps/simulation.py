@@ -14,7 +14,7 @@ from .measure import Snapshot
 from .neighbors import Bins, CapacityError, EscapedError, NeighborList
 from .particles import DUMMY, FLUID, WALL, Particles
 from .pouring import Pouring
-from .quantity import SceneError
+from .quantity import SceneError, finite, positive
 from .report import DivergedError, StepReport
 from .rest import Rest
 from .scales import law_of, resting_time
@@ -41,6 +41,10 @@ class Simulation:
         self._clock = time.process_time(), time.perf_counter()
         self.scene = scene
         self.numerics = numerics or ImplicitNumerics()
+        if not isinstance(scene, Scene):
+            raise SceneError(f"scene = {str(scene)[:60]}: must be a Scene, such as slump_cone(...)")
+        if not isinstance(self.numerics, ImplicitNumerics | SemiImplicitNumerics):
+            raise SceneError(f"numerics = {str(numerics)[:60]}: must be Implicit(...) or SemiImplicit(...)")
         admit(scene, self.numerics)
         self._pairs_per_particle = 4.0 if scene.axisymmetric else 1.5  # rings that moved outward are thin
         self._walls_at = 0.0  # time [s] at which the walls stand
@@ -116,6 +120,8 @@ class Simulation:
     # ---- stepping -------------------------------------------------------------------------------------------
     def step(self, until: float | None = None) -> StepReport:
         """One time step, at most to ``until`` [s]."""
+        if until is not None and not finite("until", until, "s", shape=()) > self.time:
+            raise SceneError(f"until = {until} s: must be later than the present time, {self.time:.9g} s")
         cpu = time.process_time()
         jets = [pouring.pour(self.time, self.particles) for pouring in self.pouring]
         if jets:
@@ -228,8 +234,7 @@ class Simulation:
     # ---- running --------------------------------------------------------------------------------------------
     def every(self, interval: float, callback) -> None:
         """Call callback(simulation) at t = 0, every ``interval`` [s] and at the end."""
-        if not interval > 0:
-            raise SceneError(f"every = {interval} s: must be greater than 0 s")
+        positive("every", interval, "s")
         self._schedules.append([interval, callback, -1])
 
     def each_step(self, callback) -> None:
@@ -242,7 +247,7 @@ class Simulation:
 
     def run(self, until: float | None = None) -> str:
         """Step until ``until`` [s] (the scene's by default) or rest; returns what stopped it."""
-        until = self.scene.until if until is None else until
+        until = float(finite("until", self.scene.until if until is None else until, "s", shape=()))
         self.stopped_by = None
         self._interrupted = False
         self._call_schedules()

@@ -9,7 +9,7 @@ import numpy as np
 from .geometry import check_friction
 from .inner_edges import interpolate
 from .material import Friction
-from .quantity import SceneError, array_of, check_vectors
+from .quantity import SceneError, array_of, check_vectors, finite, positive
 
 MOST_NODES = 5e7  # of one grid: 400 MB of distances
 
@@ -34,11 +34,10 @@ class Solid:
     def __post_init__(self):
         check_friction(self)
         check_vectors(self, "a solid", {"low": "m", "velocity": "m/s"})
-        values, cell = array_of(self.values), array_of(self.cell)
+        values = array_of(self.values)
         if values.ndim != len(self.low) or min(values.shape) < 2:
             raise SceneError(f"values of shape {values.shape}: must be a grid of two nodes or more along {self.low}")
-        if cell.shape != () or cell.dtype.kind == "O" or not 0.0 < cell < np.inf:
-            raise SceneError(f"cell = {self.cell} m: must be greater than 0 m")
+        positive("cell", self.cell)
         if not np.all(np.isfinite(values)):
             raise SceneError("values: a distance is not a finite number; all must be finite [m]")
         if not np.any(values < 0.0):
@@ -57,8 +56,10 @@ class Solid:
     def of(cls, distance, low, high, cell, **keywords):
         """Solid of a function ``distance(points)`` of points (n, d) [m], positive in the fluid, sampled every ``cell``
         [m] between two corners."""
-        low, high = np.asarray(low, float), np.asarray(high, float)
-        if not cell > 0.0 or np.any(high - low < cell):
+        positive("cell", cell)
+        low = finite("low", low, "m", dimensions=1)
+        high = finite("high", high, "m", shape=low.shape)
+        if np.any(high - low < cell):
             raise SceneError(f"cell = {cell:g} m: must be greater than 0 m and fit between {low} and {high} m")
         shape = np.ceil((high - low) / cell - 1e-9).astype(int) + 1
         if np.prod(shape.astype(float)) > MOST_NODES:

@@ -127,20 +127,24 @@ class Trajectory:
         are left."""
         self.close()
         shutil.copyfile(self.path, self.twins[0])
-        with h5py.File(self.twins[0], "r+", libver=("earliest", "v110")) as file:
-            root = file["VTKHDF"]
-            steps = root["Steps"]
-            instants = steps["Values"][: steps.attrs["NSteps"]]
-            own = file["taichi_mps"].attrs
-            k = int(np.count_nonzero(instants <= last + 1e-9))
-            k -= int(k > 0 and not due(instants[k - 1], own.get("every", every)))
-            own["every"] = every
-            steps.attrs["NSteps"] = k
-            offsets = [item for item in steps.values() if isinstance(item, h5py.Dataset)]
-            for dataset in (*offsets, *steps["PointDataOffsets"].values()):
-                dataset.resize(k, axis=0)
-            for dataset in (root["Points"], *root["PointData"].values()):
-                dataset.resize(k * int(root["NumberOfPoints"][0]), axis=0)
+        try:
+            with h5py.File(self.twins[0], "r+", libver=("earliest", "v110")) as file:
+                root = file["VTKHDF"]
+                steps = root["Steps"]
+                instants = steps["Values"][: steps.attrs["NSteps"]]
+                own = file["taichi_mps"].attrs
+                k = int(np.count_nonzero(instants <= last + 1e-9))
+                k -= int(k > 0 and not due(instants[k - 1], own.get("every", every)))
+                own["every"] = every
+                steps.attrs["NSteps"] = k
+                offsets = [item for item in steps.values() if isinstance(item, h5py.Dataset)]
+                for dataset in (*offsets, *steps["PointDataOffsets"].values()):
+                    dataset.resize(k, axis=0)
+                for dataset in (root["Points"], *root["PointData"].values()):
+                    dataset.resize(k * int(root["NumberOfPoints"][0]), axis=0)
+        except outside.DAMAGE as error:
+            self.close()
+            raise outside.damaged("run", self.path, error) from None
         os.replace(self.twins[0], self.path)
         return k
 

@@ -269,6 +269,11 @@ def test_a_high_knee_stress_is_one_line_and_a_rational_rate_has_none(tmp_path, c
         ("run slump again", "unexpected argument 'again'"),
         ("run", "run: name a scene"),
         ("run empty.py", "the geometry is empty"),
+        ("run none.py", "scene none.py: its function returns int; must return a Scene"),
+        ("run raises.py", "scene raises.py cannot be made: ZeroDivisionError: division by zero"),
+        ("run --yield-value 500 --spacing 9 slump", "spacing = 9 m: larger than the body"),
+        ("sweep --yield-value 50,-1 slump", "yield_value = -1 Pa: must be greater than or equal to 0 Pa"),
+        ("sweep slump --chart", "chart: needs a parameter that is varied by numbers"),
         ("run broken.py", "broken.py cannot be loaded: SyntaxError"),
         ("run bare.py", "has no function 'scene'"),
         ("rnu slump", "unknown command 'rnu', did you mean 'run'?"),
@@ -282,6 +287,8 @@ def test_a_high_knee_stress_is_one_line_and_a_rational_rate_has_none(tmp_path, c
 def test_bad_input_is_one_clear_line_exit_2_and_nothing_written(words, message, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     files = {"file": "", "empty.py": EMPTY, "broken.py": "def scene(:", "bare.py": "scene = 3"}
+    returned = "import taichi_mps as mps\n@mps.checked\ndef scene() -> mps.Scene:\n    return "
+    files |= {"none.py": returned + "3", "raises.py": returned + "1 / 0"}
     for name, text in files.items():
         Path(name).write_text(text)
     assert mps.main(words.split()) == 2

@@ -212,6 +212,31 @@ def test_an_output_that_only_the_end_of_a_run_made_is_cut_when_it_goes_on(tmp_pa
     assert [output.time for output in recorder.trajectory.replay()] == pytest.approx([0.0, 0.01, 0.02, 0.03])
 
 
+def test_a_run_at_its_end_keeps_its_last_output_when_it_is_resumed(tmp_path, slump):
+    _, sim, recorder = recorded(tmp_path / "run", replace(slump, until=0.034), 3)
+    sim.time = 0.034
+    recorder.trajectory.append(sim.snapshot())
+    (tmp_path / "run" / "frames" / "frame_00004.png").write_text("the last")
+    recorder.finish("time")
+    again = Recorder(RunFolder(tmp_path / "run"), sim, 0.01, "slump", {"every": 0.01})
+    assert [output.time for output in again.trajectory.replay()] == pytest.approx([0.0, 0.01, 0.02, 0.03, 0.034])
+    assert (tmp_path / "run" / "frames" / "frame_00004.png").is_file()
+
+
+@pytest.mark.parametrize("damage", [b"text", b"", None])
+def test_a_run_with_a_damaged_run_h5_is_refused_by_name_when_it_goes_on(tmp_path, slump, damage):
+    folder, _, recorder = recorded(tmp_path / "run", slump, 3)
+    recorder.trajectory.close()
+    if damage is None:
+        h5py.File(folder.trajectory, "w").close()
+    else:
+        folder.trajectory.write_bytes(damage)
+    before = sorted(path.name for path in folder.path.iterdir())
+    with pytest.raises(mps.SceneError, match="run .*run.h5: damaged or not one of taichi_mps"):
+        recorder.trajectory.cut(0.02, every=0.01)
+    assert sorted(path.name for path in folder.path.iterdir()) == before
+
+
 def test_a_run_that_goes_on_with_another_interval_keeps_its_outputs(tmp_path, slump):
     _, sim, recorder = recorded(tmp_path / "run", slump, 4)
     assert recorder.trajectory.cut(0.04, every=0.02) == 5
@@ -558,6 +583,24 @@ def test_a_checkpoint_of_another_version_or_scene_is_refused(tmp_path, slump):
     path.write_bytes(path.read_bytes().replace(f"checkpoint {checkpoint.VERSION} ".encode(), b"checkpoint 9 ", 1))
     with pytest.raises(mps.SceneError, match=f"version 9, this program reads {checkpoint.VERSION}"):
         checkpoint.read(path)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"material": mps.HerschelBulkley(yield_value=100.0, consistency=20.0, flow_index=1.3)},
+        {"gravity": (0.0, 0.0, -1.6)},
+        {"walls": (mps.Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), slip=True),)},
+    ],
+)
+def test_a_checkpoint_of_a_scene_that_was_changed_needs_the_scene_again(tmp_path, slump, change):
+    path, changed = tmp_path / "checkpoint.h5", replace(slump, **change)
+    checkpoint.save(Falling(slump), path)
+    assert checkpoint.read(path).scene().parameters == slump.parameters
+    checkpoint.save(Falling(changed), path)
+    with pytest.raises(mps.SceneError, match="scene slump has another material, gravity or wall .* restore"):
+        checkpoint.read(path).scene()
+    checkpoint.read(path).admit(changed)
 
 
 def test_slump_cone_takes_a_material_and_keywords():

@@ -49,9 +49,16 @@ def test_a_block_that_collapses_on_a_frictionless_floor_stays_where_it_is():
     ],
 )
 def test_directions_along_all_walls_with_slip_are_free(walls, free):
-    assert free_directions(SimpleNamespace(walls=walls, **PLAIN)) == pytest.approx(np.array(free, float), abs=1e-12)
+    assert free_directions(SimpleNamespace(walls=walls, **PLAIN), "surfaces") == pytest.approx(
+        np.array(free, float), abs=1e-12
+    )
 
 
 @pytest.mark.parametrize("what", [{"axisymmetric": True}, {"inlets": (None,)}, {"wall_particles": np.zeros((1, 2))}])
 def test_what_an_inlet_pushes_and_what_stands_on_wall_particles_is_not_free(what):
-    assert not free_directions(SimpleNamespace(walls=(), **(PLAIN | what))).any()
+    assert not free_directions(SimpleNamespace(walls=(), **(PLAIN | what)), "particles").any()
+
+
+def test_wall_particles_that_are_not_used_hold_nothing():
+    scene = SimpleNamespace(walls=(FLOOR,), **(PLAIN | {"wall_particles": np.zeros((1, 2))}))
+    assert free_directions(scene, "surfaces") == pytest.approx(np.diag([1.0, 0.0]))

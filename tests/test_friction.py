@@ -22,8 +22,14 @@ ROUGHNESS = 2000.0  # viscous constant [Pa s/m]
         (lambda: mps.Friction(yield_value=-1.0), "yield_value = -1.0 Pa: must be greater than or equal to 0 Pa"),
         (lambda: mps.Friction(viscous_constant=np.nan), "viscous_constant = nan Pa s/m"),
         (lambda: mps.Friction(), "no friction at all; must be slip = True"),
-        (lambda: mps.Plane((0.0,), (1.0,), slip=True, friction=mps.Friction(yield_value=1.0)), "slip = True with fric"),
-        (lambda: mps.Plane((0.0,), (1.0,), mirror=True, friction=mps.Friction(yield_value=1.0)), "of a mirror plane"),
+        (
+            lambda: mps.Plane((0.0, 0.0), (1.0, 0.0), slip=True, friction=mps.Friction(yield_value=1.0)),
+            "slip = True with",
+        ),
+        (
+            lambda: mps.Plane((0.0, 0.0), (1.0, 0.0), mirror=True, friction=mps.Friction(yield_value=1.0)),
+            "of a mirror plane",
+        ),
         (lambda: mps.Cylinder((0.0, 0.0), 1.0, slip=True, friction=mps.Friction(yield_value=1.0)), "slip = True with"),
     ],
 )

@@ -40,6 +40,15 @@ def sample(spacing: Length, plastic_viscosity: Viscosity = 50.0, layers: Count =
         (lambda: backend.init(arch="tpu"), ["arch = tpu", "cpu, cuda, vulkan"]),
         (lambda: backend.init(precision="f16"), ["precision = f16", "f32 or f64"]),
         (lambda: backend.init(threads=0), ["threads = 0", "at least 1"]),
+        (lambda: backend.init(threads="2"), ["threads = 2", "a whole number"]),
+        (lambda: backend.init(arch=["cpu"]), ["arch = ['cpu']", "cpu, cuda, vulkan"]),
+        (lambda: mps.rest_shapes.spread_at_rest(0.005, -1.0, 100.0), ["density = -1.0 kg/m3", "greater than 0 kg/m3"]),
+        (lambda: mps.rest_shapes.spread_at_rest(0.005, 2300.0, "x"), ["yield_value = x", "must be numbers"]),
+        (lambda: mps.fill(mps.Box((0, 0), (1, 1)), math.nan), ["spacing = nan m", "greater than 0 m"]),
+        (lambda: mps.lattice((0, 0), (1, 1), -1.0), ["spacing = -1.0 m", "greater than 0 m"]),
+        (lambda: mps.Plane((0, 0), (0, 1), friction="a"), ["friction = a", "must be Friction"]),
+        (lambda: mps.Cylinder((0, 0), 1.0, inside="outside"), ["inside = outside", "must be True or False"]),
+        (lambda: mps.Cavity((0, 0), (1, 1), (), -1.0), ["spacing = -1.0 m", "greater than 0 m"]),
         (lambda: backend.init(arch="vulkan", precision="f64"), ["precision = f64", "must be f32 on arch = vulkan"]),
     ],
 )
@@ -89,6 +98,47 @@ def test_a_wrong_type_in_a_body_a_wall_or_an_inlet_is_named(bad):
 def test_an_impossible_body_is_refused(call, message):
     with pytest.raises(SceneError, match=message):
         call()
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "allowed"),
+    [
+        ("name", None, "text"),
+        ("walls", mps.Plane((0, 0), (0, 1)), "a tuple, each Plane or Cylinder or Solid"),
+        ("walls", (None,), "a tuple, each Plane or Cylinder or Solid"),
+        ("inlets", None, "a tuple, each Inlet"),
+        ("periodic", True, "a tuple, each True or False"),
+        ("periodic", "ab", "a tuple, each True or False"),
+        ("axisymmetric", "a", "True or False"),
+        ("cavity", 1, "a Cavity"),
+        ("measure", "a", "a function"),
+        ("until", "5", "numbers"),
+    ],
+)
+def test_a_wrong_type_in_a_scene_is_named(key, value, allowed):
+    given = {"name": "x", "material": mps.Bingham(), "spacing": 0.1, "fluid": [[0.5, 0.5]], "domain": ((0, 0), (1, 1))}
+    with pytest.raises(SceneError, match=f"^{key} = .*must be {allowed}"):
+        mps.Scene(**given | {key: value})
+
+
+def test_a_simulation_of_nothing_and_a_step_back_are_refused():
+    scene = mps.slump_cone(spacing=0.05)
+    for arguments, message in (
+        ((None,), "scene = None: must be a Scene"),
+        ((scene, "implicit"), "numerics = implicit: must be Implicit"),
+        ((scene, mps.Implicit), "numerics = .*must be Implicit"),
+    ):
+        with pytest.raises(SceneError, match=message):
+            mps.Simulation(*arguments)
+    sim = mps.Simulation(scene)
+    for call, message in (
+        (lambda: sim.step(until=0.0), "until = 0.0 s: must be later than the present time, 0 s"),
+        (lambda: sim.step(until=math.nan), "until: a value is not a finite number"),
+        (lambda: sim.run(until=math.nan), "until: a value is not a finite number"),
+        (lambda: sim.every(None, print), "every = None s: must be greater than 0 s"),
+    ):
+        with pytest.raises(SceneError, match=message):
+            call()
 
 
 def test_every_violation_is_listed():

@@ -52,6 +52,14 @@ def test_run_ends_as_its_scene_says(ran):
     assert abs(summary["volume_error"]) < 0.06
 
 
+@pytest.mark.parametrize("settings", [{"spacing": 0.008}, {"spacing": 0.04}, {"depth": 0.05, "spacing": 0.02}])
+def test_a_film_is_of_whole_rows_the_nearest_to_its_depth(settings):
+    scene = catalogue.build("film", **settings)
+    columns, counts = np.unique(scene.fluid[:, 0], return_counts=True)
+    rows = round(settings.get("depth", 0.1) / scene.spacing)
+    assert set(counts) == {rows} and len(columns) * scene.spacing == pytest.approx(scene.domain[1][0])
+
+
 @pytest.mark.parametrize("name", sorted(catalogue.names()))
 def test_scene_file_says_what_it_is(name):
     path = catalogue.names()[name]

@@ -169,9 +169,10 @@ def test_one_study_at_a_time_and_no_foreign_folder(tmp_path):
     (tmp_path / "other.txt").write_text("mine")
     with pytest.raises(SceneError, match="holds other files"), Results(tmp_path):
         pass
-    (tmp_path / "s" / "journal.jsonl").write_text('{"key": "a"}\nnonsense\n{"key": "b"}\n')
-    with pytest.raises(SceneError, match="line 2 is no row"), Results(tmp_path / "s"):
-        pass
+    for line in ("nonsense", '{"key": "b"}', '{"status": "done"}'):
+        (tmp_path / "s" / "journal.jsonl").write_text('{"key": "a", "status": "done"}\n' + line + "\n")
+        with pytest.raises(SceneError, match="line 2 is no row"), Results(tmp_path / "s"):
+            pass
     with pytest.raises(SceneError, match="other.txt: has no column status"):
         read(tmp_path / "other.txt")
 
@@ -275,6 +276,32 @@ def emulator():
             row = {"status": "done", "yield_value": tau, "plastic_viscosity": eta, "slump_m": slump, "spread_m": spread}
             rows.append(row | {"t500_s": None if np.isnan(time) else float(time)})
     return Emulator(rows)
+
+
+def test_rows_of_a_table_without_numbers_do_not_count(emulator):
+    rows = []
+    for tau in np.geomspace(20.0, 2000.0, 3):
+        for eta in np.geomspace(5.0, 1000.0, 3):
+            slump, spread, _ = closed_form(tau, eta)
+            mix = {"yield_value": float(tau), "plastic_viscosity": float(eta)}
+            rows.append({"status": "done", **mix, "slump_m": float(slump), "spread_m": float(spread)})
+    bad = [rows[0] | {"yield_value": value} for value in (None, "stiff", -1.0)]
+    assert len(Emulator(rows + bad).points) == 9
+    for row in rows[:4]:
+        row["slump_m"] = None
+    with pytest.raises(SceneError, match="column slump_m holds fewer than 6 numbers"):
+        Emulator(rows)
+
+
+def test_a_row_keeps_all_measures_and_what_the_course_tells(tmp_path):
+    film = Path(mps.catalogue.locate("film")).read_text()
+    film = film.replace(
+        "measure=measure,", "measure=measure, over_time=lambda h: {'steps_s': float(len(h['time_s']))},"
+    )
+    (tmp_path / "slow.py").write_text(film)
+    row = cases.run(cases.case(str(tmp_path / "slow.py"), depth=0.04, spacing=0.01, until=0.02))
+    assert row["status"] == "done" and row["velocity_error"] > 0.0 and row["steps_s"] == row["steps"] + 1
+    assert row["surface_speed_m_s"] < row["exact_surface_speed_m_s"]
 
 
 ERRORS = {"slump_m": 0.005, "spread_m": 0.01, "t500_s": 0.2}

@@ -69,7 +69,7 @@ class Implicit:
         self.layer = WallLayer(particles, *of_layer, scene.gravity_vector)
         self.held = not scene.axisymmetric and any(wall.holds for wall in walls.surfaces)
         self.clings = any(not wall.slip for wall in walls.surfaces)  # some wall holds the fluid, or rubs
-        directions = free_directions(scene)
+        directions = free_directions(scene, numerics.walls)
         self.free = bool(directions.any()) and not self.sleeps  # nothing but gravity acts along some direction
         if self.free:
             self.free_momentum = FreeMomentum(particles, self.scales, directions, scene.gravity_vector)

@@ -208,9 +208,16 @@ def interval(axis, rise, density, open_at=None):
     return ends
 
 
+def emulator_of(table=None) -> Emulator:
+    """That of a study's folder or table, by default the package's own; made once, and again when the table changes."""
+    path = Path(table) if table else TABLE
+    file = path / "results.csv" if path.is_dir() else path
+    return _emulator(path, file.stat().st_mtime_ns if file.is_file() else 0)
+
+
 @lru_cache(maxsize=4)
-def emulator_of(table: Path) -> Emulator:
-    return Emulator(read(table))
+def _emulator(path: Path, changed: int) -> Emulator:
+    return Emulator(read(path))
 
 
 @checked
@@ -239,7 +246,7 @@ def calibrate(
         raise SceneError(
             f"t500 = {t500:g} s: with spread = {spread:g} m it never spread to 0.5 m; leave one of them out"
         )
-    emulator = emulator_of(Path(table) if table else TABLE)
+    emulator = emulator_of(table)
     height = emulator.settings.get("height", 0.3)
     if slump and slump >= height:
         raise SceneError(

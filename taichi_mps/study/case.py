@@ -10,7 +10,10 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
+import numpy as np
+
 from .. import __version__, catalogue
+from ..files import row_of, strict
 from ..quantity import SceneError, explain
 
 T500 = 0.5  # spread [m] whose time is read: EN 12350-8
@@ -74,14 +77,20 @@ def run(case: Case, haste: bool = False) -> dict:
         try:
             sim = begin(catalogue.build(case.scene, **case.parameters))
             spread = Milestone(sim, "spread_m", T500)
+            course, over_time = [], None if spread.watched else sim.scene.over_time
+            if over_time:
+                course.append(row_of(sim, sim.measures()))
+                sim.each_step(lambda sim: course.append(row_of(sim, sim.measures())))
             if haste:
                 sim.run(min(CREEP, sim.scene.until))
             with longer_steps(sim) if haste and sim.stopped_by == "time" else nullcontext():
                 sim.run()
-            summary = sim.summary()
+            summary, measures = sim.summary(), sim.measures()
+            if over_time:
+                measures |= over_time({name: np.array([step[name] for step in course]) for name in course[0]})
         except Exception as error:  # a study goes on, whatever a case does
             return row | {"status": "failed", "reason": f"{type(error).__name__}: {' '.join(str(error).split())}"}
-    row |= {name: float(value) for name, value in summary.items() if name.endswith("_m")}
+    row |= {name: strict(float(value)) for name, value in measures.items()}
     if spread.watched:
         row["t500_s"] = spread.time
     kept = ("stopped_by", "simulated_seconds", "steps", "volume_error", "cpu_seconds", "compile_seconds", "version")

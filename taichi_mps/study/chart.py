@@ -7,9 +7,10 @@ import numpy as np
 from .. import catalogue
 from ..plots import COLOURS, _figure, _save
 from ..quantity import SceneError, unit_of
+from ..show import title, unit_of_measure
 from ..validation import read_reference
-from .calibrate import TABLE, emulator_of
-from .show import UNITS, measures, spelled
+from .calibrate import emulator_of
+from .show import measures, spelled
 
 VISCOSITIES = (20.0, 50.0, 200.0)  # of the engine's curves [Pa s]
 DENSITY = 2300.0  # of the chart [kg/m3]; yield value over density is what matters
@@ -24,7 +25,7 @@ FORMULAS = {  # column of the reference, who, and the slumps [mm] for which it w
 
 def slump_chart(out, study=None) -> Path:
     """Slump and spread [cm] of the cone against yield value [Pa], by a study, finite elements and formulas."""
-    emulator = emulator_of(Path(study) if study else TABLE)
+    emulator = emulator_of(study)
     figure, (left, right) = _figure(13.0, 6.6, columns=2)
     yields = np.exp(np.linspace(emulator.low[0], emulator.high[0], 200)) * DENSITY
     for eta, colour in zip(VISCOSITIES, COLOURS, strict=False):
@@ -75,18 +76,17 @@ def study_chart(rows, varied, out) -> Path:
     x, others = numbers[0], [name for name in varied if name != numbers[0]]
     figure, panels = _figure(4.6 * len(names), 4.4, columns=len(names), squeeze=False)
     for axes, name in zip(panels[0], names, strict=True):
+        factor, shown, _ = unit_of_measure(name)
         for k, kind in enumerate(dict.fromkeys(tuple(row[other] for other in others) for row in done)):
             points = [(row[x], row.get(name)) for row in done if tuple(row[other] for other in others) == kind]
             points = np.array(sorted(points), float)  # None becomes nan: a gap
             label = ", ".join(
                 f"{other.replace('_', ' ')} {spelled(value)}" for other, value in zip(others, kind, strict=True)
             )
-            axes.plot(
-                points[:, 0], UNITS[name[-2:]][0] * points[:, 1], "o-", color=COLOURS[k % len(COLOURS)], label=label
-            )
+            axes.plot(points[:, 0], factor * points[:, 1], "o-", color=COLOURS[k % len(COLOURS)], label=label)
         axes.set(
             xlabel=x.replace("_", " ") + f" [{unit}]" * bool(unit),
-            ylabel=f"{name[:-2].replace('_', ' ')} [{UNITS[name[-2:]][1]}]",
+            ylabel=title(name) + f" [{shown}]" * bool(shown),
         )
         low, high = (end(row[x] for row in done) for end in (min, max))
         if low > 0.0:

@@ -10,7 +10,8 @@ from pydantic import Field
 
 from .. import catalogue
 from ..choose import choose
-from ..options import Parser, given, joined
+from ..files import strict
+from ..options import Parser, given, scene_of
 from ..quantity import Checked, Count, Density, Duration, Length, SceneError
 from .sweep import ACCURACY, LOST, cases, sweep
 
@@ -29,12 +30,7 @@ class Study(Checked):
 
 def sweep_command(argv) -> int:
     """compute a scene at many values of its parameters"""
-    first = Parser("sweep", add_help=False)
-    first.add_argument("scene", nargs="?")
-    first.options(Study, "study")
-    known, _ = first.parse_known_args(joined(argv))
-    if not known.scene and not {"-h", "--help"} & set(argv):
-        raise SceneError(f"sweep: name a scene: {', '.join(catalogue.names())}, or a Python file")
+    known = scene_of("sweep", argv, Study)
     function = catalogue.load(known.scene) if known.scene else None
     parser = Parser(
         "sweep",
@@ -53,16 +49,19 @@ def sweep_command(argv) -> int:
     if options.chart and not find_spec("matplotlib"):
         raise SceneError("chart needs matplotlib: pip install 'taichi-mps[plots]'")
     folder = Path(options.out or Path("studies") / Path(arguments.scene).stem)
+    from .show import differing, watching
+
     planned = cases(arguments.scene, **varied)
+    if options.chart and not any(isinstance(planned[0].parameters[name], int | float) for name in differing(planned)):
+        raise SceneError("chart: needs a parameter that is varied by numbers; must be a list or first:last:number")
     if "model" in planned[0].parameters and "model" not in varied:
         print(f"taichi-mps: accuracy = {1e3 * ACCURACY:g} mm: {choose(ACCURACY)}", file=sys.stderr)
-    from .show import differing, watching
 
     quiet = options.quiet or arguments.json
     with watching(differing(planned), quiet) as watch:
         rows = sweep(arguments.scene, folder, options.executor, options.workers, watch, **varied)
     if arguments.json:
-        print(json.dumps(rows))
+        print(json.dumps(strict(rows)))
     elif not quiet:
         print(f"{tally(rows)}: {folder / 'results.csv'}")
     if options.chart:
@@ -107,7 +106,7 @@ def calibrate_command(argv) -> int:
 
     told = given(arguments, Measurements)
     result = calibrate(**told, table=arguments.table, check=not arguments.no_check)
-    print(json.dumps(result.facts()) if arguments.json else result)
+    print(json.dumps(strict(result.facts())) if arguments.json else result)
     return 0
 
 

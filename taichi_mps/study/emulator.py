@@ -9,10 +9,16 @@ from ..quantity import SceneError
 
 DENSITY = 2300.0  # [kg/m3] of rows that name none: the default of scenes/slump.py
 SMOOTHING = 0.03  # of the thin plate: particles scatter the measures of soft mixes by millimetres from case to case
-NEEDED = ("status", "yield_value", "plastic_viscosity", "slump_m", "spread_m")  # columns of a table
+MIX = "yield_value", "plastic_viscosity"
+NEEDED = ("status", *MIX, "slump_m", "spread_m")  # columns of a table
 FEWEST = 6  # cases with a T500 from which on it is known
 NODES = 121, 61  # of the grid on which a fit looks first: yield value, plastic viscosity
 REACHED = 0.5  # spread [m] below which there is no T500
+
+
+def positive(value) -> bool:
+    """Is this a number above 0?"""
+    return isinstance(value, float | int) and 0.0 < value < np.inf
 
 
 class Emulator:
@@ -30,7 +36,7 @@ class Emulator:
             raise SceneError(
                 f"table: has no column {', '.join(missing)}; must be a study of the slump over both constants"
             )
-        done = [row for row in rows if row["status"] == "done" and row["yield_value"] > 0.0]
+        done = [row for row in rows if row["status"] == "done" and all(map(positive, (row[name] for name in MIX)))]
         constants = np.array([[row["yield_value"], row["plastic_viscosity"]] for row in done], float).reshape(-1, 2)
         if min((len(set(column)) for column in constants.T), default=0) < 3:
             raise SceneError("table: must hold done cases of at least 3 yield values and 3 plastic viscosities")
@@ -43,10 +49,12 @@ class Emulator:
         self.axes = [np.linspace(*ends) for ends in zip(self.low, self.high, NODES, strict=True)]
         self.splines, self.scatter = {}, {}  # scatter of the cases about the surface, T500: of its logarithm
         for name in ("slump_m", "spread_m", "t500_s"):
-            values = np.array([np.nan if row.get(name) is None else row[name] for row in done], float)
+            values = np.array([row[name] if positive(row.get(name)) else np.nan for row in done], float)
             values = np.log(values) if name == "t500_s" else values
             if np.isfinite(values).sum() >= FEWEST:
                 self.splines[name], self.scatter[name] = self._surface(values)
+            elif name != "t500_s":
+                raise SceneError(f"table: column {name} holds fewer than {FEWEST} numbers; must hold that many")
 
     def _surface(self, values):
         """A bicubic through a thin plate on a fine grid, the same within 1e-5 and much cheaper; and the root mean

@@ -38,7 +38,7 @@ class Results:
         for number, line in enumerate(whole[:end].splitlines(), 1):
             try:
                 row = json.loads(line)
-                self.rows[row["key"]] = row
+                self.rows[row["key"]], _ = row, row["status"]
             except (ValueError, TypeError, KeyError):
                 self._file.close()
                 raise SceneError(

@@ -7,8 +7,9 @@ from rich.live import Live
 from rich.markup import escape
 from rich.table import Table
 
+from ..show import is_measure, title, written
+
 LINES = 20  # of the live table: the last ones that came
-UNITS = {"_m": (100.0, "cm"), "_s": (1.0, "s")}
 
 
 @contextmanager
@@ -57,29 +58,24 @@ def outcome(row) -> str:
     """The measures of a row in a few words, or why there are none."""
     if row["status"] != "done":
         return f"{row['status']}: {row['reason']}"
-    return ", ".join(
-        f"{name[:-2].replace('_', ' ')} {cell(name, row[name])}" for name in measures([row]) if row[name] is not None
-    )
+    return ", ".join(f"{title(name)} {cell(name, row[name])}" for name in measures([row]) if row[name] is not None)
 
 
 def measures(rows) -> list[str]:
-    """The columns that are results of the scene, [m] or [s]."""
+    """The columns that are results of the scene and have a unit."""
     names = dict.fromkeys(name for row in rows for name in row)
-    return [name for name in names if name.endswith("_m") or name == "t500_s"]
+    return [name for name in names if is_measure(name)]
 
 
 def cell(name, value) -> str:
-    if value is None:
-        return "-"
-    factor, unit = UNITS[name[-2:]]
-    return f"{factor * value:.2f} {unit}"
+    return "-" if value is None else written(name, value)
 
 
 def table(rows, order, varied, total) -> Table:
     """The last rows that came."""
     names = measures(rows.values())
     view = Table(title=f"{len(order)} of {total} cases")
-    for name in [*varied, *(name[:-2].replace("_", " ") for name in names), ""]:
+    for name in [*varied, *map(title, names), ""]:
         view.add_column(name.replace("_", " "), justify="right")
     for key in order[-LINES:]:
         row = rows[key]

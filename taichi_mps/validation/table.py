@@ -85,9 +85,11 @@ def run_table(
     for name in names:
         if name not in ROWS:
             raise SceneError(f"unknown row '{name}'{suggestion(name, ROWS)}; rows: {', '.join(ROWS)}")
-    if page and BEGIN not in Path(page).read_text(encoding="utf-8"):
+    if page and [mark in Path(page).read_text(encoding="utf-8") for mark in (BEGIN, END)] != [True, True]:
         raise SceneError(f"page = {page}: must hold the lines {BEGIN} and {END}")
     folder.mkdir(parents=True, exist_ok=True)
+    for each in NUMERICS:
+        read_results(folder, each)  # what is damaged is refused before hours are spent
     for name in names or [row.name for row in ROWS.values() if row.quick or not quick]:
         result = run_apart(name, scheme, budget)
         print(f"{name}: {result['cpu_seconds']:.0f} CPU-s", file=sys.stderr, flush=True)
@@ -121,7 +123,10 @@ def file_of(folder: Path, scheme: str, name: str) -> Path:
 def read_results(folder: Path, scheme: str) -> dict[str, dict]:
     """Kept results by row, in the order of the table."""
     files = {name: file_of(folder, scheme, name) for name in ROWS}
-    return {name: json.loads(file.read_text(encoding="utf-8")) for name, file in files.items() if file.is_file()}
+    try:
+        return {name: json.loads(file.read_text(encoding="utf-8")) for name, file in files.items() if file.is_file()}
+    except ValueError as error:
+        raise SceneError(f"out = {folder}: a result is damaged ({error}); delete it to run its row anew") from None
 
 
 # ---- as Markdown -----------------------------------------------------------------------------------------------
