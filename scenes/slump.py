@@ -1,7 +1,7 @@
 """Slump and slump flow (JIS A 1101, A 1150): a cone of concrete whose mould is gone at once or lifted; slump, T500.
 
 Source: Tomiyama et al. (2009), cases #1-#5: l0 = 0.01 m, about 5,330 fluid particles, density not stated there.
-Run time: about 1 CPU-minute for 5 s with the scheme `implicit` at the default spacing.
+Run time: 5 to 30 CPU-seconds to rest with the scheme `implicit` at the default spacing; soft mixes take longest.
 """
 
 import math
