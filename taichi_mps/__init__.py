@@ -3,8 +3,9 @@
 from importlib import import_module
 
 from . import measure, rest_shapes
+from .bodies import Box, Cone, fill, fill_rings, lattice, rings, shell
 from .filling import Cavity
-from .geometry import Box, Cone, Cylinder, Plane, box_planes, fill, fill_rings, lattice, rings, shell
+from .geometry import Cylinder, Plane, box_planes
 from .inlet import Inlet
 from .material import Bingham, FlowCurve, Friction, HerschelBulkley, Newtonian, rational_critical_strain_rate
 from .quantity import SceneError, checked

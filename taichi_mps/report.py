@@ -17,7 +17,7 @@ class StepReport:
     kinetic_energy: float  # [J]
     unyielded_fraction: float  # of the fluid particles [-]
     viscous_iterations: int  # passes (implicit) or direct iterations (semi-implicit) for the viscosity
-    pressure_iterations: int  # MRPCG iterations
+    pressure_iterations: int  # of the linear solver: of the velocity (implicit), of the pressure (semi-implicit)
     residual: float  # relative, of the last solve
     volume_error: float  # full over mean packing, less 1, of the particles with a full neighbourhood [-]
 

@@ -68,7 +68,7 @@ def test_the_site_is_built_offline_without_a_warning(tmp_path):
     assert {page.stem for page in DOCS.glob("*.md")} <= set(pages)
     fetched = [url for text in pages.values() for url in re.findall(r'(?:src|link [^>]*href)="(https?:[^"]+)', text)]
     assert not fetched
-    for name in ("taichi_mps.Simulation.step", "taichi_mps.scene.Scene", "taichi_mps.geometry.fill"):
+    for name in ("taichi_mps.Simulation.step", "taichi_mps.scene.Scene", "taichi_mps.bodies.fill"):
         assert name.replace("taichi_mps.Sim", "taichi_mps.simulation.Sim") in pages["api"], name
 
 

@@ -17,7 +17,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "taichi_mps"
 EDGE = 4
 LAYERS = {
-    0: "quantity material geometry solids inner_edges measure rest_shapes inlet filling report scene admission",
+    0: "quantity material bodies geometry solids inner_edges measure rest_shapes inlet filling report scene admission",
     1: "backend stages team weights ghosts surfaces friction particles neighbors gradient mrpcg sparse grid_levels "
     "scales smoothing node_grids conjugate_gradient grid_operators",
     2: "rheology stress walls wall_layer viscosity pressure momentum deferred_correction shifting totals sleeping "
@@ -26,7 +26,8 @@ LAYERS = {
 }
 PEERS = {
     "material": {"quantity"},
-    "geometry": {"quantity", "material"},
+    "bodies": {"quantity"},
+    "geometry": {"quantity", "material", "bodies"},
     "solids": {"quantity", "material", "geometry", "inner_edges"},
     "rest_shapes": {"quantity"},
     "inlet": {"quantity", "material"},

@@ -220,7 +220,7 @@ HEIGHT, CREEP = 0.3, 1e-3  # m; m/s: a column whose top sinks slower after 0.3 s
 def top_speed(solid, across, b) -> float:
     """Downward speed [m/s] of the top within H/10 of the axis 0.3 s after release; b = tau_y/(rho g H), 50 Pa s."""
     spacing = HEIGHT / across
-    x = mps.geometry.fill(solid, spacing)
+    x = mps.fill(solid, spacing)
     d = x.shape[1]
     scene = mps.Scene(
         name="column",
