@@ -83,7 +83,8 @@ def check_kinds(record, kinds: dict) -> None:
 
 def said(value, unit) -> str:
     """A value as it was given, on one line, and its unit."""
-    return f"{' '.join(str(value).split())[:60]} {unit}".rstrip()
+    text = f"{value:g}" if isinstance(value, float) else " ".join(str(value).split())[:60]
+    return f"{text} {unit}".rstrip()
 
 
 class Unit(str):

@@ -24,7 +24,7 @@ from hypothesis import strategies as st
 from test_files import Falling
 
 import taichi_mps as mps
-from taichi_mps import admission, catalogue, checkpoint, cli, film, geometry, options, solids
+from taichi_mps import admission, bodies, catalogue, checkpoint, cli, film, options, solids
 from taichi_mps.files import Recorder, RunFolder
 from taichi_mps.scene import NUMERICS
 from taichi_mps.study import commands
@@ -55,7 +55,7 @@ def door(tmp_path_factory):
         patch.setattr(cli, "start", refuse)
         patch.setattr(commands, "sweep", refuse)
         patch.setattr(importlib.import_module("taichi_mps.study.calibrate"), "calibrate", refuse)
-        patch.setattr(geometry, "MOST_POINTS", 2e4)
+        patch.setattr(bodies, "MOST_POINTS", 2e4)
         yield Path.cwd()
 
 
