@@ -155,9 +155,11 @@ def draw_flow(flow, found) -> None:
                   label=TITLES[scheme])  # fmt: skip
         for item in mine:
             at = (item["cpu_seconds"], item["error"])
-            # beside the same spacing at the default step there is often a label already, right of it the best front
-            where = dict(xytext=(6, 4)) if item["step"] == 1.0 else dict(xytext=(-6, -9), ha="right")
-            axis.annotate(label(item), at, textcoords="offset points", fontsize=7.5, **where)
+            # beside the same spacing at the default step there is often a label already
+            place, side = (-6, -9), "right"
+            if item["step"] <= 1.0:
+                place, side = (6, 4 if item["step"] == 1.0 else -10), "left"
+            axis.annotate(label(item), at, xytext=place, ha=side, textcoords="offset points", fontsize=7.5)
         for item in (i for i in found if i["scheme"] == scheme and i["error"] is None):
             diverged = item["fate"].startswith("diverged")
             cost = item["cpu_seconds"] if diverged else cost_of(item)
