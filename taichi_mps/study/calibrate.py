@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from ..quantity import Density, Duration, Length, SceneError, checked
-from .emulator import REACHED, Emulator
+from .case import REACHED
+from .emulator import Emulator
 from .results import read
 
 TABLE = Path(__file__).parent / "slump.csv"  # a sweep of the standard cone, axisymmetric, 10 mm; docs/studies.md

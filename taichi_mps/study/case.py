@@ -16,7 +16,7 @@ from .. import __version__, catalogue
 from ..files import row_of, strict
 from ..quantity import SceneError, explain
 
-T500 = 0.5  # spread [m] whose time is read: EN 12350-8
+REACHED = 0.5  # spread [m] whose time is read, T500: EN 12350-8
 LOOK = 0.02, 0.05, 0.25  # between two looks at the spread: 0.02 s or 5 % of the time so far at least, 25 % at most
 CREEP = 10.0  # [s] from which on a run in haste takes steps twice as long: what still flows creeps by millimetres
 _kept = None  # the Compiled of this process
@@ -76,7 +76,7 @@ def run(case: Case, haste: bool = False) -> dict:
     with _one_at_a_time:
         try:
             sim = begin(catalogue.build(case.scene, **case.parameters))
-            spread = Milestone(sim, "spread_m", T500)
+            spread = Milestone(sim, "spread_m", REACHED)
             course, over_time = [], None if spread.watched else sim.scene.over_time
             if over_time:
                 course.append(row_of(sim, sim.measures()))

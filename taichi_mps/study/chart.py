@@ -10,10 +10,10 @@ from ..quantity import SceneError, unit_of
 from ..show import title, unit_of_measure
 from ..validation import read_reference
 from .calibrate import emulator_of
+from .emulator import DENSITY
 from .show import measures, spelled
 
 VISCOSITIES = (20.0, 50.0, 200.0)  # of the engine's curves [Pa s]
-DENSITY = 2300.0  # of the chart [kg/m3]; yield value over density is what matters
 FORMULAS = {  # column of the reference, who, and the slumps [mm] for which it was made
     "s_MurataKikukawa_mm": ("Murata and Kikukawa 1992", (10.0, 300.0)),
     "s_Hu_mm": ("Hu 1995", (0.0, 300.0)),

@@ -6,6 +6,7 @@ import numpy as np
 
 from .. import catalogue
 from ..quantity import SceneError
+from .case import REACHED
 
 DENSITY = 2300.0  # [kg/m3] of rows that name none: the default of scenes/slump.py
 SMOOTHING = 0.03  # of the thin plate: particles scatter the measures of soft mixes by millimetres from case to case
@@ -13,7 +14,6 @@ MIX = "yield_value", "plastic_viscosity"
 NEEDED = ("status", *MIX, "slump_m", "spread_m")  # columns of a table
 FEWEST = 6  # cases with a T500 from which on it is known
 NODES = 121, 61  # of the grid on which a fit looks first: yield value, plastic viscosity
-REACHED = 0.5  # spread [m] below which there is no T500
 
 
 def positive(value) -> bool:
