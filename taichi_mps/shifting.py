@@ -12,7 +12,7 @@ EVENING, STRETCHED_EVENING = 0.1, 0.4
 UNEVENNESS = 0.005  # share of l0: undisturbed, a symmetric lattice gives way late, all at once and with force
 # Tension moves a particle out of its place at the rate kappa d (-p)/h, kappa d = 1.7 in the plane and 1.2 in space; the
 # shift takes back 0.19 and 0.23 of its way: as a share of the shift 9 and 5 (-p) dt/h would just do
-TENSION = 30.0
+TENSION = 60.0
 INSIDE = 0.97  # of the neighbours of a lattice: with fewer a particle lies beside a surface
 
 
@@ -34,7 +34,7 @@ class Shifting:
 
     @ti.func
     def pull(self, i, h, inertial, dt):
-        """Share of the shift, and of the source, that tension calls for [-]: min(1, 30 (-p) dt/h) (h_0/h)^2, none
+        """Share of the shift, and of the source, that tension calls for [-]: min(1, 60 (-p) dt/h) (h_0/h)^2, none
         beside a surface; h is the resistance to non-affine motion, h_0 that of a thin fluid [Pa s]: what is viscous
         would lose angular momentum by it. A yield value holds particles in their places."""
         share = ti.cast(0.0, float)
