@@ -193,7 +193,7 @@ def test_the_square_patch_survives_to_two_radians(free_default):
 
 
 def test_the_shift_grows_with_tension(free_default):
-    """min(1, 30 (-p) dt/h) (h_0/h)^2 inside, h the resistance to non-affine motion and h_0 that of a thin fluid."""
+    """min(1, 60 (-p) dt/h) (h_0/h)^2 inside, h the resistance to non-affine motion and h_0 that of a thin fluid."""
     run(start(free_default, *square_patch()), 0.5)
     scheme, before = free_default.scheme, free_default.particles.read()
     dt = free_default.step().dt
@@ -203,7 +203,7 @@ def test_the_shift_grows_with_tension(free_default):
     share = scheme.shifting.tension.to_numpy()[:count]
     inside = scheme.gradient.around.to_numpy()[:count] >= 0.97 * scheme.gradient.full
     thin = (scheme.scales.inertial[0] / h) ** 2
-    wanted = np.where(inside, np.clip(-30.0 * p * dt / h, 0.0, 1.0) * thin, 0.0)
+    wanted = np.where(inside, np.clip(-60.0 * p * dt / h, 0.0, 1.0) * thin, 0.0)
     np.testing.assert_allclose(share, wanted, atol=1e-5)
     assert 0.5 < share.max() < 1.0 and (share[inside] == 0.0).any() and (share[~inside] == 0.0).all()
 
