@@ -42,14 +42,19 @@ def positive(key, value, unit="m") -> None:
         raise SceneError(f"{key} = {said(value, unit)}: must be greater than 0 {unit}")
 
 
+def given(record, wanted: dict):
+    """(key, what is wanted of it, value) of the keys of a record, but of those that are None by default and now."""
+    for key, what in wanted.items():
+        value = getattr(record, key)
+        if value is not None or type(record).__dataclass_fields__[key].default is not None:
+            yield key, what, value
+
+
 def check_vectors(record, of: str, units: dict) -> None:
     """SceneError unless these keys of a record, {key: unit}, have 2 or 3 finite numbers, all as many as the first; what
     is None by default may be None. ``of`` says whose keys they are."""
     shapes, wanted = ((2,), (3,)), "2 or 3"
-    for key, unit in units.items():
-        value = getattr(record, key)
-        if value is None and type(record).__dataclass_fields__[key].default is None:
-            continue
+    for key, unit, value in given(record, units):
         array = array_of(value)
         if array.shape not in shapes or not np.all(np.isfinite(array)):
             wanted = len(array) if array.shape in shapes else wanted
@@ -59,10 +64,7 @@ def check_vectors(record, of: str, units: dict) -> None:
 
 def check_numbers(record, units: dict) -> None:
     """SceneError unless these keys of a record, {key: unit}, are finite numbers or None by default."""
-    for key, unit in units.items():
-        value = getattr(record, key)
-        if value is None and type(record).__dataclass_fields__[key].default is None:
-            continue
+    for key, unit, value in given(record, units):
         array = array_of(value)
         if array.shape != () or array.dtype.kind == "O":
             raise SceneError(f"{key} = {said(value, unit)}: must be a number")
@@ -73,11 +75,8 @@ def check_numbers(record, units: dict) -> None:
 def check_kinds(record, kinds: dict) -> None:
     """SceneError unless these keys of a record, {key: (type or types, in words)}, are of these types or None by
     default."""
-    for key, (kind, words) in kinds.items():
-        value = getattr(record, key)
-        if not isinstance(value, kind) and not (
-            value is None and type(record).__dataclass_fields__[key].default is None
-        ):
+    for key, (kind, words), value in given(record, kinds):
+        if not isinstance(value, kind):
             raise SceneError(f"{key} = {said(value, '')}: must be {words}")
 
 

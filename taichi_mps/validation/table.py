@@ -85,7 +85,8 @@ def run_table(
     for name in names:
         if name not in ROWS:
             raise SceneError(f"unknown row '{name}'{suggestion(name, ROWS)}; rows: {', '.join(ROWS)}")
-    if page and [mark in Path(page).read_text(encoding="utf-8") for mark in (BEGIN, END)] != [True, True]:
+    text = Path(page).read_text(encoding="utf-8") if page else BEGIN + END
+    if BEGIN not in text or END not in text:
         raise SceneError(f"page = {page}: must hold the lines {BEGIN} and {END}")
     folder.mkdir(parents=True, exist_ok=True)
     for each in NUMERICS:
