@@ -21,7 +21,7 @@ from .quantity import SceneError
 from .scene import NUMERICS, Scene
 
 FORMAT = "taichi_mps checkpoint"
-VERSION = 5
+VERSION = 6
 LABEL = 512  # bytes of the user block
 LARGE = 10_000  # numbers of an array from which on a part of it stands for all
 HEADER = {"source": str, "parameters": dict, "scheme": str, "numerics": dict, "time": float, "fluid": str}

@@ -14,6 +14,7 @@ class StepReport:
     max_speed: float  # [m/s]
     mean_speed: float  # root mean square [m/s]
     moving_speed: float  # of what moves: sqrt(sum V u^4/sum V u^2) [m/s]
+    acceleration: float  # change of velocity over dt, root mean square [m/s2]; not computed by semi-implicit
     kinetic_energy: float  # [J]
     unyielded_fraction: float  # of the fluid particles [-]
     viscous_iterations: int  # passes (implicit) or direct iterations (semi-implicit) for the viscosity

@@ -1,6 +1,8 @@
 """The numbers of a scene that the kernels of ``implicit`` read: the constants of its mixes, and the scales of time,
 rate and pressure that follow. They stand in fields, so another material is other entries, not another compilation."""
 
+import math
+
 from .backend import real, ti
 
 NON_AFFINE = 0.6  # c: bond-associated dissipation gives 1/2 (shear) to 2/3 (along the bond), docs/equations.md
@@ -11,6 +13,9 @@ VISCOUS_STIFFNESS = 8.0  # and K >= 8 mu_r: a slow flow is resisted by its visco
 # mu_r >= 6 eta and 64 tau_y times the natural step: the stress converges in a few passes; in shorter steps also half
 # the geometric mean of eta and rho H^2/dt, or a plug that stops springs back
 PENALTY = 6.0, 64.0, 0.5
+
+LONG = 2.0  # steps longer than this many of the scene's own take back less of the non-affine resistance
+QUIET = 0.005  # a flow is quiet where the change of its velocity in a step moves particles by no more of l0
 
 
 def law_of(materials) -> str:
@@ -58,6 +63,7 @@ class Scales:
         self.drive = of_scene[3]  # force density that errors of the solve are compared with [N/m3]
         self.own_step = of_scene[4]  # natural_step, as the kernels read it [s]
         self.natural_step = self.max_time_step = 0.0  # [s]
+        self.may_grow, self.quiet = False, 0.0  # whether a quiet flow takes longer steps, and what is quiet [m]
 
     def take(self, scene, materials, numerics) -> None:
         """The numbers of these mixes in this scene, which is as high and as fast as it will be."""
@@ -68,6 +74,9 @@ class Scales:
         head = max(gravity, 0.1) * height + speed**2  # the pressure to expect, over the density [m2/s2]
         longest = min(longest_step(m.plastic_viscosity / m.density, gravity, height, scene.spacing) for m in materials)
         self.max_time_step = numerics.max_time_step or longest
+        yields = not any(m.newtonian or m.yield_value == 0.0 for m in materials)
+        self.may_grow = yields and numerics.max_time_step is None
+        self.quiet = QUIET * scene.spacing
         # the step [s] of this scene at its defaults: it scales what must not depend on the steps taken
         courant_number = type(numerics).model_fields["courant_number"].default
         self.natural_step = min(longest, courant_number * scene.spacing / speed) if speed else longest
@@ -91,6 +100,14 @@ class Scales:
         stiff = STIFFNESS * density * head * min(step, self.max_time_step)
         self.bulk[None] = max(stiff, VISCOUS_STIFFNESS * max(penalties))
         self.drive[None] = density * head / height
+
+    def longest_at(self, acceleration: float) -> float:
+        """Longest step [s] at an acceleration [m/s2], the root of its mean square: max_time_step, or in a quiet flow
+        of what yields sqrt(QUIET l0/acceleration), at most LONG times as much, unless a ``max_time_step`` is given."""
+        longest = self.max_time_step
+        if self.may_grow and acceleration * longest**2 < self.quiet:
+            longest = min(LONG * longest, math.sqrt(self.quiet / max(acceleration, 1e-30)))
+        return longest
 
     @ti.func
     def mix(self, i):

@@ -129,7 +129,7 @@ class Simulation:
             starts = [pouring.next for pouring in self.pouring if not pouring.entered and pouring.next > self.time]
             until = min([until or math.inf, *starts])
         speed = max([self.report.max_speed if self.report else self._initial_speed(), self._wall_speed, *jets])
-        limits = self.scheme.time_step_limits(speed)
+        limits = self.scheme.time_step_limits(speed, self.report.acceleration if self.report else math.inf)
         if self._last_dt is not None:
             limits["growth"] = 2.0 * self._last_dt
         name = min(limits, key=limits.get)
@@ -188,7 +188,8 @@ class Simulation:
         return float(np.linalg.norm(self.particles.u.to_numpy(), axis=1).max())
 
     def _make_report(self, dt, name, passes) -> StepReport:
-        speed2, mean2, moving2, kinetic, unyielded, error, lost, iterations, residual, status = self.totals.take()
+        speed2, mean2, moving2, kinetic, unyielded, error, lost, acceleration2, *solve = self.totals.take()
+        iterations, residual, status = solve
         report = StepReport(
             step=self.steps,
             time=self.time,
@@ -197,6 +198,7 @@ class Simulation:
             max_speed=math.sqrt(speed2),
             mean_speed=math.sqrt(mean2),
             moving_speed=math.sqrt(moving2),
+            acceleration=math.sqrt(acceleration2),
             kinetic_energy=kinetic,
             unyielded_fraction=unyielded,
             viscous_iterations=passes,

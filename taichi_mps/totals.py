@@ -9,7 +9,7 @@ from .backend import ti
 from .particles import FLUID
 
 NOT_A_NUMBER = 1e12  # squared speed [m2/s2] that stands for what is not finite
-SUMS, SOLVE = 11, 3
+SUMS, SOLVE = 12, 3
 
 
 @ti.data_oriented
@@ -18,25 +18,27 @@ class Totals:
 
     def __init__(self, particles, scheme, constants):
         self.particles, self.scheme, self.solver = particles, scheme, scheme.solver
+        self.accelerates = "a" in particles.carried
         self.nearly_all = 0.9 * constants.neighbours
         # number, max u^2, sum V, V u^2, V u^4, m u^2, unyielded; V packing, V of enclosed ones, of all with many
-        # neighbours: particles that lie in pairs or clumps lean to each other, and would pass for a surface. Iterations
-        # of the step; r.z and reference of the last solve over each other, and its status
+        # neighbours: particles that lie in pairs or clumps lean to each other, and would pass for a surface; V a^2.
+        # Iterations of the step; r.z and reference of the last solve over each other, and its status
         self.numbers = np.zeros(SUMS + SOLVE)
 
     def take(self):
         """Largest speed^2, its mean and that of what moves [m2/s2], kinetic energy [J], share of unyielded particles,
-        volume error [-], the volume that was lost [m3]: negative where the fluid has become looser; iterations,
-        relative residual and status of the solve."""
+        volume error [-], the volume that was lost [m3]: negative where the fluid has become looser; mean square of
+        the acceleration [m2/s4] (0 in ``semi-implicit``); iterations, relative residual and status of the solve."""
         self._add(self.numbers)
         numbers = self.numbers.tolist()
-        count, speed2, whole, squares, fourths, energy, unyielded, packing, volume, crowd, room = numbers[:SUMS]
+        count, speed2, whole, squares, fourths, energy, unyielded, packing, volume, crowd, room, pushes = numbers[:SUMS]
         error = volume / packing - 1.0 if volume else 0.0
         lost = room - room**2 / crowd if room else 0.0
         mean2, moving2 = squares / whole if whole else 0.0, fourths / squares if squares else 0.0
+        acceleration2 = pushes / whole if whole else 0.0
         iterations, ratio, status = numbers[SUMS:]
         solve = int(iterations), abs(ratio) ** 0.5, int(status)
-        return speed2, mean2, moving2, 0.5 * energy, unyielded / count, error, lost, *solve
+        return speed2, mean2, moving2, 0.5 * energy, unyielded / count, error, lost, acceleration2, *solve
 
     @ti.kernel
     def _add(self, sums: ti.types.ndarray(ti.f64, 1)):
@@ -63,6 +65,8 @@ class Totals:
                 if self.scheme.gradient.around[i] >= self.nearly_all:
                     sums[9] += volume * self.scheme.gradient.packing[i]
                     sums[10] += volume
+                if ti.static(self.accelerates):
+                    sums[11] += volume * ti.cast(self.particles.a[i].norm_sqr(), ti.f64)
         sums[SUMS] = self.scheme.iterations[None]
         sums[SUMS + 1] = 0.0
         if self.solver.reference[None] != 0.0:

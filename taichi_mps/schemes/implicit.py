@@ -15,7 +15,7 @@ from ..momentum import MomentumSystem
 from ..mrpcg import MRPCG, GridLevels
 from ..particles import FLUID
 from ..rheology import shear_rate
-from ..scales import Scales, law_of, resting_time
+from ..scales import LONG, Scales, law_of, resting_time
 from ..shifting import Shifting
 from ..sleeping import Sleeping
 from ..smoothing import PressureSmoothing
@@ -31,7 +31,6 @@ EARLY = 10.0  # only the last pass is solved to the tolerance: the others to ten
 # To what a solve reduces its first residual, in the last and in the other passes: a velocity that just passes would go
 # on unchanged from step to step, until it fails and is corrected by a jump.
 REDUCTION, EARLY_REDUCTION = 0.1, 0.3
-LONG = 2.0  # steps longer than this many of the scene's own take back less of the non-affine resistance
 MOST_ITERATIONS = 2000  # of a solve
 FIRST_PASSES = 40  # the pressure and the stress of the first step are found from zero
 VISCOUS_PASSES = 10  # of these, with mu_r and no yield value: pressure first, or its strain stays as stress in a plug
@@ -104,9 +103,9 @@ class Implicit:
         if self.sleeping:
             self.sleeping.steps = state["steps_asleep"]
 
-    def time_step_limits(self, max_speed: float) -> dict[str, float]:
-        """Largest allowed steps [s] by name."""
-        limits = {"maximum": self.scales.max_time_step}
+    def time_step_limits(self, max_speed: float, acceleration: float = math.inf) -> dict[str, float]:
+        """Largest allowed steps [s] by name at a largest speed [m/s] and a mean acceleration [m/s2]."""
+        limits = {"maximum": self.scales.longest_at(acceleration)}
         if max_speed > 0.0:
             limits["Courant"] = self.numerics.courant_number * self.spacing / max_speed
         return limits

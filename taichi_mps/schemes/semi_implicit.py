@@ -39,7 +39,7 @@ class SemiImplicit:
     def load(self, state: dict) -> None:
         self.largest_viscosity, self.passes = state["largest_viscosity"], state["passes"]
 
-    def time_step_limits(self, max_speed: float) -> dict[str, float]:
+    def time_step_limits(self, max_speed: float, _acceleration: float = 0.0) -> dict[str, float]:
         """Largest allowed steps [s] by name. The first step of a body at rest, which has no viscous force yet, is the
         paper's 0.001 s; later the Courant and the diffusion number rule."""
         numerics, first = self.numerics, self.largest_viscosity == 0.0
