@@ -27,14 +27,18 @@ def law_of(materials) -> str:
     return "bingham" if yielding[0].critical_strain_rate is None else "bi-viscosity"
 
 
-def longest_step(kinematic_viscosity: float, gravity: float, height: float, spacing: float) -> float:
+def longest_step(
+    kinematic_viscosity: float, gravity: float, height: float, spacing: float, times: float = 1.0
+) -> float:
     """Step [s] that resolves the fall of the body, 0.057 sqrt(H/g), or the viscous flow where that is slower; a fluid
-    too thin to damp motion on the scale of a particle must resolve that motion, 0.06 sqrt(l0/g)."""
+    too thin to damp motion on the scale of a particle must resolve that motion, 0.06 sqrt(l0/g). Where nothing falls
+    or moves so, ``times`` as much."""
     gravity = max(gravity, 0.1)
     fall = 0.057 * (height / gravity) ** 0.5
     damping = kinematic_viscosity / (spacing * (gravity * spacing) ** 0.5)
     return max(
-        min(fall, 0.06 * (spacing / gravity) ** 0.5 * (1.0 + damping)), 0.5 * kinematic_viscosity / (gravity * height)
+        times * min(fall, 0.06 * (spacing / gravity) ** 0.5 * (1.0 + damping)),
+        0.5 * kinematic_viscosity / (gravity * height),
     )
 
 
@@ -63,7 +67,10 @@ class Scales:
         self.drive = of_scene[3]  # force density that errors of the solve are compared with [N/m3]
         self.own_step = of_scene[4]  # natural_step, as the kernels read it [s]
         self.natural_step = self.max_time_step = 0.0  # [s]
-        self.may_grow, self.quiet = False, 0.0  # whether a quiet flow takes longer steps, and what is quiet [m]
+        self.quiet_step = 0.0  # longest step of a quiet flow [s]
+        self.quiet = 0.0  # change of the velocity times the step, below which a flow is quiet [m]
+        self.viscous, self.plastic, self.stiff = [], [], 0.0  # parts of mu_r, one each of a mix, and of K [Pa s]
+        self.stretched = 0.0  # step over max_time_step that mu_r and K are for, 1 at least
 
     def take(self, scene, materials, numerics) -> None:
         """The numbers of these mixes in this scene, which is as high and as fast as it will be."""
@@ -72,42 +79,53 @@ class Scales:
         speeds = [float((scene.velocity**2).sum(1).max() ** 0.5)] if scene.velocity is not None else []
         speed = max(speeds + [wall.speed for wall in scene.walls] + [0.0])
         head = max(gravity, 0.1) * height + speed**2  # the pressure to expect, over the density [m2/s2]
-        longest = min(longest_step(m.plastic_viscosity / m.density, gravity, height, scene.spacing) for m in materials)
-        self.max_time_step = numerics.max_time_step or longest
-        yields = not any(m.newtonian or m.yield_value == 0.0 for m in materials)
-        self.may_grow = yields and numerics.max_time_step is None
+        body = gravity, height, scene.spacing
+        longest = min(longest_step(m.plastic_viscosity / m.density, *body) for m in materials)
+        self.max_time_step = self.quiet_step = numerics.max_time_step or longest
+        if numerics.max_time_step is None and not any(m.newtonian or m.yield_value == 0.0 for m in materials):
+            self.quiet_step = min(longest_step(m.plastic_viscosity / m.density, *body, LONG) for m in materials)
         self.quiet = QUIET * scene.spacing
         # the step [s] of this scene at its defaults: it scales what must not depend on the steps taken
         courant_number = type(numerics).model_fields["courant_number"].default
         self.natural_step = min(longest, courant_number * scene.spacing / speed) if speed else longest
         density, step = max(m.density for m in materials), self.natural_step
         inertia = density * height**2 * max(0.0, 1.0 / self.max_time_step - 1.0 / step)  # of shorter steps [Pa s]
-        penalties = [
-            max(
-                PENALTY[0] * m.plastic_viscosity,
-                PENALTY[1] * m.yield_value * step,
-                PENALTY[2] * (m.plastic_viscosity * inertia) ** 0.5,
-            )
+        self.viscous = [
+            max(PENALTY[0] * m.plastic_viscosity, PENALTY[2] * (m.plastic_viscosity * inertia) ** 0.5)
             for m in materials
         ]
-        for k, (m, mu_r) in enumerate(zip(materials, penalties, strict=True)):
+        self.plastic = [PENALTY[1] * m.yield_value * step for m in materials]
+        for k, m in enumerate(materials):
             self.density[k], self.eta[k], self.tau_y[k] = m.density, m.plastic_viscosity, m.yield_value
             self.pi_c[k] = m.critical_strain_rate or 0.0
-            self.mu_r[k], self.inertial[k] = mu_r, INERTIAL * m.density * scene.spacing**2 / step
+            self.inertial[k] = INERTIAL * m.density * scene.spacing**2 / step
         self.layer_pressure[None] = 0.5 * density * max(gravity, 0.1) * scene.spacing
         self.slowest[None] = SLOWEST / step
         self.own_step[None] = step
-        stiff = STIFFNESS * density * head * min(step, self.max_time_step)
-        self.bulk[None] = max(stiff, VISCOUS_STIFFNESS * max(penalties))
+        self.stiff = STIFFNESS * density * head * min(step, self.max_time_step)
         self.drive[None] = density * head / height
+        self.stretched = 0.0
+        self.stretch(self.max_time_step)
 
     def longest_at(self, acceleration: float) -> float:
         """Longest step [s] at an acceleration [m/s2], the root of its mean square: max_time_step, or in a quiet flow
-        of what yields sqrt(QUIET l0/acceleration), at most LONG times as much, unless a ``max_time_step`` is given."""
+        sqrt(QUIET l0/acceleration), at most quiet_step."""
         longest = self.max_time_step
-        if self.may_grow and acceleration * longest**2 < self.quiet:
-            longest = min(LONG * longest, math.sqrt(self.quiet / max(acceleration, 1e-30)))
+        if acceleration * longest**2 < self.quiet:
+            longest = min(self.quiet_step, math.sqrt(self.quiet / max(acceleration, 1e-30)))
         return longest
+
+    def stretch(self, dt: float) -> bool:
+        """mu_r and K for a step of dt [s]: larger in one longer than max_time_step, where less inertia resists what the
+        passes leave out of balance. Were they others before?"""
+        last, self.stretched = self.stretched, max(1.0, dt / self.max_time_step)
+        if self.stretched == last:
+            return False
+        penalties = [max(viscous, self.stretched * p) for viscous, p in zip(self.viscous, self.plastic, strict=True)]
+        for k, mu_r in enumerate(penalties):
+            self.mu_r[k] = mu_r
+        self.bulk[None] = max(self.stiff, VISCOUS_STIFFNESS * max(penalties))
+        return True
 
     @ti.func
     def mix(self, i):

@@ -115,6 +115,8 @@ class Implicit:
         if self.walls.rub:
             self.walls.tie(self.materials[0].density / dt)
         all_awake = self.sleeping.begin() if self.sleeping else False
+        if self.scales.stretch(dt):
+            self.system.bulk[None] = self.scales.bulk[None]
         passes = FIRST_PASSES if self.first else self.numerics.passes
         numbers = dt, self.first, all_awake, passes, self.numerics.tolerance
         together = self.alone and not self.run.timed

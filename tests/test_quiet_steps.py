@@ -1,0 +1,73 @@
+"""Longer steps of a quiet flow (I14): when they are taken, and that the flow does not know them."""
+
+import math
+
+import numpy as np
+import pytest
+
+import taichi_mps as mps
+from taichi_mps.scales import LONG, QUIET
+
+SPACING = 0.02
+
+
+def rings(yield_value=100.0, numerics=None, **of_material):
+    """The slump cone as rings."""
+    scene = mps.slump_cone(yield_value=yield_value, model="axisymmetric", spacing=SPACING, **of_material)
+    return mps.Simulation(scene, numerics)
+
+
+def longest(sim, acceleration):
+    return sim.scheme.time_step_limits(0.0, acceleration)["maximum"]
+
+
+@pytest.mark.parametrize("of_material", [{}, {"critical_strain_rate": 0.1}])
+def test_the_step_grows_as_the_root_of_what_it_no_longer_changes(of_material):
+    """Half of the acceleration at which a flow counts as quiet: sqrt(2) times the step, in which velocity changes as
+    much times dt as before; a quarter or less: twice the step."""
+    sim = rings(**of_material)
+    usual = sim.scheme.scales.max_time_step
+    edge = QUIET * SPACING / usual**2
+    for share, times in ((math.inf, 1.0), (1.0, 1.0), (0.5, 2.0**0.5), (0.25, 2.0), (0.01, LONG), (0.0, LONG)):
+        assert longest(sim, share * edge) == pytest.approx(times * usual)
+
+
+@pytest.mark.parametrize("case", ["newtonian", "given"])
+def test_a_fluid_without_yield_value_and_a_given_step_stay_as_they_are(case):
+    sim = rings(0.0) if case == "newtonian" else rings(numerics=mps.Implicit(max_time_step=0.004))
+    assert longest(sim, 0.0) == longest(sim, math.inf) == sim.scheme.scales.max_time_step
+    assert case == "newtonian" or longest(sim, 0.0) == 0.004
+
+
+def test_the_acceleration_of_a_step_is_the_change_of_its_velocity():
+    sim = rings()
+    for _ in range(5):
+        sim.step()
+    before = dict(zip(sim.particles.id.to_numpy(), sim.particles.u.to_numpy(), strict=True))
+    report = sim.step()
+    ids, after, volume = (sim.particles.carried[name].to_numpy() for name in ("id", "u", "ring"))
+    change2 = ((after - [before[k] for k in ids]) ** 2).sum(1)
+    assert report.acceleration == pytest.approx(np.sqrt(np.average(change2, weights=volume)) / report.dt, rel=1e-4)
+
+
+def test_a_cone_that_creeps_to_rest_does_not_know_how_long_its_steps_are():
+    """100 Pa: at rest within a tenth of a spacing, which the rest rule leaves, with three quarters of the steps, none
+    of them longer than the rule."""
+    ends = []
+    for grows in (True, False):
+        sim = rings()
+        usual, quiet = sim.scheme.scales.max_time_step, True
+        if not grows:
+            sim.scheme.scales.quiet_step = usual
+        while sim.stopped_by is None:
+            acceleration = sim.report.acceleration if sim.report else math.inf
+            report = sim.step()
+            quiet &= report.dt <= usual or acceleration * report.dt**2 <= QUIET * SPACING * (1 + 1e-6)
+            sim.stopped_by = sim._why_stop(10.0)
+        assert quiet
+        assert sim.stopped_by == "rest"
+        ends.append((sim.steps, sim.measures()))
+    (few, longer), (many, usual) = ends
+    assert few < 0.75 * many
+    for name in ("slump_m", "spread_m"):
+        assert longer[name] == pytest.approx(usual[name], abs=0.1 * SPACING)
