@@ -32,11 +32,31 @@ def test_the_step_grows_as_the_root_of_what_it_no_longer_changes(of_material):
         assert longest(sim, share * edge) == pytest.approx(times * usual)
 
 
-@pytest.mark.parametrize("case", ["newtonian", "given"])
-def test_a_fluid_without_yield_value_and_a_given_step_stay_as_they_are(case):
-    sim = rings(0.0) if case == "newtonian" else rings(numerics=mps.Implicit(max_time_step=0.004))
+@pytest.mark.parametrize("case", ["newtonian", "given", "viscous"])
+def test_no_longer_steps_without_yield_value_in_a_viscous_mix_or_where_one_is_given(case):
+    """1500 Pa s flow slowly: their step, 0.5 nu/(g H), does not resolve a fall."""
+    height = 0.3
+    sim, step = {
+        "newtonian": lambda: (rings(0.0), None),
+        "given": lambda: (rings(numerics=mps.Implicit(max_time_step=0.004)), 0.004),
+        "viscous": lambda: (rings(plastic_viscosity=1500.0), 0.5 * 1500.0 / 2300.0 / (9.81 * height)),
+    }[case]()
     assert longest(sim, 0.0) == longest(sim, math.inf) == sim.scheme.scales.max_time_step
-    assert case == "newtonian" or longest(sim, 0.0) == 0.004
+    if step is not None:
+        assert longest(sim, 0.0) == pytest.approx(step)
+
+
+def test_the_penalties_grow_with_the_step_that_is_taken():
+    """mu_r = max(6 eta, 64 tau_y dt) and K >= 8 mu_r: of 1000 Pa twice as much in a step twice as long, and back; of
+    100 Pa the plastic viscosity counts in both."""
+    for tau_y, eta in ((1000.0, 50.0), (100.0, 50.0)):
+        scales = rings(tau_y).scheme.scales
+        usual = scales.max_time_step
+        for dt in (usual, 2.0 * usual, 0.3 * usual):
+            scales.stretch(dt)
+            mu_r = max(6.0 * eta, 64.0 * tau_y * max(dt, usual))
+            assert scales.mu_r[0] == pytest.approx(mu_r)
+            assert scales.bulk[None] == pytest.approx(max(75.0 * 2300.0 * 9.81 * 0.3 * usual, 8.0 * mu_r))
 
 
 def test_the_acceleration_of_a_step_is_the_change_of_its_velocity():
