@@ -45,11 +45,11 @@ class Shifting:
         return share
 
     @stage
-    def compute(self, dt: float, strain_scale: float):
+    def compute(self, dt: float, strain_scale: float, least: float):
         """shift = -a l0 sum_j (s_j/s_i) max(0, 1 - r/(1.5 l0)) e_ij + 0.005 l0 e(x) without its outward part at a
         surface, at most 0.05 l0, and 0.05 (0.85 l0 - r) between closer pairs; all of it times
-        min(1, shear_rate dt/strain_scale), the sum at least times ``tension``. s is the share of a ring (gradient.py),
-        e(x) ``uneven``; a is 0.1, of what is viscous and in tension up to 0.4."""
+        min(1, shear_rate dt/strain_scale), ``least`` at least, the sum at least times ``tension``. s is the share of a
+        ring (gradient.py), e(x) ``uneven``; a is 0.1, of what is viscous and in tension up to 0.4."""
         d = ti.static(self.particles.dimension)
         for i in range(self.particles.count[None]):
             self.shift[i] = ti.Vector.zero(float, d)
@@ -71,8 +71,9 @@ class Shifting:
                 if ti.static(len(self.walls.surfaces) > 0):
                     near += self.walls.crowding(i, x, self.gradient.counts_as(i))
                 uneven = self.uneven(x)
+                deforming = ti.max(least, self.deforming(i, dt, strain_scale))
                 if ti.static(self.tears):
-                    uneven *= ti.min(1.0, self.deforming(i, dt, strain_scale) / ti.max(self.tension[i], 1e-12))
+                    uneven *= ti.min(1.0, deforming / ti.max(self.tension[i], 1e-12))
                 evening = EVENING + (STRETCHED_EVENING - EVENING) * self.stretched[i]
                 move = -evening * l0 * near + UNEVENNESS * l0 * uneven
                 inward = self.gradient.lean[i]
@@ -81,7 +82,6 @@ class Shifting:
                     move -= ti.max(move.dot(outward), 0.0) * outward
                 if self.gradient.around[i] < 0.5 * self.gradient.full:
                     move *= 0.0
-                deforming = self.deforming(i, dt, strain_scale)
                 if ti.static(self.tears):
                     move *= ti.max(deforming, self.tension[i])
                 else:

@@ -2,6 +2,7 @@
 
 import math
 import time
+import warnings
 from dataclasses import asdict
 
 import numpy as np
@@ -9,6 +10,7 @@ import numpy as np
 from .admission import admit
 from .backend import require_room, started
 from .conjugate_gradient import INDEFINITE, STATUS
+from .evening import TIMES
 from .geometry import Plane
 from .measure import Snapshot
 from .neighbors import Bins, CapacityError, EscapedError, NeighborList
@@ -139,6 +141,8 @@ class Simulation:
             dt, name = until - self.time, "output"
         elif until is not None and until - self.time < 2 * dt:
             dt, name = 0.5 * (until - self.time), "output"
+        if self.steps == 0 and hasattr(self.scheme, "evening"):
+            self._even()
         if hasattr(self.scheme, "drift"):  # the implicit scheme works at the middle of the step
             self._walls_at = self.time + 0.5 * dt
             self.walls.place(self._walls_at)
@@ -158,6 +162,21 @@ class Simulation:
             self.cpu_seconds += time.process_time() - cpu
         self.wall_seconds = time.perf_counter() - self._clock[1]
         return self.report
+
+    def _even(self):
+        """Even an uneven fill, and say so."""
+        self._neighbours()
+        if self.scheme.evening.needed():
+            before = self.particles.read()
+            for _ in range(TIMES):
+                self.scheme.evening.move()
+                self._neighbours()
+            after = self.particles.read()
+            given, evened = (of["x"][np.argsort(of["id"])] for of in (before, after))
+            way = 1e3 * np.linalg.norm(evened - given, axis=1).max()
+            warnings.warn(
+                f"fluid: unevenly filled; evened before the first step, by {way:.3g} mm at most", stacklevel=3
+            )
 
     @property
     def fluid_particles(self) -> int:

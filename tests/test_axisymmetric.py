@@ -94,7 +94,7 @@ def test_the_shift_counts_a_ring_as_its_share(free):
     assert full.sum() > 15 and share.std() > 0.1
     for rate, expected in ((5.0, move * np.minimum(1.0, 0.05 * l0 / size) + apart), (0.0, 0.0 * apart)):
         free.particles.shear_rate.fill(rate)
-        shifting.compute(0.01, 0.02)
+        shifting.compute(0.01, 0.02, 0.0)
         assert np.abs(shifting.shift.to_numpy() - expected)[full].max() < 1e-9 * L0
 
 

@@ -21,7 +21,7 @@ LAYERS = {
     1: "backend stages team weights ghosts surfaces friction particles neighbors gradient mrpcg sparse grid_levels "
     "scales smoothing node_grids conjugate_gradient grid_operators",
     2: "rheology stress walls wall_layer viscosity pressure momentum deferred_correction shifting totals sleeping "
-    "free_momentum pouring rest snapshots summary",
+    "evening free_momentum pouring rest snapshots summary",
     3: "schemes.implicit schemes.semi_implicit simulation",
 }
 PEERS = {

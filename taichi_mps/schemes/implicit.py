@@ -9,6 +9,7 @@ import math
 from ..backend import double_field, real, ti
 from ..conjugate_gradient import INDEFINITE
 from ..deferred_correction import DeferredCorrection
+from ..evening import Evening
 from ..free_momentum import FreeMomentum, free_directions
 from ..gradient import Gradient
 from ..momentum import MomentumSystem
@@ -74,6 +75,7 @@ class Implicit:
             self.free_momentum = FreeMomentum(particles, self.scales, directions, scene.gravity_vector)
         self.yielded = self.stress.yielded  # 1 where the material flows
         self.shifting = Shifting(particles, self.gradient, walls, scene.spacing, tears=self.stress.law == "newtonian")
+        self.evening = Evening(particles, self.gradient, walls, self.shifting, constants.neighbours)
         many = particles.capacity >= GridLevels.PAY_FROM
         self.solver = MRPCG(
             particles.capacity, d, self.system, GridLevels(self.system, neighbors.bins) if many else None
@@ -184,7 +186,7 @@ class Implicit:
         """Shift, and the other half of the drift."""
         if ti.static(self.free):
             self.run("momentum", self.free_momentum.restore, dt, self.solver.x)
-        self.run("shift", self.shifting.compute, dt, STRAIN_SCALE)
+        self.run("shift", self.shifting.compute, dt, STRAIN_SCALE, 0.0)
         if ti.static(self.shifting.tears):
             self.run("shift", self.shifting.stay, dt, STRAIN_SCALE)
         if ti.static(self.walls.travel):

@@ -1,0 +1,82 @@
+"""An uneven fill is evened before the first step (I26), an even one is left where it is."""
+
+import warnings
+
+import numpy as np
+import pytest
+
+import taichi_mps as mps
+
+SPACING = 0.02
+WIDTH, HEIGHT = 0.4, 0.3
+
+
+def block(jitter=0.0, dimension=2, yield_value=3000.0, **of_scene):
+    """A block on a floor, a lattice whose coordinates are moved by up to ``jitter`` l0, at random."""
+    low, high = (0.0,) * dimension, (WIDTH,) * (dimension - 1) + (HEIGHT,)
+    lattice = mps.fill(mps.Box(low, high), SPACING)
+    fluid = lattice + jitter * SPACING * np.random.default_rng(1).uniform(-1.0, 1.0, lattice.shape)
+    up = (0.0,) * (dimension - 1) + (1.0,)
+    scene = mps.Scene(
+        name="block",
+        material=mps.Bingham(density=2300.0, plastic_viscosity=50.0, yield_value=yield_value),
+        spacing=SPACING,
+        fluid=fluid,
+        walls=(mps.Plane((0.0,) * dimension, up),),
+        domain=(np.add(low, -0.6), np.add(high, 0.6)),
+        until=0.3,
+        **of_scene,
+    )
+    return fluid, mps.Simulation(scene)
+
+
+def evened(sim):
+    """Where particles are after the evening, in the order in which they were given [m]."""
+    sim._even()
+    return sim.snapshot().x
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_a_lattice_stays_where_it_is(dimension):
+    fluid, sim = block(0.02, dimension)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert evened(sim) == pytest.approx(fluid, abs=1e-12)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_a_jittered_fill_is_even_after_it_fills_the_same_room_and_is_in_front_of_the_floor(dimension):
+    fluid, sim = block(0.3, dimension)
+    with pytest.warns(UserWarning, match="fluid: unevenly filled; evened before the first step, by [0-9.]+ mm at most"):
+        x = evened(sim)
+    assert not sim.scheme.evening.needed()
+    near = np.array([np.sort(np.linalg.norm(x - each, axis=1))[1] for each in x])
+    assert near.min() > 0.6 * SPACING > 1.2 * min(np.sort(np.linalg.norm(fluid - p, axis=1))[1] for p in fluid)
+    assert x.mean(0) == pytest.approx(fluid.mean(0), abs=0.05 * SPACING)
+    assert np.ptp(x, axis=0) == pytest.approx(np.ptp(fluid, axis=0), abs=0.6 * SPACING)
+    assert x[:, -1].min() > 0.0
+
+
+def test_a_block_that_must_stand_stands_however_it_is_filled():
+    """0.34 rho g H, more than a block of any width needs: evening takes its top down by a tenth of a spacing, and there
+    it stands for 0.3 s; without, it sinks by almost half of one."""
+    sunk = []
+    for evens in (True, False):
+        fluid, sim = block(0.3, yield_value=2300.0)
+        if not evens:
+            sim.scheme.evening.needed = lambda: False
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            sim.run()
+        top = fluid[:, 1] > HEIGHT - 1.5 * SPACING
+        sunk.append((fluid - sim.snapshot().x)[top, 1].mean() / SPACING)
+    assert abs(sunk[0]) < 0.15
+    assert sunk[1] > 0.3
+
+
+def test_what_has_flowed_is_even():
+    """As a scene of its own it goes on from where it is."""
+    _, sim = block(yield_value=100.0)
+    sim.run()
+    assert np.ptp(sim.snapshot().x[:, 0]) > 1.2 * WIDTH
+    assert not sim.scheme.evening.needed()
