@@ -275,7 +275,7 @@ def difference(emulator: Emulator, found: Calibration, density: float) -> dict:
 
     mix = {name: getattr(found, name).value for name in CONSTANTS}
     finer = case("slump", **emulator.settings | mix | {"density": density, "spacing": 0.5 * emulator.spacing})
-    row = run(finer, haste=True)
+    row = run(finer)
     if row["status"] == "failed":
         raise SceneError(f"the finer run failed: {row['reason']}")
     table = emulator.at(*np.log(np.array(list(mix.values())) / density))

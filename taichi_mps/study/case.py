@@ -5,7 +5,7 @@ import io
 import json
 import math
 import threading
-from contextlib import contextmanager, nullcontext, redirect_stdout
+from contextlib import redirect_stdout
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -18,7 +18,6 @@ from ..quantity import SceneError, explain
 
 REACHED = 0.5  # spread [m] whose time is read, T500: EN 12350-8
 LOOK = 0.02, 0.05, 0.25  # between two looks at the spread: 0.02 s or 5 % of the time so far at least, 25 % at most
-CREEP = 10.0  # [s] from which on a run in haste takes steps twice as long: what still flows creeps by millimetres
 _kept = None  # the Compiled of this process
 _one_at_a_time = threading.Lock()  # Taichi runs one Simulation at a time in a process
 
@@ -64,13 +63,12 @@ def code() -> str:
     return digest.hexdigest()
 
 
-def run(case: Case, haste: bool = False) -> dict:
+def run(case: Case) -> dict:
     """Compute a case to its end in this process: its row. What fails is a row with its reason. Taichi is started with
     one thread where it is not, and again, which drops every earlier Simulation, where its fields are used up.
 
     A row holds key, status ('done' or 'failed'), reason, the parameters, the scene's measures at the end, t500_s [s]
-    where the spread came to 500 mm, what stopped the run, steps and seconds. In ``haste`` the steps may be twice as
-    long after 10 s: a third less to compute for a soft mix, which is then up to 2 mm off.
+    where the spread came to 500 mm, what stopped the run, steps and seconds.
     """
     row = {"key": case.key, "status": "done", "reason": "", "scene": case.scene, **case.parameters}
     with _one_at_a_time:
@@ -81,10 +79,7 @@ def run(case: Case, haste: bool = False) -> dict:
             if over_time:
                 course.append(row_of(sim, sim.measures()))
                 sim.each_step(lambda sim: course.append(row_of(sim, sim.measures())))
-            if haste:
-                sim.run(min(CREEP, sim.scene.until))
-            with longer_steps(sim) if haste and sim.stopped_by == "time" else nullcontext():
-                sim.run()
+            sim.run()
             summary, measures = sim.summary(), sim.measures()
             if over_time:
                 measures |= over_time({name: np.array([step[name] for step in course]) for name in course[0]})
@@ -118,17 +113,6 @@ def begin(scene):
         _kept = None
         _kept = Compiled(scene)
     return _kept.begin(scene)
-
-
-@contextmanager
-def longer_steps(sim):
-    """Within, the longest step of a Simulation is twice that of its scheme; the Courant number bounds it as ever."""
-    scheme, limits = sim.scheme, sim.scheme.time_step_limits  # the neighbour list may grow, and bring another scheme
-    scheme.time_step_limits = lambda speed: limits(speed) | {"maximum": 2.0 * limits(speed)["maximum"]}
-    try:
-        yield
-    finally:
-        del scheme.time_step_limits
 
 
 class Milestone:
