@@ -6,7 +6,7 @@ non-affine motion: a body filled at random places settles by millimetres while i
 
 from math import pi
 
-from .backend import double_field, ti
+from .backend import double_field, real, ti
 from .particles import FLUID
 from .stages import stage
 
@@ -23,12 +23,13 @@ class Evening:
     def __init__(self, particles, gradient, walls, shifting, neighbours: int):
         self.particles, self.gradient, self.walls, self.shifting = particles, gradient, walls, shifting
         self.inside = 0.9 * neighbours  # with as many a particle lies inside of the fill
-        self.sums = double_field(2)  # number of particles inside; sum of their squares
+        self.uneven = ti.field(real(), particles.capacity)  # square of the sum over neighbours; -1 beside a surface [-]
+        self.mean = double_field()  # of the squares inside [-]
 
     def needed(self) -> bool:
         """Whether the fill is uneven; the neighbours must have been found."""
         self.look()
-        return self.sums[1] > UNEVEN * max(1.0, self.sums[0])
+        return self.mean[None] > UNEVEN
 
     def move(self) -> None:
         """One shift of all particles; then the neighbours must be found anew."""
@@ -46,23 +47,27 @@ class Evening:
 
     @stage
     def look(self):
-        """``sums``, by one thread: the same with any number."""
+        """``uneven`` and its ``mean``, which has the same bits with any number of threads."""
+        for i in range(self.particles.count[None]):
+            self.uneven[i] = -1.0
+            first, last = self.gradient.neighbors.row_start[i], self.gradient.neighbors.row_start[i + 1]
+            if self.particles.kind[i] == FLUID and last - first >= self.inside:
+                x, share = self.particles.x[i], self.share(i)
+                near = 0.0 * x
+                for k in range(first, last):
+                    j = self.gradient.neighbors.column[k]
+                    r_ij = self.gradient.neighbors.bins.displacement(x, self.particles.x[j])
+                    r = r_ij.norm() / (self.shifting.spacing * ti.sqrt(share))
+                    near += self.share(j) / share * ti.max(0.0, 1.0 - r / 1.5) * r_ij / ti.max(r_ij.norm(), 1e-30)
+                self.uneven[i] = ti.cast(near.norm_sqr(), float)
         ti.loop_config(serialize=True)
         for _ in range(1):
             number, total = ti.cast(0.0, ti.f64), ti.cast(0.0, ti.f64)
             for i in range(self.particles.count[None]):
-                first, last = self.gradient.neighbors.row_start[i], self.gradient.neighbors.row_start[i + 1]
-                if self.particles.kind[i] == FLUID and last - first >= self.inside:
-                    x, share = self.particles.x[i], self.share(i)
-                    near = 0.0 * x
-                    for k in range(first, last):
-                        j = self.gradient.neighbors.column[k]
-                        r_ij = self.gradient.neighbors.bins.displacement(x, self.particles.x[j])
-                        r = r_ij.norm() / (self.shifting.spacing * ti.sqrt(share))
-                        near += self.share(j) / share * ti.max(0.0, 1.0 - r / 1.5) * r_ij / ti.max(r_ij.norm(), 1e-30)
+                if self.uneven[i] >= 0.0:
                     number += 1.0
-                    total += near.norm_sqr()
-            self.sums[0], self.sums[1] = number, total
+                    total += self.uneven[i]
+            self.mean[None] = total / ti.max(number, 1.0)
 
     @stage
     def advance(self):
