@@ -4,9 +4,9 @@ The packing around a particle, from which its volume follows, is right for an ev
 non-affine motion: a body filled at random places settles by millimetres while it should stand.
 """
 
-from math import pi
+import numpy as np
 
-from .backend import double_field, real, ti
+from .backend import ti
 from .particles import FLUID
 from .stages import stage
 
@@ -16,6 +16,9 @@ UNEVEN = 0.12**2
 TIMES = 40  # shifts: then it is as even as what has flowed
 
 
+SAMPLE = 2000  # particles that are looked at, evenly over the rows
+
+
 @ti.data_oriented
 class Evening:
     """Moves the particles of an uneven fill by the shift of what deforms, in full."""
@@ -23,51 +26,36 @@ class Evening:
     def __init__(self, particles, gradient, walls, shifting, neighbours: int):
         self.particles, self.gradient, self.walls, self.shifting = particles, gradient, walls, shifting
         self.inside = 0.9 * neighbours  # with as many a particle lies inside of the fill
-        self.uneven = ti.field(real(), particles.capacity)  # square of the sum over neighbours; -1 beside a surface [-]
-        self.mean = double_field()  # of the squares inside [-]
 
     def needed(self) -> bool:
-        """Whether the fill is uneven; the neighbours must have been found."""
-        self.look()
-        return self.mean[None] > UNEVEN
+        """Whether the fill is uneven; the neighbours must have been found. In NumPy: a kernel would have to compile."""
+        count, neighbors, spacing = self.particles.count[None], self.gradient.neighbors, self.shifting.spacing
+        starts, columns = neighbors.row_start.to_numpy(), neighbors.column.to_numpy()
+        x, kind = self.particles.x.to_numpy(), self.particles.kind.to_numpy()
+        rows = np.unique(np.linspace(0, count - 1, min(count, SAMPLE)).astype(int))
+        rows = rows[(starts[rows + 1] - starts[rows] >= self.inside) & (kind[rows] == FLUID)]
+        if len(rows) == 0:
+            return False
+        lengths = starts[rows + 1] - starts[rows]
+        first = np.cumsum(lengths) - lengths
+        i = np.repeat(rows, lengths)
+        j = columns[np.arange(lengths.sum()) + np.repeat(starts[rows] - first, lengths)]
+        r_ij = x[j] - x[i]
+        for axis in np.flatnonzero(neighbors.bins.periodic):
+            r_ij[:, axis] -= neighbors.bins.size[axis] * np.round(r_ij[:, axis] / neighbors.bins.size[axis])
+        share = np.ones(len(x))
+        if self.particles.axisymmetric:
+            share = self.particles.ring.to_numpy() / (2.0 * np.pi * np.maximum(x[:, 0], 1e-30) * spacing**2)
+        r = np.linalg.norm(r_ij, axis=1)
+        pushes = share[j] / share[i] * np.maximum(0.0, 1.0 - r / (1.5 * spacing * np.sqrt(share[i])))
+        near = np.add.reduceat(pushes[:, None] * r_ij / np.maximum(r, 1e-30)[:, None], first)
+        return bool((near**2).sum(1).mean() > UNEVEN)
 
     def move(self) -> None:
         """One shift of all particles; then the neighbours must be found anew."""
         self.gradient.build()
         self.shifting.compute(0.0, 1.0, 1.0)
         self.advance()
-
-    @ti.func
-    def share(self, i):
-        """Cross-section of particle i over that of the lattice [-]: 1 but for rings."""
-        share = ti.cast(1.0, ti.f64)
-        if ti.static(self.particles.axisymmetric):
-            share = self.particles.volume(i) / (2.0 * pi * self.particles.x[i][0] * self.shifting.spacing**2)
-        return share
-
-    @stage
-    def look(self):
-        """``uneven`` and its ``mean``, which has the same bits with any number of threads."""
-        for i in range(self.particles.count[None]):
-            self.uneven[i] = -1.0
-            first, last = self.gradient.neighbors.row_start[i], self.gradient.neighbors.row_start[i + 1]
-            if self.particles.kind[i] == FLUID and last - first >= self.inside:
-                x, share = self.particles.x[i], self.share(i)
-                near = 0.0 * x
-                for k in range(first, last):
-                    j = self.gradient.neighbors.column[k]
-                    r_ij = self.gradient.neighbors.bins.displacement(x, self.particles.x[j])
-                    r = r_ij.norm() / (self.shifting.spacing * ti.sqrt(share))
-                    near += self.share(j) / share * ti.max(0.0, 1.0 - r / 1.5) * r_ij / ti.max(r_ij.norm(), 1e-30)
-                self.uneven[i] = ti.cast(near.norm_sqr(), float)
-        ti.loop_config(serialize=True)
-        for _ in range(1):
-            number, total = ti.cast(0.0, ti.f64), ti.cast(0.0, ti.f64)
-            for i in range(self.particles.count[None]):
-                if self.uneven[i] >= 0.0:
-                    number += 1.0
-                    total += self.uneven[i]
-            self.mean[None] = total / ti.max(number, 1.0)
 
     @stage
     def advance(self):

@@ -16,6 +16,7 @@ PENALTY = 6.0, 64.0, 0.5
 
 LONG = 2.0  # steps longer than this many of the scene's own take back less of the non-affine resistance
 QUIET = 0.005  # a flow is quiet where the change of its velocity in a step moves particles by no more of l0
+STILL = 1e-4  # way [l0] in a step below which all is still: each step takes off most of what is left, so not fewer
 
 
 def law_of(materials) -> str:
@@ -68,7 +69,7 @@ class Scales:
         self.own_step = of_scene[4]  # natural_step, as the kernels read it [s]
         self.natural_step = self.max_time_step = 0.0  # [s]
         self.quiet_step = 0.0  # longest step of a quiet flow [s]
-        self.quiet = 0.0  # change of the velocity times the step, below which a flow is quiet [m]
+        self.quiet = self.still = 0.0  # change of the velocity, and velocity, times the step: its limits [m]
         self.viscous, self.plastic, self.stiff = [], [], 0.0  # parts of mu_r, one each of a mix, and of K [Pa s]
         self.stretched = 0.0  # step over max_time_step that mu_r and K are for, 1 at least
 
@@ -84,7 +85,7 @@ class Scales:
         self.max_time_step = self.quiet_step = numerics.max_time_step or longest
         if numerics.max_time_step is None and not any(m.newtonian or m.yield_value == 0.0 for m in materials):
             self.quiet_step = min(longest_step(m.plastic_viscosity / m.density, *body, LONG) for m in materials)
-        self.quiet = QUIET * scene.spacing
+        self.quiet, self.still = QUIET * scene.spacing, STILL * scene.spacing
         # the step [s] of this scene at its defaults: it scales what must not depend on the steps taken
         courant_number = type(numerics).model_fields["courant_number"].default
         self.natural_step = min(longest, courant_number * scene.spacing / speed) if speed else longest
@@ -107,11 +108,11 @@ class Scales:
         self.stretched = 0.0
         self.stretch(self.max_time_step)
 
-    def longest_at(self, acceleration: float) -> float:
-        """Longest step [s] at an acceleration [m/s2], the root of its mean square: max_time_step, or in a quiet flow
-        sqrt(QUIET l0/acceleration), at most quiet_step."""
+    def longest_at(self, max_speed: float, acceleration: float) -> float:
+        """Longest step [s] at a largest speed [m/s] and an acceleration [m/s2], the root of its mean square:
+        max_time_step, or in a quiet flow sqrt(QUIET l0/acceleration), at most quiet_step."""
         longest = self.max_time_step
-        if acceleration * longest**2 < self.quiet:
+        if acceleration * longest**2 < self.quiet and max_speed * longest > self.still:
             longest = min(self.quiet_step, math.sqrt(self.quiet / max(acceleration, 1e-30)))
         return longest
 

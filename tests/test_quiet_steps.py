@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.scales import LONG, QUIET
+from taichi_mps.scales import LONG, QUIET, STILL
 
 SPACING = 0.02
 
@@ -17,19 +17,21 @@ def rings(yield_value=100.0, numerics=None, **of_material):
     return mps.Simulation(scene, numerics)
 
 
-def longest(sim, acceleration):
-    return sim.scheme.time_step_limits(0.0, acceleration)["maximum"]
+def longest(sim, acceleration, speed=0.01):
+    return sim.scheme.time_step_limits(speed, acceleration)["maximum"]
 
 
 @pytest.mark.parametrize("of_material", [{}, {"critical_strain_rate": 0.1}])
 def test_the_step_grows_as_the_root_of_what_it_no_longer_changes(of_material):
     """Half of the acceleration at which a flow counts as quiet: sqrt(2) times the step, in which velocity changes as
-    much times dt as before; a quarter or less: twice the step."""
+    much times dt as before; a quarter or less: twice the step. What is still gains nothing by it."""
     sim = rings(**of_material)
     usual = sim.scheme.scales.max_time_step
     edge = QUIET * SPACING / usual**2
     for share, times in ((math.inf, 1.0), (1.0, 1.0), (0.5, 2.0**0.5), (0.25, 2.0), (0.01, LONG), (0.0, LONG)):
         assert longest(sim, share * edge) == pytest.approx(times * usual)
+    still = STILL * SPACING / usual
+    assert longest(sim, 0.0, 1.01 * still) > longest(sim, 0.0, 0.99 * still) == usual
 
 
 @pytest.mark.parametrize("case", ["newtonian", "given", "viscous"])

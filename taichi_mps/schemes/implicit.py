@@ -107,7 +107,7 @@ class Implicit:
 
     def time_step_limits(self, max_speed: float, acceleration: float = math.inf) -> dict[str, float]:
         """Largest allowed steps [s] by name at a largest speed [m/s] and a mean acceleration [m/s2]."""
-        limits = {"maximum": self.scales.longest_at(acceleration)}
+        limits = {"maximum": self.scales.longest_at(max_speed, acceleration)}
         if max_speed > 0.0:
             limits["Courant"] = self.numerics.courant_number * self.spacing / max_speed
         return limits
