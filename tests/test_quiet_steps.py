@@ -6,59 +6,69 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.scales import LONG, QUIET, STILL
+from taichi_mps.scales import LONG, QUIET, STILL, Scales
 
 SPACING = 0.02
 
 
-def rings(yield_value=100.0, numerics=None, **of_material):
+def cone(yield_value=100.0, **of_material):
     """The slump cone as rings."""
-    scene = mps.slump_cone(yield_value=yield_value, model="axisymmetric", spacing=SPACING, **of_material)
-    return mps.Simulation(scene, numerics)
+    return mps.slump_cone(yield_value=yield_value, model="axisymmetric", spacing=SPACING, **of_material)
 
 
-def longest(sim, acceleration, speed=0.01):
-    return sim.scheme.time_step_limits(speed, acceleration)["maximum"]
+def rings():
+    return mps.Simulation(cone())
+
+
+def scales(yield_value=100.0, numerics=None, **of_material):
+    """The scales of the cone, which need no Simulation."""
+    found, scene = Scales(None, 1), cone(yield_value, **of_material)
+    found.take(scene, scene.materials, numerics or mps.Implicit())
+    return found
+
+
+def longest(of, acceleration, speed=0.01):
+    return of.longest_at(speed, acceleration)
 
 
 @pytest.mark.parametrize("of_material", [{}, {"critical_strain_rate": 0.1}])
 def test_the_step_grows_as_the_root_of_what_it_no_longer_changes(of_material):
     """Half of the acceleration at which a flow counts as quiet: sqrt(2) times the step, in which velocity changes as
     much times dt as before; a quarter or less: twice the step. What is still gains nothing by it."""
-    sim = rings(**of_material)
-    usual = sim.scheme.scales.max_time_step
+    found = scales(**of_material)
+    usual = found.max_time_step
     edge = QUIET * SPACING / usual**2
     for share, times in ((math.inf, 1.0), (1.0, 1.0), (0.5, 2.0**0.5), (0.25, 2.0), (0.01, LONG), (0.0, LONG)):
-        assert longest(sim, share * edge) == pytest.approx(times * usual)
+        assert longest(found, share * edge) == pytest.approx(times * usual)
     still = STILL * SPACING / usual
-    assert longest(sim, 0.0, 1.01 * still) > longest(sim, 0.0, 0.99 * still) == usual
+    assert longest(found, 0.0, 1.01 * still) > longest(found, 0.0, 0.99 * still) == usual
 
 
 @pytest.mark.parametrize("case", ["newtonian", "given", "viscous"])
 def test_no_longer_steps_without_yield_value_in_a_viscous_mix_or_where_one_is_given(case):
     """1500 Pa s flow slowly: their step, 0.5 nu/(g H), does not resolve a fall."""
     height = 0.3
-    sim, step = {
-        "newtonian": lambda: (rings(0.0), None),
-        "given": lambda: (rings(numerics=mps.Implicit(max_time_step=0.004)), 0.004),
-        "viscous": lambda: (rings(plastic_viscosity=1500.0), 0.5 * 1500.0 / 2300.0 / (9.81 * height)),
+    found, step = {
+        "newtonian": lambda: (scales(0.0), None),
+        "given": lambda: (scales(numerics=mps.Implicit(max_time_step=0.004)), 0.004),
+        "viscous": lambda: (scales(plastic_viscosity=1500.0), 0.5 * 1500.0 / 2300.0 / (9.81 * height)),
     }[case]()
-    assert longest(sim, 0.0) == longest(sim, math.inf) == sim.scheme.scales.max_time_step
+    assert longest(found, 0.0) == longest(found, math.inf) == found.max_time_step
     if step is not None:
-        assert longest(sim, 0.0) == pytest.approx(step)
+        assert longest(found, 0.0) == pytest.approx(step)
 
 
 def test_the_penalties_grow_with_the_step_that_is_taken():
     """mu_r = max(6 eta, 64 tau_y dt) and K >= 8 mu_r: of 1000 Pa twice as much in a step twice as long, and back; of
     100 Pa the plastic viscosity counts in both."""
     for tau_y, eta in ((1000.0, 50.0), (100.0, 50.0)):
-        scales = rings(tau_y).scheme.scales
-        usual = scales.max_time_step
+        found = scales(tau_y)
+        usual = found.max_time_step
         for dt in (usual, 2.0 * usual, 0.3 * usual):
-            scales.stretch(dt)
+            found.stretch(dt)
             mu_r = max(6.0 * eta, 64.0 * tau_y * max(dt, usual))
-            assert scales.mu_r[0] == pytest.approx(mu_r)
-            assert scales.bulk[None] == pytest.approx(max(75.0 * 2300.0 * 9.81 * 0.3 * usual, 8.0 * mu_r))
+            assert found.mu_r[0] == pytest.approx(mu_r)
+            assert found.bulk[None] == pytest.approx(max(75.0 * 2300.0 * 9.81 * 0.3 * usual, 8.0 * mu_r))
 
 
 def test_the_acceleration_of_a_step_is_the_change_of_its_velocity():
