@@ -14,8 +14,6 @@ from .stages import stage
 # for what has flowed, 0.14, 0.25 and 0.58 for a lattice jittered by 0.05, 0.1 and 0.3 l0
 UNEVEN = 0.12**2
 TIMES = 40  # shifts: then it is as even as what has flowed
-
-
 SAMPLE = 2000  # particles that are looked at, evenly over the rows
 
 
