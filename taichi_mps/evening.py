@@ -29,7 +29,8 @@ class Evening:
         """Whether the fill is uneven; the neighbours must have been found. In NumPy: a kernel would have to compile."""
         count, neighbors, spacing = self.particles.count[None], self.gradient.neighbors, self.shifting.spacing
         starts, columns = neighbors.row_start.to_numpy(), neighbors.column.to_numpy()
-        x, kind = self.particles.x.to_numpy(), self.particles.kind.to_numpy()
+        particles = self.particles.read()
+        x, kind = particles["x"], particles["kind"]
         rows = np.unique(np.linspace(0, count - 1, min(count, SAMPLE)).astype(int))
         rows = rows[(starts[rows + 1] - starts[rows] >= self.inside) & (kind[rows] == FLUID)]
         if len(rows) == 0:
@@ -43,7 +44,7 @@ class Evening:
             r_ij[:, axis] -= neighbors.bins.size[axis] * np.round(r_ij[:, axis] / neighbors.bins.size[axis])
         share = np.ones(len(x))
         if self.particles.axisymmetric:
-            share = self.particles.ring.to_numpy() / (2.0 * np.pi * np.maximum(x[:, 0], 1e-30) * spacing**2)
+            share = particles["ring"] / (2.0 * np.pi * np.maximum(x[:, 0], 1e-30) * spacing**2)
         r = np.linalg.norm(r_ij, axis=1)
         pushes = share[j] / share[i] * np.maximum(0.0, 1.0 - r / (1.5 * spacing * np.sqrt(share[i])))
         near = np.add.reduceat(pushes[:, None] * r_ij / np.maximum(r, 1e-30)[:, None], first)

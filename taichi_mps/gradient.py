@@ -13,6 +13,7 @@ import numpy as np
 
 from .backend import real, ti
 from .particles import DUMMY, FLUID, WALL
+from .rows import Rows
 from .stages import stage
 from .weights import packing as packing_kernel
 from .weights import ring_table
@@ -49,7 +50,10 @@ class Gradient:
             self.hoop = ti.field(real(), particles.capacity)  # V T_33/r of the stress that was spread last [N]
             shares = THICKEST / ENTRIES * np.arange(1, ENTRIES + 1)
             self.lattices = ti.Vector.field(2, real(), ENTRIES)  # n0 and packing [-] of a lattice with these shares
-            self.lattices.from_numpy(ring_table(spacing, self.effective_radius, shares, self.weight))
+            self.ring_sums = ring_table(spacing, self.effective_radius, shares, self.weight)
+            self.lattices.from_numpy(self.ring_sums)
+        shares = {"share": self.share} if self.axisymmetric else {}
+        self.rows = Rows({"n": self.n, **shares}, particles.capacity)
 
     @ti.func
     def counts_as(self, i):
@@ -80,12 +84,12 @@ class Gradient:
         return enclosed
 
     def density_ratio(self) -> np.ndarray:
-        """Particle number density over that of a lattice [-], (capacity,); of rings over a lattice as thin as they."""
-        n = self.n.to_numpy()
+        """Particle number density over that of a lattice [-], (n,); of rings over a lattice as thin as they."""
+        rows = self.rows.read(self.particles.count[None])
         if not self.axisymmetric:
-            return n / self.n0
-        share, shares = self.share.to_numpy(), THICKEST / ENTRIES * np.arange(1, ENTRIES + 1)
-        return n / np.maximum(1e-12, share * np.interp(share, shares, self.lattices.to_numpy()[:, 0]))
+            return rows["n"] / self.n0
+        share, shares = rows["share"], THICKEST / ENTRIES * np.arange(1, ENTRIES + 1)
+        return rows["n"] / np.maximum(1e-12, share * np.interp(share, shares, self.ring_sums[:, 0]))
 
     @ti.func
     def inverse(self, M, n0):

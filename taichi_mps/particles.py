@@ -3,6 +3,7 @@
 import numpy as np
 
 from .backend import double_field, real, ti
+from .rows import Rows
 from .stages import stage
 
 FLUID, WALL, DUMMY = 0, 1, 2
@@ -67,23 +68,18 @@ class Particles:
         others = [item for pair in self._pairs if pair[0] is not self.x for item in pair]
         for item in (*others, self.source_row):
             ti.root.dense(ti.i, self.capacity).place(item)
+        self.rows = Rows(self.carried, self.capacity)
         n = len(positions)
         self.load({"x": positions, "u": velocity, "kind": kinds, "id": np.arange(n), "ring": volumes, "mix": mixes})
 
     def load(self, state: dict) -> None:
         """Put arrays (n, ...) into the fields; what is not named becomes zero."""
-        n = len(state["x"])
-        self.count[None] = n
-        for name, item in self.carried.items():
-            full = np.zeros(item.to_numpy().shape, item.to_numpy().dtype)
-            if name in state:
-                full[:n] = state[name]
-            item.from_numpy(full)
+        self.count[None] = len(state["x"])
+        self.rows.load(state, len(state["x"]))
 
     def read(self) -> dict[str, np.ndarray]:
         """All carried fields (n, ...), in the order of the rows."""
-        n = self.count[None]
-        return {name: item.to_numpy()[:n] for name, item in self.carried.items()}
+        return self.rows.read(self.count[None])
 
     def append(self, positions, velocity, mix: int = 0) -> None:
         """Fluid particles of a mix at positions (m, d) [m] with a velocity (d,) [m/s], numbered on; all else of them is

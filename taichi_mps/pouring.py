@@ -39,7 +39,7 @@ class Pouring:
         its first layer and after the step of its last one."""
         flows = self.entered > 0 and not self.done
         if self.due(time):
-            layer = self.enter(time, particles.x.to_numpy()[: particles.count[None]])
+            layer = self.enter(time, particles.read()["x"])
             if layer is not None:
                 particles.append(layer, self.velocity, self.mix)
                 flows = True

@@ -19,6 +19,7 @@ from .pouring import Pouring
 from .quantity import SceneError, finite, positive
 from .report import DivergedError, StepReport
 from .rest import Rest
+from .rows import Rows
 from .scales import law_of, resting_time
 from .scene import Implicit as ImplicitNumerics
 from .scene import Scene
@@ -118,6 +119,8 @@ class Simulation:
         parts = expected, numerics, self.particles, self.neighbors, self.walls, constants
         self.scheme = SemiImplicit(*parts) if semi_implicit else Implicit(*parts, scene.materials[1:], self.stages)
         self.totals = Totals(self.particles, self.scheme, constants)
+        read = {"yielded": self.scheme.yielded} | ({} if semi_implicit else {"p": self.scheme.smoothing.p})
+        self.to_read = Rows(read, self.particles.capacity)  # with what the particles carry
 
     # ---- stepping -------------------------------------------------------------------------------------------
     def step(self, until: float | None = None) -> StepReport:
@@ -200,7 +203,7 @@ class Simulation:
         return [(name, seconds, calls) for name, (seconds, calls) in self.stages.spent.items()]
 
     def _initial_speed(self) -> float:
-        return float(np.linalg.norm(self.particles.u.to_numpy(), axis=1).max())
+        return float(np.linalg.norm(self.particles.read()["u"], axis=1).max())
 
     def _make_report(self, dt, name, passes) -> StepReport:
         speed2, mean2, moving2, kinetic, unyielded, error, lost, acceleration2, *solve = self.totals.take()

@@ -8,13 +8,11 @@ from .particles import FLUID
 
 def snapshot(sim) -> Snapshot:
     """The computed fluid of a simulation now, ordered by id."""
-    rows = sim.particles.read()
-    n = len(rows["id"])
-    rows["yielded"] = sim.scheme.yielded.to_numpy()[:n].astype(bool)
     if hasattr(sim.scheme, "smoothing"):
         sim.scheme.smoothing.read()
-        rows["p"] = sim.scheme.smoothing.p.to_numpy()[:n]
-    rows["n"] = sim.scheme.gradient.density_ratio()[:n]
+    rows = sim.particles.read()
+    rows |= sim.to_read.read(len(rows["id"]))
+    rows["n"] = sim.scheme.gradient.density_ratio()
     fluid = np.flatnonzero(rows["kind"] == FLUID)
     order = fluid[np.argsort(rows["id"][fluid])]
     return Snapshot(
@@ -24,7 +22,7 @@ def snapshot(sim) -> Snapshot:
         u=rows["u"][order],
         p=rows["p"][order],
         shear_rate=rows["shear_rate"][order],
-        yielded=rows["yielded"][order],
+        yielded=rows["yielded"][order].astype(bool),
         density_ratio=rows["n"][order],
         wall_x=rows["x"][rows["kind"] != FLUID],
         size=ring_sizes(rows, sim.scene.spacing)[order] if sim.scene.axisymmetric else None,

@@ -12,6 +12,7 @@ import pytest
 
 import taichi_mps as mps
 from taichi_mps import catalogue
+from taichi_mps.study import case as cases
 from taichi_mps.validation import flows
 
 REFERENCE = Path(__file__).parent / "reference" / "B_poiseuille_bingham_biviscosity.csv"
@@ -103,7 +104,8 @@ def test_closed_forms_agree_with_the_reference_table():
 
 
 def film(across, until=1.0, **keywords):
-    sim = mps.Simulation(catalogue.build("film", spacing=DEPTH / across, **keywords))
+    """After ``until``, with the kernels of the film before where they fit: so use it before the next one."""
+    sim = cases.begin(catalogue.build("film", spacing=DEPTH / across, **keywords))
     sim.run(until=until)
     return sim
 

@@ -19,7 +19,7 @@ EDGE = 4
 LAYERS = {
     0: "quantity material bodies geometry solids inner_edges measure rest_shapes inlet filling report scene admission",
     1: "backend stages team weights ghosts surfaces friction particles neighbors gradient mrpcg sparse grid_levels "
-    "scales smoothing node_grids conjugate_gradient grid_operators",
+    "scales smoothing node_grids conjugate_gradient grid_operators rows",
     2: "rheology stress walls wall_layer viscosity pressure momentum deferred_correction shifting totals sleeping "
     "evening free_momentum pouring rest snapshots summary",
     3: "schemes.implicit schemes.semi_implicit simulation",
@@ -40,9 +40,10 @@ PEERS = {
     "surfaces": {"backend"},
     "ghosts": {"backend", "weights"},
     "friction": {"backend"},
-    "particles": {"backend", "stages"},
+    "rows": {"backend"},
+    "particles": {"backend", "rows", "stages"},
     "neighbors": {"backend", "stages"},
-    "gradient": {"backend", "stages", "particles", "weights"},
+    "gradient": {"backend", "rows", "stages", "particles", "weights"},
     "mrpcg": {"backend", "stages", "team", "conjugate_gradient", "sparse", "grid_levels"},
     "conjugate_gradient": {"backend"},
     "grid_levels": {"backend", "grid_operators", "team"},

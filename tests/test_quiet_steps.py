@@ -7,6 +7,7 @@ import pytest
 
 import taichi_mps as mps
 from taichi_mps.scales import LONG, QUIET, STILL, Scales
+from taichi_mps.study import case as cases
 
 SPACING = 0.02
 
@@ -17,7 +18,8 @@ def cone(yield_value=100.0, **of_material):
 
 
 def rings():
-    return mps.Simulation(cone())
+    """Its Simulation at its start, with the kernels of the one before."""
+    return cases.begin(cone())
 
 
 def scales(yield_value=100.0, numerics=None, **of_material):
