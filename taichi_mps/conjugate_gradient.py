@@ -173,7 +173,7 @@ class ConjugateGradient:
         team.wait()
 
     @ti.func
-    def begin(self, tolerance, limit, reduction, team: ti.template(), member):
+    def begin(self, tolerance, limit, reduction, enough, team: ti.template(), member):
         """p = z; what r.z is compared with: that of the reference, at most ``limit``, and that of the guess."""
         self.dot(self.r, self.z, self.rz, team, member)
         ti.loop_config(serialize=True)
@@ -186,7 +186,7 @@ class ConjugateGradient:
                 self.reference[None] = self.rz[None]
             first, norm = ti.abs(self.rz[None]), ti.abs(self.reference[None])
             least = ti.max(reduction * reduction * first, LEAST * LEAST * norm)
-            self.target[None] = ti.min(tolerance * tolerance * norm, least)
+            self.target[None] = ti.max(ti.min(tolerance * tolerance * norm, least), enough * enough * first)
             self.judge()
         team.wait()
         for i in range(team.first(member, self.active[None]), team.last(member, self.active[None])):

@@ -46,9 +46,10 @@ class MRPCG(ConjugateGradient):
     levels: a CellLevels or GridLevels, used while ``use_levels`` is true; see ``prepare``.
 
     Stops at sqrt(r.z) <= tolerance sqrt(b.M^-1 b), z = M^-1 r (from the first r.z if b = 0), and not before sqrt(r.z)
-    is ``reduction`` times the first one or 1e-4 sqrt(b.M^-1 b). Solves that follow each other with the same A and M may
-    go on ``again`` from the last one: from its x, whose residual is then known, and from there to the best point along
-    its change of x (Fischer's projection onto a single vector).
+    is ``reduction`` times the first one or 1e-4 sqrt(b.M^-1 b); but in any case where it is ``enough`` times the first.
+    Solves that follow each other with the same A and M may go on ``again`` from the last one: from its x, whose
+    residual is then known, and from there to the best point along its change of x (Fischer's projection onto a single
+    vector).
     """
 
     def __init__(self, capacity: int, components: int, operator, levels=None, check_every: int = 5):
@@ -72,12 +73,13 @@ class MRPCG(ConjugateGradient):
         reference: float | None = None,
         again: bool = False,
         reduction: float = 1.0,
+        enough: float = 0.0,
     ) -> SolveReport:
         """Improve self.x until sqrt(r.z) <= tolerance sqrt(min(b.M^-1 b, reference)); ``again`` if A, M and x are those
         that the last solve left: then its b.M^-1 b stays what is compared with."""
         if self.team and (self.has_grids or not self.use_levels):
             limit = HUGE if reference is None else reference
-            self.solve_at_once(tolerance, max_iterations, limit, again, reduction, self.use_levels)
+            self.solve_at_once(tolerance, max_iterations, limit, again, reduction, enough, self.use_levels)
             return self.report([self._relative_residual(self.first), self._relative_residual(self.rz)])
         if again:
             self._go_on()
@@ -89,7 +91,7 @@ class MRPCG(ConjugateGradient):
             if self.xx[None] != 0.0:
                 self._subtract_guess()
                 self._precondition()
-        self._begin(tolerance, HUGE if reference is None or again else reference, reduction)
+        self._begin(tolerance, HUGE if reference is None or again else reference, reduction, enough)
         residuals = [self._relative_residual(self.rz)]
         done = 0
         check_every = 1 if self.use_levels else self.check_every  # a cycle costs far more than a look
@@ -126,7 +128,14 @@ class MRPCG(ConjugateGradient):
 
     @stage
     def solve_at_once(
-        self, tolerance: ti.f64, limit: ti.i32, reference: ti.f64, again: ti.i32, reduction: ti.f64, grids: ti.i32
+        self,
+        tolerance: ti.f64,
+        limit: ti.i32,
+        reference: ti.f64,
+        again: ti.i32,
+        reduction: ti.f64,
+        enough: ti.f64,
+        grids: ti.i32,
     ):
         """The whole of ``solve`` with ``grids`` or no levels, by one thread or a team."""
         self.round[None] = -again
@@ -135,15 +144,15 @@ class MRPCG(ConjugateGradient):
             for turn in range(self.team.turns):
                 member = self.team.join(turn)
                 if member >= 0:
-                    self.go_through(tolerance, limit, reference, reduction, grids, self.team, member)
+                    self.go_through(tolerance, limit, reference, reduction, enough, grids, self.team, member)
                     self.team.close()
         else:
             ti.loop_config(serialize=True)
             for _ in range(1):
-                self.go_through(tolerance, limit, reference, reduction, grids, self.team, 0)
+                self.go_through(tolerance, limit, reference, reduction, enough, grids, self.team, 0)
 
     @ti.func
-    def go_through(self, tolerance, limit, reference, reduction, grids, team: ti.template(), member):
+    def go_through(self, tolerance, limit, reference, reduction, enough, grids, team: ti.template(), member):
         """Round 0 measures b, round 1 the guess; -1 takes the place of both to go on; then iterations. A and M^-1 stand
         here once, for they take long to compile."""
         while team.has(member) and (
@@ -170,7 +179,7 @@ class MRPCG(ConjugateGradient):
             if this == 0:
                 self.refer(team, member)
             elif this < 2:
-                self.begin(tolerance, HUGE if this < 0 else reference, reduction, team, member)
+                self.begin(tolerance, HUGE if this < 0 else reference, reduction, enough, team, member)
             else:
                 self.turn(team, member)
             self.round[None] = 1 if this == 0 else 2
@@ -215,5 +224,5 @@ class MRPCG(ConjugateGradient):
         self.subtract_guess(WHOLE, 0)
 
     @ti.kernel
-    def _begin(self, tolerance: ti.f64, limit: ti.f64, reduction: ti.f64):
-        self.begin(tolerance, limit, reduction, WHOLE, 0)
+    def _begin(self, tolerance: ti.f64, limit: ti.f64, reduction: ti.f64, enough: ti.f64):
+        self.begin(tolerance, limit, reduction, enough, WHOLE, 0)

@@ -202,6 +202,21 @@ def test_a_guess_within_the_tolerance_is_improved_if_asked_for(team):
         assert solve(operator, b, **given)[1].iterations == 0
 
 
+@pytest.mark.parametrize("team", [None, WHOLE])
+def test_a_solve_that_need_not_be_better_stops_where_it_is_enough(team):
+    """Of 1e-6: at the first iteration that takes off nine tenths, then at the first that takes off half."""
+    a, b = spd(40), np.random.default_rng(14).standard_normal(40)
+    whole = solve(BlockOperator(a, 1), b, tolerance=1e-6, team=team, check_every=1)[1].iterations
+    done = []
+    for enough in (0.1, 0.5):
+        _, report = solve(BlockOperator(a, 1), b, tolerance=1e-6, team=team, enough=enough, check_every=1)
+        assert report.converged and 1e-6 < report.residuals[-1] / report.residuals[0] <= enough
+        limit = solve(BlockOperator(a, 1), b, tolerance=1e-6, team=team, max_iterations=report.iterations - 1)[1]
+        assert limit.residuals[-1] > enough * limit.residuals[0]
+        done.append(report.iterations)
+    assert 0 < done[1] < done[0] < whole
+
+
 def test_a_finished_solve_changes_nothing_more():
     a, b = BlockOperator(np.eye(6), 1), np.arange(1.0, 7.0)
     x, report = solve(a, b, check_every=50)
