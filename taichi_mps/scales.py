@@ -15,6 +15,8 @@ VISCOUS_STIFFNESS = 8.0  # and K >= 8 mu_r: a slow flow is resisted by its visco
 PENALTY = 6.0, 64.0, 0.5
 
 LONG = 2.0  # steps longer than this many of the scene's own take back less of the non-affine resistance
+# Where what yields falls, a solve before the last takes off no more of its residual: the new stress brings as much back
+EARLY_ENOUGH = 0.1
 QUIET = 0.005  # a flow is quiet where the change of its velocity in a step moves particles by no more of l0
 STILL = 1e-4  # way [l0] in a step below which all is still: each step takes off most of what is left, so not fewer
 
@@ -61,12 +63,13 @@ class Scales:
         self.density, self.eta, self.tau_y, self.pi_c = of_mix[:4]  # [kg/m3], [Pa s], [Pa], [1/s]
         self.mu_r = of_mix[4]  # penalty that ties the strain rate to the yield law [Pa s]
         self.inertial = of_mix[5]  # resistance of a thin fluid to non-affine motion [Pa s]
-        of_scene = [ti.field(real(), ()) for _ in range(5)]
+        of_scene = [ti.field(real(), ()) for _ in range(6)]
         self.layer_pressure = of_scene[0]  # of half a layer of particles [Pa]
         self.slowest = of_scene[1]  # rate of the bonds below which their resistance stops growing [1/s]
         self.bulk = of_scene[2]  # K [Pa s]
         self.drive = of_scene[3]  # force density that errors of the solve are compared with [N/m3]
         self.own_step = of_scene[4]  # natural_step, as the kernels read it [s]
+        self.early_enough = of_scene[5]  # part of its first residual that no solve before the last goes below [-]
         self.natural_step = self.max_time_step = 0.0  # [s]
         self.quiet_step = 0.0  # longest step of a quiet flow [s]
         self.quiet = self.still = 0.0  # change of the velocity, and velocity, times the step: its limits [m]
@@ -81,10 +84,15 @@ class Scales:
         speed = max(speeds + [wall.speed for wall in scene.walls] + [0.0])
         head = max(gravity, 0.1) * height + speed**2  # the pressure to expect, over the density [m2/s2]
         body = gravity, height, scene.spacing
-        longest = min(longest_step(m.plastic_viscosity / m.density, *body) for m in materials)
+        longest, quiet = (
+            min(longest_step(m.plastic_viscosity / m.density, *body, times) for m in materials) for times in (1.0, LONG)
+        )
         self.max_time_step = self.quiet_step = numerics.max_time_step or longest
-        if numerics.max_time_step is None and not any(m.newtonian or m.yield_value == 0.0 for m in materials):
-            self.quiet_step = min(longest_step(m.plastic_viscosity / m.density, *body, LONG) for m in materials)
+        self.early_enough[None] = 0.0
+        if not any(m.newtonian or m.yield_value == 0.0 for m in materials) and quiet > longest:
+            self.early_enough[None] = EARLY_ENOUGH
+            if numerics.max_time_step is None:
+                self.quiet_step = quiet
         self.quiet, self.still = QUIET * scene.spacing, STILL * scene.spacing
         # the step [s] of this scene at its defaults: it scales what must not depend on the steps taken
         courant_number = type(numerics).model_fields["courant_number"].default

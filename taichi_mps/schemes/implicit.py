@@ -32,7 +32,6 @@ EARLY = 10.0  # only the last pass is solved to the tolerance: the others to ten
 # To what a solve reduces its first residual, in the last and in the other passes: a velocity that just passes would go
 # on unchanged from step to step, until it fails and is corrected by a jump.
 REDUCTION, EARLY_REDUCTION = 0.1, 0.3
-EARLY_ENOUGH = 0.1  # of what yields to no less in the others, either: the new stress brings back as much, or more
 MOST_ITERATIONS = 2000  # of a solve
 FIRST_PASSES = 40  # the pressure and the stress of the first step are found from zero
 VISCOUS_PASSES = 10  # of these, with mu_r and no yield value: pressure first, or its strain stays as stress in a plug
@@ -207,9 +206,7 @@ class Implicit:
         """Velocity of the present stress and pressure in pass k; returns the number of iterations."""
         again, reduction, enough = 0, REDUCTION, 0.0
         if k + 1 < passes:
-            tolerance, reduction = EARLY * tolerance, EARLY_REDUCTION
-            if ti.static(self.stress.law != "newtonian"):
-                enough = EARLY_ENOUGH
+            tolerance, reduction, enough = EARLY * tolerance, EARLY_REDUCTION, self.scales.early_enough[None]
         if ti.static(self.stress.law != "bi-viscosity" and not self.walls.rub):  # matrix or slip change in each pass
             again = ti.min(k, 1)
         if ti.static(self.alone):
