@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.scales import LONG, QUIET, STILL, Scales
+from taichi_mps.scales import EARLY_ENOUGH, LONG, QUIET, STILL, Scales
 from taichi_mps.study import case as cases
 
 SPACING = 0.02
@@ -58,6 +58,15 @@ def test_no_longer_steps_without_yield_value_in_a_viscous_mix_or_where_one_is_gi
     assert longest(found, 0.0) == longest(found, math.inf) == found.max_time_step
     if step is not None:
         assert longest(found, 0.0) == pytest.approx(step)
+
+
+def test_only_where_what_yields_falls_need_the_early_solves_not_be_better():
+    """Whatever step is given; slow flow of 1500 Pa s and water need them as before."""
+    given = mps.Implicit(max_time_step=0.004)
+    for found in (scales(), scales(numerics=given), scales(critical_strain_rate=0.1)):
+        assert found.early_enough[None] == pytest.approx(EARLY_ENOUGH)
+    for found in (scales(0.0), scales(plastic_viscosity=1500.0)):
+        assert found.early_enough[None] == 0.0
 
 
 def test_the_penalties_grow_with_the_step_that_is_taken():
