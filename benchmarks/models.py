@@ -149,6 +149,8 @@ def draw() -> None:
         axis.set(title=f"{result['yield_value']:g} Pa", xlabel="CPU seconds to rest")
         axis.grid(alpha=0.3)
     axes[0].set_ylabel("worst error of the slump [mm]")
+    axes[0].set_yticks([0.5, 1, 2, 5], ["0.5", "1", "2", "5"])
+    axes[0].yaxis.set_minor_formatter("")
     axes[-1].legend(fontsize=7)
     figure.tight_layout()
     figure.savefig(CHART, dpi=110)
