@@ -195,7 +195,9 @@ def draw():
 
     names = ["implicit-1", "implicit-2", "implicit-3"]
     plots.slump_curve(curves(names), FIGURES / "paper_fig5.png", references((1, 2, 3)))
-    plots.slump_curve(curves(["implicit-4", "implicit-5"]), FIGURES / "paper_fig9.png", references((4, 5)))
+    plots.slump_curve(
+        curves(["implicit-4", "implicit-5"]), FIGURES / "paper_fig9.png", references((4, 5)), log_time=True
+    )
     points = [(t, load(f"yield-{t:g}")) for t in YIELD_VALUES]
     points = {"implicit, at rest or 5 s": np.array([(t, r["slump_m"][-1]) for t, r in points if r]).T}
     ref_points = [(t, reference(t, 50.0)[-1, 1]) for t in (100.0, 300.0, 500.0, 1000.0)]

@@ -14,6 +14,10 @@ PLACES = [
     (-5, 5, "right"),
     (5, 14, "left"),
     (5, -15, "left"),
+    (-5, 14, "right"),
+    (-5, -15, "right"),
+    (5, -24, "left"),
+    (5, 24, "left"),
 ]  # [pt]
 SLUMP_HEAD = ["run", "particles or cells", "steps", "CPU-s", "whole process", "worst slump [mm]", "spread [%]"]
 DAM_HEAD = ["run", "particles", "steps", "CPU-s per s", "particle-steps per CPU-s", "front [%]", "front, no delay [%]"]
