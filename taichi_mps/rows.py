@@ -12,10 +12,9 @@ class Rows:
 
     def __init__(self, fields: dict, capacity: int):
         self.fields, self.capacity = fields, capacity
-        # of each field: shape of a row, type, and its columns
-        self.layout, self.columns = {}, []
+        self.layout, self.columns = {}, []  # of each field: shape of a row, type, its columns; the scalar fields
         for name, field in fields.items():
-            shape = (field.n,) if getattr(field, "ndim", 0) == 1 else (field.n, field.m) if hasattr(field, "m") else ()
+            shape = (field.n, field.m)[: field.ndim] if isinstance(field, ti.MatrixField) else ()
             parts = [field.get_scalar_field(*place) for place in np.ndindex(shape)] if shape else [field]
             start = len(self.columns)
             self.columns += parts
