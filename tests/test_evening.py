@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
+from taichi_mps import catalogue
 from taichi_mps.study import case as cases
 
 SPACING = 0.02
@@ -42,6 +43,15 @@ def test_a_lattice_stays_where_it_is():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert evened(sim) == pytest.approx(fluid, abs=1e-12)
+
+
+def test_few_rings_in_layers_stay_where_they_are():
+    """The cone of a mould that is lifted: ten rings below, five above, whose layers do not fit each other."""
+    fluid = catalogue.build("slump", spacing=SPACING, lift_speed=0.5).fluid
+    material = mps.Bingham(density=2300.0, plastic_viscosity=50.0, yield_value=20000.0)
+    sim = mps.Simulation(mps.Scene("rings", material, SPACING, fluid, ((-0.2, -0.2, -0.1), (0.2, 0.2, 0.4))))
+    sim._neighbours()
+    assert not sim.scheme.evening.needed()
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
