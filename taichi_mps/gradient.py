@@ -15,7 +15,6 @@ from .backend import real, ti
 from .particles import DUMMY, FLUID, WALL
 from .rows import Rows
 from .stages import stage
-from .weights import packing as packing_kernel
 from .weights import ring_table
 
 # largest lean of a full neighbourhood: 1.15 l0 below a flat surface, where 3 % of the packing is missing
@@ -33,7 +32,7 @@ class Gradient:
         self.neighbors, self.particles, self.walls = neighbors, particles, walls
         self.dimension, self.tensors = d, particles.tensor_dimension
         self.axisymmetric, self.spacing = particles.axisymmetric, spacing
-        self.n0, self.weight = constants.n0, constants.weight
+        self.n0, self.weight, self.packing_kernel = constants.n0, constants.weight, constants.packing_kernel
         self.full, self.at_surface = constants.neighbours, constants.lean
         self.full_packing = constants.packing
         self.effective_radius = neighbors.bins.effective_radius
@@ -131,7 +130,7 @@ class Gradient:
                 M += b.outer_product(r)
                 n += share * w
                 lean += distance * b
-                packing += share * packing_kernel(q)
+                packing += share * self.packing_kernel(q)
                 around += share
                 if self.particles.kind[j] == FLUID:
                     wet += 1

@@ -31,7 +31,7 @@ from .stages import Stages
 from .summary import summary
 from .totals import NOT_A_NUMBER, Totals
 from .walls import Walls
-from .weights import lattice_constants, mps_weight, smooth_weight
+from .weights import PACKING, PACKING_IN_PLANE, lattice_constants, mps_weight, smooth_weight
 
 MOST_LOST = 0.2  # of the volume; impacts and thin films lose up to 0.05 (docs/stability.md)
 
@@ -86,7 +86,9 @@ class Simulation:
             self.wall_particles = len(wall)
         expected = scene.expected
         to_come = sum((pouring.layers - (pouring.start == 0.0)) * len(pouring.layer) for pouring in self.pouring)
-        constants = lattice_constants(d, scene.spacing, re, mps_weight if semi_implicit else smooth_weight)
+        in_plane = d == 2 and not scene.axisymmetric and not semi_implicit
+        kernels = mps_weight if semi_implicit else smooth_weight, PACKING_IN_PLANE if in_plane else PACKING
+        constants = lattice_constants(d, scene.spacing, re, *kernels)
         carries_stress = law_of(scene.materials) == "bingham" and not semi_implicit
         volumes = np.resize(expected.volumes, len(positions))
         sleeps = carries_stress and numerics.sleep and math.isfinite(resting_time(scene.materials))
@@ -114,6 +116,7 @@ class Simulation:
             particles=self.particles,
             plastic_viscosity=scene.material.plastic_viscosity,
             weight=constants.weight,
+            packing_kernel=constants.packing_kernel,
         )
         self.walls.place(self._walls_at)
         parts = expected, numerics, self.particles, self.neighbors, self.walls, constants

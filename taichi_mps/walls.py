@@ -19,7 +19,7 @@ from .geometry import Cylinder, Plane
 from .ghosts import COUNTED, GhostSums, meeting, wedges
 from .solids import Solid
 from .surfaces import Flat, Round, Sampled
-from .weights import mps_weight
+from .weights import PACKING, mps_weight
 
 SURFACES = {Plane: Flat, Cylinder: Round, Solid: Sampled}
 
@@ -42,6 +42,7 @@ class Walls:
         particles=None,
         plastic_viscosity: float = 0.0,
         weight=mps_weight,
+        packing_kernel=PACKING,
     ):
         self.dimension = dimension
         self.effective_radius = effective_radius
@@ -69,7 +70,8 @@ class Walls:
             )
         corners = any(surface.cut_by for surface in self.surfaces)
         meet = wedges(walls, [k for k, _ in each])
-        self.ghosts = GhostSums(dimension, spacing, effective_radius, weight, rings, corners, meet, capacity)
+        kernels = weight, packing_kernel
+        self.ghosts = GhostSums(dimension, spacing, effective_radius, kernels, rings, corners, meet, capacity)
         self.closest = self.ghosts.closest
         if self.surfaces:
             self.c = ti.field(real(), (capacity, len(self.faces)))  # pull of each face on each particle [1/m]
