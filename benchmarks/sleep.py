@@ -64,11 +64,11 @@ def run(length: float, yield_value: float, sleep: bool) -> dict:
 
 if __name__ == "__main__":
     mps.init(threads=1)
-    rows = [
-        run(length, tau, sleep)
-        for tau in (300.0, 1000.0)
-        for length, sleep in ((3.0, False), (3.0, True), (1.0, False))
+    runs = [
+        (length, tau, sleep) for tau in (300.0, 1000.0) for length, sleep in ((3.0, False), (3.0, True), (1.0, False))
     ]
+    turns = [[run(*one) for one in runs] for _ in range(4)]  # the machine is shared: the least of four, in turn
+    rows = [min(same, key=lambda row: row["cpu_seconds"]) for same in zip(*turns, strict=True)]
     path = Path(__file__).parent / "results" / "sleep.json"
     path.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
     for row in rows:

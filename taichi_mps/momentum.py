@@ -143,7 +143,8 @@ class MomentumSystem:
             if first % BLOCK == 0:
                 last = ti.min(first + BLOCK, self.count[None])
                 for i in range(first, last):
-                    self.gather_jump(i)
+                    if self.acts(i):
+                        self.gather_jump(i)
                 for i in range(first, last):
                     self.spread(i, u, motion)
         team.wait()
@@ -151,7 +152,8 @@ class MomentumSystem:
             if first % BLOCK == 0:
                 last = ti.min(first + BLOCK, self.count[None])
                 for i in range(first, last):
-                    self.gather_pull(i)
+                    if self.acts(i):
+                        self.gather_pull(i)
                 for i in range(first, last):
                     y[i] = self.balance(i, u, motion)
         team.wait()
