@@ -53,7 +53,7 @@ class LatticeConstants:
     lean: float  # sum w cos, to the normal, of a particle in the first row below a flat surface [-]
     packing: float  # 1 + sum of the packing kernel [-]
     weight: Callable  # that these are the sums of
-    packing_kernel: Callable
+    packing_kernel: Callable  # that ``packing`` is the sum of
 
 
 def lattice_constants(
