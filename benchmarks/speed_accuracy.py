@@ -158,7 +158,7 @@ def draw_flow(flow, found) -> None:
             # beside the same spacing at the default step there is often a label already
             place, side = (-6, -9), "right"
             if item["step"] <= 1.0:
-                place, side = (6, 4 if item["step"] == 1.0 else -10), "left"
+                place, side = ((6, 4), "left") if item["step"] == 1.0 else ((0, -13), "center")
             axis.annotate(label(item), at, xytext=place, ha=side, textcoords="offset points", fontsize=7.5)
         for item in (i for i in found if i["scheme"] == scheme and i["error"] is None):
             diverged = item["fate"].startswith("diverged")
@@ -172,11 +172,12 @@ def draw_flow(flow, found) -> None:
     axis.text(0.01, 0.985, f"labels: {given}.   Grey: x failed; hollow: did not finish, cost extrapolated",
               transform=axis.transAxes, fontsize=7.5, va="top")  # fmt: skip
     axis.set(xscale="log", yscale="log", xlabel="CPU seconds, one thread", ylabel=f"error: {unit}", title=title)
-    axis.set_ylim(top=1.9 * top)
+    axis.set_ylim(0.7 * min(item["error"] for item in done), 1.9 * top)
     axis.set_xlim(left=0.25 * min(item["cpu_seconds"] for item in done))
     axis.grid(alpha=0.3, which="both", lw=0.5)
     for side in (axis.xaxis, axis.yaxis):
-        side.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        low, high = side.get_view_interval()
+        side.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < 1e5 * low else (1.0,)))
         side.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         side.set_minor_formatter(NullFormatter())
     figure.legend(fontsize=7.5, loc="outside lower center", ncols=2, frameon=False)
