@@ -61,11 +61,12 @@ class Solid:
         high = finite("high", high, "m", shape=low.shape)
         if np.any(high - low < cell):
             raise SceneError(f"cell = {cell:g} m: must be greater than 0 m and fit between {low} and {high} m")
-        shape = np.ceil((high - low) / cell - 1e-9).astype(int) + 1
-        if np.prod(shape.astype(float)) > MOST_NODES:
-            raise SceneError(
-                f"cell = {cell:g} m: needs {np.prod(shape.astype(float)):.2g} nodes; at most {MOST_NODES:.2g}"
-            )
+        with np.errstate(over="ignore"):  # of a cell next to nothing
+            shape = np.ceil((high - low) / cell - 1e-9) + 1.0
+            nodes = float(np.prod(shape))
+        if nodes > MOST_NODES:
+            raise SceneError(f"cell = {cell:g} m: needs {nodes:.2g} nodes; at most {MOST_NODES:.2g}")
+        shape = shape.astype(int)
         nodes = np.stack(
             np.meshgrid(*(lo + cell * np.arange(n) for lo, n in zip(low, shape, strict=True)), indexing="ij")
         )

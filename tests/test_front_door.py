@@ -139,6 +139,7 @@ def test_any_words_are_answered(words):
         ["run", ""],
         ["export", ""],
         ["run", "slump", "--spacing", "5e-324"],
+        ["run", "wall", "--spacing", "3.7e-54"],
         ["sweep", "slump", "--yield-value", "1:2:1000000000"],
         ["sweep", "slump", "--yield-value", "1:2:1000", "--density", "1000:2000:1000"],
     ],

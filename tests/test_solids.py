@@ -213,6 +213,8 @@ def test_a_bad_grid_is_refused(arguments, message):
         mps.Solid(**({"low": (0.0, 0.0), "cell": 0.1} | arguments))
     with pytest.raises(mps.SceneError, match="cell = 0 m"):
         mps.Solid.of(lambda x: x[:, 0], (0.0, 0.0), (1.0, 1.0), 0.0)
+    with pytest.raises(mps.SceneError, match=r"cell = 1e-300 m: needs inf nodes; at most 5e\+07"):
+        mps.Solid.of(lambda x: x[:, 0], (0.0, 0.0), (1.0, 1.0), 1e-300)
 
 
 def pool(walls, material, Q):
