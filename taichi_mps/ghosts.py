@@ -51,11 +51,11 @@ class GhostSums:
         bent = 0.1 / spacing  # curvature [1/m] of the arcs that give the slope of the sums
         tables = np.array(
             [
-                [ghost_table(dimension, spacing, effective_radius, entries, k, size, *kernels) for size in self.sizes]
+                [ghost_table(dimension, spacing, effective_radius, entries, k, size, **kernels) for size in self.sizes]
                 for k in (0.0, bent, -bent)
             ]
         )
-        n0 = lattice_constants(dimension, spacing, effective_radius, *kernels).n0
+        n0 = lattice_constants(dimension, spacing, effective_radius, **kernels).n0
         row = round(1.5 * spacing / effective_radius * (entries - 1))
         pull = tables[0, np.argmin(np.abs(self.sizes - 1.0)), row, GHOST_SUMS.index("pull")]
         self.second = float(pull) * spacing * dimension / n0  # share of a wall that the second row carries
@@ -65,14 +65,14 @@ class GhostSums:
         self.bend = ti.Vector.field(columns, real(), shape)  # their derivative by the curvature [m]
         self.bend.from_numpy((tables[1] - tables[2]) / (2.0 * bent))
         if corners:
-            shares = corner_table(dimension, spacing, effective_radius, 64, 0.0, *kernels)
+            shares = corner_table(dimension, spacing, effective_radius, **kernels)
             self.corner_entries = len(shares)
             self.corner = ti.Vector.field(columns, real(), shares.shape[:2])  # share of each sum that is left
             self.corner.from_numpy(shares)
         self.wedges = meet is not None and bool(meet.any())
         if self.wedges:
             shares = [
-                corner_table(dimension, spacing, effective_radius, WEDGE, cosine, *kernels)
+                corner_table(dimension, spacing, effective_radius, WEDGE, cosine, **kernels)
                 for cosine in np.linspace(-1.0, 1.0, COSINES)
             ]
             self.wedge = ti.Vector.field(columns, real(), (COSINES, WEDGE, WEDGE))

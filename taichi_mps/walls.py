@@ -70,7 +70,7 @@ class Walls:
             )
         corners = any(surface.cut_by for surface in self.surfaces)
         meet = wedges(walls, [k for k, _ in each])
-        kernels = weight, packing_kernel
+        kernels = {"weight": weight, "packing_kernel": packing_kernel}
         self.ghosts = GhostSums(dimension, spacing, effective_radius, kernels, rings, corners, meet, capacity)
         self.closest = self.ghosts.closest
         if self.surfaces:
