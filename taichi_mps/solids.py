@@ -63,9 +63,9 @@ class Solid:
             raise SceneError(f"cell = {cell:g} m: must be greater than 0 m and fit between {low} and {high} m")
         with np.errstate(over="ignore"):  # of a cell next to nothing
             shape = np.ceil((high - low) / cell - 1e-9) + 1.0
-            nodes = float(np.prod(shape))
-        if nodes > MOST_NODES:
-            raise SceneError(f"cell = {cell:g} m: needs {nodes:.2g} nodes; at most {MOST_NODES:.2g}")
+            needed = float(np.prod(shape))
+        if needed > MOST_NODES:
+            raise SceneError(f"cell = {cell:g} m: needs {needed:.2g} nodes; at most {MOST_NODES:.2g}")
         shape = shape.astype(int)
         nodes = np.stack(
             np.meshgrid(*(lo + cell * np.arange(n) for lo, n in zip(low, shape, strict=True)), indexing="ij")
