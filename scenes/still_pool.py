@@ -14,11 +14,13 @@ from taichi_mps.quantity import Density, Duration, Length, Viscosity, YieldValue
 
 
 def pool_error(snapshot, density, depth):
-    """Relative L2 error of the pressure [-] against rho g (depth - y), and the drift of the level [m]."""
+    """Relative L2 error of the pressure [-] against rho g (depth - y), the highest particle over the level [m], and the
+    drift of the level that lies twice as high as the centre of mass [m]."""
     exact = density * 9.81 * (depth - snapshot.x[:, -1])
     return {
         "pressure_error": float(np.sqrt(np.mean((snapshot.p - exact) ** 2)) / (density * 9.81 * depth)),
         "level_drift_m": float(snapshot.x[:, -1].max() + 0.5 * snapshot.spacing - depth),
+        "mean_drift_m": float(2.0 * snapshot.x[:, -1].mean() - depth),
         "max_speed_m_s": float(snapshot.speed.max()),
     }
 

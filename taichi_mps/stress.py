@@ -36,16 +36,17 @@ class Stress:
         return mu
 
     @ti.func
-    def non_affine(self, i, rate, left, first, dt):
+    def non_affine(self, i, rate, left, first, dt, inertial):
         """h [Pa s], what resists the motion that the gradient does not see, for a shear rate [1/s], what the linear
-        fit ``left`` of the last velocity [1/s2] (in the first step these are not known) and a step of dt [s]."""
+        fit ``left`` of the last velocity [1/s2] (in the first step these are not known), a step of dt [s], and
+        ``inertial`` what a thin fluid has [Pa s]."""
         m = self.scales.mix(i)
-        h = NON_AFFINE * self.scales.eta[m] + self.scales.inertial[m]
+        h = NON_AFFINE * self.scales.eta[m] + inertial
         if ti.static(self.law != "newtonian"):  # noqa: SIM102  (a compiled choice stays apart)
             if first == 0:
                 bond_rate = ti.max(ti.sqrt(rate * rate + 2.0 * NON_AFFINE * EDGE * left), self.scales.slowest[None])
                 if ti.static(self.has_curve):
-                    h = NON_AFFINE * self.curve(bond_rate, self.structure(i)) / bond_rate + self.scales.inertial[m]
+                    h = NON_AFFINE * self.curve(bond_rate, self.structure(i)) / bond_rate + inertial
                 else:
                     h += NON_AFFINE * self.scales.tau_y[m] / bond_rate
         return ti.max(h, SETTLING * self.smoothing.p[i] * dt)
