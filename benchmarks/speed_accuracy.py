@@ -155,10 +155,7 @@ def draw_flow(flow, found) -> None:
                   label=TITLES[scheme])  # fmt: skip
         for item in mine:
             at = (item["cpu_seconds"], item["error"])
-            # beside the same spacing at the default step there is often a label already
-            place, side = (-6, -9), "right"
-            if item["step"] <= 1.0:
-                place, side = ((6, 4), "left") if item["step"] == 1.0 else ((0, -13), "center")
+            place, side = ((6, 4), "left") if item["step"] == 1.0 else ((0, -13), "center")
             axis.annotate(label(item), at, xytext=place, ha=side, textcoords="offset points", fontsize=7.5)
         for item in (i for i in found if i["scheme"] == scheme and i["error"] is None):
             diverged = item["fate"].startswith("diverged")
