@@ -7,6 +7,9 @@ from .scales import NON_AFFINE
 from .stages import stage
 
 SETTLING = 2.0  # h >= 2 p dt: what the pressure pushes apart goes no further than to its place in a step
+# What a thin fluid has against non-affine motion at rest, over that in motion, or its particles find no places to stay
+# in; and the strain or rotation in a step from which on it moves
+AT_REST, MOVING = 64.0, 0.002
 EDGE = 4.0  # at the edge of a plug a quarter of the bonds carry all non-affine motion: their rate is twice the mean
 
 
@@ -34,6 +37,17 @@ class Stress:
         elif ti.static(self.law == "bi-viscosity"):
             mu = bi_viscosity(rate, self.scales.eta[m], self.scales.tau_y[m], self.scales.pi_c[m])
         return mu
+
+    @ti.func
+    def inertial(self, i, G, dt):
+        """What a thin fluid has against the motion that the gradient does not see [Pa s]. Without a yield value it is 64
+        times as much at rest, less where the velocity gradient G [1/s] strains or turns it in a step dt [s], and no more
+        than elsewhere from 0.002 on and in a full closed box, where nothing settles (I8)."""
+        resistance = self.scales.inertial[self.scales.mix(i)]
+        if ti.static(self.law == "newtonian"):
+            rest = 1.0 - ti.min(1.0, 2.0**0.5 * G.norm() * dt / MOVING)
+            resistance *= 1.0 + (AT_REST - 1.0) * rest**2 * (1 - self.smoothing.full[None])
+        return resistance
 
     @ti.func
     def non_affine(self, i, rate, left, first, dt, inertial):

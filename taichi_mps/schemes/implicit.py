@@ -28,9 +28,6 @@ SOURCE, RING_SOURCE = 0.05, 0.2  # share of the packing error removed per step; 
 VISCOUS_SOURCE, DAMPED = 0.25, 0.25  # the same where viscosity damps what it moves: above this diffusion number
 FASTEST, RING_FASTEST = 1.0, 0.25  # at most this [1/s]; of rings also this share of the shear rate, or the shift wins
 STRAIN_SCALE = 0.02  # strain per step above which source and shift act fully
-# What a thin fluid has against non-affine motion at rest, over that in motion, or its particles find no places to stay
-# in; and the strain or rotation in a step from which on it moves
-AT_REST, MOVING = 64.0, 0.002
 EARLY = 10.0  # only the last pass is solved to the tolerance: the others to ten times that
 # To what a solve reduces its first residual, in the last and in the other passes: a velocity that just passes would go
 # on unchanged from step to step, until it fails and is corrected by a jump.
@@ -228,13 +225,6 @@ class Implicit:
         return self.refill + more * (1 - self.smoothing.full[None])
 
     @ti.func
-    def settling(self, G, dt):
-        """What multiplies the resistance of a thin fluid: 64 at rest, 1 where the velocity gradient G [1/s] turns or
-        strains it by 0.002 in a step, and in a full closed box, where nothing settles."""
-        rest = 1.0 - ti.min(1.0, 2.0**0.5 * G.norm() * dt / MOVING)
-        return 1.0 + (AT_REST - 1.0) * rest**2 * (1 - self.smoothing.full[None])
-
-    @ti.func
     def density(self, i):
         """Density of particle i [kg/m3]."""
         return self.scales.density[self.scales.mix(i)]
@@ -262,9 +252,7 @@ class Implicit:
                 fastest = ti.max(fastest, RING_FASTEST * rate)
             source = ti.max(-fastest, ti.min(fastest, self.refill_share(i, dt) * error / dt))
             deforming = self.shifting.deforming(i, dt, STRAIN_SCALE)
-            inertial = self.scales.inertial[self.scales.mix(i)]
-            if ti.static(self.stress.law == "newtonian"):
-                inertial *= self.settling(G, dt)
+            inertial = self.stress.inertial(i, G, dt)
             h = self.stress.non_affine(i, rate, left, first, dt, inertial)
             pull = self.shifting.pull(i, h, inertial, dt)
             self.source[i] = source * ti.max(deforming, pull)
