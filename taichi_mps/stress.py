@@ -40,9 +40,9 @@ class Stress:
 
     @ti.func
     def inertial(self, i, G, dt):
-        """What a thin fluid has against the motion that the gradient does not see [Pa s]. Without a yield value it is 64
-        times as much at rest, less where the velocity gradient G [1/s] strains or turns it in a step dt [s], and no more
-        than elsewhere from 0.002 on and in a full closed box, where nothing settles (I8)."""
+        """What a thin fluid has against the motion that the gradient does not see [Pa s]. Without a yield value it is
+        64 times as much at rest, less where the velocity gradient G [1/s] strains or turns it in a step dt [s], and no
+        more than elsewhere from 0.002 on and in a full closed box, where nothing settles (I8)."""
         resistance = self.scales.inertial[self.scales.mix(i)]
         if ti.static(self.law == "newtonian"):
             rest = 1.0 - ti.min(1.0, 2.0**0.5 * G.norm() * dt / MOVING)
