@@ -1,0 +1,299 @@
+"""The bits of many short runs, and their CPU seconds: what a change that should change no result is held against.
+
+    python benchmarks/fingerprint.py                         # this checkout, a table on the screen
+    python benchmarks/fingerprint.py --against OTHER         # run in turn with another checkout; both in one table
+    python benchmarks/fingerprint.py --against OTHER --repeats 3 --out benchmarks/results/fingerprint.json
+
+Every built-in scene at a coarse spacing, both schemes where they apply, every model, wall surfaces and wall particles,
+friction, inlet, two mixes, a lifted mould, a solid from a mesh, flow curves, one and two threads, a run taken up again.
+Each case is a process of its own. Its fingerprint is a hash of what the particles carry after a number of steps:
+positions, velocities, pressures, shear rates, stresses and plastic rates in the order of their numbers, and the time.
+CPU seconds are those of the steps after the first one, compile seconds those until its end; of repeats the least
+counts, for the machines are shared. `--out` writes the table as JSON and, beside it, as Markdown.
+"""
+
+import argparse
+import hashlib
+import importlib.util
+import json
+import os
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parents[1]
+CARRIED = "x", "u", "p", "shear_rate", "stress", "plastic_rate"
+COARSE = {"spacing": 0.02}
+
+# name: (scene, its keywords, scheme, numerics, steps, threads, precision)
+CASES = {
+    "slump full": ("slump", COARSE, "implicit", {}, 150, 1, "f32"),
+    "slump full, two threads": ("slump", COARSE, "implicit", {}, 150, 2, "f32"),
+    "slump full, f64": ("slump", COARSE, "implicit", {}, 100, 1, "f64"),
+    "slump full, node multigrid": ("slump", {"spacing": 0.0085}, "implicit", {}, 12, 1, "f32"),
+    "slump full, node multigrid, two threads": ("slump", {"spacing": 0.0085}, "implicit", {}, 12, 2, "f32"),
+    "slump half": ("slump", {**COARSE, "model": "half"}, "implicit", {}, 150, 1, "f32"),
+    "slump quarter": ("slump", {**COARSE, "model": "quarter"}, "implicit", {}, 150, 1, "f32"),
+    "slump axisymmetric": ("slump", {"spacing": 0.01, "model": "axisymmetric"}, "implicit", {}, 300, 1, "f32"),
+    "slump axisymmetric, two threads": (
+        "slump",
+        {"spacing": 0.004, "model": "axisymmetric"},
+        "implicit",
+        {},
+        60,
+        2,
+        "f32",
+    ),
+    "slump bi-viscosity": ("slump", {**COARSE, "critical_strain_rate": 0.1}, "implicit", {}, 100, 1, "f32"),
+    "slump Newtonian": ("slump", {**COARSE, "yield_value": 0.0}, "implicit", {}, 100, 1, "f32"),
+    "slump, mould lifted": ("slump", {**COARSE, "lift_speed": 0.12}, "implicit", {}, 150, 1, "f32"),
+    "slump, wall particles": ("slump", COARSE, "implicit", {"walls": "particles"}, 40, 1, "f32"),
+    "slump, wall particles, two threads": (
+        "slump",
+        {"spacing": 0.015},
+        "implicit",
+        {"walls": "particles"},
+        8,
+        2,
+        "f32",
+    ),
+    "slump semi-implicit": ("slump", COARSE, "semi-implicit", {}, 150, 1, "f32"),
+    "slump semi-implicit, mixed, conservative": (
+        "slump",
+        COARSE,
+        "semi-implicit",
+        {"source": "mixed", "gradient": "conservative"},
+        150,
+        1,
+        "f32",
+    ),
+    "slump semi-implicit, two threads": ("slump", {"spacing": 0.015}, "semi-implicit", {}, 60, 2, "f32"),
+    "mini_cone": ("mini_cone", {"spacing": 0.002}, "implicit", {}, 300, 1, "f32"),
+    "film": ("film", {"spacing": 0.01}, "implicit", {}, 300, 1, "f32"),
+    "film semi-implicit": ("film", {"spacing": 0.01}, "semi-implicit", {}, 200, 1, "f32"),
+    "dam_break": ("dam_break", {}, "implicit", {}, 300, 1, "f32"),
+    "dam_break semi-implicit": ("dam_break", {}, "semi-implicit", {"source": "mixed"}, 80, 1, "f32"),
+    "dam_break semi-implicit, cell multigrid": (
+        "dam_break",
+        {"spacing": 0.0013},
+        "semi-implicit",
+        {"source": "mixed", "gradient": "conservative"},
+        3,
+        1,
+        "f32",
+    ),
+    "still_pool": ("still_pool", {}, "implicit", {}, 300, 1, "f32"),
+    "still_pool semi-implicit": ("still_pool", {}, "semi-implicit", {}, 100, 1, "f32"),
+    "l_flow plane": ("l_flow", {"spacing": 0.0125, "model": "plane"}, "implicit", {}, 300, 1, "f32"),
+    "l_flow half, gate lifted": ("l_flow", {"spacing": 0.025, "lift_speed": 0.3}, "implicit", {}, 100, 1, "f32"),
+    "l_box": ("l_box", {"spacing": 0.025}, "implicit", {}, 100, 1, "f32"),
+    "u_box": ("u_box", {"spacing": 0.025}, "implicit", {}, 100, 1, "f32"),
+    "lcpc_box": ("lcpc_box", {"spacing": 0.025}, "implicit", {}, 150, 1, "f32"),
+    "v_funnel": ("v_funnel", {"spacing": 0.016}, "implicit", {}, 100, 1, "f32"),
+    "j_ring": ("j_ring", {"spacing": 0.02}, "implicit", {}, 150, 1, "f32"),
+    "wall: inlet, mesh solid": ("wall", {"spacing": 0.04}, "implicit", {}, 150, 1, "f32"),
+    "friction": ("friction", {}, "implicit", {}, 150, 1, "f32"),
+    "friction, axisymmetric": ("friction", {"model": "axisymmetric"}, "implicit", {}, 150, 1, "f32"),
+    "two mixes": ("mixes", {}, "implicit", {}, 150, 1, "f32"),
+    "Herschel-Bulkley": ("curve", {"law": "Herschel-Bulkley"}, "implicit", {}, 100, 1, "f32"),
+    "thixotropic flow curve": ("curve", {"law": "thixotropic"}, "implicit", {}, 100, 1, "f32"),
+    "full closed box": ("box", {}, "implicit", {}, 150, 1, "f32"),
+    "taken up again": ("slump", COARSE, "implicit", {"resumed": 60}, 150, 1, "f32"),
+    "taken up again, semi-implicit": ("film", {"spacing": 0.01}, "semi-implicit", {"resumed": 100}, 200, 1, "f32"),
+}
+
+
+# ---- scenes ---------------------------------------------------------------------------------------------------------
+def built_in(name: str, **keywords):
+    """A scene of the folder scenes/ of the checkout that is imported."""
+    import taichi_mps
+
+    path = Path(taichi_mps.__file__).resolve().parents[1] / "scenes" / f"{name}.py"
+    spec = importlib.util.spec_from_file_location(f"scene_{name}", path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module.scene(**keywords)
+
+
+def friction(model="full"):
+    """A coarse cone on a floor with a yield value and a viscous constant of its own."""
+    import taichi_mps as mps
+
+    scene = built_in("slump", spacing=0.02 if model == "full" else 0.01, model=model)
+    law = mps.Friction(yield_value=50.0, viscous_constant=200.0)
+    floor, *others = scene.walls
+    return replace(scene, walls=(replace(floor, friction=law), *others), wall_particles=None)
+
+
+def mixes():
+    """A block on a floor, onto which a hose pours a denser and stiffer mix."""
+    import taichi_mps as mps
+
+    spacing = 0.02
+    first = mps.Bingham(density=2200.0, plastic_viscosity=20.0, yield_value=50.0)
+    second = mps.Bingham(density=2400.0, plastic_viscosity=60.0, yield_value=150.0)
+    hose = mps.Inlet((0.1, 0.25), (0.0, -1.0), 0.03, 0.02, 0.01, 0.0, second)
+    walls = tuple(mps.box_planes((0.0, 0.0), (0.2, 0.6)))[:3]
+    x = mps.fill(mps.Box((0.0, 0.0), (0.2, 0.1)), spacing)
+    return mps.Scene("mixes", first, spacing, x, ((-0.1, -0.1), (0.3, 0.7)), walls=walls, inlets=(hose,))
+
+
+def thinning(rate, structure):
+    return 100.0 + 40.0 * rate / (1.0 + structure)
+
+
+def building(rate, structure):
+    return 0.5 - 0.1 * rate * structure
+
+
+def curve(law):
+    """A plane block that spreads, by a flow curve other than Bingham's."""
+    import taichi_mps as mps
+
+    spacing = 0.0125
+    material = mps.HerschelBulkley(yield_value=100.0, consistency=40.0, flow_index=0.6)
+    if law == "thixotropic":
+        material = mps.FlowCurve(
+            yield_value=100.0,
+            plastic_viscosity=40.0,
+            shear_stress=thinning,
+            growth=building,
+        )
+    x = mps.fill(mps.Box((0.0, 0.0), (0.2, 0.2)), spacing)
+    floor, side = mps.Plane((0.0, 0.0), (0.0, 1.0)), mps.Plane((0.0, 0.0), (1.0, 0.0), mirror=True)
+    return mps.Scene("curve", material, spacing, x, ((-0.05, -0.05), (0.6, 0.4)), walls=(floor, side))
+
+
+def box():
+    """A closed box that is full of a Bingham fluid, whose lid moves."""
+    import taichi_mps as mps
+
+    spacing, size = 0.025, 0.5
+    x = mps.fill(mps.Box((0.0, 0.0), (size, size)), spacing)
+    walls = mps.box_planes((0.0, 0.0), (size, size))
+    walls = tuple(replace(wall, velocity=(0.5, 0.0)) if wall.normal[1] < 0.0 else wall for wall in walls)
+    material = mps.Bingham(density=1000.0, plastic_viscosity=10.0, yield_value=20.0)
+    domain = (-0.1, -0.1), (size + 0.1, size + 0.1)
+    return mps.Scene("box", material, spacing, x, domain, walls=walls, gravity=(0.0, 0.0))
+
+
+OWN = {"friction": friction, "mixes": mixes, "curve": curve, "box": box}
+
+
+# ---- one case -------------------------------------------------------------------------------------------------------
+def fingerprint(sim) -> str:
+    """Hash of what the particles carry, in the order of their numbers, and of the time."""
+    state = sim.state()
+    order = np.argsort(state["id"])
+    total = hashlib.sha256(np.float64(state["time"]).tobytes())
+    for name in CARRIED:
+        if name in state:
+            total.update(name.encode() + np.ascontiguousarray(state[name][order]).tobytes())
+    return total.hexdigest()[:16]
+
+
+def carry_out(name: str) -> dict:
+    """Run a case in this process."""
+    import warnings
+
+    import taichi_mps as mps
+
+    warnings.simplefilter("ignore")
+    scene, keywords, scheme, numerics, steps, threads, precision = CASES[name]
+    mps.init("cpu", precision, threads)
+    made = OWN[scene](**keywords) if scene in OWN else built_in(scene, **keywords)
+    numerics = dict(numerics)
+    taken_up = numerics.pop("resumed", None)
+    method = {"implicit": mps.Implicit, "semi-implicit": mps.SemiImplicit}[scheme](**numerics)
+    sim = mps.Simulation(made, method)
+    for _ in range(taken_up or steps):
+        sim.step()
+    if taken_up:
+        state = sim.state()
+        sim = mps.Simulation(made, method)
+        sim.load(state)
+        for _ in range(steps - taken_up):
+            sim.step()
+    return {
+        "hash": fingerprint(sim),
+        "particles": sim.fluid_particles,
+        "steps": steps,
+        "time_s": sim.time,
+        "cpu_s": sim.cpu_seconds,
+        "compile_s": sim.compile_seconds,
+    }
+
+
+# ---- all of them ----------------------------------------------------------------------------------------------------
+def of_checkout(checkout: Path, name: str) -> dict:
+    """Run a case in a process of its own with the package of a checkout."""
+    words = [sys.executable, __file__, "--case", name]
+    place = {**os.environ, "PYTHONPATH": str(checkout)}
+    done = subprocess.run(words, cwd=checkout, env=place, capture_output=True, text=True)
+    if done.returncode:
+        return {"error": done.stderr.strip().splitlines()[-1][:200]}
+    return json.loads(done.stdout.strip().splitlines()[-1])
+
+
+def least(runs: list[dict]) -> dict:
+    """One of several runs of a case, with the least times; an error where one failed or their bits differ."""
+    failed = next((run for run in runs if "error" in run), None)
+    if failed or len({run["hash"] for run in runs}) > 1:
+        return failed or {"error": "bits differ from run to run"}
+    return runs[0] | {key: min(run[key] for run in runs) for key in ("cpu_s", "compile_s")}
+
+
+def table(results: dict) -> str:
+    """Markdown: fingerprint, CPU and compile seconds of each case, now and before, and where bits are not the same."""
+    lines = [
+        "| case | particles | steps | fingerprint | CPU [s] | compile [s] | before | CPU [s] | compile [s] | ratio |"
+    ]
+    lines.append("|" + "---|" * 10)
+    for name, entry in results.items():
+        now, then = entry["now"], entry.get("before")
+        if "error" in now:
+            lines.append(f"| {name} | {now['error']} |" + " |" * 8)
+            continue
+        cells = [name, now["particles"], now["steps"], now["hash"], f"{now['cpu_s']:.2f}", f"{now['compile_s']:.1f}"]
+        if then is None:
+            cells += [""] * 4
+        elif "error" in then:
+            cells += [then["error"], "", "", ""]
+        else:
+            same = "same" if then["hash"] == now["hash"] else f"**{then['hash']}**"
+            ratio = now["cpu_s"] / then["cpu_s"]
+            cells += [same, f"{then['cpu_s']:.2f}", f"{then['compile_s']:.1f}", f"{ratio:.2f}"]
+        lines.append("| " + " | ".join(str(cell) for cell in cells) + " |")
+    return "\n".join(lines) + "\n"
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--case", choices=CASES, help="one case in this process, as JSON")
+    parser.add_argument("--only", nargs="+", choices=CASES, default=list(CASES), help="these cases")
+    parser.add_argument("--against", type=Path, help="another checkout, run in turn with this one")
+    parser.add_argument("--repeats", type=int, default=1)
+    parser.add_argument("--out", type=Path, help="JSON file for the table; the same as Markdown beside it")
+    arguments = parser.parse_args()
+    if arguments.case:
+        print(json.dumps(carry_out(arguments.case)))
+        return
+    results = {}
+    for name in arguments.only:
+        now, before = [], []
+        for _ in range(arguments.repeats):
+            now.append(of_checkout(ROOT, name))
+            if arguments.against:
+                before.append(of_checkout(arguments.against.resolve(), name))
+        results[name] = {"now": least(now)} | ({"before": least(before)} if before else {})
+        print(table({name: results[name]}).splitlines()[-1], flush=True)
+    if arguments.out:
+        arguments.out.write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
+        arguments.out.with_suffix(".md").write_text(table(results), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
