@@ -78,7 +78,7 @@ def channel(across):
 
 def pool(layers):
     """Error of the pressure over rho g H [%], mean over 2 s."""
-    from taichi_mps import catalogue
+    from taichi_mps.problem import catalogue
 
     mix = dict(density=2300.0, plastic_viscosity=50.0, yield_value=100.0)
     scene = catalogue.load("still_pool")(spacing=0.2 / layers, until=2.0, **mix)
@@ -92,7 +92,7 @@ def pool(layers):
 
 def dam(across):
     """Largest error of the front [%] beside Martin and Moyce, whose gate opened 0.25 sqrt(a/2g) late."""
-    from taichi_mps import catalogue
+    from taichi_mps.problem import catalogue
     from taichi_mps.validation.fluids import columns
 
     a = 0.146

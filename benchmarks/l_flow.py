@@ -18,7 +18,7 @@ YIELD_VALUES = (50.0, 100.0, 200.0, 400.0)  # [Pa]
 def run(yield_value: float) -> dict:
     """One test to its end: flow distance and drop of the column [m] every 50 ms."""
     import taichi_mps as mps
-    from taichi_mps import catalogue
+    from taichi_mps.problem import catalogue
 
     scene = catalogue.build("l_flow", yield_value=yield_value)
     sim, rows, volume = mps.Simulation(scene), [], []
@@ -58,7 +58,7 @@ def draw(results: dict) -> None:
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
-    from taichi_mps.plots import COLOURS, STYLE
+    from taichi_mps.viz.plots import COLOURS, STYLE
 
     with matplotlib.rc_context(STYLE):
         figure, axes = plt.subplots(figsize=(7.5, 4.4), layout="constrained")

@@ -43,9 +43,9 @@ CASES |= {f"yield-{tau:g}": dict(scheme="implicit", yield_value=tau, until=5.0) 
 def run_case(name):
     """Run one case in this process and write its JSON."""
     import taichi_mps as mps
-    from taichi_mps import catalogue
-    from taichi_mps.rheology import apparent_viscosity
-    from taichi_mps.scene import NUMERICS
+    from taichi_mps.problem import catalogue
+    from taichi_mps.problem.numerics import NUMERICS
+    from taichi_mps.terms.rheology import apparent_viscosity
 
     settings = CASES[name]
     tau_y, eta = PAPER[settings["case"]] if "case" in settings else (settings["yield_value"], 50.0)
@@ -177,8 +177,8 @@ def draw():
     """Figures 4-10 of the paper and the tables."""
     import imageio.v3 as imageio
 
-    from taichi_mps import plots
-    from taichi_mps.rheology import apparent_viscosity
+    from taichi_mps.terms.rheology import apparent_viscosity
+    from taichi_mps.viz import plots
 
     FIGURES.mkdir(parents=True, exist_ok=True)
 

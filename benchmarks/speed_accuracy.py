@@ -64,7 +64,7 @@ def name(flow, scheme, size, step) -> str:
 def numerics_of(scheme, step, scene):
     """The defaults of a scheme with every limit of the time step multiplied by ``step``."""
     import taichi_mps as mps
-    from taichi_mps.scales import longest_step
+    from taichi_mps.terms.constants import longest_step
 
     if scheme in (LITERAL, IMPROVED):
         improved = {"source": "mixed", "gradient": "conservative"} if scheme == IMPROVED else {}

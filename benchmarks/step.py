@@ -34,7 +34,7 @@ RESULTS = Path(__file__).parent / "results"
 
 def bandwidth() -> float:
     """GB/s of a = b + c, the best of five."""
-    from taichi_mps.backend import started, ti
+    from taichi_mps.runtime.backend import started, ti
 
     rows = 1 << (22 if started()["arch"] == "vulkan" else 26)  # a Vulkan driver need not start more than 2^16 groups
     a, b, c = (ti.field(ti.f32, rows) for _ in range(3))
@@ -55,7 +55,7 @@ def bandwidth() -> float:
 
 def measure(particles: int, threads: int, steps: int, arch: str) -> dict:
     import taichi_mps as mps
-    from taichi_mps.traffic import traffic
+    from taichi_mps.simulation.roofline import traffic
 
     mps.init(arch, threads=threads)
     speed = bandwidth()

@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 
 import taichi_mps as mps
-from taichi_mps.quantity import Density, Duration, Length, Viscosity
+from taichi_mps.units import Density, Duration, Length, Viscosity
 
 # Martin & Moyce (1952) fig. 3, a = 2.25 in, n^2 = 2, digitised (+-0.05): t sqrt(2 g/a), z/a
 FRONT = np.array([[0.832, 1.217], [1.219, 1.474], [1.997, 2.292], [2.547, 2.995], [3.345, 4.134]])

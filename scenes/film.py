@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 
 import taichi_mps as mps
-from taichi_mps.quantity import Angle, CriticalStrainRate, Density, Duration, Length, Viscosity, YieldValue
+from taichi_mps.units import Angle, CriticalStrainRate, Density, Duration, Length, Viscosity, YieldValue
 
 
 def film_velocity(y, depth, slope_weight, eta, tau_y):

@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 
 import taichi_mps as mps
-from taichi_mps.quantity import Count, Density, Duration, Length, Viscosity, YieldValue
+from taichi_mps.units import Count, Density, Duration, Length, Viscosity, YieldValue
 
 INNER, OUTER = 0.05, 0.025  # radius of the middle, and width of the ring outside the bars, where depths are read [m]
 

@@ -13,8 +13,8 @@ from typing import Literal
 import numpy as np
 
 import taichi_mps as mps
-from taichi_mps import catalogue
-from taichi_mps.quantity import Density, Duration, Length, Speed, Viscosity, YieldValue
+from taichi_mps.problem import catalogue
+from taichi_mps.units import Density, Duration, Length, Speed, Viscosity, YieldValue
 
 COLUMN, OPENING, BAR, PLACE = 0.1, 0.15, 0.012, 0.05  # depth, height, diameter, centre in front of the column [m]
 FROM, TO = 0.025, 0.075  # distances from either end between which the levels H1 and H2 are read [m]

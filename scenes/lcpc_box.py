@@ -9,7 +9,7 @@ import sys
 from typing import Literal
 
 import taichi_mps as mps
-from taichi_mps.quantity import Density, Duration, Length, Viscosity, YieldValue
+from taichi_mps.units import Density, Duration, Length, Viscosity, YieldValue
 
 
 @mps.checked

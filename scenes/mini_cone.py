@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 
 import taichi_mps as mps
-from taichi_mps.quantity import Density, Duration, Length, Speed, Viscosity, YieldValue
+from taichi_mps.units import Density, Duration, Length, Speed, Viscosity, YieldValue
 
 
 @mps.checked

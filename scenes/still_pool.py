@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 
 import taichi_mps as mps
-from taichi_mps.quantity import Density, Duration, Length, Viscosity, YieldValue
+from taichi_mps.units import Density, Duration, Length, Viscosity, YieldValue
 
 
 def pool_error(snapshot, density, depth):

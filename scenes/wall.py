@@ -13,7 +13,7 @@ import numpy as np
 from pydantic import Field
 
 import taichi_mps as mps
-from taichi_mps.quantity import Density, Duration, FlowRate, Length, Ratio, Viscosity, YieldValue
+from taichi_mps.units import Density, Duration, FlowRate, Length, Ratio, Viscosity, YieldValue
 
 FREE = 0.06  # height of the mouth above the form [m]
 

@@ -2,27 +2,30 @@
 
 from importlib import import_module
 
-from . import measure, rest_shapes
-from .bodies import Box, Cone, fill, fill_rings, lattice, rings, shell
-from .filling import Cavity
-from .geometry import Cylinder, Plane, box_planes
-from .inlet import Inlet
-from .material import Bingham, FlowCurve, Friction, HerschelBulkley, Newtonian, rational_critical_strain_rate
-from .quantity import SceneError, checked
-from .report import DivergedError, StepReport
-from .scene import Implicit, Scene, SemiImplicit
-from .solids import Solid, polygon_distance, write_bars
+from .geometry.cavity import Cavity
+from .geometry.friction import Friction
+from .geometry.shapes import Box, Cone, fill, fill_rings, lattice, rings, shell
+from .geometry.solid import Solid, polygon_distance, write_bars
+from .geometry.walls import Cylinder, Plane, box_planes
+from .problem import measures as measure
+from .problem import rest_shapes
+from .problem.inlet import Inlet
+from .problem.materials import Bingham, FlowCurve, HerschelBulkley, Newtonian, rational_critical_strain_rate
+from .problem.numerics import Implicit, SemiImplicit
+from .problem.scene import Scene
+from .schemes.step_report import DivergedError, StepReport
+from .units import SceneError, checked
 
 __version__ = "0.1.0"
 
 _LAZY = {  # names whose modules import Taichi or the edges: loaded at first use, so that --help is instant
-    "init": "backend",
-    "Simulation": "notebook",
-    "CapacityError": "neighbors",
-    "png": "render",
-    "gif": "render",
-    "slump_cone": "catalogue",
-    "main": "cli",
+    "init": "runtime.backend",
+    "Simulation": "viz.notebook",
+    "CapacityError": "particles.neighbors",
+    "png": "viz.render",
+    "gif": "viz.render",
+    "slump_cone": "problem.catalogue",
+    "main": "cli.main",
 }
 
 __all__ = [

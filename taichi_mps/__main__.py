@@ -1,5 +1,5 @@
 """python -m taichi_mps is the command line."""
 
-from .cli import entry
+from .cli.main import entry
 
 entry()

@@ -3,7 +3,7 @@
 import pytest
 from hypothesis import HealthCheck, settings
 
-from taichi_mps import backend
+from taichi_mps.runtime import backend
 
 slow = {"deadline": None, "suppress_health_check": list(HealthCheck)}
 settings.register_profile("thorough", max_examples=2000, **slow)  # --hypothesis-profile thorough

@@ -1,11 +1,11 @@
-"""Architecture: who may import whom, read from the source with ast; and an import of the package that is instant.
+"""Architecture: who may import whom, read from the source with ast; an import of the package is instant.
 
-The rule: a module imports only modules of a lower layer; inside one layer only what PEERS names. So the terms of
-layer 2 do not know each other, except that what is made of stress shares the constitutive law (rheology). Whatever is
-not in LAYERS is an edge (files, pictures, command line): it may read everything, and nothing below may import it.
+The rule: a room imports only from rooms before it in the list of pyproject.toml; terms do not import each other, but
+all may import the constitutive law and the constants.
 """
 
 import ast
+import re
 import subprocess
 import sys
 from graphlib import TopologicalSorter
@@ -13,52 +13,18 @@ from pathlib import Path
 
 import pytest
 
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "taichi_mps"
-EDGE = 4
-LAYERS = {
-    0: "quantity material bodies geometry solids inner_edges measure rest_shapes inlet filling report scene admission",
-    1: "backend stages team weights ghosts surfaces friction particles neighbors gradient mrpcg sparse grid_levels "
-    "scales smoothing node_grids conjugate_gradient grid_operators rows",
-    2: "rheology stress walls wall_layer viscosity pressure momentum deferred_correction shifting totals sleeping "
-    "evening free_momentum pouring rest snapshots summary",
-    3: "schemes.implicit schemes.semi_implicit simulation",
-}
-PEERS = {
-    "material": {"quantity"},
-    "bodies": {"quantity"},
-    "geometry": {"quantity", "material", "bodies"},
-    "solids": {"quantity", "material", "geometry", "inner_edges"},
-    "rest_shapes": {"quantity"},
-    "inlet": {"quantity", "material"},
-    "filling": {"quantity"},
-    "scene": {"quantity", "material", "geometry", "solids", "measure", "inlet", "filling"},
-    "admission": {"quantity", "material", "geometry", "inlet", "solids", "scene"},
-    "stages": {"backend"},
-    "team": {"backend", "stages"},
-    "weights": {"backend"},
-    "surfaces": {"backend"},
-    "ghosts": {"backend", "weights"},
-    "friction": {"backend"},
-    "rows": {"backend"},
-    "particles": {"backend", "rows", "stages"},
-    "neighbors": {"backend", "stages"},
-    "gradient": {"backend", "rows", "stages", "particles", "weights"},
-    "mrpcg": {"backend", "stages", "team", "conjugate_gradient", "sparse", "grid_levels"},
-    "conjugate_gradient": {"backend"},
-    "grid_levels": {"backend", "grid_operators", "team"},
-    "grid_operators": {"backend", "node_grids"},
-    "node_grids": {"backend"},
-    "sparse": {"backend", "team"},
-    "scales": {"backend"},
-    "smoothing": {"backend", "stages"},
-    "viscosity": {"rheology"},
-    "stress": {"rheology"},
-    "wall_layer": {"rheology"},
-    "momentum": {"rheology", "sleeping"},
-    "simulation": {"schemes.implicit", "schemes.semi_implicit"},
-}
-LAYER = {name: layer for layer, names in LAYERS.items() for name in names.split()}
+SETTINGS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+LAYERS = SETTINGS["tool"]["taichi-mps"]["layers"]
+LOOSE = {"__init__", "__main__", "units", "quantity"}  # all else lives in a room
+SHARED_TERMS = {"terms.rheology", "terms.constants"}
+STARTED_BY_IMPORT = {"units", "geometry", "problem", "schemes.step_report"}  # what `import taichi_mps` may read
 
 
 def module_name(path):
@@ -92,20 +58,33 @@ def top_level(tree):
             waiting.extend(ast.iter_child_nodes(node))
 
 
-@pytest.mark.parametrize("name", PLAIN)
-def test_imports_only_from_lower_layers(name):
-    layer = LAYER.get(name, EDGE)
+def room(name):
+    return name.split(".")[0]
+
+
+@pytest.mark.parametrize("name", [name for name in PLAIN if name not in LOOSE - {"units"}])
+def test_a_room_imports_only_from_rooms_before_it(name):
     for other in imports(name, MODULES[name]):
-        below = LAYER.get(other, EDGE) < layer
-        peer = other in PEERS.get(name, set()) or layer == EDGE
-        assert below or peer, f"{name} (layer {layer}) imports {other} (layer {LAYER.get(other, EDGE)})"
+        assert LAYERS.index(room(other)) <= LAYERS.index(room(name)), f"{name} imports {other}"
 
 
-def test_every_layered_module_and_peer_exists():
-    assert set(LAYER) <= set(MODULES)
-    for name, peers in PEERS.items():
-        used = imports(name, MODULES[name])
-        assert peers <= used, f"{name} no longer imports {peers - used}: take it out of PEERS"
+def test_every_room_stands_in_the_list_and_nothing_lies_loose():
+    assert {room(name) for name in MODULES} - LOOSE == set(LAYERS) - LOOSE
+    assert {name for name in MODULES if "." not in name} <= LOOSE
+
+
+def test_rooms_say_what_lives_there_and_what_to_read_first():
+    for name in set(LAYERS) - LOOSE:
+        text = ast.get_docstring(MODULES[f"{name}.__init__"]) or ""
+        first = re.search(r"Read (\w+\.py) first", text)
+        assert len(text) > 100 and first and (PACKAGE / name / first[1]).is_file(), f"{name}/__init__.py"
+
+
+def test_terms_do_not_import_each_other():
+    for name in PLAIN:
+        if room(name) == "terms":
+            others = {other for other in imports(name, MODULES[name]) if room(other) == "terms"}
+            assert others <= SHARED_TERMS, f"{name} imports {others - SHARED_TERMS}"
 
 
 def test_no_import_circles():
@@ -113,20 +92,18 @@ def test_no_import_circles():
     assert list(TopologicalSorter(graph).static_order())  # CycleError names the circle
 
 
-def test_the_package_itself_names_only_layer_0_at_import():
-    for node in MODULES["__init__"].body:
-        if isinstance(node, ast.ImportFrom) and node.level:
-            names = [node.module] if node.module else [a.name for a in node.names]
-            assert all(LAYER.get(item) == 0 for item in names), names
+def test_the_package_itself_names_only_what_needs_no_taichi_at_import():
+    for other in imports("__init__", ast.Module(MODULES["__init__"].body, [])):
+        assert other in STARTED_BY_IMPORT or room(other) in STARTED_BY_IMPORT, other
 
 
 @pytest.mark.parametrize("name", [*MODULES, *(f"../scenes/{p.name}" for p in sorted((ROOT / "scenes").glob("*.py")))])
-def test_only_the_backend_imports_taichi(name):
+def test_only_the_room_runtime_imports_taichi(name):
     tree = MODULES[name] if name in MODULES else ast.parse((PACKAGE / name).read_text(encoding="utf-8"))
     names = [a.name for node in ast.walk(tree) if isinstance(node, ast.Import) for a in node.names]
     names += [node.module or "" for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and not node.level]
     uses_taichi = any(item.split(".")[0] == "taichi" for item in names)
-    assert uses_taichi == (name == "backend")
+    assert not uses_taichi or room(name) == "runtime"
 
 
 @pytest.mark.parametrize("name", list(MODULES))
@@ -134,10 +111,10 @@ def test_taichi_is_never_started_at_import(name):
     calls = {ast.unparse(node.func) for node in top_level(MODULES[name]) if isinstance(node, ast.Call)}
     assert not calls & {"ti.init", "init", "backend.init"}
     everywhere = {ast.unparse(node.func) for node in ast.walk(MODULES[name]) if isinstance(node, ast.Call)}
-    assert ("ti.init" in everywhere) == (name == "backend")
+    assert ("ti.init" in everywhere) == (name == "runtime.backend")
 
 
-@pytest.mark.parametrize("name", [name for name in PLAIN if "backend" in imports(name, MODULES[name])])
+@pytest.mark.parametrize("name", [n for n in PLAIN if "runtime.backend" in imports(n, MODULES[n])])
 def test_no_postponed_annotations_where_kernels_live(name):
     """`from __future__ import annotations` makes every kernel argument a string: TaichiSyntaxError."""
     futures = [n for n in ast.walk(MODULES[name]) if isinstance(n, ast.ImportFrom) and n.module == "__future__"]
@@ -146,7 +123,8 @@ def test_no_postponed_annotations_where_kernels_live(name):
 
 def test_import_is_instant():
     code = (
-        "import sys, taichi_mps; from taichi_mps import catalogue; [catalogue.load(n) for n in catalogue.names()];"
+        "import sys, taichi_mps; from taichi_mps.problem import catalogue;"
+        "[catalogue.load(n) for n in catalogue.names()];"
         "print(sorted({'taichi', 'h5py', 'matplotlib', 'meshio', 'imageio'} & set(sys.modules)))"
     )
     result = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)

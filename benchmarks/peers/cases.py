@@ -10,7 +10,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 import taichi_mps as mps
-from taichi_mps import catalogue, measure
+from taichi_mps.problem import catalogue
+from taichi_mps.problem import measures as measure
 from taichi_mps.validation import read_reference
 
 TIMES = (0.1, 0.2, 0.3, 0.5, 1.0)  # [s]

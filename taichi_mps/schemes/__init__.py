@@ -1,1 +1,5 @@
-"""The algorithms; each composes the physical terms into one time step."""
+"""Time schemes: each owns its whole step, a table of contents over the terms.
+
+No files, no stopping rule, no schedule.
+Read implicit.py first.
+"""

@@ -6,23 +6,23 @@ the trial stress back onto the yield surface and p <- p - K (div u - s); rotate 
 
 import math
 
-from ..backend import double_field, real, ti
-from ..conjugate_gradient import INDEFINITE
-from ..deferred_correction import DeferredCorrection
-from ..evening import Evening
-from ..free_momentum import FreeMomentum, free_directions
-from ..gradient import Gradient
-from ..momentum import MomentumSystem
-from ..mrpcg import MRPCG, GridLevels
-from ..particles import FLUID
-from ..rheology import shear_rate
-from ..scales import LONG, Scales, law_of, resting_time
-from ..shifting import Shifting
-from ..sleeping import Sleeping
-from ..smoothing import PressureSmoothing
-from ..stages import Stages, few, stage
-from ..stress import Stress
-from ..wall_layer import WallLayer
+from ..linear.node_multigrid import NodeMultigrid
+from ..linear.pcg import INDEFINITE, MRPCG
+from ..particles.gradient import Gradient
+from ..particles.particles import FLUID
+from ..runtime.backend import double_field, real, ti
+from ..runtime.stages import Stages, few, stage
+from ..terms.constants import LONG, Constants, law_of, resting_time
+from ..terms.deferred_correction import DeferredCorrection
+from ..terms.initial_relaxation import InitialRelaxation
+from ..terms.momentum import MomentumSystem
+from ..terms.momentum_drift import MomentumDrift, free_directions
+from ..terms.pressure_smoothing import PressureSmoothing
+from ..terms.rheology import shear_rate
+from ..terms.shifting import Shifting
+from ..terms.sleeping import Sleeping
+from ..terms.stress import Stress
+from ..terms.wall_stress import WallStress
 
 SOURCE, RING_SOURCE = 0.05, 0.2  # share of the packing error removed per step; thin rings lose more of it per step
 VISCOUS_SOURCE, DAMPED = 0.25, 0.25  # the same where viscosity damps what it moves: above this diffusion number
@@ -43,7 +43,7 @@ class Implicit:
 
     REMEDY = "lower max_time_step or courant_number, or use precision f64"
 
-    def __init__(self, scene, numerics, particles, neighbors, walls, constants, materials=(), stages=None):
+    def __init__(self, scene, numerics, particles, neighbors, walls, lattice, materials=(), stages=None):
         """``materials`` of the mixes that come in later, besides that of the scene; ``stages`` may time the stages."""
         material, d = scene.material, scene.dimension
         self.materials = (material, *materials)
@@ -53,8 +53,8 @@ class Implicit:
         self.spacing = scene.spacing
         self.g = ti.types.vector(d, real())(scene.gravity_vector)
         self.refill = RING_SOURCE if scene.axisymmetric else SOURCE
-        self.scales = Scales(particles, len(self.materials))
-        self.gradient = Gradient(neighbors, walls, constants, scene.spacing)
+        self.constants = Constants(particles, len(self.materials))
+        self.gradient = Gradient(neighbors, walls, lattice, scene.spacing)
         self.sleeping = None
         window = resting_time(self.materials)
         if numerics.sleep and math.isfinite(window):
@@ -62,23 +62,23 @@ class Implicit:
         self.system = MomentumSystem(particles, self.gradient, walls, self.sleeping)
         self.sleeps = self.system.sleeps
         self.correction = DeferredCorrection(particles, self.gradient, self.system)
-        self.smoothing = PressureSmoothing(particles, self.gradient, self.scales, scene.gravity_vector)
-        of_system = self.gradient, walls, self.system, self.scales, self.smoothing
+        self.smoothing = PressureSmoothing(particles, self.gradient, self.constants, scene.gravity_vector)
+        of_system = self.gradient, walls, self.system, self.constants, self.smoothing
         self.stress = Stress(particles, *of_system, material, law_of(self.materials), scene.gravity_vector)
-        of_layer = self.gradient, walls, self.scales, self.smoothing, self.stress, self.correction
-        self.layer = WallLayer(particles, *of_layer, scene.gravity_vector)
+        of_layer = self.gradient, walls, self.constants, self.smoothing, self.stress, self.correction
+        self.layer = WallStress(particles, *of_layer, scene.gravity_vector)
         self.held = not scene.axisymmetric and any(wall.holds for wall in walls.surfaces)
         self.clings = any(not wall.slip for wall in walls.surfaces)  # some wall holds the fluid, or rubs
         directions = free_directions(scene, numerics.walls)
         self.free = bool(directions.any()) and not self.sleeps  # nothing but gravity acts along some direction
         if self.free:
-            self.free_momentum = FreeMomentum(particles, self.scales, directions, scene.gravity_vector)
+            self.momentum_drift = MomentumDrift(particles, self.constants, directions, scene.gravity_vector)
         self.yielded = self.stress.yielded  # 1 where the material flows
         self.shifting = Shifting(particles, self.gradient, walls, scene.spacing, tears=self.stress.law == "newtonian")
-        self.evening = Evening(particles, self.gradient, walls, self.shifting, constants.neighbours)
-        many = particles.capacity >= GridLevels.PAY_FROM
+        self.initial_relaxation = InitialRelaxation(particles, self.gradient, walls, self.shifting, lattice.neighbours)
+        many = particles.capacity >= NodeMultigrid.PAY_FROM
         self.solver = MRPCG(
-            particles.capacity, d, self.system, GridLevels(self.system, neighbors.bins) if many else None
+            particles.capacity, d, self.system, NodeMultigrid(self.system, neighbors.bins) if many else None
         )
         self.source = ti.field(real(), particles.capacity)  # wanted divergence [1/s]
         self.reference = double_field()  # drive . M^-1 drive over all particles [W]
@@ -88,13 +88,13 @@ class Implicit:
         self.run = stages or Stages()
         self.alone = few(particles.capacity) and not walls.travel  # nothing is needed from Python between the stages
         self.parts = self.begin, self.iterate, self.end  # of a step: stages, kernels or parts of one (stages.py)
-        self.take(scene, self.materials)
+        self.set_materials(scene, self.materials)
 
-    def take(self, scene, materials) -> None:
+    def set_materials(self, scene, materials) -> None:
         """Go on with the numbers of these materials, of the same law; what is compiled stays."""
         self.materials = materials
-        self.scales.take(scene, materials, self.numerics)
-        self.system.bulk[None] = self.scales.bulk[None]
+        self.constants.set_materials(scene, materials, self.numerics)
+        self.system.bulk[None] = self.constants.bulk[None]
 
     def state(self) -> dict:
         """Scalars the scheme carries from step to step."""
@@ -107,7 +107,7 @@ class Implicit:
 
     def time_step_limits(self, max_speed: float, acceleration: float = math.inf) -> dict[str, float]:
         """Largest allowed steps [s] by name at a largest speed [m/s] and a mean acceleration [m/s2]."""
-        limits = {"maximum": self.scales.longest_at(max_speed, acceleration)}
+        limits = {"maximum": self.constants.longest_at(max_speed, acceleration)}
         if max_speed > 0.0:
             limits["Courant"] = self.numerics.courant_number * self.spacing / max_speed
         return limits
@@ -117,8 +117,8 @@ class Implicit:
         if self.walls.rub:
             self.walls.tie(self.materials[0].density / dt)
         all_awake = self.sleeping.begin() if self.sleeping else False
-        if self.scales.stretch(dt):
-            self.system.bulk[None] = self.scales.bulk[None]
+        if self.constants.stretch(dt):
+            self.system.bulk[None] = self.constants.bulk[None]
         passes = FIRST_PASSES if self.first else self.numerics.passes
         numbers = dt, self.first, all_awake, passes, self.numerics.tolerance
         together = self.alone and not self.run.timed
@@ -155,7 +155,7 @@ class Implicit:
             if self.smoothing.full[None] == 1:
                 self.run("wall layer", self.layer.begin)
         self.start(self.solver.x)
-        share = min(1.0, LONG * self.scales.own_step[None] / dt)
+        share = min(1.0, LONG * self.constants.own_step[None] / dt)
         self.run("correction", self.correction.gather, self.solver.x, share)
         self.foresee(dt, self.solver.x)
         self.prepare_system()
@@ -185,7 +185,7 @@ class Implicit:
     def end(self, dt, first, all_awake, passes, tolerance):
         """Shift, and the other half of the drift."""
         if ti.static(self.free):
-            self.run("momentum", self.free_momentum.restore, dt, self.solver.x)
+            self.run("momentum", self.momentum_drift.restore, dt, self.solver.x)
         self.run("shift", self.shifting.compute, dt, STRAIN_SCALE, 0.0)
         if ti.static(self.shifting.tears):
             self.run("shift", self.shifting.stay, dt, STRAIN_SCALE)
@@ -206,7 +206,7 @@ class Implicit:
         """Velocity of the present stress and pressure in pass k; returns the number of iterations."""
         again, reduction, enough = 0, REDUCTION, 0.0
         if k + 1 < passes:
-            tolerance, reduction, enough = EARLY * tolerance, EARLY_REDUCTION, self.scales.early_enough[None]
+            tolerance, reduction, enough = EARLY * tolerance, EARLY_REDUCTION, self.constants.early_enough[None]
         if ti.static(self.stress.law != "bi-viscosity" and not self.walls.rub):  # matrix or slip change in each pass
             again = ti.min(k, 1)
         if ti.static(self.alone):
@@ -220,14 +220,14 @@ class Implicit:
     def refill_share(self, i, dt):
         """Share of the packing error that a step removes, by its diffusion number eta dt/(rho l0^2) [-]; in a full
         closed box, which cannot change its volume, more would only stir."""
-        diffusion = self.scales.eta[self.scales.mix(i)] * dt / (self.density(i) * self.spacing**2)
+        diffusion = self.constants.eta[self.constants.mix(i)] * dt / (self.density(i) * self.spacing**2)
         more = (VISCOUS_SOURCE - self.refill) * diffusion / (DAMPED + diffusion)
         return self.refill + more * (1 - self.smoothing.full[None])
 
     @ti.func
     def density(self, i):
         """Density of particle i [kg/m3]."""
-        return self.scales.density[self.scales.mix(i)]
+        return self.constants.density[self.constants.mix(i)]
 
     @stage
     def begin_friction(self):
@@ -270,7 +270,7 @@ class Implicit:
         for _ in range(1):
             total = ti.cast(0.0, ti.f64)
             for i in range(self.particles.count[None]):
-                drive = self.scales.drive[None] * self.particles.volume(i)
+                drive = self.constants.drive[None] * self.particles.volume(i)
                 total += ti.cast(self.system.inverse_diagonal[i].trace() * drive**2, ti.f64)
             self.reference[None] = total / self.dimension
 
@@ -303,7 +303,7 @@ class Implicit:
         for i in range(self.particles.count[None]):
             b[i] = ti.Vector.zero(float, self.dimension)
             if self.system.acts(i):
-                T = -(self.smoothing.p[i] + self.scales.bulk[None] * self.source[i]) * I
+                T = -(self.smoothing.p[i] + self.constants.bulk[None] * self.source[i]) * I
                 if ti.static(self.stress.law == "bingham"):
                     T += self.particles.stress[i] - 2.0 * self.system.mu[i] * self.particles.plastic_rate[i]
                 flux, push = self.correction.force(i)
@@ -317,7 +317,7 @@ class Implicit:
                 own = volume * (self.system.inertia[i] * self.particles.u[i] + self.density(i) * self.g)
                 b[i] += own + self.system.force(i)
                 if ti.static(len(self.walls.surfaces) > 0):
-                    heavy = self.density(i) * self.g * self.scales.pressed(self.smoothing.p[i])
+                    heavy = self.density(i) * self.g * self.constants.pressed(self.smoothing.p[i])
                     share = self.gradient.counts_as(i)
                     b[i] += volume * self.walls.hydrostatic(i, self.particles.x[i], heavy, self.gradient.B[i], share)
                 if ti.static(self.held):  # noqa: SIM102

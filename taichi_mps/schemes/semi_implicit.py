@@ -5,10 +5,10 @@ sorts the particles and makes the neighbour lists at r*; there P^{k+1} from the 
 (eq 19), and the correction of velocity and position (eqs 20, 21).
 """
 
-from ..backend import ti
-from ..gradient import Gradient
-from ..pressure import PressurePoisson
-from ..viscosity import ExplicitViscosity
+from ..particles.gradient import Gradient
+from ..runtime.backend import ti
+from ..terms.explicit_viscosity import ExplicitViscosity
+from ..terms.pressure_poisson import PressurePoisson
 
 
 @ti.data_oriented
@@ -17,15 +17,15 @@ class SemiImplicit:
 
     REMEDY = "use source = mixed with gradient = conservative, or the scheme implicit"
 
-    def __init__(self, scene, numerics, particles, neighbors, walls, constants):
+    def __init__(self, scene, numerics, particles, neighbors, walls, lattice):
         self.particles, self.neighbors = particles, neighbors
         self.numerics = numerics
         self.spacing = scene.spacing
         self.mass_density = scene.material.density  # [kg/m3]
-        self.gradient = Gradient(neighbors, walls, constants, scene.spacing)
-        self.viscosity = ExplicitViscosity(particles, self.gradient, scene.material, constants, scene.gravity_vector)
+        self.gradient = Gradient(neighbors, walls, lattice, scene.spacing)
+        self.viscosity = ExplicitViscosity(particles, self.gradient, scene.material, lattice, scene.gravity_vector)
         self.pressure = PressurePoisson(
-            particles, self.gradient, scene.material.density, constants, numerics.source, numerics.gradient
+            particles, self.gradient, scene.material.density, lattice, numerics.source, numerics.gradient
         )
         self.solver, self.iterations = self.pressure.solver, self.pressure.solver.iterations
         self.yielded = ti.field(ti.i32, particles.capacity)  # 1 where the material flows

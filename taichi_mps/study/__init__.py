@@ -1,6 +1,5 @@
-"""Studies: many runs of a scene, and what they answer. ``sweep``, ``calibrate``; docs/studies.md."""
+"""Many runs: sweeps, results, calibration, executors.
 
-from .calibrate import calibrate
-from .sweep import sweep
-
-__all__ = ["calibrate", "sweep"]
+No terminal: that is cli/.
+Read sweep.py first.
+"""

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..quantity import Density, Duration, Length, SceneError, checked
+from ..units import Density, Duration, Length, SceneError, checked
 from .case import REACHED
 from .emulator import Emulator
 from .results import read

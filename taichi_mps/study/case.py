@@ -12,9 +12,11 @@ from pathlib import Path
 
 import numpy as np
 
-from .. import __version__, catalogue
-from ..files import row_of, strict
-from ..quantity import SceneError, explain
+from .. import __version__
+from ..io.history import row_of
+from ..io.run_folder import strict
+from ..problem import catalogue
+from ..units import SceneError, explain
 
 REACHED = 0.5  # spread [m] whose time is read, T500: EN 12350-8
 LOOK = 0.02, 0.05, 0.25  # between two looks at the spread: 0.02 s or 5 % of the time so far at least, 25 % at most
@@ -58,8 +60,9 @@ def case(scene: str, **parameters) -> Case:
 def code() -> str:
     """A digest of the package's modules, but for those of studies: between two versions the numerics change, too."""
     digest = hashlib.sha256(__version__.encode())
-    for path in sorted([*catalogue.PACKAGE.glob("*.py"), *catalogue.PACKAGE.glob("schemes/*.py")]):
-        digest.update(path.read_bytes())
+    for path in sorted(catalogue.PACKAGE.rglob("*.py")):
+        if path.parent.name != "study":
+            digest.update(path.read_bytes())
     return digest.hexdigest()
 
 
@@ -99,7 +102,7 @@ def plain(value):
 
 def begin(scene):
     """A Simulation of the scene, by kernels of this process where they fit. Starts Taichi where it is not."""
-    from .. import backend
+    from ..runtime import backend
     from .reuse import Compiled, shape_of
 
     global _kept

@@ -4,14 +4,14 @@ from pathlib import Path
 
 import numpy as np
 
-from .. import catalogue
-from ..plots import COLOURS, _figure, _save
-from ..quantity import SceneError, unit_of
-from ..show import title, unit_of_measure
+from ..problem import catalogue
+from ..problem.labels import title, unit_of_measure
+from ..units import SceneError, unit_of
 from ..validation import read_reference
+from ..viz.plots import COLOURS, _figure, _save
 from .calibrate import emulator_of
 from .emulator import DENSITY
-from .show import measures, spelled
+from .labels import measures, spelled
 
 VISCOSITIES = (20.0, 50.0, 200.0)  # of the engine's curves [Pa s]
 FORMULAS = {  # column of the reference, who, and the slumps [mm] for which it was made

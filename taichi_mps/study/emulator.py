@@ -4,8 +4,8 @@ from importlib.util import find_spec
 
 import numpy as np
 
-from .. import catalogue
-from ..quantity import SceneError
+from ..problem import catalogue
+from ..units import SceneError
 from .case import REACHED
 
 DENSITY = 2300.0  # [kg/m3] of rows that name none: the default of scenes/slump.py

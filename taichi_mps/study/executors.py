@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from importlib.util import find_spec
 from urllib.parse import parse_qsl, urlsplit
 
-from ..quantity import SceneError
+from ..units import SceneError
 from .slurm import slurm
 
 KINDS = "dask://HOST:PORT, slurm://PARTITION?timeout_min=60 or local"

@@ -10,8 +10,8 @@ import os
 from contextlib import suppress
 from pathlib import Path
 
-from ..lock import lock
-from ..quantity import SceneError
+from ..io.lock import lock
+from ..units import SceneError
 
 
 class Results:

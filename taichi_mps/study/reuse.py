@@ -1,18 +1,18 @@
 """A Simulation that is compiled once and run again with other materials.
 
 A Simulation compiles its kernels anew: 5 to 8 s for a cone that runs in half a second. They read the numbers of a
-material from fields (scales.py), so another material of the law is other entries.
+material from fields (constants.py), so another material of the law is other entries.
 """
 
 import pickle
 import time
 from dataclasses import fields
 
-from ..backend import require_room, ti
-from ..material import Bingham
-from ..scales import law_of
-from ..scene import Scene
-from ..simulation import Simulation
+from ..problem.materials import Bingham
+from ..problem.scene import Scene
+from ..runtime.backend import require_room, ti
+from ..simulation.simulation import Simulation
+from ..terms.constants import law_of
 
 
 def shape_of(scene: Scene) -> bytes:
@@ -44,7 +44,7 @@ class Compiled:
         """The Simulation of a scene of this shape, at its start; the one handed out before is over."""
         require_room()
         sim = self.sim
-        self.scheme.take(scene.expected, scene.materials)
+        self.scheme.set_materials(scene.expected, scene.materials)
         sim.scene = scene
         sim.load(self.beginning)
         sim._walls_at = 0.0

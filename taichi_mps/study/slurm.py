@@ -8,7 +8,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from time import monotonic
 
-from ..quantity import SceneError
+from ..units import SceneError
 
 FOLDER = "slurm-jobs"  # in the study's folder, which all nodes must see: scripts, logs, results of the jobs
 LOOK, ASK = 1.0, 20.0  # [s] from look to look for results, and from question to question to Slurm

@@ -8,10 +8,10 @@ from itertools import product
 from pathlib import Path
 from time import monotonic
 
-from .. import catalogue
-from ..choose import choose
-from ..material import Bingham
-from ..quantity import SceneError
+from ..problem import catalogue
+from ..problem.accuracy import choose
+from ..problem.materials import Bingham
+from ..units import SceneError
 from .case import Case, case
 from .case import run as run_case
 from .executors import named

@@ -2,7 +2,8 @@
 
 A row is a function that runs one case and yields what it measured, each beside its target. Rows stand in ``flows.py``,
 ``curved.py``, ``slumps.py``, ``standing.py``, ``fluids.py``, ``vortices.py`` and ``rational.py``, and make their
-simulations by ``scheme.simulate``. ``table.py`` runs them, each in a process of its own.
+simulations by ``scheme.simulate``. ``table.py`` runs them, each in a process of its own. No target is set here that
+was taken from what the engine does. Read flows.py first.
 """
 
 import csv

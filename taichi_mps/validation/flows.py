@@ -7,8 +7,8 @@ Errors of profiles are |u - u_exact|/|u_exact| in the L2 norm over all particles
 import numpy as np
 
 import taichi_mps as mps
-from taichi_mps import catalogue
 
+from ..problem import catalogue
 from . import L2_ERROR, Measured, Series, read_reference, row
 from .scheme import simulate
 
@@ -169,7 +169,7 @@ def couette():
 
 
 def cessation_numbers(flow):
-    """Developed flow, then the drive stops: when it is at rest. Scales: length H (half width of the channel, gap of
+    """Developed flow, then the drive stops: when it is at rest. Constants: length H (half width of the channel, gap of
     Couette), speed V = tau_y H/(eta Bn), time rho H^2/eta."""
     length, speed = 0.05, 0.1
     for table in read_reference("B_cessation_summary.csv"):

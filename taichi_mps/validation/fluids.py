@@ -4,7 +4,7 @@ import numpy as np
 
 import taichi_mps as mps
 
-from .. import catalogue
+from ..problem import catalogue
 from . import Measured, read_reference, row
 from .fits import fitted
 from .scheme import simulate

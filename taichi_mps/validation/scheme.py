@@ -7,7 +7,7 @@ import numpy as np
 
 import taichi_mps as mps
 
-from ..scene import NUMERICS
+from ..problem.numerics import NUMERICS
 
 LAYERS = 3  # of wall particles behind a wall, as in the paper
 

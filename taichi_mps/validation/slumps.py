@@ -11,7 +11,7 @@ import numpy as np
 
 import taichi_mps as mps
 
-from .. import catalogue
+from ..problem import catalogue
 from . import SLUMP_ERROR, Measured, Series, read_reference, row
 from .scheme import simulate
 

@@ -8,22 +8,15 @@ from dataclasses import asdict
 from itertools import zip_longest
 from pathlib import Path
 
-from ..quantity import SceneError, suggestion
-from ..scene import NUMERICS
-from . import (  # noqa: F401  (the modules register their rows)
+from ..problem.numerics import NUMERICS
+from ..units import SceneError, suggestion
+from . import (
     L2_ERROR,
     ROWS,
     SLUMP_ERROR,
     Measured,
     Series,
-    curved,
-    flows,
-    fluids,
-    rational,
-    slumps,
-    standing,
-    vortices,
-)
+)  # noqa: F401  (the modules register their rows)
 from .scheme import BudgetError, Setting
 
 PANELS = {L2_ERROR: ("particles across", -1), SLUMP_ERROR: ("spacing [mm]", 1)}  # x axis, sign of the slope there
@@ -107,7 +100,7 @@ def run_table(
 def draw(results: dict[str, dict], out: Path) -> None:
     """The convergence chart of all results that have points for it; without points, or without matplotlib, a line that
     says so."""
-    from .. import plots
+    from ..viz import plots
 
     series = [item for result in results.values() for item in result.get("series", ())]
     try:

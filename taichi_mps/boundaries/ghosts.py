@@ -1,0 +1,197 @@
+"""Tabulated sums over the ghosts behind a wall, and the share of them that is left where another wall ends them."""
+
+import numpy as np
+
+from ..geometry.concave_edges import BEYOND
+from ..geometry.solid import Solid
+from ..geometry.walls import Cylinder, Plane
+from ..particles.kernels import GHOST_SUMS, corner_table, ghost_table, lattice_sums
+from ..runtime.backend import real, ti
+
+FINEST, COARSEST, SIZES = 0.2, 1.5, 27  # sizes of rings in the tables, over the spacing
+COUNTED = "neighbours", "n", "packing"  # sums in which a ghost counts once
+COSINES, WEDGE = 9, 24  # of the angles between two faces of a solid; entries of their tables along each distance
+
+
+def meeting(walls) -> list[list[int]]:
+    """For each wall those at right angles, where its ghosts end: planes, and curved walls that stand on a plane."""
+
+    def across(one, other):
+        if isinstance(one, Plane) and isinstance(other, Plane):
+            return abs(np.dot(one.normal, other.normal)) < 1e-6
+        if isinstance(one, Plane) and isinstance(other, Cylinder):
+            return other.axis is not None and other.slope == 0.0 and abs(other.unit_axis @ one.normal) > 1.0 - 1e-6
+        return isinstance(other, Plane) and isinstance(one, Cylinder) and across(other, one)
+
+    return [[m for m, other in enumerate(walls) if across(wall, other)] for wall in walls]
+
+
+def wedges(walls, faces) -> np.ndarray:
+    """Which faces meet at any angle: those of a solid, with each other and with those of all
+    other walls. (faces, faces), 0 no, 1 yes, 2 where one of the two is a mirror plane; ``faces``: their walls."""
+    solid = np.array([isinstance(walls[k], Solid) for k in faces], bool)
+    mirror = np.array([getattr(walls[k], "mirror", False) for k in faces], bool)
+    meet = (solid[:, None] | solid) & ~np.eye(len(faces), dtype=bool)
+    return meet * (1 + (mirror[:, None] | mirror))
+
+
+@ti.data_oriented
+class GhostSums:
+    """GHOST_SUMS of a particle at the distance z [m] from a wall. ``rings``: also where ghosts stand closer than the
+    spacing; ``corners``: where planes meet at right angles; ``meet``: which faces meet at any angle (wedges)."""
+
+    def __init__(
+        self, dimension, spacing, effective_radius, kernels, rings=False, corners=False, meet=None, capacity=1
+    ):
+        self.dimension, self.reach = dimension, effective_radius - 0.5 * spacing
+        self.effective_radius = effective_radius
+        self.closest = 0.1 * spacing
+        self.entries = entries = 256
+        self.sizes = FINEST + (COARSEST - FINEST) * np.arange(SIZES) / (SIZES - 1) if rings else np.ones(1)
+        bent = 0.1 / spacing  # curvature [1/m] of the arcs that give the slope of the sums
+        tables = np.array(
+            [
+                [ghost_table(dimension, spacing, effective_radius, entries, k, size, **kernels) for size in self.sizes]
+                for k in (0.0, bent, -bent)
+            ]
+        )
+        n0 = lattice_sums(dimension, spacing, effective_radius, **kernels).n0
+        row = round(1.5 * spacing / effective_radius * (entries - 1))
+        pull = tables[0, np.argmin(np.abs(self.sizes - 1.0)), row, GHOST_SUMS.index("pull")]
+        self.second = float(pull) * spacing * dimension / n0  # share of a wall that the second row carries
+        columns, shape = len(GHOST_SUMS), tables[0].shape[:2]
+        self.flat = ti.Vector.field(columns, real(), shape)  # GHOST_SUMS at a size and z = re k/(entries - 1)
+        self.flat.from_numpy(tables[0])
+        self.bend = ti.Vector.field(columns, real(), shape)  # their derivative by the curvature [m]
+        self.bend.from_numpy((tables[1] - tables[2]) / (2.0 * bent))
+        if corners:
+            shares = corner_table(dimension, spacing, effective_radius, **kernels)
+            self.corner_entries = len(shares)
+            self.corner = ti.Vector.field(columns, real(), shares.shape[:2])  # share of each sum that is left
+            self.corner.from_numpy(shares)
+        self.wedges = meet is not None and bool(meet.any())
+        if self.wedges:
+            shares = [
+                corner_table(dimension, spacing, effective_radius, WEDGE, cosine, **kernels)
+                for cosine in np.linspace(-1.0, 1.0, COSINES)
+            ]
+            self.wedge = ti.Vector.field(columns, real(), (COSINES, WEDGE, WEDGE))
+            self.wedge.from_numpy(np.array(shares))
+            self.meet = ti.field(ti.i32, meet.shape)
+            self.meet.from_numpy(meet.astype(np.int32))
+            each = (capacity, len(meet))
+            self.before = ti.Vector.field(2 + dimension, real(), each)  # distance [m], share, normal of each face
+            self.remains = ti.Vector.field(columns, real(), each)  # share of each sum behind it that is left
+
+    @ti.func
+    def interpolate(self, table: ti.template(), name: ti.template(), z, share):
+        """Entry of one of GHOST_SUMS in a table at distance z [m] for a particle of this share, linear between two;
+        zero beyond the effective radius."""
+        s = ti.max(z, self.closest) / self.effective_radius * (self.entries - 1)
+        k = ti.min(ti.cast(s, ti.i32), self.entries - 2)
+        f = s - k
+        c = ti.static(GHOST_SUMS.index(name))
+        value = table[0, k][c] * (1.0 - f) + table[0, k + 1][c] * f
+        if ti.static(len(self.sizes) > 1):
+            s = (ti.sqrt(share) - FINEST) / (COARSEST - FINEST) * (SIZES - 1)
+            a = ti.max(0, ti.min(ti.cast(s, ti.i32), SIZES - 2))
+            g = ti.max(0.0, ti.min(1.0, s - a))
+            value = (table[a, k][c] * (1.0 - f) + table[a, k + 1][c] * f) * (1.0 - g)
+            value += (table[a + 1, k][c] * (1.0 - f) + table[a + 1, k + 1][c] * f) * g
+        return value
+
+    @ti.func
+    def left(self, name: ti.template(), z, across):
+        """Share of a ghost sum at distance z [m] from a wall whose ghosts end at another ``across`` [m] away."""
+        scale = (self.corner_entries - 1) / self.effective_radius
+        s, t = ti.max(z, self.closest) * scale, ti.max(across, self.closest) * scale
+        k = ti.min(ti.cast(s, ti.i32), self.corner_entries - 2)
+        m = ti.min(ti.cast(t, ti.i32), self.corner_entries - 2)
+        f, g = s - k, t - m
+        c = ti.static(GHOST_SUMS.index(name))
+        near = self.corner[k, m][c] * (1.0 - f) + self.corner[k + 1, m][c] * f
+        far = self.corner[k, m + 1][c] * (1.0 - f) + self.corner[k + 1, m + 1][c] * f
+        return near * (1.0 - g) + far * g
+
+    @ti.func
+    def left_at_angle(self, z, across, cosine):
+        """Shares of all GHOST_SUMS at the distance z [m] from a face whose ghosts end at another ``across`` [m] away,
+        the two normals at an angle of this cosine."""
+        scale = (WEDGE - 1) / self.effective_radius
+        s, t = ti.max(z, self.closest) * scale, ti.max(across, self.closest) * scale
+        c = ti.max(0.0, 0.5 * (cosine + 1.0) * (COSINES - 1))
+        k = ti.min(ti.cast(s, ti.i32), WEDGE - 2)
+        m = ti.min(ti.cast(t, ti.i32), WEDGE - 2)
+        a = ti.min(ti.cast(c, ti.i32), COSINES - 2)
+        f, g, h = s - k, t - m, c - a
+        share = ti.Vector.zero(float, ti.static(len(GHOST_SUMS)))
+        for da, dk, dm in ti.static(ti.ndrange(2, 2, 2)):
+            part = (h if da else 1.0 - h) * (f if dk else 1.0 - f) * (g if dm else 1.0 - g)
+            share += part * self.wedge[a + da, k + dk, m + dm]
+        return share
+
+    @ti.func
+    def lookup(self, name: ti.template(), i, wall: ti.template(), f: ti.template(), x, z, curvature, share):
+        """One of GHOST_SUMS of particle i at x, the distance z [m] from face f, of this wall and curvature [1/m].
+        In a corner the ghosts behind both walls are counted once. Their sum w e along either normal is that of nobody:
+        it cancels that of the other wall's ghosts in front of the one; so does their pull where one of the two is a
+        mirror plane."""
+        value = self.interpolate(self.flat, name, z, share)
+        if ti.static(wall.curved):
+            value += curvature * self.interpolate(self.bend, name, z, share)
+        for other, before, mirror in ti.static(wall.cut_by):
+            if ti.static(name == "inward" or (before if name in COUNTED else mirror)):
+                across, _n, _velocity, _curvature = other.nearest(x)
+                if across < self.effective_radius:
+                    cut = 1.0 - self.left(name, z, across)
+                    if ti.static(other.thin or other.loose):
+                        cut *= other.share(i, x, across)
+                    value *= 1.0 - cut
+        if ti.static(self.wedges):
+            value *= self.remains[i, f][ti.static(GHOST_SUMS.index(name))]
+        if ti.static(wall.thin or wall.loose):
+            value *= wall.share(i, x, z)
+        return value
+
+    @ti.func
+    def stand(self, i, f, z, n, share):
+        """Keep that particle i stands at the distance z [m] before face f of this normal, of which a share acts."""
+        self.before[i, f][0], self.before[i, f][1] = z, share
+        for a in ti.static(range(self.dimension)):
+            self.before[i, f][2 + a] = n[a]
+
+    @ti.func
+    def divide(self, i):
+        """What remains of the sums of each face before particle i. The ghosts behind two of them count once, with the
+        first; along either normal the pull of these ghosts counts once, too: the normals n and m share n.m of it; of
+        their sum w e each has a half where the faces are one, and none at a right angle, as of their pull at a mirror
+        plane. A face fades out where its foot lies behind the other, beyond the edge."""
+        for f in range(self.meet.shape[0]):
+            z = self.before[i, f][0]
+            left = ti.Vector.one(float, ti.static(len(GHOST_SUMS)))
+            if z < self.effective_radius:
+                for g in range(self.meet.shape[0]):
+                    across = self.before[i, g][0]
+                    if self.meet[f, g] > 0 and across < self.effective_radius:
+                        cosine = ti.cast(0.0, float)
+                        for a in ti.static(range(self.dimension)):
+                            cosine += self.before[i, f][2 + a] * self.before[i, g][2 + a]
+                        acts = self.before[i, g][1]  # the other, where it has not faded out itself
+                        cut = 1.0 - self.left_at_angle(z, across, cosine)
+                        cut *= acts * self.seen(across, z, cosine)
+                        once = ti.max(0.0, cosine) / (1.0 + ti.max(0.0, cosine))
+                        pull = 1.0 if self.meet[f, g] == 2 else once
+                        for k, name in ti.static(enumerate(GHOST_SUMS)):
+                            if ti.static(name in COUNTED):
+                                left[k] *= 1.0 - cut[k] if g < f else 1.0
+                            elif ti.static(name == "inward"):
+                                left[k] *= 1.0 - (1.0 - once) * cut[k]
+                            else:
+                                left[k] *= 1.0 - pull * cut[k]
+                        left *= 1.0 - acts * (1.0 - self.seen(z, across, cosine))
+            self.remains[i, f] = left
+
+    @ti.func
+    def seen(self, z, across, cosine):
+        """How much of a face z [m] away is seen: none where its foot is well behind another, ``across`` [m] away."""
+        return ti.max(0.0, ti.min(1.0, 1.0 + (across - cosine * z) / (BEYOND * self.reach)))

@@ -1,0 +1,291 @@
+"""Wall surfaces as a point sees them, as Taichi functions: distance, normal, motion and curvature at its foot.
+
+``nearest(x)`` gives the distance z [m] of x, positive in the fluid; the unit normal n into the fluid; the velocity
+[m/s] of the wall at the foot x - z n; and its curvature k [1/m], positive where the fluid is inside.
+
+A wall that travels stands where it is at the time ``clock`` [s]. A thin one has fluid on both sides: z is positive and
+n points to the side of x; ``signed(x)`` tells the side, ``beyond(x)`` how far outside the edge the foot is [m].
+"""
+
+from copy import copy
+
+import numpy as np
+
+from ..geometry.concave_edges import inner_edges
+from ..runtime.backend import real, ti
+
+FAR = 1e9  # distance [m] from a wall that ends before the foot
+TOUCHING, RELEASED = 0.5, 0.55  # spacings from a loose wall up to which it acts fully, and from which on not at all
+
+
+@ti.data_oriented
+class Surface:
+    """What all walls have in common."""
+
+    curved = turns = parts = False
+    faces = 1  # that a particle may stand in front of
+    cut_by = ()  # planes at right angles where its ghosts end
+
+    def __init__(self, wall, dimension: int, spacing: float, clock):
+        self.slip, self.thin, self.loose, self.spacing = wall.slip, wall.thin, wall.loose, spacing
+        self.rubs, self.friction = wall.friction is not None, None  # Walls gives what is carried
+        self.holds = not wall.slip and not self.rubs  # the fluid does not slip on it
+        self.lets_go, self.particles, self.released = False, None, None  # of a loose wall: Walls gives what is carried
+        self.clock, self.travels = clock, bool(np.any(wall.travel))
+        self.parts = wall.thin  # the fluid on one side of it does not feel that on the other
+        self.travel = ti.types.vector(dimension, ti.f64)(wall.travel)
+        self.point = ti.types.vector(dimension, ti.f64)(wall.point)
+
+    @ti.func
+    def offset(self, x):
+        """From the wall's point to x [m]."""
+        offset = x - self.point
+        if ti.static(self.travels):
+            offset -= self.clock[None] * self.travel
+        return offset
+
+    def keep(self, capacity: int, effective_radius: float):
+        """Fields for what is found once a step."""
+
+    def smooth(self):
+        """The same wall with slip instead of friction."""
+        other = copy(self)
+        other.slip, other.rubs, other.holds, other.friction = True, False, False, None
+        return other
+
+    @ti.func
+    def find(self, i, x):
+        """Once a step: the faces in front of which particle i stands, at x [m]."""
+
+    @ti.func
+    def face(self, i, x, slot: ti.template()):
+        """What ``nearest`` gives, of one of the faces before particle i at x [m]."""
+        return self.nearest(x)
+
+    @ti.func
+    def part(self, i, x):
+        """Once a step: whether particle i has parted from a loose wall. It does where it leaves the wall and does not
+        press on it, and has until it comes nearer again."""
+        _z, n, velocity, _curvature = self.nearest(x)
+        leaves = n.dot(self.particles.u[i] - velocity) > 0.0
+        pressure = self.particles.p[i]
+        if ti.static(self.particles.carries_stress):
+            for a, b in ti.static(ti.ndrange(self.particles.dimension, self.particles.dimension)):
+                pressure -= n[a] * self.particles.stress[i][a, b] * n[b]
+        presses = self.released[i] == 0.0 and pressure > 0.0
+        self.released[i] = ti.cast(leaves and not presses, float)
+
+    @ti.func
+    def share(self, i, x, z):
+        """How much of a wall acts on particle i at x, at the distance z, 0 to 1. A thin one fades out over a spacing
+        beyond its edge, where the other side comes in view; a loose one within the first gap that opens, and where the
+        particle has parted from it, so that it pushes only."""
+        share = ti.cast(1.0, float)
+        if ti.static(self.thin):
+            share *= ti.cast(ti.max(0.0, ti.min(1.0, 1.0 - self.beyond(x) / self.spacing)), float)
+        if ti.static(self.loose):
+            share *= ti.max(0.0, ti.min(1.0, (RELEASED - z / self.spacing) / (RELEASED - TOUCHING)))
+            if ti.static(self.lets_go):
+                share *= 1.0 - self.released[i]
+        return share
+
+    @ti.func
+    def between(self, x, y):
+        """Whether the wall separates two points: the same answer for (y, x), or the forces were not opposite. A segment
+        through a plate meets it at the ratio of the distances of its ends."""
+        a, b = self.signed(x), self.signed(y)
+        middle = (ti.abs(b) * x + ti.abs(a) * y) / ti.max(ti.abs(a) + ti.abs(b), 1e-12)
+        hidden = False
+        if ti.static(self.thin):  # noqa: SIM108  (a compiled choice stays apart)
+            hidden = a * b < 0.0 and self.beyond(middle) <= 0.0
+        else:
+            hidden = self.signed(middle) < 0.0
+        return hidden
+
+    @ti.func
+    def out(self, x, y, closest):
+        """y [m], or the place at ``closest`` in front of the wall on the side of x if it is nearer or behind."""
+        z, n, _velocity, _curvature = self.nearest(y)
+        target = ti.cast(closest, float)
+        if ti.static(self.thin):
+            if self.beyond(x) <= 0.0 and self.signed(x) * self.signed(y) < 0.0:
+                n, z = -n, -z
+            if self.beyond(y) > 0.0:
+                z = target
+        moved = y
+        if z < target:
+            moved = y + ti.cast(n * (target - z), ti.f64)
+        return moved
+
+
+@ti.data_oriented
+class Flat(Surface):
+    """A plane."""
+
+    def __init__(self, wall, dimension: int, spacing: float, clock):
+        super().__init__(wall, dimension, spacing, clock)
+        vector = ti.types.vector(dimension, real())
+        self.normal = vector(wall.normal)
+        self.velocity = vector(wall.velocity or (0.0,) * dimension)
+
+    @ti.func
+    def nearest(self, x):
+        z = ti.cast(self.offset(x).dot(ti.cast(self.normal, ti.f64)), float)
+        return z, self.normal, self.velocity, ti.cast(0.0, float)
+
+
+@ti.data_oriented
+class Round(Surface):
+    """A circle (2-D), a cylinder or the mantle of a truncated cone; a point at the height s has the foot at the
+    radius |x - point - s axis| + z n_r."""
+
+    curved = True
+
+    def __init__(self, wall, dimension: int, spacing: float, clock):
+        super().__init__(wall, dimension, spacing, clock)
+        self.turns, self.radius = wall.angular_velocity != 0.0, wall.radius
+        self.axis = ti.types.vector(dimension, ti.f64)(wall.unit_axis)  # zero in 2-D
+        self.side = 1.0 if wall.inside else -1.0
+        self.slope, self.ends, self.length = wall.slope, wall.length is not None, wall.length
+        self.cosine = 1.0 / (1.0 + wall.slope**2) ** 0.5
+        self.velocity = wall.velocity  # along the axis [m/s]
+        x, y, z = wall.unit_axis if dimension == 3 else (0.0, 0.0, 1.0)
+        spin = wall.angular_velocity * np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])[:dimension, :dimension]
+        self.spin = ti.types.matrix(dimension, dimension, ti.f64)(spin)  # gradient of the wall's velocity [1/s]
+
+    @ti.func
+    def polar(self, x):
+        """Height s [m] above the point, unit radial vector, radius r [m], and z [m], positive on the fluid's side."""
+        offset = self.offset(x)
+        s = offset.dot(self.axis)
+        radial = offset - s * self.axis
+        r = radial.norm()
+        return s, radial / ti.max(r, 1e-12), r, self.side * self.cosine * (self.radius + self.slope * s - r)
+
+    @ti.func
+    def signed(self, x):
+        _s, _e, _r, z = self.polar(x)
+        return z
+
+    @ti.func
+    def beyond(self, x):
+        s, _e, _r, z = self.polar(x)
+        foot = s - z * self.side * self.cosine * self.slope
+        return ti.max(-foot, foot - self.length)
+
+    @ti.func
+    def nearest(self, x):
+        s, e, r, z = self.polar(x)
+        n = self.side * self.cosine * (self.slope * self.axis - e)
+        foot = r + self.side * self.cosine * z
+        velocity = self.velocity * self.axis + foot * (self.spin @ e)
+        curvature = ti.cast(self.side * self.cosine / foot, float)
+        if ti.static(self.ends):
+            foot_s = s - z * n.dot(self.axis)
+            beyond = ti.max(-foot_s, foot_s - self.length)
+            if ti.static(self.thin):
+                if z < 0.0:
+                    z, n, curvature = -z, -n, -curvature
+                if beyond >= self.spacing:
+                    z = FAR
+            elif beyond > 0.0:
+                z = FAR
+        return ti.cast(z, float), ti.cast(n, float), ti.cast(velocity, float), curvature
+
+
+@ti.data_oriented
+class Sampled(Surface):
+    """A solid whose signed distance is linear between the nodes of a grid; its curvature is not known."""
+
+    def __init__(self, wall, dimension: int, spacing: float, clock):
+        super().__init__(wall, dimension, spacing, clock)
+        self.parts = True
+        self.dimension, self.cell, self.shape = dimension, wall.cell, wall.values.shape
+        self.values = ti.field(real(), self.shape)
+        self.values.from_numpy(wall.values)
+        self.velocity = ti.types.vector(dimension, real())(wall.travel)
+        self.distances = wall.values
+
+    def keep(self, capacity: int, effective_radius: float):
+        """What each particle sees of the solid; and beside inner edges the faces that meet there."""
+        self.reach = effective_radius - 0.5 * self.spacing  # of the ghosts: the first is half a spacing behind a face
+        number, planes = inner_edges(self.distances, self.cell, self.reach)
+        self.faces = planes.shape[1]
+        if self.faces > 1:
+            self.number = ti.field(ti.i32, self.shape)  # row of a node among the planes, -1: the nearest face is all
+            self.number.from_numpy(number)
+            self.planes = ti.Vector.field(1 + self.dimension, real(), planes.shape[:2])  # distance [m], normal
+            self.planes.from_numpy(np.where(np.isinf(planes), FAR, planes))
+        self.z = ti.field(real(), (capacity, self.faces))  # [m]
+        self.n = ti.Vector.field(self.dimension, real(), (capacity, self.faces))
+
+    @ti.func
+    def find(self, i, x):
+        z, n, _velocity, _curvature = self.nearest(x)
+        self.z[i, 0], self.n[i, 0] = z, n
+        if ti.static(self.faces > 1):
+            for slot in range(1, self.faces):
+                self.z[i, slot] = FAR
+            if z < self.reach:
+                place = self.offset(x) / self.cell
+                first = ti.min(ti.cast(place, ti.i32), ti.Vector(self.shape) - 2)
+                node = first  # of those around the one farthest from the solid: the faces are clear there
+                for corner in ti.static(ti.ndrange(*((2,) * self.dimension))):
+                    if self.values[first + ti.Vector(corner)] > self.values[node]:
+                        node = first + ti.Vector(corner)
+                row = self.number[node]
+                if row >= 0:
+                    offset = ti.cast((place - node) * self.cell, float)
+                    for slot in range(self.faces):
+                        plane = self.planes[row, slot]
+                        for a in ti.static(range(self.dimension)):
+                            self.n[i, slot][a] = plane[1 + a]
+                        self.z[i, slot] = plane[0] + self.n[i, slot].dot(offset)
+                        if ti.static(self.rubs):  # noqa: SIM102  (friction acts on the first face: the nearest one)
+                            if self.z[i, slot] < self.z[i, 0]:
+                                z, n = self.z[i, 0], self.n[i, 0]
+                                self.z[i, 0], self.n[i, 0] = self.z[i, slot], self.n[i, slot]
+                                self.z[i, slot], self.n[i, slot] = z, n
+
+    @ti.func
+    def face(self, i, x, slot: ti.template()):
+        return self.z[i, slot], self.n[i, slot], self.velocity, ti.cast(0.0, float)
+
+    @ti.func
+    def sample(self, x):
+        """Distance [m] and its gradient [-]; FAR beyond the grid."""
+        place = self.offset(x) / self.cell
+        z, slope = ti.cast(FAR, float), ti.Vector.unit(self.dimension, 0, float)
+        inside = True
+        for a in ti.static(range(self.dimension)):
+            inside = inside and place[a] >= 0.0 and place[a] <= self.shape[a] - 1
+        if inside:
+            z, slope = ti.cast(0.0, float), ti.Vector.zero(float, self.dimension)
+            k = ti.Vector.zero(ti.i32, self.dimension)
+            f = ti.Vector.zero(float, self.dimension)
+            for a in ti.static(range(self.dimension)):
+                k[a] = ti.min(ti.cast(place[a], ti.i32), self.shape[a] - 2)
+                f[a] = ti.cast(place[a] - k[a], float)
+            for corner in ti.static(ti.ndrange(*((2,) * self.dimension))):
+                value = self.values[k + ti.Vector(corner)]
+                share = ti.cast(1.0, float)
+                for a in ti.static(range(self.dimension)):
+                    share *= f[a] if corner[a] else 1.0 - f[a]
+                z += share * value
+                for a in ti.static(range(self.dimension)):
+                    rise = ti.cast(1.0 if corner[a] else -1.0, float)
+                    for b in ti.static(range(self.dimension)):
+                        if ti.static(a != b):
+                            rise *= f[b] if corner[b] else 1.0 - f[b]
+                    slope[a] += rise * value / self.cell
+        return z, slope
+
+    @ti.func
+    def signed(self, x):
+        z, _slope = self.sample(x)
+        return z
+
+    @ti.func
+    def nearest(self, x):
+        z, slope = self.sample(x)
+        return z, slope / ti.max(slope.norm(), 1e-6), self.velocity, ti.cast(0.0, float)

@@ -1,0 +1,302 @@
+"""Walls that act on the fluid without wall particles.
+
+Behind a wall the lattice of particles goes on as ghosts; a particle at distance z sees tabulated sums over them
+(weights.ghost_table). Ghost velocities mirror the fluid's, for no-slip u_g = -u(mirror point) with the latter
+from the particle's own velocity and gradient; the wall then adds to the least-squares fit of particle i
+
+    N_i += (u_i - u_wall) (x) n c(z),   M_i += c(z) z n (x) n + t(z) (I - n (x) n),   c = 2 sum (w/r^2)(z + d)
+
+which is exact for a velocity that grows linearly from the wall and keeps a lattice at the wall in equilibrium. Behind
+a curved wall the ghosts stand on arcs, which changes the sums in proportion to its curvature. All wall terms are local
+to one particle and exactly adjoint to its gradient.
+
+A mirror plane is a slip wall whose ghosts end at the planes it meets: what lies behind both are ghosts of the other.
+"""
+
+from ..geometry.solid import Solid
+from ..geometry.walls import Cylinder, Plane
+from ..particles.kernels import PACKING, mps_weight
+from ..runtime.backend import double_field, real, ti
+from .friction import WallFriction
+from .ghosts import COUNTED, GhostSums, meeting, wedges
+from .surfaces import Flat, Round, Sampled
+
+SURFACES = {Plane: Flat, Cylinder: Round, Solid: Sampled}
+
+
+@ti.data_oriented
+class Walls:
+    """Static tuple of surfaces; every function sums over those within the effective radius of x [m].
+
+    ``share`` is the cross-section of the particle at x over l0^2: 1, but for rings (gradient.py), behind whose walls
+    the ghosts stand as close as they do."""
+
+    def __init__(
+        self,
+        walls,
+        dimension: int,
+        spacing: float,
+        effective_radius: float,
+        capacity: int = 1,
+        rings: bool = False,
+        particles=None,
+        plastic_viscosity: float = 0.0,
+        weight=mps_weight,
+        packing_kernel=PACKING,
+    ):
+        self.dimension = dimension
+        self.effective_radius = effective_radius
+        self.clock = double_field()  # time [s] at which the walls stand
+        self.surfaces = tuple(SURFACES[type(wall)](wall, dimension, spacing, self.clock) for wall in walls)
+        for surface in self.surfaces:
+            surface.keep(capacity, effective_radius)
+        rough = [(wall, surface) for wall, surface in zip(walls, self.surfaces, strict=True) if wall.friction]
+        for k, (wall, surface) in enumerate(rough):
+            carried = particles.carried[f"slip_{k}"], particles.carried.get(f"traction_{k}")
+            surface.friction = WallFriction(wall.friction, *carried, spacing, plastic_viscosity)
+        self.rub = bool(rough)
+        for k, surface in enumerate(surface for surface in self.surfaces if surface.loose and particles):
+            surface.lets_go, surface.particles = True, particles
+            surface.released = particles.carried[f"released_{k}"]
+        each = [(k, slot) for k, surface in enumerate(self.surfaces) for slot in range(surface.faces)]
+        self.slots = tuple(slot for _, slot in each)
+        self.faces = tuple(  # the slip that a particle carries belongs to one face
+            self.surfaces[k].smooth() if slot and self.surfaces[k].rubs else self.surfaces[k] for k, slot in each
+        )
+        for k, others in enumerate(meeting(walls)):
+            mirror = [getattr(walls[m], "mirror", False) or getattr(walls[k], "mirror", False) for m in others]
+            self.surfaces[k].cut_by = tuple(
+                (self.surfaces[m], m < k, part) for m, part in zip(others, mirror, strict=True)
+            )
+        corners = any(surface.cut_by for surface in self.surfaces)
+        meet = wedges(walls, [k for k, _ in each])
+        kernels = {"weight": weight, "packing_kernel": packing_kernel}
+        self.ghosts = GhostSums(dimension, spacing, effective_radius, kernels, rings, corners, meet, capacity)
+        self.closest = self.ghosts.closest
+        if self.surfaces:
+            self.c = ti.field(real(), (capacity, len(self.faces)))  # pull of each face on each particle [1/m]
+        self.move = any(wall.speed > 0.0 for wall in walls)
+        self.travel = any(surface.travels for surface in self.surfaces)
+        self.part = any(surface.parts for surface in self.surfaces)
+
+    def tie(self, inertia: float) -> None:
+        """Penalty of the walls' friction for a step of rho/dt = ``inertia`` [kg/(m3 s)]."""
+        for surface in self.surfaces:
+            if surface.rubs:
+                surface.friction.penalty[None] = inertia * surface.friction.depth
+
+    def place(self, time: float) -> None:
+        """Put the walls that travel where they are at this time [s]."""
+        if self.travel:
+            self.clock[None] = time
+
+    @ti.func
+    def moments(self, i, x, share):
+        """Neighbours, n and packing [-], the moment matrix [-], and sum w e [-] that the walls add at x, the place of
+        particle i, e the direction to each ghost; keeps their pull on it, and what faces of solids it stands in front
+        of."""
+        for wall in ti.static(self.surfaces):
+            wall.find(i, x)
+            if ti.static(wall.lets_go):
+                wall.part(i, x)
+        if ti.static(self.ghosts.wedges):
+            for f, wall in ti.static(enumerate(self.faces)):
+                z, n, _velocity, _curvature = wall.face(i, x, self.slots[f])
+                acts = ti.cast(1.0, float)
+                if ti.static(wall.thin or wall.loose):
+                    acts = wall.share(i, x, z)
+                self.ghosts.stand(i, f, z, n, acts)
+            self.ghosts.divide(i)
+        counts = ti.Vector.zero(float, 3)
+        surface_normal = ti.Vector.zero(float, self.dimension)
+        moment = ti.Matrix.zero(float, self.dimension, self.dimension)
+        for f, wall in ti.static(enumerate(self.faces)):
+            self.c[i, f] = 0.0
+            z, n, _velocity, curvature = wall.face(i, x, self.slots[f])
+            if z < self.effective_radius:
+                for k, name in ti.static(enumerate(COUNTED)):
+                    counts[k] += self.ghosts.lookup(name, i, wall, f, x, z, curvature, share)
+                surface_normal -= n * self.ghosts.lookup("inward", i, wall, f, x, z, curvature, share)
+                normal = n.outer_product(n)
+                self.c[i, f] = self.ghosts.lookup("pull", i, wall, f, x, z, curvature, share)
+                moment += self.c[i, f] * ti.max(z, self.closest) * normal
+                if ti.static(not wall.slip):
+                    t = self.ghosts.lookup("tangential", i, wall, f, x, z, curvature, share)
+                    if ti.static(wall.rubs):
+                        t *= wall.friction.hold(i, ti.max(z, self.closest))
+                    moment += t * (ti.Matrix.identity(float, self.dimension) - normal)
+        return counts, moment, surface_normal
+
+    @ti.func
+    def felt(self, i, wall: ti.template(), n, v, motion):
+        """What of a velocity v relative to the wall the fit sees; ``motion`` 1 with the slip that does not depend on v.
+        At ``motion`` 0 it is symmetric: the same part of a pull reaches the particle."""
+        seen = v
+        if ti.static(wall.slip):
+            seen = n * n.dot(v)
+        if ti.static(wall.rubs):
+            seen = wall.friction.felt(i, n, v) - motion * wall.friction.offset[i]
+        return seen
+
+    @ti.func
+    def gradient_term(self, i, x, u, motion, share):
+        """sum of (u - u_wall) (x) n c [1/s 1/m], and t S (I - n (x) n) where the wall turns with the gradient S;
+        ``motion`` 1 with the walls' velocity, 0 without."""
+        total = ti.Matrix.zero(float, self.dimension, self.dimension)
+        for f, wall in ti.static(enumerate(self.faces)):
+            if self.c[i, f] > 0.0:
+                z, n, velocity, curvature = wall.face(i, x, self.slots[f])
+                jump = self.felt(i, wall, n, u - motion * velocity, motion)
+                total += jump.outer_product(n) * self.c[i, f]
+                if ti.static(wall.turns and not wall.slip):
+                    spin = ti.cast(wall.spin, float)
+                    t = self.ghosts.lookup("tangential", i, wall, f, x, z, curvature, share)
+                    if ti.static(wall.rubs):
+                        t *= wall.friction.bond[i]
+                    total += motion * t * (spin - (spin @ n).outer_product(n))
+        return total
+
+    @ti.func
+    def force_term(self, i, x, flux):
+        """Force of the walls on a particle with flux matrix P = V T B: the exact adjoint of gradient_term."""
+        total = ti.Vector.zero(float, self.dimension)
+        for f, wall in ti.static(enumerate(self.faces)):
+            if self.c[i, f] > 0.0:
+                _z, n, _velocity, _curvature = wall.face(i, x, self.slots[f])
+                total -= self.felt(i, wall, n, flux @ n, 0.0) * self.c[i, f]
+        return total
+
+    @ti.func
+    def drag_term(self, i, x, u, motion):
+        """sum of (u - u_wall) c/z: the walls' part of the resistance to non-affine motion (momentum.py)."""
+        total = ti.Vector.zero(float, self.dimension)
+        for f, wall in ti.static(enumerate(self.faces)):
+            if self.c[i, f] > 0.0:
+                z, n, velocity, _curvature = wall.face(i, x, self.slots[f])
+                jump = self.felt(i, wall, n, u - motion * velocity, motion)
+                if ti.static(wall.rubs):
+                    jump = self.felt(i, wall, n, jump, 0.0)
+                total += jump * (self.c[i, f] / ti.max(z, self.closest))
+        return total
+
+    @ti.func
+    def friction_term(self, i, x, u, motion):
+        """Force [N] of the walls' friction against a particle, besides force_term."""
+        total = ti.Vector.zero(float, self.dimension)
+        for f, wall in ti.static(enumerate(self.faces)):
+            if ti.static(wall.rubs):  # noqa: SIM102  (a compiled choice stays apart)
+                if self.c[i, f] > 0.0:
+                    _z, n, velocity, _curvature = wall.face(i, x, self.slots[f])
+                    total += wall.friction.drag(i, n, u - motion * velocity, motion)
+        return total
+
+    @ti.func
+    def begin_friction(self, i, x, u, B, volume, mu, share):
+        """Before the passes of a step: how particle i, of this viscosity [Pa s], slips on the walls with friction."""
+        for f, wall in ti.static(enumerate(self.faces)):
+            if ti.static(wall.rubs):
+                if self.c[i, f] > 0.0:
+                    z, n, velocity, _curvature = wall.face(i, x, self.slots[f])
+                    acts = ti.cast(1.0, float)
+                    if ti.static(wall.thin or wall.loose):
+                        acts = wall.share(i, x, z)
+                    cBn = self.c[i, f] * (B @ n)
+                    wall.friction.cover(i, n, ti.max(z, self.closest), volume, cBn, share, acts, self.ghosts.second)
+                    wall.friction.begin(i, n, u - velocity, mu)
+                else:
+                    wall.friction.forget(i)
+
+    @ti.func
+    def adjust_friction(self, i, x, u, flux, weight, B, mu, h, share):
+        """After a pass: the slip at which the walls' traction is all that they give to particle i: of its flux
+        V T B - h G, of drag_term times h, and of what their ghosts' pressure exceeds its own by under its ``weight``
+        [N]."""
+        for f, wall in ti.static(enumerate(self.faces)):
+            if ti.static(wall.rubs):  # noqa: SIM102  (a compiled choice stays apart)
+                if self.c[i, f] > 0.0:
+                    z, n, velocity, curvature = wall.face(i, x, self.slots[f])
+                    deeper = n.dot(weight) * self.ghosts.lookup("normal", i, wall, f, x, z, curvature, share)
+                    stiff = h * self.c[i, f] / ti.max(z, self.closest)
+                    pull = flux @ n * self.c[i, f] + B @ n * deeper
+                    pull += stiff * self.felt(i, wall, n, u - velocity, 1.0)
+                    area = wall.friction.area[i]
+                    wall.friction.adjust(i, n, u - velocity, pull / area, stiff / area, mu)
+
+    @ti.func
+    def drag_power(self, i, x, u, motion):
+        """sum of |u - u_wall|^2 c/z [1/s2]: u . drag_term for walls at rest."""
+        total = ti.cast(0.0, float)
+        for f, wall in ti.static(enumerate(self.faces)):
+            if self.c[i, f] > 0.0:
+                z, n, velocity, _curvature = wall.face(i, x, self.slots[f])
+                jump = self.felt(i, wall, n, u - motion * velocity, motion)
+                total += jump.norm_sqr() * (self.c[i, f] / ti.max(z, self.closest))
+        return total
+
+    @ti.func
+    def pull(self, i, x):
+        """sum of n c [1/m] over the walls, and of c/z [1/m2] (for the diagonal)."""
+        total = ti.Vector.zero(float, self.dimension)
+        drag = ti.cast(0.0, float)
+        for f, wall in ti.static(enumerate(self.faces)):
+            if self.c[i, f] > 0.0:
+                z, n, _velocity, _curvature = wall.face(i, x, self.slots[f])
+                total += n * self.c[i, f]
+                drag += self.c[i, f] / ti.max(z, self.closest)
+        return total, drag
+
+    @ti.func
+    def stiffness(self, i, x, B, shear, bulk):
+        """Block [kg/s] by which the walls resist a velocity of particle i: that of the gradient which they add for
+        it, with V mu = ``shear`` and V (mu + K - 2 mu/t) = ``bulk`` [Pa s m3]."""
+        total = ti.Matrix.zero(float, self.dimension, self.dimension)
+        for f, wall in ti.static(enumerate(self.faces)):
+            if self.c[i, f] > 0.0:
+                _z, n, _velocity, _curvature = wall.face(i, x, self.slots[f])
+                v = B @ n * self.c[i, f]
+                normal = n.outer_product(n)
+                if ti.static(wall.slip):
+                    total += (shear * v.dot(v) + bulk * n.dot(v) ** 2) * normal
+                else:
+                    total += shear * v.dot(v) * ti.Matrix.identity(float, self.dimension) + bulk * v.outer_product(v)
+        return total
+
+    @ti.func
+    def hydrostatic(self, i, x, weight, B, share):
+        """Force density [N/m3] by which the ghosts' pressure exceeds the particle's own under rho g = ``weight``."""
+        total = ti.Vector.zero(float, self.dimension)
+        for f, wall in ti.static(enumerate(self.faces)):
+            z, n, _velocity, curvature = wall.face(i, x, self.slots[f])
+            if z < self.effective_radius:
+                push = B @ n * (n.dot(weight) * self.ghosts.lookup("normal", i, wall, f, x, z, curvature, share))
+                if ti.static(wall.rubs):
+                    push = self.felt(i, wall, n, push, 0.0)
+                total -= push
+        return total
+
+    @ti.func
+    def crowding(self, i, x, share):
+        """sum max(0, 1 - r/(1.5 l0)) e over the ghosts, e the direction from x to each [-]."""
+        near = ti.Vector.zero(float, self.dimension)
+        for f, wall in ti.static(enumerate(self.faces)):
+            z, n, _velocity, curvature = wall.face(i, x, self.slots[f])
+            if z < self.effective_radius:
+                near -= n * self.ghosts.lookup("crowding", i, wall, f, x, z, curvature, share)
+        return near
+
+    @ti.func
+    def between(self, x, y):
+        """Whether a thin wall or a solid stands between two points [m]."""
+        hidden = False
+        for wall in ti.static(self.surfaces):
+            if ti.static(wall.parts):
+                hidden = hidden or wall.between(x, y)
+        return hidden
+
+    @ti.func
+    def outside(self, x, move):
+        """x + move, kept out of the solids [m]: at least ``closest`` in front of every wall."""
+        y = x + move
+        for wall in ti.static(self.surfaces):
+            y = wall.out(x, y, self.closest)
+        return y

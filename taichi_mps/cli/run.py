@@ -1,0 +1,81 @@
+"""Carry a simulation out for the command line: start Taichi, run, record, stop on request, report."""
+
+import io
+import json
+import math
+import signal
+import sys
+from contextlib import contextmanager, redirect_stdout
+
+from .console import curves, pictures, progress, table, voids
+
+DONE, BAD_INPUT, DIVERGED, INTERRUPTED = 0, 2, 3, 130  # what a command returns
+
+
+def start(options) -> None:
+    """Start Taichi without its greeting, which would spoil --json."""
+    from ..runtime.backend import init
+
+    with redirect_stdout(io.StringIO()):
+        init(options.arch, getattr(options, "precision", "f32"), options.threads)
+
+
+def carry_out(sim, folder, options, source, as_json, resumed=False) -> int:
+    """Run to the end, to an interrupt or a divergence, and leave a whole run folder behind in each case."""
+    from ..io.recorder import Recorder
+    from ..simulation.simulation import DivergedError
+    from ..viz.render import gif
+
+    until = sim.scene.until
+    every = options.every or rounded(until / 100)
+    settings = options.model_dump(exclude={"out", "profile", "quiet"}, exclude_none=True) | {"every": every}
+    if not resumed:
+        folder.create()
+    recorder = Recorder(folder, sim, every, source, settings, pictures(folder.frames, options))
+    error = None
+    try:
+        with interruptible(sim), progress(sim, recorder, until, options.quiet):
+            stopped_by = sim.run() if sim.time < until - 1e-9 else "time"
+    except DivergedError as diverged:
+        stopped_by, error = "diverged", str(diverged)
+    summary = recorder.finish(stopped_by, error)
+    if any(folder.frames.glob("*.png")):
+        gif(folder.frames, folder.animation)
+    voids(folder, sim.scene, sim.snapshot())
+    curves(folder)
+    if as_json:
+        print(json.dumps(summary))
+    elif not options.quiet:
+        from ..simulation.roofline import traffic
+
+        table(summary, folder, sim.profile(), traffic(sim))
+    if error:
+        print(f"taichi-mps: {error}; resume from {folder.checkpoint}", file=sys.stderr)
+        return DIVERGED
+    return INTERRUPTED if stopped_by == "interrupted" else DONE
+
+
+def rounded(interval: float) -> float:
+    """The nearest of 1, 2, 5 times a power of ten [s]."""
+    power = 10.0 ** math.floor(math.log10(interval))
+    return min((k * power for k in (1.0, 2.0, 5.0, 10.0)), key=lambda value: abs(math.log(value / interval)))
+
+
+@contextmanager
+def interruptible(sim):
+    """Ctrl-C and SIGTERM finish the step and stop; a second one stops at once."""
+
+    signals = []
+
+    def stop(signum, frame):
+        signals.append(signum)
+        if len(signals) > 1:
+            raise KeyboardInterrupt
+        sim.interrupt()
+
+    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

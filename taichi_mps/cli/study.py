@@ -1,0 +1,132 @@
+"""The commands sweep, calibrate and chart of the command line."""
+
+import json
+import sys
+from collections import Counter
+from importlib.util import find_spec
+from pathlib import Path
+
+from pydantic import Field
+
+from ..io.run_folder import strict
+from ..problem import catalogue
+from ..problem.accuracy import choose
+from ..study.sweep import ACCURACY, LOST, cases, sweep
+from ..units import Checked, Count, Density, Duration, Length, SceneError
+from .options import Parser, given, scene_of
+
+
+class Study(Checked):
+    """Options of sweep."""
+
+    out: str | None = Field(None, description="folder of the study, studies/<scene> by default")
+    executor: str = Field("local", description="where to compute: local, dask://HOST:PORT, slurm://PARTITION")
+    workers: Count | None = Field(
+        None, description="cases at once: processes of this machine, one for each CPU by default; of a cluster: all"
+    )
+    chart: bool = Field(False, description="draw chart.png into the folder")
+    quiet: bool = Field(False, description="no table")
+
+
+def sweep_command(argv) -> int:
+    """compute a scene at many values of its parameters"""
+    known = scene_of("sweep", argv, Study)
+    function = catalogue.load(known.scene) if known.scene else None
+    parser = Parser(
+        "sweep",
+        description="A scene at every combination of values: one value, a list 20,50,100, or first:last:number in "
+        "equal ratios (:linear in equal steps). What the folder of the study holds is not computed again.",
+    )
+    parser.add_argument("scene", help=f"name ({', '.join(catalogue.names())}) or Python file")
+    parser.add_argument("--json", action="store_true", help="print the rows as JSON")
+    if function:
+        parser.options(function.parameters, f"scene {known.scene}")
+    parser.options(Study, "study")
+    arguments = parser.parse(argv)
+    options = Study(**given(arguments, Study))
+    varied = {name: getattr(arguments, name) for name in function.parameters.model_fields}
+    varied = {name: text for name, text in varied.items() if text is not None}
+    if options.chart and not find_spec("matplotlib"):
+        raise SceneError("chart needs matplotlib: pip install 'taichi-mps[plots]'")
+    folder = Path(options.out or Path("studies") / Path(arguments.scene).stem)
+    from .study_console import differing, watching
+
+    planned = cases(arguments.scene, **varied)
+    if options.chart and not any(isinstance(planned[0].parameters[name], int | float) for name in differing(planned)):
+        raise SceneError("chart: needs a parameter that is varied by numbers; must be a list or first:last:number")
+    if "model" in planned[0].parameters and "model" not in varied:
+        print(f"taichi-mps: accuracy = {1e3 * ACCURACY:g} mm: {choose(ACCURACY)}", file=sys.stderr)
+
+    quiet = options.quiet or arguments.json
+    with watching(differing(planned), quiet) as watch:
+        rows = sweep(arguments.scene, folder, options.executor, options.workers, watch, **varied)
+    if arguments.json:
+        print(json.dumps(strict(rows)))
+    elif not quiet:
+        print(f"{tally(rows)}: {folder / 'results.csv'}")
+    if options.chart:
+        from ..study.chart import study_chart
+
+        study_chart(rows, differing(planned), folder / "chart.png")
+    return 0
+
+
+def tally(rows) -> str:
+    """How many cases are done, failed and lost, in words."""
+    count = Counter(row["status"] for row in rows)
+    words = [f"{count['done']} cases done", *(f"{count[name]} {name}" for name in ("failed", LOST) if count[name])]
+    return ", ".join(words) + " (the same command computes the lost ones again)" * bool(count[LOST])
+
+
+class Measurements(Checked):
+    """What was measured in a slump test, and how well."""
+
+    slump: Length | None = Field(None, description="slump")
+    spread: Length | None = Field(None, description="diameter of the spread, mean of two")
+    t500: Duration | None = Field(None, description="time to a spread of 500 mm")
+    rho: Density = Field(2300.0, description="density")
+    slump_error: Length = Field(0.005, description="standard error of the slump")
+    spread_error: Length = Field(0.01, description="standard error of the spread")
+    t500_error: Duration = Field(0.2, description="standard error of the time")
+
+
+def calibrate_command(argv) -> int:
+    """find the Bingham constants of a slump test"""
+    parser = Parser(
+        "calibrate",
+        description="Yield value and plastic viscosity of a mix from its slump test (standard cone, 300 mm), with 95 % "
+        "intervals from the errors of the measurements; checked by one finer run.",
+    )
+    parser.options(Measurements, "measurements")
+    parser.add_argument("--table", help="a study of the slump to look the answer up in; the package's own by default")
+    parser.add_argument("--no-check", action="store_true", help="without the finer run, in a second")
+    parser.add_argument("--json", action="store_true", help="print the result as JSON")
+    arguments = parser.parse(argv)
+    from ..study.calibrate import calibrate
+
+    told = given(arguments, Measurements)
+    result = calibrate(**told, table=arguments.table, check=not arguments.no_check)
+    print(json.dumps(strict(result.facts())) if arguments.json else result)
+    return 0
+
+
+def chart_command(argv) -> int:
+    """draw slump and spread against yield value"""
+    parser = Parser(
+        "chart", description="Slump and spread against yield value for the wall, with formulas and finite elements."
+    )
+    parser.add_argument("study", nargs="?", help="folder of a sweep of the slump; the package's own study by default")
+    parser.add_argument("--out", default="slump_chart.png", help="picture, slump_chart.png by default")
+    parser.add_argument("--json", action="store_true", help="print the name of the picture as JSON")
+    arguments = parser.parse(argv)
+    try:
+        from ..study.chart import slump_chart
+
+        made = slump_chart(arguments.out, arguments.study)
+    except ImportError:
+        raise SceneError("chart needs matplotlib: pip install 'taichi-mps[plots]'") from None
+    print(json.dumps({"picture": str(made)}) if arguments.json else made, file=sys.stdout)
+    return 0
+
+
+COMMANDS = {"sweep": sweep_command, "calibrate": calibrate_command, "chart": chart_command}

@@ -1,0 +1,268 @@
+"""Walls of any shape: a signed distance sampled on a grid, from a function or from a triangle mesh. Plain NumPy."""
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ..units import SceneError, array_of, check_vectors, finite, positive
+from .concave_edges import interpolate
+from .friction import Friction
+from .walls import check_friction
+
+MOST_NODES = 5e7  # of one grid: 400 MB of distances
+
+
+@dataclass(frozen=True)
+class Solid:
+    """Wall: where the distance [m], linear between the nodes of a grid, is negative. ``values`` are the distances at
+    the nodes, positive in the fluid; ``low`` is the first node and ``cell`` the step of the grid [m]. Beyond the grid
+    there is no wall. ``velocity`` [m/s] carries the solid along, ``slip`` leaves the tangential motion free,
+    ``friction`` resists it, a ``loose`` wall only pushes. Fluid on two sides of it does not feel the other through it.
+    """
+
+    values: np.ndarray
+    low: tuple[float, ...]
+    cell: float
+    velocity: tuple[float, ...] | None = None
+    slip: bool = False
+    loose: bool = False
+    friction: Friction | None = None
+    thin = False
+
+    def __post_init__(self):
+        check_friction(self)
+        check_vectors(self, "a solid", {"low": "m", "velocity": "m/s"})
+        values = array_of(self.values)
+        if values.ndim != len(self.low) or min(values.shape) < 2:
+            raise SceneError(f"values of shape {values.shape}: must be a grid of two nodes or more along {self.low}")
+        positive("cell", self.cell)
+        if not np.all(np.isfinite(values)):
+            raise SceneError("values: a distance is not a finite number; all must be finite [m]")
+        if not np.any(values < 0.0):
+            raise SceneError(
+                f"cell = {self.cell:g} m: no node of the grid lies inside the solid; must be at most half of its "
+                "thickness, and the distance negative inside"
+            )
+        steepest = max(float(np.abs(np.diff(values, axis=axis)).max()) for axis in range(values.ndim)) / self.cell
+        if steepest > 1.5:
+            raise SceneError(
+                f"values: the distance changes by {steepest:.3g} m per metre; a distance changes by at most 1"
+            )
+        object.__setattr__(self, "values", values)
+
+    @classmethod
+    def of(cls, distance, low, high, cell, **keywords):
+        """Solid of a function ``distance(points)`` of points (n, d) [m], positive in the fluid, sampled every ``cell``
+        [m] between two corners."""
+        positive("cell", cell)
+        low = finite("low", low, "m", dimensions=1)
+        high = finite("high", high, "m", shape=low.shape)
+        if np.any(high - low < cell):
+            raise SceneError(f"cell = {cell:g} m: must be greater than 0 m and fit between {low} and {high} m")
+        with np.errstate(over="ignore"):  # of a cell next to nothing
+            shape = np.ceil((high - low) / cell - 1e-9) + 1.0
+            needed = float(np.prod(shape))
+        if needed > MOST_NODES:
+            raise SceneError(f"cell = {cell:g} m: needs {needed:.2g} nodes; at most {MOST_NODES:.2g}")
+        shape = shape.astype(int)
+        nodes = np.stack(
+            np.meshgrid(*(lo + cell * np.arange(n) for lo, n in zip(low, shape, strict=True)), indexing="ij")
+        )
+        return cls(np.asarray(distance(nodes.reshape(len(low), -1).T)).reshape(shape), tuple(low), cell, **keywords)
+
+    @classmethod
+    def prism(cls, corners, cell, reach, along=None, **keywords):
+        """Solid whose section in the (x, z) plane is a convex polygon, corners (k, 2) [m] counter-clockwise: a plate, a
+        gate, the side of a funnel. Its grid goes ``reach`` [m] beyond it and, in 3-D, from one y to another, ``along``
+        [m]; there it has no ends."""
+        low, high = np.min(corners, axis=0) - reach, np.max(corners, axis=0) + reach
+        if along is None:
+            return cls.of(lambda x: polygon_distance(x, corners), low, high, cell, **keywords)
+        low, high = np.insert(low, 1, along[0]), np.insert(high, 1, along[1])
+        return cls.of(lambda x: polygon_distance(x[:, [0, 2]], corners), low, high, cell, **keywords)
+
+    @classmethod
+    def bars(cls, places, radius, upright, cell, reach, **keywords):
+        """Solid of upright round bars of this radius [m] at places (k, 2) [m], from one z to another, ``upright`` [m];
+        its grid goes ``reach`` [m] beyond them to the sides."""
+        places = np.asarray(places, float)
+        low = [*(places.min(0) - radius - reach), upright[0]]
+        high = [*(places.max(0) + radius + reach), upright[1]]
+
+        def distance(x):
+            return np.min([np.hypot(*(x[:, :2] - place).T) for place in places], axis=0) - radius
+
+        return cls.of(distance, low, high, cell, **keywords)
+
+    @classmethod
+    def from_mesh(cls, path, cell, reach, inside=False, scale=1.0, **keywords):
+        """Solid of a closed triangle mesh (STL, OBJ, PLY), its coordinates times ``scale`` in metres, sampled every
+        ``cell`` [m] up to ``reach`` [m] around it, an effective radius at least. ``inside``: the fluid is inside."""
+        points, triangles = read_mesh(path, scale)
+        side = -1.0 if inside else 1.0
+        low, high = points.min(0) - reach, points.max(0) + reach
+        return cls.of(lambda x: side * mesh_distance(x, points, triangles), low, high, cell, **keywords)
+
+    def section(self, y: float = 0.0) -> list[np.ndarray]:
+        """Where the distance is zero, as short lines (2, d) [m]; of a solid in 3-D its section at this y [m]."""
+        values, low = self.values, np.array(self.low)
+        if values.ndim == 3:
+            k = int(np.clip(round((y - low[1]) / self.cell), 0, values.shape[1] - 1))
+            values = values[:, k]
+        lines = []
+        corners = ((0, 0), (1, 0), (1, 1), (0, 1))
+        sides = np.stack([values[a : a + values.shape[0] - 1, b : b + values.shape[1] - 1] < 0.0 for a, b in corners])
+        for i, j in np.argwhere(sides.any(0) & ~sides.all(0)):
+            found = []
+            for a, b in zip(corners, (*corners[1:], corners[0]), strict=True):
+                p, q = np.array(a) + (i, j), np.array(b) + (i, j)
+                u, v = values[tuple(p)], values[tuple(q)]
+                if (u < 0.0) != (v < 0.0):
+                    found.append(low[[0, -1]] + self.cell * (p + (q - p) * u / (u - v)))
+            for pair in zip(found[::2], found[1::2], strict=True):
+                line = np.array(pair)
+                lines.append(line if self.values.ndim == 2 else np.insert(line, 1, y, axis=1))
+        return lines
+
+    @property
+    def point(self):
+        """The first node [m]."""
+        return self.low
+
+    @property
+    def high(self) -> tuple[float, ...]:
+        """The last node [m]."""
+        return tuple(np.array(self.low) + self.cell * (np.array(self.values.shape) - 1))
+
+    @property
+    def travel(self):
+        """Velocity [m/s] at which the place of the wall changes."""
+        return np.zeros(len(self.low)) if self.velocity is None else np.array(self.velocity, float)
+
+    @property
+    def speed(self):
+        """Largest speed [m/s] of the wall."""
+        return float(np.linalg.norm(self.travel))
+
+    def distance(self, x, time=0.0):
+        """Signed distance [m] of points (n, d) at a time [s], positive in the fluid; infinite beyond the grid."""
+        return interpolate(self.values, (x - np.array(self.low) - time * self.travel) / self.cell)
+
+
+def polygon_distance(x, corners):
+    """Signed distance [m] of points (n, 2) from a convex polygon with these corners (k, 2) [m], counter-clockwise;
+    positive outside. A cross-section: of a plate, a gate, the wall of a funnel."""
+    corners = np.asarray(corners, float)
+    nearest, inside = np.full(len(x), np.inf), np.full(len(x), True)
+    for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        along, offset = b - a, x - a
+        t = np.clip(offset @ along / (along @ along), 0.0, 1.0)
+        nearest = np.minimum(nearest, np.linalg.norm(offset - np.outer(t, along), axis=1))
+        inside &= along[0] * offset[:, 1] - along[1] * offset[:, 0] > 0.0
+    return np.where(inside, -nearest, nearest)
+
+
+def read_mesh(path, scale=1.0):
+    """Points (n, 3) [m] and triangles (m, 3) of a closed surface; SceneError naming the file and what is wrong."""
+    import meshio
+
+    path = Path(path)
+    if not path.is_file():
+        raise SceneError(f"mesh {path}: no such file")
+    if path.suffix.lower() == ".ply":
+        check_ply(path)
+    try:
+        with np.errstate(over="ignore"):  # meshio takes the text of an STL file for a number first
+            mesh = meshio.read(path)
+        faces = np.vstack(
+            [np.zeros((0, 3), np.uint8), *(block.data for block in mesh.cells if block.type == "triangle")]
+        )
+    except (Exception, SystemExit) as error:  # meshio leaves the program for a file that it cannot read
+        raise SceneError(f"mesh {path}: cannot be read as STL, OBJ or PLY ({type(error).__name__})") from None
+    if not len(faces):
+        raise SceneError(f"mesh {path}: holds no triangles")
+    if (
+        np.shape(mesh.points)[1:] != (3,)
+        or faces.dtype.kind not in "iu"
+        or not 0 <= faces.min() <= faces.max() < len(mesh.points)
+    ):
+        raise SceneError(f"mesh {path}: damaged; a triangle names a point that is not there")
+    points, renumbered = np.unique(np.asarray(mesh.points, float) * scale, axis=0, return_inverse=True)
+    triangles = renumbered.reshape(-1)[faces]  # STL repeats each corner
+    size = np.ptp(points, axis=0)
+    if not np.all(np.isfinite(points)) or size.min() <= 0.0 or size.max() > 100.0:
+        raise SceneError(
+            f"mesh {path}: {' x '.join(f'{s:.4g}' for s in size)} m; must have a volume and be at most 100 m long "
+            f"(scale = {scale:g}; 0.001 for a file in mm)"
+        )
+    edges = np.vstack([triangles[:, [a, b]] for a, b in ((0, 1), (1, 2), (2, 0))])
+    there, back = ({tuple(edge) for edge in e.tolist()} for e in (edges, edges[:, ::-1]))
+    if len(there) < len(edges) or there != back:
+        raise SceneError(
+            f"mesh {path}: {len(there ^ back) // 2} of its edges belong to one triangle only, or two triangles face "
+            "against each other; must be closed"
+        )
+    corners = points[triangles]
+    if np.einsum("ij,ij->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) < 0.0:  # six times the volume
+        triangles = triangles[:, ::-1]
+    return points, triangles
+
+
+def check_ply(path):
+    """Refuse a header without end, which meshio would read for ever, and one that promises more than the file holds."""
+    content = path.read_bytes()
+    end = re.search(rb"^[ \t]*end_header[ \t\r]*$", content, re.M)
+    counts = re.findall(rb"element \w+ (\d+)", content[: end.start()]) if end else [b"0"]
+    if not end or any(len(count) > 18 or int(count) > len(content) for count in counts):
+        raise SceneError(f"mesh {path}: damaged; its header has no end, or promises more than the file holds")
+
+
+def mesh_distance(x, points, triangles):
+    """Signed distance [m] of places (n, 3) from a closed surface, negative inside, by libigl (extra ``cad``)."""
+    try:
+        import igl
+    except ImportError:
+        raise SceneError('a solid from a mesh needs libigl: pip install "taichi-mps[cad]"') from None
+    return igl.signed_distance(x, points, triangles.astype(np.int64), igl.SIGNED_DISTANCE_TYPE_PSEUDONORMAL)[0]
+
+
+def write_bars(path, ends, radius: float, sides: int = 12) -> Path:
+    """Write round bars between two ends each, (k, 2, 3) [m], as a closed triangle mesh (STL, OBJ, PLY by the suffix):
+    prisms with the cross-section of the round bar. SceneError if two overlap: of a surface inside another no distance
+    is known; bars that cross lie one behind the other."""
+    import meshio
+
+    ends = np.asarray(ends, float)
+    for k, (start, end) in enumerate(ends):
+        along = end - start
+        for other in range(k + 1, len(ends)):
+            o, b = ends[other, 0], ends[other, 1] - ends[other, 0]
+            x = start + np.linspace(0.0, 1.0, 2 + int(4 * np.linalg.norm(along) / radius))[:, None] * along
+            t = np.clip((x - o) @ b / (b @ b), 0.0, 1.0)
+            gap = float(np.linalg.norm(x - o - t[:, None] * b, axis=1).min()) - 2.0 * radius
+            if gap < 0.1 * radius:
+                raise SceneError(
+                    f"radius = {radius:g} m: bars {k} and {other} leave a gap of {gap:.3g} m; must be at least a tenth "
+                    f"of it, {0.1 * radius:.3g} m"
+                )
+    turn = 2.0 * np.pi * np.arange(sides) / sides
+    outer = radius * np.sqrt(2.0 * np.pi / (sides * np.sin(2.0 * np.pi / sides)))
+    points, triangles = [], []
+    for start, end in ends:
+        along = (end - start) / np.linalg.norm(end - start)
+        first = np.cross(along, np.eye(3)[np.argmin(np.abs(along))])
+        first /= np.linalg.norm(first)
+        rim = outer * (np.outer(np.cos(turn), first) + np.outer(np.sin(turn), np.cross(along, first)))
+        base = len(points) * (2 * sides + 2)
+        points.append(np.vstack([start + rim, end + rim, start, end]))
+        k = np.arange(sides)
+        n = (k + 1) % sides
+        middle = np.full(sides, 2 * sides)
+        faces = ((k, n, sides + n), (k, sides + n, sides + k), (middle, n, k), (middle + 1, sides + k, sides + n))
+        triangles += [base + np.stack(face, 1) for face in faces]
+    path = Path(path)
+    options = {"binary": True} if path.suffix.lower() == ".stl" else {}
+    meshio.write(path, meshio.Mesh(np.vstack(points), [("triangle", np.vstack(triangles).astype(np.int32))]), **options)
+    return path

@@ -1,0 +1,5 @@
+"""Files: run folder, history, trajectory, checkpoints; what comes from others is read with suspicion.
+
+No numerics.
+Read run_folder.py first.
+"""

@@ -1,0 +1,96 @@
+"""history.csv: one row a step."""
+
+import csv
+import io
+import math
+import os
+from pathlib import Path
+
+import numpy as np
+
+from ..units import SceneError
+
+COLUMNS = ("time_s", "dt_s", "slump_m", "spread_m", "max_speed_m_s", "kinetic_energy_J")
+COLUMNS += ("unyielded_fraction", "viscous_iterations", "pressure_iterations", "volume_error")
+
+
+class History:
+    """history.csv, one row a step, written as it goes.
+
+    ``kept``: continue an existing file up to that time [s]. Measures other than slump and spread get columns of
+    their own at the end.
+    """
+
+    def __init__(self, path, measures: dict, kept: float | None = None):
+        self.columns = (*COLUMNS, *(key for key in measures if key not in (*COLUMNS, "slump_max_m")))
+        rows = [] if kept is None or not Path(path).is_file() else read_rows(path)
+        rows = [row for row in rows if number(row.get("time_s")) <= kept * (1 + 1e-8)]  # of nine digits
+        self.empty = not rows
+        partial = Path(path).with_suffix(".partial")  # a run killed just now keeps the rows that it had
+        self.file = open(partial, "w", newline="", encoding="utf-8")  # noqa: SIM115  (closed in close)
+        self.writer = csv.DictWriter(self.file, self.columns, restval="nan", extrasaction="ignore")
+        self.writer.writeheader()
+        self.writer.writerows(rows)
+        self.file.flush()
+        os.replace(partial, path)
+
+    def add(self, row: dict) -> None:
+        """Write a row and flush it."""
+        self.writer.writerow({key: f"{v:.9g}" if isinstance(v, float) else v for key, v in row.items()})
+        self.file.flush()
+
+    def close(self) -> None:
+        self.file.close()
+
+
+def row_of(sim, measures: dict) -> dict:
+    """Row of history.csv of a simulation now; before the first step there is no report, and little to say."""
+    report = sim.report
+    if report is None:
+        s = sim.snapshot()
+        masses = np.array([m.density for m in sim.scene.materials])[s.mix] * sim.scene.volumes_at(s.x)
+        values = (
+            0.0,
+            0.0,
+            float(s.speed.max()),
+            0.5 * float((masses * s.speed**2).sum()),
+            1.0 - s.yielded.mean(),
+            0,
+            0,
+            0.0,
+        )
+    else:
+        values = (report.time, report.dt, report.max_speed, report.kinetic_energy, report.unyielded_fraction)
+        values += (report.viscous_iterations, report.pressure_iterations, report.volume_error)
+    keys = [key for key in COLUMNS if key not in ("slump_m", "spread_m")]
+    return {**measures, **dict(zip(keys, values, strict=True))}
+
+
+def read_rows(path) -> list[dict[str, str]]:
+    """Rows of a history.csv as text; SceneError for another file."""
+    try:
+        with open(path, newline="", encoding="utf-8") as file:
+            text = file.read()
+            whole = text[: text.rfind("\n") + 1]  # a process killed while it wrote leaves a torn row
+            table = csv.DictReader(io.StringIO(whole, newline=""))
+            if not set(COLUMNS) <= set(table.fieldnames or ()):
+                raise SceneError(f"{path}: damaged or no history of a run; must have the columns {', '.join(COLUMNS)}")
+            return [{key: row[key] for key in table.fieldnames} for row in table]
+    except (UnicodeError, csv.Error) as error:
+        raise SceneError(f"{path}: damaged or no history of a run ({type(error).__name__})") from None
+
+
+def read_history(path) -> dict[str, np.ndarray]:
+    """Columns of a history.csv as arrays."""
+    if not Path(path).is_file():
+        raise SceneError(f"run = {Path(path).parent}: holds no history.csv; must be the folder of a run")
+    rows = read_rows(path)
+    return {key: np.array([number(row[key]) for row in rows]) for key in (rows[0] if rows else COLUMNS)}
+
+
+def number(text) -> float:
+    """The number that a text of a table is, nan where it is none."""
+    try:
+        return float(text)
+    except (TypeError, ValueError):
+        return math.nan

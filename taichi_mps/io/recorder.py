@@ -1,0 +1,89 @@
+"""What writes a run as it goes: history, trajectory, pictures, checkpoints, summary."""
+
+import time
+
+from ..units import SceneError
+from . import checkpoint
+from .history import History, read_history, row_of
+from .run_folder import RunFolder, strict
+from .vtkhdf import Trajectory, due
+
+CHECKPOINT_SHARE = 0.02  # of the time that a run takes, spent on checkpoints
+
+
+class Recorder:
+    """Writes a run as it goes: history every step, run.h5 and a picture every ``every`` [s], a checkpoint at the start
+    and as often as costs no more than CHECKPOINT_SHARE of the time.
+
+    ``settings`` are the options of the run that ``resume`` needs; ``picture(sim, number)`` draws one output.
+    """
+
+    def __init__(self, folder: RunFolder, sim, every: float, source: str, settings: dict, picture=None):
+        self.folder, self.sim, self.source, self.settings, self.every = folder, sim, source, settings, every
+        self.picture = picture
+        self.trajectory = Trajectory(folder.trajectory)
+        self.measures = sim.measures()  # of the last step
+        resumed = sim.steps > 0 and folder.trajectory.is_file()
+        if sim.steps > 0 and not resumed and any(folder.frames.glob("*.png")):
+            raise SceneError(
+                f"run = {folder.path}: run.h5 is gone, by whose outputs the pictures in frames/ are numbered; move the "
+                "pictures elsewhere, then resume"
+            )
+        self.history = History(folder.history, self.measures, kept=sim.time if sim.steps > 0 else None)
+        if resumed:
+            if sim.time < sim.scene.until - 1e-9:  # of a run at its end the last output stays
+                outputs = self.trajectory.cut(sim.time, every)
+                for extra in sorted(folder.frames.glob("*.png"))[outputs:]:
+                    extra.unlink()
+        else:
+            self.trajectory.create(sim, source, every)
+        if self.history.empty:
+            self.history.add(row_of(sim, self.measures))
+        self.begun, self.next = sim.steps, time.monotonic()
+        if resumed:
+            self.good = self._checkpoint()
+        else:
+            self._save()
+        sim.each_step(self.step)
+        sim.every(every, self.output)
+
+    def _checkpoint(self):
+        return checkpoint.Checkpoint.of(self.sim, self.source, self.settings)
+
+    def _save(self):
+        begin = time.monotonic()
+        self.good = self._checkpoint()
+        self.good.write(self.folder.checkpoint)
+        now = time.monotonic()
+        self.next = now + (now - begin) / CHECKPOINT_SHARE
+
+    def step(self, sim) -> None:
+        self.measures = sim.measures()
+        self.history.add(row_of(sim, self.measures))
+        if time.monotonic() > self.next and not due(sim.time, self.every):
+            self._save()
+
+    def output(self, sim) -> None:
+        if sim.steps == self.begun and not due(sim.time, self.every):
+            return  # a run that goes on from between two outputs has none here
+        number = self.trajectory.append(sim.snapshot())
+        if number is not None:
+            self.good = self._checkpoint()
+            if self.picture:
+                self.picture(sim, number)
+        if time.monotonic() > self.next:  # not before: an output needs fields of the step, which no checkpoint keeps
+            self._save()
+
+    def finish(self, stopped_by: str, error: str | None = None) -> dict:
+        """Write the checkpoint (after a divergence the last good one), the last row and the summary; return it."""
+        good = self.good if error else self._checkpoint()
+        good.write(self.folder.checkpoint)
+        self.trajectory.close()
+        summary = self.sim.summary() | {"stopped_by": stopped_by, "resume_from": str(self.folder.checkpoint)}
+        self.history.close()
+        if self.sim.scene.over_time:
+            summary |= self.sim.scene.over_time(read_history(self.folder.history))
+        if error:
+            summary["error"] = error
+        self.folder.write_summary(summary)
+        return strict(summary)

@@ -1,0 +1,64 @@
+"""HDF5 files of a run folder, which may come from anybody or be damaged: read as data, and no more than they hold."""
+
+from contextlib import contextmanager
+
+import h5py
+import numpy as np
+
+from ..units import SceneError
+
+DAMAGE = (OSError, LookupError, ValueError, TypeError, AttributeError, RuntimeError, MemoryError)
+MOST_TEXT = 1 << 24  # bytes of one text
+
+
+@contextmanager
+def opened(path, what: str):
+    """The HDF5 file, to be read; whatever goes wrong inside becomes one SceneError that names it."""
+    try:
+        with h5py.File(path, "r", locking=False) as file:
+            yield file
+    except SceneError:
+        raise
+    except DAMAGE as error:
+        raise damaged(what, path, error) from None
+
+
+def damaged(what: str, path, error) -> SceneError:
+    """What went wrong with a file, in one line."""
+    reason = str(error).split("\n", 1)[0].split("(", 1)[0].strip() or type(error).__name__
+    return SceneError(f"{what} {path}: damaged or not one of taichi_mps ({reason})")
+
+
+def own(group, name: str):
+    """A member of a group that lies in the same file: ValueError for a link that leads elsewhere."""
+    if not isinstance(group.get(name, getlink=True), h5py.HardLink):
+        raise ValueError(f"{name} is not in the file")
+    return group[name]
+
+
+def numbers(group, name: str, kinds: str = "fiub", rows=()) -> np.ndarray:
+    """Array of numbers, or rows of it. Refuses what claims to hold more than is stored in the file, before reading."""
+    dataset = own(group, name)
+    if not isinstance(dataset, h5py.Dataset) or dataset.dtype.kind not in kinds:
+        raise ValueError(f"{name} does not hold numbers")
+    if dataset.is_virtual or dataset.external:
+        raise ValueError(f"{name} is not in the file")
+    stored, room = dataset.id.get_storage_size(), dataset.dtype.itemsize * dataset.size
+    if room > stored:
+        raise ValueError(f"{name} claims {room} bytes and has {stored}")
+    return dataset[rows]
+
+
+def text(group, name: str) -> str:
+    """A text of a dataset or an attribute."""
+    if name in group.attrs:
+        value = group.attrs[name]
+    else:
+        dataset = own(group, name)
+        if dataset.shape != () or dataset.is_virtual or dataset.external:
+            raise ValueError(f"{name} is not a text")
+        value = dataset[()]
+    value = value.decode("utf-8") if isinstance(value, bytes) else value
+    if not isinstance(value, str) or len(value) > MOST_TEXT:
+        raise ValueError(f"{name} is not a text")
+    return value

@@ -1,0 +1,278 @@
+"""run.h5: the outputs of a run as temporal VTKHDF PolyData, written as it goes and read back."""
+
+import errno
+import json
+import os
+import shutil
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from ..problem import catalogue
+from ..problem.measures import Snapshot, embed
+from ..problem.scene import Scene
+from ..units import SceneError
+from . import untrusted_hdf5 as outside
+
+BYTES, ROOM = 64, 1 << 20  # of a particle in an output, and of all else that a file may need
+PARTS = ("Vertices", "Lines", "Strips", "Polygons")  # order of the columns of Steps/CellOffsets
+
+
+class Trajectory:
+    """run.h5: the fluid at every output as temporal VTKHDF PolyData, for ParaView >= 5.12, pyvista and VTK >= 9.3.
+
+    The number of particles is constant (those that an inlet has yet to add wait at its mouth, with size 0), so one part
+    and one set of vertices serve all steps: step k has its points at row k n. What was computed is kept: half the
+    section of an axisymmetric body, with the size of its rings, or the part between mirror planes. Group ``taichi_mps``
+    holds what VTK does not need: how the scene was made, the wall particles and the mouth of the first inlet.
+
+    HDF5 leaves a damaged file behind when it is killed while it writes. So there are two files while a run goes on:
+    outputs are added to the twin, which then takes the place of run.h5 in one step. Whoever reads run.h5, and whenever
+    the run is killed, finds a whole file up to the last output.
+    """
+
+    def __init__(self, path):
+        self.path = Path(path)
+        self.twins = [self.path.with_suffix(f".twin{k}") for k in (1, 2)]
+        self.missing: list[Snapshot] | None = None  # what the twin lacks of run.h5; None where there is no twin
+
+    def create(self, sim, source: str, every: float) -> None:
+        """Begin a file without outputs, for one every ``every`` [s]."""
+        s, inlets = sim.snapshot(), sim.scene.inlets
+        n = sim.particles.capacity if inlets else len(s.x)
+        self.close()
+        self._require_room(n)
+        with h5py.File(self.twins[0], "w", libver=("earliest", "v110")) as file:
+            root = file.create_group("VTKHDF")
+            root.attrs["Version"] = np.array([2, 0])
+            root.attrs.create("Type", b"PolyData", dtype=h5py.string_dtype("ascii", 8))
+            root["NumberOfPoints"] = np.array([n])
+            for part in PARTS:
+                used = n if part == "Vertices" else 0
+                root[f"{part}/NumberOfCells"] = root[f"{part}/NumberOfConnectivityIds"] = np.array([used])
+                root[f"{part}/Connectivity"] = np.arange(used)
+                root[f"{part}/Offsets"] = np.arange(used + 1)
+            fields = point_data(s)
+            if not sim.scene.axisymmetric and not inlets:
+                del fields["size"]
+            if len(sim.scene.materials) == 1:
+                del fields["mix"]
+            for name, rows in {"Points": single(s.x), **fields}.items():
+                where = name if name == "Points" else f"PointData/{name}"
+                growing(root, where, rows.shape[1:], rows.dtype, min(n, 1 << 16))
+            steps = root.create_group("Steps")
+            steps.attrs["NSteps"] = 0
+            offsets = [f"PointDataOffsets/{name}" for name in fields]
+            for name in ("PartOffsets", "NumberOfParts", "PointOffsets", *offsets):
+                growing(steps, name)
+            growing(steps, "Values", dtype=np.float64)
+            for name in ("CellOffsets", "ConnectivityIdOffsets"):
+                growing(steps, name, (len(PARTS),))
+            own = file.create_group("taichi_mps")
+            own.attrs.update(source=source, parameters=json.dumps(sim.scene.parameters), dimension=s.x.shape[1])
+            own.attrs["every"] = every
+            own["wall_x"] = s.wall_x
+            if inlets:
+                own["mouth"] = np.array(inlets[0].centre, float)
+        os.replace(self.twins[0], self.path)
+
+    def append(self, s: Snapshot) -> int | None:
+        """Add a snapshot; its number, or None if it is not later than the last one."""
+        if self.missing is not None:
+            try:
+                number = self._extend([*self.missing, s])
+            except OSError:  # somebody has the twin open: ParaView, with what was run.h5 one output ago
+                self.missing = None
+        if self.missing is None:
+            self.close()
+            shutil.copyfile(self.path, self.twins[0])
+            number = self._extend([s])
+        self.missing = [s] if number is not None and self._exchange() else None
+        return number
+
+    def _extend(self, snapshots) -> int | None:
+        """Add snapshots to the twin; the number of the last, or None if it is not later than what is there."""
+        self._require_room(sum(len(s.x) for s in snapshots))
+        with h5py.File(self.twins[0], "r+", libver=("earliest", "v110")) as file:
+            for s in snapshots:
+                number = add(file["VTKHDF"], s)
+        return number
+
+    def _require_room(self, particles: int) -> None:
+        """OSError where the disk has no room for an output: HDF5 would not return from closing the file."""
+        if shutil.disk_usage(self.path.parent).free < BYTES * particles + ROOM:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(self.path))
+
+    def _exchange(self) -> bool:
+        """The twin becomes run.h5, and run.h5 the twin: False, and no twin, where the disk has no links."""
+        try:
+            os.link(self.path, self.twins[1])
+        except OSError:
+            os.replace(self.twins[0], self.path)
+            return False
+        os.replace(self.twins[0], self.path)
+        self.twins.reverse()
+        return True
+
+    def close(self) -> None:
+        """Remove the twin: this run, or one that was killed, writes no more."""
+        self.missing = None
+        for twin in self.twins:
+            twin.unlink(missing_ok=True)
+
+    def cut(self, last: float, every: float) -> int:
+        """Forget the outputs after the time ``last`` [s], and the last one that is left if it is not a multiple of the
+        interval so far, for then an end of the run has made it; go on with the interval ``every`` [s]. Returns how many
+        are left."""
+        self.close()
+        shutil.copyfile(self.path, self.twins[0])
+        try:
+            with h5py.File(self.twins[0], "r+", libver=("earliest", "v110")) as file:
+                root = file["VTKHDF"]
+                steps = root["Steps"]
+                instants = steps["Values"][: steps.attrs["NSteps"]]
+                own = file["taichi_mps"].attrs
+                k = int(np.count_nonzero(instants <= last + 1e-9))
+                k -= int(k > 0 and not due(instants[k - 1], own.get("every", every)))
+                own["every"] = every
+                steps.attrs["NSteps"] = k
+                offsets = [item for item in steps.values() if isinstance(item, h5py.Dataset)]
+                for dataset in (*offsets, *steps["PointDataOffsets"].values()):
+                    dataset.resize(k, axis=0)
+                for dataset in (root["Points"], *root["PointData"].values()):
+                    dataset.resize(k * int(root["NumberOfPoints"][0]), axis=0)
+        except outside.DAMAGE as error:
+            self.close()
+            raise outside.damaged("run", self.path, error) from None
+        os.replace(self.twins[0], self.path)
+        return k
+
+    def whole(self, scene_file=None):
+        """``replay``, once all of it has been read: a file without outputs or with damage anywhere is refused before
+        anything is made of it."""
+        if not sum(1 for _ in self.replay(scene_file)):
+            raise SceneError(f"run = {self.path.parent}: run.h5 holds no output yet")
+        return self.replay(scene_file)
+
+    def replay(self, scene_file=None):
+        """The outputs one by one, each with what a picture needs of a Simulation: scene, time, snapshot, measures.
+        A scene that is not a built-in one is made by the code of ``scene_file``, which the caller must name."""
+        if not self.path.is_file():
+            raise SceneError(f"run = {self.path.parent}: holds no run.h5; must be the folder of a run")
+        with outside.opened(self.path, "run") as file:
+            root, own = outside.own(file, "VTKHDF"), outside.own(file, "taichi_mps")
+            parameters = json.loads(outside.text(own, "parameters"))
+            scene = catalogue.rebuild(outside.text(own, "source"), parameters, scene_file)
+            n, wall = int(outside.numbers(root, "NumberOfPoints")[0]), outside.numbers(own, "wall_x")
+            if n != len(scene.fluid) and not scene.inlets:
+                raise SceneError(f"run {self.path}: has {n} particles, its scene makes {len(scene.fluid)}")
+            if wall.ndim != 2 or wall.shape[1] != scene.dimension:
+                raise ValueError("wall_x does not hold positions")
+            axes = [0, 2] if scene.dimension == 2 else [0, 1, 2]
+            low, high = np.array(scene.domain, float)
+            room = high - low  # a particle leaves the domain by less than that before the run ends
+            steps, fields = outside.own(root, "Steps"), outside.own(root, "PointData")
+            instants = outside.numbers(steps, "Values")[: int(steps.attrs["NSteps"])]
+            if instants.ndim != 1 or not np.all(np.isfinite(instants)) or not np.all(np.diff(instants) > 0.0):
+                raise ValueError("the times of the outputs do not rise")
+            for k, instant in enumerate(instants):
+                rows = slice(k * n, (k + 1) * n)
+                data = {name: outside.numbers(fields, name, rows=rows) for name in fields}
+                x = outside.numbers(root, "Points", rows=rows)[:, axes].astype(float)
+                sound = x.shape == (n, len(axes)) and np.all((x > low - room) & (x < high + room))
+                sound &= all(values.shape == ((n, 3) if name == "velocity" else (n,)) for name, values in data.items())
+                share = data.get("size", np.full(n, scene.spacing)) / scene.spacing  # thin rings moved far outward
+                sound &= share.any() and np.all((share == 0.0) | ((share > 0.01) & (share < 100.0)))
+                sound &= np.all(np.isin(data.get("mix", 0), np.arange(len(scene.materials))))
+                if not sound:
+                    raise ValueError(f"output {k} is not whole")
+                there = data["size"] > 0.0 if "size" in data else slice(None)
+                x, data = x[there], {name: rows[there] for name, rows in data.items()}
+                values = data["pressure"], data["shear_rate"], data["yielded"].astype(bool), data["density_ratio"]
+                size = data["size"].astype(float) if "size" in data else None
+                u, mix = data["velocity"][:, axes], data["mix"].astype(np.int32) if "mix" in data else None
+                yield Replay(scene, Snapshot(float(instant), scene.spacing, x, u, *values, wall, size, mix))
+
+
+@dataclass(frozen=True)
+class Replay:
+    """One output of a run, read back."""
+
+    scene: Scene
+    state: Snapshot
+
+    @property
+    def time(self) -> float:
+        return self.state.time
+
+    def snapshot(self) -> Snapshot:
+        return self.state
+
+    def measures(self) -> dict[str, float]:
+        return self.scene.measure(self.scene.unfold(self.state)) if self.scene.measure else {}
+
+
+def due(time, every: float):
+    """Is this time [s] a multiple of the interval of the outputs [s]?"""
+    return np.abs(time / every - np.round(time / every)) < 1e-6
+
+
+def add(root, s: Snapshot) -> int | None:
+    """Add a snapshot to the group VTKHDF; its number, or None if it is not later than the last one."""
+    steps, n = root["Steps"], int(root["NumberOfPoints"][0])
+    k = int(steps.attrs["NSteps"])
+    if k and s.time <= steps["Values"][k - 1] + 1e-9:
+        return None
+    if len(s.x) < n:
+        s = waiting(s, n, root.parent["taichi_mps/mouth"][()])
+    put(root["Points"], k * n, single(s.x))
+    for name, rows in point_data(s).items():
+        if name in root["PointData"]:
+            put(root[f"PointData/{name}"], k * n, rows)
+    put(steps["Values"], k, [s.time])
+    put(steps["NumberOfParts"], k, [1])
+    for name in ("PartOffsets", "CellOffsets", "ConnectivityIdOffsets"):
+        put(steps[name], k, np.zeros((1, *steps[name].shape[1:]), int))
+    for dataset in (steps["PointOffsets"], *steps["PointDataOffsets"].values()):
+        put(dataset, k, [k * n])
+    steps.attrs["NSteps"] = k + 1
+    return k
+
+
+def waiting(s: Snapshot, n: int, mouth) -> Snapshot:
+    """The snapshot with all n particles: those to come are at the mouth of the inlet [m] and have no size."""
+    names = ("x", "u", "p", "shear_rate", "yielded", "density_ratio", "size", "mix")
+    rows = {name: getattr(s, name) for name in names}
+    more = {name: np.zeros((n - len(s.x), *values.shape[1:]), values.dtype) for name, values in rows.items()}
+    more["x"] = more["x"] + mouth
+    return replace(s, **{name: np.concatenate([rows[name], more[name]]) for name in names})
+
+
+def single(x):
+    """Vectors (n, 3) in single precision of vectors (n, d)."""
+    return embed(x).astype(np.float32)
+
+
+def point_data(s: Snapshot) -> dict[str, np.ndarray]:
+    """velocity [m/s], pressure [Pa], shear_rate [1/s], yielded 0 or 1, density_ratio [-], size [m] and mix of every
+    particle."""
+    scalars = {"pressure": s.p, "shear_rate": s.shear_rate, "density_ratio": s.density_ratio, "size": s.size}
+    return {
+        "velocity": single(s.u),
+        "yielded": s.yielded.astype(np.uint8),
+        "mix": s.mix.astype(np.uint8),
+        **{name: np.asarray(values, np.float32) for name, values in scalars.items()},
+    }
+
+
+def growing(group, name, width=(), dtype=np.int64, chunk=256):
+    """An empty dataset of rows that ``put`` can lengthen."""
+    group.create_dataset(name, (0, *width), dtype, maxshape=(None, *width), chunks=(chunk, *width))
+
+
+def put(dataset, first, rows):
+    """Write rows from row ``first`` on and end the dataset there."""
+    dataset.resize(first + len(rows), axis=0)
+    dataset[first:] = rows

@@ -1,0 +1,42 @@
+"""A run for other programs: one .vtu file an output by meshio, and the .pvd that gives them their times."""
+
+import os
+from pathlib import Path
+
+import meshio
+import numpy as np
+
+from ..units import SceneError
+from ..viz.smooth_surface import smooth_surface
+from .vtkhdf import point_data, single
+
+
+def vtu(outputs, folder, whole: bool = False, smooth: bool = False) -> int:
+    """Write folder/output_00000.vtu, ... and folder/run.pvd, which opens all of them with their times [s].
+
+    outputs: those of ``Trajectory.replay``; with ``whole`` the body of which they are the computed part; with
+    ``smooth`` the surface of the whole body as triangles instead of its particles. Points with the fields of run.h5;
+    a plane scene lies at y = 0. Returns how many; the .pvd is written anew with each.
+    """
+    folder = Path(folder)
+    index, lines = folder / "run.pvd", []
+    for number, output in enumerate(outputs):
+        s = output.scene.unfold(output.snapshot()) if whole or smooth else output.snapshot()
+        cells = [("vertex", np.arange(len(s.x))[:, None])]
+        if smooth:
+            s, _, triangles = smooth_surface(s)
+            cells = [("triangle", triangles)]
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise SceneError(f"out = {folder}: cannot be written ({error.strerror}); choose another folder") from None
+        name = f"output_{number:05d}.vtu"
+        mesh = meshio.Mesh(single(s.x), cells, point_data=point_data(s))
+        meshio.write(folder / name, mesh, file_format="vtu")
+        lines.append(f'    <DataSet timestep="{s.time!r}" part="0" file="{name}"/>')
+        text = ['<?xml version="1.0"?>', '<VTKFile type="Collection" version="0.1" byte_order="LittleEndian">']
+        text += ["  <Collection>", *lines, "  </Collection>", "</VTKFile>", ""]
+        partial = index.with_suffix(".partial")
+        partial.write_text("\n".join(text), encoding="utf-8")
+        os.replace(partial, index)
+    return len(lines)

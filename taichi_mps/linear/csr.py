@@ -1,0 +1,66 @@
+"""A sparse matrix in compressed rows, and coarse levels for it made from the binning grid.
+
+Sources: Braess, Towards algebraic multigrid for elliptic problems of second order, Computing 55 (1995), 379-393
+(over-correction of piecewise constants); Notay, An aggregation-based algebraic multigrid method, ETNA 37 (2010),
+123-146 (why such aggregates need more than a V-cycle).
+"""
+
+import numpy as np
+
+from ..runtime.backend import real, ti
+
+
+@ti.data_oriented
+class SparseMatrix:
+    """Scalar matrix in compressed rows: A_ii = diagonal[i] and A_ij = value[k], j = column[k], k in the row of i.
+
+    row_start, column and count may belong to someone else (a neighbour list). Rows whose diagonal is not
+    positive are no unknowns. Fill value and call set_diagonal for every row.
+    """
+
+    def __init__(self, capacity: int, pair_capacity: int, row_start=None, column=None, count=None):
+        self.capacity, self.pair_capacity = capacity, pair_capacity
+        self.count = ti.field(ti.i32, ()) if count is None else count
+        self.row_start = ti.field(ti.i32, capacity + 1) if row_start is None else row_start
+        self.column = ti.field(ti.i32, pair_capacity) if column is None else column
+        self.real = real()
+        self.value = ti.field(self.real, pair_capacity)
+        self.diagonal = ti.field(self.real, capacity)
+        self.inverse_diagonal = ti.Matrix.field(1, 1, self.real, capacity)
+
+    @ti.func
+    def set_diagonal(self, i, d):
+        self.diagonal[i] = d
+        self.inverse_diagonal[i][0, 0] = ti.select(d > 0, 1 / d, 0)
+
+    @ti.func
+    def apply(self, x: ti.template(), y: ti.template(), team: ti.template(), member):
+        """y_i = sum_j A_ij x_j."""
+        for i in range(team.first(member, self.count[None]), team.last(member, self.count[None])):
+            s = self.diagonal[i] * x[i][0]
+            for k in range(self.row_start[i], self.row_start[i + 1]):
+                s += self.value[k] * x[self.column[k]][0]
+            y[i][0] = s
+        team.wait()
+
+    def load(self, matrix) -> None:
+        """Copy a SciPy sparse matrix."""
+        pairs = matrix.tocoo()
+        off = pairs.row != pairs.col
+        order = np.lexsort((pairs.col[off], pairs.row[off]))
+        rows, pair_count = matrix.shape[0], len(order)
+        if rows > self.capacity or pair_count > self.pair_capacity:
+            raise ValueError(f"{rows} rows with {pair_count} pairs: capacity {self.capacity}, {self.pair_capacity}")
+        start = np.searchsorted(pairs.row[off][order], np.arange(self.capacity + 1))
+        self.count[None] = rows
+        self.row_start.from_numpy(start.astype(np.int32))
+        for field, entries in ((self.column, pairs.col), (self.value, pairs.data)):
+            padded = np.zeros(self.pair_capacity, np.int32 if field is self.column else float)
+            padded[:pair_count] = entries[off][order]
+            field.from_numpy(padded)
+        self._load_diagonal(np.ascontiguousarray(matrix.diagonal(), float))
+
+    @ti.kernel
+    def _load_diagonal(self, diagonal: ti.types.ndarray(dtype=ti.f64, ndim=1)):
+        for i in range(self.count[None]):
+            self.set_diagonal(i, ti.cast(diagonal[i], self.real))

@@ -1,0 +1,165 @@
+"""The operators A_l of the coarse levels: stencils on grids of nodes, summed from the particles without a matrix."""
+
+from itertools import product
+
+import numpy as np
+
+from ..runtime.backend import real, ti
+from .node_grids import NodeGrids
+
+
+@ti.data_oriented
+class NodeOperators(NodeGrids):
+    """A_l is the operator on the shape functions f of the nodes of grid l, a stencil of 3^d blocks; that of nodes n and
+    m is
+
+        sum_i a_i (grad f_n . grad f_m I + grad f_m (x) grad f_n) + (c_i - a_i) grad f_n (x) grad f_m + f_n f_m S_i
+
+    summed over the cells of grid l - 1, each of which stands for its particles with the sums of their a, c and S at
+    the centre of a: the operator of an elastic body. Of grid 0 only the diagonal blocks D_0 are made, by particle.
+    Each cell gives 2^d nodes a part of A_l that is positive, so the eigenvalues of D_l^-1 A_l are at most 2^d.
+
+    operator: as for NodeMultigrid.
+    """
+
+    def __init__(self, operator, bins):
+        super().__init__(operator, bins)
+        d = self.dimension
+        self.points = 3**d
+        self.a, self.c = (ti.field(real(), self.nodes) for _ in range(2))  # of the cell above each node [times m2]
+        self.S = ti.Matrix.field(d, d, real(), self.nodes)
+        self.centre = ti.Vector.field(d, real(), self.nodes)  # of a in the cell, 0 to 1 [-]
+        self.lanes = 4 if d == 3 else d  # LLVM makes vector instructions of four numbers
+        self.stencil = ti.Matrix.field(d, self.lanes, real(), (self.rows, self.points))  # transposed blocks of A_l
+        self.column = ti.field(ti.i32, (self.rows, self.points))  # node at each stencil point, -1: none
+        self.inverse = ti.Matrix.field(d, d, real(), self.nodes)  # D_l^-1
+        self.finer = ti.field(ti.i32, (self.rows, self.points))  # node of the finer grid at each offset, -1: none
+        self.weights = ti.field(real(), (self.grids, self.points))  # its share there
+        ratio = self.ratio.to_numpy()[:, None]
+        apart = np.abs(np.array(list(product((-1, 0, 1), repeat=d))))
+        self.weights.from_numpy(np.maximum(0, ratio - apart).prod(2) * (1.0 / ratio.prod(2)))
+
+    def build(self) -> None:
+        """Operators of all grids for the particles' operator as it is now."""
+        self.locate()
+        self._assemble_finest()
+        for grid in range(1, self.grids):
+            self._lump(grid - 1)
+            self._assemble(grid)
+
+    @ti.func
+    def invert(self, node, D):
+        self.inverse[node] = ti.Matrix.zero(float, self.dimension, self.dimension)
+        size = D.trace()
+        if size > 1e-30:  # a node that the particles only just touch must not blow up, nor its determinant underflow
+            scaled = D / size + 1e-4 * ti.Matrix.identity(float, self.dimension)
+            self.inverse[node] = scaled.inverse() / size
+
+    @ti.kernel
+    def _assemble_finest(self):
+        """Diagonal blocks of grid 0."""
+        for m in range(self.uses[0]):
+            node, place = self.used[m], self.where[m]
+            I = ti.Matrix.identity(float, self.dimension)  # noqa: E741
+            D = 0.0 * I
+            for corner in ti.grouped(ti.ndrange(*((0, 2),) * self.dimension)):
+                cell = self.linear(place - corner, ti.Vector(self.bins.shape))
+                if cell >= 0:
+                    for i in range(self.bins.cell_start[cell], self.bins.cell_start[cell + 1]):
+                        value, slope = self.shape_function(corner, self.fraction[i], 0)
+                        a_i, c_i, S_i = self.operator.stiffness(i)
+                        D += a_i * slope.dot(slope) * I + c_i * slope.outer_product(slope) + value * value * S_i
+            self.invert(node, D)
+
+    @ti.func
+    def shape_function(self, corner, fraction, grid):
+        """Value, and gradient [1/m], of the shape function of the node at a corner of a cell between the nodes."""
+        value, slope = ti.cast(1.0, float), ti.Vector.one(float, self.dimension)
+        for a in ti.static(range(self.dimension)):
+            width = ti.cast(self.bins.cell_size[a] * self.stride[grid][a], float)
+            share = ti.abs(1.0 - corner[a] - fraction[a])
+            value *= share
+            for e in ti.static(range(self.dimension)):
+                slope[e] *= ti.select(corner[a] == 1, 1.0, -1.0) / width if e == a else share
+        return value, slope
+
+    @ti.func
+    def clear(self, row, place, grid):
+        """Neighbours of the node of a row on its grid and on the finer one, -1 where there is none, and zero blocks."""
+        for k in range(self.points):
+            self.stencil[row, k] = ti.Matrix.zero(float, self.dimension, self.lanes)
+            self.column[row, k] = self.neighbour(place + self.offset(k), grid)
+            fine = self.neighbour(self.ratio[grid] * place + self.offset(k), grid - 1)
+            self.finer[row, k] = fine if self.weights[grid, k] > 0.0 else -1
+
+    @ti.func
+    def close(self, row, grid):
+        """Where there is no neighbour a zero block of any node: sums over the stencil need not ask."""
+        for k in range(self.points):
+            if self.column[row, k] < 0:
+                self.stencil[row, k] = ti.Matrix.zero(float, self.dimension, self.lanes)
+                self.column[row, k] = self.first[grid]
+
+    @ti.func
+    def offset(self, k):
+        """Stencil point k, -1 to 1 along each axis."""
+        return self.place(k, 3 * ti.Vector.one(ti.i32, self.dimension)) - 1
+
+    @ti.func
+    def point(self, offset):
+        """Number of the stencil point at an offset."""
+        k = 0
+        for a in ti.static(range(self.dimension)):
+            k = 3 * k + offset[a] + 1
+        return k
+
+    @ti.kernel
+    def _lump(self, grid: ti.i32):
+        """Sums of a, c and S over the cells above the nodes of a grid, and where their a is."""
+        for m in range(self.uses[grid]):
+            node, place = self.used[self.first[grid] + m], self.where[self.first[grid] + m]
+            S = ti.Matrix.zero(float, self.dimension, self.dimension)
+            shear, bulk, moment = ti.cast(0.0, float), ti.cast(0.0, float), ti.Vector.zero(float, self.dimension)
+            if grid == 0:
+                cell = self.linear(place, ti.Vector(self.bins.shape))
+                if cell >= 0:
+                    for i in range(self.bins.cell_start[cell], self.bins.cell_start[cell + 1]):
+                        a_i, c_i, S_i = self.operator.stiffness(i)
+                        shear, bulk, S, moment = shear + a_i, bulk + c_i, S + S_i, moment + a_i * self.fraction[i]
+            else:
+                for corner in ti.grouped(ti.ndrange(*((0, 2),) * self.dimension)):
+                    inner = self.neighbour(self.ratio[grid] * place + corner, grid - 1)
+                    if (corner < self.ratio[grid]).all() and inner >= 0:
+                        shear, bulk, S = shear + self.a[inner], bulk + self.c[inner], S + self.S[inner]
+                        moment += self.a[inner] * (self.centre[inner] + corner) / self.ratio[grid]
+            self.a[node], self.c[node], self.S[node] = shear, bulk, S
+            self.centre[node] = moment / shear if shear > 0.0 else 0.5 + 0.0 * moment
+
+    @ti.kernel
+    def _assemble(self, grid: ti.i32):
+        """Stencils of a grid, from the sums over the cells of the finer one."""
+        for m in range(self.uses[grid]):
+            node, row = self.used[self.first[grid] + m], self.start[grid] + m
+            place = self.where[self.first[grid] + m]
+            self.clear(row, place, grid)
+            D = ti.Matrix.zero(float, self.dimension, self.dimension)
+            ratio = self.ratio[grid]
+            for offset in ti.grouped(ti.ndrange(*((-2, 2),) * self.dimension)):
+                at, cell = ratio * place + offset, -1
+                if (offset >= -ratio).all() and (offset < ratio).all():
+                    cell = self.neighbour(at, grid - 1)
+                if cell >= 0 and self.c[cell] > 0.0:
+                    corner = place - (at >> (ratio - 1))  # of the node in its cell
+                    fraction = (self.centre[cell] + (at & (ratio - 1))) / ratio
+                    value, slope = self.shape_function(corner, fraction, grid)
+                    shear, rest, S = self.a[cell], self.c[cell] - self.a[cell], value * self.S[cell]
+                    for other in ti.grouped(ti.ndrange(*((0, 2),) * self.dimension)):
+                        v, s = self.shape_function(other, fraction, grid)
+                        k, level = self.point(other - corner), shear * slope.dot(s)
+                        for e, a in ti.static(ti.ndrange(self.dimension, self.dimension)):
+                            block = shear * s[a] * slope[e] + rest * slope[a] * s[e] + v * S[a, e]
+                            self.stencil[row, k][e, a] += block + level if ti.static(a == e) else block
+            for e, a in ti.static(ti.ndrange(self.dimension, self.dimension)):
+                D[a, e] = self.stencil[row, self.points // 2][e, a]
+            self.close(row, grid)
+            self.invert(node, D)

@@ -1,0 +1,233 @@
+"""Least-squares gradient of the velocity and its exact adjoint, the force of a stress field (eqs 11, 22-29).
+
+With b_ij = (w/r^2) r_ij, w a weight of weights.py, M_i = sum_j b_ij (x) r_ij and B_i = M_i^-1 the gradient is
+G_i(u) = [sum_j (u_j - u_i) (x) b_ij] B_i, and the force of stresses T is F_i = sum_j (V_i T_i B_i + V_j T_j B_j) b_ij:
+the negative adjoint of G, hence exact momentum, a symmetric operator and a traction-free surface without any marker.
+
+In an axisymmetric scene a particle is a ring at (r, z) of fixed volume V_i and tensors are 3 x 3: the hoop part of the
+gradient is G_33 = u_r/r, the adjoint adds -V_i T_33/r_i to the radial force. A ring that moves outward gets thinner:
+``share`` is its cross-section over l0^2, with which it counts among neighbours and in the packing.
+"""
+
+import numpy as np
+
+from ..runtime.backend import real, ti
+from ..runtime.field_io import FieldIO
+from ..runtime.stages import stage
+from .kernels import ring_table
+from .particles import DUMMY, FLUID, WALL
+
+# largest surface normal of a full neighbourhood: 1.15 l0 below a flat surface, where 3 % of the packing is missing
+ENCLOSED = 0.3
+THICKEST, ENTRIES = 2.0, 256  # largest share in the table of lattice sums, and its length
+
+
+@ti.data_oriented
+class Gradient:
+    """Pair vectors, inverse moments and particle number density at the present positions."""
+
+    def __init__(self, neighbors, walls, lattice, spacing: float):
+        particles = neighbors.particles
+        d = particles.dimension
+        self.neighbors, self.particles, self.walls = neighbors, particles, walls
+        self.dimension, self.tensors = d, particles.tensor_dimension
+        self.axisymmetric, self.spacing = particles.axisymmetric, spacing
+        self.n0, self.weight, self.packing_kernel = lattice.n0, lattice.weight, lattice.packing_kernel
+        self.full, self.at_surface = lattice.neighbours, lattice.surface_normal
+        self.full_packing = lattice.packing
+        self.effective_radius = neighbors.bins.effective_radius
+        self.b = ti.Vector.field(d, real(), neighbors.pair_capacity)  # (w/r^2) r_ij [1/m] of each pair
+        self.weight_r2 = ti.field(real(), neighbors.pair_capacity)  # w/r^2 [1/m2] of each pair
+        self.B = ti.Matrix.field(d, d, real(), particles.capacity)  # inverse moment [-]; zero: carries no stress
+        self.n = ti.field(real(), particles.capacity)  # particle number density [-], eq 13, walls included
+        self.packing = ti.field(real(), particles.capacity)  # sum of the packing kernel over that of a lattice
+        # sum w e over that of a particle at a flat surface [-]: 0 inside, points away from where neighbours are missing
+        self.surface_normal = ti.Vector.field(d, real(), particles.capacity)
+        self.neighbour_count = ti.field(real(), particles.capacity)  # neighbours, those behind walls included [-]
+        if self.axisymmetric:
+            self.share = ti.field(real(), particles.capacity)  # cross-section of the ring over l0^2 [-]
+            self.hoop = ti.field(real(), particles.capacity)  # V T_33/r of the stress that was spread last [N]
+            shares = THICKEST / ENTRIES * np.arange(1, ENTRIES + 1)
+            self.lattices = ti.Vector.field(2, real(), ENTRIES)  # n0 and packing [-] of a lattice with these shares
+            self.ring_sums = ring_table(spacing, self.effective_radius, shares, self.weight)
+            self.lattices.from_numpy(self.ring_sums)
+        shares = {"share": self.share} if self.axisymmetric else {}
+        self.rows = FieldIO({"n": self.n, **shares}, particles.capacity)
+
+    @ti.func
+    def counts_as(self, i):
+        """Cross-section of particle i over that of the lattice [-]: 1 but for rings."""
+        share = ti.cast(1.0, float)
+        if ti.static(self.axisymmetric):
+            share = self.share[i]
+        return share
+
+    @ti.func
+    def lattice(self, i):
+        """n0 and packing [-] of a full lattice of particles like i."""
+        sums = ti.Vector([ti.cast(self.n0, float), ti.cast(self.full_packing, float)])
+        if ti.static(self.axisymmetric):
+            s = self.share[i] * (ENTRIES / THICKEST) - 1.0
+            k = ti.max(0, ti.min(ti.cast(s, ti.i32), ENTRIES - 2))
+            f = ti.max(0.0, ti.min(1.0, s - k))
+            sums = self.lattices[k] * (1.0 - f) + self.lattices[k + 1] * f
+        return sums
+
+    @ti.func
+    def enclosed(self, i):
+        """Whether particle i has a full neighbourhood. In three dimensions the number of neighbours does not tell: a
+        lattice has 32, disordered particles as dense have 37. That of rings points to the thinner ones."""
+        enclosed = self.neighbour_count[i] >= 0.9 * self.full
+        if ti.static(not self.axisymmetric):
+            enclosed = enclosed and self.surface_normal[i].norm() < ENCLOSED
+        return enclosed
+
+    def density_ratio(self) -> np.ndarray:
+        """Particle number density over that of a lattice [-], (n,); of rings over a lattice as thin as they."""
+        rows = self.rows.read(self.particles.count[None])
+        if not self.axisymmetric:
+            return rows["n"] / self.n0
+        share, shares = rows["share"], THICKEST / ENTRIES * np.arange(1, ENTRIES + 1)
+        return rows["n"] / np.maximum(1e-12, share * np.interp(share, shares, self.ring_sums[:, 0]))
+
+    @ti.func
+    def inverse(self, M, n0):
+        """M^-1; a nearly flat neighbourhood (collinear, coplanar) is stiffened by 0.3 (n0/d) I first."""
+        m0 = n0 / self.dimension
+        deficient = ti.cast(M.determinant() < 0.05 * m0**self.dimension, float)
+        return (M + deficient * 0.3 * m0 * ti.Matrix.identity(float, self.dimension)).inverse()
+
+    @stage
+    def build(self):
+        """Fill b, w/r^2, B, n, packing at the present positions."""
+        re = self.effective_radius
+        if ti.static(self.axisymmetric):
+            for i in range(self.particles.count[None]):  # a ring thicker than the axis is far has no cross-section
+                r = ti.max(ti.cast(self.particles.x[i][0], float), 0.5 * self.spacing)
+                self.share[i] = self.particles.ring[i] / (2.0 * np.pi * r * self.spacing**2)
+        for i in range(self.particles.count[None]):
+            x = self.particles.x[i]
+            M = ti.Matrix.zero(float, self.dimension, self.dimension)
+            n, packing, neighbour_count = ti.cast(0.0, float), self.counts_as(i), ti.cast(0.0, float)
+            surface_normal = ti.Vector.zero(float, self.dimension)
+            wet = 0
+            first, last = self.neighbors.row_start[i], self.neighbors.row_start[i + 1]
+            for k in range(first, last):
+                j = self.neighbors.column[k]
+                to_j = self.neighbors.bins.displacement(x, self.particles.x[j])
+                r = ti.cast(to_j, float)
+                r2 = ti.max(r.dot(r), 1e-4 * re * re)
+                distance = ti.sqrt(r2)
+                q = ti.min(1.0, distance / re)
+                w = self.weight(q)
+                share = self.counts_as(j)
+                if ti.static(self.walls.part):  # noqa: SIM102  (a compiled choice stays apart)
+                    if self.walls.between(x, x + to_j):
+                        w, share = 0.0, 0.0
+                b = r * (w / r2)
+                self.b[k] = b
+                self.weight_r2[k] = w / r2
+                M += b.outer_product(r)
+                n += share * w
+                surface_normal += distance * b
+                packing += share * self.packing_kernel(q)
+                neighbour_count += share
+                if self.particles.kind[j] == FLUID:
+                    wet += 1
+            if ti.static(len(self.walls.surfaces) > 0):
+                counts, moment, behind = self.walls.moments(i, x, self.counts_as(i))
+                surface_normal += behind
+                neighbour_count += counts[0]
+                n += counts[1]
+                packing += counts[2]
+                M += moment
+            lattice = self.lattice(i)
+            self.n[i] = n
+            self.packing[i] = packing / lattice[1]
+            self.neighbour_count[i] = neighbour_count
+            self.surface_normal[i] = surface_normal / self.at_surface
+            kind = self.particles.kind[i]
+            some = neighbour_count >= self.dimension * ti.min(1.0, self.counts_as(i))
+            stressed = some and (kind == FLUID or (kind == WALL and wet > 0)) and kind != DUMMY
+            self.B[i] = (
+                self.inverse(M, lattice[0]) if stressed else ti.Matrix.zero(float, self.dimension, self.dimension)
+            )
+
+    @ti.func
+    def pair_weight(self, k):
+        """w of pair k (eq 10) from b = (w/r^2) r_ij and w/r^2."""
+        b = self.b[k]
+        return b.dot(b) / ti.max(self.weight_r2[k], 1e-30)
+
+    @ti.func
+    def slope(self, i, u: ti.template(), motion):
+        """sum_j (u_j - u_i) (x) b_ij [1/s], walls included."""
+        H = ti.Matrix.zero(float, self.dimension, self.dimension)
+        ui = u[i]
+        for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
+            H += (u[self.neighbors.column[k]] - ui).outer_product(self.b[k])
+        if ti.static(len(self.walls.surfaces) > 0):
+            H += self.walls.gradient_term(i, self.particles.x[i], ui, motion, self.counts_as(i))
+        return H
+
+    @ti.func
+    def tensor(self, i, G, u: ti.template()):
+        """The gradient G in the plane, with u_r/r as G_33 in an axisymmetric scene [1/s]."""
+        full = ti.Matrix.zero(float, self.tensors, self.tensors)
+        for a, c in ti.static(ti.ndrange(self.dimension, self.dimension)):
+            full[a, c] = G[a, c]
+        if ti.static(self.axisymmetric):
+            full[2, 2] = u[i][0] / ti.cast(self.particles.x[i][0], float)
+        return full
+
+    @ti.func
+    def in_plane(self, T):
+        """The part of a tensor in the plane (r, z); all of it in a scene that is not axisymmetric."""
+        part = ti.Matrix.zero(float, self.dimension, self.dimension)
+        for a, c in ti.static(ti.ndrange(self.dimension, self.dimension)):
+            part[a, c] = T[a, c]
+        return part
+
+    @ti.func
+    def velocity_gradient(self, i, u: ti.template(), motion):
+        """G_i = du_a/dx_b [1/s] of the vector field u; ``motion`` 1 counts the walls' own velocity, 0 does not."""
+        return self.tensor(i, self.slope(i, u, motion) @ self.B[i], u)
+
+    @ti.func
+    def fit(self, i, u: ti.template(), motion):
+        """G_i and what the linear fit leaves, (1/n0) sum (w/r^2) |u_j - u_i - G_i r_ij|^2 [1/s2]."""
+        H = self.slope(i, u, motion)
+        square = ti.cast(0.0, float)
+        for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
+            square += self.weight_r2[k] * (u[self.neighbors.column[k]] - u[i]).norm_sqr()
+        if ti.static(len(self.walls.surfaces) > 0):
+            square += self.walls.drag_power(i, self.particles.x[i], u[i], motion)
+        G = H @ self.B[i]
+        return self.tensor(i, G, u), ti.max(0.0, square - (G * H).sum()) / self.lattice(i)[0]
+
+    @ti.func
+    def spread_stress(self, i, T):
+        """Flux matrix P_i = V_i T_i B_i [N m] of the stress T [Pa] of i; keeps its hoop force for ``force``."""
+        if ti.static(self.axisymmetric):
+            carries = ti.cast(self.B[i][0, 0] > 0.0, float)
+            self.hoop[i] = carries * self.particles.volume(i) * T[2, 2] / ti.cast(self.particles.x[i][0], float)
+        return self.particles.volume(i) * (self.in_plane(T) @ self.B[i])
+
+    @ti.func
+    def force(self, i, flux: ti.template()):
+        """Force [N] on particle i of the flux matrices P_j of all particles."""
+        total = ti.Vector.zero(float, self.dimension)
+        Pi = flux[i]
+        for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
+            total += (Pi + flux[self.neighbors.column[k]]) @ self.b[k]
+        return total + self.own_force(i, Pi)
+
+    @ti.func
+    def own_force(self, i, flux):
+        """The part [N] of the force on particle i that walls and hoop stress give."""
+        total = ti.Vector.zero(float, self.dimension)
+        if ti.static(len(self.walls.surfaces) > 0):
+            total += self.walls.force_term(i, self.particles.x[i], flux)
+        if ti.static(self.axisymmetric):
+            total[0] -= self.hoop[i]
+        return total

@@ -1,0 +1,213 @@
+"""Dense grid binning, deterministic reorder by (cell, id), and neighbour lists in compressed rows (CSR)."""
+
+import numpy as np
+
+from ..runtime.backend import ti
+from ..runtime.stages import alone, few, stage
+
+
+class CapacityError(RuntimeError):
+    """A neighbour list is full; the message names the number that was needed."""
+
+
+class EscapedError(RuntimeError):
+    """Particles left the domain or lost their numbers; the message says how many."""
+
+
+@ti.data_oriented
+class Bins:
+    """Dense grid of cells not smaller than the effective radius over the scene's domain; last axis fastest."""
+
+    def __init__(self, particles, domain, periodic, effective_radius: float):
+        low, high = (np.array(corner, float) for corner in domain)
+        size = high - low
+        self.particles = particles
+        self.dimension = len(low)
+        self.periodic = tuple(periodic)
+        self.effective_radius = effective_radius
+        shape = np.maximum(1, np.floor(size / effective_radius).astype(int))
+        if any(p and s < 3 for p, s in zip(periodic, shape, strict=True)):
+            raise ValueError(f"domain = {size} m: a periodic side must be at least three effective radii long")
+        self.shape = tuple(int(s) for s in shape)
+        self.cells = int(np.prod(shape))
+        vector = ti.types.vector(self.dimension, ti.f64)
+        self.low, self.cell_size, self.size = vector(low), vector(size / shape), vector(size)
+        self.cell_start = ti.field(ti.i32, self.cells + 1)  # first row of each cell
+        self.cell_of = ti.field(ti.i32, particles.capacity)  # linear cell of each row
+        self._fill = ti.field(ti.i32, self.cells)  # rows already put into each cell
+        self.lost = ti.field(ti.i32, ())  # particles outside the domain or not finite
+
+    @ti.func
+    def cell(self, x):
+        """Cell coordinates of a position, clamped to the grid."""
+        c = ti.cast(ti.floor((x - self.low) / self.cell_size), ti.i32)
+        return ti.max(0, ti.min(c, ti.Vector(self.shape) - 1))
+
+    @ti.func
+    def linear(self, c):
+        k = c[0]
+        for a in ti.static(range(1, self.dimension)):
+            k = k * self.shape[a] + c[a]
+        return k
+
+    @ti.func
+    def displacement(self, xi, xj):
+        """x_j - x_i [m], the nearest image along periodic axes."""
+        r = xj - xi
+        for a in ti.static(range(self.dimension)):
+            if ti.static(self.periodic[a]):
+                r[a] -= self.size[a] * ti.round(r[a] / self.size[a])
+        return r
+
+    @stage
+    def arrange(self):
+        """Put the rows into the order (cell, id), and count the particles that are lost."""
+        self._bin()
+        self.particles.reorder()
+        for k in range(self.cells):
+            for i in range(self.cell_start[k], self.cell_start[k + 1]):
+                self.cell_of[i] = k
+
+    @ti.func
+    def _bin(self):
+        self.lost[None] = 0
+        for k in range(self.cells + 1):
+            self.cell_start[k] = 0
+        for k in range(self.cells):
+            self._fill[k] = 0
+        for i in range(self.particles.count[None]):
+            x = self.particles.x[i]
+            outside = 0
+            for a in ti.static(range(self.dimension)):
+                if ti.static(self.periodic[a]):
+                    x[a] -= self.size[a] * ti.floor((x[a] - self.low[a]) / self.size[a])
+                room = ti.static(1.0 if self.periodic[a] else 0.5)  # brought back, only what is no number is out
+                if not (ti.abs(x[a] - self.low[a] - 0.5 * self.size[a]) <= room * self.size[a]):
+                    outside = 1
+            ti.atomic_add(self.lost[None], outside)
+            self.particles.x[i] = x
+            k = self.linear(self.cell(x))
+            self.cell_of[i] = k
+            ti.atomic_add(self.cell_start[k + 1], 1)
+        ti.loop_config(serialize=True)
+        for k in range(self.cells):
+            self.cell_start[k + 1] += self.cell_start[k]
+        for i in range(self.particles.count[None]):
+            k = self.cell_of[i]
+            self.particles.source_row[self.cell_start[k] + ti.atomic_add(self._fill[k], 1)] = i
+        for k in range(self.cells):  # insertion sort by id: the order is then independent of the threads
+            for a in range(self.cell_start[k] + 1, self.cell_start[k + 1]):
+                row = self.particles.source_row[a]
+                b = a
+                while (
+                    b > self.cell_start[k]
+                    and self.particles.id[self.particles.source_row[b - 1]] > self.particles.id[row]
+                ):
+                    self.particles.source_row[b] = self.particles.source_row[b - 1]
+                    b -= 1
+                self.particles.source_row[b] = row
+
+    def sort(self) -> None:
+        """Bin and reorder the particles; EscapedError if any left the domain."""
+        self.arrange()
+        self.check()
+
+    def check(self) -> None:
+        lost = self.lost[None]
+        if lost > 0:
+            raise EscapedError(f"{lost} particles left the domain or are not finite numbers")
+
+
+@ti.data_oriented
+class NeighborList:
+    """Rows j = column[row_start[i] .. row_start[i+1]] with |x_j - x_i| < effective radius, j != i."""
+
+    def __init__(self, bins: Bins, pair_capacity: int):
+        self.bins = bins
+        self.particles = bins.particles
+        self.pair_capacity = int(pair_capacity)
+        self.alone = few(self.particles.capacity)
+        self.one_thread = self.alone or alone()
+        self.row_start = ti.field(ti.i32, bins.particles.capacity + 1)  # first pair of each particle
+        self.column = ti.field(ti.i32, self.pair_capacity)  # neighbour's row of each pair
+        self.pairs = ti.field(ti.i32, ())  # number of pairs, also of those that do not fit
+
+    @ti.func
+    def _scan(self, i, fill: ti.template()):
+        """Count the neighbours of i, and store them if ``fill``; sums run in row order, so bits are reproducible."""
+        x = self.particles.x[i]
+        c = self.bins.cell(x)
+        d = ti.static(self.bins.dimension)
+        shape = ti.static(self.bins.shape)
+        re2 = self.bins.effective_radius**2
+        found = 0
+        first = self.row_start[i]
+        for offset in ti.grouped(ti.ndrange(*((-1, 2),) * (d - 1))):
+            row = 0
+            inside = 1
+            for a in ti.static(range(d - 1)):
+                k = c[a] + offset[a]
+                if ti.static(self.bins.periodic[a]):
+                    k = (k + shape[a]) % shape[a]
+                if k < 0 or k >= shape[a]:
+                    inside = 0
+                row = row * shape[a] + k
+            if inside == 1:
+                end = ti.static(shape[d - 1] - 1)
+                for wrapped in ti.static(range(2 if self.bins.periodic[d - 1] else 1)):
+                    low = ti.max(c[d - 1] - 1, 0)
+                    high = ti.min(c[d - 1] + 1, end)
+                    if ti.static(wrapped == 1):  # the one cell across a periodic end of the last axis, or none
+                        low = end if c[d - 1] == 0 else 0
+                        high = low if c[d - 1] == 0 or c[d - 1] == end else low - 1
+                    for j in range(
+                        self.bins.cell_start[row * shape[d - 1] + low],
+                        self.bins.cell_start[row * shape[d - 1] + high + 1],
+                    ):
+                        r = self.bins.displacement(x, self.particles.x[j])
+                        if j != i and r.dot(r) < re2:
+                            if ti.static(fill):
+                                self.column[ti.min(first + found, self.pair_capacity - 1)] = j
+                            found += 1
+        return found
+
+    @stage
+    def list(self):
+        """Count the pairs of each particle and store them as far as they fit; threads must add up the counts first."""
+        self.row_start[0] = 0
+        if ti.static(self.one_thread):
+            ti.loop_config(serialize=True)
+            for i in range(self.particles.count[None]):
+                self.row_start[i + 1] = self.row_start[i] + self._scan(i, True)
+        else:
+            for i in range(self.particles.count[None]):
+                self.row_start[i + 1] = self._scan(i, False)
+            ti.loop_config(serialize=True)
+            for i in range(self.particles.count[None]):
+                self.row_start[i + 1] += self.row_start[i]
+            for i in range(self.particles.count[None]):
+                self._scan(i, True)
+        self.pairs[None] = self.row_start[self.particles.count[None]]
+
+    @ti.kernel
+    def _search_alone(self):
+        ti.loop_config(serialize=True)
+        for _ in range(1):
+            self.bins.arrange()
+            self.list()
+
+    def search(self) -> None:
+        """``bins.sort`` and ``build`` of few particles."""
+        self._search_alone()
+        self.bins.check()
+        self.check()
+
+    def build(self) -> None:
+        """Make the list at the present positions; CapacityError when the pairs do not fit."""
+        self.list()
+        self.check()
+
+    def check(self) -> None:
+        pairs = self.pairs[None]
+        if pairs > self.pair_capacity:
+            raise CapacityError(f"{pairs} neighbour pairs do not fit into pair_capacity = {self.pair_capacity}")

@@ -1,0 +1,92 @@
+"""Inlet: a hose or chute from which concrete enters, layer of particles by layer. Plain NumPy."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..units import SceneError, check_numbers, check_vectors
+from .materials import Bingham
+
+MOST_ACROSS = 1000  # spacings of a radius: three million particles a layer
+FASTEST = 100.0  # speed [m/s] in a hose, three times that of sprayed concrete
+ROOM = 0.6  # distance from what is there in spacings below which a layer cannot enter
+
+
+@dataclass(frozen=True)
+class Inlet:
+    """Mouth of a round hose (a slot in 2-D) around ``centre``, from which concrete comes along ``direction`` at a
+    ``rate`` from the time ``start`` on until the ``volume`` is in; in 2-D both are per metre of depth.
+
+    Particles enter in layers of a lattice across the hose, a spacing apart: a layer begins to leave when its front is
+    on the mouth. The speed follows from the rate and the area of a layer, so the rate is met whatever the spacing.
+    Below the mouth they move as the fluid does. A mouth that is buried holds the next layer back until there is room.
+    """
+
+    centre: tuple[float, ...]  # [m]
+    direction: tuple[float, ...]
+    radius: float  # half of the width in 2-D [m]
+    rate: float  # [m3/s]
+    volume: float  # [m3]
+    start: float = 0.0  # [s]
+    material: Bingham | None = None  # the mix; that of the scene by default
+
+    def __post_init__(self):
+        units = {"radius": "m", "rate": "m3/s", "volume": "m3"}
+        try:
+            check_vectors(self, "the mouth", {"centre": "m", "direction": ""})
+            check_numbers(self, units | {"start": "s"})
+        except SceneError as error:
+            raise SceneError(f"inlet: {error}") from None
+        for key, unit in units.items():
+            if not getattr(self, key) > 0.0:
+                raise SceneError(f"inlet: {key} = {getattr(self, key):g} {unit}: must be greater than 0 {unit}")
+        if self.start < 0.0:
+            raise SceneError(f"inlet: start = {self.start:g} s: must be at least 0 s")
+        if not np.any(self.direction):
+            raise SceneError(f"inlet: direction = {self.direction}: must have {len(self.centre)} numbers, not all zero")
+
+    @property
+    def unit_direction(self) -> np.ndarray:
+        return np.array(self.direction, float) / np.linalg.norm(self.direction)
+
+    def layer(self, spacing: float) -> np.ndarray:
+        """Places (m, d) [m] of a layer of particles that begins to leave; an edge of their lattice is on the axis."""
+        if self.radius < 1.5 * spacing * (1.0 - 1e-9):
+            raise SceneError(f"inlet: radius = {self.radius:g} m: must be at least 1.5 spacings, {1.5 * spacing:g} m")
+        if not self.radius <= MOST_ACROSS * spacing:
+            raise SceneError(
+                f"inlet: radius = {self.radius:g} m: must be at most {MOST_ACROSS} spacings of {spacing:g} m"
+            )
+        along, across = self.unit_direction, []
+        for axis in np.eye(len(along))[np.argsort(np.abs(along), kind="stable")[:-1]]:  # those most square to the hose
+            for other in (along, *across):
+                axis = axis - (axis @ other) * other
+            across.append(axis / np.linalg.norm(axis))
+        count = int(np.ceil(self.radius / spacing))
+        ticks = spacing * (np.arange(-count, count) + 0.5)
+        offset = np.stack(np.meshgrid(*(ticks for _ in across), indexing="ij"), -1).reshape(-1, len(across))
+        offset = offset[np.linalg.norm(offset, axis=1) < self.radius]
+        return np.array(self.centre, float) - 0.5 * spacing * along + offset @ np.array(across)
+
+    def layer_volume(self, spacing: float) -> float:
+        """Volume [m3] of one layer."""
+        return len(self.layer(spacing)) * spacing ** len(self.centre)
+
+    def speed(self, spacing: float) -> float:
+        """Speed [m/s] in the hose: a spacing in the time in which the rate fills a layer."""
+        return spacing * self.rate / self.layer_volume(spacing)
+
+    def velocity(self, spacing: float) -> np.ndarray:
+        """Velocity (d,) [m/s] in the hose."""
+        return self.speed(spacing) * self.unit_direction
+
+    def layers(self, spacing: float) -> int:
+        """Number of layers, the nearest to the volume and one at least."""
+        return max(1, round(self.volume / self.layer_volume(spacing)))
+
+
+def buried(layer: np.ndarray, x: np.ndarray, spacing: float) -> bool:
+    """Whether a layer (m, d) [m] of particles has no room among those that are there, x (n, d) [m]."""
+    reach = ROOM * spacing
+    near = x[np.all((x > layer.min(0) - reach) & (x < layer.max(0) + reach), axis=1)]
+    return bool(np.any(((near[:, None, :] - layer[None]) ** 2).sum(-1) < reach**2))

@@ -1,0 +1,50 @@
+"""Fields of one length, put in and read back together: Taichi's from_numpy and to_numpy compile a kernel for each."""
+
+import numpy as np
+
+from .backend import ti
+
+
+@ti.data_oriented
+class FieldIO:
+    """Scalar, vector and matrix fields by name, each of ``capacity`` rows. Numbers pass as f64, which holds f32 and i32
+    exactly."""
+
+    def __init__(self, fields: dict, capacity: int):
+        self.fields, self.capacity = fields, capacity
+        self.layout, self.columns = {}, []  # of each field: shape of a row, type, its columns; the scalar fields
+        for name, field in fields.items():
+            shape = (field.n, field.m)[: field.ndim] if isinstance(field, ti.MatrixField) else ()
+            parts = [field.get_scalar_field(*place) for place in np.ndindex(shape)] if shape else [field]
+            start = len(self.columns)
+            self.columns += parts
+            self.layout[name] = shape, ti.lang.util.to_numpy_type(field.dtype), slice(start, start + len(parts))
+
+    def load(self, values: dict, count: int) -> None:
+        """Put arrays (count, ...) into the fields; what is not named, and rows beyond, become zero."""
+        rows = np.zeros((self.capacity, len(self.columns)))
+        for name, (shape, _, columns) in self.layout.items():
+            if name in values:
+                rows[:count, columns] = np.broadcast_to(values[name], (count, *shape)).reshape(count, -1)
+        self._put(rows)
+
+    def read(self, count: int) -> dict[str, np.ndarray]:
+        """The first rows (count, ...) of all fields."""
+        rows = np.empty((self.capacity, len(self.columns)))
+        self._take(rows)
+        return {
+            name: rows[:count, columns].reshape(count, *shape).astype(kind)
+            for name, (shape, kind, columns) in self.layout.items()
+        }
+
+    @ti.kernel
+    def _put(self, rows: ti.types.ndarray(ti.f64, 2)):
+        for i in range(self.capacity):
+            for k, column in ti.static(enumerate(self.columns)):
+                column[i] = ti.cast(rows[i, k], column.dtype)
+
+    @ti.kernel
+    def _take(self, rows: ti.types.ndarray(ti.f64, 2)):
+        for i in range(self.capacity):
+            for k, column in ti.static(enumerate(self.columns)):
+                rows[i, k] = ti.cast(column[i], ti.f64)

@@ -1,0 +1,66 @@
+"""Pouring: the layers of particles that an inlet adds to a run, when they are due and there is room."""
+
+import numpy as np
+
+from ..problem.inlet import buried
+
+SAME = 1e-9  # [s] between instants that count as one
+
+
+class Pouring:
+    """What enters through an inlet of a scene. Layer k is due k intervals after the start, later by ``delay`` [s], the
+    time for which layers before it found the mouth buried.
+    """
+
+    def __init__(self, scene, inlet):
+        self.spacing, self.start = scene.spacing, inlet.start
+        self.layer = scene.inlet_layer(inlet)  # (m, d) [m]
+        self.mix = scene.mix_of(inlet)
+        self.velocity = inlet.velocity(scene.spacing)  # [m/s]
+        self.speed = float(np.linalg.norm(self.velocity))
+        self.layers = inlet.layers(scene.spacing)
+        self.layer_volume = inlet.layer_volume(scene.spacing)  # of the whole hose [m3]
+        self.copies = scene.copies_of(inlet)
+        self.interval = self.layer_volume / inlet.rate  # [s]
+        self.entered = int(inlet.start == 0.0)  # layers; the first may be there from the beginning
+        self.delay = 0.0
+
+    @property
+    def done(self) -> bool:
+        return self.entered >= self.layers
+
+    @property
+    def volume(self) -> float:
+        """Volume [m3] that has entered through the whole hose."""
+        return self.entered * self.layer_volume
+
+    def pour(self, time: float, particles) -> float:
+        """Give the particles the layer that has to enter at this time [s], if any. The speed [m/s] of the jet, 0 before
+        its first layer and after the step of its last one."""
+        flows = self.entered > 0 and not self.done
+        if self.due(time):
+            layer = self.enter(time, particles.read()["x"])
+            if layer is not None:
+                particles.append(layer, self.velocity, self.mix)
+                flows = True
+        return self.speed if flows else 0.0
+
+    @property
+    def next(self) -> float:
+        """Time [s] at which the next layer is due."""
+        return self.start + self.entered * self.interval + self.delay
+
+    def due(self, time: float) -> bool:
+        """Has a layer to enter at this time [s]?"""
+        return not self.done and time >= self.next - SAME
+
+    def enter(self, time: float, x: np.ndarray) -> np.ndarray | None:
+        """Places (m, d) [m] of the layer that is due at this time [s], as far in front of the mouth as it has come
+        since; None, and due later, if one of the particles that are there, x (n, d) [m], is in its way."""
+        late = max(0.0, time - self.next)
+        layer = self.layer + late * self.velocity
+        if buried(layer, x, self.spacing):
+            self.delay += late
+            return None
+        self.entered += 1
+        return layer

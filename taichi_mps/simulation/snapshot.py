@@ -1,0 +1,35 @@
+"""What can be read of the fluid at one moment."""
+
+import numpy as np
+
+from ..particles.particles import FLUID
+from ..problem.measures import Snapshot
+
+
+def snapshot(sim) -> Snapshot:
+    """The computed fluid of a simulation now, ordered by id."""
+    if hasattr(sim.scheme, "smoothing"):
+        sim.scheme.smoothing.read()
+    rows = sim.particles.read()
+    rows |= sim.to_read.read(len(rows["id"]))
+    rows["n"] = sim.scheme.gradient.density_ratio()
+    fluid = np.flatnonzero(rows["kind"] == FLUID)
+    order = fluid[np.argsort(rows["id"][fluid])]
+    return Snapshot(
+        time=sim.time,
+        spacing=sim.scene.spacing,
+        x=rows["x"][order],
+        u=rows["u"][order],
+        p=rows["p"][order],
+        shear_rate=rows["shear_rate"][order],
+        yielded=rows["yielded"][order].astype(bool),
+        density_ratio=rows["n"][order],
+        wall_x=rows["x"][rows["kind"] != FLUID],
+        size=ring_sizes(rows, sim.scene.spacing)[order] if sim.scene.axisymmetric else None,
+        mix=rows["mix"][order] if "mix" in rows else None,
+    )
+
+
+def ring_sizes(rows, spacing: float):
+    """Side [m] of the cross-section of rings; that of one on the axis as if it were half a spacing from it."""
+    return np.sqrt(rows["ring"] / (2.0 * np.pi * np.maximum(rows["x"][:, 0], 0.5 * spacing)))

@@ -1,0 +1,150 @@
+"""The numbers of a scene that the kernels of ``implicit`` read: the constants of its mixes, and the scales of time,
+rate and pressure that follow. They stand in fields, so another material is other entries, not another compilation."""
+
+import math
+
+from ..runtime.backend import real, ti
+
+NON_AFFINE = 0.6  # c: bond-associated dissipation gives 1/2 (shear) to 2/3 (along the bond), docs/equations.md
+INERTIAL = 0.5  # non-affine motion of a thin fluid decays within two natural steps or so: h += 0.5 rho l0^2/step
+SLOWEST = 5e-3  # strain per natural step below which the non-affine resistance of a yield-stress fluid stops growing
+STIFFNESS = 75.0  # K = STIFFNESS rho (g H + U^2) times the natural step: that pressure compresses by 1/75 in one pass
+VISCOUS_STIFFNESS = 8.0  # and K >= 8 mu_r: a slow flow is resisted by its viscosity, not by its weight
+# mu_r >= 6 eta and 64 tau_y times the natural step: the stress converges in a few passes; in shorter steps also half
+# the geometric mean of eta and rho H^2/dt, or a plug that stops springs back
+PENALTY = 6.0, 64.0, 0.5
+
+LONG = 2.0  # steps longer than this many of the scene's own take back less of the non-affine resistance
+# Where what yields falls, a solve before the last takes off no more of its residual: the new stress brings as much back
+EARLY_ENOUGH = 0.1
+QUIET = 0.005  # a flow is quiet where the change of its velocity in a step moves particles by no more of l0
+STILL = 1e-4  # way [l0] in a step below which all is still: each step takes off most of what is left, so not fewer
+
+
+def law_of(materials) -> str:
+    """'newtonian', 'bingham' (true yield value) or 'bi-viscosity' (a critical strain rate is given), of a material or
+    of mixes that are of one law."""
+    yielding = [m for m in (materials if isinstance(materials, tuple) else (materials,)) if not m.newtonian]
+    if not yielding:
+        return "newtonian"
+    return "bingham" if yielding[0].critical_strain_rate is None else "bi-viscosity"
+
+
+def longest_step(
+    kinematic_viscosity: float, gravity: float, height: float, spacing: float, times: float = 1.0
+) -> float:
+    """Step [s] that resolves the fall of the body, 0.057 sqrt(H/g), or the viscous flow where that is slower; a fluid
+    too thin to damp motion on the scale of a particle must resolve that motion, 0.06 sqrt(l0/g). Where nothing falls
+    or moves so, ``times`` as much."""
+    gravity = max(gravity, 0.1)
+    fall = 0.057 * (height / gravity) ** 0.5
+    damping = kinematic_viscosity / (spacing * (gravity * spacing) ** 0.5)
+    return max(
+        times * min(fall, 0.06 * (spacing / gravity) ** 0.5 * (1.0 + damping)),
+        0.5 * kinematic_viscosity / (gravity * height),
+    )
+
+
+def resting_time(materials) -> float:
+    """Time [s] in which flow decays, the longest eta/tau_y of the mixes, 0.2 s at least; infinite if one of them never
+    comes to rest: only a true yield value brings a body to rest."""
+    if any(m.newtonian or m.yield_value == 0.0 or m.critical_strain_rate is not None for m in materials):
+        return float("inf")
+    return max(0.2, *(m.plastic_viscosity / m.yield_value for m in materials))
+
+
+@ti.data_oriented
+class Constants:
+    """Constants of each mix and scales of the scene; ``set_materials`` fills them in."""
+
+    def __init__(self, particles, mixes: int):
+        self.particles, self.mixes = particles, mixes
+        of_mix = [ti.field(real(), mixes) for _ in range(6)]
+        self.density, self.eta, self.tau_y, self.pi_c = of_mix[:4]  # [kg/m3], [Pa s], [Pa], [1/s]
+        self.mu_r = of_mix[4]  # penalty that ties the strain rate to the yield law [Pa s]
+        self.inertial = of_mix[5]  # resistance of a thin fluid to non-affine motion [Pa s]
+        of_scene = [ti.field(real(), ()) for _ in range(6)]
+        self.layer_pressure = of_scene[0]  # of half a layer of particles [Pa]
+        self.slowest = of_scene[1]  # rate of the bonds below which their resistance stops growing [1/s]
+        self.bulk = of_scene[2]  # K [Pa s]
+        self.drive = of_scene[3]  # force density that errors of the solve are compared with [N/m3]
+        self.own_step = of_scene[4]  # natural_step, as the kernels read it [s]
+        self.early_enough = of_scene[5]  # part of its first residual that no solve before the last goes below [-]
+        self.natural_step = self.max_time_step = 0.0  # [s]
+        self.quiet_step = 0.0  # longest step of a quiet flow [s]
+        self.quiet = self.still = 0.0  # change of the velocity, and velocity, times the step: its limits [m]
+        self.viscous, self.plastic, self.stiff = [], [], 0.0  # parts of mu_r, one each of a mix, and of K [Pa s]
+        self.stretched = 0.0  # step over max_time_step that mu_r and K are for, 1 at least
+
+    def set_materials(self, scene, materials, numerics) -> None:
+        """The numbers of these mixes in this scene, which is as high and as fast as it will be."""
+        height = float(scene.fluid[:, -1].max() - scene.fluid[:, -1].min()) + scene.spacing
+        gravity = float((scene.gravity_vector**2).sum() ** 0.5)
+        speeds = [float((scene.velocity**2).sum(1).max() ** 0.5)] if scene.velocity is not None else []
+        speed = max(speeds + [wall.speed for wall in scene.walls] + [0.0])
+        head = max(gravity, 0.1) * height + speed**2  # the pressure to expect, over the density [m2/s2]
+        body = gravity, height, scene.spacing
+        longest, quiet = (
+            min(longest_step(m.plastic_viscosity / m.density, *body, times) for m in materials) for times in (1.0, LONG)
+        )
+        self.max_time_step = self.quiet_step = numerics.max_time_step or longest
+        self.early_enough[None] = 0.0
+        if not any(m.newtonian or m.yield_value == 0.0 for m in materials) and quiet > longest:
+            self.early_enough[None] = EARLY_ENOUGH
+            if numerics.max_time_step is None:
+                self.quiet_step = quiet
+        self.quiet, self.still = QUIET * scene.spacing, STILL * scene.spacing
+        # the step [s] of this scene at its defaults: it scales what must not depend on the steps taken
+        courant_number = type(numerics).model_fields["courant_number"].default
+        self.natural_step = min(longest, courant_number * scene.spacing / speed) if speed else longest
+        density, step = max(m.density for m in materials), self.natural_step
+        inertia = density * height**2 * max(0.0, 1.0 / self.max_time_step - 1.0 / step)  # of shorter steps [Pa s]
+        self.viscous = [
+            max(PENALTY[0] * m.plastic_viscosity, PENALTY[2] * (m.plastic_viscosity * inertia) ** 0.5)
+            for m in materials
+        ]
+        self.plastic = [PENALTY[1] * m.yield_value * step for m in materials]
+        for k, m in enumerate(materials):
+            self.density[k], self.eta[k], self.tau_y[k] = m.density, m.plastic_viscosity, m.yield_value
+            self.pi_c[k] = m.critical_strain_rate or 0.0
+            self.inertial[k] = INERTIAL * m.density * scene.spacing**2 / step
+        self.layer_pressure[None] = 0.5 * density * max(gravity, 0.1) * scene.spacing
+        self.slowest[None] = SLOWEST / step
+        self.own_step[None] = step
+        self.stiff = STIFFNESS * density * head * min(step, self.max_time_step)
+        self.drive[None] = density * head / height
+        self.stretched = 0.0
+        self.stretch(self.max_time_step)
+
+    def longest_at(self, max_speed: float, acceleration: float) -> float:
+        """Longest step [s] at a largest speed [m/s] and an acceleration [m/s2], the root of its mean square:
+        max_time_step, or in a quiet flow sqrt(QUIET l0/acceleration), at most quiet_step."""
+        longest = self.max_time_step
+        if acceleration * longest**2 < self.quiet and max_speed * longest > self.still:
+            longest = min(self.quiet_step, math.sqrt(self.quiet / max(acceleration, 1e-30)))
+        return longest
+
+    def stretch(self, dt: float) -> bool:
+        """mu_r and K for a step of dt [s]: larger in one longer than max_time_step, where less inertia resists what the
+        passes leave out of balance. Were they others before?"""
+        last, self.stretched = self.stretched, max(1.0, dt / self.max_time_step)
+        if self.stretched == last:
+            return False
+        penalties = [max(viscous, self.stretched * p) for viscous, p in zip(self.viscous, self.plastic, strict=True)]
+        for k, mu_r in enumerate(penalties):
+            self.mu_r[k] = mu_r
+        self.bulk[None] = max(self.stiff, VISCOUS_STIFFNESS * max(penalties))
+        return True
+
+    @ti.func
+    def mix(self, i):
+        """Number of the mix of particle i."""
+        mix = 0
+        if ti.static(self.mixes > 1):
+            mix = self.particles.mix[i]
+        return mix
+
+    @ti.func
+    def pressed(self, p):
+        """0 where there is no pressure to 1 from that of half a layer of particles [-]."""
+        return ti.max(0.0, ti.min(1.0, p / self.layer_pressure[None]))

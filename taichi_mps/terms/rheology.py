@@ -1,0 +1,95 @@
+"""Constitutive laws: apparent viscosity of the bi-viscosity Bingham law, and the true yield law (eqs 1-3, 5, 9)."""
+
+from ..runtime.backend import ti
+
+
+@ti.func
+def magnitude(T):
+    """|T| = sqrt(T:T/2) of a deviatoric tensor: the shear stress [Pa] that is compared with the yield value."""
+    return ti.sqrt(0.5 * (T * T).sum())
+
+
+@ti.func
+def shear_rate(G):
+    """sqrt(2 D:D) [1/s] of the deviatoric part of D = (G + G^T)/2."""
+    return 2.0 * magnitude(deviator(G))
+
+
+@ti.func
+def deviator(G):
+    """D - tr(D)/d I [1/s] of a velocity gradient G; d its size (plane strain in 2-D)."""
+    return 0.5 * (G + G.transpose()) - (G.trace() / G.n) * ti.Matrix.identity(float, G.n)
+
+
+def apparent_viscosity(rate, plastic_viscosity, yield_value, critical_strain_rate, maximum=max):
+    """mu = eta + tau_y / max(shear rate, 2 pi_c) [Pa s] (eqs 5, 9 with Pi_c = (2 pi_c)^2, eq 3); ``maximum`` may be
+    numpy.maximum for arrays. Below 2 pi_c the material counts as unyielded."""
+    return plastic_viscosity + yield_value / maximum(rate, 2.0 * critical_strain_rate)
+
+
+@ti.func
+def bi_viscosity(rate, plastic_viscosity, yield_value, critical_strain_rate):
+    """The same inside a kernel; a Newtonian mix at rest has neither a yield value nor a rate."""
+    return plastic_viscosity + yield_value / ti.max(rate, 2.0 * critical_strain_rate, 1e-12)
+
+
+def flow_curve(material):
+    """Shear stress [Pa] of a material at (shear rate [1/s], structure [-]) as a Taichi function; None for Bingham."""
+    function = getattr(material, "shear_stress", None)
+    if hasattr(material, "flow_index"):
+        tau_y, k, n = material.yield_value, material.consistency, material.flow_index
+
+        def function(rate, structure):
+            return tau_y + k * ti.max(rate, 1e-12) ** n
+
+    return compiled(function)
+
+
+def compiled(function):
+    """A plain Python function made a Taichi function; None, or what is one already, as it is."""
+    return function if function is None or hasattr(function, "_is_taichi_function") else ti.func(function)
+
+
+@ti.func
+def curve_mapping(curve: ti.template(), trial, structure, mu_r):
+    """``return_mapping`` for any flow curve tau: the rate with tau(rate) + mu_r rate = |trial|, by the Illinois method.
+
+    Rigid where |trial| <= tau(0). The root is unique, since tau does not fall, and below (|trial| - tau(0))/mu_r.
+    """
+    size = magnitude(trial)
+    rest = ti.cast(curve(0.0, structure), float)
+    low, high = ti.cast(0.0, float), ti.max(0.0, (size - rest) / mu_r)
+    rate = ti.cast(0.0, float)
+    if size > rest:
+        below, above = rest - size, ti.cast(curve(high, structure), float) + mu_r * high - size
+        side = 0
+        rate = high
+        for _ in range(30):
+            if ti.abs(high - low) > 1e-6 * high and above > below:
+                rate = (low * above - high * below) / (above - below)
+                value = ti.cast(curve(rate, structure), float) + mu_r * rate - size
+                if value > 0.0:
+                    high, above = rate, value
+                    below = ti.select(side == 1, 0.5 * below, below)
+                    side = 1
+                else:
+                    low, below = rate, value
+                    above = ti.select(side == -1, 0.5 * above, above)
+                    side = -1
+    factor = (size - mu_r * rate) / ti.max(size, 1e-12) if rate > 0.0 else 1.0
+    stress = trial * factor
+    return stress, (trial - stress) / (2.0 * mu_r), rate
+
+
+@ti.func
+def return_mapping(trial, plastic_viscosity, yield_value, mu_r):
+    """Stress [Pa] and plastic strain rate q [1/s] of a true Bingham material from the trial stress lambda + 2 mu_r D.
+
+    Minimises the dissipation of q penalised by mu_r: |q| = max(0, (|trial| - tau_y)/(eta + mu_r)) (augmented
+    Lagrangian of Fortin and Glowinski). Rigid where |trial| <= tau_y: then q = 0 and the stress is the trial.
+    """
+    size = magnitude(trial)
+    rate = ti.max(0.0, (size - yield_value) / (plastic_viscosity + mu_r))
+    factor = (yield_value + plastic_viscosity * rate) / ti.max(size, 1e-12) if rate > 0.0 else 1.0
+    stress = trial * factor
+    return stress, (trial - stress) / (2.0 * mu_r), rate

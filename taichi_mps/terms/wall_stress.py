@@ -1,0 +1,148 @@
+"""What the ghosts behind a no-slip wall carry besides the stress of the particle in front of it (I9).
+
+Their stress differs along the wall as that of the fluid does. They stand in the moment M with t(z); without the force
+that belongs to it, the first row feels only 77 % of a pressure gradient along the wall in two dimensions.
+
+In a full vessel their shear stress, too, exceeds the first row's. A drive f = rho g - grad p along a wall makes it
+grow towards the wall, so a ghost at the normal distance h carries f h more than the particle. The first row has the
+stress of its own place then, f l0/2 less than the wall, and would yield late. So the law is averaged over the layer
+between row and wall: while the yield surface lies in it, where the wall carries s = tau_w - tau_y < f l0, the share of
+the excess is 2 s/(f l0) - (s/(f l0))^2, and 1 beyond. Where there is a free surface none of this excess is added: its
+own error, a last row that is held back, balances this one in thin layers.
+"""
+
+from ..runtime.backend import real, ti
+from ..runtime.stages import stage
+from .rheology import deviator
+
+
+@ti.data_oriented
+class WallStress:
+    """Stress along the walls; drive along them and share of the excess of shear stress that acts, of every particle
+    in reach of a no-slip wall. The last two are only to be asked where the vessel is full."""
+
+    def __init__(self, particles, gradient, walls, constants, smoothing, stress, correction, gravity):
+        self.particles, self.gradient, self.walls = particles, gradient, walls
+        self.neighbors, self.constants, self.smoothing, self.stress = gradient.neighbors, constants, smoothing, stress
+        self.dimension, self.correction = particles.dimension, correction
+        self.g = ti.types.vector(self.dimension, real())(gravity)
+        self.drive = ti.Vector.field(self.dimension, real(), particles.capacity)  # rho g - grad p [N/m3]
+        self.share = ti.field(real(), particles.capacity)  # of the excess [-]
+
+    @ti.func
+    def slope(self, i):
+        """grad p [Pa/m] at particle i, from a linear fit to the particles around it."""
+        N = ti.Vector.zero(float, self.dimension)
+        for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
+            N += (self.smoothing.p[self.neighbors.column[k]] - self.smoothing.p[i]) * self.gradient.b[k]
+        return self.gradient.inverse(self.moment(i), self.gradient.lattice(i)[0]) @ N
+
+    @stage
+    def begin(self):
+        """Drive and share at the start of a step: the share with which the present stress is in equilibrium."""
+        for i in range(self.particles.count[None]):
+            self.drive[i] = ti.Vector.zero(float, self.dimension)
+            if self.gradient.B[i][0, 0] > 0.0 and self.near(i):
+                self.drive[i] = self.constants.density[self.constants.mix(i)] * self.g - self.slope(i)
+                over = self.stress.size(i) - self.constants.tau_y[self.constants.mix(i)]
+                s = ti.sqrt(2.0 * ti.max(0.0, over) / ti.max(2.0 * self.half(i), 1e-12))
+                self.share[i] = self.acts(i, s)
+
+    @ti.func
+    def half(self, i):
+        """f l0/2 [Pa]."""
+        return 0.5 * self.gradient.spacing * self.along(i)
+
+    @ti.func
+    def acts(self, i, s):
+        """Share of the excess, s over f l0: never more than doubles the stress of the first row."""
+        share = ti.cast(1.0, float)
+        if s < 1.0:
+            share = 2.0 * s - s * s
+        return ti.min(share, self.stress.size(i) / ti.max(self.half(i), 1e-12))
+
+    @stage
+    def adjust(self):
+        """After a pass: the share for the stress that the wall carries now."""
+        for i in range(self.particles.count[None]):
+            if self.near(i):
+                half = self.half(i)
+                s = self.stress.size(i) + self.share[i] * half - self.constants.tau_y[self.constants.mix(i)]
+                self.share[i] = self.acts(i, ti.max(0.0, s) / ti.max(2.0 * half, 1e-12))
+
+    @ti.func
+    def near(self, i):
+        """Whether particle i is in reach of a no-slip wall."""
+        near = False
+        for f, wall in ti.static(enumerate(self.walls.faces)):
+            if ti.static(wall.holds):
+                near = near or self.walls.c[i, f] > 0.0
+        return near
+
+    @ti.func
+    def along(self, i):
+        """Largest part [N/m3] of the drive of particle i along a no-slip wall in reach."""
+        most = ti.cast(0.0, float)
+        for f, wall in ti.static(enumerate(self.walls.faces)):
+            if ti.static(wall.holds):  # noqa: SIM102  (a compiled choice stays apart)
+                if self.walls.c[i, f] > 0.0:
+                    _z, n, _velocity, _curvature = wall.face(i, self.particles.x[i], self.walls.slots[f])
+                    most = ti.max(most, (self.drive[i] - n * n.dot(self.drive[i])).norm())
+        return most
+
+    @ti.func
+    def excess(self, i):
+        """Force density [N/m3] by which the shear stress of the ghosts exceeds that of particle i."""
+        total = ti.Vector.zero(float, self.dimension)
+        x, size = self.particles.x[i], self.gradient.counts_as(i)
+        for f, wall in ti.static(enumerate(self.walls.faces)):
+            if ti.static(wall.holds):  # noqa: SIM102  (a compiled choice stays apart)
+                if self.walls.c[i, f] > 0.0:
+                    z, n, _velocity, curvature = wall.face(i, x, self.walls.slots[f])
+                    along = self.drive[i] - n * n.dot(self.drive[i])
+                    depth = self.walls.ghosts.lookup("normal", i, wall, f, x, z, curvature, size)
+                    total -= along * (n.dot(self.gradient.B[i] @ n) * depth)
+        return self.share[i] * total
+
+    @ti.func
+    def along_the_walls(self, i):
+        """Force density [N/m3] by which the stress of the ghosts differs along the walls: the divergence of the stress
+        T in the directions along each wall, times t(z) and B."""
+        force = ti.Vector.zero(float, self.dimension)
+        moment = ti.Matrix.zero(float, self.dimension, self.dimension)
+        x, size = self.particles.x[i], self.gradient.counts_as(i)
+        for f, wall in ti.static(enumerate(self.walls.faces)):
+            if ti.static(not wall.slip):  # noqa: SIM102  (a compiled choice stays apart)
+                if self.walls.c[i, f] > 0.0:
+                    z, n, _velocity, curvature = wall.face(i, x, self.walls.slots[f])
+                    t = self.walls.ghosts.lookup("tangential", i, wall, f, x, z, curvature, size)
+                    if ti.static(wall.rubs):
+                        t *= wall.friction.bond[i]
+                    moment += t * (ti.Matrix.identity(float, self.dimension) - n.outer_product(n))
+        if moment.trace() > 0.0:
+            fit = moment @ self.gradient.inverse(self.moment(i), self.gradient.lattice(i)[0])
+            T = self.total(i)
+            for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
+                force += (self.total(self.neighbors.column[k]) - T) @ (fit @ self.gradient.b[k])
+            force = self.gradient.B[i] @ force
+        return force
+
+    @ti.func
+    def total(self, i):
+        """Stress [Pa] of particle i in the plane; what is viscous has that of the velocity at the start of the step."""
+        T = ti.Matrix.zero(float, self.dimension, self.dimension)
+        if ti.static(self.stress.law == "bingham"):
+            T = self.gradient.in_plane(self.particles.stress[i])
+        else:
+            T = self.gradient.in_plane(2.0 * self.stress.system.mu[i] * deviator(self.correction.gradient_of(i)))
+        return T - self.smoothing.p[i] * ti.Matrix.identity(float, self.dimension)
+
+    @ti.func
+    def moment(self, i):
+        """M without the walls."""
+        M = ti.Matrix.zero(float, self.dimension, self.dimension)
+        for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
+            b = self.gradient.b[k]
+            if self.gradient.weight_r2[k] > 0.0:
+                M += b.outer_product(b) / self.gradient.weight_r2[k]
+        return M

@@ -1,0 +1,219 @@
+"""Quantities with units and allowed ranges, and the one place where bad input becomes one clear line."""
+
+import difflib
+import inspect
+from functools import wraps
+from typing import Annotated, Any, Literal, get_args, get_origin
+
+import numpy as np
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, create_model
+
+
+class SceneError(ValueError):
+    """Bad input: names the key, the value with its unit and what is allowed. Raised before any allocation."""
+
+
+def array_of(value) -> np.ndarray:
+    """The value as an array of real numbers; an array of None, without axes, if it is none."""
+    try:
+        array = np.asarray(value)
+    except ValueError:  # rows of different lengths
+        return np.array(None)
+    return array.astype(float) if array.dtype.kind in "iuf" else np.array(None)
+
+
+def finite(key, value, unit, shape=None, dimensions=None) -> np.ndarray:
+    """The value as an array of finite numbers; SceneError if it is none, or not of this shape or number of axes."""
+    array = array_of(value)
+    if array.dtype.kind == "O":
+        raise SceneError(f"{key} = {said(value, '')}: must be numbers [{unit}]")
+    if (shape is not None and array.shape != shape) or (dimensions is not None and array.ndim != dimensions):
+        wanted = f"shape {shape}" if shape is not None else f"{dimensions} axes"
+        raise SceneError(f"{key}: has the shape {array.shape}; must be numbers [{unit}] of {wanted}")
+    if not np.all(np.isfinite(array)):
+        raise SceneError(f"{key}: a value is not a finite number; all must be finite [{unit}]")
+    return array
+
+
+def positive(key, value, unit="m") -> None:
+    """SceneError unless the value is one finite number above 0."""
+    array = array_of(value)
+    if array.shape != () or array.dtype.kind == "O" or not 0.0 < array < np.inf:
+        raise SceneError(f"{key} = {said(value, unit)}: must be greater than 0 {unit}")
+
+
+def given(record, wanted: dict):
+    """(key, what is wanted of it, value) of the keys of a record, but of those that are None by default and now."""
+    for key, what in wanted.items():
+        value = getattr(record, key)
+        if value is not None or type(record).__dataclass_fields__[key].default is not None:
+            yield key, what, value
+
+
+def check_vectors(record, of: str, units: dict) -> None:
+    """SceneError unless these keys of a record, {key: unit}, have 2 or 3 finite numbers, all as many as the first; what
+    is None by default may be None. ``of`` says whose keys they are."""
+    shapes, wanted = ((2,), (3,)), "2 or 3"
+    for key, unit, value in given(record, units):
+        array = array_of(value)
+        if array.shape not in shapes or not np.all(np.isfinite(array)):
+            wanted = len(array) if array.shape in shapes else wanted
+            raise SceneError(f"{key} = {said(value, unit)} of {of}: must be {wanted} finite numbers")
+        shapes, wanted = (array.shape,), len(array)
+
+
+def check_numbers(record, units: dict) -> None:
+    """SceneError unless these keys of a record, {key: unit}, are finite numbers or None by default."""
+    for key, unit, value in given(record, units):
+        array = array_of(value)
+        if array.shape != () or array.dtype.kind == "O":
+            raise SceneError(f"{key} = {said(value, unit)}: must be a number")
+        if not np.isfinite(array):
+            raise SceneError(f"{key} = {said(value, unit)}: must be finite")
+
+
+def check_kinds(record, kinds: dict) -> None:
+    """SceneError unless these keys of a record, {key: (type or types, in words)}, are of these types or None by
+    default."""
+    for key, (kind, words), value in given(record, kinds):
+        if not isinstance(value, kind):
+            raise SceneError(f"{key} = {said(value, '')}: must be {words}")
+
+
+def said(value, unit) -> str:
+    """A value as it was given, on one line, and its unit."""
+    text = f"{value:g}" if isinstance(value, float) else " ".join(str(value).split())[:60]
+    return f"{text} {unit}".rstrip()
+
+
+class Unit(str):
+    """The unit of an annotated number, for messages and for --help; ``hint``: what one may have meant, in another."""
+
+    def __new__(cls, unit, hint=""):
+        self = super().__new__(cls, unit)
+        self.hint = hint
+        return self
+
+
+def _real(unit, hint="", **bounds):
+    return Annotated[float, Field(allow_inf_nan=False, **bounds), Unit(unit, hint)]
+
+
+def in_metres(value):
+    """A length as text with a unit, '5mm', in metres; anything else as it is."""
+    if isinstance(value, str):
+        for suffix, factor in (("mm", 1e-3), ("cm", 1e-2), ("m", 1.0)):
+            try:
+                return float(value.removesuffix(suffix)) * factor if value.endswith(suffix) else float(value)
+            except ValueError:
+                continue
+    return value
+
+
+LIGHTEST, HEAVIEST = 200.0, 20000.0  # foamed concrete in the mould, and above mercury [kg/m3]
+DENSITY_HINT = "2300 for 2.3 t/m3"
+
+Length = Annotated[_real("m", "0.3 or 300mm for 300 mm", gt=0.0, le=100.0), BeforeValidator(in_metres)]
+Position = _real("m", ge=-1000.0, le=1000.0)
+Duration = _real("s", gt=0.0, le=1e6)
+Density = _real("kg/m3", DENSITY_HINT, ge=LIGHTEST, le=HEAVIEST)
+AnyDensity = _real("kg/m3", gt=0.0, le=30000.0)  # also 1, of a flow without weight in numbers without dimension
+Viscosity = _real("Pa s", gt=0.0, le=1e6)
+YieldValue = _real("Pa", ge=0.0, le=1e6)
+ViscousConstant = _real("Pa s/m", ge=0.0, le=1e9)
+Speed = _real("m/s", "0.1 for 100 mm/s", gt=0.0, le=5.0)  # of a mould or a gate that is lifted
+Consistency = _real("Pa s^n", gt=0.0, le=1e6)
+FlowIndex = _real("", ge=0.1, le=4.0)
+FlowRate = _real("m3/s", gt=0.0, le=100.0)
+StrainRate = _real("1/s", gt=0.0, le=1e4)
+CriticalStrainRate = StrainRate | Literal["rational"]  # the word: by material.rational_critical_strain_rate
+
+Angle = _real("deg", ge=0.0, lt=90.0)
+Ratio = _real("-", gt=0.0, le=1.0)
+RadiusRatio = _real("l0", ge=1.6, le=4.1)
+Count = Annotated[int, Field(ge=1, le=100000), Unit("-")]
+
+
+class Checked(BaseModel):
+    """A frozen record whose values are checked on construction; a violation raises SceneError."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    def __init__(self, **values: Any) -> None:
+        try:
+            super().__init__(**values)
+        except ValidationError as error:
+            raise SceneError(explain(error, type(self))) from None
+
+    @classmethod
+    def __pydantic_init_subclass__(cls, **kwargs: Any) -> None:
+        cls.__pydantic_validator__  # noqa: B018  (build now, so that a wrong declaration fails at import)
+
+
+def unit_of(field) -> Unit:
+    """Unit of a pydantic field, '' where it has none (a choice, a flag)."""
+    for item in field.metadata:
+        if isinstance(item, Unit):
+            return item
+    for option in get_args(field.annotation):
+        if get_origin(option) is Annotated:
+            for item in get_args(option)[1:]:
+                if isinstance(item, Unit):
+                    return item
+    return Unit("")
+
+
+def suggestion(key, known) -> str:
+    """', did you mean ...?' or ''."""
+    close = difflib.get_close_matches(str(key), [str(name) for name in known], n=1)
+    return f", did you mean '{close[0]}'?" if close else ""
+
+
+def explain(error: ValidationError, model: type[BaseModel]) -> str:
+    """Every violation as 'key = value unit: what is allowed', joined with '; '; alternatives of a key with 'or'."""
+    lines = []
+    for item in error.errors():
+        key = str(item["loc"][0]) if item["loc"] else model.__name__
+        if item["type"] == "extra_forbidden":
+            lines.append(f"unknown key '{key}'{suggestion(key, model.model_fields)}")
+            continue
+        unit = unit_of(model.model_fields[key]) if key in model.model_fields else Unit("")
+        unit = Unit("") if unit == "-" else unit
+        allowed = item["msg"].replace("Input should be", "must be").replace("Value error, ", "")
+        if item["type"] == "missing":
+            lines.append(f"{key} is missing [{unit}]" if unit else f"{key} is missing")
+        else:
+            tail = f" {unit}" if unit else ""
+            bound = tail if item["type"].startswith(("greater", "less")) else ""
+            bound += f" ({unit.hint})" if bound and unit.hint else ""
+            start = f"{key} = {' '.join(str(item['input']).split())}{tail}: "  # one line, whatever was given
+            if lines and lines[-1].startswith(start):
+                lines[-1] += allowed.replace("must be", ", or", 1)
+            else:
+                lines.append(f"{start}{allowed}{bound}")
+    return "; ".join(lines)
+
+
+def checked(function):
+    """Decorate a function of keywords: validate them against its annotations, refuse unknown ones by name.
+
+    The pydantic model made from the signature is kept as ``function.parameters`` (for --help).
+    """
+    signature = inspect.signature(function)
+    fields = {
+        name: (parameter.annotation, ... if parameter.default is parameter.empty else parameter.default)
+        for name, parameter in signature.parameters.items()
+    }
+    config = ConfigDict(extra="forbid", arbitrary_types_allowed=True)
+    model = create_model(function.__name__, __config__=config, **fields)
+
+    @wraps(function)
+    def call(**values):
+        try:
+            valid = model(**values)
+        except ValidationError as error:
+            raise SceneError(explain(error, model)) from None
+        return function(**{name: getattr(valid, name) for name in fields})
+
+    call.parameters = model
+    return call

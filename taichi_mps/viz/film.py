@@ -1,0 +1,53 @@
+"""Pictures of runs made afterwards: films, and several runs side by side."""
+
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from ..units import SceneError
+from .render import Renderer
+
+
+def together(*replays):
+    """Outputs of several runs as tuples, one for each time that any of them has: of each the last one up to then."""
+    upcoming = [next(replay, None) for replay in replays]
+    now = list(upcoming)
+    while any(upcoming):
+        time = min(output.time for output in upcoming if output)
+        for k, output in enumerate(upcoming):
+            if output and output.time <= time + 1e-9:
+                now[k], upcoming[k] = output, next(replays[k], None)
+        yield tuple(now)
+
+
+class SideBySide:
+    """Draws one output of each run, left to right, with the same camera and the same range of colours."""
+
+    def __init__(self, scenes, **options):
+        self.painters = [Renderer(scene, beside=scenes, **options) for scene in scenes]
+
+    def draw(self, outputs) -> np.ndarray:
+        """The picture, (h, w, 3) uint8."""
+        pairs = zip(self.painters, outputs, strict=True)
+        return np.hstack([painter.draw(output.snapshot(), output.measures()) for painter, output in pairs])
+
+
+def check() -> None:
+    """SceneError where no film can be made."""
+    try:
+        import imageio_ffmpeg  # noqa: F401
+    except ImportError:
+        raise SceneError("film: needs imageio-ffmpeg: pip install 'taichi-mps[film]'") from None
+
+
+def mp4(pictures, out, fps: float = 10.0) -> Path:
+    """A film (H.264) of a list of picture files, by imageio-ffmpeg (extra ``film``)."""
+    check()
+    import imageio.v2 as iio
+
+    with iio.get_writer(out, fps=fps, codec="libx264", quality=8, macro_block_size=16) as film:
+        for path in pictures:
+            with Image.open(path) as picture:
+                film.append_data(np.asarray(picture.convert("RGB")))
+    return Path(out)

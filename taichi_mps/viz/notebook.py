@@ -1,0 +1,21 @@
+"""What a notebook shows of a Simulation: its picture."""
+
+import io
+
+from ..simulation import simulation
+
+
+class Simulation(simulation.Simulation):
+    __doc__ = simulation.Simulation.__doc__
+
+    def _repr_png_(self) -> bytes:
+        """The picture of now, as PNG."""
+        import imageio.v3 as iio
+
+        from .render import Renderer
+
+        if not hasattr(self, "_renderer"):
+            self._renderer = Renderer(self.scene, 960, 540)
+        png = io.BytesIO()
+        iio.imwrite(png, self._renderer.draw(self.snapshot(), self.measures()), extension=".png")
+        return png.getvalue()

@@ -1,0 +1,296 @@
+"""Pictures of a run. Layer 4: it reads scenes and snapshots, the numerics never see it.
+
+A software sphere splatter in Taichi kernels draws the body, its shadow and the floor on any machine, or triangles of
+its smooth surface in the place of the spheres; Pillow writes rulers, the lifted mould and the measures over it.
+Two-dimensional scenes are drawn in the plane y = 0, z up.
+"""
+
+import sys
+from functools import cache
+from pathlib import Path
+
+import imageio.v3 as iio
+import numpy as np
+from PIL import Image, ImageDraw, ImageFont
+
+from ..geometry.solid import Solid
+from ..geometry.walls import Cylinder, Plane
+from ..problem.measures import embed, reflected, still
+from ..units import SceneError
+from .facets import Facets
+from .smooth_surface import check, smooth_surface
+from .splatter import Camera, Ggui, Splatter
+
+RADIUS = 0.62  # of a drawn sphere over l0
+INK, FAINT, MOULD = (38, 42, 48), (112, 118, 126), (196, 62, 38)  # of text, rulers and outlines
+CONCRETE, FLOWING, RIGID = np.array([(0.68, 0.675, 0.66), (0.93, 0.50, 0.16), (0.45, 0.53, 0.64)])
+MIXES = np.array([(0.68, 0.675, 0.66), (0.30, 0.50, 0.72), (0.86, 0.55, 0.25), (0.42, 0.62, 0.40)])  # of mixes in turn
+FIELDS = {  # values of a view, and the label of its colour bar
+    "speed": (lambda s: s.speed, "speed [m/s]"),
+    "pressure": (lambda s: 1e-3 * s.p, "pressure [kPa]"),
+    "shear-rate": (lambda s: s.shear_rate, "shear rate [1/s]"),
+}
+VIEWS = ("concrete", *FIELDS, "yielded", "mix")
+MEASURES = {"slump_m": "slump", "spread_m": "spread", "front_m": "front", "height_m": "height"}
+MEASURES |= {"flow_m": "flow", "h1_m": "H1", "h2_m": "H2", "step_m": "step"}  # shown in cm
+VIRIDIS = np.array(
+    [(68, 1, 84), (71, 44, 122), (59, 81, 139), (44, 113, 142), (33, 144, 141), (39, 173, 129), (92, 200, 99)]
+    + [(170, 220, 50), (253, 231, 37)]
+)
+
+
+def viridis(t):
+    """Colours (n, 3) in 0..1 of values in 0..1; beyond the ends the end colours, nan is grey."""
+    t = np.asarray(t, float)
+    colours = np.stack([np.interp(t, np.linspace(0, 1, 9), VIRIDIS[:, k] / 255.0) for k in range(3)], -1)
+    return np.where(np.isnan(t)[..., None], 0.5, colours)
+
+
+def images(scene, line):
+    """A polyline (k, d) [m] as (k, 3), and its images behind the mirror planes of the scene and across its axis."""
+    lines = [embed(line)]
+    if scene.axisymmetric:
+        lines.append(lines[0] * (-1.0, 1.0, 1.0))
+    for plane in scene.mirrors:
+        point, normal = embed([plane.point, plane.normal])
+        lines += [reflected(other, normal, point) for other in lines]
+    return lines
+
+
+def stage(scene):
+    """Low and high corner [m] (3,) of what a run may show, the body with room to spread up to the walls; its floor."""
+    whole, domain = (scene.unfold(still(x, scene.spacing)).x for x in (scene.reach, np.array(scene.domain, float)))
+    low, high = whole.min(0) - 0.5 * scene.spacing, whole.max(0) + 0.5 * scene.spacing
+    planes = [wall for wall in scene.walls if isinstance(wall, Plane) and not wall.mirror]
+    body, domain, touch = (low.copy(), high.copy()), (domain.min(0), domain.max(0)), 0.6 * scene.spacing
+    for axis in range(scene.dimension - 1):  # of a plane through the axis, the first alone
+        room = np.inf if scene.periodic_axes[axis] else 0.85 * (body[1][-1] - body[0][-1])
+        across = [wall for wall in planes if abs(wall.normal[axis]) > 0.99]
+        walls = [line[0, axis] for wall in across for line in images(scene, [wall.point])]
+        low[axis] = max((w for w in walls if w < low[axis] + touch), default=max(low[axis] - room, domain[0][axis]))
+        high[axis] = min((w for w in walls if w > high[axis] - touch), default=min(high[axis] + room, domain[1][axis]))
+    if scene.axisymmetric:
+        low[1], high[1] = low[0], high[0]
+    floors = [w.point[-1] for w in planes if w.normal[-1] > 0.99 and w.point[-1] < low[-1] + touch]
+    low[-1] = max(floors, default=low[-1])
+    return *embed([low, high]), low[-1] if floors else None
+
+
+class Renderer:
+    """Pictures of one run; camera, rulers and the range of the colours are fixed.
+
+    view: one of VIEWS; backend: software, or ggui where Vulkan is there (else one line on stderr, and software);
+    limits: (low, high) of the colour bar in its unit, by default from the scene; beside: scenes shown beside it,
+    with the same camera and range; surface: the smooth surface of the body instead of its particles.
+    """
+
+    def __init__(
+        self, scene, width=1280, height=720, view="concrete", backend="software", limits=None, beside=(), surface=False
+    ):
+        if view not in VIEWS:
+            raise SceneError(f"view = {view}: must be one of {', '.join(VIEWS)}")
+        if backend not in ("software", "ggui"):
+            raise SceneError(f"backend = {backend}: must be software or ggui")
+        if surface and backend == "ggui":
+            raise SceneError("surface: is drawn in software alone; must be without ggui")
+        if surface:
+            check(3 if scene.axisymmetric else scene.dimension)
+        self.scene, self.view, self.surface = scene, view, surface
+        self.limits = limits or max(self._limits(other, view) for other in (scene, *beside))
+        floor = stage(scene)[2]
+        lows, highs, _ = zip(*(stage(other) for other in (scene, *beside)), strict=True)
+        self.low, self.high = np.min(lows, axis=0), np.max(highs, axis=0)
+        corners = np.stack(np.meshgrid(*zip(self.low, self.high, strict=True)), -1).reshape(-1, 3)
+        steps = [digit * 10.0**power for power in range(-6, 4) for digit in (1, 2, 5)]
+        self.tick = min(steps, key=lambda t: abs(np.log(np.ptp(corners) / 14 / t)))  # about 14 on the longest side
+        tilt = np.radians(15.0 if scene.dimension == 3 or scene.axisymmetric else 0.0)
+        self.camera = Camera((0.0, np.cos(tilt), -np.sin(tilt)), corners, width, height, (0.09, 0.17, 0.88, 0.89))
+        arguments = (self.camera, corners, RADIUS * scene.spacing, floor, self.tick)
+        painter = self._ggui if backend == "ggui" else Facets if surface else Splatter
+        self.painter = painter(*arguments)
+
+    @staticmethod
+    def _ggui(*arguments):
+        try:
+            return Ggui(*arguments)
+        except Exception as error:  # RuntimeError without a driver; a bare Exception where Taichi was built without it
+            reason = " ".join(str(error).split())[:100]
+            print(f"ggui: no hidden window can be made here ({reason}); drawing in software instead", file=sys.stderr)
+            return Splatter(*arguments)
+
+    @staticmethod
+    def _limits(scene, view):
+        head = np.linalg.norm(scene.gravity_vector) * np.ptp(scene.reach[:, -1])  # g H
+        moved = [wall.speed for wall in scene.walls]
+        moved += [] if scene.velocity is None else [np.linalg.norm(scene.velocity, axis=1).max()]
+        highest = {
+            "speed": max([0.5 * np.sqrt(2.0 * head), *moved]),
+            "pressure": 1e-3 * max(m.density for m in scene.materials) * head,
+        }
+        top = float(highest.get(view, 10.0)) or 1.0
+        return 0.0, min(
+            v for v in (d * 10.0 ** np.floor(np.log10(top)) for d in (1, 1.5, 2, 3, 4, 5, 6, 8, 10)) if v > 0.97 * top
+        )
+
+    def colours(self, snapshot):
+        """Colours (n, 3) in 0..1 of the particles, or of the vertices of the surface, in this view."""
+        if self.view == "concrete" and self.surface:
+            return np.tile(CONCRETE, (len(snapshot.x), 1))
+        if self.view == "concrete":
+            return CONCRETE * (0.94 + 0.12 * np.modf(0.618034 * np.arange(len(snapshot.x)))[0])[:, None]
+        if self.view == "yielded":
+            return np.where(np.asarray(snapshot.yielded, bool)[:, None], FLOWING, RIGID)
+        if self.view == "mix":
+            return MIXES[np.asarray(snapshot.mix) % len(MIXES)]
+        low, high = self.limits
+        return viridis((np.asarray(FIELDS[self.view][0](snapshot), float) - low) / (high - low))
+
+    def draw(self, snapshot, measures=None):
+        """The picture, (h, w, 3) uint8, of the whole body of which the snapshot is the computed part."""
+        snapshot, mesh = self.scene.unfold(snapshot), ()
+        if self.surface:
+            snapshot, *mesh = smooth_surface(snapshot)
+        relief = 1.0 if self.view == "concrete" else 0.7
+        pixels, depth = self.painter.draw(embed(snapshot.x), self.colours(snapshot), relief, *mesh)
+        image = Image.fromarray(pixels)
+        self._lines(image, depth, snapshot.time)
+        pen = ImageDraw.Draw(image)
+        self._rulers(pen)
+        self._titles(pen, snapshot, measures or {})
+        if self.view != "concrete":
+            self._legend(image, pen)
+        return np.asarray(image)
+
+    def _write(self, pen, at, text, size=17, colour=INK, anchor="la"):
+        pen.text(at, text, fill=colour, font=font(size * self.camera.height / 720), anchor=anchor)
+
+    def _titles(self, pen, snapshot, measures):
+        mix, unit = self.scene.material, self.camera.height / 720
+        flow = f"yield value {mix.yield_value:g} Pa   plastic " * (not mix.newtonian) + "viscosity "
+        flow += f"{mix.plastic_viscosity:g} Pa s   density {mix.density:g} kg/m3   l0 {1e3 * self.scene.spacing:g} mm"
+        self._write(pen, (28 * unit, 22 * unit), self.scene.name, 26)
+        self._write(pen, (28 * unit, 58 * unit), flow, 16, FAINT)
+        shown = [f"{name} {100 * measures[key]:.1f} cm" for key, name in MEASURES.items() if key in measures]
+        self._write(pen, (28 * unit, 86 * unit), "   ".join([f"t = {snapshot.time:.2f} s", *shown]), 22)
+
+    def _rulers(self, pen):
+        """Ticks in cm: along x on the floor in front of the body, and upright at its left in the middle plane."""
+        low, high, unit = self.low, self.high, self.camera.height / 720
+        upright = np.array([low[0], 0.5 * (low[1] + high[1]), low[2]])
+        for start, axis, zero, side, anchor in ((low, 0, 0.0, (0, 1), "mt"), (upright, 2, low[2], (-1, 0), "rm")):
+            first, last = (np.array([low[axis], high[axis]]) - zero) / self.tick
+            ticks = np.arange(np.ceil(first - 1e-6), np.floor(last + 1e-6) + 1)
+            points = np.tile(start, (len(ticks), 1))
+            points[:, axis] = zero + self.tick * ticks
+            at, side, width = self.camera.project(points)[:, :2], unit * np.array(side), max(1, round(1.5 * unit))
+            pen.line([tuple(p) for p in at], fill=FAINT, width=width)
+            for k, p in zip(ticks.astype(int), at, strict=True):
+                pen.line([tuple(p), tuple(p + (5 if k % 2 else 9) * side)], fill=FAINT, width=width)
+                if k % 2 == 0:
+                    label = f"{100 * self.tick * k:.4g}" + " cm" * int(k > ticks[-1] - 2)
+                    self._write(pen, p + 14 * side, label, 15, FAINT, anchor)
+
+    def _lines(self, image, depth, time):
+        """Walls, and the lifted mould (dashed) where nothing hides it; smoothed by drawing at twice the size."""
+        masks = [Image.new("L", (2 * image.width, 2 * image.height)) for _ in range(2)]
+        pens, width = [ImageDraw.Draw(mask) for mask in masks], max(2, round(image.height / 240))
+        (x0, y0, z0), (x1, y1, z1) = self.low, self.high
+        edges = []
+        for wall in self.scene.walls:
+            at, y = wall.point, 0.5 * (y0 + y1)
+            if isinstance(wall, Cylinder):
+                edges += [circle + time * wall.travel for circle in wall.circles]
+            elif isinstance(wall, Solid):
+                edges += [line + time * wall.travel for line in wall.section(y)]
+            elif abs(wall.normal[0]) > 0.99 and not wall.mirror:
+                x = at[0] + time * wall.travel[0]
+                edges.append([(x, y, z0), (x, y, z1)])
+            elif wall.normal[-1] < -0.99 and not wall.mirror:
+                z = at[-1] + time * wall.travel[-1]
+                edges.append([(x0, y, z), (x1, y, z)])
+        for line in (line for edge in edges for line in images(self.scene, edge)):
+            pens[0].line([tuple(p) for p in 2 * self.camera.project(line)[:, :2]], fill=255, width=width)
+        for polyline in self.scene.outline:
+            corner = self.camera.project(embed(polyline))
+            length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(corner[:, :2], axis=0), axis=1))])
+            at = np.arange(0.0, length[-1], image.height / 180)
+            point = np.stack([np.interp(at, length, corner[:, k]) for k in range(3)], -1)
+            j, i = point[:, :2].astype(int).T
+            seen = (i >= 0) & (j >= 0) & (i < image.height) & (j < image.width)
+            if depth is not None:
+                near = depth[np.clip(i, 0, image.height - 1), np.clip(j, 0, image.width - 1)]
+                seen &= point[:, 2] < near + 1.5 * self.scene.spacing
+            for k in range(len(at) - 1):
+                if k % 3 < 2 and seen[k]:
+                    pens[1].line([tuple(p) for p in 2 * point[k : k + 2, :2]], fill=255, width=width)
+        for mask, colour in zip(masks, (FAINT, MOULD), strict=True):
+            image.paste(colour, mask=mask.reduce(2))
+
+    def _legend(self, image, pen):
+        unit, (low, high) = self.camera.height / 720, self.limits
+        x, y, wide, tall = (round(v * unit) for v in (image.width / unit - 105, 150, 20, 300))
+        keys = {
+            "yielded": (("flowing", FLOWING), ("below the yield value", RIGID)),
+            "mix": [
+                (f"{m.yield_value:g} Pa, {m.plastic_viscosity:g} Pa s", MIXES[k % len(MIXES)])
+                for k, m in enumerate(self.scene.materials)
+            ],
+        }
+        if self.view in keys:
+            for k, (name, colour) in enumerate(keys[self.view]):
+                top = round((28 + 30 * k) * unit)
+                pen.rectangle((x + 57 * unit, top, x + 77 * unit, top + wide), fill=tuple(int(255 * c) for c in colour))
+                self._write(pen, (x + 48 * unit, top + 0.5 * wide), name, 16, INK, "rm")
+            return
+        bar = (255 * viridis(np.linspace(1, 0, tall))[:, None] + 0.5).astype(np.uint8)
+        image.paste(Image.fromarray(np.repeat(bar, wide, 1)), (x, y))
+        self._write(pen, (x + 77 * unit, y - 24 * unit), FIELDS[self.view][1], 16, INK, "rm")
+        for t in np.linspace(0, 1, 6):
+            at = y + (1 - t) * (tall - 1)
+            pen.line((x + wide, at, x + wide + 5 * unit, at), fill=FAINT)
+            self._write(pen, (x + wide + 10 * unit, at), f"{low + t * (high - low):.3g}", 15, FAINT, "lm")
+
+
+@cache
+def font(size):
+    """The font that ships with Pillow."""
+    return ImageFont.load_default(size)
+
+
+def png(folder, view="concrete", **options):
+    """Callback of a simulation that writes folder/frame_00000.png, ... (speed_00000.png, ... for the view speed)."""
+    folder, count, renderer = Path(folder), 0, None
+
+    def write(sim):
+        nonlocal count, renderer
+        if renderer is None:
+            folder.mkdir(parents=True, exist_ok=True)
+            renderer = Renderer(sim.scene, view=view, **options)
+        name = f"{'frame' if view == 'concrete' else view}_{count:05d}.png"
+        iio.imwrite(folder / name, renderer.draw(sim.snapshot(), sim.measures()), compress_level=1)
+        count += 1
+
+    return write
+
+
+def gif(frames, out, fps=10, width=640):
+    """Animated GIF of a folder of pictures (its frame_*.png, or else all), or of a list of files."""
+    paths = [Path(frames)] if isinstance(frames, str | Path) else list(frames)
+    if len(paths) == 1 and Path(paths[0]).is_dir():
+        paths = sorted(Path(paths[0]).glob("frame_*.png")) or sorted(Path(paths[0]).glob("*.png"))
+    if not paths:
+        raise FileNotFoundError(f"gif: no pictures in {frames}")
+    pictures = []
+    for path in paths:
+        with Image.open(path) as picture:
+            size = (width, round(width * picture.height / picture.width))
+            pictures.append(picture.convert("RGB").resize(size, Image.Resampling.BOX))
+    sample = pictures[:: max(1, len(pictures) // 8)]
+    sheet, palette = (
+        Image.fromarray(np.concatenate([np.asarray(picture) for picture in sample])),
+        Image.new("P", (1, 1)),
+    )
+    common, rare = sheet.quantize(208), sheet.quantize(48, Image.Quantize.MAXCOVERAGE)  # smooth greys, thin red lines
+    palette.putpalette(common.getpalette()[: 3 * 208] + rare.getpalette()[: 3 * 48])
+    pictures = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
+    pictures[0].save(out, save_all=True, append_images=pictures[1:], duration=round(1000 / fps), loop=0, optimize=True)

@@ -1,0 +1,146 @@
+"""Friction of walls: what it holds, how fast fluid slips on it, and its place in the system."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_gradient import cloud
+from test_momentum import System
+
+import taichi_mps as mps
+from taichi_mps.runtime.backend import ti
+
+DENSITY, G, DEPTH = 2300.0, 9.81, 0.1  # kg/m3, m/s2, m
+ANGLE = np.radians(10.0)
+WEIGHT = DENSITY * G * float(np.sin(ANGLE)) * DEPTH  # traction [Pa] on the floor of a film
+ROUGHNESS = 2000.0  # viscous constant [Pa s/m]
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: mps.Friction(yield_value=-1.0), "yield_value = -1.0 Pa: must be greater than or equal to 0 Pa"),
+        (lambda: mps.Friction(viscous_constant=np.nan), "viscous_constant = nan Pa s/m"),
+        (lambda: mps.Friction(), "no friction at all; must be slip = True"),
+        (
+            lambda: mps.Plane((0.0, 0.0), (1.0, 0.0), slip=True, friction=mps.Friction(yield_value=1.0)),
+            "slip = True with",
+        ),
+        (
+            lambda: mps.Plane((0.0, 0.0), (1.0, 0.0), mirror=True, friction=mps.Friction(yield_value=1.0)),
+            "of a mirror plane",
+        ),
+        (lambda: mps.Cylinder((0.0, 0.0), 1.0, slip=True, friction=mps.Friction(yield_value=1.0)), "slip = True with"),
+    ],
+)
+def test_an_impossible_friction_is_refused(make, message):
+    with pytest.raises(mps.SceneError, match=message):
+        make()
+
+
+def film(law, material):
+    """A film on 10 degrees, 10 particles deep, periodic along the slope."""
+    l0 = DEPTH / 10
+    return mps.Scene(
+        name="film",
+        material=material,
+        spacing=l0,
+        fluid=mps.lattice((0.0, 0.0), (DEPTH - 0.5 * l0,) * 2, l0),
+        walls=mps.box_planes((0.0, 0.0), (DEPTH, DEPTH), friction=law)[:1],
+        domain=((0.0, -l0), (DEPTH, 2.0 * DEPTH)),
+        gravity=(G * float(np.sin(ANGLE)), -G * float(np.cos(ANGLE))),
+        periodic=(True, False),
+    )
+
+
+STIFF = mps.Bingham(density=DENSITY, plastic_viscosity=50.0, yield_value=2.0 * WEIGHT)
+
+
+def test_friction_is_refused_as_particles_and_in_semi_implicit():
+    scene = film(mps.Friction(yield_value=100.0), STIFF)
+    for numerics in (mps.Implicit(walls="particles"), mps.SemiImplicit()):
+        with pytest.raises(mps.SceneError, match="has friction; must be surfaces, scheme implicit"):
+            mps.Simulation(scene, numerics)
+
+
+def carried_by(floor, area):
+    """Traction [Pa] of a floor, from the slip that its particles carry."""
+    yielded = floor.traction.to_numpy() if floor.yields else 0.0
+    return ((yielded + floor.constant * floor.slip.to_numpy()) * floor.area.to_numpy()[:, None]).sum(0)[0] / area
+
+
+def test_newtonian_film_slips_by_the_wall_stress_over_the_viscous_constant():
+    """Navier's slip, half of the surface speed: within 2 %, as without slip. The floor carries the weight."""
+    eta = 100.0
+    sim = mps.Simulation(film(mps.Friction(viscous_constant=ROUGHNESS), mps.Newtonian(DENSITY, eta)))
+    sim.run(until=1.0)  # 9 rho H/k
+    s = sim.snapshot()
+    y = s.x[:, 1] / DEPTH
+    exact = WEIGHT / ROUGHNESS + WEIGHT * DEPTH / eta * (y - 0.5 * y**2)
+    assert np.linalg.norm(s.u[:, 0] - exact) < 0.02 * np.linalg.norm(exact)
+    assert carried_by(sim.walls.surfaces[0].friction, DEPTH) == pytest.approx(WEIGHT, rel=0.02)
+
+
+@pytest.mark.long
+def test_a_plug_slips_on_a_yielding_floor_by_the_excess_over_its_viscous_constant():
+    """From rest, rho H du/dt = WEIGHT - yield value - k u: within 5 % on the way, where the step of a tenth of
+    rho H/k costs 1 % and the passes lag, and within 1 % in the end."""
+    yield_value = 0.5 * WEIGHT
+    sim = mps.Simulation(film(mps.Friction(yield_value=yield_value, viscous_constant=ROUGHNESS), STIFF))
+    for time, error in ((0.25, 0.05), (2.5, 0.01)):
+        sim.run(until=time)
+        exact = (WEIGHT - yield_value) / ROUGHNESS * (1.0 - np.exp(-ROUGHNESS * time / (DENSITY * DEPTH)))
+        assert np.abs(sim.snapshot().u[:, 0] / exact - 1.0).max() < error
+    assert carried_by(sim.walls.surfaces[0].friction, DEPTH) == pytest.approx(WEIGHT, rel=0.01)
+
+
+@pytest.mark.long
+def test_a_plug_stands_on_a_floor_that_holds_more_than_its_weight():
+    """From rest at once; and where it has slid to a stop, though then the step changes, which ends at an output."""
+    scene = film(mps.Friction(yield_value=1.05 * WEIGHT), STIFF)
+    sim = mps.Simulation(scene)
+    sim.run(until=0.5)
+    s = sim.snapshot()
+    assert s.speed.max() < 1e-6
+    assert np.linalg.norm(s.x - sim.scene.fluid, axis=1).max() < 1e-3 * s.spacing
+    traction = sim.walls.surfaces[0].friction.traction.to_numpy()
+    assert np.linalg.norm(traction, axis=1).max() <= 1.05 * WEIGHT * (1.0 + 1e-12)
+    sim = mps.Simulation(replace(scene, velocity=np.tile((0.1, 0.0), (len(scene.fluid), 1))))
+    for time in (3.0, 3.055, 3.2):
+        sim.run(until=time)
+        assert sim.snapshot().speed.max() < 1e-7
+
+
+@ti.data_oriented
+class Rubbing(System):
+    """A cloud on a floor with friction; what it slips by within a solve is that of a step of rho/dt = ``inertia``."""
+
+    def __init__(self, law, inertia):
+        floor = mps.Plane((0.0, -0.33), (0.0, 1.0), friction=law)
+        x = cloud((5, 6))
+        super().__init__(x[floor.distance(x) > 0.01], planes=(floor,))
+        self.gradient.walls.tie(inertia)
+        self.begin()
+
+    @ti.kernel
+    def begin(self):
+        for i in range(self.particles.count[None]):
+            B = self.gradient.B[i]
+            self.gradient.walls.begin_friction(i, self.particles.x[i], self.u[i], B, self.volume, 300.0, 1.0)
+
+
+def test_the_matrix_at_a_floor_with_friction_is_symmetric_positive_definite():
+    """It resists sliding along the floor by friction and layer in series: less than no slip, more than slip."""
+    rig = Rubbing(mps.Friction(yield_value=10.0, viscous_constant=500.0), 1000.0)
+    A, _blocks = rig.dense()
+    assert np.abs(A - A.T).max() < 1e-12 * np.abs(A).max()
+    assert np.linalg.eigvalsh(A).min() > 0.0
+    floor, rows = rig.gradient.walls.surfaces[0].friction, rig.gradient.walls.c.to_numpy()[:, 0] > 0.0
+    assert np.all((floor.share.to_numpy()[rows] > 0.0) & (floor.share.to_numpy()[rows] < 1.0))
+    share, area = floor.share.to_numpy(), floor.area.to_numpy()
+    along, power = np.tile((1.0, 0.0), (len(rig.x), 1)), []
+    for s, a in ((0.0 * share, 0.0 * area), (share, area), (0.0 * share + 1.0, area)):  # slip, friction, no slip
+        floor.share.from_numpy(s)
+        floor.area.from_numpy(a)
+        power.append((along * rig.multiply(along)).sum())
+    assert power[0] < power[1] < power[2]

@@ -1,0 +1,282 @@
+"""Half and quarter models: the body behind the mirror planes, the sums beside them, and runs against the whole."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_gradient import L0, Rig, cloud
+from test_momentum import MASS_RATE, System
+
+import taichi_mps as mps
+from taichi_mps.problem import measures as measure
+from taichi_mps.problem.measures import Snapshot
+from taichi_mps.viz import render
+
+WEST = mps.Plane((0.0, 0.0), (1.0, 0.0), mirror=True)
+FLOOR = mps.Plane((0.0, 0.0), (0.0, 1.0))
+EAST_3D = mps.Plane((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), mirror=True)
+NORTH_3D = mps.Plane((0.0, 0.0, 0.0), (0.0, 1.0, 0.0), mirror=True)
+FLOOR_3D = mps.Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+
+
+def scene(fluid, walls, **keywords):
+    d = fluid.shape[1]
+    settings = {"material": mps.Bingham(), "spacing": L0, "domain": ((-2.0,) * d, (2.0,) * d)} | keywords
+    return mps.Scene("body", fluid=fluid, walls=walls, **settings)
+
+
+def moving(x, seed=5):
+    rng = np.random.default_rng(seed)
+    n = len(x)
+    scalars = rng.uniform(0.0, 1.0, (3, n))
+    return Snapshot(0.3, L0, x, rng.normal(size=x.shape), *scalars[:2], scalars[2] > 0.5, scalars[2], 0.0 * x[:0])
+
+
+# ---- the body behind the planes -------------------------------------------------------------------------------
+def test_a_quarter_unfolds_to_the_four_quarters():
+    """Exact: the planes lie on the axes; tangential parts stay, normal parts change sign."""
+    x = cloud((4, 4, 3)) + 1.0
+    part = moving(x)
+    whole = scene(x, (FLOOR_3D, EAST_3D, NORTH_3D), domain=((-1.0,) * 3, (3.0,) * 3)).unfold(part)
+    signs = np.array([(1.0, 1.0, 1.0), (-1.0, 1.0, 1.0), (1.0, -1.0, 1.0), (-1.0, -1.0, 1.0)])
+    for k, sign in enumerate(signs):
+        rows = slice(k * len(x), (k + 1) * len(x))
+        assert np.array_equal(whole.x[rows], sign * x) and np.array_equal(whole.u[rows], sign * part.u)
+        for name in ("p", "shear_rate", "yielded", "density_ratio"):
+            assert np.array_equal(getattr(whole, name)[rows], getattr(part, name))
+    assert len(whole.x) == 4 * len(x) and (whole.time, whole.spacing) == (part.time, part.spacing)
+    assert np.allclose(whole.u.sum(0), [0.0, 0.0, 4.0 * part.u[:, 2].sum()], atol=1e-12)  # momentum
+
+
+def test_a_tilted_plane_reflects_distances():
+    normal = np.array([0.6, 0.8])
+    s = moving(cloud((5, 5)) + 2.0)
+    whole = measure.mirrored(s, (1.0, 0.5), normal)
+    n = len(s.x)
+    height = (whole.x - (1.0, 0.5)) @ normal
+    assert np.allclose(height[n:], -height[:n], atol=1e-12)
+    assert np.allclose((whole.x[n:] - s.x) @ (-0.8, 0.6), 0.0, atol=1e-12)
+    assert np.allclose(whole.u[n:] @ normal, -s.u @ normal, atol=1e-12)
+    assert np.allclose(np.linalg.norm(whole.u[n:], axis=1), s.speed, atol=1e-12)
+
+
+def test_without_mirror_planes_the_body_is_its_snapshot():
+    x = cloud((4, 4)) + 1.0
+    part = moving(x)
+    assert scene(x, (FLOOR, replace(WEST, mirror=False))).unfold(part) is part
+
+
+# ---- the lattice ----------------------------------------------------------------------------------------------
+def as_set(x):
+    return {tuple(point) for point in np.round(x, 9).tolist()}
+
+
+@pytest.mark.parametrize(("model", "parts", "axes"), [("half", 2, (1,)), ("quarter", 4, (0, 1))])
+def test_the_cone_is_part_of_the_whole_lattice(model, parts, axes):
+    whole, part = mps.slump_cone(), mps.slump_cone(model=model)
+    assert parts * len(part.fluid) == len(whole.fluid)
+    assert as_set(part.fluid) == as_set(whole.fluid[np.all(whole.fluid[:, axes] > 0.0, axis=1)])
+    assert as_set(part.unfold(measure.still(part.fluid, 0.01)).x) == as_set(whole.fluid)
+    assert np.prod(np.subtract(*part.domain)) == pytest.approx(np.prod(np.subtract(*whole.domain)) / parts, rel=0.05)
+
+
+def test_no_particle_starts_on_a_mirror_plane():
+    """Where the whole cone has particles on its middle, its parts take the lattice that has none there."""
+    assert np.any(np.abs(mps.slump_cone(spacing=0.02).fluid[:, 0]) < 1e-9)
+    x = mps.slump_cone(spacing=0.02, model="quarter").fluid
+    assert x[:, :2].min() == pytest.approx(0.01)
+    box = mps.fill(mps.Box((-0.15, 0.0), (0.15, 0.1)), 0.02, (WEST,))
+    assert box[:, 0].min() == pytest.approx(0.01) and box[:, 1].min() == pytest.approx(0.01)
+    shifted = mps.fill(mps.Box((-0.15, 0.0), (0.15, 0.1)), 0.02, (replace(WEST, point=(0.055, 0.0)),))
+    assert shifted[:, 0].min() == pytest.approx(0.065)
+
+
+# ---- the fit and the sums beside a plane ----------------------------------------------------------------------
+def right_and_whole():
+    """A disordered cloud right of the plane x = 0, on no floor, and the same with its images."""
+    x = cloud((6, 7)) + (0.31, 0.0)
+    x = x[x[:, 0] > 0.1 * L0]
+    return Rig(x, planes=(WEST,)), Rig(np.vstack([x, x * (-1.0, 1.0)]))
+
+
+@pytest.fixture(scope="module")
+def rigs():
+    return right_and_whole()
+
+
+def on_the_right(rig, values):
+    """Values of the particles right of the plane, ordered by position."""
+    right = np.flatnonzero(rig.x[:, 0] > 0.0)
+    return values[right[np.lexsort(rig.x[right].T)]]
+
+
+def test_symmetric_linear_fields_have_the_gradient_of_the_whole(rigs):
+    """u_x = a x, u_y = b + c y: exact on any particles, in the half as in the whole model."""
+
+    def u(x):
+        return np.column_stack([0.7 * x[:, 0], 0.2 - 0.4 * x[:, 1]])
+
+    exact = np.diag([0.7, -0.4])
+    for rig in rigs:
+        assert np.abs(rig.gradients(u(rig.x))[rig.healthy] - exact).max() < 1e-12
+
+
+def test_symmetric_quadratic_fields_have_the_gradient_of_the_whole_to_first_order(rigs):
+    """u = (x y, x^2): the difference is at most the spacing times the second derivatives (2 1/s/m), none far away."""
+    found = [on_the_right(rig, rig.gradients(np.column_stack([rig.x[:, 0] * rig.x[:, 1], rig.x[:, 0] ** 2])))
+             for rig in rigs]  # fmt: skip
+    place, healthy = on_the_right(rigs[0], rigs[0].x), on_the_right(rigs[0], rigs[0].healthy)
+    away = np.abs(found[0] - found[1]).max((1, 2))
+    assert away[place[:, 0] > 2.1 * L0].max() < 1e-12
+    assert away[healthy].max() < 2.0 * L0
+
+
+def test_forces_are_those_of_the_whole_far_from_the_plane_and_never_along_it(rigs):
+    """A stress without shear: the plane pushes along its normal only; along it the forces sum to nothing."""
+    half, whole = rigs
+    forces = []
+    for rig in rigs:
+        T = np.zeros((len(rig.x), 2, 2))
+        T[:, 0, 0], T[:, 1, 1] = 3.0 + rig.x[:, 0] ** 2, -2.0 + rig.x[:, 1]
+        forces.append(rig.forces(T))
+    assert np.abs(forces[0][:, 1].sum()) < 1e-12 * np.abs(forces[0]).sum()
+    far = on_the_right(half, half.x)[:, 0] > 2 * 2.1 * L0
+    difference = on_the_right(half, forces[0]) - on_the_right(whole, forces[1])
+    assert far.sum() > 5 and np.abs(difference[far]).max() < 1e-12
+
+
+def test_the_matrix_beside_a_mirror_plane_and_a_floor_is_symmetric_positive_definite():
+    x = cloud((5, 5)) + (0.3, 0.3)
+    system = System(x[np.all(x > 0.1 * L0, axis=1)], planes=(FLOOR, WEST))
+    A, _blocks = system.dense()
+    assert np.abs(A - A.T).max() < 1e-12 * np.abs(A).max()
+    assert np.linalg.eigvalsh(A).min() > 0.9 * MASS_RATE
+
+
+@pytest.mark.parametrize(
+    ("d", "mirrors", "tolerance"), [(2, 1, 2e-3), (3, 1, 2e-3), (3, 2, 4e-3)], ids=["2-D", "half", "quarter"]
+)
+def test_corners_count_every_neighbour_once(d, mirrors, tolerance):
+    """A lattice on a floor, cut by mirror planes: n, packing and neighbours are those of the whole lattice there. With
+    half-spaces that overlap the corner would be 3 to 14 % too dense. The rest is the interpolation of the tables."""
+    size = 0.55 if d == 2 else 0.35
+    low, high = -size * np.ones(d), size * np.ones(d)
+    low[-1], high[-1] = 0.0, 0.4
+    x = mps.lattice(np.round(low / L0 - 0.5) * L0, high, L0)
+    x = x[x[:, -1] > 0.0]
+    floor, planes = (FLOOR, (WEST,)) if d == 2 else (FLOOR_3D, (EAST_3D, NORTH_3D)[:mirrors])
+    part = Rig(x[np.all(x[:, :mirrors] > 0.0, axis=1)], planes=(floor, *planes))
+    whole = Rig(x, planes=(floor,))
+    keep = np.all(whole.x[:, :mirrors] > 0.0, axis=1)
+    order = np.flatnonzero(keep)[np.lexsort(whole.x[keep].T)], np.lexsort(part.x.T)
+    assert np.allclose(whole.x[order[0]], part.x[order[1]], atol=1e-12)
+    beside = np.all(part.x[order[1]][:, :mirrors] < 2.1 * L0, axis=1)
+    beside &= np.all(np.abs(part.x[order[1]]) < 0.2, axis=1)  # away from the lattice's own ends
+    assert beside.sum() >= 2**d / 2
+    for name in ("n", "packing", "around"):
+        values = getattr(whole.gradient, name).to_numpy()[order[0]], getattr(part.gradient, name).to_numpy()[order[1]]
+        assert np.abs(values[1] / values[0] - 1.0)[beside].max() < tolerance, name
+    leans = whole.gradient.surface_normal.to_numpy()[order[0]], part.gradient.surface_normal.to_numpy()[order[1]]
+    assert np.abs(leans[1] - leans[0])[beside].max() < tolerance
+
+
+# ---- refusals -------------------------------------------------------------------------------------------------
+def test_what_is_no_plane_of_symmetry_is_refused():
+    x = cloud((4, 4)) + 1.0
+    for changes, message in (
+        ({"velocity": (0.0, 1.0)}, r"velocity = \(0.0, 1.0\) m/s: a mirror plane cannot move; must be left out"),
+        ({"normal": (2.0, 0.0)}, r"normal = \(2.0, 0.0\) of a mirror plane: must have the length 1"),
+    ):
+        with pytest.raises(mps.SceneError, match=message):
+            replace(WEST, **changes)
+    for walls, message in (
+        ((replace(WEST, point=(1.0, 0.0)),), "a fluid particle lies on it or behind it; all must be in front"),
+        ((replace(FLOOR, mirror=True),), r"gravity = \(0.0, -9.81\) m/s2 must lie in the plane"),
+    ):
+        with pytest.raises(mps.SceneError, match=message):
+            scene(x, walls)
+    tilted = mps.Plane((0.0, 0.0, 0.0), (0.6, 0.8, 0.0), mirror=True)
+    with pytest.raises(mps.SceneError, match=r"must be at right angles to that with normal = \(1.0, 0.0, 0.0\)"):
+        scene(cloud((4, 4, 4)) + 1.0, (EAST_3D, tilted))
+    with pytest.raises(mps.SceneError, match="mirrors: normal = .*: must be along an axis"):
+        mps.fill(mps.Cone(0.1, 0.05, 0.3), 0.02, (tilted,))
+
+
+def test_wall_particles_are_refused_beside_a_mirror_plane():
+    half = mps.slump_cone(spacing=0.05, model="half")
+    for numerics in (mps.Implicit(walls="particles"), mps.SemiImplicit()):
+        with pytest.raises(mps.SceneError, match="walls = particles: scene slump has a mirror plane; must be surfaces"):
+            mps.Simulation(half, numerics)
+
+
+# ---- runs -----------------------------------------------------------------------------------------------------
+def block(mirrors, seed=None):
+    """Of Bingham fluid, two-dimensional, after 0.3 s; with a ``seed`` up to 0.05 l0 off the lattice."""
+    fluid = mps.fill(mps.Box((-0.1, 0.0), (0.1, 0.1)), 0.01, mirrors)
+    if seed is not None:
+        fluid = fluid + 0.0005 * np.random.default_rng(seed).uniform(-1.0, 1.0, fluid.shape)
+    body = scene(
+        fluid,
+        (FLOOR, *mirrors),
+        spacing=0.01,
+        material=mps.Bingham(yield_value=50.0, plastic_viscosity=10.0),
+        domain=((0.0 if mirrors else -0.5, -0.05), (0.5, 0.2)),
+        measure=measure.front,
+    )
+    sim = mps.Simulation(body)
+    sim.run(until=0.3)
+    return sim
+
+
+@pytest.mark.long
+def test_a_block_collapses_as_its_half():
+    """Front and height within a fifth of a spacing, in the mean of four off the lattice, which differ by 0.2 and
+    0.04 l0. The half is 0.1 to 0.15 l0 higher: at a mirror no particle from above can come to lie between a pair on
+    both sides of it (docs/limits.md)."""
+    assert len(block(()).scene.fluid) == 2 * len(block((WEST,)).scene.fluid) == 200
+    runs = [[block(mirrors, seed).measures() for seed in range(4)] for mirrors in ((), (WEST,))]
+    whole, half = ({name: np.mean([run[name] for run in model]) for name in ("front_m", "height_m")} for model in runs)
+    assert whole["front_m"] > 0.12 and whole["height_m"] < 0.09  # it moved
+    assert half["front_m"] == pytest.approx(whole["front_m"], abs=0.002)
+    assert half["height_m"] == pytest.approx(whole["height_m"], abs=0.002)
+
+
+@pytest.fixture(scope="module")
+def cones():
+    """The cone at 12.5 mm after 0.2 s: the whole and a quarter of the same lattice."""
+    sims = []
+    for model in ("quarter", "full"):
+        part = mps.slump_cone(model=model, spacing=0.0125, yield_value=1000.0, until=0.2)
+        if model == "full":
+            part = replace(part, fluid=sims[0].scene.unfold(measure.still(sims[0].scene.fluid, 0.0125)).x)
+        sims.append(mps.Simulation(part))
+        sims[-1].run()
+    return sims
+
+
+def test_a_quarter_of_the_cone_slumps_as_the_whole(cones):
+    """Within a tenth of a spacing."""
+    quarter, whole = cones
+    assert 4 * len(quarter.scene.fluid) == len(whole.scene.fluid) and quarter.steps == whole.steps
+    assert whole.measures()["slump_m"] > 0.05
+    assert quarter.measures() == pytest.approx(whole.measures(), abs=0.00125)
+    assert quarter.summary()["slump_m"] == quarter.measures()["slump_m"]
+
+
+def test_the_picture_of_a_quarter_is_that_of_the_whole_body(cones):
+    quarter, whole = (sim.scene for sim in cones)
+    part = cones[0].snapshot()
+    size = {"width": 320, "height": 180, "view": "speed"}
+    ours = render.Renderer(quarter, **size).draw(part)
+    assert len(part.x) == len(quarter.fluid)
+    differ = np.any(ours != render.Renderer(whole, **size).draw(quarter.unfold(part)), axis=2)
+    assert differ.mean() < 1e-3  # single pixels where two spheres meet
+    assert np.any(ours != render.Renderer(replace(quarter, walls=quarter.walls[:1]), **size).draw(part))
+
+
+def test_walls_are_drawn_on_both_sides():
+    box = scene(cloud((4, 4)) + 1.0, (WEST, FLOOR, mps.Plane((1.5, 0.0), (-1.0, 0.0))))
+    low, high, floor = render.stage(box)
+    assert (low[0], high[0], floor) == (-1.5, 1.5, 0.0)
+    ends = [line[:, 0].tolist() for line in render.images(box, [(1.5, 0.0), (1.5, 1.0)])]
+    assert ends == [[1.5, 1.5], [-1.5, -1.5]]

@@ -1,0 +1,224 @@
+"""Walls that change their place, and thin ones with fluid on both sides: what they carry along, and what they part."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_gradient import Rig as Cloud
+from test_gradient import cloud
+
+import taichi_mps as mps
+from taichi_mps.boundaries.walls import Walls
+from taichi_mps.problem import catalogue
+from taichi_mps.runtime.backend import ti
+
+L0, RE = 0.1, 0.21
+UP = (0.0, 0.0, 1.0)
+SHEET = mps.Cylinder((0.0, 0.0, -0.2), 0.32, axis=UP, slope=-0.2, length=0.4, thin=True)  # both rims in the cloud
+FITTED = ("n", "packing", "around")
+
+
+def test_where_a_travelling_wall_is():
+    lid = mps.Plane((0.0, 1.0), (0.0, -1.0), velocity=(1.0, -0.5))
+    sliding = mps.Plane((0.0, 1.0), (0.0, -1.0), velocity=(1.0, 0.0))
+    x = np.array([[3.0, 0.0]])
+    assert lid.distance(x, 0.4) == pytest.approx(0.8) and sliding.distance(x, 0.4) == pytest.approx(1.0)
+    mould = replace(SHEET, velocity=0.5)
+    x = np.random.default_rng(2).uniform(-0.4, 0.4, (50, 3))
+    assert np.allclose(mould.distance(x + (0.0, 0.0, 0.1), 0.2), SHEET.distance(x), atol=1e-15)
+    x = np.array([[0.3, 0.0, 0.0], [0.26, 0.0, 0.0]])  # 20 mm from it on either side
+    assert SHEET.distance(x) == pytest.approx(0.02 / np.hypot(1.0, 0.2))
+    assert not np.any(mps.Cylinder((0.0, 0.0, 0.0), 1.0, axis=UP, velocity=1.0).travel)  # endless: it only slides
+
+
+def test_a_thin_wall_needs_an_end():
+    with pytest.raises(mps.SceneError, match="thin = True: needs a length"):
+        mps.Cylinder((0.0, 0.0, 0.0), 1.0, axis=UP, thin=True)
+
+
+def test_fluid_behind_a_thin_wall_is_not_felt():
+    """Fit, density and packing of the particles inside are the same with other particles outside, and without any."""
+    x = cloud((7, 7, 7))
+    axial = np.abs(x[:, 2]) < 0.15
+    x = x[(SHEET.distance(x) > 0.01) & axial]
+    inside = np.hypot(x[:, 0], x[:, 1]) < SHEET.radius + SHEET.slope * (x[:, 2] + 0.2)
+    assert 20 < inside.sum() < len(x) - 20
+    u = np.random.default_rng(4).standard_normal(x.shape)
+    seen = []
+    for given, velocity in ((x, u), (x[inside], u[inside])):
+        rig = Cloud(given, planes=(SHEET,))
+        number = rig.particles.read()["id"]  # of each row
+        fields = (rig.gradients(velocity[number]), *(getattr(rig.gradient, f).to_numpy() for f in FITTED))
+        seen.append([field[np.argsort(number)] for field in fields])
+    for all_around, alone in zip(*seen, strict=True):
+        assert np.allclose(all_around[inside], alone, rtol=1e-12, atol=1e-12)
+
+
+@ti.data_oriented
+class Mover:
+    def __init__(self, walls, count, d):
+        self.walls = Walls(walls, d, L0, RE)
+        self.x, self.move, self.y = (ti.Vector.field(d, ti.f64, count) for _ in range(3))
+        self.share = ti.field(ti.f64, count)
+
+    @ti.kernel
+    def go(self):
+        for i in self.x:
+            self.y[i] = self.walls.outside(self.x[i], self.move[i])
+            self.share[i] = self.walls.surfaces[0].share(i, self.x[i], 0.0)
+
+    def __call__(self, x, move):
+        self.x.from_numpy(np.ascontiguousarray(x))
+        self.move.from_numpy(np.ascontiguousarray(move))
+        self.go()
+        return self.y.to_numpy()
+
+
+def test_nothing_passes_through_a_thin_wall_and_all_may_pass_its_rim():
+    """Random moves of up to half a spacing from both sides of a mould that is lifted."""
+    rng = np.random.default_rng(5)
+    mould = replace(SHEET, velocity=0.25)
+    x = rng.uniform(-0.45, 0.45, (4000, 3))
+    x = x[mould.distance(x) > 0.1 * L0]
+    mover = Mover((mould,), len(x), 3)
+    time = 0.4
+    mover.walls.place(time)
+    place = x + (0.0, 0.0, 0.25 * time)
+    move = rng.uniform(-0.5, 0.5, x.shape) * L0
+    there = mover(place, move)
+    past = ~np.isfinite(mould.distance(there, time))
+    assert np.array_equal(there[past], (place + move)[past])
+
+    def side(p):
+        s = p[:, 2] - 0.25 * time + 0.2
+        return np.sign(mould.radius + mould.slope * s - np.hypot(p[:, 0], p[:, 1]))
+
+    def beside(p):
+        return np.isfinite(mould.distance(p, time))
+
+    both = beside(place) & beside(there)
+    crossing = both & (side(place) != side(place + move))
+    assert crossing.sum() > 50
+    assert np.array_equal(side(place)[both], side(there)[both])
+    assert mould.distance(there, time)[both].min() >= 0.1 * L0 * (1.0 - 1e-6)
+
+
+def test_a_rim_fades_over_one_spacing():
+    flat = replace(SHEET, slope=0.0)
+    z = np.array([0.0, 0.19, 0.2, 0.225, 0.25, 0.299, 0.31, -0.25, -0.35])
+    x = np.column_stack([np.full_like(z, 0.25), 0.0 * z, z])
+    mover = Mover((flat,), len(x), 3)
+    mover(x, 0.0 * x)
+    assert mover.share.to_numpy() == pytest.approx([1.0, 1.0, 1.0, 0.75, 0.5, 0.01, 0.0, 0.5, 0.0], abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    "slip", [pytest.param(False, id="rough"), pytest.param(True, id="smooth", marks=pytest.mark.long)]
+)
+def test_force_at_a_thin_wall_is_the_negative_transpose_of_the_gradient(slip):
+    x = cloud((6, 6, 6))
+    x = x[SHEET.distance(x) > 0.1 * L0]
+    rig = Cloud(x, planes=(replace(SHEET, slip=slip),))
+    rng = np.random.default_rng(6)
+    u, T = rng.standard_normal(x.shape), rng.standard_normal((len(x), 3, 3))
+    power = (u * rig.forces(T)).sum()
+    assert power == pytest.approx(-rig.volume * (T * rig.gradients(u)).sum(), rel=1e-10)
+
+
+@pytest.mark.long
+def test_a_rising_floor_carries_a_block_along():
+    """A block that stands on a floor rises as far as the floor, at its speed; it starts at that speed."""
+    speed = 0.2
+    x = mps.fill(mps.Box((0.0, 0.0), (1.0, 0.5)), L0)
+    floor = mps.Plane((0.0, 0.0), (0.0, 1.0), velocity=(0.0, speed), slip=True)
+    scene = mps.Scene(
+        name="lift",
+        material=mps.Bingham(plastic_viscosity=50.0, yield_value=20000.0),
+        spacing=L0,
+        fluid=x,
+        velocity=np.tile((0.0, speed), (len(x), 1)),
+        walls=(floor,),
+        domain=((-1.0, -1.0), (2.0, 2.0)),
+    )
+    sim = mps.Simulation(scene)
+    sim.run(until=1.0)
+    moved = sim.snapshot().x - x
+    assert np.abs(moved - (0.0, speed)).max() < 0.03 * L0
+
+
+@pytest.mark.parametrize("loose", [True, pytest.param(False, marks=pytest.mark.long)])
+def test_a_loose_wall_pushes_a_block_and_does_not_pull_it(loose):
+    """A block that would stand, on a smooth floor: a board moves it at its speed, and leaves it where it is if the
+    board is drawn away and loose; one that is not loose takes it along."""
+    speed = 0.2
+    x = mps.fill(mps.Box((0.0, 0.0), (1.0, 0.5)), L0)
+    for sign in (1.0, -1.0):
+        floor = mps.Plane((0.0, 0.0), (0.0, 1.0), slip=True)
+        board = mps.Plane((0.0, 0.0), (1.0, 0.0), velocity=(sign * speed, 0.0), slip=True, loose=loose)
+        scene = mps.Scene(
+            name="board",
+            material=mps.Bingham(plastic_viscosity=50.0, yield_value=20000.0),
+            spacing=L0,
+            fluid=x,
+            walls=(floor, board),
+            domain=((-1.0, -1.0), (2.0, 2.0)),
+        )
+        sim = mps.Simulation(scene)
+        sim.run(until=0.5)
+        moved = sim.snapshot().x[:, 0] - x[:, 0]
+        taken = sign > 0.0 or not loose
+        assert np.abs(moved - sign * 0.5 * speed * taken).max() < (0.05 if taken else 1e-3) * L0
+
+
+# ---- the slump cone lifted --------------------------------------------------------------------------------------
+def lifted(**keywords):
+    return catalogue.build("slump", spacing=0.02, **({"lift_speed": 0.15, "yield_value": 500.0} | keywords))
+
+
+def through(scene, s):
+    """Particles that are beside the mould, outside it."""
+    mould = scene.walls[-1]
+    height = s.x[:, 2] - mould.velocity * s.time
+    radius = mould.radius + mould.slope * height
+    return int(np.sum((height > 0.0) & (height < mould.length) & (np.hypot(s.x[:, 0], s.x[:, 1]) > radius)))
+
+
+@pytest.mark.long
+def test_the_mould_holds_the_concrete_and_is_lifted_off_it():
+    """Nothing leaks through the sheet, nothing sticks in it, and the end is that of the instant removal within l0."""
+    scene = lifted(until=3.0)
+    sim, again = mps.Simulation(scene), mps.Simulation(scene)
+    for _ in range(6):
+        sim.step()
+    again.load(sim.state())  # a resumed lift is the uninterrupted one, bit for bit
+    for run in (sim, again):
+        run.step()
+        run.step()
+    for name, value in sim.snapshot().__dict__.items():
+        assert np.array_equal(value, getattr(again.snapshot(), name)), name
+    leaks = []
+    sim.every(0.1, lambda sim: leaks.append(through(scene, sim.snapshot())))
+    assert sim.run() == "rest"
+    assert sim.time > 1.0 and max(leaks) == 0
+    instant = mps.Simulation(lifted(lift_speed=None))
+    instant.run()
+    assert abs(sim.measures()["slump_m"] - instant.measures()["slump_m"]) < scene.spacing
+    scene.check(sim.snapshot(), sim.measures())
+
+
+@pytest.mark.long  # tests/test_rest.py has the rule alone
+def test_a_stiff_mix_is_not_at_rest_in_its_mould():
+    """20 kPa stands by itself; the run still goes on until the mould, lifted at 0.5 m/s, is an effective radius of
+    42 mm away from it all around, and 0.2 s longer: the gap grows by 82 mm/s, and particles begin up to 8 mm away."""
+    scene = lifted(lift_speed=0.5, yield_value=20000.0)
+    sim = mps.Simulation(scene)
+    assert sim.run() == "rest"
+    assert np.abs(sim.snapshot().x - scene.fluid).max() < 1e-3 * scene.spacing
+    assert 0.034 / 0.082 + 0.2 - 0.05 < sim.time < 0.042 / 0.082 + 0.2 + 0.1
+
+
+def test_a_lifted_mould_is_refused_as_particles():
+    with pytest.raises(mps.SceneError, match="moves or is thin"):
+        mps.Simulation(lifted(), mps.Implicit(walls="particles"))
+    with pytest.raises(mps.SceneError, match="lift_speed = 0"):
+        lifted(lift_speed=0.0)

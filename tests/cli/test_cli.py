@@ -1,0 +1,333 @@
+"""The command line, end to end: real runs of small scenes in processes of their own, and every kind of bad input."""
+
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import get_args
+
+import h5py
+import numpy as np
+import pytest
+
+import taichi_mps as mps
+from taichi_mps.cli import main as cli
+from taichi_mps.cli import options
+from taichi_mps.cli import run as running
+from taichi_mps.io import checkpoint
+from taichi_mps.io.history import read_history
+from taichi_mps.io.run_folder import RunFolder
+from taichi_mps.problem import catalogue
+
+ROOT = Path(__file__).resolve().parents[2]
+BLOB = '''"""A cube of concrete that sags."""
+import numpy as np
+import taichi_mps as mps
+from taichi_mps.quantity import Duration, Length, Position
+
+
+@mps.checked
+def scene(spacing: Length = 0.05, until: Duration = 0.1, rise: Position = 0.0, side: Length = 0.2) -> mps.Scene:
+    """Cube on a floor, thrown upwards with ``rise`` [m/s]."""
+    x = mps.fill(mps.Box((0.0, 0.0, 0.0), (side, side, side)), spacing)
+    return mps.Scene(
+        name="blob", material=mps.Bingham(yield_value=100.0), spacing=spacing, fluid=x,
+        velocity=np.tile([0.0, 0.0, rise], (len(x), 1)), walls=(mps.Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)),),
+        domain=((-1.0, -1.0, -0.2), (1.0, 1.0, 1.0)), until=until, measure=mps.measure.front,
+    )
+'''
+EMPTY = BLOB.replace("fluid=x,", "fluid=x[:0],")
+
+
+def start(folder, *words, **environment):
+    """A process of the command line whose output goes to out.txt and err.txt in ``folder``."""
+    folder.mkdir(parents=True, exist_ok=True)
+    variables = {**os.environ, "PYTHONPATH": str(ROOT), **environment}
+    with open(folder / "out.txt", "w") as out, open(folder / "err.txt", "w") as err:
+        command = [sys.executable, *map(str, words)]
+        return subprocess.Popen(command, stdout=out, stderr=err, stdin=subprocess.DEVNULL, env=variables, cwd=folder)
+
+
+def finish(process, folder):
+    code = process.wait(timeout=120)
+    return code, (folder / "out.txt").read_text(), (folder / "err.txt").read_text()
+
+
+@pytest.fixture(scope="module")
+def work(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("cli")
+    (folder / "blob.py").write_text(BLOB)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def whole(work):
+    """A run to 0.1 s, its exit code, stdout and stderr."""
+    here = work / "whole"
+    words = ["-m", "taichi_mps", "run", work / "blob.py", "--every", "0.05", "--out", "run", "--json"]
+    return here / "run", *finish(start(here, *words), here)
+
+
+def test_a_run_leaves_a_whole_folder_and_prints_only_json(whole):
+    folder, code, out, err = whole
+    assert code == 0, err
+    summary = json.loads(out)
+    assert summary == json.loads((folder / "summary.json").read_text())
+    assert summary["stopped_by"] == "time"
+    assert summary["fluid_particles"] == 64
+    assert summary["simulated_seconds"] == pytest.approx(0.1)
+    assert summary["parameters"] == {"spacing": 0.05, "until": 0.1, "rise": 0.0, "side": 0.2}
+    assert "dt " not in err, "no progress where there is no terminal"
+    names = {path.name for path in folder.iterdir()}
+    assert {"frames", "animation.gif", "history.csv", "run.h5", "checkpoint.h5", "summary.json"} <= names
+    assert [path.name for path in sorted((folder / "frames").iterdir())] == [f"frame_{k:05d}.png" for k in range(3)]
+    rows = read_history(folder / "history.csv")
+    assert len(rows["time_s"]) == summary["steps"] + 1
+    assert rows["front_m"][-1] == pytest.approx(summary["front_m"], rel=1e-6)
+
+
+UNSEEN = """
+import math, sys
+from taichi_mps import cli, files, running
+files.CHECKPOINT_SHARE = math.inf  # after every step, so that many a kill falls into the writing of one
+running.pictures = lambda *_: None
+cli.entry()
+"""
+
+
+def outputs(path):
+    """Everything that a reader of run.h5 finds, by name."""
+    found = {}
+    with h5py.File(path) as file:
+        file["VTKHDF"].visititems(lambda name, item: found.update({name: item[()]} if hasattr(item, "dtype") else {}))
+    return found
+
+
+def test_a_run_killed_at_random_steps_goes_on_bit_for_bit(work, whole):
+    """By SIGKILL; each time what was written before can be read. 20 times: TAICHI_MPS_KILLS=20 pytest -n0 -k killed."""
+    kills, dice = int(os.environ.get("TAICHI_MPS_KILLS", 1)), random.Random()
+    here, reference = work / "killed", whole[0]
+    until = 0.05 * max(kills, 2)
+    words = [work / "blob.py", "--every", "0.05", "--until", until, "--threads", "1", "--quiet", "--out", "run"]
+    if kills > 2:
+        reference = work / "reference" / "run"
+        code, _, err = finish(start(reference.parent, "-c", UNSEEN, "run", *words), reference.parent)
+        assert code == 0, err
+    steps = len(read_history(reference / "history.csv")["time_s"]) - 1
+    folder, seen, command = RunFolder(here / "run"), 0, ["run", *words]
+    for kill in range(kills):
+        target = dice.randint(seen + 1, max(seen + 1, steps * (kill + 1) // (kills + 1)))
+        process, deadline = start(here, "-c", UNSEEN, *command), time.monotonic() + 400
+        while not (folder.history.is_file() and folder.history.read_bytes().count(b"\n") > target + 1):
+            assert process.poll() is None and time.monotonic() < deadline, (target, (here / "err.txt").read_text())
+            time.sleep(0.001)
+        process.kill()
+        assert process.wait() == -signal.SIGKILL
+        times = read_history(folder.history)["time_s"]
+        written = outputs(folder.trajectory)["Steps/Values"]
+        assert len(written) >= int(times[-2] / 0.05 + 1e-6) + 1, "an output of an earlier step is missing"
+        saved = checkpoint.read_good(folder.checkpoint)[0]
+        assert saved.header["time"] >= times[max(0, len(times) - 4)] - 1e-12, "steps were lost"
+        seen = len(times) - 1
+        command = ["resume", "run", "--scene", work / "blob.py", "--quiet"]
+    code, _, err = finish(start(here, "-c", UNSEEN, *command), here)
+    assert code == 0, err
+    assert folder.history.read_bytes() == (reference / "history.csv").read_bytes()
+    states = [checkpoint.read(path / "checkpoint.h5").state for path in (reference, folder.path)]
+    assert states[0].keys() == states[1].keys()
+    for key, value in states[0].items():
+        assert np.array_equal(value, states[1][key]), key
+    first, second = outputs(reference / "run.h5"), outputs(folder.trajectory)
+    assert first.keys() == second.keys()
+    assert not [key for key in first if not np.array_equal(first[key], second[key])]
+
+
+def test_ctrl_c_writes_a_checkpoint_that_resumes(work):
+    here = work / "interrupted"
+    words = ["-m", "taichi_mps", "run", work / "blob.py", "--until", "500", "--every", "0.5", "--out", "run"]
+    process = start(here, *words, FORCE_COLOR="1", COLUMNS="160")
+    history, deadline = here / "run" / "history.csv", time.monotonic() + 90
+    while not (history.is_file() and len(history.read_text().splitlines()) > 20):
+        assert process.poll() is None and time.monotonic() < deadline, (here / "err.txt").read_text()
+        time.sleep(0.1)
+    process.send_signal(signal.SIGINT)
+    code, _, err = finish(process, here)
+    assert code == 130, err
+    assert all(word in err for word in ("/500 s", "dt ", " ms (", "front ", "iterations ")), "progress on a terminal"
+    folder = RunFolder(here / "run")
+    summary = folder.read_summary()
+    assert summary["stopped_by"] == "interrupted"
+    reached = checkpoint.read(folder.checkpoint).header["time"]
+    assert reached == pytest.approx(summary["simulated_seconds"])
+    resume = ["-m", "taichi_mps", "resume", "run", "--scene", work / "blob.py", "--until", reached + 0.02, "--json"]
+    code, out, err = finish(start(here, *resume), here)
+    assert code == 0, err
+    assert json.loads(out)["simulated_seconds"] == pytest.approx(reached + 0.02)
+    times = read_history(folder.history)["time_s"]
+    assert (times[1:] > times[:-1]).all()
+
+
+def test_a_divergence_exits_3_and_names_the_file_to_resume_from(work):
+    here = work / "diverged"
+    words = ["-m", "taichi_mps", "run", work / "blob.py", "--rise", "80", "--every", "0.005", "--out", "run", "--quiet"]
+    code, out, err = finish(start(here, *words), here)
+    assert (code, out) == (3, "")
+    assert "resume" in err.splitlines()[-1] and str(Path("run") / "checkpoint.h5") in err.splitlines()[-1]
+    summary = RunFolder(here / "run").read_summary()
+    assert summary["stopped_by"] == "diverged"
+    assert summary["resume_from"] == str(Path("run") / "checkpoint.h5")
+    kept = checkpoint.read(here / "run" / "checkpoint.h5")  # it escapes in a step: the state before may be kept as well
+    assert kept.header["time"] <= summary["simulated_seconds"]
+    assert np.isfinite(kept.state["x"]).all() and np.isfinite(kept.state["u"]).all()
+
+
+def test_a_scene_file_runs_alone_and_the_pictures_can_be_drawn_again(work):
+    here = work / "alone"
+    words = [ROOT / "scenes" / "slump.py", "--yield-value", "300", "--spacing", "0.05", "--until", "0.02"]
+    code, out, err = finish(start(here, *words, "--every", "0.01"), here)
+    assert code == 0, err
+    folder = here / "renders" / "slump"
+    assert RunFolder(folder).read_summary()["parameters"]["yield_value"] == 300.0
+    words = ["-m", "taichi_mps", "render", folder, "--view", "speed", "--json"]
+    code, out, err = finish(start(here, *words), here)
+    assert code == 0, err
+    assert json.loads(out)["pictures"] == 3
+    assert len(list((folder / "frames-speed").glob("*.png"))) == 3
+    assert (folder / "animation-speed.gif").is_file()
+
+
+def test_a_high_knee_stress_is_one_line_and_a_rational_rate_has_none(tmp_path, capsys, monkeypatch):
+    """The rule for 300 Pa, 50 Pa s and 5 s: pi_c = 0.01 min(300/100, 1/5) = 0.002 1/s."""
+    made = []
+    monkeypatch.setattr(cli, "start", lambda options: None)
+    monkeypatch.setattr(cli, "carry_out", lambda sim, *rest: made.append(sim.scene.material) or 0)
+    words = ["run", "slump", "--spacing", "0.05", "--out", str(tmp_path / "run"), "--critical-strain-rate"]
+    assert cli.main([*words, "1"]) == 0
+    err = capsys.readouterr().err
+    assert err == (
+        "taichi-mps: critical_strain_rate = 1 1/s: the concrete yields at a knee stress of 400 Pa instead of "
+        "yield_value = 300 Pa; at most 0.3 1/s keeps that within 10 %\n"
+    )
+    assert cli.main([*words, "rational"]) == 0
+    assert capsys.readouterr().err == ""
+    assert made[1].critical_strain_rate == pytest.approx(0.002)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("run slmp", "unknown scene 'slmp', did you mean 'slump'?"),
+        ("run missing.py", "scene = missing.py: no such file"),
+        ("run slump --yeld-value 300", "unknown option --yeld-value, did you mean '--yield-value'?"),
+        ("run slump --model plane", "model = plane: must be 'full', 'half', 'quarter' or 'axisymmetric'"),
+        ("run film --model quarter", "model = quarter: must be 'plane'"),
+        (
+            "run slump --model quarter --lift-speed 0.1",
+            "lift_speed = 0.1 m/s: a mould that is lifted needs model = full",
+        ),
+        ("run slump --density -2300", "density = -2300 kg/m3: must be greater than or equal to 200 kg/m3"),
+        (
+            "run slump --density 2.3",
+            "density = 2.3 kg/m3: must be greater than or equal to 200 kg/m3 (2300 for 2.3 t/m3)",
+        ),
+        ("run slump --spacing 0.00001", "spacing = 1e-05 m: fills the box with 1.6e+10 particles; at most 1e+08"),
+        (
+            "run slump --effective-radius-ratio -1",
+            "effective_radius_ratio = -1 l0: must be greater than or equal to 1.6 l0",
+        ),
+        ("run slump --effective-radius-ratio nan", "effective_radius_ratio = nan l0: must be a finite number"),
+        (
+            "run slump --critical-strain-rate rationel",
+            "critical_strain_rate = rationel 1/s: must be a valid number, unable to parse string as a number, "
+            "or 'rational'",
+        ),
+        ("run slump --density -2.3e6", "density = -2.3e6 kg/m3: must be greater than or equal to 200 kg/m3"),
+        ("run slump --density 2.3e6", "density = 2.3e6 kg/m3: must be less than or equal to 20000 kg/m3"),
+        ("sweep slump --density 2.3,2.4", "density = 2.3 kg/m3: must be greater than or equal to 200 kg/m3"),
+        ("run slump --height 300", "height = 300.0 m: must be less than or equal to 100 m (0.3 or 300mm for 300 mm)"),
+        ("run slump --height 30", "height = 30 m: must be at most 3 m; 300mm and 30cm are lengths, too"),
+        ("run mini_cone --height 5.72", "height = 5.72 m: must be at most 3 m"),
+        ("run slump --lift-speed 120", "lift_speed = 120 m/s: must be less than or equal to 5 m/s (0.1 for 100 mm/s)"),
+        ("run slump --accuracy 5", "accuracy = 5 m: must be at most 0.1 m (0.005 or 5mm for 5 mm)"),
+        ("run film --spacing 10", "spacing = 10 m: larger than the film, 0.1 m deep"),
+        ("run wall --spacing 10", "spacing = 10 m: must be at most a third of the hose, 0.04 m"),
+        ("calibrate --spread 50", "spread = 50 m: must be less than 3 m; 21cm and 5mm are lengths, too"),
+        ("calibrate --slump 0.2 --slump-error 5", "slump_error = 5 m: must be less than 0.3 m"),
+        ("run slump --density heavy", "density = heavy kg/m3: must be a valid number"),
+        ("run slump --yield-value nan", "yield_value = nan Pa: must be a finite number"),
+        ("run slump --until inf", "until = inf s: must be a finite number"),
+        ("run slump --spacing 0.5", "spacing = 0.5 m: larger than the body"),
+        ("run slump --height 0.004 --lift-speed 0.1", "spacing = 0.01 m: larger than the body, 0.004 m high"),
+        ("run film --effective-radius-ratio 4.1", "domain = 0.05 m along periodic axis 0: must be at least three"),
+        ("run slump --every 0", "every = 0 s: must be greater than 0 s"),
+        ("run slump --threads 0", "threads = 0: must be greater than or equal to 1"),
+        ("run slump --arch abacus", "arch = abacus: must be 'cpu', 'cuda' or 'vulkan'"),
+        ("run slump --scheme explicit", "scheme = explicit: must be 'implicit' or 'semi-implicit'"),
+        ("run slump --courant-number 2", "courant_number = 2: must be less than or equal to 1"),
+        ("run slump --density", "argument --density: expected one argument"),
+        ("run slump --out file/run", "out = file/run: cannot be written"),
+        ("run slump --out file", "out = file: is a file"),
+        ("run slump again", "unexpected argument 'again'"),
+        ("run", "run: name a scene"),
+        ("run empty.py", "the geometry is empty"),
+        ("run none.py", "scene none.py: its function returns int; must return a Scene"),
+        ("run raises.py", "scene raises.py cannot be made: ZeroDivisionError: division by zero"),
+        ("run --yield-value 500 --spacing 9 slump", "spacing = 9 m: larger than the body"),
+        ("sweep --yield-value 50,-1 slump", "yield_value = -1 Pa: must be greater than or equal to 0 Pa"),
+        ("sweep slump --chart", "chart: needs a parameter that is varied by numbers"),
+        ("run broken.py", "broken.py cannot be loaded: SyntaxError"),
+        ("run bare.py", "has no function 'scene'"),
+        ("rnu slump", "unknown command 'rnu', did you mean 'run'?"),
+        ("resume nowhere", "checkpoint nowhere/checkpoint.h5: no such file"),
+        ("resume file", "checkpoint file: damaged, or not a checkpoint"),
+        ("render nowhere", "run = nowhere: holds no run.h5"),
+        ("plot nowhere", "run = nowhere: holds no history.csv"),
+        ("info nowhere", "run = nowhere: holds no summary.json"),
+    ],
+)
+def test_bad_input_is_one_clear_line_exit_2_and_nothing_written(words, message, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    files = {"file": "", "empty.py": EMPTY, "broken.py": "def scene(:", "bare.py": "scene = 3"}
+    returned = "import taichi_mps as mps\n@mps.checked\ndef scene() -> mps.Scene:\n    return "
+    files |= {"none.py": returned + "3", "raises.py": returned + "1 / 0"}
+    for name, text in files.items():
+        Path(name).write_text(text)
+    assert mps.main(words.split()) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.count("\n") == 1 and message in err
+    assert {path.name for path in tmp_path.iterdir()} - {"__pycache__"} == set(files)
+
+
+def test_help_lists_every_keyword_with_unit_and_default_without_taichi(tmp_path):
+    program = "import sys, taichi_mps as mps; code = mps.main(['run', 'slump', '--help']); "
+    code, out, err = finish(start(tmp_path, "-c", program + "sys.exit(code or 'taichi' in sys.modules)"), tmp_path)
+    assert code == 0, err
+    for name, field in catalogue.load("slump").parameters.model_fields.items():
+        line = next(line for line in out.splitlines() if line.strip().startswith(f"--{name.replace('_', '-')} "))
+        assert "[" in line or options.choices(field)
+        assert field.default is None or f"default {field.default}" in line
+    for option in ("--scheme", "--every", "--out", "--arch", "--threads", "--precision", "--walls", "--quiet"):
+        assert option in out
+
+
+def test_the_views_offered_are_those_that_can_be_drawn():
+    text = (ROOT / "taichi_mps" / "render.py").read_text()
+    assert all(f'"{view}"' in text for view in get_args(options.VIEWS))
+
+
+def test_scenes_and_info(capsys):
+    assert mps.main(["scenes", "--json"]) == 0
+    listed = {scene["name"]: scene for scene in json.loads(capsys.readouterr().out)}
+    assert listed["slump"]["description"].startswith("Slump and slump flow")
+    assert mps.main(["info", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["version"] == mps.__version__
+
+
+@pytest.mark.parametrize(("interval", "nice"), [(0.1, 0.1), (0.004, 0.005), (0.06, 0.05), (0.0013, 0.001), (7.4, 10)])
+def test_picture_intervals_are_round(interval, nice):
+    assert running.rounded(interval) == pytest.approx(nice)

@@ -1,0 +1,515 @@
+"""Whatever comes from outside is taken, or refused in one clear message: no crash, no hang, nothing half written.
+
+Generated command lines, scenes, meshes, checkpoints and run folders. 25 of each here; thousands by
+``pytest -n0 tests/test_front_door.py --hypothesis-profile thorough``. No Taichi: a command stops where it would start.
+"""
+
+import contextlib
+import importlib
+import io
+import json
+import os
+import re
+import shutil
+import warnings
+from pathlib import Path
+from types import SimpleNamespace
+
+import h5py
+import meshio
+import numpy as np
+import pytest
+from hypothesis import currently_in_test_context, event, given, settings
+from hypothesis import strategies as st
+from test_files import Falling
+
+import taichi_mps as mps
+from taichi_mps.cli import main as cli
+from taichi_mps.cli import options
+from taichi_mps.cli import study as commands
+from taichi_mps.geometry import shapes as bodies
+from taichi_mps.geometry import solid as solids
+from taichi_mps.io import checkpoint
+from taichi_mps.io.recorder import Recorder
+from taichi_mps.io.run_folder import RunFolder
+from taichi_mps.io.vtkhdf import Trajectory
+from taichi_mps.problem import catalogue
+from taichi_mps.problem import feasibility as admission
+from taichi_mps.problem.numerics import NUMERICS
+from taichi_mps.viz import film
+
+if settings.get_current_profile_name() == "default":
+    settings.load_profile("quick")
+
+
+class Admitted(Exception):
+    """Raised in the place of what would start Taichi."""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def taichi():
+    """None is started: in the place of that of the other tests."""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def door(tmp_path_factory):
+    """An empty folder to work in, bodies of a few particles, and no start."""
+
+    def refuse(*_, **__):
+        raise Admitted
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(tmp_path_factory.mktemp("door"))
+        patch.setattr(cli, "start", refuse)
+        patch.setattr(commands, "sweep", refuse)
+        patch.setattr(importlib.import_module("taichi_mps.study.calibrate"), "calibrate", refuse)
+        patch.setattr(bodies, "MOST_POINTS", 2e4)
+        yield Path.cwd()
+
+
+REMARKS = re.compile(
+    r" keeps that within 10 %$|^taichi-mps: accuracy = \S+ mm: model = |; continuing from checkpoint.previous.h5$"
+)
+
+
+def knock(words):
+    """Exit code of a command line, or 'admitted'. A refusal is one line on stderr and nothing on stdout."""
+    before = {path.name for path in Path.cwd().iterdir()}
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        try:
+            code = mps.main(words)
+        except Admitted:
+            code = "admitted"
+    lines = [line for line in err.getvalue().splitlines() if not REMARKS.search(line)]
+    if code == 2:
+        assert len(lines) == 1 and lines[0].startswith("taichi-mps: ") and len(lines[0]) > 25, (words, lines)
+        assert out.getvalue() == "", words
+    else:
+        assert not lines, (words, lines)
+    assert {path.name for path in Path.cwd().iterdir()} == before, words
+    if currently_in_test_context():
+        event(str(code))
+    return code
+
+
+NUMBERS = st.one_of(
+    st.floats(-10.0, 10.0),
+    st.floats(),
+    st.integers(-5, 10**9),
+    st.sampled_from(
+        ["1e400", "-0", "5mm", "0.3cm", "0.02", "1e-3", "nan", "inf", "", " ", "1_0", "0x10", "٣", "1,5", "3%"]
+    ),
+    st.text(max_size=6),
+).map(str)
+PLAUSIBLE = st.floats(0.005, 0.5).map(lambda v: f"{v:.3g}")
+
+
+@st.composite
+def command_lines(draw):
+    """run SCENE with some of its options, in which each value may be anything."""
+    name = draw(st.sampled_from(sorted(catalogue.names())))
+    scheme = draw(st.sampled_from(sorted(NUMERICS)))
+    fields = {**catalogue.load(name).parameters.model_fields, **NUMERICS[scheme].model_fields}
+    fields |= {key: field for key, field in options.Run.model_fields.items() if key not in ("out", "scheme", "profile")}
+    words = ["run", name, "--scheme", scheme]
+    for key in draw(st.lists(st.sampled_from(sorted(fields)), max_size=5, unique=True)):
+        if fields[key].annotation is bool:
+            words.append("--quiet")
+            continue
+        value = draw(PLAUSIBLE | NUMBERS | st.sampled_from(options.choices(fields[key]) or ["0.05"]))
+        words += draw(st.sampled_from([["--" + key.replace("_", "-"), value], [f"--{key.replace('_', '-')}={value}"]]))
+    return words
+
+
+@given(command_lines())
+def test_a_command_line_is_taken_or_refused(words):
+    assert knock(words) in ("admitted", 2)
+
+
+@given(
+    st.lists(
+        st.text(max_size=8) | st.sampled_from([*cli.COMMANDS, "--json", "--out", "--help", "slump"]),
+        min_size=1,
+        max_size=5,
+    )
+)
+def test_any_words_are_answered(words):
+    if {"scenes", "info", "--help", "-h", "--version", "validate", "chart"} & set(words):
+        return  # these have an answer, and a chart is a file
+    assert knock(words) in ("admitted", 2)
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["sweep", ""],
+        ["run", ""],
+        ["export", ""],
+        ["run", "slump", "--spacing", "5e-324"],
+        ["run", "wall", "--spacing", "3.7e-54"],
+        ["sweep", "slump", "--yield-value", "1:2:1000000000"],
+        ["sweep", "slump", "--yield-value", "1:2:1000", "--density", "1000:2000:1000"],
+    ],
+)
+def test_command_lines_that_once_were_answered_by_a_traceback_or_never(words):
+    assert knock(words) == 2
+
+
+RANGES = st.lists(PLAUSIBLE | NUMBERS, min_size=1, max_size=4)
+
+
+@given(st.data())
+def test_a_study_is_planned_or_refused(data):
+    command, model = data.draw(st.sampled_from([("sweep", None), ("calibrate", commands.Measurements)]))
+    name = data.draw(st.sampled_from(["slump", "slump", "dam_break"]))
+    words = [command] + [name] * (command == "sweep")
+    fields = (model or catalogue.load(name).parameters).model_fields
+    for key in data.draw(st.lists(st.sampled_from(sorted(fields)), max_size=3, unique=True)):
+        value = data.draw(st.sampled_from([":", ",", ""])).join(data.draw(RANGES))
+        words.append(f"--{key.replace('_', '-')}={value}")
+    assert knock(words) in ("admitted", 2)
+
+
+COORDINATES = st.floats(-2.0, 2.0) | st.sampled_from([0.0, 1e9, -1e300, float("nan"), float("inf")])
+
+
+def vectors(d):
+    return st.lists(COORDINATES, min_size=d, max_size=d).map(tuple) | st.lists(COORDINATES, max_size=4).map(tuple)
+
+
+def walls(d):
+    plane = st.fixed_dictionaries(
+        {"point": vectors(d), "normal": vectors(d) | st.sampled_from([tuple(row) for row in np.eye(d)])},
+        optional={"velocity": vectors(d), "slip": st.booleans(), "loose": st.booleans(), "mirror": st.booleans()},
+    )
+    cylinder = st.fixed_dictionaries(
+        {"point": vectors(d), "radius": COORDINATES, "axis": vectors(3) if d == 3 else st.none()},
+        optional={"length": COORDINATES, "slope": COORDINATES, "velocity": COORDINATES, "thin": st.booleans()},
+    )
+    return st.tuples(st.just(mps.Plane), plane) | st.tuples(st.just(mps.Cylinder), cylinder)
+
+
+SOME = st.floats(0.01, 2.0) | COORDINATES
+
+
+def inlets(d):
+    """A sound hose in which up to two entries may be anything."""
+    sound = {"centre": (0.2,) * (d - 1) + (1.5,), "direction": (0.0,) * (d - 1) + (-1.0,), "radius": 0.3, "rate": 0.1}
+    wild = {"centre": vectors(d), "direction": vectors(d), "radius": SOME, "rate": SOME, "volume": SOME, "start": SOME}
+    return faulty({**sound, "volume": 0.3}, wild).map(lambda given: (mps.Inlet, given))
+
+
+@st.composite
+def faulty(draw, sound, wild, most=2):
+    """Sound keywords, and others in the place of up to two of them."""
+    keys = draw(st.lists(st.sampled_from(sorted(wild)), max_size=most, unique=True))
+    return {**sound, **{key: draw(wild[key]) for key in keys}}
+
+
+@given(st.data())
+def test_a_scene_is_made_or_refused_and_admitted_or_refused(data):
+    d = data.draw(st.sampled_from([2, 3]))
+    shape = data.draw(st.sampled_from([(4, d), (1, d), (0, d), (4, 5 - d), (4,), (4, 1), (4, 4)]))
+    cells = st.lists(COORDINATES, min_size=int(np.prod(shape)), max_size=int(np.prod(shape)))
+    cells = np.array(data.draw(cells), float).reshape(shape)
+    floor = (mps.Plane, {"point": (0.0,) * d, "normal": tuple(np.eye(d)[-1])})
+    sound = {
+        "name": "any",
+        "material": mps.Bingham(),
+        "spacing": 0.1,
+        "fluid": mps.fill(mps.Box((0.0,) * d, (0.5,) * d), 0.1),
+        "domain": ((-3.0,) * d, (3.0,) * d),
+    }
+    wild = {
+        "material": st.sampled_from([mps.Newtonian(), mps.HerschelBulkley(), None]),
+        "spacing": SOME | st.none(),
+        "fluid": st.just(cells) | st.none(),
+        "domain": st.tuples(vectors(d), vectors(d)),
+        "velocity": st.none() | st.just(cells[:2]) | st.just(np.zeros((5**d, d))),
+        "gravity": vectors(d),
+        "periodic": st.lists(st.booleans(), max_size=4).map(tuple),
+        "axisymmetric": st.booleans(),
+        "until": SOME,
+        "wall_particles": st.none() | st.just(cells[:1]),
+    }
+    keywords = data.draw(faulty(sound, wild))
+    numerics = data.draw(st.sampled_from([mps.Implicit(), mps.SemiImplicit(), mps.Implicit(walls="particles")]))
+    some = st.lists(st.just(floor) | walls(d), max_size=2), st.lists(inlets(d), max_size=1)
+    try:
+        made, poured = (tuple(kind(**given) for kind, given in data.draw(kinds)) for kinds in some)
+        scene = mps.Scene(**keywords, walls=made, inlets=poured)
+        admission.admit(scene, numerics)
+    except mps.SceneError as refusal:
+        event("refused")
+        assert "\n" not in str(refusal) and len(str(refusal)) > 15
+        return
+    event("admitted")
+    assert np.isfinite(scene.fluid).all() and np.isfinite(scene.gravity_vector).all() and scene.spacing > 0.0
+    assert scene.fluid.shape[1] == len(scene.domain[0]) == len(scene.gravity_vector) == len(scene.periodic_axes)
+
+
+def test_a_hose_of_too_many_particles_is_refused_by_name():
+    """That which overflowed, and that whose lattice did not fit into memory."""
+    hose = mps.Inlet(centre=(0.2, 1.5), direction=(0.0, -1.0), radius=0.3, rate=1.0, volume=1.0)
+    for spacing in (1e-233, 1e-5):
+        with pytest.raises(mps.SceneError, match="inlet: radius = 0.3 m: must be at most 1000 spacings of 1e-"):
+            mps.Scene("hose", mps.Bingham(), spacing, None, ((-3.0, -3.0), (3.0, 3.0)), inlets=(hose,))
+
+
+def test_a_value_of_several_lines_is_refused_in_one():
+    with pytest.raises(mps.SceneError, match="^density = a b kg/m3: must be a valid number"):
+        mps.Bingham(density="a\n b\n")
+
+
+ANY = st.floats(0.0, 1e3) | NUMBERS | st.none() | st.booleans() | st.lists(st.floats(), max_size=2)
+LAWS = (mps.Bingham, mps.HerschelBulkley, mps.Friction, mps.Implicit, mps.SemiImplicit)
+
+
+@pytest.mark.parametrize("law", LAWS, ids=lambda law: law.__name__)
+@given(data=st.data())
+def test_a_law_is_made_or_refused(law, data):
+    keys = [*law.model_fields, "yield_stress"]
+    values = data.draw(st.dictionaries(st.sampled_from(keys), ANY, max_size=3))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of a high knee
+        try:
+            made = law(**values)
+        except mps.SceneError as refusal:
+            event("refused")
+            assert "\n" not in str(refusal) and any(key in str(refusal) for key in (*keys, law.__name__))
+            return
+    event("made")
+    numbers = [value for value in made.model_dump().values() if isinstance(value, float)]
+    assert np.isfinite(numbers).all() and min(numbers, default=0.0) >= 0.0
+
+
+@st.composite
+def damaged(draw, whole: bytes):
+    """Bytes of a file with a few of them changed, cut out, put in or repeated."""
+    content = bytearray(whole)
+    for _ in range(draw(st.integers(1, 4))):
+        at = draw(st.integers(0, max(0, len(content) - 1)))
+        kind = draw(st.sampled_from(["flip", "cut", "insert", "repeat", "end"]))
+        length = draw(st.integers(1, 64))
+        if kind == "flip" and content:
+            content[at] ^= draw(st.integers(1, 255))
+        elif kind == "cut":
+            del content[at : at + length]
+        elif kind == "insert":
+            content[at:at] = draw(st.binary(min_size=1, max_size=16))
+        elif kind == "repeat":
+            content[at:at] = content[at : at + length]
+        else:
+            del content[at:]
+    return bytes(content)
+
+
+def cubes():
+    """A closed cube as ASCII and binary STL, OBJ and PLY."""
+    points = np.array([(x, y, z) for x in (0.0, 0.1) for y in (0.0, 0.1) for z in (0.0, 0.1)])
+    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    faces = np.array([half for a, b, c, d in quads for half in ((a, b, c), (a, c, d))])
+    made = {}
+    for name, kind in (("ascii.stl", {"binary": False}), ("binary.stl", {"binary": True}), ("cube.obj", {}),
+                       ("ascii.ply", {"binary": False}), ("binary.ply", {"binary": True})):  # fmt: skip
+        with contextlib.redirect_stdout(io.StringIO()), warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            meshio.Mesh(points, [("triangle", faces)]).write(name, **kind)
+        made[name] = Path(name).read_bytes()
+        Path(name).unlink()
+    return made
+
+
+@pytest.fixture(scope="module")
+def meshes(door):
+    return cubes()
+
+
+@pytest.mark.parametrize("name", ["ascii.stl", "binary.stl", "cube.obj", "ascii.ply", "binary.ply"])
+@given(data=st.data())
+def test_a_mesh_is_read_whole_or_refused(name, data, meshes):
+    path = Path(name)
+    path.write_bytes(data.draw(damaged(meshes[name])))
+    try:
+        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+            points, triangles = solids.read_mesh(path)
+    except mps.SceneError as refusal:
+        event("refused")
+        assert str(path) in str(refusal)
+    else:
+        event("read")
+        assert np.isfinite(points).all() and triangles.min() >= 0 and triangles.max() < len(points)
+        assert np.ptp(points, axis=0).min() > 0.0 and np.ptp(points, axis=0).max() <= 100.0
+    finally:
+        path.unlink()
+
+
+def test_an_undamaged_mesh_is_read(meshes):
+    for name, content in meshes.items():
+        Path(name).write_bytes(content)
+        assert solids.read_mesh(name)[1].shape == (12, 3)
+        Path(name).unlink()
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """The folder of a run of 3 steps, with two checkpoints."""
+    scene = catalogue.build("slump", spacing=0.05, until=1.0)
+    folder, sim = RunFolder(tmp_path_factory.mktemp("outside") / "run"), Falling(scene)
+    folder.create()
+    recorder = Recorder(folder, sim, 0.01, "slump", {"every": 0.01})
+    recorder.output(sim)
+    for _ in range(3):
+        sim.step()
+    recorder.finish("time")
+    contents = {path.name: path.read_bytes() for path in folder.path.iterdir() if path.is_file()}
+    return SimpleNamespace(path=folder.path, contents=contents, state=checkpoint.read(folder.checkpoint))
+
+
+@contextlib.contextmanager
+def replaced(run, name, content):
+    """The run folder with another file in it."""
+    (run.path / name).write_bytes(content)
+    try:
+        yield run.path / name
+    finally:
+        for key, value in run.contents.items():
+            (run.path / key).write_bytes(value)
+
+
+@given(data=st.data())
+def test_no_damage_of_a_checkpoint_is_missed(run, data):
+    whole = run.contents["checkpoint.h5"]
+    content = data.draw(damaged(whole))
+    with replaced(run, "checkpoint.h5", content) as path:
+        try:
+            state = checkpoint.read(path)
+        except mps.SceneError as refusal:
+            assert str(path) in str(refusal)
+            assert checkpoint.read_good(path)[1].endswith("continuing from checkpoint.previous.h5")
+        else:
+            used = len(checkpoint.FORMAT) + 75  # behind the label the user block is empty, and nobody's
+            assert content[: used - 1] + content[512:] == whole[: used - 1] + whole[512:]
+            assert state.header == run.state.header
+
+
+@pytest.mark.parametrize("words", [["--until", "-1"], ["--every", "0"], ["--scene", "nowhere.py"], []])
+def test_a_resume_that_is_refused_or_not_yet_begun_leaves_a_damaged_checkpoint(run, words):
+    before = {path.name: path.read_bytes() for path in run.path.iterdir() if path.is_file()}
+    before["checkpoint.h5"] = b"damaged"
+    with replaced(run, "checkpoint.h5", b"damaged"):
+        assert knock(["resume", str(run.path), *words]) == (2 if words else "admitted")
+        assert {path.name: path.read_bytes() for path in run.path.iterdir() if path.is_file()} == before
+
+
+JSON = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3),
+    max_leaves=5,
+)
+
+
+@given(data=st.data())
+def test_a_made_up_checkpoint_with_a_good_checksum_is_taken_or_refused(run, data):
+    header = {
+        **run.state.header,
+        "scalars": {"time": 0.0, "steps": 1, "last_dt": None, "rest": {}, "report": None},
+    }
+    for key in data.draw(st.lists(st.sampled_from(sorted(header)), max_size=2)):
+        header[key] = data.draw(JSON)
+    header["source"] = data.draw(st.sampled_from(["slump", "../slump", "/etc/passwd", "slump.py", "os", "__init__"]))
+    text = data.draw(st.sampled_from([json.dumps(header)] * 3 + ["", "[" * 100000, "null", "{}"]))
+    path = run.path / "made.h5"
+    with h5py.File(path, "w", userblock_size=512) as file:
+        file["header"] = text
+        kind = data.draw(st.sampled_from(["good", "huge", "link", "text", "none", "group"]))
+        if kind == "good":
+            file["state/x"] = run.state.state["x"]
+        elif kind == "huge":
+            file.create_dataset("state/x", (10**7, 10**7, 3), "f8", chunks=(1000, 1000, 3))
+        elif kind == "link":
+            file["state/x"] = h5py.ExternalLink(str(run.path / "run.h5"), "VTKHDF/Points")
+        elif kind == "text":
+            file["state/x"] = ["a", "b"]
+        elif kind == "group":
+            file.create_group("state/x/y")
+    with open(path, "rb+") as file:
+        file.seek(512)
+        checksum = checkpoint.rest_of(file)
+        file.seek(0)
+        file.write(f"{checkpoint.FORMAT} {checkpoint.VERSION} sha256 {checksum}\n".encode())
+    try:
+        assert knock(["resume", str(path)]) in ("admitted", 2)
+    finally:
+        path.unlink()
+
+
+@given(data=st.data())
+def test_a_damaged_run_h5_is_shown_or_refused(run, data):
+    with replaced(run, "run.h5", data.draw(damaged(run.contents["run.h5"]))):
+        assert knock(["render", str(run.path)]) in ("admitted", 2)
+
+
+@st.composite
+def edited(draw, path):
+    """Other members in the place of some of run.h5: a run that nobody has written."""
+    with h5py.File(path, "r+") as file:
+        names = []
+        file.visit(names.append)
+        for name in draw(st.lists(st.sampled_from(sorted(names)), min_size=1, max_size=2, unique=True)):
+            if name not in file:
+                continue  # its group is gone
+            old = file[name][()] if isinstance(file[name], h5py.Dataset) else np.zeros(3)
+            kind = draw(st.sampled_from(["nothing", "less", "more", "nan", "text", "wide", "empty", "group", "big"]))
+            del file[name]
+            if kind == "group":
+                file.create_group(name)
+            elif kind != "nothing":
+                file[name] = {
+                    "less": old[:-1],
+                    "more": np.concatenate([old, old]),
+                    "nan": np.full(old.shape, np.nan),
+                    "text": np.array([b"a", b"b"]),
+                    "wide": old[..., None],
+                    "empty": old[:0],
+                    "big": np.full(old.shape, 1e30),
+                }[kind]
+        if draw(st.booleans()) and "VTKHDF/Steps" in file:
+            file["VTKHDF/Steps"].attrs["NSteps"] = draw(st.sampled_from([-1, 0, 1, 5, 10**12, 2.5, "two", np.nan]))
+        if draw(st.booleans()) and "taichi_mps" in file:
+            text = st.sampled_from(["", "{}", "[]", "null", '{"spacing": 1e9}', '{"spacing": 0.04}', '{"a": 1}', "{"])
+            file["taichi_mps"].attrs["parameters"] = draw(text | JSON.map(json.dumps))
+
+
+@pytest.mark.parametrize("command", ["render", "export"])
+@given(data=st.data())
+def test_an_edited_run_h5_is_shown_or_refused_and_nothing_is_made_of_a_part(run, command, data):
+    made = run.path / "vtu"
+    with replaced(run, "run.h5", run.contents["run.h5"]) as path:
+        data.draw(edited(path))
+        if command == "render":
+            code = knock([command, str(run.path)])
+            assert code in ("admitted", 2)
+            outputs = list(Trajectory(path).whole()) if code == "admitted" else []
+            assert len(list(film.together(iter(outputs)))) == len(outputs)
+            for output in outputs:  # what is drawn once Taichi has started
+                assert "slump_m" in output.measures() and output.scene.unfold(output.snapshot()).u.shape[1] == 3
+            return
+        out = io.StringIO()
+        with contextlib.redirect_stdout(out), contextlib.redirect_stderr(out):
+            code = mps.main([command, str(run.path)])
+        event(str(code))
+        assert code in (0, 2) and made.exists() == (code == 0), out.getvalue()
+        assert code == 0 or len(out.getvalue().splitlines()) == 1
+        shutil.rmtree(made, ignore_errors=True)
+
+
+@pytest.mark.parametrize("words", [["info"], ["plot", "--out", os.devnull]])
+@given(data=st.data())
+def test_damaged_tables_are_shown_or_refused(run, words, data):
+    name = {"info": "summary.json", "plot": "history.csv"}[words[0]]
+    with replaced(run, name, data.draw(damaged(run.contents[name]))):
+        out = io.StringIO()
+        with contextlib.redirect_stdout(out), contextlib.redirect_stderr(out):
+            assert mps.main([*words, str(run.path)]) in (0, 2)

@@ -1,0 +1,272 @@
+"""Walls of any shape: the sampled distance against exact surfaces, meshes good and bad, thin plates, no leak."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_gradient import Rig as Cloud
+from test_gradient import cloud
+
+import taichi_mps as mps
+from taichi_mps.boundaries.walls import Walls
+from taichi_mps.geometry.solid import mesh_distance, polygon_distance, read_mesh
+from taichi_mps.runtime.backend import ti
+from taichi_mps.viz import render
+
+L0, RE = 0.1, 0.21
+PIPE = mps.Cylinder((0.05, 0.0, 0.02), 0.33, axis=(1.0, 2.0, -2.0))
+WATER = mps.Newtonian(density=1000.0, viscosity=1e-3)
+CONCRETE = mps.Bingham(density=2300.0, plastic_viscosity=50.0, yield_value=300.0)
+
+
+@ti.data_oriented
+class Probe:
+    def __init__(self, wall, count, d, time=0.0):
+        self.walls = Walls((wall,), d, L0, RE)
+        self.walls.place(time)
+        self.x, self.n = (ti.Vector.field(d, ti.f64, count) for _ in range(2))
+        self.z = ti.field(ti.f64, count)
+
+    @ti.kernel
+    def go(self):
+        for i in self.x:
+            self.z[i], self.n[i], _velocity, _curvature = self.walls.surfaces[0].nearest(self.x[i])
+
+    def __call__(self, x):
+        self.x.from_numpy(np.ascontiguousarray(x))
+        self.go()
+        return self.z.to_numpy(), self.n.to_numpy()
+
+
+def test_a_flat_solid_is_exact_wherever_it_has_travelled_to():
+    """A distance that is linear is met to rounding, by the kernels and by NumPy."""
+    normal = np.array([1.0, 2.0, -2.0]) / 3.0
+    solid = mps.Solid.of(lambda x: x @ normal - 0.1, (-1.0,) * 3, (1.0,) * 3, 0.07, velocity=(0.3, 0.0, 0.0))
+    x = np.random.default_rng(1).uniform(-0.9, 0.9, (60, 3))
+    for time in (0.0, 0.2):
+        z, n = Probe(solid, len(x), 3, time)(x)
+        exact = (x - (0.3 * time, 0.0, 0.0)) @ normal - 0.1
+        assert np.allclose(z, exact, atol=1e-12) and np.allclose(n, normal, atol=1e-12)
+        assert np.allclose(solid.distance(x, time), exact, atol=1e-12)
+    beyond = np.array([[1.5, 0.0, 0.0]])
+    assert np.isinf(solid.distance(beyond)[0]) and Probe(solid, 1, 3)(beyond)[0][0] > 1e8
+
+
+@pytest.mark.long
+def test_a_sampled_pipe_comes_near_the_exact_one_with_second_order():
+    """Distance to cell^2/(4 R) and a bit, normal to cell/R, near the wall."""
+    x = np.random.default_rng(3).uniform(-0.3, 0.3, (300, 3))
+    x = x[np.abs(PIPE.distance(x)) < RE]
+    errors = []
+    for cell in (0.1, 0.05):
+        z, n = Probe(mps.Solid.of(PIPE.distance, (-0.6,) * 3, (0.6,) * 3, cell), len(x), 3)(x)
+        exact = Probe(PIPE, len(x), 3)(x)[1]
+        errors.append((np.abs(z - PIPE.distance(x)).max(), np.linalg.norm(n - exact, axis=1).max()))
+        r = 0.33 - PIPE.distance(x).max()  # curvature is largest where the radius is smallest
+        assert errors[-1][0] < cell**2 / (2.0 * r) and errors[-1][1] < cell / r
+    assert errors[1][0] < 0.4 * errors[0][0]
+
+
+def test_force_at_a_solid_is_the_negative_transpose_of_the_gradient():
+    ball = mps.Solid.of(lambda x: np.linalg.norm(x, axis=1) - 0.12, (-0.6,) * 3, (0.6,) * 3, 0.05)
+    x = cloud((6, 6, 6))
+    x = x[ball.distance(x) > 0.1 * L0]
+    rig = Cloud(x, planes=(ball,))
+    rng = np.random.default_rng(6)
+    u, T = rng.standard_normal(x.shape), rng.standard_normal((len(x), 3, 3))
+    assert (u * rig.forces(T)).sum() == pytest.approx(-rig.volume * (T * rig.gradients(u)).sum(), rel=1e-10)
+
+
+def plate(x):
+    """Half a spacing thick, from the floor upwards, at x = 0."""
+    return np.linalg.norm(np.maximum(np.abs(x - (0.0, 0.2)) - (0.25 * L0, 0.6), 0.0), axis=1) + np.minimum(
+        0.0, np.max(np.abs(x - (0.0, 0.2)) - (0.25 * L0, 0.6), axis=1)
+    )
+
+
+PLATE = mps.Solid.of(plate, (-0.6, -0.8), (0.6, 1.3), 0.025)
+
+
+@pytest.mark.long
+def test_fluid_behind_a_thin_plate_is_not_felt():
+    """With particles on both sides each has the density and the neighbours of its own side only."""
+    x = mps.lattice((-0.525, 0.0), (0.525, 0.5), L0, offset=(0.0, 0.5))
+    x = x[PLATE.distance(x) > 0.1 * L0]
+    left = x[:, 0] < 0.0
+    fields = []
+    for given in (x, x[left]):
+        rig = Cloud(given, planes=(PLATE,))
+        order = np.argsort(rig.particles.read()["id"])
+        fields.append([getattr(rig.gradient, f).to_numpy()[order] for f in ("n", "packing", "around")])
+    for both, alone in zip(*fields, strict=True):
+        assert np.allclose(both[left], alone, rtol=1e-12)
+
+
+def tank(material, walls, width=1.0, depth=0.6, **keywords):
+    return mps.Scene(
+        name="tank",
+        material=material,
+        spacing=0.05,
+        fluid=mps.fill(mps.Box((0.0, 0.0), (width, depth)), 0.05),
+        walls=walls,
+        domain=((-0.5, -0.5), (3.0, 2.0)),
+        **keywords,
+    )
+
+
+def test_a_thin_plate_holds_a_column():
+    """A column between a box and a plate half a spacing thick: after 0.5 s nothing is on its other side."""
+    l0 = 0.05
+
+    def distance(x):
+        return np.abs(x[:, 0] - 1.0 - 0.25 * l0) - 0.25 * l0
+
+    gate = mps.Solid.of(distance, (0.7, -0.4), (1.4, 1.9), 0.25 * l0, slip=True)
+    scene = tank(CONCRETE, (*mps.box_planes((0.0, 0.0), (2.5, 1.0), slip=True), gate))
+    sim = mps.Simulation(scene)
+    sim.run(until=0.5)
+    s = sim.snapshot()
+    assert s.x[:, 0].max() < 1.0
+    assert abs(s.x[:, 1].max() + 0.5 * l0 - 0.6) < 1.5 * l0
+
+
+def test_nothing_leaks_where_walls_meet():
+    """A block collapses in a tilted box with a step, one solid: past its inner and outer edge and into its corners."""
+    tilt = 0.3
+    Q = np.array([[np.cos(tilt), np.sin(tilt)], [-np.sin(tilt), np.cos(tilt)]])
+    box = np.array([(0.0, 0.0), (2.0, 0.0), (2.0, 1.2), (0.0, 1.2)])
+    step = np.array([(1.3, -0.5), (3.0, -0.5), (3.0, 0.2), (1.3, 0.2)])
+
+    def distance(x):
+        return np.minimum(-polygon_distance(x @ Q, box), polygon_distance(x @ Q, step))
+
+    solid = mps.Solid.of(distance, (-0.3, -1.0), (2.6, 1.5), 0.025)
+    scene = tank(WATER, (solid,))
+    scene = replace(scene, fluid=scene.fluid @ Q.T, domain=((-0.5, -1.2), (3.0, 2.0)))
+    sim = mps.Simulation(scene)
+    sim.run(until=0.6)
+    s = sim.snapshot()
+    assert sim.walls.surfaces[0].faces == 2
+    assert solid.distance(s.x).min() > 0.0 and distance(s.x).min() > 0.0
+    assert len(s.x) == len(scene.fluid) and (s.x @ Q)[:, 0].max() > 1.3
+
+
+# ---- meshes -----------------------------------------------------------------------------------------------------
+CORNERS = np.array([[x, y, z] for x in (0.0, 1.0) for y in (0.0, 1.0) for z in (0.0, 1.0)])
+CUBE = np.array(
+    [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1], [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4]]
+    + [[1, 5, 7], [1, 7, 3]]
+)
+
+
+def write(path, triangles=CUBE, points=CORNERS):
+    import meshio
+
+    meshio.Mesh(np.asarray(points, float), [("triangle", np.asarray(triangles))]).write(path)
+    return path
+
+
+@pytest.mark.parametrize("suffix", ["stl", "obj", "ply"])
+def test_distances_from_a_cube(tmp_path, suffix):
+    """In any format, in mm, facing in or out."""
+    pytest.importorskip("igl")
+    for triangles in (CUBE, CUBE[:, ::-1]):
+        points, read = read_mesh(write(tmp_path / f"cube.{suffix}", triangles, 1000.0 * CORNERS), scale=0.001)
+        x = np.array([[0.5, 0.5, 0.4], [0.5, 0.5, 1.2], [1.3, 1.4, 0.5], [-0.1, -0.2, -0.2]])
+        assert mesh_distance(x, points, read) == pytest.approx([-0.4, 0.2, 0.5, 0.3])
+    solid = mps.Solid.from_mesh(tmp_path / f"cube.{suffix}", 0.05, RE, inside=True, scale=0.001)
+    assert solid.distance(np.array([[0.5, 0.5, 0.4]])) == pytest.approx(0.4)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda path: path, "no such file"),
+        (lambda path: path.write_bytes(b"no mesh"), "mesh .*: "),
+        (lambda path: path.write_bytes(b""), "holds no triangles"),
+        (lambda path: write(path, CUBE[:-1]), "3 of its edges .* must be closed"),
+        (lambda path: write(path, np.vstack([CUBE[:-1], CUBE[-1:, ::-1]])), "must be closed"),
+        (lambda path: write(path, CUBE, 1000.0 * CORNERS), "1000 x 1000 x 1000 m; .* 0.001 for a file in mm"),
+        (lambda path: write(path, CUBE, 0.0 * CORNERS), "must have a volume"),
+    ],
+)
+def test_a_bad_mesh_is_refused(tmp_path, make, message):
+    make(tmp_path / "bad.stl")
+    with pytest.raises(mps.SceneError, match=message):
+        read_mesh(tmp_path / "bad.stl")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"values": np.ones((4, 4))}, "no node of the grid lies inside the solid"),
+        ({"values": np.ones(4)}, "must be a grid"),
+        ({"values": np.full((4, 4), np.nan)}, "must be finite"),
+        ({"values": np.diag([-1.0, 1.0, 1.0, 1.0])}, "the distance changes by 10 m per metre"),
+        ({"values": np.eye(4) - 0.5, "low": (np.nan, 0.0)}, "low = .* of a solid: must be 2 finite numbers"),
+        ({"values": np.eye(4) - 0.5, "velocity": (0.0, 0.0, 1.0)}, "velocity = .* must be 2 finite numbers"),
+        ({"values": np.eye(4) - 0.5, "cell": np.nan}, "cell = nan m: must be greater than 0 m"),
+    ],
+)
+def test_a_bad_grid_is_refused(arguments, message):
+    with pytest.raises(mps.SceneError, match=message):
+        mps.Solid(**({"low": (0.0, 0.0), "cell": 0.1} | arguments))
+    with pytest.raises(mps.SceneError, match="cell = 0 m"):
+        mps.Solid.of(lambda x: x[:, 0], (0.0, 0.0), (1.0, 1.0), 0.0)
+    with pytest.raises(mps.SceneError, match=r"cell = 1e-300 m: needs inf nodes; at most 5e\+07"):
+        mps.Solid.of(lambda x: x[:, 0], (0.0, 0.0), (1.0, 1.0), 1e-300)
+
+
+def pool(walls, material, Q):
+    """Error of the pressure [-] over rho g H and level [m] in a tank of 0.5 m x 0.5 m, 0.3 m deep, after 0.3 s."""
+    scene = mps.Scene(
+        name="pool",
+        material=material,
+        spacing=0.05,
+        fluid=mps.fill(mps.Box((0.0, 0.0, 0.0), (0.5, 0.5, 0.3)), 0.05) @ Q.T,
+        walls=walls,
+        domain=((-0.5,) * 3, (1.0, 1.0, 1.0)),
+    )
+    sim = mps.Simulation(scene)
+    sim.run(until=0.3)
+    s = sim.snapshot()
+    scale = material.density * 9.81 * 0.3
+    assert min(wall.distance(s.x).min() for wall in walls) > 0.0
+    return float(np.sqrt(np.mean((s.p - material.density * 9.81 * (0.3 - s.x[:, 2])) ** 2)) / scale), s.x[
+        :, 2
+    ].max() + 0.025
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("angle", [0.0, 0.5])
+def test_a_mesh_holds_a_pool_as_planes_do(tmp_path, angle):
+    """Turned against its grid or not: the pressure within 1.2 times the error with planes, no leak, the level stays."""
+    pytest.importorskip("igl")
+    Q = np.eye(3)
+    Q[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+    path = write(tmp_path / "box.stl", CUBE, CORNERS * (0.5, 0.5, 0.8) @ Q.T)
+    mesh = mps.Solid.from_mesh(path, 0.025, 0.12, inside=True, slip=True)
+    planes = mps.box_planes((0.0, 0.0, 0.0), (0.5, 0.5, 0.8), slip=True)
+    (error, level), (exact, _level) = pool((mesh,), CONCRETE, Q), pool(planes, CONCRETE, np.eye(3))
+    assert error < 1.2 * exact and abs(level - 0.3) < 0.1 * 0.05
+
+
+def test_the_section_is_where_the_distance_is_zero():
+    """A circle, and a sphere cut off its middle: lines on it within cell^2/(4 R), as long as it is round."""
+    for d, radius in ((2, 0.3), (3, (0.3**2 - 0.1**2) ** 0.5)):
+        ball = mps.Solid.of(lambda x: np.linalg.norm(x, axis=1) - 0.3, (-0.5,) * d, (0.5,) * d, 0.02)
+        lines = np.array(ball.section(0.1))
+        ends = lines[..., [0, -1]]
+        assert lines.shape[1:] == (2, d)
+        assert np.abs(np.linalg.norm(ends, axis=2) - radius).max() < 0.02**2 / (4.0 * radius)
+        assert np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).sum() == pytest.approx(2.0 * np.pi * radius, rel=0.01)
+
+
+def test_a_solid_is_drawn_where_it_has_travelled_to():
+    ball = mps.Solid.of(lambda x: np.linalg.norm(x - (1.6, 0.4), axis=1) - 0.2, (1.2, 0.0), (2.0, 0.8), 0.05)
+    pictures = []
+    for velocity in (None, (0.0, 1.0)):
+        scene = tank(WATER, (*mps.box_planes((0.0, 0.0), (2.5, 1.0)), replace(ball, velocity=velocity)))
+        still = replace(mps.measure.still(scene.fluid, 0.05), time=0.3)
+        pictures.append(render.Renderer(scene, width=320, height=180).draw(still))
+    assert np.any(pictures[0] != pictures[1], axis=2).sum() > 50

@@ -1,0 +1,622 @@
+"""Run folder, history, VTKHDF trajectory and checkpoints, with a stand-in for the simulation: no Taichi here."""
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from types import SimpleNamespace
+from xml.etree import ElementTree
+
+import h5py
+import imageio.v3 as iio
+import meshio
+import numpy as np
+import pytest
+
+import taichi_mps as mps
+from taichi_mps.geometry import solid as solids
+from taichi_mps.io import checkpoint, vtkhdf
+from taichi_mps.io import run_folder as files
+from taichi_mps.io import vtu as export
+from taichi_mps.io.history import COLUMNS, History, read_history
+from taichi_mps.io.recorder import Recorder
+from taichi_mps.io.run_folder import RunFolder
+from taichi_mps.io.vtkhdf import Trajectory
+from taichi_mps.problem import catalogue
+from taichi_mps.problem.measures import Snapshot, still
+from taichi_mps.viz import film
+from taichi_mps.viz.smooth_surface import smooth_surface
+
+
+class Falling:
+    """What the edges need of a Simulation: particles in free fall in ``dt`` [s] steps."""
+
+    def __init__(self, scene, dt=0.01):
+        self.scene, self.numerics, self.dt = scene, mps.Implicit(), dt
+        self.time, self.steps, self.report, self.stopped_by = 0.0, 0, None, "time"
+        self.callbacks = []
+
+    def every(self, interval, callback):
+        self.output = callback
+
+    def each_step(self, callback):
+        self.callbacks.append(callback)
+
+    def step(self):
+        self.steps += 1
+        self.time = self.steps * self.dt
+        names = "max_speed kinetic_energy unyielded_fraction viscous_iterations pressure_iterations volume_error"
+        values = dict.fromkeys(names.split(), 1.0)
+        self.report = SimpleNamespace(step=self.steps, time=self.time, dt=self.dt, dt_limit="Courant", **values)
+        for callback in self.callbacks:
+            callback(self)
+        self.output(self)
+
+    def snapshot(self):
+        x = self.scene.fluid + self.scene.gravity_vector * 0.5 * self.time**2
+        n, d = x.shape
+        zero, wall = np.zeros(n), np.zeros((0, d))
+        u = np.tile(self.scene.gravity_vector * self.time, (n, 1))
+        return Snapshot(self.time, self.scene.spacing, x, u, zero, zero, np.arange(n) % 2 == 0, zero + 1.0, wall)
+
+    def measures(self):
+        return self.scene.measure(self.snapshot())
+
+    def summary(self):
+        return {"scene": self.scene.name, "steps": self.steps, "volume_error": float("nan"), **self.measures()}
+
+    def state(self):
+        scalars = {"time": self.time, "steps": self.steps, "last_dt": None, "rest": {"since": 0.1 + 0.2}}
+        return {"x": self.snapshot().x, **scalars, "report": {"dt": 0.1}}
+
+
+@pytest.fixture
+def slump():
+    return catalogue.build("slump", spacing=0.05, until=1.0)
+
+
+@pytest.fixture
+def plane():
+    """A two-dimensional square."""
+    return mps.Scene(
+        name="plane",
+        material=mps.Bingham(),
+        spacing=0.1,
+        fluid=mps.fill(mps.Box((0.0, 0.0), (0.4, 0.4)), 0.1),
+        domain=((-1.0, -1.0), (1.0, 1.0)),
+        measure=mps.measure.front,
+    )
+
+
+def recorded(path, scene, steps):
+    folder = RunFolder(path)
+    folder.create()
+    sim = Falling(scene)
+    recorder = Recorder(folder, sim, 0.01, "slump", {"every": 0.01})
+    recorder.output(sim)
+    for _ in range(steps):
+        sim.step()
+    return folder, sim, recorder
+
+
+def test_history_has_the_documented_columns_and_one_row_a_step(tmp_path, slump):
+    folder, sim, recorder = recorded(tmp_path / "run", slump, 5)
+    assert len(folder.history.read_text().splitlines()) >= 6, "rows must be on disk while the run goes on"
+    recorder.finish("time")
+    rows = read_history(folder.history)
+    assert tuple(rows) == COLUMNS
+    np.testing.assert_allclose(rows["time_s"], np.arange(6) * 0.01)
+    assert rows["slump_m"][-1] == pytest.approx(sim.measures()["slump_m"], rel=1e-6)
+
+
+def test_history_appends_the_columns_of_other_measures(tmp_path):
+    history = History(tmp_path / "history.csv", {"front_m": 1.0, "height_m": 2.0})
+    history.add({"time_s": 0.0, "front_m": 1.0, "height_m": 2.0})
+    history.close()
+    rows = read_history(tmp_path / "history.csv")
+    assert tuple(rows) == (*COLUMNS, "front_m", "height_m")
+    assert np.isnan(rows["slump_m"][0])
+
+
+def test_summary_is_strict_json_and_names_the_checkpoint(tmp_path, slump):
+    folder, _, recorder = recorded(tmp_path / "run", slump, 2)
+    recorder.finish("interrupted")
+    summary = json.loads(folder.summary.read_text(), parse_constant=pytest.fail)
+    assert summary["volume_error"] is None
+    assert summary["stopped_by"] == "interrupted"
+    assert summary["resume_from"] == str(folder.checkpoint)
+    assert checkpoint.read(folder.checkpoint).header["time"] == pytest.approx(0.02)
+
+
+def test_after_a_divergence_the_checkpoint_is_the_last_good_output(tmp_path, slump):
+    folder, sim, recorder = recorded(tmp_path / "run", slump, 3)
+    sim.time = 99.0
+    recorder.finish("diverged", "too fast")
+    assert checkpoint.read(folder.checkpoint).header["time"] == pytest.approx(0.03)
+    assert folder.read_summary()["error"] == "too fast"
+
+
+def test_trajectory_is_temporal_vtkhdf_polydata(tmp_path, slump):
+    folder, sim, _ = recorded(tmp_path / "run", slump, 3)
+    n = len(slump.fluid)
+    with h5py.File(folder.trajectory) as file:
+        root = file["VTKHDF"]
+        assert root.attrs["Type"] == b"PolyData"
+        assert list(root.attrs["Version"]) == [2, 0]
+        steps = root["Steps"]
+        assert steps.attrs["NSteps"] == 4
+        np.testing.assert_allclose(steps["Values"], [0.0, 0.01, 0.02, 0.03])
+        np.testing.assert_array_equal(steps["PointOffsets"], n * np.arange(4))
+        np.testing.assert_array_equal(steps["NumberOfParts"], 1)
+        np.testing.assert_array_equal(steps["PartOffsets"], 0)
+        for name in ("CellOffsets", "ConnectivityIdOffsets"):
+            assert steps[name].shape == (4, 4)
+            assert not steps[name][()].any()
+        np.testing.assert_array_equal(root["NumberOfPoints"], [n])
+        assert root["Points"].shape == (4 * n, 3)
+        for part in ("Vertices", "Lines", "Strips", "Polygons"):
+            count = n if part == "Vertices" else 0
+            np.testing.assert_array_equal(root[f"{part}/NumberOfCells"], [count])
+            np.testing.assert_array_equal(root[f"{part}/NumberOfConnectivityIds"], [count])
+            np.testing.assert_array_equal(root[f"{part}/Connectivity"], np.arange(count))
+            np.testing.assert_array_equal(root[f"{part}/Offsets"], np.arange(count + 1))
+        assert {"velocity", "pressure", "shear_rate", "yielded"} <= set(root["PointData"])
+        for name, data in root["PointData"].items():
+            assert len(data) == 4 * n
+            np.testing.assert_array_equal(steps[f"PointDataOffsets/{name}"], n * np.arange(4))
+        np.testing.assert_allclose(root["Points"][3 * n :], sim.snapshot().x, atol=1e-6)
+
+
+def test_a_replay_gives_the_snapshots_back(tmp_path, slump):
+    folder, sim, _ = recorded(tmp_path / "run", slump, 2)
+    outputs = list(Trajectory(folder.trajectory).replay())
+    assert [output.time for output in outputs] == pytest.approx([0.0, 0.01, 0.02])
+    now, then = sim.snapshot(), outputs[-1].snapshot()
+    np.testing.assert_allclose(then.x, now.x, atol=1e-6)
+    np.testing.assert_allclose(then.u, now.u, atol=1e-6)
+    np.testing.assert_array_equal(then.yielded, now.yielded)
+    assert outputs[-1].measures()["slump_m"] == pytest.approx(sim.measures()["slump_m"], abs=1e-6)
+    assert outputs[-1].scene.name == "slump"
+
+
+def test_a_replay_of_rings_has_their_sizes_and_measures(tmp_path):
+    """run.h5 keeps the section; slump and spread of the replay are those of the revolved body."""
+    sim = Falling(catalogue.build("slump", spacing=0.02, model="axisymmetric", until=1.0))
+    plain = sim.snapshot
+    sim.snapshot = lambda: replace(plain(), size=np.linspace(0.01, 0.02, len(sim.scene.fluid)))
+    trajectory = Trajectory(tmp_path / "run.h5")
+    trajectory.create(sim, "slump", 0.01)
+    trajectory.append(sim.snapshot())
+    (output,) = trajectory.replay()
+    assert output.snapshot().x.shape == sim.scene.fluid.shape
+    assert output.snapshot().size == pytest.approx(np.linspace(0.01, 0.02, len(sim.scene.fluid)), rel=1e-6)
+    assert output.measures() == pytest.approx(sim.scene.measure(sim.scene.unfold(sim.snapshot())), rel=1e-5)
+
+
+def test_a_plane_lies_at_y_zero(tmp_path, plane):
+    trajectory, sim = Trajectory(tmp_path / "run.h5"), Falling(plane)
+    trajectory.create(sim, "plane", 0.01)
+    assert trajectory.append(sim.snapshot()) == 0
+    with h5py.File(tmp_path / "run.h5") as file:
+        points = file["VTKHDF/Points"][()]
+    np.testing.assert_allclose(points[:, [0, 2]], plane.fluid, atol=1e-6)
+    assert not points[:, 1].any()
+
+
+def test_an_output_is_written_once_and_later_ones_can_be_cut(tmp_path, slump):
+    folder, sim, recorder = recorded(tmp_path / "run", slump, 4)
+    assert recorder.trajectory.append(sim.snapshot()) is None
+    assert recorder.trajectory.cut(0.02, every=0.01) == 3
+    assert recorder.trajectory.append(sim.snapshot()) == 3
+    assert [output.time for output in recorder.trajectory.replay()] == pytest.approx([0.0, 0.01, 0.02, 0.04])
+
+
+def test_an_output_that_only_the_end_of_a_run_made_is_cut_when_it_goes_on(tmp_path, slump):
+    _, sim, recorder = recorded(tmp_path / "run", slump, 3)
+    sim.time = 0.034  # interrupted
+    assert recorder.trajectory.append(sim.snapshot()) == 4
+    assert recorder.trajectory.cut(0.034, every=0.01) == 4
+    assert [output.time for output in recorder.trajectory.replay()] == pytest.approx([0.0, 0.01, 0.02, 0.03])
+
+
+def test_a_run_at_its_end_keeps_its_last_output_when_it_is_resumed(tmp_path, slump):
+    _, sim, recorder = recorded(tmp_path / "run", replace(slump, until=0.034), 3)
+    sim.time = 0.034
+    recorder.trajectory.append(sim.snapshot())
+    (tmp_path / "run" / "frames" / "frame_00004.png").write_text("the last")
+    recorder.finish("time")
+    again = Recorder(RunFolder(tmp_path / "run"), sim, 0.01, "slump", {"every": 0.01})
+    assert [output.time for output in again.trajectory.replay()] == pytest.approx([0.0, 0.01, 0.02, 0.03, 0.034])
+    assert (tmp_path / "run" / "frames" / "frame_00004.png").is_file()
+
+
+@pytest.mark.parametrize("damage", [b"text", b"", None])
+def test_a_run_with_a_damaged_run_h5_is_refused_by_name_when_it_goes_on(tmp_path, slump, damage):
+    folder, _, recorder = recorded(tmp_path / "run", slump, 3)
+    recorder.trajectory.close()
+    if damage is None:
+        h5py.File(folder.trajectory, "w").close()
+    else:
+        folder.trajectory.write_bytes(damage)
+    before = sorted(path.name for path in folder.path.iterdir())
+    with pytest.raises(mps.SceneError, match="run .*run.h5: damaged or not one of taichi_mps"):
+        recorder.trajectory.cut(0.02, every=0.01)
+    assert sorted(path.name for path in folder.path.iterdir()) == before
+
+
+def test_a_run_that_goes_on_with_another_interval_keeps_its_outputs(tmp_path, slump):
+    _, sim, recorder = recorded(tmp_path / "run", slump, 4)
+    assert recorder.trajectory.cut(0.04, every=0.02) == 5
+    sim.time = 0.06
+    recorder.trajectory.append(sim.snapshot())
+    sim.time = 0.07  # interrupted between two outputs of the new interval
+    recorder.trajectory.append(sim.snapshot())
+    assert recorder.trajectory.cut(0.07, every=0.01) == 6
+    assert [output.time for output in recorder.trajectory.replay()] == pytest.approx(
+        [0.0, 0.01, 0.02, 0.03, 0.04, 0.06]
+    )
+
+
+def test_without_run_h5_the_history_goes_on_and_pictures_are_not_mixed(tmp_path, slump):
+    folder, sim, recorder = recorded(tmp_path / "run", slump, 3)
+    recorder.finish("time")
+    folder.trajectory.unlink()
+    sim.steps = 3
+    Recorder(folder, sim, 0.01, "slump", {}).finish("time")
+    assert read_history(folder.history)["time_s"] == pytest.approx([0.0, 0.01, 0.02, 0.03])
+    folder.trajectory.unlink()
+    (folder.frames / "frame_00000.png").write_bytes(b"")
+    with pytest.raises(mps.SceneError, match=r"run.h5 is gone.*move the pictures elsewhere"):
+        Recorder(folder, sim, 0.01, "slump", {})
+    assert len(read_history(folder.history)["time_s"]) == 4
+
+
+FULL_DISK = """
+import resource, signal, sys
+import numpy as np
+from taichi_mps.checkpoint import Checkpoint
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
+try:
+    Checkpoint({}, {"x": np.zeros((300, 3))}).write(sys.argv[1])
+except OSError as error:
+    print(type(error).__name__)
+"""
+
+
+def test_a_full_disk_is_an_error_and_the_last_checkpoint_stays(tmp_path):
+    """HDF5 itself ends the process where it cannot write when it closes a file."""
+    (tmp_path / "checkpoint.h5").write_bytes(b"the last one")
+    command = [sys.executable, "-c", FULL_DISK, str(tmp_path / "checkpoint.h5")]
+    assert subprocess.run(command, capture_output=True, text=True, timeout=60).stdout == "OSError\n"
+    assert (tmp_path / "checkpoint.h5").read_bytes() == b"the last one"
+
+
+def test_no_room_for_an_output_is_an_error_and_run_h5_stays(tmp_path, slump, monkeypatch):
+    folder, sim, recorder = recorded(tmp_path / "run", slump, 2)
+    before = folder.trajectory.read_bytes()
+    monkeypatch.setattr(vtkhdf.shutil, "disk_usage", lambda path: SimpleNamespace(free=1000))
+    with pytest.raises(OSError, match="No space left"):
+        sim.step()
+    assert folder.trajectory.read_bytes() == before
+
+
+def test_run_h5_is_never_open_for_writing_and_nothing_else_stays(tmp_path, slump, monkeypatch):
+    """A process that is killed in the middle of an output leaves the run.h5 of the output before, bit for bit."""
+    folder, sim, recorder = recorded(tmp_path / "run", slump, 2)
+    published, states, put = folder.trajectory.read_bytes(), set(), vtkhdf.put
+
+    def watched(*arguments):
+        states.add(folder.trajectory.read_bytes() == published)
+        put(*arguments)
+
+    monkeypatch.setattr(vtkhdf, "put", watched)
+    sim.step()
+    assert states == {True}
+    assert folder.trajectory.read_bytes() != published
+    assert len(list(recorder.trajectory.replay())) == 4
+    recorder.finish("time")
+    assert not list(folder.path.glob("*twin*"))
+
+
+def test_an_output_is_written_while_a_viewer_keeps_the_file_open(tmp_path, slump):
+    folder, sim, recorder = recorded(tmp_path / "run", slump, 2)
+    with h5py.File(folder.trajectory) as first:
+        sim.step()
+        with h5py.File(folder.trajectory):
+            sim.step()
+            assert len(first["VTKHDF/Steps/Values"]) == 3
+    assert len(list(recorder.trajectory.replay())) == 5
+
+
+def test_a_disk_without_links_works_too(tmp_path, slump, monkeypatch):
+    def refused(*_):
+        raise OSError("no links here")
+
+    monkeypatch.setattr(vtkhdf.os, "link", refused)
+    folder, _, recorder = recorded(tmp_path / "run", slump, 3)
+    assert [output.time for output in recorder.trajectory.replay()] == pytest.approx([0.0, 0.01, 0.02, 0.03])
+
+
+def test_vtk_reads_the_times_the_points_and_the_fields(tmp_path, slump):
+    """By the reader of ParaView; 5.12 has that of VTK 9.3, which is why the test asks for no more."""
+    hdf = pytest.importorskip("vtkmodules.vtkIOHDF", reason="vtk is not installed: pip install 'taichi-mps[vtk]'")
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+    from vtkmodules.vtkCommonExecutionModel import vtkStreamingDemandDrivenPipeline as Pipeline
+
+    folder, sim, _ = recorded(tmp_path / "run", slump, 3)
+    reader = hdf.vtkHDFReader()
+    reader.SetFileName(str(folder.trajectory))
+    reader.UpdateInformation()
+    asked = reader.GetOutputInformation(0)
+    assert asked.Get(Pipeline.TIME_STEPS()) == pytest.approx((0.0, 0.01, 0.02, 0.03))
+    for output in Trajectory(folder.trajectory).replay():
+        asked.Set(Pipeline.UPDATE_TIME_STEP(), output.time)
+        reader.Modified()
+        reader.Update()
+        found = reader.GetOutput()
+        assert (found.GetNumberOfPoints(), found.GetNumberOfVerts()) == (len(slump.fluid),) * 2
+        np.testing.assert_array_equal(vtk_to_numpy(found.GetPoints().GetData()), output.state.x.astype(np.float32))
+        for name, values in vtkhdf.point_data(output.state).items():
+            if name not in ("size", "mix"):  # where they are not all alike only
+                np.testing.assert_array_equal(vtk_to_numpy(found.GetPointData().GetArray(name)), values)
+
+
+def test_an_export_holds_every_output_with_its_time(tmp_path, plane):
+    folder, sim, _ = recorded(tmp_path / "run", plane, 2)
+    outputs = [vtkhdf.Replay(plane, snapshot) for snapshot in (sim.snapshot(), replace(sim.snapshot(), time=0.03))]
+    assert export.vtu(outputs, tmp_path / "vtu") == 2
+    sets = ElementTree.parse(tmp_path / "vtu" / "run.pvd").getroot().findall("Collection/DataSet")
+    assert [float(item.get("timestep")) for item in sets] == pytest.approx([0.02, 0.03])
+    mesh = meshio.read(tmp_path / "vtu" / sets[-1].get("file"))
+    np.testing.assert_array_equal(mesh.points, vtkhdf.single(sim.snapshot().x))
+    np.testing.assert_array_equal(mesh.point_data["velocity"], vtkhdf.single(sim.snapshot().u))
+    assert mesh.cells[0].type == "vertex" and len(mesh.cells[0].data) == len(plane.fluid)
+
+
+def test_a_smooth_surface_is_closed_and_holds_the_volume_of_the_particles(tmp_path):
+    pytest.importorskip("pysplashsurf", reason="pysplashsurf is not installed: pip install 'taichi-mps[surface]'")
+    scene = catalogue.build("slump", spacing=0.0125)
+    x = scene.fluid + np.random.default_rng(1).normal(0.0, 0.1 * scene.spacing, scene.fluid.shape)
+    assert export.vtu([vtkhdf.Replay(scene, still(x, scene.spacing))], tmp_path, smooth=True) == 1
+    mesh = meshio.read(tmp_path / "output_00000.vtu")
+    assert set(mesh.point_data) == set(vtkhdf.point_data(still(x, scene.spacing)))
+    points, triangles = solids.read_mesh(stl(tmp_path / "output_00000.vtu"))  # refuses what is not closed
+    corners = points[triangles]
+    volume = np.einsum("ij,ij->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6.0
+    assert volume == pytest.approx(scene.volumes.sum(), rel=0.03)
+    assert np.abs(points).max(0) == pytest.approx(np.abs(x).max(0) + 0.5 * scene.spacing, abs=scene.spacing)
+    with pytest.raises(mps.SceneError, match="the body is .* cells long; must be at most 1e.06"):
+        smooth_surface(still([(0.0, 0.0, 0.0), (1e30, 0.0, 0.0)], scene.spacing))
+    with pytest.raises(mps.SceneError, match="plane one"):
+        smooth_surface(still(x[:, :2], scene.spacing))
+
+
+@pytest.mark.parametrize("model", ["full", "quarter", "axisymmetric"])
+def test_the_surface_of_a_part_is_that_of_the_whole_body(model):
+    """Closed, around the volume of the paper's cone, with normals outward and the fields of the particles."""
+    pytest.importorskip("pysplashsurf", reason="pysplashsurf is not installed: pip install 'taichi-mps[surface]'")
+    scene = catalogue.build("slump", spacing=0.0125, model=model)
+    x = scene.fluid
+    part = replace(
+        still(x, scene.spacing), p=3.0 - 2.0 * x[:, -1], shear_rate=np.full(len(x), 7.0), yielded=x[:, -1] > 0.15
+    )
+    s, normals, triangles = smooth_surface(scene.unfold(part))
+    corners = s.x[triangles]
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    volume = np.einsum("ij,ij->", corners[:, 0], across) / 6.0
+    whole = catalogue.build("slump", spacing=0.0125)
+    assert volume == pytest.approx(whole.volumes.sum(), rel=0.04)
+    assert np.abs(across.sum(0)).max() < 1e-9  # closed
+    assert np.einsum("ij,ij->i", normals[triangles].mean(1), across).min() > 0.0
+    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0)
+    assert np.abs(s.x[:, :2]).max(0) == pytest.approx(0.1, abs=0.6 * scene.spacing)  # of the base
+    np.testing.assert_allclose(s.shear_rate, 7.0, rtol=1e-9)
+    assert np.abs(s.p - (3.0 - 2.0 * s.x[:, 2])).max() < 2.0 * 1.5 * scene.spacing
+    assert not s.yielded[s.x[:, 2] < 0.13].any() and s.yielded[s.x[:, 2] > 0.17].all()
+
+
+def test_a_run_with_damage_in_a_later_output_is_refused_before_anything_is_made_of_it(tmp_path):
+    scene = catalogue.build("slump", spacing=0.05)
+    folder, _, recorder = recorded(tmp_path / "run", scene, 3)
+    recorder.finish("time")
+    for words, far in ((["render"], np.nan), (["export"], np.nan), (["render"], 1e6), (["export", "--surface"], -1e30)):
+        with h5py.File(folder.trajectory, "r+") as file:
+            file["VTKHDF/Points"][2 * len(scene.fluid) + 1, 0] = far
+        before = sorted(path.name for path in folder.path.rglob("*"))
+        assert mps.main([*words, str(folder.path)]) == 2
+        assert sorted(path.name for path in folder.path.rglob("*")) == before
+    with h5py.File(folder.trajectory, "r+") as file:
+        file["VTKHDF/Steps"].attrs["NSteps"] = 0
+    for words in (["render"], ["export"]):
+        assert mps.main([*words, str(folder.path)]) == 2
+    assert sorted(path.name for path in folder.path.rglob("*")) == before
+
+
+@pytest.mark.parametrize("member", ["Steps/Values", "Points", "PointData/size", "PointData/pressure"])
+def test_times_that_do_not_rise_sizes_and_shapes_that_cannot_be_are_damage(tmp_path, slump, member):
+    """They made the films wait for ever, the revolved body larger than memory and the painter fail."""
+    folder, _, recorder = recorded(tmp_path / "run", slump, 2)
+    recorder.finish("time")
+    with h5py.File(folder.trajectory, "r+") as file:
+        p, times = file["VTKHDF/PointData/pressure"][()], file["VTKHDF/Steps/Values"][()]
+        wrong = {"Steps/Values": times * np.nan, "PointData/size": 0.0 * p + 1e-9, "PointData/pressure": p[:, None]}
+        wrong["Points"] = file["VTKHDF/Points"][()][..., None]
+        if member in file["VTKHDF"]:
+            del file[f"VTKHDF/{member}"]
+        file[f"VTKHDF/{member}"] = wrong[member]
+    with pytest.raises(mps.SceneError, match="run .*run.h5: damaged or not one of taichi_mps"):
+        Trajectory(folder.trajectory).whole()
+
+
+def stl(path):
+    """The same mesh as STL."""
+    meshio.read(path).write(path.with_suffix(".stl"), binary=True)
+    return path.with_suffix(".stl")
+
+
+def test_outputs_of_two_runs_are_matched_by_time():
+    def run(times):
+        return (SimpleNamespace(time=time) for time in times)
+
+    pairs = [(a.time, b.time) for a, b in film.together(run([0.0, 0.1, 0.2]), run([0.0, 0.15, 0.2, 0.4]))]
+    assert pairs == [(0.0, 0.0), (0.1, 0.0), (0.1, 0.15), (0.2, 0.2), (0.2, 0.4)]
+
+
+def test_a_film_has_every_picture(tmp_path):
+    pytest.importorskip("imageio_ffmpeg", reason="imageio-ffmpeg is not installed: pip install 'taichi-mps[film]'")
+    for k in range(5):
+        iio.imwrite(tmp_path / f"{k}.png", np.full((64, 96, 3), 40 * k, np.uint8))
+    made = film.mp4([tmp_path / f"{k}.png" for k in range(5)], tmp_path / "film.mp4")
+    shown = iio.imread(made, plugin="FFMPEG")
+    assert shown.shape == (5, 64, 96, 3)
+    assert np.abs(shown.mean((1, 2, 3)) - 40 * np.arange(5)).max() < 4
+
+
+def test_a_run_that_goes_on_between_two_outputs_has_none_of_it(tmp_path, slump):
+    """What is resumed leaves the files of a run that was never stopped."""
+    folder, sim, recorder = recorded(tmp_path / "run", slump, 2)
+    whole = folder.trajectory.read_bytes()
+    sim.time, sim.steps = 0.024, 3
+    again = Recorder(folder, sim, 0.01, "slump", {"every": 0.01})
+    again.output(sim)  # as run() does first
+    assert folder.trajectory.read_bytes() == whole
+    sim.time, sim.steps = 0.03, 4
+    again.output(sim)
+    assert [output.time for output in again.trajectory.replay()] == pytest.approx([0.0, 0.01, 0.02, 0.03])
+
+
+def test_a_history_keeps_its_rows_while_it_is_opened_again_and_drops_a_torn_one(tmp_path, slump, monkeypatch):
+    folder, _, recorder = recorded(tmp_path / "run", slump, 3)
+    recorder.history.close()
+    rows = folder.history.read_bytes()
+    folder.history.write_bytes(rows + b"0.0")
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(files.os, "replace", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
+        History(folder.history, {}, kept=1.0)
+    assert folder.history.read_bytes() == rows + b"0.0"
+    History(folder.history, {}, kept=1.0).close()
+    assert folder.history.read_bytes() == rows
+
+
+def test_the_row_of_the_checkpoint_is_kept_however_its_time_is_rounded(tmp_path):
+    """Nine digits are up to 5e-9 away from the time that the checkpoint holds; the next step is farther."""
+    for time in (1.0000000049, 0.0458282506501, 0.3):
+        history = History(tmp_path / "history.csv", {})
+        history.add({"time_s": time})
+        history.add({"time_s": time + 1e-6})
+        history.close()
+        History(tmp_path / "history.csv", {}, kept=time).close()
+        assert len(read_history(tmp_path / "history.csv")["time_s"]) == 1
+
+
+def test_a_run_folder_from_elsewhere_names_no_code_to_run(tmp_path, slump):
+    (tmp_path / "trap.py").write_text("raise SystemExit('this must not run')")
+    folder, sim, recorder = recorded(tmp_path / "run", slump, 1)
+    recorder.finish("time")
+    with h5py.File(folder.trajectory, "r+") as file:
+        file["taichi_mps"].attrs["source"] = str(tmp_path / "trap.py")
+    with pytest.raises(mps.SceneError, match="trap.py: is code of yours, and run only if you name it again: --scene"):
+        next(Trajectory(folder.trajectory).replay())
+    checkpoint.Checkpoint.of(sim, str(tmp_path / "trap.py")).write(folder.checkpoint)
+    with pytest.raises(mps.SceneError, match="trap.py: is code of yours"):
+        checkpoint.read(folder.checkpoint).scene()
+
+
+def test_an_old_run_is_replaced_but_foreign_files_stay(tmp_path, slump):
+    folder, _, recorder = recorded(tmp_path / "run", slump, 1)
+    recorder.finish("time")
+    (folder.frames / "frame_00000.png").write_bytes(b"old")
+    (folder.path / "notes.txt").write_text("mine")
+    folder.create()
+    assert sorted(path.name for path in folder.path.iterdir()) == ["frames", "notes.txt"]
+    assert not list(folder.frames.iterdir())
+
+
+def test_a_foreign_folder_and_a_file_are_refused(tmp_path):
+    (tmp_path / "notes.txt").write_text("mine")
+    with pytest.raises(mps.SceneError, match="out = .*holds other files"):
+        RunFolder(tmp_path).create()
+    with pytest.raises(mps.SceneError, match="out = .*is a file"):
+        RunFolder(tmp_path / "notes.txt").create()
+    with pytest.raises(mps.SceneError, match="out = .*cannot be written"):
+        RunFolder(tmp_path / "notes.txt" / "run").create()
+    assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
+
+
+def test_a_checkpoint_comes_back_bit_for_bit(tmp_path, slump):
+    sim = Falling(slump)
+    sim.time = 0.1 + 0.2
+    checkpoint.save(sim, tmp_path / "checkpoint.h5")
+    back = checkpoint.read(tmp_path / "checkpoint.h5")
+    assert {key: value for key, value in back.state.items() if key != "x"} == {
+        key: value for key, value in sim.state().items() if key != "x"
+    }
+    np.testing.assert_array_equal(back.state["x"], sim.state()["x"])
+    assert back.header["scheme"] == "implicit"
+    np.testing.assert_array_equal(back.scene().fluid, slump.fluid)
+    assert [path.name for path in tmp_path.iterdir()] == ["checkpoint.h5"]
+
+
+@pytest.mark.parametrize("damage", ["flip", "truncate", "empty", "foreign", "missing"])
+def test_a_bad_checkpoint_is_refused_by_name_and_the_previous_one_used(tmp_path, slump, damage):
+    path, sim = tmp_path / "checkpoint.h5", Falling(slump)
+    checkpoint.save(sim, path)
+    sim.time = 0.5
+    checkpoint.save(sim, path)
+    whole = path.read_bytes()
+    place = whole.index(sim.state()["x"].tobytes()) + 5
+    flipped = whole[:place] + bytes([whole[place] ^ 1]) + whole[place + 1 :]
+    path.unlink()
+    if damage == "foreign":
+        h5py.File(path, "w").close()
+    elif damage != "missing":
+        path.write_bytes({"flip": flipped, "truncate": whole[: len(whole) // 2], "empty": b""}[damage])
+    with pytest.raises(mps.SceneError, match="checkpoint .*checkpoint.h5: (damaged|no such file)"):
+        checkpoint.read(path)
+    good, remark = checkpoint.read_good(path)
+    assert good.header["time"] == 0.0
+    assert "continuing from checkpoint.previous.h5" in remark
+    checkpoint.previous(path).write_bytes(b"also bad")
+    with pytest.raises(mps.SceneError, match="checkpoint.h5"):
+        checkpoint.read_good(path)
+
+
+def test_a_checkpoint_of_another_version_or_scene_is_refused(tmp_path, slump):
+    path = tmp_path / "checkpoint.h5"
+    checkpoint.save(Falling(slump), path)
+    with pytest.raises(mps.SceneError, match="no longer makes the particles"):
+        checkpoint.read(path).simulation(catalogue.build("slump", spacing=0.06))
+    path.write_bytes(path.read_bytes().replace(f"checkpoint {checkpoint.VERSION} ".encode(), b"checkpoint 9 ", 1))
+    with pytest.raises(mps.SceneError, match=f"version 9, this program reads {checkpoint.VERSION}"):
+        checkpoint.read(path)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"material": mps.HerschelBulkley(yield_value=100.0, consistency=20.0, flow_index=1.3)},
+        {"gravity": (0.0, 0.0, -1.6)},
+        {"walls": (mps.Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), slip=True),)},
+    ],
+)
+def test_a_checkpoint_of_a_scene_that_was_changed_needs_the_scene_again(tmp_path, slump, change):
+    path, changed = tmp_path / "checkpoint.h5", replace(slump, **change)
+    checkpoint.save(Falling(slump), path)
+    assert checkpoint.read(path).scene().parameters == slump.parameters
+    checkpoint.save(Falling(changed), path)
+    with pytest.raises(mps.SceneError, match="scene slump has another material, gravity or wall .* restore"):
+        checkpoint.read(path).scene()
+    checkpoint.read(path).admit(changed)
+
+
+def test_slump_cone_takes_a_material_and_keywords():
+    concrete = mps.Bingham(density=2000.0, plastic_viscosity=30.0, yield_value=500.0)
+    scene = catalogue.slump_cone(material=concrete, spacing=0.05)
+    assert scene.material == concrete
+    assert scene.spacing == 0.05
+    assert scene.parameters["yield_value"] == 500.0
+    with pytest.raises(mps.SceneError, match="density = 1000.0: already given by the material"):
+        catalogue.slump_cone(material=concrete, density=1000.0)
+    with pytest.raises(mps.SceneError, match="unknown key 'spacin', did you mean 'spacing'"):
+        catalogue.slump_cone(spacin=0.05)

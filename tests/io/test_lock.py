@@ -1,0 +1,93 @@
+"""One writer in a run folder: a second is refused before it does anything, readers are not; the killed hold nothing."""
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from test_files import recorded
+
+import taichi_mps as mps
+from taichi_mps.cli import main as cli
+from taichi_mps.io import lock
+from taichi_mps.problem import catalogue
+
+HOLDER = "import sys\nfrom taichi_mps import lock\nwith lock.held(sys.argv[1]):\n    print('held', flush=True), input()"
+
+
+@pytest.fixture(scope="module", autouse=True)
+def taichi():
+    """None is started."""
+
+
+def contents(folder):
+    return {path: path.read_bytes() for path in Path(folder).rglob("*") if path.is_file()}
+
+
+@pytest.fixture
+def run(tmp_path):
+    """The folder of a run of two steps."""
+    folder, _, recorder = recorded(tmp_path / "run", catalogue.build("slump", spacing=0.05, until=1.0), 2)
+    recorder.finish("time")
+    return folder.path
+
+
+@pytest.fixture
+def holder(run):
+    """A process that writes into the folder."""
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).resolve().parents[2])}
+    command = [sys.executable, "-c", HOLDER, str(run)]
+    process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment, text=True)
+    assert process.stdout.readline() == "held\n"
+    yield process
+    process.communicate()
+
+
+def test_a_second_writer_is_refused_until_the_first_is_killed_and_readers_never(run, holder, capsys, monkeypatch):
+    started = []
+    monkeypatch.setattr(cli, "start", started.append)
+    monkeypatch.setattr(cli, "carry_out", lambda *_, **__: 0)
+    monkeypatch.setattr("taichi_mps.io.checkpoint.Checkpoint.simulation", lambda *_, **__: None)
+    before = contents(run)
+    for words in (["run", "slump", "--spacing", "0.05", "--out", str(run)], ["resume", str(run)]):
+        assert mps.main(words) == 2
+        out, err = capsys.readouterr()
+        assert out == "" and err.count("\n") == 1
+        assert f"out = {run}: process {holder.pid} of " in err and err.endswith("must be one at a time\n")
+    assert contents(run) == before and not started
+    for words in (["info", str(run)], ["export", str(run), "--out", str(run.parent / "vtu")]):
+        assert mps.main(words) == 0
+    holder.kill()
+    assert holder.wait() == -signal.SIGKILL
+    assert (run / lock.NAME).is_file(), "what is left of a killed process is no lock"
+    assert mps.main(["resume", str(run)]) == 0 and len(started) == 1
+    assert contents(run) == {path: content for path, content in before.items() if path.name != lock.NAME}
+
+
+def test_one_process_writes_into_several_folders_but_once_into_each(tmp_path):
+    with lock.held(tmp_path / "new" / "a"), lock.held(tmp_path / "b"):
+        assert (tmp_path / "b" / lock.NAME).read_text().startswith(f"process {os.getpid()} of ")
+        refused = pytest.raises(mps.SceneError, match=f"b: process {os.getpid()} of .* is writing there")
+        with refused, lock.held(tmp_path / "b"):
+            pass
+        (tmp_path / "b" / "result").touch()
+    assert [path.name for path in tmp_path.rglob("*")] == ["b", "result"]
+    with lock.held(tmp_path / "b"):
+        pass
+
+
+def test_a_lock_that_its_holder_removes_meanwhile_is_taken_anew(tmp_path, monkeypatch):
+    """Between the opening of the file and the lock on it the holder ends, and takes the file with it."""
+    first, taken = lock.held(tmp_path), lock.lock
+    first.__enter__()
+
+    def late(file):
+        monkeypatch.setattr(lock, "lock", taken)
+        first.__exit__(None, None, None)
+        return taken(file)
+
+    monkeypatch.setattr(lock, "lock", late)
+    with lock.held(tmp_path), pytest.raises(mps.SceneError, match="one at a time"), lock.held(tmp_path):
+        pass

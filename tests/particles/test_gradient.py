@@ -1,0 +1,246 @@
+"""The least-squares gradient on linear fields, and the force of a stress field as its exact adjoint."""
+
+import numpy as np
+import pytest
+
+import taichi_mps as mps
+from taichi_mps.boundaries.walls import Walls
+from taichi_mps.particles.gradient import Gradient
+from taichi_mps.particles.kernels import lattice_sums, mps_weight, smooth_weight
+from taichi_mps.particles.neighbors import Bins, NeighborList
+from taichi_mps.particles.particles import DUMMY, FLUID, WALL, Particles
+from taichi_mps.runtime.backend import ti
+
+L0 = 0.1
+ROUNDING = 1e-12
+FLOOR, LEFT = -0.43, -0.53  # places of the two walls [m]
+CASES = ("2-D", "3-D", "2-D walls", "2-D smooth")
+
+
+@ti.data_oriented
+class Rig:
+    """Particles at given places, with kernels for the gradient of ``u`` and the force of the stresses ``T``."""
+
+    def __init__(self, x, kinds=None, planes=(), rings=None, weight=mps_weight):
+        """``rings``: their volumes [m3] in an axisymmetric scene."""
+        d = x.shape[1]
+        t = d if rings is None else 3
+        self.dimension, self.volume, self.planes = d, L0**d, planes
+        kinds = np.full(len(x), FLUID) if kinds is None else kinds
+        lattice = lattice_sums(d, L0, 2.1 * L0, weight)
+        volumes = np.full(len(x), self.volume) if rings is None else rings
+        frictions = [plane.friction for plane in planes if plane.friction]
+        self.particles = Particles(x, kinds, 0.0 * x, volumes, False, rings is not None, frictions=frictions)
+        bins = Bins(self.particles, ((-2.0,) * d, (2.0,) * d), (False,) * d, 2.1 * L0)
+        neighbors = NeighborList(bins, 60 * len(x))
+        on = dict(rings=rings is not None, particles=self.particles, weight=weight)
+        walls = Walls(planes, d, L0, 2.1 * L0, len(x), **on)
+        self.gradient = Gradient(neighbors, walls, lattice, L0)
+        self.u, self.F = (ti.Vector.field(d, ti.f64, len(x)) for _ in range(2))
+        self.left = ti.field(ti.f64, len(x))
+        self.G, self.T = (ti.Matrix.field(t, t, ti.f64, len(x)) for _ in range(2))
+        self.P = ti.Matrix.field(d, d, ti.f64, len(x))
+        bins.sort()
+        neighbors.build()
+        self.gradient.build()
+        rows = self.particles.read()
+        self.x, self.kind = rows["x"], rows["kind"]
+        r = self.x[None] - self.x[:, None]
+        size = np.linalg.norm(r, axis=-1) + 9.0 * np.eye(len(x))
+        self.weight_r2 = weight(np.minimum(1.0, size / (2.1 * L0))) / size**2
+        moment = np.einsum("ij,ija,ijb->iab", self.weight_r2, r, r)
+        self.healthy = np.linalg.det(moment) > 0.05 * (lattice.n0 / d) ** d  # not nearly flat: not stiffened
+        self.healthy &= self.gradient.B.to_numpy()[:, 0, 0] > 0.0
+
+    @ti.kernel
+    def _gradients(self, motion: ti.f64):
+        for i in range(self.particles.count[None]):
+            self.G[i] = self.gradient.velocity_gradient(i, self.u, motion)
+
+    @ti.kernel
+    def _fits(self):
+        for i in range(self.particles.count[None]):
+            self.G[i], self.left[i] = self.gradient.fit(i, self.u, 0.0)
+
+    @ti.kernel
+    def _forces(self):
+        for i in range(self.particles.count[None]):
+            self.P[i] = self.gradient.spread_stress(i, self.T[i])
+        for i in range(self.particles.count[None]):
+            self.F[i] = self.gradient.force(i, self.P)
+
+    def gradients(self, u, motion=0.0):
+        self.u.from_numpy(np.ascontiguousarray(u))
+        self._gradients(motion)
+        return self.G.to_numpy()
+
+    def fits(self, u):
+        self.u.from_numpy(np.ascontiguousarray(u))
+        self._fits()
+        return self.G.to_numpy(), self.left.to_numpy()
+
+    def forces(self, T):
+        self.T.from_numpy(T)
+        self._forces()
+        return self.F.to_numpy()
+
+
+def cloud(shape, seed=2):
+    """A jittered lattice around the origin, [m]."""
+    half = 0.5 * L0 * np.array(shape)
+    x = mps.lattice(-half, half, L0)
+    return x + np.random.default_rng(seed).uniform(-0.25, 0.25, x.shape) * L0
+
+
+@pytest.fixture(scope="module")
+def plain():
+    return Rig(cloud((7, 6)))
+
+
+@pytest.fixture(scope="module")
+def smooth():
+    """The weight of the scheme ``implicit``, on a floor."""
+    floor = mps.Plane((0.0, FLOOR), (0.0, 1.0), velocity=(0.7, 0.0))
+    return Rig(cloud((10, 8)), planes=(floor,), weight=smooth_weight)
+
+
+@pytest.fixture(scope="module")
+def cube():
+    """A 3-D cloud with wall and dummy particles in it, a pair and a line of three apart."""
+    x = cloud((5, 4, 4))
+    kinds = np.where(x[:, 2] < -0.1, WALL, FLUID)
+    kinds[x[:, 2] < -0.17] = DUMMY
+    apart = np.array([[1.0, 1, 1], [1.1, 1, 1], [-1.0, -1, 1], [-1.0, -1.1, 1], [-1.0, -1.2, 1], [0.0, 1.5, 0.0]])
+    return Rig(np.vstack([x, apart]), np.concatenate([kinds, np.full(6, FLUID)]))
+
+
+@pytest.fixture(scope="module")
+def walled():
+    """Fluid on a no-slip floor that moves, between a slip wall on the left and a free surface."""
+    planes = (
+        mps.Plane((0.0, FLOOR), (0.0, 1.0), velocity=(0.7, 0.0)),
+        mps.Plane((LEFT, 0.0), (1.0, 0.0), slip=True),
+    )
+    return Rig(cloud((10, 8)), planes=planes)
+
+
+@pytest.fixture(params=CASES)
+def rig(request):
+    return request.getfixturevalue(
+        {"2-D": "plain", "3-D": "cube", "2-D walls": "walled", "2-D smooth": "smooth"}[request.param]
+    )
+
+
+def linear(rig, seed=4):
+    rng = np.random.default_rng(seed)
+    A = rng.standard_normal((rig.dimension, rig.dimension))
+    return A, rig.x @ A.T + rng.standard_normal(rig.dimension)
+
+
+def random_fields(rig, seed=5):
+    rng = np.random.default_rng(seed)
+    n, d = rig.x.shape
+    return rng.standard_normal((n, d)), rng.standard_normal((n, d, d))
+
+
+@pytest.mark.parametrize("case", ["plain", "cube"])
+def test_what_the_fit_leaves_is_the_sum_over_the_bonds(case, request):
+    rig = request.getfixturevalue(case)
+    A, u = linear(rig)
+    noise, _ = random_fields(rig)
+    assert rig.fits(u)[1][rig.healthy].max() < 1e-10 * (A**2).sum()
+    G, left = rig.fits(u + noise)
+    r, jump = rig.x[None] - rig.x[:, None], (u + noise)[None] - (u + noise)[:, None]
+    delta = jump - np.einsum("iab,ijb->ija", G, r)
+    exact = (rig.weight_r2 * (delta**2).sum(-1)).sum(1) / rig.gradient.n0
+    assert np.allclose(left[rig.healthy], exact[rig.healthy], rtol=1e-9, atol=1e-9 * exact.max())
+    assert np.allclose(G, rig.gradients(u + noise), rtol=1e-12, atol=1e-9)
+
+
+@pytest.mark.parametrize("case", ["plain", "cube"])
+def test_linear_field_is_exact_inside_and_at_free_surfaces(case, request):
+    rig = request.getfixturevalue(case)
+    A, u = linear(rig)
+    G = rig.gradients(u)[rig.healthy]
+    assert len(G) > 0.5 * len(rig.x[rig.kind == FLUID])
+    surface = rig.gradient.neighbour_count.to_numpy()[rig.healthy] < 0.7 * rig.gradient.full
+    assert surface.sum() >= 8  # there are many at the surface among them
+    assert np.abs(G - A).max() < 1e-11
+
+
+def test_linear_field_that_vanishes_on_a_no_slip_wall_is_exact(walled):
+    inside = walled.healthy & (walled.x[:, 0] > LEFT + 2.1 * L0)  # beyond the reach of the slip wall
+    near = inside & (walled.x[:, 1] < FLOOR + L0)
+    assert near.sum() >= 4
+    a = np.array([1.3, -0.4])
+    u = np.outer(walled.x[:, 1] - FLOOR, a)
+    G = np.outer(a, [0.0, 1.0])
+    assert np.abs(walled.gradients(u)[inside] - G).max() < 1e-11
+    assert np.abs(walled.gradients(u + [0.7, 0.0], motion=1.0)[inside] - G).max() < 1e-11  # on the moving wall
+
+
+def test_linear_field_along_a_slip_wall_is_exact(walled):
+    inside = walled.healthy & (walled.x[:, 1] > FLOOR + 2.1 * L0)
+    assert (inside & (walled.x[:, 0] < LEFT + L0)).sum() >= 4
+    u = np.stack([0.8 * (walled.x[:, 0] - LEFT), 1.0 - 0.8 * walled.x[:, 1]], 1)
+    assert np.abs(walled.gradients(u)[inside] - np.diag([0.8, -0.8])).max() < 1e-11
+
+
+def test_force_is_the_negative_adjoint_of_the_gradient(rig):
+    u, T = random_fields(rig)
+    work = (u * rig.forces(T)).sum()
+    dissipation = rig.volume * (T * rig.gradients(u)).sum()
+    assert abs(work + dissipation) < ROUNDING * np.abs(u * rig.F.to_numpy()).sum()
+    assert abs(work) > 1e-6
+
+
+@pytest.mark.parametrize("case", ["plain", "cube"])
+def test_forces_conserve_linear_momentum(case, request):
+    rig = request.getfixturevalue(case)
+    F = rig.forces(random_fields(rig)[1])
+    assert np.abs(F.sum(0)).max() < ROUNDING * np.abs(F).sum()
+
+
+def test_forces_of_symmetric_stresses_conserve_angular_momentum(rig):
+    """Exactly where the gradient is exact for a rigid rotation: rows that needed no stiffening, away from walls."""
+    T = random_fields(rig)[1]
+    exact = rig.healthy.copy()
+    for plane in rig.planes:
+        exact &= plane.distance(rig.x) > 2.1 * L0
+    T = np.where(exact[:, None, None], T + T.transpose(0, 2, 1), 0.0)
+    F = rig.forces(T)
+    torque = np.einsum("na,nb->ab", rig.x, F)
+    assert exact.sum() >= 8
+    assert np.abs(torque - torque.T).max() < ROUNDING * np.abs(rig.x).max() * np.abs(F).sum()
+
+
+def test_single_and_paired_particles_carry_no_stress(cube):
+    lonely = np.linalg.norm(cube.x, axis=1) > 1.0
+    in_a_pair = lonely & (cube.gradient.neighbour_count.to_numpy() < cube.dimension)
+    assert in_a_pair.sum() == 6
+    assert not np.any(cube.gradient.B.to_numpy()[in_a_pair])
+    assert np.all(np.isfinite(cube.gradient.B.to_numpy()))
+    assert not np.any(cube.gradient.B.to_numpy()[cube.kind == DUMMY])
+    assert np.any(cube.gradient.B.to_numpy()[cube.kind == WALL])
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_lean_is_one_at_a_flat_surface_and_points_into_the_lattice(d):
+    """Sums over the missing half by hand: one layer at the surface, of the second row only what is 2 l0 away."""
+    x = mps.lattice((-0.45,) * d, (0.4,) * d, L0)
+    rig = Rig(x)
+    surface_normal, top = rig.gradient.surface_normal.to_numpy(), rig.x[:, -1].max()
+    middle = np.all(np.abs(rig.x[:, :-1]) < 0.06, axis=1)
+    first, second = middle & (rig.x[:, -1] > top - 0.01), middle & (np.abs(rig.x[:, -1] - top + L0) < 0.01)
+    down = -np.eye(d)[-1]
+    layers = {2: (1, 2, 0), 3: (1, 4, 4)}[d]  # neighbours at 1, sqrt 2 and sqrt 3 l0 in the next layer
+    w = [2.1 / r - 1.0 for r in (1.0, 2.0**0.5, 3.0**0.5, 2.0)]
+    whole = w[0] * layers[0] + w[1] * layers[1] / 2.0**0.5 + w[2] * layers[2] / 3.0**0.5 + w[3]
+    assert first.sum() > 0 and np.abs(surface_normal[first] - down).max() < ROUNDING
+    assert np.abs(surface_normal[second] - w[3] / whole * down).max() < ROUNDING
+
+
+def test_particle_number_density_counts_every_neighbour(cube):
+    r = np.linalg.norm(cube.x[None] - cube.x[:, None], axis=-1)
+    np.fill_diagonal(r, np.inf)
+    assert np.allclose(cube.gradient.n.to_numpy(), np.maximum(2.1 * L0 / r - 1.0, 0.0).sum(1), rtol=1e-12)

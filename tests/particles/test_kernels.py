@@ -1,0 +1,156 @@
+"""Lattice sums n0 and lambda (eqs 13, 14) and the sums over the ghost lattice behind a plane wall."""
+
+import csv
+import itertools
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from taichi_mps.particles.kernels import (
+    GHOST_SUMS,
+    PACKING,
+    PACKING_IN_PLANE,
+    ghost_table,
+    lattice_sums,
+    mps_weight,
+    smooth_weight,
+)
+
+REFERENCE = Path(__file__).parents[1] / "reference" / "C_mps_lattice_constants_viscous_limit.csv"
+ROWS = list(csv.DictReader(line for line in REFERENCE.read_text(encoding="utf-8").splitlines() if line[0] != "#"))
+RE = 2.1
+
+
+@pytest.mark.parametrize("row", ROWS, ids=lambda row: f"{row['dim']}-D re {row['re/l0']}")
+@pytest.mark.parametrize("spacing", [1.0, 0.01])
+def test_lattice_constants(row, spacing):
+    found = lattice_sums(int(row["dim"]), spacing, float(row["re/l0"]) * spacing)
+    assert found.neighbours == int(row["neighbours"])
+    assert found.n0 == pytest.approx(float(row["n0"]), rel=1e-5)  # the file has six digits
+    assert found.lam / spacing**2 == pytest.approx(float(row["lambda/l0^2"]), rel=1e-5)
+
+
+def test_lattice_constants_by_hand():
+    """2-D, re = 2.1: four neighbours each at 1, sqrt 2 and 2 spacings."""
+    w = np.array([RE / r - 1.0 for r in (1.0, 2.0**0.5, 2.0)])
+    found = lattice_sums(2, 1.0, RE)
+    assert found.n0 == pytest.approx(4 * w.sum(), rel=1e-14)
+    assert found.lam == pytest.approx(w @ [1.0, 2.0, 4.0] / w.sum(), rel=1e-14)
+
+
+def full_lattice(dimension, weight=mps_weight):
+    """Displacements [l0] of the neighbours in a full lattice and their weights."""
+    r = np.array([c for c in itertools.product(range(-3, 4), repeat=dimension) if any(c)], float)
+    size = np.linalg.norm(r, axis=1)
+    near = size < RE
+    return r[near], size[near], weight(size[near] / RE)
+
+
+def ghosts(dimension, entries, k, weight=mps_weight):
+    return dict(zip(GHOST_SUMS, ghost_table(dimension, 1.0, RE, entries, weight=weight)[k], strict=True))
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_the_smooth_weight_by_hand(dimension):
+    """w/r^2 is Wendland's kernel, of 4, 4 and 4 neighbours in two, 6, 12, 8 and 6 in three dimensions."""
+    distances, many = ([1.0, 2.0, 4.0], [4, 4, 4]) if dimension == 2 else ([1.0, 2.0, 3.0, 4.0], [6, 12, 8, 6])
+    q = np.sqrt(distances) / RE
+    kernel = (1.0 - q) ** 4 * (4.0 * q + 1.0)
+    found = lattice_sums(dimension, 1.0, RE, smooth_weight)
+    assert found.n0 == pytest.approx(many @ (kernel * q**2), rel=1e-12)
+    assert found.lam == pytest.approx(many @ (kernel * q**2 * distances) / found.n0, rel=1e-12)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_rows_that_slide_past_each_other_hardly_change_the_smooth_sums(dimension):
+    """sum (w/r^2) r over the next row (layer), over the moment of a full lattice: along the row it should vanish at any
+    offset, across it should stay. The smooth weight changes by less than a quarter of what that of the paper does."""
+    axis = np.arange(-4.0, 5.0)
+    across = np.array(np.meshgrid(*[axis] * (dimension - 2), [1.0], indexing="ij")).reshape(dimension - 1, -1).T
+    change = {}
+    for weight in (mps_weight, smooth_weight):
+        sums = []
+        for offset in np.linspace(0.0, 1.0, 41):
+            r = np.array([(x + offset, *rest) for x in axis for rest in across])
+            q = np.minimum(1.0, np.linalg.norm(r, axis=1) / RE)
+            sums.append((weight(q) / q**2) @ r[:, [0, -1]] / RE**2)
+        moment = lattice_sums(dimension, 1.0, RE, weight).n0 / dimension
+        change[weight] = np.abs(sums)[:, 0].max() / moment, np.ptp(sums, axis=0)[1] / moment
+    assert change[smooth_weight][0] < 0.25 * change[mps_weight][0] < 0.005
+    assert change[smooth_weight][1] < 0.25 * change[mps_weight][1] < 0.0075
+
+
+@pytest.mark.parametrize("weight", [mps_weight, smooth_weight], ids=["paper", "smooth"])
+@pytest.mark.parametrize("dimension", [2, 3])
+@pytest.mark.parametrize("layer", [0, 1])
+def test_ghosts_complete_the_lattice(dimension, layer, weight):
+    """A particle at z = l0/2 or 3 l0/2 has, with the ghosts, exactly the neighbourhood of the interior."""
+    sums = ghosts(dimension, 22, 5 + 10 * layer, weight)  # z = 2.1 k/21 = 0.5, 1.5
+    lattice = lattice_sums(dimension, 1.0, RE, weight)
+    r, size, w = full_lattice(dimension, weight)
+    real = r[:, -1] > -layer - 0.5
+    normal, e = r[:, -1], r[:, -1] / size
+    near = np.maximum(0.0, 1.0 - size / 1.5)
+    assert real.sum() + sums["neighbours"] == lattice.neighbours
+    assert w[real].sum() + sums["n"] == pytest.approx(lattice.n0, rel=1e-13)
+    moment = (w / size**2 * normal**2)[real].sum() + sums["normal"]
+    assert moment == pytest.approx(lattice.n0 / dimension, rel=1e-13)
+    assert (w * e)[real].sum() == pytest.approx(sums["inward"], rel=1e-13)  # the pull of both sides balances
+    assert (near * e)[real].sum() == pytest.approx(sums["crowding"], abs=1e-13)
+    assert (w / size**2 * normal)[real].sum() == pytest.approx(0.5 * sums["pull"], rel=1e-13)
+    crowd = 1.0 + PACKING(size / RE)[real].sum() + sums["packing"]
+    assert crowd == pytest.approx(lattice.packing, rel=1e-13)
+
+
+@pytest.mark.parametrize(("kernel", "b"), [(PACKING, 10.0), (PACKING_IN_PLANE, 11.0)])
+def test_the_packing_kernel_is_the_window_of_kaiser_and_bessel(kernel, b):
+    """(I0(b sqrt(1 - q^2)) - 1)/(I0(b) - 1), 1 at the particle and 0 at the effective radius."""
+    q = np.linspace(0.0, 1.0, 101)
+    assert np.abs(kernel(q) - (np.i0(b * np.sqrt(1.0 - q**2)) - 1.0) / (np.i0(b) - 1.0)).max() < 1e-7
+
+
+@pytest.mark.parametrize("basis", [
+    [[1.0, 0.0], [0.5, 0.75**0.5]],  # hexagonal
+    [[1.0, 0.0], [0.25, 1.0]], [[1.0, 0.0], [0.5, 1.0]],  # square, sheared
+    [[-1.0, 1.0, 1.0], [1.0, -1.0, 1.0], [1.0, 1.0, -1.0]],  # body-centred cubic
+    [[0.0, 1.0, 1.0], [1.0, 0.0, 1.0], [1.0, 1.0, 0.0]],  # face-centred cubic
+    [[1.0, 0.0, 0.0], [0.25, 1.0, 0.0], [0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0], [0.5, 1.0, 0.0], [0.0, 0.0, 1.0]],
+])  # fmt: skip
+def test_packing_of_other_lattices_of_the_same_density(basis):
+    """Order does not matter to the packing: within 0.4 % each has that of the square or simple cubic lattice, with the
+    kernel of the plane within 0.06 %."""
+    basis = np.array(basis)
+    d = len(basis)
+    basis /= abs(np.linalg.det(basis)) ** (1.0 / d)  # one particle in each unit of volume
+    q = np.linalg.norm(np.array(list(itertools.product(range(-6, 7), repeat=d))) @ basis, axis=1) / RE
+    for kernel, within in ((PACKING, 4e-3), (PACKING_IN_PLANE, 6e-4))[: 4 - d]:  # rings have the first, too
+        expected = lattice_sums(d, 1.0, RE, smooth_weight, kernel).packing
+        assert kernel(q[q < 1.0]).sum() == pytest.approx(expected, rel=within)
+
+
+def test_rows_that_slide_past_each_other_keep_their_packing():
+    """The mean over all offsets of sheared rows, as in a film, is that of the square lattice within 0.04 %."""
+    x, y = np.meshgrid(np.arange(-6, 7), np.arange(-6, 7))
+    offsets = np.linspace(0.0, 1.0, 40, endpoint=False)
+    q = np.array([np.hypot(x + offset * y, y) for offset in offsets]) / RE
+    mean = PACKING_IN_PLANE(q[q < 1.0]).sum() / len(offsets)
+    expected = lattice_sums(2, 1.0, RE, smooth_weight, PACKING_IN_PLANE).packing
+    assert mean == pytest.approx(expected, rel=4e-4)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_tangential_moment_at_the_first_layer(dimension):
+    """Ghosts at depth d carry -(d/z) times the velocity at the particle's height: weight t^2 (1 + d/z)."""
+    r, size, w = full_lattice(dimension)
+    behind = r[:, -1] < -0.5
+    depth = -r[behind, -1] - 0.5
+    expected = ((w / size**2 * r[:, 0] ** 2)[behind] * (1.0 + depth / 0.5)).sum()
+    assert ghosts(dimension, 22, 5)["tangential"] == pytest.approx(expected, rel=1e-13)
+
+
+def test_ghost_sums_scale_with_the_spacing_and_vanish_far_from_the_wall():
+    unit, scaled = ghost_table(3, 1.0, RE), ghost_table(3, 0.01, 0.01 * RE)
+    power = np.array([{"pull": -1}.get(name, 0) for name in GHOST_SUMS])
+    assert np.allclose(scaled, unit * 0.01**power, rtol=1e-9, atol=1e-9)
+    assert np.all(unit[-30:] == 0.0)  # beyond re - l0/2 no ghost is near

@@ -1,0 +1,179 @@
+"""Neighbour lists against brute force, the order of the rows, full lists and lost particles."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+import taichi_mps as mps
+from taichi_mps.particles.neighbors import Bins, CapacityError, EscapedError, NeighborList
+from taichi_mps.particles.particles import Particles
+from taichi_mps.simulation import simulation
+
+RE, CAPACITY = 0.105, 240
+DOMAINS = {  # name: low corner, high corner, periodic
+    "2-D": ((-0.5, 0.0), (0.5, 0.8), (False, False)),
+    "2-D periodic": ((-0.5, 0.0), (0.5, 0.8), (True, False)),
+    "2-D periodic upwards": ((-0.5, 0.0), (0.5, 0.8), (False, True)),
+    "2-D periodic, 3 cells": ((-0.5, 0.0), (-0.18, 0.32), (True, True)),
+    "3-D": ((0.0, -0.2, 0.0), (0.4, 0.2, 0.7), (False, False, False)),
+    "3-D periodic": ((0.0, -0.2, 0.0), (0.4, 0.2, 0.7), (True, True, False)),
+    "3-D all periodic": ((0.0, -0.2, 0.0), (0.4, 0.2, 0.7), (True, True, True)),
+}
+SETS = ("random", "clustered", "empty", "lattice", "corners", "one", "two")
+
+
+class Rig:
+    """Particles, bins and a list that every set of positions is loaded into, so that kernels compile once."""
+
+    def __init__(self, low, high, periodic):
+        self.low, self.high, self.periodic = np.array(low), np.array(high), np.array(periodic)
+        x = np.zeros((CAPACITY, len(low)))
+        self.particles = Particles(x, np.zeros(CAPACITY, int), x, np.ones(CAPACITY), False)
+        self.bins = Bins(self.particles, (low, high), periodic, RE)
+        self.list = NeighborList(self.bins, CAPACITY * CAPACITY)
+
+    def load(self, x, ids=None):
+        ids = np.arange(len(x)) if ids is None else ids
+        self.particles.load({"x": x, "u": 2.0 * x, "id": ids, "kind": ids % 3})
+        self.bins.sort()
+        self.list.build()
+        return self.particles.read()
+
+    def pairs(self):
+        """Neighbours' rows of every row."""
+        n = self.particles.count[None]
+        start, column = self.list.row_start.to_numpy(), self.list.column.to_numpy()
+        return [column[start[i] : start[i + 1]] for i in range(n)]
+
+    def points(self, kind, seed=3):
+        rng = np.random.default_rng(seed)
+        size, d = self.high - self.low, len(self.low)
+        low = self.low
+        if kind == "random":
+            return low + size * rng.random((CAPACITY, d))
+        if kind == "clustered":  # most of them in one cell, a few far away
+            clump = low + 0.5 * size + 0.02 * rng.standard_normal((CAPACITY - 20, d))
+            return np.vstack([clump, low + size * rng.random((20, d))])
+        if kind == "empty":  # nobody within the effective radius, also across the periodic sides
+            return mps.lattice(low, self.high, 1.3 * RE)[:CAPACITY]
+        if kind == "lattice":
+            return mps.lattice(low, self.high, 0.05 if d == 2 else 0.08)[:CAPACITY]
+        if kind == "corners":
+            corners = np.stack(np.meshgrid(*zip(low, self.high, strict=True)), -1).reshape(-1, d)
+            return np.vstack([corners[: 2 ** (d - 1)], low + 0.02, self.high - 0.02])
+        return low + size * (0.5 + 0.01 * rng.random(({"one": 1, "two": 2}[kind], d)))
+
+    def brute_force(self, x):
+        """{(row, row)} of all ordered pairs nearer than RE, by distances to the nearest image."""
+        r = x[None] - x[:, None]
+        size = self.high - self.low
+        r -= np.where(self.periodic, size * np.round(r / size), 0.0)
+        near = (r**2).sum(-1) < RE**2
+        np.fill_diagonal(near, False)
+        return {(int(i), int(j)) for i, j in zip(*np.nonzero(near), strict=True)}
+
+
+@pytest.fixture(scope="module", params=list(DOMAINS))
+def rig(request):
+    return Rig(*DOMAINS[request.param])
+
+
+@pytest.mark.parametrize("kind", SETS)
+def test_neighbours_are_those_of_brute_force(rig, kind):
+    rows = rig.load(rig.points(kind))
+    listed = [(i, int(j)) for i, columns in enumerate(rig.pairs()) for j in columns]
+    expected = rig.brute_force(rows["x"])
+    assert len(listed) == len(set(listed))
+    assert set(listed) == expected
+    assert kind != "empty" or not listed
+    if not rig.periodic.any():
+        tree = cKDTree(rows["x"]).query_pairs(RE * (1 - 1e-12))
+        assert expected == tree | {(j, i) for i, j in tree}
+        assert listed == sorted(listed)  # sums over neighbours run in row order
+
+
+@pytest.mark.parametrize("kind", SETS)
+def test_rows_are_ordered_by_cell_and_id_whatever_the_order_before(rig, kind):
+    x = rig.points(kind)
+    rows = rig.load(x)
+    cell_size = (rig.high - rig.low) / rig.bins.shape
+    cell = np.clip(np.floor((rows["x"] - rig.low) / cell_size).astype(int), 0, np.array(rig.bins.shape) - 1)
+    linear = np.ravel_multi_index(cell.T, rig.bins.shape)
+    assert np.array_equal(np.lexsort((rows["id"], linear)), np.arange(len(x)))
+    assert np.array_equal(rig.bins.cell_of.to_numpy()[: len(x)], linear)
+    assert np.array_equal(rows["u"], 2.0 * x[rows["id"]])  # every field moved with its particle
+    assert np.array_equal(rows["kind"], rows["id"] % 3)
+    shuffled = np.random.default_rng(5).permutation(len(x))
+    assert np.array_equal(rig.load(x[shuffled], shuffled)["id"], rows["id"])
+
+
+def test_periodic_positions_come_back_into_the_domain(rig):
+    x = rig.points("random")
+    shift = np.where(rig.periodic, rig.high - rig.low, 0.0)
+    rows, moved = rig.load(x), rig.load(x + 2 * shift)
+    assert np.array_equal(moved["id"], rows["id"])
+    assert np.allclose(moved["x"], rows["x"], atol=1e-12)
+
+
+def test_lost_particles_are_counted_each_once(rig):
+    x = rig.points("random")
+    x[3, -1] = rig.high[-1] + 1e-6
+    x[7] = np.nan
+    x[9, 0] = np.inf
+    x[11] = rig.low - 1.0
+    x[13] = np.where(rig.periodic, rig.low - 1.0, rig.low)  # comes back in through the periodic sides
+    lost = 2 + (not rig.periodic[-1]) + (not rig.periodic.all())
+    with pytest.raises(EscapedError, match=f"^{lost} particles left the domain"):
+        rig.load(x)
+    assert len(rig.load(rig.points("random"))["x"]) == CAPACITY  # usable afterwards
+
+
+def test_list_is_full_at_its_capacity_and_not_before():
+    rig = Rig(*DOMAINS["2-D"])
+    rows = rig.load(rig.points("clustered"))
+    expected = rig.brute_force(rows["x"])
+    rig.list = NeighborList(rig.bins, len(expected))
+    rig.list.build()
+    assert {(i, int(j)) for i, columns in enumerate(rig.pairs()) for j in columns} == expected
+    short = NeighborList(rig.bins, len(expected) - 1)
+    message = f"{len(expected)} neighbour pairs do not fit into pair_capacity = {len(expected) - 1}"
+    with pytest.raises(CapacityError, match=message):
+        short.build()
+
+
+def test_bins_refuse_a_short_period():
+    x = np.zeros((1, 2))
+    particles = Particles(x, np.zeros(1, int), x, np.ones(1), False)
+    with pytest.raises(ValueError, match="three effective radii"):
+        Bins(particles, ((0.0, 0.0), (0.3, 1.0)), (True, False), RE)
+    with pytest.raises(ValueError, match="three effective radii"):
+        Bins(particles, ((0.0, 0.0), (1.0, 0.3)), (False, True), RE)
+
+
+@pytest.mark.long
+def test_simulation_grows_a_full_list_and_goes_on_as_if_it_had_been_large(monkeypatch):
+    """Particles at 0.55 spacings: three times the neighbours that a new simulation makes room for."""
+    x = mps.lattice((0.0, 0.0), (0.11, 0.11), 0.011)
+    scene = mps.Scene(
+        name="crowd",
+        material=mps.Newtonian(viscosity=50.0),
+        spacing=0.02,
+        fluid=x,
+        velocity=np.random.default_rng(1).uniform(-0.1, 0.1, x.shape),
+        domain=((-1.0, -1.0), (1.0, 1.0)),
+    )
+    monkeypatch.setattr(simulation, "MOST_LOST", 1.0)  # so crowded a body has lost its volume
+    grown, roomy = mps.Simulation(scene), mps.Simulation(replace(scene))
+    roomy._pairs_per_particle = 12.0
+    roomy._build()
+    small = grown.neighbors.pair_capacity
+    for sim in (grown, roomy):
+        sim.step()
+        sim.step()
+    assert grown.neighbors.pair_capacity > small
+    assert grown.neighbors.pair_capacity != roomy.neighbors.pair_capacity
+    assert grown.report == roomy.report  # summed over the new fields, not over those that were too small
+    for name, values in grown.particles.read().items():
+        assert np.array_equal(values, roomy.particles.read()[name]), name

@@ -1,0 +1,43 @@
+"""Fields put in and read back together: the same numbers, whatever their shapes and types."""
+
+import numpy as np
+import pytest
+
+from taichi_mps.runtime.backend import double_field, real, ti
+from taichi_mps.runtime.field_io import FieldIO
+
+SHAPES = {"place": (2,), "number": (), "stress": (3, 3), "share": ()}
+
+
+@pytest.fixture(scope="module")
+def rows():
+    fields = {
+        "place": double_field(5, 2),
+        "number": ti.field(ti.i32, 5),
+        "stress": ti.Matrix.field(3, 3, real(), 5),
+        "share": ti.field(ti.f32, 5),
+    }
+    return FieldIO(fields, 5)
+
+
+def test_what_is_put_in_is_read_back_and_stands_in_the_fields(rows):
+    """Positions to the last bit of f64, the largest i32, the first n rows; Taichi's own to_numpy sees the same."""
+    rng = np.random.default_rng(1)
+    put = {name: rng.normal(size=(4, *shape)) for name, shape in SHAPES.items()}
+    put["number"] = np.array([2**31 - 1, -(2**31), 0, 7])
+    put["share"] = put["share"].astype(np.float32)
+    rows.load(put, 4)
+    for name, values in rows.read(4).items():
+        assert np.array_equal(values, put[name]) and values.flags.c_contiguous
+        own = rows.fields[name].to_numpy()
+        assert np.array_equal(own[:4], put[name]) and values.dtype == own.dtype
+    assert {name: len(values) for name, values in rows.read(2).items()} == dict.fromkeys(SHAPES, 2)
+
+
+def test_what_is_not_named_and_rows_beyond_become_zero_and_one_number_is_for_all(rows):
+    rows.load({name: np.ones((5, *shape)) for name, shape in SHAPES.items()}, 5)
+    rows.load({"number": 3, "place": np.full((2, 2), 0.1)}, 2)
+    now = rows.read(5)
+    assert now["number"].tolist() == [3, 3, 0, 0, 0]
+    assert now["place"].tolist() == [[0.1, 0.1]] * 2 + [[0.0, 0.0]] * 3
+    assert not now["stress"].any() and not now["share"].any()

@@ -1,0 +1,102 @@
+"""Every scene of scenes/, coarse and short, judged by its own check, and that the check can fail; of the test methods,
+which test_methods.py judges, only that they are there and say what they are."""
+
+import ast
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import taichi_mps as mps
+from taichi_mps.problem import catalogue
+from taichi_mps.problem.feasibility import admit
+
+COARSE = {  # keywords that make a scene a matter of seconds; a new scene needs a line here
+    "dam_break": {"spacing": 0.0146, "until": 0.25},
+    "film": {"spacing": 0.01, "plastic_viscosity": 100.0, "until": 1.0},
+    "slump": {"spacing": 0.025, "yield_value": 1000.0, "until": 0.6},
+    "still_pool": {"spacing": 0.025, "until": 0.5},
+}
+METHODS = {"j_ring", "l_box", "l_flow", "lcpc_box", "mini_cone", "u_box", "v_funnel"}
+POURED = {"wall"}  # test_pour.py judges it
+
+
+@pytest.fixture(scope="module", params=sorted(COARSE))
+def ran(request):
+    scene = catalogue.build(request.param, **COARSE[request.param])
+    sim = mps.Simulation(scene)
+    sim.run()
+    return sim
+
+
+def test_every_scene_is_tested():
+    assert set(COARSE) | METHODS | POURED == set(catalogue.names())
+
+
+def test_scene_passes_its_check(ran):
+    snapshot, measures = ran.snapshot(), ran.measures()
+    ran.scene.check(snapshot, measures)
+    assert all(np.isfinite(list(measures.values())))
+    with pytest.raises(AssertionError):  # a body that has left is noticed
+        away = replace(snapshot, x=snapshot.x + 0.3, u=snapshot.u + 1.0)
+        ran.scene.check(away, ran.scene.measure(away))
+
+
+def test_run_ends_as_its_scene_says(ran):
+    summary = ran.summary()
+    assert ran.stopped_by in ("time", "rest")
+    assert summary["stopped_by"] == ran.stopped_by and summary["steps"] == ran.steps == ran.report.step
+    assert summary["simulated_seconds"] <= ran.scene.until * (1 + 1e-9)
+    assert summary["fluid_particles"] == len(ran.scene.fluid) == len(ran.snapshot().x)
+    assert summary["parameters"]["spacing"] == ran.scene.spacing
+    assert abs(summary["volume_error"]) < 0.06
+
+
+@pytest.mark.parametrize("settings", [{"spacing": 0.008}, {"spacing": 0.04}, {"depth": 0.05, "spacing": 0.02}])
+def test_a_film_is_of_whole_rows_the_nearest_to_its_depth(settings):
+    scene = catalogue.build("film", **settings)
+    columns, counts = np.unique(scene.fluid[:, 0], return_counts=True)
+    rows = round(settings.get("depth", 0.1) / scene.spacing)
+    assert set(counts) == {rows} and len(columns) * scene.spacing == pytest.approx(scene.domain[1][0])
+
+
+@pytest.mark.parametrize("name", sorted(catalogue.names()))
+def test_scene_file_says_what_it_is(name):
+    path = catalogue.names()[name]
+    text = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8")))
+    assert "Source:" in text and "Run time:" in text
+    assert catalogue.describe()[name] == text.splitlines()[0]
+    scene = catalogue.build(name, **COARSE.get(name, {}))
+    assert scene.name == name and scene.measure is not None
+    assert name in METHODS | POURED or len(scene.wall_particles) > 0  # also for the paper's scheme
+
+
+# ---- scenes that cannot be -------------------------------------------------------------------------------------
+BLOCK = mps.lattice((0.0, 0.0), (0.2, 0.2), 0.02)
+FLOOR = mps.Plane((0.0, 0.0), (0.0, 1.0))
+
+
+@pytest.mark.parametrize(
+    "change, message",
+    [
+        ({"fluid": BLOCK - (0.0, 0.05)}, r"fluid: a particle lies 0.04 m behind a wall \(Plane\)"),
+        ({"fluid": np.vstack([BLOCK, BLOCK[:3]])}, "fluid: 3 of 103 particles lie on others"),
+        ({"walls": (), "wall_particles": BLOCK - (0.0, 0.2)}, "wall_particles: scene block has no walls"),
+        ({"axisymmetric": True, "gravity": (1.0, -9.81)}, "gravity = .* must be along z"),
+    ],
+)
+def test_a_scene_that_cannot_be_is_refused(change, message):
+    scene = mps.Scene("block", mps.Bingham(), 0.02, BLOCK, ((-0.5, -0.5), (0.5, 0.5)), walls=(FLOOR,))
+    admit(scene, mps.Implicit())
+    with pytest.raises(mps.SceneError, match=message):
+        admit(replace(scene, **change), mps.SemiImplicit() if "wall_particles" in change else mps.Implicit())
+
+
+def test_the_scales_of_a_scene_do_not_depend_on_its_courant_number():
+    scene = mps.Scene(
+        "block", mps.Bingham(), 0.02, BLOCK, ((-0.5, -0.5), (0.5, 0.5)), velocity=np.tile((5.0, 0.0), (len(BLOCK), 1))
+    )
+    steps = [
+        mps.Simulation(scene, mps.Implicit(courant_number=c)).scheme.constants.natural_step for c in (0.1, 0.2, 0.4)
+    ]
+    assert steps == pytest.approx([0.2 * 0.02 / 5.0] * 3)

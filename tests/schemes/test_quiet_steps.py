@@ -1,0 +1,116 @@
+"""Longer steps of a quiet flow (I14): when they are taken, and that the flow does not know them."""
+
+import math
+
+import numpy as np
+import pytest
+
+import taichi_mps as mps
+from taichi_mps.study import case as cases
+from taichi_mps.terms.constants import EARLY_ENOUGH, LONG, QUIET, STILL, Constants
+
+SPACING = 0.02
+
+
+def cone(yield_value=100.0, **of_material):
+    """The slump cone as rings."""
+    return mps.slump_cone(yield_value=yield_value, model="axisymmetric", spacing=SPACING, **of_material)
+
+
+def rings():
+    """Its Simulation at its start, with the kernels of the one before."""
+    return cases.begin(cone())
+
+
+def constants(yield_value=100.0, numerics=None, **of_material):
+    """The constants of the cone, which need no Simulation."""
+    found, scene = Constants(None, 1), cone(yield_value, **of_material)
+    found.take(scene, scene.materials, numerics or mps.Implicit())
+    return found
+
+
+def longest(of, acceleration, speed=0.01):
+    return of.longest_at(speed, acceleration)
+
+
+@pytest.mark.parametrize("of_material", [{}, {"critical_strain_rate": 0.1}])
+def test_the_step_grows_as_the_root_of_what_it_no_longer_changes(of_material):
+    """Half of the acceleration at which a flow counts as quiet: sqrt(2) times the step, in which velocity changes as
+    much times dt as before; a quarter or less: twice the step. What is still gains nothing by it."""
+    found = constants(**of_material)
+    usual = found.max_time_step
+    edge = QUIET * SPACING / usual**2
+    for share, times in ((math.inf, 1.0), (1.0, 1.0), (0.5, 2.0**0.5), (0.25, 2.0), (0.01, LONG), (0.0, LONG)):
+        assert longest(found, share * edge) == pytest.approx(times * usual)
+    still = STILL * SPACING / usual
+    assert longest(found, 0.0, 1.01 * still) > longest(found, 0.0, 0.99 * still) == usual
+
+
+@pytest.mark.parametrize("case", ["newtonian", "given", "viscous"])
+def test_no_longer_steps_without_yield_value_in_a_viscous_mix_or_where_one_is_given(case):
+    """1500 Pa s flow slowly: their step, 0.5 nu/(g H), does not resolve a fall."""
+    height = 0.3
+    found, step = {
+        "newtonian": lambda: (constants(0.0), None),
+        "given": lambda: (constants(numerics=mps.Implicit(max_time_step=0.004)), 0.004),
+        "viscous": lambda: (constants(plastic_viscosity=1500.0), 0.5 * 1500.0 / 2300.0 / (9.81 * height)),
+    }[case]()
+    assert longest(found, 0.0) == longest(found, math.inf) == found.max_time_step
+    if step is not None:
+        assert longest(found, 0.0) == pytest.approx(step)
+
+
+def test_only_where_what_yields_falls_need_the_early_solves_not_be_better():
+    """Whatever step is given; slow flow of 1500 Pa s and water need them as before."""
+    given = mps.Implicit(max_time_step=0.004)
+    for found in (constants(), constants(numerics=given), constants(critical_strain_rate=0.1)):
+        assert found.early_enough[None] == pytest.approx(EARLY_ENOUGH)
+    for found in (constants(0.0), constants(plastic_viscosity=1500.0)):
+        assert found.early_enough[None] == 0.0
+
+
+def test_the_penalties_grow_with_the_step_that_is_taken():
+    """mu_r = max(6 eta, 64 tau_y dt) and K >= 8 mu_r: of 1000 Pa twice as much in a step twice as long, and back; of
+    100 Pa the plastic viscosity counts in both."""
+    for tau_y, eta in ((1000.0, 50.0), (100.0, 50.0)):
+        found = constants(tau_y)
+        usual = found.max_time_step
+        for dt in (usual, 2.0 * usual, 0.3 * usual):
+            found.stretch(dt)
+            mu_r = max(6.0 * eta, 64.0 * tau_y * max(dt, usual))
+            assert found.mu_r[0] == pytest.approx(mu_r)
+            assert found.bulk[None] == pytest.approx(max(75.0 * 2300.0 * 9.81 * 0.3 * usual, 8.0 * mu_r))
+
+
+def test_the_acceleration_of_a_step_is_the_change_of_its_velocity():
+    sim = rings()
+    for _ in range(5):
+        sim.step()
+    before = dict(zip(sim.particles.id.to_numpy(), sim.particles.u.to_numpy(), strict=True))
+    report = sim.step()
+    ids, after, volume = (sim.particles.carried[name].to_numpy() for name in ("id", "u", "ring"))
+    change2 = ((after - [before[k] for k in ids]) ** 2).sum(1)
+    assert report.acceleration == pytest.approx(np.sqrt(np.average(change2, weights=volume)) / report.dt, rel=1e-4)
+
+
+def test_a_cone_that_creeps_to_rest_does_not_know_how_long_its_steps_are():
+    """100 Pa: at rest within a tenth of a spacing, which the rest rule leaves, with three quarters of the steps, none
+    of them longer than the rule."""
+    ends = []
+    for grows in (True, False):
+        sim = rings()
+        usual, quiet = sim.scheme.constants.max_time_step, True
+        if not grows:
+            sim.scheme.constants.quiet_step = usual
+        while sim.stopped_by is None:
+            acceleration = sim.report.acceleration if sim.report else math.inf
+            report = sim.step()
+            quiet &= report.dt <= usual or acceleration * report.dt**2 <= QUIET * SPACING * (1 + 1e-6)
+            sim.stopped_by = sim._why_stop(10.0)
+        assert quiet
+        assert sim.stopped_by == "rest"
+        ends.append((sim.steps, sim.measures()))
+    (few, longer), (many, usual) = ends
+    assert few < 0.75 * many
+    for name in ("slump_m", "spread_m"):
+        assert longer[name] == pytest.approx(usual[name], abs=0.1 * SPACING)

@@ -1,0 +1,81 @@
+"""A scene compiles and stores only what it uses: whatever else is called while it compiles would raise."""
+
+import numpy as np
+import pytest
+
+import taichi_mps as mps
+from taichi_mps.boundaries import friction, ghosts, surfaces, walls
+from taichi_mps.simulation import simulation
+from taichi_mps.terms import momentum, stress
+
+FLOOR = mps.Plane((0.0, 0.0), (0.0, 1.0))
+WEST = mps.Plane((0.0, 0.0), (1.0, 0.0))
+
+
+def simulate(material, walls=(FLOOR,), **keywords):
+    x = mps.fill(mps.Box((0.0, 0.0), (0.1, 0.1)), 0.02)
+    scene = mps.Scene("block", material, 0.02, x, ((-0.5, -0.5), (0.5, 0.5)), walls=walls, **keywords)
+    sim = mps.Simulation(scene)
+    sim.run(until=0.05)
+    return sim
+
+
+@pytest.fixture
+def forbid(monkeypatch):
+    def forbidden(*_):
+        raise AssertionError("not paid for")
+
+    return lambda owner, name: monkeypatch.setattr(owner, name, forbidden)
+
+
+NEWTONIAN = mps.Newtonian(density=2300.0, viscosity=50.0)
+BINGHAM = mps.Bingham(plastic_viscosity=50.0, yield_value=300.0)
+BI_VISCOSITY = mps.Bingham(plastic_viscosity=50.0, yield_value=300.0, critical_strain_rate=0.01)
+LAWS = {"newtonian": NEWTONIAN, "bingham": BINGHAM, "bi-viscosity": BI_VISCOSITY}
+USED = {"newtonian": set(), "bingham": {"return_mapping"}, "bi-viscosity": {"bi_viscosity"}}
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_a_law_compiles_its_own_functions_only(law, forbid):
+    for name in {"return_mapping", "bi_viscosity"} - USED[law]:
+        forbid(stress, name)
+    sim = simulate(LAWS[law])
+    assert ("stress" in sim.particles.carried) == (law == "bingham")
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("law", ["bingham", "bi-viscosity"])
+def test_the_check_would_see_it(law, forbid):
+    for name in USED[law]:
+        forbid(stress, name)
+    with pytest.raises(Exception, match="not paid for"):
+        simulate(LAWS[law])
+
+
+def test_walls_at_rest_that_do_not_meet_cost_neither_motion_nor_corners(forbid):
+    forbid(momentum.MomentumSystem, "subtract_wall_motion")
+    forbid(ghosts.GhostSums, "left")
+    forbid(ghosts.GhostSums, "left_at_angle")
+    forbid(walls.Walls, "between")
+    forbid(surfaces.Surface, "share")
+    forbid(friction.WallFriction, "__init__")
+    sim = simulate(NEWTONIAN)
+    assert not hasattr(sim.walls.ghosts, "corner") and not hasattr(sim.scheme.gradient, "hoop")
+    assert "ring" not in sim.particles.carried and "slip_0" not in sim.particles.carried
+    with pytest.raises(Exception, match="not paid for"):
+        simulate(NEWTONIAN, walls=(FLOOR, WEST))
+
+
+def test_without_walls_there_is_no_wall_code(forbid):
+    forbid(ghosts.GhostSums, "lookup")
+    forbid(walls.Walls, "force_term")
+    assert not hasattr(simulate(NEWTONIAN, walls=()).walls, "c")
+
+
+def test_without_output_nothing_is_read_back(forbid):
+    """No callback asks for positions or pressure: no snapshot is made, no measure taken."""
+    forbid(simulation.Simulation, "snapshot")
+    calls = []
+    sim = simulate(BINGHAM, measure=lambda s: calls.append(s) or {})
+    assert sim.steps > 1 and not calls
+    assert np.isfinite(sim.report.max_speed)

@@ -1,0 +1,361 @@
+"""Placing: what enters through an inlet, when it stops, what a form holds of it, and bars written as a mesh."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import taichi_mps as mps
+from taichi_mps.geometry.solid import read_mesh
+from taichi_mps.io import checkpoint
+from taichi_mps.io.vtkhdf import Trajectory
+from taichi_mps.problem import catalogue
+from taichi_mps.problem import measures as measure
+from taichi_mps.problem.feasibility import admit
+from taichi_mps.simulation.pouring import Pouring
+
+L0, RATE, LAYERS = 0.02, 0.04, 9
+HOSE = mps.Inlet(centre=(0.01, 0.4), direction=(0.0, -2.0), radius=0.04, rate=RATE, volume=0.0144)
+ALL = LAYERS + 2  # layers: a second hose adds two
+SPEED = RATE / (4 * L0)  # four particles lie across the hose
+FILE = """
+import taichi_mps as mps
+
+@mps.checked
+def scene() -> mps.Scene:
+    walls = mps.box_planes((-0.1, 0.0), (0.1, 0.4), slip=True)
+    return mps.Scene(
+        name="poured", material=mps.Bingham(yield_value=2000.0, plastic_viscosity=50.0), spacing=0.02, fluid=None,
+        inlets=(
+            mps.Inlet(centre=(0.01, 0.4), direction=(0.0, -2.0), radius=0.04, rate=0.04, volume=0.0144),
+            mps.Inlet(
+                centre=(-0.05, 0.35), direction=(0.0, -1.0), radius=0.04, rate=0.08, volume=0.003, start=0.7,
+                material=mps.Bingham(density=2000.0, yield_value=1500.0, plastic_viscosity=30.0),
+            ),
+        ),
+        cavity=mps.Cavity((-0.1, 0.0), (0.1, 0.06), walls, 0.02),
+        walls=walls, domain=((-0.12, -0.04), (0.12, 0.5)), until=3.0, stop_at_rest=True, measure=mps.measure.front,
+    )
+"""
+
+
+@pytest.fixture(scope="module")
+def source(tmp_path_factory):
+    path = tmp_path_factory.mktemp("scene") / "poured.py"
+    path.write_text(FILE, encoding="utf-8")
+    return str(path)
+
+
+@pytest.fixture
+def scene(source):
+    return catalogue.build(source)
+
+
+def test_concrete_enters_at_its_rate_falls_freely_rests_and_resumes_bit_for_bit(scene, source, tmp_path):
+    sim = mps.Simulation(scene)
+    assert repr(sim.scene.inlets[0]) == repr(HOSE) and sim.particles.capacity == 4 * ALL
+    layer, interval = 4 * L0**2, 4 * L0**2 / RATE
+    entered = [0.0]  # times at which the layers entered [s]
+    output = Trajectory(tmp_path / "run.h5")
+    output.create(sim, source, 0.1)
+    counts = [len(sim.snapshot().x)]
+    output.append(sim.snapshot())
+    while sim.snapshot().x[:, 1].min() > 2.5 * L0:  # nothing has come near the floor
+        start = sim.time
+        before = sim.fluid_particles
+        sim.step()
+        if sim.fluid_particles > before:
+            entered.append(start)
+        assert sim.fluid_particles * L0**2 == pytest.approx(layer * (1 + np.floor(start / interval)), rel=1e-12)
+        assert sim.report.dt * SPEED < 0.21 * L0  # a layer is never late by more than a fifth of a spacing
+    assert len(entered) >= 5 and sim.summary()["poured_m3"] == pytest.approx(len(entered) * layer)
+    falling = np.sum([SPEED + 9.81 * (sim.time - t) for t in entered]) * layer
+    momentum = -sim.snapshot().u[:, 1].sum() * L0**2
+    assert momentum == pytest.approx(falling, rel=1e-3)
+    counts.append(len(sim.snapshot().x))
+    output.append(sim.snapshot())
+    x = sim.snapshot().x[-4:]  # the last layer: level, around the axis of the hose
+    assert np.ptp(x[:, 1]) < 0.05 * L0 and x[:, 0].mean() == pytest.approx(0.01, abs=1e-3 * L0)
+
+    checkpoint.Checkpoint.of(sim, source).write(tmp_path / "checkpoint.h5")
+    ends = []
+    for _ in range(2):
+        while not all(pouring.done for pouring in sim.pouring):
+            sim.rest.reached = lambda _: True
+            assert sim._why_stop(10.0) is None  # a rest is no end while concrete is to come
+            before, start = sim.fluid_particles, sim.time
+            sim.step()
+            assert sim.fluid_particles == before or start < LAYERS * interval or start >= 0.7
+        del sim.rest.reached
+        ends.append(sim.state())
+        saved = checkpoint.read(tmp_path / "checkpoint.h5")
+        assert saved.header["fluid"] == checkpoint.fingerprint(scene)
+        sim.load(saved.state)
+        assert sim.fluid_particles == counts[-1]
+    for key, value in ends[0].items():
+        assert np.array_equal(value, ends[1][key]), key
+    again = checkpoint.restore(tmp_path / "checkpoint.h5", scene).state()  # of another simulation, as resume makes it
+    assert again.keys() == saved.state.keys() and len(again["x"]) == counts[-1] > counts[0]
+    assert all(np.array_equal(value, again[key]) for key, value in saved.state.items())
+    for poured in (None, [], [[1, 0.0]], [[LAYERS + 1, 0.0], [0, 0.0]], [[1.0, 0.0], [0, 0.0]], [[1, -0.1], [0, 0.0]]):
+        with pytest.raises(mps.SceneError, match="^checkpoint: pouring = .* they have .9, 2. layers$"):
+            replace(saved, state={**saved.state, "pouring": poured}).admit(scene)
+
+    assert sim.run() == "rest" and sim.time > 0.7
+    summary = sim.summary()
+    assert summary["fluid_particles"] == 4 * ALL and summary["poured_m3"] == pytest.approx(4 * ALL * L0**2)
+    assert summary["pour_delay_s"] == 0.0
+    assert sim._volume == pytest.approx(4 * ALL * L0**2)  # what losses of volume are compared with
+    s = sim.snapshot()
+    assert len(s.x) == 4 * ALL and measure.clearance(s, scene.walls) > 0.0 and s.x[:, 1].max() < 0.3
+    assert 0.3 < summary["filled_ratio"] <= 1.0  # it would fill more than the cavity, but stands on its own
+    output.append(s)
+    replay = [(len(out.snapshot().x), out.snapshot()) for out in output.replay(source)]
+    assert [n for n, _ in replay] == [*counts, 4 * ALL]
+    last = replay[-1][1]
+    assert np.allclose(last.x, s.x, atol=1e-6) and np.array_equal(last.mix, s.mix)
+    assert s.mix.tolist() == [0] * 4 * LAYERS + [1] * 8  # by id: the second hose has brought its own
+    energy = 0.5 * L0**2 * ((s.u**2).sum(1) * np.where(s.mix == 1, 2000.0, 2300.0)).sum()
+    assert sim.report.kinetic_energy == pytest.approx(energy, rel=1e-4)
+
+
+def test_a_buried_mouth_holds_the_layers_back(scene):
+    pouring = Pouring(scene, HOSE)
+    t = 1.25 * pouring.interval
+    assert not pouring.due(0.99 * pouring.interval) and pouring.due(t)
+    buried = np.array([[0.0, 0.4]])
+    assert pouring.enter(t, buried) is None
+    assert pouring.entered == 1 and pouring.delay == pytest.approx(0.25 * pouring.interval)
+    assert pouring.due(1.3 * pouring.interval)
+    layer = pouring.enter(1.3 * pouring.interval, buried - (0.0, 0.1))
+    assert np.allclose(layer, scene.inlet_layer(HOSE) - (0.0, 0.05 * L0)) and pouring.entered == 2
+    assert not pouring.due(2.2 * pouring.interval) and pouring.due(2.26 * pouring.interval)
+    assert pouring.volume == pytest.approx(8 * L0**2)
+    later = Pouring(scene, replace(HOSE, start=0.5))
+    assert later.entered == 0 and not later.due(0.499) and later.due(0.5)
+    assert np.allclose(later.enter(0.5, buried - (0.0, 0.1)), scene.inlet_layer(HOSE))
+    assert not later.due(0.499 + later.interval) and later.due(0.501 + later.interval)
+
+
+def test_a_hose_that_opens_later_does_so_on_time():
+    """A stiff, viscous mix takes steps that would carry the first layer far in front of the mouth."""
+    start = 0.25
+    hose = replace(HOSE, start=start, volume=0.0016)
+    block = mps.lattice((-0.09, 0.01), (0.09, 0.1), L0)
+    thick = mps.Bingham(yield_value=2000.0, plastic_viscosity=1500.0)
+    floor = mps.Plane((0.0, 0.0), (0.0, 1.0))
+    scene = mps.Scene(
+        "late", thick, L0, block, ((-0.3, -0.1), (0.3, 0.6)), walls=(floor,), inlets=(hose,), stop_at_rest=False
+    )
+    sim, ends = mps.Simulation(scene), []
+    while not sim.pouring[0].entered:
+        ends.append(sim.time)
+        sim.step()
+    assert ends[-1] == pytest.approx(start, abs=1e-9) and max(np.diff(ends)) > 0.004
+    jet = sim.snapshot().x[len(block) :]
+    assert jet[:, 1] == pytest.approx(0.4 + 0.5 * L0 - sim.pouring[0].speed * sim.report.dt, abs=0.1 * L0)
+    assert sim.report.dt <= 1.001 * sim.numerics.courant_number * L0 / sim.pouring[0].speed
+
+
+def test_what_a_whole_body_gets_through_a_hose_beside_its_mirror_plane():
+    mirror = mps.Plane((0.0, 0.0), (1.0, 0.0), mirror=True)
+    for x, copies in ((0.0, 1), (0.2, 2)):
+        hose = replace(HOSE, centre=(x, 0.4), direction=(0.0, -1.0))
+        scene = mps.Scene("half", mps.Bingham(), L0, None, ((-0.1, 0.0), (0.5, 0.6)), walls=(mirror,), inlets=(hose,))
+        assert Pouring(scene, hose).copies == copies
+    with pytest.raises(mps.SceneError, match="behind a mirror plane"):
+        replace(scene, inlets=(hose, replace(hose, centre=(-0.2, 0.4))))
+
+
+def test_a_layer_has_the_area_that_its_speed_is_taken_from():
+    """Across any hose the lattice is a spacing wide, and a mirror plane along the axis leaves half of it."""
+    for direction in ((0.0, 0.0, -1.0), (1.0, 0.0, -1.0), (1.0, 2.0, 3.0)):
+        inlet = mps.Inlet((0.1, 0.0, 0.5), direction, 0.05, 0.01, 0.02)
+        x = inlet.layer(0.01)
+        along = (x - inlet.centre) @ inlet.unit_direction
+        assert np.allclose(along, -0.005) and len(x) * 0.01**2 == pytest.approx(np.pi * 0.05**2, rel=0.03)
+        apart = np.linalg.norm(x[:, None] - x[None], axis=2) + np.eye(len(x))
+        assert np.allclose(apart.min(1), 0.01)
+        assert inlet.speed(0.01) * len(x) * 0.01**2 == pytest.approx(0.01)
+    mirror = mps.Plane((0.0, 0.0, 0.0), (0.0, 1.0, 0.0), mirror=True)
+    inlet = mps.Inlet((0.1, 0.0, 0.5), (1.0, 0.0, -1.0), 0.05, 0.01, 0.02)
+    half = mps.Scene(
+        "half", mps.Bingham(), 0.01, None, ((-1.0, -0.1, 0.0), (1.0, 1.0, 1.0)), walls=(mirror,), inlets=(inlet,)
+    )
+    assert 2 * len(half.inlet_layer(inlet)) == len(inlet.layer(0.01)) and half.fluid.shape == (0, 3)
+
+
+@pytest.mark.parametrize(
+    "change, message",
+    [
+        ({"rate": 0.0}, "rate = 0 m3/s: must be greater than 0"),
+        ({"rate": float("nan")}, "rate = nan m3/s: must be finite"),
+        ({"start": -1.0}, "start = -1 s: must be at least 0 s"),
+        ({"start": 1.0}, "fluid: the geometry is empty"),
+        ({"volume": -1.0}, "volume = -1 m3: must be greater"),
+        ({"direction": (0.0, 0.0)}, "direction"),
+        ({"direction": (0.0, 0.0, 1.0)}, "direction"),
+        ({"radius": 0.029}, "radius = 0.029 m: must be at least 1.5 spacings, 0.03 m"),
+        ({"volume": 1e-4}, "volume = 0.0001 m3: must be at least half a layer"),
+        ({"centre": (0.08, 0.4)}, "reaches into a wall"),
+        ({"centre": (0.0, 0.6)}, "domain"),
+        ({"centre": (0.0, 0.0, 0.4), "direction": (0.0, 0.0, -1.0)}, "domain: has the shape"),
+    ],
+)
+def test_an_inlet_that_cannot_be_is_refused(scene, change, message):
+    with pytest.raises(mps.SceneError, match=message.replace(".", r"\.")):
+        replace(scene, inlets=(replace(HOSE, **change),))
+
+
+def test_a_mouth_in_the_fluid_is_refused_unless_it_opens_later(scene):
+    pool = replace(scene, fluid=mps.fill(mps.Box((-0.1, 0.0), (0.1, 0.44)), L0))
+    with pytest.raises(mps.SceneError, match=r"inlet: centre = \(0.01, 0.4\) m: lies in the fluid at 0 s"):
+        admit(pool, mps.Implicit())
+    admit(replace(pool, inlets=(replace(HOSE, start=1.0),)), mps.Implicit())
+
+
+def test_scenes_that_cannot_have_an_inlet_are_refused(scene):
+    with pytest.raises(mps.SceneError, match="axisymmetric"):
+        replace(scene, axisymmetric=True)
+    with pytest.raises(mps.SceneError, match="cuts the hose"):
+        replace(scene, walls=(mps.Plane((0.0, 0.0), (1.0, 0.0), mirror=True),))
+    with pytest.raises(mps.SceneError, match="empty"):
+        replace(scene, inlets=())
+    for numerics in (mps.SemiImplicit(), mps.Implicit(walls="particles")):
+        with pytest.raises(mps.SceneError, match="has an inlet"):
+            mps.Simulation(scene, numerics)
+
+
+# ---- what a form holds ------------------------------------------------------------------------------------------
+BOX = (0.0, 0.0, 0.0), (0.12, 0.08, 0.1)
+FORM = mps.Cavity(*BOX, mps.box_planes(*BOX), 0.01)
+
+
+def body(where=lambda x: np.full(len(x), True)):
+    x = mps.lattice(*BOX, 0.01)
+    return measure.still(x[where(x)], 0.01)
+
+
+def test_a_lattice_fills_a_form_and_a_hole_in_it_is_a_void():
+    """Half a cell at each face of the hole is within reach of the particles around it."""
+    report = FORM.report(body())
+    assert report["filled_ratio"] == 1.0 and report["void_m3"] == 0.0 and report["void_centre"] is None
+    low, n = np.array([0.03, 0.02, 0.04]), 4
+    hole = body(lambda x: ~np.all((x > low) & (x < low + n * 0.01), axis=1))
+    report = FORM.report(hole)
+    assert report["void_m3"] == pytest.approx((2 * n - 2) ** 3 * 0.005**3)
+    assert report["filled_ratio"] == pytest.approx(1.0 - report["void_m3"] / (0.12 * 0.08 * 0.1))
+    assert report["void_centre"] == pytest.approx((low + 0.5 * n * 0.01).tolist())
+    z, share = np.transpose(report["filled_by_height"])
+    empty = (z > 0.045) & (z < 0.075)
+    assert np.allclose(z, 0.0025 + 0.005 * np.arange(20)) and np.all(share[~empty] == 1.0)
+    assert np.allclose(share[empty], 1.0 - (2 * n - 2) ** 2 / (24 * 16))
+
+
+def test_a_form_that_is_half_full_and_what_lies_outside_of_it():
+    """The cell above the surface counts: its middle is 0.83 spacings from four particles."""
+    half = body(lambda x: x[:, 2] < 0.05)
+    assert FORM.report(half)["filled_ratio"] == pytest.approx(11 / 20)
+    away = replace(half, x=np.vstack([half.x, half.x + (1.0, 0.0, 0.0), half.x - (0.0, 0.0, 0.2)]))
+    assert np.array_equal(FORM.filled(away), FORM.filled(half))
+    assert FORM.report(replace(half, x=half.x + 5.0))["filled_ratio"] == 0.0
+
+
+def test_walls_are_no_part_of_the_cavity():
+    post = mps.Solid.of(lambda x: x[:, 0] - 0.04, (-0.1, -0.1, -0.1), (0.2, 0.2, 0.2), 0.01)
+    form = mps.Cavity(*BOX, (post,), 0.01)
+    assert form.cells.sum() == 16 * 16 * 20 and not form.cells[:8].any()
+    assert form.report(body(lambda x: x[:, 0] > 0.04))["filled_ratio"] == 1.0
+    with pytest.raises(mps.SceneError, match="lies in the walls"):
+        mps.Cavity(BOX[0], (0.03, 0.08, 0.1), (post,), 0.01)
+    with pytest.raises(mps.SceneError, match="half a spacing"):
+        mps.Cavity((0.0, 0.0), (0.0, 1.0), (), 0.01)
+
+
+def test_the_picture_of_what_stayed_empty(tmp_path):
+    pytest.importorskip("matplotlib")
+    import imageio.v3 as iio
+
+    from taichi_mps.viz import plots
+
+    pictures = []
+    for name, s in (("full", body()), ("half", body(lambda x: x[:, 2] < 0.05))):
+        pixels = iio.imread(plots.filling(FORM, s, tmp_path / f"{name}.png"))[..., :3].astype(int)
+        pictures.append(np.sum((pixels[..., 0] > 150) & (pixels[..., 1] < 90)))  # red: empty
+    assert pictures[1] > 10 * pictures[0]
+
+
+# ---- bars -------------------------------------------------------------------------------------------------------
+def test_bars_are_written_closed_and_read_back_with_their_volume(tmp_path):
+    ends = np.array([[(0.1, 0.0, 0.0), (0.1, 0.0, 0.5)], [(0.0, 0.02, 0.2), (0.3, 0.02, 0.3)]])
+    for suffix in ("stl", "obj", "ply"):
+        path = mps.write_bars(tmp_path / f"bars.{suffix}", ends, 0.008)
+        points, triangles = read_mesh(path)
+        a, b, c = (points[triangles[:, k]] for k in range(3))
+        length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).sum()
+        assert np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0 == pytest.approx(np.pi * 0.008**2 * length, rel=1e-4)
+    pytest.importorskip("igl")
+    bars = mps.Solid.from_mesh(path, 0.003, 0.05)
+    at = np.array([[0.1, -0.03, 0.25], [0.105, 0.0, 0.25], [0.2, 0.06, 0.2 + 0.2 / 3]])
+    assert bars.distance(at) == pytest.approx([0.022, -0.003, 0.032], abs=1e-3)
+
+
+def test_a_form_from_a_mesh_holds_a_cavity_and_the_mouth(tmp_path):
+    """A level bar of square section is a form of 0.2 x 0.2 x 0.6 m, drawn as the room in it."""
+    pytest.importorskip("igl")
+    side = 0.1 / np.sqrt(np.pi / 4.0)  # radius of the round bar with the area of a square of 0.2 m
+    path = mps.write_bars(tmp_path / "form.stl", [[(0.0, 0.0, 0.0), (0.6, 0.0, 0.0)]], side, sides=4)
+    form = mps.Solid.from_mesh(path, 0.01, 0.05, inside=True)
+    low, high = np.array(form.low) + 0.05, np.array(form.low) + 0.01 * (np.array(form.values.shape) - 1) - 0.05
+    cavity = mps.Cavity(tuple(low), tuple(high), (form,), 0.02)
+    assert cavity.cells.sum() * np.prod(cavity.cell) == pytest.approx(0.2 * 0.2 * 0.6, rel=0.03)
+    inlet = mps.Inlet((0.3, 0.0, 0.1), (0.0, 0.0, -1.0), 0.03, 0.001, 0.01)
+    shared = dict(name="form", material=mps.Bingham(), spacing=0.02, fluid=None, walls=(form,), cavity=cavity)
+    shared |= dict(domain=((-0.1, -0.3, -0.3), (0.7, 0.3, 0.3)))
+    assert len(mps.Scene(inlets=(inlet,), **shared).initial) == 4
+    with pytest.raises(mps.SceneError, match="reaches into a wall"):
+        mps.Scene(inlets=(replace(inlet, centre=(-0.02, 0.0, 0.0)),), **shared)
+
+
+def test_a_wrong_unit_or_origin_is_refused_by_name(tmp_path):
+    """12 l/s as 12 m3/s; a mesh in mm, as it is and with its scale; one that lies beside the form."""
+    pytest.importorskip("igl")
+    with pytest.raises(mps.SceneError, match="rate = 12 m3/s: leaves the hose at 937 m/s; must be at most 1.28 m3/s"):
+        admit(catalogue.build("wall", rate=12.0), mps.Implicit())
+    bar = np.array([[(200.0, 50.0, 10.0), (200.0, 50.0, 400.0)]])
+    path = str(mps.write_bars(tmp_path / "mm.stl", bar, 8.0))
+    with pytest.raises(
+        mps.SceneError, match=r"mm.stl: .* x 390 m; must .* at most 100 m long .*0.001 for a file in mm"
+    ):
+        catalogue.build("wall", rebar=path)
+    right = catalogue.build("wall", rebar=path, rebar_scale=0.001)
+    admit(right, mps.Implicit())
+    inside, outside = right.walls[-1].distance(np.array([(0.2, 0.05, 0.2), (0.2, 0.07, 0.2)]))
+    assert inside < 0.0 and outside == pytest.approx(0.012, abs=1e-3)
+    path = str(mps.write_bars(tmp_path / "beside.stl", 0.001 * bar + (5.0, 0.0, 0.0), 0.008))
+    with pytest.raises(mps.SceneError, match=r"a solid from \(5.1.* m: must reach into the domain, from \(-0.02"):
+        admit(catalogue.build("wall", rebar=path), mps.Implicit())
+
+
+def test_bars_that_cross_are_refused(tmp_path):
+    ends = [[(0.1, 0.0, 0.0), (0.1, 0.0, 0.5)], [(0.0, 0.01, 0.2), (0.3, 0.01, 0.2)]]
+    with pytest.raises(mps.SceneError, match="bars 0 and 1 leave a gap of -0.00[56]"):
+        mps.write_bars(tmp_path / "bars.stl", ends, 0.008)
+    assert not (tmp_path / "bars.stl").exists()
+
+
+def test_the_wall_judges_what_lies_in_it():
+    """Its form full of a lattice, as much as is poured, passes; a particle too few, or one in the rebar, does not."""
+    wall = catalogue.build("wall")
+    x = mps.lattice((0.0, 0.0, 0.0), (0.8, 0.1, 0.4), wall.spacing)
+    x = x[np.min([surface.distance(x) for surface in wall.walls], axis=0) > 0.0]
+    (hose,) = wall.inlets
+    n = hose.layers(wall.spacing) * len(wall.inlet_layer(hose))
+    assert len(x) >= n and n * wall.spacing**3 == pytest.approx(0.5 * hose.volume, rel=0.01)
+    full = measure.still(x[np.argsort(x[:, 2], kind="stable")[:n]], wall.spacing)
+    measures = wall.measure(wall.unfold(full))
+    wall.check(full, measures)
+    bar = wall.outline[4].mean(0) * (1.0, -1.0, 1.0)
+    for bad in (full.x[:-1], np.vstack([full.x[:-1], bar]), full.x * (1.0, 1.0, 0.8)):
+        with pytest.raises(AssertionError):
+            wall.check(measure.still(bad, wall.spacing), measures)

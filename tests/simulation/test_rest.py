@@ -1,0 +1,93 @@
+"""The rest rule (I15) on motions whose way to the end is known."""
+
+from dataclasses import asdict
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import taichi_mps as mps
+from taichi_mps.simulation.rest import Rest
+
+SPACING = 0.01
+
+
+def stop(speed, material, share=1.0, again=None, until=1000.0):
+    """Time [s] at which the rule calls a body at rest of which ``share`` moves with speed(t) [m/s]; again: a time [s]
+    at which the rule is written down and read again."""
+    rest, dt = Rest(), 0.01
+    for time in np.arange(dt, until, dt):
+        report = SimpleNamespace(mean_speed=np.sqrt(share) * speed(time), moving_speed=speed(time))
+        scene = SimpleNamespace(materials=[material], spacing=SPACING, walls=[])
+        if rest.reached(SimpleNamespace(report=report, scene=scene, time=time)):
+            return time
+        if again is not None and time > again:
+            rest, again = Rest(**asdict(rest)), None
+    return None
+
+
+def test_a_layer_that_slows_down_as_one_over_the_square_of_time_has_half_a_spacing_to_go():
+    """Its speed is c/t^2 after a fast start, what is left c/t: longer than eta/tau_y = 0.2 s tells, by far."""
+    c, material = 0.01, mps.Bingham(yield_value=50.0, plastic_viscosity=10.0)
+    ends = stop(lambda t: c / (0.1 + t) ** 2, material)
+    assert 0.45 < c / (0.1 + ends) / SPACING < 0.5
+    assert stop(lambda t: c / (0.1 + t) ** 2, material, again=2.0) == ends
+
+
+@pytest.mark.parametrize("eta", [20.0, 1500.0])
+def test_a_flow_that_ceases_in_its_own_time_has_a_tenth_of_a_spacing_to_go(eta):
+    """exp(-t tau_y/eta): what is left is speed times eta/tau_y; 100 Pa, so 0.2 and 15 s."""
+    natural = eta / 100.0
+    ends = stop(lambda t: 0.2 * np.exp(-t / natural), mps.Bingham(yield_value=100.0, plastic_viscosity=eta))
+    assert 0.02 < 0.2 * np.exp(-ends / natural) * natural / SPACING < 0.1
+
+
+def test_a_front_before_a_large_body_that_stands_is_not_at_rest():
+    """A thousandth of the body at 10 mm/s: 0.3 mm/s in the mean."""
+    material = mps.Bingham(yield_value=100.0, plastic_viscosity=50.0)
+    assert stop(lambda t: 0.01, material, share=0.001, until=20.0) is None
+    assert stop(lambda t: 0.01 if t < 2.0 else 0.0, material, share=0.001) == pytest.approx(2.2, abs=0.02)
+
+
+@pytest.mark.parametrize("written", [{"since": "now"}, {"fastest": None}, {"fastest_at": [0.0]}, {"rest": 0.0}])
+def test_what_a_checkpoint_should_not_hold_is_refused(written):
+    with pytest.raises(TypeError):
+        Rest(**written)
+
+
+def test_what_has_no_true_yield_value_never_rests():
+    for material in (mps.Newtonian(), mps.Bingham(critical_strain_rate=0.1)):
+        assert stop(lambda t: 0.0, material, until=2.0) is None
+
+
+def test_what_a_travelling_wall_touches_is_not_at_rest():
+    """A floor that sinks by 0.1 m/s below particles that stand 5 mm above it: 21 mm away after 0.16 s."""
+    rest, floor = Rest(), mps.Plane((0.0, 0.0), (0.0, 1.0), velocity=(0.0, -0.1))
+    scene = SimpleNamespace(materials=[mps.Bingham()], spacing=SPACING, walls=[floor])
+    particles = SimpleNamespace(read=lambda: {"x": np.array([[0.0, 0.005], [0.0, 0.015]])})
+    still, walls = SimpleNamespace(mean_speed=0.0, moving_speed=0.0), SimpleNamespace(effective_radius=0.021)
+
+    def reached(time):
+        return rest.reached(SimpleNamespace(report=still, scene=scene, particles=particles, walls=walls, time=time))
+
+    assert next(time for time in np.arange(0.0, 1.0, 0.01) if reached(time)) == pytest.approx(0.36, abs=0.02)
+
+
+def test_every_step_counts_for_the_rule_also_one_that_ends_a_run(monkeypatch):
+    """Else a run that is stopped and goes on would come to rest at another step than one that is not."""
+    x = mps.lattice((0.0, 0.0), (0.1, 0.1), 0.02)
+    floor = mps.Plane((0.0, 0.0), (0.0, 1.0))
+    scene = mps.Scene("block", mps.Bingham(), 0.02, x, ((-0.2, -0.1), (0.3, 0.2)), walls=(floor,), stop_at_rest=True)
+    sim, counted = mps.Simulation(scene), []
+    monkeypatch.setattr(sim.rest, "reached", lambda s: counted.append(s.steps))
+    sim.run(until=0.02)
+    assert sim.stopped_by == "time" and sorted(set(counted)) == list(range(1, sim.steps + 1))
+    step = sim.step
+
+    def interrupted(until):
+        sim.interrupt()
+        return step(until)
+
+    monkeypatch.setattr(sim, "step", interrupted)
+    sim.run(until=1.0)
+    assert sim.stopped_by == "interrupted" and counted[-1] == sim.steps

@@ -1,0 +1,127 @@
+"""What the resistance to non-affine motion gives back: all of a curved velocity, none that would let particles slip."""
+
+import numpy as np
+import pytest
+from test_gradient import L0, cloud
+from test_momentum import System
+
+import taichi_mps as mps
+from taichi_mps.particles.kernels import lattice_sums
+from taichi_mps.runtime.backend import ti
+from taichi_mps.terms.deferred_correction import DeferredCorrection
+
+CASES = ("2-D", "3-D")
+
+
+def weights(x):
+    """w/r^2 [1/m2], zero of a particle with itself, and r_ij [m]."""
+    r = x[None] - x[:, None]
+    size = np.linalg.norm(r, axis=-1) + 9.0 * np.eye(len(r))
+    return np.maximum(2.1 * L0 / size - 1.0, 0.0) / size**2, r
+
+
+@ti.data_oriented
+class Corrected(System):
+    """The resistance alone (neither viscosity, bulk nor inertia) of particles with a random h, and its correction."""
+
+    def __init__(self, x):
+        super().__init__(x)
+        self.system.bulk[None] = 0.0
+        self.system.mu.fill(0.0)
+        self.system.inertia.fill(0.0)
+        self.h = self.system.h.to_numpy()
+        self.correction = DeferredCorrection(self.particles, self.gradient, self.system)
+
+    @ti.kernel
+    def _correct(self):
+        for i in range(self.particles.count[None]):
+            self.correction.keep(i, self.gradient.velocity_gradient(i, self.u, 0.0))
+        self.correction.gather(self.u, 1.0)
+        for i in range(self.particles.count[None]):
+            flux, push = self.correction.force(i)
+            self.system.keep(i, flux)
+            self.y[i] = push
+        for i in range(self.particles.count[None]):
+            self.system.gather_pull(i)
+        for i in range(self.particles.count[None]):
+            self.y[i] += self.system.force(i)
+
+    def correct(self, u):
+        self.u.from_numpy(np.ascontiguousarray(u))
+        self._correct()
+        return self.y.to_numpy()
+
+    def energies(self, u):
+        """By brute force over all bonds: (1/2) h_i (w/r^2) |delta_ij|^2, and its least for what is resisted [W]."""
+        w, r = weights(self.x)
+        jump = u[None] - u[:, None]
+        inverse = np.linalg.inv(np.einsum("ij,ija,ijb->iab", w, r, r))
+        G = np.einsum("ij,ija,ijb->iab", w, jump, r) @ inverse
+        left = jump - np.einsum("iab,ijb->ija", G, r)
+        opposite = 0.5 * (left - left.transpose(1, 0, 2))
+        together = 2.0 * self.h[:, None] * self.h / (self.h[:, None] + self.h)
+        whole = 0.5 * (self.h[:, None] * w * (left**2).sum(-1)).sum()
+        return whole, 0.5 * (together * w * (opposite**2).sum(-1)).sum()
+
+
+def without_sharp_corners(x):
+    """The fit is stiffened in a nearly flat neighbourhood, and is no least-squares fit there."""
+    healthy = np.zeros(len(x), bool)
+    while not healthy.all():
+        w, r = weights(x)
+        moment = np.linalg.det(np.einsum("ij,ija,ijb->iab", w, r, r))
+        healthy = moment > 0.05 * (lattice_sums(x.shape[1], L0, 2.1 * L0).n0 / x.shape[1]) ** x.shape[1]
+        x = x[healthy]
+    return x
+
+
+@pytest.fixture(scope="module", params=CASES)
+def rig(request):
+    return Corrected(without_sharp_corners(cloud((7, 6) if request.param == "2-D" else (5, 4, 5))))
+
+
+@pytest.fixture
+def velocities(rig):
+    return np.random.default_rng(5).normal(size=(2, *rig.x.shape))
+
+
+def test_it_is_the_force_of_the_energy_that_is_not_resisted(rig, velocities):
+    """The energy E - E' is quadratic: half the power of its own force, which is symmetric in two velocities."""
+    u, v = velocities
+    whole, resisted = rig.energies(u)
+    assert (rig.correct(u) * u).sum() == pytest.approx(2.0 * (whole - resisted), rel=1e-10)
+    assert (rig.correct(u) * v).sum() == pytest.approx((rig.correct(v) * u).sum(), rel=1e-10)
+
+
+def test_what_is_left_dissipates_and_is_never_more_than_the_matrix_resists(rig, velocities):
+    for u in velocities:
+        against, back = (rig.multiply(u) * u).sum(), (rig.correct(u) * u).sum()
+        whole, resisted = rig.energies(u)
+        assert against == pytest.approx(2.0 * whole, rel=1e-10)
+        assert 0.0 < resisted < whole and 0.0 < back < against
+
+
+def test_it_keeps_momentum_and_angular_momentum(rig, velocities):
+    force = rig.correct(velocities[0])
+    size = np.abs(force).sum()
+    assert np.abs(force.sum(0)).max() < 1e-12 * size
+    tilt = np.einsum("ia,ib->ab", rig.x, force)
+    torque = tilt - tilt.T
+    assert np.abs(torque).max() < 1e-12 * size * np.abs(rig.x).max()
+
+
+def test_linear_motion_meets_nothing_that_could_be_given_back(rig):
+    A = np.random.default_rng(6).normal(size=(rig.dimension, rig.dimension))
+    u = rig.x @ A
+    assert np.abs(rig.correct(u)).max() < 1e-10 * rig.h.max() * np.abs(u).max() / L0**2
+
+
+def test_curved_motion_of_a_lattice_meets_no_resistance_whatever_the_viscosities():
+    """Inside, where the fit of a parabola is its gradient: seven layers away from the edge of what a force can feel."""
+    rig = Corrected(mps.lattice((-1.0, -1.0), (1.0, 1.0), L0))
+    x, y = rig.x.T
+    u = np.stack([y**2 - 0.7 * x * y, 0.3 * x**2 + 2.0 * x * y], 1)
+    inside = np.abs(rig.x).max(1) < 1.0 - 6.5 * L0
+    resisted, back = rig.multiply(u)[inside], rig.correct(u)[inside]
+    assert np.abs(resisted).max() > 0.0
+    assert np.abs(resisted - back).max() < 1e-10 * np.abs(resisted).max()

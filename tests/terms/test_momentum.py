@@ -1,0 +1,151 @@
+"""The implicit system: symmetric, positive definite, equal to a dense matrix, blind to rigid motion."""
+
+import numpy as np
+import pytest
+from test_gradient import L0, Rig, cloud
+
+import taichi_mps as mps
+from taichi_mps.particles.particles import FLUID, WALL
+from taichi_mps.runtime.backend import ti
+from taichi_mps.runtime.thread_team import ONE_THREAD
+from taichi_mps.terms.momentum import MomentumSystem
+
+MASS_RATE, BULK = 40.0, 3000.0
+FLOOR = mps.Plane((0.0, -0.33), (0.0, 1.0), velocity=(0.5, 0.0))
+
+
+@ti.data_oriented
+class System(Rig):
+    """A cloud of particles with random viscosities, and its momentum system."""
+
+    def __init__(self, x, kinds=None, planes=(), rings=None):
+        super().__init__(x, kinds, planes, rings)
+        rng = np.random.default_rng(8)
+        n, d = x.shape
+        self.system = MomentumSystem(self.particles, self.gradient, self.gradient.walls)
+        self.system.bulk[None] = BULK
+        self.system.inertia.fill(MASS_RATE / self.volume)
+        self.system.mu.from_numpy(rng.uniform(10.0, 1000.0, n))
+        self.system.h.from_numpy(2.0 * self.volume / self.gradient.n0 * rng.uniform(5.0, 500.0, n))
+        self.system.prepare()
+        self.y = ti.Vector.field(d, ti.f64, n)
+        self.unknown = self.kind == FLUID
+
+    @ti.kernel
+    def _multiply(self):
+        self.system.apply(self.u, self.y, ONE_THREAD, 0)
+
+    def multiply(self, u):
+        self.u.from_numpy(np.ascontiguousarray(u))
+        self._multiply()
+        return self.y.to_numpy()
+
+    def dense(self):
+        """Matrix over the unknown rows, (m d, m d), and its diagonal blocks (m, d, d)."""
+        rows = np.flatnonzero(self.unknown)
+        d, columns = self.dimension, []
+        for i in rows:
+            for a in range(d):
+                u = np.zeros_like(self.x)
+                u[i, a] = 1.0
+                columns.append(self.multiply(u)[rows].ravel())
+        A = np.array(columns).T
+        return A, np.array([A[k * d : (k + 1) * d, k * d : (k + 1) * d] for k in range(len(rows))])
+
+
+def mixed():
+    """A small 3-D cloud on a layer of wall particles, with a single particle and a line of four apart."""
+    x = cloud((3, 3, 3))
+    lines = np.array([[1.0, 1.0, 1.0], [-1.0, -1, 1], [-1.0, -1.1, 1], [-1.0, -1.2, 1], [-1.0, -1.3, 1]])
+    kinds = np.where(x[:, 2] < -0.05, WALL, FLUID)
+    return np.vstack([x, lines]), np.concatenate([kinds, np.full(5, FLUID)])
+
+
+@pytest.fixture(scope="module")
+def plain():
+    return System(cloud((6, 5)))
+
+
+@pytest.fixture(scope="module")
+def with_walls():
+    return System(*mixed())
+
+
+@pytest.fixture(scope="module")
+def no_slip():
+    return System(cloud((5, 6)), planes=(FLOOR,))
+
+
+@pytest.fixture(scope="module")
+def slip():
+    planes = (mps.Plane((0.0, -0.33), (0.0, 1.0), slip=True), mps.Plane((-0.29, 0.0), (1.0, 0.0), slip=True))
+    return System(cloud((5, 6)), planes=planes)
+
+
+@pytest.fixture(params=["plain", "with_walls", "no_slip", "slip"])
+def system(request):
+    return request.getfixturevalue(request.param)
+
+
+def test_matrix_is_symmetric_positive_definite(system):
+    A, blocks = system.dense()
+    assert np.abs(A - A.T).max() < 1e-12 * np.abs(A).max()
+    assert np.linalg.eigvalsh(A)[0] >= MASS_RATE * (1 - 1e-9)  # the viscous part alone never gains energy
+    inverse = system.system.inverse_diagonal.to_numpy()[system.unknown]
+    assert np.linalg.eigvalsh(inverse).min() > 0.0
+    assert np.allclose(inverse, inverse.transpose(0, 2, 1), rtol=1e-12)
+
+
+def test_product_is_that_of_the_dense_matrix(system):
+    rng = np.random.default_rng(9)
+    A, _ = system.dense()
+    x, y = (np.where(system.unknown[:, None], rng.standard_normal(system.x.shape), 0.0) for _ in range(2))
+    Ax, Ay = system.multiply(x), system.multiply(y)
+    assert np.allclose(Ax[system.unknown].ravel(), A @ x[system.unknown].ravel(), rtol=1e-10, atol=1e-9)
+    assert (y * Ax).sum() == pytest.approx((x * Ay).sum(), rel=1e-12)
+    assert not np.any(Ax[~system.unknown])
+
+
+@pytest.mark.parametrize("case", ["plain", "with_walls", "no_slip"])
+def test_block_jacobi_is_the_inverse_of_the_diagonal_blocks(case, request):
+    system = request.getfixturevalue(case)
+    _, blocks = system.dense()
+    inverse = system.system.inverse_diagonal.to_numpy()
+    assert np.allclose(inverse[system.unknown] @ blocks, np.eye(system.dimension), atol=1e-9)
+    assert not np.any(inverse[~system.unknown])  # a zero block marks a row that is not an unknown
+
+
+def test_rigid_motion_meets_no_resistance(plain):
+    assert plain.healthy.all()
+    spin = np.stack([-plain.x[:, 1], plain.x[:, 0]], 1)
+    for u in (np.tile([0.3, -2.0], (len(plain.x), 1)), spin, 5.0 * spin + [1.0, 2.0]):
+        assert np.abs(plain.multiply(u) - MASS_RATE * u).max() < 1e-9 * BULK * L0
+
+
+def test_translation_meets_no_resistance_however_few_the_neighbours(with_walls):
+    apart = np.linalg.norm(with_walls.x, axis=1) > 1.0
+    u = np.where(apart[:, None], [1.0, 2.0, -3.0], 0.0)
+    assert apart.sum() == 5
+    assert np.abs(with_walls.multiply(u) - MASS_RATE * u).max() < 1e-9 * BULK * L0
+
+
+def test_expansion_is_resisted_by_the_bulk_and_shear_by_the_viscosity(plain):
+    """Work u.A u - m/dt u.u of a linear field = V sum (2 mu D':D' + K (div u)^2): H does not see affine motion."""
+    mu = plain.system.mu.to_numpy()
+    for A in (np.diag([1.0, 1.0]), np.array([[0.0, 2.0], [0.0, 0.0]]), np.array([[0.7, -0.4], [1.1, 0.2]])):
+        u = plain.x @ A.T
+        D = 0.5 * (A + A.T) - 0.5 * np.trace(A) * np.eye(2)
+        work = (u * (plain.multiply(u) - MASS_RATE * u)).sum()
+        expected = plain.volume * (2.0 * mu * (D**2).sum() + BULK * np.trace(A) ** 2).sum()
+        assert work == pytest.approx(expected, rel=1e-9)
+
+
+def test_moving_wall_drags_the_fluid(no_slip):
+    """The wall's own motion acts like A applied to u - u_wall: the fluid moving with the wall feels nothing."""
+    d = no_slip.dimension
+    scratch = [ti.Vector.field(d, ti.f64, len(no_slip.x)) for _ in range(3)]
+    no_slip.system.subtract_wall_motion(*scratch)
+    push = scratch[2].to_numpy()
+    u = np.tile(FLOOR.velocity, (len(no_slip.x), 1))
+    assert push.sum(0) @ FLOOR.velocity > 0.0
+    assert np.abs(no_slip.multiply(u) - MASS_RATE * u - push).max() < 1e-9 * np.abs(push).max()

@@ -1,0 +1,73 @@
+"""The mean of the pressure over the neighbours (I10), and the longest step (I14)."""
+
+import numpy as np
+import pytest
+from test_gradient import L0, cloud
+
+import taichi_mps as mps
+from taichi_mps.particles.kernels import smooth_weight
+from taichi_mps.terms.constants import longest_step
+from taichi_mps.terms.pressure_smoothing import SMOOTHING
+
+DENSITY, G, RE = 1000.0, np.array([0.0, -9.81]), 2.1
+
+
+@pytest.fixture(scope="module")
+def smoothed():
+    """What the smoothing makes of a pressure on particles that deform, or do not: function of x, p and the rate."""
+
+    def smooth(x, p, shear_rate):
+        scene = mps.Scene(
+            name="pressure",
+            material=mps.Newtonian(density=DENSITY),
+            spacing=L0,
+            fluid=x,
+            domain=((-2.0,) * 2, (2.0,) * 2),
+        )
+        sim = mps.Simulation(scene)
+        sim.particles.load({"x": x, "p": p, "shear_rate": np.full(len(x), shear_rate), "id": np.arange(len(x))})
+        sim.bins.sort()
+        sim.neighbors.build()
+        sim.scheme.gradient.build()
+        sim.scheme.smoothing.smooth(1.0)
+        return sim.scheme.smoothing.p.to_numpy()[: len(x)][np.argsort(sim.particles.read()["id"])]
+
+    return smooth
+
+
+def test_a_hydrostatic_pressure_is_its_own_mean_on_any_particles(smoothed):
+    x = cloud((9, 9))
+    p = 2e4 + DENSITY * x @ G  # at least twice that of half a layer
+    assert np.abs(smoothed(x, p, 1.0) - p).max() < 1e-9 * p.max()
+
+
+def test_a_disturbance_is_smoothed_by_what_its_neighbours_weigh_and_left_at_rest(smoothed):
+    """An alternating pressure on a square lattice over a hydrostatic one: inside, it is multiplied by
+    1 - a + a sum w (-1)^(k + l)/sum w over the neighbours (k, l)."""
+    k = np.stack(np.meshgrid(np.arange(-5, 6), np.arange(-5, 6), indexing="ij"), -1).reshape(-1, 2)
+    x = L0 * k
+    even = 1e4 + DENSITY * x @ G
+    odd = 100.0 * (-1.0) ** k.sum(1)
+    near = np.stack(np.meshgrid(np.arange(-2, 3), np.arange(-2, 3)), -1).reshape(-1, 2)
+    r = np.linalg.norm(near, axis=1)
+    near, r = near[(r > 0) & (r < RE)], r[(r > 0) & (r < RE)]
+    w = smooth_weight(r / RE)
+    left = 1.0 - SMOOTHING + SMOOTHING * (w * (-1.0) ** near.sum(1)).sum() / w.sum()
+    assert -0.5 < left < 0.5
+    inside = np.abs(k).max(1) <= 3
+    assert smoothed(x, even + odd, 1.0)[inside] == pytest.approx((even + left * odd)[inside], rel=1e-9)
+    assert smoothed(x, even + odd, 0.0) == pytest.approx(even + odd, rel=1e-12)
+
+
+def test_similar_flows_have_similar_steps():
+    """Lengths times 4, times times 2 (Froude's similarity), and so viscosities times 8: the step is twice as long, of a
+    thin fluid, of concrete and of a body that creeps; each of its three bounds is one of them, as the docs name it."""
+    height, spacing = 0.3, 0.01
+    bounds = []
+    for viscosity in (1e-6, 50.0 / 2300.0, 1500.0 / 2300.0):
+        step = longest_step(viscosity, 9.81, height, spacing)
+        assert longest_step(8.0 * viscosity, 9.81, 4.0 * height, 4.0 * spacing) == pytest.approx(2.0 * step)
+        bounds.append(step)
+    assert bounds[0] == pytest.approx(0.06 * (spacing / 9.81) ** 0.5, rel=1e-3)
+    assert bounds[1] == pytest.approx(0.057 * (height / 9.81) ** 0.5)
+    assert bounds[2] == pytest.approx(0.5 * 1500.0 / 2300.0 / (9.81 * height))

@@ -1,0 +1,188 @@
+"""Constitutive laws: the bi-viscosity law of eqs (1)-(3), (5), (9) and the return mapping of the true yield law."""
+
+import warnings
+
+import numpy as np
+import pytest
+
+import taichi_mps as mps
+from taichi_mps.runtime.backend import ti
+from taichi_mps.terms.rheology import apparent_viscosity, bi_viscosity, magnitude, return_mapping, shear_rate
+from taichi_mps.validation import read_reference
+
+ETA, TAU_Y, PI_C, MU_R = 50.0, 300.0, 0.1, 400.0
+
+
+@ti.kernel
+def mapped(T: ti.types.ndarray(dtype=ti.math.mat3, ndim=1), out: ti.types.ndarray(dtype=ti.f64, ndim=2)):
+    for i in range(T.shape[0]):
+        stress, q, rate = return_mapping(T[i], ETA, TAU_Y, MU_R)
+        out[i, 0] = magnitude(stress)
+        out[i, 1] = magnitude(q)
+        out[i, 2] = rate
+        out[i, 3] = (stress + 2.0 * MU_R * q - T[i]).norm()  # the trial is split without a rest
+        out[i, 4] = (stress * magnitude(T[i]) - T[i] * magnitude(stress)).norm()  # both point the same way
+
+
+@ti.kernel
+def rate_in_a_plane(a: float, b: float, c: float, e: float) -> float:
+    return shear_rate(ti.Matrix([[a, b], [c, e]]))
+
+
+@ti.kernel
+def rate_in_space(k: float, turn: float) -> float:
+    """Uniaxial stretching k with the rotation ``turn`` added."""
+    return shear_rate(ti.Matrix([[k, turn, 0.0], [-turn, -0.5 * k, 0.0], [0.0, 0.0, -0.5 * k]]))
+
+
+@ti.kernel
+def viscosity_in_a_kernel(rate: float) -> float:
+    return bi_viscosity(rate, ETA, TAU_Y, PI_C)
+
+
+def deviatoric(sizes, seed=1):
+    """Random symmetric trace-free tensors of given |T| = sqrt(T:T/2)."""
+    T = np.random.default_rng(seed).standard_normal((len(sizes), 3, 3))
+    T = T + T.transpose(0, 2, 1)
+    T -= np.trace(T, axis1=1, axis2=2)[:, None, None] / 3.0 * np.eye(3)
+    return T * (np.array(sizes) / np.sqrt(0.5 * (T**2).sum((1, 2))))[:, None, None]
+
+
+@pytest.fixture(scope="module")
+def mapping():
+    sizes = np.concatenate([[1e-9, 0.5 * TAU_Y, 0.999999 * TAU_Y, 1.000001 * TAU_Y], np.geomspace(1.0, 1e6, 200)])
+    T = ti.Matrix.ndarray(3, 3, ti.f64, len(sizes))
+    T.from_numpy(deviatoric(sizes))
+    out = np.zeros((len(sizes), 5))
+    mapped(T, out)
+    return sizes, out.T
+
+
+def test_return_mapping_is_the_scalar_closed_form(mapping):
+    """|stress| = tau_y + eta g and |trial| = |stress| + mu_r g; rigid below the yield value."""
+    size, (stress, q, rate, rest, turn) = mapping
+    g = np.maximum(0.0, (size - TAU_Y) / (ETA + MU_R))
+    assert np.allclose(rate, g, rtol=1e-12, atol=1e-12)
+    assert np.allclose(stress, np.where(size <= TAU_Y, size, TAU_Y + ETA * g), rtol=1e-12)
+    assert np.allclose(2.0 * q, g, rtol=1e-9, atol=1e-12)
+    assert np.all(rest <= 1e-12 * size) and np.all(turn <= 1e-12 * size**2)
+
+
+def test_stress_never_exceeds_the_law(mapping):
+    size, (stress, q, rate, *_) = mapping
+    assert np.all(stress <= (TAU_Y + ETA * 2.0 * q) * (1 + 1e-12))
+    assert np.all(q[size <= TAU_Y] == 0.0) and np.all(rate[size <= TAU_Y] == 0.0)
+
+
+def test_shear_rate():
+    assert rate_in_a_plane(0.0, 3.0, 0.0, 0.0) == pytest.approx(3.0, rel=1e-12)  # simple shear
+    assert rate_in_a_plane(0.0, 3.0, -3.0, 0.0) == pytest.approx(0.0, abs=1e-12)  # rotation
+    assert rate_in_a_plane(2.0, 0.0, 0.0, 2.0) == pytest.approx(0.0, abs=1e-12)  # pure expansion
+    assert rate_in_a_plane(2.0, 0.0, 0.0, -2.0) == pytest.approx(4.0, rel=1e-12)  # pure shear
+    assert rate_in_space(2.0, 5.0) == pytest.approx(2.0 * 3.0**0.5, rel=1e-12)
+
+
+def test_bi_viscosity_law_is_continuous_at_the_knee_and_has_two_branches():
+    """Pi = 2 D:D, Pi_c = (2 pi_c)^2 (eq 3): mu = eta + tau_y/sqrt(Pi) above Pi_c (eqs 1, 5), eta + tau_y/sqrt(Pi_c)
+    below (eqs 2, 9); the stress is mu sqrt(Pi)."""
+    knee = 2.0 * PI_C
+    above, below = np.geomspace(knee, 1e4, 50), np.geomspace(1e-9, knee, 50)
+    flowing, rigid = (apparent_viscosity(rate, ETA, TAU_Y, PI_C, np.maximum) for rate in (above, below))
+    assert np.allclose(flowing * above, TAU_Y + ETA * above, rtol=1e-14)
+    assert np.allclose(rigid, ETA + TAU_Y / np.sqrt((2 * PI_C) ** 2), rtol=1e-14)
+    assert rigid[-1] == pytest.approx(flowing[0], rel=1e-12)
+    stress = np.concatenate([rigid * below, flowing * above])
+    assert np.all(np.diff(stress) >= 0.0)
+
+
+@pytest.mark.parametrize("rate", [0.0, 0.1, 0.2, 0.3, 40.0])
+def test_the_kernel_uses_the_same_law(rate):
+    assert viscosity_in_a_kernel(rate) == pytest.approx(apparent_viscosity(rate, ETA, TAU_Y, PI_C), rel=1e-12)
+
+
+# ---- the rational critical strain rate -------------------------------------------------------------------------
+def excess_rate(stress, eta, tau_y, pi_c):
+    """Shear rate [1/s] of the bi-viscosity law over that of a true Bingham material, both under ``stress`` [Pa]; the
+    stress of the law is tabulated from its apparent viscosity and inverted."""
+    rate = np.concatenate([[0.0], np.geomspace(1e-6 * pi_c, 2.0 * pi_c + stress.max() / eta, 20000), [2.0 * pi_c]])
+    rate = np.sort(rate)
+    law = apparent_viscosity(rate, eta, tau_y, pi_c, np.maximum) * rate
+    return np.interp(stress, law, rate) - np.maximum(0.0, stress - tau_y) / eta
+
+
+def film_errors(wall_stress, eta, tau_y, pi_c, depth=0.1):
+    """Excess of the surface speed [m/s] and of the flux [m2/s] of a film: u' = rate(stress), stress linear in depth,
+    both integrated over it."""
+    stress = np.linspace(0.0, wall_stress, 20001)
+    excess = excess_rate(stress, eta, tau_y, pi_c)
+    below = stress * depth / wall_stress  # depth below the surface [m]: what flows faster above a sheared layer
+    middle, step = 0.5 * (excess[1:] + excess[:-1]), np.diff(below)
+    return np.sum(middle * step), np.sum(middle * step * 0.5 * (below[1:] + below[:-1]))
+
+
+@pytest.mark.parametrize("tau_y", [50.0, 150.0, 500.0, 1500.0])
+@pytest.mark.parametrize("eta", [20.0, 80.0, 350.0, 1500.0])
+@pytest.mark.parametrize(("time", "error"), [(5.0, 0.01), (60.0, 0.01), (2.0, 0.1)])
+def test_rational_critical_strain_rate_keeps_its_promise_and_wastes_nothing(tau_y, eta, time, error):
+    """Films of every wall stress: displaced by at most ``error`` of their depth, knee at most ``error`` too high; and
+    one of the two is nearly used up."""
+    pi_c = mps.rational_critical_strain_rate(plastic_viscosity=eta, yield_value=tau_y, time=time, error=error)
+    concrete = mps.Bingham(plastic_viscosity=eta, yield_value=tau_y, critical_strain_rate=pi_c)
+    knee = concrete.knee_stress / tau_y - 1.0
+    films = [
+        film_errors(s * tau_y, eta, tau_y, pi_c)[0] for s in (0.1, 0.5, 0.9, 1.0, 1.0 + 0.5 * knee, 1.1, 2.0, 10.0)
+    ]
+    displaced = np.array(films) * time / 0.1
+    assert np.all(displaced > 0.0) and displaced.max() <= error * (1.0 + 1e-3)
+    assert knee <= error * (1.0 + 1e-9)
+    assert max(knee, displaced.max()) > 0.9 * error
+
+
+@pytest.mark.parametrize("wall_stress", [400.0, 1200.0])
+def test_excess_of_a_flowing_film_is_the_closed_form(wall_stress):
+    """(R4): pi_c h at the surface and pi_c h^2 (2 + k)/3 of flux, h the thickness of the plug."""
+    plug, k = 0.1 * TAU_Y / wall_stress, 2.0 * ETA * PI_C / TAU_Y
+    speed, flux = film_errors(wall_stress, ETA, TAU_Y, PI_C)
+    assert speed == pytest.approx(PI_C * plug, rel=1e-4)
+    assert flux == pytest.approx(PI_C * plug**2 * (2.0 + k) / 3.0, rel=1e-4)
+
+
+@pytest.mark.parametrize(("tau_y", "rate"), [(300.0, 0.02), (300.0, 0.2), (500.0, 0.2)])
+def test_creep_of_the_finite_element_cone_is_what_the_rule_tolerates(tau_y, rate):
+    """At 5 s the bi-viscosity cone has slumped farther than the true Bingham one: by at most pi_c T of the height of
+    the arrested body, and by more than 0.4 of that."""
+    table = read_reference("A_fe_inertial_slump_summary.csv")
+    slump = {
+        r["model"]: 1e-3 * float(r["mean20_mm"])
+        for r in table
+        if (float(r["tau_Pa"]), float(r["eta_Pa_s"]), float(r["time_s"])) == (tau_y, 50.0, 5.0)
+        and float(r["gc_1_s"]) == (rate if r["model"] == "B" else 0.0)
+    }
+    tolerated = 0.5 * rate * 5.0 * (0.3 - slump["A"])
+    assert 0.4 * tolerated < slump["B"] - slump["A"] < tolerated
+
+
+def test_a_newtonian_fluid_has_no_critical_strain_rate():
+    with pytest.raises(mps.SceneError, match="yield_value = 0 Pa"):
+        mps.rational_critical_strain_rate(plastic_viscosity=1.0, yield_value=0.0)
+
+
+def test_a_high_knee_stress_warns():
+    """The paper's #5: pi_c = 0.1 1/s with 1500 Pa s makes 100 Pa into 400 Pa."""
+    with pytest.warns(UserWarning) as caught:
+        mps.Bingham(plastic_viscosity=1500.0, yield_value=100.0, critical_strain_rate=0.1)
+    (warning,) = caught
+    for part in ("critical_strain_rate = 0.1 1/s", "400 Pa", "yield_value = 100 Pa", "at most 0.00333 1/s", "10 %"):
+        assert part in str(warning.message)
+
+
+@pytest.mark.parametrize(
+    ("eta", "tau_y", "pi_c"),
+    [(50.0, 100.0, 0.1), (50.0, 100.0 - 1e-10, 0.1), (50.0, 0.0, 0.1), (1500.0, 100.0, None), (1500.0, 100.0, 0.00333)],
+)
+def test_a_knee_stress_within_ten_per_cent_is_silent(eta, tau_y, pi_c):
+    """The paper's #1 has exactly 10 %; a Newtonian fluid and a true yield value have no knee."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        mps.Bingham(plastic_viscosity=eta, yield_value=tau_y, critical_strain_rate=pi_c)
+    assert caught == []

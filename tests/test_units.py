@@ -1,0 +1,218 @@
+"""Bad input ends in one SceneError that names the key, the value with its unit and what is allowed."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+import taichi_mps as mps
+from taichi_mps.problem import catalogue
+from taichi_mps.problem import feasibility as admission
+from taichi_mps.runtime import backend
+from taichi_mps.units import Count, Length, SceneError, Viscosity
+
+BOUNDS = {"density": (0.0, 30000.0), "plastic_viscosity": (0.0, 1e6), "critical_strain_rate": (0.0, 1e4)}  # (low, high]
+
+
+@mps.checked
+def sample(spacing: Length, plastic_viscosity: Viscosity = 50.0, layers: Count = 3):
+    return spacing, plastic_viscosity, layers
+
+
+@pytest.mark.parametrize(
+    ("call", "parts"),
+    [
+        (lambda: mps.Bingham(plastic_viscosity=-2.0), ["plastic_viscosity = -2.0 Pa s", "greater than 0 Pa s"]),
+        (lambda: mps.Bingham(density=40000.0), ["density = 40000.0 kg/m3", "less than or equal to 30000 kg/m3"]),
+        (lambda: mps.Bingham(yield_value=math.nan), ["yield_value = nan Pa", "finite number"]),
+        (lambda: mps.Bingham(yield_value="stiff"), ["yield_value = stiff Pa", "valid number"]),
+        (lambda: mps.Bingham(critical_strain_rate=0.0), ["critical_strain_rate = 0.0 1/s", "greater than 0 1/s"]),
+        (lambda: mps.Bingham(yeild_value=3.0), ["unknown key 'yeild_value'", "did you mean 'yield_value'?"]),
+        (lambda: mps.Implicit(courant_number=1.5), ["courant_number = 1.5", "less than or equal to 1"]),
+        (lambda: mps.Implicit(walls="ghosts"), ["walls = ghosts", "'surfaces' or 'particles'"]),
+        (lambda: mps.SemiImplicit(picard_limit=0), ["picard_limit = 0", "greater than or equal to 1"]),
+        (lambda: sample(), ["spacing is missing [m]"]),
+        (lambda: sample(spacing=0.01, layers=2.5), ["layers = 2.5", "valid integer"]),
+        (lambda: sample(spacing=0.01, spacings=1.0), ["unknown key 'spacings'", "did you mean 'spacing'?"]),
+        (lambda: catalogue.build("slump", spacing=0.5), ["spacing = 0.5 m", "at most 0.2 m"]),
+        (lambda: catalogue.build("slumb"), ["unknown scene 'slumb'", "did you mean 'slump'?"]),
+        (lambda: catalogue.slump_cone(mps.Bingham(), density=2000.0), ["density = 2000.0", "already given"]),
+        (lambda: backend.init(arch="tpu"), ["arch = tpu", "cpu, cuda, vulkan"]),
+        (lambda: backend.init(precision="f16"), ["precision = f16", "f32 or f64"]),
+        (lambda: backend.init(threads=0), ["threads = 0", "at least 1"]),
+        (lambda: backend.init(threads="2"), ["threads = 2", "a whole number"]),
+        (lambda: backend.init(arch=["cpu"]), ["arch = ['cpu']", "cpu, cuda, vulkan"]),
+        (lambda: mps.rest_shapes.spread_at_rest(0.005, -1.0, 100.0), ["density = -1 kg/m3", "greater than 0 kg/m3"]),
+        (lambda: mps.rest_shapes.spread_at_rest(0.005, 2300.0, "x"), ["yield_value = x", "must be numbers"]),
+        (lambda: mps.fill(mps.Box((0, 0), (1, 1)), math.nan), ["spacing = nan m", "greater than 0 m"]),
+        (lambda: mps.lattice((0, 0), (1, 1), -1.0), ["spacing = -1 m", "greater than 0 m"]),
+        (lambda: mps.Plane((0, 0), (0, 1), friction="a"), ["friction = a", "must be Friction"]),
+        (lambda: mps.Cylinder((0, 0), 1.0, inside="outside"), ["inside = outside", "must be True or False"]),
+        (lambda: mps.Cavity((0, 0), (1, 1), (), -1.0), ["spacing = -1 m", "greater than 0 m"]),
+        (lambda: backend.init(arch="vulkan", precision="f64"), ["precision = f64", "must be f32 on arch = vulkan"]),
+    ],
+)
+def test_message(call, parts):
+    with pytest.raises(SceneError) as error:
+        call()
+    for part in parts:
+        assert part in str(error.value)
+
+
+@pytest.mark.parametrize("bad", [None, "x", {}, (0,), (0, None), ("a", "b"), [[1, 2], [1]], (math.nan, 0), (0.0,) * 4])
+def test_a_wrong_type_in_a_body_a_wall_or_an_inlet_is_named(bad):
+    distance = np.eye(4) - 0.5
+    for key, make in {
+        "point": lambda: mps.Plane(bad, (0, 1)),
+        "normal": lambda: mps.Plane((0, 0), bad),
+        "low": lambda: mps.Box(bad, (1, 1)),
+        "high": lambda: mps.Box((0, 0), bad),
+        "base_radius": lambda: mps.Cone(bad, 1.0, 1.0),
+        "height": lambda: mps.Cone(1.0, 1.0, bad),
+        "point =": lambda: mps.Cylinder(bad, 1.0),
+        "radius": lambda: mps.Cylinder((0, 0), bad),
+        "axis": lambda: mps.Cylinder((0, 0, 0), 1.0, bad),
+        "inlet: centre": lambda: mps.Inlet(bad, (0, -1), 1.0, 1.0, 1.0),
+        "inlet: direction": lambda: mps.Inlet((0, 0), bad, 1.0, 1.0, 1.0),
+        "inlet: rate": lambda: mps.Inlet((0, 0), (0, -1), 1.0, bad, 1.0),
+        "values": lambda: mps.Solid(bad, (0, 0), 1.0),
+        "low =": lambda: mps.Solid(distance, bad, 1.0),
+        "cell": lambda: mps.Solid(distance, (0, 0), bad),
+    }.items():
+        with pytest.raises(SceneError, match=f"^{key}.*must be"):
+            make()
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: mps.Box((1, 1), (0, 0)), r"high = \(0, 0\) m of a box: must be above low = \(1, 1\) m"),
+        (lambda: mps.Cone(-1.0, 1.0, 1.0), "base_radius = -1 m: must be at least 0 m"),
+        (lambda: mps.Cone(0.0, 0.0, 1.0), "height = 1 m: must be greater than 0 m, and one radius"),
+        (
+            lambda: mps.Scene("x", mps.Bingham(), "0.1", [[0.5, 0.5]], ((0, 0), (1, 1))),
+            "spacing = 0.1: must be numbers",
+        ),
+    ],
+)
+def test_an_impossible_body_is_refused(call, message):
+    with pytest.raises(SceneError, match=message):
+        call()
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "allowed"),
+    [
+        ("name", None, "text"),
+        ("walls", mps.Plane((0, 0), (0, 1)), "a tuple, each Plane or Cylinder or Solid"),
+        ("walls", (None,), "a tuple, each Plane or Cylinder or Solid"),
+        ("inlets", None, "a tuple, each Inlet"),
+        ("periodic", True, "a tuple, each True or False"),
+        ("periodic", "ab", "a tuple, each True or False"),
+        ("axisymmetric", "a", "True or False"),
+        ("cavity", 1, "a Cavity"),
+        ("measure", "a", "a function"),
+        ("until", "5", "numbers"),
+    ],
+)
+def test_a_wrong_type_in_a_scene_is_named(key, value, allowed):
+    given = {"name": "x", "material": mps.Bingham(), "spacing": 0.1, "fluid": [[0.5, 0.5]], "domain": ((0, 0), (1, 1))}
+    with pytest.raises(SceneError, match=f"^{key} = .*must be {allowed}"):
+        mps.Scene(**given | {key: value})
+
+
+def test_a_simulation_of_nothing_and_a_step_back_are_refused():
+    scene = mps.slump_cone(spacing=0.05)
+    for arguments, message in (
+        ((None,), "scene = None: must be a Scene"),
+        ((scene, "implicit"), "numerics = implicit: must be Implicit"),
+        ((scene, mps.Implicit), "numerics = .*must be Implicit"),
+    ):
+        with pytest.raises(SceneError, match=message):
+            mps.Simulation(*arguments)
+    sim = mps.Simulation(scene)
+    for call, message in (
+        (lambda: sim.step(until=0.0), "until = 0.0 s: must be later than the present time, 0 s"),
+        (lambda: sim.step(until=math.nan), "until: a value is not a finite number"),
+        (lambda: sim.run(until=math.nan), "until: a value is not a finite number"),
+        (lambda: sim.every(None, print), "every = None s: must be greater than 0 s"),
+    ):
+        with pytest.raises(SceneError, match=message):
+            call()
+
+
+def test_every_violation_is_listed():
+    with pytest.raises(SceneError) as error:
+        mps.Bingham(density=-1.0, plastic_viscosity=0.0, colour="grey")
+    message = str(error.value)
+    assert all(part in message for part in ("density = -1.0", "plastic_viscosity = 0.0", "unknown key 'colour'"))
+    assert message.count("; ") == 2
+
+
+def test_scene_refuses_bad_particles():
+    parts = {"name": "x", "material": mps.Bingham(), "spacing": 0.1, "domain": ((0.0, 0.0), (1.0, 1.0))}
+    for fluid, text in (([[2.0, 0.5]], "lies outside"), ([[math.nan, 0.5]], "finite"), ([], "at least one particle")):
+        with pytest.raises(SceneError, match=text):
+            mps.Scene(fluid=fluid, **parts)
+
+
+@pytest.mark.parametrize(("density", "gravity"), [(2.3, None), (23.0, (0.0, -9.81)), (2.3e4, (6.9, -6.9))])
+def test_a_density_in_another_unit_is_refused_where_things_weigh_as_on_earth(density, gravity):
+    """And only there: in numbers without dimension it is 1, and so may gravity be."""
+    parts = {"fluid": [[0.5, 0.5]], "spacing": 0.1, "domain": ((0.0, 0.0), (1.0, 1.0))}
+
+    def admit(density, gravity):
+        material = mps.Bingham(density=density)
+        admission.admit(mps.Scene("x", material, gravity=gravity, **parts), mps.Implicit())
+
+    with pytest.raises(SceneError, match=f"^density = {density:g} kg/m3: must be from 200 to 20000 kg/m3 .*2.3 t/m3"):
+        admit(density, gravity)
+    admit(1.0, (0.0, 0.0))
+    admit(1.0, (0.0, -1.0))
+    admit(1000.0, gravity)
+
+
+def test_records_are_frozen_and_good_values_pass():
+    material = mps.Bingham(density=2000, yield_value=0)
+    assert material.newtonian and material.density == 2000.0
+    with pytest.raises(ValueError):
+        material.density = 3.0
+    assert sample(spacing=0.01) == (0.01, 50.0, 3)
+
+
+def outside(low, high):
+    reals = st.floats(max_value=low) | st.floats(min_value=high, exclude_min=True)
+    return reals | st.sampled_from([math.nan, math.inf, -math.inf]) | st.text(alphabet="abc", max_size=5) | st.none()
+
+
+@settings(max_examples=60, deadline=None)
+@given(data=st.data(), key=st.sampled_from(["density", "plastic_viscosity"]))
+def test_any_value_outside_its_range_is_a_scene_error(data, key):
+    value = data.draw(outside(*BOUNDS[key]))
+    with pytest.raises(SceneError) as error:
+        mps.Bingham(**{key: value})
+    assert f"{key} = {value}" in str(error.value)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.dictionaries(st.text(min_size=1, max_size=12), st.floats() | st.text(max_size=5) | st.none(), min_size=1))
+def test_any_unknown_keyword_is_a_scene_error(values):
+    assume(not set(values) & set(sample.parameters.model_fields))
+    with pytest.raises(SceneError) as error:
+        sample(spacing=0.01, **values)
+    assert all(f"unknown key '{key}'" in str(error.value) for key in values)
+
+
+@pytest.mark.filterwarnings("ignore:critical_strain_rate")
+@settings(max_examples=60, deadline=None)
+@given(
+    st.floats(min_value=1e-300, max_value=30000.0),  # Taichi flushes denormal numbers to zero
+    st.just(0.0) | st.floats(min_value=1e-300, max_value=1e6),
+    st.none() | st.floats(min_value=1e-300, max_value=1e4),
+)
+def test_any_value_inside_its_range_is_taken(density, yield_value, rate):
+    material = mps.Bingham(density=density, yield_value=yield_value, critical_strain_rate=rate)
+    assert (material.density, material.yield_value, material.critical_strain_rate) == (density, yield_value, rate)
+    assert material.knee_stress >= yield_value

@@ -1,0 +1,78 @@
+"""The notebooks run from top to bottom, and show what they promise. Their cells run here, one after the other, as
+they stand; what a cell ends with is shown as a notebook would show it."""
+
+import ast
+import io
+import json
+import linecache
+from pathlib import Path
+
+import imageio.v3 as iio
+import matplotlib
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+matplotlib.use("Agg")
+BOOKS = sorted((Path(__file__).resolve().parents[2] / "notebooks").glob("*.ipynb"))
+
+
+@pytest.fixture(scope="module", autouse=True)
+def taichi():
+    """The notebooks start it."""
+
+
+def run(path):
+    """Names after the last cell, and what each cell shows."""
+    space, shown = {"__name__": "__main__"}, []
+    for k, cell in enumerate(json.loads(path.read_text(encoding="utf-8"))["cells"]):
+        if cell["cell_type"] != "code":
+            continue
+        assert not cell["outputs"], "strip the outputs before a notebook is committed"
+        text, name = "".join(cell["source"]), f"{path.name}, cell {k}"
+        linecache.cache[name] = len(text), None, text.splitlines(keepends=True), name
+        body = ast.parse(text).body
+        last = body.pop() if isinstance(body[-1], ast.Expr) else None
+        exec(compile(ast.Module(body, []), name, "exec"), space)
+        shown.append(eval(compile(ast.Expression(last.value), name, "eval"), space) if last else None)
+        if isinstance(shown[-1], Figure):
+            continue
+        if hasattr(shown[-1], "_repr_png_"):
+            shown[-1] = iio.imread(io.BytesIO(shown[-1]._repr_png_()))
+        elif hasattr(shown[-1], "_repr_html_"):
+            shown[-1] = shown[-1]._repr_html_()
+    return space, shown
+
+
+def test_there_are_three():
+    assert [path.stem for path in BOOKS] == ["1_first_slump", "2_kernels_by_hand", "3_comparing_schemes"]
+
+
+def test_the_first_slump_is_that_of_the_finite_elements_in_five_cells():
+    space, (_, before, report, after, figure) = run(BOOKS[0])
+    assert before.shape == after.shape == (540, 960, 3) and before.std() > 10 and np.any(before != after)
+    assert report.startswith("<table>") and "max_speed" in report
+    assert abs(space["slump"][-1] - 0.180) < 0.01
+    assert isinstance(figure, Figure)
+
+
+def test_kernels_by_hand_leave_the_simulation_as_it_was():
+    space, shown = run(BOOKS[1])
+    assert abs(np.median(space["density"]) - 1.0) < 0.1
+    assert np.abs(space["rate"][space["inside"]] / (0.5 * 12**0.5) - 1.0).max() < 1e-3
+    assert space["report"].converged and space["report"].iterations > 3
+    assert space["speed"].max() > 0.0
+    sim, after = space["sim"], space["sim"].snapshot().x
+    sim.load(space["saved"])
+    sim.step()
+    assert np.array_equal(sim.snapshot().x, after)
+
+
+@pytest.mark.long
+def test_the_schemes_agree_on_where_the_heap_ends():
+    space, shown = run(BOOKS[2])
+    fronts = {name: points[-1][1] for name, points in space["fronts"].items()}
+    assert abs(fronts["implicit"] - fronts["semi-implicit"]) < space["l0"]
+    assert min(fronts.values()) > 1.1 * space["width"]
+    assert space["sims"]["semi-implicit"].steps > 4 * space["sims"]["implicit"].steps
+    assert [item.shape for item in shown[-2:]] == [(540, 960, 3)] * 2

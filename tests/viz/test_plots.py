@@ -1,0 +1,140 @@
+"""Curves: every function writes a PNG of the size asked, with the limits of its data and the units on its axes."""
+
+import builtins
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from taichi_mps.viz import plots
+
+TIME = np.linspace(0.0, 4.0, 50)
+SLUMP = 0.2 * (1.0 - np.exp(-TIME))
+
+
+@pytest.fixture
+def figures(monkeypatch):
+    """The figures drawn in a test."""
+    drawn, save = [], plots._save
+    monkeypatch.setattr(plots, "_save", lambda figure, out: (drawn.append(figure), save(figure, out))[1])
+    return drawn
+
+
+def size(path):
+    with Image.open(path) as picture:
+        assert np.ptp(np.asarray(picture.convert("L"))) > 100  # something is drawn
+        return picture.size
+
+
+def test_slump_curve_points_downwards_in_cm(tmp_path, figures):
+    runs = {
+        "case #1": {"time_s": TIME, "slump_m": SLUMP},
+        "case #2": {"time_s": TIME[:20], "slump_m": 0.5 * SLUMP[:20]},
+    }
+    out = plots.slump_curve(
+        runs, tmp_path / "new" / "slump.png", {"case #1": (TIME, 1.1 * SLUMP), "test": ([4], [0.1])}
+    )
+    assert size(out) == (1200, 720)
+    (axes,) = figures[0].axes
+    bottom, top = axes.get_ylim()
+    assert bottom > 100 * 1.1 * SLUMP.max() and top <= 0.0
+    assert axes.get_xlim() == (0.0, 4.0)
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("time [s]", "slump [cm]")
+    assert {text.get_text() for text in axes.texts} == {"case #1", "case #2", "test"}
+    np.testing.assert_allclose(axes.lines[0].get_ydata(), 100 * SLUMP)
+
+
+def test_slump_curve_on_a_logarithmic_time_axis_leaves_out_zero(tmp_path, figures):
+    plots.slump_curve({"run": {"time_s": TIME, "slump_m": SLUMP}}, tmp_path / "slump.png", log_time=True)
+    (axes,) = figures[0].axes
+    assert axes.get_xscale() == "log" and len(axes.lines[0].get_xdata()) == 49
+
+
+def test_labels_of_close_curves_do_not_touch(tmp_path, figures):
+    runs = {f"case {k}": {"time_s": TIME, "slump_m": (1 + 0.001 * k) * SLUMP} for k in range(5)}
+    plots.slump_curve(runs, tmp_path / "slump.png")
+    heights = sorted(text.xy[1] for text in figures[0].axes[0].texts)
+    assert np.diff(heights).min() > 0.049 and heights[-1] <= 1.0
+
+
+def test_slump_against_yield_value(tmp_path, figures):
+    law = (np.array([1000.0, 100.0, 400.0]), np.array([0.05, 0.25, 0.15]))
+    out = plots.slump_against_yield_value({"implicit": ([100, 1000], [0.24, 0.06])}, {"law": law}, tmp_path / "a.png")
+    assert size(out) == (1050, 720)
+    (axes,) = figures[0].axes
+    assert axes.get_xlim()[0] == 0.0 and axes.get_xlim()[1] >= 1000.0
+    assert axes.get_ylim()[1] == 0.0 and axes.get_ylim()[0] >= 25.0
+    np.testing.assert_array_equal(axes.lines[0].get_xdata(), [100.0, 400.0, 1000.0])
+
+
+def test_viscosity_against_shear_rate(tmp_path, figures):
+    rate = np.geomspace(1e-3, 1e2, 30)
+    law = (rate, 50.0 + 300.0 / np.maximum(rate, 0.2))
+    out = plots.viscosity_against_shear_rate({"300 Pa": law}, law, tmp_path / "viscosity.png")
+    assert size(out) == (1050, 720)
+    (axes,) = figures[0].axes
+    assert axes.get_xscale() == axes.get_yscale() == "log"
+    assert axes.get_xlim()[0] <= 1e-3 and axes.get_xlim()[1] >= 1e2
+    assert axes.get_ylim()[0] <= 53.0 and axes.get_ylim()[1] >= 1550.0
+
+
+def test_history_draws_a_panel_for_each_quantity_that_has_numbers(tmp_path, figures):
+    rows = {
+        "time_s": TIME,
+        "slump_m": SLUMP,
+        "spread_m": 0.2 + SLUMP,
+        "dt_s": 0.01 + 0 * TIME,
+        "volume_error": 1e-3 * TIME,
+    }
+    rows |= {"viscous_iterations": 20 + TIME, "max_speed_m_s": np.exp(-TIME), "front_m": np.full(50, np.nan)}
+    out = plots.history(rows, tmp_path / "history.png")
+    assert size(out)[0] == 1500
+    titles = [axes.get_title(loc="left") for axes in figures[0].axes]
+    assert titles == [
+        "slump and spread [cm]",
+        "time step [ms]",
+        "iterations",
+        "maximum speed [m/s]",
+        "volume error [%]",
+    ]
+    assert all(axes.get_xlim() == (0.0, 4.0) for axes in figures[0].axes)
+
+
+def test_history_takes_a_list_of_rows_and_a_single_row(tmp_path):
+    assert size(plots.history([{"time_s": 0.0, "slump_m": 0.0, "dt_s": 0.01}], tmp_path / "history.png"))[0] == 1500
+
+
+def test_convergence_has_a_panel_for_each_error_and_guides_of_its_orders(tmp_path, figures):
+    panels = {"L2": ("across", -1), "slump": ("spacing [mm]", 1), "nothing": ("x", 1)}
+    series = [
+        {"quantity": "L2", "curve": "film", "x": (10, 20, 40), "y": (0.04, 0.02, 0.01)},
+        {"quantity": "slump", "curve": "500 Pa", "x": (20.0,), "y": (8.0,)},
+        {"quantity": "slump", "curve": "500 Pa", "x": (5.0, 10.0), "y": (1.0, 3.0)},
+    ]
+    out = plots.convergence(series, panels, tmp_path / "convergence.png")
+    assert size(out) == (1980, 720)
+    films, cones = figures[0].axes
+    for axes, name, x in ((films, "film", [10, 20, 40]), (cones, "500 Pa", [5, 10, 20])):
+        assert axes.get_xscale() == axes.get_yscale() == "log"
+        first, second, line = axes.lines
+        np.testing.assert_array_equal(line.get_xdata(), x)  # the points of two rows are one curve
+        for guide, order in ((first, 1.0), (second, 1.5)):
+            (x0, x1), (y0, y1) = guide.get_data()
+            assert abs(np.log(y1 / y0) / np.log(x1 / x0)) == pytest.approx(order)
+            assert (y1 < y0) == (x1 > x0 if axes is films else x1 < x0)  # finer is better
+        assert {text.get_text() for text in axes.texts} == {"order 1", "order 1.5", name}
+    with pytest.raises(ValueError, match="no result"):
+        plots.convergence([], panels, tmp_path / "none.png")
+
+
+def test_missing_matplotlib_is_said_clearly(tmp_path, monkeypatch):
+    real = builtins.__import__
+
+    def without(name, *args, **options):
+        if name.split(".")[0] == "matplotlib":
+            raise ImportError(name)
+        return real(name, *args, **options)
+
+    monkeypatch.setattr(builtins, "__import__", without)
+    with pytest.raises(ImportError, match=r"pip install 'taichi-mps\[plots\]'"):
+        plots.slump_curve({"run": {"time_s": TIME, "slump_m": SLUMP}}, tmp_path / "slump.png")

@@ -1,0 +1,378 @@
+"""Pictures: geometry of the projection, colours, determinism, files and the fallback of the ggui backend."""
+
+import os
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import imageio.v3 as iio
+import numpy as np
+import pytest
+
+import taichi_mps as mps
+from taichi_mps.cli import console as show
+from taichi_mps.io import vtkhdf
+from taichi_mps.io import vtu as export
+from taichi_mps.problem import catalogue
+from taichi_mps.problem.measures import Snapshot
+from taichi_mps.viz import facets, render, splatter
+
+ROOT = Path(__file__).resolve().parents[2]
+SIZE = {"width": 320, "height": 180}
+RED, GREEN = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
+
+
+def snapshot(scene, time=0.0, **changes):
+    x = scene.fluid
+    n, zeros = len(x), np.zeros(len(x))
+    still = Snapshot(time, scene.spacing, x, 0.0 * x, zeros, zeros, zeros > 0, zeros + 1.0, np.zeros((0, x.shape[1])))
+    return replace(still, **{key: np.broadcast_to(value, (n,)) for key, value in changes.items()})
+
+
+@pytest.fixture(scope="module")
+def body():
+    ring = np.linspace(0, 2 * np.pi, 25)
+    return mps.Scene(
+        name="cone",
+        material=mps.Bingham(),
+        spacing=0.03,
+        fluid=mps.fill(mps.Cone(0.1, 0.05, 0.3), 0.03),
+        walls=(mps.Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)),),
+        domain=((-0.5, -0.5, -0.1), (0.5, 0.5, 0.5)),
+        outline=(np.column_stack([0.1 * np.cos(ring), 0.1 * np.sin(ring), 0 * ring]),),
+    )
+
+
+@pytest.fixture(scope="module")
+def camera():
+    corners = np.array([(x, y, z) for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
+    return splatter.Camera((0.0, 1.0, 0.0), corners, 640, 360), corners
+
+
+def draw(camera, x, colours, radius):
+    painter = splatter.Splatter(*camera, radius)
+    return painter.draw(np.array(x, float), np.array(colours), 0.0)
+
+
+@pytest.mark.parametrize("centre", [(0.0, 0.0, 0.0), (0.7, -0.5, 0.6)])
+def test_a_sphere_covers_the_disc_of_its_perspective_projection(camera, centre):
+    radius = 0.3
+    pixels, depth = draw(camera, [centre], [RED], radius)
+    covered = pixels[..., 1] < 0.5 * 255 * splatter.PAPER[1]
+    view = camera[0]
+    across, up, ahead = (np.array(centre) - view.eye) @ view.axes.T
+    # the outline of a sphere at (a, z): an ellipse of these half axes, along and across the direction from the middle
+    away2 = across**2 + up**2
+    along = view.focal * radius * np.sqrt(away2 + ahead**2 - radius**2) / (ahead**2 - radius**2)
+    aside = view.focal * radius / np.sqrt(ahead**2 - radius**2)
+    assert covered.sum() == pytest.approx(np.pi * along * aside, rel=0.02)
+    rows, columns = np.nonzero(covered)
+    column, row, _ = view.project([centre])[0]
+    stretch = ahead**2 / (ahead**2 - radius**2)  # the middle of the ellipse lies a little further out
+    assert columns.mean() + 0.5 == pytest.approx(320 + (column - 320) * stretch, abs=0.5)
+    assert rows.mean() + 0.5 == pytest.approx(180 + (row - 180) * stretch, abs=0.5)
+    assert depth[covered].min() == pytest.approx(ahead - radius, abs=0.05 * radius)
+
+
+def test_scenes_beside_each_other_share_camera_and_range(body):
+    wide = replace(body, fluid=body.fluid * [1.5, 1.0, 1.0], domain=((-0.8, -0.5, -0.1), (0.8, 0.5, 0.9)))
+    fast = replace(wide, velocity=np.full(wide.fluid.shape, 9.0))
+    one, other = (render.Renderer(scene, view="speed", beside=(body, fast), **SIZE) for scene in (body, fast))
+    assert one.limits == other.limits == render.Renderer(fast, view="speed", **SIZE).limits
+    np.testing.assert_array_equal(one.camera.eye, other.camera.eye)
+    assert np.array_equal(one.low, other.low) and np.array_equal(one.high, other.high)
+    assert render.Renderer(body, view="speed", **SIZE).limits != one.limits
+
+
+def test_the_nearest_of_two_overlapping_spheres_wins_whatever_their_order(camera):
+    near, far = (0.0, -0.2, 0.0), (0.1, 0.2, 0.0)
+    for x, colours in (([near, far], [RED, GREEN]), ([far, near], [GREEN, RED])):
+        pixels, _ = draw(camera, x, colours, 0.3)
+        column, row = camera[0].project([near])[0, :2].astype(int)
+        assert tuple(pixels[row, column]) == (255, 0, 0)
+        column, row = camera[0].project([(0.37, 0.2, 0.0)])[0, :2].astype(int)
+        assert tuple(pixels[row, column]) == (0, 255, 0)
+
+
+def test_a_sphere_behind_or_around_the_eye_is_left_out(camera):
+    eye = camera[0].eye
+    pixels, _ = draw(camera, [eye, eye - (0.0, 1.0, 0.0)], [RED, RED], 0.3)
+    assert np.ptp(pixels.reshape(-1, 3), axis=0).max() == 0
+
+
+def test_the_camera_frames_its_points():
+    corners = np.array([(x, y, z) for x in (0.0, 3.0) for y in (-1.0, 0.0) for z in (0.0, 1.0)])
+    frame = np.array((0.1, 0.2, 0.8, 0.9))
+    for direction in ((0.0, 1.0, -0.3), (0.0, 0.0, -1.0), (1.0, 1.0, -1.0)):
+        camera = splatter.Camera(direction, corners, 400, 300, frame)
+        at = camera.project(corners)[:, :2] / (400, 300)
+        assert np.all(at > frame[:2] - 1e-9) and np.all(at < frame[2:] + 1e-9)
+        assert np.isclose(np.ptp(at, axis=0), frame[2:] - frame[:2]).any()  # one direction is filled
+
+
+def test_the_same_snapshot_gives_the_same_bits(body):
+    first = render.Renderer(body, **SIZE).draw(snapshot(body), {"slump_m": 0.1})
+    again = render.Renderer(body, **SIZE).draw(snapshot(body), {"slump_m": 0.1})
+    assert first.shape == (180, 320, 3) and first.dtype == np.uint8
+    assert first.tobytes() == again.tobytes()
+
+
+def test_the_body_is_grey_with_a_shadow_on_a_light_floor(body):
+    renderer = render.Renderer(body, **SIZE)
+    pixels, depth = renderer.painter.draw(body.fluid, renderer.colours(snapshot(body)))
+    shown = depth < 1e8
+    assert 0.02 < shown.mean() < 0.3
+    assert np.ptp(pixels[shown].mean(0)) < 12 and 80 < pixels[shown].mean() < 190
+    floor = pixels[~shown].astype(int).sum(1)
+    assert np.median(floor) > 3 * 190 and floor.min() < 3 * 150
+
+
+@pytest.mark.parametrize(
+    ("view", "field", "full"), [("speed", None, 1.0), ("pressure", "p", 1e3), ("shear-rate", "shear_rate", 1.0)]
+)
+def test_field_views_show_the_colour_of_the_map(body, view, field, full):
+    renderer = render.Renderer(body, view=view, limits=(0.0, 4.0), **SIZE)
+    for share in (0.0, 0.25, 0.5, 1.0):
+        value = 4.0 * full * share
+        if field:
+            state = snapshot(body, **{field: value})
+        else:
+            state = replace(snapshot(body), u=np.tile((0.0, 0.0, -value), (len(body.fluid), 1)))
+        expected = render.viridis(share)
+        np.testing.assert_allclose(renderer.colours(state), np.tile(expected, (len(body.fluid), 1)), atol=1e-6)
+        pixels = renderer.draw(state)
+        seen = np.median(pixels[80:120, 140:170].reshape(-1, 3), axis=0)  # on the cone; shaded, but of the same hue
+        np.testing.assert_allclose(seen / seen.max(), expected / expected.max(), atol=0.05)
+
+
+def test_viridis_is_that_of_matplotlib():
+    from matplotlib import colormaps
+
+    t = np.linspace(0, 1, 101)
+    np.testing.assert_allclose(render.viridis(t), colormaps["viridis"](t)[:, :3], atol=0.08)
+    np.testing.assert_array_equal(render.viridis([-1.0, 2.0]), render.viridis([0.0, 1.0]))
+    np.testing.assert_array_equal(render.viridis(np.nan), [0.5, 0.5, 0.5])
+
+
+def test_yielded_view_has_two_colours(body):
+    renderer = render.Renderer(body, view="yielded", **SIZE)
+    flowing = body.fluid[:, 0] > 0
+    colours = renderer.colours(snapshot(body, yielded=flowing))
+    np.testing.assert_array_equal(colours[flowing], np.tile(render.FLOWING, (flowing.sum(), 1)))
+    np.testing.assert_array_equal(colours[~flowing], np.tile(render.RIGID, ((~flowing).sum(), 1)))
+    assert renderer.draw(snapshot(body, yielded=flowing)).shape == (180, 320, 3)
+
+
+def test_ranges_come_from_the_scene(body):
+    head = 9.81 * 0.27
+    for view, expected in (("speed", 0.5 * np.sqrt(2 * head)), ("pressure", 2.3 * head), ("shear-rate", 10.0)):
+        low, high = render.Renderer(body, view=view, **SIZE).limits
+        assert low == 0.0 and 0.95 * expected < high < 1.6 * expected
+
+
+def test_a_two_dimensional_scene_is_drawn_in_its_plane_between_its_walls():
+    scene = mps.Scene(
+        name="dam break",
+        material=mps.Newtonian(),
+        spacing=0.02,
+        fluid=mps.fill(mps.Box((0.0, 0.0), (0.2, 0.4)), 0.02),
+        walls=tuple(mps.Plane(*w) for w in (((0, 0), (0, 1)), ((0, 0), (1, 0)), ((0.8, 0), (-1, 0)))),
+        domain=((-0.1, -0.1), (0.9, 0.9)),
+        outline=(np.array([(0.2, 0.0), (0.2, 0.4)]),),
+    )
+    renderer = render.Renderer(scene, **SIZE)
+    np.testing.assert_allclose(renderer.low, (0.0, 0.0, 0.0), atol=1e-12)
+    np.testing.assert_allclose(renderer.high, (0.8, 0.0, 0.4))
+    _, depth = renderer.painter.draw(render.embed(scene.fluid), np.ones((200, 3)))
+    rows, columns = np.nonzero(depth < 1e8)
+    (left, bottom), (right, top) = renderer.camera.project([(0.0, 0.0, 0.0), (0.2, 0.0, 0.4)])[:, :2]
+    assert (columns.min(), columns.max()) == pytest.approx((left, right), abs=3)
+    assert (rows.min(), rows.max()) == pytest.approx((top, bottom), abs=3)
+    assert renderer.draw(snapshot(scene), {"front_m": 0.2, "height_m": 0.4}).shape == (180, 320, 3)
+
+
+def test_the_picture_grows_with_the_particles(body):
+    renderer = render.Renderer(body, **SIZE)
+    more = np.concatenate([body.fluid, body.fluid + (0.15, 0.0, 0.0)])
+    alone, _ = renderer.painter.draw(body.fluid, np.ones((len(body.fluid), 3)))
+    both, depth = renderer.painter.draw(more, np.ones((len(more), 3)))
+    again, _ = renderer.painter.draw(body.fluid, np.ones((len(body.fluid), 3)))
+    assert np.any(alone != both) and np.array_equal(alone, again)
+
+
+def test_wrong_names_are_refused(body):
+    with pytest.raises(mps.SceneError, match="view = colour: must be one of concrete, speed"):
+        render.Renderer(body, view="colour")
+    with pytest.raises(mps.SceneError, match="backend = opengl: must be software or ggui"):
+        render.Renderer(body, backend="opengl")
+
+
+def test_png_numbers_its_pictures_and_gif_reads_them(body, tmp_path):
+    sim = SimpleNamespace(scene=body)
+    frames, speed = render.png(tmp_path / "frames", **SIZE), render.png(tmp_path / "frames", view="speed", **SIZE)
+    for k in range(3):
+        sim.snapshot = lambda k=k: replace(snapshot(body, 0.1 * k), x=body.fluid * (1, 1, 1 - 0.1 * k))
+        sim.measures = lambda k=k: {"slump_m": 0.03 * k, "spread_m": 0.2}
+        frames(sim)
+        speed(sim)
+    names = sorted(path.name for path in (tmp_path / "frames").iterdir())
+    assert names == [f"{view}_{k:05d}.png" for view in ("frame", "speed") for k in range(3)]
+    for source in (tmp_path / "frames", sorted((tmp_path / "frames").glob("speed*"))):
+        render.gif(source, tmp_path / "run.gif", fps=5)
+        pictures = iio.imread(tmp_path / "run.gif", index=None)
+        assert pictures.shape[:3] == (3, 360, 640)
+        assert iio.immeta(tmp_path / "run.gif")["duration"] == 200
+    with pytest.raises(FileNotFoundError, match="no pictures in"):
+        render.gif(tmp_path, tmp_path / "none.gif")
+
+
+def test_ggui_without_vulkan_says_so_in_one_line_and_draws_in_software(body, monkeypatch, capsys):
+    def refuse(*_, **__):
+        raise RuntimeError("Vulkan must be available\nfor GGUI")
+
+    monkeypatch.setattr(splatter.Ggui, "shared", None)
+    monkeypatch.setattr(splatter.ti.ui, "Window", refuse)
+    renderer = render.Renderer(body, backend="ggui", **SIZE)
+    expected = (
+        "ggui: no hidden window can be made here (Vulkan must be available for GGUI); drawing in software instead\n"
+    )
+    assert capsys.readouterr().err == expected
+    software = render.Renderer(body, **SIZE).draw(snapshot(body))
+    assert np.array_equal(renderer.draw(snapshot(body)), software)
+
+
+# ---- triangles and the smooth surface ----------------------------------------------------------------------------
+BALL = 0.3
+
+
+def ball(centre, across=96):
+    """Points, unit normals and triangles of a sphere, of rings from pole to pole."""
+    polar, around = np.meshgrid(np.linspace(0, np.pi, across // 2 + 1), np.arange(across) * 2 * np.pi / across)
+    normals = np.stack([np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar)], -1)
+    i, j = np.meshgrid(np.arange(across), np.arange(across // 2))
+    a, b = i * (across // 2 + 1) + j, (i + 1) % across * (across // 2 + 1) + j
+    triangles = np.concatenate([np.stack([a, b, a + 1], -1), np.stack([b, b + 1, a + 1], -1)]).reshape(-1, 3)
+    normals = normals.reshape(-1, 3)
+    return np.asarray(centre) + BALL * normals, normals, triangles
+
+
+def test_a_ball_of_triangles_is_drawn_as_a_sphere(camera):
+    centre, colour = np.array([(0.4, 0.1, -0.2)]), np.array([(0.7, 0.5, 0.3)])
+    floor = -0.8
+    sphere, far = splatter.Splatter(*camera, BALL, floor).draw(centre, colour)
+    points, normals, triangles = ball(centre[0])
+    mesh, near = facets.Facets(*camera, BALL, floor).draw(
+        points, np.tile(colour, (len(points), 1)), 1.0, normals, triangles
+    )
+    assert 0.02 < (far < 1e8).mean() < 0.5
+    differ = (far < 1e8) != (near < 1e8)
+    assert differ.sum() <= 0.02 * (far < 1e8).sum()  # an outline of 96 corners
+    both = (far < 1e8) & (near < 1e8)
+    inside = both & (far < np.quantile(far[both], 0.8))  # not the rim, which is steep
+    assert np.abs(far - near)[inside].max() < 0.01 * BALL
+    away = np.abs(sphere.astype(int) - mesh).max(-1)
+    assert away[inside].max() <= 4 and np.mean(away > 4) < 0.005  # light, shadow and floor are the same
+
+
+def test_triangles_that_share_edges_leave_no_hole_and_cover_their_area(camera):
+    x, z = np.meshgrid(np.linspace(-0.5, 0.7, 41), np.linspace(-0.6, 0.4, 37))
+    points = np.stack([x, 0 * x, z], -1).reshape(-1, 3)
+    i, j = np.meshgrid(np.arange(36), np.arange(40), indexing="ij")
+    a = 41 * i + j
+    triangles = np.concatenate([np.stack([a, a + 1, a + 42], -1), np.stack([a, a + 42, a + 41], -1)]).reshape(-1, 3)
+    shades = (points[:, :1] + 0.5) / 1.2 * np.ones(3)  # dark at the left, light at the right
+    pixels, depth = facets.Facets(*camera, 0.1).draw(
+        points, shades, 0.0, np.tile((0, -1.0, 0), (len(x) * 41, 1)), triangles
+    )
+    (left, bottom), (right, top) = camera[0].project(points[[0, -1]])[:, :2]
+    rows, columns = (np.arange(round(low) + 1, round(high) - 1) for low, high in ((top, bottom), (left, right)))
+    inner = depth[np.ix_(rows, columns)]
+    np.testing.assert_allclose(inner, -camera[0].eye[1], rtol=1e-5)
+    assert (depth < 1e8).sum() == pytest.approx((right - left) * (bottom - top), rel=0.01)
+    shown = pixels[rows[len(rows) // 2], columns].mean(-1)
+    np.testing.assert_allclose(shown, 255 * (columns + 0.5 - left) / (right - left), atol=2)
+
+
+def test_a_mesh_without_triangles_is_an_empty_picture(camera):
+    none = np.zeros((0, 3))
+    pixels, depth = facets.Facets(*camera, 0.1).draw(none, none, 1.0, none, np.zeros((0, 3), int))
+    assert np.ptp(pixels.reshape(-1, 3), axis=0).max() == 0 and depth.min() > 1e8
+
+
+def test_a_surface_that_cannot_be_drawn_is_refused(body, tmp_path, monkeypatch):
+    with pytest.raises(mps.SceneError, match="surface: is drawn in software alone"):
+        render.Renderer(body, surface=True, backend="ggui")
+    monkeypatch.setitem(sys.modules, "pysplashsurf", None)
+    with pytest.raises(mps.SceneError, match=r"needs pysplashsurf 0.13 or later: pip install 'taichi-mps\[surface\]'"):
+        render.Renderer(body, surface=True)
+    with pytest.raises(mps.SceneError, match="surface: needs pysplashsurf"):
+        export.vtu([vtkhdf.Replay(body, snapshot(body))], tmp_path / "vtu", smooth=True)
+    plane = catalogue.build("dam_break", spacing=0.05)
+    with pytest.raises(mps.SceneError, match="surface: the scene is a plane one; must have three dimensions"):
+        render.Renderer(plane, surface=True)
+    assert not list(tmp_path.iterdir())
+
+
+def test_pictures_that_cannot_be_made_are_refused_before_any_is(body, tmp_path, monkeypatch):
+    replay, options = [vtkhdf.Replay(body, snapshot(body))], SimpleNamespace(view="concrete", renderer="software")
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
+    with pytest.raises(mps.SceneError, match=r"film: needs imageio-ffmpeg: pip install 'taichi-mps\[film\]'"):
+        show.redraw([iter(replay)], tmp_path, "", options, film=True)
+    assert not list(tmp_path.iterdir())
+    (tmp_path / "frames-x").write_text("mine")
+    with pytest.raises(mps.SceneError, match="frames-x cannot be written"):
+        show.redraw([iter(replay)], tmp_path, "-x", options)
+    with pytest.raises(mps.SceneError, match="out = .*frames-x: cannot be written .*; choose another folder"):
+        export.vtu(replay, tmp_path / "frames-x")
+    assert [path.name for path in tmp_path.iterdir()] == ["frames-x"]
+
+
+def test_a_surface_has_the_camera_the_range_and_the_colours_of_the_particles(body):
+    pytest.importorskip("pysplashsurf", reason="pysplashsurf is not installed: pip install 'taichi-mps[surface]'")
+    spheres, smooth = (render.Renderer(body, view="pressure", surface=on, **SIZE) for on in (False, True))
+    assert spheres.limits == smooth.limits
+    np.testing.assert_array_equal(spheres.camera.eye, smooth.camera.eye)
+    state = snapshot(body, p=0.5e3 * smooth.limits[1])
+    expected = render.viridis(0.5)
+    for pixels in (spheres.draw(state), smooth.draw(state)):
+        seen = np.median(pixels[80:120, 140:170].reshape(-1, 3), axis=0)  # on the cone; shaded, but of the same hue
+        np.testing.assert_allclose(seen / seen.max(), expected / expected.max(), atol=0.05)
+    assert np.array_equal(smooth.draw(state), smooth.draw(state))
+    fields = ("x", "u", "p", "shear_rate", "yielded", "density_ratio", "size", "mix")
+    nothing = replace(state, **{name: getattr(state, name)[:0] for name in fields})
+    assert smooth.draw(nothing).shape == (180, 320, 3)  # before the first layer of an inlet
+
+
+# ---- a process of its own ------------------------------------------------------------------------------------------
+SCRIPT = """
+import numpy as np, taichi_mps as mps
+from taichi_mps import backend, render
+from taichi_mps.measure import Snapshot
+backend.init("cpu")
+x = mps.fill(mps.Box((0.0, 0.0), (0.1, 0.1)), 0.01)
+scene = mps.Scene("box", mps.Bingham(), 0.01, x, ((-1.0, -1.0), (1.0, 1.0)), (mps.Plane((0.0, 0.0), (0.0, 1.0)),))
+zero = np.zeros(len(x))
+renderer = render.Renderer(scene, 320, 180, backend="ggui")
+picture = renderer.draw(Snapshot(0.0, 0.01, x, 0 * x, zero, zero, zero > 0, zero + 1, x[:0]))
+print(renderer.painter.name, picture.shape, picture.dtype, int(np.ptp(picture)) > 100)
+"""
+
+
+@pytest.mark.parametrize("driver", [True, False])
+def test_ggui_in_a_process_of_its_own_leaves_no_litter(tmp_path, driver):
+    """With the machine's own Vulkan driver, if any, and without one."""
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    if not driver:
+        environment |= {"VK_ICD_FILENAMES": "/nowhere", "VK_DRIVER_FILES": "/nowhere"}
+    done = subprocess.run(
+        [sys.executable, "-c", SCRIPT], cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=120
+    )
+    assert done.returncode == 0, done.stderr
+    painter, _, picture = done.stdout.strip().splitlines()[-1].partition(" ")
+    assert picture == "(180, 320, 3) uint8 True"
+    said = [line for line in done.stderr.splitlines() if line.startswith("ggui:")]
+    assert len(said) == (painter == "software")
+    assert driver or painter == "software"
+    assert list(tmp_path.iterdir()) == []
