@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 import taichi_mps as mps
 from taichi_mps.problem import catalogue
-from taichi_mps.problem import feasibility as admission
+from taichi_mps.problem.problem import Problem
 from taichi_mps.runtime import backend
 from taichi_mps.units import Count, Length, SceneError, Viscosity
 
@@ -165,7 +165,7 @@ def test_a_density_in_another_unit_is_refused_where_things_weigh_as_on_earth(den
 
     def admit(density, gravity):
         material = mps.Bingham(density=density)
-        admission.admit(mps.Scene("x", material, gravity=gravity, **parts), mps.Implicit())
+        Problem(mps.Scene("x", material, gravity=gravity, **parts), mps.Implicit())
 
     with pytest.raises(SceneError, match=f"^density = {density:g} kg/m3: must be from 200 to 20000 kg/m3 .*2.3 t/m3"):
         admit(density, gravity)

@@ -12,8 +12,8 @@ from pathlib import Path
 from .. import __version__
 from ..io import lock
 from ..problem import catalogue
-from ..problem.feasibility import admit
 from ..problem.numerics import NUMERICS
+from ..problem.problem import Problem
 from ..units import SceneError, suggestion
 from .console import curves, redraw
 from .options import Parser, Pictures, Run, Table, given, scene_of
@@ -51,7 +51,7 @@ def run(argv) -> int:
 
     folder = RunFolder(options.out or Path("renders") / scene.name)
     folder.check()
-    admit(scene, method)
+    Problem(scene, method)
     with lock.held(folder.path):
         start(options)
         from ..simulation.simulation import Simulation

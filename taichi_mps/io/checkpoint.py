@@ -16,8 +16,8 @@ import h5py
 import numpy as np
 
 from ..problem import catalogue
-from ..problem.feasibility import admit
 from ..problem.numerics import NUMERICS
+from ..problem.problem import Problem
 from ..problem.scene import Scene
 from ..units import SceneError
 from . import untrusted_hdf5 as outside
@@ -100,7 +100,7 @@ class Checkpoint:
             raise SceneError(
                 f"checkpoint: scene {self.header['source']} no longer makes the particles that it was written with"
             )
-        admit(scene, self.numerics)
+        Problem(scene, self.numerics)
         for key, value in self.state.items():
             if isinstance(value, np.ndarray) and not np.all(np.isfinite(value)):
                 raise SceneError(f"checkpoint: a value of {key} is not a finite number")

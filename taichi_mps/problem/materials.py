@@ -23,7 +23,26 @@ TYPICAL_RATE = 5.0  # shear rate of a slump test [1/s]
 HIGH_KNEE = 0.1  # share of the yield value by which the knee stress may exceed it without a warning; the paper's #1
 
 
-class Bingham(Checked):
+class Mix(Checked):
+    """What all materials have in common."""
+
+    @property
+    def yields(self) -> bool:
+        """Has it a yield stress above 0?"""
+        return self.yield_value > 0.0
+
+    @property
+    def newtonian(self) -> bool:
+        """Is the plastic viscosity all of its law?"""
+        return False
+
+    @property
+    def rests(self) -> bool:
+        """Does it come to rest? Only what has a true yield stress does."""
+        return self.yields and self.critical_strain_rate is None
+
+
+class Bingham(Mix):
     """Fresh concrete: rigid below the yield value, flowing with the plastic viscosity above it (eqs 1-3).
 
     ``critical_strain_rate`` is the paper's pi_c [1/s] of the bi-viscosity law: below a shear rate of 2 pi_c the
@@ -39,7 +58,7 @@ class Bingham(Checked):
 
     @property
     def newtonian(self) -> bool:
-        return self.yield_value == 0.0
+        return not self.yields
 
     @property
     def knee_stress(self) -> float:
@@ -60,7 +79,7 @@ class Bingham(Checked):
         return self
 
 
-class FlowCurve(Checked):
+class FlowCurve(Mix):
     """A fluid by its own flow curve: rigid below the yield value, shear stress ``shear_stress`` above it.
 
     ``shear_stress(rate, structure)`` is a short function that Taichi can compile: the stress [Pa] at a shear rate
@@ -77,12 +96,8 @@ class FlowCurve(Checked):
     growth: Callable | None = None
     critical_strain_rate: None = None
 
-    @property
-    def newtonian(self) -> bool:
-        return False
 
-
-class HerschelBulkley(Checked):
+class HerschelBulkley(Mix):
     """tau = tau_y + k rate^n: thickens (n > 1) or thins (n < 1) with the shear rate; rigid below the yield value."""
 
     density: AnyDensity = 2300.0
@@ -90,10 +105,6 @@ class HerschelBulkley(Checked):
     consistency: Consistency = 50.0
     flow_index: FlowIndex = 1.0
     critical_strain_rate: None = None
-
-    @property
-    def newtonian(self) -> bool:
-        return False
 
     @property
     def plastic_viscosity(self) -> float:

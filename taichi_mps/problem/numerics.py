@@ -1,6 +1,6 @@
 """Numerics: how a scene is to be computed, by which scheme."""
 
-from typing import Literal
+from typing import ClassVar, Literal
 
 from pydantic import Field
 
@@ -9,6 +9,9 @@ from ..units import Checked, Count, Duration, RadiusRatio, Ratio
 
 class Implicit(Checked):
     """Numerics of the default scheme: implicit viscosity, pressure and yield stress together."""
+
+    scheme: ClassVar[str] = "implicit"
+    unyielded_stop: ClassVar[None] = None  # of the paper's scheme only
 
     walls: Literal["surfaces", "particles"] = "surfaces"
     courant_number: Ratio = 0.2
@@ -21,6 +24,9 @@ class Implicit(Checked):
 
 class SemiImplicit(Checked):
     """Numerics of Tomiyama et al. (2009): explicit viscosity, semi-implicit pressure. Defaults are the paper's."""
+
+    scheme: ClassVar[str] = "semi-implicit"
+    walls: ClassVar[str] = "particles"
 
     source: Literal["density", "mixed"] = "density"
     gradient: Literal["literal", "conservative"] = "literal"
@@ -35,4 +41,4 @@ class SemiImplicit(Checked):
     effective_radius_ratio: RadiusRatio = 2.1
 
 
-NUMERICS = {"implicit": Implicit, "semi-implicit": SemiImplicit}
+NUMERICS = {kind.scheme: kind for kind in (Implicit, SemiImplicit)}

@@ -13,10 +13,10 @@ from ..linear.pcg import INDEFINITE, STATUS
 from ..particles.kernels import PACKING, PACKING_IN_PLANE, lattice_sums, mps_weight, smooth_weight
 from ..particles.neighbors import Bins, CapacityError, EscapedError, NeighborList
 from ..particles.particles import DUMMY, FLUID, WALL, Particles
-from ..problem.feasibility import admit
 from ..problem.measures import Snapshot
 from ..problem.numerics import Implicit as ImplicitNumerics
 from ..problem.numerics import SemiImplicit as SemiImplicitNumerics
+from ..problem.problem import Problem
 from ..problem.scene import Scene
 from ..runtime.backend import require_room, started
 from ..runtime.field_io import FieldIO
@@ -44,11 +44,7 @@ class Simulation:
         self._clock = time.process_time(), time.perf_counter()
         self.scene = scene
         self.numerics = numerics or ImplicitNumerics()
-        if not isinstance(scene, Scene):
-            raise SceneError(f"scene = {str(scene)[:60]}: must be a Scene, such as slump_cone(...)")
-        if not isinstance(self.numerics, ImplicitNumerics | SemiImplicitNumerics):
-            raise SceneError(f"numerics = {str(numerics)[:60]}: must be Implicit(...) or SemiImplicit(...)")
-        admit(scene, self.numerics)
+        Problem(scene, self.numerics)
         self._pairs_per_particle = 4.0 if scene.axisymmetric else 1.5  # rings that moved outward are thin
         self._walls_at = 0.0  # time [s] at which the walls stand
         self.wall_particles = 0

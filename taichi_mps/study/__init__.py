@@ -1,5 +1,5 @@
-"""Many runs: sweeps, results, calibration, executors.
+"""Many runs of a scene: sweeps, their results, calibration, and where they are computed.
 
-No terminal: that is cli/.
+No terminal: what is typed and shown is cli/.
 Read sweep.py first.
 """

@@ -34,7 +34,7 @@ from taichi_mps.io.recorder import Recorder
 from taichi_mps.io.run_folder import RunFolder
 from taichi_mps.io.vtkhdf import Trajectory
 from taichi_mps.problem import catalogue
-from taichi_mps.problem import feasibility as admission
+from taichi_mps.problem.problem import Problem
 from taichi_mps.problem.numerics import NUMERICS
 from taichi_mps.viz import film
 
@@ -239,7 +239,7 @@ def test_a_scene_is_made_or_refused_and_admitted_or_refused(data):
     try:
         made, poured = (tuple(kind(**given) for kind, given in data.draw(kinds)) for kinds in some)
         scene = mps.Scene(**keywords, walls=made, inlets=poured)
-        admission.admit(scene, numerics)
+        Problem(scene, numerics)
     except mps.SceneError as refusal:
         event("refused")
         assert "\n" not in str(refusal) and len(str(refusal)) > 15

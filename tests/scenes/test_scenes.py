@@ -9,7 +9,7 @@ import pytest
 
 import taichi_mps as mps
 from taichi_mps.problem import catalogue
-from taichi_mps.problem.feasibility import admit
+from taichi_mps.problem.problem import Problem
 
 COARSE = {  # keywords that make a scene a matter of seconds; a new scene needs a line here
     "dam_break": {"spacing": 0.0146, "until": 0.25},
@@ -87,9 +87,9 @@ FLOOR = mps.Plane((0.0, 0.0), (0.0, 1.0))
 )
 def test_a_scene_that_cannot_be_is_refused(change, message):
     scene = mps.Scene("block", mps.Bingham(), 0.02, BLOCK, ((-0.5, -0.5), (0.5, 0.5)), walls=(FLOOR,))
-    admit(scene, mps.Implicit())
+    Problem(scene, mps.Implicit())
     with pytest.raises(mps.SceneError, match=message):
-        admit(replace(scene, **change), mps.SemiImplicit() if "wall_particles" in change else mps.Implicit())
+        Problem(replace(scene, **change), mps.SemiImplicit() if "wall_particles" in change else mps.Implicit())
 
 
 def test_the_scales_of_a_scene_do_not_depend_on_its_courant_number():

@@ -11,7 +11,7 @@ from taichi_mps.io import checkpoint
 from taichi_mps.io.vtkhdf import Trajectory
 from taichi_mps.problem import catalogue
 from taichi_mps.problem import measures as measure
-from taichi_mps.problem.feasibility import admit
+from taichi_mps.problem.problem import Problem
 from taichi_mps.simulation.pouring import Pouring
 
 L0, RATE, LAYERS = 0.02, 0.04, 9
@@ -210,8 +210,8 @@ def test_an_inlet_that_cannot_be_is_refused(scene, change, message):
 def test_a_mouth_in_the_fluid_is_refused_unless_it_opens_later(scene):
     pool = replace(scene, fluid=mps.fill(mps.Box((-0.1, 0.0), (0.1, 0.44)), L0))
     with pytest.raises(mps.SceneError, match=r"inlet: centre = \(0.01, 0.4\) m: lies in the fluid at 0 s"):
-        admit(pool, mps.Implicit())
-    admit(replace(pool, inlets=(replace(HOSE, start=1.0),)), mps.Implicit())
+        Problem(pool, mps.Implicit())
+    Problem(replace(pool, inlets=(replace(HOSE, start=1.0),)), mps.Implicit())
 
 
 def test_scenes_that_cannot_have_an_inlet_are_refused(scene):
@@ -321,7 +321,7 @@ def test_a_wrong_unit_or_origin_is_refused_by_name(tmp_path):
     """12 l/s as 12 m3/s; a mesh in mm, as it is and with its scale; one that lies beside the form."""
     pytest.importorskip("igl")
     with pytest.raises(mps.SceneError, match="rate = 12 m3/s: leaves the hose at 937 m/s; must be at most 1.28 m3/s"):
-        admit(catalogue.build("wall", rate=12.0), mps.Implicit())
+        Problem(catalogue.build("wall", rate=12.0), mps.Implicit())
     bar = np.array([[(200.0, 50.0, 10.0), (200.0, 50.0, 400.0)]])
     path = str(mps.write_bars(tmp_path / "mm.stl", bar, 8.0))
     with pytest.raises(
@@ -329,12 +329,12 @@ def test_a_wrong_unit_or_origin_is_refused_by_name(tmp_path):
     ):
         catalogue.build("wall", rebar=path)
     right = catalogue.build("wall", rebar=path, rebar_scale=0.001)
-    admit(right, mps.Implicit())
+    Problem(right, mps.Implicit())
     inside, outside = right.walls[-1].distance(np.array([(0.2, 0.05, 0.2), (0.2, 0.07, 0.2)]))
     assert inside < 0.0 and outside == pytest.approx(0.012, abs=1e-3)
     path = str(mps.write_bars(tmp_path / "beside.stl", 0.001 * bar + (5.0, 0.0, 0.0), 0.008))
     with pytest.raises(mps.SceneError, match=r"a solid from \(5.1.* m: must reach into the domain, from \(-0.02"):
-        admit(catalogue.build("wall", rebar=path), mps.Implicit())
+        Problem(catalogue.build("wall", rebar=path), mps.Implicit())
 
 
 def test_bars_that_cross_are_refused(tmp_path):

@@ -1,0 +1,74 @@
+"""Problem: a scene and the numerics that are to solve it, checked once; what follows from both is decided here."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+from ..units import SceneError
+from .feasibility import RULES
+from .numerics import Implicit, SemiImplicit
+from .scene import Scene
+
+SHORTEST_REST = 0.2  # resting_time [s] of a mix that stops at once
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """A scene with its numerics (``Implicit()`` by default): the one gate to a computation.
+
+    There are two stages, each a list of small rules. A ``Scene`` checks itself when it is made (``scene_rules``), so
+    that a wrong one is refused where it stands. A Problem adds what needs the scheme, and what wrong units or a wrong
+    origin would show (``feasibility``). SceneError names the first rule that is broken, in one line with key, value and
+    what is allowed, before anything is allocated. Behind it nothing is checked again.
+    """
+
+    scene: Scene
+    numerics: Implicit | SemiImplicit | None = None
+
+    def __post_init__(self):
+        if self.numerics is None:
+            object.__setattr__(self, "numerics", Implicit())
+        for rule in RULES:
+            if broken := rule(self):
+                raise SceneError(broken)
+
+    @property
+    def scheme(self) -> str:
+        """'implicit' or 'semi-implicit'."""
+        return self.numerics.scheme
+
+    @property
+    def effective_radius(self) -> float:
+        """r_e [m]: farther particles are no neighbours."""
+        return self.numerics.effective_radius_ratio * self.scene.spacing
+
+    @property
+    def wall_particles(self) -> bool:
+        """Are the walls computed as particles, as in the paper? Else as surfaces."""
+        return self.numerics.walls == "particles" and self.scene.wall_particles is not None
+
+    @cached_property
+    def materials(self) -> tuple:
+        """The mixes: that of the scene first, then others that inlets bring."""
+        return self.scene.materials
+
+    @cached_property
+    def law(self) -> str:
+        """'newtonian', 'bingham' (a true yield stress) or 'bi-viscosity' (a critical strain rate is given), of all
+        mixes; a flow curve has a true yield stress."""
+        yielding = [material for material in self.materials if not material.newtonian]
+        if not yielding:
+            return "newtonian"
+        return "bingham" if yielding[0].critical_strain_rate is None else "bi-viscosity"
+
+    @cached_property
+    def resting_time(self) -> float:
+        """Time [s] in which a flow decays, the longest eta/tau_y of the mixes, 0.2 s at least. Infinite if one of them
+        never comes to rest: only a true yield stress brings a body to rest."""
+        if not all(material.rests for material in self.materials):
+            return float("inf")
+        return max(SHORTEST_REST, *(material.plastic_viscosity / material.yield_value for material in self.materials))
+
+    @cached_property
+    def expected(self) -> Scene:
+        """The scene without inlets, as high and as fast as it will be: from it follow the constants of the scheme."""
+        return self.scene.expected
