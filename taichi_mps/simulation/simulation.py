@@ -291,13 +291,13 @@ class Simulation:
                 callback(self)
 
     def _why_stop(self, until) -> str | None:
-        rests = self.scene.stop_at_rest and not hasattr(self.numerics, "unyielded_stop") and self.rest.reached(self)
+        rests = self.scene.stop_at_rest and self.numerics.unyielded_stop is None and self.rest.reached(self)
         if self._interrupted:
             return "interrupted"
         if self.time >= until - 1e-9:
             return "time"
         numerics = self.numerics
-        if hasattr(numerics, "unyielded_stop"):
+        if numerics.unyielded_stop is not None:
             moved = self.time > 0.05 and self.scene.stop_at_rest
             return "unyielded" if moved and self.report.unyielded_fraction >= numerics.unyielded_stop else None
         if not all(pouring.done for pouring in self.pouring):
