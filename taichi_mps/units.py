@@ -3,14 +3,22 @@
 import difflib
 import inspect
 from functools import wraps
-from typing import Annotated, Any, Literal, get_args, get_origin
+from typing import Annotated, Any, ClassVar, Literal, get_args, get_origin, get_type_hints
 
 import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, create_model
+from pydantic_core import PydanticUndefined
 
 
 class SceneError(ValueError):
     """Bad input: names the key, the value with its unit and what is allowed. Raised before any allocation."""
+
+
+def obey(rules, record) -> None:
+    """SceneError with what the first broken rule says; a rule takes the record and returns None where all is well."""
+    for rule in rules:
+        if broken := rule(record):
+            raise SceneError(broken)
 
 
 def array_of(value) -> np.ndarray:
@@ -137,6 +145,8 @@ Count = Annotated[int, Field(ge=1, le=100000), Unit("-")]
 class Checked(BaseModel):
     """A frozen record whose values are checked on construction; a violation raises SceneError."""
 
+    options: ClassVar[dict] = {}  # annotations of the fields that are narrower as an option of a scene
+
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     def __init__(self, **values: Any) -> None:
@@ -197,13 +207,21 @@ def explain(error: ValidationError, model: type[BaseModel]) -> str:
 def checked(function):
     """Decorate a function of keywords: validate them against its annotations, refuse unknown ones by name.
 
-    The pydantic model made from the signature is kept as ``function.parameters`` (for --help).
+    A parameter that is a ``Checked`` record, such as ``material: Bingham = Bingham(yield_value=40.0)``, stands for the
+    fields of the record: each is a keyword with the record's own unit, range and help, and the value in the default is
+    its default. The function is given the record. The pydantic model of all keywords, which are flat, is kept as
+    ``function.parameters``: from it come options, the parameters of a sweep and those of a checkpoint.
     """
-    signature = inspect.signature(function)
-    fields = {
-        name: (parameter.annotation, ... if parameter.default is parameter.empty else parameter.default)
-        for name, parameter in signature.parameters.items()
-    }
+    taken = inspect.signature(function).parameters
+    records = {name: p.annotation for name, p in taken.items() if is_record(p.annotation)}
+    fields = {}
+    for name, parameter in taken.items():
+        new = {name: (parameter.annotation, ... if parameter.default is parameter.empty else parameter.default)}
+        if name in records:
+            new = options_of(parameter.annotation, parameter.default)
+        if twice := sorted(fields.keys() & new.keys()):
+            raise TypeError(f"{function.__name__}: {twice[0]} is declared twice")
+        fields |= new
     config = ConfigDict(extra="forbid", arbitrary_types_allowed=True)
     model = create_model(function.__name__, __config__=config, **fields)
 
@@ -213,7 +231,30 @@ def checked(function):
             valid = model(**values)
         except ValidationError as error:
             raise SceneError(explain(error, model)) from None
-        return function(**{name: getattr(valid, name) for name in fields})
+        keywords = {name: getattr(valid, name) for name in taken if name not in records}
+        for name, record in records.items():
+            keywords[name] = record(**{key: getattr(valid, key) for key in record.model_fields if key in fields})
+        return function(**keywords)
 
     call.parameters = model
     return call
+
+
+def is_record(annotation) -> bool:
+    """Is this the class of a checked record?"""
+    return isinstance(annotation, type) and issubclass(annotation, Checked)
+
+
+def options_of(record: type[Checked], default) -> dict:
+    """The fields of a record as pydantic declares keywords, {name: (annotation, default)}, with the values of the
+    record ``default`` where there is one. A field that can only be None is none."""
+    hints = get_type_hints(record, include_extras=True) | record.options
+    found = {}
+    for name, field in record.model_fields.items():
+        if field.annotation is not type(None):
+            value = getattr(default, name) if isinstance(default, record) else field.default
+            found[name] = (
+                hints[name],
+                Field(... if value is PydanticUndefined else value, description=field.description),
+            )
+    return found

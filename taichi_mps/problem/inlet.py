@@ -1,11 +1,11 @@
 """Inlet: a hose or chute from which concrete enters, layer of particles by layer. Plain NumPy."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..units import SceneError, check_numbers, check_vectors
-from .materials import Bingham
+from .materials import Material
 
 MOST_ACROSS = 1000  # spacings of a radius: three million particles a layer
 FASTEST = 100.0  # speed [m/s] in a hose, three times that of sprayed concrete
@@ -28,7 +28,7 @@ class Inlet:
     rate: float  # [m3/s]
     volume: float  # [m3]
     start: float = 0.0  # [s]
-    material: Bingham | None = None  # the mix; that of the scene by default
+    material: Material | None = None  # the mix; that of the scene by default
 
     def __post_init__(self):
         units = {"radius": "m", "rate": "m3/s", "volume": "m3"}
@@ -44,6 +44,10 @@ class Inlet:
             raise SceneError(f"inlet: start = {self.start:g} s: must be at least 0 s")
         if not np.any(self.direction):
             raise SceneError(f"inlet: direction = {self.direction}: must have {len(self.centre)} numbers, not all zero")
+
+    def within(self, time: float) -> "Inlet":
+        """The inlet with all numbers of its mix, for a run of this time [s]."""
+        return self if self.material is None else replace(self, material=self.material.within(time))
 
     @property
     def unit_direction(self) -> np.ndarray:

@@ -1,30 +1,35 @@
-"""Materials: what a technologist knows of the mix, in SI units."""
+"""Materials: what a technologist knows of the mix, in SI units. A number of the mix is declared here and nowhere else:
+its unit, its range and its help. A scene that takes a ``material`` has all of them as options (``units.checked``)."""
 
 import warnings
 from collections.abc import Callable
+from typing import ClassVar
 
-from pydantic import model_validator
+from pydantic import Field, model_validator
 
 from ..units import (
     AnyDensity,
     Checked,
     Consistency,
+    CriticalStrainRate,
+    Density,
     Duration,
     FlowIndex,
     Ratio,
     SceneError,
-    StrainRate,
     Viscosity,
     YieldValue,
     checked,
 )
 
 TYPICAL_RATE = 5.0  # shear rate of a slump test [1/s]
-HIGH_KNEE = 0.1  # share of the yield value by which the knee stress may exceed it without a warning; the paper's #1
+HIGH_KNEE = 0.1  # fraction of the yield stress by which the knee stress may exceed it without a warning; the paper's #1
 
 
-class Mix(Checked):
-    """What all materials have in common."""
+class Material(Checked):
+    """What all materials have in common: a density, a yield stress and a plastic viscosity."""
+
+    options: ClassVar[dict] = {"density": Density}  # scenes are under gravity: there is no fluid of 1 kg/m3
 
     @property
     def yields(self) -> bool:
@@ -41,20 +46,28 @@ class Mix(Checked):
         """Does it come to rest? Only what has a true yield stress does."""
         return self.yields and self.critical_strain_rate is None
 
+    def within(self, time: float) -> "Material":
+        """The material with all its numbers, for a run of this time [s]."""
+        return self
 
-class Bingham(Mix):
-    """Fresh concrete: rigid below the yield value, flowing with the plastic viscosity above it (eqs 1-3).
+
+class Bingham(Material):
+    """Fresh concrete: rigid below the yield stress, flowing with the plastic viscosity above it (eqs 1-3).
 
     ``critical_strain_rate`` is the paper's pi_c [1/s] of the bi-viscosity law: below a shear rate of 2 pi_c the
-    material is a very viscous fluid. ``None`` means a true yield value (scheme ``implicit`` only); the scheme
-    ``semi-implicit`` then takes the paper's 0.1 1/s. With ``yield_value = 0`` the fluid is Newtonian and no
-    yield code is compiled. Warns if the knee stress is more than HIGH_KNEE above the yield value.
+    material is a very viscous fluid. ``None`` means a true yield stress (scheme ``implicit`` only); the scheme
+    ``semi-implicit`` then takes the paper's 0.1 1/s. ``"rational"`` is the largest rate that is as good as a true yield
+    stress for the time of the scene (``rational_critical_strain_rate``). With ``yield_value = 0`` the fluid is
+    Newtonian and no code of a yield stress is compiled. Warns if the knee stress is more than HIGH_KNEE above the yield
+    stress.
     """
 
-    density: AnyDensity = 2300.0
-    plastic_viscosity: Viscosity = 50.0
-    yield_value: YieldValue = 300.0
-    critical_strain_rate: StrainRate | None = None
+    density: AnyDensity = Field(2300.0, description="density of the mix")
+    plastic_viscosity: Viscosity = Field(50.0, description="plastic viscosity of the mix")
+    yield_value: YieldValue = Field(300.0, description="yield stress of the mix")
+    critical_strain_rate: CriticalStrainRate | None = Field(
+        None, description="pi_c of the bi-viscosity law, by default a true yield stress"
+    )
 
     @property
     def newtonian(self) -> bool:
@@ -63,12 +76,20 @@ class Bingham(Mix):
     @property
     def knee_stress(self) -> float:
         """Stress [Pa] at which a bi-viscosity material starts to flow: tau_y + 2 eta pi_c (R1)."""
-        return self.yield_value + 2.0 * self.plastic_viscosity * (self.critical_strain_rate or 0.0)
+        known = isinstance(self.critical_strain_rate, float)
+        return self.yield_value + (2.0 * self.plastic_viscosity * self.critical_strain_rate if known else 0.0)
+
+    def within(self, time: float) -> "Bingham":
+        """The material with all its numbers: ``rational`` is the rate for a run of this time [s]."""
+        if self.critical_strain_rate != "rational":
+            return self
+        mix = {"plastic_viscosity": self.plastic_viscosity, "yield_value": self.yield_value}
+        return self.model_copy(update={"critical_strain_rate": rational_critical_strain_rate(**mix, time=time)})
 
     @model_validator(mode="after")
     def _warn_of_a_high_knee(self):
         excess = self.knee_stress - self.yield_value
-        if not self.newtonian and excess > (HIGH_KNEE + 1e-9) * self.yield_value:
+        if self.yields and excess > (HIGH_KNEE + 1e-9) * self.yield_value:
             largest = HIGH_KNEE * self.yield_value / (2.0 * self.plastic_viscosity)
             warnings.warn(
                 f"critical_strain_rate = {self.critical_strain_rate:g} 1/s: the concrete yields at a knee stress of "
@@ -79,31 +100,31 @@ class Bingham(Mix):
         return self
 
 
-class FlowCurve(Mix):
-    """A fluid by its own flow curve: rigid below the yield value, shear stress ``shear_stress`` above it.
+class FlowCurve(Material):
+    """A fluid by its own flow curve: rigid below the yield stress, shear stress ``shear_stress`` above it.
 
     ``shear_stress(rate, structure)`` is a short function that Taichi can compile: the stress [Pa] at a shear rate
-    [1/s], not falling with it, and equal to the yield value at rate 0. ``growth(rate, structure)``, if given, is the
+    [1/s], not falling with it, and equal to the yield stress at rate 0. ``growth(rate, structure)``, if given, is the
     rate of change [1/s] of ``structure``, a number that every particle carries and that is zero at the start:
     thixotropy. ``plastic_viscosity`` [Pa s] is a typical slope of the curve; it sets the length of the steps and the
     penalty of the iteration, not the answer. Scheme ``implicit`` only.
     """
 
-    density: AnyDensity = 2300.0
-    yield_value: YieldValue = 0.0
-    plastic_viscosity: Viscosity = 50.0
+    density: AnyDensity = Field(2300.0, description="density of the mix")
+    yield_value: YieldValue = Field(0.0, description="yield stress of the mix")
+    plastic_viscosity: Viscosity = Field(50.0, description="typical slope of the flow curve")
     shear_stress: Callable
     growth: Callable | None = None
     critical_strain_rate: None = None
 
 
-class HerschelBulkley(Mix):
-    """tau = tau_y + k rate^n: thickens (n > 1) or thins (n < 1) with the shear rate; rigid below the yield value."""
+class HerschelBulkley(Material):
+    """tau = tau_y + k rate^n: thickens (n > 1) or thins (n < 1) with the shear rate; rigid below the yield stress."""
 
-    density: AnyDensity = 2300.0
-    yield_value: YieldValue = 300.0
-    consistency: Consistency = 50.0
-    flow_index: FlowIndex = 1.0
+    density: AnyDensity = Field(2300.0, description="density of the mix")
+    yield_value: YieldValue = Field(300.0, description="yield stress of the mix")
+    consistency: Consistency = Field(50.0, description="k: stress over the yield stress at a shear rate of 1 1/s")
+    flow_index: FlowIndex = Field(1.0, description="n: exponent of the shear rate")
     critical_strain_rate: None = None
 
     @property
@@ -113,7 +134,7 @@ class HerschelBulkley(Mix):
 
 
 def Newtonian(density: float = 1000.0, viscosity: float = 1e-3) -> Bingham:  # noqa: N802
-    """A fluid without yield value."""
+    """A fluid without yield stress: density [kg/m3], viscosity [Pa s]."""
     return Bingham(density=density, plastic_viscosity=viscosity, yield_value=0.0)
 
 
@@ -121,12 +142,12 @@ def Newtonian(density: float = 1000.0, viscosity: float = 1e-3) -> Bingham:  # n
 def rational_critical_strain_rate(
     plastic_viscosity: Viscosity, yield_value: YieldValue, time: Duration = 5.0, error: Ratio = 0.01
 ) -> float:
-    """pi_c [1/s] of a bi-viscosity law that is as good as a true yield value: min(e tau_y/(2 eta), e/T) (R3).
+    """pi_c [1/s] of a bi-viscosity law that is as good as a true yield stress: min(e tau_y/(2 eta), e/T) (R3).
 
-    The largest with which the knee stress is at most 1 + ``error`` times the yield value (R1), and creep displaces a
+    The largest with which the knee stress is at most 1 + ``error`` times the yield stress (R1), and creep displaces a
     body by at most ``error`` times its height within ``time`` [s] (R2). Neither the height nor gravity matters, since a
-    body that has come to rest is at its yield value whatever they are. Keywords only; SceneError for a fluid without
-    yield value.
+    body that has come to rest is at its yield stress whatever they are. Keywords only; SceneError for a fluid without
+    yield stress.
     """
     if yield_value == 0.0:
         raise SceneError("yield_value = 0 Pa: a fluid without yield value has no critical strain rate")

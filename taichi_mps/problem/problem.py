@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from functools import cached_property
 
-from ..units import SceneError
+from ..units import obey
 from .feasibility import RULES
 from .numerics import Implicit, SemiImplicit
 from .scene import Scene
@@ -27,9 +27,7 @@ class Problem:
     def __post_init__(self):
         if self.numerics is None:
             object.__setattr__(self, "numerics", Implicit())
-        for rule in RULES:
-            if broken := rule(self):
-                raise SceneError(broken)
+        obey(RULES, self)
 
     @property
     def scheme(self) -> str:

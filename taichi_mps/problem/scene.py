@@ -1,4 +1,4 @@
-"""Scene: everything that defines a problem, immutable and free of Taichi; and the numerics that solve it."""
+"""Scene: everything that defines what is to be computed, immutable and free of Taichi. How is said by the numerics."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -8,21 +8,25 @@ import numpy as np
 from ..geometry.cavity import Cavity
 from ..geometry.solid import Solid
 from ..geometry.walls import Cylinder, Plane
-from ..units import SceneError, check_kinds, finite, said
+from ..units import obey
 from .inlet import Inlet
-from .materials import Bingham, FlowCurve, HerschelBulkley
+from .materials import Material
 from .measures import Snapshot, mirrored, revolved
+from .scene_rules import KINDS, RULES, numbers
 
 
 @dataclass(frozen=True)
 class Scene:
-    """One problem. Lengths [m], d = 2 or 3 dimensions, gravity along the last axis unless given.
+    """A body of fluid, its walls and its inlets. Lengths [m], d = 2 or 3 dimensions, gravity along the last axis unless
+    given.
 
-    ``axisymmetric``: the two coordinates are (r, z), each particle is a ring around the z axis.
+    ``axisymmetric``: the two coordinates are (r, z), each particle is a ring around the z axis. A scene that cannot be
+    is refused when it is made: SceneError by the first rule of ``scene_rules`` that it breaks. What it needs of a
+    scheme is checked by ``Problem``.
     """
 
     name: str
-    material: Bingham | HerschelBulkley | FlowCurve
+    material: Material
     spacing: float  # l0 [m]
     fluid: np.ndarray | None  # particle positions [m], (n, d); may be None with an inlet that starts at 0 s
     domain: tuple[tuple[float, ...], tuple[float, ...]]  # low, high corner [m]; leaving it is an error
@@ -43,125 +47,14 @@ class Scene:
     parameters: dict = field(default_factory=dict)  # as given, for the summary
 
     def __post_init__(self):
-        self._check_kinds()
-        poured = self.inlets and (self.fluid is None or np.size(self.fluid) == 0)
-        given = np.zeros((0, len(self.inlets[0].centre))) if poured else self.fluid
-        if not poured and np.size(given) == 0:
-            raise SceneError("fluid: the geometry is empty; it must hold at least one particle")
-        object.__setattr__(self, "fluid", given if poured else finite("fluid", given, "m", dimensions=2))
-        if self.fluid.shape[1] not in (2, 3):
-            raise SceneError(f"fluid: positions have {self.fluid.shape[1]} coordinates; must have 2 or 3")
-        self._check_numbers()
-        for inlet in self.inlets:
-            self._check_inlet(inlet)
-        self._check_mixes()
-        x = self.initial if self.inlets else self.fluid
-        if len(x) == 0:
-            raise SceneError("fluid: the geometry is empty; it must hold at least one particle")
-        low, high = np.array(self.domain, float)
-        if np.any(x < low) or np.any(x > high):
-            raise SceneError(f"domain = {self.domain} m: a particle lies outside; the domain must hold all of them")
-        if self.axisymmetric and x.shape[1] != 2:
-            raise SceneError(f"axisymmetric = True: the fluid has {x.shape[1]} coordinates; must have 2, (r, z)")
-        if self.axisymmetric and x[:, 0].min() <= 0.0:
-            raise SceneError(f"axisymmetric = True: a particle lies at r = {x[:, 0].min():g} m; r must be above 0 m")
-        if self.axisymmetric and self.gravity_vector[0] != 0.0:
-            raise SceneError(f"gravity = {tuple(self.gravity_vector.tolist())} m/s2: must be along z, axisymmetric")
-        if self.axisymmetric and self.periodic_axes[0]:
-            raise SceneError("axisymmetric = True: periodic along r; only z may be periodic")
-        for wall in self.walls:
-            if len(wall.point) != x.shape[1]:
-                raise SceneError(f"walls: point = {wall.point} m: must have {x.shape[1]} coordinates, as the fluid has")
-        self._check_mirrors(x)
-
-    def _check_kinds(self):
-        """What is no number has its type, and walls and inlets stand in a tuple."""
-        flag = (bool | np.bool_, "True or False")
-        function = (Callable, "a function")
-        check_kinds(self, {"name": (str, "text"), "parameters": (dict, "a dict"), "cavity": (Cavity, "a Cavity")})
-        check_kinds(self, {"axisymmetric": flag, "stop_at_rest": flag})
-        check_kinds(self, {"measure": function, "check": function, "over_time": function})
-        for key, kind in (("walls", Plane | Cylinder | Solid), ("inlets", Inlet), ("periodic", bool | np.bool_)):
-            value = getattr(self, key)
-            if value is None and key == "periodic":
-                continue
-            if not isinstance(value, tuple | list) or not all(isinstance(item, kind) for item in value):
-                kinds = getattr(kind, "__args__", (kind,))
-                words = "True or False" if key == "periodic" else " or ".join(item.__name__ for item in kinds)
-                raise SceneError(f"{key} = {said(value, '')}: must be a tuple, each {words}")
-            object.__setattr__(self, key, tuple(value))
-
-    def _check_numbers(self):
-        """Shapes, units and ranges of what is given as plain numbers."""
-        n, d = self.fluid.shape
-        if not isinstance(self.material, Bingham | HerschelBulkley | FlowCurve):
-            raise SceneError(f"material = {self.material!r}: must be Bingham, Newtonian, HerschelBulkley or FlowCurve")
-        for key, unit in (("spacing", "m"), ("until", "s")):
-            if not finite(key, getattr(self, key), unit, shape=()) > 0.0:
-                raise SceneError(f"{key} = {getattr(self, key)} {unit}: must be greater than 0 {unit}")
-            object.__setattr__(self, key, float(getattr(self, key)))
-        low, high = finite("domain", self.domain, "m", shape=(2, d))
-        if not np.all(low < high):
-            raise SceneError(f"domain = {self.domain} m: the second corner must be above the first along each axis")
-        for key, unit, shape in (("gravity", "m/s2", (d,)), ("velocity", "m/s", (n, d))):
-            if getattr(self, key) is not None:
-                array = finite(key, getattr(self, key), unit, shape)
-                object.__setattr__(self, key, array if key == "velocity" else tuple(array.tolist()))
-        if self.wall_particles is not None:
-            wall = finite("wall_particles", self.wall_particles, "m", dimensions=2)
-            if wall.shape[1] != d:
-                raise SceneError(f"wall_particles: have {wall.shape[1]} coordinates; must have {d}, as the fluid has")
-        if self.periodic is not None and len(self.periodic) != d:
-            raise SceneError(f"periodic = {self.periodic}: must have one word for each of {d} axes")
-
-    def _check_mixes(self):
-        """Mixes differ in their numbers only: one law, and nothing on a wall that is of one of them."""
-        for inlet in self.inlets:
-            if not isinstance(inlet.material, Bingham | HerschelBulkley | FlowCurve | None):
-                raise SceneError(f"inlet: material = {str(inlet.material)[:60]}: must be Bingham or Newtonian")
-        if len(self.materials) == 1:
-            return
-        if len(self.materials) > 256:
-            raise SceneError(f"inlets: bring {len(self.materials)} mixes; must be at most 256")
-        for inlet in self.inlets:
-            if inlet.material is not None and not isinstance(inlet.material, Bingham):
-                raise SceneError(f"inlet: material = {inlet.material!r}: must be Bingham or Newtonian")
-        if not isinstance(self.material, Bingham):
-            raise SceneError(
-                f"material = {type(self.material).__name__}: must be Bingham or Newtonian where an inlet has "
-                "a material of its own"
-            )
-        knees = [m.critical_strain_rate for m in self.materials if not m.newtonian]
-        if None in knees and any(knees):
-            raise SceneError(
-                "inlet: critical_strain_rate: must be given for all mixes or for none; some have a true yield value"
-            )
-        if any(wall.friction for wall in self.walls):
-            raise SceneError("inlet: material: must be that of the scene where a wall has friction")
-
-    def _check_inlet(self, inlet):
-        """The mouth has the dimension of the fluid and no wall in it; mirror planes leave it whole or halve it."""
-        layer = inlet.layer(self.spacing)
-        if self.axisymmetric:
-            raise SceneError("inlet: the scene is axisymmetric; must be a scene without rings")
-        if self.fluid.ndim != 2 or self.fluid.shape[1] != layer.shape[1]:
-            raise SceneError(f"inlet: centre = {inlet.centre} m: must have as many coordinates as the fluid")
-        least = 0.5 * inlet.layer_volume(self.spacing)
-        if inlet.volume < least:
-            raise SceneError(f"inlet: volume = {inlet.volume:g} m3: must be at least half a layer, {least:g} m3")
-        for mirror in self.mirrors:
-            away = abs(float(mirror.distance(np.array([inlet.centre]))[0]))
-            aligned = abs(inlet.unit_direction @ mirror.normal) < 1e-6
-            if away < inlet.radius and not (away < 1e-9 and aligned):
-                raise SceneError(
-                    f"inlet: the mirror plane with normal = {mirror.normal} cuts the hose; its axis must lie in the "
-                    "plane, or it must be clear of it"
-                )
-        if not len(self.inlet_layer(inlet)):
-            raise SceneError(f"inlet: centre = {inlet.centre} m: lies behind a mirror plane; must be in front of it")
-        for wall in self.walls:
-            if np.min(wall.distance(self.inlet_layer(inlet))) <= 0.0:
-                raise SceneError(f"inlet: centre = {inlet.centre} m: the mouth reaches into a wall; must be free of it")
+        obey(KINDS, self)
+        taken = numbers(self) | {"walls": tuple(self.walls)}
+        taken["periodic"] = None if self.periodic is None else tuple(self.periodic)
+        taken["material"] = self.material.within(taken["until"])
+        taken["inlets"] = tuple(inlet.within(taken["until"]) for inlet in self.inlets)
+        for key, value in taken.items():
+            object.__setattr__(self, key, value)
+        obey(RULES, self)
 
     def copies_of(self, inlet: Inlet) -> int:
         """How often the whole body has this inlet: twice for each mirror plane that does not cut it."""
@@ -230,19 +123,6 @@ class Scene:
         if self.velocity is not None:
             velocity[: len(self.fluid)] = self.velocity
         return replace(self, fluid=self.reach, velocity=velocity, inlets=())
-
-    def _check_mirrors(self, x):
-        """A mirror plane has all the fluid x on one side; gravity lies in it, other mirror planes stand across it."""
-        gravity = self.gravity_vector
-        for k, mirror in enumerate(self.mirrors):
-            name = f"walls: mirror plane, normal = {mirror.normal}"
-            if np.min(mirror.distance(x)) <= 0.0:
-                raise SceneError(f"{name}: a fluid particle lies on it or behind it; all must be in front")
-            if abs(gravity @ mirror.normal) > 1e-6 * np.linalg.norm(gravity):
-                raise SceneError(f"{name}: gravity = {tuple(gravity.tolist())} m/s2 must lie in the plane")
-            for other in self.mirrors[:k]:
-                if abs(np.dot(other.normal, mirror.normal)) > 1e-6:
-                    raise SceneError(f"{name}: must be at right angles to that with normal = {other.normal}")
 
     @property
     def mirrors(self) -> tuple[Plane, ...]:

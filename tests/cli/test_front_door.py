@@ -21,7 +21,7 @@ import numpy as np
 import pytest
 from hypothesis import currently_in_test_context, event, given, settings
 from hypothesis import strategies as st
-from test_files import Falling
+from tests.support.recorded import Falling
 
 import taichi_mps as mps
 from taichi_mps.cli import main as cli

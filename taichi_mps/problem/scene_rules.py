@@ -1,0 +1,237 @@
+"""The rules that a scene must obey whatever computes it: types, shapes, and what lies where.
+
+Each rule takes a Scene and returns what is wrong in one line, or None. ``Scene`` applies them when it is made, in this
+order: KINDS, then ``numbers``, which turns what was given into arrays, then RULES.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from ..geometry.cavity import Cavity
+from ..geometry.solid import Solid
+from ..geometry.walls import Cylinder, Plane
+from ..units import SceneError, check_kinds, finite, said
+from .inlet import Inlet
+from .materials import Bingham, Material
+
+MOST_MIXES = 256  # numbers of mixes are bytes
+RIGHT = 1e-6  # cosine of an angle that counts as a right one
+
+
+# ---- types ---------------------------------------------------------------------------------------------------------
+def plain_values_have_their_types(scene):
+    flag = (bool | np.bool_, "True or False")
+    function = (Callable, "a function")
+    check_kinds(scene, {"name": (str, "text"), "parameters": (dict, "a dict"), "cavity": (Cavity, "a Cavity")})
+    check_kinds(scene, {"axisymmetric": flag, "stop_at_rest": flag})
+    check_kinds(scene, {"measure": function, "check": function, "over_time": function})
+
+
+def sequences_hold_their_types(scene):
+    words = "True or False"
+    kinds = {"walls": (Plane | Cylinder | Solid, "Plane or Cylinder or Solid"), "inlets": (Inlet, "Inlet")}
+    kinds |= {"periodic": (bool | np.bool_, words)} if scene.periodic is not None else {}
+    for key, (kind, words) in kinds.items():
+        value = getattr(scene, key)
+        if not isinstance(value, tuple | list) or not all(isinstance(item, kind) for item in value):
+            return f"{key} = {said(value, '')}: must be a tuple, each {words}"
+
+
+def materials_are_materials(scene):
+    if not isinstance(scene.material, Material):
+        return f"material = {scene.material!r}: must be Bingham, Newtonian, HerschelBulkley or FlowCurve"
+    for inlet in scene.inlets:
+        if not isinstance(inlet.material, Material | None):
+            return f"inlet: material = {str(inlet.material)[:60]}: must be Bingham or Newtonian"
+
+
+KINDS = (plain_values_have_their_types, sequences_hold_their_types, materials_are_materials)
+
+
+# ---- numbers -------------------------------------------------------------------------------------------------------
+def numbers(scene) -> dict:
+    """What was given as numbers, checked for shape and range: fluid (n, d) and velocity (n, d) as arrays, gravity (d,)
+    as a tuple, spacing and until as floats. SceneError names the key and its unit."""
+    if scene.inlets and (scene.fluid is None or np.size(scene.fluid) == 0):
+        fluid = np.zeros((0, len(scene.inlets[0].centre)))
+    elif np.size(scene.fluid) == 0:
+        raise SceneError("fluid: the geometry is empty; it must hold at least one particle")
+    else:
+        fluid = finite("fluid", scene.fluid, "m", dimensions=2)
+    n, d = fluid.shape
+    if d not in (2, 3):
+        raise SceneError(f"fluid: positions have {d} coordinates; must have 2 or 3")
+    taken = {"fluid": fluid}
+    for key, unit in (("spacing", "m"), ("until", "s")):
+        taken[key] = float(finite(key, getattr(scene, key), unit, shape=()))
+        if not taken[key] > 0.0:
+            raise SceneError(f"{key} = {getattr(scene, key)} {unit}: must be greater than 0 {unit}")
+    low, high = finite("domain", scene.domain, "m", shape=(2, d))
+    if not np.all(low < high):
+        raise SceneError(f"domain = {scene.domain} m: the second corner must be above the first along each axis")
+    if scene.gravity is not None:
+        taken["gravity"] = tuple(finite("gravity", scene.gravity, "m/s2", (d,)).tolist())
+    if scene.velocity is not None:
+        taken["velocity"] = finite("velocity", scene.velocity, "m/s", (n, d))
+    if scene.wall_particles is not None:
+        wall = finite("wall_particles", scene.wall_particles, "m", dimensions=2)
+        if wall.shape[1] != d:
+            raise SceneError(f"wall_particles: have {wall.shape[1]} coordinates; must have {d}, as the fluid has")
+    if scene.periodic is not None and len(scene.periodic) != d:
+        raise SceneError(f"periodic = {scene.periodic}: must have one word for each of {d} axes")
+    return taken
+
+
+# ---- inlets --------------------------------------------------------------------------------------------------------
+def inlets_need_no_rings(scene):
+    if scene.inlets and scene.axisymmetric:
+        return "inlet: the scene is axisymmetric; must be a scene without rings"
+
+
+def inlets_have_the_dimension_of_the_fluid(scene):
+    for inlet in scene.inlets:
+        if len(inlet.centre) != scene.dimension:
+            return f"inlet: centre = {inlet.centre} m: must have as many coordinates as the fluid"
+
+
+def inlets_bring_a_layer(scene):
+    for inlet in scene.inlets:
+        least = 0.5 * inlet.layer_volume(scene.spacing)
+        if inlet.volume < least:
+            return f"inlet: volume = {inlet.volume:g} m3: must be at least half a layer, {least:g} m3"
+
+
+def mirrors_leave_a_hose_whole_or_halve_it(scene):
+    for inlet in scene.inlets:
+        for mirror in scene.mirrors:
+            away = abs(float(mirror.distance(np.array([inlet.centre]))[0]))
+            aligned = abs(inlet.unit_direction @ mirror.normal) < RIGHT
+            if away < inlet.radius and not (away < 1e-9 and aligned):
+                return (
+                    f"inlet: the mirror plane with normal = {mirror.normal} cuts the hose; its axis must lie in the "
+                    "plane, or it must be clear of it"
+                )
+
+
+def inlets_are_in_front_of_mirrors(scene):
+    for inlet in scene.inlets:
+        if not len(scene.inlet_layer(inlet)):
+            return f"inlet: centre = {inlet.centre} m: lies behind a mirror plane; must be in front of it"
+
+
+def inlets_are_free_of_walls(scene):
+    for inlet in scene.inlets:
+        for wall in scene.walls:
+            if np.min(wall.distance(scene.inlet_layer(inlet))) <= 0.0:
+                return f"inlet: centre = {inlet.centre} m: the mouth reaches into a wall; must be free of it"
+
+
+# ---- mixes ---------------------------------------------------------------------------------------------------------
+def mixes_are_few(scene):
+    if len(scene.materials) > MOST_MIXES:
+        return f"inlets: bring {len(scene.materials)} mixes; must be at most {MOST_MIXES}"
+
+
+def mixes_are_bingham(scene):
+    """Mixes differ in their numbers only."""
+    if len(scene.materials) == 1:
+        return None
+    for inlet in scene.inlets:
+        if not isinstance(inlet.material, Bingham | None):
+            return f"inlet: material = {inlet.material!r}: must be Bingham or Newtonian"
+    if not isinstance(scene.material, Bingham):
+        return (
+            f"material = {type(scene.material).__name__}: must be Bingham or Newtonian where an inlet has a material "
+            "of its own"
+        )
+
+
+def mixes_have_one_law(scene):
+    knees = [material.critical_strain_rate for material in scene.materials if not material.newtonian]
+    if None in knees and any(knees):
+        return "inlet: critical_strain_rate: must be given for all mixes or for none; some have a true yield value"
+
+
+def friction_is_of_one_mix(scene):
+    if len(scene.materials) > 1 and any(wall.friction for wall in scene.walls):
+        return "inlet: material: must be that of the scene where a wall has friction"
+
+
+# ---- the body ------------------------------------------------------------------------------------------------------
+def something_is_there_at_the_start(scene):
+    if len(scene.initial) == 0:
+        return "fluid: the geometry is empty; it must hold at least one particle"
+
+
+def body_lies_in_the_domain(scene):
+    low, high = np.array(scene.domain, float)
+    if np.any(scene.initial < low) or np.any(scene.initial > high):
+        return f"domain = {scene.domain} m: a particle lies outside; the domain must hold all of them"
+
+
+def rings_lie_around_the_axis(scene):
+    """Of an axisymmetric scene: coordinates (r, z), r above 0, gravity along z, not periodic along r."""
+    if not scene.axisymmetric:
+        return None
+    if scene.dimension != 2:
+        return f"axisymmetric = True: the fluid has {scene.dimension} coordinates; must have 2, (r, z)"
+    if scene.fluid[:, 0].min() <= 0.0:
+        return f"axisymmetric = True: a particle lies at r = {scene.fluid[:, 0].min():g} m; r must be above 0 m"
+    if scene.gravity_vector[0] != 0.0:
+        return f"gravity = {tuple(scene.gravity_vector.tolist())} m/s2: must be along z, axisymmetric"
+    if scene.periodic_axes[0]:
+        return "axisymmetric = True: periodic along r; only z may be periodic"
+
+
+def walls_have_the_dimension_of_the_fluid(scene):
+    for wall in scene.walls:
+        if len(wall.point) != scene.dimension:
+            return f"walls: point = {wall.point} m: must have {scene.dimension} coordinates, as the fluid has"
+
+
+# ---- mirror planes -------------------------------------------------------------------------------------------------
+def fluid_is_in_front_of_mirrors(scene):
+    for mirror in scene.mirrors:
+        if np.min(mirror.distance(scene.initial)) <= 0.0:
+            return f"{named(mirror)}: a fluid particle lies on it or behind it; all must be in front"
+
+
+def gravity_lies_in_mirrors(scene):
+    gravity = scene.gravity_vector
+    for mirror in scene.mirrors:
+        if abs(gravity @ mirror.normal) > RIGHT * np.linalg.norm(gravity):
+            return f"{named(mirror)}: gravity = {tuple(gravity.tolist())} m/s2 must lie in the plane"
+
+
+def mirrors_stand_at_right_angles(scene):
+    for k, mirror in enumerate(scene.mirrors):
+        for other in scene.mirrors[:k]:
+            if abs(np.dot(other.normal, mirror.normal)) > RIGHT:
+                return f"{named(mirror)}: must be at right angles to that with normal = {other.normal}"
+
+
+def named(mirror) -> str:
+    """How a message names a mirror plane."""
+    return f"walls: mirror plane, normal = {mirror.normal}"
+
+
+RULES = (
+    walls_have_the_dimension_of_the_fluid,
+    inlets_need_no_rings,
+    inlets_have_the_dimension_of_the_fluid,
+    inlets_bring_a_layer,
+    mirrors_leave_a_hose_whole_or_halve_it,
+    inlets_are_in_front_of_mirrors,
+    inlets_are_free_of_walls,
+    mixes_are_few,
+    mixes_are_bingham,
+    mixes_have_one_law,
+    friction_is_of_one_mix,
+    something_is_there_at_the_start,
+    body_lies_in_the_domain,
+    rings_lie_around_the_axis,
+    fluid_is_in_front_of_mirrors,
+    gravity_lies_in_mirrors,
+    mirrors_stand_at_right_angles,
+)
