@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 
 import taichi_mps as mps
-from taichi_mps.units import Density, Duration, Length, Viscosity
+from taichi_mps.units import Duration, Length
 
 # Martin & Moyce (1952) fig. 3, a = 2.25 in, n^2 = 2, digitised (+-0.05): t sqrt(2 g/a), z/a
 FRONT = np.array([[0.832, 1.217], [1.219, 1.474], [1.997, 2.292], [2.547, 2.995], [3.345, 4.134]])
@@ -18,8 +18,7 @@ FRONT = np.array([[0.832, 1.217], [1.219, 1.474], [1.997, 2.292], [2.547, 2.995]
 
 @mps.checked
 def scene(
-    density: Density = 1000.0,
-    plastic_viscosity: Viscosity = 1e-3,
+    material: mps.Bingham = mps.Newtonian(),
     spacing: Length = 0.0073,
     column_width: Length = 0.146,
     until: Duration = 0.3,
@@ -39,7 +38,7 @@ def scene(
 
     return mps.Scene(
         name="dam_break",
-        material=mps.Newtonian(density=density, viscosity=plastic_viscosity),
+        material=material,
         spacing=spacing,
         fluid=mps.fill(mps.Box((0.0, 0.0), (a, 2 * a)), spacing),
         walls=mps.box_planes(low, high, slip=True),

@@ -1,6 +1,6 @@
 """Film on an incline: a layer of concrete flows down a rough slope, or stands on it.
 
-Source: exact solution. The layer moves where rho g h sin(angle) > yield value, as a plug above a sheared zone.
+Source: exact solution. The layer moves where rho g h sin(angle) > yield stress, as a plug above a sheared zone.
 Run time: a few CPU-seconds at the default spacing.
 """
 
@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 
 import taichi_mps as mps
-from taichi_mps.units import Angle, CriticalStrainRate, Density, Duration, Length, Viscosity, YieldValue
+from taichi_mps.units import Angle, Duration, Length
 
 
 def film_velocity(y, depth, slope_weight, eta, tau_y):
@@ -22,10 +22,7 @@ def film_velocity(y, depth, slope_weight, eta, tau_y):
 
 @mps.checked
 def scene(
-    yield_value: YieldValue = 100.0,
-    plastic_viscosity: Viscosity = 50.0,
-    density: Density = 2300.0,
-    critical_strain_rate: CriticalStrainRate | None = None,
+    material: mps.Bingham = mps.Bingham(yield_value=100.0, plastic_viscosity=50.0),
     angle: Angle = 10.0,
     depth: Length = 0.1,
     spacing: Length = 0.005,
@@ -34,19 +31,16 @@ def scene(
 ) -> mps.Scene:
     """Two-dimensional film, periodic along the slope; axes along and normal to it. Its depth is that of whole rows of
     particles, the nearest to the one given."""
-    if critical_strain_rate == "rational":
-        mix = {"plastic_viscosity": plastic_viscosity, "yield_value": yield_value}
-        critical_strain_rate = mps.rational_critical_strain_rate(**mix, time=until)
     if spacing > depth:
         raise mps.SceneError(f"spacing = {spacing:g} m: larger than the film, {depth:g} m deep")
     rows, columns = round(depth / spacing), max(10, round(0.5 * depth / spacing))
     depth, length = rows * spacing, columns * spacing
     theta = np.radians(angle)
-    slope_weight = density * 9.81 * np.sin(theta)
+    slope_weight = material.density * 9.81 * np.sin(theta)
     thick = 3 * spacing
 
     def measure(snapshot):
-        exact = film_velocity(snapshot.x[:, 1], depth, slope_weight, plastic_viscosity, yield_value)
+        exact = film_velocity(snapshot.x[:, 1], depth, slope_weight, material.plastic_viscosity, material.yield_value)
         scale = max(exact.max(), 1e-30)
         return {
             "surface_speed_m_s": float(snapshot.u[snapshot.x[:, 1] > depth - 1.5 * spacing, 0].mean()),
@@ -64,12 +58,7 @@ def scene(
 
     return mps.Scene(
         name="film",
-        material=mps.Bingham(
-            density=density,
-            plastic_viscosity=plastic_viscosity,
-            yield_value=yield_value,
-            critical_strain_rate=critical_strain_rate,
-        ),
+        material=material,
         spacing=spacing,
         fluid=mps.lattice((0.0, 0.0), (length - 0.1 * spacing, depth - 0.1 * spacing), spacing),
         walls=(mps.Plane((0.0, 0.0), (0.0, 1.0)),),

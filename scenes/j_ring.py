@@ -12,16 +12,14 @@ from typing import Literal
 import numpy as np
 
 import taichi_mps as mps
-from taichi_mps.units import Count, Density, Duration, Length, Viscosity, YieldValue
+from taichi_mps.units import Count, Duration, Length
 
 INNER, OUTER = 0.05, 0.025  # radius of the middle, and width of the ring outside the bars, where depths are read [m]
 
 
 @mps.checked
 def scene(
-    yield_value: YieldValue = 40.0,
-    plastic_viscosity: Viscosity = 20.0,
-    density: Density = 2300.0,
+    material: mps.Bingham = mps.Bingham(yield_value=40.0, plastic_viscosity=20.0),
     spacing: Length = 0.01,
     bars: Count = 16,
     bar_diameter: Length = 0.018,
@@ -38,10 +36,7 @@ def scene(
         raise mps.SceneError(
             f"spacing = {spacing:g} m: must be at most half of the gap between bars, {0.5 * gap:.3g} m"
         )
-    cone = mps.slump_cone(
-        yield_value=yield_value, plastic_viscosity=plastic_viscosity, density=density, spacing=spacing,
-        until=until, model="quarter", floor_radius=0.4,
-    )  # fmt: skip
+    cone = mps.slump_cone(material, spacing=spacing, until=until, model="quarter", floor_radius=0.4)
     ring, thick = 0.5 * ring_diameter, 0.5 * bar_diameter
     angles = (np.arange(bars) + 0.5) * 2.0 * np.pi / bars
     places = ring * np.stack([np.cos(angles), np.sin(angles)], -1)
@@ -67,9 +62,9 @@ def scene(
         """On the floor, in no bar; the surface falls outwards; no wider than without the ring."""
         assert mps.measure.clearance(s, walls) > 0.0, "leak through a wall or a bar"
         assert 0.2 - 2 * spacing < measures["spread_m"] and 0.0 <= measures["slump_m"] < 0.3, measures
-        if yield_value and s.speed.max() < 0.01:
+        if material.yields and s.speed.max() < 0.01:
             volume = 4 * len(cone.fluid) * spacing**3
-            widest = mps.rest_shapes.spread_at_rest(volume, density, yield_value)
+            widest = mps.rest_shapes.spread_at_rest(volume, material.density, material.yield_value)
             assert measures["spread_m"] < 1.05 * widest and measures["step_m"] > -0.5 * spacing, (measures, widest)
 
     return replace(

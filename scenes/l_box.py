@@ -14,7 +14,7 @@ import numpy as np
 
 import taichi_mps as mps
 from taichi_mps.problem import catalogue
-from taichi_mps.units import Density, Duration, Length, Speed, Viscosity, YieldValue
+from taichi_mps.units import Duration, Length, Speed
 
 COLUMN, OPENING, BAR, PLACE = 0.1, 0.15, 0.012, 0.05  # depth, height, diameter, centre in front of the column [m]
 FROM, TO = 0.025, 0.075  # distances from either end between which the levels H1 and H2 are read [m]
@@ -22,9 +22,7 @@ FROM, TO = 0.025, 0.075  # distances from either end between which the levels H1
 
 @mps.checked
 def scene(
-    yield_value: YieldValue = 40.0,
-    plastic_viscosity: Viscosity = 20.0,
-    density: Density = 2300.0,
+    material: mps.Bingham = mps.Bingham(yield_value=40.0, plastic_viscosity=20.0),
     spacing: Length = 0.0125,
     bars: Literal["none", "2", "3"] = "3",
     length: Length = 0.7,
@@ -38,9 +36,9 @@ def scene(
     """The vessel of l_flow with a far wall at ``length`` [m] and upright bars, evenly spaced, behind the gate."""
     if not length > COLUMN + 2 * PLACE:
         raise mps.SceneError(f"length = {length:g} m: must be greater than {COLUMN + 2 * PLACE:g} m, column and bars")
-    shared = dict(yield_value=yield_value, plastic_viscosity=plastic_viscosity, density=density, spacing=spacing)
-    shared |= dict(width=width, sides=sides, lift_speed=lift_speed, until=until)
-    vessel = catalogue.build("l_flow", column_height=height, opening=OPENING, channel_length=length - COLUMN, **shared)
+    keywords = dict(spacing=spacing, width=width, sides=sides, lift_speed=lift_speed, until=until)
+    keywords |= dict(column_height=height, opening=OPENING, channel_length=length - COLUMN)
+    vessel = catalogue.build("l_flow", **keywords, **material.model_dump())
     walls, outline, count, half = vessel.walls, (), 0 if bars == "none" else int(bars), 0.5 * width
     x, reach = COLUMN + PLACE, 2.5 * spacing
     if count:
@@ -71,10 +69,10 @@ def scene(
         bars may hold more on their side."""
         assert mps.measure.clearance(s, walls) > 0.0, "leak through a wall or a bar"
         assert 0.0 <= measures["h2_m"] < height and measures["h1_m"] < height + spacing, measures
-        if yield_value and s.speed.max() < 0.01:
+        if material.yields and s.speed.max() < 0.01:
             area = len(vessel.fluid) * spacing**3 / half
             between = width if sides == "rough" else None
-            at, h = mps.rest_shapes.channel_at_rest(area, density, yield_value, between, length)
+            at, h = mps.rest_shapes.channel_at_rest(area, material.density, material.yield_value, between, length)
             h1, h2 = np.interp([0.5 * (FROM + TO), length - 0.5 * (FROM + TO)], at, h, right=0.0)
             assert h2 == 0.0 or measures["h2_m"] < (h1 / h2 + 0.05) * measures["h1_m"], (measures, h1, h2)
             assert measures["h2_m"] > (h2 / h1 - 0.05) * measures["h1_m"] or count, (measures, h1, h2)

@@ -11,14 +11,12 @@ from typing import Literal
 import numpy as np
 
 import taichi_mps as mps
-from taichi_mps.units import Density, Duration, Length, Speed, Viscosity, YieldValue
+from taichi_mps.units import Duration, Length, Speed
 
 
 @mps.checked
 def scene(
-    yield_value: YieldValue = 100.0,
-    plastic_viscosity: Viscosity = 50.0,
-    density: Density = 2300.0,
+    material: mps.Bingham = mps.Bingham(yield_value=100.0, plastic_viscosity=50.0),
     spacing: Length = 0.0125,
     column_depth: Length = 0.1,
     column_height: Length = 0.4,
@@ -79,14 +77,15 @@ def scene(
         """In the vessel; at rest as far as the closed form of a channel without a column, within 5 % and a spacing."""
         assert mps.measure.clearance(s, walls) > 0.0, "leak through a wall"
         assert 0.0 <= measures["drop_m"] < column_height and measures["flow_m"] > -spacing, measures
-        if yield_value and measures["flow_m"] < channel_length - spacing and s.speed.max() < 0.002:
+        if material.yields and measures["flow_m"] < channel_length - spacing and s.speed.max() < 0.002:
             between = None if plane or slip else width
-            x, _ = mps.rest_shapes.channel_at_rest(area, density, yield_value, between, normal_stress=True)
+            mix = material.density, material.yield_value
+            x, _ = mps.rest_shapes.channel_at_rest(area, *mix, between, normal_stress=True)
             assert abs(measures["flow_m"] + column_depth - x[-1]) < 0.05 * x[-1] + spacing, (measures, x[-1])
 
     return mps.Scene(
         name="l_flow",
-        material=mps.Bingham(density=density, plastic_viscosity=plastic_viscosity, yield_value=yield_value),
+        material=material,
         spacing=spacing,
         fluid=fluid,
         walls=walls,

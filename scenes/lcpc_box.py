@@ -1,4 +1,4 @@
-"""LCPC box: six litres spread in a long level box; the length they reach gives the yield value.
+"""LCPC box: six litres spread in a long level box; the length they reach gives the yield stress.
 
 Source: Roussel (2007), Cem. Concr. Res. 37, 1298: box 1200 x 200 x 150 mm, 6 l; from memory, fairly sure. There the
 concrete is poured slowly at one end; here a block of 200 x 200 x 150 mm stands there and is let go at t = 0.
@@ -9,14 +9,12 @@ import sys
 from typing import Literal
 
 import taichi_mps as mps
-from taichi_mps.units import Density, Duration, Length, Viscosity, YieldValue
+from taichi_mps.units import Duration, Length
 
 
 @mps.checked
 def scene(
-    yield_value: YieldValue = 100.0,
-    plastic_viscosity: Viscosity = 20.0,
-    density: Density = 2300.0,
+    material: mps.Bingham = mps.Bingham(yield_value=100.0, plastic_viscosity=20.0),
     spacing: Length = 0.0125,
     length: Length = 1.2,
     width: Length = 0.2,
@@ -55,14 +53,15 @@ def scene(
         """In the box; at rest as long as the closed form within 5 % and a spacing."""
         assert mps.measure.clearance(s, walls) > 0.0, "leak through a wall"
         assert block < measures["front_m"] < length + spacing, measures
-        if yield_value and s.speed.max() < 0.002:
+        if material.yields and s.speed.max() < 0.002:
             between = None if plane or slip else width
-            x, _ = mps.rest_shapes.channel_at_rest(area, density, yield_value, between, length, normal_stress=True)
+            mix = material.density, material.yield_value
+            x, _ = mps.rest_shapes.channel_at_rest(area, *mix, between, length, normal_stress=True)
             assert abs(measures["front_m"] - x[-1]) < 0.05 * x[-1] + spacing, (measures, x[-1])
 
     return mps.Scene(
         name="lcpc_box",
-        material=mps.Bingham(density=density, plastic_viscosity=plastic_viscosity, yield_value=yield_value),
+        material=material,
         spacing=spacing,
         fluid=fluid,
         walls=walls,

@@ -12,14 +12,12 @@ from typing import Literal
 import numpy as np
 
 import taichi_mps as mps
-from taichi_mps.units import Density, Duration, Length, Speed, Viscosity, YieldValue
+from taichi_mps.units import Duration, Length, Speed
 
 
 @mps.checked
 def scene(
-    yield_value: YieldValue = 20.0,
-    plastic_viscosity: Viscosity = 1.0,
-    density: Density = 1900.0,
+    material: mps.Bingham = mps.Bingham(yield_value=20.0, plastic_viscosity=1.0, density=1900.0),
     spacing: Length = 0.001,
     base_diameter: Length = 0.0381,
     top_diameter: Length = 0.019,
@@ -31,20 +29,20 @@ def scene(
     """The slump test with a small cone. A mould that is lifted needs model full, which is best taken with a spacing of
     2 mm."""
     cone = mps.Cone(0.5 * base_diameter, 0.5 * top_diameter, height)
-    widest = mps.rest_shapes.spread_at_rest(cone.volume, density, yield_value) if yield_value else 4.0 * height
-    slump = mps.slump_cone(
-        yield_value=yield_value, plastic_viscosity=plastic_viscosity, density=density, spacing=spacing,
-        base_diameter=base_diameter, top_diameter=top_diameter, height=height, lift_speed=lift_speed, until=until,
-        model=model, floor_radius=max(0.75 * widest, 0.75 * base_diameter),
-    )  # fmt: skip
+    widest = 4.0 * height
+    if material.yields:
+        widest = mps.rest_shapes.spread_at_rest(cone.volume, material.density, material.yield_value)
+    body = dict(base_diameter=base_diameter, top_diameter=top_diameter, height=height, spacing=spacing)
+    body |= dict(lift_speed=lift_speed, until=until, model=model)
+    slump = mps.slump_cone(material, floor_radius=max(0.75 * widest, 0.75 * base_diameter), **body)
 
     def check(s, measures):
         """On the floor, and at rest as wide as the closed form of a thin cake but for its error, a depth at either end:
         these cakes are not thin. At 20 Pa finite elements without inertia are 12 % narrower; inertia widens them."""
         assert s.x[:, -1].min() > 0.0 and 0.0 <= measures["slump_m"] < height, measures
         assert measures["spread_m"] > base_diameter - 2 * spacing, measures
-        if yield_value and s.speed.max() < spacing and widest > 2.0 * base_diameter:
-            deep = np.sqrt(yield_value * widest / (density * 9.81))
+        if material.yields and s.speed.max() < spacing and widest > 2.0 * base_diameter:
+            deep = np.sqrt(material.yield_value * widest / (material.density * 9.81))
             assert abs(measures["spread_m"] - widest) < 2.0 * deep, (measures, widest, deep)
 
     return replace(slump, name="mini_cone", check=check)

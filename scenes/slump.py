@@ -12,12 +12,12 @@ from typing import Literal
 import numpy as np
 
 import taichi_mps as mps
-from taichi_mps.units import CriticalStrainRate, Density, Duration, Length, Speed, Viscosity, YieldValue
+from taichi_mps.units import Duration, Length, Speed
 
 TALLEST = 3.0  # [m]; a cone beyond was given in centimetres
 
 # Rest slump of the standard cone by finite elements with inertia, rho = 2300 kg/m3, eta = 50 Pa s, true Bingham:
-# yield value [Pa], slump over r < 20 mm [m]; own solution, +-0.4 mm
+# yield stress [Pa], slump over r < 20 mm [m]; own solution, +-0.4 mm
 AT_REST = np.array([[100.0, 0.2482], [300.0, 0.2173], [500.0, 0.1799], [1000.0, 0.1015]])
 
 
@@ -36,10 +36,7 @@ def rings_in(cone, spacing):
 
 @mps.checked
 def scene(
-    yield_value: YieldValue = 300.0,
-    plastic_viscosity: Viscosity = 50.0,
-    density: Density = 2300.0,
-    critical_strain_rate: CriticalStrainRate | None = None,
+    material: mps.Bingham = mps.Bingham(),
     spacing: Length = 0.01,
     base_diameter: Length = 0.2,
     top_diameter: Length = 0.1,
@@ -56,15 +53,6 @@ def scene(
     that is wanted, the cheapest model and spacing measured to reach it are taken where they are not given."""
     if height > TALLEST:
         raise mps.SceneError(f"height = {height:g} m: must be at most {TALLEST:g} m; 300mm and 30cm are lengths, too")
-    if critical_strain_rate == "rational":
-        mix = {"plastic_viscosity": plastic_viscosity, "yield_value": yield_value}
-        critical_strain_rate = mps.rational_critical_strain_rate(**mix, time=until)
-    material = mps.Bingham(
-        density=density,
-        plastic_viscosity=plastic_viscosity,
-        yield_value=yield_value,
-        critical_strain_rate=critical_strain_rate,
-    )
     if lift_speed is not None and model != "full":
         raise mps.SceneError(f"lift_speed = {lift_speed:g} m/s: a mould that is lifted needs model = full, not {model}")
     cone = mps.Cone(0.5 * base_diameter, 0.5 * top_diameter, height)
@@ -81,7 +69,8 @@ def scene(
     outline += [
         np.column_stack([0.5 * w * ring, np.full(49, z)]) for w, z in ((base_diameter, 0), (top_diameter, height))
     ]
-    standard = (density, plastic_viscosity, critical_strain_rate, base_diameter, top_diameter, height)
+    standard = (base_diameter, top_diameter, height) == (0.2, 0.1, 0.3)
+    usual = material.model_copy(update={"yield_value": 300.0}) == mps.Bingham()
     mould = mps.Cylinder(
         point=(0.0, 0.0, 0.0),
         radius=0.5 * base_diameter,
@@ -93,14 +82,14 @@ def scene(
         loose=True,
         thin=True,
     )
-    known = lift_speed is None and standard == (2300.0, 50.0, None, 0.2, 0.1, 0.3) and 100.0 <= yield_value <= 1000.0
+    known = lift_speed is None and standard and usual and 100.0 <= material.yield_value <= 1000.0
 
     def check(snapshot, measures):
         """At rest: within l0 (10 mm at least) of the finite elements for the standard cone; always: on the floor."""
         assert snapshot.x[:, 2].min() > 0.0 and 0.0 <= measures["slump_m"] < height, measures
         assert np.hypot(snapshot.x[:, 0], snapshot.x[:, 1]).max() < floor_radius, "off the floor"
         if known and snapshot.speed.max() < 0.01:
-            slump = np.interp(yield_value, *AT_REST.T)
+            slump = np.interp(material.yield_value, *AT_REST.T)
             assert abs(measures["slump_m"] - slump) < max(spacing, 0.01), (measures, slump)
 
     def over_time(history):

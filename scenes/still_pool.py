@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 
 import taichi_mps as mps
-from taichi_mps.units import Density, Duration, Length, Viscosity, YieldValue
+from taichi_mps.units import Duration, Length
 
 
 def pool_error(snapshot, density, depth):
@@ -27,9 +27,7 @@ def pool_error(snapshot, density, depth):
 
 @mps.checked
 def scene(
-    density: Density = 1000.0,
-    plastic_viscosity: Viscosity = 1e-3,
-    yield_value: YieldValue = 0.0,
+    material: mps.Bingham = mps.Newtonian(),
     spacing: Length = 0.01,
     width: Length = 0.2,
     depth: Length = 0.2,
@@ -43,7 +41,7 @@ def scene(
     margin = 0.25 * depth + 5 * spacing
 
     def measure(snapshot):
-        return pool_error(snapshot, density, depth)
+        return pool_error(snapshot, material.density, depth)
 
     def check(snapshot, measures):
         assert measures["pressure_error"] < 0.1, measures
@@ -52,7 +50,7 @@ def scene(
 
     return mps.Scene(
         name="still_pool",
-        material=mps.Bingham(density=density, plastic_viscosity=plastic_viscosity, yield_value=yield_value),
+        material=material,
         spacing=spacing,
         fluid=mps.fill(mps.Box(low, high), spacing, mirrors),
         walls=(floor, west, *(mirrors or (east,))),

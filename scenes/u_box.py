@@ -11,16 +11,14 @@ from typing import Literal
 import numpy as np
 
 import taichi_mps as mps
-from taichi_mps.units import Density, Duration, Length, Viscosity, YieldValue
+from taichi_mps.units import Duration, Length
 
 BAR, APART, COUNT = 0.013, 0.05, 3  # diameter and distance of axes [m], number of the bars
 
 
 @mps.checked
 def scene(
-    yield_value: YieldValue = 40.0,
-    plastic_viscosity: Viscosity = 20.0,
-    density: Density = 2300.0,
+    material: mps.Bingham = mps.Bingham(yield_value=40.0, plastic_viscosity=20.0),
     spacing: Length = 0.0125,
     leg: Length = 0.14,
     width: Length = 0.2,
@@ -72,19 +70,19 @@ def scene(
 
     def check(s, measures):
         """In the vessel; at rest the volume fills both legs and the opening, and the levels differ by no more than the
-        friction in legs and opening can hold, and the bars, if there are any."""
+        walls of legs and opening can hold, and the bars, if there are any."""
         assert mps.measure.clearance(s, walls) > 0.0, "leak through a wall or a bar"
         assert max(measures["h1_m"], measures["h2_m"]) < height + spacing, measures
         if s.speed.max() < 0.01:
-            friction = far / opening + (0.0 if slip else 2.0 * (1.0 / leg + 1.0 / width) * full)
-            held = yield_value / (9.81 * density) * friction + 2.0 * spacing
+            drag = far / opening + (0.0 if slip else 2.0 * (1.0 / leg + 1.0 / width) * full)
+            held = material.yield_value / (9.81 * material.density) * drag + 2.0 * spacing
             assert -held < measures["step_m"] < held or bars == "yes", (measures, held)
             both = measures["h1_m"] + measures["h2_m"] + thick * opening / leg
             assert not slip or abs(both - full) < 3.0 * spacing, (measures, full)
 
     return mps.Scene(
         name="u_box",
-        material=mps.Bingham(density=density, plastic_viscosity=plastic_viscosity, yield_value=yield_value),
+        material=material,
         spacing=spacing,
         fluid=fluid,
         walls=walls,

@@ -11,14 +11,12 @@ from typing import Literal
 import numpy as np
 
 import taichi_mps as mps
-from taichi_mps.units import Density, Duration, Length, Viscosity, YieldValue
+from taichi_mps.units import Duration, Length
 
 
 @mps.checked
 def scene(
-    yield_value: YieldValue = 40.0,
-    plastic_viscosity: Viscosity = 20.0,
-    density: Density = 2300.0,
+    material: mps.Bingham = mps.Bingham(yield_value=40.0, plastic_viscosity=20.0),
     spacing: Length = 0.0125,
     top: Length = 0.515,
     outlet: Length = 0.065,
@@ -93,7 +91,7 @@ def scene(
 
     return mps.Scene(
         name="v_funnel",
-        material=mps.Bingham(density=density, plastic_viscosity=plastic_viscosity, yield_value=yield_value),
+        material=material,
         spacing=spacing,
         fluid=fluid,
         walls=walls,

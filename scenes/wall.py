@@ -13,16 +13,14 @@ import numpy as np
 from pydantic import Field
 
 import taichi_mps as mps
-from taichi_mps.units import Density, Duration, FlowRate, Length, Ratio, Viscosity, YieldValue
+from taichi_mps.units import Duration, FlowRate, Length, Ratio
 
 FREE = 0.06  # height of the mouth above the form [m]
 
 
 @mps.checked
 def scene(
-    yield_value: YieldValue = 60.0,
-    plastic_viscosity: Viscosity = 20.0,
-    density: Density = 2300.0,
+    material: mps.Bingham = mps.Bingham(yield_value=60.0, plastic_viscosity=20.0),
     spacing: Length = 0.02,
     length: Length = 0.8,
     width: Length = 0.2,
@@ -84,7 +82,7 @@ def scene(
 
     return mps.Scene(
         name="wall",
-        material=mps.Bingham(density=density, plastic_viscosity=plastic_viscosity, yield_value=yield_value),
+        material=material,
         spacing=spacing,
         fluid=None,
         inlets=(inlet,),
