@@ -10,8 +10,21 @@ import numpy as np
 
 from ..units import SceneError
 
-COLUMNS = ("time_s", "dt_s", "slump_m", "spread_m", "max_speed_m_s", "kinetic_energy_J")
-COLUMNS += ("unyielded_fraction", "viscous_iterations", "pressure_iterations", "volume_error")
+MEANING = {
+    "time_s": "time at the end of the step [s]",
+    "dt_s": "length of the step [s]",
+    "slump_m": "fall of the top of the body at its axis [m]; nan where the scene measures none",
+    "spread_m": "diameter of the body, mean over all directions [m]; nan where the scene measures none",
+    "max_speed_m_s": "largest speed of a particle [m/s]",
+    "kinetic_energy_J": "kinetic energy of the computed part of the fluid [J]; in 2-D per metre of depth [J/m]",
+    "unyielded_fraction": "number of fluid particles that do not flow over that of all [-]",
+    "viscous_iterations": "augmented-Lagrangian (Uzawa) iterations of implicit, direct (Picard) iterations of the "
+    "viscosity of semi-implicit, in the step [-]",
+    "pressure_iterations": "iterations of the linear solver in the step [-]: of the velocity solves of implicit, "
+    "whatever the name says, and of the pressure of semi-implicit",
+    "volume_error": "change of the volume of what has a full neighbourhood, from the packing [-]",
+}
+COLUMNS = tuple(MEANING)  # of every run; more by the measures of the scene
 
 
 class History:

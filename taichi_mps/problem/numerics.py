@@ -1,44 +1,67 @@
-"""Numerics: how a scene is to be computed, by which scheme."""
+"""Numerics: how a scene is to be computed, by which scheme. Each number is declared here and nowhere else."""
 
+import warnings
 from typing import ClassVar, Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from ..units import Checked, Count, Duration, RadiusRatio, Ratio
 
+COURANT = "largest way of a particle in a step over the spacing"
+RADIUS = "effective radius r_e over the spacing: farther particles are no neighbours"
+
 
 class Implicit(Checked):
-    """Numerics of the default scheme: implicit viscosity, pressure and yield stress together."""
+    """Numerics of the default scheme: implicit viscosity, pressure and yield stress together.
+
+    ``passes`` is the number of augmented-Lagrangian (Uzawa) iterations of a step: each solves for the velocity and then
+    corrects stress and pressure. The last solve stops at ``tolerance``, those before at ten times that.
+    ``sleep`` is accepted and does nothing.
+    """
 
     scheme: ClassVar[str] = "implicit"
     unyielded_stop: ClassVar[None] = None  # of the paper's scheme only
 
-    walls: Literal["surfaces", "particles"] = "surfaces"
-    courant_number: Ratio = 0.2
-    max_time_step: Duration | None = None
-    tolerance: Ratio = 3e-3
-    passes: Count = 6
-    effective_radius_ratio: RadiusRatio = 2.1
-    sleep: bool = Field(False, description="leave out of the solve what has come to rest")
+    walls: Literal["surfaces", "particles"] = Field("surfaces", description="how walls are represented")
+    courant_number: Ratio = Field(0.2, description=COURANT)
+    max_time_step: Duration | None = Field(None, description="longest step, by default what resolves the flow")
+    tolerance: Ratio = Field(3e-3, description="relative residual at which a velocity solve stops")
+    passes: Count = Field(6, description="augmented-Lagrangian (Uzawa) iterations a step")
+    effective_radius_ratio: RadiusRatio = Field(2.1, description=RADIUS)
+    sleep: bool = Field(False, description="does nothing yet: to leave out of the solve what has come to rest")
+
+    @model_validator(mode="after")
+    def _warn_of_sleep(self):
+        if self.sleep:
+            warnings.warn(
+                "sleep = True: does nothing until a later version gives it a solve whose cost follows what moves",
+                stacklevel=1,  # by text: once in a process
+            )
+        return self
 
 
 class SemiImplicit(Checked):
-    """Numerics of Tomiyama et al. (2009): explicit viscosity, semi-implicit pressure. Defaults are the paper's."""
+    """Numerics of Tomiyama et al. (2009): explicit viscosity, semi-implicit pressure. Defaults are the paper's.
+
+    ``source`` is the right-hand side of the pressure equation, the deviation of the particle number density alone or
+    mixed with the divergence; ``gradient`` that of the pressure, the paper's or one that conserves momentum.
+    ``picard_tolerance`` and ``picard_limit`` stop the direct (Picard) iterations of the apparent viscosity.
+    """
 
     scheme: ClassVar[str] = "semi-implicit"
     walls: ClassVar[str] = "particles"
 
-    source: Literal["density", "mixed"] = "density"
-    gradient: Literal["literal", "conservative"] = "literal"
-    courant_number: Ratio = 0.2
-    diffusion_number: Ratio = 0.2
-    first_time_step: Duration = 1e-3
-    max_time_step: Duration = 1e-3
-    picard_tolerance: Ratio = 0.05
-    picard_limit: Count = 20
-    tolerance: Ratio = 1e-5
-    unyielded_stop: Ratio = 0.9
-    effective_radius_ratio: RadiusRatio = 2.1
+    source: Literal["density", "mixed"] = Field("density", description="right-hand side of the pressure equation")
+    gradient: Literal["literal", "conservative"] = Field("literal", description="discrete gradient of the pressure")
+    courant_number: Ratio = Field(0.2, description=COURANT)
+    diffusion_number: Ratio = Field(0.2, description="largest viscosity times step over density and spacing squared")
+    first_time_step: Duration = Field(1e-3, description="first step")
+    max_time_step: Duration = Field(1e-3, description="longest step")
+    picard_tolerance: Ratio = Field(0.05, description="relative change of the viscosity that ends the iteration")
+    picard_limit: Count = Field(20, description="direct (Picard) iterations of the viscosity a step, at most")
+    tolerance: Ratio = Field(1e-5, description="relative residual at which the pressure solve stops")
+    unyielded_stop: Ratio = Field(0.9, description="unyielded fraction of the particles at which the run ends")
+    effective_radius_ratio: RadiusRatio = Field(2.1, description=RADIUS)
 
 
 NUMERICS = {kind.scheme: kind for kind in (Implicit, SemiImplicit)}

@@ -102,6 +102,7 @@ def plain(value):
 
 def begin(scene):
     """A Simulation of the scene, by kernels of this process where they fit. Starts Taichi where it is not."""
+    from ..problem.problem import Problem
     from ..runtime import backend
     from .reuse import Compiled, shape_of
 
@@ -112,7 +113,7 @@ def begin(scene):
         _kept = None
         with redirect_stdout(io.StringIO()):  # without Taichi's greeting
             backend.init(threads=1)
-    if _kept is None or not _kept.whole or _kept.shape != shape_of(scene):
+    if _kept is None or not _kept.whole or _kept.shape != shape_of(Problem(scene)):
         _kept = None
         _kept = Compiled(scene)
     return _kept.begin(scene)

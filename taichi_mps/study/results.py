@@ -7,11 +7,13 @@
 import csv
 import json
 import os
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
 
-from ..io.lock import lock
+from ..io.lock import locked
 from ..units import SceneError
+
+LOCK = "study.lock"
 
 
 class Results:
@@ -21,16 +23,24 @@ class Results:
         self.folder = Path(folder)
         self.journal, self.table = self.folder / "journal.jsonl", self.folder / "results.csv"
         self.rows: dict[str, dict] = {}
-        self._file = None
+        self._file = self._opened = None
 
     def __enter__(self):
-        if self.folder.is_dir() and any(self.folder.iterdir()) and not self.journal.exists():
+        there = {path.name for path in self.folder.iterdir()} if self.folder.is_dir() else set()
+        if there - {LOCK} and self.journal.name not in there:
             raise SceneError(f"out = {self.folder}: holds other files and no study; must be a new or a study's folder")
-        self.folder.mkdir(parents=True, exist_ok=True)
-        self._file = open(self.journal, "a+b")  # noqa: SIM115  (open as long as the study)
-        if not lock(self._file):
-            self._file.close()
-            raise SceneError(f"out = {self.folder}: another study is writing there; must be one at a time")
+        with ExitStack() as opened:
+            opened.enter_context(locked(self.folder / LOCK, "another study, process"))
+            self._file = opened.enter_context(open(self.journal, "a+b"))
+            self._read()
+            self._opened = opened.pop_all()
+        return self
+
+    def __exit__(self, *_):
+        self._opened.close()
+
+    def _read(self) -> None:
+        """The rows of the journal, which stays open for more."""
         self._file.seek(0)
         whole = self._file.read()
         end = whole.rfind(b"\n") + 1  # what stands after the last end of line was cut off by the end of a process
@@ -40,14 +50,9 @@ class Results:
                 row = json.loads(line)
                 self.rows[row["key"]], _ = row, row["status"]
             except (ValueError, TypeError, KeyError):
-                self._file.close()
                 raise SceneError(
                     f"{self.journal}: line {number} is no row; delete it to compute its case anew"
                 ) from None
-        return self
-
-    def __exit__(self, *_):
-        self._file.close()
 
     def add(self, row: dict) -> None:
         """Keep a row for good."""

@@ -9,27 +9,40 @@ import time
 from dataclasses import fields
 
 from ..problem.materials import Bingham
+from ..problem.problem import Problem
 from ..problem.scene import Scene
 from ..runtime.backend import require_room, ti
 from ..simulation.simulation import Simulation
-from ..terms.constants import law_of
+from ..terms.constants import FIELDS_OF_A_MIX
+
+# of a scene: read at every step or at the end, by no kernel; the material has its own entry
+FREE = ("material", "until", "parameters", "measure", "over_time", "check", "outline")
 
 
-def shape_of(scene: Scene) -> bytes:
-    """What of a scene is compiled: all but the numbers of its material, its end and what is read from it."""
-    free = ("material", "until", "parameters", "measure", "over_time", "check", "outline")
-    bare = [getattr(scene, field.name) for field in fields(scene) if field.name not in free]
-    law = law_of(scene.material) if isinstance(scene.material, Bingham) else repr(scene.material)
+def shape_of(problem: Problem) -> bytes:
+    """What of a problem is compiled: all of the scene but FREE, all of the numerics, and what kernels do not read from
+    fields of the mix. Problems of one shape share their kernels."""
+    scene = problem.scene
+    bare = [getattr(scene, field.name) for field in fields(scene) if field.name not in FREE]
+    mixes = [scene.mix_of(inlet) for inlet in scene.inlets]  # one may be that of the scene
     rubs = any(wall.friction for wall in scene.walls)  # friction keeps the viscosity of the fluid, too
-    mixes = len(scene.materials), [scene.mix_of(inlet) for inlet in scene.inlets]  # one may be that of the scene
-    return pickle.dumps((bare, law, mixes, scene.material.plastic_viscosity if rubs else None))
+    material = compiled_numbers(scene.material), scene.material.plastic_viscosity if rubs else None
+    return pickle.dumps((bare, problem.scheme, repr(problem.numerics), problem.law, material, mixes))
+
+
+def compiled_numbers(material) -> str:
+    """What of a material is compiled in: of a Bingham mix all but FIELDS_OF_A_MIX, of a flow curve all."""
+    if not isinstance(material, Bingham):
+        return repr(material)
+    compiled = [name for name in type(material).model_fields if name not in FIELDS_OF_A_MIX]
+    return repr((type(material).__name__, {name: getattr(material, name) for name in compiled}))
 
 
 class Compiled:
     """One Simulation for all scenes of one shape, by the scheme ``implicit`` with its defaults."""
 
     def __init__(self, scene: Scene):
-        self.shape = shape_of(scene)
+        self.shape = shape_of(Problem(scene))
         self.program = ti.lang.impl.get_runtime().prog
         self.sim = Simulation(scene)
         self.scheme = self.sim.scheme

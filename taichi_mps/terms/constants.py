@@ -5,6 +5,10 @@ import math
 
 from ..runtime.backend import real, ti
 
+# The numbers of a Bingham mix that kernels read from fields. Any other number is compiled in: a sweep compiles anew for
+# each of its values (study/reuse.py) until it is a field here, too.
+FIELDS_OF_A_MIX = ("density", "plastic_viscosity", "yield_value", "critical_strain_rate")
+
 NON_AFFINE = 0.6  # c: bond-associated dissipation gives 1/2 (shear) to 2/3 (along the bond), docs/equations.md
 INERTIAL = 0.5  # non-affine motion of a thin fluid decays within two natural steps or so: h += 0.5 rho l0^2/step
 SLOWEST = 5e-3  # strain per natural step below which the non-affine resistance of a yield-stress fluid stops growing
