@@ -4,11 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_gradient import cloud
-from test_momentum import System
 
 import taichi_mps as mps
 from taichi_mps.runtime.backend import ti
+from tests.support.rigs import System, cloud
 
 DENSITY, G, DEPTH = 2300.0, 9.81, 0.1  # kg/m3, m/s2, m
 ANGLE = np.radians(10.0)

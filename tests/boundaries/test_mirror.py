@@ -4,13 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_gradient import L0, Rig, cloud
-from test_momentum import MASS_RATE, System
 
 import taichi_mps as mps
 from taichi_mps.problem import measures as measure
 from taichi_mps.problem.measures import Snapshot
 from taichi_mps.viz import render
+from tests.support.rigs import L0, MASS_RATE, Rig, System, cloud
 
 WEST = mps.Plane((0.0, 0.0), (1.0, 0.0), mirror=True)
 FLOOR = mps.Plane((0.0, 0.0), (0.0, 1.0))

@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_gradient import Rig as Cloud
-from test_gradient import cloud
 
 import taichi_mps as mps
 from taichi_mps.boundaries.walls import Walls
 from taichi_mps.problem import catalogue
 from taichi_mps.runtime.backend import ti
+from tests.support.rigs import Rig as Cloud
+from tests.support.rigs import cloud
 
 L0, RE = 0.1, 0.21
 UP = (0.0, 0.0, 1.0)

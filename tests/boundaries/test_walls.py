@@ -4,9 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_gradient import Rig as Cloud
-from test_gradient import cloud
-from test_momentum import MASS_RATE, System
 
 import taichi_mps as mps
 from taichi_mps.boundaries.walls import Walls
@@ -15,6 +12,8 @@ from taichi_mps.particles.kernels import lattice_sums, mps_weight, smooth_weight
 from taichi_mps.particles.neighbors import Bins, NeighborList
 from taichi_mps.particles.particles import Particles
 from taichi_mps.runtime.backend import ti
+from tests.support.rigs import MASS_RATE, System, cloud
+from tests.support.rigs import Rig as Cloud
 
 L0, RE = 0.1, 0.21
 HEIGHT = 10 * L0

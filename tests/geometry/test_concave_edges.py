@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_gradient import L0, Rig, cloud
 
 import taichi_mps as mps
 from taichi_mps.boundaries import surfaces
 from taichi_mps.boundaries.surfaces import FAR
 from taichi_mps.geometry.concave_edges import inner_edges
 from taichi_mps.geometry.solid import polygon_distance
+from tests.support.rigs import L0, Rig, cloud
 
 CELL, REACH = 0.5 * L0, 1.6 * L0
 

@@ -4,14 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_gradient import Rig as Cloud
-from test_gradient import cloud
 
 import taichi_mps as mps
 from taichi_mps.boundaries.walls import Walls
 from taichi_mps.geometry.solid import mesh_distance, polygon_distance, read_mesh
 from taichi_mps.runtime.backend import ti
 from taichi_mps.viz import render
+from tests.support.rigs import Rig as Cloud
+from tests.support.rigs import cloud
 
 L0, RE = 0.1, 0.21
 PIPE = mps.Cylinder((0.05, 0.0, 0.02), 0.33, axis=(1.0, 2.0, -2.0))

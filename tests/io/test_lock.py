@@ -7,14 +7,16 @@ import sys
 from pathlib import Path
 
 import pytest
-from test_files import recorded
 
 import taichi_mps as mps
 from taichi_mps.cli import main as cli
 from taichi_mps.io import lock
 from taichi_mps.problem import catalogue
+from tests.support.recorded import recorded
 
-HOLDER = "import sys\nfrom taichi_mps import lock\nwith lock.held(sys.argv[1]):\n    print('held', flush=True), input()"
+HOLDER = (
+    "import sys\nfrom taichi_mps.io import lock\nwith lock.held(sys.argv[1]):\n    print('held', flush=True), input()"
+)
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -80,14 +82,15 @@ def test_one_process_writes_into_several_folders_but_once_into_each(tmp_path):
 
 def test_a_lock_that_its_holder_removes_meanwhile_is_taken_anew(tmp_path, monkeypatch):
     """Between the opening of the file and the lock on it the holder ends, and takes the file with it."""
-    first, taken = lock.held(tmp_path), lock.lock
+    fcntl = pytest.importorskip("fcntl", reason="a file that is open cannot be removed here")
+    first, taken = lock.held(tmp_path), fcntl.flock
     first.__enter__()
 
-    def late(file):
-        monkeypatch.setattr(lock, "lock", taken)
+    def late(file, how):
+        monkeypatch.setattr(fcntl, "flock", taken)
         first.__exit__(None, None, None)
-        return taken(file)
+        return taken(file, how)
 
-    monkeypatch.setattr(lock, "lock", late)
+    monkeypatch.setattr(fcntl, "flock", late)
     with lock.held(tmp_path), pytest.raises(mps.SceneError, match="one at a time"), lock.held(tmp_path):
         pass

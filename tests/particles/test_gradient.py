@@ -4,92 +4,13 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.boundaries.walls import Walls
-from taichi_mps.particles.gradient import Gradient
-from taichi_mps.particles.kernels import lattice_sums, mps_weight, smooth_weight
-from taichi_mps.particles.neighbors import Bins, NeighborList
-from taichi_mps.particles.particles import DUMMY, FLUID, WALL, Particles
-from taichi_mps.runtime.backend import ti
+from taichi_mps.particles.kernels import smooth_weight
+from taichi_mps.particles.particles import DUMMY, FLUID, WALL
+from tests.support.rigs import L0, Rig, cloud
 
-L0 = 0.1
 ROUNDING = 1e-12
 FLOOR, LEFT = -0.43, -0.53  # places of the two walls [m]
 CASES = ("2-D", "3-D", "2-D walls", "2-D smooth")
-
-
-@ti.data_oriented
-class Rig:
-    """Particles at given places, with kernels for the gradient of ``u`` and the force of the stresses ``T``."""
-
-    def __init__(self, x, kinds=None, planes=(), rings=None, weight=mps_weight):
-        """``rings``: their volumes [m3] in an axisymmetric scene."""
-        d = x.shape[1]
-        t = d if rings is None else 3
-        self.dimension, self.volume, self.planes = d, L0**d, planes
-        kinds = np.full(len(x), FLUID) if kinds is None else kinds
-        lattice = lattice_sums(d, L0, 2.1 * L0, weight)
-        volumes = np.full(len(x), self.volume) if rings is None else rings
-        frictions = [plane.friction for plane in planes if plane.friction]
-        self.particles = Particles(x, kinds, 0.0 * x, volumes, False, rings is not None, frictions=frictions)
-        bins = Bins(self.particles, ((-2.0,) * d, (2.0,) * d), (False,) * d, 2.1 * L0)
-        neighbors = NeighborList(bins, 60 * len(x))
-        on = dict(rings=rings is not None, particles=self.particles, weight=weight)
-        walls = Walls(planes, d, L0, 2.1 * L0, len(x), **on)
-        self.gradient = Gradient(neighbors, walls, lattice, L0)
-        self.u, self.F = (ti.Vector.field(d, ti.f64, len(x)) for _ in range(2))
-        self.left = ti.field(ti.f64, len(x))
-        self.G, self.T = (ti.Matrix.field(t, t, ti.f64, len(x)) for _ in range(2))
-        self.P = ti.Matrix.field(d, d, ti.f64, len(x))
-        bins.sort()
-        neighbors.build()
-        self.gradient.build()
-        rows = self.particles.read()
-        self.x, self.kind = rows["x"], rows["kind"]
-        r = self.x[None] - self.x[:, None]
-        size = np.linalg.norm(r, axis=-1) + 9.0 * np.eye(len(x))
-        self.weight_r2 = weight(np.minimum(1.0, size / (2.1 * L0))) / size**2
-        moment = np.einsum("ij,ija,ijb->iab", self.weight_r2, r, r)
-        self.healthy = np.linalg.det(moment) > 0.05 * (lattice.n0 / d) ** d  # not nearly flat: not stiffened
-        self.healthy &= self.gradient.B.to_numpy()[:, 0, 0] > 0.0
-
-    @ti.kernel
-    def _gradients(self, motion: ti.f64):
-        for i in range(self.particles.count[None]):
-            self.G[i] = self.gradient.velocity_gradient(i, self.u, motion)
-
-    @ti.kernel
-    def _fits(self):
-        for i in range(self.particles.count[None]):
-            self.G[i], self.left[i] = self.gradient.fit(i, self.u, 0.0)
-
-    @ti.kernel
-    def _forces(self):
-        for i in range(self.particles.count[None]):
-            self.P[i] = self.gradient.spread_stress(i, self.T[i])
-        for i in range(self.particles.count[None]):
-            self.F[i] = self.gradient.force(i, self.P)
-
-    def gradients(self, u, motion=0.0):
-        self.u.from_numpy(np.ascontiguousarray(u))
-        self._gradients(motion)
-        return self.G.to_numpy()
-
-    def fits(self, u):
-        self.u.from_numpy(np.ascontiguousarray(u))
-        self._fits()
-        return self.G.to_numpy(), self.left.to_numpy()
-
-    def forces(self, T):
-        self.T.from_numpy(T)
-        self._forces()
-        return self.F.to_numpy()
-
-
-def cloud(shape, seed=2):
-    """A jittered lattice around the origin, [m]."""
-    half = 0.5 * L0 * np.array(shape)
-    x = mps.lattice(-half, half, L0)
-    return x + np.random.default_rng(seed).uniform(-0.25, 0.25, x.shape) * L0
 
 
 @pytest.fixture(scope="module")

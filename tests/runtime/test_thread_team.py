@@ -3,11 +3,11 @@
 import numpy as np
 import pyamg
 import pytest
-from test_mrpcg import solve, sparse_matrix
 
 from taichi_mps.runtime import backend
 from taichi_mps.runtime import thread_team as team
 from taichi_mps.runtime.backend import ti
+from tests.support.linear import solve, sparse_matrix
 
 ROWS, ROUNDS = 5000, 1000
 

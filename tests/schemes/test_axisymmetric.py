@@ -2,14 +2,13 @@
 
 import numpy as np
 import pytest
-from test_gradient import L0, Rig
-from test_momentum import System
 
 import taichi_mps as mps
 from taichi_mps.problem import measures as measure
 from taichi_mps.problem.measures import Snapshot
 from taichi_mps.terms.shifting import Shifting
 from taichi_mps.viz import render
+from tests.support.rigs import L0, Rig, System
 
 FLOOR = mps.Plane((0.0, -0.55), (0.0, 1.0))
 AXIS = mps.Plane((0.0, 0.0), (1.0, 0.0), mirror=True)

@@ -6,13 +6,13 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-import study_cases
 
 from taichi_mps.study.slurm import Jobs
 from taichi_mps.study.sweep import LOST, carry_out
 from taichi_mps.units import SceneError
+from tests.support import study_cases
 
-HERE = Path(__file__).parent
+ROOT = Path(__file__).resolve().parents[2]
 
 
 class Cluster:
@@ -121,7 +121,7 @@ def test_a_real_slurm_whose_job_is_cancelled(tmp_path, notes, monkeypatch):
     asked = shutil.which("sinfo") and subprocess.run(["sinfo", "-h", "-o", "%R"], capture_output=True, text=True)
     if not asked or asked.returncode or not asked.stdout.split():
         pytest.skip("needs a Slurm cluster: sinfo names no partition")
-    monkeypatch.setenv("PYTHONPATH", f"{HERE.parent}:{HERE}")
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
     address, out = f"slurm://{asked.stdout.split()[0]}?timeout_min=5&mem_gb=1", tmp_path / "s"
 
     def cancel(rows, total):

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import study_cases
 
 import taichi_mps as mps
 from taichi_mps.cli import main as cli
@@ -21,6 +20,9 @@ from taichi_mps.study.sweep import ACCURACY, LOST, carry_out, values
 from taichi_mps.study.sweep import cases as combinations
 from taichi_mps.terms.constants import longest_step
 from taichi_mps.units import SceneError
+from tests.support import study_cases
+
+ROOT = Path(__file__).resolve().parents[2]
 
 
 # ---- what is to be computed ------------------------------------------------------------------------------------
@@ -131,14 +133,13 @@ def test_a_case_that_kills_its_process_takes_no_other_with_it(tmp_path, notes):
 
 def test_a_study_that_is_killed_goes_on_where_it_was(tmp_path, notes):
     script = (
-        "import study_cases as s, sys; from taichi_mps.study.sweep import carry_out\n"
+        "import sys\nfrom taichi_mps.study.sweep import carry_out\nfrom tests.support import study_cases as s\n"
         "if __name__ == '__main__':\n"
         "    carry_out(s.planned(9, sys.argv[1]), sys.argv[2], s.kills_the_study_at_first, workers=2)\n"
     )
     (tmp_path / "study.py").write_text(script)
-    here = Path(__file__).parent
     command = [sys.executable, tmp_path / "study.py", notes, tmp_path / "s"]
-    path = {"PYTHONPATH": f"{here.parent}:{here}", "PATH": ""}
+    path = {"PYTHONPATH": str(ROOT), "PATH": ""}
     assert subprocess.run(command, env=path, timeout=60).returncode == -9
     journal = tmp_path / "s" / "journal.jsonl"
     before = [json.loads(line)["key"] for line in journal.read_text().splitlines()]

@@ -2,13 +2,12 @@
 
 import numpy as np
 import pytest
-from test_gradient import L0, cloud
-from test_momentum import System
 
 import taichi_mps as mps
 from taichi_mps.particles.kernels import lattice_sums
 from taichi_mps.runtime.backend import ti
 from taichi_mps.terms.deferred_correction import DeferredCorrection
+from tests.support.rigs import L0, System, cloud
 
 CASES = ("2-D", "3-D")
 

@@ -2,55 +2,13 @@
 
 import numpy as np
 import pytest
-from test_gradient import L0, Rig, cloud
 
 import taichi_mps as mps
 from taichi_mps.particles.particles import FLUID, WALL
 from taichi_mps.runtime.backend import ti
-from taichi_mps.runtime.thread_team import ONE_THREAD
-from taichi_mps.terms.momentum import MomentumSystem
+from tests.support.rigs import BULK, L0, MASS_RATE, System, cloud
 
-MASS_RATE, BULK = 40.0, 3000.0
 FLOOR = mps.Plane((0.0, -0.33), (0.0, 1.0), velocity=(0.5, 0.0))
-
-
-@ti.data_oriented
-class System(Rig):
-    """A cloud of particles with random viscosities, and its momentum system."""
-
-    def __init__(self, x, kinds=None, planes=(), rings=None):
-        super().__init__(x, kinds, planes, rings)
-        rng = np.random.default_rng(8)
-        n, d = x.shape
-        self.system = MomentumSystem(self.particles, self.gradient, self.gradient.walls)
-        self.system.bulk[None] = BULK
-        self.system.inertia.fill(MASS_RATE / self.volume)
-        self.system.mu.from_numpy(rng.uniform(10.0, 1000.0, n))
-        self.system.h.from_numpy(2.0 * self.volume / self.gradient.n0 * rng.uniform(5.0, 500.0, n))
-        self.system.prepare()
-        self.y = ti.Vector.field(d, ti.f64, n)
-        self.unknown = self.kind == FLUID
-
-    @ti.kernel
-    def _multiply(self):
-        self.system.apply(self.u, self.y, ONE_THREAD, 0)
-
-    def multiply(self, u):
-        self.u.from_numpy(np.ascontiguousarray(u))
-        self._multiply()
-        return self.y.to_numpy()
-
-    def dense(self):
-        """Matrix over the unknown rows, (m d, m d), and its diagonal blocks (m, d, d)."""
-        rows = np.flatnonzero(self.unknown)
-        d, columns = self.dimension, []
-        for i in rows:
-            for a in range(d):
-                u = np.zeros_like(self.x)
-                u[i, a] = 1.0
-                columns.append(self.multiply(u)[rows].ravel())
-        A = np.array(columns).T
-        return A, np.array([A[k * d : (k + 1) * d, k * d : (k + 1) * d] for k in range(len(rows))])
 
 
 def mixed():

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from test_gradient import L0, cloud
 
 import taichi_mps as mps
 from taichi_mps.particles.kernels import smooth_weight
 from taichi_mps.terms.constants import longest_step
 from taichi_mps.terms.pressure_smoothing import SMOOTHING
+from tests.support.rigs import L0, cloud
 
 DENSITY, G, RE = 1000.0, np.array([0.0, -9.81]), 2.1
 

@@ -1,0 +1,64 @@
+"""Run folders without a simulation: a body in free fall, and what is written of it."""
+
+from types import SimpleNamespace
+
+import numpy as np
+
+import taichi_mps as mps
+from taichi_mps.io.recorder import Recorder
+from taichi_mps.io.run_folder import RunFolder
+from taichi_mps.problem.measures import Snapshot
+
+
+class Falling:
+    """What the edges need of a Simulation: particles in free fall in ``dt`` [s] steps."""
+
+    def __init__(self, scene, dt=0.01):
+        self.scene, self.numerics, self.dt = scene, mps.Implicit(), dt
+        self.time, self.steps, self.report, self.stopped_by = 0.0, 0, None, "time"
+        self.callbacks = []
+
+    def every(self, interval, callback):
+        self.output = callback
+
+    def each_step(self, callback):
+        self.callbacks.append(callback)
+
+    def step(self):
+        self.steps += 1
+        self.time = self.steps * self.dt
+        names = "max_speed kinetic_energy unyielded_fraction viscous_iterations pressure_iterations volume_error"
+        values = dict.fromkeys(names.split(), 1.0)
+        self.report = SimpleNamespace(step=self.steps, time=self.time, dt=self.dt, dt_limit="Courant", **values)
+        for callback in self.callbacks:
+            callback(self)
+        self.output(self)
+
+    def snapshot(self):
+        x = self.scene.fluid + self.scene.gravity_vector * 0.5 * self.time**2
+        n, d = x.shape
+        zero, wall = np.zeros(n), np.zeros((0, d))
+        u = np.tile(self.scene.gravity_vector * self.time, (n, 1))
+        return Snapshot(self.time, self.scene.spacing, x, u, zero, zero, np.arange(n) % 2 == 0, zero + 1.0, wall)
+
+    def measures(self):
+        return self.scene.measure(self.snapshot())
+
+    def summary(self):
+        return {"scene": self.scene.name, "steps": self.steps, "volume_error": float("nan"), **self.measures()}
+
+    def state(self):
+        scalars = {"time": self.time, "steps": self.steps, "last_dt": None, "rest": {"since": 0.1 + 0.2}}
+        return {"x": self.snapshot().x, **scalars, "report": {"dt": 0.1}}
+
+
+def recorded(path, scene, steps):
+    """(folder, stand-in, recorder) after that many steps."""
+    folder = RunFolder(path)
+    folder.create()
+    sim = Falling(scene)
+    recorder = Recorder(folder, sim, 0.01, "slump", {"every": 0.01})
+    recorder.output(sim)
+    for _ in range(steps):
+        sim.step()
+    return folder, sim, recorder
