@@ -8,12 +8,12 @@ from .history import History, read_history, row_of
 from .run_folder import RunFolder, strict
 from .vtkhdf import Trajectory, due
 
-CHECKPOINT_SHARE = 0.02  # of the time that a run takes, spent on checkpoints
+CHECKPOINT_COST = 0.02  # fraction of the time that a run takes, spent on checkpoints
 
 
 class Recorder:
     """Writes a run as it goes: history every step, run.h5 and a picture every ``every`` [s], a checkpoint at the start
-    and as often as costs no more than CHECKPOINT_SHARE of the time.
+    and as often as costs no more than CHECKPOINT_COST of the time.
 
     ``settings`` are the options of the run that ``resume`` needs; ``picture(sim, number)`` draws one output.
     """
@@ -55,7 +55,7 @@ class Recorder:
         self.good = self._checkpoint()
         self.good.write(self.folder.checkpoint)
         now = time.monotonic()
-        self.next = now + (now - begin) / CHECKPOINT_SHARE
+        self.next = now + (now - begin) / CHECKPOINT_COST
 
     def step(self, sim) -> None:
         self.measures = sim.measures()

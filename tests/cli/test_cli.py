@@ -92,10 +92,11 @@ def test_a_run_leaves_a_whole_folder_and_prints_only_json(whole):
 
 UNSEEN = """
 import math, sys
-from taichi_mps import cli, files, running
-files.CHECKPOINT_SHARE = math.inf  # after every step, so that many a kill falls into the writing of one
-running.pictures = lambda *_: None
-cli.entry()
+from taichi_mps.cli import main, run
+from taichi_mps.io import recorder
+recorder.CHECKPOINT_COST = math.inf  # after every step, so that many a kill falls into the writing of one
+run.pictures = lambda *_: None
+main.entry()
 """
 
 
@@ -316,7 +317,7 @@ def test_help_lists_every_keyword_with_unit_and_default_without_taichi(tmp_path)
 
 
 def test_the_views_offered_are_those_that_can_be_drawn():
-    text = (ROOT / "taichi_mps" / "render.py").read_text()
+    text = (ROOT / "taichi_mps" / "viz" / "render.py").read_text()
     assert all(f'"{view}"' in text for view in get_args(options.VIEWS))
 
 

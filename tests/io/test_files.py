@@ -222,7 +222,7 @@ def test_without_run_h5_the_history_goes_on_and_pictures_are_not_mixed(tmp_path,
 FULL_DISK = """
 import resource, signal, sys
 import numpy as np
-from taichi_mps.checkpoint import Checkpoint
+from taichi_mps.io.checkpoint import Checkpoint
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
 try:

@@ -11,6 +11,7 @@ import pytest
 
 import taichi_mps as mps
 from taichi_mps.cli import main as cli
+from taichi_mps.problem import catalogue
 from taichi_mps.problem.accuracy import measured
 from taichi_mps.study import case as cases
 from taichi_mps.study.calibrate import calibrate, fit
@@ -43,7 +44,7 @@ def test_a_key_is_the_scene_and_all_its_parameters(tmp_path):
     assert known.key == cases.case("slump", yield_value=300.0, plastic_viscosity=50).key == cases.case("slump").key
     assert known.key != cases.case("slump", yield_value=301.0).key
     changed = tmp_path / "slump.py"
-    changed.write_text(Path(mps.catalogue.locate("slump")).read_text() + "\n")
+    changed.write_text(Path(catalogue.locate("slump")).read_text() + "\n")
     assert known.key != cases.case(str(changed), yield_value=300.0).key
     with pytest.raises(SceneError, match="yield_value = -1 Pa"):
         cases.case("slump", yield_value=-1)
@@ -297,7 +298,7 @@ def test_rows_of_a_table_without_numbers_do_not_count(emulator):
 
 
 def test_a_row_keeps_all_measures_and_what_the_course_tells(tmp_path):
-    film = Path(mps.catalogue.locate("film")).read_text()
+    film = Path(catalogue.locate("film")).read_text()
     film = film.replace(
         "measure=measure,", "measure=measure, over_time=lambda h: {'steps_s': float(len(h['time_s']))},"
     )

@@ -348,8 +348,9 @@ def test_a_surface_has_the_camera_the_range_and_the_colours_of_the_particles(bod
 # ---- a process of its own ------------------------------------------------------------------------------------------
 SCRIPT = """
 import numpy as np, taichi_mps as mps
-from taichi_mps import backend, render
-from taichi_mps.measure import Snapshot
+from taichi_mps.problem.measures import Snapshot
+from taichi_mps.runtime import backend
+from taichi_mps.viz import render
 backend.init("cpu")
 x = mps.fill(mps.Box((0.0, 0.0), (0.1, 0.1)), 0.01)
 scene = mps.Scene("box", mps.Bingham(), 0.01, x, ((-1.0, -1.0), (1.0, 1.0)), (mps.Plane((0.0, 0.0), (0.0, 1.0)),))
