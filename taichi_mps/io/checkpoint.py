@@ -16,6 +16,7 @@ import h5py
 import numpy as np
 
 from ..problem import catalogue
+from ..problem.materials import Material
 from ..problem.numerics import NUMERICS
 from ..problem.problem import Problem
 from ..problem.scene import Scene
@@ -28,6 +29,8 @@ LABEL = 512  # bytes of the user block
 LARGE = 10_000  # numbers of an array from which on a part of it stands for all
 HEADER = {"source": str, "parameters": dict, "scheme": str, "numerics": dict, "time": float, "fluid": str}
 HEADER |= {"settings": dict, "problem": str}
+OLDEST = {"density", "plastic_viscosity", "yield_value", "critical_strain_rate"}  # fields of the materials of VERSION
+OLDEST |= {"consistency", "flow_index", "shear_stress", "growth"}
 SCALARS = {"time", "steps", "last_dt", "rest", "report"}
 
 
@@ -45,11 +48,11 @@ class Checkpoint:
         header = {
             "source": source or sim.scene.name,
             "parameters": dict(sim.scene.parameters),
-            "scheme": next(name for name, kind in NUMERICS.items() if isinstance(sim.numerics, kind)),
+            "scheme": sim.numerics.scheme,
             "numerics": sim.numerics.model_dump(mode="json"),
             "time": sim.time,
-            "fluid": fingerprint(sim.scene),
-            "problem": problem(sim.scene),
+            "fluid": particles_digest(sim.scene),
+            "problem": laws_digest(sim.scene),
             "settings": settings or {},
         }
         return cls(header, sim.state())
@@ -87,7 +90,7 @@ class Checkpoint:
         if until is not None and "until" in keywords:
             keywords["until"] = until
         scene = catalogue.rebuild(self.header["source"], keywords, scene_file)
-        if problem(scene) != self.header["problem"]:
+        if laws_digest(scene) != self.header["problem"]:
             raise SceneError(
                 f"checkpoint: scene {self.header['source']} has another material, gravity or wall than when it was "
                 "written; must be the same, or handed over: restore(path, scene)"
@@ -96,7 +99,7 @@ class Checkpoint:
 
     def admit(self, scene: Scene) -> None:
         """SceneError unless the scene can be computed and the state is one of its particles."""
-        if fingerprint(scene) != self.header["fluid"]:
+        if particles_digest(scene) != self.header["fluid"]:
             raise SceneError(
                 f"checkpoint: scene {self.header['source']} no longer makes the particles that it was written with"
             )
@@ -222,7 +225,7 @@ def digest(header: str, arrays: dict[str, np.ndarray]) -> str:
     return total.hexdigest()
 
 
-def fingerprint(scene: Scene) -> str:
+def particles_digest(scene: Scene) -> str:
     """sha256 of what the arrays of a state depend on: spacing, particles, domain, inlets."""
     parts = {"fluid": scene.fluid, "domain": np.array(scene.domain, float)}
     if scene.wall_particles is not None:
@@ -231,13 +234,16 @@ def fingerprint(scene: Scene) -> str:
     return digest(f"{scene.spacing!r}{inlets}", parts)
 
 
-def problem(scene: Scene) -> str:
-    """sha256 of what no state shows: materials, gravity, walls; of functions their names, of large arrays a part."""
+def laws_digest(scene: Scene) -> str:
+    """sha256 of what no state shows: materials, gravity, walls; of functions their names, of large arrays a part. A
+    number that mixes had not yet counts only where it is not at its default, so that older checkpoints stay good."""
     words, arrays = [f"{scene.gravity_vector.tolist()}"], {}
     for k, item in enumerate((*scene.materials, *scene.walls)):
         words.append(type(item).__name__)
         for name in getattr(item, "__dataclass_fields__", None) or type(item).model_fields:
             value = getattr(item, name)
+            if isinstance(item, Material) and name not in OLDEST and value == type(item).model_fields[name].default:
+                continue
             if isinstance(value, np.ndarray) and value.size > LARGE:
                 arrays[f"{k} {name}"] = value.reshape(-1)[:: value.size // LARGE]
             elif callable(value):
