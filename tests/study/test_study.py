@@ -4,6 +4,7 @@ import json
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,13 +14,15 @@ import taichi_mps as mps
 from taichi_mps.cli import main as cli
 from taichi_mps.problem import catalogue
 from taichi_mps.problem.accuracy import measured
+from taichi_mps.problem.problem import Problem
 from taichi_mps.study import case as cases
 from taichi_mps.study.calibrate import calibrate, fit
 from taichi_mps.study.emulator import Emulator
 from taichi_mps.study.results import Results, read, uniform
+from taichi_mps.study.reuse import shape_of
 from taichi_mps.study.sweep import ACCURACY, LOST, carry_out, values
 from taichi_mps.study.sweep import cases as combinations
-from taichi_mps.terms.constants import longest_step
+from taichi_mps.terms.constants import FIELDS_OF_A_MIX, longest_step
 from taichi_mps.units import SceneError
 from tests.support import study_cases
 
@@ -237,6 +240,35 @@ def test_materials_of_one_law_share_their_kernels():
     )  # what similarity leaves the same
     failed = cases.run(cases.case("slump", lift_speed=0.1, **cone))
     assert failed["status"] == "failed" and "lift_speed = 0.1 m/s" in failed["reason"]
+
+
+class Frictional(mps.Bingham):
+    """A mix with a number that no kernel reads from a field."""
+
+    friction_angle: float = 0.0
+
+
+def test_what_is_compiled_in_is_in_the_key_of_what_is_compiled_once():
+    """A number of a mix shares the kernels only if terms/constants.py says that they read it from a field."""
+    scene = catalogue.build("slump", spacing=0.05, model="axisymmetric")
+
+    def key(numerics=None, kind=Frictional, **numbers):
+        return shape_of(Problem(replace(scene, material=kind(**numbers)), numerics))
+
+    for shared in ({"yield_value": 40.0}, {"plastic_viscosity": 10.0}, {"density": 2000.0}):
+        assert key(**shared) == key(), shared
+    assert key(critical_strain_rate=0.01) == key(critical_strain_rate=0.02)
+    apart = [
+        key(),
+        key(friction_angle=20.0),
+        key(kind=mps.Bingham),
+        key(yield_value=0.0),
+        key(critical_strain_rate=0.01),
+    ]
+    apart += [key(mps.Implicit(passes=7)), key(mps.Implicit(courant_number=0.1)), key(kind=mps.HerschelBulkley)]
+    apart += [key(kind=mps.HerschelBulkley, yield_value=40.0)]  # its curve is compiled whole
+    assert len(set(apart)) == len(apart)
+    assert set(FIELDS_OF_A_MIX) <= set(mps.Bingham.model_fields)
 
 
 def test_the_time_of_a_milestone_lies_between_two_looks():

@@ -1,0 +1,131 @@
+"""A number of the mix is declared in its material, and is an option of every scene from there."""
+
+from typing import Annotated
+
+import pytest
+from pydantic import Field
+
+import taichi_mps as mps
+from taichi_mps.cli.options import allowed
+from taichi_mps.problem import catalogue
+from taichi_mps.units import Duration, Length, Unit, unit_of
+
+MIX = "density", "plastic_viscosity", "yield_value", "critical_strain_rate"
+FrictionAngle = Annotated[float, Field(ge=0.0, lt=45.0), Unit("deg")]
+
+
+class Frictional(mps.Bingham):
+    """A mix with one number more."""
+
+    friction_angle: FrictionAngle = Field(0.0, description="angle of internal friction")
+
+
+@mps.checked
+def made_up(material: Frictional = Frictional(friction_angle=12.0, yield_value=40.0), spacing: Length = 0.1):  # noqa: B008
+    """The material and the spacing."""
+    return material, spacing
+
+
+@mps.checked
+def plain(spacing: Length, material: Frictional):
+    return material
+
+
+def test_a_number_of_the_mix_is_an_option_with_its_unit_range_help_and_the_default_of_the_scene():
+    fields = made_up.parameters.model_fields
+    assert list(fields) == [*MIX, "friction_angle", "spacing"]
+    angle = fields["friction_angle"]
+    assert (unit_of(angle), angle.default, angle.description) == ("deg", 12.0, "angle of internal friction")
+    assert allowed(angle) == "[deg] >= 0 and < 45"
+    assert fields["yield_value"].default == 40.0 and fields["plastic_viscosity"].default == 50.0
+
+
+def test_options_are_flat_and_the_function_is_given_the_material():
+    assert made_up() == (Frictional(friction_angle=12.0, yield_value=40.0), 0.1)
+    assert made_up(friction_angle="30", density=2000) == (
+        Frictional(friction_angle=30.0, yield_value=40.0, density=2000.0),
+        0.1,
+    )
+    assert plain(spacing=0.1) == Frictional()
+    assert made_up.parameters(yield_value=3.0).model_dump() == {
+        **Frictional(friction_angle=12.0, yield_value=3.0).model_dump(),
+        "spacing": 0.1,
+    }
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"friction_angle": 50.0}, "friction_angle = 50.0 deg: must be less than 45 deg"),
+        ({"friction_angel": 5.0}, "unknown key 'friction_angel', did you mean 'friction_angle'?"),
+        ({"density": 2.3}, r"density = 2.3 kg/m3: must be greater than or equal to 200 kg/m3 \(2300 for 2.3 t/m3\)"),
+        ({"material": mps.Bingham()}, "unknown key 'material'"),
+    ],
+)
+def test_bad_input_is_named_as_ever(given, message):
+    with pytest.raises(mps.SceneError, match=f"^{message}"):
+        made_up(**given)
+
+
+def test_an_option_that_stands_twice_is_an_error_of_the_scene():
+    with pytest.raises(TypeError, match="density is declared twice"):
+
+        @mps.checked
+        def scene(density: Length, material: mps.Bingham):
+            """Nothing."""
+
+
+@pytest.mark.parametrize("name", catalogue.names())
+def test_every_scene_takes_every_number_of_the_mix(name):
+    fields = catalogue.load(name).parameters.model_fields
+    assert set(mps.Bingham.model_fields) <= set(fields)
+    assert all(fields[key].description == field.description for key, field in mps.Bingham.model_fields.items())
+    given = {"density": 2100.0, "plastic_viscosity": 33.0, "yield_value": 44.0, "critical_strain_rate": 0.01}
+    scene = catalogue.build(name, **given)
+    assert scene.material == mps.Bingham(**given) and given.items() <= scene.parameters.items()
+
+
+def test_the_parameters_of_an_old_checkpoint_or_sweep_are_taken():
+    """They lack what a scene did not take then."""
+    water = {"density": 998.0, "plastic_viscosity": 2e-3, "spacing": 0.0146, "column_width": 0.146, "until": 0.3}
+    scene = catalogue.build("dam_break", **water, model="plane")
+    assert scene.material == mps.Newtonian(density=998.0, viscosity=2e-3)
+
+
+@pytest.mark.parametrize("name", ["slump", "film", "mini_cone", "l_flow"])
+def test_a_rational_critical_strain_rate_is_that_for_the_time_of_the_scene(name):
+    """min(0.01 tau_y/(2 eta), 0.01/T) = 0.01/4 for 400 Pa and 20 Pa s."""
+    mix = {"yield_value": 400.0, "plastic_viscosity": 20.0}
+    scene = catalogue.build(name, **mix, critical_strain_rate="rational", until=4.0)
+    assert scene.material.critical_strain_rate == pytest.approx(0.0025, rel=1e-12)
+    assert scene.parameters["critical_strain_rate"] == "rational"
+    with pytest.raises(mps.SceneError, match="without yield value has no critical strain rate"):
+        catalogue.build(name, yield_value=0.0, critical_strain_rate="rational")
+
+
+def test_a_scene_of_ones_own_with_plain_keywords_goes_on_working(tmp_path):
+    path = tmp_path / "own.py"
+    path.write_text(
+        "import taichi_mps as mps\n"
+        "from taichi_mps.quantity import Density, Length, YieldValue\n"
+        "@mps.checked\n"
+        "def scene(yield_value: YieldValue = 300.0, density: Density = 2300.0, spacing: Length = 0.1):\n"
+        "    fluid = mps.fill(mps.Box((0.0, 0.0), (0.5, 0.5)), spacing)\n"
+        "    mix = mps.Bingham(yield_value=yield_value, density=density)\n"
+        "    return mps.Scene('own', mix, spacing, fluid, ((-1.0, -1.0), (1.0, 1.0)))\n"
+    )
+    scene = catalogue.build(str(path), yield_value="250")
+    assert scene.material == mps.Bingham(yield_value=250.0)
+    assert scene.parameters == {"yield_value": 250.0, "density": 2300.0, "spacing": 0.1}
+    with pytest.raises(mps.SceneError, match="^density = 2.3 kg/m3: must be greater than or equal to 200 kg/m3"):
+        catalogue.build(str(path), density=2.3)
+
+
+@mps.checked
+def slow(until: Duration, material: mps.HerschelBulkley):
+    return material
+
+
+def test_any_material_can_be_that_of_a_scene():
+    assert list(slow.parameters.model_fields) == ["until", "density", "yield_value", "consistency", "flow_index"]
+    assert slow(until=1.0, flow_index=0.5) == mps.HerschelBulkley(flow_index=0.5)

@@ -1,0 +1,110 @@
+"""The rules of a scene, each alone: on a scene that breaks it and on one that does not."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import taichi_mps as mps
+from taichi_mps.problem import scene_rules as rules
+from tests.support.scenes import hose, parts, unchecked
+
+FLOOR = mps.Plane((0.0, 0.0), (0.0, 1.0))
+ROUGH = replace(FLOOR, friction=mps.Friction(yield_value=10.0))
+MIRROR = mps.Plane((0.0, 0.0), (1.0, 0.0), mirror=True)
+SLANTED = mps.Plane((-1.0, 0.0), (0.6, 0.8), mirror=True)
+LEVEL = mps.Plane((0.0, -1.0), (0.0, 1.0), mirror=True)
+OTHER = mps.Newtonian(density=1500.0)
+CURVE = mps.HerschelBulkley()
+KNEE = mps.Bingham(critical_strain_rate=0.1)
+WHERE = {"walls": (MIRROR,), "fluid": np.array([[0.05, 0.05]])}
+
+
+def poured(**changes):
+    return {"walls": (), "inlets": (hose(**changes),)}
+
+
+BROKEN = [
+    (rules.plain_values_have_their_types, {"name": 3}, "name = 3: must be text"),
+    (rules.plain_values_have_their_types, {"axisymmetric": "a"}, "axisymmetric = a: must be True or False"),
+    (rules.sequences_hold_their_types, {"walls": (3,)}, "walls = .3,.: must be a tuple, each Plane or Cylinder or"),
+    (rules.materials_are_materials, {"material": None}, "material = None: must be Bingham, Newtonian"),
+    (rules.materials_are_materials, poured(material="water"), "inlet: material = water: must be Bingham or Newtonian"),
+    (rules.walls_have_the_dimension_of_the_fluid, {"walls": (mps.Plane((0.0,) * 3, (0.0, 0.0, 1.0)),)}, "must have 2"),
+    (rules.inlets_need_no_rings, poured() | {"axisymmetric": True}, "the scene is axisymmetric; must be a scene"),
+    (
+        rules.inlets_have_the_dimension_of_the_fluid,
+        poured(centre=(0.2, 0.2, 1.5), direction=(0.0, 0.0, -1.0)),
+        "must have as many coordinates as the fluid",
+    ),
+    (rules.inlets_bring_a_layer, poured(volume=0.01), "volume = 0.01 m3: must be at least half a layer, 0.03 m3"),
+    (
+        rules.mirrors_leave_a_hose_whole_or_halve_it,
+        poured(centre=(0.1, 1.5)) | {"walls": (MIRROR,)},
+        "cuts the hose; its axis must lie in the plane",
+    ),
+    (rules.inlets_are_in_front_of_mirrors, poured(centre=(-0.9, 1.5)) | {"walls": (MIRROR,)}, "lies behind a mirror"),
+    (rules.inlets_are_free_of_walls, poured(centre=(0.2, -0.2)) | {"walls": (FLOOR,)}, "the mouth reaches into a wall"),
+    (
+        rules.mixes_are_few,
+        {"inlets": tuple(hose(material=mps.Bingham(yield_value=float(k))) for k in range(257))},
+        "inlets: bring 258 mixes; must be at most 256",
+    ),
+    (rules.mixes_are_bingham, poured(material=CURVE), "inlet: material = .*: must be Bingham or Newtonian"),
+    (rules.mixes_are_bingham, poured(material=OTHER) | {"material": CURVE}, "must be Bingham or Newtonian where an"),
+    (rules.mixes_have_one_law, poured(material=KNEE), "critical_strain_rate: must be given for all mixes or for none"),
+    (rules.friction_is_of_one_mix, poured(material=OTHER) | {"walls": (ROUGH,)}, "where a wall has friction"),
+    (rules.something_is_there_at_the_start, {"fluid": np.zeros((0, 2))}, "must hold at least one particle"),
+    (rules.body_lies_in_the_domain, {"fluid": np.array([[3.0, 0.0]])}, "a particle lies outside; the domain must"),
+    (rules.rings_lie_around_the_axis, parts(3) | {"axisymmetric": True}, "the fluid has 3 coordinates; must have 2"),
+    (rules.rings_lie_around_the_axis, {"axisymmetric": True, "fluid": -np.ones((1, 2))}, "r = -1 m; r must be above 0"),
+    (rules.rings_lie_around_the_axis, {"axisymmetric": True, "gravity": (1.0, 0.0)}, "must be along z, axisymmetric"),
+    (rules.rings_lie_around_the_axis, {"axisymmetric": True, "periodic": (True, False)}, "only z may be periodic"),
+    (rules.fluid_is_in_front_of_mirrors, {"walls": (MIRROR,), "fluid": np.zeros((1, 2))}, "lies on it or behind it"),
+    (rules.gravity_lies_in_mirrors, {"walls": (LEVEL,)}, "gravity = .0.0, -9.81. m/s2 must lie in the plane"),
+    (rules.mirrors_stand_at_right_angles, WHERE | {"walls": (MIRROR, SLANTED)}, "must be at right angles to that with"),
+]
+
+
+@pytest.mark.parametrize(("rule", "changes", "message"), BROKEN)
+def test_a_rule_tells_what_breaks_it_and_nothing_of_a_sound_scene(rule, changes, message):
+    for sound in ({}, WHERE, poured(), {"axisymmetric": True}):
+        assert rule(mps.Scene(**parts(**sound))) is None
+    scene = unchecked(mps.Scene, **parts(**changes) if "walls" in changes else parts() | changes)
+    try:
+        said = rule(scene)
+    except mps.SceneError as refusal:
+        said = str(refusal)
+    assert re.search(message, said), said
+
+
+def test_every_rule_is_tested():
+    assert {*rules.KINDS, *rules.RULES} == {rule for rule, *_ in BROKEN}
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"fluid": []}, "fluid: the geometry is empty; it must hold at least one particle"),
+        ({"fluid": [[1.0]]}, "fluid: positions have 1 coordinates; must have 2 or 3"),
+        ({"spacing": -1.0}, "spacing = -1.0 m: must be greater than 0 m"),
+        ({"until": np.nan}, "until: a value is not a finite number"),
+        ({"domain": ((1.0, 1.0), (0.0, 0.0))}, "the second corner must be above the first along each axis"),
+        ({"gravity": (0.0, 0.0, -9.81)}, r"gravity: has the shape \(3,\); must be numbers \[m/s2\] of shape \(2,\)"),
+        ({"velocity": np.zeros((1, 2))}, r"velocity: has the shape \(1, 2\)"),
+        ({"wall_particles": np.zeros((1, 3))}, "wall_particles: have 3 coordinates; must have 2, as the fluid has"),
+        ({"periodic": (True,)}, "must have one word for each of 2 axes"),
+        ({"gravity": (1.0, 0.0), "axisymmetric": True}, "must be along z, axisymmetric"),
+    ],
+)
+def test_a_scene_that_cannot_be_is_not_made(changes, message):
+    with pytest.raises(mps.SceneError, match=message):
+        mps.Scene(**parts(**changes))
+
+
+def test_what_was_given_as_lists_and_integers_is_held_as_tuples_and_arrays():
+    given = parts(fluid=[[0, 0]], spacing=1, walls=[FLOOR], gravity=[0, -1], periodic=[True, False], until=2)
+    scene = mps.Scene(**given | {"domain": ((-9, -9), (9, 9)), "fluid": [[0, 1]]})
+    assert scene.walls == (FLOOR,) and scene.gravity == (0.0, -1.0) and scene.periodic == (True, False)
+    assert scene.fluid.dtype == float and isinstance(scene.spacing, float) and isinstance(scene.until, float)
