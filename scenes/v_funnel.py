@@ -76,7 +76,7 @@ def scene(
         }
 
     def emptied(fraction):
-        """Time [s] in which an ideal fluid would have left down to this share: outflow at sqrt(2 g z), no friction."""
+        """Time [s] in which an ideal fluid would have left down to this fraction: outflow at sqrt(2 g z)."""
         z = np.linspace(1e-4, height, 2000)
         section = 2 * at_height(z) * thickness
         kept = np.cumsum(section) / section.sum()
@@ -86,8 +86,8 @@ def scene(
     def check(s, measures):
         """Behind no wall and above the floor; never faster than an ideal fluid."""
         assert mps.measure.clearance(s, walls) > 0.0, "leak through a wall"
-        share = measures["left_m3"] / (4 * len(fluid) * spacing**3)
-        assert 0.0 <= share <= 1.0 and s.time > 0.9 * emptied(share) - 0.05, (s.time, share, emptied(share))
+        left = measures["left_m3"] / (4 * len(fluid) * spacing**3)
+        assert 0.0 <= left <= 1.0 and s.time > 0.9 * emptied(left) - 0.05, (s.time, left, emptied(left))
 
     return mps.Scene(
         name="v_funnel",

@@ -7,6 +7,7 @@ from typing import Literal, get_args, get_origin
 from pydantic import Field
 
 from ..problem import catalogue
+from ..problem.labels import in_words
 from ..units import Checked, Count, Duration, SceneError, suggestion, unit_of
 
 SCHEMES = Literal["implicit", "semi-implicit"]
@@ -62,9 +63,7 @@ class Parser(argparse.ArgumentParser):
             flag = "--" + name.replace("_", "-")
             if flag in self._option_string_actions:
                 raise SceneError(f"scene keyword '{name}' has the name of an option of run; rename it")
-            text = ", ".join(
-                filter(None, (field.description or name.replace("_", " "), allowed(field), default(field)))
-            )
+            text = ", ".join(filter(None, (field.description or in_words(name), allowed(field), default(field))))
             if field.annotation is bool:
                 switch = argparse.BooleanOptionalAction if field.default else "store_true"
                 group.add_argument(flag, dest=name, action=switch, default=None, help=text)

@@ -11,8 +11,9 @@ from pydantic import Field
 from ..io.run_folder import strict
 from ..problem import catalogue
 from ..problem.accuracy import choose
+from ..study.calibrate import Measurements
 from ..study.sweep import ACCURACY, LOST, cases, sweep
-from ..units import Checked, Count, Density, Duration, Length, SceneError
+from ..units import Checked, Count, SceneError
 from .options import Parser, given, scene_of
 
 
@@ -78,24 +79,12 @@ def tally(rows) -> str:
     return ", ".join(words) + " (the same command computes the lost ones again)" * bool(count[LOST])
 
 
-class Measurements(Checked):
-    """What was measured in a slump test, and how well."""
-
-    slump: Length | None = Field(None, description="slump")
-    spread: Length | None = Field(None, description="diameter of the spread, mean of two")
-    t500: Duration | None = Field(None, description="time to a spread of 500 mm")
-    rho: Density = Field(2300.0, description="density")
-    slump_error: Length = Field(0.005, description="standard error of the slump")
-    spread_error: Length = Field(0.01, description="standard error of the spread")
-    t500_error: Duration = Field(0.2, description="standard error of the time")
-
-
 def calibrate_command(argv) -> int:
     """find the Bingham constants of a slump test"""
     parser = Parser(
         "calibrate",
-        description="Yield value and plastic viscosity of a mix from its slump test (standard cone, 300 mm), with 95 % "
-        "intervals from the errors of the measurements; checked by one finer run.",
+        description="Yield stress and plastic viscosity of a mix from its slump test (standard cone, 300 mm), with "
+        "95 % intervals from the errors of the measurements; checked by one finer run.",
     )
     parser.options(Measurements, "measurements")
     parser.add_argument("--table", help="a study of the slump to look the answer up in; the package's own by default")
@@ -111,9 +100,9 @@ def calibrate_command(argv) -> int:
 
 
 def chart_command(argv) -> int:
-    """draw slump and spread against yield value"""
+    """draw slump and spread against yield stress"""
     parser = Parser(
-        "chart", description="Slump and spread against yield value for the wall, with formulas and finite elements."
+        "chart", description="Slump and spread against yield stress for the wall, with formulas and finite elements."
     )
     parser.add_argument("study", nargs="?", help="folder of a sweep of the slump; the package's own study by default")
     parser.add_argument("--out", default="slump_chart.png", help="picture, slump_chart.png by default")

@@ -7,7 +7,7 @@ from rich.live import Live
 from rich.markup import escape
 from rich.table import Table
 
-from ..problem.labels import title, written
+from ..problem.labels import in_words, title, written
 from ..study.labels import measures, spelled
 
 LINES = 20  # of the live table: the last ones that came
@@ -32,7 +32,7 @@ def watching(varied, quiet: bool):
         def tell(rows, total):
             before = len(order)
             for number, row in enumerate(news(rows), before + 1):
-                words = [f"{number}/{total}", *(f"{name.replace('_', ' ')} {spelled(row[name])}" for name in varied)]
+                words = [f"{number}/{total}", *(f"{in_words(name)} {spelled(row[name])}" for name in varied)]
                 console.print(f"{', '.join(words)}: {outcome(row)}", soft_wrap=True, highlight=False, markup=False)
 
         yield tell
@@ -66,8 +66,8 @@ def table(rows, order, varied, total) -> Table:
     """The last rows that came."""
     names = measures(rows.values())
     view = Table(title=f"{len(order)} of {total} cases")
-    for name in [*varied, *map(title, names), ""]:
-        view.add_column(name.replace("_", " "), justify="right")
+    for name in [*map(in_words, varied), *map(title, names), ""]:
+        view.add_column(name, justify="right")
     for key in order[-LINES:]:
         row = rows[key]
         parameters = [spelled(row[name]) for name in varied]

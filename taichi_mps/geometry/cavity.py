@@ -1,4 +1,4 @@
-"""Filling: which share of a form the concrete has filled, and where it stayed empty. Plain NumPy."""
+"""Filling: which part of a form the concrete has filled, and where it stayed empty. Plain NumPy."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -81,7 +81,7 @@ class Cavity:
         return padded[inner] & self.cells
 
     def by_height(self, s) -> tuple[np.ndarray, np.ndarray]:
-        """Heights [m] of the layers of cells and the share of each that is filled [-]; nan where it is all wall."""
+        """Heights [m] of the layers of cells and the filled fraction of each [-]; nan where it is all wall."""
         rest = tuple(range(len(self.shape) - 1))
         room, filled = self.cells.sum(rest), self.filled(s).sum(rest)
         return self.middles(len(rest)), np.where(room > 0, filled / np.maximum(room, 1), np.nan)
@@ -92,9 +92,10 @@ class Cavity:
         void = self.cells & ~self.filled(s)
         places = np.argwhere(void)
         centre = np.array(self.low) + self.cell * (places.mean(0) + 0.5) if len(places) else None
+        layers = np.transpose(self.by_height(s)).tolist()
         return {
             "filled_ratio": float(1.0 - void.sum() / self.cells.sum()),
             "void_m3": float(void.sum() * np.prod(self.cell)),
             "void_centre": None if centre is None else centre.tolist(),
-            "filled_by_height": [[z, share] for z, share in np.transpose(self.by_height(s)).tolist() if share == share],
+            "filled_by_height": [[z, fraction] for z, fraction in layers if not np.isnan(fraction)],
         }

@@ -1,7 +1,7 @@
 """The faces that meet at the inner edges of a sampled solid, from its distances alone. Plain NumPy.
 
 A signed distance knows the nearest face. In front of an inner edge it has a crease, where another face becomes the
-nearest one. Beside a crease the other faces are looked for at places around, where they are the nearest, and
+nearest one. Beside a crease the other faces are sought at places near it, where they are the nearest, and
 extended to here as planes.
 """
 
@@ -13,7 +13,7 @@ CREASE, SHORT = 0.15, 0.97  # there the slope falls by this much over a node, an
 BEND = 0.1  # change of the slope [-] from which on a node is not clearly in front of one face
 TURN = 0.8  # cosine of the angle between the normals of two faces up to which they are two
 BEYOND = 0.15  # reaches behind the other face at which a foot is beyond the edge
-NODES = 200_000  # looked at at once
+NODES = 200_000  # treated at once
 
 
 def inner_edges(values, cell: float, reach: float):

@@ -19,7 +19,8 @@ class Solid:
     """Wall: where the distance [m], linear between the nodes of a grid, is negative. ``values`` are the distances at
     the nodes, positive in the fluid; ``low`` is the first node and ``cell`` the step of the grid [m]. Beyond the grid
     there is no wall. ``velocity`` [m/s] carries the solid along, ``slip`` leaves the tangential motion free,
-    ``friction`` resists it, a ``loose`` wall only pushes. Fluid on two sides of it does not feel the other through it.
+    ``friction`` resists it. A ``loose`` wall is unilateral: it pushes and does not pull. Fluid on two sides of the wall
+    does not feel the other through it.
     """
 
     values: np.ndarray

@@ -23,7 +23,8 @@ class Plane:
     """Wall: the half-space behind the plane through ``point`` with unit ``normal`` into the fluid.
 
     ``velocity`` [m/s] moves the wall, in its own plane or out of it; ``slip`` leaves the tangential motion free. A
-    ``loose`` wall only pushes: the fluid parts from it where it would have to pull. ``friction`` resists it in between.
+    ``loose`` wall is unilateral: it pushes, and the fluid parts from it where it would have to pull. ``friction``
+    resists the tangential motion, between no slip and slip.
     ``mirror`` makes it a plane of symmetry: a slip wall to the fluid, while measures and pictures show what lies behind
     it, too.
     """
@@ -76,7 +77,7 @@ class Cylinder:
 
     With a ``length`` [m] the wall ends at ``point`` and this far along the axis; its radius grows by ``slope`` per
     metre between them: the mantle of a truncated cone, a funnel. It may be a ``thin`` sheet that has fluid on both
-    sides, a mould that is lifted; they do not feel each other through it. A ``loose`` wall only pushes.
+    sides, a mould that is lifted; they do not feel each other through it. A ``loose`` wall is unilateral.
     """
 
     point: tuple[float, ...]

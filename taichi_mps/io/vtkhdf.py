@@ -183,8 +183,8 @@ class Trajectory:
                 x = outside.numbers(root, "Points", rows=rows)[:, axes].astype(float)
                 sound = x.shape == (n, len(axes)) and np.all((x > low - room) & (x < high + room))
                 sound &= all(values.shape == ((n, 3) if name == "velocity" else (n,)) for name, values in data.items())
-                share = data.get("size", np.full(n, scene.spacing)) / scene.spacing  # thin rings moved far outward
-                sound &= share.any() and np.all((share == 0.0) | ((share > 0.01) & (share < 100.0)))
+                sizes = data.get("size", np.full(n, scene.spacing)) / scene.spacing  # thin rings moved far outward
+                sound &= sizes.any() and np.all((sizes == 0.0) | ((sizes > 0.01) & (sizes < 100.0)))
                 sound &= np.all(np.isin(data.get("mix", 0), np.arange(len(scene.materials))))
                 if not sound:
                     raise ValueError(f"output {k} is not whole")

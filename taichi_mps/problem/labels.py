@@ -1,10 +1,14 @@
-"""How results are shown: their names in words, with unit and digits."""
+"""How keywords and results are shown: their names in words, with unit and digits."""
 
-# how results are shown by the ends of their names: factor, unit, digits; the longer end first
+# of a result by the end of its name: factor, unit, digits; the longer end first
 UNITS = {"_m_s": (1.0, "m/s", ".3g"), "_m3": (1e3, "l", ".3g"), "_ratio": (1.0, "", ".3f")}
-
-
 UNITS |= {"_m": (100.0, "cm", ".2f"), "_s": (1.0, "s", ".2f")}
+WORDS = {"yield_value": "yield stress"}  # keys that people read otherwise
+
+
+def in_words(key: str) -> str:
+    """A keyword or a column as people read it."""
+    return WORDS.get(key, key.replace("_", " "))
 
 
 def is_measure(name: str) -> bool:

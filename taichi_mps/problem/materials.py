@@ -150,5 +150,5 @@ def rational_critical_strain_rate(
     yield stress.
     """
     if yield_value == 0.0:
-        raise SceneError("yield_value = 0 Pa: a fluid without yield value has no critical strain rate")
+        raise SceneError("yield_value = 0 Pa: a fluid without yield stress has no critical strain rate")
     return error * min(yield_value / (2.0 * plastic_viscosity), 1.0 / time)

@@ -23,7 +23,7 @@ def channel_at_rest(
     """Depth at rest in a level channel that is closed at x = 0 and ``length`` [m]: x and h (k,) [m] of a fluid of this
     volume over the width, ``area`` [m2], from the back wall to the front or the far wall.
 
-    With a = tau_y/(rho g), the yield value on the floor and, with a ``width`` b [m], on both sides, a thin layer has
+    With a = tau_y/(rho g), the yield stress on the floor and, with a ``width`` b [m], on both sides, a thin layer has
 
         h dh/dx = -a (1 + 2 h/b)
 

@@ -150,7 +150,7 @@ def mixes_are_bingham(scene):
 def mixes_have_one_law(scene):
     knees = [material.critical_strain_rate for material in scene.materials if not material.newtonian]
     if None in knees and any(knees):
-        return "inlet: critical_strain_rate: must be given for all mixes or for none; some have a true yield value"
+        return "inlet: critical_strain_rate: must be given for all mixes or for none; some have a true yield stress"
 
 
 def friction_is_of_one_mix(scene):

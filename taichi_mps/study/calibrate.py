@@ -5,8 +5,9 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
+from pydantic import Field
 
-from ..units import Density, Duration, Length, SceneError, checked
+from ..units import Checked, Density, Duration, Length, SceneError, checked
 from .case import REACHED
 from .emulator import Emulator
 from .results import read
@@ -17,7 +18,7 @@ ZOOMS = 2  # onto where the misfit is near its least
 VISCOSITIES, USUAL = (10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0), 50.0  # [Pa s]
 CONTRADICTION = 9.0  # a misfit of three standard errors
 NAMES = {"slump_m": "slump", "spread_m": "spread", "t500_s": "T500"}
-CONSTANTS = {"yield_value": ("yield value", "Pa"), "plastic_viscosity": ("plastic viscosity", "Pa s")}
+CONSTANTS = {"yield_value": ("yield stress", "Pa"), "plastic_viscosity": ("plastic viscosity", "Pa s")}
 
 
 def short(value: float) -> str:
@@ -67,7 +68,7 @@ class Calibration:
     measured: dict[str, tuple[float, float]]  # value and standard error, SI units
     model: dict[str, float]
     misfit: float  # chi squared
-    by_viscosity: dict[float, float]  # best yield value [Pa] at plastic viscosities [Pa s] that fit
+    by_viscosity: dict[float, float]  # best yield stress [Pa] at plastic viscosities [Pa s] that fit
     finer: dict[str, float] = field(default_factory=dict)  # the run that checked: finer minus table, ratio for t500_s
 
     @property
@@ -89,7 +90,7 @@ class Calibration:
         lines = [f"{word:18} {getattr(self, name).told(unit)}" for name, (word, unit) in CONSTANTS.items()]
         if not self.plastic_viscosity.determined:
             pairs = ", ".join(f"{short(tau)} Pa at {eta:g}" for eta, tau in self.by_viscosity.items())
-            lines.append(f"  yield value by plastic viscosity: {pairs} Pa s")
+            lines.append(f"  yield stress by plastic viscosity: {pairs} Pa s")
         for name, (value, error) in self.measured.items():
             factor, unit = (100.0, "cm") if name.endswith("_m") else (1.0, "s")
             found = f"{factor * value:.2f} +- {factor * error:.2f} {unit}, of the model {factor * self.model[name]:.2f}"
@@ -203,8 +204,8 @@ def interval(axis, rise, density, open_at=None):
         if not 0 <= beyond < len(axis) or (open_at is not None and open_at[beyond]):
             ends.append(None)
             continue
-        share = np.sqrt(max(rise[last], 0.0)), np.sqrt(rise[beyond])  # in which the rise is about linear
-        part = min(1.0, max(0.0, (RISE**0.5 - share[0]) / (share[1] - share[0]))) if np.isfinite(share[1]) else 0.5
+        inner, outer = np.sqrt(max(rise[last], 0.0)), np.sqrt(rise[beyond])  # the root of the rise is about linear
+        part = min(1.0, max(0.0, (RISE**0.5 - inner) / (outer - inner))) if np.isfinite(outer) else 0.5
         ends.append(float(density * np.exp(axis[last] + part * (axis[beyond] - axis[last]))))
     return ends
 
@@ -221,29 +222,34 @@ def _emulator(path: Path, changed: int) -> Emulator:
     return Emulator(read(path))
 
 
+class Measurements(Checked):
+    """What was measured in a slump test, and how well: lengths [m], time [s], density [kg/m3]."""
+
+    slump: Length | None = Field(None, description="slump")
+    spread: Length | None = Field(None, description="diameter of the spread, mean of two")
+    t500: Duration | None = Field(None, description="time to a spread of 500 mm")
+    rho: Density = Field(2300.0, description="density")
+    slump_error: Length = Field(0.005, description="standard error of the slump")
+    spread_error: Length = Field(0.01, description="standard error of the spread")
+    t500_error: Duration = Field(0.2, description="standard error of the time")
+
+
 @checked
-def calibrate(
-    slump: Length | None = None,
-    spread: Length | None = None,
-    t500: Duration | None = None,
-    rho: Density = 2300.0,
-    slump_error: Length = 0.005,
-    spread_error: Length = 0.01,
-    t500_error: Duration = 0.2,
-    table: str | None = None,
-    check: bool = True,
-) -> Calibration:
-    """Yield value and plastic viscosity of a mix from what was measured in its slump test, lengths [m], time [s].
+def calibrate(test: Measurements, table: str | None = None, check: bool = True) -> Calibration:
+    """Yield stress and plastic viscosity of a mix from what was measured in its slump test: the keywords are those of
+    ``Measurements``.
 
     ``table`` is a study of the slump test to look the answer up in, by default the package's own of the standard cone
     with the mould gone at once. With ``check`` the cone is computed once more at half the spacing with the constants
     found, and they are corrected by the difference.
     """
-    given = {"slump_m": (slump, slump_error), "spread_m": (spread, spread_error), "t500_s": (t500, t500_error)}
+    slump, spread, t500 = test.slump, test.spread, test.t500
+    given = {"slump_m": (slump, test.slump_error), "spread_m": (spread, test.spread_error)}
+    given["t500_s"] = t500, test.t500_error
     measured = {name: pair for name, pair in given.items() if pair[0] is not None}
     if not measured:
         raise SceneError("calibrate: give at least one of --slump, --spread, --t500")
-    if t500 and spread and spread + 3.0 * spread_error < REACHED:
+    if t500 and spread and spread + 3.0 * test.spread_error < REACHED:
         raise SceneError(
             f"t500 = {t500:g} s: with spread = {spread:g} m it never spread to 0.5 m; leave one of them out"
         )
@@ -254,18 +260,18 @@ def calibrate(
             f"slump = {slump:g} m: must be less than {height:g} m, the height of the cone; 21cm is a length, too"
         )
     largest = {"spread": (spread or 0.0, 10.0 * height)}
-    largest |= {"slump_error": (slump_error, height), "spread_error": (spread_error, height)}
+    largest |= {"slump_error": (test.slump_error, height), "spread_error": (test.spread_error, height)}
     for key, (value, most) in largest.items():
         if value >= most:
             raise SceneError(f"{key} = {value:g} m: must be less than {most:g} m; 21cm and 5mm are lengths, too")
     base = emulator.settings.get("base_diameter", 0.2)
-    if spread and spread + 3.0 * spread_error < base:
+    if spread and spread + 3.0 * test.spread_error < base:
         raise SceneError(f"spread = {spread:g} m: must be more than {base:g} m, the base of the cone")
-    found = fit(emulator, measured, rho)
+    found = fit(emulator, measured, test.rho)
     if not check:
         return found
-    apart = difference(emulator, found, rho)
-    corrected = fit(emulator, measured, rho, apart)
+    apart = difference(emulator, found, test.rho)
+    corrected = fit(emulator, measured, test.rho, apart)
     return replace(corrected, finer=apart)
 
 

@@ -16,6 +16,7 @@ from .. import __version__
 from ..io.history import row_of
 from ..io.run_folder import strict
 from ..problem import catalogue
+from ..problem.problem import Problem
 from ..units import SceneError, explain
 
 REACHED = 0.5  # spread [m] whose time is read, T500: EN 12350-8
@@ -102,21 +103,21 @@ def plain(value):
 
 def begin(scene):
     """A Simulation of the scene, by kernels of this process where they fit. Starts Taichi where it is not."""
-    from ..problem.problem import Problem
     from ..runtime import backend
     from .reuse import Compiled, shape_of
 
     global _kept
+    problem = Problem(scene)
     try:
         backend.require_room()
     except RuntimeError:  # not started, or full
         _kept = None
         with redirect_stdout(io.StringIO()):  # without Taichi's greeting
             backend.init(threads=1)
-    if _kept is None or not _kept.whole or _kept.shape != shape_of(Problem(scene)):
+    if _kept is None or not _kept.whole or _kept.shape != shape_of(problem):
         _kept = None
-        _kept = Compiled(scene)
-    return _kept.begin(scene)
+        _kept = Compiled(problem)
+    return _kept.begin(problem)
 
 
 class Milestone:
@@ -139,8 +140,8 @@ class Milestone:
             return
         now = sim.measures()[self.name]
         if now >= self.value > low:
-            share = (self.value - low) / (now - low)
-            self.time = before + share * (sim.time - before) if before == 0.0 else before * (sim.time / before) ** share
+            part = (self.value - low) / (now - low)
+            self.time = before + part * (sim.time - before) if before == 0.0 else before * (sim.time / before) ** part
         half = 0.5 * (self.value - now) / (now - low) * (sim.time - before) if now > low else math.inf
         self.due = sim.time + max(LOOK[0], LOOK[1] * sim.time, min(half, LOOK[2] * sim.time))
         self.last = sim.time, max(low, now)

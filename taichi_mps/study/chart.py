@@ -1,11 +1,11 @@
-"""Charts of studies. The one for the wall: slump and spread of the standard cone against yield value."""
+"""Charts of studies. The one for the wall: slump and spread of the standard cone against yield stress."""
 
 from pathlib import Path
 
 import numpy as np
 
 from ..problem import catalogue
-from ..problem.labels import title, unit_of_measure
+from ..problem.labels import in_words, title, unit_of_measure
 from ..units import SceneError, unit_of
 from ..validation import read_reference
 from ..viz.plots import COLOURS, _figure, _save
@@ -24,7 +24,7 @@ FORMULAS = {  # column of the reference, who, and the slumps [mm] for which it w
 
 
 def slump_chart(out, study=None) -> Path:
-    """Slump and spread [cm] of the cone against yield value [Pa], by a study, finite elements and formulas."""
+    """Slump and spread [cm] of the cone against yield stress [Pa], by a study, finite elements and formulas."""
     emulator = emulator_of(study)
     figure, (left, right) = _figure(13.0, 6.6, columns=2)
     yields = np.exp(np.linspace(emulator.low[0], emulator.high[0], 200)) * DENSITY
@@ -55,7 +55,7 @@ def slump_chart(out, study=None) -> Path:
     right.set(ylabel="spread [cm]", ylim=(20.0, 75.0), title="Spread, EN 12350-8")
     ticks = [t for t in (20, 30, 50, 100, 200, 300, 500, 1000, 2000) if yields[0] <= t <= 1.001 * yields[-1]]
     for axes in (left, right):
-        axes.set(xlabel=f"yield value [Pa] at {DENSITY:g} kg/m3", xlim=(yields[0], yields[-1]))
+        axes.set(xlabel=f"yield stress [Pa] at {DENSITY:g} kg/m3", xlim=(yields[0], yields[-1]))
         axes.set_xticks(ticks, [f"{t:g}" for t in ticks])
         axes.minorticks_off()
         axes.legend(frameon=False, fontsize=9)
@@ -80,12 +80,10 @@ def study_chart(rows, varied, out) -> Path:
         for k, kind in enumerate(dict.fromkeys(tuple(row[other] for other in others) for row in done)):
             points = [(row[x], row.get(name)) for row in done if tuple(row[other] for other in others) == kind]
             points = np.array(sorted(points), float)  # None becomes nan: a gap
-            label = ", ".join(
-                f"{other.replace('_', ' ')} {spelled(value)}" for other, value in zip(others, kind, strict=True)
-            )
+            label = ", ".join(f"{in_words(other)} {spelled(value)}" for other, value in zip(others, kind, strict=True))
             axes.plot(points[:, 0], factor * points[:, 1], "o-", color=COLOURS[k % len(COLOURS)], label=label)
         axes.set(
-            xlabel=x.replace("_", " ") + f" [{unit}]" * bool(unit),
+            xlabel=in_words(x) + f" [{unit}]" * bool(unit),
             ylabel=title(name) + f" [{shown}]" * bool(shown),
         )
         low, high = (end(row[x] for row in done) for end in (min, max))

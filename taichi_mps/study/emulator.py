@@ -13,7 +13,7 @@ SMOOTHING = 0.03  # of the thin plate: particles scatter the measures of soft mi
 MIX = "yield_value", "plastic_viscosity"
 NEEDED = ("status", *MIX, "slump_m", "spread_m")  # columns of a table
 FEWEST = 6  # cases with a T500 from which on it is known
-NODES = 121, 61  # of the grid on which a fit looks first: yield value, plastic viscosity
+NODES = 121, 61  # of the grid on which a fit looks first: yield stress, plastic viscosity
 
 
 def positive(value) -> bool:
@@ -22,7 +22,7 @@ def positive(value) -> bool:
 
 
 class Emulator:
-    """slump_m, spread_m [m] and t500_s [s] of a cone for any yield value and plastic viscosity within a study.
+    """slump_m, spread_m [m] and t500_s [s] of a cone for any yield stress and plastic viscosity within a study.
 
     By similarity they depend on the ratios of both constants to the density alone. Between the cases a thin-plate
     spline over the logarithms of these ratios; T500 by its logarithm, nan where the spread stays below 500 mm.
@@ -39,7 +39,7 @@ class Emulator:
         done = [row for row in rows if row["status"] == "done" and all(map(positive, (row[name] for name in MIX)))]
         constants = np.array([[row["yield_value"], row["plastic_viscosity"]] for row in done], float).reshape(-1, 2)
         if min((len(set(column)) for column in constants.T), default=0) < 3:
-            raise SceneError("table: must hold done cases of at least 3 yield values and 3 plastic viscosities")
+            raise SceneError("table: must hold done cases of at least 3 yield stresses and 3 plastic viscosities")
         known = catalogue.load("slump").parameters.model_fields
         self.settings = {name: done[0][name] for name in known if done[0].get(name) is not None}  # of the cone
         self.spacing = self.settings.get("spacing", 0.01)  # [m]
@@ -69,7 +69,7 @@ class Emulator:
         return RectBivariateSpline(*self.axes, plate(grid).reshape(NODES)), float(np.sqrt(np.mean(missed**2)))
 
     def at(self, yields, viscosities, grid=False) -> dict[str, np.ndarray]:
-        """The measures at pairs of logarithms of yield value and plastic viscosity over the density, (n,) each; with
+        """The measures at pairs of logarithms of yield stress and plastic viscosity over the density, (n,) each; with
         ``grid`` at all combinations of two ascending sequences."""
         slump, spread = (self.splines[name](yields, viscosities, grid=grid) for name in ("slump_m", "spread_m"))
         known = self.splines.get("t500_s")

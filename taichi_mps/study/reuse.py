@@ -1,7 +1,7 @@
 """A Simulation that is compiled once and run again with other materials.
 
-A Simulation compiles its kernels anew: 5 to 8 s for a cone that runs in half a second. They read the numbers of a
-material from fields (constants.py), so another material of the law is other entries.
+A Simulation compiles its kernels anew: 5 to 8 s for a cone that runs in half a second. They read the numbers of a mix
+from fields (terms/constants.py says which), so another mix of the same law is other entries.
 """
 
 import pickle
@@ -10,7 +10,6 @@ from dataclasses import fields
 
 from ..problem.materials import Bingham
 from ..problem.problem import Problem
-from ..problem.scene import Scene
 from ..runtime.backend import require_room, ti
 from ..simulation.simulation import Simulation
 from ..terms.constants import FIELDS_OF_A_MIX
@@ -39,12 +38,12 @@ def compiled_numbers(material) -> str:
 
 
 class Compiled:
-    """One Simulation for all scenes of one shape, by the scheme ``implicit`` with its defaults."""
+    """One Simulation for all problems of one shape, of the scheme ``implicit``."""
 
-    def __init__(self, scene: Scene):
-        self.shape = shape_of(Problem(scene))
+    def __init__(self, problem: Problem):
+        self.shape = shape_of(problem)
         self.program = ti.lang.impl.get_runtime().prog
-        self.sim = Simulation(scene)
+        self.sim = Simulation(problem.scene, problem.numerics)
         self.scheme = self.sim.scheme
         self.beginning = self.sim.state()
 
@@ -53,12 +52,12 @@ class Compiled:
         """False once the Simulation has made its scheme anew, for a longer neighbour list, or Taichi was restarted."""
         return self.sim.scheme is self.scheme and self.program is ti.lang.impl.get_runtime().prog
 
-    def begin(self, scene: Scene) -> Simulation:
-        """The Simulation of a scene of this shape, at its start; the one handed out before is over."""
+    def begin(self, problem: Problem) -> Simulation:
+        """The Simulation of a problem of this shape, at its start; the one handed out before is over."""
         require_room()
         sim = self.sim
-        self.scheme.set_materials(scene.expected, scene.materials)
-        sim.scene = scene
+        self.scheme.set_materials(problem.expected, problem.materials)
+        sim.scene = problem.scene
         sim.load(self.beginning)
         sim._walls_at = 0.0
         sim.walls.place(0.0)

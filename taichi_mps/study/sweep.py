@@ -40,8 +40,8 @@ def values(text: str, key: str = "values") -> list[str]:
         raise SceneError(f"{key} = {text}: equal ratios need values above 0; must be, or add :linear")
     if count > MOST_CASES:
         raise SceneError(f"{key} = {text}: must be at most {MOST_CASES} values")
-    shares = [k / (count - 1) for k in range(count)]
-    points = [low + s * (high - low) if linear else low * (high / low) ** s for s in shares]
+    parts = [k / (count - 1) for k in range(count)]
+    points = [low + s * (high - low) if linear else low * (high / low) ** s for s in parts]
     return [f"{point:.4g}" for point in points]
 
 

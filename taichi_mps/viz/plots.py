@@ -96,7 +96,7 @@ def slump_curve(histories, out, references=None, log_time=False):
 
 
 def slump_against_yield_value(points, references, out):
-    """Final slump [cm], downwards, against the yield value [Pa] of points {label: (yield values, slumps [m])}.
+    """Final slump [cm], downwards, against the yield stress [Pa] of points {label: (yield stresses, slumps [m])}.
 
     references: the same, drawn as lines (a law, measured data), or None.
     """
@@ -110,7 +110,7 @@ def slump_against_yield_value(points, references, out):
     for k, (label, pair) in enumerate(points.items()):
         tau, slump = _points(pair)
         axes.plot(tau, 100.0 * slump, "o", ms=7, color=COLOURS[k % len(COLOURS)], mec="white", mew=0.8, label=label)
-    axes.set(xlabel="yield value [Pa]", ylabel="slump [cm]")
+    axes.set(xlabel="yield stress [Pa]", ylabel="slump [cm]")
     axes.set_xlim(left=0.0)
     axes.set_ylim(max(axes.get_ylim()[1], 1.0), 0.0)
     axes.legend(loc="best", frameon=False)
@@ -147,7 +147,7 @@ PANELS = (  # title of a panel, and its columns of history.csv with factor and n
     ("time step [ms]", (("dt_s", 1e3, ""),)),
     ("iterations", (("viscous_iterations", 1.0, "viscous"), ("pressure_iterations", 1.0, "pressure"))),
     ("maximum speed [m/s]", (("max_speed_m_s", 1.0, ""),)),
-    ("unyielded share [%]", (("unyielded_fraction", 100.0, ""),)),
+    ("unyielded fraction [%]", (("unyielded_fraction", 100.0, ""),)),
     ("volume error [%]", (("volume_error", 100.0, ""),)),
 )
 
@@ -230,12 +230,12 @@ def _order_guides(axes, points, sign):
 
 
 def filling(cavity, s, out):
-    """Where a form stayed empty: through its thickness (y; in 2-D the section itself) the share of the cavity that is
-    filled at a snapshot, white where there is none, and beside it the share that is filled at each height."""
+    """Where a form stayed empty: through its thickness (y; in 2-D the section itself) the fraction of the cavity that
+    is filled at a snapshot, white where there is none, and beside it that at each height."""
     room, filled = cavity.cells, cavity.filled(s)
     if room.ndim == 3:
         room, filled = room.sum(1), filled.sum(1)
-    share = np.where(room > 0, filled / np.maximum(room, 1), np.nan)
+    fraction = np.where(room > 0, filled / np.maximum(room, 1), np.nan)
     length, height = (cavity.high[a] - cavity.low[a] for a in (0, -1))
     from matplotlib.colors import LinearSegmentedColormap
 
@@ -243,14 +243,16 @@ def filling(cavity, s, out):
     figure, picture = _figure(1.5 * wide + 1.0, wide * height / length + 2.2)
     colours = LinearSegmentedColormap.from_list("filling", (COLOURS[4], "#f0c9a8", "#9aa1a9"))
     corners = (cavity.low[0], cavity.high[0], cavity.low[-1], cavity.high[-1])
-    image = picture.imshow(share.T, origin="lower", extent=corners, cmap=colours, vmin=0.0, vmax=1.0, aspect="equal")
+    image = picture.imshow(fraction.T, origin="lower", extent=corners, cmap=colours, vmin=0.0, vmax=1.0, aspect="equal")
     picture.grid(False)
     picture.set(xlabel="x [m]", ylabel="z [m]")
     picture.set_title(f"filled {cavity.report(s)['filled_ratio']:.1%} at {s.time:.3g} s", loc="left")
-    figure.colorbar(image, ax=picture, label="filled share of the thickness", location="bottom", shrink=0.5, aspect=40)
+    figure.colorbar(
+        image, ax=picture, label="filled fraction of the thickness", location="bottom", shrink=0.5, aspect=40
+    )
     curve = picture.inset_axes((1.04, 0.0, 0.25, 1.0), sharey=picture)
-    heights, shares = cavity.by_height(s)
-    curve.plot(100.0 * shares, heights, color=COLOURS[0])
+    heights, fractions = cavity.by_height(s)
+    curve.plot(100.0 * fractions, heights, color=COLOURS[0])
     curve.set(xlabel="filled [%]", xlim=(-3.0, 103.0))
     curve.tick_params(labelleft=False)
     return _save(figure, out)

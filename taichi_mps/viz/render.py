@@ -166,7 +166,7 @@ class Renderer:
 
     def _titles(self, pen, snapshot, measures):
         mix, unit = self.scene.material, self.camera.height / 720
-        flow = f"yield value {mix.yield_value:g} Pa   plastic " * (not mix.newtonian) + "viscosity "
+        flow = f"yield stress {mix.yield_value:g} Pa   plastic " * (not mix.newtonian) + "viscosity "
         flow += f"{mix.plastic_viscosity:g} Pa s   density {mix.density:g} kg/m3   l0 {1e3 * self.scene.spacing:g} mm"
         self._write(pen, (28 * unit, 22 * unit), self.scene.name, 26)
         self._write(pen, (28 * unit, 58 * unit), flow, 16, FAINT)
@@ -230,7 +230,7 @@ class Renderer:
         unit, (low, high) = self.camera.height / 720, self.limits
         x, y, wide, tall = (round(v * unit) for v in (image.width / unit - 105, 150, 20, 300))
         keys = {
-            "yielded": (("flowing", FLOWING), ("below the yield value", RIGID)),
+            "yielded": (("flowing", FLOWING), ("below the yield stress", RIGID)),
             "mix": [
                 (f"{m.yield_value:g} Pa, {m.plastic_viscosity:g} Pa s", MIXES[k % len(MIXES)])
                 for k, m in enumerate(self.scene.materials)

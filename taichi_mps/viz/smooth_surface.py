@@ -7,7 +7,7 @@ import numpy as np
 from ..problem.measures import Snapshot
 from ..units import SceneError
 
-CUBE, SMOOTHING = 0.3, 15  # side of the cells of a surface over l0; passes in which its mesh is smoothed
+CUBE, SMOOTHING = 0.3, 15  # side of the cells of a surface over l0; smoothing iterations of its mesh
 MOST_CELLS = 1e6  # along an axis: their number is a 64-bit integer
 FIELDS = ("u", "p", "shear_rate", "yielded", "density_ratio")
 

@@ -1,5 +1,5 @@
 """Painters: spheres drawn by a software splatter in Taichi kernels, or by Taichi's GGUI; and the camera they share.
-The painter of triangles, `facets`, shares the shading, too.
+The painter of triangles, `facets`, has the same shading.
 
 Depth and row of the nearest sphere of each pixel are found by an atomic minimum over 64-bit keys, then each pixel is
 shaded on its own: light, shadow, floor. The bits are the same on every run.
@@ -64,7 +64,7 @@ def row(rows: ti.template(), k):
 
 @ti.func
 def _weights(a, b, c, q):
-    """Shares of the corners of a triangle at the point q of its plane."""
+    """Barycentric coordinates of the point q of the plane of a triangle."""
     across = (b - a).cross(c - a)
     u, v = (c - b).cross(q - b).dot(across), (a - c).cross(q - c).dot(across)
     return ti.math.clamp(vec3(u, v, across.norm_sqr() - u - v) / across.norm_sqr(), 0.0, 1.0)
@@ -77,7 +77,7 @@ def _depth(key):
 
 @ti.func
 def _light(shadow: ti.template(), project: mat34, p: vec3, bias: ti.f32, taps: ti.template()):
-    """Share of a light that reaches p: a box of taps x taps texels, bilinear at its rim."""
+    """Fraction of a light that reaches p: a box of taps x taps texels, bilinear at its rim."""
     q = project @ ti.Vector([p.x, p.y, p.z, 1.0])
     u, v = q.x / q.z - 0.5 * taps, q.y / q.z - 0.5 * taps
     i0, j0 = ti.cast(ti.floor(v), ti.i32), ti.cast(ti.floor(u), ti.i32)
@@ -170,7 +170,7 @@ def _shade(
 class Camera:
     """Pinhole camera that looks along ``direction``, so near that the points given just fill ``frame`` of its picture.
 
-    frame: left, top, right, bottom in shares of the picture.
+    frame: left, top, right, bottom as fractions of the picture.
     """
 
     def __init__(self, direction, points, width, height, frame=(0.05, 0.05, 0.95, 0.95), view_angle=22.0):

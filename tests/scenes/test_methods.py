@@ -167,7 +167,7 @@ def test_six_litres_in_the_lcpc_box():
 
 
 def test_levels_at_rest_in_a_closed_channel():
-    """12 l in 0.7 x 0.2 m: 115.2 and 51.7 mm at 92 Pa by an independent quadrature; level without yield value."""
+    """12 l in 0.7 x 0.2 m: 115.2 and 51.7 mm at 92 Pa by an independent quadrature; level without yield stress."""
     _, h = rest_shapes.channel_at_rest(0.06, 2300.0, 92.0, 0.2, 0.7)
     assert (h[0], h[-1]) == pytest.approx((0.11521, 0.0516902), rel=1e-5)
     _, h = rest_shapes.channel_at_rest(0.06, 2300.0, 1e-3, 0.2, 0.7)

@@ -213,7 +213,7 @@ def test_the_chart_of_a_study_names_unit_and_values_and_leaves_out_what_failed(m
     rows = [{"scene": "slump", "status": "done", "yield_value": tau, "slump_m": 60.0 / tau} for tau in (250.0, 200.0)]
     failed = {"scene": "slump", "status": "failed", "yield_value": 320.0, "reason": "it is"}
     (axes,) = chart.study_chart([*rows, failed], ["yield_value"], "no.png").axes
-    assert axes.get_xlabel() == "yield value [Pa]" and axes.get_ylabel() == "slump [cm]"
+    assert axes.get_xlabel() == "yield stress [Pa]" and axes.get_ylabel() == "slump [cm]"
     assert axes.lines[0].get_xydata() == pytest.approx(np.array([[200.0, 30.0], [250.0, 24.0]]))
     assert list(axes.get_xticks()) == [200.0, 250.0]
     with pytest.raises(SceneError, match="needs a case that is done"):
@@ -222,7 +222,7 @@ def test_the_chart_of_a_study_names_unit_and_values_and_leaves_out_what_failed(m
 
 # ---- one compilation for all materials -------------------------------------------------------------------------
 def test_materials_of_one_law_share_their_kernels():
-    """Half the density, viscosity and yield value are the same motion under gravity, to the last bit: every number of
+    """Half the density, viscosity and yield stress are the same motion under gravity, to the last bit: every number of
     the material reaches the kernels that were compiled for another."""
     cone = {"model": "axisymmetric", "spacing": 0.03, "until": 0.1}
     mixes = ((300, 50, 2300), (100, 20, 2000), (150, 25, 1150), (300, 50, 2300))
@@ -404,7 +404,7 @@ def test_measurements_that_contradict_each_other_are_named(emulator):
         calibrate(slump=21)
     with pytest.raises(SceneError, match="no column plastic_viscosity, slump_m"):
         Emulator([{"status": "done", "yield_value": 300.0, "spread_m": 0.3}])
-    with pytest.raises(SceneError, match="at least 3 yield values"):
+    with pytest.raises(SceneError, match="at least 3 yield stresses"):
         Emulator([{"status": "done", "yield_value": 3.0, "plastic_viscosity": 5.0, "slump_m": 0.1, "spread_m": 0.3}])
 
 
@@ -412,7 +412,7 @@ def test_a_mix_beyond_the_table_is_said_to_be_so(emulator):
     """2000 Pa are its end. 4000 Pa slump less than anything in it, and least of that where the viscosity is high, which
     says nothing of the viscosity."""
     stiff, known = (fit(emulator, {"slump_m": (float(closed_form(tau, 50.0)[0]), 0.001)}, 2300.0) for tau in (4e3, 1e3))
-    assert stiff.at_the_edge[0] == "yield_value" and "edge of the table (yield value 20 to 2000 Pa" in str(stiff)
+    assert stiff.at_the_edge[0] == "yield_value" and "edge of the table (yield stress 20 to 2000 Pa" in str(stiff)
     assert stiff.plastic_viscosity.lower is None and stiff.plastic_viscosity.upper is None
     assert not known.at_the_edge and "edge" not in str(known)
 
