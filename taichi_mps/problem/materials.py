@@ -27,9 +27,12 @@ HIGH_KNEE = 0.1  # fraction of the yield stress by which the knee stress may exc
 
 
 class Material(Checked):
-    """What all materials have in common: a density, a yield stress and a plastic viscosity."""
+    """What all materials have in common: a density, and, each in its own way, a yield stress ``yield_value`` [Pa], a
+    ``plastic_viscosity`` [Pa s] and a ``critical_strain_rate`` [1/s]. A number that is declared here is one of all."""
 
     options: ClassVar[dict] = {"density": Density}  # scenes are under gravity: there is no fluid of 1 kg/m3
+
+    density: AnyDensity = Field(2300.0, description="density of the mix")
 
     @property
     def yields(self) -> bool:
@@ -62,7 +65,6 @@ class Bingham(Material):
     stress.
     """
 
-    density: AnyDensity = Field(2300.0, description="density of the mix")
     plastic_viscosity: Viscosity = Field(50.0, description="plastic viscosity of the mix")
     yield_value: YieldValue = Field(300.0, description="yield stress of the mix")
     critical_strain_rate: CriticalStrainRate | None = Field(
@@ -110,7 +112,6 @@ class FlowCurve(Material):
     penalty of the iteration, not the answer. Scheme ``implicit`` only.
     """
 
-    density: AnyDensity = Field(2300.0, description="density of the mix")
     yield_value: YieldValue = Field(0.0, description="yield stress of the mix")
     plastic_viscosity: Viscosity = Field(50.0, description="typical slope of the flow curve")
     shear_stress: Callable
@@ -121,7 +122,6 @@ class FlowCurve(Material):
 class HerschelBulkley(Material):
     """tau = tau_y + k rate^n: thickens (n > 1) or thins (n < 1) with the shear rate; rigid below the yield stress."""
 
-    density: AnyDensity = Field(2300.0, description="density of the mix")
     yield_value: YieldValue = Field(300.0, description="yield stress of the mix")
     consistency: Consistency = Field(50.0, description="k: stress over the yield stress at a shear rate of 1 1/s")
     flow_index: FlowIndex = Field(1.0, description="n: exponent of the shear rate")
