@@ -53,6 +53,12 @@ class Material(Checked):
         """The material with all its numbers, for a run of this time [s]."""
         return self
 
+    def facts(self) -> dict:
+        """All of it, JSON-ready: the law by its name, numbers in SI units, functions by their names."""
+        values = {name: getattr(self, name) for name in type(self).model_fields}
+        named = {name: getattr(value, "__qualname__", str(value)) for name, value in values.items() if callable(value)}
+        return {"law": type(self).__name__} | values | named
+
 
 class Bingham(Material):
     """Fresh concrete: rigid below the yield stress, flowing with the plastic viscosity above it (eqs 1-3).

@@ -47,15 +47,15 @@ def test_another_format_is_refused_by_the_version_that_reads_it(tmp_path):
 
 
 def test_a_number_that_mixes_had_not_yet_leaves_a_checkpoint_good_until_it_is_given():
-    class Frictional(mps.Bingham):
-        friction_angle: float = 0.0
+    class Imagined(mps.Bingham):
+        imagined_angle: float = 0.0
 
-    Frictional.__name__ = "Bingham"
+    Imagined.__name__ = "Bingham"
     scene = checkpoint.read(HERE / "checkpoint_6_implicit.h5").scene()
 
     def digest(**more):
-        material = Frictional(**scene.material.model_dump(), **more)
+        material = Imagined(**scene.material.model_dump(), **more)
         return checkpoint.laws_digest(mps.Scene("x", material, 0.1, [[0.5, 0.5]], ((0, 0), (1, 1))))
 
     plain = checkpoint.laws_digest(mps.Scene("x", scene.material, 0.1, [[0.5, 0.5]], ((0, 0), (1, 1))))
-    assert digest() == plain != digest(friction_angle=20.0)
+    assert digest() == plain != digest(imagined_angle=20.0)

@@ -242,17 +242,17 @@ def test_materials_of_one_law_share_their_kernels():
     assert failed["status"] == "failed" and "lift_speed = 0.1 m/s" in failed["reason"]
 
 
-class Frictional(mps.Bingham):
+class Imagined(mps.Bingham):
     """A mix with a number that no kernel reads from a field."""
 
-    friction_angle: float = 0.0
+    imagined_angle: float = 0.0
 
 
 def test_what_is_compiled_in_is_in_the_key_of_what_is_compiled_once():
     """A number of a mix shares the kernels only if terms/constants.py says that they read it from a field."""
     scene = catalogue.build("slump", spacing=0.05, model="axisymmetric")
 
-    def key(numerics=None, kind=Frictional, **numbers):
+    def key(numerics=None, kind=Imagined, **numbers):
         return shape_of(Problem(replace(scene, material=kind(**numbers)), numerics))
 
     for shared in ({"yield_value": 40.0}, {"plastic_viscosity": 10.0}, {"density": 2000.0}):
@@ -260,7 +260,7 @@ def test_what_is_compiled_in_is_in_the_key_of_what_is_compiled_once():
     assert key(critical_strain_rate=0.01) == key(critical_strain_rate=0.02)
     apart = [
         key(),
-        key(friction_angle=20.0),
+        key(imagined_angle=20.0),
         key(kind=mps.Bingham),
         key(yield_value=0.0),
         key(critical_strain_rate=0.01),
