@@ -204,6 +204,7 @@ def info(argv) -> int:
 
 
 def version_of(package: str) -> str | None:
+    """Version of an installed package; None where it is not installed."""
     try:
         return metadata.version(package)
     except metadata.PackageNotFoundError:
@@ -211,6 +212,7 @@ def version_of(package: str) -> str | None:
 
 
 def tell(facts, as_json: bool, text: str) -> None:
+    """Print the facts as JSON, or the text."""
     print(json.dumps(facts) if as_json else text)
 
 
@@ -267,4 +269,5 @@ def main(argv=None) -> int:
 
 
 def entry() -> None:
+    """The program ``taichi-mps``."""
     sys.exit(main())

@@ -52,6 +52,7 @@ class Parser(argparse.ArgumentParser):
         super().__init__(prog=f"taichi-mps {command}".strip(), allow_abbrev=False, **settings)
 
     def error(self, message):
+        """Bad input, as argparse says it."""
         raise SceneError(message)
 
     def options(self, model, title, leave_out=()):
@@ -115,6 +116,7 @@ def joined(argv) -> list[str]:
 
 
 def is_number(word: str) -> bool:
+    """Is a word of a command line a number?"""
     try:
         float(word)
     except ValueError:
@@ -138,6 +140,7 @@ def allowed(field) -> str:
 
 
 def default(field) -> str:
+    """'default 300.0', 'required' or nothing, of a field."""
     if field.is_required():
         return "required"
     return "" if field.default in (None, False, "") else f"default {field.default}"

@@ -59,6 +59,7 @@ def outcome(row) -> str:
 
 
 def cell(name, value) -> str:
+    """A result with its unit, '-' where there is none."""
     return "-" if value is None else written(name, value)
 
 

@@ -37,6 +37,7 @@ class Cavity:
 
     @cached_property
     def shape(self) -> tuple[int, ...]:
+        """Number of cells along each axis."""
         size = np.subtract(self.high, self.low)
         return tuple(int(n) for n in np.maximum(1, np.round(size / (0.5 * self.spacing))))
 

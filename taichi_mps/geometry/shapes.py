@@ -22,6 +22,7 @@ class Box:
             raise SceneError(f"high = {self.high} m of a box: must be above low = {self.low} m along each axis")
 
     def contains(self, x):
+        """Are points x (n, d) [m] inside? (n,)"""
         return np.all((x > self.low) & (x < self.high), axis=1)
 
     @property
@@ -52,6 +53,7 @@ class Cone:
             raise SceneError(f"height = {self.height:g} m: must be greater than 0 m, and one radius of a cone, too")
 
     def contains(self, x):
+        """Are points x (n, 3) [m] inside? (n,)"""
         radius = self.base_radius + (self.top_radius - self.base_radius) * x[:, 2] / self.height
         return (x[:, 2] > 0) & (x[:, 2] < self.height) & (np.hypot(x[:, 0], x[:, 1]) < radius)
 

@@ -53,6 +53,7 @@ class History:
         self.file.flush()
 
     def close(self) -> None:
+        """Write no more."""
         self.file.close()
 
 

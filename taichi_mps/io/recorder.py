@@ -58,12 +58,14 @@ class Recorder:
         self.next = now + (now - begin) / CHECKPOINT_COST
 
     def step(self, sim) -> None:
+        """After a step: a row of history.csv, and a checkpoint if one is due."""
         self.measures = sim.measures()
         self.history.add(row_of(sim, self.measures))
         if time.monotonic() > self.next and not due(sim.time, self.every):
             self._save()
 
     def output(self, sim) -> None:
+        """At an output: the particles into run.h5, a picture, and a checkpoint if one is due."""
         if sim.steps == self.begun and not due(sim.time, self.every):
             return  # a run that goes on from between two outputs has none here
         number = self.trajectory.append(sim.snapshot())

@@ -30,6 +30,7 @@ class RunFolder:
 
     @property
     def ours(self) -> bool:
+        """Is there a run in the folder?"""
         return any((self.path / name).is_file() for name in (*OURS, lock.NAME))
 
     def check(self) -> None:
@@ -68,6 +69,7 @@ class RunFolder:
         os.replace(partial, self.summary)
 
     def read_summary(self) -> dict:
+        """summary.json; SceneError where it is missing or damaged."""
         if not self.summary.is_file():
             raise SceneError(f"run = {self.path}: holds no summary.json; must be the folder of a run")
         try:

@@ -205,12 +205,15 @@ class Replay:
 
     @property
     def time(self) -> float:
+        """[s]"""
         return self.state.time
 
     def snapshot(self) -> Snapshot:
+        """The particles at this output."""
         return self.state
 
     def measures(self) -> dict[str, float]:
+        """The scene's measures of the whole body at this output."""
         return self.scene.measure(self.scene.unfold(self.state)) if self.scene.measure else {}
 
 

@@ -45,6 +45,7 @@ def wall_particles_have_surfaces(problem):
 
 
 def curved_walls_are_wide(problem):
+    """A wall that bends away within the neighbourhood of a particle is no wall to it."""
     for wall in problem.scene.walls:
         if isinstance(wall, Cylinder) and wall.smallest_radius <= problem.effective_radius:
             return (
@@ -74,6 +75,7 @@ def needs_no_surfaces(problem):
 
 # ---- wrong units and origins ---------------------------------------------------------------------------------------
 def density_is_plausible(problem):
+    """Where things weigh as on Earth nothing is lighter or heavier; numbers without dimension may be."""
     density = [material.density for material in problem.materials]
     earth = EARTH[0] < float(np.linalg.norm(problem.scene.gravity_vector)) < EARTH[1]
     if earth and not LIGHTEST <= min(density) <= max(density) <= HEAVIEST:
@@ -84,6 +86,7 @@ def density_is_plausible(problem):
 
 
 def jet_is_plausible(problem):
+    """No pump is so fast: the rate has another unit."""
     spacing = problem.scene.spacing
     for inlet in problem.scene.inlets:
         speed, most = inlet.speed(spacing), FASTEST * inlet.layer_volume(spacing) / spacing
@@ -132,6 +135,7 @@ def solids_reach_into_the_domain(problem):
 
 # ---- sizes ---------------------------------------------------------------------------------------------------------
 def grid_fits(problem):
+    """The binning grid has to fit into memory."""
     cells = np.prod(sides(problem))
     if cells > MOST_CELLS:
         return (

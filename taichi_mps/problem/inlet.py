@@ -51,6 +51,7 @@ class Inlet:
 
     @property
     def unit_direction(self) -> np.ndarray:
+        """Direction (d,) of the hose, of length 1."""
         return np.array(self.direction, float) / np.linalg.norm(self.direction)
 
     def layer(self, spacing: float) -> np.ndarray:

@@ -79,6 +79,7 @@ class Bingham(Material):
 
     @property
     def newtonian(self) -> bool:
+        """Is the plastic viscosity all of its law? So it is without a yield stress."""
         return not self.yields
 
     @property

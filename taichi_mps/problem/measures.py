@@ -31,6 +31,7 @@ class Snapshot:
 
     @property
     def speed(self):
+        """Speed [m/s] of each particle, (n,)."""
         return np.linalg.norm(self.u, axis=1)
 
 

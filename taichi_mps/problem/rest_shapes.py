@@ -64,6 +64,7 @@ def channel_at_rest(
 
 
 def must_come_to_rest(yield_value, density, gravity):
+    """SceneError unless density [kg/m3], gravity [m/s2] and yield stress [Pa] are above 0."""
     positive("density", density, "kg/m3")
     positive("gravity", gravity, "m/s2")
     if finite("yield_value", yield_value, "Pa", shape=()) <= 0.0:

@@ -138,6 +138,7 @@ class Scene:
 
     @property
     def dimension(self) -> int:
+        """d: 2 or 3 coordinates."""
         return self.fluid.shape[1]
 
     @property
@@ -153,10 +154,12 @@ class Scene:
 
     @property
     def gravity_vector(self) -> np.ndarray:
+        """Gravity (d,) [m/s2]; 9.81 down the last axis unless given."""
         if self.gravity is not None:
             return np.array(self.gravity, float)
         return np.array([0.0] * (self.dimension - 1) + [-9.81])
 
     @property
     def periodic_axes(self) -> tuple[bool, ...]:
+        """Is it periodic along each axis? (d,)"""
         return self.periodic or (False,) * self.dimension

@@ -9,7 +9,7 @@ from pydantic import Field
 
 from ..units import Checked, Density, Duration, Length, SceneError, checked
 from .case import REACHED
-from .emulator import Emulator
+from .emulator import DENSITY, Emulator
 from .results import read
 
 TABLE = Path(__file__).parent / "slump.csv"  # a sweep of the standard cone, axisymmetric, 10 mm; docs/studies.md
@@ -42,10 +42,12 @@ class Constant:
 
     @property
     def determined(self) -> bool:
+        """Do the measurements bound the constant on both sides?"""
         return self.lower is not None and self.upper is not None
 
     @property
     def at_the_edge(self) -> bool:
+        """Is it bounded on one side only, with the best value at an end of the table?"""
         return (self.lower is None) != (self.upper is None) and not 1.01 * self.low < self.value < 0.99 * self.high
 
     def told(self, unit: str) -> str:
@@ -78,6 +80,7 @@ class Calibration:
 
     @property
     def contradictory(self) -> bool:
+        """Is no mix near the measurements?"""
         return self.misfit > CONTRADICTION
 
     def facts(self) -> dict:
@@ -228,7 +231,7 @@ class Measurements(Checked):
     slump: Length | None = Field(None, description="slump")
     spread: Length | None = Field(None, description="diameter of the spread, mean of two")
     t500: Duration | None = Field(None, description="time to a spread of 500 mm")
-    rho: Density = Field(2300.0, description="density")
+    rho: Density = Field(DENSITY, description="density")
     slump_error: Length = Field(0.005, description="standard error of the slump")
     spread_error: Length = Field(0.01, description="standard error of the spread")
     t500_error: Duration = Field(0.2, description="standard error of the time")

@@ -35,6 +35,7 @@ class Case:
 
     @property
     def parameters(self) -> dict:
+        """The parameters given, by name."""
         return dict(self.given)
 
 
@@ -135,6 +136,7 @@ class Milestone:
             sim.each_step(self.look)
 
     def look(self, sim):
+        """Measure, if a look is due, and find the time at which the value was reached."""
         before, low = self.last
         if self.time is not None or sim.time < self.due:
             return

@@ -5,10 +5,11 @@ from importlib.util import find_spec
 import numpy as np
 
 from ..problem import catalogue
+from ..problem.materials import Bingham
 from ..units import SceneError
 from .case import REACHED
 
-DENSITY = 2300.0  # [kg/m3] of rows that name none: the default of scenes/slump.py
+DENSITY = Bingham().density  # [kg/m3] of rows that name none: the default of scenes/slump.py
 SMOOTHING = 0.03  # of the thin plate: particles scatter the measures of soft mixes by millimetres from case to case
 MIX = "yield_value", "plastic_viscosity"
 NEEDED = ("status", *MIX, "slump_m", "spread_m")  # columns of a table

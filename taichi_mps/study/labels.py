@@ -4,6 +4,7 @@ from ..problem.labels import is_measure
 
 
 def spelled(value) -> str:
+    """A value of a parameter as text."""
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 

@@ -100,6 +100,7 @@ class Jobs(Executor):
         self.thread.start()
 
     def submit(self, function, case, /):
+        """The future of a case: of the job that runs it already, or of a new one."""
         future = Future()
         self.flying[self._earlier(case) or self._new(function, case)] = future
         return future

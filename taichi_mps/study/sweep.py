@@ -123,6 +123,7 @@ def carry_out(planned: list[Case], out, run=run_case, executor="local", workers=
 
 @contextmanager
 def as_it_is(executor):
+    """An executor that its owner closes."""
     yield executor
 
 
