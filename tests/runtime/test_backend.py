@@ -1,92 +1,76 @@
-"""How kernels of the package are started: a call like an earlier one does what Taichi's own call does, and is quick."""
+"""The kernel language as other rooms use it: types, fields, and Python objects that kernels call."""
+
+import math
 
 import numpy as np
 import pytest
 
-from taichi_mps.linear.csr import SparseMatrix
 from taichi_mps.runtime import backend
 from taichi_mps.runtime.backend import ti
 
-ROWS = 5
+
+@pytest.mark.parametrize(("precision", "kind"), [("f32", np.float32), ("f64", np.float64)])
+def test_the_precision_that_was_asked_for_is_that_of_the_fields(precision, kind):
+    backend.init(arch="cpu", precision=precision, threads=1)
+    assert backend.started() == {"arch": "cpu", "precision": precision, "threads": 1}
+    field = ti.field(backend.real(), 3)
+    field.fill(0.1)
+    assert field.to_numpy().dtype == kind
+    backend.init(arch="cpu", precision="f64", threads=1)
 
 
-def matrix():
-    made = SparseMatrix(ROWS, 1)
-    made.count[None] = ROWS
-    return made
-
-
-@pytest.fixture
-def calls(monkeypatch):
-    """Names of the kernels of the package that went through Taichi's own call."""
-    names, own = [], backend._call
-
-    def call(kernel, *arguments, **named):
-        if kernel.func.__module__.startswith("taichi_mps"):
-            names.append(kernel.func.__name__)
-        return own(kernel, *arguments, **named)
-
-    monkeypatch.setattr(backend, "_call", call)
-    return names
-
-
-def test_only_the_first_call_with_the_same_objects_goes_through_taichi(calls):
-    first, second, values = matrix(), matrix(), np.arange(1.0, 1 + ROWS)
-    for k in range(1, 4):
-        for owner, factor in ((first, 1.0), (second, 10.0)):
-            values[:] = factor * np.arange(k, k + ROWS)
-            owner._load_diagonal(values)
-            assert owner.diagonal.to_numpy() == pytest.approx(factor * np.arange(k, k + ROWS))
-    assert calls == ["_load_diagonal"] * 2
-
-
-def test_an_array_in_the_place_of_a_lost_one_is_another_one():
-    """Objects that are dropped leave their ids to the next."""
-    owner, seen, again = matrix(), set(), 0
-    for k in range(100):
-        values = np.full(ROWS, float(k))
-        again += id(values) in seen
-        seen.add(id(values))
-        for _ in range(2):
-            owner._load_diagonal(values)
-        assert np.all(owner.diagonal.to_numpy() == k)
-        del values
-    assert again > 0
-    assert len(SparseMatrix._load_diagonal._primal.ready) < 10  # and nothing is kept of them
-
-
-def test_what_does_not_fit_is_refused_as_by_taichi():
-    owner, values = matrix(), np.ones(ROWS)
-    for _ in range(2):
-        owner._load_diagonal(values)
-    for wrong in (np.ones(ROWS, np.float32), np.ones((ROWS, 2)), np.ones(2 * ROWS)[::2], 1.0):
-        with pytest.raises((ValueError, TypeError, ti.TaichiRuntimeTypeError, AttributeError)):
-            owner._load_diagonal(wrong)
-    with pytest.raises(ti.TaichiSyntaxError, match="Too many arguments"):
-        owner._load_diagonal(values, values)
-    assert np.all(owner.diagonal.to_numpy() == 1.0)
+@pytest.mark.parametrize(("shape", "components"), [((), None), (3, None), ((2, 3), None), (3, 2)])
+def test_double_fields_are_f64_whatever_the_precision(shape, components):
+    backend.init(arch="cpu", precision="f32", threads=1)
+    field = backend.double_field(shape, components)
+    lengths = (*(shape if isinstance(shape, tuple) else (shape,)), *([components] if components else []))
+    field.from_numpy(np.full(lengths, 0.1))
+    assert field.to_numpy().dtype == np.float64 and np.array_equal(field.to_numpy(), np.full(lengths, 0.1))
+    backend.init(arch="cpu", precision="f64", threads=1)
 
 
 @ti.kernel
-def total(numbers: ti.template(), result: ti.template()):
-    result[None] = numbers[0] + numbers[1]
+def sines(angles: ti.types.ndarray(ti.f64, 1), out: ti.types.ndarray(ti.f64, 1)):
+    for i in range(angles.shape[0]):
+        out[i] = backend.sine(angles[i])
 
 
-def test_templates_whose_end_nobody_can_tell_are_looked_up_in_each_call(monkeypatch):
-    """Tuples: an id alone could be that of another one."""
-    monkeypatch.setattr(total._primal.func, "__module__", "taichi_mps.none")
-    result = ti.field(ti.i32, ())
-    for numbers in ((1, 2), (1, 2), (3, 4)):
-        total(numbers, result)
-        assert result[None] == sum(numbers)
-    assert total._primal.quick and not total._primal.ready
+def test_sine():
+    angles = np.linspace(-20.0, 20.0, 101)
+    out = np.zeros_like(angles)
+    sines(angles, out)
+    assert out == pytest.approx([math.sin(angle) for angle in angles], abs=1e-14)
 
 
-def test_a_new_start_of_taichi_forgets_what_was_compiled_before():
-    values = np.arange(float(ROWS))
-    for _ in range(2):
-        owner = matrix()
-        for _ in range(2):
-            owner._load_diagonal(values)
-        assert np.all(owner.diagonal.to_numpy() == values)
-        backend.init(arch="cpu", precision="f64", threads=1)
+@ti.func
+def doubled(x):
+    return 2.0 * x
+
+
+@ti.pyfunc
+def tripled(x):
+    return 3.0 * x
+
+
+SEEN = []
+
+
+@backend.for_kernels
+def noted(x):
+    """Python that runs while a kernel is compiled."""
+    SEEN.append(backend.compiled_now())
+    return x + 1.0
+
+
+@ti.kernel
+def calls_them(x: ti.f64) -> ti.f64:
+    return noted(doubled(x))
+
+
+def test_kernels_call_python_that_is_meant_for_them(recwarn):
+    assert backend.compiled_now() is None
+    assert calls_them(2.0) == 5.0
+    assert SEEN and all(kernel is SEEN[0] and kernel.func.__name__ == "calls_them" for kernel in SEEN)
+    assert backend.compiled_now() is None and not recwarn.list
+    assert all(backend.is_for_kernels(function) for function in (noted, doubled, tripled))
+    assert not any(backend.is_for_kernels(function) for function in (calls_them, math.sin, None))

@@ -1,0 +1,206 @@
+"""All that is changed in the kernel language or kept from it, and which language it is.
+
+The engine is written for Taichi 1.7.4, which has no wheel for Python 3.14 and gets no more releases. Where it is not
+installed the engine runs on Quadrants, its maintained fork; TAICHI_MPS_KERNELS=taichi or quadrants chooses.
+
+WORKAROUNDS says of each one for which version it is, why, what it gains, which test holds it, and when it can go. Cures
+of wrong results are always on. Speed patches reach into Taichi's internals, and no bit of a result depends on them:
+TAICHI_MPS_WORKAROUNDS=0 leaves them out, and so does a version that they were not written for.
+"""
+
+import functools
+import importlib
+import math
+import os
+import warnings
+from dataclasses import dataclass
+from importlib.util import find_spec
+from types import SimpleNamespace
+
+from ..units import SceneError
+
+
+@dataclass(frozen=True)
+class Workaround:
+    """What stands in the way, and what is known of it. Speed patches have a gain, as a share of the processor seconds
+    of a whole process: the default cone at 10 mm, without a cache of kernels."""
+
+    name: str
+    versions: dict  # of each language
+    reason: str
+    test: str  # in tests/runtime/test_workarounds.py
+    until: str  # when it can go
+    gain: float | None = None
+
+
+TAICHI, BOTH = {"taichi": ("1.7.4",)}, {"taichi": ("1.7.4",), "quadrants": ("1.3.3", "1.4.0")}
+WORKAROUNDS = (
+    Workaround(
+        "cfg_optimization=False",
+        TAICHI,
+        "A vector local that is read, conditionally changed and overwritten is miscompiled (taichi issue 8744). Costs "
+        "no run time. Quadrants computes the known patterns rightly; it is off there, too, for equal code.",
+        "test_vector_local_keeps_its_old_value",
+        "Taichi is no longer supported",
+    ),
+    Workaround(
+        "require_trees",
+        BOTH,
+        "The 513th tree of fields kills the process.",
+        "test_fields_are_refused_before_the_tree_that_kills_the_process",
+        "the language raises an error instead",
+    ),
+    Workaround(
+        "in_own_memory",
+        TAICHI,
+        "On Vulkan fields are packed without alignment: 8 bytes that begin at an odd multiple of 4 overwrite the last "
+        "number of another field.",
+        "test_an_f64_field_in_memory_of_its_own_holds_its_numbers",
+        "a field of f64 after an odd number of f32 keeps its numbers on Vulkan",
+    ),
+    Workaround(
+        "sine_by_f32",
+        BOTH,
+        "Vulkan has no sine of f64.",
+        "test_sine_by_f32_is_that_of_the_angle_less_whole_turns",
+        "it has one",
+    ),
+    Workaround(
+        "silence",
+        BOTH,
+        "A greeting at import, a line for each replaced stdout, and a warning of each NumPy number that a kernel takes "
+        "would stand between the lines of --json.",
+        "test_import_says_nothing",
+        "the language greets no more",
+    ),
+    Workaround(
+        "remember_texts",
+        TAICHI,
+        "For each expression of a kernel its text is wrapped, 65,000 times in a cone, and for each call of a function "
+        "in a kernel its source is looked up again, 1,000 times.",
+        "test_speed_patches_change_no_bit",
+        "Taichi is no longer supported: Quadrants remembers both",
+        gain=0.053,
+    ),
+)
+
+
+# ---- which language -------------------------------------------------------------------------------------------------
+def chosen() -> str:
+    """Name of the kernel language: that of TAICHI_MPS_KERNELS, else Taichi where it is installed, else Quadrants."""
+    here = [name for name in BOTH if find_spec(name)]
+    name = os.environ.get("TAICHI_MPS_KERNELS") or (here or list(BOTH))[0]
+    if name not in BOTH:
+        raise SceneError(f"TAICHI_MPS_KERNELS = {name}: must be {' or '.join(BOTH)}")
+    if name not in here:
+        raise SceneError(f"TAICHI_MPS_KERNELS = {name}: is not installed; pip install {name}")
+    return name
+
+
+def silence() -> None:
+    """Before the import: no greeting, no buffer for what kernels print; no warning of what is meant."""
+    for start in ("TI", "QD"):
+        os.environ.setdefault(f"{start}_ENABLE_PYBUF", "0")
+    for name in BOTH:
+        os.environ.setdefault(f"ENABLE_{name.upper()}_HEADER_PRINT", "False")
+    warnings.filterwarnings("ignore", message=".*Template mapper caching disabled")
+
+
+LANGUAGE = chosen()
+silence()
+ti = importlib.import_module(LANGUAGE)
+VERSION = ".".join(map(str, ti.__version__))
+
+
+# ---- what the two languages call differently ------------------------------------------------------------------------
+_MARK, _OWNER = {
+    "taichi": ("_is_taichi_function", "func"),
+    "quadrants": ("_is_quadrants_function", "wrapper"),
+}[LANGUAGE]
+
+
+def for_kernels(function, part=None):
+    """Let kernels call a Python object while they are compiled; part: the ti.func that it stands for, if it is one."""
+    setattr(function, _MARK, True)
+    setattr(function, _OWNER, getattr(part, _OWNER) if part else SimpleNamespace(has_print=False))
+    return function
+
+
+def is_for_kernels(function) -> bool:
+    """Whether kernels may call it: a ti.func, or what ``for_kernels`` was told of."""
+    return getattr(function, _MARK, False)
+
+
+def compiled_now():
+    """The kernel that is being compiled, None outside of kernels."""
+    runtime = ti.lang.impl.get_runtime()
+    if not runtime.inside_kernel:
+        return None
+    return runtime.current_kernel if LANGUAGE == "taichi" else runtime._current_global_context.current_kernel
+
+
+# ---- cures ----------------------------------------------------------------------------------------------------------
+OPTIONS = {"cfg_optimization": False}  # of ti.init
+MOST_TREES, TREES_OF_A_SIMULATION = 512, 32  # measured 5 to 6 a Simulation, and 3 more for each solid with inner edges
+
+
+def require_trees() -> None:
+    """RuntimeError when the trees of fields are nearly used up."""
+    used = ti.lang.impl.get_runtime().prog.get_snode_tree_size()
+    if used > MOST_TREES - TREES_OF_A_SIMULATION:
+        raise RuntimeError(
+            f"this process holds {used} groups of Taichi fields of at most {MOST_TREES}, a Simulation needs up to "
+            f"{TREES_OF_A_SIMULATION}: call taichi_mps.init() again, which drops every earlier Simulation"
+        )
+
+
+def in_own_memory(field, shape):
+    """The field, placed in memory of its own."""
+    memory = ti.FieldsBuilder()
+    shape = shape if isinstance(shape, tuple) else (shape,)
+    (memory.dense(ti.axes(*range(len(shape))), shape) if shape else memory).place(field)
+    memory.finalize()
+    return field
+
+
+@ti.func
+def sine_by_f32(angle):
+    """Sine [-] of an angle [rad] in f64, by that of f32: of the angle less whole turns."""
+    turns = angle / (2.0 * math.pi)
+    return ti.cast(ti.sin(ti.cast(2.0 * math.pi * (turns - ti.floor(turns)), ti.f32)), ti.f64)
+
+
+# ---- speed patches --------------------------------------------------------------------------------------------------
+def position(context, node) -> str:
+    """Where an expression of a kernel stands: file, line, function and text, as an error names it."""
+    line = context.src[node.lineno - 1].strip()
+    return (
+        f'File "{context.file}", line {node.lineno + context.lineno_offset}, in {context.func.func.__name__}: {line}\n'
+    )
+
+
+def remember_texts() -> None:
+    """Look up the source of a function once, and don't wrap the text of an expression."""
+    from taichi.lang import kernel_impl
+    from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext
+
+    ASTTransformerContext.get_pos_info = position
+    kernel_impl.getsourcefile = functools.cache(kernel_impl.getsourcefile)
+    kernel_impl.getsourcelines = functools.cache(kernel_impl.getsourcelines)
+
+
+def apply_speed_patches() -> None:
+    """Those for this language; one line where it has a version that they were not written for."""
+    if os.environ.get("TAICHI_MPS_WORKAROUNDS") == "0":
+        return
+    for workaround in WORKAROUNDS:
+        if workaround.gain and LANGUAGE in workaround.versions:
+            written_for = workaround.versions[LANGUAGE]
+            if VERSION in written_for:
+                globals()[workaround.name]()
+            else:
+                line = f"{LANGUAGE} {VERSION}: {workaround.name} is for {', '.join(written_for)} and left out"
+                warnings.warn(line, stacklevel=2)
+
+
+apply_speed_patches()
