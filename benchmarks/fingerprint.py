@@ -3,13 +3,15 @@
     python benchmarks/fingerprint.py                         # this checkout, a table on the screen
     python benchmarks/fingerprint.py --against OTHER         # run in turn with another checkout; both in one table
     python benchmarks/fingerprint.py --against OTHER --repeats 3 --out benchmarks/results/fingerprint.json
+    python benchmarks/fingerprint.py --against OTHER --exact    # compiled without fast_math
 
 Every built-in scene at a coarse spacing, both schemes where they apply, every model, wall surfaces and wall particles,
 friction, inlet, two mixes, a lifted mould, a solid from a mesh, flow curves, one and two threads, a run taken up again.
 Each case is a process of its own. Its fingerprint is a hash of what the particles carry after a number of steps:
 positions, velocities, pressures, shear rates, stresses and plastic rates in the order of their numbers, and the time.
 CPU seconds are those of the steps after the first one, compile seconds those until its end; of repeats the least
-counts, for the machines are shared. `--out` writes the table as JSON and, beside it, as Markdown.
+counts, for the machines are shared. With fast_math, the default, the compiler may contract and regroup sums anew where
+only the surroundings of a loop have changed; `--exact` compiles without it: then equal arithmetic has equal bits. `--out` writes the table as JSON and, beside it, as Markdown.
 """
 
 import argparse
@@ -195,11 +197,17 @@ def fingerprint(sim) -> str:
     return total.hexdigest()[:16]
 
 
-def carry_out(name: str) -> dict:
+def carry_out(name: str, exact: bool = False) -> dict:
     """Run a case in this process."""
     import warnings
 
     import taichi_mps as mps
+
+    if exact:
+        import taichi
+
+        start = taichi.init
+        taichi.init = lambda **settings: start(**(settings | {"fast_math": False}))
 
     warnings.simplefilter("ignore")
     scene, keywords, scheme, numerics, steps, threads, precision = CASES[name]
@@ -228,9 +236,9 @@ def carry_out(name: str) -> dict:
 
 
 # ---- all of them ----------------------------------------------------------------------------------------------------
-def of_checkout(checkout: Path, name: str) -> dict:
+def of_checkout(checkout: Path, name: str, exact: bool) -> dict:
     """Run a case in a process of its own with the package of a checkout."""
-    words = [sys.executable, __file__, "--case", name]
+    words = [sys.executable, __file__, "--case", name, *["--exact"] * exact]
     place = {**os.environ, "PYTHONPATH": str(checkout)}
     done = subprocess.run(words, cwd=checkout, env=place, capture_output=True, text=True)
     if done.returncode:
@@ -275,19 +283,20 @@ def main():
     parser.add_argument("--case", choices=CASES, help="one case in this process, as JSON")
     parser.add_argument("--only", nargs="+", choices=CASES, default=list(CASES), help="these cases")
     parser.add_argument("--against", type=Path, help="another checkout, run in turn with this one")
+    parser.add_argument("--exact", action="store_true", help="compiled without fast_math")
     parser.add_argument("--repeats", type=int, default=1)
     parser.add_argument("--out", type=Path, help="JSON file for the table; the same as Markdown beside it")
     arguments = parser.parse_args()
     if arguments.case:
-        print(json.dumps(carry_out(arguments.case)))
+        print(json.dumps(carry_out(arguments.case, arguments.exact)))
         return
     results = {}
     for name in arguments.only:
         now, before = [], []
         for _ in range(arguments.repeats):
-            now.append(of_checkout(ROOT, name))
+            now.append(of_checkout(ROOT, name, arguments.exact))
             if arguments.against:
-                before.append(of_checkout(arguments.against.resolve(), name))
+                before.append(of_checkout(arguments.against.resolve(), name, arguments.exact))
         results[name] = {"now": least(now)} | ({"before": least(before)} if before else {})
         print(table({name: results[name]}).splitlines()[-1], flush=True)
     if arguments.out:

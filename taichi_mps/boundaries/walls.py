@@ -16,12 +16,26 @@ A mirror plane is a slip wall whose ghosts end at the planes it meets: what lies
 from ..geometry.solid import Solid
 from ..geometry.walls import Cylinder, Plane
 from ..particles.kernels import PACKING, mps_weight
+from ..particles.particles import Carried
 from ..runtime.backend import double_field, real, ti
 from .friction import WallFriction
 from .ghosts import COUNTED, GhostSums, meeting, wedges
 from .surfaces import Flat, Round, Sampled
 
 SURFACES = {Plane: Flat, Cylinder: Round, Solid: Sampled}
+
+
+def carried(walls) -> dict[str, Carried]:
+    """What particles in front of these walls carry: slip and traction of each with friction, and of each unilateral one
+    whether it has let go."""
+    fields = {}
+    for k, law in enumerate(wall.friction for wall in walls if wall.friction):
+        fields[f"slip_{k}"] = Carried("velocity on the wall beneath", "m/s", "vector")
+        if law.yield_value > 0.0:
+            fields[f"traction_{k}"] = Carried("yield part of the wall's traction", "Pa", "vector")
+    for k in range(sum(wall.loose for wall in walls)):
+        fields[f"released_{k}"] = Carried("1 where a unilateral wall has let go", "-")
+    return fields
 
 
 @ti.data_oriented
@@ -47,6 +61,7 @@ class Walls:
         self.dimension = dimension
         self.effective_radius = effective_radius
         self.clock = double_field()  # time [s] at which the walls stand
+        self.time = 0.0  # at which the present step begins [s]
         self.surfaces = tuple(SURFACES[type(wall)](wall, dimension, spacing, self.clock) for wall in walls)
         for surface in self.surfaces:
             surface.keep(capacity, effective_radius)
@@ -87,8 +102,20 @@ class Walls:
 
     def place(self, time: float) -> None:
         """Put the walls that travel where they are at this time [s]."""
+        self.time = time
         if self.travel:
             self.clock[None] = time
+
+    def move_to_middle(self, dt: float) -> None:
+        """Put the walls where they are in the middle of a step of dt [s]."""
+        if self.travel:
+            self.clock[None] = self.time + 0.5 * dt
+
+    def move_to_end(self, dt: float) -> None:
+        """Put the walls where they are at the end of a step of dt [s], from its middle."""
+        if self.travel:
+            self.clock[None] = self.clock[None] + 0.5 * dt
+        self.time += dt
 
     @ti.func
     def moments(self, i, x, share):

@@ -10,8 +10,8 @@ from itertools import product
 import numpy as np
 
 from ..runtime.backend import double_field, ti
-from ..runtime.thread_team import ONE_THREAD
 from .csr import SparseMatrix
+from .vectors import Jacobi
 
 
 @ti.data_oriented
@@ -37,6 +37,7 @@ class CellMultigrid:
     start, tolerance 1e-6, CPU seconds (iterations), Jacobi against levels: 4.9k rows .011 (54), .013 (9); 12k .032
     (72), about the same; 39k .16 (105), .11 (9); 118k .60 (140), .22 (9). A warm start helps Jacobi more."""
 
+    fits_in_a_kernel = False  # its W-cycle is a recursion in Python
     DENSE = 64
     OVER_CORRECTION = 1.6
     DAMPING = 0.9
@@ -47,6 +48,8 @@ class CellMultigrid:
         self.matrix, self.cell_start, self.cell_of, self.shape = matrix, cell_start, cell_of, tuple(shape)
         self.dimension, self.points = len(shape), 3 ** len(shape)
         self.real = matrix.real
+        self.jacobi = Jacobi(matrix)
+        self.pays = True  # enough rows for the levels
         self.y = ti.Vector.field(1, self.real, matrix.capacity)  # A z
         tables = self._tables()
         self.cells = self.first[1]  # of level 0
@@ -97,7 +100,10 @@ class CellMultigrid:
         return {name: np.ascontiguousarray(t, np.int8 if name == "slot" else np.int32) for name, t in tables.items()}
 
     def build(self) -> None:
-        """Galerkin operators of all levels for the matrix as it is now."""
+        """Galerkin operators of all levels for the matrix as it is now, where they pay."""
+        self.pays = self.matrix.count[None] >= self.PAY_FROM
+        if not self.pays:
+            return
         self._merge_rows()
         for first, end in zip(self.first[1:], self.first[2:], strict=False):
             self._merge_cells(first, end)
@@ -111,8 +117,11 @@ class CellMultigrid:
         inverse = np.linalg.inv(dense) * np.outer(scale, scale)
         self.inverse.from_numpy(0.5 * (inverse + inverse.T))
 
-    def cycle(self, r, z) -> None:
-        """z = M^-1 r."""
+    def apply(self, r, z) -> None:
+        """z = M^-1 r; D^-1 r where there are too few rows for more to pay."""
+        if not self.pays:
+            self.jacobi.apply(r, z)
+            return
         self._restrict_rows(r, z)
         self._solve_level(0)
         self._correct_rows(r, z)
@@ -209,7 +218,7 @@ class CellMultigrid:
     def _restrict_rows(self, r: ti.template(), z: ti.template()):
         for i in range(self.matrix.count[None]):
             z[i] = self.DAMPING * self.matrix.inverse_diagonal[i] @ r[i]
-        self.matrix.apply(z, self.y, ONE_THREAD, 0)
+        self.matrix.apply(z, self.y)
         for c in range(self.cells):
             s = ti.cast(0.0, ti.f64)
             for i in range(self.cell_start[c], self.cell_start[c + 1]):
@@ -223,6 +232,6 @@ class CellMultigrid:
         for i in range(self.matrix.count[None]):
             if self.matrix.diagonal[i] > 0:
                 z[i][0] += ti.cast(self.OVER_CORRECTION * self.x[self.cell_of[i]], self.real)
-        self.matrix.apply(z, self.y, ONE_THREAD, 0)
+        self.matrix.apply(z, self.y)
         for i in range(self.matrix.count[None]):
             z[i] += self.DAMPING * self.matrix.inverse_diagonal[i] @ (r[i] - self.y[i])

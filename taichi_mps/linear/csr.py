@@ -1,13 +1,10 @@
-"""A sparse matrix in compressed rows, and coarse levels for it made from the binning grid.
-
-Sources: Braess, Towards algebraic multigrid for elliptic problems of second order, Computing 55 (1995), 379-393
-(over-correction of piecewise constants); Notay, An aggregation-based algebraic multigrid method, ETNA 37 (2010),
-123-146 (why such aggregates need more than a V-cycle).
-"""
+"""A sparse matrix in compressed rows (CSR)."""
 
 import numpy as np
 
 from ..runtime.backend import real, ti
+from ..runtime.stages import stage
+from ..runtime.thread_team import first, last, wait
 
 
 @ti.data_oriented
@@ -33,15 +30,15 @@ class SparseMatrix:
         self.diagonal[i] = d
         self.inverse_diagonal[i][0, 0] = ti.select(d > 0, 1 / d, 0)
 
-    @ti.func
-    def apply(self, x: ti.template(), y: ti.template(), team: ti.template(), member):
+    @stage("apply")
+    def apply(self, x: ti.template(), y: ti.template()):
         """y_i = sum_j A_ij x_j."""
-        for i in range(team.first(member, self.count[None]), team.last(member, self.count[None])):
+        for i in range(first(self.count[None]), last(self.count[None])):
             s = self.diagonal[i] * x[i][0]
             for k in range(self.row_start[i], self.row_start[i + 1]):
                 s += self.value[k] * x[self.column[k]][0]
             y[i][0] = s
-        team.wait()
+        wait()
 
     def load(self, matrix) -> None:
         """Copy a SciPy sparse matrix."""

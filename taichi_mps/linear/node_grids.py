@@ -10,7 +10,7 @@ from ..runtime.backend import real, ti
 @ti.data_oriented
 class NodeGrids:
     """Grid 0 has a node at each corner of the binning cells, each next one every second node of the last, along the
-    axes where that is possible. ``shares`` interpolate from grid 0 to the particles, ``parent`` from grid to grid.
+    axes where that is possible. ``corner_weights`` interpolate from grid 0 to particles, ``parent`` from grid to grid.
 
     Active are the nodes within reach of particles. From grid 1 on each of them has a row, start[grid] and on. There
     are rows for one in four particles on grid 1, half as many on each next one, 1000 at least; concrete takes a tenth
@@ -66,7 +66,7 @@ class NodeGrids:
         self.filled = ti.field(ti.i32, ())  # how many they are
         self.number = ti.field(ti.i32, bins.cells)  # which of them each cell is, -1: empty
         self.fraction = ti.Vector.field(d, real(), bins.particles.capacity)  # place of each particle in its cell [-]
-        self.shares = ti.Vector.field(2**d, real(), bins.particles.capacity)  # of the corners of its cell in it [-]
+        self.corner_weights = ti.Vector.field(2**d, real(), bins.particles.capacity)  # of corners of its cell [-]
 
     # ---- places ---------------------------------------------------------------------------------------------
     @ti.func
@@ -111,12 +111,12 @@ class NodeGrids:
 
     @ti.func
     def parent(self, first, rest, corner, grid):
-        """Number of the parent at a corner (0 or 1 along each axis) and its share in the node."""
-        share = ti.cast(self.unit[grid + 1], float)
+        """Number of the parent at a corner (0 or 1 along each axis) and its weight in the node."""
+        weight = ti.cast(self.unit[grid + 1], float)
         for a in ti.static(range(self.dimension)):
-            share *= ti.select(corner[a] == 1, rest[a], self.ratio[grid + 1][a] - rest[a])
-        number = self.linear(first + corner, self.shape[grid + 1]) if share > 0.0 else -1
-        return self.first[grid + 1] + number, ti.select(number < 0, 0.0, share)
+            weight *= ti.select(corner[a] == 1, rest[a], self.ratio[grid + 1][a] - rest[a])
+        number = self.linear(first + corner, self.shape[grid + 1]) if weight > 0.0 else -1
+        return self.first[grid + 1] + number, ti.select(number < 0, 0.0, weight)
 
     @ti.func
     def neighbour(self, place, grid):
@@ -135,7 +135,7 @@ class NodeGrids:
             self._mark(grid)
 
     @ti.func
-    def collect(self, grid):
+    def list_active(self, grid):
         """List the active nodes of a grid, in order."""
         ti.loop_config(serialize=True)
         for _ in range(1):
@@ -160,10 +160,10 @@ class NodeGrids:
             fraction = ti.cast(s - self.place(self.bins.cell_of[i], ti.Vector(self.bins.shape)), float)
             self.fraction[i] = fraction
             for k, corner in ti.static(enumerate(self.corners_of_a_cell)):
-                share = ti.cast(1.0, float)
+                weight = ti.cast(1.0, float)
                 for a in ti.static(range(self.dimension)):
-                    share *= ti.abs(1.0 - corner[a] - fraction[a])
-                self.shares[i][k] = share
+                    weight *= ti.abs(1.0 - corner[a] - fraction[a])
+                self.corner_weights[i][k] = weight
         for node in range(self.nodes):
             self.active[node] = 0
         ti.loop_config(serialize=True)
@@ -179,7 +179,7 @@ class NodeGrids:
             place = self.place(self.cells[c], ti.Vector(self.bins.shape))
             for corner in ti.static(self.corners_of_a_cell):
                 self.active[self.corner(place, corner)] = 1
-        self.collect(0)
+        self.list_active(0)
 
     @ti.kernel
     def _mark(self, grid: ti.i32):
@@ -187,7 +187,7 @@ class NodeGrids:
         for m in range(self.uses[grid - 1]):
             place, rest = self.parents(self.where[self.first[grid - 1] + m], grid - 1)
             for corner in ti.grouped(ti.ndrange(*((0, 2),) * self.dimension)):
-                number, share = self.parent(place, rest, corner, grid - 1)
-                if share > 0.0:
+                number, weight = self.parent(place, rest, corner, grid - 1)
+                if weight > 0.0:
                     self.active[number] = 1
-        self.collect(grid)
+        self.list_active(grid)

@@ -6,8 +6,10 @@ Computational Physics 188 (2003), 593-610 (Chebyshev smoothing).
 """
 
 from ..runtime.backend import real, ti
-from ..runtime.thread_team import ONE_THREAD
+from ..runtime.stages import sequence, stage
+from ..runtime.thread_team import first, last, wait
 from .node_operators import NodeOperators
+from .vectors import Jacobi
 
 SWEEPS = 3  # degree of the Chebyshev polynomial; odd
 LOWEST = 1.0 / 16.0  # share of the spectrum of D^-1 A below which the next grid corrects
@@ -23,7 +25,7 @@ class NodeMultigrid(NodeOperators):
 
         x = s b;    x += I C_{l+1} I^T (b - A_l x);    x += s (b - A_l x)
 
-    with a Chebyshev polynomial s in D_l^-1 A_l. The eigenvalues of D_l^-1 A_l are at most 2^d (grid_operators.py), and
+    with a Chebyshev polynomial s in D_l^-1 A_l. The eigenvalues of D_l^-1 A_l are at most 2^d (node_operators.py), and
     the polynomial contracts up to there, so M is symmetric positive definite whatever the particles.
 
     operator: ``inverse_diagonal`` as for MRPCG (a zero block: no unknown), and the ti.func ``stiffness(i)``, which
@@ -35,15 +37,14 @@ class NodeMultigrid(NodeOperators):
     Jacobi against levels: 500 Pa, 3,192 rows 30 (58), 32 (35); 100 Pa, 5,504 rows 59 (66), 59 (43). They also
     take seconds to compile."""
 
-    SPREAD_FROM = 50_000
-    """Rows from which grid 1 is work for several threads."""
+    fits_in_a_kernel = True
 
     def __init__(self, operator, bins):
         super().__init__(operator, bins)
         d = self.dimension
         self.weight = 2.0 / 2**d  # of grid 0
-        # first grid that one thread works on: grid 1 has about a row for 30 particles
-        self.serial = 2 if self.grids > 1 and bins.particles.capacity >= self.SPREAD_FROM else 1
+        self.jacobi = Jacobi(operator)
+        self.pays = ti.field(ti.i32, ())  # 1 where there are rows enough
         most = min(bins.cells, bins.particles.capacity)  # cells that hold particles
         self.sums = ti.Matrix.field(2**d, self.lanes, real(), most)  # what the corners of each of them get
         self.b = ti.Vector.field(d, real(), self.nodes)  # right-hand side
@@ -58,126 +59,101 @@ class NodeMultigrid(NodeOperators):
             self.step[k] = 1.0 / middle if k == 0 else 2.0 * rho / half
             self.carry[k] = 0.0 if k == 0 else rho * last
 
-    @ti.kernel
-    def cycle(self, r: ti.template(), z: ti.template()):
-        """z = M^-1 r."""
-        self.part_of_cycle(r, z, ONE_THREAD, 0)
+    def build(self) -> None:
+        """The operators of all grids, where they pay."""
+        self.pays[None] = int(self.operator.count[None] >= self.PAY_FROM)
+        if self.pays[None]:
+            super().build()
 
-    @ti.func
-    def part_of_cycle(self, r: ti.template(), z: ti.template(), team: ti.template(), member):
-        """What a member of a team does of it."""
-        for c in range(team.first(member, self.filled[None]), team.last(member, self.filled[None])):
-            self.collect_residual(c, r)
-        team.wait()
-        for m in range(team.first(member, self.uses[0]), team.last(member, self.uses[0])):
-            self.gather(m)
-        team.wait()
-        if ti.static(team.together):
-            self.correct_by(1, team, member)
+    @sequence("cycle")
+    def apply(self, r, z):
+        """z = M^-1 r; D^-1 r where there are too few rows for more to pay."""
+        if self.pays[None] == 1:
+            self.collect(r)
+            self.gather()
+            for grid in range(1, self.grids):  # down: what the finer grid leaves, smoothed from zero
+                self.restrict(grid)
+                for k in range(1, SWEEPS):
+                    self.sweep(grid, k, (k + 1) % 2)
+                self.leave(grid)
+            for up in range(1, self.grids):
+                grid = self.grids - up
+                self.prolong(grid)
+                for k in range(LAST * SWEEPS if grid == self.grids - 1 else SWEEPS):
+                    self.sweep(grid, k % SWEEPS, k % 2)
+            self.correct_finest()
+            self.correct(r, z)
         else:
-            if ti.static(self.serial > 1):
-                for m in range(self.uses[1]):
-                    self.restrict(1, m)
-                for k in ti.static(range(1, SWEEPS)):
-                    for m in range(self.uses[1]):
-                        self.sweep(1, m, k, (k + 1) % 2)
-                for m in range(self.uses[1]):
-                    self.leave(1, m)
-            ti.loop_config(serialize=True)
-            for _ in range(1):  # few nodes: to wake the other threads for each loop would take longer
-                self.correct_by(self.serial, team, member)
-            if ti.static(self.serial > 1):
-                for m in range(self.uses[1]):
-                    self.prolong(1, m)
-                for k in ti.static(range(SWEEPS)):
-                    for m in range(self.uses[1]):
-                        self.sweep(1, m, k, k % 2)
-        for m in range(team.first(member, self.uses[0]), team.last(member, self.uses[0])):
+            self.jacobi.apply(r, z)
+
+    @stage("collect")
+    def collect(self, r: ti.template()):
+        """What the corners of each cell that holds particles get of the r of these."""
+        for c in range(first(self.filled[None]), last(self.filled[None])):
+            sums = ti.Matrix.zero(float, 2**self.dimension, self.lanes)
+            for i in range(self.bins.cell_start[self.cells[c]], self.bins.cell_start[self.cells[c] + 1]):
+                weights, own = self.corner_weights[i], r[i]
+                for k, a in ti.static(ti.ndrange(2**self.dimension, self.dimension)):
+                    sums[k, a] += weights[k] * own[a]
+            self.sums[c] = sums
+        wait()
+
+    @stage("gather")
+    def gather(self):
+        """What each node of grid 0 gets of its cells."""
+        for m in range(first(self.uses[0]), last(self.uses[0])):
+            node, place = self.used[m], self.where[m]
+            b = ti.Vector.zero(float, self.dimension)
+            for k, corner in ti.static(enumerate(self.corners_of_a_cell)):
+                cell = self.linear(place - ti.Vector(corner), ti.Vector(self.bins.shape))
+                number = self.number[cell] if cell >= 0 else -1
+                if number >= 0:
+                    for a in ti.static(range(self.dimension)):
+                        b[a] += self.sums[number][k, a]
+            self.rest[node] = b
+        wait()
+
+    @stage("correct finest")
+    def correct_finest(self):
+        """What the nodes of grid 0 give back."""
+        for m in range(first(self.uses[0]), last(self.uses[0])):
             node = self.used[m]
             self.z[1, node] = self.weight * self.inverse[node] @ self.rest[node] + self.coarser(m, 0)
-        team.wait()
-        for c in range(team.first(member, self.filled[None]), team.last(member, self.filled[None])):
-            self.correct(c, r, z)
-        team.wait()
+        wait()
 
-    @ti.func
-    def correct_by(self, highest, team: ti.template(), member):
-        """The V-cycle on the grids from this one on."""
-        for grid in range(highest, self.grids):
-            first, last = team.first(member, self.uses[grid]), team.last(member, self.uses[grid])
-            for m in range(first, last):
-                self.restrict(grid, m)
-            team.wait()
-            for k in range(1, SWEEPS):
-                for m in range(first, last):
-                    self.sweep(grid, m, k, (k + 1) % 2)
-                team.wait()
-            for m in range(first, last):
-                self.leave(grid, m)
-            team.wait()
-        for up in range(highest, self.grids):
-            grid = self.grids - 1 + highest - up
-            first, last = team.first(member, self.uses[grid]), team.last(member, self.uses[grid])
-            for m in range(first, last):
-                self.prolong(grid, m)
-            team.wait()
-            for k in range(LAST * SWEEPS if grid == self.grids - 1 else SWEEPS):
-                for m in range(first, last):
-                    self.sweep(grid, m, k % SWEEPS, k % 2)
-                team.wait()
-
-    @ti.func
-    def gather(self, m):
-        """What the m-th node of grid 0 gets of its cells."""
-        node, place = self.used[m], self.where[m]
-        b = ti.Vector.zero(float, self.dimension)
-        for k, corner in ti.static(enumerate(self.corners_of_a_cell)):
-            cell = self.linear(place - ti.Vector(corner), ti.Vector(self.bins.shape))
-            number = self.number[cell] if cell >= 0 else -1
-            if number >= 0:
+    @stage("correct")
+    def correct(self, r: ti.template(), z: ti.template()):
+        """z of the particles in each cell."""
+        for c in range(first(self.filled[None]), last(self.filled[None])):
+            place = self.place(self.cells[c], ti.Vector(self.bins.shape))
+            of_corners = ti.Matrix.zero(float, 2**self.dimension, self.lanes)
+            for k, corner in ti.static(enumerate(self.corners_of_a_cell)):
+                node = self.corner(place, corner)
                 for a in ti.static(range(self.dimension)):
-                    b[a] += self.sums[number][k, a]
-        self.rest[node] = b
+                    of_corners[k, a] = self.z[1, node][a]
+            for i in range(self.bins.cell_start[self.cells[c]], self.bins.cell_start[self.cells[c] + 1]):
+                D, weights = self.operator.inverse_diagonal[i], self.corner_weights[i]
+                correction = ti.Vector.zero(float, self.dimension)
+                for k, a in ti.static(ti.ndrange(2**self.dimension, self.dimension)):
+                    correction[a] += weights[k] * of_corners[k, a]
+                z[i] = D @ r[i] + (correction if ti.abs(D).sum() > 0 else 0.0 * correction)
+        wait()
 
-    @ti.func
-    def collect_residual(self, c, r: ti.template()):
-        """What the corners of the c-th cell that holds particles get of the r of these."""
-        sums = ti.Matrix.zero(float, 2**self.dimension, self.lanes)
-        for i in range(self.bins.cell_start[self.cells[c]], self.bins.cell_start[self.cells[c] + 1]):
-            shares, own = self.shares[i], r[i]
-            for k, a in ti.static(ti.ndrange(2**self.dimension, self.dimension)):
-                sums[k, a] += shares[k] * own[a]
-        self.sums[c] = sums
-
-    @ti.func
-    def correct(self, c, r: ti.template(), z: ti.template()):
-        """z of the particles in that cell."""
-        place = self.place(self.cells[c], ti.Vector(self.bins.shape))
-        of_corners = ti.Matrix.zero(float, 2**self.dimension, self.lanes)
-        for k, corner in ti.static(enumerate(self.corners_of_a_cell)):
-            node = self.corner(place, corner)
-            for a in ti.static(range(self.dimension)):
-                of_corners[k, a] = self.z[1, node][a]
-        for i in range(self.bins.cell_start[self.cells[c]], self.bins.cell_start[self.cells[c] + 1]):
-            D, shares = self.operator.inverse_diagonal[i], self.shares[i]
-            correction = ti.Vector.zero(float, self.dimension)
-            for k, a in ti.static(ti.ndrange(2**self.dimension, self.dimension)):
-                correction[a] += shares[k] * of_corners[k, a]
-            z[i] = D @ r[i] + (correction if ti.abs(D).sum() > 0 else 0.0 * correction)
-
-    @ti.func
-    def restrict(self, grid, m):
-        """b of the m-th node of a grid from what the finer one leaves; x after the first sweep from zero."""
-        node = self.used[self.first[grid] + m]
-        row = self.start[grid] + m
-        b = ti.Vector.zero(float, self.dimension)
-        for k in range(self.points):
-            fine = self.finer[row, k]
-            if fine >= 0:
-                b += self.weights[grid, k] * self.rest[fine]
-        self.b[node] = b
-        self.z[0, node] = self.step[0] * self.inverse[node] @ b
-        self.z[1, node] = ti.Vector.zero(float, self.dimension)
+    @stage("restrict")
+    def restrict(self, grid: ti.i32):
+        """b of a grid from what the finer one leaves; x after the first sweep from zero."""
+        for m in range(first(self.uses[grid]), last(self.uses[grid])):
+            node = self.used[self.first[grid] + m]
+            row = self.start[grid] + m
+            b = ti.Vector.zero(float, self.dimension)
+            for k in range(self.points):
+                fine = self.finer[row, k]
+                if fine >= 0:
+                    b += self.weights[grid, k] * self.rest[fine]
+            self.b[node] = b
+            self.z[0, node] = self.step[0] * self.inverse[node] @ b
+            self.z[1, node] = ti.Vector.zero(float, self.dimension)
+        wait()
 
     @ti.func
     def residual(self, grid, m, at):
@@ -196,23 +172,30 @@ class NodeMultigrid(NodeOperators):
             rest[a] -= total[a]
         return rest
 
-    @ti.func
-    def sweep(self, grid, m, k, at):
+    @stage("sweep")
+    def sweep(self, grid: ti.i32, k: ti.i32, at: ti.i32):
         """Step k of the Chebyshev polynomial, from z[at] and the one before, which the result replaces."""
-        node = self.used[self.first[grid] + m]
-        x, before = self.z[at, node], self.z[1 - at, node]
-        change = self.carry[k] * (x - before) + self.step[k] * self.inverse[node] @ self.residual(grid, m, at)
-        self.z[1 - at, node] = x + change
+        for m in range(first(self.uses[grid]), last(self.uses[grid])):
+            node = self.used[self.first[grid] + m]
+            x, before = self.z[at, node], self.z[1 - at, node]
+            change = self.carry[k] * (x - before) + self.step[k] * self.inverse[node] @ self.residual(grid, m, at)
+            self.z[1 - at, node] = x + change
+        wait()
 
-    @ti.func
-    def leave(self, grid, m):
-        self.rest[self.used[self.first[grid] + m]] = self.residual(grid, m, 0)
+    @stage("leave")
+    def leave(self, grid: ti.i32):
+        """What a grid leaves to the next one."""
+        for m in range(first(self.uses[grid]), last(self.uses[grid])):
+            self.rest[self.used[self.first[grid] + m]] = self.residual(grid, m, 0)
+        wait()
 
-    @ti.func
-    def prolong(self, grid, m):
+    @stage("prolong")
+    def prolong(self, grid: ti.i32):
         """Add what the next grid adds."""
-        node = self.used[self.first[grid] + m]
-        self.z[0, node] += self.coarser(m, grid)
+        for m in range(first(self.uses[grid]), last(self.uses[grid])):
+            node = self.used[self.first[grid] + m]
+            self.z[0, node] += self.coarser(m, grid)
+        wait()
 
     @ti.func
     def coarser(self, m, grid):
@@ -221,7 +204,7 @@ class NodeMultigrid(NodeOperators):
         if grid + 1 < self.grids:
             place, rest = self.parents(self.where[self.first[grid] + m], grid)
             for corner in ti.static(self.corners_of_a_cell):
-                number, share = self.parent(place, rest, ti.Vector(corner), grid)
-                if share > 0.0 and self.active[number] > 0:
-                    z += share * self.z[1, number]
+                number, weight = self.parent(place, rest, ti.Vector(corner), grid)
+                if weight > 0.0 and self.active[number] > 0:
+                    z += weight * self.z[1, number]
         return z

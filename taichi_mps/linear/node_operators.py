@@ -34,7 +34,7 @@ class NodeOperators(NodeGrids):
         self.column = ti.field(ti.i32, (self.rows, self.points))  # node at each stencil point, -1: none
         self.inverse = ti.Matrix.field(d, d, real(), self.nodes)  # D_l^-1
         self.finer = ti.field(ti.i32, (self.rows, self.points))  # node of the finer grid at each offset, -1: none
-        self.weights = ti.field(real(), (self.grids, self.points))  # its share there
+        self.weights = ti.field(real(), (self.grids, self.points))  # its weight there
         ratio = self.ratio.to_numpy()[:, None]
         apart = np.abs(np.array(list(product((-1, 0, 1), repeat=d))))
         self.weights.from_numpy(np.maximum(0, ratio - apart).prod(2) * (1.0 / ratio.prod(2)))
@@ -77,10 +77,10 @@ class NodeOperators(NodeGrids):
         value, slope = ti.cast(1.0, float), ti.Vector.one(float, self.dimension)
         for a in ti.static(range(self.dimension)):
             width = ti.cast(self.bins.cell_size[a] * self.stride[grid][a], float)
-            share = ti.abs(1.0 - corner[a] - fraction[a])
-            value *= share
+            weight = ti.abs(1.0 - corner[a] - fraction[a])
+            value *= weight
             for e in ti.static(range(self.dimension)):
-                slope[e] *= ti.select(corner[a] == 1, 1.0, -1.0) / width if e == a else share
+                slope[e] *= ti.select(corner[a] == 1, 1.0, -1.0) / width if e == a else weight
         return value, slope
 
     @ti.func

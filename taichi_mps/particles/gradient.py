@@ -97,7 +97,7 @@ class Gradient:
         deficient = ti.cast(M.determinant() < 0.05 * m0**self.dimension, float)
         return (M + deficient * 0.3 * m0 * ti.Matrix.identity(float, self.dimension)).inverse()
 
-    @stage
+    @stage("gradient")
     def build(self):
         """Fill b, w/r^2, B, n, packing at the present positions."""
         re = self.effective_radius

@@ -3,7 +3,9 @@
 import numpy as np
 
 from ..runtime.backend import ti
-from ..runtime.stages import alone, few, stage
+from ..runtime.stages import few, flush, one_thread, stage
+
+NEARLY_FULL = 0.8  # of the room for pairs: in one step their number does not grow by a quarter
 
 
 class CapacityError(RuntimeError):
@@ -59,7 +61,7 @@ class Bins:
                 r[a] -= self.size[a] * ti.round(r[a] / self.size[a])
         return r
 
-    @stage
+    @stage("reorder")
     def arrange(self):
         """Put the rows into the order (cell, id), and count the particles that are lost."""
         self._bin()
@@ -107,12 +109,8 @@ class Bins:
                     b -= 1
                 self.particles.source_row[b] = row
 
-    def sort(self) -> None:
-        """Bin and reorder the particles; EscapedError if any left the domain."""
-        self.arrange()
-        self.check()
-
     def check(self) -> None:
+        """EscapedError if any particle left the domain."""
         lost = self.lost[None]
         if lost > 0:
             raise EscapedError(f"{lost} particles left the domain or are not finite numbers")
@@ -126,8 +124,7 @@ class NeighborList:
         self.bins = bins
         self.particles = bins.particles
         self.pair_capacity = int(pair_capacity)
-        self.alone = few(self.particles.capacity)
-        self.one_thread = self.alone or alone()
+        self.one_thread = few(self.particles.capacity) or one_thread()
         self.row_start = ti.field(ti.i32, bins.particles.capacity + 1)  # first pair of each particle
         self.column = ti.field(ti.i32, self.pair_capacity)  # neighbour's row of each pair
         self.pairs = ti.field(ti.i32, ())  # number of pairs, also of those that do not fit
@@ -171,7 +168,7 @@ class NeighborList:
                             found += 1
         return found
 
-    @stage
+    @stage("neighbours")
     def list(self):
         """Count the pairs of each particle and store them as far as they fit; threads must add up the counts first."""
         self.row_start[0] = 0
@@ -189,25 +186,19 @@ class NeighborList:
                 self._scan(i, True)
         self.pairs[None] = self.row_start[self.particles.count[None]]
 
-    @ti.kernel
-    def _search_alone(self):
-        ti.loop_config(serialize=True)
-        for _ in range(1):
-            self.bins.arrange()
-            self.list()
-
     def search(self) -> None:
-        """``bins.sort`` and ``build`` of few particles."""
-        self._search_alone()
-        self.bins.check()
-        self.check()
-
-    def build(self) -> None:
-        """Make the list at the present positions; CapacityError when the pairs do not fit."""
+        """Bring the particles into the order of the cells and list their neighbours at the present positions.
+        EscapedError if any left the domain, CapacityError when the pairs do not fit."""
+        flush()
+        self.bins.arrange()
         self.list()
-        self.check()
-
-    def check(self) -> None:
+        flush()
+        self.bins.check()
         pairs = self.pairs[None]
         if pairs > self.pair_capacity:
             raise CapacityError(f"{pairs} neighbour pairs do not fit into pair_capacity = {self.pair_capacity}")
+
+    @property
+    def nearly_full(self) -> bool:
+        """Whether the next search may find more pairs than fit."""
+        return self.pairs[None] > NEARLY_FULL * self.pair_capacity

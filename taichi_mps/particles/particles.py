@@ -1,5 +1,7 @@
 """Every field a particle carries from one step to the next, in one SNode structure; load and read back."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from ..runtime.backend import double_field, real, ti
@@ -9,68 +11,68 @@ from ..runtime.stages import stage
 FLUID, WALL, DUMMY = 0, 1, 2
 
 
+@dataclass(frozen=True)
+class Carried:
+    """A field that a term wants the particles to carry: what it is, its unit, and its shape: 'scalar', 'integer',
+    'vector' (d,) or 'tensor' (t, t)."""
+
+    meaning: str
+    unit: str
+    shape: str = "scalar"
+
+
+ALWAYS = {
+    "x": Carried("position", "m", "vector"),
+    "u": Carried("velocity", "m/s", "vector"),
+    "p": Carried("pressure", "Pa"),
+    "shear_rate": Carried("sqrt(2 D:D)", "1/s"),
+    "kind": Carried("FLUID, WALL or DUMMY", "-", "integer"),
+    "id": Carried("persistent number", "-", "integer"),
+}
+RING = {"ring": Carried("volume of the ring", "m3")}
+
+
 @ti.data_oriented
 class Particles:
-    """State of ``capacity`` particles in d dimensions. FieldIO are kept in the order (cell, id) by the bins.
+    """State of ``capacity`` particles in d dimensions. Rows are kept in the order (cell, id) by the bins.
 
     A fluid particle moves; a wall particle is fixed and carries pressure; a dummy wall particle only fills the
-    particle number density.
+    particle number density. ``start``: arrays (n, ...) of what the particles carry at first, zero where nothing is
+    said; ``volumes`` (n,) [m3]; ``carried``: what terms want them to carry besides x, u, p, shear_rate, kind and id;
+    ``to_come``: rows for particles that enter later.
     """
 
-    def __init__(
-        self,
-        positions,
-        kinds,
-        velocity,
-        volumes,
-        carries_stress,
-        axisymmetric=False,
-        extra=(),
-        frictions=(),
-        to_come=0,
-        mixes=0,
-    ):
-        d = positions.shape[1]
+    def __init__(self, start: dict, volumes, carried: dict[str, Carried], axisymmetric=False, to_come: int = 0):
+        n, d = start["x"].shape
         t = 3 if axisymmetric else d
         self.dimension, self.tensor_dimension = d, t  # of vectors, and of stresses and gradients
         self.axisymmetric = axisymmetric
         self.usual_volume = float(volumes[0])  # of every particle but rings [m3, m2 in 2-D]
-        self.capacity = len(positions) + to_come  # rows, some of them for particles that enter later
-        self.carries_stress = carries_stress
+        self.capacity = n + to_come
         makers = {
-            "x": lambda: double_field(self.capacity, d),  # position [m]
-            "u": lambda: ti.Vector.field(d, real()),  # velocity [m/s]
-            "p": lambda: ti.field(real()),  # pressure [Pa]
-            "shear_rate": lambda: ti.field(real()),  # sqrt(2 D:D) [1/s]
-            "kind": lambda: ti.field(ti.i32),  # FLUID, WALL or DUMMY
-            "id": lambda: ti.field(ti.i32),  # persistent number of the particle
+            "scalar": lambda: ti.field(real()),
+            "integer": lambda: ti.field(ti.i32),
+            "vector": lambda: ti.Vector.field(d, real()),
+            "tensor": lambda: ti.Matrix.field(t, t, real()),
         }
-        if carries_stress:
-            makers["stress"] = lambda: ti.Matrix.field(t, t, real())  # deviatoric, at most tau_y where rigid [Pa]
-            makers["plastic_rate"] = lambda: ti.Matrix.field(t, t, real())  # deviatoric rate q of the yield law [1/s]
-        if axisymmetric:
-            makers["ring"] = lambda: ti.field(real())  # volume of the ring [m3]
-        # structure [-] of a thixotropic material; still, the time at rest [s] (sleep); number of the mix; a, the
-        # acceleration of the last step [m/s2]; released, 1 where a loose wall has let go
-        others = {"mix": lambda: ti.field(ti.i32), "a": lambda: ti.Vector.field(d, real())}
-        makers |= {name: others.get(name, lambda: ti.field(real())) for name in extra}
-        for k, law in enumerate(frictions):  # of each wall with friction
-            makers[f"slip_{k}"] = lambda: ti.Vector.field(d, real())  # velocity on the wall beneath [m/s]
-            if law.yield_value > 0.0:
-                makers[f"traction_{k}"] = lambda: ti.Vector.field(d, real())  # yield part of the wall's traction [Pa]
-        self.carried = {name: make() for name, make in makers.items()}
-        self._twin = {name: make() for name, make in makers.items()}  # scratch of the reorder
-        self._pairs = [(item, self._twin[name]) for name, item in self.carried.items()]
-        for name, item in self.carried.items():
-            setattr(self, name, item)
+        wanted = ALWAYS | (RING if axisymmetric else {}) | carried
+
+        def make(name):
+            return double_field(self.capacity, d) if name == "x" else makers[wanted[name].shape]()
+
+        self.carried = {name: make(name) for name in wanted}
+        self.carries_stress = "stress" in wanted
+        twin = {name: make(name) for name in wanted}  # scratch of the reorder
+        self._pairs = [(field, twin[name]) for name, field in self.carried.items()]
+        for name, field in self.carried.items():
+            setattr(self, name, field)
         self.count = ti.field(ti.i32, ())  # particles in use
         self.source_row = ti.field(ti.i32)  # row that each particle had before the reorder
-        others = [item for pair in self._pairs if pair[0] is not self.x for item in pair]
-        for item in (*others, self.source_row):
-            ti.root.dense(ti.i, self.capacity).place(item)
+        others = [field for pair in self._pairs if pair[0] is not self.x for field in pair]
+        for field in (*others, self.source_row):
+            ti.root.dense(ti.i, self.capacity).place(field)
         self.rows = FieldIO(self.carried, self.capacity)
-        n = len(positions)
-        self.load({"x": positions, "u": velocity, "kind": kinds, "id": np.arange(n), "ring": volumes, "mix": mixes})
+        self.load({**start, "id": np.arange(n)} | ({"ring": volumes} if axisymmetric else {}))
 
     def load(self, state: dict) -> None:
         """Put arrays (n, ...) into the fields; what is not named becomes zero."""
@@ -99,7 +101,7 @@ class Particles:
             volume = self.ring[i]
         return volume
 
-    @stage
+    @stage("reorder")
     def reorder(self):
         """Move every carried field from row source_row[i] to row i."""
         for i in range(self.count[None]):

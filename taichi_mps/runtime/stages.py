@@ -1,60 +1,287 @@
-"""Stages of a time step: each a kernel of its own, or parts of one kernel where starting kernels costs more.
+"""Stages of a time step, written once; how they are launched is decided here, and nobody else knows it.
 
-To start a kernel takes 5 microseconds (backend.py), each loop in it that is spread over threads another 5 to 9, or 15
-to 70 where they must be woken, to read a number from Python 7: more than the arithmetic of a few hundred particles. So
-a step is written once, as calls of its stages. In Python they are kernels, one after the other; in a kernel parts.
+To start a kernel takes 5 to 30 microseconds, each loop in it that is spread over threads another 5 to 9, or 15 to 70
+where they must be woken, to read a number from Python 7: more than the arithmetic of a few hundred particles. So an
+``Execution`` launches the stages of a step in one of these ways:
+
+    launched   each stage is a kernel, whose loops Taichi spreads over the threads; what a ``@team_stage`` is made of is
+               gone through by a team of threads (thread_team.py), on a GPU operation by operation
+    fused      few rows: what stands between two looks from Python becomes one kernel of one thread
+
+A method becomes a stage by a decorator:
+
+    @stage("gradient")        kernel code: a kernel, or a part of the one that calls it
+    @sequence("solve")        calls of stages, with loops and choices, in words that Python and a kernel both understand
+    @team_stage("solve")      the same for a team: loops from first(n) to last(n), rounds that end with regroup()
 """
 
 import functools
+import inspect
 import time
+from contextlib import contextmanager
 from types import SimpleNamespace
 
-from .backend import started, ti
+from .backend import real, started, ti
+from .thread_team import ThreadTeam, enter, leave
 
-ALONE_BELOW = 3000
-"""Rows up to which one thread works alone: to start kernels and threads would cost more than the work."""
+FEW = 3000
+"""Rows below which one thread works alone: to start kernels and threads would cost more than the work."""
+
+MOST_NUMBERS = 4  # that the stages of one kernel may be given in all
+TURN = object()  # the number of the present turn of ``repeat``
 
 
-def alone() -> bool:
+def one_thread() -> bool:
     """Whether Taichi has one thread of the processor."""
     return started()["arch"] == "cpu" and started()["threads"] == 1
 
 
 def few(rows: int) -> bool:
     """Whether so many rows are work for one thread of the processor, whatever the number of threads."""
-    return started()["arch"] == "cpu" and rows < ALONE_BELOW
+    return started()["arch"] == "cpu" and rows < FEW
 
 
-def stage(function):
-    """A method of a @ti.data_oriented class: a kernel where Python calls it, part of any kernel that calls it."""
-    function.__annotations__["self"] = ti.template()
-    kernel, part = ti.kernel(function), ti.func(function)
-
-    @functools.wraps(function)
-    def call(*arguments):
-        return (part if ti.lang.impl.inside_kernel() else kernel)(*arguments)
-
-    call._is_taichi_function, call.func = True, part.func  # what Taichi asks of a function that a kernel calls
-    return call
-
-
-class Stages:
-    """Calls the stages of a step by name, and times them if it was made with ``timed``."""
+# ---- what is launched -----------------------------------------------------------------------------------------------
+class Call:
+    """A stage with its objects, as a part of a kernel whose arguments are its numbers."""
 
     _is_taichi_function, func = True, SimpleNamespace(has_print=False)  # a kernel may call it
 
-    def __init__(self, timed: bool = False):
-        self.timed = timed
-        self.spent: dict[str, list] = {}  # wall seconds and calls of each stage
+    def __init__(self, stage, arguments, slots):
+        self.stage, self.arguments, self.slots = stage, arguments, slots  # of each number its slot, of objects None
 
-    def __call__(self, name: str, call, *arguments):
-        """call(*arguments); what returns a number of iterations counts as so many calls."""
-        if not self.timed or ti.lang.impl.inside_kernel():
-            return call(*arguments)
-        begin = time.perf_counter()
-        result = call(*arguments)
+    def __call__(self, turn, *numbers):
+        bound = []
+        for argument, slot, kind in zip(self.arguments, self.slots, self.stage.kinds(self.arguments), strict=True):
+            if kind is None:
+                bound.append(argument)
+            else:
+                number = turn if slot is TURN else numbers[slot]
+                bound.append(ti.cast(number, real() if kind is float else kind))
+        return self.stage.part(*bound)
+
+
+def fused(calls):
+    """A kernel of one thread: calls one after the other, some times."""
+
+    @ti.kernel
+    def run(times: ti.i32, a: ti.f64, b: ti.f64, c: ti.f64, d: ti.f64):
+        ti.loop_config(serialize=True)
+        for turn in range(times):
+            for call in ti.static(calls):
+                call(turn, a, b, c, d)
+
+    return run
+
+
+def by_team(team, call):
+    """A kernel in which a team of threads goes through a call, for so many rows."""
+
+    @ti.kernel
+    def run(rows: ti.i32, a: ti.f64, b: ti.f64, c: ti.f64, d: ti.f64):
+        team.open(rows)
+        for turn in range(team.turns):
+            member = team.join(turn)
+            if member >= 0:
+                enter(team, member)
+                call(0, a, b, c, d)
+                leave()
+                team.close()
+
+    return run
+
+
+class Execution:
+    """How the stages of a simulation of so many rows are launched, and, with ``timed``, how long each takes."""
+
+    def __init__(self, rows: int, fuses: bool = True, timed: bool = False, team: ThreadTeam | None = None):
+        self.rows, self.timed, self._team = rows, timed, team
+        self.fuses = fuses and few(rows)
+        self.spent: dict[str, list] = {}  # wall seconds and calls of each stage; of a solve its iterations
+        self._kernels: dict = {}  # by the keys of their calls
+        self._waiting: list[tuple] = []  # stages and arguments of the kernel that comes next
+        self._timing = False
+
+    @contextmanager
+    def active(self):
+        """Stages that are called meanwhile are launched by this Execution."""
+        global _current
+        before, _current = _current, self
+        try:
+            yield self
+            self.flush()
+        finally:
+            self._waiting = []
+            _current = before
+
+    def launch(self, stage, arguments):
+        """Launch a stage, or keep it for the kernel that is launched next."""
+        if self.fuses and not self.timed:
+            self._waiting.append((stage, arguments))
+            return None
+        if not self.timed or self._timing:
+            return stage.launch(self, arguments)
+        begin, self._timing = time.perf_counter(), True
+        try:
+            result = stage.launch(self, arguments)
+        finally:
+            self._timing = False
         ti.sync()
-        entry = self.spent.setdefault(name, [0.0, 0])
+        entry = self.spent.setdefault(stage.name, [0.0, 0])
         entry[0] += time.perf_counter() - begin
         entry[1] += result if isinstance(result, int) else 1
         return result
+
+    def flush(self, times: int = 1):
+        """Launch what waits, some times."""
+        if self._waiting:
+            calls, self._waiting = self._waiting, []
+            kernel, numbers = self._kernel(calls, fused)
+            kernel(times, *numbers)
+
+    def by_team(self, stage, arguments) -> bool:
+        """Go through a stage with all threads; False where there is no team, on a GPU."""
+        if started()["arch"] != "cpu" or not arguments[0].fits_in_a_kernel:
+            return False
+        alone = self._team is None and (one_thread() or few(self.rows))
+        if self._team is None and not alone:
+            self._team = ThreadTeam(started()["threads"])
+        kernel, numbers = self._kernel([(stage, arguments)], fused if alone else self._by_team)
+        kernel(1 if alone else self.rows, *numbers)
+        return True
+
+    def _by_team(self, calls):
+        return by_team(self._team, calls[0])
+
+    def _kernel(self, calls, make):
+        """The kernel of these calls, made once for the same stages and objects, and its numbers. A number that several
+        stages are given, the time step above all, is handed over once."""
+        key, numbers, slots = [], [], []
+        for stage, arguments in calls:
+            key.append(id(stage))
+            slots.append([])
+            for argument, kind in zip(arguments, stage.kinds(arguments), strict=True):
+                slot = None
+                if kind is None or argument is TURN:
+                    slot = TURN if argument is TURN else None
+                    key.append(id(argument))
+                else:
+                    known = (k for k, number in enumerate(numbers) if number is argument and type(number) is float)
+                    slot = next(known, len(numbers))
+                    key.append(slot)
+                    if slot == len(numbers):
+                        numbers.append(argument)
+                slots[-1].append(slot)
+        if len(numbers) > MOST_NUMBERS:
+            raise ValueError(f"{len(numbers)} numbers for the stages of one kernel; at most {MOST_NUMBERS}")
+        key = tuple(key)
+        if key not in self._kernels:
+            self._kernels[key] = make([Call(*call, slot) for call, slot in zip(calls, slots, strict=True)])
+        return self._kernels[key], [float(n) for n in numbers] + [0.0] * (MOST_NUMBERS - len(numbers))
+
+
+_current: Execution | None = None
+
+
+def flush() -> None:
+    """Before Python looks at a field: launch what waits."""
+    if _current:
+        _current.flush()
+
+
+def repeat(times: int):
+    """``for k in repeat(times)`` over stages: a loop in Python, or the kernel that they make gone through so often."""
+    if _current is None or not _current.fuses or _current.timed:
+        yield from range(times)
+    else:
+        _current.flush()
+        yield TURN
+        _current.flush(times)
+
+
+def nothing(*_) -> None:
+    """A stage that a scene has no need of."""
+
+
+# ---- decorators -----------------------------------------------------------------------------------------------------
+def _dual(function, stage):
+    """A method that is launched where Python calls it, and a part of any kernel that calls it."""
+
+    signature = inspect.signature(function)
+
+    @functools.wraps(function)
+    def call(*arguments, **named):
+        if named:
+            bound = signature.bind(*arguments, **named)
+            bound.apply_defaults()
+            arguments = bound.args
+        if ti.lang.impl.inside_kernel():
+            return stage.part(*arguments)
+        return (_current or _alone()).launch(stage, arguments)
+
+    call._is_taichi_function, call.func = True, stage.part.func  # what Taichi asks of a function that a kernel calls
+    return call
+
+
+@functools.cache
+def _outside(_program):
+    return Execution(1 << 30, fuses=False)
+
+
+def _alone() -> Execution:
+    """That of a stage which is called outside of any simulation."""
+    return _outside(ti.lang.impl.get_runtime().prog)
+
+
+class Kernel:
+    """A stage of kernel code."""
+
+    def __init__(self, name, function):
+        self.name = name
+        function.__annotations__["self"] = ti.template()
+        self.kernel, self.part = ti.kernel(function), ti.func(function)
+        kinds = [parameter.annotation for parameter in inspect.signature(function).parameters.values()]
+        self._kinds = [None if isinstance(kind, ti.template) else kind for kind in kinds]
+
+    def kinds(self, _arguments):
+        """Of each argument: None for an object, else the type of a number."""
+        return self._kinds
+
+    def launch(self, _execution, arguments):
+        return self.kernel(*arguments)
+
+
+class Sequence:
+    """A stage made of calls of stages."""
+
+    def __init__(self, name, function):
+        self.name, self.function = name, function
+        self.part = ti.func(function)
+
+    def kinds(self, arguments):
+        """Of each argument: None for an object, else the type of a number."""
+        found = []
+        for argument in arguments:
+            whole = argument is TURN or isinstance(argument, int)
+            found.append(ti.i32 if whole else ti.f64 if isinstance(argument, float) else None)
+        return found
+
+    def launch(self, _execution, arguments):
+        return self.function(*arguments)
+
+
+class TeamStage(Sequence):
+    """A sequence that a team can go through."""
+
+    def launch(self, execution, arguments):
+        return None if execution.by_team(self, arguments) else self.function(*arguments)
+
+
+def _decorator(kind):
+    def named(name: str):
+        return lambda function: _dual(function, kind(name, function))
+
+    return named
+
+
+stage, sequence, team_stage = (_decorator(kind) for kind in (Kernel, Sequence, TeamStage))

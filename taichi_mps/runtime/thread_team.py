@@ -4,10 +4,15 @@ To hand a loop over to the threads of the processor takes Taichi 15 to 70 micros
 a dozen of loops. In a team each thread does its part of every loop and then waits, looking at a number, until the
 others are as far: a third of a microsecond. A thread that has not come yet is not waited for: it joins
 at the next round.
+
+Loops of what a team may go through run from ``first(n)`` to ``last(n)`` instead of from 0 to n, and are followed by
+``wait()``; a loop over one turn is done by one member. Outside a team ``first(n)`` is 0, ``last(n)`` is n, and nobody
+waits. So an algorithm is written once, and does not know who carries it out.
 """
 
-from .backend import started, ti
-from .stages import alone, few
+from types import SimpleNamespace
+
+from .backend import ti
 
 TURNS = 512  # of a loop that Taichi gives to one thread at least
 ROWS = 1000  # that make a member worth its waiting
@@ -18,36 +23,6 @@ REST = 20  # times that it then works alone
 CLOSED = -1
 
 
-@ti.data_oriented
-class OneThread:
-    """No team: loops are whole, at the top of a kernel or inside of a loop of one thread."""
-
-    together = False
-
-    @ti.func
-    def first(self, member, n):
-        return 0
-
-    @ti.func
-    def last(self, member, n):
-        return n
-
-    @ti.func
-    def has(self, member):
-        return True
-
-    @ti.func
-    def wait(self):
-        pass
-
-    @ti.func
-    def regroup(self):
-        pass
-
-
-ONE_THREAD = OneThread()
-
-
 @ti.func
 def look(number: ti.template()):
     """The number as it is now. LLVM would read it once and for all, but for an atomic operation."""
@@ -55,22 +30,20 @@ def look(number: ti.template()):
 
 
 @ti.data_oriented
-class Team:
+class ThreadTeam:
     """A kernel that works in a team of threads calls
 
         team.open(rows)
         for turn in range(team.turns):
             member = team.join(turn)
             if member >= 0:
-                while team.has(member) and [there is another round]: [the round]; team.regroup()
+                enter(team, member); [the work: rounds, each ended by regroup()]; leave()
                 team.close()
 
-    A member does those turns of a loop over n that lie from ``first(member, n)`` to ``last(member, n)``, then it calls
-    ``wait``. A loop over one turn is done by one of them. How many they are differs from round to round: results must
-    not depend on it, and what a round needs from the one before must be in fields.
+    A member does those turns of a loop over n that lie from ``first`` to ``last``, then it waits. How many they are
+    differs from round to round: results must not depend on it, and what a round needs from the one before must be in
+    fields.
     """
-
-    together = True
 
     def __init__(self, threads: int):
         self.threads, self.turns = threads, TURNS * threads
@@ -110,20 +83,20 @@ class Team:
         return member
 
     @ti.func
-    def has(self, member):
+    def has_member(self, member):
         return member < self.size[None]
 
     @ti.func
-    def first(self, member, n):
+    def first_turn(self, member, n):
         size = self.size[None]
         return n // size * member + ti.min(member, n % size)
 
     @ti.func
-    def last(self, member, n):
-        return self.first(member + 1, n)
+    def last_turn(self, member, n):
+        return self.first_turn(member + 1, n)
 
     @ti.func
-    def wait(self):
+    def meet(self):
         """Until all members are here."""
         met, looks = look(self.met), 0
         if ti.atomic_add(self.here[None], 1) == self.size[None] - 1:
@@ -154,8 +127,66 @@ class Team:
         ti.atomic_min(self.admitted[None], CLOSED)
 
 
-def team(rows: int) -> Team | OneThread | None:
-    """Who works on a system of at most so many rows: a team, or one thread where that is as fast; None on a GPU."""
-    if alone() or few(rows):
-        return ONE_THREAD
-    return Team(started()["threads"]) if started()["arch"] == "cpu" else None
+# ---- who goes through the code that is being compiled ---------------------------------------------------------------
+_here = SimpleNamespace(kernel=None, team=None, member=None)
+
+
+def _known(function):
+    """A Python function that kernels may call while they are compiled."""
+    function._is_taichi_function, function.func = True, SimpleNamespace(has_print=False)
+    return function
+
+
+def _team():
+    """The team of the kernel that is being compiled, None elsewhere."""
+    inside = ti.lang.impl.inside_kernel() and _here.kernel is ti.lang.impl.get_runtime().current_kernel
+    return _here.team if inside else None
+
+
+@_known
+def enter(team, member):
+    """From here on the kernel that is being compiled is gone through by the members of a team."""
+    _here.kernel, _here.team, _here.member = ti.lang.impl.get_runtime().current_kernel, team, member
+
+
+@_known
+def leave():
+    """The team's work ends here."""
+    _here.kernel = _here.team = _here.member = None
+
+
+@_known
+def first(n):
+    """First of n turns that are done here."""
+    team = _team()
+    return team.first_turn(_here.member, n) if team else 0
+
+
+@_known
+def last(n):
+    """The turn after the last one that is done here."""
+    team = _team()
+    return team.last_turn(_here.member, n) if team else n
+
+
+@_known
+def wait():
+    """Until the whole team has done its part."""
+    team = _team()
+    if team:
+        team.meet()
+
+
+@_known
+def takes_part():
+    """Whether the thread is of the team in this round."""
+    team = _team()
+    return team.has_member(_here.member) if team else True
+
+
+@_known
+def regroup():
+    """The end of a round: who has come meanwhile takes part in the next one."""
+    team = _team()
+    if team:
+        team.regroup()

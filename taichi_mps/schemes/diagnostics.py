@@ -3,12 +3,18 @@
 All at once: to read a number from Python takes 7 microseconds, with all the others in one kernel next to nothing.
 """
 
+import math
+
 import numpy as np
 
+from ..linear.pcg import FAILED, STATUS
 from ..particles.particles import FLUID
 from ..runtime.backend import ti
+from ..runtime.stages import flush
+from .step_report import StepReport
 
 NOT_A_NUMBER = 1e12  # squared speed [m2/s2] that stands for what is not finite
+MOST_LOST = 0.2  # of the volume; impacts and thin films lose up to 0.05 (docs/stability.md)
 SUMS, SOLVE = 12, 3
 
 
@@ -16,29 +22,57 @@ SUMS, SOLVE = 12, 3
 class Diagnostics:
     """Sums over the fluid particles of one scheme, and its solve."""
 
-    def __init__(self, particles, scheme, lattice):
-        self.particles, self.scheme, self.solver = particles, scheme, scheme.solver
+    def __init__(self, particles, gradient, material, yielded, solver, iterations, lattice):
+        """``material`` has density_of(i); ``iterations``: a field with those of all solves of a step."""
+        self.particles, self.gradient, self.material = particles, gradient, material
+        self.yielded, self.solver, self.iterations = yielded, solver, iterations
         self.accelerates = "a" in particles.carried
         self.nearly_all = 0.9 * lattice.neighbours
         # number, max u^2, sum V, V u^2, V u^4, m u^2, unyielded; V packing, V of enclosed ones, of all with many
         # neighbours: particles in pairs or clumps have a large surface normal, and would pass for a surface; V a^2.
-        # Iterations of the step; r.z and reference of the last solve over each other, and its status
+        # Iterations of the step; (r, z) and reference of the last solve over each other, and its status
         self.numbers = np.zeros(SUMS + SOLVE)
+        self.lost_volume = 0.0  # [m3]: negative where the fluid has become looser
+        self.solve_status = ""  # of the last solve
 
-    def take(self):
-        """Largest speed^2, its mean and that of what moves [m2/s2], kinetic energy [J], share of unyielded particles,
-        volume error [-], the volume that was lost [m3]: negative where the fluid has become looser; mean square of
-        the acceleration [m2/s4] (0 in ``semi-implicit``); iterations, relative residual and status of the solve."""
+    def report(self, dt: float, iterations: int) -> StepReport:
+        """What a step of dt [s] did, with so many iterations for the viscosity; number and time are the caller's."""
+        flush()
         self._add(self.numbers)
         numbers = self.numbers.tolist()
         count, speed2, whole, squares, fourths, energy, unyielded, packing, volume, crowd, room, pushes = numbers[:SUMS]
-        error = volume / packing - 1.0 if volume else 0.0
-        lost = room - room**2 / crowd if room else 0.0
-        mean2, moving2 = squares / whole if whole else 0.0, fourths / squares if squares else 0.0
-        acceleration2 = pushes / whole if whole else 0.0
-        iterations, ratio, status = numbers[SUMS:]
-        solve = int(iterations), abs(ratio) ** 0.5, int(status)
-        return speed2, mean2, moving2, 0.5 * energy, unyielded / count, error, lost, acceleration2, *solve
+        solves, ratio, status = numbers[SUMS:]
+        self.lost_volume = room - room**2 / crowd if room else 0.0
+        self.solve_status = STATUS[int(status)]
+        return StepReport(
+            step=0,
+            time=0.0,
+            dt=dt,
+            dt_limit="",
+            max_speed=math.sqrt(speed2),
+            mean_speed=math.sqrt(squares / whole) if whole else 0.0,
+            moving_speed=math.sqrt(fourths / squares) if squares else 0.0,
+            acceleration=math.sqrt(pushes / whole) if whole else 0.0,
+            kinetic_energy=0.5 * energy,
+            unyielded_fraction=unyielded / count,
+            viscous_iterations=iterations,
+            pressure_iterations=int(solves),
+            residual=abs(ratio) ** 0.5,
+            volume_error=volume / packing - 1.0 if volume else 0.0,
+        )
+
+    def failure(self, report: StepReport, runaway_speed: float, volume: float) -> str | None:
+        """Which limit a step has crossed, beyond which its numbers mean nothing: a velocity that is no number, a speed
+        over ``runaway_speed`` [m/s], a fifth of the ``volume`` [m3] lost, a matrix that is not positive definite."""
+        if report.max_speed >= math.sqrt(NOT_A_NUMBER):
+            return "a velocity is not a finite number"
+        if report.max_speed > runaway_speed:
+            return f"a speed of {report.max_speed:.4g} m/s, over {runaway_speed:.4g} m/s, is a runaway"
+        if self.lost_volume > MOST_LOST * volume:
+            return f"{self.lost_volume / volume:.0%} of the volume is lost, over {MOST_LOST:.0%}: particles overlap"
+        if self.solve_status in FAILED:
+            return f"the matrix of the linear solve is {self.solve_status}"
+        return None
 
     @ti.kernel
     def _add(self, sums: ti.types.ndarray(ti.f64, 1)):
@@ -57,17 +91,17 @@ class Diagnostics:
                 sums[2] += volume
                 sums[3] += volume * u2
                 sums[4] += volume * u2 * u2
-                sums[5] += volume * u2 * self.scheme.density(i)
-                sums[6] += 1 - self.scheme.yielded[i]
-                if self.scheme.gradient.enclosed(i):
-                    sums[7] += volume * self.scheme.gradient.packing[i]
+                sums[5] += volume * u2 * self.material.density_of(i)
+                sums[6] += 1 - self.yielded[i]
+                if self.gradient.enclosed(i):
+                    sums[7] += volume * self.gradient.packing[i]
                     sums[8] += volume
-                if self.scheme.gradient.neighbour_count[i] >= self.nearly_all:
-                    sums[9] += volume * self.scheme.gradient.packing[i]
+                if self.gradient.neighbour_count[i] >= self.nearly_all:
+                    sums[9] += volume * self.gradient.packing[i]
                     sums[10] += volume
                 if ti.static(self.accelerates):
                     sums[11] += volume * ti.cast(self.particles.a[i].norm_sqr(), ti.f64)
-        sums[SUMS] = self.scheme.iterations[None]
+        sums[SUMS] = self.iterations[None]
         sums[SUMS + 1] = 0.0
         if self.solver.reference[None] != 0.0:
             sums[SUMS + 1] = self.solver.rz[None] / self.solver.reference[None]

@@ -5,8 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..terms.constants import resting_time
-
 OF_WHAT_MOVES = 0.1  # way [l0] that what moves may still have before it in the material's own time
 OF_THE_BODY = 0.5  # way [l0] that the body may still have before it if it slows down as it has done
 
@@ -29,7 +27,7 @@ class Rest:
         """Is there hardly a way left? eta/tau_y is the time in which a Bingham flow decays where it ceases as a whole:
         a slow flow of a viscous mix is not taken for rest, nor a front before a large body that stands. A thin layer
         goes on as 1/t^2; what is left there is speed times age."""
-        window = resting_time(sim.scene.materials)
+        window = sim.problem.resting_time
         if not math.isfinite(window):
             return False
         report = sim.report

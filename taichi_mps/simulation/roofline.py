@@ -6,7 +6,7 @@ in the cache, what belongs to a pair is streamed. Operations are the floating-po
 
 from dataclasses import dataclass
 
-from ..linear.node_multigrid import SWEEPS
+from ..linear.node_multigrid import SWEEPS, NodeMultigrid
 from ..runtime.backend import started
 
 
@@ -20,13 +20,13 @@ class Traffic:
 
 def traffic(sim) -> dict[str, Traffic]:
     """By stage of the implicit scheme; "solve" is one iteration of the conjugate gradient. Empty for others."""
-    if not hasattr(sim.scheme, "system"):
+    if sim.problem.scheme != "implicit":
         return {}
     n, d, t = sim.particles.count[None], sim.particles.dimension, sim.particles.tensor_dimension
     m = sim.neighbors.row_start[n]
     s = 8 if started()["precision"] == "f64" else 4
     x, vector, block, tensor, walls = 8 * d, s * d, s * d * d, s * t * t, s * len(sim.walls.faces)
-    wide = s * sim.scheme.system.lanes  # of fields that vector instructions read
+    wide = s * sim.scheme.operator.sums.lanes  # of fields that vector instructions read
     flux = wide * d
     carried = x + 2 * vector + 2 * s + 8 + 2 * tensor * sim.particles.carries_stress
     law = 2 * tensor + 3 * s  # stress, plastic rate, shear rate, p, source
@@ -64,10 +64,12 @@ def traffic(sim) -> dict[str, Traffic]:
     for stage, row in per_row.items():
         pair_bytes, operations = per_pair.get(stage, (0, 0))
         found[stage] = Traffic(row * n + pair_bytes * m, operations * m)
-    solver = sim.scheme.solver
-    if solver.use_levels:  # to and from the finest grid, and as many times over the stencils as the others are smoothed
-        rows = int(solver.levels.uses.to_numpy()[1:].sum())
-        cycle = (3 * vector + 4) * n + 2 * SWEEPS * (flux + 4) * solver.levels.points * rows
+    solver = sim.scheme.velocity.solver
+    if (
+        isinstance(solver.M, NodeMultigrid) and solver.M.pays[None]
+    ):  # to and from the finest grid, and as many times over the stencils as the others are smoothed
+        rows = int(solver.M.uses.to_numpy()[1:].sum())
+        cycle = (3 * vector + 4) * n + 2 * SWEEPS * (flux + 4) * solver.M.points * rows
         found["solve"] = Traffic(found["solve"].bytes + cycle, found["solve"].operations)
     found["neighbours"] = Traffic(found["neighbours"].bytes, 2 * candidates * 3 * d)
     return found

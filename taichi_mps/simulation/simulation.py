@@ -1,39 +1,29 @@
-"""Simulation: owns the fields and the time, takes steps, calls the callbacks, and knows when to stop."""
+"""Simulation: owns the time, takes steps, calls the callbacks, and knows when to stop."""
 
 import math
 import time
-import warnings
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import numpy as np
 
-from ..boundaries.walls import Walls
-from ..geometry.walls import Plane
-from ..linear.pcg import INDEFINITE, STATUS
-from ..particles.kernels import PACKING, PACKING_IN_PLANE, lattice_sums, mps_weight, smooth_weight
-from ..particles.neighbors import Bins, CapacityError, EscapedError, NeighborList
-from ..particles.particles import DUMMY, FLUID, WALL, Particles
+from ..particles.neighbors import CapacityError, EscapedError
 from ..problem.measures import Snapshot
-from ..problem.numerics import Implicit as ImplicitNumerics
-from ..problem.numerics import SemiImplicit as SemiImplicitNumerics
 from ..problem.problem import Problem
 from ..problem.scene import Scene
 from ..runtime.backend import require_room, started
-from ..runtime.field_io import FieldIO
-from ..runtime.stages import Stages
-from ..schemes.diagnostics import NOT_A_NUMBER, Diagnostics
+from ..runtime.stages import Execution
 from ..schemes.implicit import Implicit
+from ..schemes.scheme import Motion
 from ..schemes.semi_implicit import SemiImplicit
 from ..schemes.step_report import DivergedError, StepReport
-from ..terms.constants import law_of, resting_time
-from ..terms.initial_relaxation import TIMES
 from ..units import SceneError, finite, positive
 from .pouring import Pouring
 from .rest import Rest
 from .snapshot import snapshot
 from .summary import summary
 
-MOST_LOST = 0.2  # of the volume; impacts and thin films lose up to 0.05 (docs/stability.md)
+SCHEMES = {"implicit": Implicit, "semi-implicit": SemiImplicit}
+PAIRS, PAIRS_OF_RINGS = 1.6, 4.0  # room for neighbours over those of a lattice; rings that moved outward are thin
 
 
 class Simulation:
@@ -42,14 +32,11 @@ class Simulation:
     def __init__(self, scene: Scene, numerics=None, profile: bool = False):
         started()
         self._clock = time.process_time(), time.perf_counter()
-        self.scene = scene
-        self.numerics = numerics or ImplicitNumerics()
-        Problem(scene, self.numerics)
-        self._pairs_per_particle = 4.0 if scene.axisymmetric else 1.5  # rings that moved outward are thin
-        self._walls_at = 0.0  # time [s] at which the walls stand
-        self.wall_particles = 0
+        self.problem = Problem(scene, numerics)
+        self.scene, self.numerics = scene, self.problem.numerics
+        self._profile = profile
+        self._pairs_per_particle = PAIRS_OF_RINGS if scene.axisymmetric else PAIRS
         self.pouring = tuple(Pouring(scene, inlet) for inlet in scene.inlets)
-        self.stages = Stages(timed=profile)
         self._build()
         self.time, self.steps, self.report = 0.0, 0, None
         self.stopped_by = None
@@ -64,62 +51,13 @@ class Simulation:
         self.rest = Rest()
 
     def _build(self):
+        """Allocate: the scheme with its particles, and how its stages are launched."""
         require_room()
-        scene, numerics = self.scene, self.numerics
-        d = scene.dimension
-        re = numerics.effective_radius_ratio * scene.spacing
-        semi_implicit = isinstance(numerics, SemiImplicitNumerics)
-        use_particles = semi_implicit or numerics.walls == "particles"
-        kinds, positions = np.full(len(scene.initial), FLUID), scene.initial
-        velocity, mixes = scene.initial_velocity, scene.initial_mixes
-        if use_particles and scene.wall_particles is not None:
-            wall = np.asarray(scene.wall_particles, float)
-            depth = np.max([-surface.distance(wall) for surface in scene.walls], axis=0)
-            positions = np.vstack([positions, wall])
-            kinds = np.concatenate([kinds, np.where(depth < scene.spacing, WALL, DUMMY)])
-            velocity = np.vstack([velocity, np.zeros_like(wall)])
-            mixes = np.concatenate([mixes, np.zeros(len(wall))])
-            self.wall_particles = len(wall)
-        expected = scene.expected
         to_come = sum((pouring.layers - (pouring.start == 0.0)) * len(pouring.layer) for pouring in self.pouring)
-        in_plane = d == 2 and not scene.axisymmetric and not semi_implicit
-        kernels = mps_weight if semi_implicit else smooth_weight, PACKING_IN_PLANE if in_plane else PACKING
-        lattice = lattice_sums(d, scene.spacing, re, *kernels)
-        carries_stress = law_of(scene.materials) == "bingham" and not semi_implicit
-        volumes = np.resize(expected.volumes, len(positions))
-        sleeps = carries_stress and numerics.sleep and math.isfinite(resting_time(scene.materials))
-        ages = getattr(scene.material, "growth", None) is not None
-        extra = [] if semi_implicit else ["a"]
-        extra += ["still"] * sleeps + ["structure"] * ages + ["mix"] * (len(scene.materials) > 1)
-        extra += [f"released_{k}" for k in range(sum(wall.loose for wall in scene.walls))]
-        frictions = [wall.friction for wall in scene.walls if wall.friction]
-        self.particles = Particles(
-            positions, kinds, velocity, volumes, carries_stress, scene.axisymmetric, extra, frictions, to_come, mixes
-        )
-        self.bins = Bins(self.particles, scene.domain, scene.periodic_axes, re)
-        capacity = int(self._pairs_per_particle * lattice.neighbours * self.particles.capacity) + 64
-        self.neighbors = NeighborList(self.bins, capacity)
-        self.lattice = lattice
-        axis = (Plane((0.0, 0.0), (1.0, 0.0), mirror=True),) if scene.axisymmetric else ()
-        surfaces = () if use_particles else (*axis, *scene.walls)
-        self.walls = Walls(
-            surfaces,
-            d,
-            scene.spacing,
-            re,
-            self.particles.capacity,
-            rings=scene.axisymmetric,
-            particles=self.particles,
-            plastic_viscosity=scene.material.plastic_viscosity,
-            weight=lattice.weight,
-            packing_kernel=lattice.packing_kernel,
-        )
-        self.walls.place(self._walls_at)
-        parts = expected, numerics, self.particles, self.neighbors, self.walls, lattice
-        self.scheme = SemiImplicit(*parts) if semi_implicit else Implicit(*parts, scene.materials[1:], self.stages)
-        self.diagnostics = Diagnostics(self.particles, self.scheme, lattice)
-        read = {"yielded": self.scheme.yielded} | ({} if semi_implicit else {"p": self.scheme.smoothing.p})
-        self.to_read = FieldIO(read, self.particles.capacity)  # with what the particles carry
+        self.scheme = SCHEMES[self.problem.scheme](self.problem, to_come, self._pairs_per_particle)
+        self.particles, self.neighbors, self.walls = self.scheme.particles, self.scheme.neighbors, self.scheme.walls
+        self.wall_particles = self.scheme.base.wall_particles
+        self.execution = Execution(self.particles.capacity, fuses=not self.walls.travel, timed=self._profile)
 
     # ---- stepping -------------------------------------------------------------------------------------------
     def step(self, until: float | None = None) -> StepReport:
@@ -127,115 +65,79 @@ class Simulation:
         if until is not None and not finite("until", until, "s", shape=()) > self.time:
             raise SceneError(f"until = {until} s: must be later than the present time, {self.time:.9g} s")
         cpu = time.process_time()
+        jet, until = self._pour(until)
+        dt, limit = self._choose_time_step(jet, until)
+        report = self._advance(dt)
+        self.time, self.steps = self.time + dt, self.steps + 1
+        self.report = replace(report, step=self.steps, time=self.time, dt_limit=limit)
+        failure = self.scheme.diagnostics.failure(report, self._runaway_speed, self._volume)
+        if failure:
+            self._diverge(f"{failure}; {self.scheme.REMEDY}")
+        self._count_seconds(cpu)
+        return self.report
+
+    def _pour(self, until):
+        """Let in what is due. The speed [m/s] of the fastest jet, and until when a step may go, not past the opening of
+        an inlet."""
+        if not self.pouring:
+            return 0.0, until
         jets = [pouring.pour(self.time, self.particles) for pouring in self.pouring]
-        if jets:
-            self._volume = self.fluid_particles * self.particles.usual_volume
-            starts = [pouring.next for pouring in self.pouring if not pouring.entered and pouring.next > self.time]
-            until = min([until or math.inf, *starts])
-        speed = max([self.report.max_speed if self.report else self._initial_speed(), self._wall_speed, *jets])
-        limits = self.scheme.time_step_limits(speed, self.report.acceleration if self.report else math.inf)
+        self._volume = self.fluid_particles * self.particles.usual_volume
+        starts = [pouring.next for pouring in self.pouring if not pouring.entered and pouring.next > self.time]
+        return max(jets), min([until or math.inf, *starts])
+
+    def _choose_time_step(self, jet, until) -> tuple[float, str]:
+        """The next step [s] and what bounds it."""
+        speed = max(self.report.max_speed if self.report else self._initial_speed(), self._wall_speed, jet)
+        limits = self.scheme.time_step_limits(Motion(speed, self.report.acceleration if self.report else math.inf))
         if self._last_dt is not None:
             limits["growth"] = 2.0 * self._last_dt
         name = min(limits, key=limits.get)
-        dt = limits[name]
-        self._last_dt = dt
+        dt = self._last_dt = limits[name]
         if until is not None and until - self.time < dt * (1 + 1e-9):
-            dt, name = until - self.time, "output"
-        elif until is not None and until - self.time < 2 * dt:
-            dt, name = 0.5 * (until - self.time), "output"
-        if self.steps == 0 and hasattr(self.scheme, "initial_relaxation"):
-            self._even()
-        if hasattr(self.scheme, "drift"):  # the implicit scheme works at the middle of the step
-            self._walls_at = self.time + 0.5 * dt
-            self.walls.place(self._walls_at)
-            self.stages("drift", self.scheme.drift, dt)
-        self._neighbours()
-        if hasattr(self.scheme, "predict"):  # the semi-implicit scheme moves twice in a step
-            self.stages("predictor", self.scheme.predict, dt)
-            self._neighbours()
-        passes = self.scheme.step(dt)
-        self.time += dt
-        self.steps += 1
-        self.report = self.stages("report", self._make_report, dt, name, passes)
+            return until - self.time, "output"
+        if until is not None and until - self.time < 2 * dt:
+            return 0.5 * (until - self.time), "output"
+        return dt, name
+
+    def _advance(self, dt) -> StepReport:
+        """A step of the scheme. Where the neighbour list turns out too short, it goes back to the start of the step,
+        makes it longer, and takes the step again."""
+        start = self.state() if self.steps == 0 or self.neighbors.nearly_full else None
+        try:
+            with self.execution.active():
+                if self.steps == 0:
+                    self.scheme.relax()
+                return self.scheme.step(dt)
+        except EscapedError as error:
+            self._diverge(f"{error}; {self.scheme.REMEDY}, or enlarge the scene's domain")
+        except CapacityError as error:
+            if start is None:  # a quarter more pairs in one step: particles that clump
+                self._diverge(f"{error}; {self.scheme.REMEDY}")
+            self._pairs_per_particle *= 2.0
+            self._build()
+            self.load(start)
+            return self._advance(dt)
+
+    def _count_seconds(self, cpu):
         if self.steps == 1:
-            self.stages.spent.clear()  # they held the compilation
+            self.execution.spent.clear()  # they held the compilation
             self.compile_seconds = time.process_time() - self._clock[0]
         else:
             self.cpu_seconds += time.process_time() - cpu
         self.wall_seconds = time.perf_counter() - self._clock[1]
-        return self.report
-
-    def _even(self):
-        """Even an uneven fill, and say so."""
-        self._neighbours()
-        if self.scheme.initial_relaxation.needed():
-            warnings.warn(
-                f"fluid: unevenly filled, so it is evened before the first step ({TIMES} shifts)", stacklevel=3
-            )
-            for _ in range(TIMES):
-                self.scheme.initial_relaxation.move()
-                self._neighbours()
 
     @property
     def fluid_particles(self) -> int:
         """Number of fluid particles that are there now."""
         return self.particles.count[None] - self.wall_particles
 
-    def _neighbours(self):
-        try:
-            if self.neighbors.alone and not self.stages.timed:
-                self.neighbors.search()
-            else:
-                self.stages("reorder", self.bins.sort)
-                self.stages("neighbours", self.neighbors.build)
-        except EscapedError as error:
-            self._diverge(f"{error}; {self.scheme.REMEDY}, or enlarge the scene's domain")
-        except CapacityError:
-            self._pairs_per_particle *= 2.0
-            state = self.state()
-            self._build()
-            self.load(state)
-            self._neighbours()
-
     def profile(self) -> list[tuple[str, float, int]]:
         """(stage, wall seconds, calls; of a solve its iterations) since the first step, when made with profile=True."""
-        return [(name, seconds, calls) for name, (seconds, calls) in self.stages.spent.items()]
+        return [(name, seconds, calls) for name, (seconds, calls) in self.execution.spent.items()]
 
     def _initial_speed(self) -> float:
         return float(np.linalg.norm(self.particles.read()["u"], axis=1).max())
-
-    def _make_report(self, dt, name, passes) -> StepReport:
-        speed2, mean2, moving2, kinetic, unyielded, error, lost, acceleration2, *solve = self.diagnostics.take()
-        iterations, residual, status = solve
-        report = StepReport(
-            step=self.steps,
-            time=self.time,
-            dt=dt,
-            dt_limit=name,
-            max_speed=math.sqrt(speed2),
-            mean_speed=math.sqrt(mean2),
-            moving_speed=math.sqrt(moving2),
-            acceleration=math.sqrt(acceleration2),
-            kinetic_energy=kinetic,
-            unyielded_fraction=unyielded,
-            viscous_iterations=passes,
-            pressure_iterations=iterations,
-            residual=residual,
-            volume_error=error,
-        )
-        crossed = None
-        if speed2 >= NOT_A_NUMBER:
-            crossed = "a velocity is not a finite number"
-        elif report.max_speed > self._runaway_speed:
-            crossed = f"a speed of {report.max_speed:.4g} m/s, over {self._runaway_speed:.4g} m/s, is a runaway"
-        elif lost > MOST_LOST * self._volume:
-            crossed = f"{lost / self._volume:.0%} of the volume is lost, over {MOST_LOST:.0%}: particles overlap"
-        elif status >= INDEFINITE:
-            crossed = f"the matrix of the linear solve is {STATUS[status]}"
-        if crossed:
-            self.report = report
-            self._diverge(f"{crossed}; {self.scheme.REMEDY}")
-        return report
 
     def _diverge(self, why: str):
         self.stopped_by = "diverged"
@@ -339,4 +241,5 @@ class Simulation:
         self.rest = Rest(**state["rest"])
         for pouring, carried in zip(self.pouring, state.get("pouring", []), strict=True):
             pouring.entered, pouring.delay = carried
+        self.walls.place(self.time)
         self.scheme.load(state)

@@ -8,10 +8,8 @@ from ..problem.measures import Snapshot
 
 def snapshot(sim) -> Snapshot:
     """The computed fluid of a simulation now, ordered by id."""
-    if hasattr(sim.scheme, "smoothing"):
-        sim.scheme.smoothing.read()
     rows = sim.particles.read()
-    rows |= sim.to_read.read(len(rows["id"]))
+    rows |= sim.scheme.fields_to_read(len(rows["id"]))
     rows["n"] = sim.scheme.gradient.density_ratio()
     fluid = np.flatnonzero(rows["kind"] == FLUID)
     order = fluid[np.argsort(rows["id"][fluid])]

@@ -3,35 +3,30 @@ rate and pressure that follow. They stand in fields, so another material is othe
 
 import math
 
+from ..particles.particles import Carried
 from ..runtime.backend import real, ti
 
 # The numbers of a Bingham mix that kernels read from fields. Any other number is compiled in: a sweep compiles anew for
 # each of its values (study/reuse.py) until it is a field here, too.
 FIELDS_OF_A_MIX = ("density", "plastic_viscosity", "yield_value", "critical_strain_rate")
 
-NON_AFFINE = 0.6  # c: bond-associated dissipation gives 1/2 (shear) to 2/3 (along the bond), docs/equations.md
-INERTIAL = 0.5  # non-affine motion of a thin fluid decays within two natural steps or so: h += 0.5 rho l0^2/step
-SLOWEST = 5e-3  # strain per natural step below which the non-affine resistance of a yield-stress fluid stops growing
+# What of a mix the kernels read from fields: a study compiles once for all values of these (study/reuse.py). Anything
+# else that a material has is compiled in.
+FIELDS_OF_A_MIX = ("density", "plastic_viscosity", "yield_value", "critical_strain_rate")
+
+INERTIAL = 0.5  # hourglass modes of a thin fluid decay within two natural steps or so: h += 0.5 rho l0^2/step
+SLOWEST = 5e-3  # strain per natural step below which the hourglass resistance of a yield-stress fluid stops growing
 STIFFNESS = 75.0  # K = STIFFNESS rho (g H + U^2) times the natural step: that pressure compresses by 1/75 in one pass
 VISCOUS_STIFFNESS = 8.0  # and K >= 8 mu_r: a slow flow is resisted by its viscosity, not by its weight
 # mu_r >= 6 eta and 64 tau_y times the natural step: the stress converges in a few passes; in shorter steps also half
 # the geometric mean of eta and rho H^2/dt, or a plug that stops springs back
 PENALTY = 6.0, 64.0, 0.5
 
-LONG = 2.0  # steps longer than this many of the scene's own take back less of the non-affine resistance
-# Where what yields falls, a solve before the last takes off no more of its residual: the new stress brings as much back
+LONG = 2.0  # steps longer than this many of the scene's own take back less of the hourglass resistance
+# Where what yields falls, a solve before the last one takes off no more of its residual: the new stress brings as much
 EARLY_ENOUGH = 0.1
 QUIET = 0.005  # a flow is quiet where the change of its velocity in a step moves particles by no more of l0
 STILL = 1e-4  # way [l0] in a step below which all is still: each step takes off most of what is left, so not fewer
-
-
-def law_of(materials) -> str:
-    """'newtonian', 'bingham' (true yield value) or 'bi-viscosity' (a critical strain rate is given), of a material or
-    of mixes that are of one law."""
-    yielding = [m for m in (materials if isinstance(materials, tuple) else (materials,)) if not m.newtonian]
-    if not yielding:
-        return "newtonian"
-    return "bingham" if yielding[0].critical_strain_rate is None else "bi-viscosity"
 
 
 def longest_step(
@@ -49,19 +44,12 @@ def longest_step(
     )
 
 
-def resting_time(materials) -> float:
-    """Time [s] in which flow decays, the longest eta/tau_y of the mixes, 0.2 s at least; infinite if one of them never
-    comes to rest: only a true yield value brings a body to rest."""
-    if any(m.newtonian or m.yield_value == 0.0 or m.critical_strain_rate is not None for m in materials):
-        return float("inf")
-    return max(0.2, *(m.plastic_viscosity / m.yield_value for m in materials))
-
-
 @ti.data_oriented
 class Constants:
-    """Constants of each mix and scales of the scene; ``set_materials`` fills them in."""
+    """Constants of each mix and scales of the scene; ``set_problem`` fills them in."""
 
-    def __init__(self, particles, mixes: int):
+    def __init__(self, particles, problem):
+        mixes = len(problem.materials)
         self.particles, self.mixes = particles, mixes
         of_mix = [ti.field(real(), mixes) for _ in range(6)]
         self.density, self.eta, self.tau_y, self.pi_c = of_mix[:4]  # [kg/m3], [Pa s], [Pa], [1/s]
@@ -79,9 +67,18 @@ class Constants:
         self.quiet = self.still = 0.0  # change of the velocity, and velocity, times the step: its limits [m]
         self.viscous, self.plastic, self.stiff = [], [], 0.0  # parts of mu_r, one each of a mix, and of K [Pa s]
         self.stretched = 0.0  # step over max_time_step that mu_r and K are for, 1 at least
+        self.set_problem(problem)
 
-    def set_materials(self, scene, materials, numerics) -> None:
-        """The numbers of these mixes in this scene, which is as high and as fast as it will be."""
+    @staticmethod
+    def carried(problem) -> dict[str, Carried]:
+        """What the particles carry for it: the number of their mix, where there are several."""
+        return {"mix": Carried("number of the mix", "-", "integer")} if len(problem.materials) > 1 else {}
+
+    def set_problem(self, problem) -> None:
+        """The numbers of the mixes of a problem of the same law and geometry, which is as high and as fast as it will
+        be; what is compiled stays."""
+        scene, materials, numerics = problem.expected, problem.materials, problem.numerics
+        self.materials = materials
         height = float(scene.fluid[:, -1].max() - scene.fluid[:, -1].min()) + scene.spacing
         gravity = float((scene.gravity_vector**2).sum() ** 0.5)
         speeds = [float((scene.velocity**2).sum(1).max() ** 0.5)] if scene.velocity is not None else []
@@ -93,7 +90,7 @@ class Constants:
         )
         self.max_time_step = self.quiet_step = numerics.max_time_step or longest
         self.early_enough[None] = 0.0
-        if not any(m.newtonian or m.yield_value == 0.0 for m in materials) and quiet > longest:
+        if all(m.yields for m in materials) and quiet > longest:
             self.early_enough[None] = EARLY_ENOUGH
             if numerics.max_time_step is None:
                 self.quiet_step = quiet
@@ -118,7 +115,7 @@ class Constants:
         self.stiff = STIFFNESS * density * head * min(step, self.max_time_step)
         self.drive[None] = density * head / height
         self.stretched = 0.0
-        self.stretch(self.max_time_step)
+        self.set_time_step(self.max_time_step)
 
     def longest_at(self, max_speed: float, acceleration: float) -> float:
         """Longest step [s] at a largest speed [m/s] and an acceleration [m/s2], the root of its mean square:
@@ -128,17 +125,16 @@ class Constants:
             longest = min(self.quiet_step, math.sqrt(self.quiet / max(acceleration, 1e-30)))
         return longest
 
-    def stretch(self, dt: float) -> bool:
+    def set_time_step(self, dt: float) -> None:
         """mu_r and K for a step of dt [s]: larger in one longer than max_time_step, where less inertia resists what the
-        passes leave out of balance. Were they others before?"""
+        iterations leave out of balance."""
         last, self.stretched = self.stretched, max(1.0, dt / self.max_time_step)
         if self.stretched == last:
-            return False
+            return
         penalties = [max(viscous, self.stretched * p) for viscous, p in zip(self.viscous, self.plastic, strict=True)]
         for k, mu_r in enumerate(penalties):
             self.mu_r[k] = mu_r
         self.bulk[None] = max(self.stiff, VISCOUS_STIFFNESS * max(penalties))
-        return True
 
     @ti.func
     def mix(self, i):
@@ -147,6 +143,11 @@ class Constants:
         if ti.static(self.mixes > 1):
             mix = self.particles.mix[i]
         return mix
+
+    @ti.func
+    def density_of(self, i):
+        """Density of particle i [kg/m3]."""
+        return self.density[self.mix(i)]
 
     @ti.func
     def pressed(self, p):

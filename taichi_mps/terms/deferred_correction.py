@@ -1,4 +1,4 @@
-"""The part of the resistance to non-affine motion that is taken back: what the change of the gradient explains (I8).
+"""The part of the hourglass resistance that is taken back: what the change of the gradient explains (I8).
 
 Where the velocity is curved, the linear fits at both ends of a bond leave the same, c = (delta_ij + delta_ji)/2, with
 delta_ij = u_j - u_i - G_i r_ij; where particles move past each other they leave opposite motions. Only what the mean of
@@ -14,53 +14,38 @@ gone at once, and fades.
 
 from ..runtime.backend import real, ti
 from ..runtime.stages import stage
+from .constants import LONG
 
 
 @ti.data_oriented
 class DeferredCorrection:
-    """The correction for a velocity; its sums over pairs are kept as in momentum.py."""
+    """The correction for the velocity at the start of a step; its loop over pairs is written as in pair_sums.py."""
 
-    def __init__(self, particles, gradient, system):
-        self.particles, self.gradient, self.system = particles, gradient, system
-        self.neighbors, self.dimension, self.lanes = gradient.neighbors, particles.dimension, system.lanes
-        shape = self.dimension, self.lanes
-        self.G = ti.Matrix.field(*shape, real(), particles.capacity)  # transpose of the gradient of the velocity [1/s]
+    def __init__(self, particles, gradient, sums, constants, strain_rate, resistance):
+        self.particles, self.gradient, self.pair_sums = particles, gradient, sums
+        self.constants, self.strain_rate, self.resistance = constants, strain_rate, resistance
+        self.neighbors, self.dimension, self.lanes = gradient.neighbors, particles.dimension, sums.lanes
         # transpose of the flux before it meets B [N], and last the force of the bonds [N]
-        self.sums = ti.Matrix.field(shape[0] + 1, shape[1], real(), particles.capacity)
+        self.sums = ti.Matrix.field(self.dimension + 1, self.lanes, real(), particles.capacity)
 
-    @ti.func
-    def keep(self, i, G):
-        """G is the gradient at particle i of the velocity that ``gather`` will see."""
-        for a, c in ti.static(ti.ndrange(self.dimension, self.dimension)):
-            self.G[i][c, a] = G[a, c]
-
-    @ti.func
-    def gradient_of(self, i):
-        """The gradient at particle i of the velocity at the start of the step [1/s]."""
-        G = ti.Matrix.zero(float, self.dimension, self.dimension)
-        for a, c in ti.static(ti.ndrange(self.dimension, self.dimension)):
-            G[a, c] = self.G[i][c, a]
-        return self.gradient.tensor(i, G, self.particles.u)
-
-    @stage
-    def gather(self, u: ti.template(), share: float):
-        """The sums over the pairs of all particles at the velocity u; a ``share`` of them is given back."""
+    @stage("correction")
+    def gather(self, dt: float):
+        """The sums over the pairs of all particles at the velocity that they carry, for a step of dt [s]."""
         for i in range(self.particles.count[None]):
-            for a in ti.static(range(self.dimension)):
-                self.system.motion[i][a] = u[i][a]
+            self.pair_sums.set_motion(i, self.particles.u[i])
         for i in range(self.particles.count[None]):
-            self.gather_bonds(i, share)
+            self.gather_bonds(i, ti.min(1.0, LONG * self.constants.own_step[None] / dt))
 
     @ti.func
-    def gather_bonds(self, i, share):
+    def gather_bonds(self, i, part):
         sums = ti.Matrix.zero(float, self.dimension + 1, self.lanes)
-        ui, Gi, hi = self.system.motion[i], self.G[i], self.system.h[i]
+        ui, Gi, hi = self.pair_sums.motion[i], self.strain_rate.G[i], self.resistance.h[i]
         for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
             j = self.neighbors.column[k]
             if j < 0:  # never: the way out
                 break
-            Gj, hj, b, w = self.G[j], self.system.h[j], self.gradient.b[k], self.gradient.weight_r2[k]
-            jump, r = self.system.motion[j] - ui, b / ti.max(w, 1e-12)
+            Gj, hj, b, w = self.strain_rate.G[j], self.resistance.h[j], self.gradient.b[k], self.gradient.weight_r2[k]
+            jump, r = self.pair_sums.motion[j] - ui, b / ti.max(w, 1e-12)
             together = hi * hj / ti.max(hi + hj, 1e-30)
             for a in ti.static(range(self.lanes)):
                 ours, theirs = jump[a], -jump[a]
@@ -71,7 +56,7 @@ class DeferredCorrection:
                 for c in ti.static(range(self.dimension)):
                     sums[c, a] += (hi * ours - resisted) * b[c]
                 sums[self.dimension, a] -= w * (hi * ours - hj * theirs - 2.0 * resisted)
-        self.sums[i] = share * sums
+        self.sums[i] = part * sums
 
     @ti.func
     def force(self, i):

@@ -3,7 +3,7 @@
     u* = u^k + (dt/rho) [ (eta + Lambda) lap u^k + 2 e_ij dLambda/dx_j ] + dt F
 
 Lambda and e belong to u* itself: guess u*, take the strain rate, the viscosity and u* again, until the relative
-change is small. Whether a particle flows is decided anew in every pass. What the paper leaves open, and is taken here:
+change is small. Whether a particle flows is decided anew every time. What the paper leaves open, and is taken here:
 
 - The strain rate is gradient.py's least-squares fit, weighted with w/r^2 and passing through the particle's own
   velocity, over all particles, those of the walls with their own velocity (eqs 22-29). Pi = 2 e:e takes the whole e.
@@ -21,6 +21,7 @@ pi_c = 0.1 1/s, 10 across: 18 times the exact speed after 0.5 s and growing; 20 
 
 from ..particles.particles import DUMMY, FLUID
 from ..runtime.backend import double_field, real, ti
+from ..runtime.stages import flush, stage
 from .rheology import magnitude
 
 BLOCK = 1024  # particles per partial sum: the same bits with any number of threads
@@ -44,11 +45,12 @@ class ExplicitViscosity:
         self.lap_u = ti.Vector.field(d, real(), capacity)  # lap u^k [1/(m s)]
         self.strain_rate = ti.Matrix.field(d, d, real(), capacity)  # e [1/s] of the guess u*0
         self.Lambda = ti.field(real(), capacity)  # tau_y / sqrt(Pi) [Pa s], eqs 5 and 9
+        self.yielded = ti.field(ti.i32, capacity)  # 1 where the material flows
         blocks = (capacity + BLOCK - 1) // BLOCK
         self.partial = double_field(blocks, 2)
         self.block_max = ti.field(real(), blocks)
-        self.error = double_field()  # relative change of u* in the last pass [-]
-        self.largest = ti.field(real(), ())  # largest apparent viscosity eta + Lambda of the last pass [Pa s]
+        self.error = double_field()  # relative change of u* in the last direct iteration [-]
+        self.largest = ti.field(real(), ())  # largest apparent viscosity eta + Lambda of the last iteration [Pa s]
 
     @property
     def largest_possible(self) -> float:
@@ -60,18 +62,22 @@ class ExplicitViscosity:
         return diffusion_number * spacing**2 * self.density / viscosity
 
     def predict(self, dt: float, tolerance: float, limit: int) -> int:
-        """Fill u_star; returns the number of passes of the direct iteration (``limit`` of them at most)."""
+        """Fill u_star; returns the number of direct iterations (``limit`` of them at most, one without a yield
+        stress)."""
         self.start()
-        if self.newtonian:
+        for k in range(1 if self.newtonian else limit):  # noqa: B007  (their number is returned)
             self.rate()
             self.explicit_step(dt)
-            return 1
-        for k in range(limit):
-            self.rate()
-            self.explicit_step(dt)
+            flush()
             if self.error[None] <= tolerance:
-                return k + 1
-        return limit
+                break
+        return k + 1
+
+    @property
+    def largest_of_last_step(self) -> float:
+        """Largest apparent viscosity [Pa s] of the last step."""
+        flush()
+        return float(self.largest[None])
 
     @ti.func
     def laplacian(self, i, u: ti.template()):
@@ -93,7 +99,7 @@ class ExplicitViscosity:
             total += jump * self.gradient.b[k]
         return (self.dimension / self.gradient.n0) * total
 
-    @ti.kernel
+    @stage("predictor")
     def start(self):
         """lap u^k, and u^k as the first guess of u*."""
         for i in range(self.particles.count[None]):
@@ -102,7 +108,7 @@ class ExplicitViscosity:
             if self.particles.kind[i] == FLUID:
                 self.lap_u[i] = self.laplacian(i, self.particles.u)
 
-    @ti.kernel
+    @stage("predictor")
     def rate(self):
         """e, its magnitude sqrt(Pi) = sqrt(2 e:e), and Lambda, flowing or not (eqs 3, 5-7, 9), of the guess."""
         for i in range(self.particles.count[None]):
@@ -115,7 +121,7 @@ class ExplicitViscosity:
                 if ti.static(not self.newtonian):
                     self.Lambda[i] = self.tau_y / ti.max(root_pi, 2.0 * self.pi_c)
 
-    @ti.kernel
+    @stage("predictor")
     def explicit_step(self, dt: float):
         """u* from eq 17, without the gradient of Lambda where unyielded (eq 8); relative change; largest viscosity."""
         for first in range(self.particles.count[None]):
@@ -146,10 +152,23 @@ class ExplicitViscosity:
             self.error[None] = ti.sqrt(total[0] / ti.max(total[1], 1e-300))
             self.largest[None] = largest
 
-    @ti.kernel
+    @stage("predictor")
     def move(self, dt: float):
         """The fluid takes u* and goes to r* = r^k + dt u* (eq 18)."""
         for i in range(self.particles.count[None]):
             if self.particles.kind[i] == FLUID:
                 self.particles.u[i] = self.u_star[i]
                 self.particles.x[i] += ti.cast(dt * self.u_star[i], ti.f64)
+
+    @stage("yielded")
+    def mark_yielded(self):
+        """Flowing where sqrt(Pi) of the last direct iteration reaches 2 pi_c (eqs 1-3)."""
+        for i in range(self.particles.count[None]):
+            self.yielded[i] = 1
+            if ti.static(not self.newtonian):
+                self.yielded[i] = self.particles.shear_rate[i] >= 2.0 * self.pi_c
+
+    @ti.func
+    def density_of(self, i):
+        """Density of particle i [kg/m3]."""
+        return ti.cast(self.density, float)

@@ -8,12 +8,12 @@ import numpy as np
 
 from ..particles.particles import FLUID
 from ..runtime.backend import ti
-from ..runtime.stages import stage
+from ..runtime.stages import flush, stage
 
 # Mean square of the sum of max(0, 1 - r/(1.5 l0)) e_ij inside of a fill, whose root is 0 for a lattice, 0.04 to 0.10
 # for what has flowed (rings 0.22), 0.19 for few rings in layers, 0.25 and 0.58 for a lattice jittered by 0.1 and 0.3 l0
 UNEVEN = 0.23**2
-TIMES = 40  # shifts: then it is as even as what has flowed
+SHIFTS = 40  # shifts: then it is as even as what has flowed
 SAMPLE = 2000  # particles that are looked at, evenly over the rows
 
 
@@ -27,6 +27,7 @@ class InitialRelaxation:
 
     def needed(self) -> bool:
         """Whether the fill is uneven; the neighbours must have been found. In NumPy: a kernel would have to compile."""
+        flush()
         count, neighbors, spacing = self.particles.count[None], self.gradient.neighbors, self.shifting.spacing
         starts, columns = neighbors.row_start.to_numpy(), neighbors.column.to_numpy()
         particles = self.particles.read()
@@ -56,7 +57,7 @@ class InitialRelaxation:
         self.shifting.compute(0.0, 1.0, 1.0)
         self.advance()
 
-    @stage
+    @stage("relaxation")
     def advance(self):
         """x <- x + shift, kept in front of the walls."""
         for i in range(self.particles.count[None]):

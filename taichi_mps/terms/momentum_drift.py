@@ -25,6 +25,13 @@ def free_directions(scene, walls: str) -> np.ndarray:
     return np.eye(d) - np.linalg.pinv(normals) @ normals if len(normals) else np.eye(d)
 
 
+class NoMomentumDrift:
+    """Of a scene whose walls can take momentum in every direction."""
+
+    def restore(self, dt, u):
+        """Nothing."""
+
+
 @ti.data_oriented
 class MomentumDrift:
     """Total momentum of the fluid along the ``directions`` (a projector) of a scene."""
@@ -36,7 +43,7 @@ class MomentumDrift:
         self.g = ti.types.vector(d, ti.f64)(gravity)
         self.excess = ti.Vector.field(d, real(), ())  # velocity that all particles have too much [m/s]
 
-    @stage
+    @stage("momentum")
     def restore(self, dt: float, u: ti.template()):
         """u <- u - P sum m (u - u^n - dt g)/sum m, the velocity u [m/s] of the end of the step."""
         ti.loop_config(serialize=True)
@@ -44,7 +51,7 @@ class MomentumDrift:
             momentum, mass = ti.Vector.zero(ti.f64, self.particles.dimension), ti.cast(0.0, ti.f64)
             for i in range(self.particles.count[None]):
                 if self.particles.kind[i] == FLUID:
-                    m = ti.cast(self.particles.volume(i) * self.constants.density[self.constants.mix(i)], ti.f64)
+                    m = ti.cast(self.particles.volume(i) * self.constants.density_of(i), ti.f64)
                     momentum += m * (ti.cast(u[i], ti.f64) - ti.cast(self.particles.u[i], ti.f64) - dt * self.g)
                     mass += m
             self.excess[None] = ti.cast(self.directions @ (momentum / mass), float)

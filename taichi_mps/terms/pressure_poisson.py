@@ -10,12 +10,14 @@ A_ii = sum w, A_ij = -w, b = (lambda n0/(2 d)) (rho/dt^2) (n* - n0)/n0. Negative
 
 from ..linear.cell_multigrid import CellMultigrid
 from ..linear.csr import SparseMatrix
-from ..linear.pcg import MRPCG
+from ..linear.pcg import HUGE, PCG
 from ..particles.particles import DUMMY, FLUID
 from ..runtime.backend import ti
+from ..runtime.stages import flush, stage
 
+MOST_ITERATIONS = 2000  # of a solve
 FREE_SURFACE = 0.97  # n*/n0 below which a particle lies on the free surface
-DENSITY_SHARE = 0.01  # gamma: share of the density error removed per step by the source 'mixed'
+DENSITY_PART = 0.01  # gamma: part of the density error removed per step by the source 'mixed'
 
 
 @ti.data_oriented
@@ -47,14 +49,15 @@ class PressurePoisson:
         levels = None
         if particles.capacity >= CellMultigrid.PAY_FROM:
             levels = CellMultigrid(self.matrix, bins.cell_start, bins.cell_of, bins.shape, bins.periodic)
-        self.solver = MRPCG(particles.capacity, 1, self.matrix, levels)
+        self.solver = PCG(particles.capacity, 1, self.matrix, levels)
 
     def solve(self, dt: float, tolerance: float) -> None:
         """P^{k+1} into particles.p."""
         self.assemble(dt, self.solver.b, self.solver.x)
         self.balance(self.solver.b)
+        flush()
         self.solver.prepare()
-        self.solver.solve(tolerance, 2000)
+        self.solver.solve(tolerance, MOST_ITERATIONS, HUGE, 0, 1.0, 0.0)
         self.store(self.solver.x)
 
     @ti.func
@@ -71,7 +74,7 @@ class PressurePoisson:
             total += jump.dot(self.gradient.b[k])
         return (self.dimension / self.n0) * total
 
-    @ti.kernel
+    @stage("pressure matrix")
     def assemble(self, dt: float, b: ti.template(), x: ti.template()):
         """Matrix, right-hand side, and the last pressure as the first guess."""
         for i in range(self.particles.count[None]):
@@ -79,7 +82,7 @@ class PressurePoisson:
             if self.carries(i):
                 excess = (self.gradient.n[i] - self.n0) / self.n0
                 if ti.static(self.mixed):
-                    source = self.density / dt * (DENSITY_SHARE / dt * excess - self.divergence(i))
+                    source = self.density / dt * (DENSITY_PART / dt * excess - self.divergence(i))
                 else:
                     source = self.density / (dt * dt) * excess
                 for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
@@ -94,7 +97,7 @@ class PressurePoisson:
             b[i][0] = self.scale * source
             x[i][0] = self.particles.p[i] if diagonal > 0.0 else 0.0
 
-    @ti.kernel
+    @stage("pressure matrix")
     def balance(self, b: ti.template()):
         """A closed box without any free surface knows P up to a constant: take the mean out of b."""
         ti.loop_config(serialize=True)
@@ -112,7 +115,7 @@ class PressurePoisson:
                     if self.carries(i):
                         b[i][0] -= ti.cast(total / unknowns, float)
 
-    @ti.kernel
+    @stage("corrector")
     def store(self, x: ti.template()):
         for i in range(self.particles.count[None]):
             self.particles.p[i] = x[i][0]
@@ -133,7 +136,7 @@ class PressurePoisson:
                 total += (self.dimension / self.n0) * (other - own) * self.gradient.b[k]
         return total
 
-    @ti.kernel
+    @stage("corrector")
     def correct(self, dt: float):
         """u^{k+1} = u* + u' and r^{k+1} = r* + dt u' (eqs 20, 21)."""
         for i in range(self.particles.count[None]):

@@ -3,7 +3,7 @@
 from ..runtime.backend import real, ti
 from ..runtime.stages import stage
 
-SMOOTHING = 0.6  # share of the neighbours' mean in the pressure
+SMOOTHING = 0.6  # weight of the neighbours' mean in the pressure
 READING = 0.75  # the same in a snapshot, twice
 SMOOTHING_SCALE = 1e-3  # strain per step above which the pressure is smoothed fully
 COMPRESSION = 3.0  # mean pressure of a full closed box over the largest viscous stress in it
@@ -22,9 +22,9 @@ class PressureSmoothing:
         self.full = ti.field(ti.i32, ())  # 1 in a closed box without a free surface
 
     @ti.func
-    def mean(self, i, share, pressure: ti.template()):
+    def mean(self, i, fraction, pressure: ti.template()):
         """(1-a) p_i + a sum w (p_j - f rho g.r_ij)/sum w of a ``pressure``, over particles that carry stress, a the
-        ``share``; f fades to zero where p_i is below that of half a layer, for a body in free fall has no hydrostatic
+        ``fraction``; f fades to zero where p_i is below that of half a layer: a body in free fall has no hydrostatic
         part."""
         x = self.particles.x[i]
         total, weight = ti.cast(0.0, float), ti.cast(0.0, float)
@@ -42,12 +42,12 @@ class PressureSmoothing:
                 weight += w
         p = pressure[i]
         if weight > 0.0:
-            p = (1.0 - share) * p + share * total / weight
+            p = (1.0 - fraction) * p + fraction * total / weight
         return p
 
-    @stage
+    @stage("smooth pressure")
     def smooth(self, dt: float):
-        """p~: the mean pressure with the share 0.6 where the material deforms and 0 at rest."""
+        """p~: the mean pressure with the weight 0.6 where the material deforms and 0 at rest."""
         for i in range(self.particles.count[None]):
             self.p[i] = 0.0
             if self.gradient.B[i][0, 0] > 0.0:
@@ -67,8 +67,8 @@ class PressureSmoothing:
             if self.gradient.B[i][0, 0] > 0.0:
                 self.p[i] = self.mean(i, READING, self.once)
 
-    @stage
-    def look(self):
+    @stage("smooth pressure")
+    def find_closed_box(self):
         """Whether this is a full closed box."""
         ti.loop_config(serialize=True)
         for _ in range(1):
@@ -80,26 +80,24 @@ class PressureSmoothing:
                         surface += 1
             self.full[None] = ti.cast(surface == 0 and rows > 0, ti.i32)
 
-    @stage
-    def balance(self, source: ti.template()):
-        """A box full of fluid has no surface to give way: there no mean divergence can be wanted of the ``source``,
-        and the pressure, which is free up to a constant, is kept high enough that nothing is in tension: tension tears
-        voids open."""
+    @stage("prepare")
+    def compress(self):
+        """In a full closed box the pressure, which is free up to a constant, is kept high enough that nothing is in
+        tension: tension tears voids open."""
         ti.loop_config(serialize=True)
         for _ in range(1):
             if self.full[None] == 1:
-                rows, total = ti.cast(0.0, ti.f64), ti.cast(0.0, ti.f64)
-                pressure, momentum = ti.cast(0.0, ti.f64), ti.Vector.zero(ti.f64, self.dimension)
+                volumes, pressure = ti.cast(0.0, ti.f64), ti.cast(0.0, ti.f64)
+                momentum = ti.Vector.zero(ti.f64, self.dimension)
                 fastest, speed2 = ti.cast(0.0, float), ti.cast(0.0, float)
                 for i in range(self.particles.count[None]):
                     if self.gradient.B[i][0, 0] > 0.0:
                         volume = ti.cast(self.particles.volume(i), ti.f64)
-                        rows += volume
-                        total += volume * source[i]
+                        volumes += volume
                         pressure += volume * self.p[i]
                         fastest = ti.max(fastest, self.particles.shear_rate[i])
                         momentum += volume * ti.cast(self.particles.u[i], ti.f64)
-                mean_source, mean_u = ti.cast(total / rows, float), ti.cast(momentum / rows, float)
+                mean_u = ti.cast(momentum / volumes, float)
                 for i in range(self.particles.count[None]):
                     if self.gradient.B[i][0, 0] > 0.0:
                         speed2 = ti.max(speed2, (self.particles.u[i] - mean_u).norm_sqr())
@@ -107,7 +105,21 @@ class PressureSmoothing:
                 for m in range(self.constants.mixes):
                     stress = self.constants.eta[m] * fastest + self.constants.tau_y[m]
                     wanted = ti.max(wanted, COMPRESSION * stress + self.constants.density[m] * speed2)
-                missing = wanted - ti.cast(pressure / rows, float)
+                missing = wanted - ti.cast(pressure / volumes, float)
                 for i in range(self.particles.count[None]):
-                    source[i] -= mean_source
                     self.p[i] += missing
+
+    @stage("stress")
+    def update(self, rate: ti.template(), constraint: ti.template()):
+        """p <- p - K (div u - s) for the velocity gradient ``rate`` and the divergence s that the ``constraint`` wants:
+        the multiplier of the augmented Lagrangian (I5)."""
+        for i in range(self.particles.count[None]):
+            carries = ti.cast(self.gradient.B[i][0, 0] > 0.0, float)
+            excess = rate.velocity_gradient(i).trace() - constraint.divergence[i]
+            self.p[i] -= self.constants.bulk[None] * excess * carries
+
+    @stage("advance")
+    def keep(self):
+        """At the end of a step: the particles carry p."""
+        for i in range(self.particles.count[None]):
+            self.particles.p[i] = self.p[i]

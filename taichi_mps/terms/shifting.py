@@ -5,13 +5,13 @@ from ..particles.particles import FLUID
 from ..runtime.backend import real, sine, ti
 from ..runtime.stages import stage
 
-# Way towards even spacing in a step, and that of what is viscous or has a yield value in tension: at a surface that is
+# Way towards even spacing in a step, and that of what is viscous or has a yield stress in tension: at a surface that is
 # stretched, of twice its shear stress, which bundles its columns at the rate 1.7 T/h, 5.7 per strain; in steps that
 # strain by 0.02 the shift takes back 9 and 38 per strain
-EVENING, STRETCHED_EVENING = 0.1, 0.4
-UNEVENNESS = 0.005  # share of l0: undisturbed, a symmetric lattice gives way late, all at once and with force
+SPREADING, STRETCHED_SPREADING = 0.1, 0.4
+UNEVENNESS = 0.005  # part of l0: undisturbed, a symmetric lattice gives way late, all at once and with force
 # Tension moves a particle out of its place at the rate kappa d (-p)/h, kappa d = 1.7 in the plane and 1.2 in space; the
-# shift takes back 0.19 and 0.23 of its way: as a share of the shift 9 and 5 (-p) dt/h would just do
+# shift takes back 0.19 and 0.23 of its way: as a part of the shift 9 and 5 (-p) dt/h would just do
 TENSION = 60.0
 INSIDE = 0.97  # of the neighbours of a lattice: with fewer a particle lies beside a surface
 
@@ -19,36 +19,48 @@ INSIDE = 0.97  # of the neighbours of a lattice: with fewer a particle lies besi
 @ti.data_oriented
 class Shifting:
     """Small displacements that keep the particles evenly spread where the material deforms and, if it has no yield
-    value (``tears``), where it is in tension."""
+    stress (``tears``), where it is in tension."""
 
-    def __init__(self, particles, gradient, walls, spacing: float, tears: bool):
-        self.particles, self.gradient, self.walls = particles, gradient, walls
-        self.spacing = spacing
+    def __init__(self, particles, gradient, walls, tears: bool):
+        self.particles, self.gradient, self.walls, self.tears = particles, gradient, walls, tears
+        self.spacing = gradient.spacing
         self.shift = ti.Vector.field(particles.dimension, real(), particles.capacity)  # displacement [m]
-        # tension over the shear stress, 1 at most, times the share of what is viscous in the resistance h [-]
+        # tension over the shear stress, 1 at most, times the part of what is viscous in the hourglass resistance [-]
         self.stretched = ti.field(real(), particles.capacity)
-        self.tears = tears
         if tears:
-            self.tension = ti.field(real(), particles.capacity)  # share of the shift that tension calls for [-]
-            self.carried = ti.Vector.field(particles.dimension, real(), particles.capacity)  # mean shift around [m]
+            self.tension = ti.field(real(), particles.capacity)  # part of the shift that tension calls for [-]
+            self.mean = ti.Vector.field(particles.dimension, real(), particles.capacity)  # mean shift of neighbours [m]
+
+    @stage("prepare")
+    def set_tension(self, dt: float, resistance: ti.template(), pressure: ti.template(), stress: ti.template()):
+        """What tension calls for in a step of dt [s]. Without a yield stress min(1, 60 (-p) dt/h) (h_0/h)^2 of the
+        shift, none beside a surface; h is the hourglass ``resistance``, h_0 that of a thin fluid [Pa s]: what is viscous would
+        lose angular momentum by it. A yield stress holds particles in their places."""
+        for i in range(self.particles.count[None]):
+            thin, whole = resistance.thin[i], resistance.whole[i]
+            if ti.static(self.tears):
+                part = ti.cast(0.0, float)
+                if self.gradient.neighbour_count[i] >= INSIDE * self.gradient.full:
+                    part = ti.max(0.0, ti.min(1.0, -TENSION * self.particles.p[i] * dt / whole)) * (thin / whole) ** 2
+                self.tension[i] = part
+            tension = 1.0 - pressure.p[i] / ti.max(stress.size(i), 1e-9)
+            viscous = (1.0 - thin / whole) * (1 - pressure.full[None])  # a full closed box is kept out of tension
+            self.stretched[i] = viscous * ti.max(0.0, ti.min(1.0, tension))
 
     @ti.func
-    def pull(self, i, h, inertial, dt):
-        """Share of the shift, and of the source, that tension calls for [-]: min(1, 60 (-p) dt/h) (h_0/h)^2, none
-        beside a surface; h is the resistance to non-affine motion, h_0 that of a thin fluid [Pa s]: what is viscous
-        would lose angular momentum by it. A yield value holds particles in their places."""
-        share = ti.cast(0.0, float)
+    def acts(self, i, dt, strain):
+        """Part of the shift, and of the wanted divergence, that acts on particle i in a step of dt [s]: 0 at rest to 1
+        where it strains the material by ``strain`` [-], or as much as tension calls for."""
+        part = self.deforming(i, dt, strain)
         if ti.static(self.tears):
-            if self.gradient.neighbour_count[i] >= INSIDE * self.gradient.full:
-                share = ti.max(0.0, ti.min(1.0, -TENSION * self.particles.p[i] * dt / h)) * (inertial / h) ** 2
-            self.tension[i] = share
-        return share
+            part = ti.max(part, self.tension[i])
+        return part
 
-    @stage
-    def compute(self, dt: float, strain_scale: float, least: float):
+    @stage("shift")
+    def compute(self, dt: float, strain: float, least: float):
         """shift = -a l0 sum_j (s_j/s_i) max(0, 1 - r/(1.5 l0)) e_ij + 0.005 l0 e(x) without its outward part at a
         surface, at most 0.05 l0, and 0.05 (0.85 l0 - r) between closer pairs; all of it times
-        min(1, shear_rate dt/strain_scale), ``least`` at least, the sum at least times ``tension``. s is the share of a
+        min(1, shear_rate dt/strain), ``least`` at least, the sum at least times ``tension``. s is the size of a
         ring (gradient.py), e(x) ``uneven``; a is 0.1, of what is viscous and in tension up to 0.4."""
         d = ti.static(self.particles.dimension)
         for i in range(self.particles.count[None]):
@@ -71,11 +83,11 @@ class Shifting:
                 if ti.static(len(self.walls.surfaces) > 0):
                     near += self.walls.crowding(i, x, self.gradient.counts_as(i))
                 uneven = self.uneven(x)
-                deforming = ti.max(least, self.deforming(i, dt, strain_scale))
+                deforming = ti.max(least, self.deforming(i, dt, strain))
                 if ti.static(self.tears):
                     uneven *= ti.min(1.0, deforming / ti.max(self.tension[i], 1e-12))
-                initial_relaxation = EVENING + (STRETCHED_EVENING - EVENING) * self.stretched[i]
-                move = -initial_relaxation * l0 * near + UNEVENNESS * l0 * uneven
+                spreading = SPREADING + (STRETCHED_SPREADING - SPREADING) * self.stretched[i]
+                move = -spreading * l0 * near + UNEVENNESS * l0 * uneven
                 inward = self.gradient.surface_normal[i]
                 outward = -inward / ti.max(inward.norm(), 1e-12)
                 if self.gradient.neighbour_count[i] < INSIDE * self.gradient.full:
@@ -88,9 +100,9 @@ class Shifting:
                     move *= deforming
                 self.shift[i] = move * ti.min(1.0, 0.05 * l0 / ti.max(move.norm(), 1e-12)) + deforming * apart
 
-    @stage
-    def stay(self, dt: float, strain_scale: float):
-        """shift -= (1 - min(1, shear_rate dt/strain_scale)) times its mean over the particle and its neighbours, with
+    @stage("shift")
+    def keep_at_rest(self, dt: float, strain: float):
+        """shift -= (1 - min(1, shear_rate dt/strain)) times its mean over the particle and its neighbours, with
         Wendland's kernel (w/r^2 times re^2) as weight: what hardly deforms must not be carried by the shift, for what
         is carried up flows down, which stirs."""
         neighbors, re2 = self.gradient.neighbors, self.gradient.effective_radius**2
@@ -100,9 +112,9 @@ class Shifting:
                 w = re2 * self.gradient.weight_r2[k]
                 total += w * self.shift[neighbors.column[k]]
                 weight += w
-            self.carried[i] = total / weight
+            self.mean[i] = total / weight
         for i in range(self.particles.count[None]):
-            self.shift[i] -= (1.0 - self.deforming(i, dt, strain_scale)) * self.carried[i]
+            self.shift[i] -= (1.0 - self.deforming(i, dt, strain)) * self.mean[i]
 
     @ti.func
     def deforming(self, i, dt, strain):

@@ -6,7 +6,7 @@ that belongs to it, the first row feels only 77 % of a pressure gradient along t
 In a full vessel their shear stress, too, exceeds the first row's. A drive f = rho g - grad p along a wall makes it
 grow towards the wall, so a ghost at the normal distance h carries f h more than the particle. The first row has the
 stress of its own place then, f l0/2 less than the wall, and would yield late. So the law is averaged over the layer
-between row and wall: while the yield surface lies in it, where the wall carries s = tau_w - tau_y < f l0, the share of
+between row and wall: while the yield surface lies in it, where the wall carries s = tau_w - tau_y < f l0, the weight of
 the excess is 2 s/(f l0) - (s/(f l0))^2, and 1 beyond. Where there is a free surface none of this excess is added: its
 own error, a last row that is held back, balances this one in thin layers.
 """
@@ -17,36 +17,77 @@ from .rheology import deviator
 
 
 @ti.data_oriented
-class WallStress:
-    """Stress along the walls; drive along them and share of the excess of shear stress that acts, of every particle
-    in reach of a no-slip wall. The last two are only to be asked where the vessel is full."""
+class NoWallStress:
+    """Of a scene in which the fluid slips on all walls."""
 
-    def __init__(self, particles, gradient, walls, constants, smoothing, stress, correction, gravity):
+    def start(self):
+        """Nothing."""
+
+    def update(self):
+        """Nothing."""
+
+    @ti.func
+    def force(self, i):
+        return 0.0
+
+
+@ti.data_oriented
+class WallStress:
+    """Stress along the walls; drive along them and weight of the excess of shear stress that acts, of every particle
+    in reach of a no-slip wall. The last two are only asked where the vessel is full."""
+
+    def __init__(self, particles, gradient, walls, constants, strain_rate, pressure, stress, gravity):
         self.particles, self.gradient, self.walls = particles, gradient, walls
-        self.neighbors, self.constants, self.smoothing, self.stress = gradient.neighbors, constants, smoothing, stress
-        self.dimension, self.correction = particles.dimension, correction
+        self.neighbors, self.constants, self.pressure = gradient.neighbors, constants, pressure
+        self.strain_rate, self.stress, self.dimension = strain_rate, stress, particles.dimension
+        self.in_full_vessels = not particles.axisymmetric and any(wall.holds for wall in walls.surfaces)
         self.g = ti.types.vector(self.dimension, real())(gravity)
         self.drive = ti.Vector.field(self.dimension, real(), particles.capacity)  # rho g - grad p [N/m3]
-        self.share = ti.field(real(), particles.capacity)  # of the excess [-]
+        self.weight = ti.field(real(), particles.capacity)  # of the excess [-]
+
+    @ti.func
+    def force(self, i):
+        """Force density [N/m3] of the ghosts' stress on particle i, besides that of its own stress."""
+        force = ti.Vector.zero(float, self.dimension)
+        if ti.static(self.in_full_vessels):  # noqa: SIM102  (a compiled choice stays apart)
+            if self.pressure.full[None] == 1:
+                force = self.excess(i)
+        if self.pressure.full[None] == 0:
+            force = self.along_the_walls(i)
+        return force
+
+    def start(self):
+        """Drive and weight at the start of a step: the weight with which the present stress is in equilibrium."""
+        if self.in_full_vessels:
+            self.set_drive()
+
+    def update(self):
+        """The weight for the stress that the wall carries now."""
+        if self.in_full_vessels:
+            self.set_weight()
+
+    @ti.func
+    def rows(self):
+        """Those of a full vessel, else none."""
+        return self.particles.count[None] * self.pressure.full[None]
 
     @ti.func
     def slope(self, i):
         """grad p [Pa/m] at particle i, from a linear fit to the particles around it."""
         N = ti.Vector.zero(float, self.dimension)
         for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
-            N += (self.smoothing.p[self.neighbors.column[k]] - self.smoothing.p[i]) * self.gradient.b[k]
+            N += (self.pressure.p[self.neighbors.column[k]] - self.pressure.p[i]) * self.gradient.b[k]
         return self.gradient.inverse(self.moment(i), self.gradient.lattice(i)[0]) @ N
 
-    @stage
-    def begin(self):
-        """Drive and share at the start of a step: the share with which the present stress is in equilibrium."""
-        for i in range(self.particles.count[None]):
+    @stage("wall stress")
+    def set_drive(self):
+        for i in range(self.rows()):
             self.drive[i] = ti.Vector.zero(float, self.dimension)
             if self.gradient.B[i][0, 0] > 0.0 and self.near(i):
                 self.drive[i] = self.constants.density[self.constants.mix(i)] * self.g - self.slope(i)
                 over = self.stress.size(i) - self.constants.tau_y[self.constants.mix(i)]
                 s = ti.sqrt(2.0 * ti.max(0.0, over) / ti.max(2.0 * self.half(i), 1e-12))
-                self.share[i] = self.acts(i, s)
+                self.weight[i] = self.acts(i, s)
 
     @ti.func
     def half(self, i):
@@ -55,20 +96,19 @@ class WallStress:
 
     @ti.func
     def acts(self, i, s):
-        """Share of the excess, s over f l0: never more than doubles the stress of the first row."""
-        share = ti.cast(1.0, float)
+        """Weight of the excess, s over f l0: never more than doubles the stress of the first row."""
+        weight = ti.cast(1.0, float)
         if s < 1.0:
-            share = 2.0 * s - s * s
-        return ti.min(share, self.stress.size(i) / ti.max(self.half(i), 1e-12))
+            weight = 2.0 * s - s * s
+        return ti.min(weight, self.stress.size(i) / ti.max(self.half(i), 1e-12))
 
-    @stage
-    def adjust(self):
-        """After a pass: the share for the stress that the wall carries now."""
-        for i in range(self.particles.count[None]):
+    @stage("wall stress")
+    def set_weight(self):
+        for i in range(self.rows()):
             if self.near(i):
                 half = self.half(i)
-                s = self.stress.size(i) + self.share[i] * half - self.constants.tau_y[self.constants.mix(i)]
-                self.share[i] = self.acts(i, ti.max(0.0, s) / ti.max(2.0 * half, 1e-12))
+                s = self.stress.size(i) + self.weight[i] * half - self.constants.tau_y[self.constants.mix(i)]
+                self.weight[i] = self.acts(i, ti.max(0.0, s) / ti.max(2.0 * half, 1e-12))
 
     @ti.func
     def near(self, i):
@@ -102,7 +142,7 @@ class WallStress:
                     along = self.drive[i] - n * n.dot(self.drive[i])
                     depth = self.walls.ghosts.lookup("normal", i, wall, f, x, z, curvature, size)
                     total -= along * (n.dot(self.gradient.B[i] @ n) * depth)
-        return self.share[i] * total
+        return self.weight[i] * total
 
     @ti.func
     def along_the_walls(self, i):
@@ -134,8 +174,8 @@ class WallStress:
         if ti.static(self.stress.law == "bingham"):
             T = self.gradient.in_plane(self.particles.stress[i])
         else:
-            T = self.gradient.in_plane(2.0 * self.stress.system.mu[i] * deviator(self.correction.gradient_of(i)))
-        return T - self.smoothing.p[i] * ti.Matrix.identity(float, self.dimension)
+            T = self.gradient.in_plane(2.0 * self.stress.mu[i] * deviator(self.strain_rate.velocity_gradient(i)))
+        return T - self.pressure.p[i] * ti.Matrix.identity(float, self.dimension)
 
     @ti.func
     def moment(self, i):

@@ -1,0 +1,98 @@
+"""Vector operations of an iterative solver; the only place that knows how rows are summed and masked."""
+
+from ..runtime.backend import double_field, real, ti
+from ..runtime.stages import stage
+from ..runtime.thread_team import first, last, wait
+
+BLOCK = 1024  # rows per partial sum: a dot product has the same bits with any number of threads
+
+
+@ti.data_oriented
+class Vectors:
+    """Operations on vector fields of the first ``count`` of ``capacity`` rows, ``components`` numbers each.
+
+    operator: ``inverse_diagonal``, a matrix field whose zero blocks mark the rows that are no unknowns.
+    """
+
+    def __init__(self, capacity: int, components: int, operator):
+        self.capacity, self.components, self.operator = capacity, components, operator
+        self.count, self.real = operator.count, real()
+        self.partial = double_field((capacity + BLOCK - 1) // BLOCK)
+
+    def field(self):
+        """A new vector field."""
+        return ti.Vector.field(self.components, self.real, self.capacity)
+
+    @stage("dot")
+    def dot(self, a: ti.template(), b: ti.template(), out: ti.template()):
+        """out = (a, b): partial sums of BLOCK rows in f64, then their sum in order."""
+        for start in range(first(self.count[None]), last(self.count[None])):
+            if start % BLOCK == 0:
+                s = ti.cast(0.0, ti.f64)
+                for i in range(start, ti.min(start + BLOCK, self.count[None])):
+                    s += ti.cast(a[i].dot(b[i]), ti.f64)
+                self.partial[start // BLOCK] = s
+        wait()
+        ti.loop_config(serialize=True)
+        for _ in range(first(1), last(1)):
+            s = ti.cast(0.0, ti.f64)
+            for k in range((self.count[None] + BLOCK - 1) // BLOCK):
+                s += self.partial[k]
+            out[None] = s
+        wait()
+
+    @stage("axpy")
+    def axpy(self, alpha: ti.template(), p: ti.template(), x: ti.template(), q: ti.template(), r: ti.template()):
+        """x <- x + alpha p and r <- r - alpha q; nothing where alpha is 0, whatever p and q are."""
+        n = self.count[None] if alpha[None] != 0.0 else 0
+        for i in range(first(n), last(n)):
+            step = ti.cast(alpha[None], self.real)
+            x[i] += step * p[i]
+            r[i] -= step * q[i]
+        wait()
+
+    @stage("xpby")
+    def xpby(self, z: ti.template(), beta: ti.template(), p: ti.template()):
+        """p <- z + beta p."""
+        for i in range(first(self.count[None]), last(self.count[None])):
+            p[i] = z[i] + ti.cast(beta[None], self.real) * p[i]
+        wait()
+
+    @stage("copy")
+    def copy(self, a: ti.template(), b: ti.template(), c: ti.template(), d: ti.template()):
+        """b <- a and d <- c."""
+        for i in range(first(self.count[None]), last(self.count[None])):
+            b[i], d[i] = a[i], c[i]
+        wait()
+
+    @stage("subtract")
+    def subtract(self, a: ti.template(), b: ti.template(), out: ti.template()):
+        """out = a - b, zero in rows that are no unknowns."""
+        for i in range(first(self.count[None]), last(self.count[None])):
+            out[i] = self.masked(i, a[i] - b[i])
+        wait()
+
+    @ti.func
+    def masked(self, i, v):
+        """v, or zero where row i is not an unknown."""
+        return ti.select(ti.abs(self.operator.inverse_diagonal[i]).sum() > 0, v, ti.zero(v))
+
+
+@ti.data_oriented
+class Jacobi:
+    """The preconditioner M^-1 = D^-1, the inverse of the (block) diagonal: the cheapest for few rows."""
+
+    fits_in_a_kernel = True
+
+    def __init__(self, operator):
+        self.operator = operator
+
+    def build(self) -> None:
+        """Nothing: the operator keeps its diagonal."""
+
+    @stage("precondition")
+    def apply(self, r: ti.template(), z: ti.template()):
+        """z = D^-1 r."""
+        for i in range(first(self.operator.count[None]), last(self.operator.count[None])):
+            z[i] = self.operator.inverse_diagonal[i] @ r[i]
+        wait()

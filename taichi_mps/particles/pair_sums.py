@@ -1,0 +1,96 @@
+"""Sums over pairs, written for vector instructions: jumps of the velocity, and pulls of the fluxes.
+
+The two loops over pairs are written for LLVM, which turns them into vector instructions of four numbers if vectors of
+three components are kept as four, if a sum is stored whole and used in another loop only, and if the loop has a way
+out. Without, LLVM takes many pairs at a time, whose numbers it must pick one by one: twice as slow.
+"""
+
+from ..runtime.backend import real, ti
+
+
+@ti.data_oriented
+class PairSums:
+    """What the least-squares gradient and its adjoint (gradient.py) sum over the neighbours of each particle."""
+
+    def __init__(self, particles, gradient, walls):
+        d = particles.dimension
+        self.particles, self.gradient, self.walls = particles, gradient, walls
+        self.neighbors, self.dimension = gradient.neighbors, d
+        lanes = self.lanes = 4 if d == 3 else d
+        self.motion = ti.Vector.field(lanes, real(), particles.capacity)  # velocity whose jumps are summed [m/s]
+        self.pair_drag = ti.field(real(), self.neighbors.pair_capacity)  # (h_i + h_j) w/r^2 of each pair [kg/s]
+        # sums over pairs of u_j - u_i: d rows of its slopes [1/s], one of the drag [N]
+        self.jumps = ti.Matrix.field(d + 1, lanes, real(), particles.capacity)
+        self.flux = ti.Matrix.field(d, lanes, real(), particles.capacity)  # transpose of P = V T B - h G [N m]
+        self.pulls = ti.Matrix.field(d, lanes, real(), particles.capacity)  # sums over pairs of the fluxes, by axis [N]
+
+    @ti.func
+    def set_motion(self, i, u):
+        """Put the velocity u [m/s] of particle i where its neighbours see it."""
+        for a in ti.static(range(self.dimension)):
+            self.motion[i][a] = u[a]
+
+    @ti.func
+    def gather_jumps(self, u: ti.template()):
+        """``jumps`` of the velocity u: walls not included."""
+        for i in range(self.particles.count[None]):
+            self.set_motion(i, u[i])
+        for i in range(self.particles.count[None]):
+            self.gather_jump(i)
+
+    @ti.func
+    def gather_jump(self, i):
+        """jumps_i: the transpose of sum_j (u_j - u_i) (x) b_ij, and the drag, of the velocity ``motion``."""
+        sums = ti.Matrix.zero(float, self.dimension + 1, self.lanes)
+        ui = self.motion[i]
+        for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
+            j = self.neighbors.column[k]
+            if j < 0:  # never: the way out
+                break
+            jump, b, drag = self.motion[j] - ui, self.gradient.b[k], self.pair_drag[k]
+            for c, a in ti.static(ti.ndrange(self.dimension, self.lanes)):
+                sums[c, a] += jump[a] * b[c]
+            for a in ti.static(range(self.lanes)):
+                sums[self.dimension, a] += jump[a] * drag
+        self.jumps[i] = sums
+
+    @ti.func
+    def gather_pull(self, i):
+        """pulls_i of all flux matrices; walls not included."""
+        sums = ti.Matrix.zero(float, self.dimension, self.lanes)
+        Pi = self.flux[i]
+        for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
+            j = self.neighbors.column[k]
+            if j < 0:  # never: the way out
+                break
+            Pj, b = self.flux[j], self.gradient.b[k]
+            for c, a in ti.static(ti.ndrange(self.dimension, self.lanes)):
+                sums[c, a] += (Pi[c, a] + Pj[c, a]) * b[c]
+        self.pulls[i] = sums
+
+    @ti.func
+    def velocity_gradient(self, i, u: ti.template(), motion):
+        """That of ``gradient``, once the jumps of u are gathered."""
+        H = ti.Matrix.zero(float, self.dimension, self.dimension)
+        for a, c in ti.static(ti.ndrange(self.dimension, self.dimension)):
+            H[a, c] = self.jumps[i][c, a]
+        if ti.static(len(self.walls.surfaces) > 0):
+            H += self.walls.gradient_term(i, self.particles.x[i], u[i], motion, self.gradient.counts_as(i))
+        return self.gradient.tensor(i, H @ self.gradient.B[i], u)
+
+    @ti.func
+    def set_flux(self, i, P):
+        """Put the matrix P of particle i into ``flux``."""
+        for a, c in ti.static(ti.ndrange(self.dimension, self.dimension)):
+            self.flux[i][c, a] = P[a, c]
+
+    @ti.func
+    def force(self, i):
+        """Force [N] on particle i of all flux matrices, once gathered; walls included."""
+        P = ti.Matrix.zero(float, self.dimension, self.dimension)
+        for a, c in ti.static(ti.ndrange(self.dimension, self.dimension)):
+            P[a, c] = self.flux[i][c, a]
+        force = self.gradient.own_force(i, P)
+        for c, a in ti.static(ti.ndrange(self.dimension, self.dimension)):
+            force[a] += self.pulls[i][c, a]
+        return force

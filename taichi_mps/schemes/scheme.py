@@ -1,0 +1,115 @@
+"""What a scheme is, and what all schemes stand on: particles, neighbours and walls of a problem."""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from ..boundaries import walls as boundaries
+from ..geometry.walls import Plane
+from ..particles.gradient import Gradient
+from ..particles.kernels import PACKING, PACKING_IN_PLANE, lattice_sums, mps_weight, smooth_weight
+from ..particles.neighbors import Bins, NeighborList
+from ..particles.particles import DUMMY, FLUID, WALL, Carried, Particles
+from .step_report import StepReport
+
+
+@dataclass(frozen=True)
+class Motion:
+    """How fast things move."""
+
+    speed: float  # largest, walls and jets included [m/s]
+    acceleration: float  # root mean square, of the last step [m/s2]; infinite before the first
+
+
+class Scheme(Protocol):
+    """A time scheme: it owns its whole step, neighbour search and motion of the walls included."""
+
+    REMEDY: str  # what a user can do where it diverges
+
+    def time_step_limits(self, motion: Motion) -> dict[str, float]:
+        """Largest allowed steps [s] by name, for what moves now."""
+
+    def step(self, dt: float) -> StepReport:
+        """Advance the particles by dt [s]. CapacityError where the neighbour list is too short for what it meets,
+        EscapedError where particles leave the domain: then the state is that of no time."""
+
+    def relax(self) -> None:
+        """Before the first step: even out an uneven fill, where the scheme needs it."""
+
+    def fields_to_read(self, count: int) -> dict:
+        """Arrays (count, ...) that a snapshot shows besides what the particles carry: yielded, and p where it is read
+        in another way than carried."""
+
+    def state(self) -> dict:
+        """Scalars that the scheme carries from step to step, besides what the particles carry."""
+
+    def load(self, state: dict) -> None:
+        """Go on from a state."""
+
+
+class Discretisation:
+    """Particles, neighbour list, walls and gradient of a problem.
+
+    ``carried``: what the terms of a scheme want the particles to carry; ``pairs_per_particle``: room for neighbours,
+    over those of a full lattice.
+    """
+
+    def __init__(self, problem, carried: dict[str, Carried], to_come: int, pairs_per_particle: float):
+        scene, d = problem.scene, problem.scene.dimension
+        walls = surfaces(problem)
+        start = initial_state(problem)
+        volumes = np.resize(problem.expected.volumes, len(start["x"]))
+        carried = carried | boundaries.carried(walls)
+        self.particles = Particles(start, volumes, carried, scene.axisymmetric, to_come)
+        self.wall_particles = int((start["kind"] != FLUID).sum())
+        self.lattice = lattice_sums(d, scene.spacing, problem.effective_radius, *kernels(problem))
+        bins = Bins(self.particles, scene.domain, scene.periodic_axes, problem.effective_radius)
+        room = int(pairs_per_particle * self.lattice.neighbours * self.particles.capacity) + 64
+        self.neighbors = NeighborList(bins, room)
+        self.walls = boundaries.Walls(
+            walls,
+            d,
+            scene.spacing,
+            problem.effective_radius,
+            self.particles.capacity,
+            rings=scene.axisymmetric,
+            particles=self.particles,
+            plastic_viscosity=scene.material.plastic_viscosity,
+            weight=self.lattice.weight,
+            packing_kernel=self.lattice.packing_kernel,
+        )
+        self.gradient = Gradient(self.neighbors, self.walls, self.lattice, scene.spacing)
+
+
+def surfaces(problem) -> tuple:
+    """The walls that are surfaces: none where walls are particles; the axis is a mirror plane of rings."""
+    if problem.numerics.walls == "particles":
+        return ()
+    axis = (Plane((0.0, 0.0), (1.0, 0.0), mirror=True),) if problem.scene.axisymmetric else ()
+    return (*axis, *problem.scene.walls)
+
+
+def kernels(problem) -> tuple:
+    """Weight of the gradient and kernel of the packing: the paper's weight in its own scheme."""
+    semi_implicit = problem.scheme == "semi-implicit"
+    in_plane = problem.scene.dimension == 2 and not problem.scene.axisymmetric and not semi_implicit
+    return mps_weight if semi_implicit else smooth_weight, PACKING_IN_PLANE if in_plane else PACKING
+
+
+def initial_state(problem) -> dict:
+    """Arrays of what is there at 0 s: the fluid, first layers of inlets included, and behind it the wall particles, of
+    which those deeper than a spacing are dummies."""
+    scene = problem.scene
+    start = {"x": scene.initial, "u": scene.initial_velocity, "mix": scene.initial_mixes}
+    start["kind"] = np.full(len(scene.initial), FLUID)
+    if not problem.wall_particles:
+        return start
+    wall = np.asarray(scene.wall_particles, float)
+    depth = np.max([-surface.distance(wall) for surface in scene.walls], axis=0)
+    return {
+        "x": np.vstack([start["x"], wall]),
+        "u": np.vstack([start["u"], np.zeros_like(wall)]),
+        "mix": np.concatenate([start["mix"], np.zeros(len(wall))]),
+        "kind": np.concatenate([start["kind"], np.where(depth < scene.spacing, WALL, DUMMY)]),
+    }
