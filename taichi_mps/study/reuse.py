@@ -56,11 +56,9 @@ class Compiled:
         """The Simulation of a problem of this shape, at its start; the one handed out before is over."""
         require_room()
         sim = self.sim
-        self.scheme.set_materials(problem.expected, problem.materials)
-        sim.scene = problem.scene
+        self.scheme.set_problem(problem)
+        sim.problem, sim.scene = problem, problem.scene
         sim.load(self.beginning)
-        sim._walls_at = 0.0
-        sim.walls.place(0.0)
         sim._schedules, sim._each_step, sim.stopped_by = [], [], None
         sim._clock = time.process_time(), time.perf_counter()
         sim.compile_seconds = sim.cpu_seconds = sim.wall_seconds = 0.0
