@@ -21,7 +21,6 @@ import numpy as np
 import pytest
 from hypothesis import currently_in_test_context, event, given, settings
 from hypothesis import strategies as st
-from tests.support.recorded import Falling
 
 import taichi_mps as mps
 from taichi_mps.cli import main as cli
@@ -34,9 +33,10 @@ from taichi_mps.io.recorder import Recorder
 from taichi_mps.io.run_folder import RunFolder
 from taichi_mps.io.vtkhdf import Trajectory
 from taichi_mps.problem import catalogue
-from taichi_mps.problem.problem import Problem
 from taichi_mps.problem.numerics import NUMERICS
+from taichi_mps.problem.problem import Problem
 from taichi_mps.viz import film
+from tests.support.recorded import Falling
 
 if settings.get_current_profile_name() == "default":
     settings.load_profile("quick")
