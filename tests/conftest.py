@@ -1,9 +1,16 @@
-"""One Taichi per test module: a process holds at most 512 trees of fields, and init drops them all."""
+"""One Taichi per test module: a process holds at most 512 trees of fields, and init drops them all.
+
+LONGEST and CORE name files by their place in tests/; what they name must exist.
+"""
+
+from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
 
 from taichi_mps.runtime import backend
+
+TESTS = Path(__file__).parent
 
 slow = {"deadline": None, "suppress_health_check": list(HealthCheck)}
 settings.register_profile("thorough", max_examples=2000, **slow)  # --hypothesis-profile thorough
@@ -16,10 +23,70 @@ def taichi():
 
 
 # files of 20 s and more, the longest first: at the end of a run no worker waits for another's long file
-LONGEST = ("cli", "semi_implicit", "axisymmetric", "pay_for_use", "validation", "mirror", "implicit", "mrpcg")
-LONGEST += ("notebooks", "grid_levels", "scenes", "walls", "volume", "solids")
-PLACE = {f"test_{name}.py": place for place, name in enumerate(LONGEST)}
+LONGEST = (
+    "cli/test_cli.py",
+    "schemes/test_semi_implicit.py",
+    "schemes/test_axisymmetric.py",
+    "simulation/test_pay_for_use.py",
+    "validation/test_validation.py",
+    "boundaries/test_mirror.py",
+    "schemes/test_implicit.py",
+    "linear/test_pcg.py",
+    "viz/test_notebooks.py",
+    "linear/test_node_multigrid.py",
+    "scenes/test_scenes.py",
+    "boundaries/test_walls.py",
+    "simulation/test_volume.py",
+    "geometry/test_solid.py",
+)
+
+# each term, solver and wall, and a resume, in three minutes on two cores: what .ci/run repeats without the speed
+# patches and on the other kernel language
+CORE = (
+    "runtime/test_backend.py",
+    "runtime/test_workarounds.py",
+    "runtime/test_field_io.py",
+    "runtime/test_stages.py",
+    "runtime/test_thread_team.py",
+    "particles/test_gradient.py",
+    "particles/test_neighbors.py",
+    "linear/test_pcg.py",
+    "linear/test_node_multigrid.py",
+    "boundaries/test_friction.py::test_newtonian_film_slips_by_the_wall_stress_over_the_viscous_constant",
+    "boundaries/test_mirror.py::test_symmetric_linear_fields_have_the_gradient_of_the_whole",
+    "boundaries/test_moving_walls.py::test_force_at_a_thin_wall_is_the_negative_transpose_of_the_gradient",
+    "boundaries/test_walls.py::test_hydrostatic_pressure_carries_the_weight",
+    "boundaries/test_walls.py::test_force_at_curved_walls_is_the_negative_transpose_of_the_gradient",
+    "terms/test_deferred_correction.py",
+    "terms/test_flow_curves.py::test_a_thixotropic_law_of_ones_own_comes_to_rest",
+    "terms/test_initial_relaxation.py::test_a_jittered_fill_is_even_after_it_fills_the_same_room_and_is_in_front_of_the_floor",
+    "terms/test_momentum.py",
+    "terms/test_momentum_drift.py::test_a_block_that_collapses_on_a_frictionless_floor_stays_where_it_is",
+    "terms/test_pressure_smoothing.py",
+    "terms/test_rheology.py",
+    "terms/test_wall_stress.py::test_a_channel_on_its_lattice_hardly_slides_past_its_walls",
+    "schemes/test_axisymmetric.py::test_forces_are_the_negative_transpose_of_the_gradient",
+    "schemes/test_axisymmetric.py::test_the_cone_slumps_as_the_finite_elements",
+    "schemes/test_implicit.py::test_film_stands_below_its_yield_value_and_flows_above",
+    "schemes/test_semi_implicit.py::test_laplacian_is_exact_on_the_lattice",
+    "schemes/test_semi_implicit.py::test_poisson_matrix_is_symmetric_positive_definite_and_equals_a_dense_one",
+    "schemes/test_semi_implicit.py::test_a_restart_continues_bit_for_bit",
+    "simulation/test_reproducible.py",
+    "io/test_old_checkpoints.py::test_a_run_of_format_6_goes_on",
+)
+
+
+def pytest_configure():
+    for name in (*LONGEST, *CORE):
+        file, _, test = name.partition("::")
+        if not (TESTS / file).is_file() or f"def {test}" not in (TESTS / file).read_text(encoding="utf-8"):
+            raise pytest.UsageError(f"tests/conftest.py names {name}, which does not exist")
 
 
 def pytest_collection_modifyitems(items):
-    items.sort(key=lambda item: PLACE.get(item.path.name, len(PLACE)))
+    for item in items:
+        file = item.path.relative_to(TESTS).as_posix()
+        if {file, f"{file}::{item.originalname}"} & set(CORE) and not item.get_closest_marker("long"):
+            item.add_marker(pytest.mark.core)
+    place = {TESTS / name: k for k, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: place.get(item.path, len(place)))
