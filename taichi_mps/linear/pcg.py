@@ -14,7 +14,7 @@ import numpy as np
 
 from ..runtime.backend import double_field, ti
 from ..runtime.stages import sequence, stage, team_stage
-from ..runtime.thread_team import first, last, regroup, takes_part, wait
+from ..runtime.thread_team import begins, first, last, regroup, takes_part, wait
 from .vectors import Jacobi, Vectors
 
 HUGE = 1e38  # not (|s| < HUGE) finds NaN and infinity, also under fast_math
@@ -79,27 +79,24 @@ class PCG:
 
     # ---- the solve ------------------------------------------------------------------------------------------
     @sequence("solve")
-    def solve(self, tolerance, limit, most=HUGE, again=0, reduction=1.0, enough=0.0):
+    def solve(self, tolerance, limit=1000, most=HUGE, again=0, reduction=1.0, enough=0.0):
         """Improve x until sqrt((r, z)) <= tolerance sqrt(min((b, M^-1 b), most)), in at most ``limit`` iterations.
 
         Not before sqrt((r, z)) is ``reduction`` times its first value or 1e-4 of the reference; but in any case where
         it is ``enough`` times the first. ``again`` if A, M and x are those that the last solve left: then its
         reference stays, and the solve goes on from there.
         """
-        if again != 0:
-            self.go_on()
-        else:
-            self.load()
-            self.precondition()
-            self.refer(most)
-        self.precondition()
-        self.begin(tolerance, reduction, enough)
-        self.iterate(limit)
+        self.start(most, again)
+        self.iterate(limit, tolerance, reduction, enough)
         return self.iterations[None]
 
     @team_stage("iterate")
-    def iterate(self, limit):
-        """Lines 2 to 9 of Saad's algorithm 9.1."""
+    def iterate(self, limit, tolerance, reduction, enough):
+        """Saad's algorithm 9.1 from line 2 on; a thread that joins late goes on with the iterations."""
+        if begins():
+            self.set_target(tolerance, reduction, enough)
+            self.vectors.copy(self.z, self.p)
+            regroup()
         while takes_part() and self.running(limit):
             self.A.apply(self.p, self.q)
             self.vectors.dot(self.p, self.q, self.pq)
@@ -142,31 +139,53 @@ class PCG:
         wait()
 
     # ---- where it starts ------------------------------------------------------------------------------------
-    @team_stage("load")
-    def load(self):
-        """r = b."""
-        self.take_right_hand_side()
+    @sequence("start")
+    def start(self, most, again):
+        """Line 1: r = b - A x and z = M^-1 r; and the reference, min((b, M^-1 b), most)."""
+        if again != 0:
+            self.go_on()
+        else:
+            self.take_right_hand_side()
+        for part in range(again, 2):  # r is first the right-hand side, then the residual
+            self.precondition()
+            if part == 0:
+                self.take_residual(most)
 
-    @stage("load")
+    @team_stage("precondition")
+    def precondition(self):
+        """z = M^-1 r, and (r, z)."""
+        self.M.apply(self.r, self.z)
+        self.vectors.dot(self.r, self.z, self.rz)
+
+    @team_stage("residual")
+    def take_residual(self, most):
+        """The reference; then r = b - A x."""
+        self.bound_reference(most)
+        self.A.apply(self.x, self.q)
+        self.subtract_product()
+
+    @stage("right-hand side")
     def take_right_hand_side(self):
+        """r = b."""
         for i in range(first(self.A.count[None]), last(self.A.count[None])):
             self.r[i] = self.vectors.masked(i, self.b[i])
             self.last_b[i] = self.b[i]
         wait()
 
-    @team_stage("precondition")
-    def precondition(self):
-        """z = M^-1 r."""
-        self.M.apply(self.r, self.z)
+    @stage("residual")
+    def subtract_product(self):
+        """r = b - q, with q = A x; where the solve begins."""
+        for i in range(first(self.A.count[None]), last(self.A.count[None])):
+            self.r[i] = self.vectors.masked(i, self.b[i] - self.q[i])
+            self.first_x[i], self.first_r[i] = self.x[i], self.r[i]
+        wait()
 
-    @team_stage("residual")
-    def refer(self, most):
-        """The reference, min((b, M^-1 b), most); then r = b - A x."""
-        self.vectors.dot(self.r, self.z, self.reference)
-        self.bound(most)
-        self.A.apply(self.x, self.q)
-        self.vectors.subtract(self.b, self.q, self.r)
-        self.vectors.copy(self.x, self.first_x, self.r, self.first_r)
+    @stage("bound")
+    def bound_reference(self, most: ti.f64):
+        ti.loop_config(serialize=True)
+        for _ in range(first(1), last(1)):
+            self.reference[None] = ti.min(self.rz[None], most)
+        wait()
 
     @team_stage("go on")
     def go_on(self):
@@ -176,17 +195,17 @@ class PCG:
         self.vectors.dot(self.p, self.r, self.rz)
         self.vectors.dot(self.p, self.q, self.pq)
         self.find_best_step()
-        self.vectors.copy(self.x, self.first_x, self.r, self.first_r)
         self.vectors.axpy(self.alpha, self.p, self.x, self.q, self.r)
 
     @stage("change")
     def change(self):
-        """p, the last change of x, and q = A p."""
+        """p, the last change of x, and q = A p; where the solve begins."""
         for i in range(first(self.A.count[None]), last(self.A.count[None])):
             self.p[i] = self.x[i] - self.first_x[i]
             self.q[i] = self.first_r[i] - self.r[i]
             self.r[i] += self.vectors.masked(i, self.b[i] - self.last_b[i])
             self.last_b[i] = self.b[i]
+            self.first_x[i], self.first_r[i] = self.x[i], self.r[i]
         wait()
 
     @stage("best step")
@@ -199,23 +218,9 @@ class PCG:
         wait()
 
     # ---- when it stops --------------------------------------------------------------------------------------
-    @stage("bound")
-    def bound(self, most: ti.f64):
-        """The reference is at most this."""
-        ti.loop_config(serialize=True)
-        for _ in range(first(1), last(1)):
-            self.reference[None] = ti.min(self.reference[None], most)
-        wait()
-
-    @team_stage("begin")
-    def begin(self, tolerance, reduction, enough):
-        """(r, z) at the start, what it has to come to, and the first direction."""
-        self.vectors.dot(self.r, self.z, self.rz)
-        self.set_target(tolerance, reduction, enough)
-        self.vectors.copy(self.z, self.p, self.z, self.p)
-
     @stage("set target")
     def set_target(self, tolerance: ti.f64, reduction: ti.f64, enough: ti.f64):
+        """What (r, z) has to come to."""
         ti.loop_config(serialize=True)
         for _ in range(first(1), last(1)):
             self.status[None], self.iterations[None] = RUNNING, 0

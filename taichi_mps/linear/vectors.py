@@ -59,17 +59,10 @@ class Vectors:
         wait()
 
     @stage("copy")
-    def copy(self, a: ti.template(), b: ti.template(), c: ti.template(), d: ti.template()):
-        """b <- a and d <- c."""
+    def copy(self, a: ti.template(), b: ti.template()):
+        """b <- a."""
         for i in range(first(self.count[None]), last(self.count[None])):
-            b[i], d[i] = a[i], c[i]
-        wait()
-
-    @stage("subtract")
-    def subtract(self, a: ti.template(), b: ti.template(), out: ti.template()):
-        """out = a - b, zero in rows that are no unknowns."""
-        for i in range(first(self.count[None]), last(self.count[None])):
-            out[i] = self.masked(i, a[i] - b[i])
+            b[i] = a[i]
         wait()
 
     @ti.func

@@ -27,7 +27,7 @@ from .thread_team import ThreadTeam, enter, leave
 FEW = 3000
 """Rows below which one thread works alone: to start kernels and threads would cost more than the work."""
 
-MOST_NUMBERS = 4  # that the stages of one kernel may be given in all
+MOST_NUMBERS = 8  # that the stages of one kernel may be given in all
 TURN = object()  # the number of the present turn of ``repeat``
 
 
@@ -65,11 +65,11 @@ def fused(calls):
     """A kernel of one thread: calls one after the other, some times."""
 
     @ti.kernel
-    def run(times: ti.i32, a: ti.f64, b: ti.f64, c: ti.f64, d: ti.f64):
+    def run(times: ti.i32, a: ti.f64, b: ti.f64, c: ti.f64, d: ti.f64, e: ti.f64, f: ti.f64, g: ti.f64, h: ti.f64):
         ti.loop_config(serialize=True)
         for turn in range(times):
             for call in ti.static(calls):
-                call(turn, a, b, c, d)
+                call(turn, a, b, c, d, e, f, g, h)
 
     return run
 
@@ -78,13 +78,13 @@ def by_team(team, call):
     """A kernel in which a team of threads goes through a call, for so many rows."""
 
     @ti.kernel
-    def run(rows: ti.i32, a: ti.f64, b: ti.f64, c: ti.f64, d: ti.f64):
+    def run(rows: ti.i32, a: ti.f64, b: ti.f64, c: ti.f64, d: ti.f64, e: ti.f64, f: ti.f64, g: ti.f64, h: ti.f64):
         team.open(rows)
         for turn in range(team.turns):
             member = team.join(turn)
             if member >= 0:
                 enter(team, member)
-                call(0, a, b, c, d)
+                call(0, a, b, c, d, e, f, g, h)
                 leave()
                 team.close()
 

@@ -19,7 +19,7 @@ ROWS = 1000  # that make a member worth its waiting
 WELCOME = 20_000  # looks for the others before the first round: some 100 microseconds
 PATIENCE = 100_000  # looks for the others that a wait may take
 OFTEN = 3  # waits that took more, until one thread goes on alone
-REST = 20  # times that it then works alone
+REST = 100  # kernels in which it then works alone
 CLOSED = -1
 
 
@@ -47,12 +47,13 @@ class ThreadTeam:
 
     def __init__(self, threads: int):
         self.threads, self.turns = threads, TURNS * threads
-        numbers = [ti.field(ti.i32, ()) for _ in range(9)]
+        numbers = [ti.field(ti.i32, ()) for _ in range(10)]
         self.most, self.joined, self.size = numbers[:3]  # threads wanted; those that have come; members of this round
         self.admitted = numbers[3]  # those who may begin; CLOSED after the last round
         self.here, self.met = numbers[4:6]  # members who wait, and how often all have met
         self.patience, self.late = numbers[6:8]  # looks that a wait should not exceed, and waits that did
-        self.rest = numbers[8]  # times yet that one thread works alone
+        self.rest = numbers[8]  # kernels yet in which one thread works alone
+        self.founders = numbers[9]  # members of the first round, 0 before
 
     @ti.func
     def open(self, rows):
@@ -60,7 +61,7 @@ class ThreadTeam:
         self.rest[None] = ti.max(0, self.rest[None] - 1)
         self.most[None] = 1 if self.rest[None] > 0 else ti.max(1, ti.min(self.threads, rows // ROWS))
         self.joined[None], self.size[None], self.admitted[None] = 0, 1, 1
-        self.here[None], self.met[None], self.late[None] = 0, 0, 0
+        self.here[None], self.met[None], self.founders[None] = 0, 0, 0
         self.patience[None] = PATIENCE + 10 * rows  # a loop takes some 100 nanoseconds a row, a look 5 or more
 
     @ti.func
@@ -87,6 +88,10 @@ class ThreadTeam:
         return member < self.size[None]
 
     @ti.func
+    def founded_by(self, member):
+        return member < self.founders[None]
+
+    @ti.func
     def first_turn(self, member, n):
         size = self.size[None]
         return n // size * member + ti.min(member, n % size)
@@ -110,12 +115,14 @@ class ThreadTeam:
     @ti.func
     def regroup(self):
         """Until all members are here; who has come meanwhile is one of them from now on. Where they had to wait for
-        each other too often, because others use the processor, the first goes on alone, the next REST times, too."""
+        each other too often, because others use the processor, the first goes on alone, also in the next REST kernels."""
         met = look(self.met)
         if ti.atomic_add(self.here[None], 1) == self.size[None] - 1:
             if self.late[None] >= OFTEN:
-                self.rest[None], self.most[None] = REST, 1
+                self.rest[None], self.most[None], self.late[None] = REST, 1, 0
             size = ti.min(look(self.joined), self.most[None])
+            if self.founders[None] == 0:
+                self.founders[None] = size
             self.size[None], self.here[None] = size, 0
             ti.atomic_add(self.met[None], 1)
             ti.atomic_max(self.admitted[None], size)
@@ -175,6 +182,13 @@ def wait():
     team = _team()
     if team:
         team.meet()
+
+
+@_known
+def begins():
+    """Whether the thread is here from the beginning: one that joins late goes on with the rounds."""
+    team = _team()
+    return team.founded_by(_here.member) if team else True
 
 
 @_known
