@@ -18,6 +18,7 @@ from ..geometry.walls import Cylinder, Plane
 from ..particles.kernels import PACKING, mps_weight
 from ..particles.particles import Carried
 from ..runtime.backend import double_field, real, ti
+from ..runtime.stages import stage
 from .friction import WallFriction
 from .ghosts import COUNTED, GhostSums, meeting, wedges
 from .surfaces import Flat, Round, Sampled
@@ -109,13 +110,18 @@ class Walls:
     def move_to_middle(self, dt: float) -> None:
         """Put the walls where they are in the middle of a step of dt [s]."""
         if self.travel:
-            self.clock[None] = self.time + 0.5 * dt
+            self.set_clock(self.time + 0.5 * dt)
 
     def move_to_end(self, dt: float) -> None:
         """Put the walls where they are at the end of a step of dt [s], from its middle."""
         if self.travel:
-            self.clock[None] = self.clock[None] + 0.5 * dt
+            self.set_clock(self.time + 0.5 * dt + 0.5 * dt)
         self.time += dt
+
+    @stage("walls")
+    def set_clock(self, time: ti.f64):
+        """Put the walls that travel where they are at this time [s]."""
+        self.clock[None] = time
 
     @ti.func
     def moments(self, i, x, share):

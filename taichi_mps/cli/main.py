@@ -51,12 +51,12 @@ def run(argv) -> int:
 
     folder = RunFolder(options.out or Path("renders") / scene.name)
     folder.check()
-    Problem(scene, method)
+    problem = Problem(scene, method)
     with lock.held(folder.path):
         start(options)
         from ..simulation.simulation import Simulation
 
-        sim = Simulation(scene, method, profile=options.profile)
+        sim = Simulation(problem, profile=options.profile)
         return carry_out(sim, folder, options, catalogue.source(arguments.scene), arguments.json)
 
 
@@ -84,9 +84,9 @@ def resume(argv) -> int:
         scene = state.scene(options.until, arguments.scene)
         if options.until:
             scene = replace(scene, until=options.until)
-        state.admit(scene)
+        problem = state.admit(scene)
         start(options)
-        sim = state.simulation(scene, profile=options.profile)
+        sim = state.resume(problem, profile=options.profile)
         if remark:
             os.replace(checkpoint.previous(newest), newest)  # so that the next one does not replace the good one
         return carry_out(sim, folder, options, state.header["source"], arguments.json, resumed=True)

@@ -97,13 +97,14 @@ class Checkpoint:
             )
         return scene
 
-    def admit(self, scene: Scene) -> None:
-        """SceneError unless the scene can be computed and the state is one of its particles."""
+    def admit(self, scene: Scene) -> Problem:
+        """The scene with the numerics of the run; SceneError unless it can be computed and the state is one of its
+        particles."""
         if particles_digest(scene) != self.header["fluid"]:
             raise SceneError(
                 f"checkpoint: scene {self.header['source']} no longer makes the particles that it was written with"
             )
-        Problem(scene, self.numerics)
+        problem = Problem(scene, self.numerics)
         for key, value in self.state.items():
             if isinstance(value, np.ndarray) and not np.all(np.isfinite(value)):
                 raise SceneError(f"checkpoint: a value of {key} is not a finite number")
@@ -116,6 +117,7 @@ class Checkpoint:
                 f"checkpoint: pouring = {poured!r:.60}: must be a number of layers and a delay for each inlet of the "
                 f"scene; they have {layers} layers"
             )
+        return problem
 
     @property
     def numerics(self):
@@ -124,11 +126,13 @@ class Checkpoint:
 
     def simulation(self, scene: Scene | None = None, profile: bool = False):
         """A Simulation that continues from here. Taichi must be started (``taichi_mps.init``)."""
+        return self.resume(self.admit(scene or self.scene()), profile)
+
+    def resume(self, problem: Problem, profile: bool = False):
+        """The same, for a problem that was admitted."""
         from ..simulation.simulation import Simulation
 
-        scene = scene or self.scene()
-        self.admit(scene)
-        sim = Simulation(scene, self.numerics, profile=profile)
+        sim = Simulation(problem, profile=profile)
         rows = sim.particles.count[None]
         for pouring, (entered, _) in zip(sim.pouring, self.state.get("pouring", []), strict=True):
             rows += (entered - pouring.entered) * len(pouring.layer)

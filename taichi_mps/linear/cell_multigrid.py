@@ -10,6 +10,7 @@ from itertools import product
 import numpy as np
 
 from ..runtime.backend import double_field, ti
+from ..runtime.stages import flush
 from .csr import SparseMatrix
 from .vectors import Jacobi
 
@@ -101,6 +102,7 @@ class CellMultigrid:
 
     def build(self) -> None:
         """Galerkin operators of all levels for the matrix as it is now, where they pay."""
+        flush()
         self.pays = self.matrix.count[None] >= self.PAY_FROM
         if not self.pays:
             return
@@ -119,6 +121,7 @@ class CellMultigrid:
 
     def apply(self, r, z) -> None:
         """z = M^-1 r; D^-1 r where there are too few rows for more to pay."""
+        flush()
         if not self.pays:
             self.jacobi.apply(r, z)
             return

@@ -6,7 +6,7 @@ Computational Physics 188 (2003), 593-610 (Chebyshev smoothing).
 """
 
 from ..runtime.backend import real, ti
-from ..runtime.stages import sequence, stage
+from ..runtime.stages import flush, sequence, stage
 from ..runtime.thread_team import first, last, wait
 from .node_operators import NodeOperators
 from .vectors import Jacobi
@@ -61,6 +61,7 @@ class NodeMultigrid(NodeOperators):
 
     def build(self) -> None:
         """The operators of all grids, where they pay."""
+        flush()
         self.pays[None] = int(self.operator.count[None] >= self.PAY_FROM)
         if self.pays[None]:
             super().build()
@@ -68,6 +69,7 @@ class NodeMultigrid(NodeOperators):
     @sequence("cycle")
     def apply(self, r, z):
         """z = M^-1 r; D^-1 r where there are too few rows for more to pay."""
+        flush()
         if self.pays[None] == 1:
             self.collect(r)
             self.gather()

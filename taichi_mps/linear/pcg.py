@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..runtime.backend import double_field, ti
-from ..runtime.stages import sequence, stage, team_stage
+from ..runtime.stages import flush, sequence, stage, team_stage
 from ..runtime.thread_team import begins, first, last, regroup, takes_part, wait
 from .vectors import Jacobi, Vectors
 
@@ -73,6 +73,7 @@ class PCG:
 
     def report(self) -> SolveReport:
         """Of the last solve."""
+        flush()
         reference = self.reference[None]
         residuals = [float(np.sqrt(abs(rz[None] / reference))) if reference else 0.0 for rz in (self.rz_first, self.rz)]
         return SolveReport(STATUS[self.status[None]], self.iterations[None], residuals)
@@ -88,6 +89,7 @@ class PCG:
         """
         self.start(most, again)
         self.iterate(limit, tolerance, reduction, enough)
+        flush()
         return self.iterations[None]
 
     @team_stage("iterate")
@@ -110,6 +112,7 @@ class PCG:
 
     @ti.pyfunc
     def running(self, limit):
+        flush()
         return self.status[None] == RUNNING and self.iterations[None] < limit
 
     @stage("find alpha")

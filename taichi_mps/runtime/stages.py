@@ -1,12 +1,13 @@
 """Stages of a time step, written once; how they are launched is decided here, and nobody else knows it.
 
-To start a kernel takes 5 to 30 microseconds, each loop in it that is spread over threads another 5 to 9, or 15 to 70
+To start a kernel takes some 30 microseconds, each loop in it that is spread over threads another 5 to 9, or 15 to 70
 where they must be woken, to read a number from Python 7: more than the arithmetic of a few hundred particles. So an
-``Execution`` launches the stages of a step in one of these ways:
+``Execution`` keeps the stages that are called and launches them together, where Python has to look at a result:
 
-    launched   each stage is a kernel, whose loops Taichi spreads over the threads; what a ``@team_stage`` is made of is
-               gone through by a team of threads (thread_team.py), on a GPU operation by operation
-    fused      few rows: what stands between two looks from Python becomes one kernel of one thread
+    fused      few rows: what stands between two looks becomes one kernel of one thread, solves and all
+    grouped    many rows: kernels that follow each other become one, whose loops Taichi spreads over the threads; a
+               ``@team_stage`` is gone through by a team of threads (thread_team.py), on a GPU stage by stage
+    timed      each stage by itself
 
 A method becomes a stage by a decorator:
 
@@ -74,6 +75,17 @@ def fused(calls):
     return run
 
 
+def grouped(calls):
+    """A kernel of all threads: calls one after the other."""
+
+    @ti.kernel
+    def run(turn: ti.i32, a: ti.f64, b: ti.f64, c: ti.f64, d: ti.f64, e: ti.f64, f: ti.f64, g: ti.f64, h: ti.f64):
+        for call in ti.static(calls):
+            call(turn, a, b, c, d, e, f, g, h)
+
+    return run
+
+
 def by_team(team, call):
     """A kernel in which a team of threads goes through a call, for so many rows."""
 
@@ -116,11 +128,14 @@ class Execution:
 
     def launch(self, stage, arguments):
         """Launch a stage, or keep it for the kernel that is launched next."""
-        if self.fuses and not self.timed:
+        if self.timed:
+            return stage.launch(self, arguments) if self._timing else self._timed_launch(stage, arguments)
+        if self.fuses or stage.is_kernel:
             self._waiting.append((stage, arguments))
             return None
-        if not self.timed or self._timing:
-            return stage.launch(self, arguments)
+        return stage.launch(self, arguments)
+
+    def _timed_launch(self, stage, arguments):
         begin, self._timing = time.perf_counter(), True
         try:
             result = stage.launch(self, arguments)
@@ -136,7 +151,7 @@ class Execution:
         """Launch what waits, some times."""
         if self._waiting:
             calls, self._waiting = self._waiting, []
-            kernel, numbers = self._kernel(calls, fused)
+            kernel, numbers = self._kernel(calls, fused if self.fuses else grouped)
             kernel(times, *numbers)
 
     def by_team(self, stage, arguments) -> bool:
@@ -146,6 +161,7 @@ class Execution:
         alone = self._team is None and (one_thread() or few(self.rows))
         if self._team is None and not alone:
             self._team = ThreadTeam(started()["threads"])
+        self.flush()
         kernel, numbers = self._kernel([(stage, arguments)], fused if alone else self._by_team)
         kernel(1 if alone else self.rows, *numbers)
         return True
@@ -184,19 +200,25 @@ _current: Execution | None = None
 
 
 def flush() -> None:
-    """Before Python looks at a field: launch what waits."""
-    if _current:
+    """Before Python looks at a field: launch what waits. Nothing inside a kernel."""
+    if _current and not ti.lang.impl.inside_kernel():
         _current.flush()
+
+
+flush._is_taichi_function, flush.func = True, SimpleNamespace(has_print=False)
 
 
 def repeat(times: int):
     """``for k in repeat(times)`` over stages: a loop in Python, or the kernel that they make gone through so often."""
-    if _current is None or not _current.fuses or _current.timed:
-        yield from range(times)
-    else:
+    if _current and _current.fuses and not _current.timed:
         _current.flush()
         yield TURN
         _current.flush(times)
+    else:
+        for turn in range(times):
+            flush()
+            yield turn
+        flush()
 
 
 def nothing(*_) -> None:
@@ -217,7 +239,7 @@ def _dual(function, stage):
             arguments = bound.args
         if ti.lang.impl.inside_kernel():
             return stage.part(*arguments)
-        return (_current or _alone()).launch(stage, arguments)
+        return _current.launch(stage, arguments) if _current else _launch_at_once(stage, arguments)
 
     call._is_taichi_function, call.func = True, stage.part.func  # what Taichi asks of a function that a kernel calls
     return call
@@ -228,13 +250,16 @@ def _outside(_program):
     return Execution(1 << 30, fuses=False)
 
 
-def _alone() -> Execution:
-    """That of a stage which is called outside of any simulation."""
-    return _outside(ti.lang.impl.get_runtime().prog)
+def _launch_at_once(stage, arguments):
+    """A stage that is called outside of any Execution."""
+    with _outside(ti.lang.impl.get_runtime().prog).active() as execution:
+        return execution.launch(stage, arguments)
 
 
 class Kernel:
     """A stage of kernel code."""
+
+    is_kernel = True
 
     def __init__(self, name, function):
         self.name = name
@@ -253,6 +278,8 @@ class Kernel:
 
 class Sequence:
     """A stage made of calls of stages."""
+
+    is_kernel = False
 
     def __init__(self, name, function):
         self.name, self.function = name, function

@@ -115,7 +115,7 @@ class ThreadTeam:
     @ti.func
     def regroup(self):
         """Until all members are here; who has come meanwhile is one of them from now on. Where they had to wait for
-        each other too often, because others use the processor, the first goes on alone, also in the next REST kernels."""
+        each other too often, because others use the processor, the first goes on alone, in REST more kernels, too."""
         met = look(self.met)
         if ti.atomic_add(self.here[None], 1) == self.size[None] - 1:
             if self.late[None] >= OFTEN:

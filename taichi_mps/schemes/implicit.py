@@ -74,7 +74,7 @@ class Implicit:
         self.operator = MomentumOperator(*fluid, sums, walls, self.constants, self.stress, self.resistance)
         known = self.pressure, self.constraint, self.correction, self.wall_stress
         self.source = MomentumSource(self.operator, *known, g)
-        # with a viscosity that depends on the velocity the matrix changes in a step, with friction the walls' part of it
+        # in a step the matrix changes with a viscosity that depends on the velocity, the walls' part of it with friction
         bi_viscosity = problem.law == "bi-viscosity"
         self.assemble_again = self.assemble if bi_viscosity else nothing
         continues = not (bi_viscosity or walls.rub)

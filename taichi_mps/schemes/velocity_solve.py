@@ -3,7 +3,7 @@
 from ..linear.node_multigrid import NodeMultigrid
 from ..linear.pcg import PCG
 from ..runtime.backend import ti
-from ..runtime.stages import sequence
+from ..runtime.stages import flush, sequence
 
 EARLY = 10.0  # only the last solve of a step goes down to the tolerance: the others to ten times that
 # To what a solve reduces its first residual, in the last and in the other iterations: a velocity that just passes would
@@ -36,6 +36,7 @@ class VelocitySolve:
     def solve(self, k, iterations, tolerance):
         """Velocity of the present right-hand side in iteration k of a step."""
         again, reduction, enough = 0, REDUCTION, 0.0
+        flush()
         if k + 1 < iterations:
             tolerance, reduction, enough = EARLY * tolerance, EARLY_REDUCTION, self.constants.early_enough[None]
         if ti.static(self.continues):

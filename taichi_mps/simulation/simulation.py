@@ -27,13 +27,18 @@ PAIRS, PAIRS_OF_RINGS = 1.6, 4.0  # room for neighbours over those of a lattice;
 
 
 class Simulation:
-    """A scene in motion: ``step``, ``run``, ``every``, ``snapshot``, ``summary``."""
+    """A scene in motion: ``step``, ``run``, ``every``, ``snapshot``, ``summary``.
 
-    def __init__(self, scene: Scene, numerics=None, profile: bool = False):
+    ``scene`` with its ``numerics`` (Implicit() by default), or a Problem that has both; ``profile``: time the stages.
+    SceneError for what cannot be computed, before anything is allocated.
+    """
+
+    def __init__(self, scene: Scene | Problem, numerics=None, profile: bool = False):
         started()
         self._clock = time.process_time(), time.perf_counter()
-        self.problem = Problem(scene, numerics)
-        self.scene, self.numerics = scene, self.problem.numerics
+        self.problem = scene if isinstance(scene, Problem) else Problem(scene, numerics)
+        scene = self.scene = self.problem.scene
+        self.numerics = self.problem.numerics
         self._profile = profile
         self._pairs_per_particle = PAIRS_OF_RINGS if scene.axisymmetric else PAIRS
         self.pouring = tuple(Pouring(scene, inlet) for inlet in scene.inlets)
@@ -57,7 +62,7 @@ class Simulation:
         self.scheme = SCHEMES[self.problem.scheme](self.problem, to_come, self._pairs_per_particle)
         self.particles, self.neighbors, self.walls = self.scheme.particles, self.scheme.neighbors, self.scheme.walls
         self.wall_particles = self.scheme.base.wall_particles
-        self.execution = Execution(self.particles.capacity, fuses=not self.walls.travel, timed=self._profile)
+        self.execution = Execution(self.particles.capacity, timed=self._profile)
 
     # ---- stepping -------------------------------------------------------------------------------------------
     def step(self, until: float | None = None) -> StepReport:
@@ -232,6 +237,16 @@ class Simulation:
             **({"pouring": [[pouring.entered, pouring.delay] for pouring in self.pouring]} if self.pouring else {}),
             **self.scheme.state(),
         }
+
+    def restart(self, problem: Problem, state: dict) -> None:
+        """Begin another problem, which differs in its materials' numbers only, from a state(): what is compiled stays.
+        Schedules and callbacks are forgotten."""
+        self._clock = time.process_time(), time.perf_counter()
+        self.problem, self.scene = problem, problem.scene
+        self.scheme.set_problem(problem)
+        self.load(state)
+        self._schedules, self._each_step, self.stopped_by = [], [], None
+        self.compile_seconds = self.cpu_seconds = self.wall_seconds = 0.0
 
     def load(self, state: dict) -> None:
         """Continue from a state()."""

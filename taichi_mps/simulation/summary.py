@@ -1,7 +1,6 @@
 """What describes a whole run, as summary.json has it."""
 
 from .. import __version__
-from ..problem.numerics import NUMERICS
 from ..runtime import backend
 
 
@@ -11,7 +10,8 @@ def summary(sim) -> dict:
     return {
         "scene": sim.scene.name,
         "parameters": dict(sim.scene.parameters),
-        "scheme": next(name for name, kind in NUMERICS.items() if isinstance(sim.numerics, kind)),
+        "materials": [material.facts() for material in sim.problem.materials],
+        "scheme": sim.problem.scheme,
         "numerics": sim.numerics.model_dump(),
         "fluid_particles": sim.fluid_particles,
         "wall_particles": sim.wall_particles,

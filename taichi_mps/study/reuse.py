@@ -5,7 +5,6 @@ from fields (terms/constants.py says which), so another mix of the same law is o
 """
 
 import pickle
-import time
 from dataclasses import fields
 
 from ..problem.materials import Bingham
@@ -43,7 +42,7 @@ class Compiled:
     def __init__(self, problem: Problem):
         self.shape = shape_of(problem)
         self.program = ti.lang.impl.get_runtime().prog
-        self.sim = Simulation(problem.scene, problem.numerics)
+        self.sim = Simulation(problem)
         self.scheme = self.sim.scheme
         self.beginning = self.sim.state()
 
@@ -55,11 +54,5 @@ class Compiled:
     def begin(self, problem: Problem) -> Simulation:
         """The Simulation of a problem of this shape, at its start; the one handed out before is over."""
         require_room()
-        sim = self.sim
-        self.scheme.set_problem(problem)
-        sim.problem, sim.scene = problem, problem.scene
-        sim.load(self.beginning)
-        sim._schedules, sim._each_step, sim.stopped_by = [], [], None
-        sim._clock = time.process_time(), time.perf_counter()
-        sim.compile_seconds = sim.cpu_seconds = sim.wall_seconds = 0.0
-        return sim
+        self.sim.restart(problem, self.beginning)
+        return self.sim
