@@ -1,11 +1,21 @@
-"""Matrices of known solution, their solver and their levels."""
+"""Systems of known solution, the solver on them, and the ways in which its stages are launched."""
 
 import numpy as np
 
+import taichi_mps as mps
 from taichi_mps.linear.cell_multigrid import CellMultigrid
 from taichi_mps.linear.csr import SparseMatrix
-from taichi_mps.linear.pcg import MRPCG
+from taichi_mps.linear.node_multigrid import NodeMultigrid
+from taichi_mps.linear.pcg import HUGE, PCG
+from taichi_mps.linear.vectors import Jacobi
+from taichi_mps.particles.neighbors import Bins, NeighborList
+from taichi_mps.particles.particles import Particles
 from taichi_mps.runtime.backend import real, ti
+from taichi_mps.runtime.stages import Execution, stage
+from taichi_mps.runtime.thread_team import first, last, wait
+
+FUSED = {"rows": 1}  # all stages of a solve are one kernel of one thread
+LAUNCHED = {"rows": 1 << 30}  # a kernel for each part of it, in which a team of threads works, or one alone
 
 
 @ti.data_oriented
@@ -25,43 +35,56 @@ class BlockOperator:
         self.count = ti.field(ti.i32, ())
         self.count[None] = self.rows
 
-    @ti.func
-    def apply(self, x: ti.template(), y: ti.template(), team: ti.template(), member):
-        for i in range(team.first(member, self.count[None]), team.last(member, self.count[None])):
+    @stage("apply")
+    def apply(self, x: ti.template(), y: ti.template()):
+        for i in range(first(self.count[None]), last(self.count[None])):
             for a in ti.static(range(self.components)):
                 s = ti.cast(0.0, ti.f64)
                 for j in range(self.count[None]):
                     for b in ti.static(range(self.components)):
                         s += self.dense[i * self.components + a, j * self.components + b] * x[j][b]
-                y[i][a] = s
-        team.wait()
+                y[i][a] = s if ti.abs(self.inverse_diagonal[i]).sum() > 0 else 0.0
+        wait()
+
+
+class ByOperation(Jacobi):
+    """Jacobi, whose solve is launched operation by operation."""
+
+    fits_in_a_kernel = False
 
 
 def spd(n, seed=0):
+    """A dense symmetric positive definite matrix."""
     m = np.random.default_rng(seed).standard_normal((n, n))
     return m @ m.T + 0.5 * n * np.eye(n)
 
 
 def sparse_matrix(matrix, capacity=None):
+    """A SparseMatrix with the entries of a SciPy matrix."""
     a = SparseMatrix(capacity or matrix.shape[0], max(1, matrix.nnz))
     a.load(matrix)
     return a
 
 
-def solve(operator, b, components=1, tolerance=1e-10, x=0.0, levels=None, check_every=5, team=None, **options):
-    """(x, report) of A x = b; an operator keeps its solver, which is compiled once."""
+def solve(operator, b, components=1, tolerance=1e-10, x=0.0, preconditioner=None, launch=None, team=None, **options):
+    """(x, report) of A x = b; an operator keeps one solver for each preconditioner, which is compiled once. Options:
+    limit, most, again, reduction, enough of PCG.solve."""
     capacity = operator.inverse_diagonal.shape[0]
-    if not hasattr(operator, "solver"):
-        operator.solver = MRPCG(capacity, components, operator)
-    solver = operator.solver
-    solver.levels, solver.use_levels, solver.check_every = levels, levels is not None, check_every
-    solver.team = team
+    launch = launch or (FUSED if getattr(preconditioner, "fits_in_a_kernel", True) else LAUNCHED)
+    solvers = operator.__dict__.setdefault("solvers", {})
+    key = id(preconditioner), launch["rows"], id(team)
+    if key not in solvers:
+        execution = Execution(launch["rows"], team=team)
+        solvers[key] = PCG(capacity, components, operator, preconditioner), execution, preconditioner, team
+    solver, execution = solvers[key][:2]
     for field, values in ((solver.b, b), (solver.x, np.broadcast_to(x, b.size))):
         padded = np.zeros(capacity * components)
         padded[: b.size] = values
         field.from_numpy(padded.reshape(capacity, components))
-    report = solver.solve(tolerance, **options)
-    return solver.x.to_numpy().ravel()[: b.size], report
+    given = {"limit": 1000, "most": HUGE, "again": 0, "reduction": 1.0, "enough": 0.0} | options
+    with execution.active():
+        solver.solve(tolerance, *given.values())
+    return solver.x.to_numpy().ravel()[: b.size], solver.report()
 
 
 def by_cell(points, per_cell):
@@ -73,7 +96,13 @@ def by_cell(points, per_cell):
     return order, cell[order], shape
 
 
-def with_levels(matrix, points, per_cell, periodic=(), kind=CellMultigrid):
+class Always(CellMultigrid):
+    """Levels for however few rows."""
+
+    PAY_FROM = 0
+
+
+def with_levels(matrix, points, per_cell, periodic=(), kind=Always):
     """Matrix of a grid of points, reordered by cell: (SparseMatrix, its levels, the SciPy matrix)."""
     order, cell, shape = by_cell(points, per_cell)
     matrix = matrix.tocsr()[order][:, order].tocsr()
@@ -87,14 +116,82 @@ def with_levels(matrix, points, per_cell, periodic=(), kind=CellMultigrid):
     return a, levels, matrix
 
 
-def preconditioner(levels, vectors):
-    """M^-1 v for each v, in the fields of a solver, so that the cycle is compiled once."""
-    if not hasattr(levels, "solver"):
-        levels.solver = MRPCG(vectors.shape[1], 1, levels.matrix)
-    r, z = levels.solver.r, levels.solver.z
+def applied(preconditioner, vectors, components=1):
+    """M^-1 v for each row of ``vectors``."""
+    fields = preconditioner.__dict__.setdefault("fields_of_a_test", {})
+    rows = vectors.shape[1] // components
+    if rows not in fields:
+        fields[rows] = [ti.Vector.field(components, real(), rows) for _ in range(2)]
+    r, z = fields[rows]
     result = []
     for v in vectors:
-        r.from_numpy(v[:, None])
-        levels.cycle(r, z)
-        result.append(z.to_numpy()[:, 0])
+        r.from_numpy(v.reshape(rows, components))
+        preconditioner.apply(r, z)
+        result.append(z.to_numpy().ravel())
     return np.array(result)
+
+
+# ---- an operator on particles -----------------------------------------------------------------------------------
+SPACING, REACH = 1.0, 2.1
+
+
+@ti.data_oriented
+class Springs:
+    """sum over neighbours of n n.(u_i - u_j), n the direction of r_ij, + mass u_i; the particles are on no lattice.
+
+    With the gradient G of u, 1/2 sum_j (r G r)^2/r^2; over all directions that is an elastic body with mu = lambda:
+    mu V = 1/16 sum_j r^2.
+    """
+
+    def __init__(self, across, periodic=False, x=None):
+        """``across`` particles along each side, or those at ``x`` (n, 2), in a box of that size."""
+        if x is None:
+            x = mps.lattice((0.0, 0.0), (across, across), SPACING)
+            x = x + np.random.default_rng(0).uniform(-0.2, 0.2, x.shape)
+        self.particles = Particles({"x": x}, np.ones(len(x)), {})
+        room = 0.0 if periodic else REACH
+        self.bins = Bins(self.particles, ((-room, -room), (across + room, across + room)), (periodic, False), REACH)
+        self.neighbors = NeighborList(self.bins, 20 * len(x))
+        self.count = self.particles.count
+        self.mass = ti.field(real(), ())
+        self.mass[None] = 4.0 / across**2  # as weak for any size, on the scale of the whole
+        self.inverse_diagonal = ti.Matrix.field(2, 2, real(), len(x))
+        self.shear = sum(i * i + j * j for i in range(-2, 3) for j in range(-2, 3) if i * i + j * j < REACH**2) / 16.0
+        self.neighbors.search()
+        self._diagonal()
+
+    @ti.func
+    def spring(self, i, j):
+        r = self.bins.displacement(self.particles.x[i], self.particles.x[j])
+        return ti.cast(r.outer_product(r) / r.dot(r), float)
+
+    @ti.kernel
+    def _diagonal(self):
+        for i in range(self.count[None]):
+            D = self.mass[None] * ti.Matrix.identity(float, 2)
+            for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
+                D += self.spring(i, self.neighbors.column[k])
+            self.inverse_diagonal[i] = D.inverse()
+            if self.particles.id[i] == 0:  # not an unknown
+                self.inverse_diagonal[i] *= 0.0
+
+    @stage("apply")
+    def apply(self, u: ti.template(), y: ti.template()):
+        for i in range(first(self.count[None]), last(self.count[None])):
+            s = self.mass[None] * u[i]
+            for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
+                j = self.neighbors.column[k]
+                s += self.spring(i, j) @ (u[i] - u[j])
+            y[i] = s * ti.cast(ti.abs(self.inverse_diagonal[i]).sum() > 0, float)
+        wait()
+
+    @ti.func
+    def stiffness(self, i):
+        shear = ti.cast(self.shear, float)
+        return shear, 2.0 * shear, self.mass[None] * ti.Matrix.identity(float, 2)
+
+
+class Nodes(NodeMultigrid):
+    """Grids of nodes for however few rows."""
+
+    PAY_FROM = 0

@@ -1,16 +1,20 @@
 """Inner objects on given particles: the only place where tests put particles, lists, walls and systems together."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
 import taichi_mps as mps
-from taichi_mps.boundaries.walls import Walls
+from taichi_mps.boundaries import walls as boundaries
 from taichi_mps.particles.gradient import Gradient
-from taichi_mps.particles.kernels import lattice_sums, mps_weight
+from taichi_mps.particles.kernels import LatticeSums, lattice_sums, mps_weight
 from taichi_mps.particles.neighbors import Bins, NeighborList
-from taichi_mps.particles.particles import FLUID, Particles
+from taichi_mps.particles.pair_sums import PairSums
+from taichi_mps.particles.particles import FLUID, Carried, Particles
 from taichi_mps.runtime.backend import ti
-from taichi_mps.runtime.thread_team import ONE_THREAD
-from taichi_mps.terms.momentum import MomentumSystem
+from taichi_mps.terms.deferred_correction import DeferredCorrection
+from taichi_mps.terms.momentum import MomentumOperator
+from taichi_mps.terms.strain_rate import StrainRate
 
 L0 = 0.1  # spacing [m]
 RE = 2.1 * L0  # effective radius [m]
@@ -24,6 +28,53 @@ def cloud(shape, seed=2):
     return x + np.random.default_rng(seed).uniform(-0.25, 0.25, x.shape) * L0
 
 
+# ---- particles, lists, walls and fits ---------------------------------------------------------------------------
+def particles(x, kinds=None, volumes=None, rings=False, **carried):
+    """Particles at x (n, d) [m]: fluid of 1 m3 each unless said otherwise; ``carried``: shapes of further fields."""
+    kinds = np.full(len(x), FLUID) if kinds is None else kinds
+    volumes = np.ones(len(x)) if volumes is None else volumes
+    fields = {name: Carried(name, "-", shape) for name, shape in carried.items()}
+    return Particles({"x": np.asarray(x, float), "kind": kinds}, volumes, fields, rings)
+
+
+def lists(of, domain, periodic=None, pairs=60, radius=RE):
+    """Neighbour list, not searched yet, of particles in a domain (low, high) [m]: room for ``pairs`` of each."""
+    periodic = (False,) * len(domain[0]) if periodic is None else periodic
+    return NeighborList(Bins(of, domain, periodic, radius), pairs * of.capacity)
+
+
+def walls(planes, dimension, capacity=1, of=None, rings=False, weight=mps_weight):
+    """What particles at the spacing L0 see of walls; with friction or unilateral ones of these particles."""
+    return boundaries.Walls(planes, dimension, L0, RE, capacity, rings=rings, particles=of, weight=weight)
+
+
+@dataclass
+class Neighbourhood:
+    """Particles with all that is found of them before a step: lists, walls, fits."""
+
+    particles: Particles
+    neighbors: NeighborList
+    walls: boundaries.Walls
+    gradient: Gradient
+    lattice: LatticeSums
+
+
+def neighbourhood(x, kinds=None, planes=(), rings=None, weight=mps_weight, domain=None, periodic=None):
+    """A Neighbourhood of particles at x (n, d) [m] and spacing L0, found at these places. ``rings``: their volumes [m3]
+    in an axisymmetric scene."""
+    d = x.shape[1]
+    volumes = np.full(len(x), L0**d) if rings is None else rings
+    carried = {name: field.shape for name, field in boundaries.carried(planes).items()}
+    of = particles(x, kinds, volumes, rings is not None, **carried)
+    neighbors = lists(of, domain or ((-2.0,) * d, (2.0,) * d), periodic)
+    seen = walls(planes, d, len(x), of, rings is not None, weight)
+    lattice = lattice_sums(d, L0, RE, weight)
+    gradient = Gradient(neighbors, seen, lattice, L0)
+    neighbors.search()
+    gradient.build()
+    return Neighbourhood(of, neighbors, seen, gradient, lattice)
+
+
 @ti.data_oriented
 class Rig:
     """Particles at given places, with kernels for the gradient of ``u`` and the force of the stresses ``T``."""
@@ -33,30 +84,20 @@ class Rig:
         d = x.shape[1]
         t = d if rings is None else 3
         self.dimension, self.volume, self.planes = d, L0**d, planes
-        kinds = np.full(len(x), FLUID) if kinds is None else kinds
-        lattice = lattice_sums(d, L0, 2.1 * L0, weight)
-        volumes = np.full(len(x), self.volume) if rings is None else rings
-        frictions = [plane.friction for plane in planes if plane.friction]
-        self.particles = Particles(x, kinds, 0.0 * x, volumes, False, rings is not None, frictions=frictions)
-        bins = Bins(self.particles, ((-2.0,) * d, (2.0,) * d), (False,) * d, 2.1 * L0)
-        neighbors = NeighborList(bins, 60 * len(x))
-        on = dict(rings=rings is not None, particles=self.particles, weight=weight)
-        walls = Walls(planes, d, L0, 2.1 * L0, len(x), **on)
-        self.gradient = Gradient(neighbors, walls, lattice, L0)
+        found = neighbourhood(x, kinds, planes, rings, weight)
+        self.particles, self.neighbors, self.walls = found.particles, found.neighbors, found.walls
+        self.gradient = found.gradient
         self.u, self.F = (ti.Vector.field(d, ti.f64, len(x)) for _ in range(2))
         self.left = ti.field(ti.f64, len(x))
         self.G, self.T = (ti.Matrix.field(t, t, ti.f64, len(x)) for _ in range(2))
         self.P = ti.Matrix.field(d, d, ti.f64, len(x))
-        bins.sort()
-        neighbors.build()
-        self.gradient.build()
         rows = self.particles.read()
         self.x, self.kind = rows["x"], rows["kind"]
         r = self.x[None] - self.x[:, None]
         size = np.linalg.norm(r, axis=-1) + 9.0 * np.eye(len(x))
-        self.weight_r2 = weight(np.minimum(1.0, size / (2.1 * L0))) / size**2
+        self.weight_r2 = weight(np.minimum(1.0, size / RE)) / size**2
         moment = np.einsum("ij,ija,ijb->iab", self.weight_r2, r, r)
-        self.healthy = np.linalg.det(moment) > 0.05 * (lattice.n0 / d) ** d  # not nearly flat: not stiffened
+        self.healthy = np.linalg.det(moment) > 0.05 * (found.lattice.n0 / d) ** d  # not nearly flat: not stiffened
         self.healthy &= self.gradient.B.to_numpy()[:, 0, 0] > 0.0
 
     @ti.kernel
@@ -77,45 +118,69 @@ class Rig:
             self.F[i] = self.gradient.force(i, self.P)
 
     def gradients(self, u, motion=0.0):
+        """Velocity gradients (n, t, t) [1/s] of u (n, d); ``motion`` 1 with the walls' own velocity."""
         self.u.from_numpy(np.ascontiguousarray(u))
         self._gradients(motion)
         return self.G.to_numpy()
 
     def fits(self, u):
+        """The same, and what the linear fit leaves of u (n,) [1/s2]."""
         self.u.from_numpy(np.ascontiguousarray(u))
         self._fits()
         return self.G.to_numpy(), self.left.to_numpy()
 
     def forces(self, T):
+        """Forces (n, d) [N] of the stresses T (n, t, t) [Pa]."""
         self.T.from_numpy(T)
         self._forces()
         return self.F.to_numpy()
 
 
+# ---- the implicit system ----------------------------------------------------------------------------------------
+@ti.data_oriented
+class Numbers:
+    """What the system asks of the other terms, as given numbers: viscosities, resistances, K and a density."""
+
+    def __init__(self, capacity, density):
+        self.density = density
+        self.mu, self.h = ti.field(ti.f64, capacity), ti.field(ti.f64, capacity)  # [Pa s], [N s m]
+        self.bulk, self.own_step = ti.field(ti.f64, ()), ti.field(ti.f64, ())  # [Pa s], [s]
+
+    @ti.func
+    def density_of(self, i):
+        return ti.cast(self.density, float)
+
+
 @ti.data_oriented
 class System(Rig):
-    """A cloud of particles with random viscosities, and its momentum system."""
+    """A cloud of particles with random viscosities, and the matrix of its momentum system for a step of 1 s; without
+    ``inertia`` and stress only the hourglass resistance is left of it."""
 
-    def __init__(self, x, kinds=None, planes=(), rings=None):
+    def __init__(self, x, kinds=None, planes=(), rings=None, resistance_only=False):
         super().__init__(x, kinds, planes, rings)
         rng = np.random.default_rng(8)
         n, d = x.shape
-        self.system = MomentumSystem(self.particles, self.gradient, self.gradient.walls)
-        self.system.bulk[None] = BULK
-        self.system.inertia.fill(MASS_RATE / self.volume)
-        self.system.mu.from_numpy(rng.uniform(10.0, 1000.0, n))
-        self.system.h.from_numpy(2.0 * self.volume / self.gradient.n0 * rng.uniform(5.0, 500.0, n))
-        self.system.prepare()
+        numbers = self.numbers = Numbers(n, 0.0 if resistance_only else MASS_RATE / self.volume)
+        self.mu = rng.uniform(10.0, 1000.0, n)
+        self.h = 2.0 * self.volume / self.gradient.n0 * rng.uniform(5.0, 500.0, n)
+        numbers.h.from_numpy(self.h)
+        numbers.own_step[None] = 1.0
+        if not resistance_only:
+            numbers.bulk[None] = BULK
+            numbers.mu.from_numpy(self.mu)
+        self.sums = PairSums(self.particles, self.gradient, self.walls)
+        of = self.particles, self.gradient, self.sums
+        self.system = MomentumOperator(*of, self.walls, numbers, numbers, numbers)
+        self.system.assemble(1.0)
+        self.rate = StrainRate(*of)
+        self.correction = DeferredCorrection(*of, numbers, self.rate, numbers)
         self.y = ti.Vector.field(d, ti.f64, n)
         self.unknown = self.kind == FLUID
 
-    @ti.kernel
-    def _multiply(self):
-        self.system.apply(self.u, self.y, ONE_THREAD, 0)
-
     def multiply(self, u):
+        """A u (n, d) [N]."""
         self.u.from_numpy(np.ascontiguousarray(u))
-        self._multiply()
+        self.system.apply(self.u, self.y)
         return self.y.to_numpy()
 
     def dense(self):
@@ -129,3 +194,32 @@ class System(Rig):
                 columns.append(self.multiply(u)[rows].ravel())
         A = np.array(columns).T
         return A, np.array([A[k * d : (k + 1) * d, k * d : (k + 1) * d] for k in range(len(rows))])
+
+    def inverse_diagonal(self):
+        """Block Jacobi's blocks (n, d, d) [s/kg], zero where a row is no unknown."""
+        return self.system.inverse_diagonal.to_numpy()
+
+    def push_of_moving_walls(self):
+        """What walls in motion put on the right-hand side (n, d) [N]: what A applied to fluid at rest gives."""
+        scratch = [ti.Vector.field(self.dimension, ti.f64, len(self.x)) for _ in range(3)]
+        self.system.subtract_wall_motion(*scratch)
+        return scratch[2].to_numpy()
+
+    @ti.kernel
+    def _correct(self):
+        for i in range(self.particles.count[None]):
+            flux, push = self.correction.force(i)
+            self.sums.set_flux(i, flux)
+            self.y[i] = push
+        for i in range(self.particles.count[None]):
+            self.sums.gather_pull(i)
+        for i in range(self.particles.count[None]):
+            self.y[i] += self.sums.force(i)
+
+    def correct(self, u):
+        """Force (n, d) [N] that the deferred correction gives back at the velocity u."""
+        self.particles.u.from_numpy(np.ascontiguousarray(u))
+        self.rate.evaluate()
+        self.correction.gather(1.0)
+        self._correct()
+        return self.y.to_numpy()
