@@ -7,7 +7,7 @@ slip of the particle, which within a solve is linear in the velocity u of the pa
     u_s = (1 - s) u + offset,      s = R/(R + mu/z),      t = R u_s + push:
 
 friction and the layer of thickness z between wall and particle in series. R is the viscous constant plus a penalty r,
-which ties the slip to the yield value as mu_r does the strain rate (rheology.py). After each solve ``adjust`` maps the
+which ties the slip to the yield value as mu_r does the strain rate (rheology.py). After each solve ``update`` maps the
 yield part of the traction back onto its bound, and moves ``offset`` so that in the end t is the traction of the
 particle's own stress, whatever s and r were.
 """
@@ -18,7 +18,7 @@ DEPTH = 2.0  # penalty r = rho/dt times this many spacings: a row or two gain u 
 
 
 @ti.data_oriented
-class WallFriction:
+class FrictionalSlip:
     """Friction of one wall by a material.Friction; ``slip`` and ``traction`` are carried by the particles."""
 
     def __init__(self, law, slip, traction, spacing: float, plastic_viscosity: float):
@@ -28,7 +28,7 @@ class WallFriction:
         self.slip, self.traction = slip, traction  # u_s [m/s]; yield part of the traction [Pa]
         self.spacing, self.depth, self.eta = spacing, DEPTH * spacing, plastic_viscosity
         self.penalty = ti.field(real(), ())  # r [Pa s/m]
-        self.share = ti.field(real(), capacity)  # s [-]
+        self.stick = ti.field(real(), capacity)  # s [-]
         self.area = ti.field(real(), capacity)  # of the wall that belongs to the particle [m2]
         self.thickness = ti.field(real(), capacity)  # of the layer beneath the particle [m]
         self.bond = ti.field(real(), capacity)  # 0 where it slips as a plug, 1 where it sticks: of the moment t(z) [-]
@@ -36,15 +36,15 @@ class WallFriction:
         self.push = ti.Vector.field(d, real(), capacity)  # [Pa]
 
     @ti.func
-    def felt(self, i, n, v):
+    def seen_by_fit(self, i, n, v):
         """What the fit sees of a velocity v relative to the wall; and, adjoint to it, the particle of a pull v."""
         normal = n * n.dot(v)
-        return normal + self.share[i] * (v - normal)
+        return normal + self.stick[i] * (v - normal)
 
     @ti.func
-    def sliding(self, i, n, v, motion):
+    def slip_velocity(self, i, n, v, motion):
         """Slip u_s [m/s] at the velocity v relative to the wall; ``motion`` 0 without its constant part."""
-        return (1.0 - self.share[i]) * (v - n * n.dot(v)) + motion * self.offset[i]
+        return (1.0 - self.stick[i]) * (v - n * n.dot(v)) + motion * self.offset[i]
 
     @ti.func
     def resistance(self):
@@ -57,14 +57,14 @@ class WallFriction:
     @ti.func
     def drag(self, i, n, v, motion):
         """Force [N] of the wall against a particle with the velocity v, besides that through its stress."""
-        t = self.resistance() * self.sliding(i, n, v, motion)
+        t = self.resistance() * self.slip_velocity(i, n, v, motion)
         if ti.static(self.yields):
             t += motion * self.push[i]
-        return (1.0 - self.share[i]) * self.area[i] * t
+        return (1.0 - self.stick[i]) * self.area[i] * t
 
     @ti.func
-    def hold(self, i, z):
-        """Keeps and returns ``bond``, the share of its velocity that a particle at z [m] loses in the layer beneath."""
+    def set_bond(self, i, z):
+        """Keeps and returns ``bond``, the part of its velocity that a particle at z [m] loses in the layer beneath."""
         t = self.constant * self.slip[i]
         if ti.static(self.yields):
             t += self.traction[i]
@@ -73,11 +73,11 @@ class WallFriction:
         return self.bond[i]
 
     @ti.func
-    def cover(self, i, n, z, volume, cBn, share, acts, second):
+    def set_area(self, i, n, z, volume, cBn, ratio, acts, second):
         """Area of the wall that particle i covers, and the layer beneath it. In all the area is that of the wall: the
         second row of a lattice has its c V n.B n, ``second`` of the whole, and the first row the rest; its c V n.B n
-        grows by 5 % in sheared fluid. The layer is z, but not thicker than what makes ``adjust`` converge."""
-        size = self.spacing * ti.sqrt(share)
+        grows by 5 % in sheared fluid. The layer is z, but not thicker than what makes ``update`` converge."""
+        size = self.spacing * ti.sqrt(ratio)
         first = ti.max(0.0, ti.min(1.0, 2.5 - 2.0 * z / size))  # 1 in the first row, 0 in the second
         own = volume * ti.max(n.dot(cBn), 1e-3 / size)
         area = first * (1.0 - second) * acts * volume / size + (1.0 - first) * own
@@ -85,32 +85,32 @@ class WallFriction:
         self.thickness[i] = ti.min(z, area / ti.max(volume * cBn.norm_sqr(), 1e-12 * area))
 
     @ti.func
-    def begin(self, i, n, v, mu):
-        """Before the passes of a step: the slip that particle i brings along; that of s alone if it is new here."""
+    def start(self, i, n, v, mu):
+        """Before the iterations of a step: the slip that particle i brings along; that of s alone if it is new here."""
         R = self.resistance()
-        self.share[i] = R / (R + mu / self.thickness[i])
+        self.stick[i] = R / (R + mu / self.thickness[i])
         tangential = v - n * n.dot(v)
         slip = self.slip[i] - n * n.dot(self.slip[i])
         if slip.norm_sqr() == 0.0:
-            slip = (1.0 - self.share[i]) * tangential
-        self.offset[i] = slip - (1.0 - self.share[i]) * tangential
+            slip = (1.0 - self.stick[i]) * tangential
+        self.offset[i] = slip - (1.0 - self.stick[i]) * tangential
         if ti.static(self.yields):
             self.traction[i] -= n * n.dot(self.traction[i])
             self.push[i] = self.traction[i] - self.penalty[None] * slip
 
     @ti.func
-    def forget(self, i):
+    def clear(self, i):
         """Particle i is not at the wall."""
         self.slip[i] *= 0.0
         if ti.static(self.yields):
             self.traction[i] *= 0.0
 
     @ti.func
-    def adjust(self, i, n, v, pull, stiff, mu):
-        """After a pass, from the velocity v relative to the wall and the traction ``pull`` [Pa] on the particle, which
-        falls with the slip by ``stiff`` [Pa s/m] besides that of its viscosity."""
+    def update(self, i, n, v, pull, stiff, mu):
+        """After an iteration, from the velocity v relative to the wall and the traction ``pull`` [Pa] on the particle,
+        which falls with the slip by ``stiff`` [Pa s/m] besides that of its viscosity."""
         tangential, R, layer = v - n * n.dot(v), self.resistance(), mu / self.thickness[i]
-        slip, kappa = self.sliding(i, n, v, 1.0), layer + stiff
+        slip, kappa = self.slip_velocity(i, n, v, 1.0), layer + stiff
         rest = pull - n * n.dot(pull) + kappa * slip
         if ti.static(self.yields):
             trial = self.traction[i] + self.penalty[None] * slip
@@ -118,5 +118,5 @@ class WallFriction:
             self.push[i] = 2.0 * self.traction[i] - trial
             rest -= self.push[i]
         self.slip[i] = rest / (kappa + R)
-        self.share[i] = R / (R + layer)
-        self.offset[i] = self.slip[i] - (1.0 - self.share[i]) * tangential
+        self.stick[i] = R / (R + layer)
+        self.offset[i] = self.slip[i] - (1.0 - self.stick[i]) * tangential

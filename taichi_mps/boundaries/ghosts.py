@@ -1,4 +1,4 @@
-"""Tabulated sums over the ghosts behind a wall, and the share of them that is left where another wall ends them."""
+"""Tabulated sums over the ghosts behind a wall, and the fraction of them that is left where another wall ends them."""
 
 import numpy as np
 
@@ -58,42 +58,42 @@ class GhostSums:
         n0 = lattice_sums(dimension, spacing, effective_radius, **kernels).n0
         row = round(1.5 * spacing / effective_radius * (entries - 1))
         pull = tables[0, np.argmin(np.abs(self.sizes - 1.0)), row, GHOST_SUMS.index("pull")]
-        self.second = float(pull) * spacing * dimension / n0  # share of a wall that the second row carries
+        self.second = float(pull) * spacing * dimension / n0  # part of a wall that the second row carries
         columns, shape = len(GHOST_SUMS), tables[0].shape[:2]
         self.flat = ti.Vector.field(columns, real(), shape)  # GHOST_SUMS at a size and z = re k/(entries - 1)
         self.flat.from_numpy(tables[0])
         self.bend = ti.Vector.field(columns, real(), shape)  # their derivative by the curvature [m]
         self.bend.from_numpy((tables[1] - tables[2]) / (2.0 * bent))
         if corners:
-            shares = corner_table(dimension, spacing, effective_radius, **kernels)
-            self.corner_entries = len(shares)
-            self.corner = ti.Vector.field(columns, real(), shares.shape[:2])  # share of each sum that is left
-            self.corner.from_numpy(shares)
+            fractions = corner_table(dimension, spacing, effective_radius, **kernels)
+            self.corner_entries = len(fractions)
+            self.corner = ti.Vector.field(columns, real(), fractions.shape[:2])  # fraction of each sum that is left
+            self.corner.from_numpy(fractions)
         self.wedges = meet is not None and bool(meet.any())
         if self.wedges:
-            shares = [
+            fractions = [
                 corner_table(dimension, spacing, effective_radius, WEDGE, cosine, **kernels)
                 for cosine in np.linspace(-1.0, 1.0, COSINES)
             ]
             self.wedge = ti.Vector.field(columns, real(), (COSINES, WEDGE, WEDGE))
-            self.wedge.from_numpy(np.array(shares))
+            self.wedge.from_numpy(np.array(fractions))
             self.meet = ti.field(ti.i32, meet.shape)
             self.meet.from_numpy(meet.astype(np.int32))
             each = (capacity, len(meet))
-            self.before = ti.Vector.field(2 + dimension, real(), each)  # distance [m], share, normal of each face
-            self.remains = ti.Vector.field(columns, real(), each)  # share of each sum behind it that is left
+            self.before = ti.Vector.field(2 + dimension, real(), each)  # distance [m], weight, normal of each face
+            self.remains = ti.Vector.field(columns, real(), each)  # fraction of each sum behind it that is left
 
     @ti.func
-    def interpolate(self, table: ti.template(), name: ti.template(), z, share):
-        """Entry of one of GHOST_SUMS in a table at distance z [m] for a particle of this share, linear between two;
-        zero beyond the effective radius."""
+    def interpolate(self, table: ti.template(), name: ti.template(), z, ratio):
+        """Entry of one of GHOST_SUMS in a table at distance z [m] for a particle of this cross-section
+        ratio, linear between two; zero beyond the effective radius."""
         s = ti.max(z, self.closest) / self.effective_radius * (self.entries - 1)
         k = ti.min(ti.cast(s, ti.i32), self.entries - 2)
         f = s - k
         c = ti.static(GHOST_SUMS.index(name))
         value = table[0, k][c] * (1.0 - f) + table[0, k + 1][c] * f
         if ti.static(len(self.sizes) > 1):
-            s = (ti.sqrt(share) - FINEST) / (COARSEST - FINEST) * (SIZES - 1)
+            s = (ti.sqrt(ratio) - FINEST) / (COARSEST - FINEST) * (SIZES - 1)
             a = ti.max(0, ti.min(ti.cast(s, ti.i32), SIZES - 2))
             g = ti.max(0.0, ti.min(1.0, s - a))
             value = (table[a, k][c] * (1.0 - f) + table[a, k + 1][c] * f) * (1.0 - g)
@@ -102,7 +102,7 @@ class GhostSums:
 
     @ti.func
     def left(self, name: ti.template(), z, across):
-        """Share of a ghost sum at distance z [m] from a wall whose ghosts end at another ``across`` [m] away."""
+        """Fraction of a ghost sum at distance z [m] from a wall whose ghosts end at another ``across`` [m] away."""
         scale = (self.corner_entries - 1) / self.effective_radius
         s, t = ti.max(z, self.closest) * scale, ti.max(across, self.closest) * scale
         k = ti.min(ti.cast(s, ti.i32), self.corner_entries - 2)
@@ -115,8 +115,8 @@ class GhostSums:
 
     @ti.func
     def left_at_angle(self, z, across, cosine):
-        """Shares of all GHOST_SUMS at the distance z [m] from a face whose ghosts end at another ``across`` [m] away,
-        the two normals at an angle of this cosine."""
+        """Fractions of all GHOST_SUMS at the distance z [m] from a face whose ghosts end at another, ``across`` [m]
+        away, the two normals at an angle of this cosine."""
         scale = (WEDGE - 1) / self.effective_radius
         s, t = ti.max(z, self.closest) * scale, ti.max(across, self.closest) * scale
         c = ti.max(0.0, 0.5 * (cosine + 1.0) * (COSINES - 1))
@@ -124,47 +124,47 @@ class GhostSums:
         m = ti.min(ti.cast(t, ti.i32), WEDGE - 2)
         a = ti.min(ti.cast(c, ti.i32), COSINES - 2)
         f, g, h = s - k, t - m, c - a
-        share = ti.Vector.zero(float, ti.static(len(GHOST_SUMS)))
+        left = ti.Vector.zero(float, ti.static(len(GHOST_SUMS)))
         for da, dk, dm in ti.static(ti.ndrange(2, 2, 2)):
             part = (h if da else 1.0 - h) * (f if dk else 1.0 - f) * (g if dm else 1.0 - g)
-            share += part * self.wedge[a + da, k + dk, m + dm]
-        return share
+            left += part * self.wedge[a + da, k + dk, m + dm]
+        return left
 
     @ti.func
-    def lookup(self, name: ti.template(), i, wall: ti.template(), f: ti.template(), x, z, curvature, share):
+    def lookup(self, name: ti.template(), i, wall: ti.template(), f: ti.template(), x, z, curvature, ratio):
         """One of GHOST_SUMS of particle i at x, the distance z [m] from face f, of this wall and curvature [1/m].
         In a corner the ghosts behind both walls are counted once. Their sum w e along either normal is that of nobody:
         it cancels that of the other wall's ghosts in front of the one; so does their pull where one of the two is a
         mirror plane."""
-        value = self.interpolate(self.flat, name, z, share)
+        value = self.interpolate(self.flat, name, z, ratio)
         if ti.static(wall.curved):
-            value += curvature * self.interpolate(self.bend, name, z, share)
+            value += curvature * self.interpolate(self.bend, name, z, ratio)
         for other, before, mirror in ti.static(wall.cut_by):
             if ti.static(name == "inward" or (before if name in COUNTED else mirror)):
                 across, _n, _velocity, _curvature = other.nearest(x)
                 if across < self.effective_radius:
                     cut = 1.0 - self.left(name, z, across)
-                    if ti.static(other.thin or other.loose):
-                        cut *= other.share(i, x, across)
+                    if ti.static(other.thin or other.unilateral):
+                        cut *= other.weight(i, x, across)
                     value *= 1.0 - cut
         if ti.static(self.wedges):
             value *= self.remains[i, f][ti.static(GHOST_SUMS.index(name))]
-        if ti.static(wall.thin or wall.loose):
-            value *= wall.share(i, x, z)
+        if ti.static(wall.thin or wall.unilateral):
+            value *= wall.weight(i, x, z)
         return value
 
     @ti.func
-    def stand(self, i, f, z, n, share):
-        """Keep that particle i stands at the distance z [m] before face f of this normal, of which a share acts."""
-        self.before[i, f][0], self.before[i, f][1] = z, share
+    def set_face(self, i, f, z, n, weight):
+        """Particle i stands at the distance z [m] before face f of this normal, which acts with this weight."""
+        self.before[i, f][0], self.before[i, f][1] = z, weight
         for a in ti.static(range(self.dimension)):
             self.before[i, f][2 + a] = n[a]
 
     @ti.func
-    def divide(self, i):
+    def divide_corners(self, i):
         """What remains of the sums of each face before particle i. The ghosts behind two of them count once, with the
-        first; along either normal the pull of these ghosts counts once, too: the normals n and m share n.m of it; of
-        their sum w e each has a half where the faces are one, and none at a right angle, as of their pull at a mirror
+        first; along either normal the pull of these ghosts counts once, too: the normals n and m have n.m of it in
+        common; of their sum w e each has a half where the faces are one, and none at a right angle, as of their pull at a mirror
         plane. A face fades out where its foot lies behind the other, beyond the edge."""
         for f in range(self.meet.shape[0]):
             z = self.before[i, f][0]

@@ -15,24 +15,31 @@ from ..geometry.concave_edges import inner_edges
 from ..runtime.backend import real, ti
 
 FAR = 1e9  # distance [m] from a wall that ends before the foot
-TOUCHING, RELEASED = 0.5, 0.55  # spacings from a loose wall up to which it acts fully, and from which on not at all
+TOUCHING, RELEASED = (
+    0.5,
+    0.55,
+)  # spacings from a unilateral wall up to which it acts fully, and from which on not at all
 
 
 @ti.data_oriented
 class Surface:
     """What all walls have in common."""
 
-    curved = turns = parts = False
+    curved = turns = separates = False
     faces = 1  # that a particle may stand in front of
     cut_by = ()  # planes at right angles where its ghosts end
 
     def __init__(self, wall, dimension: int, spacing: float, clock):
-        self.slip, self.thin, self.loose, self.spacing = wall.slip, wall.thin, wall.loose, spacing
-        self.rubs, self.friction = wall.friction is not None, None  # Walls gives what is carried
-        self.holds = not wall.slip and not self.rubs  # the fluid does not slip on it
-        self.lets_go, self.particles, self.released = False, None, None  # of a loose wall: Walls gives what is carried
+        self.slip, self.thin, self.unilateral, self.spacing = wall.slip, wall.thin, wall.loose, spacing
+        self.has_friction, self.friction = wall.friction is not None, None  # Walls gives what is carried
+        self.no_slip = not wall.slip and not self.has_friction  # the fluid does not slip on it
+        self.releases, self.particles, self.released = (
+            False,
+            None,
+            None,
+        )  # of a unilateral wall: Walls gives what is carried
         self.clock, self.travels = clock, bool(np.any(wall.travel))
-        self.parts = wall.thin  # the fluid on one side of it does not feel that on the other
+        self.separates = wall.thin  # the fluid on one side of it does not feel that on the other
         self.travel = ti.types.vector(dimension, ti.f64)(wall.travel)
         self.point = ti.types.vector(dimension, ti.f64)(wall.point)
 
@@ -44,17 +51,17 @@ class Surface:
             offset -= self.clock[None] * self.travel
         return offset
 
-    def keep(self, capacity: int, effective_radius: float):
+    def allocate(self, capacity: int, effective_radius: float):
         """Fields for what is found once a step."""
 
-    def smooth(self):
+    def frictionless(self):
         """The same wall with slip instead of friction."""
         other = copy(self)
-        other.slip, other.rubs, other.holds, other.friction = True, False, False, None
+        other.slip, other.has_friction, other.no_slip, other.friction = True, False, False, None
         return other
 
     @ti.func
-    def find(self, i, x):
+    def find_faces(self, i, x):
         """Once a step: the faces in front of which particle i stands, at x [m]."""
 
     @ti.func
@@ -63,9 +70,9 @@ class Surface:
         return self.nearest(x)
 
     @ti.func
-    def part(self, i, x):
-        """Once a step: whether particle i has parted from a loose wall. It does where it leaves the wall and does not
-        press on it, and has until it comes nearer again."""
+    def update_release(self, i, x):
+        """Once a step: whether particle i has parted from a unilateral wall. It does where it leaves the wall and does
+        not press on it, and has until it comes nearer again."""
         _z, n, velocity, _curvature = self.nearest(x)
         leaves = n.dot(self.particles.u[i] - velocity) > 0.0
         pressure = self.particles.p[i]
@@ -76,18 +83,18 @@ class Surface:
         self.released[i] = ti.cast(leaves and not presses, float)
 
     @ti.func
-    def share(self, i, x, z):
+    def weight(self, i, x, z):
         """How much of a wall acts on particle i at x, at the distance z, 0 to 1. A thin one fades out over a spacing
-        beyond its edge, where the other side comes in view; a loose one within the first gap that opens, and where the
-        particle has parted from it, so that it pushes only."""
-        share = ti.cast(1.0, float)
+        beyond its edge, where the other side comes in view; a unilateral one within the first gap that opens, and
+        where the particle has parted from it, so that it pushes only."""
+        weight = ti.cast(1.0, float)
         if ti.static(self.thin):
-            share *= ti.cast(ti.max(0.0, ti.min(1.0, 1.0 - self.beyond(x) / self.spacing)), float)
-        if ti.static(self.loose):
-            share *= ti.max(0.0, ti.min(1.0, (RELEASED - z / self.spacing) / (RELEASED - TOUCHING)))
-            if ti.static(self.lets_go):
-                share *= 1.0 - self.released[i]
-        return share
+            weight *= ti.cast(ti.max(0.0, ti.min(1.0, 1.0 - self.beyond(x) / self.spacing)), float)
+        if ti.static(self.unilateral):
+            weight *= ti.max(0.0, ti.min(1.0, (RELEASED - z / self.spacing) / (RELEASED - TOUCHING)))
+            if ti.static(self.releases):
+                weight *= 1.0 - self.released[i]
+        return weight
 
     @ti.func
     def between(self, x, y):
@@ -199,14 +206,14 @@ class Sampled(Surface):
 
     def __init__(self, wall, dimension: int, spacing: float, clock):
         super().__init__(wall, dimension, spacing, clock)
-        self.parts = True
+        self.separates = True
         self.dimension, self.cell, self.shape = dimension, wall.cell, wall.values.shape
         self.values = ti.field(real(), self.shape)
         self.values.from_numpy(wall.values)
         self.velocity = ti.types.vector(dimension, real())(wall.travel)
         self.distances = wall.values
 
-    def keep(self, capacity: int, effective_radius: float):
+    def allocate(self, capacity: int, effective_radius: float):
         """What each particle sees of the solid; and beside inner edges the faces that meet there."""
         self.reach = effective_radius - 0.5 * self.spacing  # of the ghosts: the first is half a spacing behind a face
         number, planes = inner_edges(self.distances, self.cell, self.reach)
@@ -220,7 +227,7 @@ class Sampled(Surface):
         self.n = ti.Vector.field(self.dimension, real(), (capacity, self.faces))
 
     @ti.func
-    def find(self, i, x):
+    def find_faces(self, i, x):
         z, n, _velocity, _curvature = self.nearest(x)
         self.z[i, 0], self.n[i, 0] = z, n
         if ti.static(self.faces > 1):
@@ -241,7 +248,7 @@ class Sampled(Surface):
                         for a in ti.static(range(self.dimension)):
                             self.n[i, slot][a] = plane[1 + a]
                         self.z[i, slot] = plane[0] + self.n[i, slot].dot(offset)
-                        if ti.static(self.rubs):  # noqa: SIM102  (friction acts on the first face: the nearest one)
+                        if ti.static(self.has_friction):  # noqa: SIM102  (friction acts on the first face: the nearest one)
                             if self.z[i, slot] < self.z[i, 0]:
                                 z, n = self.z[i, 0], self.n[i, 0]
                                 self.z[i, 0], self.n[i, 0] = self.z[i, slot], self.n[i, slot]
@@ -268,10 +275,10 @@ class Sampled(Surface):
                 f[a] = ti.cast(place[a] - k[a], float)
             for corner in ti.static(ti.ndrange(*((2,) * self.dimension))):
                 value = self.values[k + ti.Vector(corner)]
-                share = ti.cast(1.0, float)
+                weight = ti.cast(1.0, float)
                 for a in ti.static(range(self.dimension)):
-                    share *= f[a] if corner[a] else 1.0 - f[a]
-                z += share * value
+                    weight *= f[a] if corner[a] else 1.0 - f[a]
+                z += weight * value
                 for a in ti.static(range(self.dimension)):
                     rise = ti.cast(1.0 if corner[a] else -1.0, float)
                     for b in ti.static(range(self.dimension)):

@@ -19,7 +19,7 @@ from ..particles.kernels import PACKING, mps_weight
 from ..particles.particles import Carried
 from ..runtime.backend import double_field, real, ti
 from ..runtime.stages import stage
-from .friction import WallFriction
+from .friction import FrictionalSlip
 from .ghosts import COUNTED, GhostSums, meeting, wedges
 from .surfaces import Flat, Round, Sampled
 
@@ -43,7 +43,7 @@ def carried(walls) -> dict[str, Carried]:
 class Walls:
     """Static tuple of surfaces; every function sums over those within the effective radius of x [m].
 
-    ``share`` is the cross-section of the particle at x over l0^2: 1, but for rings (gradient.py), behind whose walls
+    ``ratio`` is the cross-section of the particle at x over l0^2: 1, but for rings (gradient.py), behind whose walls
     the ghosts stand as close as they do."""
 
     def __init__(
@@ -65,19 +65,20 @@ class Walls:
         self.time = 0.0  # at which the present step begins [s]
         self.surfaces = tuple(SURFACES[type(wall)](wall, dimension, spacing, self.clock) for wall in walls)
         for surface in self.surfaces:
-            surface.keep(capacity, effective_radius)
+            surface.allocate(capacity, effective_radius)
         rough = [(wall, surface) for wall, surface in zip(walls, self.surfaces, strict=True) if wall.friction]
         for k, (wall, surface) in enumerate(rough):
             carried = particles.carried[f"slip_{k}"], particles.carried.get(f"traction_{k}")
-            surface.friction = WallFriction(wall.friction, *carried, spacing, plastic_viscosity)
-        self.rub = bool(rough)
-        for k, surface in enumerate(surface for surface in self.surfaces if surface.loose and particles):
-            surface.lets_go, surface.particles = True, particles
+            surface.friction = FrictionalSlip(wall.friction, *carried, spacing, plastic_viscosity)
+        self.have_friction = bool(rough)
+        for k, surface in enumerate(surface for surface in self.surfaces if surface.unilateral and particles):
+            surface.releases, surface.particles = True, particles
             surface.released = particles.carried[f"released_{k}"]
         each = [(k, slot) for k, surface in enumerate(self.surfaces) for slot in range(surface.faces)]
         self.slots = tuple(slot for _, slot in each)
         self.faces = tuple(  # the slip that a particle carries belongs to one face
-            self.surfaces[k].smooth() if slot and self.surfaces[k].rubs else self.surfaces[k] for k, slot in each
+            self.surfaces[k].frictionless() if slot and self.surfaces[k].has_friction else self.surfaces[k]
+            for k, slot in each
         )
         for k, others in enumerate(meeting(walls)):
             mirror = [getattr(walls[m], "mirror", False) or getattr(walls[k], "mirror", False) for m in others]
@@ -91,30 +92,30 @@ class Walls:
         self.closest = self.ghosts.closest
         if self.surfaces:
             self.c = ti.field(real(), (capacity, len(self.faces)))  # pull of each face on each particle [1/m]
-        self.move = any(wall.speed > 0.0 for wall in walls)
-        self.travel = any(surface.travels for surface in self.surfaces)
-        self.part = any(surface.parts for surface in self.surfaces)
+        self.moving = any(wall.speed > 0.0 for wall in walls)
+        self.travelling = any(surface.travels for surface in self.surfaces)
+        self.separate = any(surface.separates for surface in self.surfaces)
 
-    def tie(self, inertia: float) -> None:
+    def set_friction_penalty(self, inertia: float) -> None:
         """Penalty of the walls' friction for a step of rho/dt = ``inertia`` [kg/(m3 s)]."""
         for surface in self.surfaces:
-            if surface.rubs:
+            if surface.has_friction:
                 surface.friction.penalty[None] = inertia * surface.friction.depth
 
     def place(self, time: float) -> None:
         """Put the walls that travel where they are at this time [s]."""
         self.time = time
-        if self.travel:
+        if self.travelling:
             self.clock[None] = time
 
     def move_to_middle(self, dt: float) -> None:
         """Put the walls where they are in the middle of a step of dt [s]."""
-        if self.travel:
+        if self.travelling:
             self.set_clock(self.time + 0.5 * dt)
 
     def move_to_end(self, dt: float) -> None:
         """Put the walls where they are at the end of a step of dt [s], from its middle."""
-        if self.travel:
+        if self.travelling:
             self.set_clock(self.time + 0.5 * dt + 0.5 * dt)
         self.time += dt
 
@@ -124,22 +125,22 @@ class Walls:
         self.clock[None] = time
 
     @ti.func
-    def moments(self, i, x, share):
+    def moments(self, i, x, ratio):
         """Neighbours, n and packing [-], the moment matrix [-], and sum w e [-] that the walls add at x, the place of
         particle i, e the direction to each ghost; keeps their pull on it, and what faces of solids it stands in front
         of."""
         for wall in ti.static(self.surfaces):
-            wall.find(i, x)
-            if ti.static(wall.lets_go):
-                wall.part(i, x)
+            wall.find_faces(i, x)
+            if ti.static(wall.releases):
+                wall.update_release(i, x)
         if ti.static(self.ghosts.wedges):
             for f, wall in ti.static(enumerate(self.faces)):
                 z, n, _velocity, _curvature = wall.face(i, x, self.slots[f])
                 acts = ti.cast(1.0, float)
-                if ti.static(wall.thin or wall.loose):
-                    acts = wall.share(i, x, z)
-                self.ghosts.stand(i, f, z, n, acts)
-            self.ghosts.divide(i)
+                if ti.static(wall.thin or wall.unilateral):
+                    acts = wall.weight(i, x, z)
+                self.ghosts.set_face(i, f, z, n, acts)
+            self.ghosts.divide_corners(i)
         counts = ti.Vector.zero(float, 3)
         surface_normal = ti.Vector.zero(float, self.dimension)
         moment = ti.Matrix.zero(float, self.dimension, self.dimension)
@@ -148,43 +149,43 @@ class Walls:
             z, n, _velocity, curvature = wall.face(i, x, self.slots[f])
             if z < self.effective_radius:
                 for k, name in ti.static(enumerate(COUNTED)):
-                    counts[k] += self.ghosts.lookup(name, i, wall, f, x, z, curvature, share)
-                surface_normal -= n * self.ghosts.lookup("inward", i, wall, f, x, z, curvature, share)
+                    counts[k] += self.ghosts.lookup(name, i, wall, f, x, z, curvature, ratio)
+                surface_normal -= n * self.ghosts.lookup("inward", i, wall, f, x, z, curvature, ratio)
                 normal = n.outer_product(n)
-                self.c[i, f] = self.ghosts.lookup("pull", i, wall, f, x, z, curvature, share)
+                self.c[i, f] = self.ghosts.lookup("pull", i, wall, f, x, z, curvature, ratio)
                 moment += self.c[i, f] * ti.max(z, self.closest) * normal
                 if ti.static(not wall.slip):
-                    t = self.ghosts.lookup("tangential", i, wall, f, x, z, curvature, share)
-                    if ti.static(wall.rubs):
-                        t *= wall.friction.hold(i, ti.max(z, self.closest))
+                    t = self.ghosts.lookup("tangential", i, wall, f, x, z, curvature, ratio)
+                    if ti.static(wall.has_friction):
+                        t *= wall.friction.set_bond(i, ti.max(z, self.closest))
                     moment += t * (ti.Matrix.identity(float, self.dimension) - normal)
         return counts, moment, surface_normal
 
     @ti.func
-    def felt(self, i, wall: ti.template(), n, v, motion):
+    def seen_by_fit(self, i, wall: ti.template(), n, v, motion):
         """What of a velocity v relative to the wall the fit sees; ``motion`` 1 with the slip that does not depend on v.
         At ``motion`` 0 it is symmetric: the same part of a pull reaches the particle."""
         seen = v
         if ti.static(wall.slip):
             seen = n * n.dot(v)
-        if ti.static(wall.rubs):
-            seen = wall.friction.felt(i, n, v) - motion * wall.friction.offset[i]
+        if ti.static(wall.has_friction):
+            seen = wall.friction.seen_by_fit(i, n, v) - motion * wall.friction.offset[i]
         return seen
 
     @ti.func
-    def gradient_term(self, i, x, u, motion, share):
+    def gradient_term(self, i, x, u, motion, ratio):
         """sum of (u - u_wall) (x) n c [1/s 1/m], and t S (I - n (x) n) where the wall turns with the gradient S;
         ``motion`` 1 with the walls' velocity, 0 without."""
         total = ti.Matrix.zero(float, self.dimension, self.dimension)
         for f, wall in ti.static(enumerate(self.faces)):
             if self.c[i, f] > 0.0:
                 z, n, velocity, curvature = wall.face(i, x, self.slots[f])
-                jump = self.felt(i, wall, n, u - motion * velocity, motion)
+                jump = self.seen_by_fit(i, wall, n, u - motion * velocity, motion)
                 total += jump.outer_product(n) * self.c[i, f]
                 if ti.static(wall.turns and not wall.slip):
                     spin = ti.cast(wall.spin, float)
-                    t = self.ghosts.lookup("tangential", i, wall, f, x, z, curvature, share)
-                    if ti.static(wall.rubs):
+                    t = self.ghosts.lookup("tangential", i, wall, f, x, z, curvature, ratio)
+                    if ti.static(wall.has_friction):
                         t *= wall.friction.bond[i]
                     total += motion * t * (spin - (spin @ n).outer_product(n))
         return total
@@ -196,19 +197,19 @@ class Walls:
         for f, wall in ti.static(enumerate(self.faces)):
             if self.c[i, f] > 0.0:
                 _z, n, _velocity, _curvature = wall.face(i, x, self.slots[f])
-                total -= self.felt(i, wall, n, flux @ n, 0.0) * self.c[i, f]
+                total -= self.seen_by_fit(i, wall, n, flux @ n, 0.0) * self.c[i, f]
         return total
 
     @ti.func
     def drag_term(self, i, x, u, motion):
-        """sum of (u - u_wall) c/z: the walls' part of the resistance to non-affine motion (momentum.py)."""
+        """sum of (u - u_wall) c/z: the walls' part of the resistance to zero-energy (hourglass) modes (momentum.py)."""
         total = ti.Vector.zero(float, self.dimension)
         for f, wall in ti.static(enumerate(self.faces)):
             if self.c[i, f] > 0.0:
                 z, n, velocity, _curvature = wall.face(i, x, self.slots[f])
-                jump = self.felt(i, wall, n, u - motion * velocity, motion)
-                if ti.static(wall.rubs):
-                    jump = self.felt(i, wall, n, jump, 0.0)
+                jump = self.seen_by_fit(i, wall, n, u - motion * velocity, motion)
+                if ti.static(wall.has_friction):
+                    jump = self.seen_by_fit(i, wall, n, jump, 0.0)
                 total += jump * (self.c[i, f] / ti.max(z, self.closest))
         return total
 
@@ -217,43 +218,43 @@ class Walls:
         """Force [N] of the walls' friction against a particle, besides force_term."""
         total = ti.Vector.zero(float, self.dimension)
         for f, wall in ti.static(enumerate(self.faces)):
-            if ti.static(wall.rubs):  # noqa: SIM102  (a compiled choice stays apart)
+            if ti.static(wall.has_friction):  # noqa: SIM102  (a compiled choice stays apart)
                 if self.c[i, f] > 0.0:
                     _z, n, velocity, _curvature = wall.face(i, x, self.slots[f])
                     total += wall.friction.drag(i, n, u - motion * velocity, motion)
         return total
 
     @ti.func
-    def begin_friction(self, i, x, u, B, volume, mu, share):
-        """Before the passes of a step: how particle i, of this viscosity [Pa s], slips on the walls with friction."""
+    def start_slip(self, i, x, u, B, volume, mu, ratio):
+        """Before the iterations of a step: how particle i, of viscosity mu [Pa s], slips on walls with friction."""
         for f, wall in ti.static(enumerate(self.faces)):
-            if ti.static(wall.rubs):
+            if ti.static(wall.has_friction):
                 if self.c[i, f] > 0.0:
                     z, n, velocity, _curvature = wall.face(i, x, self.slots[f])
                     acts = ti.cast(1.0, float)
-                    if ti.static(wall.thin or wall.loose):
-                        acts = wall.share(i, x, z)
+                    if ti.static(wall.thin or wall.unilateral):
+                        acts = wall.weight(i, x, z)
                     cBn = self.c[i, f] * (B @ n)
-                    wall.friction.cover(i, n, ti.max(z, self.closest), volume, cBn, share, acts, self.ghosts.second)
-                    wall.friction.begin(i, n, u - velocity, mu)
+                    wall.friction.set_area(i, n, ti.max(z, self.closest), volume, cBn, ratio, acts, self.ghosts.second)
+                    wall.friction.start(i, n, u - velocity, mu)
                 else:
-                    wall.friction.forget(i)
+                    wall.friction.clear(i)
 
     @ti.func
-    def adjust_friction(self, i, x, u, flux, weight, B, mu, h, share):
-        """After a pass: the slip at which the walls' traction is all that they give to particle i: of its flux
+    def update_slip(self, i, x, u, flux, weight, B, mu, h, ratio):
+        """After an iteration: the slip at which the walls' traction is all that they give to particle i: of its flux
         V T B - h G, of drag_term times h, and of what their ghosts' pressure exceeds its own by under its ``weight``
         [N]."""
         for f, wall in ti.static(enumerate(self.faces)):
-            if ti.static(wall.rubs):  # noqa: SIM102  (a compiled choice stays apart)
+            if ti.static(wall.has_friction):  # noqa: SIM102  (a compiled choice stays apart)
                 if self.c[i, f] > 0.0:
                     z, n, velocity, curvature = wall.face(i, x, self.slots[f])
-                    deeper = n.dot(weight) * self.ghosts.lookup("normal", i, wall, f, x, z, curvature, share)
+                    deeper = n.dot(weight) * self.ghosts.lookup("normal", i, wall, f, x, z, curvature, ratio)
                     stiff = h * self.c[i, f] / ti.max(z, self.closest)
                     pull = flux @ n * self.c[i, f] + B @ n * deeper
-                    pull += stiff * self.felt(i, wall, n, u - velocity, 1.0)
+                    pull += stiff * self.seen_by_fit(i, wall, n, u - velocity, 1.0)
                     area = wall.friction.area[i]
-                    wall.friction.adjust(i, n, u - velocity, pull / area, stiff / area, mu)
+                    wall.friction.update(i, n, u - velocity, pull / area, stiff / area, mu)
 
     @ti.func
     def drag_power(self, i, x, u, motion):
@@ -262,7 +263,7 @@ class Walls:
         for f, wall in ti.static(enumerate(self.faces)):
             if self.c[i, f] > 0.0:
                 z, n, velocity, _curvature = wall.face(i, x, self.slots[f])
-                jump = self.felt(i, wall, n, u - motion * velocity, motion)
+                jump = self.seen_by_fit(i, wall, n, u - motion * velocity, motion)
                 total += jump.norm_sqr() * (self.c[i, f] / ti.max(z, self.closest))
         return total
 
@@ -295,26 +296,26 @@ class Walls:
         return total
 
     @ti.func
-    def hydrostatic(self, i, x, weight, B, share):
+    def hydrostatic(self, i, x, weight, B, ratio):
         """Force density [N/m3] by which the ghosts' pressure exceeds the particle's own under rho g = ``weight``."""
         total = ti.Vector.zero(float, self.dimension)
         for f, wall in ti.static(enumerate(self.faces)):
             z, n, _velocity, curvature = wall.face(i, x, self.slots[f])
             if z < self.effective_radius:
-                push = B @ n * (n.dot(weight) * self.ghosts.lookup("normal", i, wall, f, x, z, curvature, share))
-                if ti.static(wall.rubs):
-                    push = self.felt(i, wall, n, push, 0.0)
+                push = B @ n * (n.dot(weight) * self.ghosts.lookup("normal", i, wall, f, x, z, curvature, ratio))
+                if ti.static(wall.has_friction):
+                    push = self.seen_by_fit(i, wall, n, push, 0.0)
                 total -= push
         return total
 
     @ti.func
-    def crowding(self, i, x, share):
+    def crowding(self, i, x, ratio):
         """sum max(0, 1 - r/(1.5 l0)) e over the ghosts, e the direction from x to each [-]."""
         near = ti.Vector.zero(float, self.dimension)
         for f, wall in ti.static(enumerate(self.faces)):
             z, n, _velocity, curvature = wall.face(i, x, self.slots[f])
             if z < self.effective_radius:
-                near -= n * self.ghosts.lookup("crowding", i, wall, f, x, z, curvature, share)
+                near -= n * self.ghosts.lookup("crowding", i, wall, f, x, z, curvature, ratio)
         return near
 
     @ti.func
@@ -322,7 +323,7 @@ class Walls:
         """Whether a thin wall or a solid stands between two points [m]."""
         hidden = False
         for wall in ti.static(self.surfaces):
-            if ti.static(wall.parts):
+            if ti.static(wall.separates):
                 hidden = hidden or wall.between(x, y)
         return hidden
 

@@ -6,7 +6,7 @@ the negative adjoint of G, hence exact momentum, a symmetric operator and a trac
 
 In an axisymmetric scene a particle is a ring at (r, z) of fixed volume V_i and tensors are 3 x 3: the hoop part of the
 gradient is G_33 = u_r/r, the adjoint adds -V_i T_33/r_i to the radial force. A ring that moves outward gets thinner:
-``share`` is its cross-section over l0^2, with which it counts among neighbours and in the packing.
+``ratio`` is its cross-section over l0^2, with which it counts among neighbours and in the packing.
 """
 
 import numpy as np
@@ -19,7 +19,7 @@ from .particles import DUMMY, FLUID, WALL
 
 # largest surface normal of a full neighbourhood: 1.15 l0 below a flat surface, where 3 % of the packing is missing
 ENCLOSED = 0.3
-THICKEST, ENTRIES = 2.0, 256  # largest share in the table of lattice sums, and its length
+THICKEST, ENTRIES = 2.0, 256  # largest ratio in the table of lattice sums, and its length
 
 
 @ti.data_oriented
@@ -45,29 +45,29 @@ class Gradient:
         self.surface_normal = ti.Vector.field(d, real(), particles.capacity)
         self.neighbour_count = ti.field(real(), particles.capacity)  # neighbours, those behind walls included [-]
         if self.axisymmetric:
-            self.share = ti.field(real(), particles.capacity)  # cross-section of the ring over l0^2 [-]
+            self.ratio = ti.field(real(), particles.capacity)  # cross-section of the ring over l0^2 [-]
             self.hoop = ti.field(real(), particles.capacity)  # V T_33/r of the stress that was spread last [N]
-            shares = THICKEST / ENTRIES * np.arange(1, ENTRIES + 1)
-            self.lattices = ti.Vector.field(2, real(), ENTRIES)  # n0 and packing [-] of a lattice with these shares
-            self.ring_sums = ring_table(spacing, self.effective_radius, shares, self.weight)
+            ratios = THICKEST / ENTRIES * np.arange(1, ENTRIES + 1)
+            self.lattices = ti.Vector.field(2, real(), ENTRIES)  # n0 and packing [-] of a lattice with these ratios
+            self.ring_sums = ring_table(spacing, self.effective_radius, ratios, self.weight)
             self.lattices.from_numpy(self.ring_sums)
-        shares = {"share": self.share} if self.axisymmetric else {}
-        self.rows = FieldIO({"n": self.n, **shares}, particles.capacity)
+        ratios = {"ratio": self.ratio} if self.axisymmetric else {}
+        self.rows = FieldIO({"n": self.n, **ratios}, particles.capacity)
 
     @ti.func
-    def counts_as(self, i):
+    def cross_section_ratio(self, i):
         """Cross-section of particle i over that of the lattice [-]: 1 but for rings."""
-        share = ti.cast(1.0, float)
+        ratio = ti.cast(1.0, float)
         if ti.static(self.axisymmetric):
-            share = self.share[i]
-        return share
+            ratio = self.ratio[i]
+        return ratio
 
     @ti.func
     def lattice(self, i):
         """n0 and packing [-] of a full lattice of particles like i."""
         sums = ti.Vector([ti.cast(self.n0, float), ti.cast(self.full_packing, float)])
         if ti.static(self.axisymmetric):
-            s = self.share[i] * (ENTRIES / THICKEST) - 1.0
+            s = self.ratio[i] * (ENTRIES / THICKEST) - 1.0
             k = ti.max(0, ti.min(ti.cast(s, ti.i32), ENTRIES - 2))
             f = ti.max(0.0, ti.min(1.0, s - k))
             sums = self.lattices[k] * (1.0 - f) + self.lattices[k + 1] * f
@@ -87,8 +87,8 @@ class Gradient:
         rows = self.rows.read(self.particles.count[None])
         if not self.axisymmetric:
             return rows["n"] / self.n0
-        share, shares = rows["share"], THICKEST / ENTRIES * np.arange(1, ENTRIES + 1)
-        return rows["n"] / np.maximum(1e-12, share * np.interp(share, shares, self.ring_sums[:, 0]))
+        ratio, ratios = rows["ratio"], THICKEST / ENTRIES * np.arange(1, ENTRIES + 1)
+        return rows["n"] / np.maximum(1e-12, ratio * np.interp(ratio, ratios, self.ring_sums[:, 0]))
 
     @ti.func
     def inverse(self, M, n0):
@@ -104,11 +104,11 @@ class Gradient:
         if ti.static(self.axisymmetric):
             for i in range(self.particles.count[None]):  # a ring thicker than the axis is far has no cross-section
                 r = ti.max(ti.cast(self.particles.x[i][0], float), 0.5 * self.spacing)
-                self.share[i] = self.particles.ring[i] / (2.0 * np.pi * r * self.spacing**2)
+                self.ratio[i] = self.particles.ring[i] / (2.0 * np.pi * r * self.spacing**2)
         for i in range(self.particles.count[None]):
             x = self.particles.x[i]
             M = ti.Matrix.zero(float, self.dimension, self.dimension)
-            n, packing, neighbour_count = ti.cast(0.0, float), self.counts_as(i), ti.cast(0.0, float)
+            n, packing, neighbour_count = ti.cast(0.0, float), self.cross_section_ratio(i), ti.cast(0.0, float)
             surface_normal = ti.Vector.zero(float, self.dimension)
             wet = 0
             first, last = self.neighbors.row_start[i], self.neighbors.row_start[i + 1]
@@ -120,22 +120,22 @@ class Gradient:
                 distance = ti.sqrt(r2)
                 q = ti.min(1.0, distance / re)
                 w = self.weight(q)
-                share = self.counts_as(j)
-                if ti.static(self.walls.part):  # noqa: SIM102  (a compiled choice stays apart)
+                ratio = self.cross_section_ratio(j)
+                if ti.static(self.walls.separate):  # noqa: SIM102  (a compiled choice stays apart)
                     if self.walls.between(x, x + to_j):
-                        w, share = 0.0, 0.0
+                        w, ratio = 0.0, 0.0
                 b = r * (w / r2)
                 self.b[k] = b
                 self.weight_r2[k] = w / r2
                 M += b.outer_product(r)
-                n += share * w
+                n += ratio * w
                 surface_normal += distance * b
-                packing += share * self.packing_kernel(q)
-                neighbour_count += share
+                packing += ratio * self.packing_kernel(q)
+                neighbour_count += ratio
                 if self.particles.kind[j] == FLUID:
                     wet += 1
             if ti.static(len(self.walls.surfaces) > 0):
-                counts, moment, behind = self.walls.moments(i, x, self.counts_as(i))
+                counts, moment, behind = self.walls.moments(i, x, self.cross_section_ratio(i))
                 surface_normal += behind
                 neighbour_count += counts[0]
                 n += counts[1]
@@ -147,7 +147,7 @@ class Gradient:
             self.neighbour_count[i] = neighbour_count
             self.surface_normal[i] = surface_normal / self.at_surface
             kind = self.particles.kind[i]
-            some = neighbour_count >= self.dimension * ti.min(1.0, self.counts_as(i))
+            some = neighbour_count >= self.dimension * ti.min(1.0, self.cross_section_ratio(i))
             stressed = some and (kind == FLUID or (kind == WALL and wet > 0)) and kind != DUMMY
             self.B[i] = (
                 self.inverse(M, lattice[0]) if stressed else ti.Matrix.zero(float, self.dimension, self.dimension)
@@ -167,7 +167,7 @@ class Gradient:
         for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
             H += (u[self.neighbors.column[k]] - ui).outer_product(self.b[k])
         if ti.static(len(self.walls.surfaces) > 0):
-            H += self.walls.gradient_term(i, self.particles.x[i], ui, motion, self.counts_as(i))
+            H += self.walls.gradient_term(i, self.particles.x[i], ui, motion, self.cross_section_ratio(i))
         return H
 
     @ti.func

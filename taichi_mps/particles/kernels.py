@@ -76,11 +76,11 @@ def lattice_sums(
     return LatticeSums(float(w.sum()), float(lam), len(r), float(surface_normal), float(crowd), weight, packing_kernel)
 
 
-def ring_table(spacing: float, effective_radius: float, shares, weight: Callable = mps_weight) -> np.ndarray:
-    """(n, 2): n0, and the packing with each particle counted by its share, of square lattices whose cells are these
-    shares of spacing^2 [-]. The effective radius stays that of the spacing."""
-    lattices = [lattice_sums(2, spacing * share**0.5, effective_radius, weight) for share in shares]
-    return np.array([[sums.n0, share * sums.packing] for share, sums in zip(shares, lattices, strict=True)])
+def ring_table(spacing: float, effective_radius: float, ratios, weight: Callable = mps_weight) -> np.ndarray:
+    """(n, 2): n0, and the packing with each particle counted by its cross-section ratio, of square lattices whose cells
+    are these ratios of spacing^2 [-]. The effective radius stays that of the spacing."""
+    lattices = [lattice_sums(2, spacing * ratio**0.5, effective_radius, weight) for ratio in ratios]
+    return np.array([[sums.n0, ratio * sums.packing] for ratio, sums in zip(ratios, lattices, strict=True)])
 
 
 GHOST_SUMS = ("neighbours", "n", "pull", "tangential", "normal", "inward", "crowding", "packing")
@@ -151,7 +151,7 @@ def _terms(ghosts, z, spacing, effective_radius, weight, packing_kernel, curvatu
 def corner_table(
     dimension, spacing, effective_radius, entries=64, cosine=0.0, weight=mps_weight, packing_kernel=PACKING
 ) -> np.ndarray:
-    """Share of GHOST_SUMS that is left of the ghosts behind a wall where they end at another, whose normal has this
+    """Fraction of GHOST_SUMS that is left of the ghosts behind a wall where they end at another, whose normal has this
     ``cosine`` with that of the wall: (entries, entries, 8), for distances effective_radius * max(k, 1)/(entries - 1)
     from the wall and from the other. Ghosts half a spacing or less from the other count in part, so that nothing jumps.
     """
@@ -162,6 +162,6 @@ def corner_table(
     for z, terms, left in zip(distances, each, table, strict=True):
         ahead = (1.0 - cosine**2) ** 0.5 * ghosts[:, 0] - cosine * (z + ghosts[:, -1])  # of the other wall [m]
         some = terms.sum(1) > 0.0
-        shares = np.clip((distances[:, None] + ahead) / spacing + 0.5, 0.0, 1.0)
-        left[:, some] = (terms[some, None] * shares).sum(2).T / terms[some].sum(1)
+        parts = np.clip((distances[:, None] + ahead) / spacing + 0.5, 0.0, 1.0)
+        left[:, some] = (terms[some, None] * parts).sum(2).T / terms[some].sum(1)
     return table

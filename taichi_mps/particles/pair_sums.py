@@ -75,7 +75,7 @@ class PairSums:
         for a, c in ti.static(ti.ndrange(self.dimension, self.dimension)):
             H[a, c] = self.jumps[i][c, a]
         if ti.static(len(self.walls.surfaces) > 0):
-            H += self.walls.gradient_term(i, self.particles.x[i], u[i], motion, self.gradient.counts_as(i))
+            H += self.walls.gradient_term(i, self.particles.x[i], u[i], motion, self.gradient.cross_section_ratio(i))
         return self.gradient.tensor(i, H @ self.gradient.B[i], u)
 
     @ti.func

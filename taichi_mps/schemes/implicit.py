@@ -62,7 +62,7 @@ class Implicit:
         self.relaxation = InitialRelaxation(*fluid, walls, self.shifting, self.base.lattice.neighbours)
 
         self.friction, self.wall_stress, self.momentum_drift = NoWallFriction(), NoWallStress(), NoMomentumDrift()
-        if walls.rub:
+        if walls.have_friction:
             solved = self.constants, self.pressure, self.stress, self.resistance, self.solved_rate
             self.friction = WallFriction(*fluid, walls, *solved, g)
         if any(not wall.slip for wall in walls.surfaces):
@@ -74,12 +74,14 @@ class Implicit:
         self.operator = MomentumOperator(*fluid, sums, walls, self.constants, self.stress, self.resistance)
         known = self.pressure, self.constraint, self.correction, self.wall_stress
         self.source = MomentumSource(self.operator, *known, g)
-        # in a step the matrix changes with a viscosity that depends on the velocity, the walls' part of it with friction
+        # in a step the matrix changes with a viscosity that depends on the velocity, and with the friction of walls
         bi_viscosity = problem.law == "bi-viscosity"
         self.assemble_again = self.assemble if bi_viscosity else nothing
-        continues = not (bi_viscosity or walls.rub)
+        continues = not (bi_viscosity or walls.have_friction)
         self.velocity = VelocitySolve(self.operator, self.neighbors.bins, self.constants, continues)
-        self.viscous_iterations = 0 if walls.rub else VISCOUS_ITERATIONS  # friction is found together with the stress
+        self.viscous_iterations = (
+            0 if walls.have_friction else VISCOUS_ITERATIONS
+        )  # friction is found together with the stress
         self.first = True  # whether the next step is the first one
 
         yielded, solve = self.stress.yielded, self.velocity

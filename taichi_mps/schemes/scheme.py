@@ -35,7 +35,7 @@ class Scheme(Protocol):
         EscapedError where particles leave the domain: then the state is that of no time."""
 
     def relax(self) -> None:
-        """Before the first step: even out an uneven fill, where the scheme needs it."""
+        """Before the first step: relax an uneven fill, where the scheme needs it."""
 
     def fields_to_read(self, count: int) -> dict:
         """Arrays (count, ...) that a snapshot shows besides what the particles carry: yielded, and p where it is read

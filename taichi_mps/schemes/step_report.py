@@ -17,7 +17,7 @@ class StepReport:
     acceleration: float  # change of velocity over dt, root mean square [m/s2]; not computed by semi-implicit
     kinetic_energy: float  # [J]
     unyielded_fraction: float  # of the fluid particles [-]
-    viscous_iterations: int  # passes (implicit) or direct iterations (semi-implicit) for the viscosity
+    viscous_iterations: int  # augmented-Lagrangian (implicit) or direct ones for the viscosity (semi-implicit)
     pressure_iterations: int  # of the linear solver: of the velocity (implicit), of the pressure (semi-implicit)
     residual: float  # relative, of the last solve
     volume_error: float  # full over mean packing, less 1, of the particles with a full neighbourhood [-]

@@ -18,7 +18,7 @@ INERTIAL = 0.5  # hourglass modes of a thin fluid decay within two natural steps
 SLOWEST = 5e-3  # strain per natural step below which the hourglass resistance of a yield-stress fluid stops growing
 STIFFNESS = 75.0  # K = STIFFNESS rho (g H + U^2) times the natural step: that pressure compresses by 1/75 in one pass
 VISCOUS_STIFFNESS = 8.0  # and K >= 8 mu_r: a slow flow is resisted by its viscosity, not by its weight
-# mu_r >= 6 eta and 64 tau_y times the natural step: the stress converges in a few passes; in shorter steps also half
+# mu_r >= 6 eta and 64 tau_y times the natural step: the stress converges in a few iterations; in shorter steps also half
 # the geometric mean of eta and rho H^2/dt, or a plug that stops springs back
 PENALTY = 6.0, 64.0, 0.5
 
@@ -54,7 +54,7 @@ class Constants:
         of_mix = [ti.field(real(), mixes) for _ in range(6)]
         self.density, self.eta, self.tau_y, self.pi_c = of_mix[:4]  # [kg/m3], [Pa s], [Pa], [1/s]
         self.mu_r = of_mix[4]  # penalty that ties the strain rate to the yield law [Pa s]
-        self.inertial = of_mix[5]  # resistance of a thin fluid to non-affine motion [Pa s]
+        self.inertial = of_mix[5]  # hourglass resistance of a thin fluid [Pa s]
         of_scene = [ti.field(real(), ()) for _ in range(6)]
         self.layer_pressure = of_scene[0]  # of half a layer of particles [Pa]
         self.slowest = of_scene[1]  # rate of the bonds below which their resistance stops growing [1/s]

@@ -1,7 +1,7 @@
 """An uneven fill is evened before the first step: by the shift alone, without time or flow.
 
 The packing around a particle, from which its volume follows, is right for an even fill only, and so is what resists
-non-affine motion: a body filled at random places settles by millimetres while it should stand.
+hourglass modes: a body filled at random places settles by millimetres while it should stand.
 """
 
 import numpy as np
@@ -43,11 +43,11 @@ class InitialRelaxation:
         r_ij = x[j] - x[i]
         for axis in np.flatnonzero(neighbors.bins.periodic):
             r_ij[:, axis] -= neighbors.bins.size[axis] * np.round(r_ij[:, axis] / neighbors.bins.size[axis])
-        share = np.ones(len(x))
+        ratio = np.ones(len(x))
         if self.particles.axisymmetric:
-            share = particles["ring"] / (2.0 * np.pi * np.maximum(x[:, 0], 1e-30) * spacing**2)
+            ratio = particles["ring"] / (2.0 * np.pi * np.maximum(x[:, 0], 1e-30) * spacing**2)
         r = np.linalg.norm(r_ij, axis=1)
-        pushes = share[j] / share[i] * np.maximum(0.0, 1.0 - r / (1.5 * spacing * np.sqrt(share[i])))
+        pushes = ratio[j] / ratio[i] * np.maximum(0.0, 1.0 - r / (1.5 * spacing * np.sqrt(ratio[i])))
         near = np.add.reduceat(pushes[:, None] * r_ij / np.maximum(r, 1e-30)[:, None], first)
         return bool((near**2).sum(1).mean() > UNEVEN)
 

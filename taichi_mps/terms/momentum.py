@@ -92,7 +92,7 @@ class MomentumOperator:
                 total[a] += self.sums.jumps[i][self.dimension, a]
             if ti.static(len(self.walls.surfaces) > 0):
                 total -= self.resistance.h[i] * self.walls.drag_term(i, self.particles.x[i], u[i], motion)
-                if ti.static(self.walls.rub):
+                if ti.static(self.walls.have_friction):
                     total -= self.walls.friction_term(i, self.particles.x[i], u[i], motion)
             row = self.particles.volume(i) * self.inertia[i] * u[i] - total
         return row
@@ -192,7 +192,7 @@ class MomentumSource:
         )
         self.constants, self.stress, self.dimension = operator.constants, operator.stress, operator.dimension
         self.g = ti.types.vector(self.dimension, real())(gravity)
-        walls_act = self.walls.move or self.walls.rub
+        walls_act = self.walls.moving or self.walls.have_friction
         self.subtract_wall_motion = operator.subtract_wall_motion if walls_act else nothing
 
     def evaluate(self, solver) -> None:
@@ -219,7 +219,7 @@ class MomentumSource:
                 b[i] += own + self.sums.force(i)
                 if ti.static(len(self.walls.surfaces) > 0):
                     heavy = weight * self.constants.pressed(self.pressure.p[i])
-                    size = self.gradient.counts_as(i)
+                    size = self.gradient.cross_section_ratio(i)
                     b[i] += volume * self.walls.hydrostatic(i, self.particles.x[i], heavy, self.gradient.B[i], size)
                 b[i] += volume * self.wall_stress.force(i)
             else:

@@ -34,8 +34,8 @@ class Shifting:
     @stage("prepare")
     def set_tension(self, dt: float, resistance: ti.template(), pressure: ti.template(), stress: ti.template()):
         """What tension calls for in a step of dt [s]. Without a yield stress min(1, 60 (-p) dt/h) (h_0/h)^2 of the
-        shift, none beside a surface; h is the hourglass ``resistance``, h_0 that of a thin fluid [Pa s]: what is viscous would
-        lose angular momentum by it. A yield stress holds particles in their places."""
+        shift, none beside a surface; h is the hourglass ``resistance``, h_0 that of a thin fluid [Pa s]: what is
+        viscous would lose angular momentum by it. A yield stress holds particles in their places."""
         for i in range(self.particles.count[None]):
             thin, whole = resistance.thin[i], resistance.whole[i]
             if ti.static(self.tears):
@@ -67,7 +67,7 @@ class Shifting:
             self.shift[i] = ti.Vector.zero(float, d)
             if self.particles.kind[i] == FLUID:
                 x = self.particles.x[i]
-                l0 = self.spacing * ti.sqrt(self.gradient.counts_as(i))  # of rings as thin as this one
+                l0 = self.spacing * ti.sqrt(self.gradient.cross_section_ratio(i))  # of rings as thin as this one
                 near = ti.Vector.zero(float, d)
                 apart = ti.Vector.zero(float, d)
                 for k in range(self.gradient.neighbors.row_start[i], self.gradient.neighbors.row_start[i + 1]):
@@ -75,13 +75,13 @@ class Shifting:
                     r_ij = ti.cast(self.gradient.neighbors.bins.displacement(x, self.particles.x[j]), float)
                     r = ti.max(r_ij.norm(), 1e-3 * l0)
                     e = r_ij / r
-                    if ti.static(self.walls.part):
+                    if ti.static(self.walls.separate):
                         e *= ti.cast(self.gradient.weight_r2[k] > 0.0, float)  # not through a thin wall
-                    near += self.gradient.counts_as(j) * ti.max(0.0, 1.0 - r / (1.5 * l0)) * e
+                    near += self.gradient.cross_section_ratio(j) * ti.max(0.0, 1.0 - r / (1.5 * l0)) * e
                     apart -= 0.05 * ti.max(0.0, 0.85 * l0 - r) * e
-                near /= self.gradient.counts_as(i)
+                near /= self.gradient.cross_section_ratio(i)
                 if ti.static(len(self.walls.surfaces) > 0):
-                    near += self.walls.crowding(i, x, self.gradient.counts_as(i))
+                    near += self.walls.crowding(i, x, self.gradient.cross_section_ratio(i))
                 uneven = self.uneven(x)
                 deforming = ti.max(least, self.deforming(i, dt, strain))
                 if ti.static(self.tears):

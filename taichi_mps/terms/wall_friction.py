@@ -25,7 +25,7 @@ class WallFriction:
 
     def start(self, dt):
         """Penalty and slip at the start of a step of dt [s]."""
-        self.walls.tie(self.constants.materials[0].density / dt)
+        self.walls.set_friction_penalty(self.constants.materials[0].density / dt)
         self.begin_slip()
 
     @stage("friction")
@@ -33,9 +33,9 @@ class WallFriction:
         """The slip that each particle brings along to the walls with friction."""
         for i in range(self.particles.count[None]):
             mu = self.stress.viscosity(i, self.particles.shear_rate[i])
-            volume, size = self.particles.volume(i), self.gradient.counts_as(i)
+            volume, size = self.particles.volume(i), self.gradient.cross_section_ratio(i)
             B = self.gradient.B[i]
-            self.walls.begin_friction(i, self.particles.x[i], self.particles.u[i], B, volume, mu, size)
+            self.walls.start_slip(i, self.particles.x[i], self.particles.u[i], B, volume, mu, size)
 
     @stage("friction")
     def update(self, u: ti.template()):
@@ -48,5 +48,5 @@ class WallFriction:
             flux = self.gradient.spread_stress(i, T) - h * self.gradient.in_plane(G)
             weight = self.particles.volume(i) * self.constants.density_of(i) * self.g
             weight *= self.constants.pressed(self.pressure.p[i])
-            size, mu = self.gradient.counts_as(i), self.stress.mu[i]
-            self.walls.adjust_friction(i, x, u[i], flux, weight, B, mu, h, size)
+            size, mu = self.gradient.cross_section_ratio(i), self.stress.mu[i]
+            self.walls.update_slip(i, x, u[i], flux, weight, B, mu, h, size)

@@ -40,7 +40,7 @@ class WallStress:
         self.particles, self.gradient, self.walls = particles, gradient, walls
         self.neighbors, self.constants, self.pressure = gradient.neighbors, constants, pressure
         self.strain_rate, self.stress, self.dimension = strain_rate, stress, particles.dimension
-        self.in_full_vessels = not particles.axisymmetric and any(wall.holds for wall in walls.surfaces)
+        self.in_full_vessels = not particles.axisymmetric and any(wall.no_slip for wall in walls.surfaces)
         self.g = ti.types.vector(self.dimension, real())(gravity)
         self.drive = ti.Vector.field(self.dimension, real(), particles.capacity)  # rho g - grad p [N/m3]
         self.weight = ti.field(real(), particles.capacity)  # of the excess [-]
@@ -115,7 +115,7 @@ class WallStress:
         """Whether particle i is in reach of a no-slip wall."""
         near = False
         for f, wall in ti.static(enumerate(self.walls.faces)):
-            if ti.static(wall.holds):
+            if ti.static(wall.no_slip):
                 near = near or self.walls.c[i, f] > 0.0
         return near
 
@@ -124,7 +124,7 @@ class WallStress:
         """Largest part [N/m3] of the drive of particle i along a no-slip wall in reach."""
         most = ti.cast(0.0, float)
         for f, wall in ti.static(enumerate(self.walls.faces)):
-            if ti.static(wall.holds):  # noqa: SIM102  (a compiled choice stays apart)
+            if ti.static(wall.no_slip):  # noqa: SIM102  (a compiled choice stays apart)
                 if self.walls.c[i, f] > 0.0:
                     _z, n, _velocity, _curvature = wall.face(i, self.particles.x[i], self.walls.slots[f])
                     most = ti.max(most, (self.drive[i] - n * n.dot(self.drive[i])).norm())
@@ -134,9 +134,9 @@ class WallStress:
     def excess(self, i):
         """Force density [N/m3] by which the shear stress of the ghosts exceeds that of particle i."""
         total = ti.Vector.zero(float, self.dimension)
-        x, size = self.particles.x[i], self.gradient.counts_as(i)
+        x, size = self.particles.x[i], self.gradient.cross_section_ratio(i)
         for f, wall in ti.static(enumerate(self.walls.faces)):
-            if ti.static(wall.holds):  # noqa: SIM102  (a compiled choice stays apart)
+            if ti.static(wall.no_slip):  # noqa: SIM102  (a compiled choice stays apart)
                 if self.walls.c[i, f] > 0.0:
                     z, n, _velocity, curvature = wall.face(i, x, self.walls.slots[f])
                     along = self.drive[i] - n * n.dot(self.drive[i])
@@ -150,13 +150,13 @@ class WallStress:
         T in the directions along each wall, times t(z) and B."""
         force = ti.Vector.zero(float, self.dimension)
         moment = ti.Matrix.zero(float, self.dimension, self.dimension)
-        x, size = self.particles.x[i], self.gradient.counts_as(i)
+        x, size = self.particles.x[i], self.gradient.cross_section_ratio(i)
         for f, wall in ti.static(enumerate(self.walls.faces)):
             if ti.static(not wall.slip):  # noqa: SIM102  (a compiled choice stays apart)
                 if self.walls.c[i, f] > 0.0:
                     z, n, _velocity, curvature = wall.face(i, x, self.walls.slots[f])
                     t = self.walls.ghosts.lookup("tangential", i, wall, f, x, z, curvature, size)
-                    if ti.static(wall.rubs):
+                    if ti.static(wall.has_friction):
                         t *= wall.friction.bond[i]
                     moment += t * (ti.Matrix.identity(float, self.dimension) - n.outer_product(n))
         if moment.trace() > 0.0:
