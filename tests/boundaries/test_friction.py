@@ -118,14 +118,14 @@ class Rubbing(System):
         floor = mps.Plane((0.0, -0.33), (0.0, 1.0), friction=law)
         x = cloud((5, 6))
         super().__init__(x[floor.distance(x) > 0.01], planes=(floor,))
-        self.gradient.walls.tie(inertia)
+        self.gradient.walls.set_friction_penalty(inertia)
         self.begin()
 
     @ti.kernel
     def begin(self):
         for i in range(self.particles.count[None]):
             B = self.gradient.B[i]
-            self.gradient.walls.begin_friction(i, self.particles.x[i], self.u[i], B, self.volume, 300.0, 1.0)
+            self.gradient.walls.start_slip(i, self.particles.x[i], self.u[i], B, self.volume, 300.0, 1.0)
 
 
 def test_the_matrix_at_a_floor_with_friction_is_symmetric_positive_definite():

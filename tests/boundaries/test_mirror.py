@@ -172,11 +172,11 @@ def test_corners_count_every_neighbour_once(d, mirrors, tolerance):
     beside = np.all(part.x[order[1]][:, :mirrors] < 2.1 * L0, axis=1)
     beside &= np.all(np.abs(part.x[order[1]]) < 0.2, axis=1)  # away from the lattice's own ends
     assert beside.sum() >= 2**d / 2
-    for name in ("n", "packing", "around"):
+    for name in ("n", "packing", "neighbour_count"):
         values = getattr(whole.gradient, name).to_numpy()[order[0]], getattr(part.gradient, name).to_numpy()[order[1]]
         assert np.abs(values[1] / values[0] - 1.0)[beside].max() < tolerance, name
-    leans = whole.gradient.surface_normal.to_numpy()[order[0]], part.gradient.surface_normal.to_numpy()[order[1]]
-    assert np.abs(leans[1] - leans[0])[beside].max() < tolerance
+    normals = whole.gradient.surface_normal.to_numpy()[order[0]], part.gradient.surface_normal.to_numpy()[order[1]]
+    assert np.abs(normals[1] - normals[0])[beside].max() < tolerance
 
 
 # ---- refusals -------------------------------------------------------------------------------------------------

@@ -6,16 +6,15 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.boundaries.walls import Walls
 from taichi_mps.problem import catalogue
 from taichi_mps.runtime.backend import ti
+from tests.support.rigs import L0, cloud
 from tests.support.rigs import Rig as Cloud
-from tests.support.rigs import cloud
+from tests.support.rigs import walls as seen
 
-L0, RE = 0.1, 0.21
 UP = (0.0, 0.0, 1.0)
 SHEET = mps.Cylinder((0.0, 0.0, -0.2), 0.32, axis=UP, slope=-0.2, length=0.4, thin=True)  # both rims in the cloud
-FITTED = ("n", "packing", "around")
+FITTED = ("n", "packing", "neighbour_count")
 
 
 def test_where_a_travelling_wall_is():
@@ -57,7 +56,7 @@ def test_fluid_behind_a_thin_wall_is_not_felt():
 @ti.data_oriented
 class Mover:
     def __init__(self, walls, count, d):
-        self.walls = Walls(walls, d, L0, RE)
+        self.walls = seen(walls, d)
         self.x, self.move, self.y = (ti.Vector.field(d, ti.f64, count) for _ in range(3))
         self.share = ti.field(ti.f64, count)
 
@@ -146,15 +145,15 @@ def test_a_rising_floor_carries_a_block_along():
     assert np.abs(moved - (0.0, speed)).max() < 0.03 * L0
 
 
-@pytest.mark.parametrize("loose", [True, pytest.param(False, marks=pytest.mark.long)])
-def test_a_loose_wall_pushes_a_block_and_does_not_pull_it(loose):
+@pytest.mark.parametrize("unilateral", [True, pytest.param(False, marks=pytest.mark.long)])
+def test_a_unilateral_wall_pushes_a_block_and_does_not_pull_it(unilateral):
     """A block that would stand, on a smooth floor: a board moves it at its speed, and leaves it where it is if the
-    board is drawn away and loose; one that is not loose takes it along."""
+    board is drawn away and unilateral; one that is not takes it along."""
     speed = 0.2
     x = mps.fill(mps.Box((0.0, 0.0), (1.0, 0.5)), L0)
     for sign in (1.0, -1.0):
         floor = mps.Plane((0.0, 0.0), (0.0, 1.0), slip=True)
-        board = mps.Plane((0.0, 0.0), (1.0, 0.0), velocity=(sign * speed, 0.0), slip=True, loose=loose)
+        board = mps.Plane((0.0, 0.0), (1.0, 0.0), velocity=(sign * speed, 0.0), slip=True, loose=unilateral)
         scene = mps.Scene(
             name="board",
             material=mps.Bingham(plastic_viscosity=50.0, yield_value=20000.0),
@@ -166,7 +165,7 @@ def test_a_loose_wall_pushes_a_block_and_does_not_pull_it(loose):
         sim = mps.Simulation(scene)
         sim.run(until=0.5)
         moved = sim.snapshot().x[:, 0] - x[:, 0]
-        taken = sign > 0.0 or not loose
+        taken = sign > 0.0 or not unilateral
         assert np.abs(moved - sign * 0.5 * speed * taken).max() < (0.05 if taken else 1e-3) * L0
 
 
@@ -206,7 +205,7 @@ def test_the_mould_holds_the_concrete_and_is_lifted_off_it():
     scene.check(sim.snapshot(), sim.measures())
 
 
-@pytest.mark.long  # tests/test_rest.py has the rule alone
+@pytest.mark.long  # simulation/test_rest.py has the rule alone
 def test_a_stiff_mix_is_not_at_rest_in_its_mould():
     """20 kPa stands by itself; the run still goes on until the mould, lifted at 0.5 m/s, is an effective radius of
     42 mm away from it all around, and 0.2 s longer: the gap grows by 82 mm/s, and particles begin up to 8 mm away."""

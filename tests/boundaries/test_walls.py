@@ -6,16 +6,12 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.boundaries.walls import Walls
-from taichi_mps.particles.gradient import Gradient
-from taichi_mps.particles.kernels import lattice_sums, mps_weight, smooth_weight
-from taichi_mps.particles.neighbors import Bins, NeighborList
-from taichi_mps.particles.particles import Particles
+from taichi_mps.particles.kernels import mps_weight, smooth_weight
 from taichi_mps.runtime.backend import ti
-from tests.support.rigs import MASS_RATE, System, cloud
+from tests.support.rigs import L0, MASS_RATE, RE, System, cloud, neighbourhood
 from tests.support.rigs import Rig as Cloud
+from tests.support.rigs import walls as seen
 
-L0, RE = 0.1, 0.21
 HEIGHT = 10 * L0
 
 
@@ -30,19 +26,13 @@ class Rig:
         up = (0.0,) * (d - 1)
         planes = (mps.Plane(low, (*up, 1.0), slip=slip), mps.Plane(high, (*up, -1.0), slip=slip))
         x = mps.lattice(low, np.array(high) - 0.5 * L0, L0)
-        self.dimension, self.lattice = d, lattice_sums(d, L0, RE, weight)
-        self.particles = Particles(x, np.zeros(len(x), int), 0.0 * x, np.ones(len(x)), False)
         domain = (np.array(low) - np.eye(d)[-1], np.array(high) + np.eye(d)[-1])
-        bins = Bins(self.particles, domain, (True,) * (d - 1) + (False,), RE)
-        neighbors = NeighborList(bins, 40 * len(x))
-        self.walls = Walls(planes, d, L0, RE, len(x), weight=weight)
-        self.gradient = Gradient(neighbors, self.walls, self.lattice, L0)
+        found = neighbourhood(x, planes=planes, weight=weight, domain=domain, periodic=(True,) * (d - 1) + (False,))
+        self.dimension, self.lattice = d, found.lattice
+        self.particles, self.walls, self.gradient = found.particles, found.walls, found.gradient
         self.F, self.W, self.near = (ti.Vector.field(d, ti.f64, len(x)) for _ in range(3))
         self.P = ti.Matrix.field(d, d, ti.f64, len(x))
         self.moved = ti.Vector.field(d, ti.f64, 16)
-        bins.sort()
-        neighbors.build()
-        self.gradient.build()
         self.x = self.particles.read()["x"]
         self.interior = (self.x[:, -1] > RE) & (self.x[:, -1] < HEIGHT - RE)
 
@@ -180,7 +170,7 @@ class Probe:
 
     def __init__(self, wall, x):
         n, d = x.shape
-        self.wall = Walls((wall,), d, L0, RE).surfaces[0]
+        self.wall = seen((wall,), d).surfaces[0]
         self.x, self.normal, self.velocity = (ti.Vector.field(d, ti.f64, n) for _ in range(3))
         self.z, self.curvature = ti.field(ti.f64, n), ti.field(ti.f64, n)
         self.x.from_numpy(x)
@@ -261,7 +251,7 @@ def test_turning_with_the_walls_is_exact_and_meets_no_resistance(case):
     """Gradient, stress and non-affine resistance of a solid rotation between co-rotating walls, to rounding."""
     d, walls = CURVED[case]
     system = System(inside(walls, d), planes=walls)
-    wall, n = walls[0], len(system.x)
+    wall = walls[0]
     near = np.min([wall.distance(system.x) for wall in walls], axis=0) < L0
     assert near.sum() > 10
     arm = system.x - np.array(wall.point)
@@ -272,9 +262,7 @@ def test_turning_with_the_walls_is_exact_and_meets_no_resistance(case):
     stiffened = system.x[~system.healthy]  # those at the ends of the pipe with too few neighbours, and who feels them
     free = np.array([np.all(np.linalg.norm(stiffened - x, axis=1) > RE) for x in system.x])
     assert (free & near).sum() > 10
-    scratch = [ti.Vector.field(d, ti.f64, n) for _ in range(3)]
-    system.system.subtract_wall_motion(*scratch)
-    push = scratch[2].to_numpy()
+    push = system.push_of_moving_walls()
     assert np.abs(push).max() > 0.0
     assert np.abs(system.multiply(u) - MASS_RATE * u - push)[free].max() < 1e-9 * np.abs(push).max()
 

@@ -146,7 +146,7 @@ def test_single_and_paired_particles_carry_no_stress(cube):
 
 
 @pytest.mark.parametrize("d", [2, 3])
-def test_lean_is_one_at_a_flat_surface_and_points_into_the_lattice(d):
+def test_surface_normal_is_one_at_a_flat_surface_and_points_into_the_lattice(d):
     """Sums over the missing half by hand: one layer at the surface, of the second row only what is 2 l0 away."""
     x = mps.lattice((-0.45,) * d, (0.4,) * d, L0)
     rig = Rig(x)

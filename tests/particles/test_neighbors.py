@@ -1,15 +1,12 @@
 """Neighbour lists against brute force, the order of the rows, full lists and lost particles."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
 import taichi_mps as mps
-from taichi_mps.particles.neighbors import Bins, CapacityError, EscapedError, NeighborList
-from taichi_mps.particles.particles import Particles
-from taichi_mps.simulation import simulation
+from taichi_mps.particles.neighbors import CapacityError, EscapedError, NeighborList
+from tests.support.rigs import lists, particles
 
 RE, CAPACITY = 0.105, 240
 DOMAINS = {  # name: low corner, high corner, periodic
@@ -30,15 +27,14 @@ class Rig:
     def __init__(self, low, high, periodic):
         self.low, self.high, self.periodic = np.array(low), np.array(high), np.array(periodic)
         x = np.zeros((CAPACITY, len(low)))
-        self.particles = Particles(x, np.zeros(CAPACITY, int), x, np.ones(CAPACITY), False)
-        self.bins = Bins(self.particles, (low, high), periodic, RE)
-        self.list = NeighborList(self.bins, CAPACITY * CAPACITY)
+        self.particles = particles(x)
+        self.list = lists(self.particles, (low, high), periodic, CAPACITY, RE)
+        self.bins = self.list.bins
 
     def load(self, x, ids=None):
         ids = np.arange(len(x)) if ids is None else ids
         self.particles.load({"x": x, "u": 2.0 * x, "id": ids, "kind": ids % 3})
-        self.bins.sort()
-        self.list.build()
+        self.list.search()
         return self.particles.read()
 
     def pairs(self):
@@ -135,45 +131,16 @@ def test_list_is_full_at_its_capacity_and_not_before():
     rows = rig.load(rig.points("clustered"))
     expected = rig.brute_force(rows["x"])
     rig.list = NeighborList(rig.bins, len(expected))
-    rig.list.build()
+    rig.list.search()
     assert {(i, int(j)) for i, columns in enumerate(rig.pairs()) for j in columns} == expected
     short = NeighborList(rig.bins, len(expected) - 1)
     message = f"{len(expected)} neighbour pairs do not fit into pair_capacity = {len(expected) - 1}"
     with pytest.raises(CapacityError, match=message):
-        short.build()
+        short.search()
 
 
 def test_bins_refuse_a_short_period():
-    x = np.zeros((1, 2))
-    particles = Particles(x, np.zeros(1, int), x, np.ones(1), False)
-    with pytest.raises(ValueError, match="three effective radii"):
-        Bins(particles, ((0.0, 0.0), (0.3, 1.0)), (True, False), RE)
-    with pytest.raises(ValueError, match="three effective radii"):
-        Bins(particles, ((0.0, 0.0), (1.0, 0.3)), (False, True), RE)
-
-
-@pytest.mark.long
-def test_simulation_grows_a_full_list_and_goes_on_as_if_it_had_been_large(monkeypatch):
-    """Particles at 0.55 spacings: three times the neighbours that a new simulation makes room for."""
-    x = mps.lattice((0.0, 0.0), (0.11, 0.11), 0.011)
-    scene = mps.Scene(
-        name="crowd",
-        material=mps.Newtonian(viscosity=50.0),
-        spacing=0.02,
-        fluid=x,
-        velocity=np.random.default_rng(1).uniform(-0.1, 0.1, x.shape),
-        domain=((-1.0, -1.0), (1.0, 1.0)),
-    )
-    monkeypatch.setattr(simulation, "MOST_LOST", 1.0)  # so crowded a body has lost its volume
-    grown, roomy = mps.Simulation(scene), mps.Simulation(replace(scene))
-    roomy._pairs_per_particle = 12.0
-    roomy._build()
-    small = grown.neighbors.pair_capacity
-    for sim in (grown, roomy):
-        sim.step()
-        sim.step()
-    assert grown.neighbors.pair_capacity > small
-    assert grown.neighbors.pair_capacity != roomy.neighbors.pair_capacity
-    assert grown.report == roomy.report  # summed over the new fields, not over those that were too small
-    for name, values in grown.particles.read().items():
-        assert np.array_equal(values, roomy.particles.read()[name]), name
+    one = particles(np.zeros((1, 2)))
+    for high, periodic in (((0.3, 1.0), (True, False)), ((1.0, 0.3), (False, True))):
+        with pytest.raises(ValueError, match="three effective radii"):
+            lists(one, ((0.0, 0.0), high), periodic, radius=RE)

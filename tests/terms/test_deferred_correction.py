@@ -1,12 +1,10 @@
-"""What the resistance to non-affine motion gives back: all of a curved velocity, none that would let particles slip."""
+"""What the hourglass resistance gives back: all of a curved velocity, none that would let particles slip."""
 
 import numpy as np
 import pytest
 
 import taichi_mps as mps
 from taichi_mps.particles.kernels import lattice_sums
-from taichi_mps.runtime.backend import ti
-from taichi_mps.terms.deferred_correction import DeferredCorrection
 from tests.support.rigs import L0, System, cloud
 
 CASES = ("2-D", "3-D")
@@ -19,36 +17,11 @@ def weights(x):
     return np.maximum(2.1 * L0 / size - 1.0, 0.0) / size**2, r
 
 
-@ti.data_oriented
 class Corrected(System):
     """The resistance alone (neither viscosity, bulk nor inertia) of particles with a random h, and its correction."""
 
     def __init__(self, x):
-        super().__init__(x)
-        self.system.bulk[None] = 0.0
-        self.system.mu.fill(0.0)
-        self.system.inertia.fill(0.0)
-        self.h = self.system.h.to_numpy()
-        self.correction = DeferredCorrection(self.particles, self.gradient, self.system)
-
-    @ti.kernel
-    def _correct(self):
-        for i in range(self.particles.count[None]):
-            self.correction.keep(i, self.gradient.velocity_gradient(i, self.u, 0.0))
-        self.correction.gather(self.u, 1.0)
-        for i in range(self.particles.count[None]):
-            flux, push = self.correction.force(i)
-            self.system.keep(i, flux)
-            self.y[i] = push
-        for i in range(self.particles.count[None]):
-            self.system.gather_pull(i)
-        for i in range(self.particles.count[None]):
-            self.y[i] += self.system.force(i)
-
-    def correct(self, u):
-        self.u.from_numpy(np.ascontiguousarray(u))
-        self._correct()
-        return self.y.to_numpy()
+        super().__init__(x, resistance_only=True)
 
     def energies(self, u):
         """By brute force over all bonds: (1/2) h_i (w/r^2) |delta_ij|^2, and its least for what is resisted [W]."""

@@ -1,0 +1,62 @@
+"""A neighbour list that turns out too short: the step is taken again with a longer one, and nobody can tell."""
+
+import numpy as np
+import pytest
+
+import taichi_mps as mps
+
+SPACING = 0.02
+
+
+def scene(wall, height):
+    """A block falls towards wall particles ``wall`` spacings apart: the nearer to each other, the more neighbours."""
+    width, depth = 10 * SPACING, 4 * SPACING
+    low = np.array([0.0, height * SPACING])
+    return mps.Scene(
+        name="crowded wall",
+        material=mps.Newtonian(viscosity=50.0),
+        spacing=SPACING,
+        fluid=mps.fill(mps.Box(low, low + (width, 5 * SPACING)), SPACING),
+        velocity=np.tile((0.0, -0.5), (50, 1)),
+        walls=(mps.Plane((0.0, 0.0), (0.0, 1.0)),),
+        wall_particles=mps.lattice((-width, -depth), (2 * width, 0.0), wall * SPACING),
+        domain=((-1.0, -1.0), (1.0, 1.0)),
+    )
+
+
+def simulation(*of):
+    return mps.Simulation(scene(*of), mps.Implicit(walls="particles", max_time_step=0.01))
+
+
+def assert_same(mine, other):
+    assert mine.keys() == other.keys()
+    for name in mine:
+        assert np.array_equal(mine[name], other[name]), name
+
+
+@pytest.mark.parametrize(("wall", "height"), [(0.65, 20.0), (0.6875, 2.2)], ids=["at once", "on the way"])
+def test_a_list_that_is_too_short_is_made_longer_and_the_step_is_taken_again(wall, height):
+    """Bit for bit that of a list that was long enough. In the first step, or a later one, when the block comes near."""
+    sim = simulation(wall, height)
+    start, room = sim.state(), [sim.neighbors.pair_capacity]
+    for _ in range(8):
+        sim.step()
+        room.append(sim.neighbors.pair_capacity)
+    (longer,) = np.flatnonzero(np.diff(room))
+    assert (longer > 0) == (height < 20.0), room
+    end = sim.state()
+    sim.load(start)  # the list is long enough now
+    for _ in range(8):
+        sim.step()
+        assert sim.neighbors.pair_capacity == room[-1]
+    assert_same(end, sim.state())
+
+
+def test_a_run_whose_list_has_grown_goes_on_in_a_new_simulation():
+    """Its list is as short as the first one was: it grows in the first step after the resume."""
+    sim, resumed = (simulation(0.65, 20.0) for _ in range(2))
+    sim.step()
+    resumed.load(sim.state())
+    for each in (sim, resumed):
+        each.step()
+    assert_same(sim.state(), resumed.state())
