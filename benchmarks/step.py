@@ -63,7 +63,7 @@ def measure(particles: int, threads: int, steps: int, arch: str) -> dict:
     sim = mps.Simulation(mps.slump_cone(yield_value=300.0, spacing=spacing), profile=True)
     while sim.time < 0.02 or sim.steps < 4:
         sim.step()
-    sim.stages.spent.clear()
+    sim.execution.spent.clear()
     walls, iterations = [], []
     for _ in range(steps):
         begin = time.perf_counter()

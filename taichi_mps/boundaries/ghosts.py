@@ -164,8 +164,8 @@ class GhostSums:
     def divide_corners(self, i):
         """What remains of the sums of each face before particle i. The ghosts behind two of them count once, with the
         first; along either normal the pull of these ghosts counts once, too: the normals n and m have n.m of it in
-        common; of their sum w e each has a half where the faces are one, and none at a right angle, as of their pull at a mirror
-        plane. A face fades out where its foot lies behind the other, beyond the edge."""
+        common; of their sum w e each has a half where the faces are one, and none at a right angle, as of their pull at
+        a mirror plane. A face fades out where its foot lies behind the other, beyond the edge."""
         for f in range(self.meet.shape[0]):
             z = self.before[i, f][0]
             left = ti.Vector.one(float, ti.static(len(GHOST_SUMS)))

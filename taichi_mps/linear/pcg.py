@@ -79,9 +79,15 @@ class PCG:
         return SolveReport(STATUS[self.status[None]], self.iterations[None], residuals)
 
     # ---- the solve ------------------------------------------------------------------------------------------
+    @team_stage("guess")
+    def take_guess(self):
+        """q = A x of the initial guess; once x is set, and before ``solve``, unless that goes on ``again``."""
+        self.A.apply(self.x, self.q)
+
     @sequence("solve")
     def solve(self, tolerance, limit=1000, most=HUGE, again=0, reduction=1.0, enough=0.0):
-        """Improve x until sqrt((r, z)) <= tolerance sqrt(min((b, M^-1 b), most)), in at most ``limit`` iterations.
+        """Improve x, whose guess was taken, until sqrt((r, z)) <= tolerance sqrt(min((b, M^-1 b), most)), in at most
+        ``limit`` iterations.
 
         Not before sqrt((r, z)) is ``reduction`` times its first value or 1e-4 of the reference; but in any case where
         it is ``enough`` times the first. ``again`` if A, M and x are those that the last solve left: then its
@@ -152,20 +158,14 @@ class PCG:
         for part in range(again, 2):  # r is first the right-hand side, then the residual
             self.precondition()
             if part == 0:
-                self.take_residual(most)
+                self.bound_reference(most)
+                self.subtract_product()
 
     @team_stage("precondition")
     def precondition(self):
         """z = M^-1 r, and (r, z)."""
         self.M.apply(self.r, self.z)
         self.vectors.dot(self.r, self.z, self.rz)
-
-    @team_stage("residual")
-    def take_residual(self, most):
-        """The reference; then r = b - A x."""
-        self.bound_reference(most)
-        self.A.apply(self.x, self.q)
-        self.subtract_product()
 
     @stage("right-hand side")
     def take_right_hand_side(self):

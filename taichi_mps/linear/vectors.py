@@ -26,17 +26,17 @@ class Vectors:
     @stage("dot")
     def dot(self, a: ti.template(), b: ti.template(), out: ti.template()):
         """out = (a, b): partial sums of BLOCK rows in f64, then their sum in order."""
-        for start in range(first(self.count[None]), last(self.count[None])):
-            if start % BLOCK == 0:
-                s = ti.cast(0.0, ti.f64)
-                for i in range(start, ti.min(start + BLOCK, self.count[None])):
-                    s += ti.cast(a[i].dot(b[i]), ti.f64)
-                self.partial[start // BLOCK] = s
+        blocks = (self.count[None] + BLOCK - 1) // BLOCK
+        for k in range(first(blocks), last(blocks)):
+            s = ti.cast(0.0, ti.f64)
+            for i in range(k * BLOCK, ti.min((k + 1) * BLOCK, self.count[None])):
+                s += ti.cast(a[i].dot(b[i]), ti.f64)
+            self.partial[k] = s
         wait()
         ti.loop_config(serialize=True)
         for _ in range(first(1), last(1)):
             s = ti.cast(0.0, ti.f64)
-            for k in range((self.count[None] + BLOCK - 1) // BLOCK):
+            for k in range(blocks):
                 s += self.partial[k]
             out[None] = s
         wait()

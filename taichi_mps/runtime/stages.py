@@ -20,9 +20,8 @@ import functools
 import inspect
 import time
 from contextlib import contextmanager
-from types import SimpleNamespace
 
-from .backend import real, started, ti
+from .backend import for_kernels, real, started, ti
 from .thread_team import ThreadTeam, enter, leave
 
 FEW = 3000
@@ -43,10 +42,9 @@ def few(rows: int) -> bool:
 
 
 # ---- what is launched -----------------------------------------------------------------------------------------------
+@for_kernels
 class Call:
     """A stage with its objects, as a part of a kernel whose arguments are its numbers."""
-
-    _is_taichi_function, func = True, SimpleNamespace(has_print=False)  # a kernel may call it
 
     def __init__(self, stage, arguments, slots):
         self.stage, self.arguments, self.slots = stage, arguments, slots  # of each number its slot, of objects None
@@ -205,7 +203,7 @@ def flush() -> None:
         _current.flush()
 
 
-flush._is_taichi_function, flush.func = True, SimpleNamespace(has_print=False)
+for_kernels(flush)
 
 
 def repeat(times: int):
@@ -241,8 +239,7 @@ def _dual(function, stage):
             return stage.part(*arguments)
         return _current.launch(stage, arguments) if _current else _launch_at_once(stage, arguments)
 
-    call._is_taichi_function, call.func = True, stage.part.func  # what Taichi asks of a function that a kernel calls
-    return call
+    return for_kernels(call, stage.part)
 
 
 @functools.cache

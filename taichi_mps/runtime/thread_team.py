@@ -12,7 +12,7 @@ waits. So an algorithm is written once, and does not know who carries it out.
 
 from types import SimpleNamespace
 
-from .backend import ti
+from .backend import compiled_now, for_kernels, ti
 
 TURNS = 512  # of a loop that Taichi gives to one thread at least
 ROWS = 1000  # that make a member worth its waiting
@@ -138,45 +138,39 @@ class ThreadTeam:
 _here = SimpleNamespace(kernel=None, team=None, member=None)
 
 
-def _known(function):
-    """A Python function that kernels may call while they are compiled."""
-    function._is_taichi_function, function.func = True, SimpleNamespace(has_print=False)
-    return function
-
-
 def _team():
     """The team of the kernel that is being compiled, None elsewhere."""
-    inside = ti.lang.impl.inside_kernel() and _here.kernel is ti.lang.impl.get_runtime().current_kernel
-    return _here.team if inside else None
+    kernel = compiled_now()
+    return _here.team if kernel and kernel is _here.kernel else None
 
 
-@_known
+@for_kernels
 def enter(team, member):
     """From here on the kernel that is being compiled is gone through by the members of a team."""
-    _here.kernel, _here.team, _here.member = ti.lang.impl.get_runtime().current_kernel, team, member
+    _here.kernel, _here.team, _here.member = compiled_now(), team, member
 
 
-@_known
+@for_kernels
 def leave():
     """The team's work ends here."""
     _here.kernel = _here.team = _here.member = None
 
 
-@_known
+@for_kernels
 def first(n):
     """First of n turns that are done here."""
     team = _team()
     return team.first_turn(_here.member, n) if team else 0
 
 
-@_known
+@for_kernels
 def last(n):
     """The turn after the last one that is done here."""
     team = _team()
     return team.last_turn(_here.member, n) if team else n
 
 
-@_known
+@for_kernels
 def wait():
     """Until the whole team has done its part."""
     team = _team()
@@ -184,21 +178,21 @@ def wait():
         team.meet()
 
 
-@_known
+@for_kernels
 def begins():
     """Whether the thread is here from the beginning: one that joins late goes on with the rounds."""
     team = _team()
     return team.founded_by(_here.member) if team else True
 
 
-@_known
+@for_kernels
 def takes_part():
     """Whether the thread is of the team in this round."""
     team = _team()
     return team.has_member(_here.member) if team else True
 
 
-@_known
+@for_kernels
 def regroup():
     """The end of a round: who has come meanwhile takes part in the next one."""
     team = _team()

@@ -101,7 +101,7 @@ class Implicit:
         self.predict(dt, first)
         self.constrain_volume(dt)
         self.assemble(dt)
-        self.motion.guess(dt, u)
+        self.guess(dt, u)
         for k in repeat(iterations):  # augmented Lagrangian (Uzawa)
             self.source.evaluate(self.velocity.solver)
             self.velocity.solve(k, iterations, self.numerics.tolerance)
@@ -137,6 +137,11 @@ class Implicit:
         """The matrix, its preconditioner, and what its residual is compared with."""
         self.operator.assemble(dt)
         self.velocity.prepare()
+
+    def guess(self, dt, u):
+        """Where the first solve starts."""
+        self.motion.guess(dt, u)
+        self.velocity.take_guess()
 
     def update_multipliers(self, k, viscous, u):
         """Stress, pressure and friction from the velocity u."""

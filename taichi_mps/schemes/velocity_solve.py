@@ -27,6 +27,11 @@ class VelocitySolve:
         self.velocity = self.solver.x  # [m/s]
         self.iterations = ti.field(ti.i32, ())  # of all solves of a step
 
+    def take_guess(self) -> None:
+        """The velocity as it is now is the initial guess of the first solve of a step."""
+        if self.continues:
+            self.solver.take_guess()
+
     def prepare(self) -> None:
         """The preconditioner of the operator as it is now, and what residuals are compared with."""
         self.solver.prepare()
@@ -41,6 +46,8 @@ class VelocitySolve:
             tolerance, reduction, enough = EARLY * tolerance, EARLY_REDUCTION, self.constants.early_enough[None]
         if ti.static(self.continues):
             again = min(k, 1)
+        else:
+            self.solver.take_guess()
         self.solver.solve(tolerance, MOST_ITERATIONS, self.operator.reference[None], again, reduction, enough)
         self.iterations[None] = self.solver.iterations[None] + (self.iterations[None] if k > 0 else 0)
         return self.solver.iterations[None]

@@ -16,10 +16,12 @@ FIELDS_OF_A_MIX = ("density", "plastic_viscosity", "yield_value", "critical_stra
 
 INERTIAL = 0.5  # hourglass modes of a thin fluid decay within two natural steps or so: h += 0.5 rho l0^2/step
 SLOWEST = 5e-3  # strain per natural step below which the hourglass resistance of a yield-stress fluid stops growing
-STIFFNESS = 75.0  # K = STIFFNESS rho (g H + U^2) times the natural step: that pressure compresses by 1/75 in one pass
+STIFFNESS = (
+    75.0  # K = STIFFNESS rho (g H + U^2) times the natural step: that pressure compresses by 1/75 in an iteration
+)
 VISCOUS_STIFFNESS = 8.0  # and K >= 8 mu_r: a slow flow is resisted by its viscosity, not by its weight
-# mu_r >= 6 eta and 64 tau_y times the natural step: the stress converges in a few iterations; in shorter steps also half
-# the geometric mean of eta and rho H^2/dt, or a plug that stops springs back
+# mu_r >= 6 eta and 64 tau_y times the natural step: the stress converges in a few iterations; in shorter steps
+# also half the geometric mean of eta and rho H^2/dt, or a plug that stops springs back
 PENALTY = 6.0, 64.0, 0.5
 
 LONG = 2.0  # steps longer than this many of the scene's own take back less of the hourglass resistance

@@ -43,12 +43,13 @@ class HourglassResistance:
             self.h[i] = 2.0 * self.particles.volume(i) * whole / self.gradient.lattice(i)[0]
 
     @ti.func
-    def inertial(self, i, G, dt):
+    def inertial(self, i, dt):
         """That of a thin fluid [Pa s]. Without a yield value it is
         64 times as much at rest, less where the velocity gradient G [1/s] strains or turns it in a step dt [s], and no
         more than elsewhere from 0.002 on and in a full closed box, where nothing settles (I8)."""
         resistance = self.constants.inertial[self.constants.mix(i)]
         if ti.static(self.law == "newtonian"):
+            G = self.strain_rate.velocity_gradient(i)
             rest = 1.0 - ti.min(1.0, 2.0**0.5 * G.norm() * dt / MOVING)
             resistance *= 1.0 + (AT_REST - 1.0) * rest**2 * (1 - self.pressure.full[None])
         return resistance

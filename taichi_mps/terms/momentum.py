@@ -71,16 +71,12 @@ class MomentumOperator:
 
     @ti.func
     def set_flux(self, i, u: ti.template(), motion):
-        """The flux of particle i, once the jumps of u are gathered."""
-        T = ti.Matrix.zero(float, self.tensors, self.tensors)
-        if self.gradient.B[i][0, 0] > 0.0:
-            G = self.sums.velocity_gradient(i, u, motion)
-            T = 2.0 * self.stress.mu[i] * deviator(G)
-            T += self.constants.bulk[None] * G.trace() * ti.Matrix.identity(float, G.n)
-            flux = self.gradient.spread_stress(i, T) - self.resistance.h[i] * self.gradient.in_plane(G)
-            self.sums.set_flux(i, flux)
-        else:
-            self.sums.set_flux(i, self.gradient.spread_stress(i, T))
+        """The flux of particle i, once the jumps of u are gathered; zero where it carries no stress, for B is."""
+        G = self.sums.velocity_gradient(i, u, motion)
+        T = 2.0 * self.stress.mu[i] * deviator(G)
+        T += self.constants.bulk[None] * G.trace() * ti.Matrix.identity(float, G.n)
+        flux = self.gradient.spread_stress(i, T) - self.resistance.h[i] * self.gradient.in_plane(G)
+        self.sums.set_flux(i, flux)
 
     @ti.func
     def balance(self, i, u: ti.template(), motion):
@@ -196,9 +192,9 @@ class MomentumSource:
         self.subtract_wall_motion = operator.subtract_wall_motion if walls_act else nothing
 
     def evaluate(self, solver) -> None:
-        """b of the solver for the present pressure, stress and slip; its p and q are scratch."""
+        """b of the solver for the present pressure, stress and slip; its p and z are scratch."""
         self.set(solver.b)
-        self.subtract_wall_motion(solver.p, solver.q, solver.b)
+        self.subtract_wall_motion(solver.p, solver.z, solver.b)
 
     @stage("right-hand side")
     def set(self, b: ti.template()):

@@ -57,6 +57,7 @@ class PressurePoisson:
         self.balance(self.solver.b)
         flush()
         self.solver.prepare()
+        self.solver.take_guess()
         self.solver.solve(tolerance, MOST_ITERATIONS, HUGE, 0, 1.0, 0.0)
         self.store(self.solver.x)
 

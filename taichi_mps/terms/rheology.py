@@ -1,6 +1,6 @@
 """Constitutive laws: apparent viscosity of the bi-viscosity Bingham law, and the true yield law (eqs 1-3, 5, 9)."""
 
-from ..runtime.backend import ti
+from ..runtime.backend import is_for_kernels, ti
 
 
 @ti.func
@@ -47,7 +47,7 @@ def flow_curve(material):
 
 def compiled(function):
     """A plain Python function made a Taichi function; None, or what is one already, as it is."""
-    return function if function is None or hasattr(function, "_is_taichi_function") else ti.func(function)
+    return function if function is None or is_for_kernels(function) else ti.func(function)
 
 
 @ti.func

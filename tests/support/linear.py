@@ -83,6 +83,7 @@ def solve(operator, b, components=1, tolerance=1e-10, x=0.0, preconditioner=None
         field.from_numpy(padded.reshape(capacity, components))
     given = {"limit": 1000, "most": HUGE, "again": 0, "reduction": 1.0, "enough": 0.0} | options
     with execution.active():
+        solver.take_guess()
         solver.solve(tolerance, *given.values())
     return solver.x.to_numpy().ravel()[: b.size], solver.report()
 
