@@ -9,9 +9,12 @@ Every built-in scene at a coarse spacing, both schemes where they apply, every m
 friction, inlet, two mixes, a lifted mould, a solid from a mesh, flow curves, one and two threads, a run taken up again.
 Each case is a process of its own. Its fingerprint is a hash of what the particles carry after a number of steps:
 positions, velocities, pressures, shear rates, stresses and plastic rates in the order of their numbers, and the time.
+
+With fast_math, the default, the compiler may contract and regroup sums anew where only the surroundings of a loop have
+changed; `--exact` compiles without it: then equal arithmetic has equal bits.
+
 CPU seconds are those of the steps after the first one, compile seconds those until its end; of repeats the least
-counts, for the machines are shared. With fast_math, the default, the compiler may contract and regroup sums anew where
-only the surroundings of a loop have changed; `--exact` compiles without it: then equal arithmetic has equal bits. `--out` writes the table as JSON and, beside it, as Markdown.
+counts, for the machines are shared. `--out` writes the table as JSON and, beside it, as Markdown.
 """
 
 import argparse

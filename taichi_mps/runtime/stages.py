@@ -146,11 +146,14 @@ class Execution:
         return result
 
     def flush(self, times: int = 1):
-        """Launch what waits, some times."""
-        if self._waiting:
-            calls, self._waiting = self._waiting, []
-            kernel, numbers = self._kernel(calls, fused if self.fuses else grouped)
+        """Launch what waits, some times; in several kernels where one would be given too many numbers."""
+        calls, self._waiting = self._waiting, []
+        while calls:
+            kernel, numbers, rest = self._kernel(calls, fused if self.fuses else grouped)
+            if rest and times > 1:
+                raise ValueError(f"more than {MOST_NUMBERS} numbers for the stages of a loop")
             kernel(times, *numbers)
+            calls = rest
 
     def by_team(self, stage, arguments) -> bool:
         """Go through a stage with all threads; False where there is no team, on a GPU."""
@@ -160,7 +163,7 @@ class Execution:
         if self._team is None and not alone:
             self._team = ThreadTeam(started()["threads"])
         self.flush()
-        kernel, numbers = self._kernel([(stage, arguments)], fused if alone else self._by_team)
+        kernel, numbers, _ = self._kernel([(stage, arguments)], fused if alone else self._by_team)
         kernel(1 if alone else self.rows, *numbers)
         return True
 
@@ -168,30 +171,32 @@ class Execution:
         return by_team(self._team, calls[0])
 
     def _kernel(self, calls, make):
-        """The kernel of these calls, made once for the same stages and objects, and its numbers. A number that several
-        stages are given, the time step above all, is handed over once."""
+        """The kernel of as many of these calls as it can be given the numbers of, made once for the same stages and
+        objects; the numbers; and the calls that are left. A number that several stages are given, the time step above
+        all, is handed over once."""
         key, numbers, slots = [], [], []
         for stage, arguments in calls:
-            key.append(id(stage))
-            slots.append([])
+            known, own, slot = list(numbers), [id(stage)], []
             for argument, kind in zip(arguments, stage.kinds(arguments), strict=True):
-                slot = None
                 if kind is None or argument is TURN:
-                    slot = TURN if argument is TURN else None
-                    key.append(id(argument))
+                    slot.append(TURN if argument is TURN else None)
+                    own.append(id(argument))
                 else:
-                    known = (k for k, number in enumerate(numbers) if number is argument and type(number) is float)
-                    slot = next(known, len(numbers))
-                    key.append(slot)
-                    if slot == len(numbers):
-                        numbers.append(argument)
-                slots[-1].append(slot)
-        if len(numbers) > MOST_NUMBERS:
-            raise ValueError(f"{len(numbers)} numbers for the stages of one kernel; at most {MOST_NUMBERS}")
+                    same = (k for k, number in enumerate(known) if number is argument and type(number) is float)
+                    slot.append(next(same, len(known)))
+                    own.append(slot[-1])
+                    known += [argument] * (slot[-1] == len(known))
+            if len(known) > MOST_NUMBERS:
+                break
+            key, numbers, slots = key + own, known, [*slots, slot]
+        done = len(slots)
+        if not done:
+            raise ValueError(f"stage {calls[0][0].name}: is given more than {MOST_NUMBERS} numbers")
         key = tuple(key)
         if key not in self._kernels:
-            self._kernels[key] = make([Call(*call, slot) for call, slot in zip(calls, slots, strict=True)])
-        return self._kernels[key], [float(n) for n in numbers] + [0.0] * (MOST_NUMBERS - len(numbers))
+            self._kernels[key] = make([Call(*call, slot) for call, slot in zip(calls[:done], slots, strict=True)])
+        padded = [float(number) for number in numbers] + [0.0] * (MOST_NUMBERS - len(numbers))
+        return self._kernels[key], padded, calls[done:]
 
 
 _current: Execution | None = None

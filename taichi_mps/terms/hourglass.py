@@ -32,12 +32,8 @@ class HourglassResistance:
     def set(self, dt: float, first: ti.i32):
         """For the strain rate at the start of a step of dt [s]; in the ``first`` step that is not known."""
         for i in range(self.particles.count[None]):
-            G, rate, residual = (
-                self.strain_rate.velocity_gradient(i),
-                self.strain_rate.rate[i],
-                self.strain_rate.residual[i],
-            )
-            inertial = self.inertial(i, G, dt)
+            rate, residual = self.strain_rate.rate[i], self.strain_rate.residual[i]
+            inertial = self.inertial(i, dt)
             whole = self.viscous(i, rate, residual, first, dt, inertial)
             self.thin[i], self.whole[i] = inertial, whole
             self.h[i] = 2.0 * self.particles.volume(i) * whole / self.gradient.lattice(i)[0]
