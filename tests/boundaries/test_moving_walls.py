@@ -58,13 +58,13 @@ class Mover:
     def __init__(self, walls, count, d):
         self.walls = seen(walls, d)
         self.x, self.move, self.y = (ti.Vector.field(d, ti.f64, count) for _ in range(3))
-        self.share = ti.field(ti.f64, count)
+        self.weight = ti.field(ti.f64, count)
 
     @ti.kernel
     def go(self):
         for i in self.x:
             self.y[i] = self.walls.outside(self.x[i], self.move[i])
-            self.share[i] = self.walls.surfaces[0].share(i, self.x[i], 0.0)
+            self.weight[i] = self.walls.surfaces[0].weight(i, self.x[i], 0.0)
 
     def __call__(self, x, move):
         self.x.from_numpy(np.ascontiguousarray(x))
@@ -108,7 +108,7 @@ def test_a_rim_fades_over_one_spacing():
     x = np.column_stack([np.full_like(z, 0.25), 0.0 * z, z])
     mover = Mover((flat,), len(x), 3)
     mover(x, 0.0 * x)
-    assert mover.share.to_numpy() == pytest.approx([1.0, 1.0, 1.0, 0.75, 0.5, 0.01, 0.0, 0.5, 0.0], abs=1e-12)
+    assert mover.weight.to_numpy() == pytest.approx([1.0, 1.0, 1.0, 0.75, 0.5, 0.01, 0.0, 0.5, 0.0], abs=1e-12)
 
 
 @pytest.mark.parametrize(

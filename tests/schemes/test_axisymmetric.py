@@ -77,21 +77,21 @@ def test_forces_are_the_negative_transpose_of_the_gradient(rings):
     assert power == pytest.approx(-work, rel=1e-10)
 
 
-def test_the_shift_counts_a_ring_as_its_share(free):
+def test_the_shift_counts_a_ring_by_its_cross_section(free):
     """(I12) by brute force, where the rings are all around; and none without deformation."""
-    shifting = Shifting(free.particles, free.gradient, free.gradient.walls, L0, tears=False)
-    share, x = free.volumes / (2.0 * np.pi * free.x[:, 0] * L0**2), free.x
+    shifting = Shifting(free.particles, free.gradient, free.walls, tears=False)
+    section, x = free.volumes / (2.0 * np.pi * free.x[:, 0] * L0**2), free.x
     e = x[None] - x[:, None]
     r = np.linalg.norm(e, axis=-1) + 9.0 * np.eye(len(x))
     e /= r[..., None]
-    l0 = L0 * np.sqrt(share)[:, None]
-    near = (share / share[:, None] * np.maximum(0.0, 1.0 - r / (1.5 * l0)))[..., None] * e
+    l0 = L0 * np.sqrt(section)[:, None]
+    near = (section / section[:, None] * np.maximum(0.0, 1.0 - r / (1.5 * l0)))[..., None] * e
     apart = -(0.05 * np.maximum(0.0, 0.85 * l0 - r)[..., None] * e).sum(1)
     digits = np.sin(0.5 + x @ [12.9898, 78.233] / L0 + 4.934 * np.arange(2)[:, None]).T * 43758.5453
     move = l0 * (-0.1 * near.sum(1) + 0.005 * (2.0 * (digits - np.floor(digits)) - 1.0))
     size = np.linalg.norm(move, axis=1, keepdims=True)
     full = free.gradient.neighbour_count.to_numpy() >= 0.97 * free.gradient.full
-    assert full.sum() > 15 and share.std() > 0.1
+    assert full.sum() > 15 and section.std() > 0.1
     for rate, expected in ((5.0, move * np.minimum(1.0, 0.05 * l0 / size) + apart), (0.0, 0.0 * apart)):
         free.particles.shear_rate.fill(rate)
         shifting.compute(0.01, 0.02, 0.0)

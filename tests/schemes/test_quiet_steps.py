@@ -1,11 +1,13 @@
 """Longer steps of a quiet flow (I14): when they are taken, and that the flow does not know them."""
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
 
 import taichi_mps as mps
+from taichi_mps.problem.problem import Problem
 from taichi_mps.study import case as cases
 from taichi_mps.terms.constants import EARLY_ENOUGH, LONG, QUIET, STILL, Constants
 
@@ -24,9 +26,7 @@ def rings():
 
 def constants(yield_value=100.0, numerics=None, **of_material):
     """The constants of the cone, which need no Simulation."""
-    found, scene = Constants(None, 1), cone(yield_value, **of_material)
-    found.take(scene, scene.materials, numerics or mps.Implicit())
-    return found
+    return Constants(None, Problem(cone(yield_value, **of_material), numerics))
 
 
 def longest(of, acceleration, speed=0.01):
@@ -40,8 +40,8 @@ def test_the_step_grows_as_the_root_of_what_it_no_longer_changes(of_material):
     found = constants(**of_material)
     usual = found.max_time_step
     edge = QUIET * SPACING / usual**2
-    for share, times in ((math.inf, 1.0), (1.0, 1.0), (0.5, 2.0**0.5), (0.25, 2.0), (0.01, LONG), (0.0, LONG)):
-        assert longest(found, share * edge) == pytest.approx(times * usual)
+    for part, times in ((math.inf, 1.0), (1.0, 1.0), (0.5, 2.0**0.5), (0.25, 2.0), (0.01, LONG), (0.0, LONG)):
+        assert longest(found, part * edge) == pytest.approx(times * usual)
     still = STILL * SPACING / usual
     assert longest(found, 0.0, 1.01 * still) > longest(found, 0.0, 0.99 * still) == usual
 
@@ -76,7 +76,7 @@ def test_the_penalties_grow_with_the_step_that_is_taken():
         found = constants(tau_y)
         usual = found.max_time_step
         for dt in (usual, 2.0 * usual, 0.3 * usual):
-            found.stretch(dt)
+            found.set_time_step(dt)
             mu_r = max(6.0 * eta, 64.0 * tau_y * max(dt, usual))
             assert found.mu_r[0] == pytest.approx(mu_r)
             assert found.bulk[None] == pytest.approx(max(75.0 * 2300.0 * 9.81 * 0.3 * usual, 8.0 * mu_r))
@@ -95,20 +95,14 @@ def test_the_acceleration_of_a_step_is_the_change_of_its_velocity():
 
 def test_a_cone_that_creeps_to_rest_does_not_know_how_long_its_steps_are():
     """100 Pa: at rest within a tenth of a spacing, which the rest rule leaves, with three quarters of the steps, none
-    of them longer than the rule."""
-    ends = []
-    for grows in (True, False):
-        sim = rings()
-        usual, quiet = sim.scheme.constants.max_time_step, True
-        if not grows:
-            sim.scheme.constants.quiet_step = usual
-        while sim.stopped_by is None:
-            acceleration = sim.report.acceleration if sim.report else math.inf
-            report = sim.step()
-            quiet &= report.dt <= usual or acceleration * report.dt**2 <= QUIET * SPACING * (1 + 1e-6)
-            sim.stopped_by = sim._why_stop(10.0)
-        assert quiet
-        assert sim.stopped_by == "rest"
+    of them longer than the rule. A step that is given does not grow."""
+    usual, ends = constants().max_time_step, []
+    for sim in (rings(), mps.Simulation(cone(), mps.Implicit(max_time_step=usual))):
+        reports = []
+        sim.each_step(lambda sim, reports=reports: reports.append(sim.report))
+        assert sim.run(until=10.0) == "rest"
+        for before, report in pairwise(reports):
+            assert report.dt <= usual or before.acceleration * report.dt**2 <= QUIET * SPACING * (1 + 1e-6)
         ends.append((sim.steps, sim.measures()))
     (few, longer), (many, usual) = ends
     assert few < 0.75 * many

@@ -4,15 +4,16 @@ Three simulations carry them, loaded with one body after the other: ``free``, a 
 both schemes, and ``box``, soft concrete (50 Pa, 5 Pa s) on a no-slip floor between walls. What stands elsewhere:
 
 - explicit viscosity below and above its exact limit:
-  test_semi_implicit.py::test_stability_bound_of_the_explicit_viscosity
+  schemes/test_semi_implicit.py::test_stability_bound_of_the_explicit_viscosity
 - 1, 2, 3, collinear and coplanar particles, fragments in free flight: test_free_fall_is_exact of both schemes
 - a closed box without surface: test_semi_implicit.py::test_a_closed_box_without_surface_can_be_solved (literal),
-  test_volume.py::test_no_void_opens_below_the_lid_of_a_full_box (default)
+  simulation/test_volume.py::test_no_void_opens_below_the_lid_of_a_full_box (default)
 - the noise of the literal scheme in a still pool: test_semi_implicit.py::test_a_still_pool_stays_bounded
 - at full size, with either scheme: rows still_pool_* (100 s of rest), column_* (about the critical height), slump_100
   (a moving front; literal: ends at 0.07 s), square_patch and rotating_disc of ``taichi-mps validate``
 """
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,9 @@ import pytest
 
 import taichi_mps as mps
 from taichi_mps.particles.particles import FLUID
+from taichi_mps.problem.problem import Problem
+from taichi_mps.schemes.scheme import Motion
+from tests.support.inside import find
 
 REFERENCE = Path(mps.__file__).parent / "validation" / "reference"
 TORQUE = Path(__file__).parents[1] / "reference" / "C_rotating_disc_laplacian_torque.csv"
@@ -78,7 +82,7 @@ def start(sim, x, u=None):
     rows = {"x": x, "u": np.zeros_like(x) if u is None else u, "kind": np.full(len(x), FLUID), "id": np.arange(len(x))}
     nothing = {name: np.zeros((len(x), *item.shape[1:])) for name, item in sim.particles.read().items()}
     scalars = dict(time=0.0, steps=0, last_dt=None, report=None, rest={})
-    sim.load({**nothing, **rows, **scalars, "first": True, "largest_viscosity": 0.0, "passes": 0})
+    sim.load({**nothing, **rows, **scalars, "first": True, "largest_viscosity": 0.0})
     return sim
 
 
@@ -107,12 +111,10 @@ def test_any_diffusion_number_is_stable_by_default(free_default):
     x = free_default.scene.fluid
     u = 1e-9 * np.random.default_rng(0).normal(size=x.shape)
     rigid = u.mean(0) + spin(x, angular_momentum(x, u) / (x**2).sum())
-    usual, free_default.scheme.constants.max_time_step = (
-        free_default.scheme.constants.max_time_step,
-        1000.0 * WIDE**2 * 1000.0 / 1.0,
-    )
+    usual = free_default.problem
+    free_default.scheme.set_problem(Problem(usual.scene, mps.Implicit(max_time_step=1000.0 * WIDE**2 * 1000.0 / 1.0)))
     report = start(free_default, x, u).step()
-    free_default.scheme.constants.max_time_step = usual
+    free_default.scheme.set_problem(usual)
     assert report.dt * 1.0 / 1000.0 / WIDE**2 == pytest.approx(1000.0)
     assert np.abs(free_default.snapshot().u - rigid).max() < 2e-3 * np.abs(u).max()
 
@@ -128,9 +130,10 @@ def test_a_viscosity_ratio_of_a_million_costs_the_literal_scheme_its_step(box_de
     )
     x = mps.lattice((0.0, 0.0), (4 * FINE,) * 2, FINE)
     scene = mps.Scene(name="small", material=material, spacing=FINE, fluid=x, domain=((-0.1, -0.1), (0.1, 0.1)))
-    dt = mps.Simulation(scene, LITERAL).scheme.time_step_limits(1e-3)["diffusion"]
+    slow = Motion(speed=1e-3, acceleration=math.inf)
+    dt = mps.Simulation(scene, LITERAL).scheme.time_step_limits(slow)["diffusion"]
     assert dt == pytest.approx(0.2 * FINE**2 * DENSITY / (ETA * 1000001.0))
-    assert min(box_default.scheme.time_step_limits(1e-3).values()) > 1e7 * dt
+    assert min(box_default.scheme.time_step_limits(slow).values()) > 1e7 * dt
 
 
 def test_a_spinning_disc(free_default, free_literal):
@@ -139,8 +142,7 @@ def test_a_spinning_disc(free_default, free_literal):
     radius, nu = 10 * WIDE, 1e-3
     x = mps.lattice((-0.6, -0.6), (0.6, 0.6), WIDE, offset=0.0) + (0.2 * WIDE, 0.1 * WIDE)
     x = x[np.hypot(*x.T) < radius]
-    start(free_literal, x, spin(x))._neighbours()
-    free_literal.scheme.gradient.build()
+    find(start(free_literal, x, spin(x)))
     free_literal.scheme.viscosity.start()
     rows = free_literal.particles.read()
     torque = angular_momentum(rows["x"], free_literal.scheme.viscosity.lap_u.to_numpy()[: len(x)])
@@ -193,19 +195,19 @@ def test_the_square_patch_survives_to_two_radians(free_default):
 
 
 def test_the_shift_grows_with_tension(free_default):
-    """min(1, 60 (-p) dt/h) (h_0/h)^2 inside, h the resistance to non-affine motion and h_0 that of a thin fluid."""
+    """min(1, 60 (-p) dt/h) (h_0/h)^2 inside, h the hourglass resistance and h_0 that of a thin fluid."""
     run(start(free_default, *square_patch()), 0.5)
     scheme, before = free_default.scheme, free_default.particles.read()
     dt = free_default.step().dt
     after = free_default.particles.read()["id"]
     count, p = len(after), before["p"][np.argsort(before["id"])][after]
-    h = scheme.system.h.to_numpy()[:count] * scheme.gradient.n0 / (2.0 * WIDE**2)
-    share = scheme.shifting.tension.to_numpy()[:count]
+    h = scheme.resistance.whole.to_numpy()[:count]
+    part = scheme.shifting.tension.to_numpy()[:count]
     inside = scheme.gradient.neighbour_count.to_numpy()[:count] >= 0.97 * scheme.gradient.full
     thin = (scheme.constants.inertial[0] / h) ** 2
     wanted = np.where(inside, np.clip(-60.0 * p * dt / h, 0.0, 1.0) * thin, 0.0)
-    np.testing.assert_allclose(share, wanted, atol=1e-5)
-    assert 0.5 < share.max() < 1.0 and (share[inside] == 0.0).any() and (share[~inside] == 0.0).all()
+    np.testing.assert_allclose(part, wanted, atol=1e-5)
+    assert 0.5 < part.max() < 1.0 and (part[inside] == 0.0).any() and (part[~inside] == 0.0).all()
 
 
 def test_the_shift_carries_nothing_where_little_deforms(free_default):
@@ -227,7 +229,7 @@ def test_the_shift_carries_nothing_where_little_deforms(free_default):
             moves = np.zeros((scheme.shifting.shift.shape[0], 2))
             moves[: len(x), 1] = 1e-3 * shift
             scheme.shifting.shift.from_numpy(moves.astype(scheme.shifting.shift.to_numpy().dtype))
-            scheme.shifting.stay(0.01, 0.02)
+            scheme.shifting.keep_at_rest(0.01, 0.02)
             left = scheme.shifting.shift.to_numpy()[: len(x), 1]
             wanted = 1e-3 * shift * (1.0 - (1.0 - deforming) * mean)
             np.testing.assert_allclose(left[inside], wanted[inside], atol=2e-5)

@@ -53,12 +53,12 @@ def test_the_check_would_see_it(law, forbid):
 
 
 def test_walls_at_rest_that_do_not_meet_cost_neither_motion_nor_corners(forbid):
-    forbid(momentum.MomentumSystem, "subtract_wall_motion")
+    forbid(momentum.MomentumOperator, "subtract_wall_motion")
     forbid(ghosts.GhostSums, "left")
     forbid(ghosts.GhostSums, "left_at_angle")
     forbid(walls.Walls, "between")
-    forbid(surfaces.Surface, "share")
-    forbid(friction.WallFriction, "__init__")
+    forbid(surfaces.Surface, "weight")
+    forbid(friction.FrictionalSlip, "__init__")
     sim = simulate(NEWTONIAN)
     assert not hasattr(sim.walls.ghosts, "corner") and not hasattr(sim.scheme.gradient, "hoop")
     assert "ring" not in sim.particles.carried and "slip_0" not in sim.particles.carried

@@ -246,10 +246,10 @@ def test_a_lattice_fills_a_form_and_a_hole_in_it_is_a_void():
     assert report["void_m3"] == pytest.approx((2 * n - 2) ** 3 * 0.005**3)
     assert report["filled_ratio"] == pytest.approx(1.0 - report["void_m3"] / (0.12 * 0.08 * 0.1))
     assert report["void_centre"] == pytest.approx((low + 0.5 * n * 0.01).tolist())
-    z, share = np.transpose(report["filled_by_height"])
+    z, filled = np.transpose(report["filled_by_height"])
     empty = (z > 0.045) & (z < 0.075)
-    assert np.allclose(z, 0.0025 + 0.005 * np.arange(20)) and np.all(share[~empty] == 1.0)
-    assert np.allclose(share[empty], 1.0 - (2 * n - 2) ** 2 / (24 * 16))
+    assert np.allclose(z, 0.0025 + 0.005 * np.arange(20)) and np.all(filled[~empty] == 1.0)
+    assert np.allclose(filled[empty], 1.0 - (2 * n - 2) ** 2 / (24 * 16))
 
 
 def test_a_form_that_is_half_full_and_what_lies_outside_of_it():

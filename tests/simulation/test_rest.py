@@ -12,12 +12,12 @@ from taichi_mps.simulation.rest import Rest
 SPACING = 0.01
 
 
-def stop(speed, material, share=1.0, again=None, until=1000.0):
-    """Time [s] at which the rule calls a body at rest of which ``share`` moves with speed(t) [m/s]; again: a time [s]
-    at which the rule is written down and read again."""
+def stop(speed, material, fraction=1.0, again=None, until=1000.0):
+    """Time [s] at which the rule calls a body at rest of which a ``fraction`` moves with speed(t) [m/s]; again: a time
+    [s] at which the rule is written down and read again."""
     rest, dt = Rest(), 0.01
     for time in np.arange(dt, until, dt):
-        report = SimpleNamespace(mean_speed=np.sqrt(share) * speed(time), moving_speed=speed(time))
+        report = SimpleNamespace(mean_speed=np.sqrt(fraction) * speed(time), moving_speed=speed(time))
         scene = SimpleNamespace(materials=[material], spacing=SPACING, walls=[])
         if rest.reached(SimpleNamespace(report=report, scene=scene, time=time)):
             return time
@@ -45,8 +45,8 @@ def test_a_flow_that_ceases_in_its_own_time_has_a_tenth_of_a_spacing_to_go(eta):
 def test_a_front_before_a_large_body_that_stands_is_not_at_rest():
     """A thousandth of the body at 10 mm/s: 0.3 mm/s in the mean."""
     material = mps.Bingham(yield_value=100.0, plastic_viscosity=50.0)
-    assert stop(lambda t: 0.01, material, share=0.001, until=20.0) is None
-    assert stop(lambda t: 0.01 if t < 2.0 else 0.0, material, share=0.001) == pytest.approx(2.2, abs=0.02)
+    assert stop(lambda t: 0.01, material, fraction=0.001, until=20.0) is None
+    assert stop(lambda t: 0.01 if t < 2.0 else 0.0, material, fraction=0.001) == pytest.approx(2.2, abs=0.02)
 
 
 @pytest.mark.parametrize("written", [{"since": "now"}, {"fastest": None}, {"fastest_at": [0.0]}, {"rest": 0.0}])

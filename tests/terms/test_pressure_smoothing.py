@@ -7,6 +7,7 @@ import taichi_mps as mps
 from taichi_mps.particles.kernels import smooth_weight
 from taichi_mps.terms.constants import longest_step
 from taichi_mps.terms.pressure_smoothing import SMOOTHING
+from tests.support.inside import find, in_order
 from tests.support.rigs import L0, cloud
 
 DENSITY, G, RE = 1000.0, np.array([0.0, -9.81]), 2.1
@@ -26,11 +27,9 @@ def smoothed():
         )
         sim = mps.Simulation(scene)
         sim.particles.load({"x": x, "p": p, "shear_rate": np.full(len(x), shear_rate), "id": np.arange(len(x))})
-        sim.bins.sort()
-        sim.neighbors.build()
-        sim.scheme.gradient.build()
-        sim.scheme.smoothing.smooth(1.0)
-        return sim.scheme.smoothing.p.to_numpy()[: len(x)][np.argsort(sim.particles.read()["id"])]
+        find(sim)
+        sim.scheme.pressure.smooth(1.0)
+        return in_order(sim, sim.scheme.pressure.p.to_numpy())
 
     return smooth
 

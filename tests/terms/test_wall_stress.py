@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
+from tests.support.inside import at_start
 
 ACROSS, GAP, ETA, DENSITY, PUSH = 20, 0.1, 50.0, 2300.0, 8000.0  # -, m, Pa s, kg/m3, N/m3
 L0 = GAP / ACROSS
@@ -47,38 +48,38 @@ def yielding():
     return sim
 
 
-def share_at(sim, stress):
-    """Share of the excess of the first row [-], begun and then adjusted, where each of its particles carries a shear
-    stress [Pa] of its own."""
-    particles, layer = sim.particles, sim.scheme.layer
+def weight_at(sim, stress):
+    """Weight of the excess of the first row [-], at the start of a step and then updated, where each of its particles
+    carries a shear stress [Pa] of its own."""
+    particles, term = sim.particles, sim.scheme.wall_stress
     first = particles.x.to_numpy()[:, 1] < L0
     tensors = np.zeros(particles.stress.to_numpy().shape)
     tensors[first, 0, 1] = tensors[first, 1, 0] = stress
     particles.stress.from_numpy(tensors)
-    sim.scheme.smoothing.p.fill(0.0)
-    layer.begin()
-    begun = layer.share.to_numpy()[first]
-    layer.adjust()
-    return begun, layer.share.to_numpy()[first]
+    sim.scheme.pressure.p.fill(0.0)
+    term.start()
+    at_start = term.weight.to_numpy()[first]
+    term.update()
+    return at_start, term.weight.to_numpy()[first]
 
 
-def test_the_share_makes_the_first_row_slide_as_the_exact_film(yielding):
+def test_the_weight_makes_the_first_row_slide_as_the_exact_film(yielding):
     """Where the wall carries tau_y + s, s < f l0, a plug slides over the film by s^2/(2 f eta): the rate of the first
     row, this speed over l0, needs tau_y + s^2/(2 f l0) there, and the wall must carry tau_y + s all the same."""
     most = PUSH * L0
     s = most * np.linspace(0.05, 0.95, 10)
     stress = 300.0 + s**2 / (2.0 * most)
-    begun, adjusted = share_at(yielding, stress)
-    assert stress + 0.5 * most * begun == pytest.approx(300.0 + s, rel=1e-9)
-    assert adjusted == pytest.approx(begun, rel=1e-9)
+    at_start, updated = weight_at(yielding, stress)
+    assert stress + 0.5 * most * at_start == pytest.approx(300.0 + s, rel=1e-9)
+    assert updated == pytest.approx(at_start, rel=1e-9)
 
 
 def test_what_has_not_yielded_keeps_its_stress_and_what_flows_well_has_all_of_the_excess(yielding):
     most = PUSH * L0
     stress = np.repeat([0.0, 299.0, 300.0, 300.0 + 0.5 * most, 300.0 + 3.0 * most], 2)
-    begun, adjusted = share_at(yielding, stress)
-    assert begun == pytest.approx(np.repeat([0.0, 0.0, 0.0, 1.0, 1.0], 2), abs=1e-9)
-    assert adjusted == pytest.approx(begun, abs=1e-9)
+    at_start, updated = weight_at(yielding, stress)
+    assert at_start == pytest.approx(np.repeat([0.0, 0.0, 0.0, 1.0, 1.0], 2), abs=1e-9)
+    assert updated == pytest.approx(at_start, abs=1e-9)
 
 
 @pytest.mark.long
@@ -86,13 +87,13 @@ def test_below_a_free_surface_there_is_none():
     sim = channel(lid=False)
     for _ in range(3):
         sim.step()
-    assert sim.scheme.smoothing.full[None] == 0
-    assert np.abs(sim.scheme.layer.drive.to_numpy()).max() == 0.0
+    assert sim.scheme.pressure.full[None] == 0
+    assert np.abs(sim.scheme.wall_stress.drive.to_numpy()).max() == 0.0
 
 
 def pushed(dimension, wall, borne=0.0):
     """Force along x over -V dp/dx [-] of the first four rows of a lattice on a floor, where p grows along x, (4,); the
-    share ``borne`` of p along x is borne by a deviatoric stress."""
+    part ``borne`` of p along x is borne by a deviatoric stress."""
     floor = mps.Plane((0.0,) * dimension, (0.0,) * (dimension - 1) + (1.0,), **wall)
     size = (11 * L0,) * (dimension - 1) + (6 * L0,)
     scene = mps.Scene(
@@ -103,17 +104,14 @@ def pushed(dimension, wall, borne=0.0):
         walls=(floor,),
         domain=((-L0,) * dimension, tuple(np.array(size) + L0)),
     )
-    sim = mps.Simulation(scene)
-    sim.bins.sort()
-    sim.neighbors.build()
-    sim.scheme.gradient.build()
+    sim = at_start(scene)
     x = sim.particles.x.to_numpy()
     p = 1000.0 + PUSH * x[:, 0]
-    sim.scheme.smoothing.p.from_numpy(p)
+    sim.scheme.pressure.p.from_numpy(p)
     stress = np.diag([1.0] + [-1.0 / (dimension - 1)] * (dimension - 1))
     sim.particles.stress.from_numpy(borne * p[:, None, None] * stress)
-    b = sim.scheme.solver.b
-    sim.scheme.right_hand_side(b)
+    b = sim.scheme.velocity.solver.b
+    sim.scheme.source.set(b)
     middle = (np.abs(x[:, : dimension - 1] - 5.5 * L0) < 0.6 * L0).all(1)
     row = np.rint(x[:, -1] / L0 - 0.5).astype(int)
     each = b.to_numpy()[:, 0] / (-PUSH * L0**dimension)

@@ -10,19 +10,39 @@ import taichi_mps as mps
 from taichi_mps.cli.main import main
 from taichi_mps.problem import catalogue
 from taichi_mps.validation import ROWS, SLUMP_ERROR, Measured, Row, standing, table
+from taichi_mps.validation.fluids import columns
 from taichi_mps.validation.scheme import BudgetError, Setting, simulate
 from taichi_mps.viz import plots
+from tests.support.inside import find
 
-MISSED = ("volume", "no delay")  # quantities that miss their target, see docs/limits.md; all others must meet it
+def late_by(delay):
+    """Largest relative change of the front of Martin and Moyce's dam break if their gate opened so late [sqrt(a/2g)]."""
+    known = columns("C_dambreak_front_martin_moyce_koshizuka.csv", dataset="martin_moyce_a2.25in_n2=2")
+    at, z = known["t*sqrt(2g/a)"], known["z/a"]
+    covered = (at + delay < at[-1]) & (z < 3.9)
+    return float((np.interp(at + delay, at, z)[covered] / z[covered]).max()) - 1.0
+
+
+# What of the quick rows misses its target, (row, part of the quantity's name): what it is at most all the same, and why
+MISSED = {
+    ("dam_break_front", "no delay"): (
+        lambda target: late_by(0.3) + target,
+        "the gate of the experiment opened late, as the reference says: by up to 0.3 sqrt(a/2g), the most that the row "
+        "allows for; with its delay the front meets the target",
+    )
+}
 
 
 @pytest.mark.parametrize("name", [row.name for row in ROWS.values() if row.quick])
-def test_quick_row_meets_its_targets(name):
+def test_quick_row_meets_its_targets_but_for_what_is_known_to_miss(name):
+    """Neither more nor less is missed than MISSED names."""
     numbers = [item for item in ROWS[name].run() if isinstance(item, Measured)]
     assert numbers
-    for number in numbers:
-        assert abs(number.value) < 100.0 * number.target, number  # a number at all, and of the right size
-        assert number.met or any(word in number.quantity for word in MISSED), number
+    known = {part: most for (row, part), (most, _why) in MISSED.items() if row == name}
+    missed = {part: number for number in numbers for part in known if part in number.quantity}
+    assert [number for number in numbers if not number.met] == list(missed.values()) and missed.keys() == known.keys()
+    for part, number in missed.items():
+        assert abs(number.value) <= known[part](number.target), number
 
 
 def test_a_number_is_met_only_within_its_target():
@@ -153,9 +173,7 @@ def test_planes_get_three_layers_of_wall_particles_that_go_on_the_lattice(papers
     sim = simulate(channel())
     assert sim.summary()["scheme"] == "semi-implicit"
     assert sim.summary()["wall_particles"] == 2 * 3 * 10
-    sim.bins.sort()
-    sim.neighbors.build()
-    sim.scheme.gradient.build()
+    find(sim)
     assert np.abs(sim.snapshot().density_ratio - 1.0).max() < 1e-9
 
 
