@@ -118,7 +118,7 @@ class OnFloor(System):
         plane = mps.Plane((0.0, -0.33), (0.0, 1.0), **floor)
         x = cloud((5, 6))
         super().__init__(x[plane.distance(x) > 0.01], planes=(plane,))
-        if self.walls.rub:
+        if plane.friction:
             self.walls.set_friction_penalty(inertia)
             self.start()
 

@@ -9,7 +9,8 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 RUN = """
 import hashlib, sys
-from taichi_mps import Simulation, backend, catalogue
+import taichi_mps as mps
+from taichi_mps.problem import catalogue
 
 def bits(sim):
     s = sim.snapshot()
@@ -20,8 +21,8 @@ def steps(sim, count):
         sim.step()
     return bits(sim)
 
-backend.init(precision=sys.argv[1], threads=int(sys.argv[2]))
-sim = Simulation(catalogue.build("slump", spacing=0.0095))  # 6,400 particles: a team of threads, grid levels
+mps.init(precision=sys.argv[1], threads=int(sys.argv[2]))
+sim = mps.Simulation(catalogue.build("slump", spacing=0.0095))  # 6,400 particles: a team of threads, grids of nodes
 start = bits(sim)
 steps(sim, 4)
 saved = sim.state()

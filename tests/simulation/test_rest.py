@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
+from taichi_mps.problem.problem import Problem
 from taichi_mps.simulation.rest import Rest
+from tests.support.scenes import parts
 
 SPACING = 0.01
 
@@ -16,10 +18,10 @@ def stop(speed, material, fraction=1.0, again=None, until=1000.0):
     """Time [s] at which the rule calls a body at rest of which a ``fraction`` moves with speed(t) [m/s]; again: a time
     [s] at which the rule is written down and read again."""
     rest, dt = Rest(), 0.01
+    problem = Problem(mps.Scene(**parts(material=material, spacing=SPACING, walls=())))
     for time in np.arange(dt, until, dt):
         report = SimpleNamespace(mean_speed=np.sqrt(fraction) * speed(time), moving_speed=speed(time))
-        scene = SimpleNamespace(materials=[material], spacing=SPACING, walls=[])
-        if rest.reached(SimpleNamespace(report=report, scene=scene, time=time)):
+        if rest.reached(SimpleNamespace(report=report, problem=problem, scene=problem.scene, time=time)):
             return time
         if again is not None and time > again:
             rest, again = Rest(**asdict(rest)), None
@@ -63,12 +65,13 @@ def test_what_has_no_true_yield_value_never_rests():
 def test_what_a_travelling_wall_touches_is_not_at_rest():
     """A floor that sinks by 0.1 m/s below particles that stand 5 mm above it: 21 mm away after 0.16 s."""
     rest, floor = Rest(), mps.Plane((0.0, 0.0), (0.0, 1.0), velocity=(0.0, -0.1))
-    scene = SimpleNamespace(materials=[mps.Bingham()], spacing=SPACING, walls=[floor])
+    problem = Problem(mps.Scene(**parts(spacing=SPACING, walls=(floor,))))
     particles = SimpleNamespace(read=lambda: {"x": np.array([[0.0, 0.005], [0.0, 0.015]])})
     still, walls = SimpleNamespace(mean_speed=0.0, moving_speed=0.0), SimpleNamespace(effective_radius=0.021)
 
     def reached(time):
-        return rest.reached(SimpleNamespace(report=still, scene=scene, particles=particles, walls=walls, time=time))
+        what = {"problem": problem, "scene": problem.scene, "particles": particles, "walls": walls}
+        return rest.reached(SimpleNamespace(report=still, time=time, **what))
 
     assert next(time for time in np.arange(0.0, 1.0, 0.01) if reached(time)) == pytest.approx(0.36, abs=0.02)
 

@@ -15,6 +15,7 @@ from taichi_mps.validation.scheme import BudgetError, Setting, simulate
 from taichi_mps.viz import plots
 from tests.support.inside import find
 
+
 def late_by(delay):
     """Largest relative change of the front of Martin and Moyce's dam break if their gate opened so late [sqrt(a/2g)]."""
     known = columns("C_dambreak_front_martin_moyce_koshizuka.csv", dataset="martin_moyce_a2.25in_n2=2")
