@@ -4,6 +4,7 @@
     python benchmarks/fingerprint.py --against OTHER         # run in turn with another checkout; both in one table
     python benchmarks/fingerprint.py --against OTHER --repeats 3 --out benchmarks/results/fingerprint.json
     python benchmarks/fingerprint.py --against OTHER --exact    # compiled without fast_math
+    python benchmarks/fingerprint.py --against OTHER --scatter  # measures at rest, five disturbed runs each
 
 Every built-in scene at a coarse spacing, both schemes where they apply, every model, wall surfaces and wall particles,
 friction, inlet, two mixes, a lifted mould, a solid from a mesh, flow curves, one and two threads, a run taken up again.
@@ -11,7 +12,8 @@ Each case is a process of its own. Its fingerprint is a hash of what the particl
 positions, velocities, pressures, shear rates, stresses and plastic rates in the order of their numbers, and the time.
 
 With fast_math, the default, the compiler may contract and regroup sums anew where only the surroundings of a loop have
-changed; `--exact` compiles without it: then equal arithmetic has equal bits.
+measures are compared by `--scatter`: cones to rest, five times each, with particles 1e-6 spacings aside.
+measures are compared by `--scatter`: cones to rest, five times each, their particles 1e-6 spacings aside.
 
 CPU seconds are those of the steps after the first one, compile seconds those until its end; of repeats the least
 counts, for the machines are shared. `--out` writes the table as JSON and, beside it, as Markdown.
@@ -109,6 +111,22 @@ CASES = {
     "taken up again": ("slump", COARSE, "implicit", {"resumed": 60}, 150, 1, "f32"),
     "taken up again, semi-implicit": ("film", {"spacing": 0.01}, "semi-implicit", {"resumed": 100}, 200, 1, "f32"),
 }
+
+
+# cones to rest: keywords of scenes/slump.py, scheme implicit
+ENDS = {
+    "full, 20 mm, 500 Pa": {"spacing": 0.02, "yield_value": 500.0},
+    "full, 20 mm, 200 Pa": {"spacing": 0.02, "yield_value": 200.0},
+    "axisymmetric, 10 mm, 300 Pa": {"spacing": 0.01, "yield_value": 300.0, "model": "axisymmetric"},
+    "quarter, 15 mm, 300 Pa, bi-viscosity": {
+        "spacing": 0.015,
+        "yield_value": 300.0,
+        "model": "quarter",
+        "critical_strain_rate": 0.05,
+        "until": 2.0,
+    },
+}
+DISTURBED = 5
 
 
 # ---- scenes ---------------------------------------------------------------------------------------------------------
@@ -238,10 +256,27 @@ def carry_out(name: str, exact: bool = False) -> dict:
     }
 
 
+def measures_at_rest(name: str) -> list[dict]:
+    """Slump, spread and stop time of five runs to rest in this process, their particles 1e-6 spacings aside."""
+    import taichi_mps as mps
+
+    mps.init("cpu", "f32", 1)
+    scene = built_in("slump", **ENDS[name])
+    sim = mps.Simulation(scene)
+    start, found = sim.state(), []
+    for seed in range(DISTURBED):
+        aside = np.random.default_rng(seed).uniform(-1e-6, 1e-6, start["x"].shape) * scene.spacing
+        sim.load({**start, "x": start["x"] + aside})
+        sim.run()
+        measures = sim.measures()
+        found.append({"slump_m": measures["slump_m"], "spread_m": measures["spread_m"], "stop_s": sim.time})
+    return found
+
+
 # ---- all of them ----------------------------------------------------------------------------------------------------
-def of_checkout(checkout: Path, name: str, exact: bool) -> dict:
-    """Run a case in a process of its own with the package of a checkout."""
-    words = [sys.executable, __file__, "--case", name, *["--exact"] * exact]
+def of_checkout(checkout: Path, *words: str):
+    """What this file prints as JSON with these options, in a process of its own with the package of a checkout."""
+    words = [sys.executable, __file__, *words]
     place = {**os.environ, "PYTHONPATH": str(checkout)}
     done = subprocess.run(words, cwd=checkout, env=place, capture_output=True, text=True)
     if done.returncode:
@@ -281,9 +316,24 @@ def table(results: dict) -> str:
     return "\n".join(lines) + "\n"
 
 
+def scatter(checkouts: dict) -> str:
+    """Markdown: mean and standard deviation of the measures at rest, in each checkout."""
+    lines = ["| cone | measure | " + " | ".join(checkouts) + " |", "|---|---|" + "---|" * len(checkouts)]
+    for name in ENDS:
+        runs = {label: of_checkout(checkout, "--end", name) for label, checkout in checkouts.items()}
+        for measure in ("slump_m", "spread_m", "stop_s"):
+            values = {label: np.array([run[measure] for run in found]) for label, found in runs.items()}
+            cells = [f"{v.mean():.5f} +- {v.std(ddof=1):.5f}" for v in values.values()]
+            lines.append(f"| {name} | {measure} | " + " | ".join(cells) + " |")
+            print(lines[-1], flush=True)
+    return "\n".join(lines) + "\n"
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--case", choices=CASES, help="one case in this process, as JSON")
+    parser.add_argument("--end", choices=ENDS, help="one cone to rest in this process, as JSON")
+    parser.add_argument("--scatter", action="store_true", help="measures at rest of disturbed runs")
     parser.add_argument("--only", nargs="+", choices=CASES, default=list(CASES), help="these cases")
     parser.add_argument("--against", type=Path, help="another checkout, run in turn with this one")
     parser.add_argument("--exact", action="store_true", help="compiled without fast_math")
@@ -293,13 +343,23 @@ def main():
     if arguments.case:
         print(json.dumps(carry_out(arguments.case, arguments.exact)))
         return
+    if arguments.end:
+        print(json.dumps(measures_at_rest(arguments.end)))
+        return
+    others = {"before": arguments.against.resolve()} if arguments.against else {}
+    if arguments.scatter:
+        text = scatter({"now": ROOT} | others)
+        if arguments.out:
+            arguments.out.with_suffix(".md").write_text(text, encoding="utf-8")
+        return
+    exact = ["--exact"] * arguments.exact
     results = {}
     for name in arguments.only:
         now, before = [], []
         for _ in range(arguments.repeats):
-            now.append(of_checkout(ROOT, name, arguments.exact))
-            if arguments.against:
-                before.append(of_checkout(arguments.against.resolve(), name, arguments.exact))
+            now.append(of_checkout(ROOT, "--case", name, *exact))
+            if others:
+                before.append(of_checkout(others["before"], "--case", name, *exact))
         results[name] = {"now": least(now)} | ({"before": least(before)} if before else {})
         print(table({name: results[name]}).splitlines()[-1], flush=True)
     if arguments.out:

@@ -58,7 +58,7 @@ class PCG:
         self.first_x, self.first_r, self.last_b = (self.vectors.field() for _ in range(3))  # of the last solve
         self.rz, self.rz_new, self.pq = (double_field() for _ in range(3))  # (r, z), the next one, (p, A p)
         self.alpha, self.beta = double_field(), double_field()
-        self.reference, self.target = double_field(), double_field()  # of (r, z): see StoppingRule
+        self.reference, self.target = double_field(), double_field()  # of (r, z): see set_target
         self.rz_first = double_field()  # at the start
         self.status = ti.field(ti.i32, ())
         self.iterations = ti.field(ti.i32, ())
@@ -118,6 +118,7 @@ class PCG:
 
     @ti.pyfunc
     def running(self, limit):
+        """Whether another iteration is wanted."""
         flush()
         return self.status[None] == RUNNING and self.iterations[None] < limit
 
@@ -185,6 +186,7 @@ class PCG:
 
     @stage("bound")
     def bound_reference(self, most: ti.f64):
+        """The reference is (b, M^-1 b), at most ``most``."""
         ti.loop_config(serialize=True)
         for _ in range(first(1), last(1)):
             self.reference[None] = ti.min(self.rz[None], most)

@@ -29,9 +29,8 @@ from .scheme import Discretisation
 from .velocity_solve import VelocitySolve
 
 FIRST_ITERATIONS = 40  # the pressure and the stress of the first step are found from zero
-VISCOUS_ITERATIONS = (
-    10  # of these, with mu_r and no yield stress: pressure first, or its strain stays as stress in plugs
-)
+# of these, with mu_r and no yield stress: the pressure comes first, or its strain stays as stress in a plug
+VISCOUS_ITERATIONS = 10
 
 
 class Implicit:
@@ -79,9 +78,8 @@ class Implicit:
         self.assemble_again = self.assemble if bi_viscosity else nothing
         continues = not (bi_viscosity or walls.have_friction)
         self.velocity = VelocitySolve(self.operator, self.neighbors.bins, self.constants, continues)
-        self.viscous_iterations = (
-            0 if walls.have_friction else VISCOUS_ITERATIONS
-        )  # friction is found together with the stress
+        # friction is found together with the stress
+        self.viscous_iterations = 0 if walls.have_friction else VISCOUS_ITERATIONS
         self.first = True  # whether the next step is the first one
 
         yielded, solve = self.stress.yielded, self.velocity
@@ -94,8 +92,7 @@ class Implicit:
         u, first = self.velocity.velocity, int(self.first)
         iterations = FIRST_ITERATIONS if first else self.numerics.passes
         self.constants.set_time_step(dt)
-        self.walls.move_to_middle(dt)
-        self.motion.drift(dt)
+        self.drift(dt)
         self.neighbors.search()
         self.gradient.build()
         self.predict(dt, first)
@@ -109,12 +106,15 @@ class Implicit:
             self.assemble_again(dt)
         self.momentum_drift.restore(dt, u)
         self.shift(dt)
-        self.walls.move_to_end(dt)
         self.advance(dt, u, first)
-        self.first = False
         return self.diagnostics.report(dt, iterations)
 
     # ---- the stages -----------------------------------------------------------------------------------------
+    def drift(self, dt):
+        """Walls and particles go to the middle of the step."""
+        self.walls.move_to_middle(dt)
+        self.motion.drift(dt)
+
     def predict(self, dt, first):
         """What follows from the last velocity: pressure, viscosity, resistances, and what is taken back of them."""
         self.pressure.smooth(dt)
@@ -158,10 +158,13 @@ class Implicit:
             self.shifting.keep_at_rest(dt, STRAIN)
 
     def advance(self, dt, u, first):
-        """The particles take what was found: pressure, stress, velocity, and the other half of the drift."""
+        """The particles take what was found, pressure, stress and velocity, and go with the walls to the end of the
+        step."""
+        self.walls.move_to_end(dt)
         self.stress.advance(dt, u)
         self.pressure.keep()
         self.motion.advance(dt, u, first)
+        self.first = False
 
     # ---- around the step ------------------------------------------------------------------------------------
     def relax(self) -> None:

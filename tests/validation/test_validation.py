@@ -17,7 +17,7 @@ from tests.support.inside import find
 
 
 def late_by(delay):
-    """Largest relative change of the front of Martin and Moyce's dam break if their gate opened so late [sqrt(a/2g)]."""
+    """Largest relative change of the front of Martin and Moyce if their gate opened so late [sqrt(a/2g)]."""
     known = columns("C_dambreak_front_martin_moyce_koshizuka.csv", dataset="martin_moyce_a2.25in_n2=2")
     at, z = known["t*sqrt(2g/a)"], known["z/a"]
     covered = (at + delay < at[-1]) & (z < 3.9)
