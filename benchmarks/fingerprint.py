@@ -12,7 +12,7 @@ Each case is a process of its own. Its fingerprint is a hash of what the particl
 positions, velocities, pressures, shear rates, stresses and plastic rates in the order of their numbers, and the time.
 
 With fast_math, the default, the compiler may contract and regroup sums anew where only the surroundings of a loop have
-changed; `--exact` compiles without it: then equal arithmetic has equal bits. Runs are chaotic in the last bits; so final
+changed; `--exact` compiles without it: then equal arithmetic has equal bits. Runs are chaotic in the last bits: final
 measures are compared by `--scatter`: cones to rest, five times each, their particles 1e-6 spacings aside.
 
 CPU seconds are those of the steps after the first one, compile seconds those until its end; of repeats the least

@@ -1,13 +1,13 @@
 """Friction of a wall: what each particle before it carries, and how far the wall slips beneath it.
 
-The tangential traction t [Pa] of a wall resists the slip u_s [m/s] of the fluid on it: |t| <= yield value where it
-sticks, t = (yield value + viscous constant |u_s|) u_s/|u_s| where it slips. To the fit the wall moves along with the
+The tangential traction t [Pa] of a wall resists the slip u_s [m/s] of the fluid on it: |t| <= yield stress where it
+sticks, t = (yield stress + viscous constant |u_s|) u_s/|u_s| where it slips. To the fit the wall moves along with the
 slip of the particle, which within a solve is linear in the velocity u of the particle relative to the wall,
 
     u_s = (1 - s) u + offset,      s = R/(R + mu/z),      t = R u_s + push:
 
 friction and the layer of thickness z between wall and particle in series. R is the viscous constant plus a penalty r,
-which ties the slip to the yield value as mu_r does the strain rate (rheology.py). After each solve ``update`` maps the
+which ties the slip to the yield stress as mu_r does the strain rate (rheology.py). After each solve ``update`` maps the
 yield part of the traction back onto its bound, and moves ``offset`` so that in the end t is the traction of the
 particle's own stress, whatever s and r were.
 """

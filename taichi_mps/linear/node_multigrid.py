@@ -28,7 +28,7 @@ class NodeMultigrid(NodeOperators):
     with a Chebyshev polynomial s in D_l^-1 A_l. The eigenvalues of D_l^-1 A_l are at most 2^d (node_operators.py), and
     the polynomial contracts up to there, so M is symmetric positive definite whatever the particles.
 
-    operator: ``inverse_diagonal`` as for MRPCG (a zero block: no unknown), and the ti.func ``stiffness(i)``, which
+    operator: ``inverse_diagonal`` as for PCG (a zero block: no unknown), and the ti.func ``stiffness(i)``, which
     gives a_i = V mu, c_i = V (mu + lambda) of Lame's lambda, and the d x d matrix S_i of particle i.
     """
 

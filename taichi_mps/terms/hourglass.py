@@ -40,9 +40,9 @@ class HourglassResistance:
 
     @ti.func
     def inertial(self, i, dt):
-        """That of a thin fluid [Pa s]. Without a yield value it is
-        64 times as much at rest, less where the velocity gradient G [1/s] strains or turns it in a step dt [s], and no
-        more than elsewhere from 0.002 on and in a full closed box, where nothing settles (I8)."""
+        """That of a thin fluid [Pa s]. Without a yield stress it is 64 times as much at rest, less where the velocity
+        gradient strains or turns it in a step of dt [s], and no more than elsewhere from 0.002 on and in a full closed
+        box, where nothing settles (I8)."""
         resistance = self.constants.inertial[self.constants.mix(i)]
         if ti.static(self.law == "newtonian"):
             G = self.strain_rate.velocity_gradient(i)

@@ -1,4 +1,4 @@
-"""An uneven fill is evened before the first step: by the shift alone, without time or flow.
+"""Initial relaxation: an uneven fill is spread evenly before the first step, by the shift alone, without time or flow.
 
 The packing around a particle, from which its volume follows, is right for an even fill only, and so is what resists
 hourglass modes: a body filled at random places settles by millimetres while it should stand.

@@ -5,7 +5,7 @@ from ..runtime.backend import is_for_kernels, ti
 
 @ti.func
 def magnitude(T):
-    """|T| = sqrt(T:T/2) of a deviatoric tensor: the shear stress [Pa] that is compared with the yield value."""
+    """|T| = sqrt(T:T/2) of a deviatoric tensor: the shear stress [Pa] that is compared with the yield stress."""
     return ti.sqrt(0.5 * (T * T).sum())
 
 
@@ -29,7 +29,7 @@ def apparent_viscosity(rate, plastic_viscosity, yield_value, critical_strain_rat
 
 @ti.func
 def bi_viscosity(rate, plastic_viscosity, yield_value, critical_strain_rate):
-    """The same inside a kernel; a Newtonian mix at rest has neither a yield value nor a rate."""
+    """The same inside a kernel; a Newtonian mix at rest has neither a yield stress nor a rate."""
     return plastic_viscosity + yield_value / ti.max(rate, 2.0 * critical_strain_rate, 1e-12)
 
 

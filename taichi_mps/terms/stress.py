@@ -42,7 +42,7 @@ class Stress:
 
     @ti.func
     def viscosity(self, i, rate):
-        """Viscosity [Pa s] of the implicit part of the stress: apparent, or the penalty of a true yield value."""
+        """Viscosity [Pa s] of the implicit part of the stress: apparent, or the penalty of a true yield stress."""
         m = self.constants.mix(i)
         mu = self.constants.eta[m]
         if ti.static(self.law == "bingham"):

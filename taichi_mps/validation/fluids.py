@@ -1,4 +1,4 @@
-"""Rows for fluids without yield value, where particle methods are known to fail, and for pools at rest."""
+"""Rows for fluids without yield stress, where particle methods are known to fail, and for pools at rest."""
 
 import numpy as np
 

@@ -1,6 +1,6 @@
 """Rows of a body that must stand: the slump at which the finite elements with inertia arrested, filled with particles.
 
-A body that fell into its shape stands below its own yield value, too: inertia carried it farther than its weight
+A body that fell into its shape stands below its own yield stress, too: inertia carried it farther than its weight
 would. How far below follows from the finite elements without inertia: ``static_limit``. So it must stand at its yield
 value and at 1.05 of that limit, and flow at 0.95 of it.
 """
@@ -40,7 +40,7 @@ class Revolved:
 
 
 def static_limit(tau_y: float) -> float:
-    """Share of tau_y [-] below which a body that arrested with inertia flows: the yield value, over tau_y, of the body
+    """Share of tau_y [-] below which a body that arrested with inertia flows: the yield stress, over tau_y, of the body
     that comes to rest without inertia with this slump, and of that with this spread, in the mean. They differ by 3 %.
 
     Between the references at 100, 300, 500 and 1000 Pa a polynomial of third degree in log tau_y."""
