@@ -83,7 +83,7 @@ def point(diffusion, courant, bingham, ratio, scheme) -> dict:
     semi_implicit = scheme in (LITERAL, IMPROVED)
     mps.init(threads=1)
     sim = mps.Simulation(scene, mps.SemiImplicit(**improved) if semi_implicit else mps.Implicit(max_time_step=dt))
-    sim.scheme.time_step_limits = lambda motion: {"maximum": dt}
+    sim.scheme.time_step_limits = lambda speeds: {"maximum": dt}
     steps = int(np.clip(max(43.0 / diffusion, 3.0 / courant), 20, 300))
     start = 0.5 * DENSITY * L0**2 * float((exact**2).sum())
     fate, growth = None, 1.0

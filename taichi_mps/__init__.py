@@ -27,6 +27,7 @@ _LAZY = {  # names whose modules import Taichi or the edges: loaded at first use
     "slump_cone": "problem.catalogue",
     "main": "cli.main",
 }
+_MODULES = {"catalogue": "problem.catalogue", "checkpoint": "io.checkpoint", "backend": "runtime.backend"}  # for users
 
 __all__ = [
     "Bingham",
@@ -66,4 +67,6 @@ __all__ = [
 def __getattr__(name):
     if name in _LAZY:
         return getattr(import_module(f".{_LAZY[name]}", __name__), name)
+    if name in _MODULES:
+        return import_module(f".{_MODULES[name]}", __name__)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

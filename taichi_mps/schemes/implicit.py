@@ -1,4 +1,4 @@
-"""The default scheme: viscosity, pressure and yield stress in one implicit system per step (I1-I14).
+"""The default scheme: viscosity, pressure and yield stress in one implicit system per step (I1-I26).
 
 The step is that of an augmented Lagrangian at the middle of the step: after half of the drift the neighbours are found
 and a system for the velocity is assembled; Uzawa's iterations solve it in turn with the stress and the pressure, which
@@ -182,11 +182,11 @@ class Implicit:
         """Go on with the materials of another problem of the same law and geometry; what is compiled stays."""
         self.constants.set_problem(problem)
 
-    def time_step_limits(self, motion) -> dict[str, float]:
+    def time_step_limits(self, speeds) -> dict[str, float]:
         """Largest allowed steps [s] by name: what resolves the flow, and the Courant number."""
-        limits = {"maximum": self.constants.longest_at(motion.speed, motion.acceleration)}
-        if motion.speed > 0.0:
-            limits["Courant"] = self.numerics.courant_number * self.spacing / motion.speed
+        limits = {"maximum": self.constants.longest_at(speeds.speed, speeds.acceleration)}
+        if speeds.speed > 0.0:
+            limits["Courant"] = self.numerics.courant_number * self.spacing / speeds.speed
         return limits
 
     def fields_to_read(self, count: int) -> dict:

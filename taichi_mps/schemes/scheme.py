@@ -11,12 +11,13 @@ from ..particles.gradient import Gradient
 from ..particles.kernels import PACKING, PACKING_IN_PLANE, lattice_sums, mps_weight, smooth_weight
 from ..particles.neighbors import Bins, NeighborList
 from ..particles.particles import DUMMY, FLUID, WALL, Carried, Particles
+from .diagnostics import Diagnostics
 from .step_report import StepReport
 
 
 @dataclass(frozen=True)
-class Motion:
-    """How fast things move."""
+class Speeds:
+    """How fast things move: from it follows how long a step may be."""
 
     speed: float  # largest, walls and jets included [m/s]
     acceleration: float  # root mean square, of the last step [m/s2]; infinite before the first
@@ -26,8 +27,10 @@ class Scheme(Protocol):
     """A time scheme: it owns its whole step, neighbour search and motion of the walls included."""
 
     REMEDY: str  # what a user can do where it diverges
+    base: "Discretisation"
+    diagnostics: Diagnostics
 
-    def time_step_limits(self, motion: Motion) -> dict[str, float]:
+    def time_step_limits(self, speeds: Speeds) -> dict[str, float]:
         """Largest allowed steps [s] by name, for what moves now."""
 
     def step(self, dt: float) -> StepReport:

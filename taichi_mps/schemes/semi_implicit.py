@@ -54,14 +54,14 @@ class SemiImplicit:
     def relax(self) -> None:
         """Nothing: the paper starts from the lattice as it is."""
 
-    def time_step_limits(self, motion) -> dict[str, float]:
+    def time_step_limits(self, speeds) -> dict[str, float]:
         """Largest allowed steps [s] by name. The first step of a body at rest, which has no viscous force yet, is the
         paper's 0.001 s; later the Courant and the diffusion number rule."""
         numerics, first = self.numerics, self.largest_viscosity == 0.0
         limits = {"first": numerics.first_time_step} if first else {"maximum": numerics.max_time_step}
-        if motion.speed > 0.0:
-            limits["Courant"] = numerics.courant_number * self.spacing / motion.speed
-        if motion.speed > 0.0 or not first:
+        if speeds.speed > 0.0:
+            limits["Courant"] = numerics.courant_number * self.spacing / speeds.speed
+        if speeds.speed > 0.0 or not first:
             mu = self.viscosity.largest_possible if first else self.largest_viscosity
             limits["diffusion"] = self.viscosity.stable_step(numerics.diffusion_number, self.spacing, mu)
         return limits

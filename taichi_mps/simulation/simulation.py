@@ -13,7 +13,7 @@ from ..problem.scene import Scene
 from ..runtime.backend import require_room, started
 from ..runtime.stages import Execution
 from ..schemes.implicit import Implicit
-from ..schemes.scheme import Motion
+from ..schemes.scheme import Speeds
 from ..schemes.semi_implicit import SemiImplicit
 from ..schemes.step_report import DivergedError, StepReport
 from ..units import SceneError, finite, positive
@@ -60,8 +60,9 @@ class Simulation:
         require_room()
         to_come = sum((pouring.layers - (pouring.start == 0.0)) * len(pouring.layer) for pouring in self.pouring)
         self.scheme = SCHEMES[self.problem.scheme](self.problem, to_come, self._pairs_per_particle)
-        self.particles, self.neighbors, self.walls = self.scheme.particles, self.scheme.neighbors, self.scheme.walls
-        self.wall_particles = self.scheme.base.wall_particles
+        base = self.scheme.base
+        self.particles, self.neighbors, self.walls = base.particles, base.neighbors, base.walls
+        self.wall_particles = base.wall_particles
         self.execution = Execution(self.particles.capacity, timed=self._profile)
 
     # ---- stepping -------------------------------------------------------------------------------------------
@@ -94,7 +95,7 @@ class Simulation:
     def _choose_time_step(self, jet, until) -> tuple[float, str]:
         """The next step [s] and what bounds it."""
         speed = max(self.report.max_speed if self.report else self._initial_speed(), self._wall_speed, jet)
-        limits = self.scheme.time_step_limits(Motion(speed, self.report.acceleration if self.report else math.inf))
+        limits = self.scheme.time_step_limits(Speeds(speed, self.report.acceleration if self.report else math.inf))
         if self._last_dt is not None:
             limits["growth"] = 2.0 * self._last_dt
         name = min(limits, key=limits.get)

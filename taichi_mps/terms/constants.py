@@ -6,19 +6,14 @@ import math
 from ..particles.particles import Carried
 from ..runtime.backend import real, ti
 
-# The numbers of a Bingham mix that kernels read from fields. Any other number is compiled in: a sweep compiles anew for
-# each of its values (study/reuse.py) until it is a field here, too.
-FIELDS_OF_A_MIX = ("density", "plastic_viscosity", "yield_value", "critical_strain_rate")
-
 # What of a mix the kernels read from fields: a study compiles once for all values of these (study/reuse.py). Anything
 # else that a material has is compiled in.
 FIELDS_OF_A_MIX = ("density", "plastic_viscosity", "yield_value", "critical_strain_rate")
 
 INERTIAL = 0.5  # hourglass modes of a thin fluid decay within two natural steps or so: h += 0.5 rho l0^2/step
 SLOWEST = 5e-3  # strain per natural step below which the hourglass resistance of a yield-stress fluid stops growing
-STIFFNESS = (
-    75.0  # K = STIFFNESS rho (g H + U^2) times the natural step: that pressure compresses by 1/75 in an iteration
-)
+# K = STIFFNESS rho (g H + U^2) times the natural step: that pressure compresses by 1/75 in an iteration
+STIFFNESS = 75.0
 VISCOUS_STIFFNESS = 8.0  # and K >= 8 mu_r: a slow flow is resisted by its viscosity, not by its weight
 # mu_r >= 6 eta and 64 tau_y times the natural step: the stress converges in a few iterations; in shorter steps
 # also half the geometric mean of eta and rho H^2/dt, or a plug that stops springs back

@@ -1,4 +1,4 @@
-"""How particles move: half a step before the forces are found, half a step and the shift after (I2)."""
+"""How particles move: half a step before the forces are found, half a step and the shift after (I13)."""
 
 from ..particles.particles import FLUID, Carried
 from ..runtime.backend import real, ti

@@ -112,7 +112,7 @@ class PressureSmoothing:
     @stage("stress")
     def update(self, rate: ti.template(), constraint: ti.template()):
         """p <- p - K (div u - s) for the velocity gradient ``rate`` and the divergence s that the ``constraint`` wants:
-        the multiplier of the augmented Lagrangian (I5)."""
+        the multiplier of the augmented Lagrangian (I7)."""
         for i in range(self.particles.count[None]):
             carries = ti.cast(self.gradient.B[i][0, 0] > 0.0, float)
             excess = rate.velocity_gradient(i).trace() - constraint.divergence[i]

@@ -1,4 +1,4 @@
-"""The stress of the implicit scheme: what the yield law makes of a velocity, the viscosities of the matrix (I3, I4)."""
+"""The stress of the implicit scheme: what the yield law makes of a velocity, the viscosities of the matrix (I5, I6)."""
 
 from ..particles.particles import Carried
 from ..runtime.backend import real, ti
@@ -86,7 +86,7 @@ class Stress:
 
     @stage("stress")
     def update(self, k: ti.i32, viscous: ti.i32):
-        """The trial stress of the solved velocity mapped back onto the yield surface (I4); in the first ``viscous`` of
+        """The trial stress of the solved velocity mapped back onto the yield surface (I6); in the first ``viscous`` of
         the iterations k of a step the body is still taken for a viscous one."""
         for i in range(self.particles.count[None]):
             rate = self.particles.shear_rate[i]

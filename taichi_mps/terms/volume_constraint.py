@@ -1,4 +1,4 @@
-"""The divergence that the flow is to have: it takes back a part of what the packing is too dense or too loose (I10)."""
+"""The divergence that the flow is to have: it takes back a part of what the packing is too dense or too loose (I11)."""
 
 from ..runtime.backend import real, ti
 from ..runtime.stages import stage

@@ -1,4 +1,4 @@
-"""Friction of the walls in the implicit system: the slip at the start of a step, and after each iteration (I12)."""
+"""Friction of the walls in the implicit system: the slip at the start of a step, and after each iteration (I23)."""
 
 from ..runtime.backend import real, ti
 from ..runtime.stages import stage

@@ -7,7 +7,7 @@ import pytest
 
 import taichi_mps as mps
 from taichi_mps.problem import catalogue
-from taichi_mps.schemes.scheme import Motion
+from taichi_mps.schemes.scheme import Speeds
 from taichi_mps.simulation.simulation import Simulation
 from tests.support import inside
 
@@ -296,7 +296,7 @@ def test_direct_iteration_and_unyielded_decision_of_a_slump():
         snapshot = simulation.snapshot()
         assert np.array_equal(snapshot.yielded, snapshot.shear_rate >= 2 * 0.1)
         assert report.unyielded_fraction == np.mean(~snapshot.yielded)
-    limits = simulation.scheme.time_step_limits(Motion(report.max_speed, report.acceleration))
+    limits = simulation.scheme.time_step_limits(Speeds(report.max_speed, report.acceleration))
     largest = 50.0 + (100.0 / np.maximum(snapshot.shear_rate, 0.2)).max()
     assert limits["diffusion"] == pytest.approx(0.2 * 0.025**2 * 2300.0 / largest)
     assert limits["Courant"] == pytest.approx(0.2 * 0.025 / report.max_speed)

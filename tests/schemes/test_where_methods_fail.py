@@ -22,7 +22,7 @@ import pytest
 import taichi_mps as mps
 from taichi_mps.particles.particles import FLUID
 from taichi_mps.problem.problem import Problem
-from taichi_mps.schemes.scheme import Motion
+from taichi_mps.schemes.scheme import Speeds
 from tests.support.inside import find
 
 REFERENCE = Path(mps.__file__).parent / "validation" / "reference"
@@ -130,7 +130,7 @@ def test_a_viscosity_ratio_of_a_million_costs_the_literal_scheme_its_step(box_de
     )
     x = mps.lattice((0.0, 0.0), (4 * FINE,) * 2, FINE)
     scene = mps.Scene(name="small", material=material, spacing=FINE, fluid=x, domain=((-0.1, -0.1), (0.1, 0.1)))
-    slow = Motion(speed=1e-3, acceleration=math.inf)
+    slow = Speeds(speed=1e-3, acceleration=math.inf)
     dt = mps.Simulation(scene, LITERAL).scheme.time_step_limits(slow)["diffusion"]
     assert dt == pytest.approx(0.2 * FINE**2 * DENSITY / (ETA * 1000001.0))
     assert min(box_default.scheme.time_step_limits(slow).values()) > 1e7 * dt
