@@ -128,6 +128,7 @@ class NeighborList:
         self.row_start = ti.field(ti.i32, bins.particles.capacity + 1)  # first pair of each particle
         self.column = ti.field(ti.i32, self.pair_capacity)  # neighbour's row of each pair
         self.pairs = ti.field(ti.i32, ())  # number of pairs, also of those that do not fit
+        self.forget()
 
     @ti.func
     def _scan(self, i, fill: ti.template()):
@@ -197,6 +198,10 @@ class NeighborList:
         pairs = self.pairs[None]
         if pairs > self.pair_capacity:
             raise CapacityError(f"{pairs} neighbour pairs do not fit into pair_capacity = {self.pair_capacity}")
+
+    def forget(self) -> None:
+        """The particles are elsewhere, so how many pairs there will be is not known: as many as fit, say."""
+        self.pairs[None] = self.pair_capacity
 
     @property
     def nearly_full(self) -> bool:

@@ -109,7 +109,7 @@ class Simulation:
     def _advance(self, dt) -> StepReport:
         """A step of the scheme. Where the neighbour list turns out too short, it goes back to the start of the step,
         makes it longer, and takes the step again."""
-        start = self.state() if self.steps == 0 or self.neighbors.nearly_full else None
+        start = self.state() if self.neighbors.nearly_full else None
         try:
             with self.execution.active():
                 if self.steps == 0:
@@ -258,4 +258,5 @@ class Simulation:
         for pouring, carried in zip(self.pouring, state.get("pouring", []), strict=True):
             pouring.entered, pouring.delay = carried
         self.walls.place(self.time)
+        self.neighbors.forget()
         self.scheme.load(state)

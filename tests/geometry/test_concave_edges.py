@@ -121,7 +121,7 @@ def rigged():
 
     def sums(walls):
         rig = Rig(x, planes=walls)
-        return rig.forces(T), *(getattr(rig.gradient, name).to_numpy() for name in ("n", "packing", "around")), rig.x
+        return rig.forces(T), *(getattr(rig.gradient, name).to_numpy() for name in ("n", "packing", "neighbour_count")), rig.x
 
     return sums, sums(PLANES)
 

@@ -1,26 +1,57 @@
-"""A step of few particles: the same stages in a handful of kernels, and stage by stage where they are timed."""
+"""Stages are the same work however they are launched: one by one, in groups, fused into a kernel, by a team, timed."""
 
 import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.runtime import stages
 from taichi_mps.runtime.backend import ti
+from taichi_mps.runtime.stages import Execution, flush, repeat, sequence, stage, team_stage
+from taichi_mps.runtime.thread_team import first, last, wait
 from taichi_mps.terms import shifting
 
 SPACING = 0.02
-STAGES = "drift reorder neighbours gradient sleep smooth-pressure prepare system right-hand-side solve stress shift"
+STAGES = "drift reorder neighbours gradient smooth-pressure prepare system right-hand-side solve stress shift advance"
+WAYS = {"fused": {"rows": 1}, "grouped": {"rows": 1 << 30}, "timed": {"rows": 1, "timed": True}}
 
 
 @ti.data_oriented
 class Numbers:
-    def __init__(self):
-        self.x = ti.field(ti.i32, 4)
+    """x_i = i + 1, and what stages make of it."""
 
-    @stages.stage
-    def add(self, amount: ti.i32):
+    fits_in_a_kernel = True
+
+    def __init__(self):
+        self.x = ti.field(ti.f64, 4)
+        self.x.from_numpy(np.arange(1.0, 5.0))
+
+    @stage("add")
+    def add(self, amount: ti.f64):
         for i in range(4):
             self.x[i] += amount
+
+    @stage("multiply")
+    def multiply(self, factor: ti.f64, times: ti.i32):
+        for i in range(4):
+            for _ in range(times):
+                self.x[i] *= factor
+
+    @stage("divide")
+    def divide(self, by: ti.template()):
+        for i in range(4):
+            self.x[i] /= by[i]
+
+    @sequence("both")
+    def both(self, amount, factor):
+        self.add(amount)
+        if factor != 1:
+            self.multiply(factor, 2)
+        return 3
+
+    @team_stage("shared")
+    def shared(self, amount):
+        for i in range(first(4), last(4)):
+            self.x[i] -= amount
+        wait()
 
     @ti.kernel
     def add_often(self, times: ti.i32):
@@ -28,20 +59,82 @@ class Numbers:
         for k in range(times):
             self.add(k)
 
+    def work(self):
+        """(((x + 0.1) * 3^2 + 0.1) * 2^2 - 0.7) / 4, and 0 + 1 + 2 times 10 added in a loop."""
+        tenth, fours = 0.1, ti.field(ti.f64, 4)
+        fours.fill(4.0)
+        self.add(tenth)
+        self.multiply(3.0, 2)
+        self.both(tenth, 2.0)
+        self.shared(0.7)
+        self.divide(fours)
+        for k in repeat(3):
+            self.add(k)
+            self.multiply(10.0, 1)
+            self.divide(fours)
+        flush()
+        return self.x.to_numpy()
+
+
+def expected():
+    x = (((np.arange(1.0, 5.0) + 0.1) * 9.0 + 0.1) * 4.0 - 0.7) / 4.0
+    for k in range(3):
+        x = (x + k) * 10.0 / 4.0
+    return x
+
 
 def test_a_stage_is_a_kernel_in_python_and_a_part_of_one_in_a_kernel():
     numbers = Numbers()
     numbers.add(5)
     numbers.add_often(4)
-    assert numbers.x.to_numpy().tolist() == [5 + 0 + 1 + 2 + 3] * 4
+    assert numbers.x.to_numpy().tolist() == [i + 1 + 5 + 0 + 1 + 2 + 3 for i in range(4)]
 
 
-def test_iterations_of_a_stage_count_as_calls():
-    timed, quick = stages.Stages(timed=True), stages.Stages()
-    for result in (None, 7):
-        for run in (timed, quick):
-            assert run("solve", lambda value: value, result) == result
-    assert [(name, calls) for name, (_, calls) in timed.spent.items()] == [("solve", 8)] and quick.spent == {}
+@pytest.mark.parametrize("way", WAYS)
+def test_stages_do_the_same_however_they_are_launched(way):
+    with Execution(**WAYS[way]).active():
+        assert Numbers().work() == pytest.approx(expected(), rel=1e-14)
+
+
+def test_stages_outside_of_any_execution_are_launched_at_once():
+    numbers = Numbers()
+    numbers.both(0.5, 3.0)
+    assert numbers.x.to_numpy() == pytest.approx((np.arange(1.0, 5.0) + 0.5) * 9.0)
+
+
+def test_kernels_are_made_once_and_numbers_are_handed_over_anew():
+    """The second time the same stages get other numbers: those count, not what the kernel was made with."""
+    execution, numbers = Execution(rows=1), Numbers()
+    for amount in (0.25, 1e-300, 7.0):
+        before = numbers.x.to_numpy()
+        with execution.active():
+            numbers.add(amount)
+            numbers.multiply(2.0, 1)
+        assert numbers.x.to_numpy().tolist() == ((before + amount) * 2.0).tolist()
+
+
+def test_more_numbers_than_a_kernel_takes_go_to_several_kernels():
+    numbers = Numbers()
+    with Execution(rows=1).active():
+        for k in range(30):
+            numbers.add(float(k))
+    assert numbers.x.to_numpy().tolist() == [i + 1 + sum(range(30)) for i in range(4)]
+
+
+def test_a_loop_with_more_numbers_than_a_kernel_takes_is_refused():
+    numbers = Numbers()
+    with pytest.raises(ValueError, match="numbers for the stages of a loop"), Execution(rows=1).active():
+        for _ in repeat(2):
+            for k in range(30):
+                numbers.add(float(k))
+
+
+def test_a_timed_execution_knows_its_stages_and_counts_iterations_as_calls():
+    execution = Execution(rows=1, timed=True)
+    with execution.active():
+        Numbers().work()
+    calls = {name: calls for name, (seconds, calls) in execution.spent.items() if seconds > 0.0}
+    assert calls == {"add": 4, "multiply": 4, "both": 3, "shared": 1, "divide": 4}
 
 
 @pytest.mark.long
@@ -53,28 +146,14 @@ def test_few_kernels_do_what_the_stages_do_one_by_one(monkeypatch):
     floor = mps.Plane((0.0, 0.0), (0.0, 1.0))
     material = mps.Bingham(plastic_viscosity=50.0, yield_value=300.0)
     scene = mps.Scene("block", material, SPACING, x, ((-0.5, -0.5), (0.5, 0.5)), walls=(floor,))
-    sim = mps.Simulation(scene, mps.Implicit(sleep=True))
-    launches, start_kernel = [], ti.lang.kernel_impl.Kernel.__call__
-
-    def counted(kernel, *arguments):
-        launches.append(kernel.func.__name__)
-        return start_kernel(kernel, *arguments)
-
-    start, ends, counts = sim.state(), [], []
-    for timed in (False, True):
-        sim.stages.timed = timed
-        sim.load(start)
+    ends = []
+    for profile in (False, True):
+        sim = mps.Simulation(scene, profile=profile)
         sim.step()
         ends.append(sim.snapshot())
         for _ in range(9):
             sim.step()
-        with monkeypatch.context() as patch:
-            patch.setattr(ti.lang.kernel_impl.Kernel, "__call__", counted)
-            launches.clear()
-            sim.step()
-        counts.append(len(launches))
         ends.append(sim.snapshot())
-    assert counts[0] <= 6 and counts[1] > 30
     assert np.abs(ends[1].x - scene.initial).max() > 0.1 * SPACING  # it has moved
     for k, tolerance in enumerate((1e-9, 1e-5)):
         assert ends[k].x == pytest.approx(ends[k + 2].x, rel=0, abs=tolerance * SPACING)

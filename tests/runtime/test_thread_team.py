@@ -7,6 +7,7 @@ import pytest
 from taichi_mps.runtime import backend
 from taichi_mps.runtime import thread_team as team
 from taichi_mps.runtime.backend import ti
+from taichi_mps.runtime.stages import Execution, stage, team_stage
 from tests.support.linear import solve, sparse_matrix
 
 ROWS, ROUNDS = 5000, 1000
@@ -21,37 +22,41 @@ def taichi():
 class Mirror:
     """x_i <- x_(n-1-i) + 1 in each round, and how many did it: each needs what another member did just before."""
 
+    fits_in_a_kernel = True
+
     def __init__(self, members):
-        self.team = team.Team(members)
+        self.team = team.ThreadTeam(members)
+        self.execution = Execution(ROWS, team=self.team)
         self.x, self.y = (ti.field(ti.i32, ROWS) for _ in range(2))
         self.members = ti.field(ti.i32, ROUNDS)
         self.round = ti.field(ti.i32, ())
 
-    @ti.kernel
-    def run(self):
-        self.round[None] = 0
-        self.team.open(ROWS)
-        for turn in range(self.team.turns):
-            member = self.team.join(turn)
-            if member >= 0:
-                while self.team.has(member) and self.round[None] < ROUNDS:
-                    this = self.round[None]
-                    for i in range(self.team.first(member, ROWS), self.team.last(member, ROWS)):
-                        self.y[i] = self.x[ROWS - 1 - i]
-                    self.team.wait()
-                    for i in range(self.team.first(member, ROWS), self.team.last(member, ROWS)):
-                        self.x[i] = self.y[i] + 1
-                    for _ in range(self.team.first(member, 1), self.team.last(member, 1)):
-                        self.members[this] = self.team.size[None]
-                    self.team.wait()
-                    self.round[None] = this + 1
-                    self.team.regroup()
-                self.team.close()
+    @team_stage("mirror")
+    def mirror(self):
+        while team.takes_part() and self.round[None] < ROUNDS:
+            self.turn_round()
+            team.regroup()
+
+    @stage("round")
+    def turn_round(self):
+        for i in range(team.first(ROWS), team.last(ROWS)):
+            self.y[i] = self.x[ROWS - 1 - i]
+        team.wait()
+        for i in range(team.first(ROWS), team.last(ROWS)):
+            self.x[i] = self.y[i] + 1
+        for _ in range(team.first(1), team.last(1)):
+            self.members[self.round[None]] = self.team.size[None]
+        team.wait()
+        for _ in range(team.first(1), team.last(1)):
+            self.round[None] += 1
+        team.wait()
 
     def members_of_each_round(self):
         """Runs, checks the result, and returns how many took part in each round."""
         self.x.from_numpy(np.arange(ROWS, dtype=np.int32))
-        self.run()
+        self.round[None] = 0
+        with self.execution.active():
+            self.mirror()
         np.testing.assert_array_equal(self.x.to_numpy(), np.arange(ROWS) + ROUNDS)  # an even number of mirrors
         return self.members.to_numpy()
 
@@ -76,6 +81,7 @@ def test_a_thread_that_comes_late_joins_at_a_later_round(monkeypatch):
 
 def test_where_threads_must_wait_too_often_one_goes_on_alone(monkeypatch):
     monkeypatch.setattr(team, "PATIENCE", -10 * ROWS)  # every wait is too long
+    monkeypatch.setattr(team, "REST", 20)
     mirror = Mirror(2)
     assert until(mirror, lambda rounds: rounds.max() == 2 and rounds[-1] == 1)
     assert mirror.team.rest[None] == team.REST
@@ -90,7 +96,10 @@ def test_more_members_than_threads_do_not_wait_for_ever():
 def test_a_team_solves_bit_for_bit_as_one_thread():
     a = pyamg.gallery.poisson((70, 70), format="csr")
     b = np.random.default_rng(3).standard_normal(4900)
-    (x, report), (y, other) = (solve(sparse_matrix(a), b, team=who) for who in (team.Team(3), team.ONE_THREAD))
+    (x, report), (y, other) = (
+        solve(sparse_matrix(a), b, launch={"rows": rows}, team=who)
+        for rows, who in ((4900, team.ThreadTeam(3)), (1, None))
+    )
     assert report.converged and report.iterations == other.iterations > 50
     np.testing.assert_array_equal(x, y)
     assert np.linalg.norm(a @ x - b) < 1e-8 * np.linalg.norm(b)

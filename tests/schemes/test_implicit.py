@@ -1,6 +1,7 @@
 """The default scheme against exact solutions: free fall, films on an incline, flow between walls.
 
-Errors are relative L2 norms at one second, started from rest; each bound is about 1.5 times the error measured.
+Errors are relative L2 norms of what started from rest; their bounds are the targets of the validation table: 2 % at 20
+across, of order 1.5, plug speeds within 5 % just above the yield value, 1e-6 m/s where a film must stand.
 """
 
 import csv
@@ -82,16 +83,6 @@ def test_lost_particle_stops_the_run_with_a_clear_error(fall, value, message):
 
 
 # ---- films ----------------------------------------------------------------------------------------------------
-def bi_viscosity_profile(y, weight, eta, tau_y, knee_rate, depth=DEPTH):
-    """Exact velocity at height y of a film of the bi-viscosity law: two parabolas that meet at the knee stress."""
-    thick = eta + tau_y / knee_rate
-    knee = max(0.0, depth - (tau_y + eta * knee_rate) / weight)  # height of the knee stress
-    low = np.minimum(y, knee)
-    flowing = (weight * (depth * low - 0.5 * low**2) - tau_y * low) / eta
-    high = np.maximum(y, knee)
-    return flowing + 0.5 * weight / thick * ((depth - knee) ** 2 - (depth - high) ** 2)
-
-
 def test_closed_forms_agree_with_the_reference_table():
     lines = [line for line in REFERENCE.read_text(encoding="utf-8").splitlines() if line[0] != "#"]
     film_velocity = runpy.run_path(str(catalogue.names()["film"]))["film_velocity"]
@@ -99,37 +90,36 @@ def test_closed_forms_agree_with_the_reference_table():
         eta, tau_y, knee_rate, weight, y, bingham, bi_viscosity = (float(v) for v in list(row.values())[:7])
         height = np.array(0.05 - abs(y))  # the table measures from the surface of a film 0.05 m deep
         assert film_velocity(height, 0.05, weight, eta, tau_y) == pytest.approx(bingham, rel=1e-4, abs=1e-9)
-        ours = bi_viscosity_profile(height, weight, eta, tau_y, knee_rate, 0.05)
+        ours = flows.profile(height, weight, eta, tau_y, 0.05, knee_rate)
         assert ours == pytest.approx(bi_viscosity, rel=1e-4, abs=1e-9)
 
 
 def film(across, until=1.0, **keywords):
-    """After ``until``, with the kernels of the film before where they fit: so use it before the next one."""
+    """On 10 degrees after ``until``, with the kernels of the film before where they fit: so use it before the next one."""
     sim = cases.begin(catalogue.build("film", spacing=DEPTH / across, **keywords))
     sim.run(until=until)
     return sim
 
 
-@pytest.mark.parametrize(("yield_value", "bounds"), [(0.0, (0.013, 0.006)), (100.0, (0.018, 0.011))])
 @pytest.mark.long
-def test_film_profile_converges(yield_value, bounds):
-    """Measured at 10 and 20 across: Bingham 0.0150, 0.0095 (the target of the validation table at 20 is 0.02)."""
-    errors = []
-    for across in (10, 20):
-        sim = film(across, yield_value=yield_value, plastic_viscosity=100.0)
-        errors.append(sim.measures()["velocity_error"])
-    assert np.all(np.array(errors) < bounds), errors
-    assert errors[1] < 0.7 * errors[0], errors
+@pytest.mark.parametrize("yield_value", [0.0, 100.0])
+def test_film_profile_converges(yield_value):
+    """After 2 s, 8.7 rho H^2/eta: 2 % at 20 across, and of order 1.5 from 10 to 40."""
+    errors = {}
+    for across in (10, 20, 40):
+        s = film(across, 2.0, yield_value=yield_value, plastic_viscosity=100.0).snapshot()
+        errors[across] = flows.l2(s.u[:, 0], flows.profile(s.x[:, 1], WEIGHT, 100.0, yield_value))
+    assert errors[20] <= 0.02 and errors[40] <= errors[10] / 4.0**1.5, errors
 
 
 def test_bi_viscosity_film():
+    """2 % at 20 across, which tells it from the law without a critical strain rate; yielded to the knee."""
     sim = film(20, yield_value=100.0, plastic_viscosity=100.0, critical_strain_rate=1.0)
     s = sim.snapshot()
-    exact = bi_viscosity_profile(s.x[:, 1], WEIGHT, 100.0, 100.0, 2.0)
-    bingham = bi_viscosity_profile(s.x[:, 1], WEIGHT, 100.0, 100.0, 1e-6)
-    error, other = (np.sqrt(np.mean((s.u[:, 0] - u) ** 2)) / exact.max() for u in (exact, bingham))
-    assert error < 0.012, error
-    assert other > 3.0 * error  # and it tells the two laws apart
+    error, other = (
+        flows.l2(s.u[:, 0], flows.profile(s.x[:, 1], WEIGHT, 100.0, 100.0, knee_rate=rate)) for rate in (2.0, 1e-6)
+    )
+    assert error <= 0.02 < 0.06 < other
     assert not sim.particles.carries_stress
     knee = DEPTH - (100.0 + 100.0 * 2.0) / WEIGHT
     sure = np.abs(s.x[:, 1] - knee) > 2 * s.spacing
@@ -137,16 +127,17 @@ def test_bi_viscosity_film():
 
 
 def test_film_stands_below_its_yield_value_and_flows_above():
-    """Bottom stress 0.95 and 1.05 of the yield value. Surface speed [m/s] measured at 0.5 and 1 s: 3.4e-5, 1.7e-5
-    (it goes on to fall) and 3.1e-4, 2.8e-4 (2.6e-4 at 3 s; the sheared layer is half a particle thick)."""
-    speed = {}
-    for load in (0.95, 1.05):
-        sim = film(10, until=0.5, yield_value=WEIGHT * DEPTH / load)
-        early = sim.measures()["surface_speed_m_s"]
-        sim.run(until=1.0)
-        speed[load] = early, sim.measures()["surface_speed_m_s"]
-    assert speed[0.95][1] < 5e-5 and speed[0.95][1] < 0.7 * speed[0.95][0], speed
-    assert speed[1.05][1] > 1.5e-4 and speed[1.05][1] > 0.8 * speed[1.05][0], speed
+    """20 across, after 2 s. At 1.05 of the yield value one row of particles is sheared: there the plug is too slow by
+    f l0^2/(6 eta) at most, what central differences on rows leave where only one of two rows flows."""
+    eta, speed = 50.0, {}
+    for load in (0.95, 1.05, 1.2):
+        sim = film(20, 2.0, yield_value=WEIGHT * DEPTH / load, plastic_viscosity=eta)
+        speed[load] = sim.measures()["surface_speed_m_s"]
+        if load < 1.0:
+            assert sim.snapshot().speed.max() <= 1e-6
+    exact = {load: float(flows.profile(DEPTH, WEIGHT, eta, WEIGHT * DEPTH / load)) for load in (1.05, 1.2)}
+    assert exact[1.05] - WEIGHT * (DEPTH / 20) ** 2 / (6.0 * eta) <= speed[1.05] <= 1.05 * exact[1.05], (speed, exact)
+    assert speed[1.2] == pytest.approx(exact[1.2], rel=0.05)
 
 
 # ---- between walls --------------------------------------------------------------------------------------------
@@ -173,7 +164,7 @@ def between_walls(across, push=0.0, eta=50.0):
 
 @pytest.mark.long
 def test_channel_between_two_no_slip_walls():
-    """2 % at 10 across; measured 0.0180, 0.0075 at 20 and 0.0038 at 40."""
+    """The target of the table at 20 across, 2 %, at 10 across already."""
     error, s = between_walls(10, push=2.943)
     assert error < 0.02, error
     assert np.abs(s.u[:, 1]).max() < 0.05 * s.u[:, 0].max()
@@ -181,8 +172,8 @@ def test_channel_between_two_no_slip_walls():
 
 def test_a_channel_that_stops_hardly_goes_back():
     """The developed flow at Bn = 5, 10 particles across, left alone in steps far shorter than the natural one: at rest
-    in time (B_cessation_summary.csv), and the stress its plug carried does not throw it back: 0.4 % of its speed, 1.3 %
-    with a penalty that does not know of the step."""
+    in time (B_cessation_summary.csv), within 5 %, and the stress its plug carried, which lags by one step, does not throw
+    it back by more than what one of the last steps took off. With a penalty that does not know of the step it does."""
     half, speed, bingham_number, pressure, stop = 0.05, 0.1, 5.0, 9.85669, 0.143653
     tau_y, unit = bingham_number * flows.ETA * speed / half, DENSITY * half**2 / flows.ETA
     weight = pressure * flows.ETA * speed / half**2
@@ -197,6 +188,7 @@ def test_a_channel_that_stops_hardly_goes_back():
     mean = []
     sim.each_step(lambda s: mean.append(s.snapshot().u[:, 0].mean() / speed))
     sim.run(until=1.3 * stop * unit)
-    turned = np.flatnonzero(np.array(mean) < 0)
-    assert abs(0.01 * turned[0] - 1.0) < 0.05
-    assert min(mean) > -0.006 and abs(mean[-1]) < 1e-3
+    turned = np.flatnonzero(np.array(mean) < 0)[0]
+    assert abs(0.01 * turned - 1.0) < 0.05
+    assert -min(mean) < mean[turned - 2] - mean[turned - 1]
+    assert abs(mean[-1]) < 1e-3  # what the table calls stopped
