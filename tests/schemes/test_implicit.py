@@ -95,7 +95,7 @@ def test_closed_forms_agree_with_the_reference_table():
 
 
 def film(across, until=1.0, **keywords):
-    """On 10 degrees after ``until``, with the kernels of the film before where they fit: so use it before the next one."""
+    """On 10 degrees after ``until``, with the kernels of the film before where they fit: use it before the next."""
     sim = cases.begin(catalogue.build("film", spacing=DEPTH / across, **keywords))
     sim.run(until=until)
     return sim
@@ -172,8 +172,8 @@ def test_channel_between_two_no_slip_walls():
 
 def test_a_channel_that_stops_hardly_goes_back():
     """The developed flow at Bn = 5, 10 particles across, left alone in steps far shorter than the natural one: at rest
-    in time (B_cessation_summary.csv), within 5 %, and the stress its plug carried, which lags by one step, does not throw
-    it back by more than what one of the last steps took off. With a penalty that does not know of the step it does."""
+    in time (B_cessation_summary.csv), within 5 %, and the stress its plug carried, which lags by one step, does not
+    throw it back by more than one of the last steps took off. With a penalty that does not know of the step it does."""
     half, speed, bingham_number, pressure, stop = 0.05, 0.1, 5.0, 9.85669, 0.143653
     tau_y, unit = bingham_number * flows.ETA * speed / half, DENSITY * half**2 / flows.ETA
     weight = pressure * flows.ETA * speed / half**2
