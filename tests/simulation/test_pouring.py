@@ -1,6 +1,7 @@
 """Placing: what enters through an inlet, when it stops, what a form holds of it, and bars written as a mesh."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -78,14 +79,15 @@ def test_concrete_enters_at_its_rate_falls_freely_rests_and_resumes_bit_for_bit(
     assert np.ptp(x[:, 1]) < 0.05 * L0 and x[:, 0].mean() == pytest.approx(0.01, abs=1e-3 * L0)
 
     checkpoint.Checkpoint.of(sim, source).write(tmp_path / "checkpoint.h5")
-    ends = []
+    ends, steps = [], []
+    sim.each_step(lambda sim: steps.append((sim.time, sim.fluid_particles)))
     for _ in range(2):
-        while not all(pouring.done for pouring in sim.pouring):
-            sim.rest.reached = lambda _: True
-            assert sim._why_stop(10.0) is None  # a rest is no end while concrete is to come
-            before, start = sim.fluid_particles, sim.time
-            sim.step()
-            assert sim.fluid_particles == before or start < LAYERS * interval or start >= 0.7
+        steps[:] = [(sim.time, sim.fluid_particles)]
+        sim.rest.reached = lambda _: True
+        assert sim.run(until=10.0) == "rest"  # which is no end while concrete is to come
+        assert all(pouring.done for pouring in sim.pouring) and steps[-1][1] > steps[-2][1]
+        for (start, before), (_, after) in pairwise(steps):
+            assert after == before or start < LAYERS * interval or start >= 0.7
         del sim.rest.reached
         ends.append(sim.state())
         saved = checkpoint.read(tmp_path / "checkpoint.h5")
