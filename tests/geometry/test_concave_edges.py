@@ -121,7 +121,8 @@ def rigged():
 
     def sums(walls):
         rig = Rig(x, planes=walls)
-        return rig.forces(T), *(getattr(rig.gradient, name).to_numpy() for name in ("n", "packing", "neighbour_count")), rig.x
+        sums = [getattr(rig.gradient, name).to_numpy() for name in ("n", "packing", "neighbour_count")]
+        return rig.forces(T), *sums, rig.x
 
     return sums, sums(PLANES)
 
