@@ -1,8 +1,8 @@
 """Stages of a time step, written once; how they are launched is decided here, and nobody else knows it.
 
-To start a kernel takes some 30 microseconds, each loop in it that is spread over threads another 5 to 9, or 15 to 70
-where they must be woken, to read a number from Python 7: more than the arithmetic of a few hundred particles. So an
-``Execution`` keeps the stages that are called and launches them together, where Python has to look at a result:
+To start a kernel takes some 30 microseconds (5 with a patch, workarounds.py), each loop in it that is spread over
+threads another 5 to 9, or 15 to 70 where they must be woken, to read a number from Python 7: more than the arithmetic
+of a few hundred particles. So an ``Execution`` keeps the stages that are called and launches them together, where Python has to look at a result:
 
     fused      few rows: what stands between two looks becomes one kernel of one thread, solves and all
     grouped    many rows: kernels that follow each other become one, whose loops Taichi spreads over the threads; a
@@ -23,6 +23,7 @@ from contextlib import contextmanager
 
 from .backend import for_kernels, real, started, ti
 from .thread_team import ThreadTeam, enter, leave
+from .workarounds import launch_directly
 
 FEW = 3000
 """Rows below which one thread works alone: to start kernels and threads would cost more than the work."""
@@ -194,7 +195,8 @@ class Execution:
             raise ValueError(f"stage {calls[0][0].name}: is given more than {MOST_NUMBERS} numbers")
         key = tuple(key)
         if key not in self._kernels:
-            self._kernels[key] = make([Call(*call, slot) for call, slot in zip(calls[:done], slots, strict=True)])
+            made = make([Call(*call, slot) for call, slot in zip(calls[:done], slots, strict=True)])
+            self._kernels[key] = launch_directly(made)
         padded = [float(number) for number in numbers] + [0.0] * (MOST_NUMBERS - len(numbers))
         return self._kernels[key], padded, calls[done:]
 

@@ -19,7 +19,7 @@ ROWS = 1000  # that make a member worth its waiting
 WELCOME = 20_000  # looks for the others before the first round: some 100 microseconds
 PATIENCE = 100_000  # looks for the others that a wait may take
 OFTEN = 3  # waits that took more, until one thread goes on alone
-REST = 100  # kernels in which it then works alone
+REST = 60  # kernels in which it then works alone: some three steps
 CLOSED = -1
 
 
@@ -61,7 +61,7 @@ class ThreadTeam:
         self.rest[None] = ti.max(0, self.rest[None] - 1)
         self.most[None] = 1 if self.rest[None] > 0 else ti.max(1, ti.min(self.threads, rows // ROWS))
         self.joined[None], self.size[None], self.admitted[None] = 0, 1, 1
-        self.here[None], self.met[None], self.founders[None] = 0, 0, 0
+        self.here[None], self.met[None], self.founders[None], self.late[None] = 0, 0, 0, 0
         self.patience[None] = PATIENCE + 10 * rows  # a loop takes some 100 nanoseconds a row, a look 5 or more
 
     @ti.func
