@@ -35,7 +35,7 @@ class Gradient:
         self.n0, self.weight, self.packing_kernel = lattice.n0, lattice.weight, lattice.packing_kernel
         self.full, self.at_surface = lattice.neighbours, lattice.surface_normal
         self.full_packing = lattice.packing
-        self.effective_radius = neighbors.bins.effective_radius
+        self.effective_radius = neighbors.bins.reach - neighbors.skin
         self.b = ti.Vector.field(d, real(), neighbors.pair_capacity)  # (w/r^2) r_ij [1/m] of each pair
         self.weight_r2 = ti.field(real(), neighbors.pair_capacity)  # w/r^2 [1/m2] of each pair
         self.B = ti.Matrix.field(d, d, real(), particles.capacity)  # inverse moment [-]; zero: carries no stress
@@ -124,6 +124,9 @@ class Gradient:
                 if ti.static(self.walls.separate):  # noqa: SIM102  (a compiled choice stays apart)
                     if self.walls.between(x, x + to_j):
                         w, ratio = 0.0, 0.0
+                if ti.static(self.neighbors.skin > 0.0):  # noqa: SIM102
+                    if distance >= re:
+                        ratio = 0.0
                 b = r * (w / r2)
                 self.b[k] = b
                 self.weight_r2[k] = w / r2
@@ -152,6 +155,21 @@ class Gradient:
             self.B[i] = (
                 self.inverse(M, lattice[0]) if stressed else ti.Matrix.zero(float, self.dimension, self.dimension)
             )
+
+    @stage("gradient")
+    def weigh(self):
+        """Fill b, w/r^2 and n alone at the present positions, in a scene whose walls are particles."""
+        re = self.effective_radius
+        for i in range(self.particles.count[None]):
+            x, n = self.particles.x[i], ti.cast(0.0, float)
+            for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
+                r = ti.cast(self.neighbors.bins.displacement(x, self.particles.x[self.neighbors.column[k]]), float)
+                r2 = ti.max(r.dot(r), 1e-4 * re * re)
+                w = self.weight(ti.min(1.0, ti.sqrt(r2) / re))
+                self.b[k] = r * (w / r2)
+                self.weight_r2[k] = w / r2
+                n += w
+            self.n[i] = n
 
     @ti.func
     def pair_weight(self, k):

@@ -2,8 +2,9 @@
 
 import numpy as np
 
-from ..runtime.backend import ti
+from ..runtime.backend import double_field, ti
 from ..runtime.stages import few, flush, one_thread, stage
+from .particles import DUMMY, FLUID, WALL
 
 NEARLY_FULL = 0.8  # of the room for pairs: in one step their number does not grow by a quarter
 
@@ -18,16 +19,16 @@ class EscapedError(RuntimeError):
 
 @ti.data_oriented
 class Bins:
-    """Dense grid of cells not smaller than the effective radius over the scene's domain; last axis fastest."""
+    """Dense grid of cells over the scene's domain, not smaller than a neighbour list reaches; last axis fastest."""
 
-    def __init__(self, particles, domain, periodic, effective_radius: float):
+    def __init__(self, particles, domain, periodic, reach: float):
         low, high = (np.array(corner, float) for corner in domain)
         size = high - low
         self.particles = particles
         self.dimension = len(low)
         self.periodic = tuple(periodic)
-        self.effective_radius = effective_radius
-        shape = np.maximum(1, np.floor(size / effective_radius).astype(int))
+        self.reach = reach
+        shape = np.maximum(1, np.floor(size / reach).astype(int))
         if any(p and s < 3 for p, s in zip(periodic, shape, strict=True)):
             raise ValueError(f"domain = {size} m: a periodic side must be at least three effective radii long")
         self.shape = tuple(int(s) for s in shape)
@@ -118,16 +119,24 @@ class Bins:
 
 @ti.data_oriented
 class NeighborList:
-    """Rows j = column[row_start[i] .. row_start[i+1]] with |x_j - x_i| < effective radius, j != i."""
+    """Rows j = column[row_start[i] .. row_start[i+1]] with |x_j - x_i| < reach, j != i; none for dummies and for wall
+    particles without fluid near.
 
-    def __init__(self, bins: Bins, pair_capacity: int):
+    ``skin`` [m]: the reach is longer by it than the effective radius, and a list is kept until a particle has gone half
+    as far (Verlet, Physical Review 159 (1967), 98-103).
+    """
+
+    def __init__(self, bins: Bins, pair_capacity: int, skin: float = 0.0):
         self.bins = bins
         self.particles = bins.particles
-        self.pair_capacity = int(pair_capacity)
+        self.pair_capacity, self.skin = int(pair_capacity), skin
         self.one_thread = few(self.particles.capacity) or one_thread()
         self.row_start = ti.field(ti.i32, bins.particles.capacity + 1)  # first pair of each particle
         self.column = ti.field(ti.i32, self.pair_capacity)  # neighbour's row of each pair
         self.pairs = ti.field(ti.i32, ())  # number of pairs, also of those that do not fit
+        if skin > 0.0:
+            self.listed_at = double_field(bins.particles.capacity, bins.dimension)  # positions of the present list [m]
+            self.left = ti.field(ti.i32, ())  # whether a particle has gone more than half of the skin since
         self.forget()
 
     @ti.func
@@ -137,8 +146,8 @@ class NeighborList:
         c = self.bins.cell(x)
         d = ti.static(self.bins.dimension)
         shape = ti.static(self.bins.shape)
-        re2 = self.bins.effective_radius**2
-        found = 0
+        reach2 = self.bins.reach**2
+        found, wet = 0, 0
         first = self.row_start[i]
         for offset in ti.grouped(ti.ndrange(*((-1, 2),) * (d - 1))):
             row = 0
@@ -163,10 +172,26 @@ class NeighborList:
                         self.bins.cell_start[row * shape[d - 1] + high + 1],
                     ):
                         r = self.bins.displacement(x, self.particles.x[j])
-                        if j != i and r.dot(r) < re2:
+                        if j != i and r.dot(r) < reach2:
                             if ti.static(fill):
                                 self.column[ti.min(first + found, self.pair_capacity - 1)] = j
                             found += 1
+                            if ti.static(self.particles.has_walls):
+                                wet += self.particles.kind[j] == FLUID
+        if ti.static(self.particles.has_walls):  # noqa: SIM102  (a compiled choice stays apart)
+            if self.particles.kind[i] == WALL and wet == 0:
+                found = 0
+        return found
+
+    @ti.func
+    def _pairs_of(self, i, fill: ti.template()):
+        """Number of neighbours that are listed for i."""
+        found = 0
+        if ti.static(self.particles.has_walls):
+            if self.particles.kind[i] != DUMMY:
+                found = self._scan(i, fill)
+        else:
+            found = self._scan(i, fill)
         return found
 
     @stage("neighbours")
@@ -176,32 +201,55 @@ class NeighborList:
         if ti.static(self.one_thread):
             ti.loop_config(serialize=True)
             for i in range(self.particles.count[None]):
-                self.row_start[i + 1] = self.row_start[i] + self._scan(i, True)
+                self.row_start[i + 1] = self.row_start[i] + self._pairs_of(i, True)
         else:
             for i in range(self.particles.count[None]):
-                self.row_start[i + 1] = self._scan(i, False)
+                self.row_start[i + 1] = self._pairs_of(i, False)
             ti.loop_config(serialize=True)
             for i in range(self.particles.count[None]):
                 self.row_start[i + 1] += self.row_start[i]
             for i in range(self.particles.count[None]):
-                self._scan(i, True)
+                if self.row_start[i + 1] > self.row_start[i]:
+                    self._scan(i, True)
         self.pairs[None] = self.row_start[self.particles.count[None]]
 
     def search(self) -> None:
-        """Bring the particles into the order of the cells and list their neighbours at the present positions.
-        EscapedError if any left the domain, CapacityError when the pairs do not fit."""
+        """Bring the particles into the order of the cells and list their neighbours at the present positions, unless
+        the list still holds them. EscapedError if any left the domain, CapacityError when the pairs do not fit."""
+        if self._known and self.skin > 0.0:
+            self.look_who_left()
+            flush()
+            if not self.left[None]:
+                return
         flush()
         self.bins.arrange()
         self.list()
+        if self.skin > 0.0:
+            self.keep_positions()
         flush()
         self.bins.check()
         pairs = self.pairs[None]
         if pairs > self.pair_capacity:
             raise CapacityError(f"{pairs} neighbour pairs do not fit into pair_capacity = {self.pair_capacity}")
+        self._known = True
+
+    @stage("neighbours")
+    def keep_positions(self):
+        for i in range(self.particles.count[None]):
+            self.listed_at[i] = self.particles.x[i]
+
+    @stage("neighbours")
+    def look_who_left(self):
+        self.left[None] = 0
+        for i in range(self.particles.count[None]):
+            way = self.bins.displacement(self.listed_at[i], self.particles.x[i])
+            if not (way.dot(way) <= (0.5 * self.skin) ** 2):  # a position that is no number, too
+                self.left[None] = 1
 
     def forget(self) -> None:
         """The particles are elsewhere, so how many pairs there will be is not known: as many as fit, say."""
         self.pairs[None] = self.pair_capacity
+        self._known = False
 
     @property
     def nearly_full(self) -> bool:

@@ -51,8 +51,13 @@ class SemiImplicit(Checked):
     scheme: ClassVar[str] = "semi-implicit"
     walls: ClassVar[str] = "particles"
 
-    source: Literal["density", "mixed"] = Field("density", description="right-hand side of the pressure equation")
-    gradient: Literal["literal", "conservative"] = Field("literal", description="discrete gradient of the pressure")
+    literal: bool = Field(False, description="the paper's equations alone, without what practice adds")
+    source: Literal["density", "mixed"] | None = Field(
+        None, description="right-hand side of the pressure equation, by default mixed, if literal density"
+    )
+    gradient: Literal["smallest", "literal", "conservative"] | None = Field(
+        None, description="discrete gradient of the pressure, by default smallest, if literal that of the paper"
+    )
     courant_number: Ratio = Field(0.2, description=COURANT)
     diffusion_number: Ratio = Field(0.2, description="largest viscosity times step over density and spacing squared")
     first_time_step: Duration = Field(1e-3, description="first step")
@@ -63,5 +68,18 @@ class SemiImplicit(Checked):
     unyielded_stop: Ratio = Field(0.9, description="unyielded fraction of the particles at which the run ends")
     effective_radius_ratio: RadiusRatio = Field(2.1, description=RADIUS)
 
+    @model_validator(mode="before")
+    @classmethod
+    def _complete(cls, values):
+        """A form is a named set of source and gradient, of which each can be given by itself."""
+        form = FORMS[bool(values.get("literal"))]
+        return values | {key: form[key] for key in form if values.get(key) is None}
+
+
+FORMS = {
+    True: {"source": "density", "gradient": "literal"},
+    False: {"source": "mixed", "gradient": "smallest"},
+}
+"""Source and gradient of the literal form and of the default."""
 
 NUMERICS = {kind.scheme: kind for kind in (Implicit, SemiImplicit)}

@@ -2,7 +2,8 @@
 
 To start a kernel takes some 30 microseconds (5 with a patch, workarounds.py), each loop in it that is spread over
 threads another 5 to 9, or 15 to 70 where they must be woken, to read a number from Python 7: more than the arithmetic
-of a few hundred particles. So an ``Execution`` keeps the stages that are called and launches them together, where Python has to look at a result:
+of a few hundred particles. So an ``Execution`` keeps the stages that are called and launches them together, where
+Python has to look at a result:
 
     fused      few rows: what stands between two looks becomes one kernel of one thread, solves and all
     grouped    many rows: kernels that follow each other become one, whose loops Taichi spreads over the threads; a

@@ -14,6 +14,9 @@ from ..particles.particles import DUMMY, FLUID, WALL, Carried, Particles
 from .diagnostics import Diagnostics
 from .step_report import StepReport
 
+# Of the neighbour list over the spacing, where steps are short: of a lattice the next neighbours are left out
+SKIN = 0.1
+
 
 @dataclass(frozen=True)
 class Speeds:
@@ -67,9 +70,10 @@ class Discretisation:
         self.particles = Particles(start, volumes, carried, scene.axisymmetric, to_come)
         self.wall_particles = int((start["kind"] != FLUID).sum())
         self.lattice = lattice_sums(d, scene.spacing, problem.effective_radius, *kernels(problem))
-        bins = Bins(self.particles, scene.domain, scene.periodic_axes, problem.effective_radius)
+        skin = SKIN * scene.spacing if problem.scheme == "semi-implicit" else 0.0
+        bins = Bins(self.particles, scene.domain, scene.periodic_axes, problem.effective_radius + skin)
         room = int(pairs_per_particle * self.lattice.neighbours * self.particles.capacity) + 64
-        self.neighbors = NeighborList(bins, room)
+        self.neighbors = NeighborList(bins, room, skin)
         self.walls = boundaries.Walls(
             walls,
             d,

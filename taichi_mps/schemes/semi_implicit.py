@@ -2,20 +2,25 @@
 
 One step: at r^k the predictor u* with its direct (Picard) iteration (eq 17) and r* = r^k + dt u* (eq 18); there, with
 neighbours found anew, P^{k+1} from the particle number density n* (eqs 13, 19), and the correction of velocity and
-position (eqs 20, 21).
+position (eqs 20, 21). Taken literally that breaks down where particles meet; the default has what the practice of MPS
+adds, each piece with its source: gradient, sign and source of the pressure, collisions, and a shift (S1 to S5).
 """
 
 from ..runtime.field_io import FieldIO
+from ..terms.collisions import Collisions, NoCollisions
 from ..terms.explicit_viscosity import ExplicitViscosity
 from ..terms.pressure_poisson import PressurePoisson
+from ..terms.shifting import NoShifting, Shifting
 from .diagnostics import Diagnostics
 from .scheme import Discretisation
+
+STRAIN = 0.005  # in a step, from which on the shift acts fully
 
 
 class SemiImplicit:
     """Semi-implicit scheme for Newtonian and bi-viscosity Bingham fluids in two or three dimensions."""
 
-    REMEDY = "use source = mixed with gradient = conservative, or the scheme implicit"
+    REMEDY = "shorten courant_number and diffusion_number, leave out literal, or use the scheme implicit"
 
     def __init__(self, problem, to_come: int, pairs_per_particle: float):
         scene, numerics = problem.scene, problem.numerics
@@ -30,7 +35,11 @@ class SemiImplicit:
         self.numerics, self.spacing = numerics, scene.spacing
         fluid = self.particles, self.gradient
         self.viscosity = ExplicitViscosity(*fluid, material, base.lattice, scene.gravity_vector)
-        self.pressure = PressurePoisson(*fluid, material.density, base.lattice, numerics.source, numerics.gradient)
+        self.pressure = PressurePoisson(*fluid, material.density, base.lattice, numerics)
+        self.collisions, self.shifting = NoCollisions(), NoShifting()
+        if not numerics.literal:
+            self.collisions = Collisions(*fluid, scene.spacing)
+            self.shifting = Shifting(*fluid, base.walls, tears=False)
         self.largest_viscosity = 0.0  # of the last step [Pa s]; 0 before the first one
         yielded, solver = self.viscosity.yielded, self.pressure.solver
         self._to_read = FieldIO({"yielded": yielded}, self.particles.capacity)
@@ -41,11 +50,14 @@ class SemiImplicit:
         self.neighbors.search()
         self.gradient.build()
         iterations = self.viscosity.predict(dt, self.numerics.picard_tolerance, self.numerics.picard_limit)
+        self.collisions.apply(self.viscosity.u_star)
         self.viscosity.move(dt)
         self.neighbors.search()
-        self.gradient.build()
+        self.pressure.weigh()
         self.pressure.solve(dt, self.numerics.tolerance)
         self.pressure.correct(dt)
+        self.shifting.compute(dt, STRAIN, 0.0)
+        self.shifting.apply()
         self.viscosity.mark_yielded()
         self.largest_viscosity = self.viscosity.largest_of_last_step
         return self.diagnostics.report(dt, iterations)

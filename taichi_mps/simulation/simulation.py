@@ -228,6 +228,8 @@ class Simulation:
     def state(self) -> dict:
         """All that is needed to continue bit for bit: arrays by row and plain scalars."""
         report = asdict(self.report) if self.report else None
+        if self.neighbors.skin > 0.0:  # who goes on from here has no list either
+            self.neighbors.forget()
         return {
             **self.particles.read(),
             "time": self.time,

@@ -5,7 +5,8 @@
 
 Fluid and wall particles carry pressure, dummy wall particles none: they are left out of the Laplacian (no flow
 through the wall). Times -lambda n0/(2 d) the equation is symmetric positive definite:
-A_ii = sum w, A_ij = -w, b = (lambda n0/(2 d)) (rho/dt^2) (n* - n0)/n0. Negative pressures are kept, as in eq 19.
+A_ii = sum w, A_ij = -w, b = (lambda n0/(2 d)) (rho/dt^2) (n* - n0)/n0. Eq 19 has negative pressures, too; practice
+sets them to zero (S2; Koshizuka, Nobe, Oka, International Journal for Numerical Methods in Fluids 26 (1998), 751-769).
 """
 
 from ..linear.cell_multigrid import CellMultigrid
@@ -17,7 +18,7 @@ from ..runtime.stages import flush, stage
 
 MOST_ITERATIONS = 2000  # of a solve
 FREE_SURFACE = 0.97  # n*/n0 below which a particle lies on the free surface
-DENSITY_PART = 0.01  # gamma: part of the density error removed per step by the source 'mixed'
+DENSITY_PART = 0.2  # gamma_0: part of the density error that the source 'mixed' removes in the longest step
 
 
 @ti.data_oriented
@@ -26,22 +27,26 @@ class PressurePoisson:
 
     source 'density': eq 19, the paper's. The whole density error is removed in one step, so velocities of l0/dt times
     that error appear: in a pool of 50 Pa s at rest 0.4 m/s and 1.6-4.8 rho g h of pressure error after 0.8 s.
-    'mixed': lap P = (rho/dt) div u* - gamma (rho/dt^2) (n* - n0)/n0. The same pool: 5 mm/s and 6 %.
+    'mixed' (S4): lap P = (rho/dt) div u* - gamma (rho/dt^2) (n* - n0)/n0, gamma = 0.2 dt/``longest``: a fifth in the
+    longest step (MPS-Basic), and at the same rate in shorter ones, of which a film may need a hundred times as many.
+    (Tanaka, Masunaga, Journal of Computational Physics 229 (2010), 4279-4290, with a gamma of each step.)
 
     gradient 'literal': eq 11 with P_j - P_i, the paper's. It attracts as well as repels: particles clump, n* of a pair
     that meets explodes, and a slump of 100 Pa (l0 = 0.02 m) ends at 0.15 s with either source.
+    'smallest' (S1): eq 11 with P_j - min_k P_k, k over the neighbours and i itself: all forces push (Koshizuka, Oka,
+    Nuclear Science and Engineering 123 (1996), 421-434). Momentum is not kept.
     'conservative': sum (P_i B_i + P_j B_j) b_ij, the adjoint of the least-squares gradient (gradient.py), equal and
-    opposite within each pair. With source 'mixed' the pool is at 0.9 % (median; single steps more, where a surface
-    particle changes sides) and the slump runs to its end.
+    opposite within each pair.
     """
 
-    def __init__(self, particles, gradient, density: float, lattice, source: str, pair_gradient: str):
+    def __init__(self, particles, gradient, density: float, lattice, numerics):
         self.particles, self.gradient, self.neighbors = particles, gradient, gradient.neighbors
         self.dimension = particles.dimension
         self.density = density
         self.n0 = lattice.n0
         self.scale = lattice.lam * lattice.n0 / (2.0 * self.dimension)  # of the Laplacian, eq 12 [m2]
-        self.mixed, self.conservative = source == "mixed", pair_gradient == "conservative"
+        self.mixed, self.gradient_form = numerics.source == "mixed", numerics.gradient
+        self.keeps_negative, self.longest = numerics.literal, numerics.max_time_step
         neighbors, bins = self.neighbors, self.neighbors.bins
         self.matrix = SparseMatrix(
             particles.capacity, neighbors.pair_capacity, neighbors.row_start, neighbors.column, particles.count
@@ -50,6 +55,13 @@ class PressurePoisson:
         if particles.capacity >= CellMultigrid.PAY_FROM:
             levels = CellMultigrid(self.matrix, bins.cell_start, bins.cell_of, bins.shape, bins.periodic)
         self.solver = PCG(particles.capacity, 1, self.matrix, levels)
+
+    def weigh(self) -> None:
+        """What the present positions make of the pairs; the conservative gradient takes the fits, too."""
+        if self.gradient_form == "conservative":
+            self.gradient.build()
+        else:
+            self.gradient.weigh()
 
     def solve(self, dt: float, tolerance: float) -> None:
         """P^{k+1} into particles.p."""
@@ -83,7 +95,8 @@ class PressurePoisson:
             if self.carries(i):
                 excess = (self.gradient.n[i] - self.n0) / self.n0
                 if ti.static(self.mixed):
-                    source = self.density / dt * (DENSITY_PART / dt * excess - self.divergence(i))
+                    part = DENSITY_PART * dt / self.longest
+                    source = self.density / dt * (part / dt * excess - self.divergence(i))
                 else:
                     source = self.density / (dt * dt) * excess
                 for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
@@ -119,22 +132,33 @@ class PressurePoisson:
     @stage("corrector")
     def store(self, x: ti.template()):
         for i in range(self.particles.count[None]):
-            self.particles.p[i] = x[i][0]
+            self.particles.p[i] = x[i][0] if ti.static(self.keeps_negative) else ti.max(0.0, x[i][0])
+
+    @ti.func
+    def subtracted(self, i):
+        """The pressure [Pa] that is taken from those of the neighbours: that of i, or the smallest around it."""
+        pressure = self.particles.p[i]
+        if ti.static(self.gradient_form == "smallest"):
+            for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
+                j = self.neighbors.column[k]
+                if self.particles.kind[j] != DUMMY and self.gradient.weight_r2[k] > 0.0:
+                    pressure = ti.min(pressure, self.particles.p[j])
+        return pressure
 
     @ti.func
     def pressure_gradient(self, i):
         """grad P [Pa/m] at i over particles that carry pressure; a dummy repeats the values of i."""
-        own, own_B = self.particles.p[i], self.gradient.B[i]
+        own, own_B, subtracted = self.particles.p[i], self.gradient.B[i], self.subtracted(i)
         total = ti.Vector.zero(float, self.dimension)
         for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
             j = self.neighbors.column[k]
             pressed = self.particles.kind[j] != DUMMY
             other = self.particles.p[j] if pressed else own
-            if ti.static(self.conservative):
+            if ti.static(self.gradient_form == "conservative"):
                 other_B = ti.select(pressed, self.gradient.B[j], own_B)
                 total += (other * other_B + own * own_B) @ self.gradient.b[k]
             else:
-                total += (self.dimension / self.n0) * (other - own) * self.gradient.b[k]
+                total += (self.dimension / self.n0) * (other - subtracted) * self.gradient.b[k]
         return total
 
     @stage("corrector")

@@ -101,6 +101,13 @@ class Shifting:
                 self.shift[i] = move * ti.min(1.0, 0.05 * l0 / ti.max(move.norm(), 1e-12)) + deforming * apart
 
     @stage("shift")
+    def apply(self):
+        """Where no wall has a surface: x <- x + shift."""
+        for i in range(self.particles.count[None]):
+            if self.particles.kind[i] == FLUID:
+                self.particles.x[i] += ti.cast(self.shift[i], ti.f64)
+
+    @stage("shift")
     def keep_at_rest(self, dt: float, strain: float):
         """shift -= (1 - min(1, shear_rate dt/strain)) times its mean over the particle and its neighbours, with
         Wendland's kernel (w/r^2 times re^2) as weight: what hardly deforms must not be carried by the shift, for what
@@ -134,3 +141,13 @@ class Shifting:
             digits = sine(phase + 4.934 * a) * 43758.5453
             e[a] = ti.cast(2.0 * (digits - ti.floor(digits)) - 1.0, float)
         return e
+
+
+class NoShifting:
+    """Particles go with the flow alone."""
+
+    def compute(self, dt, strain, least) -> None:
+        """Nothing."""
+
+    def apply(self) -> None:
+        """Nothing."""
