@@ -16,11 +16,11 @@ import sys
 import numpy as np
 import points
 
-LITERAL, IMPROVED, BI_VISCOSITY, BINGHAM = "semi-implicit", "improved", "bi-viscosity", "Bingham"
+LITERAL, PRACTICE, BI_VISCOSITY, BINGHAM = "literal", "semi-implicit", "bi-viscosity", "Bingham"
 NEWTONIAN = "implicit"  # the default without yield value: no law to choose
 TITLES = {
     LITERAL: "semi-implicit, literal",
-    IMPROVED: "semi-implicit, mixed source,\nconservative gradient",
+    PRACTICE: "semi-implicit",
     BI_VISCOSITY: "implicit, bi-viscosity",
     BINGHAM: "implicit, true yield value",
     NEWTONIAN: "implicit",
@@ -30,7 +30,7 @@ COURANT = (0.05, 0.2, 1.0)
 BINGHAM_NUMBERS, RATIOS = (0.1, 0.3, 0.7), (10.0, 1e3, 1e6)
 YIELDING = (
     (LITERAL, 0.05),
-    (IMPROVED, 0.05),
+    (PRACTICE, 0.05),
     (BI_VISCOSITY, 0.05),
     (BI_VISCOSITY, 10.0),
     (BINGHAM, 0.05),
@@ -44,8 +44,8 @@ EXPLICIT_LIMIT = 0.514449  # exact, of the Laplacian in 2-D (C_mps_lattice_const
 def cells() -> dict[str, dict]:
     """All cells by name: the planes of D and C without yield value and at Bn = 0.3, ratio 1000; then Bn and ratio at
     C = 0.2."""
-    plane = [(d, c, 0.0, 1.0, s) for c in COURANT for d in DIFFUSION for s in (LITERAL, IMPROVED, NEWTONIAN)]
-    laws = (LITERAL, IMPROVED, BI_VISCOSITY, BINGHAM)
+    plane = [(d, c, 0.0, 1.0, s) for c in COURANT for d in DIFFUSION for s in (LITERAL, PRACTICE, NEWTONIAN)]
+    laws = (LITERAL, PRACTICE, BI_VISCOSITY, BINGHAM)
     plane += [(d, c, 0.3, 1e3, s) for c in COURANT for d in DIFFUSION for s in laws]
     plane += [(d, 0.2, b, r, s) for s, d in YIELDING for b in BINGHAM_NUMBERS for r in ratios(s)]
     names = ("diffusion", "courant", "bingham", "ratio", "scheme")
@@ -79,10 +79,11 @@ def point(diffusion, courant, bingham, ratio, scheme) -> dict:
                             yield_value=tau_y, **law)  # fmt: skip
     exact = profile(scene.fluid[:, 1], weight, eta, tau_y, depth, knee_rate)
     scene = replace(scene, velocity=np.column_stack([exact, 0.0 * exact]))
-    improved = {"source": "mixed", "gradient": "conservative"} if scheme == IMPROVED else {}
-    semi_implicit = scheme in (LITERAL, IMPROVED)
+    semi_implicit = scheme in (LITERAL, PRACTICE)
     mps.init(threads=1)
-    sim = mps.Simulation(scene, mps.SemiImplicit(**improved) if semi_implicit else mps.Implicit(max_time_step=dt))
+    sim = mps.Simulation(
+        scene, mps.SemiImplicit(literal=scheme == LITERAL) if semi_implicit else mps.Implicit(max_time_step=dt)
+    )
     sim.scheme.time_step_limits = lambda speeds: {"maximum": dt}
     steps = int(np.clip(max(43.0 / diffusion, 3.0 / courant), 20, 300))
     start = 0.5 * DENSITY * L0**2 * float((exact**2).sum())
@@ -166,8 +167,8 @@ def draw() -> None:
 
     found = points.read("stability_map")
     rows = [
-        ((0.0, 1.0), (LITERAL, IMPROVED, NEWTONIAN, None)),
-        ((0.3, 1e3), (LITERAL, IMPROVED, BI_VISCOSITY, BINGHAM)),
+        ((0.0, 1.0), (LITERAL, PRACTICE, NEWTONIAN, None)),
+        ((0.3, 1e3), (LITERAL, PRACTICE, BI_VISCOSITY, BINGHAM)),
     ]
     figure, axes = plt.subplots(2, 4, figsize=(13, 6.2), layout="constrained", sharex=True, sharey=True)
     for line, ((bn, ratio), schemes) in zip(axes, rows, strict=True):
@@ -178,7 +179,7 @@ def draw() -> None:
             panel(axis, found, DIFFUSION, COURANT, lambda d, c, p=(bn, ratio, scheme): name(d, c, *p))
             law = f"Bn = {bn:g}" + (f", ratio {ratio:g}" if scheme != BINGHAM else "") if bn else "Newtonian"
             axis.set_title(f"{TITLES[scheme]}\n{law}", fontsize=9)
-            if scheme in (LITERAL, IMPROVED):
+            if scheme in (LITERAL, PRACTICE):
                 stable = sum(d * ratio < EXPLICIT_LIMIT for d in DIFFUSION)
                 axis.axvline(stable - 0.5, color="#D55E00", linewidth=4, clip_on=False)
         line[0].set_ylabel(r"Courant number $u\,\Delta t/l_0$")

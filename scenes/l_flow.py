@@ -14,6 +14,12 @@ import taichi_mps as mps
 from taichi_mps.units import Duration, Length, Speed
 
 
+def behind(walls, x, thick):
+    """Those of the positions x (n, d) [m] that lie less than ``thick`` [m] behind a wall, and in front of none less."""
+    depth = np.max([-wall.distance(x) for wall in walls], axis=0)
+    return x[(depth > 0.0) & (depth < thick)]
+
+
 @mps.checked
 def scene(
     material: mps.Bingham = mps.Bingham(yield_value=100.0, plastic_viscosity=50.0),
@@ -26,30 +32,32 @@ def scene(
     sides: Literal["smooth", "rough"] = "smooth",
     lift_speed: Speed | None = None,
     until: Duration = 5.0,
-    model: Literal["half", "plane"] = "half",
+    model: Literal["half", "plane", "full"] = "half",
 ) -> mps.Scene:
     """L-shaped vessel with a rough floor; upright walls have no friction, or are rough, too, and then hold back a layer
     a spacing thick. The gate is gone at t = 0, or a smooth plate on the outer face of the column, a spacing in front of
     the opening, is lifted from then on with ``lift_speed`` [m/s]. Model half computes one side of the middle plane,
-    plane leaves out the side walls."""
+    plane leaves out the side walls, full has the whole width, for walls of particles, which are rough."""
     if not opening < column_height:
         raise mps.SceneError(
             f"opening = {opening:g} m: must be less than column_height = {column_height:g} m; a wall is above it"
         )
-    plane, half, slip = model == "plane", 0.5 * width, sides == "smooth"
+    plane, full, half, slip = model == "plane", model == "full", 0.5 * width, sides == "smooth"
     length, reach = column_depth + channel_length, 2.5 * spacing
-    cell, along = 0.5 * spacing, None if plane else (-2 * spacing, half + 2 * spacing)
+    cell, along = 0.5 * spacing, None if plane else (-(half if full else 0.0) - 2 * spacing, half + 2 * spacing)
 
     def at(x, z, y=0.0):
         return (float(x), float(z)) if plane else (float(x), float(y), float(z))
 
-    mirrors = () if plane else (mps.Plane((0.0, 0.0, 0.0), (0.0, 1.0, 0.0), mirror=True),)
+    mirrors = () if plane or full else (mps.Plane((0.0, 0.0, 0.0), (0.0, 1.0, 0.0), mirror=True),)
     floor, back, end = ((at(0, 0), at(0, 1)), (at(0, 0), at(1, 0)), (at(length, 0), at(-1, 0)))
     side = () if plane else (((0.0, half, 0.0), (0.0, -1.0, 0.0)),)
+    side += (((0.0, -half, 0.0), (0.0, 1.0, 0.0)),) if full else ()
     left, right, top = column_depth, column_depth + 3 * spacing, column_height + 2 * spacing
     front = mps.Solid.prism(
         [(left, opening), (right, opening), (right, top), (left, top)], cell, reach, along, slip=slip
     )
+    margin = reach if mirrors else 3.5 * spacing
     upright = (mps.Plane(*wall, slip=slip) for wall in (back, end, *side))
     walls = (mps.Plane(*floor), *upright, *mirrors, front)
     fluid = mps.fill(mps.Box(at(0, 0, -half), at(column_depth, column_height, half)), spacing, mirrors)
@@ -59,7 +67,10 @@ def scene(
         walls += (mps.Solid.prism(corners, cell, reach, along, velocity=at(0, lift_speed), slip=True, loose=True),)
         under = fluid[(fluid[:, 0] > column_depth - spacing) & (fluid[:, -1] < opening - 0.4 * spacing)]
         fluid = np.vstack([fluid, under + at(spacing, 0)])
-    area = len(fluid) * spacing**2 / (1.0 if plane else half / spacing)  # of the section [m2]
+    area = len(fluid) * spacing**2 / (1.0 if plane else (2 if full else 1) * half / spacing)  # of the section [m2]
+    thick = 3 * spacing
+    low, high = at(-thick, -thick, -half - thick), at(length + thick, top, half + thick)
+    wall_particles = behind(walls, mps.lattice(low, high, spacing), thick) if full or plane and not lift_speed else None
 
     def measure(s):
         low, high = (0.25 * column_depth, -0.25 * width), (0.75 * column_depth, 0.25 * width)
@@ -89,7 +100,8 @@ def scene(
         spacing=spacing,
         fluid=fluid,
         walls=walls,
-        domain=(at(-reach, -reach, -reach), at(length + reach, 1.2 * column_height, half + reach)),
+        wall_particles=wall_particles,
+        domain=(at(-margin, -margin, -margin - half * full), at(length + margin, 1.2 * column_height, half + margin)),
         until=until,
         stop_at_rest=True,
         measure=measure,

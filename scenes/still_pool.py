@@ -54,7 +54,7 @@ def scene(
         spacing=spacing,
         fluid=mps.fill(mps.Box(low, high), spacing, mirrors),
         walls=(floor, west, *(mirrors or (east,))),
-        wall_particles=mps.shell(low, high, spacing),
+        wall_particles=mps.shell(low, (width, 1.25 * depth), spacing),
         domain=((-margin, -margin), (width + margin, depth + margin)),
         until=until,
         measure=measure,

@@ -90,12 +90,8 @@ def openfoam(rate: float, max_dt: float) -> Run:
 
 OURS = Run("taichi_mps", "taichi_mps, implicit")
 LONG_STEPS = Run("taichi_mps", "taichi_mps, implicit, twice the step", {"courant_number": 0.4, "max_time_step": 0.02})
-LITERAL = Run("taichi_mps", "taichi_mps, semi-implicit", {"scheme": "semi-implicit"})
-MIXED = Run(
-    "taichi_mps",
-    "taichi_mps, semi-implicit, mixed source, conservative gradient",
-    {"scheme": "semi-implicit", "source": "mixed", "gradient": "conservative"},
-)
+PRACTICE = Run("taichi_mps", "taichi_mps, semi-implicit", {"scheme": "semi-implicit"})
+LITERAL = Run("taichi_mps", "taichi_mps, semi-implicit, literal", {"scheme": "semi-implicit", "literal": True})
 
 
 def slump(yield_value: float, spacing: float, *runs: Run, model: str = "full") -> Case:
@@ -136,7 +132,7 @@ CASES = (
         0.0073,
         (
             OURS,
-            MIXED,
+            PRACTICE,
             Run("pysph", "PySPH, WCSPH", {"scheme": "wcsph"}),
             Run("splishsplash", "SPlisHSPlasH, DFSPH, 0.1 %", {"method": "DFSPH", "error": 0.1}),
             Run("splishsplash", "SPlisHSPlasH, DFSPH, 0.01 %", {"method": "DFSPH", "error": 0.01}),

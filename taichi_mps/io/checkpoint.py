@@ -121,8 +121,10 @@ class Checkpoint:
 
     @property
     def numerics(self):
-        """Those of the run."""
-        return NUMERICS[self.header["scheme"]](**self.header["numerics"])
+        """Those of the run. Before ``literal`` was an option there was no other form of semi-implicit."""
+        numerics = NUMERICS[self.header["scheme"]]
+        literal = {"literal": True} if "literal" in numerics.model_fields else {}
+        return numerics(**literal | self.header["numerics"])
 
     def simulation(self, scene: Scene | None = None, profile: bool = False):
         """A Simulation that continues from here. Taichi must be started (``taichi_mps.init``)."""

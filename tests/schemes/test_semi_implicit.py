@@ -147,7 +147,7 @@ def tank(rng, jitter, **numerics):
 
 
 def test_poisson_matrix_is_symmetric_positive_definite_and_equals_a_dense_one():
-    simulation = tank(np.random.default_rng(4), 0.15, tolerance=1e-10)
+    simulation = tank(np.random.default_rng(4), 0.15, literal=True, tolerance=1e-10)
     dt, rho, scheme = 1e-3, 2300.0, simulation.scheme
     scheme.pressure.solve(dt, 1e-10)
     assert scheme.pressure.solver.report().converged
@@ -186,10 +186,10 @@ def test_poisson_matrix_is_symmetric_positive_definite_and_equals_a_dense_one():
 @pytest.mark.parametrize(
     "numerics, pressure, speed, drift",
     [
-        ({}, np.inf, 1.0, 1.0),  # literal: the density source shakes the pool, but for 0.3 s it stays where it is
-        ({"source": "mixed", "gradient": "conservative"}, 0.05, 0.05, 0.25),
+        ({"literal": True}, np.inf, 1.0, 1.0),  # the density source shakes the pool, but for 0.3 s it stays there
+        ({}, 0.1, 0.05 * (9.81 * 0.2) ** 0.5, 0.25),  # the check of the scene
     ],
-    ids=["literal", "mixed-conservative"],
+    ids=["literal", "default"],
 )
 def test_a_still_pool_stays_bounded(numerics, pressure, speed, drift):
     """pressure: error over rho g h; speed [m/s]; drift of the level over l0."""
@@ -200,8 +200,8 @@ def test_a_still_pool_stays_bounded(numerics, pressure, speed, drift):
     simulation.every(0.05, lambda s: errors.append(s.measures()["pressure_error"]))
     assert simulation.run(until=0.3) == "time"
     measures = simulation.measures()
-    if not numerics:  # it fails: the noise is larger than the pressure
-        assert np.median(errors[2:]) > 1.0, errors
+    if numerics:  # it fails: the noise is larger than the pressure
+        assert np.mean(errors[2:]) > 1.0, errors
     assert np.median(errors[2:]) < pressure
     assert measures["max_speed_m_s"] < speed
     assert abs(measures["level_drift_m"]) < drift * L0
@@ -219,7 +219,7 @@ def test_a_closed_box_without_surface_can_be_solved():
         fluid + rng.uniform(-0.004, 0.004, fluid.shape) * L0, walls=(*mps.box_planes(low, high), lid),
         wall_particles=walls,
     )  # fmt: skip
-    simulation = at_start(scene)
+    simulation = at_start(scene, literal=True)
     scheme = simulation.scheme
     scheme.pressure.solve(1e-3, 1e-6)
     rows = simulation.particles.read()
@@ -288,6 +288,22 @@ def test_bi_viscosity_film():
         assert np.all(flowing[y < knee - spacing]) and not np.any(flowing[y > knee + spacing])
 
 
+@pytest.mark.parametrize(("motion", "part"), [("shear", 1.0), ("stretch", 0.5)])
+def test_a_free_body_is_sheared_against_the_whole_law_and_stretched_against_half_of_it(motion, part):
+    """Power of viscosity over that of the law, 4 eta rate^2 of the area here. lap u that ends at the surface, where
+    P = 0, dissipates eta grad u:grad u instead of 2 eta e:e; the rows at the surface, 2 of 40, lack a part of it."""
+    cells, eta, dt = 40, 50.0, 1e-6
+    x = block(2, cells) - 0.5 * cells * L0
+    u = np.column_stack([2.0 * x[:, 1], 0.0 * x[:, 0]] if motion == "shear" else [x[:, 0], -x[:, 1]])
+    simulation = at_start(open_scene(x, mps.Newtonian(2300.0, eta), velocity=u, gravity=(0.0, 0.0)))
+    viscosity = simulation.scheme.viscosity
+    viscosity.predict(dt, 0.05, 1)
+    rows = simulation.particles.read()
+    change = (viscosity.u_star.to_numpy() - rows["u"]) / dt
+    power = -2300.0 * L0**2 * (change * rows["u"]).sum()
+    assert power / (4.0 * eta * len(x) * L0**2) == pytest.approx(part, rel=2.0 / cells)
+
+
 # ---- the whole scheme ---------------------------------------------------------------------------------------
 def test_direct_iteration_and_unyielded_decision_of_a_slump():
     simulation = Simulation(catalogue.build("slump", yield_value=100.0, spacing=0.025), mps.SemiImplicit())
@@ -308,7 +324,7 @@ def test_direct_iteration_and_unyielded_decision_of_a_slump():
 
 def test_the_run_ends_when_nine_tenths_are_unyielded():
     scene = catalogue.build("slump", yield_value=1000.0, critical_strain_rate=1.0, spacing=0.025)
-    simulation = Simulation(scene, mps.SemiImplicit(source="mixed", gradient="conservative"))
+    simulation = Simulation(scene, mps.SemiImplicit())
     fractions = []
     simulation.each_step(lambda s: fractions.append(s.report.unyielded_fraction if s.time > 0.05 else 0.0))
     assert simulation.run(until=1.0) == "unyielded"
@@ -327,3 +343,128 @@ def test_a_restart_continues_bit_for_bit():
         assert one.step() == two.step()
     mine, other = one.particles.read(), two.particles.read()
     assert all(np.array_equal(mine[name], other[name]) for name in mine)
+
+
+# ---- what practice adds -------------------------------------------------------------------------------------
+def test_a_form_is_a_named_set_of_source_and_gradient():
+    default, literal = mps.SemiImplicit(), mps.SemiImplicit(literal=True)
+    assert (default.source, default.gradient) == ("mixed", "smallest")
+    assert (literal.source, literal.gradient) == ("density", "literal")
+    assert mps.SemiImplicit(literal=True, gradient="conservative").source == "density"
+    assert mps.SemiImplicit(source="density").gradient == "smallest"
+
+
+def pushed(rng, numerics):
+    """Particles of a jittered block with random pressures, and what the pressure changes of their velocities."""
+    x = block(2, 6)
+    simulation = at_start(open_scene(x + rng.uniform(-0.3, 0.3, x.shape) * L0), **numerics)
+    particles, pressure = simulation.particles, simulation.scheme.pressure
+    p = rng.uniform(0.0, 100.0, len(x))
+    particles.p.from_numpy(p)
+    pressure.weigh()
+    pressure.correct(1e-4)
+    return simulation, simulation.particles.read()
+
+
+def test_the_gradient_of_the_smallest_pressure_only_pushes_apart():
+    """Against brute force: u' = -(dt/rho)(d/n0) sum_j (P_j - min P) r_ij/r^2 w; so every neighbour pushes. What it does
+    not keep is momentum: the two of a pair take different minima."""
+    dt, reach = 1e-4, 2.1 * L0
+    simulation, rows = pushed(np.random.default_rng(6), {})
+    x, u, p = rows["x"] - dt * rows["u"], rows["u"], rows["p"]  # where it was before it was corrected
+    r = x[None] - x[:, None]
+    distance = np.linalg.norm(r, axis=2) + 1e9 * np.eye(len(x))
+    near = distance < reach
+    least = np.minimum(p, np.where(near, p[None], np.inf).min(1))
+    weight = np.where(near, (reach / distance - 1.0) / distance**2, 0.0)
+    pushes = (p[None] - least[:, None]) * weight
+    assert np.all(pushes >= 0.0)
+    n0 = simulation.scheme.pressure.n0
+    exact = -dt / 2300.0 * (2 / n0) * np.einsum("ij,ija->ia", pushes, r)
+    np.testing.assert_allclose(u, exact, rtol=1e-6, atol=1e-6 * np.abs(exact).max())
+    assert np.linalg.norm(u.sum(0)) > 1e-3 * np.abs(u).sum()
+
+
+@pytest.mark.parametrize("literal", [False, True])
+def test_only_the_literal_form_keeps_negative_pressures(literal):
+    simulation = tank(np.random.default_rng(7), 0.15, literal=literal)
+    simulation.scheme.pressure.solve(1e-3, 1e-6)
+    p = simulation.particles.read()["p"]
+    assert p.max() > 0.0 and (p.min() < 0.0) == literal
+
+
+def meeting(distance, speed, wall=False):
+    """Two particles at a distance over l0 that approach with a speed [m/s], the second perhaps one of a wall."""
+    x = L0 * np.array([[0.0, 0.0], [distance, 0.0], [-9.0, 9.0]])
+    u = np.array([[speed, 0.3], [0.0, 0.0], [0.0, 0.0]])
+    floor = mps.Plane((0.2 * L0, 0.0), (-1.0, 0.0))
+    more = dict(walls=(floor,), wall_particles=x[1:2]) if wall else {}
+    keep = [0, 2] if wall else [0, 1, 2]
+    low, high = (-10 * L0,) * 2, (20 * L0,) * 2
+    simulation = at_start(open_scene(x[keep], velocity=u[keep], gravity=(0.0, 0.0), domain=(low, high), **more))
+    simulation.scheme.collisions.apply(simulation.particles.u)
+    rows = simulation.particles.read()
+    return rows["u"][np.argsort(rows["id"])]
+
+
+def test_two_particles_that_meet_exchange_momentum_with_the_restitution():
+    """At 0.45 l0, approaching with 1 m/s: they part with 0.2 m/s along their line, what is across stays."""
+    first, second, far = meeting(0.45, 1.0)
+    assert second[0] - first[0] == pytest.approx(0.2) and first[0] + second[0] == pytest.approx(1.0)
+    assert first[1] == pytest.approx(0.3) and second[1] == 0.0 and np.all(far == 0.0)
+
+
+@pytest.mark.parametrize(("distance", "speed"), [(0.55, 1.0), (0.45, -1.0)])
+def test_what_is_far_or_parts_does_not_collide(distance, speed):
+    first, second, _ = meeting(distance, speed)
+    np.testing.assert_allclose(first, [speed, 0.3])
+    assert np.all(second == 0.0)
+
+
+def test_a_wall_particle_takes_its_half_of_the_impulse():
+    first = meeting(0.45, 1.0, wall=True)[0]
+    assert first[0] == pytest.approx(1.0 - 0.6)
+
+
+def test_collisions_keep_the_momentum_of_many():
+    rng = np.random.default_rng(8)
+    x = block(2, 6)
+    u = rng.normal(size=x.shape)
+    simulation = at_start(open_scene(x + rng.uniform(-0.5, 0.5, x.shape) * L0, velocity=u))
+    simulation.scheme.collisions.apply(simulation.particles.u)
+    after = simulation.particles.read()["u"]
+    np.testing.assert_allclose(after.sum(0), u.sum(0), atol=1e-9)
+    assert (after**2).sum() < (u**2).sum()
+
+
+def test_a_neighbour_list_is_kept_while_nobody_went_far():
+    """Sums over the kept list are those of brute force, after moves of less and of more than half of the skin."""
+    rng = np.random.default_rng(9)
+    x = block(2, 8)
+    simulation = at_start(open_scene(x))
+    neighbors, gradient, particles = simulation.neighbors, simulation.scheme.gradient, simulation.particles
+    for size, kept in ((0.04, True), (0.3, False)):
+        x = x + size * L0 * (rng.uniform(-0.7, 0.7, x.shape))
+        rows = particles.read()
+        listed = neighbors.pairs[None]
+        particles.load(rows | {"x": x[rows["id"]]})
+        neighbors.search()
+        assert (neighbors.pairs[None] == listed) == kept
+        gradient.weigh()
+        rows = particles.read()
+        distance = np.linalg.norm(rows["x"][None] - rows["x"][:, None], axis=2) + 1e9 * np.eye(len(x))
+        n = np.maximum(0.0, 2.1 * L0 / distance - 1.0).sum(1)
+        np.testing.assert_allclose(gradient.n.to_numpy()[: len(x)], n, rtol=1e-6)
+
+
+@pytest.mark.parametrize(("yield_value", "until", "stopped_by"), [(100.0, 0.5, "time"), (500.0, 2.0, "unyielded")])
+def test_the_cases_of_the_paper_arrive(yield_value, until, stopped_by):
+    """#1 and #3 at 20 mm. Volume within 1 % at the end; ever within 3 % (the target of 10 mm is 2 %; the first fall, in
+    which the lattice gives way, is twice as many steps of a spacing here). Slumps lie 10 to 60 mm over the finite
+    elements' (docs/equations.md says why), more than the paper's text."""
+    scene = catalogue.build("slump", yield_value=yield_value, spacing=0.02, critical_strain_rate=0.1)
+    simulation, errors = Simulation(scene, mps.SemiImplicit()), []
+    simulation.each_step(lambda s: errors.append(s.report.volume_error))
+    assert simulation.run(until=until) == stopped_by
+    assert abs(errors[-1]) < 0.01 and np.abs(errors).max() < 0.03
+    assert 0.2 < simulation.measures()["slump_m"] < 0.28

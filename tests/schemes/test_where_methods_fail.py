@@ -27,7 +27,7 @@ from tests.support.inside import find
 
 REFERENCE = Path(mps.__file__).parent / "validation" / "reference"
 TORQUE = Path(__file__).parents[1] / "reference" / "C_rotating_disc_laplacian_torque.csv"
-LITERAL, DEFAULT = mps.SemiImplicit(), mps.Implicit()
+LITERAL, DEFAULT = mps.SemiImplicit(literal=True), mps.Implicit()
 WIDE = 0.05  # spacing of the free bodies [m]
 FINE, DENSITY, YIELD_VALUE, ETA = 0.00125, 2300.0, 50.0, 5.0  # of the box: m, kg/m3, Pa, Pa s
 WIDTH, HEIGHT = 72 * FINE, 18 * FINE  # of the box, and of the block that collapses in it [m]
