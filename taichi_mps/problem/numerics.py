@@ -41,10 +41,12 @@ class Implicit(Checked):
 
 
 class SemiImplicit(Checked):
-    """Numerics of Tomiyama et al. (2009): explicit viscosity, semi-implicit pressure. Defaults are the paper's.
+    """Numerics of Tomiyama et al. (2009): explicit viscosity, semi-implicit pressure; the numbers are the paper's.
 
-    ``source`` is the right-hand side of the pressure equation, the deviation of the particle number density alone or
-    mixed with the divergence; ``gradient`` that of the pressure, the paper's or one that conserves momentum.
+    By default with what the practice of MPS adds (S1-S5); ``literal``: its equations alone, with neither collisions nor
+    shift, and with negative pressures. Each form has its ``source``, the right-hand side of the pressure equation (the
+    deviation of the particle number density, alone or mixed with the divergence), and its ``gradient`` of the pressure
+    (less the smallest around a particle, the paper's, or one that conserves momentum); either can be given.
     ``picard_tolerance`` and ``picard_limit`` stop the direct (Picard) iterations of the apparent viscosity.
     """
 
