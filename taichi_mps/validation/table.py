@@ -10,14 +10,10 @@ from pathlib import Path
 
 from ..problem.numerics import NUMERICS
 from ..units import SceneError, suggestion
-from . import (
-    L2_ERROR,
-    ROWS,
-    SLUMP_ERROR,
-    Measured,
-    Series,
-)  # noqa: F401  (the modules register their rows)
+from . import L2_ERROR, ROWS, SLUMP_ERROR, Measured, Series, curved, flows, fluids, rational, slumps, standing, vortices
 from .scheme import BudgetError, Setting
+
+WITH_ROWS = curved, flows, fluids, rational, slumps, standing, vortices  # each registers its own when it is imported
 
 PANELS = {L2_ERROR: ("particles across", -1), SLUMP_ERROR: ("spacing [mm]", 1)}  # x axis, sign of the slope there
 BEGIN, END = "<!-- written by taichi-mps validate -->", "<!-- end of taichi-mps validate -->"
