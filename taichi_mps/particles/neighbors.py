@@ -119,17 +119,18 @@ class Bins:
 
 @ti.data_oriented
 class NeighborList:
-    """Rows j = column[row_start[i] .. row_start[i+1]] with |x_j - x_i| < reach, j != i; none for dummies and for wall
-    particles without fluid near.
+    """Rows j = column[row_start[i] .. row_start[i+1]] with |x_j - x_i| < reach, j != i.
 
-    ``skin`` [m]: the reach is longer by it than the effective radius, and a list is kept until a particle has gone half
-    as far (Verlet, Physical Review 159 (1967), 98-103).
+    ``skin`` [m], where steps are short: the reach is longer by it than the effective radius, and a list is kept until a
+    particle has gone half as far (Verlet, Physical Review 159 (1967), 98-103). Dummies, and wall particles without
+    fluid near, then have no neighbours: nothing is read there.
     """
 
     def __init__(self, bins: Bins, pair_capacity: int, skin: float = 0.0):
         self.bins = bins
         self.particles = bins.particles
         self.pair_capacity, self.skin = int(pair_capacity), skin
+        self.leaves_out_walls = skin > 0.0 and self.particles.has_walls
         self.one_thread = few(self.particles.capacity) or one_thread()
         self.row_start = ti.field(ti.i32, bins.particles.capacity + 1)  # first pair of each particle
         self.column = ti.field(ti.i32, self.pair_capacity)  # neighbour's row of each pair
@@ -176,9 +177,9 @@ class NeighborList:
                             if ti.static(fill):
                                 self.column[ti.min(first + found, self.pair_capacity - 1)] = j
                             found += 1
-                            if ti.static(self.particles.has_walls):
+                            if ti.static(self.leaves_out_walls):
                                 wet += self.particles.kind[j] == FLUID
-        if ti.static(self.particles.has_walls):  # noqa: SIM102  (a compiled choice stays apart)
+        if ti.static(self.leaves_out_walls):  # noqa: SIM102  (a compiled choice stays apart)
             if self.particles.kind[i] == WALL and wet == 0:
                 found = 0
         return found
@@ -187,7 +188,7 @@ class NeighborList:
     def _pairs_of(self, i, fill: ti.template()):
         """Number of neighbours that are listed for i."""
         found = 0
-        if ti.static(self.particles.has_walls):
+        if ti.static(self.leaves_out_walls):
             if self.particles.kind[i] != DUMMY:
                 found = self._scan(i, fill)
         else:
