@@ -306,7 +306,11 @@ def test_a_free_body_is_sheared_against_the_whole_law_and_stretched_against_half
 
 # ---- the whole scheme ---------------------------------------------------------------------------------------
 def test_direct_iteration_and_unyielded_decision_of_a_slump():
-    simulation = Simulation(catalogue.build("slump", yield_value=100.0, spacing=0.025), mps.SemiImplicit())
+    scene = catalogue.build("slump", yield_value=100.0, spacing=0.025)
+    stiffest = 0.2 * 0.025**2 * 2300.0 / 550.0  # the step of unyielded material [s]
+    first = Simulation(scene, mps.SemiImplicit()).step()
+    assert first.dt == pytest.approx(stiffest) and first.dt_limit == "diffusion"
+    simulation = Simulation(scene, mps.SemiImplicit(literal=True))
     first = simulation.step()
     assert first.dt == 1e-3 and first.dt_limit == "first"
     for _ in range(20):
