@@ -66,7 +66,7 @@ class Particles:
         self._pairs = [(field, twin[name]) for name, field in self.carried.items()]
         for name, field in self.carried.items():
             setattr(self, name, field)
-        self.has_walls = bool((np.asarray(start["kind"]) != FLUID).any())
+        self.has_walls = bool((np.asarray(start.get("kind", FLUID)) != FLUID).any())
         self.count = ti.field(ti.i32, ())  # particles in use
         self.source_row = ti.field(ti.i32)  # row that each particle had before the reorder
         others = [field for pair in self._pairs if pair[0] is not self.x for field in pair]
