@@ -14,12 +14,6 @@ import taichi_mps as mps
 from taichi_mps.units import Duration, Length, Speed
 
 
-def behind(walls, x, thick):
-    """Those of the positions x (n, d) [m] that lie less than ``thick`` [m] behind a wall, and in front of none less."""
-    depth = np.max([-wall.distance(x) for wall in walls], axis=0)
-    return x[(depth > 0.0) & (depth < thick)]
-
-
 @mps.checked
 def scene(
     material: mps.Bingham = mps.Bingham(yield_value=100.0, plastic_viscosity=50.0),
@@ -70,7 +64,9 @@ def scene(
     area = len(fluid) * spacing**2 / (1.0 if plane else (2 if full else 1) * half / spacing)  # of the section [m2]
     thick = 3 * spacing
     low, high = at(-thick, -thick, -half - thick), at(length + thick, top, half + thick)
-    wall_particles = behind(walls, mps.lattice(low, high, spacing), thick) if full or plane and not lift_speed else None
+    wall_particles = (
+        mps.behind(walls, mps.lattice(low, high, spacing), thick) if full or plane and not lift_speed else None
+    )
 
     def measure(s):
         low, high = (0.25 * column_depth, -0.25 * width), (0.75 * column_depth, 0.25 * width)

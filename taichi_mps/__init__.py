@@ -6,7 +6,7 @@ from .geometry.cavity import Cavity
 from .geometry.friction import Friction
 from .geometry.shapes import Box, Cone, fill, fill_rings, lattice, rings, shell
 from .geometry.solid import Solid, polygon_distance, write_bars
-from .geometry.walls import Cylinder, Plane, box_planes
+from .geometry.walls import Cylinder, Plane, behind, box_planes
 from .problem import measures as measure
 from .problem import rest_shapes
 from .problem.inlet import Inlet
@@ -48,6 +48,7 @@ __all__ = [
     "SemiImplicit",
     "Solid",
     "StepReport",
+    "behind",
     "box_planes",
     "checked",
     "fill",

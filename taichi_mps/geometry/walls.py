@@ -172,3 +172,10 @@ def box_planes(low, high, slip=False, friction=None):
     sides = [Plane(low, tuple(unit[a]), **surface) for a in range(d - 1)]
     sides += [Plane(high, tuple(-unit[a]), **surface) for a in range(d - 1)]
     return (floor, *sides)
+
+
+def behind(walls, x, thick):
+    """Those of the positions x, (n, d) [m], that lie behind a wall, but none deeper than ``thick`` [m]: places of wall
+    particles, (m, d) [m]."""
+    depth = np.max([-wall.distance(x) for wall in walls], axis=0)
+    return x[(depth > 0.0) & (depth < thick)]

@@ -18,7 +18,8 @@ from ..runtime.stages import flush, stage
 
 MOST_ITERATIONS = 2000  # of a solve
 FREE_SURFACE = 0.97  # n*/n0 below which a particle lies on the free surface
-DENSITY_PART = 0.2  # gamma_0: part of the density error that the source 'mixed' removes in the longest step
+# Of the density error the source 'mixed' removes so much [1/s], and at most that part of it in a step
+DENSITY_RATE, DENSITY_PART = 200.0, 0.2
 
 
 @ti.data_oriented
@@ -27,9 +28,9 @@ class PressurePoisson:
 
     source 'density': eq 19, the paper's. The whole density error is removed in one step, so velocities of l0/dt times
     that error appear: in a pool of 50 Pa s at rest 0.4 m/s and 1.6-4.8 rho g h of pressure error after 0.8 s.
-    'mixed' (S4): lap P = (rho/dt) div u* - gamma (rho/dt^2) (n* - n0)/n0, gamma = 0.2 dt/``longest``: a fifth in the
-    longest step (MPS-Basic), and at the same rate in shorter ones, of which a film may need a hundred times as many.
-    (Tanaka, Masunaga, Journal of Computational Physics 229 (2010), 4279-4290, with a gamma of each step.)
+    'mixed' (S4): lap P = (rho/dt) div u* - gamma (rho/dt^2) (n* - n0)/n0, gamma = min(0.2, dt 200 1/s): MPS-Basic's
+    fifth in its step of a millisecond, and at the same rate in shorter ones, of which a film may need a hundred times
+    as many. (Tanaka, Masunaga, Journal of Computational Physics 229 (2010), 4279-4290, with a gamma of each step.)
 
     gradient 'literal': eq 11 with P_j - P_i, the paper's. It attracts as well as repels: particles clump, n* of a pair
     that meets explodes, and a slump of 100 Pa (l0 = 0.02 m) ends at 0.15 s with either source.
@@ -46,7 +47,7 @@ class PressurePoisson:
         self.n0 = lattice.n0
         self.scale = lattice.lam * lattice.n0 / (2.0 * self.dimension)  # of the Laplacian, eq 12 [m2]
         self.mixed, self.gradient_form = numerics.source == "mixed", numerics.gradient
-        self.keeps_negative, self.longest = numerics.literal, numerics.max_time_step
+        self.keeps_negative = numerics.literal
         neighbors, bins = self.neighbors, self.neighbors.bins
         self.matrix = SparseMatrix(
             particles.capacity, neighbors.pair_capacity, neighbors.row_start, neighbors.column, particles.count
@@ -95,7 +96,7 @@ class PressurePoisson:
             if self.carries(i):
                 excess = (self.gradient.n[i] - self.n0) / self.n0
                 if ti.static(self.mixed):
-                    part = DENSITY_PART * dt / self.longest
+                    part = ti.min(DENSITY_PART, DENSITY_RATE * dt)
                     source = self.density / dt * (part / dt * excess - self.divergence(i))
                 else:
                     source = self.density / (dt * dt) * excess

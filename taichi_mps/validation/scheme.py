@@ -66,6 +66,4 @@ def with_wall_particles(scene: mps.Scene) -> mps.Scene:
     low = np.where(periodic, low, origin - first * l0)
     high = np.where(periodic, high, origin + last * l0)
     x = mps.lattice(low, high - 0.25 * l0, l0)
-    distance = np.array([plane.distance(x) for plane in scene.walls])
-    behind = (distance.min(0) < 0.0) & (distance.min(0) > -LAYERS * l0)
-    return replace(scene, wall_particles=x[behind], domain=(tuple(low), tuple(high)))
+    return replace(scene, wall_particles=mps.behind(scene.walls, x, LAYERS * l0), domain=(tuple(low), tuple(high)))
