@@ -4,9 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..memory import admit
 from ..units import SceneError, check_numbers, check_vectors, finite, positive
 
-MOST_POINTS = 1e8  # of one lattice: about 2.4 GB of coordinates
+MOST_POINTS = 1e8  # of one lattice
+MANY_POINTS = 1e6  # from here on a lattice is admitted first
+POINT = 90  # bytes of a point while a body is cut out of the lattice
 
 
 @dataclass(frozen=True)
@@ -83,6 +86,8 @@ def lattice(low, high, spacing, offset=0.5):
         raise SceneError(
             f"spacing = {spacing:g} m: fills the box with {points:.2g} particles; at most {MOST_POINTS:.2g}"
         )
+    if points > MANY_POINTS:
+        admit(POINT * points, f"spacing = {spacing:g} m: {points:.2g} particles of a lattice take")
     axes = [
         lo + spacing * (o + np.arange(max(0, int(np.floor((hi - lo) / spacing - o + 1 + 1e-9)))))
         for lo, hi, o in zip(low, high, offsets, strict=True)

@@ -15,6 +15,16 @@ from .csr import SparseMatrix
 from .vectors import Jacobi
 
 
+def number(place, shape) -> np.ndarray:
+    """Numbers (n,) of the cells at places (n, d) of a grid of this shape, wrapped."""
+    return np.ravel_multi_index(tuple(place.T), tuple(shape), mode="wrap").astype(np.int32)
+
+
+def parent_of(place, shape, merge) -> np.ndarray:
+    """Places (n, d) of the parents, of ``merge`` cells along each axis; of what lies beyond the end, beyond the end."""
+    return np.where(place == shape, -(-shape // merge), place // merge)
+
+
 @ti.data_oriented
 class CellMultigrid:
     """M^-1 for a SparseMatrix: one symmetric W-cycle over piecewise constants on the binning cells.
@@ -70,23 +80,22 @@ class CellMultigrid:
     def _tables(self) -> dict:
         """Which cell touches, contains and adds to which; level l holds first[l] <= cell < first[l+1]."""
         offsets = np.array(list(product((-1, 0, 1), repeat=self.dimension)))
-        index = lambda place, shape: np.ravel_multi_index(np.moveaxis(place, -1, 0), tuple(shape), mode="wrap")  # noqa: E731
         shape, self.first = np.array(self.shape), [0]
         column, slot, parent = [], [], []
-        while True:
+        while True:  # a stencil point at a time: places of all of them would need 27 times as much
             place = np.indices(shape).reshape(self.dimension, -1).T
-            target = place[:, None] + offsets  # beyond a side that is not periodic the stencil stays zero
-            column.append(self.first[-1] + index(target, shape))
+            targets = [number(place + offset, shape) for offset in offsets]  # beyond a side the stencil stays zero
+            column.append(self.first[-1] + np.stack(targets, 1))
             self.first.append(self.first[-1] + len(place))
             merge = np.where(shape > 3, 2, 1)
             if len(place) <= self.DENSE or np.all(merge == 1):
                 break
-            coarse = -(-shape // merge)
-            coarse_target = np.where(target == shape, coarse, target // merge)
-            slot.append(index(coarse_target - (place // merge)[:, None] + 1, (3,) * self.dimension))
-            parent.append(self.first[-1] + index(place // merge, coarse))
+            coarse, own = -(-shape // merge), place // merge
+            parents = (parent_of(place + offset, shape, merge) for offset in offsets)
+            slot.append(np.stack([number(other - own + 1, (3,) * self.dimension) for other in parents], 1))
+            parent.append(self.first[-1] + number(own, coarse))
             shape = coarse
-        slot.append(np.zeros_like(column[-1]))
+        slot.append(np.zeros(column[-1].shape, np.int8))
         parent.append(np.full(len(place), self.first[-1]))  # the last level has no parents
         parent = np.concatenate(parent)
         child = np.argsort(parent, kind="stable")

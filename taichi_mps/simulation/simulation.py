@@ -17,6 +17,7 @@ from ..schemes.scheme import Speeds
 from ..schemes.semi_implicit import SemiImplicit
 from ..schemes.step_report import DivergedError, StepReport
 from ..units import SceneError, finite, positive
+from .memory_estimate import require_memory
 from .pouring import Pouring
 from .rest import Rest
 from .snapshot import snapshot
@@ -24,6 +25,11 @@ from .summary import summary
 
 SCHEMES = {"implicit": Implicit, "semi-implicit": SemiImplicit}
 PAIRS, PAIRS_OF_RINGS = 1.6, 4.0  # room for neighbours over those of a lattice; rings that moved outward are thin
+
+
+def pairs_of(scene: Scene) -> float:
+    """How many times the pairs of a lattice there is room for at first."""
+    return PAIRS_OF_RINGS if scene.axisymmetric else PAIRS
 
 
 class Simulation:
@@ -40,7 +46,7 @@ class Simulation:
         scene = self.scene = self.problem.scene
         self.numerics = self.problem.numerics
         self._profile = profile
-        self._pairs_per_particle = PAIRS_OF_RINGS if scene.axisymmetric else PAIRS
+        self._pairs_per_particle = pairs_of(scene)
         self.pouring = tuple(Pouring(scene, inlet) for inlet in scene.inlets)
         self._build()
         self.time, self.steps, self.report = 0.0, 0, None
@@ -59,6 +65,7 @@ class Simulation:
         """Allocate: the scheme with its particles, and how its stages are launched."""
         require_room()
         to_come = sum((pouring.layers - (pouring.start == 0.0)) * len(pouring.layer) for pouring in self.pouring)
+        require_memory(self.problem, to_come, self._pairs_per_particle)
         self.scheme = SCHEMES[self.problem.scheme](self.problem, to_come, self._pairs_per_particle)
         base = self.scheme.base
         self.particles, self.neighbors, self.walls = base.particles, base.neighbors, base.walls
