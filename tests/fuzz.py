@@ -1,0 +1,412 @@
+"""Random scenes, options, laws, files and signals: each run of the program must end as done, refused in one line, or a
+named divergence; after a signal it must stop cleanly and go on with ``resume``.
+
+    python -m tests.fuzz --minutes 120 --workers 2 --seed 1 --out benchmarks/results/fuzz.md
+
+Trial k of a seed is always the same; ``--only K`` repeats it and shows all that it prints. Exits with 1 on a failure.
+"""
+
+import argparse
+import json
+import math
+import os
+import random
+import shutil
+import signal
+import struct
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from taichi_mps.cli.options import choices
+from taichi_mps.problem import catalogue
+from taichi_mps.units import unit_of
+
+ROOT = Path(__file__).resolve().parents[1]
+LONGEST, PATIENCE = 60.0, 60.0  # [s] after which a run is asked to stop, and how long it may take to do so
+ENDS = {0: "done", 2: "refused", 3: "diverged", 130: "stopped", 143: "stopped"}
+HOSTILE = (
+    "nan",
+    "inf",
+    "-1",
+    "0",
+    "1e300",
+    "1e-300",
+    "abc",
+    "",
+    "-0",
+    "300kPa",
+    "1,5",
+    "None",
+    "\x1b[31m",
+    "0x10",
+    "é",
+)
+
+
+@dataclass
+class Trial:
+    """What one trial does: commands one after the other, and a signal for the first of them after some seconds."""
+
+    kind: str
+    commands: list[list[str]]
+    signal: int | None = None
+    after: float = 0.0
+    seen: list[str] = field(default_factory=list)  # how each command ended
+    failure: str | None = None
+
+    def __str__(self):
+        sent = f" ({signal.Signals(self.signal).name} after {self.after:.2f} s)" if self.signal else ""
+        return f"{self.kind}{sent}: " + "; ".join(" ".join(map(repr, words)) for words in self.commands)
+
+
+# ---- what is drawn --------------------------------------------------------------------------------------------------
+def size_options(name: str, dice: random.Random) -> list[str]:
+    """Options that keep a run short: a coarse spacing, little time."""
+    spacing = catalogue.load(name).parameters.model_fields["spacing"].default * dice.uniform(1.5, 3.0)
+    until = 10.0 ** dice.uniform(-4.0, -1.0)
+    return [f"--spacing={spacing:.6g}", f"--until={until:.6g}", f"--every={until / dice.randint(1, 3):.6g}"]
+
+
+def value_of(field, dice: random.Random) -> str:
+    """A value for a field of a scene: often one in its range, sometimes one that is none."""
+    if dice.random() < 0.08:
+        return dice.choice(HOSTILE)
+    default = field.default if isinstance(field.default, float | int) and field.default else 10.0 ** dice.uniform(-3, 3)
+    value = float(default) * 10.0 ** dice.gauss(0.0, 0.3)
+    return str(round(value)) if isinstance(default, int) else f"{value:.4g}"
+
+
+def options(name: str, dice: random.Random) -> list[str]:
+    """Some options of a scene and of the run."""
+    known = catalogue.load(name).parameters.model_fields
+    numbers = [key for key, f in known.items() if unit_of(f) and key not in ("spacing", "until", "accuracy")]
+    words = [
+        f"--{key.replace('_', '-')}={value_of(known[key], dice)}" for key in dice.sample(numbers, min(3, len(numbers)))
+    ]
+    if "model" in known and dice.random() < 0.5:
+        words.append("--model=" + dice.choice([*choices(known["model"]), "whole"]))
+    own = dice.choice([[], [], ["--passes=2"], ["--max-time-step=0.01"], ["--courant-number=0.9", "--tolerance=1e-2"]])
+    paper = dice.choice([[], [], ["--literal"], ["--source=mixed"], ["--gradient=conservative"]])
+    scheme = ["--scheme=semi-implicit", *paper] if dice.random() < 0.25 else own
+    more = ["--precision=f64", "--profile", "--view=pressure", "--threads=2"]
+    return words + scheme + dice.sample(more, dice.choice([0, 0, 1, 2])) + ["--threads=1"]
+
+
+def random_options(dice, folder, bases) -> Trial:
+    name = dice.choice(list(catalogue.names()))
+    return Trial("options", [["run", name, *size_options(name, dice), *options(name, dice), "--out", f"{folder}/run"]])
+
+
+LAW = '''"""A block of a fluid with a law of its own."""
+import taichi_mps as mps
+from taichi_mps.units import Duration, Length
+
+def law({arguments}):
+    {body}
+
+def height(snapshot):
+    {measure}
+
+@mps.checked
+def scene(spacing: Length = 0.02, until: Duration = 0.01) -> mps.Scene:
+    """Block."""
+    return mps.Scene(
+        name="block", spacing=spacing, until=until,
+        material=mps.FlowCurve(density=2000.0, yield_value={yield_value}, plastic_viscosity=20.0, shear_stress=law),
+        fluid=mps.fill(mps.Box((-0.05, 0.0), (0.05, 0.1)), spacing),
+        walls=(mps.Plane((0.0, 0.0), (0.0, 1.0)),),
+        domain=((-{reach}, -0.05), ({reach}, 0.2)), measure=height,
+    )
+'''
+BODIES = (
+    "return {y} + 20.0 * rate",
+    "return {y} + 20.0 * ti.sqrt(rate)",
+    "return -1.0 * rate",
+    "return rate / 0.0",
+    "return {y} - 5.0 * rate",
+    "return 'stress'",
+    "raise ValueError('no law')",
+    "return {y} + 1e30 * rate ** 4",
+    "return no_such_name",
+    "return ti.log(rate - 1.0)",
+)
+MEASURES = (
+    "return {'height_m': float(snapshot.x[:, 1].max())}",
+    "return {'height_m': float('nan')}",
+    "return {}",
+    "raise KeyError('none')",
+    "return 3.0",
+    "return {'height_m': 'tall'}",
+    "return {3: 1.0}",
+)
+
+
+def random_law(dice, folder, bases) -> Trial:
+    y = dice.choice([0.0, 50.0, 300.0, -1.0])
+    text = LAW.replace("{measure}", dice.choice(MEASURES)).replace("{body}", dice.choice(BODIES))
+    text = text.replace("{arguments}", dice.choice(["rate, structure"] * 4 + ["rate", "rate, structure, more", ""]))
+    text = (
+        text.replace("{yield_value}", f"{y}")
+        .replace("{y}", f"{y}")
+        .replace("{reach}", f"{dice.uniform(0.04, 0.5):.3f}")
+    )
+    if "ti." in text:
+        text = text.replace("import taichi_mps as mps", "import taichi as ti\nimport taichi_mps as mps")
+    (folder / "own.py").write_text(text)
+    return Trial("law", [["run", f"{folder}/own.py", "--threads=1", "--out", f"{folder}/run"]])
+
+
+def box_mesh(low, high) -> list:
+    """Twelve triangles of a box, outward."""
+    corner = [[(low, high)[k >> a & 1][a] for a in range(3)] for k in range(8)]
+    faces = [(0, 4, 6, 2), (1, 3, 7, 5), (0, 1, 5, 4), (2, 6, 7, 3), (0, 2, 3, 1), (4, 5, 7, 6)]
+    return [[corner[k] for k in three] for a, b, c, d in faces for three in ((a, b, c), (a, c, d))]
+
+
+SOLID = '''"""A block that falls on a mesh."""
+from pathlib import Path
+import taichi_mps as mps
+from taichi_mps.units import Duration, Length
+
+@mps.checked
+def scene(spacing: Length = 0.03, until: Duration = 0.01) -> mps.Scene:
+    """Block on a mesh."""
+    solid = mps.Solid.from_mesh(Path(__file__).with_name("mesh.stl"), {cell}, {reach}, scale={scale})
+    return mps.Scene(
+        name="block", spacing=spacing, until=until, material=mps.Bingham(),
+        fluid=mps.fill(mps.Box((-0.1, -0.1, 0.0), (0.1, 0.1, 0.15)), spacing), walls=(solid,),
+        domain=((-0.4, -0.4, -0.3), (0.4, 0.4, 0.4)), measure=mps.measure.front,
+    )
+'''
+
+
+def random_mesh(dice, folder, bases) -> Trial:
+    triangles = box_mesh((-0.3, -0.3, -0.2), (0.3, 0.3, dice.choice([0.0, 0.0, 0.05, -0.02])))
+    if dice.random() < 0.2:
+        triangles.pop(dice.randrange(12))
+    rows = [struct.pack("<12fH", 0, 0, 0, *(v for point in three for v in point), 0) for three in triangles]
+    data = bytearray(b"mesh".ljust(80) + struct.pack("<I", len(rows)) + b"".join(rows))
+    (folder / "mesh.stl").write_bytes(damaged(data, dice) if dice.random() < 0.6 else data)
+    text = SOLID.replace("{cell}", dice.choice(["0.02", "0.015", "1e-9", "0.5"]))
+    text = text.replace("{reach}", dice.choice(["0.15", "0.15", "0.01"])).replace(
+        "{scale}", dice.choice(["1.0"] * 4 + ["1e-3"])
+    )
+    (folder / "own.py").write_text(text)
+    return Trial("mesh", [["run", f"{folder}/own.py", "--threads=1", "--out", f"{folder}/run"]])
+
+
+def damaged(data: bytearray, dice: random.Random) -> bytes:
+    """A file with bytes flipped, cut short, emptied, or replaced by noise."""
+    how = dice.choice(["flip", "flip", "flip", "cut", "empty", "noise", "zeros"])
+    if how == "flip" and data:
+        for _ in range(dice.choice([1, 1, 3, 20])):
+            data[dice.randrange(len(data))] ^= 1 << dice.randrange(8)
+    elif how == "cut":
+        del data[dice.randrange(len(data) + 1) :]
+    elif how in ("noise", "zeros") and data:
+        start = dice.randrange(len(data))
+        length = min(len(data) - start, dice.randint(1, 4096))
+        data[start : start + length] = dice.randbytes(length) if how == "noise" else bytes(length)
+    return b"" if how == "empty" else bytes(data)
+
+
+def random_damage(dice, folder, bases) -> Trial:
+    run = folder / "run"
+    shutil.copytree(dice.choice(bases), run)
+    for name in dice.sample(["run.h5", "history.csv", "summary.json", "checkpoint.h5"], dice.choice([1, 1, 2])):
+        path = run / name
+        if dice.random() < 0.1:
+            path.unlink()
+        elif dice.random() < 0.05:
+            path.unlink()
+            path.symlink_to(folder / "nowhere")
+        else:
+            path.write_bytes(damaged(bytearray(path.read_bytes()), dice))
+    reading = [["info"], ["info", "--json"], ["plot"], ["export"], ["render"], ["render", "--view=speed"], ["resume"]]
+    commands = [[words[0], f"{run}", *words[1:]] for words in dice.sample(reading, 3)]
+    return Trial("damaged run", commands)
+
+
+def random_signal(dice, folder, bases) -> Trial:
+    name = dice.choice(["slump", "dam_break", "film", "l_flow", "wall"])
+    first = ["run", name, *size_options(name, dice), "--threads=1", "--out", f"{folder}/run"]
+    first = [word.replace("--until=", "--until=1") if word.startswith("--until=") else word for word in first]
+    sent = dice.choice([signal.SIGTERM, signal.SIGTERM, signal.SIGINT, signal.SIGKILL])
+    reading = [["info", f"{folder}/run"], ["resume", f"{folder}/run", "--until=1e-3"], ["export", f"{folder}/run"]]
+    return Trial("signal", [first, *reading], sent, dice.uniform(0.0, 12.0))
+
+
+def random_folder(dice, folder, bases) -> Trial:
+    out = folder / dice.choice(["run", "ü\nb", "-x", "a" * 300, os.fsdecode(b"r\xff\xfe"), "a/b/c"])
+    kind, theirs = dice.choice(["file", "theirs", "link", "run", "none"]), folder / "theirs"
+    theirs.mkdir()
+    (theirs / "history.csv").write_text("day,weather\n1,rain\n")
+    (theirs / "frames").mkdir()
+    (theirs / "frames" / "holiday.png").write_bytes(b"png")
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        if kind == "file":
+            out.write_text("mine")
+        elif kind == "theirs":
+            out = theirs
+        elif kind == "link":
+            out.symlink_to(theirs)
+        elif kind == "run":
+            shutil.copytree(dice.choice(bases), out)
+    except OSError:
+        pass
+    words = ["run", "slump", "--model=axisymmetric", "--spacing=0.025", "--until=0.01", "--threads=1", f"--out={out}"]
+    return Trial("folder", [words + ["--overwrite"] * (dice.random() < 0.3)])
+
+
+KINDS = {random_options: 8, random_law: 4, random_mesh: 3, random_damage: 6, random_signal: 4, random_folder: 2}
+
+
+# ---- how it ends ----------------------------------------------------------------------------------------------------
+def run(words, sent=None, after=0.0):
+    """(exit code, what was printed, signals that were sent) of a command of the program."""
+    command = [sys.executable, "-m", "taichi_mps", *words]
+    child = subprocess.Popen(
+        command, cwd=ROOT, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        errors="backslashreplace",
+    )  # fmt: skip
+    signals = []
+    for number, wait in (((sent, after),) if sent else ()) + ((signal.SIGTERM, LONGEST), (None, PATIENCE)):
+        try:
+            out, err = child.communicate(timeout=wait)
+            return child.returncode, out, err, signals
+        except subprocess.TimeoutExpired:
+            if number is not None:
+                child.send_signal(number)
+                signals.append(number)
+    child.kill()
+    out, err = child.communicate()
+    return None, out, err, signals
+
+
+def judge(code, err, sent) -> tuple[str, str | None]:
+    """How a command ended, and what is wrong with that."""
+    said = [line for line in err.splitlines() if line.strip()]
+    if code is None:
+        return "hangs", f"did not stop within {PATIENCE:g} s of a SIGTERM"
+    if code == -signal.SIGKILL and signal.SIGKILL in sent:
+        return "killed", None
+    if "Traceback" in err or code not in ENDS:
+        return "broken", f"exit {code}: {' | '.join(said[-6:])}"
+    end = ENDS[code]
+    if end == "stopped" and not sent:
+        return end, f"exit {code} without a signal"
+    if end in ("refused", "diverged") and not (said and said[-1].startswith("taichi-mps: ")):
+        return end, f"exit {code} and no line that says why: {' | '.join(said[-3:])}"
+    if any(ord(letter) < 32 and letter != "\t" for line in said for letter in line):
+        return end, f"control characters on the terminal: {said!r}"
+    return end, None
+
+
+def not_numbers(folder: Path) -> list[str]:
+    """Keys of the measures in a summary that are no numbers."""
+    try:
+        facts = json.loads((folder / "summary.json").read_text())
+    except (OSError, ValueError):
+        return ["summary.json"]
+    keys = ("slump_m", "spread_m", "front_m")
+    return [key for key in keys if key in facts and not isinstance(facts[key], float | int)]
+
+
+def try_out(number: int, seed: int, bases, show=False) -> Trial:
+    """Trial ``number`` of a seed, done."""
+    dice = random.Random(f"{seed}-{number}")
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place)
+        trial = dice.choices(list(KINDS), list(KINDS.values()))[0](dice, folder, bases)
+        for k, words in enumerate(trial.commands):
+            code, out, err, sent = run(words, *((trial.signal, trial.after) if k == 0 else ()))
+            end, failure = judge(code, err, sent)
+            trial.seen.append(end)
+            if show:
+                print(words, code, out, err, sep="\n")
+            if not failure and end == "done" and words[0] == "run" and (wrong := not_numbers(Path(out_of(words)))):
+                failure = f"done, but not a number in the summary: {', '.join(wrong)}"
+            if not failure and (folder / "theirs").exists() and not (folder / "theirs/frames/holiday.png").exists():
+                failure = "somebody's picture was removed"
+            if failure:
+                trial.failure = f"{' '.join(map(repr, words))}: {failure}"
+                break
+    return trial
+
+
+def out_of(words) -> str:
+    """The run folder that a command names."""
+    return next((w.removeprefix("--out=") for w in words if w.startswith("--out=")), words[-1])
+
+
+def base_runs(folder: Path) -> list[Path]:
+    """Finished small runs, of which copies are damaged."""
+    bases = [folder / "rings", folder / "plane"]
+    short = ["--until=0.02", "--every=0.01", "--threads=1", "--quiet"]
+    for base, scene in zip(
+        bases, (["slump", "--model=axisymmetric", "--spacing=0.02"], ["film", "--spacing=0.02"]), strict=True
+    ):
+        code, _, err, _ = run(["run", *scene, *short, "--out", str(base)])
+        if code != 0:
+            raise RuntimeError(err)
+    return bases
+
+
+def main(argv=None) -> int:
+    parser = argparse.ArgumentParser(prog="python -m tests.fuzz", description=__doc__.split("\n\n")[0])
+    parser.add_argument("--minutes", type=float, default=2.0, help="wall-clock time, default 2")
+    parser.add_argument("--workers", type=int, default=os.cpu_count(), help="trials at once, default one a processor")
+    parser.add_argument("--seed", type=int, default=1, help="default 1")
+    parser.add_argument("--first", type=int, default=0, help="number of the first trial, default 0")
+    parser.add_argument("--only", type=int, help="repeat this trial and show what it prints")
+    parser.add_argument("--out", type=Path, help="write the counts as a Markdown table")
+    chosen = parser.parse_args(argv)
+    begin, ended, failures = time.monotonic(), Counter(), []
+    with tempfile.TemporaryDirectory() as place:
+        bases = base_runs(Path(place))
+        if chosen.only is not None:
+            print(
+                trial := try_out(chosen.only, chosen.seed, bases, show=True), trial.failure or "as it should", sep="\n"
+            )
+            return int(trial.failure is not None)
+
+        def work(number):
+            if time.monotonic() - begin < 60.0 * chosen.minutes:
+                return number, try_out(number, chosen.seed, bases)
+            return None
+
+        with ThreadPoolExecutor(chosen.workers) as pool:
+            numbers = range(chosen.first, chosen.first + math.ceil(1000 * chosen.minutes))
+            for done in filter(None, pool.map(work, numbers)):
+                number, trial = done
+                ended.update((trial.kind, end) for end in trial.seen)
+                if trial.failure:
+                    failures.append(f"trial {number} ({trial.kind}): {trial.failure}")
+                    print(failures[-1], flush=True)
+    text = report(chosen, ended, failures)
+    print(text)
+    if chosen.out:
+        chosen.out.write_text(text + "\n", encoding="utf-8")
+    return int(bool(failures))
+
+
+def report(chosen, ended: Counter, failures) -> str:
+    """The counts as a table."""
+    ends = [*dict.fromkeys(ENDS.values()), "killed", "broken", "hangs"]
+    command = f"python -m tests.fuzz --minutes {chosen.minutes:g} --workers {chosen.workers} --seed {chosen.seed}"
+    lines = [f"Made with `{command}`: {sum(ended.values())} commands, {len(failures)} failures.", ""]
+    lines += ["| trial | " + " | ".join(ends) + " |", "|---|" + "---|" * len(ends)]
+    for kind in sorted({kind for kind, _ in ended}):
+        lines.append(f"| {kind} | " + " | ".join(str(ended[kind, end]) for end in ends) + " |")
+    return "\n".join(lines + [""] * bool(failures) + [f"- {failure}" for failure in failures])
+
+
+if __name__ == "__main__":
+    sys.exit(main())
