@@ -10,6 +10,7 @@ def pictures(frames, options):
     """Callback of a simulation and a number that draws frame_<number>.png as the options ask."""
     import imageio.v3 as iio
 
+    from ..io.run_folder import PICTURE
     from ..viz.render import Renderer
 
     renderer = None
@@ -20,7 +21,7 @@ def pictures(frames, options):
             frames.mkdir(parents=True, exist_ok=True)
             renderer = Renderer(sim.scene, view=options.view, backend=options.renderer)
         picture = renderer.draw(sim.snapshot(), sim.measures())
-        iio.imwrite(frames / f"frame_{number:05d}.png", picture, compress_level=1)
+        iio.imwrite(frames / PICTURE.format(number), picture, compress_level=1)
 
     return write
 
@@ -30,6 +31,7 @@ def redraw(replays, folder, suffix, options, film=False, surface=False) -> dict:
     MP4; the names of what was made."""
     import imageio.v3 as iio
 
+    from ..io.run_folder import PICTURE, empty_of_pictures
     from ..units import SceneError
     from ..viz.film import SideBySide, check, mp4, together
     from ..viz.render import gif
@@ -43,12 +45,10 @@ def redraw(replays, folder, suffix, options, film=False, surface=False) -> dict:
             shown = {"view": options.view, "backend": options.renderer, "surface": surface}
             painter = SideBySide([o.scene for o in outputs], **shown)
             try:
-                frames.mkdir(exist_ok=True)
-                for picture in frames.glob("frame_*.png"):
-                    picture.unlink()
+                empty_of_pictures(frames)
             except OSError as error:
                 raise SceneError(f"run = {folder}: {frames} cannot be written ({error.strerror})") from None
-        made.append(frames / f"frame_{number:05d}.png")
+        made.append(frames / PICTURE.format(number))
         iio.imwrite(made[-1], painter.draw(outputs), compress_level=1)
     gif(made, animation, width=640 * len(replays))
     names = {"frames": str(frames), "animation": str(animation), "pictures": len(made)}

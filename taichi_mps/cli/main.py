@@ -47,10 +47,13 @@ def run(argv) -> int:
     scene = catalogue.build(arguments.scene, **keywords)
     if options.until:
         scene = replace(scene, until=options.until)
-    from ..io.run_folder import RunFolder
+    from ..io.run_folder import RunFolder, next_free
 
-    folder = RunFolder(options.out or Path("renders") / scene.name)
-    folder.check()
+    usual = Path("renders") / scene.name
+    folder = RunFolder(options.out or (usual if options.overwrite else next_free(usual)))
+    if not options.out and folder.path != usual:
+        print(f"taichi-mps: {usual} is taken; this run goes to {folder.path}", file=sys.stderr)
+    folder.check(options.overwrite)
     problem = Problem(scene, method)
     with lock.held(folder.path):
         start(options)
@@ -62,7 +65,7 @@ def run(argv) -> int:
 
 def resume(argv) -> int:
     """continue an interrupted run"""
-    kept = ["scheme", "precision", "out"]
+    kept = ["scheme", "precision", "out", "overwrite"]
     parser = Parser("resume", description="Continue a run from its checkpoint.")
     parser.add_argument("run", help="run folder, or the checkpoint file in it")
     parser.options(Run, "run", leave_out=kept)
@@ -79,7 +82,7 @@ def resume(argv) -> int:
     if remark:
         print(f"taichi-mps: {remark}", file=sys.stderr)
     options = Run(**{**state.header["settings"], **given(arguments, Run, leave_out=kept)})
-    folder.check()
+    folder.check(overwrite=True)
     with lock.held(folder.path):
         scene = state.scene(options.until, arguments.scene)
         if options.until:
@@ -193,7 +196,9 @@ def info(argv) -> int:
     if arguments.run:
         from ..io.run_folder import RunFolder
 
-        facts = RunFolder(arguments.run).read_summary()
+        folder = RunFolder(arguments.run)
+        facts = folder.read_summary()
+        folder.verify()
     else:
         packages = ("taichi", "numpy", "h5py", "pydantic", "matplotlib")
         facts = {"version": __version__, "python": platform.python_version(), "platform": platform.platform()}

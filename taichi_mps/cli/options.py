@@ -30,7 +30,8 @@ class Run(Pictures):
     precision: Literal["f32", "f64"] = Field("f32", description="of the solver's numbers")
     until: Duration | None = Field(None, description="end of the simulated time, the scene's own by default")
     every: Duration | None = Field(None, description="interval of the pictures, about until/100 by default")
-    out: str | None = Field(None, description="run folder, renders/<scene> by default")
+    out: str | None = Field(None, description="run folder, renders/<scene> or the next free name by default")
+    overwrite: bool = Field(False, description="replace the run that is in the folder")
     profile: bool = Field(False, description="show the time that each stage took")
     quiet: bool = Field(False, description="no progress and no table")
 

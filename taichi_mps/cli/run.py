@@ -28,9 +28,11 @@ def carry_out(sim, folder, options, source, as_json, resumed=False) -> int:
 
     until = sim.scene.until
     every = options.every or rounded(until / 100)
-    settings = options.model_dump(exclude={"out", "profile", "quiet"}, exclude_none=True) | {"every": every}
+    settings = options.model_dump(exclude={"out", "overwrite", "profile", "quiet"}, exclude_none=True) | {
+        "every": every
+    }
     if not resumed:
-        folder.create()
+        folder.create(options.overwrite)
     recorder = Recorder(folder, sim, every, source, settings, pictures(folder.frames, options))
     error = None
     try:
@@ -39,8 +41,8 @@ def carry_out(sim, folder, options, source, as_json, resumed=False) -> int:
     except DivergedError as diverged:
         stopped_by, error = "diverged", str(diverged)
     summary = recorder.finish(stopped_by, error)
-    if any(folder.frames.glob("*.png")):
-        gif(folder.frames, folder.animation)
+    if folder.pictures:
+        gif(folder.pictures, folder.animation)
     voids(folder, sim.scene, sim.snapshot())
     curves(folder)
     if as_json:

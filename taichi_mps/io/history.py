@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ..units import SceneError
+from .checksum import crc32
 
 MEANING = {
     "time_s": "time at the end of the step [s]",
@@ -24,6 +25,7 @@ MEANING = {
     "whatever the name says, and of the pressure of semi-implicit",
     "volume_error": "change of the volume of what has a full neighbourhood, from the packing [-]",
 }
+SUM = "crc32"  # last column: checksum of the line of the names and of the row before it, as text "crc32:..."
 COLUMNS = tuple(MEANING)  # of every run; more by the measures of the scene
 
 
@@ -41,15 +43,20 @@ class History:
         self.empty = not rows
         partial = Path(path).with_suffix(".partial")  # a run killed just now keeps the rows that it had
         self.file = open(partial, "w", newline="", encoding="utf-8")  # noqa: SIM115  (closed in close)
-        self.writer = csv.DictWriter(self.file, self.columns, restval="nan", extrasaction="ignore")
-        self.writer.writeheader()
-        self.writer.writerows(rows)
+        self.names = line(self.columns)
+        self.file.write(f"{self.names},{SUM}\n")
+        for row in rows:
+            self._write(row)
         self.file.flush()
         os.replace(partial, path)
 
+    def _write(self, row: dict) -> None:
+        text = line(row.get(key, "nan") for key in self.columns)
+        self.file.write(f"{text},{checksum(self.names, text)}\n")
+
     def add(self, row: dict) -> None:
         """Write a row and flush it."""
-        self.writer.writerow({key: f"{v:.9g}" if isinstance(v, float) else v for key, v in row.items()})
+        self._write({key: f"{v:.9g}" if isinstance(v, float) else v for key, v in row.items()})
         self.file.flush()
 
     def close(self) -> None:
@@ -80,16 +87,41 @@ def row_of(sim, measures: dict) -> dict:
     return {**measures, **dict(zip(keys, values, strict=True))}
 
 
+def line(values) -> str:
+    """Values as a line of a table, without its end."""
+    text = io.StringIO()
+    csv.writer(text, lineterminator="").writerow(values)
+    return text.getvalue()
+
+
+def checksum(names: str, row: str) -> str:
+    """The last cell of a row."""
+    return f"{SUM}:{crc32(names, row):08x}"
+
+
 def read_rows(path) -> list[dict[str, str]]:
-    """Rows of a history.csv as text; SceneError for another file."""
+    """Rows of a history.csv as text; SceneError for another file, or one that is not as it was written. Those of
+    earlier versions have no checksums."""
     try:
-        with open(path, newline="", encoding="utf-8") as file:
-            text = file.read()
-            whole = text[: text.rfind("\n") + 1]  # a process killed while it wrote leaves a torn row
-            table = csv.DictReader(io.StringIO(whole, newline=""))
-            if not set(COLUMNS) <= set(table.fieldnames or ()):
-                raise SceneError(f"{path}: damaged or no history of a run; must have the columns {', '.join(COLUMNS)}")
-            return [{key: row[key] for key in table.fieldnames} for row in table]
+        text = Path(path).read_bytes().decode("utf-8")
+        end = text.rfind("\n") + 1
+        whole, torn = text[:end], text[end:]  # a process killed while it wrote leaves a torn row
+        names, _, rest = whole.partition("\n")
+        names = names.removesuffix("\r")
+        if SUM in text:
+            names = names.removesuffix(f",{SUM}")
+            for number, row in enumerate(rest.splitlines(), 1):
+                cells, _, found = row.rpartition(",")
+                if found != checksum(names, cells):
+                    raise SceneError(f"{path}: damaged, row {number} is not what was written")
+            cells, _, found = torn.rpartition(",")
+            if len(found) > len(checksum("", "")):  # more than a whole row, and no end of line
+                raise SceneError(f"{path}: damaged, its last row is not what was written")
+            whole = "".join(f"{row.rpartition(',')[0]}\n" for row in [f"{names},", *rest.splitlines()])
+        table = csv.DictReader(io.StringIO(whole, newline=""))
+        if not set(COLUMNS) <= set(table.fieldnames or ()):
+            raise SceneError(f"{path}: damaged or no history of a run; must have the columns {', '.join(COLUMNS)}")
+        return [{key: row[key] for key in table.fieldnames} for row in table]
     except (UnicodeError, csv.Error) as error:
         raise SceneError(f"{path}: damaged or no history of a run ({type(error).__name__})") from None
 

@@ -24,7 +24,7 @@ class Recorder:
         self.trajectory = Trajectory(folder.trajectory)
         self.measures = sim.measures()  # of the last step
         resumed = sim.steps > 0 and folder.trajectory.is_file()
-        if sim.steps > 0 and not resumed and any(folder.frames.glob("*.png")):
+        if sim.steps > 0 and not resumed and folder.pictures:
             raise SceneError(
                 f"run = {folder.path}: run.h5 is gone, by whose outputs the pictures in frames/ are numbered; move the "
                 "pictures elsewhere, then resume"
@@ -33,7 +33,7 @@ class Recorder:
         if resumed:
             if sim.time < sim.scene.until - 1e-9:  # of a run at its end the last output stays
                 outputs = self.trajectory.cut(sim.time, every)
-                for extra in sorted(folder.frames.glob("*.png"))[outputs:]:
+                for extra in folder.pictures[outputs:]:
                     extra.unlink()
         else:
             self.trajectory.create(sim, source, every)

@@ -3,17 +3,25 @@
 import json
 import math
 import os
+import re
 from pathlib import Path
 
 import numpy as np
 
+from .. import __version__
 from ..units import SceneError
-from . import lock
+from . import checksum, lock
+from .history import read_rows
+from .vtkhdf import Trajectory
 
-OURS = ("history.csv", "summary.json", "checkpoint.h5")  # any of them, or a lock, marks a folder as a run
-PRODUCTS = (*OURS, "checkpoint.previous.h5", "checkpoint.partial", "summary.partial", "run.h5", "animation.gif")
-PRODUCTS += ("history.partial", "run.twin1", "run.twin2")
+SUM = "crc32"  # of the summary: checksum of all else in it
+MARK = "taichi_mps.json"  # a folder with this file is a run; written first
+KEYS = {"scene", "fluid_particles", "simulated_seconds", "stopped_by", "version"}  # of a summary, a run of before 0.2
+WRITTEN = ("history.csv", "summary.json", "checkpoint.h5", "checkpoint.previous.h5", "run.h5", "animation.gif")
+WRITTEN += ("history.partial", "summary.partial", "checkpoint.partial", "run.twin1", "run.twin2")
 PLOTS = ("slump.png", "history.png", "filling.png")
+PICTURE = "frame_{:05d}.png"
+PICTURES = re.compile(r"frame_\d{5,}\.png")
 
 
 class RunFolder:
@@ -30,55 +38,114 @@ class RunFolder:
 
     @property
     def ours(self) -> bool:
-        """Is there a run in the folder?"""
-        return any((self.path / name).is_file() for name in (*OURS, lock.NAME))
+        """Is there a run in the folder: its mark, or the summary of a run of before there were marks?"""
+        mark = json_of(self.path / MARK)
+        return mark.get("made_by") == "taichi_mps" or set(json_of(self.summary)) >= KEYS
 
-    def check(self) -> None:
-        """Refuse, before anything is computed, a path that is a file, somebody else's folder, or not writable."""
+    @property
+    def pictures(self) -> list[Path]:
+        """The pictures that the run has made, in their order."""
+        return sorted(path for path in self.frames.glob("frame_*.png") if PICTURES.fullmatch(path.name))
+
+    def check(self, overwrite: bool = False) -> None:
+        """Refuse, before anything is computed, a path that is a file, somebody else's folder, or not writable; and one
+        that holds a run, unless that may be overwritten."""
         path = self.path
-        if path.exists() and not path.is_dir():
-            raise SceneError(f"out = {path}: is a file; must be a folder")
-        if path.is_dir() and any(path.iterdir()) and not self.ours:
-            raise SceneError(f"out = {path}: holds other files and no run; must be a new or empty folder or an old run")
+        try:
+            there = {item.name for item in path.iterdir()} - {lock.NAME} if path.exists() else set()
+        except NotADirectoryError:
+            raise SceneError(f"out = {path}: is a file; must be a folder") from None
+        except (OSError, ValueError) as error:
+            raise self.not_writable(error) from None
+        if there and not self.ours:
+            raise SceneError(f"out = {path}: holds other files and no run; must be a new or empty folder")
+        if there and not overwrite:
+            done = json_of(self.summary).get("stopped_by")
+            other = "" if done in ("rest", "time", "unyielded") else f"'taichi-mps resume {path}' goes on with it, "
+            raise SceneError(f"out = {path}: holds a run already; {other}--overwrite replaces it")
+        if self.frames.is_symlink():
+            raise SceneError(f"out = {path}: its frames lie elsewhere; must be another folder")
         parent = next(folder for folder in (path.absolute(), *path.absolute().parents) if folder.exists())
         if not parent.is_dir() or not os.access(parent, os.W_OK | os.X_OK):
             raise SceneError(f"out = {path}: cannot be written, {parent} does not allow it; choose another folder")
 
-    def create(self) -> None:
-        """Make the folder empty of earlier results; SceneError, and nothing left behind, when that is impossible."""
-        self.check()
+    def create(self, overwrite: bool = False) -> None:
+        """Make the folder, empty of what an earlier run wrote; SceneError, and nothing left behind, when that is
+        impossible."""
+        self.check(overwrite)
         missing = [folder for folder in (self.path, *self.path.parents) if not folder.exists()]
         try:
-            self.frames.mkdir(parents=True, exist_ok=True)
-            for name in (*PRODUCTS, *PLOTS):
+            self.path.mkdir(parents=True, exist_ok=True)
+            (self.path / MARK).write_text(json.dumps({"made_by": "taichi_mps", "version": __version__}) + "\n")
+            for name in (*WRITTEN, *PLOTS):
                 (self.path / name).unlink(missing_ok=True)
-            for picture in self.frames.glob("*.png"):
-                picture.unlink()
-        except OSError as error:
+            empty_of_pictures(self.frames)
+        except (OSError, ValueError) as error:
             for folder in (self.frames, *missing):
                 if folder.is_dir():
                     folder.rmdir()
-            raise SceneError(
-                f"out = {self.path}: cannot be written ({error.strerror}); choose another folder"
-            ) from None
+            raise self.not_writable(error) from None
+
+    def not_writable(self, error) -> SceneError:
+        """What is wrong with the path."""
+        reason = getattr(error, "strerror", None) or error
+        return SceneError(f"out = {self.path}: cannot be written ({reason}); choose another folder")
 
     def write_summary(self, summary: dict) -> None:
         """Write summary.json whole or not at all; numbers that are not finite become null."""
         partial = self.summary.with_suffix(".partial")
-        partial.write_text(json.dumps(strict(summary), indent=2, allow_nan=False) + "\n", encoding="utf-8")
+        facts = strict(summary)
+        facts |= {SUM: checksum.of_facts(facts)}
+        partial.write_text(json.dumps(facts, indent=2, allow_nan=False) + "\n", encoding="utf-8")
         os.replace(partial, self.summary)
 
     def read_summary(self) -> dict:
         """summary.json; SceneError where it is missing or damaged."""
         if not self.summary.is_file():
             raise SceneError(f"run = {self.path}: holds no summary.json; must be the folder of a run")
-        try:
-            facts = json.loads(self.summary.read_text(encoding="utf-8"))
-        except (ValueError, RecursionError):
-            facts = None
-        if not isinstance(facts, dict):
+        facts = json_of(self.summary)
+        written, right = facts.pop(SUM, None), checksum.of_facts(facts)
+        old = written is None and not (self.path / MARK).exists()  # earlier versions wrote neither
+        if not facts or (written != right and not old):
             raise SceneError(f"run = {self.path}: its summary.json is damaged")
         return facts
+
+    def verify(self) -> None:
+        """SceneError that names what of a run is not as it was written: a summary, a history, outputs."""
+        if self.summary.is_file():
+            self.read_summary()
+        if self.history.is_file():
+            read_rows(self.history)
+        if self.trajectory.is_file():
+            Trajectory(self.trajectory).check()
+
+
+def next_free(path) -> Path:
+    """The path if nothing is there, else the first of path-2, path-3, ... where nothing is."""
+    path, number = Path(path), 2
+    free = path
+    while free.exists() or free.is_symlink():
+        free, number = path.with_name(f"{path.name}-{number}"), number + 1
+    return free
+
+
+def empty_of_pictures(folder: Path) -> None:
+    """Make a folder for pictures, or remove those that a run made there; not where it is a link to another one."""
+    if folder.is_symlink():
+        raise SceneError(f"{folder}: is a link to another folder; must be a folder, or nothing")
+    folder.mkdir(exist_ok=True)
+    for picture in folder.iterdir():
+        if PICTURES.fullmatch(picture.name):
+            picture.unlink()
+
+
+def json_of(path: Path) -> dict:
+    """The object in a JSON file; empty where there is none, or another thing."""
+    try:
+        facts = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return {}
+    return facts if isinstance(facts, dict) else {}
 
 
 def strict(value):

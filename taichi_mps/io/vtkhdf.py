@@ -14,9 +14,11 @@ from ..problem import catalogue
 from ..problem.measures import Snapshot, embed
 from ..problem.scene import Scene
 from ..units import SceneError
+from . import checksum
 from . import untrusted_hdf5 as outside
 
 BYTES, ROOM = 64, 1 << 20  # of a particle in an output, and of all else that a file may need
+SUM = "crc32"  # checksums in the group taichi_mps: of each output, as an attribute of what they share
 PARTS = ("Vertices", "Lines", "Strips", "Polygons")  # order of the columns of Steps/CellOffsets
 
 
@@ -76,6 +78,8 @@ class Trajectory:
             own["wall_x"] = s.wall_x
             if inlets:
                 own["mouth"] = np.array(inlets[0].centre, float)
+            growing(own, SUM, dtype=np.uint32)
+            own.attrs[SUM] = checksum.of_outputs(file)
         os.replace(self.twins[0], self.path)
 
     def append(self, s: Snapshot) -> int | None:
@@ -136,18 +140,34 @@ class Trajectory:
                 own = file["taichi_mps"].attrs
                 k = int(np.count_nonzero(instants <= last + 1e-9))
                 k -= int(k > 0 and not due(instants[k - 1], own.get("every", every)))
-                own["every"] = every
+                if own.get("every") != every:
+                    own["every"] = every
                 steps.attrs["NSteps"] = k
                 offsets = [item for item in steps.values() if isinstance(item, h5py.Dataset)]
                 for dataset in (*offsets, *steps["PointDataOffsets"].values()):
                     dataset.resize(k, axis=0)
                 for dataset in (root["Points"], *root["PointData"].values()):
                     dataset.resize(k * int(root["NumberOfPoints"][0]), axis=0)
+                sums = file["taichi_mps"]
+                if SUM not in sums:  # of a version that wrote none
+                    written = [checksum.of_output(*rows) for rows in stored(file)]
+                    growing(sums, SUM, dtype=np.uint32)
+                    put(sums[SUM], 0, written)
+                sums[SUM].resize(k, axis=0)
+                if own.get(SUM) != checksum.of_outputs(file):
+                    own[SUM] = checksum.of_outputs(file)
         except outside.DAMAGE as error:
             self.close()
             raise outside.damaged("run", self.path, error) from None
         os.replace(self.twins[0], self.path)
         return k
+
+    def check(self) -> None:
+        """SceneError unless all outputs are as they were written."""
+        with outside.opened(self.path, "run") as file:
+            outside.own(file, "VTKHDF"), outside.own(file, "taichi_mps")
+            for _ in stored(file):
+                pass
 
     def whole(self, scene_file=None):
         """``replay``, once all of it has been read: a file without outputs or with damage anywhere is refused before
@@ -173,14 +193,8 @@ class Trajectory:
             axes = [0, 2] if scene.dimension == 2 else [0, 1, 2]
             low, high = np.array(scene.domain, float)
             room = high - low  # a particle leaves the domain by less than that before the run ends
-            steps, fields = outside.own(root, "Steps"), outside.own(root, "PointData")
-            instants = outside.numbers(steps, "Values")[: int(steps.attrs["NSteps"])]
-            if instants.ndim != 1 or not np.all(np.isfinite(instants)) or not np.all(np.diff(instants) > 0.0):
-                raise ValueError("the times of the outputs do not rise")
-            for k, instant in enumerate(instants):
-                rows = slice(k * n, (k + 1) * n)
-                data = {name: outside.numbers(fields, name, rows=rows) for name in fields}
-                x = outside.numbers(root, "Points", rows=rows)[:, axes].astype(float)
+            for k, (instant, points, data) in enumerate(stored(file)):
+                x = points[:, axes].astype(float)
                 sound = x.shape == (n, len(axes)) and np.all((x > low - room) & (x < high + room))
                 sound &= all(values.shape == ((n, 3) if name == "velocity" else (n,)) for name, values in data.items())
                 sizes = data.get("size", np.full(n, scene.spacing)) / scene.spacing  # thin rings moved far outward
@@ -193,7 +207,7 @@ class Trajectory:
                 values = data["pressure"], data["shear_rate"], data["yielded"].astype(bool), data["density_ratio"]
                 size = data["size"].astype(float) if "size" in data else None
                 u, mix = data["velocity"][:, axes], data["mix"].astype(np.int32) if "mix" in data else None
-                yield Replay(scene, Snapshot(float(instant), scene.spacing, x, u, *values, wall, size, mix))
+                yield Replay(scene, Snapshot(instant, scene.spacing, x, u, *values, wall, size, mix))
 
 
 @dataclass(frozen=True)
@@ -217,6 +231,28 @@ class Replay:
         return self.scene.measure(self.scene.unfold(self.state)) if self.scene.measure else {}
 
 
+def stored(file):
+    """(time [s], points, fields by name) of each output, as stored; ValueError where it is not what was written."""
+    root, own = outside.own(file, "VTKHDF"), outside.own(file, "taichi_mps")
+    steps, fields = outside.own(root, "Steps"), outside.own(root, "PointData")
+    n, count = int(outside.numbers(root, "NumberOfPoints")[0]), int(steps.attrs["NSteps"])
+    instants = outside.numbers(steps, "Values")[:count]
+    if instants.shape != (count,) or not np.all(np.isfinite(instants)) or not np.all(np.diff(instants) > 0.0):
+        raise ValueError("the times of the outputs do not rise")
+    sums = None
+    if SUM in own or SUM in own.attrs:  # earlier versions wrote none
+        sums = outside.numbers(own, SUM)
+        if len(sums) != count or own.attrs[SUM] != checksum.of_outputs(file):
+            raise ValueError("its outputs are not those that were written")
+    for k, instant in enumerate(instants):
+        rows = slice(k * n, (k + 1) * n)
+        data = {name: outside.numbers(fields, name, rows=rows) for name in fields}
+        points = outside.numbers(root, "Points", rows=rows)
+        if sums is not None and sums[k] != checksum.of_output(instant, points, data):
+            raise ValueError(f"output {k} is not what was written")
+        yield float(instant), points, data
+
+
 def due(time, every: float):
     """Is this time [s] a multiple of the interval of the outputs [s]?"""
     return np.abs(time / every - np.round(time / every)) < 1e-6
@@ -230,10 +266,11 @@ def add(root, s: Snapshot) -> int | None:
         return None
     if len(s.x) < n:
         s = waiting(s, n, root.parent["taichi_mps/mouth"][()])
-    put(root["Points"], k * n, single(s.x))
-    for name, rows in point_data(s).items():
-        if name in root["PointData"]:
-            put(root[f"PointData/{name}"], k * n, rows)
+    points, data = single(s.x), {name: rows for name, rows in point_data(s).items() if name in root["PointData"]}
+    put(root["Points"], k * n, points)
+    for name, rows in data.items():
+        put(root[f"PointData/{name}"], k * n, rows)
+    put(root.parent["taichi_mps"][SUM], k, [checksum.of_output(s.time, points, data)])
     put(steps["Values"], k, [s.time])
     put(steps["NumberOfParts"], k, [1])
     for name in ("PartOffsets", "CellOffsets", "ConnectivityIdOffsets"):

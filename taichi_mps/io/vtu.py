@@ -1,6 +1,7 @@
 """A run for other programs: one .vtu file an output by meshio, and the .pvd that gives them their times."""
 
 import os
+import re
 from pathlib import Path
 
 import meshio
@@ -9,6 +10,8 @@ import numpy as np
 from ..units import SceneError
 from ..viz.smooth_surface import smooth_surface
 from .vtkhdf import point_data, single
+
+OWN = re.compile(r"output_\d{5,}\.vtu|run\.(pvd|partial)")  # what is written here
 
 
 def vtu(outputs, folder, whole: bool = False, smooth: bool = False) -> int:
@@ -19,6 +22,8 @@ def vtu(outputs, folder, whole: bool = False, smooth: bool = False) -> int:
     a plane scene lies at y = 0. Returns how many; the .pvd is written anew with each.
     """
     folder = Path(folder)
+    if others := [path.name for path in folder.glob("*") if not OWN.fullmatch(path.name)]:
+        raise SceneError(f"out = {folder}: holds other files, such as {others[0]}; must be a new or empty folder")
     index, lines = folder / "run.pvd", []
     for number, output in enumerate(outputs):
         s = output.scene.unfold(output.snapshot()) if whole or smooth else output.snapshot()

@@ -76,7 +76,7 @@ def test_a_run_leaves_a_whole_folder_and_prints_only_json(whole):
     folder, code, out, err = whole
     assert code == 0, err
     summary = json.loads(out)
-    assert summary == json.loads((folder / "summary.json").read_text())
+    assert summary == RunFolder(folder).read_summary()
     assert summary["stopped_by"] == "time"
     assert summary["fluid_particles"] == 64
     assert summary["simulated_seconds"] == pytest.approx(0.1)

@@ -20,7 +20,7 @@ from taichi_mps.io import run_folder as files
 from taichi_mps.io import vtu as export
 from taichi_mps.io.history import COLUMNS, History, read_history
 from taichi_mps.io.recorder import Recorder
-from taichi_mps.io.run_folder import RunFolder
+from taichi_mps.io.run_folder import RunFolder, empty_of_pictures, next_free
 from taichi_mps.io.vtkhdf import Trajectory
 from taichi_mps.problem import catalogue
 from taichi_mps.problem.measures import still
@@ -475,10 +475,85 @@ def test_an_old_run_is_replaced_but_foreign_files_stay(tmp_path, slump):
     folder, _, recorder = recorded(tmp_path / "run", slump, 1)
     recorder.finish("time")
     (folder.frames / "frame_00000.png").write_bytes(b"old")
+    (folder.frames / "holiday.png").write_bytes(b"mine")
     (folder.path / "notes.txt").write_text("mine")
-    folder.create()
-    assert sorted(path.name for path in folder.path.iterdir()) == ["frames", "notes.txt"]
-    assert not list(folder.frames.iterdir())
+    with pytest.raises(mps.SceneError, match="out = .*run: holds a run already; --overwrite replaces it"):
+        folder.create()
+    folder.create(overwrite=True)
+    assert sorted(path.name for path in folder.path.iterdir()) == ["frames", "notes.txt", "taichi_mps.json"]
+    assert [path.name for path in folder.frames.iterdir()] == ["holiday.png"]
+
+
+def test_a_run_that_was_stopped_is_not_replaced_either(tmp_path, slump):
+    folder, _, _ = recorded(tmp_path / "run", slump, 1)
+    with pytest.raises(mps.SceneError, match="holds a run already; 'taichi-mps resume .*run' goes on with it, --over"):
+        RunFolder(folder.path).check()
+
+
+def test_a_run_of_an_earlier_version_is_known_by_its_summary(tmp_path, slump):
+    folder = RunFolder(tmp_path / "run")
+    folder.path.mkdir()
+    (folder.path / "history.csv").write_text("time_s\n")
+    summary = dict.fromkeys(("scene", "fluid_particles", "simulated_seconds", "stopped_by", "version"), "rest")
+    folder.summary.write_text(json.dumps(summary))
+    folder.create(overwrite=True)
+    assert not folder.history.exists()
+
+
+@pytest.mark.parametrize("name", ["history.csv", "summary.json", "checkpoint.h5", "run.h5", "frames/frame_00001.png"])
+@pytest.mark.parametrize("text", ["mine", '{"scene": "mine", "made_by": 3}'])
+def test_a_file_of_somebody_with_a_name_of_ours_is_not_touched(tmp_path, name, text):
+    theirs = tmp_path / "run" / name
+    theirs.parent.mkdir(parents=True)
+    theirs.write_text(text)
+    with pytest.raises(mps.SceneError, match="out = .*run: holds other files and no run"):
+        RunFolder(tmp_path / "run").create(overwrite=True)
+    assert theirs.read_text() == text
+    assert [path.name for path in (tmp_path / "run").iterdir()] == [name.split("/")[0]]
+
+
+def test_pictures_behind_a_link_are_not_touched(tmp_path, slump):
+    folder, _, recorder = recorded(tmp_path / "run", slump, 1)
+    recorder.finish("time")
+    folder.frames.rmdir()
+    album = tmp_path / "album"
+    album.mkdir()
+    (album / "frame_00000.png").write_bytes(b"mine")
+    folder.frames.symlink_to(album)
+    with pytest.raises(mps.SceneError, match="its frames lie elsewhere"):
+        folder.create(overwrite=True)
+    with pytest.raises(mps.SceneError, match="is a link to another folder"):
+        empty_of_pictures(folder.frames)
+    assert (album / "frame_00000.png").read_bytes() == b"mine"
+
+
+def test_a_file_that_is_a_link_is_replaced_and_what_it_names_stays(tmp_path, slump):
+    folder, _, recorder = recorded(tmp_path / "run", slump, 1)
+    recorder.finish("time")
+    (tmp_path / "diary.csv").write_text("mine")
+    folder.history.unlink()
+    folder.history.symlink_to(tmp_path / "diary.csv")
+    recorded(folder.path, slump, 1, overwrite=True)
+    assert not folder.history.is_symlink() and (tmp_path / "diary.csv").read_text() == "mine"
+
+
+def test_the_next_free_name(tmp_path):
+    assert next_free(tmp_path / "slump") == tmp_path / "slump"
+    (tmp_path / "slump").mkdir()
+    (tmp_path / "slump-2").symlink_to(tmp_path / "nowhere")
+    assert next_free(tmp_path / "slump") == tmp_path / "slump-3"
+
+
+def test_an_export_does_not_mix_with_other_files(tmp_path, slump):
+    folder, _, recorder = recorded(tmp_path / "run", slump, 1)
+    recorder.finish("time")
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "notes.txt").write_text("mine")
+    with pytest.raises(mps.SceneError, match=r"out = .*mine: holds other files, such as notes\.txt"):
+        export.vtu(Trajectory(folder.trajectory).whole(), tmp_path / "mine")
+    assert [path.name for path in (tmp_path / "mine").iterdir()] == ["notes.txt"]
+    assert export.vtu(Trajectory(folder.trajectory).whole(), tmp_path / "vtu") > 0
+    assert export.vtu(Trajectory(folder.trajectory).whole(), tmp_path / "vtu") > 0
 
 
 def test_a_foreign_folder_and_a_file_are_refused(tmp_path):

@@ -53,7 +53,7 @@ def test_a_second_writer_is_refused_until_the_first_is_killed_and_readers_never(
     monkeypatch.setattr(cli, "carry_out", lambda *_, **__: 0)
     monkeypatch.setattr("taichi_mps.io.checkpoint.Checkpoint.resume", lambda *_, **__: None)
     before = contents(run)
-    for words in (["run", "slump", "--spacing", "0.05", "--out", str(run)], ["resume", str(run)]):
+    for words in (["run", "slump", "--spacing", "0.05", "--out", str(run), "--overwrite"], ["resume", str(run)]):
         assert mps.main(words) == 2
         out, err = capsys.readouterr()
         assert out == "" and err.count("\n") == 1

@@ -52,10 +52,10 @@ class Falling:
         return {"x": self.snapshot().x, **scalars, "report": {"dt": 0.1}}
 
 
-def recorded(path, scene, steps):
+def recorded(path, scene, steps, overwrite=False):
     """(folder, stand-in, recorder) after that many steps."""
     folder = RunFolder(path)
-    folder.create()
+    folder.create(overwrite)
     sim = Falling(scene)
     recorder = Recorder(folder, sim, 0.01, "slump", {"every": 0.01})
     recorder.output(sim)
