@@ -94,6 +94,14 @@ def said(value, unit) -> str:
     return f"{text} {unit}".rstrip()
 
 
+def plain(text) -> str:
+    """Text from outside as a terminal may have it: control characters, but for line ends, and what is no character
+    are shown as codes."""
+    whole = str(text).encode("utf-8", "backslashreplace").decode()
+    shown = (c if c.isprintable() or c == "\n" else c.encode("unicode_escape").decode() for c in whole)
+    return "".join(shown)
+
+
 class Unit(str):
     """The unit of an annotated number, for messages and for --help; ``hint``: what one may have meant, in another."""
 

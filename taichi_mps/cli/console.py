@@ -4,6 +4,7 @@ import math
 from contextlib import contextmanager
 
 from ..problem.labels import is_measure, title, written
+from ..units import plain
 
 
 def pictures(frames, options):
@@ -83,9 +84,10 @@ def progress(sim, recorder, until, quiet):
 def table(summary: dict, folder, stages=(), traffic=None) -> None:
     """The result for a reader, on stdout."""
     from rich.console import Console
+    from rich.markup import escape
     from rich.table import Table
 
-    rows = Table(title=f"{summary['scene']}: stopped by {summary['stopped_by']}", show_header=False)
+    rows = Table(title=f"{escape(plain(summary['scene']))}: stopped by {summary['stopped_by']}", show_header=False)
     for key, value in summary.items():
         if is_measure(key) and value is not None:
             rows.add_row(title(key), written(key, value))
@@ -104,7 +106,7 @@ def table(summary: dict, folder, stages=(), traffic=None) -> None:
             moved = traffic[stage]
             text += f", {1e-9 * moved.bytes / each:.1f} GB/s, {1e-9 * moved.operations / each:.1f} Gflop/s"
         rows.add_row(f"stage {stage}", text)
-    rows.add_row("files", str(folder.path))
+    rows.add_row("files", escape(plain(folder.path)))
     Console().print(rows)
 
 

@@ -14,7 +14,7 @@ from ..io import lock
 from ..problem import catalogue
 from ..problem.numerics import NUMERICS
 from ..problem.problem import Problem
-from ..units import SceneError, suggestion
+from ..units import SceneError, plain, suggestion
 from .console import curves, redraw
 from .options import Parser, Pictures, Run, Table, given, scene_of
 from .run import BAD_INPUT, DONE, INTERRUPTED, carry_out, start
@@ -52,7 +52,7 @@ def run(argv) -> int:
     usual = Path("renders") / scene.name
     folder = RunFolder(options.out or (usual if options.overwrite else next_free(usual)))
     if not options.out and folder.path != usual:
-        print(f"taichi-mps: {usual} is taken; this run goes to {folder.path}", file=sys.stderr)
+        print(f"taichi-mps: {plain(usual)} is taken; this run goes to {plain(folder.path)}", file=sys.stderr)
     folder.check(options.overwrite)
     problem = Problem(scene, method)
     with lock.held(folder.path):
@@ -218,7 +218,7 @@ def version_of(package: str) -> str | None:
 
 def tell(facts, as_json: bool, text: str) -> None:
     """Print the facts as JSON, or the text."""
-    print(json.dumps(facts) if as_json else text)
+    print(json.dumps(facts) if as_json else plain(text))
 
 
 def validate(argv) -> int:
@@ -258,13 +258,13 @@ def main(argv=None) -> int:
         if argv[0] not in COMMANDS:
             raise SceneError(f"unknown command '{argv[0]}'{suggestion(argv[0], COMMANDS)}")
         with warnings.catch_warnings():
-            warnings.showwarning = lambda message, *_: print(f"taichi-mps: {message}", file=sys.stderr)
+            warnings.showwarning = lambda message, *_: print(f"taichi-mps: {plain(message)}", file=sys.stderr)
             return COMMANDS[argv[0]](argv[1:])
     except SceneError as error:
-        print("taichi-mps: " + " ".join(str(error).split()), file=sys.stderr)
+        print("taichi-mps: " + plain(" ".join(str(error).split())), file=sys.stderr)
         return BAD_INPUT
     except OSError as error:  # the disk is full, a file belongs to somebody else
-        print(f"taichi-mps: {error}", file=sys.stderr)
+        print(f"taichi-mps: {plain(error)}", file=sys.stderr)
         return BAD_INPUT
     except KeyboardInterrupt:
         print("taichi-mps: interrupted", file=sys.stderr)

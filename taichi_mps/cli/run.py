@@ -7,6 +7,7 @@ import signal
 import sys
 from contextlib import contextmanager, redirect_stdout
 
+from ..units import plain
 from .console import curves, pictures, progress, table, voids
 
 DONE, BAD_INPUT, DIVERGED, INTERRUPTED = 0, 2, 3, 130  # what a command returns
@@ -52,7 +53,7 @@ def carry_out(sim, folder, options, source, as_json, resumed=False) -> int:
 
         table(summary, folder, sim.profile(), traffic(sim))
     if error:
-        print(f"taichi-mps: {error}; resume from {folder.checkpoint}", file=sys.stderr)
+        print(f"taichi-mps: {plain(error)}; resume from {plain(folder.checkpoint)}", file=sys.stderr)
         return DIVERGED
     return INTERRUPTED if stopped_by == "interrupted" else DONE
 

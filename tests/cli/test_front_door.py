@@ -11,6 +11,8 @@ import json
 import os
 import re
 import shutil
+import subprocess
+import sys
 import warnings
 from pathlib import Path
 from types import SimpleNamespace
@@ -513,3 +515,31 @@ def test_damaged_tables_are_shown_or_refused(run, words, data):
         out = io.StringIO()
         with contextlib.redirect_stdout(out), contextlib.redirect_stderr(out):
             assert mps.main([*words, str(run.path)]) in (0, 2)
+
+
+# ---- what a terminal is shown -------------------------------------------------------------------------------------
+ESCAPES = "\x1b[2J\x1b]0;title\x07\x9b31m\u202e"
+
+
+def test_errors_and_info_show_no_terminal_escapes(tmp_path, capsys):
+    foreign = tmp_path / "summary.json"
+    foreign.write_text(json.dumps({"scene": ESCAPES, "version": "\r"}))
+    assert mps.main(["info", str(tmp_path)]) == 0
+    assert mps.main(["info", f"{tmp_path}/{ESCAPES}"]) == 2
+    assert mps.main(["run", "slump", f"--density={ESCAPES}"]) == 2
+    printed = capsys.readouterr()
+    assert not set(ESCAPES + "\r") & set(printed.out + printed.err) - set("[]031m2J;title")
+    assert "\\x1b" in printed.out and printed.err.count("\\x1b") >= 2
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="names of files are texts there")
+def test_a_folder_whose_name_is_no_text(tmp_path):
+    def taichi_mps(*words):
+        command = [sys.executable, "-m", "taichi_mps", *words]
+        return subprocess.run(command, capture_output=True, text=True, cwd=tmp_path)
+
+    ran = taichi_mps("run", "film", "--until=0.002", "--spacing=0.02", "--threads=1", b"--out=r\xff\xfe")
+    assert (ran.returncode, ran.stderr) == (0, "")
+    assert r"r\udcff\udcfe" in ran.stdout and (tmp_path / os.fsdecode(b"r\xff\xfe") / "summary.json").is_file()
+    told = taichi_mps("export", b"r\xff\xfe")
+    assert (told.returncode, told.stderr) == (0, "")
