@@ -28,7 +28,7 @@ from taichi_mps.problem import catalogue
 from taichi_mps.units import unit_of
 
 ROOT = Path(__file__).resolve().parents[1]
-LONGEST, PATIENCE = 60.0, 60.0  # [s] after which a run is asked to stop, and how long it may take to do so
+LONGEST, PATIENCE = 60.0, 120.0  # [s] after which a run is asked to stop, and how long it may take to do so
 ENDS = {0: "done", 2: "refused", 3: "diverged", 130: "stopped", 143: "stopped"}
 HOSTILE = (
     "nan",

@@ -81,7 +81,7 @@ WORKAROUNDS = (
         "in a kernel its source is looked up again and its lines are wrapped, 1,000 times.",
         "test_speed_patches_change_no_bit",
         "Taichi is no longer supported: Quadrants remembers both",
-        gain=0.053,
+        gain=0.08,
     ),
     Workaround(
         "launch_directly",
