@@ -19,6 +19,7 @@ from importlib.util import find_spec
 from types import SimpleNamespace
 
 from ..units import SceneError
+from .caches import provide
 
 
 @dataclass(frozen=True)
@@ -119,6 +120,7 @@ def silence() -> None:
 
 LANGUAGE = chosen()
 silence()
+provide(LANGUAGE)
 ti = importlib.import_module(LANGUAGE)
 VERSION = ".".join(map(str, ti.__version__))
 

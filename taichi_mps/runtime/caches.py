@@ -1,0 +1,54 @@
+"""Where compiled kernels and lists of fonts are kept from run to run: at home, or in a temporary folder where no home is
+that can be written. Taichi ends the process where it has none."""
+
+import atexit
+import os
+import shutil
+import sys
+import tempfile
+from pathlib import Path
+
+KERNELS = {"taichi": "TI_OFFLINE_CACHE_FILE_PATH", "quadrants": "QD_OFFLINE_CACHE_FILE_PATH"}
+FONTS = "MPLCONFIGDIR"
+
+
+def provide(language: str) -> None:
+    """Before the kernel language is imported: see to it that it and matplotlib find a folder; children of this process
+    inherit it. What the user has set stays."""
+    home = Path.home() if os.environ.get("HOME") or os.name != "posix" else of_the_user()
+    if os.environ.get(KERNELS[language]) and os.environ.get("HOME"):
+        return
+    if os.name == "posix":
+        os.environ["HOME"] = str(home)
+    if writable(home / ".cache" / language):
+        return
+    folder = tempfile.mkdtemp(prefix="taichi_mps-")
+    atexit.register(remove, folder, language)
+    os.environ.setdefault(KERNELS[language], os.path.join(folder, "kernels"))
+    os.environ.setdefault(FONTS, os.path.join(folder, "fonts"))
+    print(f"taichi-mps: {home} cannot be written, so compiled kernels are not kept for the next run", file=sys.stderr)
+
+
+def remove(folder: str, language: str) -> None:
+    """At the end of the process, once the language has written what it keeps."""
+    if language in sys.modules:
+        sys.modules[language].reset()
+    shutil.rmtree(folder, ignore_errors=True)
+
+
+def of_the_user() -> Path:
+    """The home that the system knows of the user; that of nobody where it knows none."""
+    try:
+        return Path.home()
+    except (RuntimeError, KeyError):
+        return Path("/nonexistent")
+
+
+def writable(folder: Path) -> bool:
+    """Can files be made in the folder?"""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            return True
+    except OSError:
+        return False
