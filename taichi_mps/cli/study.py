@@ -13,8 +13,12 @@ from ..problem import catalogue
 from ..problem.accuracy import choose
 from ..study.calibrate import Measurements
 from ..study.sweep import ACCURACY, LOST, cases, sweep
-from ..units import Checked, Count, SceneError
+from ..units import Checked, Count, SceneError, plain
 from .options import Parser, given, scene_of
+from .run import DONE
+
+NOT_ALL_DONE = 1  # what sweep returns where a case gave no result
+MOST_SHOWN = 10  # cases without a result that are named
 
 
 class Study(Checked):
@@ -69,7 +73,17 @@ def sweep_command(argv) -> int:
         from ..study.chart import study_chart
 
         study_chart(rows, differing(planned), folder / "chart.png")
-    return 0
+    for line in not_done(rows, differing(planned)):
+        print(f"taichi-mps: {plain(line)}", file=sys.stderr)
+    return DONE if all(row["status"] == "done" for row in rows) else NOT_ALL_DONE
+
+
+def not_done(rows, differing) -> list[str]:
+    """Which cases of a study gave no result, and why, a line each; of many the first ones."""
+    left = [row for row in rows if row["status"] != "done"]
+    names = [", ".join(f"{name} = {row.get(name)}" for name in differing) or row["key"] for row in left]
+    lines = [f"{row['status']}: {name}: {row['reason']}" for row, name in zip(left[:MOST_SHOWN], names, strict=False)]
+    return lines + [f"and {len(left) - MOST_SHOWN} more, see results.csv"] * (len(left) > MOST_SHOWN)
 
 
 def tally(rows) -> str:

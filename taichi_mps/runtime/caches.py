@@ -1,5 +1,5 @@
-"""Where compiled kernels and lists of fonts are kept from run to run: at home, or in a temporary folder where no home is
-that can be written. Taichi ends the process where it has none."""
+"""Where compiled kernels and lists of fonts are kept from run to run: at home, or in a temporary folder where no home
+can be written. Taichi ends the process where it has none."""
 
 import atexit
 import os

@@ -57,9 +57,8 @@ def named(text: str, workers: int | None, folder):
     """A context manager that opens the executor of an address for a study's folder, and how many cases to hand it at
     once (None: all)."""
     parts = urlsplit(text)
-    package = {"dask": "distributed", "slurm": "submitit"}.get(parts.scheme)
-    if package and not find_spec(package):
-        raise SceneError(f"executor = {text}: needs {package}: pip install 'taichi-mps[cluster]'")
+    if parts.scheme == "dask" and not find_spec("distributed"):
+        raise SceneError(f"executor = {text}: needs distributed: pip install 'taichi-mps[cluster]'")
     if text == "local":
         workers = workers or os.cpu_count() or 1
         return lambda: processes(workers), workers

@@ -4,8 +4,10 @@ A Simulation compiles its kernels anew: 5 to 8 s for a cone that runs in half a 
 from fields (terms/constants.py says which), so another mix of the same law is other entries.
 """
 
-import pickle
-from dataclasses import fields
+import hashlib
+from dataclasses import fields, is_dataclass
+
+import numpy as np
 
 from ..problem.materials import Bingham
 from ..problem.problem import Problem
@@ -25,7 +27,27 @@ def shape_of(problem: Problem) -> bytes:
     mixes = [scene.mix_of(inlet) for inlet in scene.inlets]  # one may be that of the scene
     rubs = any(wall.friction for wall in scene.walls)  # friction keeps the viscosity of the fluid, too
     material = compiled_numbers(scene.material), scene.material.plastic_viscosity if rubs else None
-    return pickle.dumps((bare, problem.scheme, repr(problem.numerics), problem.law, material, mixes))
+    return digest(bare, problem.scheme, repr(problem.numerics), problem.law, material, mixes)
+
+
+def digest(*parts) -> bytes:
+    """A digest of numbers, texts, arrays, and of records and rows of these. Of a function the text that compiles it is
+    not known, so only the same object is equal to it."""
+    total = hashlib.sha256()
+    for part in parts:
+        if isinstance(part, np.ndarray):
+            words = [str(part.dtype).encode(), str(part.shape).encode(), np.ascontiguousarray(part).tobytes()]
+        elif is_dataclass(part):
+            words = [type(part).__name__.encode(), digest(*(getattr(part, field.name) for field in fields(part)))]
+        elif isinstance(part, list | tuple):
+            words = [b"row", str(len(part)).encode(), *(digest(item) for item in part)]
+        elif callable(part):
+            words = [str(id(part)).encode()]
+        else:
+            words = [type(part).__name__.encode(), repr(part).encode()]
+        for word in words:
+            total.update(len(word).to_bytes(8, "little") + word)
+    return total.digest()
 
 
 def compiled_numbers(material) -> str:

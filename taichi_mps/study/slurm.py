@@ -1,162 +1,223 @@
-"""Slurm through submitit: one job for each case. Jobs outlive a study that is killed; the next one finds them again."""
+"""Slurm: one job for each case. Jobs outlive a study that is killed; the next one finds them again.
+
+A job is a command line with its case in it (job.py), and its result a JSON file: nothing that lies in a folder is run.
+That is why jobs are not given by a library: those for Python keep functions and results as pickles, which are code.
+"""
 
 import getpass
+import json
+import os
+import shlex
 import subprocess
+import sys
 import threading
 from concurrent.futures import Executor, Future
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from time import monotonic
 
-from ..units import SceneError
+from ..units import SceneError, plain
 
-FOLDER = "slurm-jobs"  # in the study's folder, which all nodes must see: scripts, logs, results of the jobs
+FOLDER = "slurm-jobs"  # in the study's folder, which all nodes must see: numbers, logs and results of the jobs
 LOOK, ASK = 1.0, 20.0  # [s] from look to look for results, and from question to question to Slurm
-MINUTES = 60  # of a job, where no timeout_min is given
+MINUTES = 60.0  # of a job, where no timeout_min is given
 
 
 @contextmanager
 def slurm(text: str, partition: str, settings: dict, folder):
     """An executor of Slurm jobs in a partition, or with the partition 'local' of processes of this machine.
 
-    settings: timeout_min, mem_gb, and submitit's other names of sbatch's options (account, qos, constraint, ...).
+    settings: timeout_min, mem_gb, and other options of sbatch by their names (account, qos, constraint, ...).
     """
-    import submitit
-
-    settings = {name: number(value) for name, value in settings.items()}
-    settings = {"timeout_min": MINUTES, "cpus_per_task": 1} | settings
+    settings = dict(settings)
     try:
-        if partition == "local":
-            executor = submitit.LocalExecutor(Path(folder) / FOLDER)
-        else:
-            executor = submitit.SlurmExecutor(Path(folder) / FOLDER)
-            settings |= {"partition": partition, "time": settings.pop("timeout_min")}
-            if "mem_gb" in settings:
-                settings["mem"] = f"{round(1024 * settings.pop('mem_gb'))}M"
-        executor.update_parameters(**settings)
-    except (RuntimeError, ValueError, TypeError) as error:
-        raise SceneError(f"executor = {text}: {str(error).splitlines()[0]}") from None
-    jobs = Jobs(executor, text, None if partition == "local" else queued)
+        minutes = float(settings.pop("timeout_min", MINUTES))
+        if "mem_gb" in settings:
+            settings["mem"] = f"{round(1024 * float(settings.pop('mem_gb')))}M"
+        if not 0.0 < minutes < float("inf"):
+            raise ValueError(minutes)
+    except (ValueError, OverflowError):
+        raise SceneError(f"executor = {text}: timeout_min and mem_gb must be numbers above 0") from None
+    cluster = Processes() if partition == "local" else Slurm({"partition": partition, **settings}, minutes)
+    jobs = Jobs(cluster, text, Path(folder) / FOLDER, minutes)
     try:
         yield jobs
     finally:
         jobs.shutdown()
 
 
-def number(text: str):
-    """A setting as int or float where it is one."""
-    for kind in (int, float):
-        with suppress(ValueError):
-            return kind(text)
-    return text
+class Slurm:
+    """Jobs by the commands of Slurm. ``options`` of sbatch by name."""
 
+    def __init__(self, options: dict, minutes: float):
+        options = {"cpus_per_task": 1, "time": max(1, round(minutes))} | options
+        self.options = [f"--{name.replace('_', '-')}={value}" for name, value in options.items()]
 
-def queued() -> set[str] | None:
-    """The numbers of this user's jobs that wait or run; None where Slurm does not answer. Not submitit's own way,
-    sacct: a cluster without accounts has none, and there a job that dies would be waited for without end."""
-    try:
-        command = ["squeue", "--noheader", "--format", "%i", "--user", getpass.getuser()]
-        return set(subprocess.run(command, capture_output=True, text=True, check=True, timeout=60).stdout.split())
-    except (OSError, subprocess.SubprocessError):
+    def submit(self, command: list[str], name: str, log: Path) -> str:
+        """The number of a new job; OSError with what sbatch says where it gives none."""
+        told = ["--parsable", f"--job-name={name}", f"--output={log}", "--open-mode=append", *self.options]
+        made = subprocess.run(["sbatch", *told, f"--wrap={shlex.join(command)}"], capture_output=True, text=True)
+        if made.returncode:
+            raise OSError((made.stderr.strip().splitlines() or ["sbatch: no job"])[-1])
+        return made.stdout.strip().split(";")[0]
+
+    def queued(self) -> set[str] | None:
+        """The numbers of this user's jobs that wait or run; None where Slurm does not answer."""
+        with suppress(OSError, subprocess.SubprocessError):
+            command = ["squeue", "--noheader", "--format", "%i", "--user", getpass.getuser()]
+            return set(subprocess.run(command, capture_output=True, text=True, check=True, timeout=60).stdout.split())
         return None
 
+    def last_state(self, number: str) -> str:
+        """What Slurm says of a job that is over: CANCELLED, TIMEOUT, OUT_OF_MEMORY, ...; it forgets after minutes."""
+        with suppress(OSError, subprocess.SubprocessError):
+            command = ["scontrol", "--oneliner", "show", "job", number]
+            words = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60).stdout.split()
+            return next((w.removeprefix("JobState=") for w in words if w.startswith("JobState=")), "no longer known")
+        return "no longer known"
 
-def last_state(number: str) -> str:
-    """What Slurm says of a job that is over: CANCELLED, TIMEOUT, OUT_OF_MEMORY, ...; it forgets after some minutes."""
-    with suppress(OSError, subprocess.SubprocessError):
-        command = ["scontrol", "--oneliner", "show", "job", number]
-        words = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60).stdout.split()
-        return next(word.removeprefix("JobState=") for word in words if word.startswith("JobState="))
-    return "no longer known"
+    def cancel(self, number: str) -> None:
+        """End a job."""
+        with suppress(OSError):
+            subprocess.run(["scancel", number], capture_output=True)
 
 
-def row_of(job) -> dict:
-    """What a job that is over gives; RuntimeError with its last words if it did not come to the end of its case."""
-    try:
-        row = job.result()
-    except Exception as error:  # submitit's, around the trace of the job
-        lines = [line for line in str(error).splitlines() if line.strip() and not line.startswith("---")]
-        trace = [line for line in lines if not line.startswith("You can check")]
-        raise RuntimeError(f"job {job.job_id}: {(trace or [type(error).__name__])[-1].strip()}") from None
-    _, stopped, why = row.get("reason", "").rpartition("UncompletedJobError: ")
-    if stopped:  # submitit's, raised in the midst of the case 90 s before its time is up
-        raise RuntimeError(f"job {job.job_id}: {why} timeout_min= gives more time")
-    return row
+class Processes:
+    """Jobs as processes of this machine, to try a study before it goes to a cluster."""
+
+    def __init__(self):
+        self.made: dict[str, subprocess.Popen] = {}
+
+    def submit(self, command: list[str], name: str, log: Path) -> str:
+        """The number of a new process."""
+        with open(log, "ab") as out:
+            job = subprocess.Popen(
+                command, stdin=subprocess.DEVNULL, stdout=out, stderr=out, start_new_session=os.name == "posix"
+            )
+        self.made[str(job.pid)] = job
+        return str(job.pid)
+
+    def queued(self) -> set[str] | None:
+        """The numbers of those that run."""
+        return {number for number, job in self.made.items() if job.poll() is None}
+
+    def last_state(self, number: str) -> str:
+        """How a process ended."""
+        return f"exit {self.made[number].returncode}" if number in self.made else "no longer known"
+
+    def cancel(self, number: str) -> None:
+        """End a process, if it is still one of ours."""
+        if number in self.made:
+            self.made[number].kill()
 
 
 class Jobs(Executor):
-    """submitit's jobs as concurrent.futures: its own futures cannot be waited for together.
+    """Jobs of a cluster as concurrent.futures. A job that is twice not among those that wait or run and has no result
+    is dead."""
 
-    ``queued()`` gives the numbers of the jobs that wait or run, None while that is not known. A job that is twice not
-    among them and has no result is dead.
-    """
-
-    def __init__(self, jobs, text: str, queued=None, look_every=LOOK, ask_every=ASK):
-        self.jobs, self.text, self.look_every, self.ask_every = jobs, text, look_every, ask_every
-        self.flying, self.over = {}, threading.Event()
+    def __init__(self, cluster, text: str, folder, minutes=MINUTES, look_every=LOOK, ask_every=ASK):
+        self.cluster, self.text, self.minutes = cluster, text, minutes
+        self.folder = Path(folder).absolute()
+        self.look_every, self.ask_every = look_every, ask_every
+        self.flying: dict[str, tuple[Future, str]] = {}  # by the key of the case: its future and the number of its job
+        self.over = threading.Event()
         self.there = None  # what was queued when the study went on, asked once
-        self.queued = queued or (lambda: {job.job_id for job in list(self.flying) if not job.done()})
         self.thread = threading.Thread(target=self._watch, daemon=True)
         self.thread.start()
 
     def submit(self, function, case, /):
         """The future of a case: of the job that runs it already, or of a new one."""
+        self.folder.mkdir(parents=True, exist_ok=True)
         future = Future()
-        self.flying[self._earlier(case) or self._new(function, case)] = future
+        self.flying[case.key] = future, self._earlier(case) or self._new(function, case)
         return future
 
-    def _note(self, case) -> Path:
-        """The file that keeps the number of a case's job."""
-        return Path(self.jobs.folder) / f"{case.key}.job"
+    def file(self, key: str, kind: str) -> Path:
+        """A file of a case: 'job' has the number of its job, 'log' what that printed, 'json' its result."""
+        return self.folder / f"{key}.{kind}"
 
-    def _earlier(self, case):
+    def _earlier(self, case) -> str | None:
         """The job that a study which did not come to its end gave for the case, if it has a result or still runs."""
-        note = self._note(case)
-        if not note.is_file():
+        try:
+            number = self.file(case.key, "job").read_text()
+        except OSError:
             return None
-        job = self.jobs.job_class(self.jobs.folder, note.read_text())
-        if job.paths.result_pickle.exists():
-            with suppress(Exception):
-                return row_of(job) and job
+        if self.file(case.key, "json").exists():
+            with suppress(RuntimeError):
+                return row_of(self.file(case.key, "json"), case.key, number) and number
             return None
         if self.there is None:
-            self.there = self.queued()
-        return job if self.there is None or job.job_id in self.there else None  # what is over, _watch will find
+            self.there = self.cluster.queued()
+        return number if self.there is None or number in self.there else None  # what is over, _watch will find
 
-    def _new(self, function, case):
+    def _new(self, function, case) -> str:
+        from .job import words
+
+        self.file(case.key, "json").unlink(missing_ok=True)
+        command = [sys.executable, "-m", "taichi_mps.study.job"]
+        command += words(function, case, self.file(case.key, "json"), self.minutes)
         try:
-            job = self.jobs.submit(function, case)
-        except Exception as error:  # of sbatch: no such partition, too many jobs for this user, no space, ...
+            number = self.cluster.submit(command, case.key, self.file(case.key, "log"))
+        except OSError as error:  # no such partition, too many jobs for this user, no space, no sbatch, ...
             many = f"; after {len(self.flying)} jobs, --workers bounds how many there are at once" * bool(self.flying)
             raise SceneError(f"executor = {self.text}: {error}{many}") from None
-        self._note(case).write_text(job.job_id)
-        return job
+        self.file(case.key, "job").write_text(number)
+        return number
 
     def _watch(self):
         asked, missing = monotonic(), set()
         while not self.over.wait(self.look_every):
             with suppress(OSError):  # a disk that does not answer may do so later
-                for job in [job for job in list(self.flying) if job.paths.result_pickle.exists()]:
-                    self._deliver(job, self.flying.pop(job))
+                for key in [key for key in list(self.flying) if self.file(key, "json").exists()]:
+                    self._deliver(key, *self.flying.pop(key))
             if monotonic() - asked > self.ask_every:
-                asked, there = monotonic(), self.queued()
-                gone = {job for job in list(self.flying) if there is not None and job.job_id not in there}
-                for job in gone & missing:
-                    why = f"{self.text}: job {job.job_id} ended without a result ({last_state(job.job_id)})"
-                    self.flying.pop(job).set_exception(RuntimeError(why))
+                asked, there = monotonic(), self.cluster.queued()
+                gone = {
+                    key for key, (_, number) in list(self.flying.items()) if there is not None and number not in there
+                }
+                for key in gone & missing:
+                    future, number = self.flying.pop(key)
+                    state = self.cluster.last_state(number)
+                    why = (
+                        f"{self.text}: job {number} ended without a result ({state}){last_words(self.file(key, 'log'))}"
+                    )
+                    future.set_exception(RuntimeError(why))
                 missing = gone
 
-    def _deliver(self, job, future):
+    def _deliver(self, key, future, number):
         try:
-            future.set_result(row_of(job))
-        except Exception as error:  # of the job: whoever waits shall know
+            future.set_result(row_of(self.file(key, "json"), key, number))
+        except RuntimeError as error:  # of the job: whoever waits shall know
             future.set_exception(error)
 
     def shutdown(self, wait=True, *, cancel_futures=False):
         """Whatever is still to come is not wanted any more."""
         self.over.set()
         self.thread.join()
-        for job in self.flying:
-            job.cancel(check=False)
-        for note in Path(self.jobs.folder).glob("*.job") if self.flying else ():
-            note.unlink()
+        for key, (_, number) in self.flying.items():
+            self.cluster.cancel(number)
+            self.file(key, "job").unlink(missing_ok=True)
+
+
+def row_of(path: Path, key: str, number: str) -> dict:
+    """The row that a job has left; RuntimeError with its last words if it did not come to the end of its case."""
+    try:
+        row = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        row = None
+    kinds = str, int, float, bool, type(None)
+    if not isinstance(row, dict) or not all(isinstance(value, kinds) for value in row.values()):
+        raise RuntimeError(f"job {number}: {path} is no result")
+    if "error" in row:
+        raise RuntimeError(f"job {number}: {plain(row['error'])}")
+    if row.get("key") != key or not isinstance(row.get("status"), str):
+        raise RuntimeError(f"job {number}: {path} is the result of another case")
+    return row
+
+
+def last_words(log: Path) -> str:
+    """What a job printed last, after a colon; nothing where it printed nothing."""
+    with suppress(OSError):
+        lines = log.read_bytes()[-4096:].decode(errors="replace").strip().splitlines()
+        return f": {plain(lines[-1])}" if lines else ""
+    return ""
