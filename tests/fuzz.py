@@ -297,6 +297,8 @@ def judge(code, err, sent) -> tuple[str, str | None]:
         return "hangs", f"did not stop within {PATIENCE:g} s of a SIGTERM"
     if code == -signal.SIGKILL and signal.SIGKILL in sent:
         return "killed", None
+    if code is not None and -code in sent and -code != signal.SIGKILL:  # before the program itself had begun
+        return "stopped", None
     if "Traceback" in err or code not in ENDS:
         return "broken", f"exit {code}: {' | '.join(said[-6:])}"
     end = ENDS[code]

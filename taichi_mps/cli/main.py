@@ -3,6 +3,7 @@
 import json
 import os
 import platform
+import signal
 import sys
 import warnings
 from dataclasses import replace
@@ -17,7 +18,7 @@ from ..problem.problem import Problem
 from ..units import SceneError, plain, suggestion
 from .console import curves, redraw
 from .options import Parser, Pictures, Run, Table, given, scene_of
-from .run import BAD_INPUT, DONE, INTERRUPTED, carry_out, start
+from .run import BAD_INPUT, DONE, carry_out, start
 from .study import COMMANDS as STUDY
 
 SCENE_FILE = "the Python file of the scene, where it is not a built-in one"
@@ -245,7 +246,8 @@ COMMANDS |= {"validate": validate} | STUDY | {"scenes": scenes, "info": info}
 
 
 def main(argv=None) -> int:
-    """Run a command line; 0 done, 2 bad input, 3 diverged, 130 interrupted."""
+    """Run a command line; 0 done, 2 bad input, 3 diverged, 130 and 143 ended by Ctrl-C and SIGTERM; of a sweep 1: a
+    case failed. BrokenPipeError where nobody reads what it prints any more."""
     argv = [str(word) for word in (sys.argv[1:] if argv is None else argv)]
     try:
         if not argv or argv[0] in ("-h", "--help"):
@@ -263,16 +265,13 @@ def main(argv=None) -> int:
     except SceneError as error:
         print("taichi-mps: " + plain(" ".join(str(error).split())), file=sys.stderr)
         return BAD_INPUT
+    except BrokenPipeError:
+        raise
     except OSError as error:  # the disk is full, a file belongs to somebody else
         print(f"taichi-mps: {plain(error)}", file=sys.stderr)
         return BAD_INPUT
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as stopped:
         print("taichi-mps: interrupted", file=sys.stderr)
-        return INTERRUPTED
+        return 128 + getattr(stopped, "number", signal.SIGINT)
     except SystemExit as leaving:  # argparse after --help
         return int(leaving.code or 0)
-
-
-def entry() -> None:
-    """The program ``taichi-mps``."""
-    sys.exit(main())

@@ -7,10 +7,11 @@ import signal
 import sys
 from contextlib import contextmanager, redirect_stdout
 
+from ..stopped import SIGNALS, Stopped
 from ..units import plain
 from .console import curves, pictures, progress, table, voids
 
-DONE, BAD_INPUT, DIVERGED, INTERRUPTED = 0, 2, 3, 130  # what a command returns
+DONE, BAD_INPUT, DIVERGED = 0, 2, 3  # what a command returns; ended by a signal: 128 and its number
 
 
 def start(options) -> None:
@@ -32,15 +33,16 @@ def carry_out(sim, folder, options, source, as_json, resumed=False) -> int:
     settings = options.model_dump(exclude={"out", "overwrite", "profile", "quiet"}, exclude_none=True) | {
         "every": every
     }
-    if not resumed:
-        folder.create(options.overwrite)
-    recorder = Recorder(folder, sim, every, source, settings, pictures(folder.frames, options))
     error = None
-    try:
-        with interruptible(sim), progress(sim, recorder, until, options.quiet):
-            stopped_by = sim.run() if sim.time < until - 1e-9 else "time"
-    except DivergedError as diverged:
-        stopped_by, error = "diverged", str(diverged)
+    with interruptible(sim) as signals:
+        if not resumed:
+            folder.create(options.overwrite)
+        recorder = Recorder(folder, sim, every, source, settings, pictures(folder.frames, options))
+        try:
+            with progress(sim, recorder, until, options.quiet):
+                stopped_by = sim.run() if sim.time < until - 1e-9 else "time"
+        except DivergedError as diverged:
+            stopped_by, error = "diverged", str(diverged)
     summary = recorder.finish(stopped_by, error)
     if folder.pictures:
         gif(folder.pictures, folder.animation)
@@ -55,7 +57,7 @@ def carry_out(sim, folder, options, source, as_json, resumed=False) -> int:
     if error:
         print(f"taichi-mps: {plain(error)}; resume from {plain(folder.checkpoint)}", file=sys.stderr)
         return DIVERGED
-    return INTERRUPTED if stopped_by == "interrupted" else DONE
+    return 128 + signals[0] if stopped_by == "interrupted" else DONE
 
 
 def rounded(interval: float) -> float:
@@ -66,19 +68,19 @@ def rounded(interval: float) -> float:
 
 @contextmanager
 def interruptible(sim):
-    """Ctrl-C and SIGTERM finish the step and stop; a second one stops at once."""
+    """Ctrl-C and SIGTERM finish the step and stop; a second one stops at once. Gives the list of those that came."""
 
     signals = []
 
-    def stop(signum, frame):
-        signals.append(signum)
+    def stop(number, frame):
+        signals.append(number)
         if len(signals) > 1:
-            raise KeyboardInterrupt
+            raise Stopped(number)
         sim.interrupt()
 
-    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
+    before = {number: signal.signal(number, stop) for number in SIGNALS}
     try:
-        yield
+        yield signals
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

@@ -183,7 +183,6 @@ class Simulation:
         """Step until ``until`` [s] (the scene's by default) or rest; returns what stopped it."""
         until = float(finite("until", self.scene.until if until is None else until, "s", shape=()))
         self.stopped_by = None
-        self._interrupted = False
         self._call_schedules()
         if self.time >= until - 1e-9:
             self.stopped_by = "time"
@@ -195,6 +194,7 @@ class Simulation:
                 callback(self)
             self.stopped_by = self._why_stop(until)
             self._call_schedules(last=self.stopped_by is not None)
+        self._interrupted = False
         return self.stopped_by
 
     def _call_schedules(self, last=False):

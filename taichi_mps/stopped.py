@@ -1,0 +1,25 @@
+"""A signal that ends the program is an exception from its first moment on, so that nothing is left half made."""
+
+import signal
+
+SIGNALS = signal.SIGINT, signal.SIGTERM
+came: list[int] = []  # numbers of those that came before a run listened itself
+
+
+class Stopped(KeyboardInterrupt):
+    """Ctrl-C (SIGINT) or SIGTERM; ``number`` of the signal."""
+
+    def __init__(self, number: int):
+        super().__init__(number)
+        self.number = number
+
+
+def listen() -> None:
+    """Let both signals raise Stopped in the main thread."""
+
+    def stop(number, frame):
+        came.append(number)
+        raise Stopped(number)
+
+    for number in SIGNALS:
+        signal.signal(number, stop)

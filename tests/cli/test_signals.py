@@ -1,0 +1,60 @@
+"""Signals and closed pipes: the program ends quietly and leaves nothing half made, whenever they come."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from taichi_mps.io.run_folder import RunFolder
+
+ROOT = Path(__file__).resolve().parents[2]
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+RUN = ["run", "film", "--spacing=0.02", "--until=500", "--every=0.5", "--threads=1", "--out=run", "--quiet"]
+
+
+def program(folder, *words, **pipes):
+    command = [sys.executable, "-m", "taichi_mps", *words]
+    variables = os.environ | {"PYTHONPATH": str(ROOT)}
+    return subprocess.Popen(command, cwd=folder, env=variables, text=True, stderr=subprocess.PIPE, **pipes)
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize("moment", ["imports", "start", "steps"])
+def test_a_signal(tmp_path, number, moment):
+    run = program(tmp_path, *RUN)
+    if moment == "imports":
+        time.sleep(1.0)
+    else:
+        wanted = tmp_path / "run" / ("taichi_mps.lock" if moment == "start" else "run.h5")
+        while not wanted.exists():
+            assert run.poll() is None
+            time.sleep(0.01)
+    run.send_signal(number)
+    _, said = run.communicate(timeout=120)
+    if moment == "imports" and run.returncode != 128 + number:  # Python itself was not ready
+        assert run.returncode == -number and not (tmp_path / "run").exists()
+        return
+    assert run.returncode == 128 + number, said
+    assert said in ("", "taichi-mps: interrupted\n")
+    if (tmp_path / "run").exists():
+        assert RunFolder(tmp_path / "run").read_summary()["stopped_by"] == "interrupted"
+        again = program(tmp_path, "resume", "run", "--until=0.01", "--quiet")
+        assert (again.communicate(timeout=120)[1], again.returncode) == ("", 0)
+
+
+@pytest.mark.parametrize(
+    "words", [["scenes"], ["--help"], ["run", "slump", "--help"], ["info"], ["info", "--json"], RUN]
+)
+def test_a_closed_pipe(tmp_path, words):
+    if words is RUN:
+        words = [word for word in [*RUN, "--until=0.002"] if word != "--quiet"]
+    read, write = os.pipe()
+    os.close(read)
+    run = program(tmp_path, *words, stdout=write)
+    os.close(write)
+    assert run.communicate(timeout=120)[1] == ""
+    assert run.returncode in (0, 1, 141)  # argparse and rich keep silent of it
