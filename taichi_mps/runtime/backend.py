@@ -2,6 +2,8 @@
 
 import functools
 import os
+import threading
+from dataclasses import dataclass
 
 from ..units import SceneError
 from .workarounds import (
@@ -19,20 +21,39 @@ __all__ = [
     "compiled_now",
     "double_field",
     "for_kernels",
+    "in_session",
     "init",
     "is_for_kernels",
     "real",
     "require_room",
+    "require_thread",
+    "session",
     "sine",
     "started",
     "ti",
 ]
 
 _started: dict = {}
+_one_at_a_time = threading.RLock()
+
+
+@dataclass(frozen=True, eq=False)
+class Session:
+    """From one ``init`` to the next: what was made in it is of this process, and gone with it."""
+
+    process: int
+    thread: int  # that called init: Taichi makes fields there alone
+
+
+_session: Session | None = None
 
 
 def init(arch: str = "cpu", precision: str = "f32", threads: int | None = None, debug: bool = False) -> None:
-    """Start Taichi; call once before a Simulation. Calling again drops every earlier Simulation.
+    """Start Taichi; call once before a Simulation. Calling again drops every earlier Simulation: it says so when used.
+
+    A process may hold several Simulations, which take turns. They are made, and take their first step, in the thread
+    that called init; then any thread may step and read them, one at a time: others wait. Taichi does not survive a
+    fork: start processes by 'spawn'.
 
     arch: cpu, cuda or vulkan; precision of the solver's fields: f32 or f64 (positions are always f64);
     threads: CPU threads, by default all that this process may use. Raises SceneError for anything else.
@@ -44,6 +65,9 @@ def init(arch: str = "cpu", precision: str = "f32", threads: int | None = None, 
         raise SceneError(f"precision = {precision}: must be f32 or f64")
     if threads is not None and (not isinstance(threads, int) or threads < 1):
         raise SceneError(f"threads = {threads}: must be at least 1, a whole number")
+    global _session
+    if _session and _session.process != os.getpid():
+        raise RuntimeError(FORKED)
     if arch == "vulkan" and precision == "f64":
         raise SceneError("precision = f64: must be f32 on arch = vulkan, which has no sine or power of f64")
     if threads is None:
@@ -62,6 +86,7 @@ def init(arch: str = "cpu", precision: str = "f32", threads: int | None = None, 
         _started.clear()
         raise SceneError(f"arch = {arch}: no such device is found here; must be one that this machine has, such as cpu")
     _started.update(arch=arch, precision=precision, threads=threads)
+    _session = Session(os.getpid(), threading.get_ident())
 
 
 def started() -> dict:
@@ -71,9 +96,48 @@ def started() -> dict:
     return dict(_started)
 
 
-def require_room() -> None:
-    """Refuse new fields when those of this process are nearly as many as Taichi holds: past the last one it crashes."""
+FORKED = (
+    "Taichi was started before this process was forked, and does not survive that; start processes by "
+    "multiprocessing.get_context('spawn') and call taichi_mps.init() in each"
+)
+
+
+def session() -> Session:
+    """The present one; RuntimeError where init was forgotten, or in a forked process."""
     started()
+    if _session.process != os.getpid():
+        raise RuntimeError(FORKED)
+    return _session
+
+
+def in_session(method):
+    """A method of an object with a ``session``, which must be the present one; threads take turns."""
+
+    @functools.wraps(method)
+    def guarded(self, *arguments, **keywords):
+        if session() is not self.session:
+            raise RuntimeError(
+                f"this {type(self).__name__} is gone: taichi_mps.init() was called after it was made; make it anew"
+            )
+        with _one_at_a_time:
+            return method(self, *arguments, **keywords)
+
+    return guarded
+
+
+def require_thread() -> None:
+    """Refuse new fields in another thread than that of init."""
+    if session().thread != threading.get_ident():
+        raise RuntimeError(
+            "Taichi was started in another thread: a Simulation is made, and takes its first step, in that which called "
+            "init()"
+        )
+
+
+def require_room() -> None:
+    """Refuse new fields in another thread, and when those of this process are nearly as many as Taichi holds: past the
+    last one it crashes."""
+    require_thread()
     require_trees()
 
 

@@ -10,7 +10,7 @@ from ..particles.neighbors import CapacityError, EscapedError
 from ..problem.measures import Snapshot
 from ..problem.problem import Problem
 from ..problem.scene import Scene
-from ..runtime.backend import require_room, started
+from ..runtime.backend import in_session, require_room, require_thread, session
 from ..runtime.stages import Execution
 from ..schemes.implicit import Implicit
 from ..schemes.scheme import Speeds
@@ -40,7 +40,7 @@ class Simulation:
     """
 
     def __init__(self, scene: Scene | Problem, numerics=None, profile: bool = False):
-        started()
+        self.session = session()
         self._clock = time.process_time(), time.perf_counter()
         self.problem = scene if isinstance(scene, Problem) else Problem(scene, numerics)
         scene = self.scene = self.problem.scene
@@ -54,7 +54,7 @@ class Simulation:
         self.compile_seconds = self.cpu_seconds = self.wall_seconds = 0.0
         self._schedules: list = []
         self._each_step: list = []
-        self._interrupted = False
+        self._interrupted = self._compiled = False
         self._last_dt = None
         self._wall_speed = max((wall.speed for wall in scene.walls), default=0.0)
         self._runaway_speed = self._find_runaway_speed()
@@ -73,10 +73,13 @@ class Simulation:
         self.execution = Execution(self.particles.capacity, timed=self._profile)
 
     # ---- stepping -------------------------------------------------------------------------------------------
+    @in_session
     def step(self, until: float | None = None) -> StepReport:
         """One time step, at most to ``until`` [s]."""
         if until is not None and not finite("until", until, "s", shape=()) > self.time:
             raise SceneError(f"until = {until} s: must be later than the present time, {self.time:.9g} s")
+        if not self._compiled:
+            require_thread()
         cpu = time.process_time()
         jet, until = self._pour(until)
         dt, limit = self._choose_time_step(jet, until)
@@ -86,6 +89,7 @@ class Simulation:
         failure = self.scheme.diagnostics.failure(report, self._runaway_speed, self._volume)
         if failure:
             self._diverge(f"{failure}; {self.scheme.REMEDY}")
+        self._compiled = True
         self._count_seconds(cpu)
         return self.report
 
@@ -141,6 +145,7 @@ class Simulation:
         self.wall_seconds = time.perf_counter() - self._clock[1]
 
     @property
+    @in_session
     def fluid_particles(self) -> int:
         """Number of fluid particles that are there now."""
         return self.particles.count[None] - self.wall_particles
@@ -220,6 +225,7 @@ class Simulation:
         return "rest" if rests else None
 
     # ---- reading --------------------------------------------------------------------------------------------
+    @in_session
     def snapshot(self) -> Snapshot:
         """The computed fluid now, ordered by id; ``scene.unfold`` completes it where the scene is part of a body."""
         return snapshot(self)
@@ -228,10 +234,12 @@ class Simulation:
         """The scene's measures of the whole body now (slump_m, spread_m, ...)."""
         return self.scene.measure(self.scene.unfold(self.snapshot())) if self.scene.measure else {}
 
+    @in_session
     def summary(self) -> dict:
         """Everything that describes the run, JSON-ready."""
         return summary(self)
 
+    @in_session
     def state(self) -> dict:
         """All that is needed to continue bit for bit: arrays by row and plain scalars."""
         report = asdict(self.report) if self.report else None
@@ -248,6 +256,7 @@ class Simulation:
             **self.scheme.state(),
         }
 
+    @in_session
     def restart(self, problem: Problem, state: dict) -> None:
         """Begin another problem, which differs in its materials' numbers only, from a state(): what is compiled stays.
         Schedules and callbacks are forgotten."""
@@ -258,6 +267,7 @@ class Simulation:
         self._schedules, self._each_step, self.stopped_by = [], [], None
         self.compile_seconds = self.cpu_seconds = self.wall_seconds = 0.0
 
+    @in_session
     def load(self, state: dict) -> None:
         """Continue from a state()."""
         self.particles.load({name: state[name] for name in self.particles.carried})
