@@ -36,8 +36,8 @@ def carry_out(sim, folder, options, source, as_json, resumed=False) -> int:
     try:
         with interruptible(sim), progress(sim, recorder, until, options.quiet):
             stopped_by = sim.run() if sim.time < until - 1e-9 else "time"
-    except DivergedError as diverged:
-        stopped_by, error = "diverged", str(diverged)
+    except DivergedError as failure:
+        stopped_by, error = failure.stopped_by, str(failure)
     summary = recorder.finish(stopped_by, error)
     if any(folder.frames.glob("*.png")):
         gif(folder.frames, folder.animation)
