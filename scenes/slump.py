@@ -15,10 +15,18 @@ import taichi_mps as mps
 from taichi_mps.units import Duration, Length, Speed
 
 TALLEST = 3.0  # [m]; a cone beyond was given in centimetres
+FLOOR = 0.37  # radius [m] of the floor, which has half as much room around it, for mixes that stay on both
 
 # Rest slump of the standard cone by finite elements with inertia, rho = 2300 kg/m3, eta = 50 Pa s, true Bingham:
 # yield stress [Pa], slump over r < 20 mm [m]; own solution, +-0.4 mm
 AT_REST = np.array([[100.0, 0.2482], [300.0, 0.2173], [500.0, 0.1799], [1000.0, 0.1015]])
+
+
+def floor_for(cone, material):
+    """Radius [m] of a floor on which the mix stays. Single particles of thin mixes roll twice as far as their body."""
+    numbers = material.density, material.yield_value, material.plastic_viscosity
+    far = mps.rest_shapes.radius_of_flow(cone.volume, cone.height, *numbers)
+    return FLOOR if max(far, cone.base_radius) < 1.3 * FLOOR else 1.5 * far
 
 
 def rings_in(cone, spacing):
@@ -41,7 +49,7 @@ def scene(
     base_diameter: Length = 0.2,
     top_diameter: Length = 0.1,
     height: Length = 0.3,
-    floor_radius: Length = 0.37,
+    floor_radius: Length | None = None,
     lift_speed: Speed | None = None,
     until: Duration = 5.0,
     model: Literal["full", "half", "quarter", "axisymmetric"] = "full",
@@ -50,13 +58,14 @@ def scene(
     """Slump cone on a rough floor. The mould is gone at t = 0, or is a smooth sheet lifted from then on with
     ``lift_speed`` [m/s]; the standard's 300 mm in 2 to 3 s are 0.1 to 0.15 m/s. Model half or quarter computes that
     part of the cone between mirror planes, axisymmetric its half section. With ``accuracy``, the error of the slump
-    that is wanted, the cheapest model and spacing measured to reach it are taken where they are not given."""
+    that is wanted, the cheapest model and spacing measured to reach it are taken where they are not given. The floor is
+    as large as the mix can flow, unless ``floor_radius`` is given; the room for it is half as large again."""
     if height > TALLEST:
         raise mps.SceneError(f"height = {height:g} m: must be at most {TALLEST:g} m; 300mm and 30cm are lengths, too")
     if lift_speed is not None and model != "full":
         raise mps.SceneError(f"lift_speed = {lift_speed:g} m/s: a mould that is lifted needs model = full, not {model}")
     cone = mps.Cone(0.5 * base_diameter, 0.5 * top_diameter, height)
-    reach = floor_radius
+    reach = floor_radius or floor_for(cone, material)
     mirrors = [mps.Plane((0.0, 0.0, 0.0), normal, mirror=True) for normal in ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0))]
     mirrors = mirrors[: {"half": 1, "quarter": 2}.get(model, 0)]
     west = -spacing if model == "quarter" else -1.5 * reach
@@ -87,7 +96,7 @@ def scene(
     def check(snapshot, measures):
         """At rest: within l0 (10 mm at least) of the finite elements for the standard cone; always: on the floor."""
         assert snapshot.x[:, 2].min() > 0.0 and 0.0 <= measures["slump_m"] < height, measures
-        assert np.hypot(snapshot.x[:, 0], snapshot.x[:, 1]).max() < floor_radius, "off the floor"
+        assert np.hypot(snapshot.x[:, 0], snapshot.x[:, 1]).max() < reach, "off the floor"
         if known and snapshot.speed.max() < 0.01:
             slump = np.interp(material.yield_value, *AT_REST.T)
             assert abs(measures["slump_m"] - slump) < max(spacing, 0.01), (measures, slump)
@@ -120,6 +129,7 @@ def scene(
         measure=partial(mps.measure.slump, height=height, axis_radius=0.2 * top_diameter),
         check=check,
         over_time=over_time,
+        enlarged_by="floor_radius",
         outline=tuple(outline),
     )
 

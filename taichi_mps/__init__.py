@@ -13,7 +13,7 @@ from .problem.inlet import Inlet
 from .problem.materials import Bingham, FlowCurve, HerschelBulkley, Newtonian, rational_critical_strain_rate
 from .problem.numerics import Implicit, SemiImplicit
 from .problem.scene import Scene
-from .schemes.step_report import DivergedError, StepReport
+from .schemes.step_report import DivergedError, DomainError, StepReport, UnmeasuredError
 from .units import SceneError, checked
 
 __version__ = "0.1.0"
@@ -36,6 +36,7 @@ __all__ = [
     "Cone",
     "Cylinder",
     "DivergedError",
+    "DomainError",
     "FlowCurve",
     "Friction",
     "HerschelBulkley",
@@ -48,6 +49,7 @@ __all__ = [
     "SemiImplicit",
     "Solid",
     "StepReport",
+    "UnmeasuredError",
     "behind",
     "box_planes",
     "checked",

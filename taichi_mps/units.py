@@ -6,7 +6,7 @@ from functools import wraps
 from typing import Annotated, Any, ClassVar, Literal, get_args, get_origin, get_type_hints
 
 import numpy as np
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, create_model
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, create_model
 from pydantic_core import PydanticUndefined
 
 
@@ -126,12 +126,22 @@ def in_metres(value):
     return value
 
 
+INSTANT = 1e-9  # [s]: times closer to each other are one and the same, and no step is shorter
+
+
+def longer_than_an_instant(value: float) -> float:
+    """A duration [s] as it is; ValueError for one that no step can take."""
+    if value < INSTANT:
+        raise ValueError(f"must be at least {INSTANT:g} s")
+    return value
+
+
 LIGHTEST, HEAVIEST = 200.0, 20000.0  # foamed concrete in the mould, and above mercury [kg/m3]
 DENSITY_HINT = "2300 for 2.3 t/m3"
 
 Length = Annotated[_real("m", "0.3 or 300mm for 300 mm", gt=0.0, le=100.0), BeforeValidator(in_metres)]
 Position = _real("m", ge=-1000.0, le=1000.0)
-Duration = _real("s", gt=0.0, le=1e6)
+Duration = Annotated[_real("s", gt=0.0, le=1e6), AfterValidator(longer_than_an_instant)]
 Density = _real("kg/m3", DENSITY_HINT, ge=LIGHTEST, le=HEAVIEST)
 AnyDensity = _real("kg/m3", gt=0.0, le=30000.0)  # also 1, of a flow without weight in numbers without dimension
 Viscosity = _real("Pa s", gt=0.0, le=1e6)

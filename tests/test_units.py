@@ -216,3 +216,10 @@ def test_any_value_inside_its_range_is_taken(density, yield_value, rate):
     material = mps.Bingham(density=density, yield_value=yield_value, critical_strain_rate=rate)
     assert (material.density, material.yield_value, material.critical_strain_rate) == (density, yield_value, rate)
     assert material.knee_stress >= yield_value
+
+
+@pytest.mark.parametrize(("value", "allowed"), [(0.0, "greater than 0 s"), (1e-300, "at least 1e-09 s"), (2e6, "less")])
+def test_a_duration_is_no_shorter_than_what_a_step_can_take(value, allowed):
+    with pytest.raises(mps.SceneError, match=f"max_time_step = .* s: must be {allowed}"):
+        mps.Implicit(max_time_step=value)
+    assert mps.Implicit(max_time_step=1e-9).max_time_step == 1e-9

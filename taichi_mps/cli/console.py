@@ -87,6 +87,8 @@ def table(summary: dict, folder, stages=(), traffic=None) -> None:
     from rich.markup import escape
     from rich.table import Table
 
+    from ..simulation.summary import MOST_VOLUME_ERROR
+
     rows = Table(title=f"{escape(plain(summary['scene']))}: stopped by {summary['stopped_by']}", show_header=False)
     for key, value in summary.items():
         if is_measure(key) and value is not None:
@@ -96,7 +98,9 @@ def table(summary: dict, folder, stages=(), traffic=None) -> None:
     spent = ", ".join(f"{summary[f'{key}_seconds']:.1f} s {key}" for key in ("wall", "cpu", "compile"))
     rows.add_row("time spent", spent)
     if summary["volume_error"] is not None:
-        rows.add_row("volume error", f"{100 * summary['volume_error']:.3f} %")
+        worst = summary["volume_error_max"]
+        doubt = f", over {MOST_VOLUME_ERROR:.0%}: take a smaller spacing" if worst > MOST_VOLUME_ERROR else ""
+        rows.add_row("volume error", f"{100 * summary['volume_error']:.3f} %, on the way up to {worst:.2%}{doubt}")
     whole = sum(seconds for _, seconds, _ in stages)
     for stage, seconds, calls in sorted(stages, key=lambda entry: -entry[1]):
         each = seconds / max(calls, 1)

@@ -41,8 +41,8 @@ def carry_out(sim, folder, options, source, as_json, resumed=False) -> int:
         try:
             with progress(sim, recorder, until, options.quiet):
                 stopped_by = sim.run() if sim.time < until - 1e-9 else "time"
-        except DivergedError as diverged:
-            stopped_by, error = "diverged", str(diverged)
+        except DivergedError as failure:
+            stopped_by, error = failure.stopped_by, str(failure)
     summary = recorder.finish(stopped_by, error)
     if folder.pictures:
         gif(folder.pictures, folder.animation)

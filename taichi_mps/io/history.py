@@ -24,31 +24,38 @@ MEANING = {
     "pressure_iterations": "iterations of the linear solver in the step [-]: of the velocity solves of implicit, "
     "whatever the name says, and of the pressure of semi-implicit",
     "volume_error": "change of the volume of what has a full neighbourhood, from the packing [-]",
+    "volume_error_max": "largest size of it so far [-]",
 }
 SUM = "crc32"  # last column: checksum of the line of the names and of the row before it, as text "crc32:..."
 COLUMNS = tuple(MEANING)  # of every run; more by the measures of the scene
+LATER = {"volume_error_max"}  # that older files do not have
 
 
 class History:
     """history.csv, one row a step, written as it goes.
 
     ``kept``: continue an existing file up to that time [s]. Measures other than slump and spread get columns of
-    their own at the end.
+    their own at the end; one that comes later, or is there no more, keeps its column, nan where it is missing.
     """
 
     def __init__(self, path, measures: dict, kept: float | None = None):
-        self.columns = (*COLUMNS, *(key for key in measures if key not in (*COLUMNS, "slump_max_m")))
         rows = [] if kept is None or not Path(path).is_file() else read_rows(path)
         rows = [row for row in rows if number(row.get("time_s")) <= kept * (1 + 1e-8)]  # of nine digits
         self.empty = not rows
-        partial = Path(path).with_suffix(".partial")  # a run killed just now keeps the rows that it had
+        self.path, self.columns = Path(path), ()
+        self._begin((*COLUMNS, *measures, *(rows[0] if rows else ())), rows)
+
+    def _begin(self, columns, rows):
+        """Write the file anew with these columns, those of before included, and go on behind these rows."""
+        self.columns = tuple(key for key in dict.fromkeys((*self.columns, *columns)) if key != "slump_max_m")
+        partial = self.path.with_suffix(".partial")  # a run killed just now keeps the rows that it had
         self.file = open(partial, "w", newline="", encoding="utf-8")  # noqa: SIM115  (closed in close)
         self.names = line(self.columns)
         self.file.write(f"{self.names},{SUM}\n")
         for row in rows:
             self._write(row)
         self.file.flush()
-        os.replace(partial, path)
+        os.replace(partial, self.path)
 
     def _write(self, row: dict) -> None:
         text = line(row.get(key, "nan") for key in self.columns)
@@ -56,6 +63,9 @@ class History:
 
     def add(self, row: dict) -> None:
         """Write a row and flush it."""
+        if set(row) - {*self.columns, "slump_max_m"}:
+            self.close()
+            self._begin(row, read_rows(self.path))
         self._write({key: f"{v:.9g}" if isinstance(v, float) else v for key, v in row.items()})
         self.file.flush()
 
@@ -79,10 +89,12 @@ def row_of(sim, measures: dict) -> dict:
             0,
             0,
             0.0,
+            0.0,
         )
     else:
         values = (report.time, report.dt, report.max_speed, report.kinetic_energy, report.unyielded_fraction)
-        values += (report.viscous_iterations, report.pressure_iterations, report.volume_error)
+        values += (report.viscous_iterations, report.pressure_iterations)
+        values += (report.volume_error, report.volume_error_max)
     keys = [key for key in COLUMNS if key not in ("slump_m", "spread_m")]
     return {**measures, **dict(zip(keys, values, strict=True))}
 
@@ -119,7 +131,7 @@ def read_rows(path) -> list[dict[str, str]]:
                 raise SceneError(f"{path}: damaged, its last row is not what was written")
             whole = "".join(f"{row.rpartition(',')[0]}\n" for row in [f"{names},", *rest.splitlines()])
         table = csv.DictReader(io.StringIO(whole, newline=""))
-        if not set(COLUMNS) <= set(table.fieldnames or ()):
+        if not set(COLUMNS) - LATER <= set(table.fieldnames or ()):
             raise SceneError(f"{path}: damaged or no history of a run; must have the columns {', '.join(COLUMNS)}")
         return [{key: row[key] for key in table.fieldnames} for row in table]
     except (UnicodeError, csv.Error) as error:

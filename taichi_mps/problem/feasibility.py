@@ -4,6 +4,8 @@ Each rule takes a ``Problem`` and returns what is wrong in one line, or None. ``
 order when it is made. Nothing has been allocated then. The rules of the scene alone are in ``scene_rules``.
 """
 
+import inspect
+
 import numpy as np
 
 from ..geometry.solid import Solid
@@ -13,6 +15,7 @@ from .inlet import FASTEST, buried
 from .materials import Bingham
 from .numerics import Implicit, SemiImplicit
 from .scene import Scene
+from .scene_rules import counted
 
 MOST_CELLS = 2**27  # of the binning grid: 8 bytes each
 MOST_PAIRS = 2**31 - 1  # of neighbours: their numbers are 32-bit
@@ -37,6 +40,20 @@ def flow_curve_is_implicit(problem):
             f"scene {scene.name}: material {type(scene.material).__name__}: must be Bingham with the scheme "
             "semi-implicit; implicit takes any flow curve"
         )
+
+
+def own_laws_take_rate_and_structure(problem):
+    for key in ("shear_stress", "growth"):
+        function = getattr(problem.scene.material, key, None)
+        try:
+            inspect.signature(function).bind(0.0, 0.0)
+        except TypeError as error:
+            if callable(function):
+                return (
+                    f"material: {key}{inspect.signature(function)}: must take two numbers, (rate, structure); {error}"
+                )
+        except ValueError:  # of no function in Python is a signature known
+            pass
 
 
 def wall_particles_have_surfaces(problem):
@@ -107,8 +124,10 @@ def inlet_is_clear(problem):
 
 
 def particles_are_apart(problem):
-    x = problem.scene.initial
-    crowded = doubles(x, 1e-3 * problem.scene.spacing)
+    scene, x = problem.scene, problem.scene.initial
+    low, size = np.array(scene.domain[0], float), extent(problem)
+    images = np.where(scene.periodic_axes, low + np.mod(x - low, size), x)  # what lies on both ends lies there twice
+    crowded = doubles(images, 1e-3 * scene.spacing)
     if crowded:
         return f"fluid: {crowded} of {len(x)} particles lie on others; all must be apart"
 
@@ -173,6 +192,7 @@ RULES = (
     is_a_scene,
     has_numerics,
     flow_curve_is_implicit,
+    own_laws_take_rate_and_structure,
     wall_particles_have_surfaces,
     curved_walls_are_wide,
     needs_no_surfaces,
@@ -200,10 +220,7 @@ def sides(problem) -> np.ndarray:
 
 def doubles(x, apart: float) -> int:
     """How many of the points x (n, d) [m] share a cell of this size [m] with another."""
-    cells = np.round((x - x.min(0)) / apart).astype(np.int64)
-    shape = cells.max(0) + 1
-    fits = np.prod(shape.astype(float)) < 2**62
-    return len(x) - len(np.unique(np.ravel_multi_index(cells.T, shape)) if fits else np.unique(cells, axis=0))
+    return len(x) - len(counted(x, apart)[1])
 
 
 def point(x) -> str:

@@ -1,8 +1,11 @@
 """Snapshot of a run, and what a technologist measures on it. Plain NumPy."""
 
+import warnings
 from dataclasses import dataclass, replace
 
 import numpy as np
+
+from ..units import array_of, said
 
 HOLE = (0.75, 1.0)  # radius of a ring over its size: below, its particles cover the axis; above, another one fits in
 
@@ -33,6 +36,35 @@ class Snapshot:
     def speed(self):
         """Speed [m/s] of each particle, (n,)."""
         return np.linalg.norm(self.u, axis=1)
+
+
+class Measured:
+    """A function of a scene that measures, ``key`` of the scene: what it gives, {name: float}, without what is no
+    number, and nothing where it raises, for a mistake there must not cost the run. A warning says so the first time."""
+
+    def __init__(self, key: str, function):
+        self.key, self.function, self._told = key, function, set()
+
+    def __call__(self, *given) -> dict[str, float]:
+        try:
+            found = self.function(*given)
+            if not isinstance(found, dict):
+                raise TypeError(f"gives {said(found, '')}; must give a dict of numbers")
+        except Exception as error:  # of code of the user's
+            self._tell("", f"{type(error).__name__}: {' '.join(str(error).split())}")
+            return {}
+        arrays = {name: array_of(value) for name, value in found.items()}
+        for name, array in arrays.items():
+            if array.shape != () or array.dtype.kind != "f":
+                self._tell(name, f"{name} = {said(found[name], '')} is no number")
+        return {name: float(a) for name, a in arrays.items() if a.shape == () and a.dtype.kind == "f"}
+
+    def _tell(self, what, wrong):
+        if what not in self._told:
+            self._told.add(what)
+            function = getattr(self.function, "func", self.function)  # of a partial
+            name = getattr(function, "__name__", type(function).__name__)
+            warnings.warn(f"{self.key} = {name}: {wrong}; left out, the run goes on", stacklevel=1)
 
 
 def revolved(s: Snapshot) -> Snapshot:

@@ -1,4 +1,5 @@
-"""Shapes in which a yield-stress fluid comes to rest, without inertia: closed forms to judge test methods by."""
+"""Shapes in which a yield-stress fluid comes to rest, without inertia: closed forms to judge test methods by. And how
+far a column of it flows with inertia, by a model of one number, to make room for it."""
 
 import math
 
@@ -61,6 +62,29 @@ def channel_at_rest(
         front = depth(integral(end, 0) + length)
     h = np.linspace(front, end, points)
     return integral(front, 0) - integral(h, 0), h
+
+
+def radius_of_flow(volume, height, density, yield_value, plastic_viscosity, time=5.0, gravity=9.81):
+    """Radius [m] to which a round column of this volume [m3] and height [m] flows within a time [s], without spray.
+
+    A cake of depth h = V/(pi R^2) with the radial velocity U r/R: its kinetic energy rho V U^2/4, its potential energy
+    rho g V h/2 and what a sheared thin layer dissipates on the floor, tau_y and 3 eta u/h by u, give
+
+        rho V/2 dU/dt = rho g V h/R - 2 pi/3 R^2 tau_y - 3 pi/2 R^2 eta U/h
+
+    At rest this is Roussel's and Coussot's R within 3 %, slow and viscous Huppert's (1982), J. Fluid Mech. 121, 43."""
+    radius, speed, now = math.sqrt(volume / (math.pi * height)), 0.0, 0.0
+    while now < time:
+        depth = volume / (math.pi * radius**2)
+        step = 0.01 * radius / max(speed, math.sqrt(gravity * depth))
+        push = density * gravity * volume * depth / radius - 2.0 / 3.0 * math.pi * radius**2 * yield_value
+        drag = 1.5 * math.pi * radius**2 * plastic_viscosity / depth
+        inertia = 0.5 * density * volume / step
+        speed = (inertia * speed + push) / (inertia + drag)
+        if speed <= 0.0:
+            break
+        radius, now = radius + step * speed, now + step
+    return radius
 
 
 def must_come_to_rest(yield_value, density, gravity):

@@ -11,7 +11,7 @@ from ..geometry.walls import Cylinder, Plane
 from ..units import obey
 from .inlet import Inlet
 from .materials import Material
-from .measures import Snapshot, mirrored, revolved
+from .measures import Measured, Snapshot, mirrored, revolved
 from .scene_rules import KINDS, RULES, numbers
 
 
@@ -43,6 +43,7 @@ class Scene:
     measure: Callable[[Snapshot], dict[str, float]] | None = None  # of the whole body, see unfold
     check: Callable[[Snapshot, dict], None] | None = None  # raises AssertionError when the result is wrong
     over_time: Callable[[dict], dict[str, float]] | None = None  # of the columns of history.csv, for the summary
+    enlarged_by: str = ""  # the keyword of the scene's function that enlarges the domain
     outline: tuple[np.ndarray, ...] = ()  # polylines to draw [m], each (k, d)
     parameters: dict = field(default_factory=dict)  # as given, for the summary
 
@@ -52,6 +53,10 @@ class Scene:
         taken["periodic"] = None if self.periodic is None else tuple(self.periodic)
         taken["material"] = self.material.within(taken["until"])
         taken["inlets"] = tuple(inlet.within(taken["until"]) for inlet in self.inlets)
+        for key in ("measure", "over_time"):
+            function = getattr(self, key)
+            if function is not None and not isinstance(function, Measured):
+                taken[key] = Measured(key, function)
         for key, value in taken.items():
             object.__setattr__(self, key, value)
         obey(RULES, self)

@@ -11,19 +11,23 @@ import numpy as np
 from ..geometry.cavity import Cavity
 from ..geometry.solid import Solid
 from ..geometry.walls import Cylinder, Plane
-from ..units import SceneError, check_kinds, finite, said
+from ..units import INSTANT, SceneError, check_kinds, finite, said
 from .inlet import Inlet
 from .materials import Bingham, Material
 
 MOST_MIXES = 256  # numbers of mixes are bytes
 RIGHT = 1e-6  # cosine of an angle that counts as a right one
+# Cells in which particles are counted, in spacings; so many times as many as have room are a crowd; of all particles so
+# many may be more than that: of those at random places in the plane 0.03 are
+CELL, CROWD, EXCESS = 3, 1.3, 0.06
 
 
 # ---- types ---------------------------------------------------------------------------------------------------------
 def plain_values_have_their_types(scene):
     flag = (bool | np.bool_, "True or False")
     function = (Callable, "a function")
-    check_kinds(scene, {"name": (str, "text"), "parameters": (dict, "a dict"), "cavity": (Cavity, "a Cavity")})
+    check_kinds(scene, {"name": (str, "text"), "enlarged_by": (str, "text")})
+    check_kinds(scene, {"parameters": (dict, "a dict"), "cavity": (Cavity, "a Cavity")})
     check_kinds(scene, {"axisymmetric": flag, "stop_at_rest": flag})
     check_kinds(scene, {"measure": function, "check": function, "over_time": function})
 
@@ -67,6 +71,8 @@ def numbers(scene) -> dict:
         taken[key] = float(finite(key, getattr(scene, key), unit, shape=()))
         if not taken[key] > 0.0:
             raise SceneError(f"{key} = {getattr(scene, key)} {unit}: must be greater than 0 {unit}")
+    if taken["until"] < INSTANT:
+        raise SceneError(f"until = {taken['until']:g} s: must be at least {INSTANT:g} s")
     low, high = finite("domain", scene.domain, "m", shape=(2, d))
     if not np.all(low < high):
         raise SceneError(f"domain = {scene.domain} m: the second corner must be above the first along each axis")
@@ -165,9 +171,25 @@ def something_is_there_at_the_start(scene):
 
 
 def body_lies_in_the_domain(scene):
-    low, high = np.array(scene.domain, float)
-    if np.any(scene.initial < low) or np.any(scene.initial > high):
+    (low, high), x = np.array(scene.domain, float), scene.initial
+    if np.any(x < low) or np.any(x > high):
         return f"domain = {scene.domain} m: a particle lies outside; the domain must hold all of them"
+    if np.any(((x == low) | (x == high)) & ~np.array(scene.periodic_axes)):
+        return f"domain = {scene.domain} m: a particle lies on its edge; the domain must reach beyond all of them"
+
+
+def bodies_are_apart(scene):
+    """Bodies that overlap have more particles in the same room than a lattice."""
+    cells, counts = counted(scene.initial, CELL * scene.spacing)
+    room = CELL**scene.dimension
+    crowd = counts > CROWD * room
+    if (counts[crowd] - CROWD * room).sum() > EXCESS * len(scene.initial):
+        ends = cells[crowd].min(0), cells[crowd].max(0) + CELL * scene.spacing
+        low, high = (", ".join(f"{v:.3g}" for v in end) for end in ends)
+        return (
+            f"fluid: about {(counts[crowd] - room).sum()} of {len(scene.initial)} particles have no room, from "
+            f"({low}) to ({high}) m: bodies overlap; all must be apart"
+        )
 
 
 def rings_lie_around_the_axis(scene):
@@ -230,8 +252,23 @@ RULES = (
     friction_is_of_one_mix,
     something_is_there_at_the_start,
     body_lies_in_the_domain,
+    bodies_are_apart,
     rings_lie_around_the_axis,
     fluid_is_in_front_of_mirrors,
     gravity_lies_in_mirrors,
     mirrors_stand_at_right_angles,
 )
+
+
+def counted(x, side: float) -> tuple[np.ndarray, np.ndarray]:
+    """Of the points x (n, d) [m] in cells of this side [m]: the lower corners (m, d) [m] of those that hold any, a
+    twelfth of a side off the lowest point, where no lattice of few to a side has a plane; and how many each holds."""
+    low = x.min(0) - side / 12.0
+    cells = np.floor((x - low) / side).astype(np.int64)
+    shape = cells.max(0) + 1
+    if np.prod(shape.astype(float)) < 2**62:
+        flat, counts = np.unique(np.ravel_multi_index(cells.T, shape), return_counts=True)
+        cells = np.stack(np.unravel_index(flat, shape), axis=-1)
+    else:
+        cells, counts = np.unique(cells, axis=0, return_counts=True)
+    return low + side * cells, counts

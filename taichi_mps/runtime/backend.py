@@ -129,8 +129,8 @@ def require_thread() -> None:
     """Refuse new fields in another thread than that of init."""
     if session().thread != threading.get_ident():
         raise RuntimeError(
-            "Taichi was started in another thread: a Simulation is made, and takes its first step, in that which called "
-            "init()"
+            "Taichi was started in another thread: a Simulation is made, and takes its first step, in that which "
+            "called init()"
         )
 
 

@@ -21,6 +21,7 @@ class StepReport:
     pressure_iterations: int  # of the linear solver: of the velocity (implicit), of the pressure (semi-implicit)
     residual: float  # relative, of the last solve
     volume_error: float  # full over mean packing, less 1, of the particles with a full neighbourhood [-]
+    volume_error_max: float = 0.0  # largest size of it in the run so far [-]
 
     def _repr_html_(self):
         rows = "".join(
@@ -33,6 +34,22 @@ class StepReport:
 class DivergedError(RuntimeError):
     """The run left the range where its numbers mean anything; carries the last report and the limit crossed."""
 
+    stopped_by = "diverged"
+
     def __init__(self, message: str, report: StepReport | None):
         super().__init__(message)
         self.report = report
+
+
+class DomainError(DivergedError):
+    """The fluid has reached an edge of the domain: says which, and what enlarges it."""
+
+    stopped_by = "edge of the domain"
+
+
+class UnmeasuredError(DivergedError):
+    """A run came to its end, ``stopped_by`` as it says, and a result that it was made for is no number."""
+
+    def __init__(self, message: str, report: StepReport | None, stopped_by: str):
+        super().__init__(message, report)
+        self.stopped_by = stopped_by

@@ -3,8 +3,7 @@
 import numpy as np
 
 from ..problem.inlet import buried
-
-SAME = 1e-9  # [s] between instants that count as one
+from ..units import INSTANT
 
 
 class Pouring:
@@ -52,7 +51,7 @@ class Pouring:
 
     def due(self, time: float) -> bool:
         """Has a layer to enter at this time [s]?"""
-        return not self.done and time >= self.next - SAME
+        return not self.done and time >= self.next - INSTANT
 
     def enter(self, time: float, x: np.ndarray) -> np.ndarray | None:
         """Places (m, d) [m] of the layer that is due at this time [s], as far in front of the mouth as it has come

@@ -15,13 +15,15 @@ from ..runtime.stages import Execution
 from ..schemes.implicit import Implicit
 from ..schemes.scheme import Speeds
 from ..schemes.semi_implicit import SemiImplicit
-from ..schemes.step_report import DivergedError, StepReport
-from ..units import SceneError, finite, positive
+from ..schemes.step_report import DivergedError, DomainError, StepReport
+from ..terms.own_law import OwnLaw
+from ..units import INSTANT, SceneError, finite, positive
+from .edge import crossing
 from .memory_estimate import require_memory
 from .pouring import Pouring
 from .rest import Rest
 from .snapshot import snapshot
-from .summary import summary
+from .summary import judge, summary
 
 SCHEMES = {"implicit": Implicit, "semi-implicit": SemiImplicit}
 PAIRS, PAIRS_OF_RINGS = 1.6, 4.0  # room for neighbours over those of a lattice; rings that moved outward are thin
@@ -45,6 +47,7 @@ class Simulation:
         self.problem = scene if isinstance(scene, Problem) else Problem(scene, numerics)
         scene = self.scene = self.problem.scene
         self.numerics = self.problem.numerics
+        self._own_law = OwnLaw(scene.material) if hasattr(scene.material, "shear_stress") else None
         self._profile = profile
         self._pairs_per_particle = pairs_of(scene)
         self.pouring = tuple(Pouring(scene, inlet) for inlet in scene.inlets)
@@ -76,8 +79,10 @@ class Simulation:
     @in_session
     def step(self, until: float | None = None) -> StepReport:
         """One time step, at most to ``until`` [s]."""
-        if until is not None and not finite("until", until, "s", shape=()) > self.time:
-            raise SceneError(f"until = {until} s: must be later than the present time, {self.time:.9g} s")
+        if until is not None and not finite("until", until, "s", shape=()) - self.time >= 0.999 * INSTANT:
+            raise SceneError(
+                f"until = {until} s: must be later than the present time, {self.time:.9g} s, by {INSTANT:g} s at least"
+            )
         if not self._compiled:
             require_thread()
         cpu = time.process_time()
@@ -85,10 +90,14 @@ class Simulation:
         dt, limit = self._choose_time_step(jet, until)
         report = self._advance(dt)
         self.time, self.steps = self.time + dt, self.steps + 1
-        self.report = replace(report, step=self.steps, time=self.time, dt_limit=limit)
+        before = (self.report.volume_error_max, abs(self.report.volume_error)) if self.report else (0.0,)
+        worst = max(*before, abs(report.volume_error))  # a checkpoint of before has only the error of its last step
+        self.report = replace(report, step=self.steps, time=self.time, dt_limit=limit, volume_error_max=worst)
         failure = self.scheme.diagnostics.failure(report, self._runaway_speed, self._volume)
         if failure:
             self._diverge(f"{failure}; {self.scheme.REMEDY}")
+        if self._own_law and (failure := self._own_law.failure(self.particles)):
+            self._diverge(failure)
         self._compiled = True
         self._count_seconds(cpu)
         return self.report
@@ -100,7 +109,9 @@ class Simulation:
             return 0.0, until
         jets = [pouring.pour(self.time, self.particles) for pouring in self.pouring]
         self._volume = self.fluid_particles * self.particles.usual_volume
-        starts = [pouring.next for pouring in self.pouring if not pouring.entered and pouring.next > self.time]
+        starts = [
+            pouring.next for pouring in self.pouring if not pouring.entered and pouring.next > self.time + INSTANT
+        ]
         return max(jets), min([until or math.inf, *starts])
 
     def _choose_time_step(self, jet, until) -> tuple[float, str]:
@@ -127,7 +138,10 @@ class Simulation:
                     self.scheme.relax()
                 return self.scheme.step(dt)
         except EscapedError as error:
-            self._diverge(f"{error}; {self.scheme.REMEDY}, or enlarge the scene's domain")
+            where, speed = crossing(self.particles.read(), self.scene) or ("", math.inf)
+            if speed > 0.1 * self._runaway_speed:  # no number, or faster than what has fallen or was thrown
+                self._diverge(f"{error}; {self.scheme.REMEDY}")
+            self._diverge(where, DomainError)
         except CapacityError as error:
             if start is None:  # a quarter more pairs in one step: particles that clump
                 self._diverge(f"{error}; {self.scheme.REMEDY}")
@@ -157,9 +171,9 @@ class Simulation:
     def _initial_speed(self) -> float:
         return float(np.linalg.norm(self.particles.read()["u"], axis=1).max())
 
-    def _diverge(self, why: str):
-        self.stopped_by = "diverged"
-        raise DivergedError(f"diverged at t = {self.time:.6g} s, step {self.steps}: {why}", self.report) from None
+    def _diverge(self, why: str, kind=DivergedError):
+        self.stopped_by = kind.stopped_by
+        raise kind(f"{kind.stopped_by} at t = {self.time:.6g} s, step {self.steps}: {why}", self.report) from None
 
     def _find_runaway_speed(self) -> float:
         """Ten times the speed [m/s] of a fall through the whole domain, or of what moves at the start."""
@@ -174,6 +188,8 @@ class Simulation:
     def every(self, interval: float, callback) -> None:
         """Call callback(simulation) at t = 0, every ``interval`` [s] and at the end."""
         positive("every", interval, "s")
+        if interval < INSTANT:
+            raise SceneError(f"every = {interval:g} s: must be at least {INSTANT:g} s")
         self._schedules.append([interval, callback, -1])
 
     def each_step(self, callback) -> None:
@@ -185,21 +201,24 @@ class Simulation:
         self._interrupted = True
 
     def run(self, until: float | None = None) -> str:
-        """Step until ``until`` [s] (the scene's by default) or rest; returns what stopped it."""
+        """Step until ``until`` [s] (the scene's by default) or rest; returns what stopped it. DivergedError where the
+        numbers mean nothing any more, DomainError at an edge of the domain, UnmeasuredError for a slump of no number;
+        a warning where the volume was not kept."""
         until = float(finite("until", self.scene.until if until is None else until, "s", shape=()))
         self.stopped_by = None
         self._call_schedules()
-        if self.time >= until - 1e-9:
+        if self.time >= until - INSTANT:
             self.stopped_by = "time"
         while self.stopped_by is None:
             upcoming = min([until] + [interval * (done + 1) for interval, _, done in self._schedules])
-            self.step(max(upcoming, self.time + 1e-12))
+            self.step(max(upcoming, self.time + INSTANT))
             self._why_stop(until)  # notes since when the body rests, which a checkpoint of this step must know
             for callback in self._each_step:
                 callback(self)
             self.stopped_by = self._why_stop(until)
             self._call_schedules(last=self.stopped_by is not None)
         self._interrupted = False
+        judge(self)
         return self.stopped_by
 
     def _call_schedules(self, last=False):
@@ -214,7 +233,7 @@ class Simulation:
         rests = self.scene.stop_at_rest and self.numerics.unyielded_stop is None and self.rest.reached(self)
         if self._interrupted:
             return "interrupted"
-        if self.time >= until - 1e-9:
+        if self.time >= until - INSTANT:
             return "time"
         numerics = self.numerics
         if numerics.unyielded_stop is not None:

@@ -1,12 +1,23 @@
-"""What describes a whole run, as summary.json has it."""
+"""What describes a whole run, as summary.json has it, and whether its numbers can be trusted."""
+
+import math
+import warnings
 
 from .. import __version__
 from ..runtime import backend
+from ..schemes.step_report import DivergedError, DomainError, UnmeasuredError
+
+MOST_VOLUME_ERROR = 0.02  # [-], beyond which a run is not passed over in silence
+SLUMP = "slump_m"
 
 
 def summary(sim) -> dict:
     """Everything that describes the run, JSON-ready."""
     report = sim.report
+    ended = sim.stopped_by not in (DivergedError.stopped_by, DomainError.stopped_by)  # else nothing can be measured
+    measures = sim.measures() if ended else {}
+    if math.isnan(measures.get(SLUMP, 0.0)):
+        del measures[SLUMP]
     return {
         "scene": sim.scene.name,
         "parameters": dict(sim.scene.parameters),
@@ -21,12 +32,32 @@ def summary(sim) -> dict:
         "cpu_seconds": sim.cpu_seconds,
         "compile_seconds": sim.compile_seconds,
         "stopped_by": sim.stopped_by,
-        **({} if sim.stopped_by == "diverged" else sim.measures()),  # nothing can be measured on what is left
-        **({} if sim.stopped_by == "diverged" else filling(sim)),
+        **measures,
+        **(filling(sim) if ended else {}),
         "volume_error": report.volume_error if report else 0.0,
+        "volume_error_max": report.volume_error_max if report else 0.0,
         "backend": backend.started(),
         "version": __version__,
     }
+
+
+def judge(sim) -> None:
+    """At the end of a run: a warning where the volume was not kept on the way, UnmeasuredError where the slump that was
+    to be measured is no number."""
+    worst = sim.report.volume_error_max if sim.report else 0.0
+    if worst > MOST_VOLUME_ERROR:
+        warnings.warn(
+            f"volume_error_max = {worst:.1%}: the volume was not kept within {MOST_VOLUME_ERROR:.0%} all the time; a "
+            f"smaller spacing keeps it better, or effective_radius_ratio = 2.6 where the layer is thin",
+            stacklevel=1,  # by text: of the command line one line
+        )
+    if sim.stopped_by != "interrupted" and math.isnan(sim.measures().get(SLUMP, 0.0)):
+        raise UnmeasuredError(
+            f"{SLUMP} at t = {sim.time:.6g} s, step {sim.steps}, is no number: nothing is left at the axis; take a "
+            "smaller spacing, or an earlier until",
+            sim.report,
+            sim.stopped_by,
+        )
 
 
 def filling(sim) -> dict:

@@ -20,6 +20,12 @@ CROWD = np.broadcast_to(np.zeros((1, 2)), (10**8, 2))  # no memory is taken
 
 BROKEN = [
     (rules.flow_curve_is_implicit, {"material": mps.HerschelBulkley()}, mps.SemiImplicit(), "must be Bingham with the"),
+    (
+        rules.own_laws_take_rate_and_structure,
+        {"material": mps.FlowCurve(shear_stress=lambda rate: 40.0)},
+        None,
+        r"shear_stress\(rate\): must take two numbers, \(rate, structure\)",
+    ),
     (rules.wall_particles_have_surfaces, {"wall_particles": [[0.0, -0.1]], "walls": ()}, None, "must also describe"),
     (rules.curved_walls_are_wide, {"walls": (mps.Cylinder((0.2, 0.2), 0.2),)}, None, "radius = 0.2 m of a curved wall"),
     (rules.needs_no_surfaces, {}, PARTICLES, "scene block describes its walls as surfaces only"),

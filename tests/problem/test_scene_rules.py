@@ -8,6 +8,7 @@ import pytest
 
 import taichi_mps as mps
 from taichi_mps.problem import scene_rules as rules
+from taichi_mps.problem.problem import Problem
 from tests.support.scenes import hose, parts, unchecked
 
 FLOOR = mps.Plane((0.0, 0.0), (0.0, 1.0))
@@ -19,6 +20,7 @@ OTHER = mps.Newtonian(density=1500.0)
 CURVE = mps.HerschelBulkley()
 KNEE = mps.Bingham(critical_strain_rate=0.1)
 WHERE = {"walls": (MIRROR,), "fluid": np.array([[0.05, 0.05]])}
+TWO = np.vstack([parts()["fluid"] + shift for shift in (0.0, 0.03)])  # overlapping, no particle on another
 
 
 def poured(**changes):
@@ -57,6 +59,16 @@ BROKEN = [
     (rules.friction_is_of_one_mix, poured(material=OTHER) | {"walls": (ROUGH,)}, "where a wall has friction"),
     (rules.something_is_there_at_the_start, {"fluid": np.zeros((0, 2))}, "must hold at least one particle"),
     (rules.body_lies_in_the_domain, {"fluid": np.array([[3.0, 0.0]])}, "a particle lies outside; the domain must"),
+    (
+        rules.body_lies_in_the_domain,
+        {"domain": ((0.05, -1.0), (2.0, 2.0))},
+        "on its edge; the domain must reach beyond",
+    ),
+    (
+        rules.bodies_are_apart,
+        {"fluid": TWO},
+        r"about 15 of 50 .* from \(0.025, 0.025\) to \(0.625, 0.625\) m: bodies over",
+    ),
     (rules.rings_lie_around_the_axis, parts(3) | {"axisymmetric": True}, "the fluid has 3 coordinates; must have 2"),
     (rules.rings_lie_around_the_axis, {"axisymmetric": True, "fluid": -np.ones((1, 2))}, "r = -1 m; r must be above 0"),
     (rules.rings_lie_around_the_axis, {"axisymmetric": True, "gravity": (1.0, 0.0)}, "must be along z, axisymmetric"),
@@ -89,6 +101,7 @@ def test_every_rule_is_tested():
         ({"fluid": []}, "fluid: the geometry is empty; it must hold at least one particle"),
         ({"fluid": [[1.0]]}, "fluid: positions have 1 coordinates; must have 2 or 3"),
         ({"spacing": -1.0}, "spacing = -1.0 m: must be greater than 0 m"),
+        ({"until": 1e-300}, "until = 1e-300 s: must be at least 1e-09 s"),
         ({"until": np.nan}, "until: a value is not a finite number"),
         ({"domain": ((1.0, 1.0), (0.0, 0.0))}, "the second corner must be above the first along each axis"),
         ({"gravity": (0.0, 0.0, -9.81)}, r"gravity: has the shape \(3,\); must be numbers \[m/s2\] of shape \(2,\)"),
@@ -101,6 +114,34 @@ def test_every_rule_is_tested():
 def test_a_scene_that_cannot_be_is_not_made(changes, message):
     with pytest.raises(mps.SceneError, match=message):
         mps.Scene(**parts(**changes))
+
+
+def random_places(d):
+    return np.random.default_rng(3).uniform(0.0, 2.0, (20**d, d))
+
+
+@pytest.mark.parametrize(
+    "fluid",
+    [
+        np.vstack([parts()["fluid"], parts()["fluid"] + (0.5, 0.05)]),  # bodies that touch, half a spacing off
+        np.vstack([parts()["fluid"], parts()["fluid"] + (0.5, 0.0), parts()["fluid"] + (0.23, 0.5)]),
+        random_places(2),
+        random_places(3),
+        mps.rings(0.0, 0.8, 0.1) + 0.9,
+    ],
+)
+def test_bodies_that_touch_and_uneven_fills_are_no_overlap(fluid):
+    d = fluid.shape[1]
+    assert mps.Scene(**parts(d, fluid=fluid, domain=((-1.0,) * d, (3.0,) * d))).fluid is not None
+
+
+def test_periodic_sides_hold_a_particle_once():
+    """One on the lower end of a periodic axis is there, one on either end is there twice."""
+    row = np.column_stack([np.arange(0.0, 2.0, 0.1), np.full(20, 0.5)])
+    sides = {"domain": ((0.0, -1.0), (2.0, 2.0)), "periodic": (True, False)}
+    assert Problem(mps.Scene(**parts(fluid=row, **sides)))
+    with pytest.raises(mps.SceneError, match="1 of 21 particles lie on others"):
+        Problem(mps.Scene(**parts(fluid=np.vstack([row, (2.0, 0.5)]), **sides)))
 
 
 def test_what_was_given_as_lists_and_integers_is_held_as_tuples_and_arrays():

@@ -243,3 +243,19 @@ def test_a_gate_is_lifted_and_times_are_in_the_summary(tmp_path):
     assert 0.05 / 0.5 < summary["t100_s"] < 0.8 and summary["flow_m"] > 0.1
     assert summary["flow_m"] < 0.5 * 9.81 * 0.8**2
     scene.check(sim.snapshot(), summary)
+
+
+def test_how_far_a_column_flows_is_the_closed_form_where_it_is_slow():
+    """At rest Roussel and Coussot but for (3/2 / (225/128))^(1/5) = 0.969; viscous, R^8 = 16 g V^3 t/(3 pi^3 nu)."""
+    volume, height, density = 5.5e-3, 0.3, 2300.0
+    for yield_value in (1.0, 10.0):
+        far = rest_shapes.radius_of_flow(volume, height, density, yield_value, 50.0, time=1e4)
+        rest = 0.5 * rest_shapes.spread_at_rest(volume, density, yield_value)
+        assert far == pytest.approx(rest * (1.5 * 128.0 / 225.0) ** 0.2, rel=0.01)
+    for time in (50.0, 500.0):
+        far = rest_shapes.radius_of_flow(volume, height, density, 0.0, 500.0, time)
+        nu = 500.0 / density
+        assert far == pytest.approx((16.0 * 9.81 * volume**3 * time / (3.0 * math.pi**3 * nu)) ** 0.125, rel=0.02)
+    assert rest_shapes.radius_of_flow(volume, height, density, 1e5, 50.0) == pytest.approx(
+        0.0764, rel=0.01
+    )  # it stands

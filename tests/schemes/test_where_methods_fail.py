@@ -402,7 +402,7 @@ LIMITS = {
     broken: f"the matrix of the linear solve is broken; {REMEDY}",
     too_fast: rf"a speed of \S+ m/s, over \S+ m/s, is a runaway; {REMEDY}",
     crowded: rf"\d\d% of the volume is lost, over 20%: particles overlap; {REMEDY}",
-    gone: f"1 particles left the domain or are not finite numbers; {REMEDY}.*, or enlarge the scene's domain",
+    gone: r"edge of the domain .*: 1 particles left the domain beyond x = \S+ m, its upper end, .*; enlarge the domain",
 }
 
 

@@ -110,9 +110,11 @@ def test_a_body_of_which_every_particle_has_a_twin_has_lost_half_of_its_volume(d
     spacing, side = 0.01, {2: 20, 3: 8}[dimension]
     x = mps.lattice((0.0,) * dimension, (side * spacing - 0.5 * spacing,) * dimension, spacing)
     twins = x + 0.3 * spacing * np.eye(dimension)[0]
-    domain = ((-0.05,) * dimension, (side * spacing + 0.05,) * dimension)
-    sim = mps.Simulation(mps.Scene("twins", mps.Bingham(), spacing, np.vstack([x, twins]), domain))
-    start = sim.state()
+    beside = x + side * spacing * np.eye(dimension)[0]  # in the scene, which would be refused with the twins
+    domain = ((-0.05,) * dimension, (2 * side * spacing + 0.05,) * dimension)
+    sim = mps.Simulation(mps.Scene("twins", mps.Bingham(), spacing, np.vstack([x, beside]), domain))
+    start = sim.state() | {"x": np.vstack([x, twins])}
+    sim.load(start)
     with pytest.warns(UserWarning, match="unevenly filled"), pytest.raises(mps.DivergedError, match="volume is lost"):
         sim.step()  # with room for the neighbours, and after a relaxation that spreads the body a little
     sim.load(start | {"steps": 1})  # as it was, and a run that goes on is not relaxed

@@ -1,0 +1,34 @@
+"""history.csv keeps a column for every measure there ever was, and files of before are read."""
+
+import numpy as np
+
+from taichi_mps.io.history import COLUMNS, History, read_history
+
+
+def row(time, **measures):
+    return {**dict.fromkeys(COLUMNS, 0.0), "time_s": time, **measures}
+
+
+def test_a_measure_that_fails_at_the_start_or_later_keeps_its_column(tmp_path):
+    path = tmp_path / "history.csv"
+    history = History(path, {})  # at 0 s it gave nothing
+    for time, measures in ((0.0, {}), (0.1, {"front_m": 1.0}), (0.2, {}), (0.3, {"front_m": 2.0, "height_m": 3.0})):
+        history.add(row(time, **measures))
+    history.close()
+    found = read_history(path)
+    assert tuple(found) == (*COLUMNS, "front_m", "height_m")
+    np.testing.assert_array_equal(found["front_m"], [np.nan, 1.0, np.nan, 2.0])
+    np.testing.assert_array_equal(found["height_m"], [np.nan, np.nan, np.nan, 3.0])
+    again = History(path, {}, kept=0.2)  # resumed, where it fails
+    again.add(row(0.3))
+    again.close()
+    np.testing.assert_array_equal(read_history(path)["front_m"], [np.nan, 1.0, np.nan, np.nan])
+
+
+def test_a_file_of_before_the_largest_volume_error_goes_on(tmp_path):
+    path, old = tmp_path / "history.csv", [key for key in COLUMNS if key != "volume_error_max"]
+    path.write_text(",".join(old) + "\n" + ",".join("0" for _ in old) + "\n", encoding="utf-8")
+    history = History(path, {}, kept=0.0)
+    history.add(row(0.1, volume_error_max=0.03))
+    history.close()
+    np.testing.assert_array_equal(read_history(path)["volume_error_max"], [np.nan, 0.03])

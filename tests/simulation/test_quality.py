@@ -1,0 +1,154 @@
+"""What a run says of itself: how well the volume was kept, a result that is no number, the edge of the domain."""
+
+import math
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import taichi_mps as mps
+from taichi_mps.problem import catalogue
+from tests.support.scenes import parts
+
+
+@pytest.fixture(scope="module", autouse=True)
+def taichi():
+    mps.init(arch="cpu")
+
+
+@pytest.fixture(scope="module")
+def block():
+    """A simulation of 25 particles on a floor, and its state at the start."""
+    sim = mps.Simulation(mps.Scene(**parts(until=0.05, measure=mps.measure.front)))
+    return sim, sim.state()
+
+
+def begun(block, measure=mps.measure.front):
+    """The block at its start, with this measure."""
+    sim, start = block
+    sim.restart(replace(sim.problem, scene=replace(sim.scene, measure=measure)), start)
+    return sim
+
+
+# ---- volume ----------------------------------------------------------------------------------------------------
+def test_the_largest_volume_error_is_reported_and_goes_on_where_a_run_is_resumed(block):
+    sim, errors = begun(block), []
+    sim.each_step(lambda sim: errors.append(abs(sim.report.volume_error)))
+    sim.run(until=0.03)
+    assert sim.report.volume_error_max == sim.summary()["volume_error_max"] == max(errors) > 0.0
+    kept = sim.state()
+    begun(block).load(kept)
+    sim.run(until=0.05)
+    assert sim.report.volume_error_max >= kept["report"]["volume_error_max"] == max(errors)
+
+
+def test_a_state_of_before_has_the_error_of_its_last_step(block):
+    sim = begun(block)
+    sim.run(until=0.03)
+    old = sim.state()
+    del old["report"]["volume_error_max"]
+    old["report"]["volume_error"] = -0.015
+    sim.load(old)
+    assert sim.step().volume_error_max == 0.015
+
+
+def test_a_volume_that_was_not_kept_on_the_way_is_a_warning_with_a_remedy(block):
+    sim = begun(block)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        sim.run(until=0.01)
+    sim.report = replace(sim.report, volume_error_max=0.36)
+    with pytest.warns(UserWarning, match="volume_error_max = 36.0%: .* not kept within 2% .* a smaller spacing"):
+        sim.run(until=0.02)
+
+
+# ---- measures --------------------------------------------------------------------------------------------------
+def broken_at_times(snapshot):
+    if 0.0 < snapshot.time < 0.02:
+        raise ZeroDivisionError(f"at {snapshot.time}")
+    return {"good_m": 1.0, "later_m": "far" if snapshot.time < 0.02 else 2.0}
+
+
+def test_a_measure_that_raises_or_gives_no_number_names_itself_once_and_costs_nothing(block):
+    sim = begun(block, measure=broken_at_times)
+    found = []
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        sim.each_step(lambda sim: found.append(sim.measures()))
+        first = sim.measures()
+        assert sim.run(until=0.05) == "time"
+    assert first == {"good_m": 1.0} and found[0] == {} and found[-1] == {"good_m": 1.0, "later_m": 2.0}
+    assert {key: sim.summary()[key] for key in found[-1]} == found[-1]
+    lines = [str(warning.message) for warning in told]
+    assert len(lines) == 2 and lines[0].startswith("measure = broken_at_times: later_m = far is no number; left out")
+    assert lines[1].startswith("measure = broken_at_times: ZeroDivisionError: at ")
+
+
+@pytest.mark.parametrize("given", [None, 3.0, {"a_m": None}, {"a_m": [1.0]}, {"a_m": 1j}, {"a_m": "1.0"}])
+def test_what_is_no_number_is_left_out(given):
+    scene = mps.Scene(**parts(measure=lambda s: given, over_time=lambda h: {"t_s": h["time_s"]}))
+    with pytest.warns(UserWarning, match="measure = <lambda>: .*; left out, the run goes on"):
+        assert scene.measure(None) == {}
+    with pytest.warns(UserWarning, match="over_time = <lambda>: KeyError: 'time_s'; left out"):
+        assert scene.over_time({}) == {}
+
+
+def test_a_slump_that_is_no_number_is_an_error_and_no_field_of_the_summary(block):
+    sim = begun(block, measure=lambda s: {"slump_m": math.nan, "spread_m": 0.7})
+    with pytest.raises(mps.UnmeasuredError, match="^slump_m at t = 0.05 s, step [0-9]+, is no number: ") as error:
+        sim.run()
+    assert isinstance(error.value, mps.DivergedError) and error.value.stopped_by == sim.stopped_by == "time"
+    assert "slump_m" not in sim.summary() and sim.summary()["spread_m"] == 0.7
+
+
+# ---- the edge --------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize(
+    ("axis", "speed", "crossed"),
+    [(0, 3.0, "x = 2 m, its upper end"), (0, -3.0, "x = -1 m, its lower end"), (1, 9.0, "z = 2 m, its upper end")],
+)
+def test_who_reaches_the_edge_of_the_domain_is_told_which_and_what_enlarges_it(axis, speed, crossed):
+    velocity = np.tile(speed * np.eye(2)[axis], (25, 1))
+    given = parts(velocity=velocity, walls=(), gravity=(0.0, -1.0), enlarged_by="room", parameters={"room": 2.0})
+    sim = mps.Simulation(mps.Scene(**given))
+    with pytest.raises(mps.DomainError, match=f"beyond {crossed}, at up to .* m/s; enlarge room$") as error:
+        sim.run(until=5.0)
+    assert isinstance(error.value, mps.DivergedError)
+    assert str(error.value).startswith(f"edge of the domain at t = {sim.time:.6g} s, step {sim.steps}: ")
+    assert sim.stopped_by == sim.summary()["stopped_by"] == "edge of the domain"
+    place = 0.5 + abs(sim.time * speed) if crossed.startswith("x = 2") else None
+    assert place is None or place == pytest.approx(2.0, abs=0.1 * abs(speed))
+
+
+@pytest.mark.parametrize(("yield_value", "viscosity"), [(1.0, 1.0), (1.0, 0.1)])
+def test_a_thin_mix_stays_on_the_floor_of_the_slump_test(yield_value, viscosity):
+    """1 Pa and 0.1 Pa s run out to 1 m, where the usual room ends at 0.555 m."""
+    given = dict(yield_value=yield_value, plastic_viscosity=viscosity, spacing=0.02, model="axisymmetric")
+    sim = mps.Simulation(replace(catalogue.build("slump", **given), measure=None))  # nothing is left at the axis
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        sim.run(until=1.0)
+    farthest = sim.snapshot().x[:, 0].max()
+    assert farthest > (0.5 if viscosity == 1.0 else 0.6) and farthest < sim.scene.domain[1][0]
+
+
+@pytest.mark.parametrize("yield_value", [20.0, 100.0, 300.0, 1000.0])
+@pytest.mark.parametrize("model", ["axisymmetric", "quarter"])
+def test_the_room_of_an_ordinary_mix_is_that_of_before(yield_value, model):
+    scene = catalogue.build("slump", yield_value=yield_value, plastic_viscosity=20.0, spacing=0.02, model=model)
+    assert scene.domain[1][0] == 1.5 * 0.37
+    assert catalogue.build("slump", spacing=0.02, model=model, floor_radius=0.5).domain[1][0] == 0.75
+
+
+# ---- time ------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("until", [1e-300, 1e-12])
+def test_a_step_shorter_than_an_instant_is_refused_and_one_of_it_is_taken(block, until):
+    sim = begun(block)
+    with pytest.raises(
+        mps.SceneError, match=f"until = {until} s: must be later than the present time, 0 s, by 1e-09 s"
+    ):
+        sim.step(until=until)
+    assert sim.step(until=1e-9).dt == 1e-9 and 0.0 < sim.report.max_speed < 1e-7
+    with pytest.raises(mps.SceneError, match="every = 1e-300 s: must be at least 1e-09 s"):
+        sim.every(1e-300, print)
+    assert sim.run(until=until) == "time" and sim.steps == 1

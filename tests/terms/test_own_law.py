@@ -1,0 +1,102 @@
+"""A flow curve of the user's own that is none is refused before the run, or named at the step that meets it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import taichi_mps as mps
+from taichi_mps.problem import catalogue
+from taichi_mps.runtime.backend import ti
+
+
+@pytest.fixture(scope="module", autouse=True)
+def taichi():
+    mps.init(arch="cpu")
+
+
+def sound(rate, structure):
+    return 40.0 + 20.0 * rate
+
+
+def of_the_rate_alone(rate):
+    return 40.0 + 20.0 * rate
+
+
+def of_three(rate, structure, temperature):
+    return 40.0 + 20.0 * rate
+
+
+def nowhere(rate, structure):
+    return ti.math.nan
+
+
+def infinite(rate, structure):
+    return 40.0 / rate
+
+
+def above_a_rate(rate, structure):
+    return 40.0 + 20.0 * ti.sqrt(100.0 - rate)
+
+
+def negative(rate, structure):
+    return 20.0 * rate - 40.0
+
+
+def falling(rate, structure):
+    return 40.0 + 100.0 * rate / (1.0 + rate * rate)
+
+
+def raising(rate, structure):
+    raise ValueError("no")
+
+
+def of_nothing(rate, structure):
+    pass
+
+
+def until_it_has_grown(rate, structure):
+    return 40.0 * ti.sqrt(1.0 - structure) + 20.0 * rate
+
+
+def one(rate, structure):
+    return 20.0  # 1/s
+
+
+def film(law, growth=None):
+    material = mps.FlowCurve(density=2300.0, yield_value=40.0, plastic_viscosity=20.0, shear_stress=law, growth=growth)
+    return replace(catalogue.build("film", angle=15.0, spacing=0.02), material=material, check=None, measure=None)
+
+
+@pytest.mark.parametrize(
+    ("law", "growth", "message"),
+    [
+        (of_the_rate_alone, None, r"shear_stress\(rate\): must take two numbers, \(rate, structure\)"),
+        (of_three, None, r"shear_stress\(rate, structure, temperature\): must take two numbers"),
+        (ti.func(of_the_rate_alone), None, r"shear_stress\(rate\): must take two numbers"),
+        (sound, of_the_rate_alone, r"growth\(rate\): must take two numbers"),
+        (nowhere, None, "shear_stress = nowhere: is nan Pa at a shear rate of 0 1/s and a structure of 0; must be fin"),
+        (infinite, None, "shear_stress = infinite: is inf Pa at a shear rate of 0 1/s"),
+        (above_a_rate, None, r"shear_stress = above_a_rate: is nan Pa at a shear rate of 1\d\d 1/s"),
+        (negative, None, "shear_stress = negative: is -40 Pa at a shear rate of 0 1/s .*; must be finite and at least"),
+        (falling, None, r"shear_stress = falling: falls from 90 to 88.7 Pa from 1 to 1.26 1/s; must not fall"),
+        (raising, None, "shear_stress = raising: cannot be compiled .*; must be plain arithmetic"),
+        (of_nothing, None, "shear_stress = of_nothing: cannot be compiled"),
+        (sound, infinite, "growth = infinite: is inf 1/s at a shear rate of 0 1/s and a structure of 0; must be fin"),
+    ],
+)
+def test_what_is_no_law_is_refused_in_one_line_before_anything_is_allocated(law, growth, message, monkeypatch):
+    monkeypatch.setattr(mps.Simulation, "_build", lambda sim: pytest.fail("allocated"))
+    with pytest.raises(mps.SceneError, match=f"^material: {message}") as refusal:
+        mps.Simulation(film(law, growth))
+    assert "\n" not in str(refusal.value)
+
+
+def test_a_law_that_fails_with_its_structure_is_named_at_the_step():
+    """sqrt(1 - lambda) with d lambda/dt = 20 1/s is no number after 0.05 s."""
+    sim = mps.Simulation(film(until_it_has_grown, one))
+    with pytest.raises(
+        mps.DivergedError, match="shear_stress = until_it_has_grown: is nan Pa .* structure of 1"
+    ) as end:
+        sim.run(until=0.5)
+    assert 0.05 < end.value.report.time < 0.06 and np.isfinite(sim.snapshot().u).all()
