@@ -1,7 +1,7 @@
 """The picture of each scene: a short run with its defaults, and the last frame of it.
 
-    python benchmarks/gallery.py             # docs/figures/scenes/*.png, of all scenes, some CPU-minutes
-    python benchmarks/gallery.py film u_box  # of some
+python benchmarks/gallery.py             # docs/figures/scenes/*.png, of all scenes, some CPU-minutes
+python benchmarks/gallery.py film u_box  # of some
 """
 
 import subprocess

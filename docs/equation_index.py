@@ -24,8 +24,8 @@ hide: [toc]
 ---
 # Index of equations, functions, tests
 
-Which function computes an equation, and which test checks it. A function is named by its room and module in `taichi_mps/`. This page is
-written by `python docs/equation_index.py`; (1) to (29) are the paper's, the others this project's.
+Which function computes an equation, and which test checks it. A function is named by its room and module in
+`taichi_mps/`. (1) to (29) are the paper's, the others this project's. Written by `python docs/equation_index.py`.
 
 | Equation | Functions | Tests |
 |---|---|---|

@@ -1,21 +1,29 @@
 """Mathematics of the site as MathML, made while it is built: no script, no font, nothing to fetch.
 
-``$x$`` in a line; ``$$ ... \\tag{I2} $$`` as a block of its own, whose number is an anchor, ``#eq-I2``. GitHub shows the
-same text. An extension of Python-Markdown for mkdocs.yml.
+``$x$`` in a line; ``$$ ... \\tag{I2} $$`` as a block of its own, whose number is an anchor, ``#eq-I2``. GitHub shows
+the same text. An extension of Python-Markdown for mkdocs.yml.
 """
 
 import re
-from xml.etree.ElementTree import SubElement
+from xml.etree.ElementTree import Element, SubElement, fromstring
 
-from latex2mathml.converter import convert_to_element
+from latex2mathml.converter import convert
 from markdown.blockprocessors import BlockProcessor
 from markdown.extensions import Extension
 from markdown.inlinepatterns import InlineProcessor
 
+BOLD = re.compile(r"\\mathbf ([A-Za-z])")
+
+
+def mathml(latex: str, display: str) -> Element:
+    """The element math. Bold letters in braces become Unicode's own, which all browsers draw."""
+    latex = BOLD.sub(r"\\mathbf{\1}", latex)
+    return fromstring(convert(latex, xmlns="", display=display).replace(' xmlns=""', ""))
+
 
 class InLine(InlineProcessor):
     def handleMatch(self, match, data):
-        return convert_to_element(match[1]), match.start(0), match.end(0)
+        return mathml(match[1], "inline"), match.start(0), match.end(0)
 
 
 class Display(BlockProcessor):
@@ -27,10 +35,13 @@ class Display(BlockProcessor):
     def run(self, parent, blocks):
         equation, number = self.BLOCK.fullmatch(blocks.pop(0).strip()).groups()
         box = SubElement(parent, "div", {"class": "equation"})
-        box.append(convert_to_element(equation, display="block"))
-        for k, label in enumerate((number or "").split(", ") if number else []):
+        box.append(mathml(equation, "block"))
+        labels = (number or "").split(", ") if number else []
+        for label in labels:
             name = SubElement(box, "span", {"id": f"eq-{label.replace(' ', '-')}"})
-            name.text = ("" if k == 0 else ", ") + f"({label})"
+        if labels:
+            between = "-" if len(labels) > 2 else ", "
+            name.text = between.join(f"({label})" for label in dict.fromkeys((labels[0], labels[-1])))
 
 
 class Mathematics(Extension):
