@@ -27,6 +27,8 @@ hide: [toc]
 Which function computes an equation, and which test checks it. A function is named by its room and module in
 `taichi_mps/`. (1) to (29) are the paper's, the others this project's. Written by `python docs/equation_index.py`.
 
+<div class="names" markdown>
+
 | Equation | Functions | Tests |
 |---|---|---|
 """
@@ -80,7 +82,7 @@ def index() -> str:
         cells = [list(dict.fromkeys(item for label in labels for item in of.get(label, []))) for of in (code, tests)]
         cells = [" ".join(f"`{item}`" for item in cell) for cell in cells]
         lines.append(f"| [{title}](theory/{page}.md#eq-{labels[0].replace(' ', '-')}) | {cells[0]} | {cells[1]} |")
-    return HEAD + "\n".join(lines) + "\n"
+    return HEAD + "\n".join(lines) + "\n\n</div>\n"
 
 
 if __name__ == "__main__":
