@@ -16,7 +16,8 @@ import numpy as np
 
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "benchmarks" / "results"
-PAGE, CHART, CHOICES = ROOT / "docs/models.md", ROOT / "docs/figures/models.png", ROOT / "taichi_mps/accuracy.json"
+PAGE, CHART = ROOT / "docs/models.md", ROOT / "docs/figures/models.png"
+CHOICES = ROOT / "taichi_mps/problem/accuracy.json"
 BEGIN, END = "<!-- written by benchmarks/models.py -->", "<!-- end of benchmarks/models.py -->"
 PARTICLES = "full, wall particles"
 VARIANTS = [("full", 0.02), (PARTICLES, 0.01), ("full", 0.01), ("half", 0.01)]

@@ -2,7 +2,7 @@
 
     python benchmarks/paper_cases.py run             # every case, about 15 CPU-minutes; one JSON each in results/
     python benchmarks/paper_cases.py run implicit-1  # some of them
-    python benchmarks/paper_cases.py draw            # docs/figures/paper_*.png and the tables of docs/validation.md
+    python benchmarks/paper_cases.py draw            # docs/figures/paper_*.png and the tables of docs/paper.md
 
 Reference curves: tests/reference/fe_inertial_slump_summary.csv (own finite elements, +-0.4 mm).
 """
@@ -232,7 +232,7 @@ def draw():
     text += "\n\n### The paper's scheme: `semi-implicit`\n\n"
     explicit = [name for name in CASES if name.startswith(("semi-implicit", "literal"))]
     text += table(explicit, "B", 0.2) + "\n\n" + cost_table(explicit)
-    page = ROOT / "docs" / "validation.md"
+    page = ROOT / "docs" / "paper.md"
     before, rest = page.read_text().split(BEGIN)
     page.write_text(f"{before}{BEGIN}\n\n{text}\n\n{END}{rest.split(END)[1]}")
     print(text)

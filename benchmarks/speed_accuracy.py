@@ -216,7 +216,8 @@ def draw() -> None:
             f"{TITLES[i['scheme']]}, {label(i)}" for i in front([i for i in found if i["error"] is not None])
         )
         missing = sum(item["flow"] == flow for item in wanted.values()) - len(found)
-        lines = [f"### {title[0].upper()}{title[1:]}", "", f"![{title}](figures/speed_accuracy_{flow}.png)", ""]
+        lines = [f"### {title[0].upper()}{title[1:]}", "", f"![{title}](figures/speed_accuracy_{flow}.png)"]
+        lines += ["*Error against CPU-seconds (`python benchmarks/speed_accuracy.py draw`).*", ""]
         lines += ["| scheme | resolution | step | steps | CPU-s | error |", "|" + "---|" * 6]
         order = list(TITLES)
         lines += [row(i) for i in sorted(found, key=lambda i: (order.index(i["scheme"]), -i["spacing"], i["step"]))]

@@ -3,8 +3,11 @@
 import ast
 import os
 import re
+import shlex
+import shutil
 import subprocess
 import sys
+from importlib.util import find_spec, module_from_spec, spec_from_file_location
 from pathlib import Path
 
 import pytest
@@ -17,13 +20,18 @@ else:
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "taichi_mps"
 DOCS = ROOT / "docs"
-PAGES = [*sorted(DOCS.glob("*.md")), ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "renders" / "README.md"]
+SITE = sorted(page for page in DOCS.rglob("*.md") if "notes" not in page.parts)  # what readers see
+PAGES = [*SITE, ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "renders" / "README.md"]
 ARCHITECTURE = (DOCS / "architecture.md").read_text(encoding="utf-8")
 EQUATIONS = (DOCS / "equations.md").read_text(encoding="utf-8")
 LAYERS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["taichi-mps"]["layers"]
 EXAMPLES = {"terms/drag.py", "schemes/ballistic.py"}  # files that architecture.md shows how to add
 MOST_WORDS = 1500  # of architecture.md: an afternoon, not a book
+WRITTEN = 20_000  # words of the site but for the API, the index and the tables that commands write
 BLOCK = re.compile(r"^```python\n(.*?)^```$", re.S | re.M)
+FENCED = re.compile(r"^```(\w*)\n(.*?)^```$", re.S | re.M)
+CAPTION = re.compile(r"!\[[^\]]*\]\([^)]+\)\n\*(.+)\*$", re.M)
+COMMAND = re.compile(r"`((?:taichi-mps|python) [^`]+)`")
 FILE = re.compile(r"# file: (\S+\.py)\n")
 DOTTED = re.compile(r"`([A-Za-z_]\w*(?:\.[A-Za-z_]\w*)+)`")
 CALL = re.compile(r"`([a-z_]+\.[a-z_]+)\.([A-Za-z_]\w*(?:\.[A-Za-z_]\w*)?)`")  # room.module, name
@@ -32,6 +40,17 @@ TESTS = re.compile(r"`(tests/[\w/]+\.py)?(?:::(\w+))?`")  # with no path: in the
 PYTHON = re.compile(r"`((?:\w+/)+\w+\.py)`")
 IMPORT = re.compile(r"^(?:from (taichi_mps[\w.]*) import|import (taichi_mps[\w.]*))(?: (.+))?$", re.M)
 LINK = re.compile(r"\[[^\]]*\]\(([^)\s]+)\)")
+
+
+def load(path):
+    """A script of docs/ as a module."""
+    spec = spec_from_file_location(path.stem, path)
+    module = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+equation_index = load(DOCS / "equation_index.py")
 
 
 def modules():
@@ -56,42 +75,186 @@ def names(path):
     return found
 
 
-@pytest.mark.long
-def test_recipes_run(tmp_path):
-    """All Python blocks of recipes.md, in order, as one script; a block that names a file becomes that file."""
-    script = ""
-    for match in BLOCK.finditer((DOCS / "recipes.md").read_text(encoding="utf-8")):
-        file = FILE.match(match[1])
-        if file:
-            (tmp_path / file[1]).write_text(match[1], encoding="utf-8")
-        else:
-            script += match[1]
-    assert script.count("mps.init(") == 1, "a second init would drop the simulations of the blocks before"
-    (tmp_path / "recipes.py").write_text(script, encoding="utf-8")
+def name_of(page):
+    """A page from the root of the project."""
+    return page.relative_to(ROOT).as_posix()
+
+
+def files_of_the_pages(folder):
+    """Python blocks that name a file become that file, for the commands that take it."""
+    for page in SITE:
+        for text in BLOCK.findall(page.read_text(encoding="utf-8")):
+            if file := FILE.match(text):
+                (folder / file[1]).write_text(text, encoding="utf-8")
+
+
+def run(words, folder):
+    """A process in a folder, that finds the package."""
     path = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
-    result = subprocess.run(
-        [sys.executable, "recipes.py"],
-        cwd=tmp_path,
-        env={**os.environ, "PYTHONPATH": path},
-        capture_output=True,
-        text=True,
-        timeout=300,
-    )
-    assert result.returncode == 0, result.stdout + result.stderr
+    settings = dict(cwd=folder, env={**os.environ, "PYTHONPATH": path}, capture_output=True, text=True, timeout=600)
+    result = subprocess.run([sys.executable, *map(str, words)], **settings)
+    assert result.returncode == 0, f"{words}\n{result.stdout}{result.stderr}"
 
 
+@pytest.mark.long
+@pytest.mark.parametrize("page", sorted((DOCS / "howto").glob("*.md")), ids=name_of)
+def test_python_blocks_run(page, tmp_path):
+    """All Python blocks of a how-to, in order, as one script."""
+    blocks = [text for text in BLOCK.findall(page.read_text(encoding="utf-8")) if not FILE.match(text)]
+    if not blocks:
+        pytest.skip("no Python on this page")
+    files_of_the_pages(tmp_path)
+    script = "".join(blocks)
+    assert script.count("mps.init(") <= 1, "a second init would drop the simulations of the blocks before"
+    (tmp_path / "page.py").write_text(script, encoding="utf-8")
+    run(["page.py"], tmp_path)
+
+
+# ---- commands -------------------------------------------------------------------------------------------------------
+def in_blocks(text):
+    """Lines of the shell blocks."""
+    return [line for language, block in FENCED.findall(text) if language in ("", "sh") for line in block.splitlines()]
+
+
+def in_captions(text):
+    """Commands in the captions of figures."""
+    return [command for caption in CAPTION.findall(text) for command in COMMAND.findall(caption)]
+
+
+def commands(lines):
+    """Those of taichi-mps and python, as words."""
+    for line in lines:
+        if "taichi-mps" not in line and "python" not in line:
+            continue
+        for part in re.split(r" && ", line):
+            words = shlex.split(part, comments=True)
+            words = words[words.index("taichi-mps") :] if "taichi-mps" in words else words
+            if words[:1] in (["taichi-mps"], ["python"]):
+                yield words
+
+
+class ParsedError(Exception):
+    """A command line was read to its end, and its values were checked."""
+
+
+@pytest.fixture
+def parsing_only(monkeypatch):
+    """The command line stops where it would begin to compute, to draw or to write."""
+    from taichi_mps.cli import main, options, study
+    from taichi_mps.study import calibrate
+
+    parse, problem = options.Parser.parse, main.Problem
+
+    def parsed(parser, argv):
+        arguments = parse(parser, argv)
+        if parser.prog.split()[-1] not in ("run", "sweep", "calibrate"):
+            raise ParsedError
+        return arguments
+
+    def stop(*_, **__):
+        raise ParsedError
+
+    def check_problem(*arguments):
+        problem(*arguments)
+        raise ParsedError
+
+    def check_measurements(table=None, check=True, **told):
+        calibrate.Measurements(**told)
+        raise ParsedError
+
+    monkeypatch.setattr(options.Parser, "parse", parsed)
+    monkeypatch.setattr(main, "Problem", check_problem)
+    monkeypatch.setattr(study, "sweep", stop)
+    monkeypatch.setattr(calibrate, "calibrate", check_measurements)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_commands_are_read(page, parsing_only, tmp_path, monkeypatch, capsys):
+    """Every command of the pages and of the captions exists, with its options and values; nothing is computed."""
+    from taichi_mps.cli.main import main
+
+    files_of_the_pages(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    text = page.read_text(encoding="utf-8")
+    for program, *words in commands(in_blocks(text) + in_captions(text)):
+        if program == "python" and words[0] == "-m":
+            assert words[1] in ("pytest", "zensical"), words
+        elif program == "python" and (ROOT / words[0]).is_file():
+            source = (ROOT / words[0]).read_text(encoding="utf-8")
+            unknown = [word for word in words[1:] if re.match(r"[a-z-]", word) and word not in source]
+            assert not unknown, f"{words[0]}: {unknown}"
+        else:
+            argv = ["run", *words] if program == "python" else words
+            try:
+                code = main(argv)
+            except ParsedError:
+                code = 0
+            assert code == 0, f"{argv}: {capsys.readouterr().err}"
+
+
+def shortened(words):
+    """The same command with little time to simulate; None of one that needs other machines, an extra, or an hour."""
+    extras = {"--film": "imageio_ffmpeg", "--surface": "pysplashsurf"}
+    absent = any(find_spec(module) is None for option, module in extras.items() if option in words)
+    elsewhere = any(word.startswith(("dask://", "slurm://")) for word in words)
+    if absent or elsewhere or words[0] == "validate" or "--page" in words:
+        return None
+    if words[0] not in ("run", "resume", "sweep") or "--help" in words:
+        return words
+    return [*words, "--until", "0.03" if words[0] == "resume" else "0.02"]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("page", [page for page in SITE if page.parent != DOCS or page.stem == "start"], ids=name_of)
+def test_commands_run(page, tmp_path):
+    """The commands of a page, in its order, in an empty folder, with the simulated time cut short."""
+    files_of_the_pages(tmp_path)
+    for program, *words in commands(in_blocks(page.read_text(encoding="utf-8"))):
+        if program == "taichi-mps" and (words := shortened(words)):
+            run(["-m", "taichi_mps", *words], tmp_path)
+
+
+@pytest.mark.parametrize("page", SITE, ids=name_of)
+def test_every_figure_names_the_command_that_makes_it(page):
+    text = page.read_text(encoding="utf-8")
+    for image, below in re.findall(r"(!\[[^\]]*\]\([^)]+\))\n?(.*)", text):
+        caption = CAPTION.match(f"{image}\n{below}\n")
+        assert caption and COMMAND.search(caption[1]), image
+
+
+# ---- the site -------------------------------------------------------------------------------------------------------
 def test_the_site_is_built_offline_without_a_warning(tmp_path):
-    """mkdocs --strict: every link, anchor and name of the API; nothing on its pages is fetched from elsewhere."""
-    pytest.importorskip("mkdocs", reason="mkdocs is not installed: pip install 'taichi-mps[docs]'")
-    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(tmp_path)]
-    result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=300)
+    """Strictly: every link, anchor and name of the API; nothing on its pages is fetched from elsewhere; equations are
+    MathML."""
+    pytest.importorskip("zensical", reason="zensical is not installed: pip install 'taichi-mps[docs]'")
+    shutil.copytree(DOCS, tmp_path / "docs")
+    shutil.copytree(PACKAGE, tmp_path / "taichi_mps", ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copy(ROOT / "mkdocs.yml", tmp_path)
+    command = [sys.executable, "-m", "zensical", "build", "--strict"]
+    result = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=300)
     assert result.returncode == 0, result.stdout + result.stderr
-    pages = {path.stem: path.read_text(encoding="utf-8") for path in tmp_path.glob("*.html")}
-    assert {page.stem for page in DOCS.glob("*.md")} <= set(pages)
+    site = tmp_path / "build" / "site"
+    pages = {path.relative_to(site).as_posix(): path.read_text(encoding="utf-8") for path in site.rglob("*.html")}
+    assert {page.relative_to(DOCS).with_suffix(".html").as_posix() for page in SITE} <= set(pages)
     fetched = [url for text in pages.values() for url in re.findall(r'(?:src|link [^>]*href)="(https?:[^"]+)', text)]
     assert not fetched
     for name in ("simulation.simulation.Simulation.step", "problem.scene.Scene", "geometry.shapes.fill"):
-        assert f"taichi_mps.{name}" in pages["api"], name
+        assert f"taichi_mps.{name}" in pages["api.html"], name
+    for name, text in pages.items():
+        shown = re.sub(r"<(code|pre|annotation|script)\b.*?</\1>", "", text, flags=re.S)
+        assert "$" not in shown, f"{name}: mathematics that is not rendered"
+
+
+def test_every_page_is_in_the_navigation():
+    named = set(re.findall(r"[\w/]+\.md", (ROOT / "mkdocs.yml").read_text(encoding="utf-8")))
+    assert named == {page.relative_to(DOCS).as_posix() for page in SITE}
+
+
+def test_the_site_can_be_read_in_a_day():
+    def written(page):
+        return re.sub(r"<!-- written by .*?<!-- end.*?-->", "", page.read_text(encoding="utf-8"), flags=re.S).split()
+
+    assert sum(len(written(page)) for page in SITE if page.stem not in ("api", "equations")) <= WRITTEN
 
 
 def test_the_api_has_every_public_name():
@@ -105,8 +268,8 @@ def test_the_api_has_every_public_name():
 
 
 def test_named_functions_exist():
-    """A dotted name of equations.md is one of a function, room.module.name; so is one of any page that begins with a
-    room and a module."""
+    """A dotted name of the index is one of a function, room.module.name; so is one of any page that begins with a room
+    and a module."""
     known = modules()
     assert set(DOTTED.findall(EQUATIONS)) == {f"{module}.{name}" for module, name in CALL.findall(EQUATIONS)}
     assert len(CALL.findall(EQUATIONS)) > 100
@@ -116,7 +279,7 @@ def test_named_functions_exist():
                 assert module in known and name in names(known[module]), f"{page.name}: {module}.{name}"
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: f"{page.parent.name}-{page.stem}")
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
 def test_named_files_and_imports_exist(page):
     """Files with a folder, from the root of the project or of the package; what Python blocks import."""
     text = page.read_text(encoding="utf-8")
@@ -185,20 +348,28 @@ def test_architecture_is_short():
     assert len(ARCHITECTURE.split()) <= MOST_WORDS
 
 
-# ---- equations.md ---------------------------------------------------------------------------------------------------
+# ---- equations ------------------------------------------------------------------------------------------------------
+def test_the_index_of_equations_is_up_to_date():
+    assert equation_index.index() == EQUATIONS, "python docs/equation_index.py"
+
+
 def test_every_equation_names_its_function_and_its_test():
-    lines = EQUATIONS.splitlines()
-    rows = [line.split(" | ") for line in lines if line.startswith("| (")]
-    assert len(rows) > 35
+    rows = [line.strip("| ").split(" | ") for line in EQUATIONS.splitlines() if line.startswith("| [(")]
     for row in rows:
-        assert len(row) == 4, row
-        assert CALL.search(row[2]), row
-        assert TEST.search(row[3]), row
-    numbers = {int(n) for row in rows for n in re.findall(r"\((\d+)\)", row[0])} | set(range(22, 29))
-    assert numbers == set(range(1, 30)), "an equation of the paper has no row"
+        assert len(row) == 3 and CALL.search(row[1]) and TEST.search(row[2]), row
+    labels = {label for _, group in equation_index.equations() for label in group}
+    assert {str(k) for k in range(1, 30)} <= labels, "an equation of the paper is not in Theory"
+    known = tomllib.loads((DOCS / "equations.toml").read_text(encoding="utf-8"))
+    assert {label for group in known for label in group.split(", ")} == labels
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: f"{page.parent.name}-{page.stem}")
+def test_every_label_in_the_code_is_an_equation_of_theory():
+    labels = {label for _, group in equation_index.equations() for label in group}
+    for path in [*PACKAGE.rglob("*.py"), *(ROOT / "tests").rglob("*.py")]:
+        assert equation_index.cited(path.read_text(encoding="utf-8")) <= labels, path
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
 def test_named_tests_exist(page):
     path = None
     for file, name in TESTS.findall(page.read_text(encoding="utf-8")):
@@ -207,7 +378,7 @@ def test_named_tests_exist(page):
         assert not name or name in names(path), f"{path}::{name}"
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: f"{page.parent.name}-{page.stem}")
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
 def test_links_resolve(page):
     for target in LINK.findall(page.read_text(encoding="utf-8")):
         if not target.startswith(("http://", "https://", "#")):

@@ -12,7 +12,7 @@ from .case import REACHED
 from .emulator import DENSITY, Emulator
 from .results import read
 
-TABLE = Path(__file__).parent / "slump.csv"  # a sweep of the standard cone, axisymmetric, 10 mm; docs/studies.md
+TABLE = Path(__file__).parent / "slump.csv"  # a sweep of the standard cone, rings of 10 mm; docs/howto/calibrate.md
 RISE = 3.841  # of chi squared, one degree of freedom, 95 %
 ZOOMS = 2  # onto where the misfit is near its least
 VISCOSITIES, USUAL = (10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0), 50.0  # [Pa s]
