@@ -32,6 +32,7 @@ class Diagnostics:
         # neighbours: particles in pairs or clumps have a large surface normal, and would pass for a surface; V a^2.
         # Iterations of the step; (r, z) and reference of the last solve over each other, and its status
         self.numbers = np.zeros(SUMS + SOLVE)
+        self.enclosed = 0.0  # part of the volume that has a full neighbourhood, from which the volume error is read [-]
         self.lost_volume = 0.0  # [m3]: negative where the fluid has become looser
         self.solve_status = ""  # of the last solve
 
@@ -42,6 +43,7 @@ class Diagnostics:
         numbers = self.numbers.tolist()
         count, speed2, whole, squares, fourths, energy, unyielded, packing, volume, crowd, room, pushes = numbers[:SUMS]
         solves, ratio, status = numbers[SUMS:]
+        self.enclosed = volume / whole if whole else 0.0
         self.lost_volume = room - room**2 / crowd if room else 0.0
         self.solve_status = STATUS[int(status)]
         return StepReport(

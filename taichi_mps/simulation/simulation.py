@@ -26,6 +26,7 @@ from .snapshot import snapshot
 from .summary import judge, summary
 
 SCHEMES = {"implicit": Implicit, "semi-implicit": SemiImplicit}
+LEAST_ENCLOSED = 0.1  # part of the volume from which the volume error is read; less is a jet, of which it says nothing
 PAIRS, PAIRS_OF_RINGS = 1.6, 4.0  # room for neighbours over those of a lattice; rings that moved outward are thin
 
 
@@ -90,8 +91,9 @@ class Simulation:
         dt, limit = self._choose_time_step(jet, until)
         report = self._advance(dt)
         self.time, self.steps = self.time + dt, self.steps + 1
-        before = (self.report.volume_error_max, abs(self.report.volume_error)) if self.report else (0.0,)
-        worst = max(*before, abs(report.volume_error))  # a checkpoint of before has only the error of its last step
+        worst = self.report.volume_error_max if self.report else 0.0
+        if self.scheme.diagnostics.enclosed > LEAST_ENCLOSED:
+            worst = max(worst, abs(report.volume_error))
         self.report = replace(report, step=self.steps, time=self.time, dt_limit=limit, volume_error_max=worst)
         failure = self.scheme.diagnostics.failure(report, self._runaway_speed, self._volume)
         if failure:
@@ -196,6 +198,11 @@ class Simulation:
         """Call callback(simulation) after every step."""
         self._each_step.append(callback)
 
+    @property
+    def watched(self) -> bool:
+        """Whether anybody has asked for outputs; else nothing is measured."""
+        return bool(self._schedules or self._each_step)
+
     def interrupt(self) -> None:
         """Ask run() to stop after the step in progress."""
         self._interrupted = True
@@ -291,7 +298,9 @@ class Simulation:
         """Continue from a state()."""
         self.particles.load({name: state[name] for name in self.particles.carried})
         self.time, self.steps, self._last_dt = state["time"], state["steps"], state["last_dt"]
-        self.report = StepReport(**state["report"]) if state["report"] else None
+        self.report = None
+        if told := state["report"]:  # a checkpoint of before has only the error of its last step
+            self.report = StepReport(**{"volume_error_max": abs(told["volume_error"]), **told})
         self.rest = Rest(**state["rest"])
         for pouring, carried in zip(self.pouring, state.get("pouring", []), strict=True):
             pouring.entered, pouring.delay = carried

@@ -51,7 +51,7 @@ def judge(sim) -> None:
             f"smaller spacing keeps it better, or effective_radius_ratio = 2.6 where the layer is thin",
             stacklevel=1,  # by text: of the command line one line
         )
-    if sim.stopped_by != "interrupted" and math.isnan(sim.measures().get(SLUMP, 0.0)):
+    if sim.watched and sim.stopped_by != "interrupted" and math.isnan(sim.measures().get(SLUMP, 0.0)):
         raise UnmeasuredError(
             f"{SLUMP} at t = {sim.time:.6g} s, step {sim.steps}, is no number: nothing is left at the axis; take a "
             "smaller spacing, or an earlier until",

@@ -87,13 +87,24 @@ def run(case: Case) -> dict:
             sim.run()
             summary, measures = sim.summary(), sim.measures()
             if over_time:
-                measures |= over_time({name: np.array([step[name] for step in course]) for name in course[0]})
+                measures |= over_time(
+                    {name: np.array([step.get(name, math.nan) for step in course]) for name in course[-1]}
+                )
         except Exception as error:  # a study goes on, whatever a case does
             return row | {"status": "failed", "reason": f"{type(error).__name__}: {' '.join(str(error).split())}"}
     row |= {name: strict(float(value)) for name, value in measures.items()}
     if spread.watched:
         row["t500_s"] = spread.time
-    kept = ("stopped_by", "simulated_seconds", "steps", "volume_error", "cpu_seconds", "compile_seconds", "version")
+    kept = (
+        "stopped_by",
+        "simulated_seconds",
+        "steps",
+        "volume_error",
+        "volume_error_max",
+        "cpu_seconds",
+        "compile_seconds",
+        "version",
+    )
     return row | {name: plain(summary[name]) for name in kept}
 
 
@@ -140,7 +151,7 @@ class Milestone:
         before, low = self.last
         if self.time is not None or sim.time < self.due:
             return
-        now = sim.measures()[self.name]
+        now = sim.measures().get(self.name, math.nan)
         if now >= self.value > low:
             part = (self.value - low) / (now - low)
             self.time = before + part * (sim.time - before) if before == 0.0 else before * (sim.time / before) ** part

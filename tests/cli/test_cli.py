@@ -92,11 +92,12 @@ def test_a_run_leaves_a_whole_folder_and_prints_only_json(whole):
 
 UNSEEN = """
 import math, sys
-from taichi_mps.cli import main, run
+from taichi_mps.__main__ import entry
+from taichi_mps.cli import run
 from taichi_mps.io import recorder
 recorder.CHECKPOINT_COST = math.inf  # after every step, so that many a kill falls into the writing of one
 run.pictures = lambda *_: None
-main.entry()
+entry()
 """
 
 
