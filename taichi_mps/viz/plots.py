@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..units import SceneError
+from ..units import SceneError, plain
 
 COLOURS = ("#1f5f99", "#d1662a", "#2e8b57", "#8f4f9f", "#b8323f", "#7a6a35", "#4b8ea8", "#555b63")
 STYLE = {
@@ -81,7 +81,7 @@ def slump_curve(histories, out, references=None, log_time=False):
         t, slump = t[keep], 100.0 * slump[keep]
         axes.plot(t, slump, style, color=colour[label], marker="o" if style == "--" and len(t) < 3 else None)
         if len(t) and not (style == "--" and label in runs):
-            ends.append((t[-1], slump[-1], label, colour[label]))
+            ends.append((t[-1], slump[-1], plain(label).replace("$", r"\$"), colour[label]))  # $ begins a formula
     if log_time:
         axes.set_xscale("log")
     else:

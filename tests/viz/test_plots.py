@@ -138,3 +138,9 @@ def test_missing_matplotlib_is_said_clearly(tmp_path, monkeypatch):
     monkeypatch.setattr(builtins, "__import__", without)
     with pytest.raises(ImportError, match=r"pip install 'taichi-mps\[plots\]'"):
         plots.slump_curve({"run": {"time_s": TIME, "slump_m": SLUMP}}, tmp_path / "slump.png")
+
+
+@pytest.mark.parametrize("label", ["r\udcff\udcfe", "a $x^ $ b", "\x1b[31m", "ü\nb"])
+def test_a_run_may_have_any_name(tmp_path, label):
+    rows = {"time_s": np.array([0.0, 1.0]), "slump_m": np.array([0.0, 0.1])}
+    assert plots.slump_curve({label: rows}, tmp_path / "slump.png") and (tmp_path / "slump.png").stat().st_size > 1000
