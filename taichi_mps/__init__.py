@@ -2,74 +2,47 @@
 
 from importlib import import_module
 
-from .geometry.cavity import Cavity
-from .geometry.friction import Friction
-from .geometry.shapes import Box, Cone, fill, fill_rings, lattice, rings, shell
-from .geometry.solid import Solid, polygon_distance, write_bars
-from .geometry.walls import Cylinder, Plane, behind, box_planes
-from .problem import measures as measure
-from .problem import rest_shapes
-from .problem.inlet import Inlet
-from .problem.materials import Bingham, FlowCurve, HerschelBulkley, Newtonian, rational_critical_strain_rate
-from .problem.numerics import Implicit, SemiImplicit
-from .problem.scene import Scene
-from .schemes.step_report import DivergedError, DomainError, StepReport, UnmeasuredError
-from .units import SceneError, checked
-
 __version__ = "0.1.0"
 
-_LAZY = {  # names whose modules import Taichi or the edges: loaded at first use, so that --help is instant
-    "init": "runtime.backend",
-    "Simulation": "viz.notebook",
-    "CapacityError": "particles.neighbors",
-    "png": "viz.render",
-    "gif": "viz.render",
-    "slump_cone": "problem.catalogue",
-    "main": "cli.main",
+# What is public, by module. Loaded at first use: --help is instant, and Ctrl-C is heard before anything large is read.
+_PUBLIC = {
+    "cli.main": ["main"],
+    "geometry.cavity": ["Cavity"],
+    "geometry.friction": ["Friction"],
+    "geometry.shapes": ["Box", "Cone", "fill", "fill_rings", "lattice", "rings", "shell"],
+    "geometry.solid": ["Solid", "polygon_distance", "write_bars"],
+    "geometry.walls": ["Cylinder", "Plane", "behind", "box_planes"],
+    "particles.neighbors": ["CapacityError"],
+    "problem.catalogue": ["slump_cone"],
+    "problem.inlet": ["Inlet"],
+    "problem.materials": ["Bingham", "FlowCurve", "HerschelBulkley", "Newtonian", "rational_critical_strain_rate"],
+    "problem.numerics": ["Implicit", "SemiImplicit"],
+    "problem.scene": ["Scene"],
+    "runtime.backend": ["init"],
+    "schemes.step_report": ["DivergedError", "DomainError", "StepReport", "UnmeasuredError"],
+    "units": ["SceneError", "checked"],
+    "viz.notebook": ["Simulation"],
+    "viz.render": ["gif", "png"],
 }
-_MODULES = {"catalogue": "problem.catalogue", "checkpoint": "io.checkpoint", "backend": "runtime.backend"}  # for users
+_MODULE_OF = {name: module for module, names in _PUBLIC.items() for name in names}
+_MODULES = {  # public modules, by the name they have here
+    "backend": "runtime.backend",
+    "catalogue": "problem.catalogue",
+    "checkpoint": "io.checkpoint",
+    "measure": "problem.measures",
+    "rest_shapes": "problem.rest_shapes",
+}
 
-__all__ = [
-    "Bingham",
-    "Box",
-    "Cavity",
-    "Cone",
-    "Cylinder",
-    "DivergedError",
-    "DomainError",
-    "FlowCurve",
-    "Friction",
-    "HerschelBulkley",
-    "Implicit",
-    "Inlet",
-    "Newtonian",
-    "Plane",
-    "Scene",
-    "SceneError",
-    "SemiImplicit",
-    "Solid",
-    "StepReport",
-    "UnmeasuredError",
-    "behind",
-    "box_planes",
-    "checked",
-    "fill",
-    "fill_rings",
-    "lattice",
-    "measure",
-    "polygon_distance",
-    "rational_critical_strain_rate",
-    "rest_shapes",
-    "rings",
-    "shell",
-    "write_bars",
-    *_LAZY,
-]
+__all__ = ["measure", "rest_shapes", *_MODULE_OF]
 
 
 def __getattr__(name):
-    if name in _LAZY:
-        return getattr(import_module(f".{_LAZY[name]}", __name__), name)
+    if name in _MODULE_OF:
+        return getattr(import_module(f".{_MODULE_OF[name]}", __name__), name)
     if name in _MODULES:
         return import_module(f".{_MODULES[name]}", __name__)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__():
+    return sorted([*globals(), *__all__])

@@ -2,7 +2,9 @@
 
 import sys
 
-from .stopped import came, listen
+from .cli.stopped import came, listen
+
+CLOSED_PIPE = 141  # as a shell has it of a program that SIGPIPE ended
 
 
 def entry() -> None:
@@ -13,18 +15,14 @@ def entry() -> None:
 
         code = main()
         sys.stdout.flush()
-    except BrokenPipeError:  # whoever reads has gone; Python would say so at the end
-        code = CLOSED_PIPE
+    except BrokenPipeError:  # whoever reads has gone; with a stdout Python would say so at the end
+        code, sys.stdout = CLOSED_PIPE, None
     except BaseException:  # what is being imported makes an error of its own of a signal
         if not came:
             raise
         code = 128 + came[0]
-    if code == CLOSED_PIPE:
-        sys.stdout = None
     sys.exit(code)
 
-
-CLOSED_PIPE = 141  # as a shell has it of a program that SIGPIPE ended
 
 if __name__ == "__main__":
     entry()

@@ -89,11 +89,10 @@ def files_of_the_pages(folder):
 
 
 def run(words, folder):
-    """A process in a folder, that finds the package."""
+    """A process in a folder, that finds the package; its result."""
     path = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
     settings = dict(cwd=folder, env={**os.environ, "PYTHONPATH": path}, capture_output=True, text=True, timeout=600)
-    result = subprocess.run([sys.executable, *map(str, words)], **settings)
-    assert result.returncode == 0, f"{words}\n{result.stdout}{result.stderr}"
+    return subprocess.run([sys.executable, *map(str, words)], **settings)
 
 
 @pytest.mark.long
@@ -211,7 +210,8 @@ def test_commands_run(page, tmp_path):
     files_of_the_pages(tmp_path)
     for program, *words in commands(in_blocks(page.read_text(encoding="utf-8"))):
         if program == "taichi-mps" and (words := shortened(words)):
-            run(["-m", "taichi_mps", *words], tmp_path)
+            result = run(["-m", "taichi_mps", *words], tmp_path)
+            assert result.returncode == 0, f"{words}\n{result.stdout}{result.stderr}"
 
 
 @pytest.mark.parametrize("page", SITE, ids=name_of)

@@ -83,7 +83,7 @@ def resume(argv) -> int:
     if remark:
         print(f"taichi-mps: {remark}", file=sys.stderr)
     options = Run(**{**state.header["settings"], **given(arguments, Run, leave_out=kept)})
-    folder.check(overwrite=True)
+    folder.check_writable()
     with lock.held(folder.path):
         scene = state.scene(options.until, arguments.scene)
         if options.until:

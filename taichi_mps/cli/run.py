@@ -7,9 +7,9 @@ import signal
 import sys
 from contextlib import contextmanager, redirect_stdout
 
-from ..stopped import SIGNALS, Stopped
 from ..units import plain
 from .console import curves, pictures, progress, table, voids
+from .stopped import SIGNALS, Stopped
 
 DONE, BAD_INPUT, DIVERGED = 0, 2, 3  # what a command returns; ended by a signal: 128 and its number
 
@@ -30,9 +30,8 @@ def carry_out(sim, folder, options, source, as_json, resumed=False) -> int:
 
     until = sim.scene.until
     every = options.every or rounded(until / 100)
-    settings = options.model_dump(exclude={"out", "overwrite", "profile", "quiet"}, exclude_none=True) | {
-        "every": every
-    }
+    settings = options.model_dump(exclude={"out", "overwrite", "profile", "quiet"}, exclude_none=True)
+    settings |= {"every": every}
     error = None
     with interruptible(sim) as signals:
         if not resumed:

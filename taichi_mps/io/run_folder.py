@@ -4,6 +4,7 @@ import json
 import math
 import os
 import re
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,7 @@ from .vtkhdf import Trajectory
 
 SUM = "crc32"  # of the summary: checksum of all else in it
 MARK = "taichi_mps.json"  # a folder with this file is a run; written first
-KEYS = {"scene", "fluid_particles", "simulated_seconds", "stopped_by", "version"}  # of a summary, a run of before 0.2
+KEYS = {"scene", "fluid_particles", "simulated_seconds", "stopped_by", "version"}  # of a summary older than marks
 WRITTEN = ("history.csv", "summary.json", "checkpoint.h5", "checkpoint.previous.h5", "run.h5", "animation.gif")
 WRITTEN += ("history.partial", "summary.partial", "checkpoint.partial", "run.twin1", "run.twin2")
 PLOTS = ("slump.png", "history.png", "filling.png")
@@ -63,6 +64,11 @@ class RunFolder:
             done = json_of(self.summary).get("stopped_by")
             other = "" if done in ("rest", "time", "unyielded") else f"'taichi-mps resume {path}' goes on with it, "
             raise SceneError(f"out = {path}: holds a run already; {other}--overwrite replaces it")
+        self.check_writable()
+
+    def check_writable(self) -> None:
+        """Refuse a path whose folder does not let us write, or whose pictures lie elsewhere."""
+        path = self.path
         if self.frames.is_symlink():
             raise SceneError(f"out = {path}: its frames lie elsewhere; must be another folder")
         parent = next(folder for folder in (path.absolute(), *path.absolute().parents) if folder.exists())
@@ -81,8 +87,10 @@ class RunFolder:
                 (self.path / name).unlink(missing_ok=True)
             empty_of_pictures(self.frames)
         except (OSError, ValueError) as error:
-            for folder in (self.frames, *missing):
-                if folder.is_dir():
+            with suppress(OSError):
+                if missing:  # the folder was made just now
+                    (self.path / MARK).unlink(missing_ok=True)
+                for folder in missing:
                     folder.rmdir()
             raise self.not_writable(error) from None
 

@@ -95,22 +95,9 @@ def run(case: Case) -> dict:
     row |= {name: strict(float(value)) for name, value in measures.items()}
     if spread.watched:
         row["t500_s"] = spread.time
-    kept = (
-        "stopped_by",
-        "simulated_seconds",
-        "steps",
-        "volume_error",
-        "volume_error_max",
-        "cpu_seconds",
-        "compile_seconds",
-        "version",
-    )
-    return row | {name: plain(summary[name]) for name in kept}
-
-
-def plain(value):
-    """A NumPy number as a Python one."""
-    return value.item() if hasattr(value, "item") else value
+    kept = ("stopped_by", "simulated_seconds", "steps", "volume_error", "volume_error_max")
+    kept += ("cpu_seconds", "compile_seconds", "version")
+    return row | {name: strict(summary[name]) for name in kept}
 
 
 def begin(scene):

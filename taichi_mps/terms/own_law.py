@@ -4,10 +4,12 @@ import numpy as np
 
 from ..particles.particles import FLUID
 from ..runtime.backend import ti
+from ..runtime.field_io import FieldIO
 from ..units import SceneError
 from .rheology import compiled
 
 RATES = np.concatenate([[0.0], np.geomspace(1e-6, 1e3, 91)])  # [1/s], of the look before a run
+READ = "kind", "shear_rate", "structure"  # of what the particles carry, after each step
 FALL = 1e-3  # of the largest stress: by so much rounding may make a curve fall
 
 
@@ -23,6 +25,7 @@ class OwnLaw:
         self.material = material
         self.curve, self.growth = compiled(material.shear_stress), compiled(getattr(material, "growth", None))
         self.has_growth = self.growth is not None
+        self._rows = None  # what is read of the particles, from the first step on
         try:
             stress, growth = self.evaluate(RATES, np.zeros_like(RATES))
         except Exception as error:  # whatever compiling or calling a function of somebody else raises
@@ -62,7 +65,10 @@ class OwnLaw:
 
     def failure(self, particles) -> str | None:
         """What the law gives that is no stress, at rest or at the rate of one of the fluid particles, after a step."""
-        rows = particles.read()
+        if self._rows is None:
+            read = {name: particles.carried[name] for name in READ if name in particles.carried}
+            self._rows = FieldIO(read, particles.capacity)
+        rows = self._rows.read(particles.count[None])
         fluid = rows["kind"] == FLUID
         rate, structure = rows["shear_rate"][fluid], rows.get("structure", np.zeros(len(fluid)))[fluid]
         rate, structure = np.concatenate([0.0 * rate, rate]), np.concatenate([structure, structure])

@@ -76,7 +76,7 @@ def test_stored_values_of_run_h5(folder):
 def test_any_byte_of_run_h5(folder):
     size = folder.trajectory.stat().st_size
     places = random.Random(3).sample(range(size), 300)
-    damages(folder.trajectory, outputs_of, places)
+    assert damages(folder.trajectory, outputs_of, places) > 0  # the others change nothing that is read
 
 
 def test_every_byte_of_the_history(folder):
