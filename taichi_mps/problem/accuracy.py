@@ -9,7 +9,8 @@ from ..units import SceneError
 MEASURED = Path(__file__).parent / "accuracy.json"
 COARSEST = 0.1  # [m]; what is asked for beyond is millimetres
 MOST_VOLUME = 0.01  # largest volume error of what is chosen [-]: a coarse cone may have the right slump by luck
-RANGE = "100 to 1000 Pa, 50 Pa s, standard cone"  # where the errors were measured
+YIELD_VALUES, PLASTIC_VISCOSITY = (100.0, 1000.0), 50.0  # where the errors were measured [Pa, Pa s], standard cone
+RANGE = "{:g} to {:g} Pa, {:g} Pa s, standard cone".format(*YIELD_VALUES, PLASTIC_VISCOSITY)
 
 
 @dataclass(frozen=True)

@@ -1,9 +1,46 @@
-"""How keywords and results are shown: their names in words, with unit and digits."""
+"""How keywords and results are shown: their names in the field's words, with unit and digits, and what they mean."""
 
 # of a result by the end of its name: factor, unit, digits; the longer end first
 UNITS = {"_m_s": (1.0, "m/s", ".3g"), "_m3": (1e3, "l", ".3g"), "_ratio": (1.0, "", ".3f")}
-UNITS |= {"_m": (100.0, "cm", ".2f"), "_s": (1.0, "s", ".2f")}
-WORDS = {"yield_value": "yield stress"}  # keys that people read otherwise
+UNITS |= {"_m": (100.0, "cm", ".1f"), "_s": (1.0, "s", ".2f")}
+WORDS = {"yield_value": "yield stress", "spacing": "particle size", "until": "time limit"}  # keys as people read them
+ENDS = {  # why a run ended
+    "rest": "concrete stopped flowing",
+    "unyielded": "concrete stopped flowing",
+    "time": "time limit",
+    "interrupted": "stopped by you",
+    "diverged": "computation failed",
+    "edge of the domain": "concrete left the computed space",
+}
+RESULTS = {  # key: (name, what it is)
+    "slump_m": ("slump", "how far the middle of the top has sunk, as read with a ruler at the axis"),
+    "slump_max_m": ("slump at the highest point", "less than the slump where a rim stands higher than the middle"),
+    "spread_m": ("slump-flow diameter", "mean of perpendicular diameters in all directions"),
+    "t500_s": ("T500", "time until the diameter is 500 mm"),
+    "front_m": ("front", "farthest reach of the concrete, from the end of the vessel"),
+    "height_m": ("height", "highest point of the fluid"),
+    "flow_m": ("flow", "distance of the front from the gate"),
+    "drop_m": ("drop", "how far the level behind the gate has sunk"),
+    "t100_s": ("T100", "time until the front is 100 mm from the gate"),
+    "t200_s": ("T200", "time until the front is 200 mm from the gate"),
+    "t400_s": ("T400", "time until the front is 400 mm from the gate"),
+    "t300_s": ("T300", "time until the second leg is filled to 300 mm"),
+    "early_speed_m_s": ("early speed", "of the front between 50 and 100 mm from the gate"),
+    "h1_m": ("height H1", "level behind the gate, or in the first leg"),
+    "h2_m": ("height H2", "level at the far end, or in the second leg"),
+    "passing_ratio": ("passing ratio H2/H1", "1 where bars hold nothing back"),
+    "step_m": ("step", "difference of level before and behind the bars"),
+    "flow_time_s": ("flow time", "until light is seen through the outlet"),
+    "half_time_s": ("half time", "until half of the concrete has left the funnel"),
+    "left_m3": ("left in the funnel", "what has not yet flowed out"),
+    "light_ratio": ("light", "share of the outlet through which one can see"),
+    "near_m": ("level below the hose", "mean height of the concrete at that end of the form"),
+    "far_m": ("level at the far end", "mean height of the concrete at that end of the form"),
+    "filled_ratio": ("filled", "share of the form's volume"),
+    "void_m3": ("voids", "volume of the form that stayed empty"),
+    "poured_m3": ("poured", "what has come out of the hose"),
+    "pour_delay_s": ("delay of the pour", "for want of room below the hose"),
+}
 
 
 def in_words(key: str) -> str:
@@ -24,7 +61,12 @@ def unit_of_measure(name: str) -> tuple[float, str, str]:
 def title(name: str) -> str:
     """The name of a result in words."""
     end = next(end for end in UNITS if name.endswith(end))
-    return name.removesuffix("" if end == "_ratio" else end).replace("_", " ")
+    return RESULTS.get(name, (name.removesuffix("" if end == "_ratio" else end).replace("_", " "),))[0]
+
+
+def meaning(name: str) -> str:
+    """What a result is, in a few words; empty for a measure of the user's own."""
+    return RESULTS.get(name, ("", ""))[1]
 
 
 def written(name: str, value: float) -> str:

@@ -1,0 +1,1 @@
+"""A run for its reader: sentences, and one page. Reads only what the run folder holds; computes nothing anew."""

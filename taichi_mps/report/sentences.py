@@ -1,0 +1,128 @@
+"""A run in words, from its summary alone: what was measured, how sure that is, what it cost."""
+
+import math
+
+from ..problem import accuracy
+from ..problem.labels import ENDS, is_measure, meaning, title, written
+from ..units import plain
+
+MOST_VOLUME_ERROR = 0.02  # [-], beyond which a result is doubted
+LEADING = "slump_m", "spread_m", "t500_s", "flow_m", "flow_time_s", "passing_ratio", "front_m", "filled_ratio"
+NOT_RESULTS = "simulated_seconds", "wall_seconds", "cpu_seconds", "compile_seconds"
+
+
+def sentences(summary: dict, folder=None) -> list[str]:
+    """What was measured, why it ended, how sure it is, what it cost and, with a ``folder``, where it lies."""
+    return [
+        measured(summary),
+        ending(summary),
+        *doubts(summary),
+        certainty(summary),
+        cost(summary),
+        *([f"Pictures and results lie in {plain(folder)}."] if folder is not None else []),
+    ]
+
+
+def measured(summary) -> str:
+    """The two results that people ask for first."""
+    found = [name for name in LEADING if isinstance(summary.get(name), float | int)][:2]
+    if not found:
+        return "Nothing was measured."
+    text = ", ".join(f"{title(name)} {written(name, summary[name])}" for name in found)
+    return f"{text[0].upper()}{text[1:]}."
+
+
+def ending(summary) -> str:
+    """Why and when it ended, and of what mix."""
+    reason = ENDS.get(summary["stopped_by"], str(summary["stopped_by"]))
+    text = f"the {reason}" if reason.startswith(("concrete", "computation")) else reason
+    mixes = summary.get("materials") or []
+    mix = f" ({', '.join(of_mix(mixes[0]))})" if len(mixes) == 1 else f" ({len(mixes)} mixes)" if mixes else ""
+    return f"{text[0].upper()}{text[1:]} after {summary['simulated_seconds']:.2f} s{plain(mix)}."
+
+
+def of_mix(facts) -> list[str]:
+    """The constants of a mix in words."""
+    shown = {"yield_value": ("yield stress", "Pa"), "plastic_viscosity": ("plastic viscosity", "Pa s")}
+    shown |= {
+        "consistency": ("consistency", "Pa s^n"),
+        "flow_index": ("flow index", ""),
+        "density": ("density", "kg/m3"),
+    }
+    return [f"{name} {facts[key]:g} {unit}".rstrip() for key, (name, unit) in shown.items()
+            if isinstance(facts.get(key), float | int)]  # fmt: skip
+
+
+def doubts(summary) -> list[str]:
+    """What speaks against the result, with what to do."""
+    found = []
+    worst = summary.get("volume_error_max") or 0.0
+    if worst > MOST_VOLUME_ERROR:
+        found.append(
+            f"Doubtful: the volume was up to {worst:.1%} off on the way; take a smaller particle size (--spacing)."
+        )
+    if summary["stopped_by"] == "time":
+        found.append("The concrete may still move; a longer time limit (--until) follows it further.")
+    return found
+
+
+def certainty(summary) -> str:
+    """The accuracy expected, from the committed table of measured errors, where there is one for such a run."""
+    choice = comparable(summary)
+    if choice is None:
+        return "How accurate this is was not measured for such a run; compare it with one of half the particle size."
+    return (
+        f"Runs like this one were within {1e3 * choice.error:.0f} mm of independent finite elements "
+        f"({accuracy.RANGE}; half of that diameter)."
+    )
+
+
+def comparable(summary) -> accuracy.Choice | None:
+    """The measured row of this model and particle size, if the mix and the cone are among those it was measured for."""
+    given, mixes = summary.get("parameters", {}), summary.get("materials") or []
+    standard = {"base_diameter": 0.2, "top_diameter": 0.1, "height": 0.3, "lift_speed": None}
+    if summary["scene"] != "slump" or summary["scheme"] != "implicit" or len(mixes) != 1:
+        return None
+    if any(given.get(key) != value for key, value in standard.items()):
+        return None
+    mix = mixes[0]
+    low, high = accuracy.YIELD_VALUES
+    if mix.get("law") != "Bingham" or not low <= mix["yield_value"] <= high:
+        return None
+    if mix["plastic_viscosity"] != accuracy.PLASTIC_VISCOSITY:
+        return None
+    for row in accuracy.measured():
+        if row.model == given.get("model") and math.isclose(row.spacing, given.get("spacing", 0.0)):
+            return row
+    return None
+
+
+def cost(summary) -> str:
+    """Processor time of the computation, that of the start, and the time by the clock, with a word why they differ."""
+    cpu, start, wall = (summary[f"{key}_seconds"] for key in ("cpu", "compile", "wall"))
+    return (
+        f"It took {cpu:.1f} s of processor time for the flow and {start:.1f} s to make the program ready (shorter the "
+        f"next time), {wall:.0f} s by the clock with pictures and files."
+    )
+
+
+def rows(summary) -> list[tuple[str, str, str]]:
+    """Each result: its name, its value with unit, and what it is; '-' for what was not reached."""
+    return [
+        (title(key), "not reached" if value is None else written(key, value), meaning(key))
+        for key, value in summary.items()
+        if is_measure(key) and key not in NOT_RESULTS and (value is None or isinstance(value, float | int))
+    ]
+
+
+def numerics(summary) -> list[tuple[str, str]]:
+    """What only those ask who know the method."""
+    facts = [
+        ("steps", f"{summary['steps']} in {summary['simulated_seconds']:.3f} s"),
+        ("particles", f"{summary['fluid_particles']} fluid, {summary['wall_particles']} wall"),
+        ("scheme", summary["scheme"]),
+    ]
+    if summary.get("volume_error") is not None:
+        worst = summary.get("volume_error_max") or 0.0
+        facts.append(("volume error", f"{summary['volume_error']:.2%} at the end, at most {worst:.2%}"))
+    return facts + [(key.replace("_", " "), str(value)) for key, value in summary.get("numerics", {}).items()]
