@@ -8,6 +8,7 @@ import sys
 from typing import Literal
 
 import numpy as np
+from pydantic import Field
 
 import taichi_mps as mps
 from taichi_mps.units import Duration, Length
@@ -20,7 +21,7 @@ FRONT = np.array([[0.832, 1.217], [1.219, 1.474], [1.997, 2.292], [2.547, 2.995]
 def scene(
     material: mps.Bingham = mps.Newtonian(),
     spacing: Length = 0.0073,
-    column_width: Length = 0.146,
+    column_width: Length = Field(0.146, description="width of the column of water"),
     until: Duration = 0.3,
     model: Literal["plane"] = "plane",
 ) -> mps.Scene:

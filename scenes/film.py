@@ -8,6 +8,7 @@ import sys
 from typing import Literal
 
 import numpy as np
+from pydantic import Field
 
 import taichi_mps as mps
 from taichi_mps.units import Angle, Duration, Length
@@ -23,8 +24,8 @@ def film_velocity(y, depth, slope_weight, eta, tau_y):
 @mps.checked
 def scene(
     material: mps.Bingham = mps.Bingham(yield_value=100.0, plastic_viscosity=50.0),
-    angle: Angle = 10.0,
-    depth: Length = 0.1,
+    angle: Angle = Field(10.0, description="slope of the plane"),
+    depth: Length = Field(0.1, description="depth of the film"),
     spacing: Length = 0.005,
     until: Duration = 2.0,
     model: Literal["plane"] = "plane",

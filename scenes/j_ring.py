@@ -10,6 +10,7 @@ from dataclasses import replace
 from typing import Literal
 
 import numpy as np
+from pydantic import Field
 
 import taichi_mps as mps
 from taichi_mps.units import Count, Duration, Length
@@ -21,10 +22,10 @@ INNER, OUTER = 0.05, 0.025  # radius of the middle, and width of the ring outsid
 def scene(
     material: mps.Bingham = mps.Bingham(yield_value=40.0, plastic_viscosity=20.0),
     spacing: Length = 0.01,
-    bars: Count = 16,
-    bar_diameter: Length = 0.018,
-    ring_diameter: Length = 0.3,
-    ring_height: Length = 0.125,
+    bars: Count = Field(16, description="bars of the ring"),
+    bar_diameter: Length = Field(0.018, description="diameter of the bars"),
+    ring_diameter: Length = Field(0.3, description="diameter of the ring"),
+    ring_height: Length = Field(0.125, description="height of the ring"),
     until: Duration = 5.0,
     model: Literal["quarter"] = "quarter",
 ) -> mps.Scene:

@@ -11,6 +11,7 @@ from dataclasses import replace
 from typing import Literal
 
 import numpy as np
+from pydantic import Field
 
 import taichi_mps as mps
 from taichi_mps.problem import catalogue
@@ -24,10 +25,10 @@ FROM, TO = 0.025, 0.075  # distances from either end between which the levels H1
 def scene(
     material: mps.Bingham = mps.Bingham(yield_value=40.0, plastic_viscosity=20.0),
     spacing: Length = 0.0125,
-    bars: Literal["none", "2", "3"] = "3",
-    length: Length = 0.7,
-    width: Length = 0.2,
-    height: Length = 0.6,
+    bars: Literal["none", "2", "3"] = Field("3", description="reinforcing bars behind the gate"),
+    length: Length = Field(0.7, description="length of the vessel"),
+    width: Length = Field(0.2, description="width of the vessel"),
+    height: Length = Field(0.6, description="height of the column of concrete"),
     sides: Literal["smooth", "rough"] = "smooth",
     lift_speed: Speed | None = None,
     until: Duration = 4.0,

@@ -9,6 +9,7 @@ import sys
 from typing import Literal
 
 import numpy as np
+from pydantic import Field
 
 import taichi_mps as mps
 from taichi_mps.units import Duration, Length, Speed
@@ -18,11 +19,11 @@ from taichi_mps.units import Duration, Length, Speed
 def scene(
     material: mps.Bingham = mps.Bingham(yield_value=100.0, plastic_viscosity=50.0),
     spacing: Length = 0.0125,
-    column_depth: Length = 0.1,
-    column_height: Length = 0.4,
-    width: Length = 0.2,
-    opening: Length = 0.15,
-    channel_length: Length = 0.9,
+    column_depth: Length = Field(0.1, description="length of the column of concrete"),
+    column_height: Length = Field(0.4, description="height of the column of concrete"),
+    width: Length = Field(0.2, description="width of the vessel"),
+    opening: Length = Field(0.15, description="height of the gate"),
+    channel_length: Length = Field(0.9, description="length of the channel in front of the gate"),
     sides: Literal["smooth", "rough"] = "smooth",
     lift_speed: Speed | None = None,
     until: Duration = 5.0,

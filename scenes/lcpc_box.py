@@ -8,6 +8,8 @@ Run time: about half a CPU-minute at the default spacing, on a busy machine, and
 import sys
 from typing import Literal
 
+from pydantic import Field
+
 import taichi_mps as mps
 from taichi_mps.units import Duration, Length
 
@@ -16,10 +18,10 @@ from taichi_mps.units import Duration, Length
 def scene(
     material: mps.Bingham = mps.Bingham(yield_value=100.0, plastic_viscosity=20.0),
     spacing: Length = 0.0125,
-    length: Length = 1.2,
-    width: Length = 0.2,
-    height: Length = 0.15,
-    block: Length = 0.2,
+    length: Length = Field(1.2, description="length of the box"),
+    width: Length = Field(0.2, description="width of the box"),
+    height: Length = Field(0.15, description="height of the box"),
+    block: Length = Field(0.2, description="length of the concrete before it flows"),
     sides: Literal["rough", "smooth"] = "rough",
     until: Duration = 10.0,
     model: Literal["half", "plane"] = "half",

@@ -10,6 +10,7 @@ from dataclasses import replace
 from typing import Literal
 
 import numpy as np
+from pydantic import Field
 
 import taichi_mps as mps
 from taichi_mps.units import Duration, Length, Speed
@@ -19,9 +20,9 @@ from taichi_mps.units import Duration, Length, Speed
 def scene(
     material: mps.Bingham = mps.Bingham(yield_value=20.0, plastic_viscosity=1.0, density=1900.0),
     spacing: Length = 0.001,
-    base_diameter: Length = 0.0381,
-    top_diameter: Length = 0.019,
-    height: Length = 0.0572,
+    base_diameter: Length = Field(0.0381, description="diameter of the cone at its foot"),
+    top_diameter: Length = Field(0.019, description="diameter of the cone at its top"),
+    height: Length = Field(0.0572, description="height of the cone"),
     lift_speed: Speed | None = None,
     until: Duration = 3.0,
     model: Literal["axisymmetric", "quarter", "full"] = "axisymmetric",

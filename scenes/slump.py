@@ -10,6 +10,7 @@ from functools import partial
 from typing import Literal
 
 import numpy as np
+from pydantic import Field
 
 import taichi_mps as mps
 from taichi_mps.units import Duration, Length, Speed
@@ -46,10 +47,10 @@ def rings_in(cone, spacing):
 def scene(
     material: mps.Bingham = mps.Bingham(),
     spacing: Length = 0.01,
-    base_diameter: Length = 0.2,
-    top_diameter: Length = 0.1,
-    height: Length = 0.3,
-    floor_radius: Length | None = None,
+    base_diameter: Length = Field(0.2, description="diameter of the cone at its foot"),
+    top_diameter: Length = Field(0.1, description="diameter of the cone at its top"),
+    height: Length = Field(0.3, description="height of the cone"),
+    floor_radius: Length | None = Field(None, description="radius of the floor, by default as far as the mix can flow"),
     lift_speed: Speed | None = None,
     until: Duration = 5.0,
     model: Literal["full", "half", "quarter", "axisymmetric"] = "full",

@@ -8,6 +8,7 @@ import sys
 from typing import Literal
 
 import numpy as np
+from pydantic import Field
 
 import taichi_mps as mps
 from taichi_mps.units import Duration, Length
@@ -29,8 +30,8 @@ def pool_error(snapshot, density, depth):
 def scene(
     material: mps.Bingham = mps.Newtonian(),
     spacing: Length = 0.01,
-    width: Length = 0.2,
-    depth: Length = 0.2,
+    width: Length = Field(0.2, description="width of the tank"),
+    depth: Length = Field(0.2, description="depth of the fluid"),
     until: Duration = 1.0,
     model: Literal["plane", "half"] = "plane",
 ) -> mps.Scene:

@@ -9,6 +9,7 @@ import sys
 from typing import Literal
 
 import numpy as np
+from pydantic import Field
 
 import taichi_mps as mps
 from taichi_mps.units import Duration, Length
@@ -20,11 +21,11 @@ BAR, APART, COUNT = 0.013, 0.05, 3  # diameter and distance of axes [m], number 
 def scene(
     material: mps.Bingham = mps.Bingham(yield_value=40.0, plastic_viscosity=20.0),
     spacing: Length = 0.0125,
-    leg: Length = 0.14,
-    width: Length = 0.2,
-    height: Length = 0.68,
-    opening: Length = 0.19,
-    bars: Literal["yes", "no"] = "yes",
+    leg: Length = Field(0.14, description="length of each leg"),
+    width: Length = Field(0.2, description="width of the vessel"),
+    height: Length = Field(0.68, description="height of the vessel"),
+    opening: Length = Field(0.19, description="height of the opening between the legs"),
+    bars: Literal["yes", "no"] = Field("yes", description="reinforcing bars in the opening"),
     sides: Literal["smooth", "rough"] = "smooth",
     until: Duration = 3.0,
     model: Literal["half"] = "half",

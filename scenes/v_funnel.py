@@ -9,6 +9,7 @@ import sys
 from typing import Literal
 
 import numpy as np
+from pydantic import Field
 
 import taichi_mps as mps
 from taichi_mps.units import Duration, Length
@@ -18,12 +19,12 @@ from taichi_mps.units import Duration, Length
 def scene(
     material: mps.Bingham = mps.Bingham(yield_value=40.0, plastic_viscosity=20.0),
     spacing: Length = 0.0125,
-    top: Length = 0.515,
-    outlet: Length = 0.065,
-    thickness: Length = 0.075,
-    taper: Length = 0.45,
-    spout: Length = 0.15,
-    fall: Length = 0.15,
+    top: Length = Field(0.515, description="length of the opening at the top"),
+    outlet: Length = Field(0.065, description="length of the outlet"),
+    thickness: Length = Field(0.075, description="width of the funnel"),
+    taper: Length = Field(0.45, description="height of its tapered part"),
+    spout: Length = Field(0.15, description="height of the pipe below it"),
+    fall: Length = Field(0.15, description="height of the outlet above the floor"),
     sides: Literal["rough", "smooth"] = "rough",
     until: Duration = 8.0,
     model: Literal["quarter"] = "quarter",

@@ -2,7 +2,9 @@
 
 import difflib
 import inspect
-from functools import wraps
+import re
+from fractions import Fraction
+from functools import cache, partial, wraps
 from typing import Annotated, Any, ClassVar, Literal, get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -111,19 +113,35 @@ class Unit(str):
         return self
 
 
+NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d{1,3})?"
+NUMBER_AND_UNIT = re.compile(rf"\s*({NUMBER})\s*(?![eE][-+]?\d)([a-zA-Z%°µ][^*]{{0,19}}|1/[a-z]+)\s*")
+
+
+@cache
+def registry():
+    """Units by their names (pint), exact. Read when a number first comes with a unit."""
+    import pint
+
+    return pint.UnitRegistry(non_int_type=Fraction)
+
+
+def in_unit(unit: str, value):
+    """A number as text with its unit, '0.5 kPa', '5mm', '12 l/s', in ``unit``; anything else as it is. ValueError for
+    a unit of another kind."""
+    found = NUMBER_AND_UNIT.fullmatch(value) if isinstance(value, str) else None
+    if not found:
+        return value
+    number, given = found.groups()
+    try:
+        units = [re.sub(r"(?<=[a-zA-Z])(\d)", r"^\1", text).replace("·", " ") for text in (given, unit.strip("-"))]
+        return float((Fraction(number) * registry().parse_units(units[0])).to(units[1]).magnitude)
+    except Exception:  # pint has many of its own
+        raise ValueError(f"must be a number{f' in {unit} or a unit of that kind' * bool(unit.strip('-'))}") from None
+
+
 def _real(unit, hint="", **bounds):
-    return Annotated[float, Field(allow_inf_nan=False, **bounds), Unit(unit, hint)]
-
-
-def in_metres(value):
-    """A length as text with a unit, '5mm', in metres; anything else as it is."""
-    if isinstance(value, str):
-        for suffix, factor in (("mm", 1e-3), ("cm", 1e-2), ("m", 1.0)):
-            try:
-                return float(value.removesuffix(suffix)) * factor if value.endswith(suffix) else float(value)
-            except ValueError:
-                continue
-    return value
+    in_ours = BeforeValidator(partial(in_unit, unit))
+    return Annotated[float, Field(allow_inf_nan=False, **bounds), Unit(unit, hint), in_ours]
 
 
 INSTANT = 1e-9  # [s]: times closer to each other are one and the same, and no step is shorter
@@ -139,7 +157,7 @@ def longer_than_an_instant(value: float) -> float:
 LIGHTEST, HEAVIEST = 200.0, 20000.0  # foamed concrete in the mould, and above mercury [kg/m3]
 DENSITY_HINT = "2300 for 2.3 t/m3"
 
-Length = Annotated[_real("m", "0.3 or 300mm for 300 mm", gt=0.0, le=100.0), BeforeValidator(in_metres)]
+Length = _real("m", "0.3 or 300mm for 300 mm", gt=0.0, le=100.0)
 Position = _real("m", ge=-1000.0, le=1000.0)
 Duration = Annotated[_real("s", gt=0.0, le=1e6), AfterValidator(longer_than_an_instant)]
 Density = _real("kg/m3", DENSITY_HINT, ge=LIGHTEST, le=HEAVIEST)
@@ -208,11 +226,14 @@ def explain(error: ValidationError, model: type[BaseModel]) -> str:
         unit = unit_of(model.model_fields[key]) if key in model.model_fields else Unit("")
         unit = Unit("") if unit == "-" else unit
         allowed = item["msg"].replace("Input should be", "must be").replace("Value error, ", "")
+        if item["type"] == "float_parsing":
+            allowed = f"must be a number{f' [{unit}]' if unit else ''}"
         if item["type"] == "missing":
             lines.append(f"{key} is missing [{unit}]" if unit else f"{key} is missing")
         else:
-            tail = f" {unit}" if unit else ""
-            bound = tail if item["type"].startswith(("greater", "less")) else ""
+            own = isinstance(item["input"], str) and NUMBER_AND_UNIT.fullmatch(item["input"])  # came with its unit
+            tail = f" {unit}" if unit and not own else ""
+            bound = f" {unit}" * bool(unit) if item["type"].startswith(("greater", "less")) else ""
             bound += f" ({unit.hint})" if bound and unit.hint else ""
             start = f"{key} = {' '.join(str(item['input']).split())}{tail}: "  # one line, whatever was given
             if lines and lines[-1].startswith(start):

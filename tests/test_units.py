@@ -11,7 +11,7 @@ import taichi_mps as mps
 from taichi_mps.problem import catalogue
 from taichi_mps.problem.problem import Problem
 from taichi_mps.runtime import backend
-from taichi_mps.units import Count, Length, SceneError, Viscosity
+from taichi_mps.units import Count, Length, SceneError, Viscosity, in_unit
 
 BOUNDS = {"density": (0.0, 30000.0), "plastic_viscosity": (0.0, 1e6), "critical_strain_rate": (0.0, 1e4)}  # (low, high]
 
@@ -27,7 +27,7 @@ def sample(spacing: Length, plastic_viscosity: Viscosity = 50.0, layers: Count =
         (lambda: mps.Bingham(plastic_viscosity=-2.0), ["plastic_viscosity = -2.0 Pa s", "greater than 0 Pa s"]),
         (lambda: mps.Bingham(density=40000.0), ["density = 40000.0 kg/m3", "less than or equal to 30000 kg/m3"]),
         (lambda: mps.Bingham(yield_value=math.nan), ["yield_value = nan Pa", "finite number"]),
-        (lambda: mps.Bingham(yield_value="stiff"), ["yield_value = stiff Pa", "valid number"]),
+        (lambda: mps.Bingham(yield_value="stiff"), ["yield_value = stiff Pa", "must be a number [Pa]"]),
         (lambda: mps.Bingham(critical_strain_rate=0.0), ["critical_strain_rate = 0.0 1/s", "greater than 0 1/s"]),
         (lambda: mps.Bingham(yeild_value=3.0), ["unknown key 'yeild_value'", "did you mean 'yield_value'?"]),
         (lambda: mps.Implicit(courant_number=1.5), ["courant_number = 1.5", "less than or equal to 1"]),
@@ -223,3 +223,37 @@ def test_a_duration_is_no_shorter_than_what_a_step_can_take(value, allowed):
     with pytest.raises(mps.SceneError, match=f"max_time_step = .* s: must be {allowed}"):
         mps.Implicit(max_time_step=value)
     assert mps.Implicit(max_time_step=1e-9).max_time_step == 1e-9
+
+
+@pytest.mark.parametrize(
+    ("unit", "text", "value"),
+    [
+        ("Pa", "0.5kPa", 500.0),
+        ("Pa", "3 N/mm2", 3e6),
+        ("m", "30 cm", 0.3),
+        ("m", "-5mm", -0.005),
+        ("m", "0.4 in", 0.01016),
+        ("s", "2 min", 120.0),
+        ("m3/s", "12 l/s", 0.012),
+        ("m3/s", "43.2 m3/h", 0.012),
+        ("m/s", "100 mm/s", 0.1),
+        ("kg/m3", "2.3 t/m3", 2300.0),
+        ("Pa s", "300 mPa s", 0.3),
+        ("Pa s", "300 mPa·s", 0.3),
+        ("1/s", "6 1/min", 0.1),
+        ("-", "95 %", 0.95),
+    ],
+)
+def test_a_number_with_its_unit_is_the_nearest_number_in_ours(unit, text, value):
+    assert in_unit(unit, text) == value
+
+
+@pytest.mark.parametrize("given", ["2.3e6", "nan", "inf", "rational", "", "e6", 3, None, "1_000"])
+def test_what_is_no_number_with_a_unit_is_left_as_it_is(given):
+    assert in_unit("Pa", given) is given
+
+
+@pytest.mark.parametrize("text", ["300mm", "12 nonsense", "1 Pa^(1/0)", "5 Pa s", "2e999 Pas"])
+def test_a_unit_of_another_kind_is_refused(text):
+    with pytest.raises(ValueError, match="must be a number in Pa or a unit of that kind"):
+        in_unit("Pa", text)

@@ -1,10 +1,11 @@
 """What a run shows while it goes on and when it is done: pictures, progress, result table, curves."""
 
 import math
+import time
 from contextlib import contextmanager
 
-from ..problem.labels import is_measure, title, written
-from ..units import plain
+from ..problem.labels import title, written
+from ..report.sentences import LEADING, numerics, rows, sentences
 
 
 def pictures(frames, options):
@@ -57,50 +58,63 @@ def redraw(replays, folder, suffix, options, film=False, surface=False) -> dict:
 
 
 @contextmanager
-def progress(sim, recorder, until, quiet):
-    """A line on a terminal: time, dt and what bounds it, slump, iterations, time left. Nothing elsewhere."""
+def progress(sim, recorder, options):
+    """A line on a terminal: flow time, share done, result so far, time left. Nothing elsewhere."""
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+    from rich.progress import BarColumn, Progress, TextColumn
 
     console = Console(stderr=True)
-    if quiet or not console.is_terminal:
+    if options.quiet or not console.is_terminal:
         yield
         return
-    columns = TextColumn("{task.description}"), BarColumn(None), TimeRemainingColumn()
+    begun, start, until = time.monotonic(), sim.time, sim.scene.until
+    columns = TextColumn("{task.description}"), BarColumn(30), TextColumn("{task.percentage:.0f} %{task.fields[left]}")
     with Progress(*columns, console=console, transient=True) as bar:
-        task = bar.add_task("compiling", total=until, completed=sim.time)
+        task = bar.add_task("getting ready (the first run takes longest)", total=1.0, left="")
 
         def show(sim):
-            r, m = sim.report, recorder.measures
-            moved = next((f"{key[:-2]} {100 * m[key]:.1f} cm  " for key in ("slump_m", "front_m") if key in m), "")
-            text = f"{sim.time:.3f}/{until:g} s  dt {1e3 * r.dt:.2f} ms ({r.dt_limit})  {moved}"
-            text += f"iterations {r.viscous_iterations}/{r.pressure_iterations}"
-            bar.update(task, completed=sim.time, description=text)
+            end = min(until, sim.rest.expected(sim.time) or until)
+            share = (sim.time - start) / (end - start)
+            left = (time.monotonic() - begun) * (1.0 - share) / max(share, 1e-3)
+            name = next((name for name in LEADING if name in recorder.measures), None)
+            moved = f"  {title(name)} {written(name, recorder.measures[name])}" if name else ""
+            text = f"{sim.time:.2f} of {'about' if end < until else 'at most'} {end:.3g} s{moved}"
+            if options.verbose:
+                r = sim.report
+                text += f"  dt {1e3 * r.dt:.2f} ms ({r.dt_limit}), iterations {r.viscous_iterations}"
+                text += f"/{r.pressure_iterations}"
+            bar.update(task, completed=share, description=text, left=f", {in_time(left)} left")
 
         sim.each_step(show)
         yield
 
 
-def table(summary: dict, folder, stages=(), traffic=None) -> None:
-    """The result for a reader, on stdout."""
+def in_time(seconds: float) -> str:
+    """A duration as people say it."""
+    for unit, size in (("h", 3600.0), ("min", 60.0)):
+        if seconds >= 2.0 * size:
+            return f"{seconds / size:.0f} {unit}"
+    return f"{seconds:.0f} s"
+
+
+def result(summary: dict, folder, verbose=False, stages=(), traffic=None) -> None:
+    """The result for a reader, on stdout: sentences, then each number and what it is; the numerics if asked."""
     from rich.console import Console
     from rich.markup import escape
     from rich.table import Table
 
-    from ..simulation.summary import MOST_VOLUME_ERROR
-
-    rows = Table(title=f"{escape(plain(summary['scene']))}: stopped by {summary['stopped_by']}", show_header=False)
-    for key, value in summary.items():
-        if is_measure(key) and value is not None:
-            rows.add_row(title(key), written(key, value))
-    rows.add_row("simulated", f"{summary['simulated_seconds']:.3f} s in {summary['steps']} steps")
-    rows.add_row("particles", f"{summary['fluid_particles']} fluid, {summary['wall_particles']} wall")
-    spent = ", ".join(f"{summary[f'{key}_seconds']:.1f} s {key}" for key in ("wall", "cpu", "compile"))
-    rows.add_row("time spent", spent)
-    if summary["volume_error"] is not None:
-        worst = summary["volume_error_max"]
-        doubt = f", over {MOST_VOLUME_ERROR:.0%}: take a smaller spacing" if worst > MOST_VOLUME_ERROR else ""
-        rows.add_row("volume error", f"{100 * summary['volume_error']:.3f} %, on the way up to {worst:.2%}{doubt}")
+    console = Console(highlight=False)
+    for sentence in sentences(summary, folder.path):
+        console.print(sentence, markup=False)
+    shown = Table(show_header=False, box=None)
+    for name, value, what in rows(summary):
+        shown.add_row(escape(name), value, escape(what))
+    console.print(shown)
+    if not (verbose or stages):
+        return
+    shown = Table(title="numerics", show_header=False)
+    for name, value in numerics(summary):
+        shown.add_row(escape(name), escape(value))
     whole = sum(seconds for _, seconds, _ in stages)
     for stage, seconds, calls in sorted(stages, key=lambda entry: -entry[1]):
         each = seconds / max(calls, 1)
@@ -109,9 +123,8 @@ def table(summary: dict, folder, stages=(), traffic=None) -> None:
         if stage in (traffic or {}):
             moved = traffic[stage]
             text += f", {1e-9 * moved.bytes / each:.1f} GB/s, {1e-9 * moved.operations / each:.1f} Gflop/s"
-        rows.add_row(f"stage {stage}", text)
-    rows.add_row("files", escape(plain(folder.path)))
-    Console().print(rows)
+        shown.add_row(f"stage {stage}", text)
+    console.print(shown)
 
 
 def curves(folder) -> list[str]:

@@ -32,14 +32,14 @@ def run(argv) -> int:
     numerics = NUMERICS.get(scheme) or NUMERICS["implicit"]
     function = catalogue.load(known.scene) if known.scene else None
 
-    parser = Parser("run", description=(function.__doc__ or "").strip() if function else "Compute a scene.")
+    parser = Parser("run", "SCENE", description=(function.__doc__ or "").strip() if function else "Compute a scene.")
     parser.add_argument("scene", help=f"name ({', '.join(catalogue.names())}) or Python file")
-    parser.add_argument("--json", action="store_true", help="print the summary as JSON")
     if function:
-        parser.options(function.parameters, f"scene {known.scene}")
-    parser.options(numerics, f"scheme {scheme}")
+        parser.options(function.parameters)
+    parser.options(numerics)
     own_until = function and "until" in function.parameters.model_fields
-    parser.options(Run, "run", leave_out=["until"] if own_until else [])
+    parser.options(Run, leave_out=["until"] if own_until else [])
+    parser.json("print the result as JSON")
     arguments = parser.parse(argv)
 
     options = Run(**given(arguments, Run))
@@ -67,11 +67,11 @@ def run(argv) -> int:
 def resume(argv) -> int:
     """continue an interrupted run"""
     kept = ["scheme", "precision", "out", "overwrite"]
-    parser = Parser("resume", description="Continue a run from its checkpoint.")
+    parser = Parser("resume", "RUN", description="Continue a run from its checkpoint.")
     parser.add_argument("run", help="run folder, or the checkpoint file in it")
-    parser.options(Run, "run", leave_out=kept)
+    parser.options(Run, leave_out=kept)
     parser.add_argument("--scene", help=SCENE_FILE)
-    parser.add_argument("--json", action="store_true", help="print the summary as JSON")
+    parser.json("print the result as JSON")
     arguments = parser.parse(argv)
     from ..io import checkpoint
     from ..io.run_folder import RunFolder
@@ -132,7 +132,7 @@ def render(argv) -> int:
     parser.add_argument("--beside", metavar="RUN", help="another run, drawn beside it with the same camera and range")
     parser.add_argument("--surface", action="store_true", help="the smooth surface, not particles (extra surface)")
     parser.add_argument("--film", action="store_true", help="an MP4, too (extra film)")
-    parser.options(Pictures, "pictures")
+    parser.options(Pictures)
     parser.add_argument("--scene", help=SCENE_FILE)
     parser.add_argument("--json", action="store_true", help="print the names of the results as JSON")
     arguments = parser.parse(argv)

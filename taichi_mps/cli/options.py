@@ -1,14 +1,24 @@
 """Options of the command line made from pydantic models: unit, allowed range and default in --help."""
 
 import argparse
+import re
+from collections import defaultdict
 from contextlib import suppress
 from typing import Literal, get_args, get_origin
 
 from pydantic import Field
 
 from ..problem import catalogue
-from ..problem.labels import in_words
+from ..problem.labels import what_it_is
+from ..problem.materials import Bingham, HerschelBulkley
+from ..problem.numerics import NUMERICS
 from ..units import Checked, Count, Duration, SceneError, suggestion, unit_of
+
+GROUPS = "mix", "test", "accuracy and cost", "output", "expert"  # of the options of a run, as --help has them
+MIX = {name for law in (Bingham, HerschelBulkley) for name in law.model_fields}
+COST = {"spacing", "model", "accuracy", "threads", "budget"}
+EXPERT = {"critical_strain_rate", "scheme", "precision", "arch", "renderer", "profile"}
+MEASURED = {"--slump", "--spread", "--t500"}  # results, which some take for options
 
 SCHEMES = Literal["implicit", "semi-implicit"]
 VIEWS = Literal["concrete", "speed", "pressure", "shear-rate", "yielded", "mix"]
@@ -17,10 +27,10 @@ VIEWS = Literal["concrete", "speed", "pressure", "shear-rate", "yielded", "mix"]
 class Pictures(Checked):
     """Options of every command that draws."""
 
-    view: VIEWS = Field("concrete", description="what the pictures show")
-    renderer: Literal["software", "ggui"] = Field("software", description="what draws them")
+    view: VIEWS = Field("concrete", description="what the pictures are coloured by")
+    renderer: Literal["software", "ggui"] = Field("software", description="what draws the pictures")
     arch: Literal["cpu", "cuda", "vulkan"] = Field("cpu", description="where to compute")
-    threads: Count | None = Field(None, description="CPU threads, all of them by default")
+    threads: Count | None = Field(None, description="processor cores to use, all of them by default")
 
 
 class Run(Pictures):
@@ -28,12 +38,13 @@ class Run(Pictures):
 
     scheme: SCHEMES = Field("implicit", description="numerical scheme")
     precision: Literal["f32", "f64"] = Field("f32", description="of the solver's numbers")
-    until: Duration | None = Field(None, description="end of the simulated time, the scene's own by default")
-    every: Duration | None = Field(None, description="interval of the pictures, about until/100 by default")
-    out: str | None = Field(None, description="run folder, renders/<scene> or the next free name by default")
+    until: Duration | None = Field(None, description="time limit of the flow, the scene's own by default")
+    every: Duration | None = Field(None, description="time between pictures, by default a hundredth of the time limit")
+    out: str | None = Field(None, description="folder of the results, by default renders/<scene> or the next free name")
     overwrite: bool = Field(False, description="replace the run that is in the folder")
     profile: bool = Field(False, description="show the time that each stage took")
-    quiet: bool = Field(False, description="no progress and no table")
+    quiet: bool = Field(False, description="no progress and no result on the screen")
+    verbose: bool = Field(False, description="show the numerics, too: steps, iterations, volume error")
 
 
 class Table(Checked):
@@ -46,26 +57,30 @@ class Table(Checked):
 class Parser(argparse.ArgumentParser):
     """One clear line instead of the usage text for bad input."""
 
-    def __init__(self, command, **settings):
+    def __init__(self, command, what="", **settings):
         settings.setdefault(
             "formatter_class", lambda prog: argparse.HelpFormatter(prog, max_help_position=42, width=112)
         )
+        settings.setdefault("usage", f"taichi-mps {command} {what} [options]" if what else None)
         super().__init__(prog=f"taichi-mps {command}".strip(), allow_abbrev=False, **settings)
+        self.groups = defaultdict(self.add_argument_group, {name: self.add_argument_group(name) for name in GROUPS})
 
     def error(self, message):
         """Bad input, as argparse says it."""
         raise SceneError(message)
 
-    def options(self, model, title, leave_out=()):
-        """One option for every field of a pydantic model, with its unit, allowed range and default."""
-        group = self.add_argument_group(title)
+    def options(self, model, title=None, leave_out=()):
+        """One option for every field of a pydantic model, with its unit, allowed range and default, in the group of
+        this title or in its own."""
         for name, field in model.model_fields.items():
             if name in leave_out:
                 continue
             flag = "--" + name.replace("_", "-")
             if flag in self._option_string_actions:
                 raise SceneError(f"scene keyword '{name}' has the name of an option of run; rename it")
-            text = ", ".join(filter(None, (field.description or in_words(name), allowed(field), default(field))))
+            group = self.groups[title or group_of(name, model)]
+            told = " ".join(filter(None, (default(field), allowed(field))))
+            text = ", ".join(filter(None, (field.description or what_it_is(name), told)))
             if field.annotation is bool:
                 switch = argparse.BooleanOptionalAction if field.default else "store_true"
                 group.add_argument(flag, dest=name, action=switch, default=None, help=text)
@@ -74,12 +89,18 @@ class Parser(argparse.ArgumentParser):
                 group.add_argument(flag, dest=name, metavar="|".join([unit] * bool(unit) + choices(field)) or "X",
                                    help=text)  # fmt: skip
 
+    def json(self, what):
+        """``--json``, beside the other options of what is given out."""
+        self.groups["output"].add_argument("--json", action="store_true", help=what)
+
     def parse(self, argv):
         """Namespace; an option that does not exist is refused with the nearest one that does."""
         arguments, unknown = self.parse_known_args(joined(argv))
         for word in unknown:
             flag = word.split("=", 1)[0]
             if flag.startswith("-"):
+                if flag in MEASURED:
+                    raise SceneError(f"{flag} is a result; 'taichi-mps calibrate {word}' finds the mix that has it")
                 raise SceneError(
                     f"unknown option {flag}{suggestion(flag, set(self._option_string_actions) - {'--help'})}"
                 )
@@ -105,24 +126,15 @@ def scene_of(command, argv, model) -> argparse.Namespace:
 
 
 def joined(argv) -> list[str]:
-    """``--key -1e3`` as ``--key=-1e3``, which argparse would take for an option."""
+    """``--key -1e3`` or ``-3cm`` as ``--key=-1e3``, which argparse would take for an option."""
     words = []
     for word in argv:
-        negative = word.startswith("-") and not word.startswith("--") and is_number(word)
+        negative = re.match(r"-([\d.]|inf|nan)", word)
         if negative and words and words[-1].startswith("--") and "=" not in words[-1]:
             words[-1] += f"={word}"
         else:
             words.append(word)
     return words
-
-
-def is_number(word: str) -> bool:
-    """Is a word of a command line a number?"""
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True
 
 
 def choices(field) -> list[str]:
@@ -132,19 +144,34 @@ def choices(field) -> list[str]:
 
 
 def allowed(field) -> str:
-    """'[Pa], 0 <= . <= 1e+06' from the field's declaration."""
-    unit = unit_of(field).strip("-")
-    marks = {"gt": "> {:g}", "ge": ">= {:g}", "lt": "< {:g}", "le": "<= {:g}"}
-    bounds = [text.format(getattr(item, mark)) for item in field.metadata for mark, text in marks.items()
-              if getattr(item, mark, None) is not None]  # fmt: skip
-    return " ".join(filter(None, (f"[{unit}]" if unit else "", " and ".join(bounds))))
+    """'(0 to 1e+06)' from the field's declaration; 'above 0' where the bound itself is not allowed."""
+    marks = {"gt": "above {:g}", "ge": "{:g}", "lt": "to below {:g}", "le": "to {:g}"}
+    bounds = {mark: text.format(getattr(item, mark)) for item in field.metadata for mark, text in marks.items()
+              if getattr(item, mark, None) is not None}  # fmt: skip
+    return f"({' '.join(bounds[mark] for mark in marks if mark in bounds)})" * bool(bounds)
 
 
 def default(field) -> str:
-    """'default 300.0', 'required' or nothing, of a field."""
+    """'default 300 Pa', the unit alone where there is no default, or 'required'."""
+    unit = unit_of(field).strip("-")
     if field.is_required():
-        return "required"
-    return "" if field.default in (None, False, "") else f"default {field.default}"
+        return " ".join(filter(None, ("required", f"[{unit}]" * bool(unit))))
+    value = field.default
+    if value is None or value is False or value == "":
+        return f"[{unit}]" if unit else ""
+    shown = f"{value:g}" if isinstance(value, float) else str(value)
+    return f"default {shown} {unit}".rstrip()
+
+
+def group_of(name: str, model) -> str:
+    """The group of --help in which an option stands."""
+    if name in COST:
+        return "accuracy and cost"
+    if name in EXPERT or model in NUMERICS.values():
+        return "expert"
+    if issubclass(model, Pictures):
+        return "output" if name != "until" else "test"
+    return "mix" if name in MIX else "test"
 
 
 def given(arguments, model, leave_out=()) -> dict:

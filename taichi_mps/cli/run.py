@@ -5,10 +5,11 @@ import json
 import math
 import signal
 import sys
+import warnings
 from contextlib import contextmanager, redirect_stdout
 
 from ..units import plain
-from .console import curves, pictures, progress, table, voids
+from .console import curves, pictures, progress, result, voids
 from .stopped import SIGNALS, Stopped
 
 DONE, BAD_INPUT, DIVERGED = 0, 2, 3  # what a command returns; ended by a signal: 128 and its number
@@ -30,15 +31,17 @@ def carry_out(sim, folder, options, source, as_json, resumed=False) -> int:
 
     until = sim.scene.until
     every = options.every or rounded(until / 100)
-    settings = options.model_dump(exclude={"out", "overwrite", "profile", "quiet"}, exclude_none=True)
+    settings = options.model_dump(exclude={"out", "overwrite", "profile", "quiet", "verbose"}, exclude_none=True)
     settings |= {"every": every}
     error = None
+    if not (as_json or options.quiet):
+        warnings.filterwarnings("ignore", "volume_error_max")  # the result says it in its own words
     with interruptible(sim) as signals:
         if not resumed:
             folder.create(options.overwrite)
         recorder = Recorder(folder, sim, every, source, settings, pictures(folder.frames, options))
         try:
-            with progress(sim, recorder, until, options.quiet):
+            with progress(sim, recorder, options):
                 stopped_by = sim.run() if sim.time < until - 1e-9 else "time"
         except DivergedError as failure:
             stopped_by, error = failure.stopped_by, str(failure)
@@ -52,7 +55,7 @@ def carry_out(sim, folder, options, source, as_json, resumed=False) -> int:
     elif not options.quiet:
         from ..simulation.roofline import traffic
 
-        table(summary, folder, sim.profile(), traffic(sim))
+        result(summary, folder, options.verbose, sim.profile(), traffic(sim))
     if error:
         print(f"taichi-mps: {plain(error)}; resume from {plain(folder.checkpoint)}", file=sys.stderr)
         return DIVERGED

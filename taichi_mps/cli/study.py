@@ -39,13 +39,14 @@ def sweep_command(argv) -> int:
     function = catalogue.load(known.scene) if known.scene else None
     parser = Parser(
         "sweep",
+        "SCENE",
         description="A scene at every combination of values: one value, a list 20,50,100, or first:last:number in "
         "equal ratios (:linear in equal steps). What the folder of the study holds is not computed again.",
     )
     parser.add_argument("scene", help=f"name ({', '.join(catalogue.names())}) or Python file")
     parser.add_argument("--json", action="store_true", help="print the rows as JSON")
     if function:
-        parser.options(function.parameters, f"scene {known.scene}")
+        parser.options(function.parameters)
     parser.options(Study, "study")
     arguments = parser.parse(argv)
     options = Study(**given(arguments, Study))

@@ -8,6 +8,7 @@ from ..units import SceneError
 
 MEASURED = Path(__file__).parent / "accuracy.json"
 COARSEST = 0.1  # [m]; what is asked for beyond is millimetres
+MOST_VOLUME_ERROR = 0.02  # at any time [-], beyond which a result is doubted
 MOST_VOLUME = 0.01  # largest volume error of what is chosen [-]: a coarse cone may have the right slump by luck
 YIELD_VALUES, PLASTIC_VISCOSITY = (100.0, 1000.0), 50.0  # where the errors were measured [Pa, Pa s], standard cone
 RANGE = "{:g} to {:g} Pa, {:g} Pa s, standard cone".format(*YIELD_VALUES, PLASTIC_VISCOSITY)

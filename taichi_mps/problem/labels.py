@@ -3,6 +3,14 @@
 # of a result by the end of its name: factor, unit, digits; the longer end first
 UNITS = {"_m_s": (1.0, "m/s", ".3g"), "_m3": (1e3, "l", ".3g"), "_ratio": (1.0, "", ".3f")}
 UNITS |= {"_m": (100.0, "cm", ".1f"), "_s": (1.0, "s", ".2f")}
+KEYWORDS = {  # of many scenes: what they are
+    "spacing": "particle size; half of it takes 16 times as long in space",
+    "until": "time limit of the flow; it ends before where the concrete stops flowing",
+    "model": "how much of the test is computed: all of it, a part between mirror planes, or a section",
+    "accuracy": "wanted error of the result; chooses model and particle size",
+    "lift_speed": "speed at which the mould or gate is lifted, by default gone at once",
+    "sides": "upright walls without friction (smooth) or to which concrete sticks (rough)",
+}
 WORDS = {"yield_value": "yield stress", "spacing": "particle size", "until": "time limit"}  # keys as people read them
 ENDS = {  # why a run ended
     "rest": "concrete stopped flowing",
@@ -41,6 +49,11 @@ RESULTS = {  # key: (name, what it is)
     "poured_m3": ("poured", "what has come out of the hose"),
     "pour_delay_s": ("delay of the pour", "for want of room below the hose"),
 }
+
+
+def what_it_is(key: str) -> str:
+    """What a keyword of a scene is, where the scene itself does not say."""
+    return KEYWORDS.get(key, in_words(key))
 
 
 def in_words(key: str) -> str:

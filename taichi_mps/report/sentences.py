@@ -6,7 +6,6 @@ from ..problem import accuracy
 from ..problem.labels import ENDS, is_measure, meaning, title, written
 from ..units import plain
 
-MOST_VOLUME_ERROR = 0.02  # [-], beyond which a result is doubted
 LEADING = "slump_m", "spread_m", "t500_s", "flow_m", "flow_time_s", "passing_ratio", "front_m", "filled_ratio"
 NOT_RESULTS = "simulated_seconds", "wall_seconds", "cpu_seconds", "compile_seconds"
 
@@ -35,7 +34,7 @@ def measured(summary) -> str:
 def ending(summary) -> str:
     """Why and when it ended, and of what mix."""
     reason = ENDS.get(summary["stopped_by"], str(summary["stopped_by"]))
-    text = f"the {reason}" if reason.startswith(("concrete", "computation")) else reason
+    text = {"time": "ended at the time limit", "interrupted": reason}.get(summary["stopped_by"], f"the {reason}")
     mixes = summary.get("materials") or []
     mix = f" ({', '.join(of_mix(mixes[0]))})" if len(mixes) == 1 else f" ({len(mixes)} mixes)" if mixes else ""
     return f"{text[0].upper()}{text[1:]} after {summary['simulated_seconds']:.2f} s{plain(mix)}."
@@ -57,7 +56,7 @@ def doubts(summary) -> list[str]:
     """What speaks against the result, with what to do."""
     found = []
     worst = summary.get("volume_error_max") or 0.0
-    if worst > MOST_VOLUME_ERROR:
+    if worst > accuracy.MOST_VOLUME_ERROR:
         found.append(
             f"Doubtful: the volume was up to {worst:.1%} off on the way; take a smaller particle size (--spacing)."
         )
@@ -72,8 +71,8 @@ def certainty(summary) -> str:
     if choice is None:
         return "How accurate this is was not measured for such a run; compare it with one of half the particle size."
     return (
-        f"Runs like this one were within {1e3 * choice.error:.0f} mm of independent finite elements "
-        f"({accuracy.RANGE}; half of that diameter)."
+        f"In runs like this one slump and radius were within {1e3 * choice.error:.0f} mm of independent finite "
+        f"elements ({accuracy.RANGE})."
     )
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 OF_WHAT_MOVES = 0.1  # way [l0] that what moves may still have before it in the material's own time
+QUIET = 0.2  # [s] for which hardly a way must have been left
 OF_THE_BODY = 0.5  # way [l0] that the body may still have before it if it slows down as it has done
 
 
@@ -16,6 +17,8 @@ class Rest:
     since: float | None = None  # [s]
     fastest: float = 0.0  # [m/s]
     fastest_at: float = 0.0  # [s]
+    way: float = 0.0  # that may be left now, over the spacing
+    way_then: float = 0.0  # the same when it was fastest
 
     def __post_init__(self):
         """TypeError for what a checkpoint should not hold."""
@@ -37,12 +40,23 @@ class Rest:
             report.moving_speed * window / OF_WHAT_MOVES,
             report.mean_speed * (sim.time - self.fastest_at) / OF_THE_BODY,
         )
-        if max(ways) > sim.scene.spacing or pushed(sim):
+        self.way = max(ways) / sim.scene.spacing
+        if self.fastest_at == sim.time:
+            self.way_then = self.way
+        if self.way > 1.0 or pushed(sim):
             self.since = None
             return False
         if self.since is None:
             self.since = sim.time
-        return sim.time - self.since >= 0.2
+        return sim.time - self.since >= QUIET
+
+    def expected(self, time: float) -> float | None:
+        """When [s] the body will be at rest if the way that is left goes on to decay as it has since it was fastest; a
+        guess, for who waits. None where nothing decays yet."""
+        if not 0.0 < self.way < 0.9 * self.way_then:
+            return None
+        decay = math.log(self.way_then / self.way) / (time - self.fastest_at)
+        return (time + math.log(self.way) / decay if self.way > 1.0 else self.since or time) + QUIET
 
 
 def pushed(sim) -> bool:

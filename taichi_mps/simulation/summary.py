@@ -4,10 +4,10 @@ import math
 import warnings
 
 from .. import __version__
+from ..problem.accuracy import MOST_VOLUME_ERROR
 from ..runtime import backend
 from ..schemes.step_report import DivergedError, DomainError, UnmeasuredError
 
-MOST_VOLUME_ERROR = 0.02  # [-], beyond which a run is not passed over in silence
 SLUMP = "slump_m"
 
 

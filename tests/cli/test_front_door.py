@@ -260,7 +260,7 @@ def test_a_hose_of_too_many_particles_is_refused_by_name():
 
 
 def test_a_value_of_several_lines_is_refused_in_one():
-    with pytest.raises(mps.SceneError, match="^density = a b kg/m3: must be a valid number"):
+    with pytest.raises(mps.SceneError, match="^density = a b kg/m3: must be a number .kg/m3."):
         mps.Bingham(density="a\n b\n")
 
 

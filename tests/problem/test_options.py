@@ -6,7 +6,7 @@ import pytest
 from pydantic import Field
 
 import taichi_mps as mps
-from taichi_mps.cli.options import allowed
+from taichi_mps.cli.options import allowed, default
 from taichi_mps.problem import catalogue
 from taichi_mps.units import Duration, Length, Unit, unit_of
 
@@ -35,7 +35,7 @@ def test_a_number_of_the_mix_is_an_option_with_its_unit_range_help_and_the_defau
     assert list(fields) == [*mps.Bingham.model_fields, "imagined_angle", "spacing"]
     angle = fields["imagined_angle"]
     assert (unit_of(angle), angle.default, angle.description) == ("deg", 12.0, "angle that nobody has measured")
-    assert allowed(angle) == "[deg] >= 0 and < 45"
+    assert (default(angle), allowed(angle)) == ("default 12 deg", "(0 to below 45)")
     assert fields["yield_value"].default == 40.0 and fields["plastic_viscosity"].default == 50.0
 
 
