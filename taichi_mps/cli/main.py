@@ -16,6 +16,8 @@ from ..problem import catalogue
 from ..problem.numerics import NUMERICS
 from ..problem.problem import Problem
 from ..units import SceneError, plain, suggestion
+from .case_file import expanded
+from .case_file import text as case_text
 from .console import curves, redraw
 from .options import Parser, Pictures, Run, Table, given, scene_of
 from .run import BAD_INPUT, DONE, carry_out, start
@@ -25,29 +27,37 @@ SCENE_FILE = "the Python file of the scene, where it is not a built-in one"
 
 
 # ---- commands ---------------------------------------------------------------------------------------------------
-def run(argv) -> int:
-    """compute a scene"""
-    known = scene_of("run", argv, Run)
+def planned(command, argv):
+    """What a command line asks to be computed: arguments, options of the run, scene and numerics."""
+    argv = expanded(argv)
+    known = scene_of(command, argv, Run)
     scheme = known.scheme or "implicit"
     numerics = NUMERICS.get(scheme) or NUMERICS["implicit"]
     function = catalogue.load(known.scene) if known.scene else None
 
-    parser = Parser("run", "SCENE", description=(function.__doc__ or "").strip() if function else "Compute a scene.")
-    parser.add_argument("scene", help=f"name ({', '.join(catalogue.names())}) or Python file")
+    told = (function.__doc__ or "").strip() if function else COMMANDS[command].__doc__
+    parser = Parser(command, "SCENE|CASE.toml", description=told)
+    parser.add_argument("scene", help=f"name ({', '.join(catalogue.names())}), Python file or case file")
     if function:
         parser.options(function.parameters)
     parser.options(numerics)
     own_until = function and "until" in function.parameters.model_fields
     parser.options(Run, leave_out=["until"] if own_until else [])
-    parser.json("print the result as JSON")
+    if command == "run":
+        parser.json("print the result as JSON")
     arguments = parser.parse(argv)
 
     options = Run(**given(arguments, Run))
     method = numerics(**given(arguments, numerics))
-    keywords = given(arguments, function.parameters)
-    scene = catalogue.build(arguments.scene, **keywords)
+    scene = catalogue.build(arguments.scene, **given(arguments, function.parameters))
     if options.until:
         scene = replace(scene, until=options.until)
+    return arguments, options, scene, method
+
+
+def run(argv) -> int:
+    """compute a scene or a case"""
+    arguments, options, scene, method = planned("run", argv)
     from ..io.run_folder import RunFolder, next_free
 
     usual = Path("renders") / scene.name
@@ -62,6 +72,14 @@ def run(argv) -> int:
 
         sim = Simulation(problem, profile=options.profile)
         return carry_out(sim, folder, options, catalogue.source(arguments.scene), arguments.json)
+
+
+def new(argv) -> int:
+    """print a case file, to be changed and run"""
+    arguments, options, scene, method = planned("new", argv)
+    Problem(scene, method)
+    print(case_text(catalogue.source(arguments.scene), scene, method, options.model_dump()), end="")
+    return DONE
 
 
 def resume(argv) -> int:
@@ -241,7 +259,7 @@ def validate(argv) -> int:
     return DONE
 
 
-COMMANDS = {"run": run, "resume": resume, "render": render, "export": export, "plot": plot}
+COMMANDS = {"run": run, "new": new, "resume": resume, "render": render, "export": export, "plot": plot}
 COMMANDS |= {"validate": validate} | STUDY | {"scenes": scenes, "info": info}
 
 

@@ -9,6 +9,7 @@ import warnings
 from contextlib import contextmanager, redirect_stdout
 
 from ..units import plain
+from . import case_file
 from .console import curves, pictures, progress, result, voids
 from .stopped import SIGNALS, Stopped
 
@@ -39,6 +40,7 @@ def carry_out(sim, folder, options, source, as_json, resumed=False) -> int:
     with interruptible(sim) as signals:
         if not resumed:
             folder.create(options.overwrite)
+        folder.case.write_text(case_file.text(source, sim.scene, sim.numerics, settings), encoding="utf-8")
         recorder = Recorder(folder, sim, every, source, settings, pictures(folder.frames, options))
         try:
             with progress(sim, recorder, options):

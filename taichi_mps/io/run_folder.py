@@ -18,7 +18,15 @@ from .vtkhdf import Trajectory
 SUM = "crc32"  # of the summary: checksum of all else in it
 MARK = "taichi_mps.json"  # a folder with this file is a run; written first
 KEYS = {"scene", "fluid_particles", "simulated_seconds", "stopped_by", "version"}  # of a summary older than marks
-WRITTEN = ("history.csv", "summary.json", "checkpoint.h5", "checkpoint.previous.h5", "run.h5", "animation.gif")
+WRITTEN = (
+    "case.toml",
+    "history.csv",
+    "summary.json",
+    "checkpoint.h5",
+    "checkpoint.previous.h5",
+    "run.h5",
+    "animation.gif",
+)
 WRITTEN += ("history.partial", "summary.partial", "checkpoint.partial", "run.twin1", "run.twin2")
 PLOTS = ("slump.png", "history.png", "filling.png")
 PICTURE = "frame_{:05d}.png"
@@ -31,6 +39,7 @@ class RunFolder:
     def __init__(self, path):
         self.path = Path(path)
         self.frames = self.path / "frames"
+        self.case = self.path / "case.toml"
         self.history = self.path / "history.csv"
         self.summary = self.path / "summary.json"
         self.trajectory = self.path / "run.h5"

@@ -262,7 +262,7 @@ def test_a_high_knee_stress_is_one_line_and_a_rational_rate_has_none(tmp_path, c
         ("calibrate --slump 0.2 --slump-error 5", "slump_error = 5 m: must be less than 0.3 m"),
         ("run slump --density heavy", "density = heavy kg/m3: must be a number [kg/m3]"),
         ("run slump --yield-value 300mm", "yield_value = 300mm: must be a number in Pa or a unit of that kind"),
-        ("run slump --height -3cm", "height = -3cm: must be greater than 0 m"),
+        ("run slump --height -3cm", "height = -0.03 m: must be greater than 0 m"),
         ("run wall --rate 12l", "rate = 12l: must be a number in m3/s or a unit of that kind"),
         ("run slump --slump 3", "--slump is a result; 'taichi-mps calibrate --slump' finds the mix that has it"),
         ("run slump --yield-value nan", "yield_value = nan Pa: must be a finite number"),

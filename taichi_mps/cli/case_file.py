@@ -1,0 +1,99 @@
+"""A case as a file: scene, mix, numerics and output in TOML, each number with a word and its unit."""
+
+from pathlib import Path
+
+from ..problem import catalogue
+from ..problem.labels import what_it_is
+from ..problem.numerics import NUMERICS
+from ..units import SceneError, suggestion, unit_of
+from .options import GROUPS, Run, group_of
+
+SECTIONS = {"mix": "mix", "test": "test", "accuracy": "accuracy and cost", "output": "output", "expert": "expert"}
+assert tuple(SECTIONS.values()) == GROUPS
+NOT_OF_A_CASE = {"out", "overwrite", "quiet", "verbose", "profile"}  # of one run, not of what is computed
+TITLE = "A case of taichi-mps: taichi-mps run case.toml. A number may have a unit of its own, in quotes: '0.5 kPa'."
+
+
+def text(source: str, scene, numerics, settings: dict) -> str:
+    """The case file of a scene from a ``source``, with its numerics and the options of its run."""
+    import tomlkit
+
+    document = tomlkit.document()
+    document.add(tomlkit.comment(TITLE))
+    document.add("scene", tomlkit.item(source))
+    tables = {name: tomlkit.table() for name in SECTIONS}
+    known = keywords(catalogue.load(source), type(numerics))
+    values = {**numerics.model_dump(), **settings, **scene.parameters}
+    for name, (model, field) in known.items():
+        table = tables[next(key for key, group in SECTIONS.items() if group == group_of(name, model))]
+        unit = unit_of(field).strip("-")
+        told = (field.description or what_it_is(name)) + (f" [{unit}]" if unit else "")
+        if values.get(name) is None:
+            table.add(tomlkit.comment(f"{name} =  # {told}"))
+        else:
+            table.add(name, tomlkit.item(values[name]).comment(told))
+    for name, table in tables.items():
+        document.add(tomlkit.nl())
+        document.add(name, table)
+    return tomlkit.dumps(document)
+
+
+def keywords(function, numerics) -> dict:
+    """All that a case of a scene function can say: {key: (its model, its field)}."""
+    found = {name: (function.parameters, field) for name, field in function.parameters.model_fields.items()}
+    for model in (numerics, Run):
+        for name, field in model.model_fields.items():
+            if name not in NOT_OF_A_CASE:
+                found.setdefault(name, (model, field))
+    return found
+
+
+def words(path: Path) -> list[str]:
+    """The words of the command line that a case file stands for: the scene and an option for each key. SceneError for
+    what is no case file, an unknown section or key, a value that is no number, text or switch."""
+    import tomlkit
+    from tomlkit.exceptions import TOMLKitError
+
+    try:
+        case = tomlkit.parse(path.read_text(encoding="utf-8")).unwrap()
+    except (OSError, UnicodeError) as error:
+        raise SceneError(f"case = {path}: cannot be read ({getattr(error, 'strerror', None) or error})") from None
+    except TOMLKitError as error:
+        raise SceneError(f"case = {path}: is no TOML: {error}") from None
+    source = case.pop("scene", None)
+    if not isinstance(source, str):
+        raise SceneError(f"case = {path}: scene is missing; must be one of {', '.join(catalogue.names())}, or a file")
+    if source.endswith(".py"):
+        source = str(path.parent / source)
+    function = catalogue.load(source)
+    given: dict = {}
+    for section, keys in case.items():
+        if section not in SECTIONS or not isinstance(keys, dict):
+            raise SceneError(f"case = {path}: unknown section '{section}'{suggestion(section, SECTIONS)}")
+        if twice := sorted(given.keys() & keys.keys()):
+            raise SceneError(f"case = {path}: {twice[0]} is given twice")
+        given |= keys
+    scheme = given.get("scheme", "implicit")
+    known = keywords(function, NUMERICS.get(scheme, NUMERICS["implicit"]))
+    options = []
+    for name, value in given.items():
+        if name not in known:
+            raise SceneError(f"case = {path}: unknown key '{name}'{suggestion(name, known)}")
+        if not isinstance(value, str | int | float):
+            raise SceneError(f"case = {path}: {name} = {value}: must be a number, a text or true or false")
+        flag = f"--{name.replace('_', '-')}"
+        if not isinstance(value, bool):
+            options.append(f"{flag}={value}")
+        elif value:
+            options.append(flag)
+        elif known[name][1].default:
+            options.append(f"--no-{flag[2:]}")
+    return [source, *options]
+
+
+def expanded(argv) -> list[str]:
+    """The command line with the first case file in it replaced by what it stands for; what follows it, counts."""
+    for k, word in enumerate(argv):
+        if word.endswith(".toml") and not word.startswith("-") and (k == 0 or Path(word).is_file()):
+            return [*argv[:k], *words(Path(word)), *argv[k + 1 :]]
+    return list(argv)

@@ -1,0 +1,98 @@
+"""A case file says what a command line says: the same scene, numerics and options, and a run that is the same bit by
+bit."""
+
+import pytest
+
+import taichi_mps as mps
+from taichi_mps.cli import case_file
+from taichi_mps.cli.main import main, planned
+from taichi_mps.io.history import read_history
+from taichi_mps.io.run_folder import RunFolder
+from taichi_mps.problem import catalogue
+
+QUICK = ["--model=axisymmetric", "--spacing=0.025", "--until=0.02", "--threads=1", "--quiet"]
+OWN = '''
+import taichi_mps as mps
+from taichi_mps.units import Length
+
+@mps.checked
+def scene(material: mps.Bingham = mps.Bingham(yield_value=40.0), spacing: Length = 0.02) -> mps.Scene:
+    """A block."""
+    return mps.Scene("block", material, spacing, mps.fill(mps.Box((0, 0), (0.1, 0.1)), spacing),
+                     ((-0.1, -0.1), (0.5, 0.3)), walls=(mps.Plane((0, 0), (0, 1)),), until=0.1)
+'''
+
+
+def made(command, capsys):
+    assert main(command) == 0
+    return capsys.readouterr().out
+
+
+@pytest.mark.parametrize("name", sorted(catalogue.names()))
+@pytest.mark.parametrize("scheme", ["implicit", "semi-implicit"])
+def test_a_new_case_stands_for_the_same_scene_numerics_and_options(tmp_path, capsys, name, scheme):
+    command = [name, f"--scheme={scheme}", "--tolerance=0.0012345678901234567", "--every=0.03"]
+    if "yield_value" in catalogue.load(name).parameters.model_fields and scheme == "implicit":
+        command.append("--yield-value=0.1kPa")
+    _, options, scene, numerics = planned("run", command)
+    path = tmp_path / "case.toml"
+    path.write_text(case_file.text(name, scene, numerics, options.model_dump()), encoding="utf-8")
+    _, again, same, kept = planned("run", [str(path)])
+    assert (kept, same.parameters, same.until) == (numerics, scene.parameters, scene.until)
+    assert again.model_copy(update={"until": None}) == options.model_copy(update={"until": None})
+    _, changed, *_ = planned("run", [str(path), "--every=0.04"])
+    assert changed.every == 0.04, "an option beside the file counts"
+
+
+def test_a_run_from_the_case_in_a_run_folder_is_the_same_run(tmp_path):
+    one, two = (RunFolder(tmp_path / name) for name in ("one", "two"))
+    assert main(["run", "slump", *QUICK, "--yield-value=0.4 kPa", f"--out={one.path}"]) == 0
+    assert main(["run", str(one.case), "--quiet", f"--out={two.path}"]) == 0
+    first, second = read_history(one.history), read_history(two.history)
+    assert all(first[key].tobytes() == second[key].tobytes() for key in first)
+    assert one.case.read_bytes() == two.case.read_bytes()
+
+
+def test_a_case_of_a_scene_of_ones_own_names_its_file_from_where_the_case_lies(tmp_path, monkeypatch):
+    (tmp_path / "block.py").write_text(OWN, encoding="utf-8")
+    (tmp_path / "case.toml").write_text('scene = "block.py"\n[mix]\nyield_value = 60\n', encoding="utf-8")
+    monkeypatch.chdir("/")
+    _, _, scene, _ = planned("run", [str(tmp_path / "case.toml")])
+    assert scene.parameters["yield_value"] == 60.0
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "scene is missing; must be one of dam_break"),
+        ("scene = 'slumb'", "unknown scene 'slumb', did you mean 'slump'?"),
+        ("scene = 'slump'\n[mix]\nyeild_value = 3", "unknown key 'yeild_value', did you mean 'yield_value'?"),
+        ("scene = 'slump'\n[mixx]\nyield_value = 3", "unknown section 'mixx', did you mean 'mix'?"),
+        ("scene = 'slump'\nyield_value = 3", "unknown section 'yield_value'"),
+        ("scene = 'slump'\n[mix]\nyield_value = 3\n[test]\nyield_value = 4", "yield_value is given twice"),
+        ("scene = 'slump'\n[mix]\nyield_value = [3, 4]", "yield_value = .3, 4.: must be a number, a text or true"),
+        ("scene = 'slump'\n[mix]\nyield_value = '5 m'", "yield_value = 5 m: must be a number in Pa"),
+        ("scene = 'slump'\n[mix]\nyield_value = -5.0", "yield_value = -5.0 Pa: must be greater than or equal to 0 Pa"),
+        ("scene = 'slump'\n[expert]\nscheme = 'newest'", "scheme = newest: must be 'implicit' or 'semi-implicit'"),
+        ("scene = 'slump'\n[output]\nout = 'here'", "unknown key 'out'"),
+        ("scene = = 3", "is no TOML"),
+    ],
+)
+def test_what_is_no_case_is_refused_in_one_line(tmp_path, text, message):
+    (tmp_path / "case.toml").write_text(text, encoding="utf-8")
+    with pytest.raises(mps.SceneError, match=message):
+        planned("run", [str(tmp_path / "case.toml")])
+
+
+def test_a_case_that_is_not_there(capsys):
+    assert main(["run", "nowhere.toml"]) == 2
+    assert capsys.readouterr().err == "taichi-mps: case = nowhere.toml: cannot be read (No such file or directory)\n"
+
+
+def test_new_prints_a_case_and_refuses_what_run_would_refuse(tmp_path, capsys):
+    path = tmp_path / "case.toml"
+    path.write_text(made(["new", "wall", "--rate=10 l/s"], capsys), encoding="utf-8")
+    assert planned("run", [str(path)])[2].parameters["rate"] == 0.01
+    assert main(["new", "slump", "--spacing=0.5"]) == 2
+    out, err = capsys.readouterr()
+    assert out == "" and err.startswith("taichi-mps: spacing = 0.5 m: ")
