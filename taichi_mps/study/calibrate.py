@@ -1,13 +1,14 @@
 """The Bingham constants of a mix from its slump test, with intervals from the errors of the measurements."""
 
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 from pydantic import Field
 
-from ..units import Checked, Density, Duration, Length, SceneError, checked
+from ..units import Checked, Density, Duration, Length, SceneError, Viscosity, checked
+from .calibration import CONSTANTS, Calibration, Constant, short
 from .case import REACHED
 from .emulator import DENSITY, Emulator
 from .results import read
@@ -16,108 +17,11 @@ TABLE = Path(__file__).parent / "slump.csv"  # a sweep of the standard cone, rin
 RISE = 3.841  # of chi squared, one degree of freedom, 95 %
 ZOOMS = 2  # onto where the misfit is near its least
 VISCOSITIES, USUAL = (10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0), 50.0  # [Pa s]
-CONTRADICTION = 9.0  # a misfit of three standard errors
-NAMES = {"slump_m": "slump", "spread_m": "spread", "t500_s": "T500"}
-CONSTANTS = {"yield_value": ("yield stress", "Pa"), "plastic_viscosity": ("plastic viscosity", "Pa s")}
 
 
-def short(value: float) -> str:
-    """Three figures, without an exponent."""
-    return f"{float(f'{value:.3g}'):g}"
-
-
-@dataclass(frozen=True)
-class Constant:
-    """A constant of the mix, SI units: the best value and the ends of its 95 % interval.
-
-    An end is None where the measurements do not bound the constant within the table, which reaches from ``low`` to
-    ``high``. It is then not determined, and ``value`` is one of many that fit.
-    """
-
-    value: float
-    lower: float | None
-    upper: float | None
-    low: float
-    high: float
-
-    @property
-    def determined(self) -> bool:
-        """Do the measurements bound the constant on both sides?"""
-        return self.lower is not None and self.upper is not None
-
-    @property
-    def at_the_edge(self) -> bool:
-        """Is it bounded on one side only, with the best value at an end of the table?"""
-        return (self.lower is None) != (self.upper is None) and not 1.01 * self.low < self.value < 0.99 * self.high
-
-    def told(self, unit: str) -> str:
-        """In words."""
-        ends = f"{short(self.low)} to {short(self.high)} {unit}"
-        if self.determined:
-            return f"{short(self.value)} {unit}, 95 %: {short(self.lower)} to {short(self.upper)} {unit}"
-        if self.lower is None and self.upper is None:
-            return f"not determined by these measurements (looked for from {ends})"
-        bound = f"at most {short(self.upper)}" if self.lower is None else f"at least {short(self.lower)}"
-        return f"{bound} {unit} (95 %), not determined further by these measurements (looked for from {ends})"
-
-
-@dataclass(frozen=True)
-class Calibration:
-    """What a slump test says of its mix: constants, the measures of the model there, the misfit in standard errors."""
-
-    yield_value: Constant
-    plastic_viscosity: Constant
-    measured: dict[str, tuple[float, float]]  # value and standard error, SI units
-    model: dict[str, float]
-    misfit: float  # chi squared
-    by_viscosity: dict[float, float]  # best yield stress [Pa] at plastic viscosities [Pa s] that fit
-    finer: dict[str, float] = field(default_factory=dict)  # the run that checked: finer minus table, ratio for t500_s
-
-    @property
-    def at_the_edge(self) -> list[str]:
-        """The constants whose best value is the first or the last of the table: what lies beyond was not looked at."""
-        return [name for name in CONSTANTS if getattr(self, name).at_the_edge]
-
-    @property
-    def contradictory(self) -> bool:
-        """Is no mix near the measurements?"""
-        return self.misfit > CONTRADICTION
-
-    def facts(self) -> dict:
-        """Everything, JSON-ready."""
-        both = {name: getattr(self, name) for name in CONSTANTS}
-        both = {name: asdict(constant) | {"determined": constant.determined} for name, constant in both.items()}
-        return asdict(self) | both | {"contradictory": self.contradictory, "at_the_edge": self.at_the_edge}
-
-    def __str__(self):
-        lines = [f"{word:18} {getattr(self, name).told(unit)}" for name, (word, unit) in CONSTANTS.items()]
-        if not self.plastic_viscosity.determined:
-            pairs = ", ".join(f"{short(tau)} Pa at {eta:g}" for eta, tau in self.by_viscosity.items())
-            lines.append(f"  yield stress by plastic viscosity: {pairs} Pa s")
-        for name, (value, error) in self.measured.items():
-            factor, unit = (100.0, "cm") if name.endswith("_m") else (1.0, "s")
-            found = f"{factor * value:.2f} +- {factor * error:.2f} {unit}, of the model {factor * self.model[name]:.2f}"
-            lines.append(f"{NAMES[name]:18} {found}")
-        if self.finer:
-            apart = [f"{NAMES[name]} {1e3 * value:+.1f} mm" for name, value in self.finer.items() if name != "t500_s"]
-            apart += [f"T500 {100.0 * (value - 1.0):+.1f} %" for name, value in self.finer.items() if name == "t500_s"]
-            apart = ", ".join(apart)
-            lines.append(f"the finer run      {apart} beside the table; the constants are corrected by it")
-        if self.at_the_edge:
-            ends = [(CONSTANTS[name][0], getattr(self, name), CONSTANTS[name][1]) for name in self.at_the_edge]
-            ends = ", ".join(f"{word} {short(it.low)} to {short(it.high)} {unit}" for word, it, unit in ends)
-            lines.insert(
-                0, f"the best fit lies at the edge of the table ({ends}): what is bounded is so within it only"
-            )
-        if self.contradictory:
-            lines.insert(
-                0, "no mix comes within three standard errors: the measurements contradict each other or the model"
-            )
-        return "\n".join(lines)
-
-
-def fit(emulator: Emulator, measured: dict, density: float, correction: dict | None = None) -> Calibration:
-    """The constants that fit ``measured`` {slump_m, spread_m or t500_s: (value, standard error)}.
+def fit(emulator: Emulator, measured: dict, density: float, correction=None, known=None) -> Calibration:
+    """The constants that fit ``measured`` {slump_m, spread_m or t500_s: (value, standard error)}, or the yield stress
+    alone where the plastic viscosity is ``known`` [Pa s].
 
     The least squares of all measurements over their errors, with the emulator's scatter among them, and the interval of
     each constant in which the least squares over the other rise by no more than 3.84 (profile likelihood): it needs no
@@ -144,7 +48,7 @@ def fit(emulator: Emulator, measured: dict, density: float, correction: dict | N
     def misfit(axes):
         return np.nan_to_num((residuals(emulator.at(*axes, grid=True)) ** 2).sum(0), nan=np.inf)  # nan: no T500 there
 
-    axes = emulator.axes
+    axes = emulator.axes if known is None else [emulator.axes[0], np.log([known / density])]
     chi2 = misfit(axes)
     if not np.isfinite(chi2).any():
         raise SceneError("t500: no mix of the table spreads to 500 mm")
@@ -155,14 +59,25 @@ def fit(emulator: Emulator, measured: dict, density: float, correction: dict | N
     best = np.unravel_index(np.argmin(chi2), chi2.shape)
     start = np.array([axis[k] for axis, k in zip(axes, best, strict=True)])
 
-    def near(point):
+    free = [k for k, axis in enumerate(axes) if len(axis) > 1]
+
+    def near(values):
+        point = start.copy()
+        point[free] = values
         return np.nan_to_num(residuals(emulator.at(*point)), nan=1e3)
 
-    step = [axis[1] - axis[0] for axis in axes]
-    box = np.maximum(start - step, emulator.low), np.minimum(start + step, emulator.high)
-    polished = least_squares(near, start, bounds=box, x_scale=step)
-    point = polished.x if 2.0 * polished.cost < chi2[best] else start
-    least = min(2.0 * polished.cost, chi2[best])
+    step = np.array([axes[k][1] - axes[k][0] for k in free])
+    box = np.maximum(start[free] - step, emulator.low[free]), np.minimum(start[free] + step, emulator.high[free])
+    polished = least_squares(near, start[free], bounds=box, x_scale=step)
+    point, least = start.copy(), min(2.0 * polished.cost, chi2[best])
+    if 2.0 * polished.cost < chi2[best]:
+        point[free] = polished.x
+    if known is not None:
+        ends = interval(axes[0], chi2[:, 0] - least, density)
+        looked = density * np.exp(emulator.axes[0][[0, -1]])
+        yield_value = Constant(float(density * np.exp(point[0])), *ends, *looked.tolist())
+        model = {name: float(value) for name, value in corrected(emulator.at(*point)).items()}
+        return Calibration(yield_value, Constant(*[known] * 5), measured, model, float(least), {})
     ends = np.isclose(axes[0][chi2.argmin(0)][:, None], emulator.axes[0][[0, -1]]).any(1)  # a softer or stiffer mix
     intervals = [interval(axes[0], chi2.min(1) - least, density), interval(axes[1], chi2.min(0) - least, density, ends)]
     along = {}
@@ -231,6 +146,7 @@ class Measurements(Checked):
     slump: Length | None = Field(None, description="slump")
     spread: Length | None = Field(None, description="diameter of the spread, mean of two")
     t500: Duration | None = Field(None, description="time to a spread of 500 mm")
+    plastic_viscosity: Viscosity | None = Field(None, description="plastic viscosity, if known")
     rho: Density = Field(DENSITY, description="density")
     slump_error: Length = Field(0.005, description="standard error of the slump")
     spread_error: Length = Field(0.01, description="standard error of the spread")
@@ -270,11 +186,17 @@ def calibrate(test: Measurements, table: str | None = None, check: bool = True) 
     base = emulator.settings.get("base_diameter", 0.2)
     if spread and spread + 3.0 * test.spread_error < base:
         raise SceneError(f"spread = {spread:g} m: must be more than {base:g} m, the base of the cone")
-    found = fit(emulator, measured, test.rho)
+    known = test.plastic_viscosity
+    low, high = test.rho * np.exp(emulator.axes[1][[0, -1]])
+    if known is not None and not low <= known <= high:
+        raise SceneError(
+            f"plastic_viscosity = {known:g} Pa s: must be {short(low)} to {short(high)} Pa s, what the table covers"
+        )
+    found = fit(emulator, measured, test.rho, known=known)
     if not check:
         return found
     apart = difference(emulator, found, test.rho)
-    corrected = fit(emulator, measured, test.rho, apart)
+    corrected = fit(emulator, measured, test.rho, apart, known)
     return replace(corrected, finer=apart)
 
 

@@ -1,0 +1,104 @@
+"""What a calibration found: constants with intervals, and how it is told."""
+
+from dataclasses import asdict, dataclass, field
+
+CONTRADICTION = 9.0  # a misfit of three standard errors
+NAMES = {"slump_m": "slump", "spread_m": "slump flow", "t500_s": "T500"}
+CONSTANTS = {"yield_value": ("yield stress", "Pa"), "plastic_viscosity": ("plastic viscosity", "Pa s")}
+
+
+def short(value: float) -> str:
+    """Three figures, without an exponent."""
+    return f"{float(f'{value:.3g}'):g}"
+
+
+@dataclass(frozen=True)
+class Constant:
+    """A constant of the mix, SI units: the best value and the ends of its 95 % interval.
+
+    An end is None where the measurements do not bound the constant within the table, which reaches from ``low`` to
+    ``high``. It is then not determined, and ``value`` is one of many that fit.
+    """
+
+    value: float
+    lower: float | None
+    upper: float | None
+    low: float
+    high: float
+
+    @property
+    def determined(self) -> bool:
+        """Do the measurements bound the constant on both sides?"""
+        return self.lower is not None and self.upper is not None
+
+    @property
+    def at_the_edge(self) -> bool:
+        """Is it bounded on one side only, with the best value at an end of the table?"""
+        return (self.lower is None) != (self.upper is None) and not 1.01 * self.low < self.value < 0.99 * self.high
+
+    def told(self, unit: str) -> str:
+        """In words."""
+        if self.low == self.high:
+            return f"{short(self.value)} {unit}, as given"
+        ends = f"{short(self.low)} to {short(self.high)} {unit}"
+        if self.determined:
+            return f"{short(self.value)} {unit}, 95 %: {short(self.lower)} to {short(self.upper)} {unit}"
+        if self.lower is None and self.upper is None:
+            return f"not determined by these measurements (looked for from {ends})"
+        bound = f"at most {short(self.upper)}" if self.lower is None else f"at least {short(self.lower)}"
+        return f"{bound} {unit} (95 %), not determined further by these measurements (looked for from {ends})"
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """What a slump test says of its mix: constants, the measures of the model there, the misfit in standard errors."""
+
+    yield_value: Constant
+    plastic_viscosity: Constant
+    measured: dict[str, tuple[float, float]]  # value and standard error, SI units
+    model: dict[str, float]
+    misfit: float  # chi squared
+    by_viscosity: dict[float, float]  # best yield stress [Pa] at plastic viscosities [Pa s] that fit
+    finer: dict[str, float] = field(default_factory=dict)  # the run that checked: finer minus table, ratio for t500_s
+
+    @property
+    def at_the_edge(self) -> list[str]:
+        """The constants whose best value is the first or the last of the table: what lies beyond was not looked at."""
+        return [name for name in CONSTANTS if getattr(self, name).at_the_edge]
+
+    @property
+    def contradictory(self) -> bool:
+        """Is no mix near the measurements?"""
+        return self.misfit > CONTRADICTION
+
+    def facts(self) -> dict:
+        """Everything, JSON-ready."""
+        both = {name: getattr(self, name) for name in CONSTANTS}
+        both = {name: asdict(constant) | {"determined": constant.determined} for name, constant in both.items()}
+        return asdict(self) | both | {"contradictory": self.contradictory, "at_the_edge": self.at_the_edge}
+
+    def __str__(self):
+        lines = [f"{word:18} {getattr(self, name).told(unit)}" for name, (word, unit) in CONSTANTS.items()]
+        if not self.plastic_viscosity.determined:
+            pairs = ", ".join(f"{short(tau)} Pa at {eta:g}" for eta, tau in self.by_viscosity.items())
+            lines.append(f"  yield stress by plastic viscosity: {pairs} Pa s")
+        for name, (value, error) in self.measured.items():
+            factor, unit = (100.0, "cm") if name.endswith("_m") else (1.0, "s")
+            found = f"{factor * value:.2f} +- {factor * error:.2f} {unit}, of the model {factor * self.model[name]:.2f}"
+            lines.append(f"{NAMES[name]:18} {found}")
+        if self.finer:
+            apart = [f"{NAMES[name]} {1e3 * value:+.1f} mm" for name, value in self.finer.items() if name != "t500_s"]
+            apart += [f"T500 {100.0 * (value - 1.0):+.1f} %" for name, value in self.finer.items() if name == "t500_s"]
+            apart = ", ".join(apart)
+            lines.append(f"the finer run      {apart} beside the table; the constants are corrected by it")
+        if self.at_the_edge:
+            ends = [(CONSTANTS[name][0], getattr(self, name), CONSTANTS[name][1]) for name in self.at_the_edge]
+            ends = ", ".join(f"{word} {short(it.low)} to {short(it.high)} {unit}" for word, it, unit in ends)
+            lines.insert(
+                0, f"the best fit lies at the edge of the table ({ends}): what is bounded is so within it only"
+            )
+        if self.contradictory:
+            lines.insert(
+                0, "no mix comes within three standard errors: the measurements contradict each other or the model"
+            )
+        return "\n".join(lines)
