@@ -23,6 +23,7 @@ from .options import Parser, Pictures, Run, Table, given, scene_of
 from .run import BAD_INPUT, DONE, carry_out, start
 from .study import COMMANDS as STUDY
 
+MISSED = 1  # what validate returns where not all is as it should be
 SCENE_FILE = "the Python file of the scene, where it is not a built-in one"
 
 
@@ -242,7 +243,9 @@ def tell(facts, as_json: bool, text: str) -> None:
 
 def validate(argv) -> int:
     """run the validation table, or some of its rows"""
-    parser = Parser("validate", description="Run cases with a known answer; a missed target is reported, not an error.")
+    parser = Parser(
+        "validate", description="Run cases with a known answer; ends with 1 where a target is missed or a row fails."
+    )
     parser.add_argument("rows", nargs="*", help="names of rows; all by default")
     parser.add_argument("--quick", action="store_true", help="only the rows of a few seconds")
     parser.options(Table, "table")
@@ -256,7 +259,9 @@ def validate(argv) -> int:
     names = arguments.rows, arguments.quick
     text, results = validation.run_table(*names, Path(arguments.out), arguments.page, options.scheme, options.budget)
     tell(results, arguments.json, text)
-    return DONE
+    failed = any(result["error"] and not result["error"].startswith("not run") for result in results)
+    missed = not all(item["met"] for result in results for item in result["numbers"])
+    return MISSED if failed or missed else DONE
 
 
 COMMANDS = {"run": run, "new": new, "resume": resume, "render": render, "export": export, "plot": plot}
