@@ -147,6 +147,7 @@ class Trajectory:
                 for dataset in (*offsets, *steps["PointDataOffsets"].values()):
                     dataset.resize(k, axis=0)
                 for dataset in (root["Points"], *root["PointData"].values()):
+                    outside.own(dataset.parent, dataset.name.rsplit("/", 1)[1]).dtype  # noqa: B018  (raises: damaged)
                     dataset.resize(k * int(root["NumberOfPoints"][0]), axis=0)
                 sums = file["taichi_mps"]
                 if SUM not in sums:  # of a version that wrote none

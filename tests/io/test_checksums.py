@@ -1,6 +1,7 @@
 """A flipped bit in what a run has stored is noticed, or changes nothing of what is read."""
 
 import random
+import re
 
 import h5py
 import numpy as np
@@ -137,3 +138,18 @@ def test_files_of_a_version_without_checksums_are_read(folder, tmp_path):
     with h5py.File(old.trajectory) as file:
         assert len(file["taichi_mps/crc32"]) == 5
     assert outputs_of(old.trajectory) == outputs_of(folder.trajectory)
+
+
+def test_a_type_that_nothing_has_is_named_before_a_resumed_run_writes_on(tmp_path, folder):
+    """The bias of the exponent in the type of each array of f32, as HDF5 stores it."""
+    f32 = bytes.fromhex("11201f0004000000000020001708001 77f000000".replace(" ", ""))
+    whole = folder.trajectory.read_bytes()
+    places = [match.start() + len(f32) - 4 for match in re.finditer(re.escape(f32), whole)]
+    assert len(places) >= 4
+    for place in places:
+        damaged = bytearray(whole)
+        damaged[place + 3] ^= 0x40
+        (tmp_path / "run.h5").write_bytes(damaged)
+        with pytest.raises(mps.SceneError, match="run.h5: damaged"):
+            Trajectory(tmp_path / "run.h5").cut(0.5, 0.1)
+        assert (tmp_path / "run.h5").read_bytes() == bytes(damaged), "and left as it is"
