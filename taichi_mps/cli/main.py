@@ -16,6 +16,7 @@ from ..problem import catalogue
 from ..problem.numerics import NUMERICS
 from ..problem.problem import Problem
 from ..units import SceneError, plain, suggestion
+from .app import COMMANDS as APP
 from .case_file import expanded
 from .case_file import text as case_text
 from .console import curves, redraw
@@ -265,7 +266,7 @@ def validate(argv) -> int:
 
 
 COMMANDS = {"run": run, "new": new, "resume": resume, "render": render, "export": export, "plot": plot}
-COMMANDS |= {"validate": validate} | STUDY | {"scenes": scenes, "info": info}
+COMMANDS |= {"validate": validate} | STUDY | APP | {"scenes": scenes, "info": info}
 
 
 def main(argv=None) -> int:

@@ -29,6 +29,7 @@ MEANING = {
 SUM = "crc32"  # last column: checksum of the line of the names and of the row before it, as text "crc32:..."
 COLUMNS = tuple(MEANING)  # of every run; more by the measures of the scene
 LATER = {"volume_error_max"}  # that older files do not have
+TAIL = 1 << 14  # [bytes] in which the last row of a file lies
 
 
 class History:
@@ -144,6 +145,21 @@ def read_history(path) -> dict[str, np.ndarray]:
         raise SceneError(f"run = {Path(path).parent}: holds no history.csv; must be the folder of a run")
     rows = read_rows(path)
     return {key: np.array([number(row[key]) for row in rows]) for key in (rows[0] if rows else COLUMNS)}
+
+
+def newest(path) -> dict[str, float]:
+    """The last whole row of a history.csv that is being written, without reading those before it and unchecked; empty
+    before there is one."""
+    try:
+        with open(path, "rb") as file:
+            names = file.readline().decode().strip().split(",")
+            begin = file.tell()
+            file.seek(max(begin, file.seek(0, os.SEEK_END) - TAIL))
+            *whole, _ = file.read().decode("utf-8", "replace").split("\n")
+    except (OSError, ValueError):
+        return {}
+    cells = whole[-1].strip().split(",") if whole else []
+    return dict(zip(names, map(number, cells), strict=True)) if len(cells) == len(names) else {}
 
 
 def number(text) -> float:

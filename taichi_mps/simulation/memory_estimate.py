@@ -50,9 +50,9 @@ def particles_of(problem, to_come: int) -> int:
     return len(problem.scene.initial) + wall + to_come
 
 
-def estimate(problem, to_come: int, pairs_per_particle: float, finer: float = 1.0) -> float:
+def estimate(problem, to_come: int, pairs_per_particle: float, finer: float = 1.0, precision=None) -> float:
     """Bytes at the peak of a run, with room for so many times the pairs of a lattice. ``finer``: with the spacing
-    divided by that."""
+    divided by that; ``precision``: f32 or f64, by default that of the started backend."""
     scene, d = problem.scene, problem.scene.dimension
     kind = "rings" if scene.axisymmetric else "plane" if d == 2 else "space"
     fields = FIELDS[problem.scheme, kind]
@@ -62,7 +62,7 @@ def estimate(problem, to_come: int, pairs_per_particle: float, finer: float = 1.
     coarse = rows >= multigrid.PAY_FROM
     taken = rows * (fields.particle + pairs_per_particle * neighbours * fields.pair) + cells * GRID
     taken += coarse * (rows * fields.multigrid_particle + cells * fields.multigrid_cell)
-    taken *= DOUBLE if started()["precision"] == "f64" else 1.0
+    taken *= DOUBLE if (precision or started()["precision"]) == "f64" else 1.0
     body = float(scene.volumes.sum()) / scene.spacing**3 * finer**3 if scene.axisymmetric else 0.0
     return PROCESS + taken + fields.read * rows + SHOWN * (body + rows * (2 ** len(scene.mirrors) - 1))
 

@@ -29,6 +29,11 @@ class Pouring:
         return self.entered >= self.layers
 
     @property
+    def to_come(self) -> int:
+        """Particles that are not there at the beginning of the run."""
+        return (self.layers - (self.start == 0.0)) * len(self.layer)
+
+    @property
     def volume(self) -> float:
         """Volume [m3] that has entered through the whole hose."""
         return self.entered * self.layer_volume

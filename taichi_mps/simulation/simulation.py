@@ -68,7 +68,7 @@ class Simulation:
     def _build(self):
         """Allocate: the scheme with its particles, and how its stages are launched."""
         require_room()
-        to_come = sum((pouring.layers - (pouring.start == 0.0)) * len(pouring.layer) for pouring in self.pouring)
+        to_come = sum(pouring.to_come for pouring in self.pouring)
         require_memory(self.problem, to_come, self._pairs_per_particle)
         self.scheme = SCHEMES[self.problem.scheme](self.problem, to_come, self._pairs_per_particle)
         base = self.scheme.base

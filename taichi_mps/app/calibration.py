@@ -1,0 +1,68 @@
+"""The mix of a measured slump test: measurements in, constants out, and back into the form of a run."""
+
+import json
+
+from nicegui import ui
+
+from ..study.calibrate import CONSTANTS, Constant, Measurements, short
+from .form import Form
+from .jobs import Job, Queue, as_options
+
+
+class Calibration:
+    """Measurements, and what they say of the mix; ``use`` is given the constants as texts."""
+
+    def __init__(self, queue: Queue, use):
+        self.queue, self.use, self.job, self.state = queue, use, None, None
+        self.form = Form(lambda: None)
+        with ui.row().classes("w-full items-start gap-4"):
+            with ui.card().classes("w-full md:w-96 gap-2"):
+                ui.label("Measured with the standard cone, 300 mm: one of these or more").classes("font-bold")
+                self.form.add(Measurements)
+                self.check = ui.switch("check by one finer run, some 20 s", value=True)
+                ui.button("Calibrate", on_click=self.start).classes("w-full").props('no-caps data-action="calibrate"')
+            with ui.column().classes("w-full md:w-0 md:grow"):
+                self.answer()
+
+    def start(self) -> None:
+        """Put it into the queue."""
+        words = ["calibrate", "--json", *as_options(self.form.values), *["--no-check"] * (not self.check.value)]
+        self.job = self.queue.add(Job("calibration", words))
+        self.tick()
+
+    def tick(self) -> None:
+        """Show the answer when it is there."""
+        state = self.job and self.job.state
+        if state != self.state:
+            self.state = state
+            self.answer.refresh()
+
+    @ui.refreshable_method
+    def answer(self) -> None:
+        """What was found, or how far it is."""
+        if self.job is None:
+            ui.label("The yield stress and the plastic viscosity that fit, with their 95 % intervals, come here.")
+        elif not self.job.over:
+            ui.label("Waits for the run before it." if self.job.state == "waiting" else "At work …")
+            ui.linear_progress(show_value=False).props("indeterminate")
+        elif self.job.state == "done":
+            self.found(json.loads(self.job.output))
+        else:
+            ui.label(self.job.said or "stopped by you").classes("text-negative").props('role="alert"')
+
+    def found(self, facts: dict) -> None:
+        """The constants, and doubts."""
+        kept = Constant.__dataclass_fields__
+        constants = {name: Constant(**{key: facts[name][key] for key in kept}) for name in CONSTANTS}
+        with ui.card().classes("w-full gap-1").props('data-part="constants"'):
+            for name, (words, unit) in CONSTANTS.items():
+                ui.label(f"{words}: {constants[name].told(unit)}").classes("text-lg")
+            if facts["contradictory"]:
+                ui.label("No mix comes near: the measurements contradict each other or the model.").classes(
+                    "text-negative"
+                )
+            if facts["at_the_edge"]:
+                ui.label("The best fit lies at the edge of what was computed beforehand: bounds hold within it only.")
+            mix = {name: short(constant.value) for name, constant in constants.items()}
+            words = ", ".join(f"{CONSTANTS[name][0]} {text} {CONSTANTS[name][1]}" for name, text in mix.items())
+            ui.button(f"Run a test with {words}", on_click=lambda: self.use(mix)).props("no-caps outline")

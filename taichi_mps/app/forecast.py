@@ -1,0 +1,83 @@
+"""What is known of a run before it starts: size, memory, time, accuracy. Found in a process of its own, since it builds
+the scene, which may be large, and imports Taichi."""
+
+import io
+import signal
+import warnings
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import redirect_stderr
+from dataclasses import dataclass
+from multiprocessing import get_context
+
+from ..memory import admit, size
+from ..problem import catalogue
+from ..problem.numerics import NUMERICS
+from ..problem.problem import Problem
+from ..report.sentences import certainty, comparable
+from ..units import SceneError
+
+
+@dataclass(frozen=True)
+class Forecast:
+    """What a run will be, for a reader: ``until`` is its end at the latest [s], ``lines`` tell of size, time and
+    accuracy, ``warnings`` of what the package warns of."""
+
+    until: float
+    lines: tuple[str, ...]
+    warnings: tuple[str, ...]
+
+
+class Forecaster:
+    """Makes forecasts in one process beside the server, which is started by the first and ends with ``close``."""
+
+    def __init__(self):
+        self._pool = None
+
+    def ask(self, *question) -> Forecast:
+        """``forecast(*question)``, waited for; SceneError for what cannot be computed."""
+        if self._pool is None:
+            self._pool = ProcessPoolExecutor(1, get_context("spawn"), signal.signal, (signal.SIGINT, signal.SIG_IGN))
+        pool = self._pool
+        try:
+            return pool.submit(forecast, *question).result()
+        except BrokenProcessPool:
+            self._pool = None if self._pool is pool else self._pool
+            raise SceneError("this scene ended the process that tried it, for want of memory perhaps") from None
+
+    def close(self) -> None:
+        """End the process, when what it does is done."""
+        if self._pool:
+            self._pool.shutdown(wait=False, cancel_futures=True)
+
+
+def forecast(name: str, keywords: dict, scheme: str, numerics: dict, options: dict) -> Forecast:
+    """That of a built-in scene with its keywords, numbers of the scheme and options of ``run``, as text; SceneError for
+    what cannot be computed."""
+    from ..simulation.memory_estimate import estimate, particles_of
+    from ..simulation.pouring import Pouring
+    from ..simulation.simulation import pairs_of
+
+    with warnings.catch_warnings(record=True) as warned, redirect_stderr(io.StringIO()):
+        warnings.simplefilter("always")
+        scene = catalogue.build(name, **keywords)
+        problem = Problem(scene, NUMERICS[scheme](**numerics))
+        to_come = sum(Pouring(scene, inlet).to_come for inlet in scene.inlets)
+        needed = estimate(problem, to_come, pairs_of(scene), precision=options.get("precision", "f32"))
+        count = particles_of(problem, to_come)
+        admit(needed, f"spacing = {scene.spacing:g} m: its {count:.6g} particles take")
+    like_a_summary = {"scene": name, "parameters": dict(scene.parameters), "scheme": scheme}
+    like_a_summary["materials"] = [material.facts() for material in problem.materials]
+    measured = comparable(like_a_summary)
+    if measured:
+        time = f"{measured.cpu_seconds:.2g} s of processor time for the flow, and some to make the program ready."
+    else:
+        told = catalogue.run_time(name).replace("spacing", "particle size")
+        time = f"Of this test is known: {told}" if told else "How long it takes is not known."
+    model = f", model {scene.parameters['model']}" if "model" in scene.parameters else ""
+    lines = (
+        f"{count:,} particles of {1e3 * scene.spacing:.3g} mm{model}; about {size(needed)} of memory.",
+        time,
+        certainty(like_a_summary),
+    )
+    return Forecast(scene.until, lines, tuple(dict.fromkeys(str(item.message) for item in warned)))

@@ -1,0 +1,89 @@
+"""What goes on: the job that runs, with its picture and how far it is, those that wait, and the last that ended."""
+
+from math import isfinite
+
+from nicegui import ui
+
+from ..problem.labels import title, written
+from ..report.sentences import LEADING
+from .jobs import Job, Queue
+from .results import newest_picture, show_run, url
+
+
+class Live:
+    """The jobs of all tabs, in one of them."""
+
+    def __init__(self, queue: Queue):
+        self.queue, self.state = queue, None
+        with ui.column().classes("w-full md:w-0 md:grow gap-4"):
+            self.jobs()
+
+    def tick(self) -> None:
+        """Show what has changed since the last time."""
+        state = [(id(job), job.state, job.stopping) for job in self.queue.jobs]
+        if state != self.state:
+            self.jobs.refresh()
+        self.state = state
+        for job in self.queue.jobs:
+            if job.state == "running":
+                self.update(job)
+
+    @ui.refreshable_method
+    def jobs(self) -> None:
+        """All of it, anew."""
+        ended = [job for job in self.queue.jobs if job.over]
+        for job in self.queue.open:
+            with ui.card().classes("w-full").props(f'data-job="{job.state}"'):
+                self.open_job(job)
+        for job in ended[-1:]:
+            with ui.card().classes("w-full").props(f'data-job="{job.state}"'):
+                self.ended_job(job)
+        if not self.queue.jobs:
+            ui.label("Nothing runs. Set a test up and press Run; it goes on if this page is closed.").classes(
+                "text-gray-600 p-4"
+            )
+
+    def open_job(self, job: Job) -> None:
+        """One that runs or waits."""
+        with ui.row().classes("w-full items-center justify-between no-wrap"):
+            ui.label(job.title).classes("font-bold")
+            word = "Stopping …" if job.stopping else "Stop" if job.state == "running" else "Remove"
+            button = ui.button(word, on_click=job.stop, color="negative").props('no-caps outline data-action="stop"')
+            button.set_enabled(not job.stopping)
+        if job.state == "waiting":
+            ui.label("waits until the one before is done")
+            return
+        self.bar = ui.linear_progress(0.0, show_value=False, size="10px").props('instant-feedback data-part="progress"')
+        self.status = ui.label().classes("tabular-nums").props('data-part="status"')
+        self.picture = ui.interactive_image().classes("w-full max-w-3xl").props('data-part="picture"')
+        self.update(job)
+
+    def update(self, job: Job) -> None:
+        """How far the job is that runs."""
+        row = job.progress()
+        self.picture.set_visibility(False)
+        if not job.scene:
+            self.bar.props("indeterminate")
+            self.status.text = "at work"
+        elif not row:
+            self.bar.props("indeterminate")
+            self.status.text = "getting ready: the program is made for this machine, faster the next time"
+        else:
+            measured = [f"{title(k)} {written(k, row[k])}" for k in LEADING if isfinite(row.get(k, float("nan")))]
+            self.bar.props(remove="indeterminate")
+            self.bar.value = min(1.0, row["time_s"] / job.until)
+            words = [f"{row['time_s']:.2f} s of at most {job.until:g} s", *measured]
+            self.status.text = ", ".join(words)
+            if picture := newest_picture(job.folder):
+                self.picture.set_source(url(job.folder, f"frames/{picture.name}"))
+                self.picture.set_visibility(True)
+
+    def ended_job(self, job: Job) -> None:
+        """The last that ended: its result, or why there is none."""
+        ui.label(job.title).classes("font-bold")
+        if job.said and job.state == "failed":
+            ui.label(job.said).classes("text-negative").props('role="alert"')
+        if job.folder and job.folder.summary.is_file():
+            show_run(job.folder)
+        elif job.state == "stopped":
+            ui.label("stopped by you before the first step")

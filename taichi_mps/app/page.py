@@ -1,0 +1,134 @@
+"""The page of one browser tab: set a run up and watch it; look at runs and compare them; calibrate a mix.
+
+All tabs share the queue of runs and the folder they go into; what is typed belongs to a tab.
+"""
+
+from nicegui import background_tasks, run, ui
+
+from ..cli.options import Run
+from ..problem import catalogue
+from ..problem.labels import in_words
+from ..problem.numerics import NUMERICS
+from ..units import SceneError, plain
+from .calibration import Calibration
+from .form import Form
+from .jobs import Job, Queue, as_options
+from .live import Live
+from .results import Results
+
+MIX = ("yield_value", "plastic_viscosity", "density")
+COST = ("spacing", "model", "accuracy")
+EXPERT = ("critical_strain_rate", "floor_radius")
+OF_RUN = ("scheme", "precision", "view", "every", "threads", "arch")
+TICK = 0.7  # [s] between two looks at the queue
+
+
+class Page:
+    """Everything of a tab; made when it is opened."""
+
+    def __init__(self, queue: Queue, forecaster):
+        self.queue, self.forecaster = queue, forecaster
+        self.scene, self.questions = "slump", 0
+        self.form = Form(self.check)
+        ui.colors(primary="#1f5f99")
+        with ui.header().classes("items-baseline gap-3 px-4 py-2"):
+            ui.label("taichi_mps").classes("text-lg font-bold")
+            ui.label("tests of fresh concrete").classes("opacity-80")
+        with ui.tabs().classes("w-full").props("no-caps align=left") as self.tabs:
+            first, second, third = ui.tab("Run"), ui.tab("Results"), ui.tab("Calibrate")
+        with ui.tab_panels(self.tabs, value=first, animated=False, keep_alive=True).classes("w-full"):
+            with ui.tab_panel(first).classes("p-0"), ui.row().classes("w-full items-start gap-4"):
+                with ui.card().classes("w-full md:w-96 gap-2"):
+                    self.set_up()
+                live = Live(queue)
+            with ui.tab_panel(second).classes("p-0"):
+                results = Results(queue)
+            with ui.tab_panel(third).classes("p-0"):
+                calibration = Calibration(queue, self.use_mix)
+        self.first = first
+        for part in (live, results, calibration):
+            ui.timer(TICK, part.tick)
+        self.check()
+
+    def set_up(self) -> None:
+        """What is to be run, what is known of it before, and the button."""
+        names = {name: text.split(":")[0] for name, text in catalogue.describe().items()}
+        test = ui.select(names, label="test", value=self.scene).classes("w-full").props('data-field="test"')
+        test.on_value_change(lambda event: self.choose(event.value))
+        self.fields()
+        with ui.column().classes("w-full gap-1 text-sm text-gray-700").props('data-part="forecast"') as self.forecast:
+            ui.label("…")
+        self.wrong = ui.label().classes("text-negative w-full").props('role="alert" data-part="wrong"')
+        self.button = ui.button("Run", on_click=self.start).classes("w-full").props('no-caps data-action="run"')
+
+    @ui.refreshable_method
+    def fields(self) -> None:
+        """The inputs of the scene and the scheme that are chosen."""
+        model = catalogue.load(self.scene).parameters
+        rest = [name for name in model.model_fields if name not in MIX + COST + EXPERT]
+        self.form.inputs.clear()
+        for heading, names in {"Mix": MIX, "Cost and accuracy": COST, "Test": rest, "Expert": EXPERT}.items():
+            group = ui.expansion(heading, value=heading in ("Mix", "Cost and accuracy"))
+            with group.classes("w-full").props("dense header-class=font-bold"):
+                self.form.add(model, [name for name in names if name in model.model_fields])
+                if heading == "Expert":
+                    self.form.add(Run, OF_RUN)
+                    self.form.add(NUMERICS[self.scheme])
+        self.shown_scheme = self.scheme
+
+    @property
+    def scheme(self) -> str:
+        """That of the form."""
+        return self.form.values.get("scheme", "implicit")
+
+    def choose(self, scene: str) -> None:
+        """Another test, with its own values."""
+        self.scene = scene
+        self.form.values.clear()
+        self.fields.refresh()
+        self.check()
+
+    def use_mix(self, mix: dict[str, str]) -> None:
+        """Take the constants of a calibration over into the form."""
+        for name, text in mix.items():
+            self.form.put(name, text)
+        self.tabs.value = self.first
+
+    # ---- before and at the start ---------------------------------------------------------------------------------
+    def check(self) -> None:
+        """Find out what is known of the run as it is set up now, and show it when it is found."""
+        if self.scheme != self.shown_scheme:
+            for name in NUMERICS[self.shown_scheme].model_fields:
+                self.form.values.pop(name, None)
+            self.fields.refresh()
+        background_tasks.create(self.ask())
+
+    async def ask(self):
+        """The forecast, shown; None, and a line that says why, where it cannot be computed or was asked for anew."""
+        self.questions += 1
+        number, values, method = self.questions, dict(self.form.values), NUMERICS[self.scheme]
+        scene = self.form.given(catalogue.load(self.scene).parameters)
+        try:
+            Run(**(options := self.form.given(Run)))
+            question = (self.scene, scene, self.scheme, self.form.given(method), options)
+            found, line = await run.io_bound(self.forecaster.ask, *question), ""
+        except SceneError as error:
+            found, line = None, plain(" ".join(str(error).split()))
+        if number != self.questions or self.wrong.is_deleted or values != self.form.values:
+            return None
+        self.wrong.text = line
+        self.form.mark(line)
+        self.forecast.clear()
+        with self.forecast:
+            for text in found.lines + found.warnings if found else ():
+                ui.label(text)
+        return found
+
+    async def start(self) -> None:
+        """Put the run into the queue, if it can be computed."""
+        found = await self.ask()
+        if found is None:
+            return
+        given = [f"{in_words(name)} {value}" for name, value in self.form.values.items()]
+        words = ["run", self.scene, "--quiet", *as_options(self.form.values)]
+        self.queue.add(Job(", ".join([self.scene, *given]), words, scene=self.scene, until=found.until))

@@ -1,0 +1,169 @@
+"""Runs of the folder: one with its pictures and results; several beside each other."""
+
+from itertools import chain
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from urllib.parse import quote
+
+import numpy as np
+from nicegui import background_tasks, run, ui
+from PIL import Image
+
+from ..io.history import read_history
+from ..io.run_folder import PLOTS, RunFolder
+from ..problem.labels import ENDS, in_words
+from ..report.sentences import measured, of_mix, rows, sentences
+from ..units import SceneError, plain
+from .jobs import Job, Queue
+
+PNG_END = b"IEND\xaeB`\x82"  # of a picture that is written to its end
+SAVED = {"report.html": "report", "summary.json": "numbers (JSON)", "history.csv": "curves (CSV)"}
+
+
+def url(folder: RunFolder, name: str) -> str:
+    """Where the server has a file of a run; another one when the file was written anew."""
+    return f"/runs/{quote(folder.path.name, safe='')}/{quote(name)}?{(folder.path / name).stat().st_mtime_ns}"
+
+
+def newest_picture(folder: RunFolder) -> Path | None:
+    """The last picture that is written to its end."""
+    return next((path for path in reversed(folder.pictures) if path.read_bytes().endswith(PNG_END)), None)
+
+
+def summary_of(folder: RunFolder) -> dict:
+    """Its summary; empty for a run that goes on, or was cut off."""
+    try:
+        return folder.read_summary()
+    except SceneError:
+        return {}
+
+
+def show_run(folder: RunFolder) -> None:
+    """Sentences, moving picture, table, curves and files of a run, here."""
+    summary = summary_of(folder)
+    with ui.column().classes("w-full gap-1").props('data-part="sentences"'):
+        for text in sentences(summary, folder.path) if summary else ["It runs, or was cut off before its end."]:
+            ui.label(text)
+        if summary.get("error"):
+            ui.label(plain(summary["error"])).classes("text-negative")
+    moving = folder.animation if folder.animation.is_file() else newest_picture(folder)
+    if moving:
+        ui.image(url(folder, str(moving.relative_to(folder.path)))).classes("w-full max-w-3xl").props("no-spinner")
+    if summary:
+        table(["result", "", "what it is"], rows(summary))
+    with ui.row().classes("w-full gap-2"):
+        for name in PLOTS:
+            if (folder.path / name).is_file():
+                ui.image(url(folder, name)).classes("w-full max-w-xl").props("no-spinner")
+    with ui.row().classes("gap-4"):
+        for name, words in SAVED.items():
+            if (folder.path / name).is_file():
+                ui.link(f"Save {words}", url(folder, name)).props(f'data-file="{name}"')
+
+
+def table(head: list[str], lines) -> None:
+    """A table of texts, here."""
+    columns = [{"name": str(k), "field": str(k), "label": text, "align": "left"} for k, text in enumerate(head)]
+    filled = [{str(k): plain(cell) for k, cell in enumerate(line)} for line in lines]
+    ui.table(columns=columns, rows=filled).props("flat dense wrap-cells").classes("w-full")
+
+
+class Results:
+    """The runs of the folder to choose from: one is shown, two or more are compared."""
+
+    def __init__(self, queue: Queue):
+        self.queue, self.there, self.drawn = queue, None, None
+        head = {"name": "run", "test": "test", "mix": "mix", "found": "result", "end": "end"}
+        columns = [{"name": k, "label": text, "field": k, "align": "left"} for k, text in head.items()]
+        with ui.column().classes("w-full gap-4"):
+            ui.label("Choose a run to look at it, two or more to compare them.").classes("text-gray-600")
+            self.table = ui.table(columns=columns, rows=[], row_key="name", selection="multiple", pagination=8)
+            self.table.props('flat bordered dense wrap-cells data-part="runs"').classes("w-full")
+            self.table.on_select(lambda: self.show.refresh())
+            self.show()
+
+    def tick(self) -> None:
+        """Show what has changed since the last time."""
+        folders = [RunFolder(path) for path in self.queue.folder.glob("*") if path.is_dir()]
+        there = {f.path.name: f.summary.stat().st_mtime_ns if f.summary.is_file() else 0 for f in folders if f.ours}
+        drawn = [job.state for job in self.queue.jobs if job.words[0] == "render"]
+        if there != self.there:
+            newest_first = sorted(there, key=lambda name: (there[name] == 0, there[name]), reverse=True)
+            self.table.update_rows([self.row(name) for name in newest_first], clear_selection=False)
+        if drawn != self.drawn:
+            self.show.refresh()
+        self.there, self.drawn = there, drawn
+
+    def folder(self, name: str) -> RunFolder:
+        """That of a run of this name."""
+        return RunFolder(self.queue.folder / name)
+
+    def row(self, name: str) -> dict[str, str]:
+        """A run in the table."""
+        summary = summary_of(self.folder(name))
+        if not summary:
+            return {"name": name, "end": "runs, or was cut off"}
+        mixes = summary.get("materials") or []
+        words = {"test": summary["scene"], "mix": ", ".join(of_mix(mixes[0])) if len(mixes) == 1 else ""}
+        words |= {"found": measured(summary), "end": ENDS.get(summary["stopped_by"], summary["stopped_by"])}
+        return {"name": name} | {key: plain(text) for key, text in words.items()}
+
+    @ui.refreshable_method
+    def show(self) -> None:
+        """What is chosen."""
+        chosen = [self.folder(row["name"]) for row in self.table.selected]
+        if len(chosen) == 1:
+            show_run(chosen[0])
+        elif chosen:
+            table(["", *(folder.path.name for folder in chosen)], beside(chosen))
+            background_tasks.create(self.curves(chosen, ui.column().classes("w-full")))
+            if len(chosen) == 2:
+                self.side_by_side(*chosen)
+
+    async def curves(self, folders, place) -> None:
+        """Their slump curves in one picture, when it is drawn."""
+        picture, line = await run.io_bound(curves_of, folders)
+        if not place.is_deleted:
+            with place:
+                ui.image(picture).classes("w-full max-w-3xl").props('data-part="curves"') if picture else ui.label(line)
+
+    def side_by_side(self, left: RunFolder, right: RunFolder) -> None:
+        """Both runs in one moving picture, or the button that draws it."""
+        words = ["render", str(left.path), "--beside", str(right.path), "--json"]
+        name = f"animation-beside-{right.path.name}.gif"
+        job = next((job for job in reversed(self.queue.jobs) if job.words == words), None)
+        if job and not job.over:
+            ui.label("The moving picture of both is being drawn, after the runs before it.")
+        elif (left.path / name).is_file():
+            ui.image(url(left, name)).classes("w-full").props('no-spinner data-part="beside"')
+        else:
+            if job and job.state == "failed":
+                ui.label(job.said).classes("text-negative").props('role="alert"')
+            draw = Job(f"{left.path.name} beside {right.path.name}", words)
+            ui.button("Draw both side by side", on_click=lambda: self.queue.add(draw)).props("no-caps outline")
+
+
+def beside(folders) -> list[tuple[str, ...]]:
+    """Lines of a table of runs: what differs of their keywords, then each result."""
+    summaries = [summary_of(folder) for folder in folders]
+    keywords = [summary.get("parameters", {}) for summary in summaries]
+    differing = [key for key in dict.fromkeys(chain(*keywords)) if len({str(k.get(key)) for k in keywords}) > 1]
+    lines = [(in_words(key), *(str(k.get(key, "-")) for k in keywords)) for key in differing]
+    results = [{name: value for name, value, _ in rows(summary)} for summary in summaries]
+    lines += [(name, *(found.get(name, "-") for found in results)) for name in dict.fromkeys(chain(*results))]
+    return [*lines, ("end", *(ENDS.get(summary.get("stopped_by"), "-") for summary in summaries))]
+
+
+def curves_of(folders) -> tuple[Image.Image | None, str]:
+    """The slump curves of runs in one picture, or why there is none."""
+    try:
+        from ..viz.plots import slump_curve
+
+        histories = {folder.path.name: read_history(folder.history) for folder in folders}
+        measured_ones = {name: h for name, h in histories.items() if np.isfinite(h["slump_m"]).any()}
+        if len(measured_ones) < len(folders):
+            return None, "Not all of these runs measure a slump; so there are no curves to compare."
+        with TemporaryDirectory() as scratch:
+            return Image.open(slump_curve(histories, Path(scratch) / PLOTS[0])).copy(), ""
+    except (ImportError, SceneError) as error:
+        return None, str(error)

@@ -1,0 +1,113 @@
+"""The server of the page: for this machine only, with the queue of runs, and nothing left behind at its end."""
+
+import asyncio
+import contextlib
+import os
+import re
+import signal
+import socket
+import webbrowser
+
+import uvicorn
+from fastapi import FastAPI, HTTPException
+from fastapi.responses import FileResponse
+from nicegui import app as pages
+from nicegui import ui
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.responses import PlainTextResponse
+
+from ..io.run_folder import PICTURES, PLOTS, RunFolder
+from ..units import SceneError
+from .forecast import Forecaster
+from .jobs import Queue
+from .page import Page
+
+HERE = "127.0.0.1"
+SHOWN = {"animation.gif", *PLOTS}  # files of a run that the page shows; besides pictures
+SAVED = {"report.html", "summary.json", "history.csv"}  # and those that it gives to keep
+BESIDE = re.compile(r"animation-beside-[^/]+\.gif")
+
+
+class OnlyHere:
+    """Refuses what a page of another host asks through a browser on this machine: requests by a name of another host
+    (DNS rebinding), from another origin, and the page in a frame."""
+
+    def __init__(self, app, port: int):
+        self.app = app
+        self.hosts = {f"{HERE}:{port}", f"localhost:{port}"}
+        self.origins = {f"http://{host}" for host in self.hosts}
+
+    async def __call__(self, scope, receive, send):
+        async def framed_by_none(message):
+            if message["type"] == "http.response.start":
+                MutableHeaders(scope=message)["Content-Security-Policy"] = "frame-ancestors 'none'"
+            await send(message)
+
+        if scope["type"] == "lifespan" or self.allowed(Headers(scope=scope)):
+            await self.app(scope, receive, framed_by_none)
+        elif scope["type"] == "websocket":
+            await send({"type": "websocket.close", "code": 1008})
+        else:
+            await PlainTextResponse("only for this machine", 403)(scope, receive, send)
+
+    def allowed(self, headers: Headers) -> bool:
+        """Was the request made to this machine by its own page, or by hand?"""
+        return headers.get("host") in self.hosts and set(headers.getlist("origin")) <= self.origins
+
+
+def file_of(folder, run: str, name: str) -> FileResponse:
+    """A file of a run in a folder of runs. One that a browser would run as a page is only given to keep, since a run
+    may come from anybody."""
+    run_folder = RunFolder(folder / run)
+    picture = name.removeprefix("frames/")
+    known = name in SHOWN | SAVED or BESIDE.fullmatch(name) or (picture != name and PICTURES.fullmatch(picture))
+    path = run_folder.path / name
+    if run in ("", ".", "..") or "/" in run or not known or not path.is_file() or not run_folder.ours:
+        raise HTTPException(404)
+    headers = {"Cache-Control": "no-cache", "X-Content-Type-Options": "nosniff"}
+    return FileResponse(path, headers=headers, filename=f"{run}-{name}" if name in SAVED else None)
+
+
+def serve(port: int, folder, browser: bool) -> None:
+    """Serve the page of the runs in ``folder`` on 127.0.0.1 until a signal; port 0 is any free one."""
+    queue, forecaster = Queue(folder), Forecaster()
+    server_app = FastAPI(openapi_url=None)
+    listener = bound(port)
+    address = f"http://{HERE}:{listener.getsockname()[1]}/"
+
+    @server_app.get("/runs/{run}/{name:path}")
+    def run_file(run: str, name: str) -> FileResponse:
+        return file_of(queue.folder, run, name)
+
+    @ui.page("/", title="taichi_mps")
+    def page():
+        Page(queue, forecaster)
+
+    ui.run_with(server_app, show_welcome_message=False, favicon="🧱")
+    pages.on_shutdown(queue.close)
+    if browser:
+        pages.on_startup(lambda: asyncio.get_running_loop().run_in_executor(None, webbrowser.open, address))
+    print(f"{address} shows the runs in {queue.folder}; Ctrl-C ends it", flush=True)
+    guarded = OnlyHere(server_app, listener.getsockname()[1])
+    settings = uvicorn.Config(guarded, log_level="warning", lifespan="on", timeout_graceful_shutdown=1)
+    if hasattr(signal, "SIGHUP"):  # its terminal was closed
+        signal.signal(signal.SIGHUP, lambda *_: os.kill(os.getpid(), signal.SIGTERM))
+    try:
+        uvicorn.Server(settings).run(sockets=[listener])
+    finally:
+        queue.kill()
+        forecaster.close()
+        with contextlib.suppress(OSError):
+            listener.close()
+
+
+def bound(port: int) -> socket.socket:
+    """A socket that listens on a port of this machine; SceneError where it is taken."""
+    listener = socket.socket()
+    listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        listener.bind((HERE, port))
+        listener.listen()
+    except OSError as error:
+        raise SceneError(f"port = {port}: cannot be used ({error.strerror}); choose another, or 0 for any") from None
+    return listener

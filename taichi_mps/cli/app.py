@@ -1,0 +1,36 @@
+"""The command app of the command line."""
+
+from importlib import import_module
+from importlib.util import find_spec
+
+from pydantic import Field
+
+from ..units import Checked, SceneError
+from .options import Parser, given
+from .run import DONE
+
+PORT = 8100
+
+
+class App(Checked):
+    """Options of app."""
+
+    port: int = Field(PORT, ge=0, le=65535, description="port of this machine, 0 for any that is free")
+    folder: str = Field("renders", description="folder of the runs")
+
+
+def app_command(argv) -> int:
+    """a page in the browser to set up, watch and compare runs"""
+    parser = Parser("app", description="A page in the browser of this machine: set up, watch and compare runs.")
+    parser.options(App, "page")
+    parser.add_argument("--no-browser", action="store_true", help="do not open the browser")
+    arguments = parser.parse(argv)
+    options = App(**given(arguments, App))
+    if not find_spec("nicegui"):
+        raise SceneError("app needs nicegui: pip install 'taichi-mps[app]'")
+    server = import_module("taichi_mps.app.server")  # by its name: that room lies above, and shows this one's options
+    server.serve(options.port, options.folder, not arguments.no_browser)
+    return DONE
+
+
+COMMANDS = {"app": app_command}
