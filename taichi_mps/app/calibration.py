@@ -1,22 +1,23 @@
 """The mix of a measured slump test: measurements in, constants out, and back into the form of a run."""
 
 import json
+from dataclasses import fields
 
 from nicegui import ui
 
-from ..study.calibrate import CONSTANTS, Constant, Measurements, short
+from ..study.calibrate import CONSTANTS, Calibration, Constant, Measurements, short
 from .form import Form
 from .jobs import Job, Queue, as_options
 
 
-class Calibration:
+class Calibrate:
     """Measurements, and what they say of the mix; ``use`` is given the constants as texts."""
 
     def __init__(self, queue: Queue, use):
         self.queue, self.use, self.job, self.state = queue, use, None, None
-        self.form = Form(lambda: None)
+        self.form = Form(lambda: None, empty="not measured", described=True)
         with ui.row().classes("w-full items-start gap-4"):
-            with ui.card().classes("w-full md:w-96 gap-2"):
+            with ui.card().classes("w-full md:w-96 gap-2").props("flat bordered"):
                 ui.label("Measured with the standard cone, 300 mm: one of these or more").classes("font-bold")
                 self.form.add(Measurements)
                 self.check = ui.switch("check by one finer run, some 20 s", value=True)
@@ -51,18 +52,14 @@ class Calibration:
             ui.label(self.job.said or "stopped by you").classes("text-negative").props('role="alert"')
 
     def found(self, facts: dict) -> None:
-        """The constants, and doubts."""
-        kept = Constant.__dataclass_fields__
-        constants = {name: Constant(**{key: facts[name][key] for key in kept}) for name in CONSTANTS}
-        with ui.card().classes("w-full gap-1").props('data-part="constants"'):
-            for name, (words, unit) in CONSTANTS.items():
-                ui.label(f"{words}: {constants[name].told(unit)}").classes("text-lg")
-            if facts["contradictory"]:
-                ui.label("No mix comes near: the measurements contradict each other or the model.").classes(
-                    "text-negative"
-                )
-            if facts["at_the_edge"]:
-                ui.label("The best fit lies at the edge of what was computed beforehand: bounds hold within it only.")
+        """The constants, and what they rest on."""
+        kept = {key: [facts[key][field.name] for field in fields(Constant)] for key in CONSTANTS}
+        constants = {name: Constant(*values) for name, values in kept.items()}
+        along = {"by_viscosity": {float(eta): tau for eta, tau in facts["by_viscosity"].items()}}
+        known = {field.name: facts[field.name] for field in fields(Calibration)}
+        with ui.card().classes("w-full gap-1").props('flat bordered data-part="constants"'):
+            for line in str(Calibration(**known | constants | along)).splitlines():
+                ui.label(" ".join(line.split()))
             mix = {name: short(constant.value) for name, constant in constants.items()}
             words = ", ".join(f"{CONSTANTS[name][0]} {text} {CONSTANTS[name][1]}" for name, text in mix.items())
             ui.button(f"Run a test with {words}", on_click=lambda: self.use(mix)).props("no-caps outline")

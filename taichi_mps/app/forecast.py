@@ -72,7 +72,7 @@ def forecast(name: str, keywords: dict, scheme: str, numerics: dict, options: di
     if measured:
         time = f"{measured.cpu_seconds:.2g} s of processor time for the flow, and some to make the program ready."
     else:
-        told = catalogue.run_time(name).replace("spacing", "particle size")
+        told = catalogue.run_time(name).replace("spacing", "particle size").replace("`", "")
         time = f"Of this test is known: {told}" if told else "How long it takes is not known."
     model = f", model {scene.parameters['model']}" if "model" in scene.parameters else ""
     lines = (

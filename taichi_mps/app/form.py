@@ -16,22 +16,25 @@ USUAL = {  # of fresh concrete, SI units: the ends of sliders; a text may say an
     "density": (1000.0, 3000.0),
 }
 FINER, COARSER = 0.25, 2.5  # particle sizes of its slider over that of the scene
-BY_DEFAULT = "by default"
 
 
 class Form:
     """Inputs for fields of pydantic models. ``values`` has those that somebody set, as text; ``changed()`` is called
-    after each change."""
+    after each change. ``empty`` is what a field without a value shows, ``described``: fields are named by what they
+    are."""
 
-    def __init__(self, changed):
+    def __init__(self, changed, empty="chosen for you", described=False):
+        self.empty, self.described = empty, described
         self.values: dict[str, str | bool] = {}
         self.inputs: dict[str, ui.element] = {}
+        self.units: dict[str, str] = {}
         self._changed = changed
 
     def add(self, model, names=None) -> None:
         """Put inputs here for the fields of a model, all or those of these names; ``values`` fills them."""
         for name in model.model_fields if names is None else names:
             field = model.model_fields[name]
+            self.units[name] = unit_of(field).strip("-")
             self.inputs[name] = made = self._made(name, field)
             made.props(f'data-field="{name}"').classes("w-full")
             with made:
@@ -45,6 +48,12 @@ class Form:
         """Set a field from outside, as if it had been typed."""
         self.inputs[name].value = text
 
+    def said(self, name) -> str:
+        """A field that was set, in words."""
+        value = self.values[name]
+        unit = self.units[name] if str(value).replace(".", "", 1).isdigit() else ""
+        return f"{in_words(name)} {value} {unit}".rstrip()
+
     def mark(self, line: str) -> None:
         """Mark the inputs whose keys a line of what is wrong names, as 'key = value: ...'; none for an empty line."""
         wrong = {part.split(" = ")[0] for part in line.split("; ")}
@@ -55,7 +64,7 @@ class Form:
         if field.annotation is bool:
             made = ui.switch(in_words(name), value=self.values.get(name, field.default))
         elif choices(field) and not unit_of(field):
-            none = {} if isinstance(field.default, str) else {None: BY_DEFAULT}
+            none = {} if isinstance(field.default, str) else {None: self.empty}
             words = none | {word: word for word in choices(field)}
             made = ui.select(words, label=in_words(name), value=self.values.get(name, field.default))
         else:
@@ -63,10 +72,11 @@ class Form:
         return made.on_value_change(lambda event: self._set(name, event.value))
 
     def _text(self, name, field):
-        unit = unit_of(field).strip("-")
-        label = f"{in_words(name)} [{unit}]" if unit else in_words(name)
+        unit = self.units[name]
+        words = field.description if self.described else in_words(name)
+        label = f"{words} [{unit}]" if unit else words
         made = ui.input(label, value=self.values.get(name, written(field.default, unit)))
-        made.props("debounce=300 stack-label autocomplete=off" + f' placeholder="{BY_DEFAULT}"')
+        made.props("debounce=300 stack-label autocomplete=off" + f' placeholder="{self.empty}"')
         slider = Slider(made, usual(name, field), field) if usual(name, field) else None
 
         def typed(event):

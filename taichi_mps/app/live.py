@@ -1,6 +1,6 @@
 """What goes on: the job that runs, with its picture and how far it is, those that wait, and the last that ended."""
 
-from math import isfinite
+from math import isfinite, nan
 
 from nicegui import ui
 
@@ -15,15 +15,16 @@ class Live:
 
     def __init__(self, queue: Queue):
         self.queue, self.state = queue, None
-        with ui.column().classes("w-full md:w-0 md:grow gap-4"):
+        with ui.column().classes("w-full md:w-0 md:grow gap-4").props('data-part="live"'):
             self.jobs()
 
     def tick(self) -> None:
         """Show what has changed since the last time."""
         state = [(id(job), job.state, job.stopping) for job in self.queue.jobs]
         if state != self.state:
+            self.state = state
             self.jobs.refresh()
-        self.state = state
+            return
         for job in self.queue.jobs:
             if job.state == "running":
                 self.update(job)
@@ -31,12 +32,12 @@ class Live:
     @ui.refreshable_method
     def jobs(self) -> None:
         """All of it, anew."""
-        ended = [job for job in self.queue.jobs if job.over]
+        ended = [job for job in self.queue.jobs if job.over and (job.scene or job.state == "failed")]
         for job in self.queue.open:
-            with ui.card().classes("w-full").props(f'data-job="{job.state}"'):
+            with ui.card().classes("w-full").props(f'flat bordered data-job="{job.state}"'):
                 self.open_job(job)
         for job in ended[-1:]:
-            with ui.card().classes("w-full").props(f'data-job="{job.state}"'):
+            with ui.card().classes("w-full").props(f'flat bordered data-job="{job.state}"'):
                 self.ended_job(job)
         if not self.queue.jobs:
             ui.label("Nothing runs. Set a test up and press Run; it goes on if this page is closed.").classes(
@@ -61,22 +62,18 @@ class Live:
     def update(self, job: Job) -> None:
         """How far the job is that runs."""
         row = job.progress()
-        self.picture.set_visibility(False)
-        if not job.scene:
-            self.bar.props("indeterminate")
-            self.status.text = "at work"
-        elif not row:
-            self.bar.props("indeterminate")
+        flows = row.get("time_s", 0.0) > 0.0
+        self.bar.props(remove="indeterminate") if flows else self.bar.props("indeterminate")
+        if flows:
+            self.bar.value = min(1.0, row["time_s"] / job.until)
+            measured = [f"{title(k)} {written(k, row[k])}" for k in LEADING if isfinite(row.get(k, nan))]
+            self.status.text = ", ".join([f"{row['time_s']:.2f} s of at most {job.until:g} s", *measured])
+        elif job.scene:
             self.status.text = "getting ready: the program is made for this machine, faster the next time"
         else:
-            measured = [f"{title(k)} {written(k, row[k])}" for k in LEADING if isfinite(row.get(k, float("nan")))]
-            self.bar.props(remove="indeterminate")
-            self.bar.value = min(1.0, row["time_s"] / job.until)
-            words = [f"{row['time_s']:.2f} s of at most {job.until:g} s", *measured]
-            self.status.text = ", ".join(words)
-            if picture := newest_picture(job.folder):
-                self.picture.set_source(url(job.folder, f"frames/{picture.name}"))
-                self.picture.set_visibility(True)
+            self.status.text = "at work"
+        if row and (picture := newest_picture(job.folder)):
+            self.picture.set_source(url(job.folder, f"frames/{picture.name}"))
 
     def ended_job(self, job: Job) -> None:
         """The last that ended: its result, or why there is none."""

@@ -7,10 +7,9 @@ from nicegui import background_tasks, run, ui
 
 from ..cli.options import Run
 from ..problem import catalogue
-from ..problem.labels import in_words
 from ..problem.numerics import NUMERICS
 from ..units import SceneError, plain
-from .calibration import Calibration
+from .calibration import Calibrate
 from .form import Form
 from .jobs import Job, Queue, as_options
 from .live import Live
@@ -31,20 +30,20 @@ class Page:
         self.scene, self.questions = "slump", 0
         self.form = Form(self.check)
         ui.colors(primary="#1f5f99")
-        with ui.header().classes("items-baseline gap-3 px-4 py-2"):
+        with ui.header(fixed=False).classes("items-baseline gap-3 px-4 py-2"):
             ui.label("taichi_mps").classes("text-lg font-bold")
             ui.label("tests of fresh concrete").classes("opacity-80")
         with ui.tabs().classes("w-full").props("no-caps align=left") as self.tabs:
             first, second, third = ui.tab("Run"), ui.tab("Results"), ui.tab("Calibrate")
         with ui.tab_panels(self.tabs, value=first, animated=False, keep_alive=True).classes("w-full"):
             with ui.tab_panel(first).classes("p-0"), ui.row().classes("w-full items-start gap-4"):
-                with ui.card().classes("w-full md:w-96 gap-2"):
+                with ui.card().classes("w-full md:w-96 gap-2").props("flat bordered"):
                     self.set_up()
                 live = Live(queue)
             with ui.tab_panel(second).classes("p-0"):
                 results = Results(queue)
             with ui.tab_panel(third).classes("p-0"):
-                calibration = Calibration(queue, self.use_mix)
+                calibration = Calibrate(queue, self.use_mix)
         self.first = first
         for part in (live, results, calibration):
             ui.timer(TICK, part.tick)
@@ -67,7 +66,7 @@ class Page:
         model = catalogue.load(self.scene).parameters
         rest = [name for name in model.model_fields if name not in MIX + COST + EXPERT]
         self.form.inputs.clear()
-        for heading, names in {"Mix": MIX, "Cost and accuracy": COST, "Test": rest, "Expert": EXPERT}.items():
+        for heading, names in {"Mix": MIX, "Test": rest, "Cost and accuracy": COST, "Expert": EXPERT}.items():
             group = ui.expansion(heading, value=heading in ("Mix", "Cost and accuracy"))
             with group.classes("w-full").props("dense header-class=font-bold"):
                 self.form.add(model, [name for name in names if name in model.model_fields])
@@ -129,6 +128,7 @@ class Page:
         found = await self.ask()
         if found is None:
             return
-        given = [f"{in_words(name)} {value}" for name, value in self.form.values.items()]
         words = ["run", self.scene, "--quiet", *as_options(self.form.values)]
-        self.queue.add(Job(", ".join([self.scene, *given]), words, scene=self.scene, until=found.until))
+        title = ", ".join([self.scene, *map(self.form.said, self.form.values)])
+        self.queue.add(Job(title, words, scene=self.scene, until=found.until))
+        ui.run_javascript("if (innerWidth < 768) document.querySelector('[data-part=live]').scrollIntoView()")

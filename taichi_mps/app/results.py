@@ -11,9 +11,11 @@ from PIL import Image
 
 from ..io.history import read_history
 from ..io.run_folder import PLOTS, RunFolder
+from ..problem import catalogue
 from ..problem.labels import ENDS, in_words
-from ..report.sentences import measured, of_mix, rows, sentences
-from ..units import SceneError, plain
+from ..report.sentences import measured, rows, sentences
+from ..units import SceneError, plain, unit_of
+from .form import written
 from .jobs import Job, Queue
 
 PNG_END = b"IEND\xaeB`\x82"  # of a picture that is written to its end
@@ -48,13 +50,17 @@ def show_run(folder: RunFolder) -> None:
             ui.label(plain(summary["error"])).classes("text-negative")
     moving = folder.animation if folder.animation.is_file() else newest_picture(folder)
     if moving:
-        ui.image(url(folder, str(moving.relative_to(folder.path)))).classes("w-full max-w-3xl").props("no-spinner")
+        ui.image(url(folder, str(moving.relative_to(folder.path)))).classes("w-full max-w-3xl").props(
+            "no-spinner no-transition"
+        )
     if summary:
         table(["result", "", "what it is"], rows(summary))
-    with ui.row().classes("w-full gap-2"):
-        for name in PLOTS:
-            if (folder.path / name).is_file():
-                ui.image(url(folder, name)).classes("w-full max-w-xl").props("no-spinner")
+    curves, course, filling = ((folder.path / name).is_file() for name in PLOTS)
+    for name in [PLOTS[0]] * curves + [PLOTS[2]] * filling:
+        ui.image(url(folder, name)).classes("w-full max-w-xl").props("no-spinner no-transition")
+    if course:
+        with ui.expansion("Course of the computation").classes("w-full").props("dense"):
+            ui.image(url(folder, PLOTS[1])).classes("w-full max-w-3xl").props("no-spinner no-transition")
     with ui.row().classes("gap-4"):
         for name, words in SAVED.items():
             if (folder.path / name).is_file():
@@ -73,7 +79,7 @@ class Results:
 
     def __init__(self, queue: Queue):
         self.queue, self.there, self.drawn = queue, None, None
-        head = {"name": "run", "test": "test", "mix": "mix", "found": "result", "end": "end"}
+        head = {"name": "run", "test": "test", "mix": "yield stress, viscosity", "found": "result", "end": "end"}
         columns = [{"name": k, "label": text, "field": k, "align": "left"} for k, text in head.items()]
         with ui.column().classes("w-full gap-4"):
             ui.label("Choose a run to look at it, two or more to compare them.").classes("text-gray-600")
@@ -103,8 +109,9 @@ class Results:
         summary = summary_of(self.folder(name))
         if not summary:
             return {"name": name, "end": "runs, or was cut off"}
-        mixes = summary.get("materials") or []
-        words = {"test": summary["scene"], "mix": ", ".join(of_mix(mixes[0])) if len(mixes) == 1 else ""}
+        mixes = ["{yield_value:g} Pa, {plastic_viscosity:g} Pa s".format(**mix) for mix in summary.get("materials", [])
+                 if {"yield_value", "plastic_viscosity"} <= mix.keys()]  # fmt: skip
+        words = {"test": summary["scene"], "mix": "; ".join(mixes)}
         words |= {"found": measured(summary), "end": ENDS.get(summary["stopped_by"], summary["stopped_by"])}
         return {"name": name} | {key: plain(text) for key, text in words.items()}
 
@@ -135,7 +142,7 @@ class Results:
         if job and not job.over:
             ui.label("The moving picture of both is being drawn, after the runs before it.")
         elif (left.path / name).is_file():
-            ui.image(url(left, name)).classes("w-full").props('no-spinner data-part="beside"')
+            ui.image(url(left, name)).classes("w-full").props('no-spinner no-transition data-part="beside"')
         else:
             if job and job.state == "failed":
                 ui.label(job.said).classes("text-negative").props('role="alert"')
@@ -148,10 +155,25 @@ def beside(folders) -> list[tuple[str, ...]]:
     summaries = [summary_of(folder) for folder in folders]
     keywords = [summary.get("parameters", {}) for summary in summaries]
     differing = [key for key in dict.fromkeys(chain(*keywords)) if len({str(k.get(key)) for k in keywords}) > 1]
-    lines = [(in_words(key), *(str(k.get(key, "-")) for k in keywords)) for key in differing]
+    fields = {key: field for s in summaries for key, field in parameters_of(s.get("scene")).items()}
+    lines = [(in_words(key), *(said(k.get(key), fields.get(key)) for k in keywords)) for key in differing]
     results = [{name: value for name, value, _ in rows(summary)} for summary in summaries]
     lines += [(name, *(found.get(name, "-") for found in results)) for name in dict.fromkeys(chain(*results))]
     return [*lines, ("end", *(ENDS.get(summary.get("stopped_by"), "-") for summary in summaries))]
+
+
+def parameters_of(scene) -> dict:
+    """The fields of the keywords of a built-in scene; none of another one, whose file is not run for that."""
+    return catalogue.load(scene).parameters.model_fields if scene in catalogue.names() else {}
+
+
+def said(value, field) -> str:
+    """A keyword of a summary with its unit."""
+    if value is None:
+        return "-"
+    unit = unit_of(field).strip("-") if field else ""
+    text = written(value, unit)
+    return text if text.endswith(unit) else f"{text} {unit}"
 
 
 def curves_of(folders) -> tuple[Image.Image | None, str]:
