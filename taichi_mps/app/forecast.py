@@ -4,11 +4,9 @@ the scene, which may be large, and imports Taichi."""
 import io
 import signal
 import warnings
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
 from contextlib import redirect_stderr
 from dataclasses import dataclass
-from multiprocessing import get_context
+from multiprocessing import TimeoutError, get_context
 
 from ..memory import admit, size
 from ..problem import catalogue
@@ -16,6 +14,8 @@ from ..problem.numerics import NUMERICS
 from ..problem.problem import Problem
 from ..report.sentences import certainty, comparable
 from ..units import SceneError
+
+PATIENCE = 60.0  # [s] for one forecast; it never comes where the process was killed for want of memory
 
 
 @dataclass(frozen=True)
@@ -35,20 +35,21 @@ class Forecaster:
         self._pool = None
 
     def ask(self, *question) -> Forecast:
-        """``forecast(*question)``, waited for; SceneError for what cannot be computed."""
+        """``forecast(*question)``, waited for; SceneError for what cannot be computed, or not be tried in PATIENCE."""
         if self._pool is None:
-            self._pool = ProcessPoolExecutor(1, get_context("spawn"), signal.signal, (signal.SIGINT, signal.SIG_IGN))
-        pool = self._pool
+            self._pool = get_context("spawn").Pool(1, signal.signal, (signal.SIGINT, signal.SIG_IGN))
         try:
-            return pool.submit(forecast, *question).result()
-        except BrokenProcessPool:
-            self._pool = None if self._pool is pool else self._pool
-            raise SceneError("this scene ended the process that tried it, for want of memory perhaps") from None
+            return self._pool.apply_async(forecast, question).get(PATIENCE)
+        except TimeoutError:
+            self.close()
+            raise SceneError(f"spacing: this scene could not be tried within {PATIENCE:g} s; make it coarser") from None
 
     def close(self) -> None:
-        """End the process, when what it does is done."""
-        if self._pool:
-            self._pool.shutdown(wait=False, cancel_futures=True)
+        """End the process, whatever it does."""
+        pool, self._pool = self._pool, None
+        if pool:
+            pool.terminate()
+            pool.join()
 
 
 def forecast(name: str, keywords: dict, scheme: str, numerics: dict, options: dict) -> Forecast:

@@ -19,6 +19,7 @@ from .form import written
 from .jobs import Job, Queue
 
 PNG_END = b"IEND\xaeB`\x82"  # of a picture that is written to its end
+NO_SUMMARY = "runs, was cut off, or is of an older version"
 SAVED = {"report.html": "report", "summary.json": "numbers (JSON)", "history.csv": "curves (CSV)"}
 
 
@@ -33,10 +34,11 @@ def newest_picture(folder: RunFolder) -> Path | None:
 
 
 def summary_of(folder: RunFolder) -> dict:
-    """Its summary; empty for a run that goes on, or was cut off."""
+    """Its summary; empty for a run that goes on, was cut off, or says of itself what nobody can read."""
     try:
-        return folder.read_summary()
-    except SceneError:
+        summary = folder.read_summary()
+        return summary if sentences(summary) and rows(summary) is not None else {}
+    except (SceneError, KeyError, TypeError, ValueError, AttributeError):  # a folder may come from anybody
         return {}
 
 
@@ -44,7 +46,7 @@ def show_run(folder: RunFolder) -> None:
     """Sentences, moving picture, table, curves and files of a run, here."""
     summary = summary_of(folder)
     with ui.column().classes("w-full gap-1").props('data-part="sentences"'):
-        for text in sentences(summary, folder.path) if summary else ["It runs, or was cut off before its end."]:
+        for text in sentences(summary, folder.path) if summary else [f"It {NO_SUMMARY}."]:
             ui.label(text)
         if summary.get("error"):
             ui.label(plain(summary["error"])).classes("text-negative")
@@ -57,14 +59,19 @@ def show_run(folder: RunFolder) -> None:
         table(["result", "", "what it is"], rows(summary))
     curves, course, filling = ((folder.path / name).is_file() for name in PLOTS)
     for name in [PLOTS[0]] * curves + [PLOTS[2]] * filling:
-        ui.image(url(folder, name)).classes("w-full max-w-xl").props("no-spinner no-transition")
+        image(url(folder, name))
     if course:
         with ui.expansion("Course of the computation").classes("w-full").props("dense"):
-            ui.image(url(folder, PLOTS[1])).classes("w-full max-w-3xl").props("no-spinner no-transition")
+            image(url(folder, PLOTS[1]))
     with ui.row().classes("gap-4"):
         for name, words in SAVED.items():
             if (folder.path / name).is_file():
                 ui.link(f"Save {words}", url(folder, name)).props(f'data-file="{name}"')
+
+
+def image(source, part="image") -> ui.image:
+    """A picture, here, as wide as there is room."""
+    return ui.image(source).classes("w-full max-w-3xl").props(f'no-spinner no-transition data-part="{part}"')
 
 
 def table(head: list[str], lines) -> None:
@@ -108,7 +115,7 @@ class Results:
         """A run in the table."""
         summary = summary_of(self.folder(name))
         if not summary:
-            return {"name": name, "end": "runs, or was cut off"}
+            return {"name": name, "end": NO_SUMMARY}
         mixes = ["{yield_value:g} Pa, {plastic_viscosity:g} Pa s".format(**mix) for mix in summary.get("materials", [])
                  if {"yield_value", "plastic_viscosity"} <= mix.keys()]  # fmt: skip
         words = {"test": summary["scene"], "mix": "; ".join(mixes)}
@@ -132,7 +139,7 @@ class Results:
         picture, line = await run.io_bound(curves_of, folders)
         if not place.is_deleted:
             with place:
-                ui.image(picture).classes("w-full max-w-3xl").props('data-part="curves"') if picture else ui.label(line)
+                image(picture, "curves") if picture else ui.label(line)
 
     def side_by_side(self, left: RunFolder, right: RunFolder) -> None:
         """Both runs in one moving picture, or the button that draws it."""
@@ -142,7 +149,7 @@ class Results:
         if job and not job.over:
             ui.label("The moving picture of both is being drawn, after the runs before it.")
         elif (left.path / name).is_file():
-            ui.image(url(left, name)).classes("w-full").props('no-spinner no-transition data-part="beside"')
+            image(url(left, name), "beside").classes("max-w-none")
         else:
             if job and job.state == "failed":
                 ui.label(job.said).classes("text-negative").props('role="alert"')

@@ -1,0 +1,232 @@
+"""The page, end to end: a server of its own, a headless Chromium, runs of a few seconds."""
+
+import json
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+import time
+import urllib.error
+import urllib.request
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+import taichi_mps as mps
+from taichi_mps.io.run_folder import RunFolder
+from taichi_mps.problem.labels import written
+from tests.support.browser import chromium, needs_chromium
+
+ROOT = Path(__file__).resolve().parents[2]
+pytestmark = pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="reads /proc of Linux")
+
+
+@contextmanager
+def serving(folder, code=130):
+    """A server of the runs in a folder: its port and its process; at its end Ctrl-C, and no child is left."""
+    words = [sys.executable, "-m", "taichi_mps", "app", "--port", "0", "--no-browser", "--folder", str(folder)]
+    variables = os.environ | {"PYTHONPATH": str(ROOT)}
+    server = subprocess.Popen(words, cwd=folder, env=variables, text=True, stdout=-1, stderr=-1)
+    try:
+        port = int(re.match(r"http://127\.0\.0\.1:(\d+)/", server.stdout.readline())[1])
+        yield port, server
+    finally:
+        family = children(server.pid)
+        server.send_signal(signal.SIGINT)
+        _, said = server.communicate(timeout=60)
+    assert (said, server.returncode) == ("taichi-mps: interrupted\n", code)
+    deadline = time.monotonic() + 2.0  # for what Python itself leaves to end by itself
+    while left := [child for child in family if Path(f"/proc/{child}").exists()]:
+        assert time.monotonic() < deadline, [Path(f"/proc/{child}/cmdline").read_text() for child in left]
+        time.sleep(0.05)
+
+
+def children(process: int) -> list[int]:
+    """Processes that descend from one."""
+    parents = {}
+    for status in Path("/proc").glob("[0-9]*/status"):
+        try:
+            parents[int(status.parent.name)] = int(re.search(r"PPid:\s*(\d+)", status.read_text())[1])
+        except OSError:  # gone meanwhile
+            continue
+    found = [child for child, parent in parents.items() if parent == process]
+    return found + [grandchild for child in found for grandchild in children(child)]
+
+
+class Tab:
+    """A page in a window of its own, with what goes wrong in it."""
+
+    def __init__(self, browser, port, width=1280):
+        self.page = browser.new_context(viewport={"width": width, "height": 900}).new_page()
+        self.page.set_default_timeout(60_000)
+        self.wrong = []
+        here = (f"http://127.0.0.1:{port}/", f"ws://127.0.0.1:{port}/", "data:")
+        self.page.on("console", lambda said: self.wrong.append(said.text) if said.type == "error" else None)
+        self.page.on("request", lambda r: None if r.url.startswith(here) else self.wrong.append(r.url))
+        self.page.goto(here[0])
+        self.forecast("particles")
+
+    def part(self, name, text=None):
+        return self.page.locator(f'[data-part="{name}"]', has_text=text)
+
+    def forecast(self, text):
+        self.part("forecast", text).wait_for()
+        return self.part("forecast").inner_text()
+
+    def set(self, **texts):
+        for name, text in texts.items():
+            self.page.locator(f'input[data-field="{name}"]').fill(text)
+
+    def press(self, action):
+        self.page.locator(f'[data-action="{action}"]').first.click()
+
+    def job(self, state, text=None):
+        """The card of a job in this state, waited for."""
+        card = self.page.locator(f'[data-job="{state}"]', has_text=text).first
+        card.wait_for()
+        return card
+
+
+def run_of(tab):
+    """The folder that the sentences of the last result name."""
+    text = tab.job("done").locator('[data-part="sentences"]').inner_text()
+    return text, RunFolder(re.search(r"results lie in (.+)\.", text)[1])
+
+
+@needs_chromium
+def test_two_tabs_run_watch_stop_and_compare(tmp_path):
+    with serving(tmp_path) as (port, server), chromium() as browser:
+        one, two = Tab(browser, port), Tab(browser, port, width=390)
+        one.set(yield_value="500 ", spacing="20 mm")
+        assert "within 9 mm of independent finite elements" in one.forecast("particles of 20 mm, model full")
+        one.press("run")
+        two.set(yield_value="900", spacing="0.02")
+        two.forecast("particles of 20 mm")
+        two.press("run")
+        status = one.job("running", "500").locator('[data-part="status"]')
+        status.get_by_text("s of at most 5 s, slump").wait_for()
+        assert two.job("waiting", "900 Pa").is_visible()
+        picture = one.job("running").locator('[data-part="picture"] img')
+        assert "/runs/slump/frames/frame_0" in picture.get_attribute("src")
+        assert picture.evaluate("image => image.decode().then(() => image.naturalWidth)") > 500
+
+        one.job("done", "500")
+        text, folder = run_of(one)
+        summary = RunFolder(tmp_path / folder.path.name).read_summary()
+        assert summary["parameters"]["yield_value"] == 500.0 and summary["parameters"]["spacing"] == 0.02
+        assert f"Slump {written('slump_m', summary['slump_m'])}" in text
+        assert "yield stress 500 Pa" in text and "concrete stopped flowing" in text
+
+        two.job("done", "900")
+        _, other = run_of(two)
+        assert other.path.name != folder.path.name
+        one.page.locator(".q-tab", has_text="Results").click()
+        rows = one.part("runs").locator("tbody .q-checkbox")
+        rows.nth(1).wait_for()
+        rows.nth(0).click()
+        rows.nth(1).click()
+        one.page.get_by_text("500 Pa", exact=True).wait_for()
+        assert one.page.get_by_text("900 Pa", exact=True).is_visible()
+        one.part("curves").locator("img").wait_for()
+
+        two.set(yield_value="0")  # it never comes to rest
+        two.press("run")
+        two.job("running", "stress 0 Pa").locator('[data-part="status"]').get_by_text("s of at most 5 s").wait_for()
+        two.press("stop")
+        stopped = two.job("stopped", "stress 0 Pa")
+        stopped.get_by_text("Stopped by you after").wait_for()
+        assert RunFolder(tmp_path / "slump-3").read_summary()["stopped_by"] == "interrupted"
+        two.press("run")
+        two.job("running", "stress 0 Pa").locator('[data-part="status"]').get_by_text("s of at most 5 s").wait_for()
+        assert one.wrong == two.wrong == []
+    assert RunFolder(tmp_path / "slump-4").read_summary()["stopped_by"] == "interrupted"  # by the end of the server
+
+
+@needs_chromium
+def test_a_bad_value_is_one_line_and_a_calibration_fills_the_form(tmp_path):
+    with serving(tmp_path) as (port, server), chromium() as browser:
+        tab = Tab(browser, port)
+        tab.set(yield_value="-3")
+        tab.part("wrong", "yield_value = -3").wait_for()
+        assert "\n" not in tab.part("wrong").inner_text() and "Traceback" not in tab.page.content()
+        tab.press("run")
+        tab.set(yield_value="400", spacing="0.0001")
+        tab.part("wrong", "spacing = 0.0001 m").wait_for()
+        tab.set(spacing="")
+        tab.forecast("5,504 particles of 10 mm")
+        assert tab.part("wrong").inner_text() == "" and not list(tmp_path.iterdir())
+
+        tab.page.locator(".q-tab", has_text="Calibrate").click()
+        tab.set(slump="50 cm")
+        tab.press("calibrate")
+        tab.page.locator('[role="alert"]', has_text="slump = 0.5 m: must be less than 0.3 m").wait_for()
+        tab.set(slump="18 cm", spread="0.32")
+        tab.page.get_by_text("check by one finer run").click()
+        tab.press("calibrate")
+        found = tab.part("constants", "yield stress")
+        found.wait_for()
+        value = re.search(r"yield stress ([\d.]+) Pa, 95 %", found.inner_text())[1]
+        assert 400.0 < float(value) < 600.0
+        tab.page.get_by_text("Run a test with").click()
+        assert tab.page.locator('input[data-field="yield_value"]').input_value() == value
+        assert tab.wrong == []
+
+
+def answer(port, path="/", **headers):
+    """Status of a request with these headers."""
+    request = urllib.request.Request(f"http://127.0.0.1:{port}{path}", headers=headers)
+    try:
+        with urllib.request.urlopen(request, timeout=20) as reply:
+            return reply.status
+    except urllib.error.HTTPError as error:
+        return error.code
+
+
+def upgrade(port, origin):
+    """First line of the answer to a websocket of this origin."""
+    with socket.create_connection(("127.0.0.1", port), timeout=20) as line:
+        key = "Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA=="
+        path = "/_nicegui_ws/socket.io/?EIO=4&transport=websocket"
+        head = f"GET {path} HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nConnection: Upgrade\r\nUpgrade: websocket"
+        line.sendall(f"{head}\r\n{key}\r\nOrigin: {origin}\r\n\r\n".encode())
+        return line.recv(4096).split(b"\r\n")[0].decode()
+
+
+def test_only_this_machine_and_its_own_page_are_served(tmp_path):
+    run = tmp_path / "run"
+    run.mkdir()
+    (tmp_path / "secret.json").write_text("{}")
+    for name in ("summary.json", "checkpoint.h5", "taichi_mps.json"):
+        (run / name).write_text(json.dumps({"made_by": "taichi_mps"}))
+    (run / "frames").mkdir()
+    (run / "frames" / "frame_00000.png").write_bytes(b"")
+    with serving(tmp_path) as (port, server):
+        assert answer(port) == answer(port, Host=f"localhost:{port}") == 200
+        assert answer(port, Origin=f"http://127.0.0.1:{port}") == 200
+        for host in ("evil.example", f"evil.example:{port}", "127.0.0.1", f"127.0.0.1:{port + 1}"):
+            assert answer(port, Host=host) == 403
+        for origin in ("http://evil.example", "null", f"https://127.0.0.1:{port}"):
+            assert answer(port, Origin=origin) == 403
+            assert upgrade(port, origin).split()[1] == "403"
+        assert upgrade(port, f"http://127.0.0.1:{port}").split()[1] == "101"
+
+        assert answer(port, "/runs/run/summary.json") == answer(port, "/runs/run/frames/frame_00000.png") == 200
+        others = "run/checkpoint.h5", "run/../secret.json", "..%2Fsecret.json/x", "%2e%2e/summary.json", "./secret.json"
+        for path in (*others, "run/frame_00000.png"):
+            assert answer(port, f"/runs/{path}") == 404, path
+
+        listening = Path(f"/proc/{server.pid}/net/tcp").read_text() + Path(f"/proc/{server.pid}/net/tcp6").read_text()
+        bound = re.findall(rf"\b(\w+):{port:04X} 0+:0000 0A", listening)
+        assert bound == ["0100007F"]  # 127.0.0.1 alone
+
+        assert mps.main(["app", "--no-browser", "--port", str(port)]) == 2  # taken
+    assert not (tmp_path / ".nicegui").exists()
+
+
+def test_without_the_extra_it_says_how_to_get_it(monkeypatch, capsys):
+    monkeypatch.setattr("taichi_mps.cli.app.find_spec", lambda name: None)
+    assert mps.main(["app"]) == 2
+    assert capsys.readouterr().err == "taichi-mps: app needs nicegui: pip install 'taichi-mps[app]'\n"
