@@ -7,7 +7,7 @@ from nicegui import ui
 from pydantic import TypeAdapter, ValidationError
 
 from ..cli.options import allowed, choices
-from ..problem.labels import in_words
+from ..problem.labels import in_words, what_it_is
 from ..units import unit_of
 
 USUAL = {  # of fresh concrete, SI units: the ends of sliders; a text may say any other
@@ -23,22 +23,21 @@ class Form:
     after each change. ``empty`` is what a field without a value shows, ``described``: fields are named by what they
     are."""
 
-    def __init__(self, changed, empty="chosen for you", described=False):
+    def __init__(self, changed, empty="by default", described=False):
         self.empty, self.described = empty, described
         self.values: dict[str, str | bool] = {}
         self.inputs: dict[str, ui.element] = {}
         self.units: dict[str, str] = {}
         self._changed = changed
 
-    def add(self, model, names=None) -> None:
-        """Put inputs here for the fields of a model, all or those of these names; ``values`` fills them."""
-        for name in model.model_fields if names is None else names:
-            field = model.model_fields[name]
-            self.units[name] = unit_of(field).strip("-")
-            self.inputs[name] = made = self._made(name, field)
-            made.props(f'data-field="{name}"').classes("w-full")
-            with made:
-                ui.tooltip(field.description or f"{in_words(name)} {allowed(field)}")
+    def add(self, model, name: str) -> None:
+        """Put an input here for a field of a model."""
+        field = model.model_fields[name]
+        self.units[name] = unit_of(field).strip("-")
+        self.inputs[name] = made = self._made(name, field)
+        made.props(f'data-field="{name}"').classes("w-full")
+        with made:
+            ui.tooltip(f"{field.description or what_it_is(name)} {allowed(field)}".strip())
 
     def given(self, model) -> dict:
         """What was set of the fields of a model."""
@@ -77,7 +76,7 @@ class Form:
         label = f"{words} [{unit}]" if unit else words
         made = ui.input(label, value=self.values.get(name, written(field.default, unit)))
         made.props("debounce=300 stack-label autocomplete=off" + f' placeholder="{self.empty}"')
-        slider = Slider(made, usual(name, field), field) if usual(name, field) else None
+        slider = Slider(made, usual(name, field), name, field) if usual(name, field) else None
 
         def typed(event):
             if slider:
@@ -96,12 +95,13 @@ class Form:
 class Slider:
     """A slider beside the text of a number: over values of two digits, in about equal ratios."""
 
-    def __init__(self, text, ends, field):
+    def __init__(self, text, ends, name, field):
         low, high = ends
         self.text, self.unit = text, unit_of(field)
         self.values = np.array(sorted({float(f"{value:.2g}") for value in np.geomspace(low, high, 150)}))
         self.number = TypeAdapter(Annotated[(field.annotation, *field.metadata)])
-        self.element = ui.slider(min=0, max=len(self.values) - 1).props("dense").classes("w-full -mt-3")
+        self.element = ui.slider(min=0, max=len(self.values) - 1).classes("w-full -mt-3")
+        self.element.props(f'dense aria-label="{in_words(name)}"')
         self.element.on("update:model-value", lambda event: self.write(event.args), throttle=0.1)
         self.follow(text.value)
 

@@ -15,6 +15,8 @@ from ..io.run_folder import RunFolder, next_free
 PATIENCE = 10.0  # [s] for a run to end well after Ctrl-C
 STATES = {0: "done"} | dict.fromkeys((130, 143, -2, -15), "stopped")  # by what a command returns; else failed
 
+NAME = "taichi-mps: "  # with which the program begins what it says
+
 
 @dataclass(eq=False)
 class Job:
@@ -26,7 +28,7 @@ class Job:
     until: float = 0.0
     state: str = "waiting"  # then running; at the end done, stopped or failed
     folder: RunFolder | None = None
-    said: str = ""  # on stderr, at the end
+    said: str = ""  # on stderr, at the end, the lines of the program alone
     output: str = ""  # on stdout, at the end
     stopping: bool = False
     process: asyncio.subprocess.Process | None = field(default=None, repr=False)
@@ -65,7 +67,8 @@ class Job:
         if self.stopping:  # was asked for while the process was made
             self._interrupt()
         output, said = await self.process.communicate()
-        self.output, self.said = (text.decode("utf-8", "replace").strip() for text in (output, said))
+        self.output, lines = (text.decode("utf-8", "replace").strip() for text in (output, said))
+        self.said = "\n".join(line[len(NAME) :] for line in lines.splitlines() if line.startswith(NAME))
         self.state = STATES.get(self.process.returncode, "failed")
 
 

@@ -78,8 +78,9 @@ class Live:
     def ended_job(self, job: Job) -> None:
         """The last that ended: its result, or why there is none."""
         ui.label(job.title).classes("font-bold")
-        if job.said and job.state == "failed":
-            ui.label(job.said).classes("text-negative").props('role="alert"')
+        if job.state == "failed":
+            said = job.said or f"it ended with code {job.process and job.process.returncode}, and said nothing"
+            ui.label(said).classes("text-negative whitespace-pre-line").props('role="alert"')
         if job.folder and job.folder.summary.is_file():
             show_run(job.folder)
         elif job.state == "stopped":

@@ -5,7 +5,7 @@ All tabs share the queue of runs and the folder they go into; what is typed belo
 
 from nicegui import background_tasks, run, ui
 
-from ..cli.options import Run
+from ..cli.options import GROUPS, Run, group_of
 from ..problem import catalogue
 from ..problem.numerics import NUMERICS
 from ..units import SceneError, plain
@@ -15,11 +15,15 @@ from .jobs import Job, Queue, as_options
 from .live import Live
 from .results import Results
 
-MIX = ("yield_value", "plastic_viscosity", "density")
-COST = ("spacing", "model", "accuracy")
-EXPERT = ("critical_strain_rate", "floor_radius")
-OF_RUN = ("scheme", "precision", "view", "every", "threads", "arch")
+FIRST = ("yield_value", "plastic_viscosity", "density", "spacing", "model", "accuracy")  # of their groups
+OPEN = ("mix", "accuracy and cost")  # groups that are shown at first
+NOT_ASKED = {"out", "overwrite", "quiet", "verbose", "profile", "renderer"}  # options of run that the page sets itself
 TICK = 0.7  # [s] between two looks at the queue
+
+
+def order(name: str) -> int:
+    """The place of a field in its group."""
+    return FIRST.index(name) if name in FIRST else len(FIRST)
 
 
 class Page:
@@ -45,8 +49,8 @@ class Page:
             with ui.tab_panel(third).classes("p-0"):
                 calibration = Calibrate(queue, self.use_mix)
         self.first = first
-        for part in (live, results, calibration):
-            ui.timer(TICK, part.tick)
+        for part, often in ((live, 1), (calibration, 1), (results, 3)):
+            ui.timer(TICK * often, part.tick)
         self.check()
 
     def set_up(self) -> None:
@@ -62,17 +66,18 @@ class Page:
 
     @ui.refreshable_method
     def fields(self) -> None:
-        """The inputs of the scene and the scheme that are chosen."""
-        model = catalogue.load(self.scene).parameters
-        rest = [name for name in model.model_fields if name not in MIX + COST + EXPERT]
+        """The inputs of the scene and the scheme that are chosen, in the groups of the command line."""
+        scene, method = catalogue.load(self.scene).parameters, NUMERICS[self.scheme]
+        fields = [(name, scene) for name in sorted(scene.model_fields, key=order)]
+        fields += [(name, Run) for name in Run.model_fields if name not in NOT_ASKED and name not in scene.model_fields]
+        fields += [(name, method) for name in method.model_fields]
         self.form.inputs.clear()
-        for heading, names in {"Mix": MIX, "Test": rest, "Cost and accuracy": COST, "Expert": EXPERT}.items():
-            group = ui.expansion(heading, value=heading in ("Mix", "Cost and accuracy"))
+        for heading in GROUPS:
+            group = ui.expansion(heading.capitalize(), value=heading in OPEN)
             with group.classes("w-full").props("dense header-class=font-bold"):
-                self.form.add(model, [name for name in names if name in model.model_fields])
-                if heading == "Expert":
-                    self.form.add(Run, OF_RUN)
-                    self.form.add(NUMERICS[self.scheme])
+                for name, model in fields:
+                    if group_of(name, model) == heading:
+                        self.form.add(model, name)
         self.shown_scheme = self.scheme
 
     @property

@@ -22,7 +22,7 @@ class App(Checked):
 def app_command(argv) -> int:
     """a page in the browser to set up, watch and compare runs"""
     parser = Parser("app", description="A page in the browser of this machine: set up, watch and compare runs.")
-    parser.options(App, "page")
+    parser.options(App, "output")
     parser.add_argument("--no-browser", action="store_true", help="do not open the browser")
     arguments = parser.parse(argv)
     options = App(**given(arguments, App))
