@@ -24,6 +24,7 @@ def taichi():
 
 # files of 20 s and more, the longest first: at the end of a run no worker waits for another's long file
 LONGEST = (
+    "app/test_app.py",
     "cli/test_cli.py",
     "schemes/test_semi_implicit.py",
     "schemes/test_axisymmetric.py",

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from taichi_mps.io.history import COLUMNS, History, read_history
+from taichi_mps.io.history import COLUMNS, TAIL, History, newest, read_history
 
 
 def row(time, **measures):
@@ -32,3 +32,19 @@ def test_a_file_of_before_the_largest_volume_error_goes_on(tmp_path):
     history.add(row(0.1, volume_error_max=0.03))
     history.close()
     np.testing.assert_array_equal(read_history(path)["volume_error_max"], [np.nan, 0.03])
+
+
+def test_the_newest_row_is_the_last_whole_one_of_a_file_that_grows(tmp_path):
+    path = tmp_path / "history.csv"
+    assert newest(path) == {}
+    history = History(path, {"front_m": 0.0})
+    assert newest(path) == {}
+    for step in range(TAIL // 50):
+        history.add(row(0.1 * step, front_m=2.0 * step))
+    history.close()
+    assert path.stat().st_size > 2 * TAIL
+    last = read_history(path)
+    with open(path, "a", encoding="utf-8") as file:
+        file.write("77.0,0.1,0.")  # a row that is being written
+    found = newest(path)
+    assert (found["time_s"], found["front_m"]) == (last["time_s"][-1], last["front_m"][-1])

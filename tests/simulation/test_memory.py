@@ -41,7 +41,9 @@ def test_the_estimate_is_within_a_fifth_of_the_peak_of_a_run(scene, keywords, nu
     assert printed[0] == "0"
     mps.init(precision="f32", threads=1)
     problem = Problem(catalogue.build(scene, **keywords), numerics)
-    assert estimate(problem, 0, simulation.pairs_of(problem.scene)) == pytest.approx(1e3 * int(printed[1]), rel=0.2)
+    found = estimate(problem, 0, simulation.pairs_of(problem.scene))
+    assert found == pytest.approx(1e3 * int(printed[1]), rel=0.2)
+    assert found < estimate(problem, 0, simulation.pairs_of(problem.scene), precision="f64") < 2.0 * found
 
 
 def refusal(spacing):
