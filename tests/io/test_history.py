@@ -39,7 +39,7 @@ def test_the_newest_row_is_the_last_whole_one_of_a_file_that_grows(tmp_path):
     assert newest(path) == {}
     history = History(path, {"front_m": 0.0})
     assert newest(path) == {}
-    for step in range(TAIL // 50):
+    for step in range(TAIL // 10):
         history.add(row(0.1 * step, front_m=2.0 * step))
     history.close()
     assert path.stat().st_size > 2 * TAIL
