@@ -19,8 +19,8 @@ class Calibrate:
         with ui.row().classes("w-full items-start gap-4"):
             with ui.card().classes("w-full md:w-96 gap-2").props("flat bordered"):
                 ui.label("Measured with the standard cone, 300 mm: one of these or more").classes("font-bold")
-                for name in Measurements.model_fields:
-                    self.form.add(Measurements, name)
+                for name, field in Measurements.model_fields.items():
+                    self.form.add(name, field)
                 self.check = ui.switch("check by one finer run, some 20 s", value=True)
                 ui.button("Calibrate", on_click=self.start).classes("w-full").props('no-caps data-action="calibrate"')
             with ui.column().classes("w-full md:w-0 md:grow"):

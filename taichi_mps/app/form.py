@@ -30,9 +30,8 @@ class Form:
         self.units: dict[str, str] = {}
         self._changed = changed
 
-    def add(self, model, name: str) -> None:
+    def add(self, name: str, field) -> None:
         """Put an input here for a field of a model."""
-        field = model.model_fields[name]
         self.units[name] = unit_of(field).strip("-")
         self.inputs[name] = made = self._made(name, field)
         made.props(f'data-field="{name}"').classes("w-full")
@@ -68,7 +67,8 @@ class Form:
             made = ui.select(words, label=in_words(name), value=self.values.get(name, field.default))
         else:
             return self._text(name, field)
-        return made.on_value_change(lambda event: self._set(name, event.value))
+        own = field.default  # of the scene
+        return made.on_value_change(lambda event: self._set(name, None if event.value == own else event.value))
 
     def _text(self, name, field):
         unit = self.units[name]

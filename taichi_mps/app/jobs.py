@@ -115,10 +115,10 @@ class Queue:
 
 
 def as_options(values: dict) -> list[str]:
-    """Values of a form as options of the command line."""
-    flags = {name: "--" + name.replace("_", "-") for name in values}
-    switches = {True: "--", False: "--no-"}
+    """Values of a form as options of the command line; switches are those that differ from their default."""
+    flags = {name: name.replace("_", "-") for name in values}
+    switch = {True: "--{}", False: "--no-{}"}
     return [
-        f"{switches[value]}{flags[name][2:]}" if isinstance(value, bool) else f"{flags[name]}={value}"
+        switch[value].format(flags[name]) if isinstance(value, bool) else f"--{flags[name]}={value}"
         for name, value in values.items()
     ]

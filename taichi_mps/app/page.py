@@ -5,6 +5,7 @@ All tabs share the queue of runs and the folder they go into; what is typed belo
 
 from nicegui import background_tasks, run, ui
 
+from ..cli.case_file import keywords
 from ..cli.options import GROUPS, Run, group_of
 from ..problem import catalogue
 from ..problem.numerics import NUMERICS
@@ -17,7 +18,7 @@ from .results import Results
 
 FIRST = ("yield_value", "plastic_viscosity", "density", "spacing", "model", "accuracy")  # of their groups
 OPEN = ("mix", "accuracy and cost")  # groups that are shown at first
-NOT_ASKED = {"out", "overwrite", "quiet", "verbose", "profile", "renderer"}  # options of run that the page sets itself
+NOT_ASKED = {"renderer"}  # another needs a display
 TICK = 0.7  # [s] between two looks at the queue
 
 
@@ -67,17 +68,15 @@ class Page:
     @ui.refreshable_method
     def fields(self) -> None:
         """The inputs of the scene and the scheme that are chosen, in the groups of the command line."""
-        scene, method = catalogue.load(self.scene).parameters, NUMERICS[self.scheme]
-        fields = [(name, scene) for name in sorted(scene.model_fields, key=order)]
-        fields += [(name, Run) for name in Run.model_fields if name not in NOT_ASKED and name not in scene.model_fields]
-        fields += [(name, method) for name in method.model_fields]
+        known = keywords(catalogue.load(self.scene), NUMERICS[self.scheme])
         self.form.inputs.clear()
         for heading in GROUPS:
             group = ui.expansion(heading.capitalize(), value=heading in OPEN)
             with group.classes("w-full").props("dense header-class=font-bold"):
-                for name, model in fields:
-                    if group_of(name, model) == heading:
-                        self.form.add(model, name)
+                for name in sorted(known, key=order):
+                    model, field = known[name]
+                    if group_of(name, model) == heading and name not in NOT_ASKED:
+                        self.form.add(name, field)
         self.shown_scheme = self.scheme
 
     @property

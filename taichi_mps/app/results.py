@@ -20,7 +20,7 @@ from .jobs import Job, Queue
 
 PNG_END = b"IEND\xaeB`\x82"  # of a picture that is written to its end
 NO_SUMMARY = "runs, was cut off, or is of an older version"
-SAVED = {"report.html": "report", "summary.json": "numbers (JSON)", "history.csv": "curves (CSV)"}
+SAVED = {"report.html": "report", "summary.json": "numbers", "history.csv": "curves", "case.toml": "case"}  # in words
 
 
 def url(folder: RunFolder, name: str) -> str:

@@ -21,11 +21,11 @@ from ..units import SceneError
 from .forecast import Forecaster
 from .jobs import Queue
 from .page import Page
+from .results import SAVED
 
 HERE = "127.0.0.1"
-SHOWN = {"animation.gif", *PLOTS}  # files of a run that the page shows; besides pictures
-SAVED = {"report.html", "summary.json", "history.csv"}  # and those that it gives to keep
-BESIDE = re.compile(r"animation-beside-[^/]+\.gif")
+SHOWN = {"animation.gif", *PLOTS}  # files of a run that the page shows, besides PICTURE
+PICTURE = re.compile(rf"frames/{PICTURES.pattern}|animation-beside-[^/]+\.gif")
 
 
 class OnlyHere:
@@ -56,13 +56,13 @@ class OnlyHere:
 
 
 def file_of(folder, run: str, name: str) -> FileResponse:
-    """A file of a run in a folder of runs. One that a browser would run as a page is only given to keep, since a run
-    may come from anybody."""
+    """A file of a run in a folder of runs; 404 for any other. One that a browser would run as a page is only given to
+    keep, since a run may come from anybody."""
     run_folder = RunFolder(folder / run)
-    picture = name.removeprefix("frames/")
-    known = name in SHOWN | SAVED or BESIDE.fullmatch(name) or (picture != name and PICTURES.fullmatch(picture))
     path = run_folder.path / name
-    if run in ("", ".", "..") or "/" in run or not known or not path.is_file() or not run_folder.ours:
+    known = name in SHOWN | set(SAVED) or PICTURE.fullmatch(name)
+    inside = path.is_file() and path.resolve() == run_folder.path.resolve() / name
+    if run in ("", ".", "..") or "/" in run or not known or not inside or not run_folder.ours:
         raise HTTPException(404)
     headers = {"Cache-Control": "no-cache", "X-Content-Type-Options": "nosniff"}
     return FileResponse(path, headers=headers, filename=f"{run}-{name}" if name in SAVED else None)

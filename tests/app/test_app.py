@@ -201,6 +201,8 @@ def test_only_this_machine_and_its_own_page_are_served(tmp_path):
     (tmp_path / "secret.json").write_text("{}")
     for name in ("summary.json", "checkpoint.h5", "taichi_mps.json"):
         (run / name).write_text(json.dumps({"made_by": "taichi_mps"}))
+    (run / "report.html").write_text("<script>alert(1)</script>")
+    (run / "history.csv").symlink_to(tmp_path / "secret.json")
     (run / "frames").mkdir()
     (run / "frames" / "frame_00000.png").write_bytes(b"")
     with serving(tmp_path) as (port, server):
@@ -213,9 +215,11 @@ def test_only_this_machine_and_its_own_page_are_served(tmp_path):
             assert upgrade(port, origin).split()[1] == "403"
         assert upgrade(port, f"http://127.0.0.1:{port}").split()[1] == "101"
 
+        with urllib.request.urlopen(f"http://127.0.0.1:{port}/runs/run/report.html", timeout=20) as reply:
+            assert reply.headers["Content-Disposition"] == 'attachment; filename="run-report.html"'  # not run here
         assert answer(port, "/runs/run/summary.json") == answer(port, "/runs/run/frames/frame_00000.png") == 200
         others = "run/checkpoint.h5", "run/../secret.json", "..%2Fsecret.json/x", "%2e%2e/summary.json", "./secret.json"
-        for path in (*others, "run/frame_00000.png"):
+        for path in (*others, "run/frame_00000.png", "run/history.csv"):
             assert answer(port, f"/runs/{path}") == 404, path
 
         listening = Path(f"/proc/{server.pid}/net/tcp").read_text() + Path(f"/proc/{server.pid}/net/tcp6").read_text()
