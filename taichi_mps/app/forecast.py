@@ -52,8 +52,8 @@ class Forecaster:
             pool.join()
 
 
-def forecast(name: str, keywords: dict, scheme: str, numerics: dict, options: dict) -> Forecast:
-    """That of a built-in scene with its keywords, numbers of the scheme and options of ``run``, as text; SceneError for
+def forecast(name: str, scheme: str, keywords: dict, numerics: dict, options: dict) -> Forecast:
+    """That of a built-in scene and a scheme, with keywords, numerics and options of ``run`` as text; SceneError for
     what cannot be computed."""
     from ..simulation.memory_estimate import estimate, particles_of
     from ..simulation.pouring import Pouring

@@ -13,8 +13,8 @@ from ..io.history import newest
 from ..io.run_folder import RunFolder, next_free
 
 PATIENCE = 10.0  # [s] for a run to end well after Ctrl-C
-STATES = {0: "done"} | dict.fromkeys((130, 143, -2, -15), "stopped")  # by what a command returns; else failed
 
+BY_SIGNAL = 128 + signal.SIGINT, 128 + signal.SIGTERM  # what a command returns that somebody else stopped
 NAME = "taichi-mps: "  # with which the program begins what it says
 
 
@@ -69,7 +69,8 @@ class Job:
         output, said = await self.process.communicate()
         self.output, lines = (text.decode("utf-8", "replace").strip() for text in (output, said))
         self.said = "\n".join(line[len(NAME) :] for line in lines.splitlines() if line.startswith(NAME))
-        self.state = STATES.get(self.process.returncode, "failed")
+        code = self.process.returncode
+        self.state = "done" if code == 0 else "stopped" if self.stopping or code in BY_SIGNAL else "failed"
 
 
 class Queue:

@@ -34,6 +34,7 @@ class Page:
         self.queue, self.forecaster = queue, forecaster
         self.scene, self.questions = "slump", 0
         self.form = Form(self.check)
+        self.open = {heading: heading in OPEN for heading in GROUPS}
         ui.colors(primary="#1f5f99")
         with ui.header(fixed=False).classes("items-baseline gap-3 px-4 py-2"):
             ui.label("taichi_mps").classes("text-lg font-bold")
@@ -71,7 +72,7 @@ class Page:
         known = keywords(catalogue.load(self.scene), NUMERICS[self.scheme])
         self.form.inputs.clear()
         for heading in GROUPS:
-            group = ui.expansion(heading.capitalize(), value=heading in OPEN)
+            group = ui.expansion(heading.capitalize()).bind_value(self.open, heading)
             with group.classes("w-full").props("dense header-class=font-bold"):
                 for name in sorted(known, key=order):
                     model, field = known[name]
@@ -106,33 +107,40 @@ class Page:
             self.fields.refresh()
         background_tasks.create(self.ask())
 
-    async def ask(self):
-        """The forecast, shown; None, and a line that says why, where it cannot be computed or was asked for anew."""
+    async def ask(self) -> None:
+        """Show what is known, unless it was asked for anew meanwhile."""
         self.questions += 1
-        number, values, method = self.questions, dict(self.form.values), NUMERICS[self.scheme]
-        scene = self.form.given(catalogue.load(self.scene).parameters)
+        number = self.questions
+        answer = await self.known()
+        if number == self.questions and not self.wrong.is_deleted:
+            self.tell(*answer)
+
+    async def known(self):
+        """The Forecast of the form, or None and in one line why there is none."""
+        scene, method = catalogue.load(self.scene).parameters, NUMERICS[self.scheme]
+        told = [self.form.given(model) for model in (scene, method, Run)]
         try:
-            Run(**(options := self.form.given(Run)))
-            question = (self.scene, scene, self.scheme, self.form.given(method), options)
-            found, line = await run.io_bound(self.forecaster.ask, *question), ""
+            Run(**told[2])
+            return await run.io_bound(self.forecaster.ask, self.scene, self.scheme, *told), ""
         except SceneError as error:
-            found, line = None, plain(" ".join(str(error).split()))
-        if number != self.questions or self.wrong.is_deleted or values != self.form.values:
-            return None
+            return None, plain(" ".join(str(error).split()))
+
+    def tell(self, found, line: str) -> None:
+        """Show a forecast, or what is wrong."""
         self.wrong.text = line
         self.form.mark(line)
         self.forecast.clear()
         with self.forecast:
             for text in found.lines + found.warnings if found else ():
                 ui.label(text)
-        return found
 
     async def start(self) -> None:
         """Put the run into the queue, if it can be computed."""
-        found = await self.ask()
-        if found is None:
-            return
-        words = ["run", self.scene, "--quiet", *as_options(self.form.values)]
         title = ", ".join([self.scene, *map(self.form.said, self.form.values)])
-        self.queue.add(Job(title, words, scene=self.scene, until=found.until))
-        ui.run_javascript("if (innerWidth < 768) document.querySelector('[data-part=live]').scrollIntoView()")
+        job = Job(title, ["run", self.scene, "--quiet", *as_options(self.form.values)], scene=self.scene)
+        found, line = await self.known()
+        self.tell(found, line)
+        if found:
+            job.until = found.until
+            self.queue.add(job)
+            ui.run_javascript("if (innerWidth < 768) document.querySelector('[data-part=live]').scrollIntoView()")

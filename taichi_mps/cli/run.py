@@ -11,7 +11,7 @@ from contextlib import contextmanager, redirect_stdout
 from ..units import plain
 from . import case_file
 from .console import curves, pictures, progress, result, voids
-from .stopped import SIGNALS, Stopped
+from .stopped import SIGNALS, Stopped, came
 
 DONE, BAD_INPUT, DIVERGED = 0, 2, 3  # what a command returns; ended by a signal: 128 and its number
 
@@ -83,6 +83,8 @@ def interruptible(sim):
         sim.interrupt()
 
     before = {number: signal.signal(number, stop) for number in SIGNALS}
+    for number in came[:1]:  # what was being imported swallowed the exception, as Taichi's modules may
+        stop(number, None)
     try:
         yield signals
     finally:

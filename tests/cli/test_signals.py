@@ -51,6 +51,25 @@ def test_a_signal(tmp_path, number, moment):
         assert (again.communicate(timeout=120)[1], again.returncode) == ("", 0)
 
 
+SWALLOWED = """
+import os, signal, sys
+from contextlib import suppress
+from taichi_mps.cli.stopped import listen
+listen()
+with suppress(BaseException):
+    os.kill(os.getpid(), signal.SIGINT)
+from taichi_mps.cli.main import main
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+def test_a_signal_that_an_import_swallowed_still_stops_the_run(tmp_path):
+    variables = os.environ | {"PYTHONPATH": str(ROOT)}
+    result = subprocess.run([sys.executable, "-c", SWALLOWED, *RUN], cwd=tmp_path, timeout=120, env=variables)
+    assert result.returncode == 130
+    assert RunFolder(tmp_path / "run").read_summary()["stopped_by"] == "interrupted"
+
+
 @pytest.mark.parametrize(
     "words", [["scenes"], ["--help"], ["run", "slump", "--help"], ["info"], ["info", "--json"], RUN]
 )
