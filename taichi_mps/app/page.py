@@ -72,7 +72,8 @@ class Page:
         known = keywords(catalogue.load(self.scene), NUMERICS[self.scheme])
         self.form.inputs.clear()
         for heading in GROUPS:
-            group = ui.expansion(heading.capitalize()).bind_value(self.open, heading)
+            group = ui.expansion(heading.capitalize(), value=self.open[heading])
+            group.on_value_change(lambda event, heading=heading: self.open.update({heading: event.value}))
             with group.classes("w-full").props("dense header-class=font-bold"):
                 for name in sorted(known, key=order):
                     model, field = known[name]
