@@ -119,7 +119,9 @@ class Slider:
 
 
 def usual(name, field) -> tuple[float, float] | None:
-    """Ends of the slider of a field, None where it has none."""
+    """Ends of the slider of a field, None where it has none: not a usual one, or without a value of its own."""
+    if not isinstance(field.default, float):
+        return None
     if name == "spacing":
         return FINER * field.default, COARSER * field.default
     if name not in USUAL:
