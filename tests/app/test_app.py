@@ -163,7 +163,7 @@ def test_a_bad_value_is_one_line_and_a_calibration_fills_the_form(tmp_path):
         slider.click(position={"x": slider.bounding_box()["width"] - 1, "y": 5})
         tab.page.wait_for_function("document.querySelector('input[data-field=yield_value]').value == '2000'")
         tab.set(yield_value="0.01 kPa")
-        tab.page.locator('.q-slider [aria-valuenow="0"]').first.wait_for(state="attached")
+        tab.page.locator('.q-slider[aria-valuenow="0"]').first.wait_for()
 
         tab.page.locator(".q-tab", has_text="Calibrate").click()
         tab.set(slump="50 cm")
