@@ -1,11 +1,13 @@
 """What a run shows while it goes on and when it is done: pictures, progress, result table, curves."""
 
 import math
+import sys
 import time
 from contextlib import contextmanager
 
 from ..problem.labels import title, written
 from ..report.sentences import LEADING, numerics, rows, sentences
+from ..units import plain
 
 
 def pictures(frames, options):
@@ -142,6 +144,18 @@ def curves(folder) -> list[str]:
     except ImportError:
         return []
     return [str(folder.path / name) for name in PLOTS if (folder.path / name).is_file()]
+
+
+def report(folder, scene=None) -> None:
+    """report.html, of a run whose scene is at hand; one line where it cannot be written, which costs no run."""
+    from ..units import SceneError
+
+    try:
+        from ..report.page import write
+
+        write(folder, scene)
+    except (SceneError, OSError) as error:
+        print(f"taichi-mps: no report.html: {plain(error)}", file=sys.stderr)
 
 
 def voids(folder, scene, snapshot) -> None:

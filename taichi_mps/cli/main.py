@@ -172,6 +172,21 @@ def render(argv) -> int:
     return DONE
 
 
+def report(argv) -> int:
+    """write the page of a run again"""
+    parser = Parser("report", description="report.html of a run, also of an earlier one or one that was killed.")
+    parser.add_argument("run", help="run folder")
+    parser.add_argument("--scene", help=SCENE_FILE)
+    parser.add_argument("--json", action="store_true", help="print the name of the page as JSON")
+    arguments = parser.parse(argv)
+    from ..io.run_folder import RunFolder
+    from ..report.page import write
+
+    page = str(write(RunFolder(arguments.run), scene_file=arguments.scene))
+    tell({"report": page}, arguments.json, page)
+    return DONE
+
+
 def export(argv) -> int:
     """write a run as .vtu and .pvd"""
     parser = Parser("export", description="One .vtu file for each output of a run, and a .pvd that opens them all.")
@@ -266,7 +281,7 @@ def validate(argv) -> int:
 
 
 COMMANDS = {"run": run, "new": new, "resume": resume, "render": render, "export": export, "plot": plot}
-COMMANDS |= {"validate": validate} | STUDY | APP | {"scenes": scenes, "info": info}
+COMMANDS |= {"report": report, "validate": validate} | STUDY | APP | {"scenes": scenes, "info": info}
 
 
 def main(argv=None) -> int:

@@ -10,7 +10,7 @@ from contextlib import contextmanager, redirect_stdout
 
 from ..units import plain
 from . import case_file
-from .console import curves, pictures, progress, result, voids
+from .console import curves, pictures, progress, report, result, voids
 from .stopped import SIGNALS, Stopped, came
 
 DONE, BAD_INPUT, DIVERGED = 0, 2, 3  # what a command returns; ended by a signal: 128 and its number
@@ -52,6 +52,7 @@ def carry_out(sim, folder, options, source, as_json, resumed=False) -> int:
         gif(folder.pictures, folder.animation)
     voids(folder, sim.scene, sim.snapshot())
     curves(folder)
+    report(folder, sim.scene)
     if as_json:
         print(json.dumps(summary))
     elif not options.quiet:

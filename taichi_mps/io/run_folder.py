@@ -29,6 +29,7 @@ WRITTEN = (
 )
 WRITTEN += ("history.partial", "summary.partial", "checkpoint.partial", "run.twin1", "run.twin2")
 PLOTS = ("slump.png", "history.png", "filling.png")
+REPORT = "report.html"
 PICTURE = "frame_{:05d}.png"
 PICTURES = re.compile(r"frame_\d{5,}\.png")
 
@@ -45,6 +46,7 @@ class RunFolder:
         self.trajectory = self.path / "run.h5"
         self.checkpoint = self.path / "checkpoint.h5"
         self.animation = self.path / "animation.gif"
+        self.report = self.path / REPORT
 
     @property
     def ours(self) -> bool:
@@ -92,7 +94,7 @@ class RunFolder:
         try:
             self.path.mkdir(parents=True, exist_ok=True)
             (self.path / MARK).write_text(json.dumps({"made_by": "taichi_mps", "version": __version__}) + "\n")
-            for name in (*WRITTEN, *PLOTS):
+            for name in (*WRITTEN, *PLOTS, REPORT):
                 (self.path / name).unlink(missing_ok=True)
             empty_of_pictures(self.frames)
         except (OSError, ValueError) as error:

@@ -177,15 +177,30 @@ class Trajectory:
             raise SceneError(f"run = {self.path.parent}: run.h5 holds no output yet")
         return self.replay(scene_file)
 
-    def replay(self, scene_file=None):
-        """The outputs one by one, each with what a picture needs of a Simulation: scene, time, snapshot, measures.
-        A scene that is not a built-in one is made by the code of ``scene_file``, which the caller must name."""
+    def origin(self) -> tuple[str, dict]:
+        """How the scene was made: name or file of its function, and the keywords."""
+        with self._opened() as file:
+            own = outside.own(file, "taichi_mps")
+            return outside.text(own, "source"), json.loads(outside.text(own, "parameters"))
+
+    def times(self) -> np.ndarray:
+        """Times [s] of the outputs."""
+        with self._opened() as file:
+            return instants(file)
+
+    def _opened(self):
         if not self.path.is_file():
             raise SceneError(f"run = {self.path.parent}: holds no run.h5; must be the folder of a run")
-        with outside.opened(self.path, "run") as file:
+        return outside.opened(self.path, "run")
+
+    def replay(self, scene_file=None, scene=None, chosen=None):
+        """The outputs one by one, each with what a picture needs of a Simulation: scene, time, snapshot, measures.
+        A scene that is not a built-in one is made by the code of ``scene_file``, which the caller must name, or given
+        as ``scene``. ``chosen``: numbers of the outputs to read, all by default."""
+        with self._opened() as file:
             root, own = outside.own(file, "VTKHDF"), outside.own(file, "taichi_mps")
             parameters = json.loads(outside.text(own, "parameters"))
-            scene = catalogue.rebuild(outside.text(own, "source"), parameters, scene_file)
+            scene = scene or catalogue.rebuild(outside.text(own, "source"), parameters, scene_file)
             n, wall = int(outside.numbers(root, "NumberOfPoints")[0]), outside.numbers(own, "wall_x")
             if n != len(scene.fluid) and not scene.inlets:
                 raise SceneError(f"run {self.path}: has {n} particles, its scene makes {len(scene.fluid)}")
@@ -194,7 +209,7 @@ class Trajectory:
             axes = [0, 2] if scene.dimension == 2 else [0, 1, 2]
             low, high = np.array(scene.domain, float)
             room = high - low  # a particle leaves the domain by less than that before the run ends
-            for k, (instant, points, data) in enumerate(stored(file)):
+            for k, (instant, points, data) in enumerate(stored(file, chosen)):
                 x = points[:, axes].astype(float)
                 sound = x.shape == (n, len(axes)) and np.all((x > low - room) & (x < high + room))
                 sound &= all(values.shape == ((n, 3) if name == "velocity" else (n,)) for name, values in data.items())
@@ -232,26 +247,33 @@ class Replay:
         return self.scene.measure(self.scene.unfold(self.state)) if self.scene.measure else {}
 
 
-def stored(file):
-    """(time [s], points, fields by name) of each output, as stored; ValueError where it is not what was written."""
-    root, own = outside.own(file, "VTKHDF"), outside.own(file, "taichi_mps")
-    steps, fields = outside.own(root, "Steps"), outside.own(root, "PointData")
-    n, count = int(outside.numbers(root, "NumberOfPoints")[0]), int(steps.attrs["NSteps"])
-    instants = outside.numbers(steps, "Values")[:count]
-    if instants.shape != (count,) or not np.all(np.isfinite(instants)) or not np.all(np.diff(instants) > 0.0):
+def instants(file) -> np.ndarray:
+    """Times [s] of the outputs; ValueError where they do not rise."""
+    steps = outside.own(outside.own(file, "VTKHDF"), "Steps")
+    count = int(steps.attrs["NSteps"])
+    found = outside.numbers(steps, "Values")[:count]
+    if found.shape != (count,) or not np.all(np.isfinite(found)) or not np.all(np.diff(found) > 0.0):
         raise ValueError("the times of the outputs do not rise")
-    sums = None
+    return found
+
+
+def stored(file, chosen=None):
+    """(time [s], points, fields by name) of each output, or of the ``chosen`` ones, as stored; ValueError where it is
+    not what was written."""
+    root, own = outside.own(file, "VTKHDF"), outside.own(file, "taichi_mps")
+    fields, times = outside.own(root, "PointData"), instants(file)
+    n, sums = int(outside.numbers(root, "NumberOfPoints")[0]), None
     if SUM in own or SUM in own.attrs:  # earlier versions wrote none
         sums = outside.numbers(own, SUM)
-        if len(sums) != count or own.attrs[SUM] != checksum.of_outputs(file):
+        if len(sums) != len(times) or own.attrs[SUM] != checksum.of_outputs(file):
             raise ValueError("its outputs are not those that were written")
-    for k, instant in enumerate(instants):
+    for k in range(len(times)) if chosen is None else chosen:
         rows = slice(k * n, (k + 1) * n)
         data = {name: outside.numbers(fields, name, rows=rows) for name in fields}
         points = outside.numbers(root, "Points", rows=rows)
-        if sums is not None and sums[k] != checksum.of_output(instant, points, data):
+        if sums is not None and sums[k] != checksum.of_output(times[k], points, data):
             raise ValueError(f"output {k} is not what was written")
-        yield float(instant), points, data
+        yield float(times[k]), points, data
 
 
 def due(time, every: float):

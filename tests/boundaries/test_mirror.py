@@ -8,7 +8,7 @@ import pytest
 import taichi_mps as mps
 from taichi_mps.problem import measures as measure
 from taichi_mps.problem.measures import Snapshot
-from taichi_mps.viz import render
+from taichi_mps.viz import render, stage
 from tests.support.rigs import L0, MASS_RATE, Rig, System, cloud
 
 WEST = mps.Plane((0.0, 0.0), (1.0, 0.0), mirror=True)
@@ -275,7 +275,7 @@ def test_the_picture_of_a_quarter_is_that_of_the_whole_body(cones):
 
 def test_walls_are_drawn_on_both_sides():
     box = scene(cloud((4, 4)) + 1.0, (WEST, FLOOR, mps.Plane((1.5, 0.0), (-1.0, 0.0))))
-    low, high, floor = render.stage(box)
+    low, high, floor = stage.stage(box)
     assert (low[0], high[0], floor) == (-1.5, 1.5, 0.0)
-    ends = [line[:, 0].tolist() for line in render.images(box, [(1.5, 0.0), (1.5, 1.0)])]
+    ends = [line[:, 0].tolist() for line in stage.images(box, [(1.5, 0.0), (1.5, 1.0)])]
     assert ends == [[1.5, 1.5], [-1.5, -1.5]]

@@ -7,7 +7,7 @@ import taichi_mps as mps
 from taichi_mps.problem import measures as measure
 from taichi_mps.problem.measures import Snapshot
 from taichi_mps.terms.shifting import Shifting
-from taichi_mps.viz import render
+from taichi_mps.viz import render, stage
 from tests.support.rigs import L0, Rig, System
 
 FLOOR = mps.Plane((0.0, -0.55), (0.0, 1.0))
@@ -183,7 +183,7 @@ def test_the_cone_of_rings_has_the_volume_of_the_cone():
 def test_the_picture_is_that_of_the_whole_body():
     scene = mps.slump_cone(model="axisymmetric")
     part = measure.still(scene.fluid, 0.01)
-    low, high, floor = render.stage(scene)
+    low, high, floor = stage.stage(scene)
     assert floor == 0.0 and np.allclose(low[:2], -high[:2]) and high[0] > 0.2
     pixels = render.Renderer(scene, width=320, height=180).draw(part)
     ours, mirrored = pixels[40:150].astype(int), pixels[40:150, ::-1].astype(int)

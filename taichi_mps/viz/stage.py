@@ -1,0 +1,56 @@
+"""What stands around the body in a picture: walls, floor, mirror images, and how far it may spread. Plain NumPy."""
+
+import numpy as np
+
+from ..geometry.solid import Solid
+from ..geometry.walls import Cylinder, Plane
+from ..problem.measures import embed, reflected, still
+
+
+def images(scene, line):
+    """A polyline (k, d) [m] as (k, 3), and its images behind the mirror planes of the scene and across its axis."""
+    lines = [embed(line)]
+    if scene.axisymmetric:
+        lines.append(lines[0] * (-1.0, 1.0, 1.0))
+    for plane in scene.mirrors:
+        point, normal = embed([plane.point, plane.normal])
+        lines += [reflected(other, normal, point) for other in lines]
+    return lines
+
+
+def stage(scene):
+    """Low and high corner [m] (3,) of what a run may show, the body with room to spread up to the walls; its floor."""
+    whole, domain = (scene.unfold(still(x, scene.spacing)).x for x in (scene.reach, np.array(scene.domain, float)))
+    low, high = whole.min(0) - 0.5 * scene.spacing, whole.max(0) + 0.5 * scene.spacing
+    planes = [wall for wall in scene.walls if isinstance(wall, Plane) and not wall.mirror]
+    body, domain, touch = (low.copy(), high.copy()), (domain.min(0), domain.max(0)), 0.6 * scene.spacing
+    for axis in range(scene.dimension - 1):  # of a plane through the axis, the first alone
+        room = np.inf if scene.periodic_axes[axis] else 0.85 * (body[1][-1] - body[0][-1])
+        across = [wall for wall in planes if abs(wall.normal[axis]) > 0.99]
+        walls = [line[0, axis] for wall in across for line in images(scene, [wall.point])]
+        low[axis] = max((w for w in walls if w < low[axis] + touch), default=max(low[axis] - room, domain[0][axis]))
+        high[axis] = min((w for w in walls if w > high[axis] - touch), default=min(high[axis] + room, domain[1][axis]))
+    if scene.axisymmetric:
+        low[1], high[1] = low[0], high[0]
+    floors = [w.point[-1] for w in planes if w.normal[-1] > 0.99 and w.point[-1] < low[-1] + touch]
+    low[-1] = max(floors, default=low[-1])
+    return *embed([low, high]), low[-1] if floors else None
+
+
+def wall_lines(scene, low, high, time):
+    """Walls at a time [s] as polylines (k, 3) [m] in the middle plane of a box from ``low`` to ``high`` (3,) [m],
+    mirror images included."""
+    (x0, y0, z0), (x1, y1, z1) = low, high
+    edges, y = [], 0.5 * (y0 + y1)
+    for wall in scene.walls:
+        if isinstance(wall, Cylinder):
+            edges += [circle + time * wall.travel for circle in wall.circles]
+        elif isinstance(wall, Solid):
+            edges += [line + time * wall.travel for line in wall.section(y)]
+        elif abs(wall.normal[0]) > 0.99 and not wall.mirror:
+            x = wall.point[0] + time * wall.travel[0]
+            edges.append([(x, y, z0), (x, y, z1)])
+        elif wall.normal[-1] < -0.99 and not wall.mirror:
+            z = wall.point[-1] + time * wall.travel[-1]
+            edges.append([(x0, y, z), (x1, y, z)])
+    return [line for edge in edges for line in images(scene, edge)]
