@@ -47,7 +47,7 @@ function colouring() {
   const bar = { orientation: "h", x: 0.5, y: 1, yanchor: "bottom", thickness: 10, len: 0.6, outlinewidth: 0 };
   if (element("colour").value === "speed")
     return { colorscale: "Viridis", cmin: 0, cmax: film.fastest, colorbar: { ...bar, title: { text: "speed [m/s]", side: "top" } } };
-  const words = { tickvals: [0.25, 0.75], ticktext: ["not flowing", "flowing"], ticks: "" };
+  const words = { title: { text: "state of the concrete", side: "top" }, tickvals: [0.25, 0.75], ticktext: ["not flowing", "flowing"], ticks: "" };
   return { colorscale: [[0, RIGID], [0.5, RIGID], [0.5, FLOWING], [1, FLOWING]], cmin: 0, cmax: 1, colorbar: { ...bar, ...words } };
 }
 
@@ -98,7 +98,7 @@ async function play() {
 async function recut() {
   const cut = element("cut").value;
   element("place").disabled = !cut;
-  element("where").textContent = cut ? `${cut} = ${(100 * place()).toFixed(1)} cm` : "";
+  element("where").textContent = cut ? `${cut} = ${(Math.round(1000 * place()) / 10 + 0).toFixed(1)} cm` : "";
   if (state.drawing) await state.drawing;
   return draw();
 }
@@ -172,7 +172,7 @@ async function begin() {
   element("cut").onchange = element("place").oninput = recut;
   element("nearer").onclick = () => zoom(0.8);
   element("farther").onclick = () => zoom(1.25);
-  await show(0);
+  await show(film.times.length - 1); // what it has come to; played from the start
 }
 
 // ---- curves and section -------------------------------------------------------------------------------------------

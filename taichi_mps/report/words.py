@@ -1,5 +1,6 @@
 """The texts and tables of the page, as HTML; all that comes from outside is escaped."""
 
+import shlex
 from html import escape
 
 from .. import __version__
@@ -15,16 +16,16 @@ OWN = " This is the error of the computation alone: those of the test and of the
 
 def words(run: Told, film: Film) -> dict[str, str]:
     """What page.html asks for, by name."""
-    summary = run.summary
+    summary, resume = run.summary, f"taichi-mps resume {shlex.quote(str(run.path))}"
     return {
         "title": safe(f"{in_words(str(summary['scene']))}: report of a run"),
         "lead": safe(" ".join(lead(run))),
         "doubts": "\n".join(f'<p class="doubt">{safe(text)}</p>' for text in doubts(run)),
-        "about": safe(" ".join(about(film))),
+        "about": safe(" ".join(about(film, bool(run.scene.outline)))),
         "results": table(sentences.rows(summary), ("", "value", "meaning")) or "<p>Nothing was measured.</p>",
         "inputs": table(given(run), ("", "value")),
         "accuracy": accuracy_expected(run),
-        "command": safe(inputs.command(run.source, summary) if run.ended else f"taichi-mps resume {run.path}"),
+        "command": safe(inputs.command(run.source, summary) if run.ended else resume),
         "versions": safe(versions(run)),
         "numerics": table(sentences.numerics(summary), ("", "")) + f"<p>{safe(sentences.cost(summary))}</p>"
         if run.ended
@@ -61,10 +62,10 @@ def doubts(run: Told) -> list[str]:
     return failed + sentences.doubts(run.summary)
 
 
-def about(film: Film) -> list[str]:
+def about(film: Film, outlined: bool) -> list[str]:
     """How to read the view, and what of the run it leaves out."""
     slowest = 1e3 * SLOWEST * film.fastest
-    told = ["Drag to turn. Red: the mould, or the bars."]
+    told = ["Drag to turn.", *(["Red: the mould, or the bars."] if outlined else [])]
     told.append(f"Flowing: at the yield stress and faster than {slowest:.2g} mm/s, a hundredth of the highest speed.")
     parts = []
     if len(film.times) < film.outputs:
