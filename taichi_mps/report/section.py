@@ -6,6 +6,7 @@ import numpy as np
 
 from ..problem.measures import Snapshot, embed, still, surface
 
+HALF = 0.75  # of a particle size, on either side of the plane: what lies there is shown
 CORNERS = 12  # of the polygon that is drawn for a particle
 
 
@@ -29,7 +30,7 @@ def section(part: Snapshot, scene) -> dict:
 
 
 def in_the_middle(part: Snapshot, scene):
-    """Positions (n, 2) [m] in the middle plane, two layers of particles thick, sizes (n,) [m], and which plane."""
+    """Positions (n, 2) [m] near the middle plane, their sizes (n,) [m], and which plane it is."""
     if scene.axisymmetric:
         x, size = np.vstack([part.x, part.x * (-1.0, 1.0)]), np.tile(part.size, 2)
         return x, size, "through the axis"
@@ -41,10 +42,9 @@ def in_the_middle(part: Snapshot, scene):
     middle = 0.5 * (start[:, 1].min() + start[:, 1].max())
     upright = [mirror.point[1] for mirror in scene.mirrors if abs(mirror.normal[1]) > 0.99]
     middle = upright[0] if upright else middle
-    near = np.abs(x[:, 1] - middle) < part.spacing
-    near = near if near.any() else slice(None)
+    near = np.abs(x[:, 1] - middle) < HALF * part.spacing
     where = f"y = {round(100.0 * middle, 2) + 0.0:g} cm"
-    return x[near][:, [0, 2]], whole.size[near], f"particles less than their size from the upright plane {where}"
+    return x[near][:, [0, 2]], whole.size[near], f"particles near the upright plane {where}"
 
 
 def numbers(values) -> list:

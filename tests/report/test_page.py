@@ -1,0 +1,258 @@
+"""report.html, opened from the disk in a headless Chromium: what it shows is what the run folder holds."""
+
+import json
+import os
+import shlex
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import taichi_mps as mps
+from taichi_mps.cli import console
+from taichi_mps.io.history import read_history
+from taichi_mps.io.run_folder import RunFolder
+from taichi_mps.io.vtkhdf import Trajectory
+from taichi_mps.problem.labels import written
+from taichi_mps.problem.measures import still
+from taichi_mps.report import film, inputs, page, section
+from tests.support.scenes import parts
+
+ROOT = Path(__file__).resolve().parents[2]
+WORDS = "run slump --model quarter --spacing 0.02 --yield-value 500.0 --every 0.05 --until 0.4"
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+DRAWN = ["--no-sandbox", "--enable-unsafe-swiftshader", "--use-angle=swiftshader"]  # 3-D without a graphics card
+
+
+def computed(folder, words) -> RunFolder:
+    """The folder of a run by the command line, in a process of its own."""
+    path = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
+    command = [sys.executable, "-m", "taichi_mps", *shlex.split(words), "--out", str(folder), "--quiet"]
+    subprocess.run(command, env={**os.environ, "PYTHONPATH": path}, check=True, timeout=600)
+    return RunFolder(folder)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """A quarter of a slump cone."""
+    return computed(tmp_path_factory.mktemp("report") / "run", WORDS)
+
+
+@pytest.fixture(scope="module")
+def browser():
+    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: pip install '.[test]'")
+    if CHROMIUM is None:
+        pytest.skip("no Chromium on this machine: apt-get install chromium")
+    with playwright.sync_playwright() as driver:
+        chromium = driver.chromium.launch(executable_path=CHROMIUM, args=DRAWN)
+        yield chromium
+        chromium.close()
+
+
+@pytest.fixture
+def opened(browser):
+    """Opens a report; at the end there must have been no error and no request that leaves the machine."""
+    wrong, asked, pages = [], [], []
+
+    def open_page(path, width=1100):
+        tab = browser.new_page(viewport={"width": width, "height": 800})
+        pages.append(tab)
+        tab.on("pageerror", lambda error: wrong.append(str(error)))
+        tab.on("console", lambda message: wrong.append(message.text) if message.type == "error" else None)
+        tab.on("request", lambda request: asked.append(request.url))
+        tab.goto(Path(path).as_uri())
+        tab.evaluate("ready")
+        return tab
+
+    yield open_page
+    for tab in pages:
+        tab.close()
+    assert wrong == [] and asked and all(url.startswith(("file:", "data:", "blob:")) for url in asked)
+
+
+def whole(folder):
+    """Snapshots of the whole body at all outputs."""
+    return [output.scene.unfold(output.state) for output in Trajectory(folder.trajectory).replay()]
+
+
+def test_positions_and_colours_are_those_of_run_h5(run, opened):
+    tab, known = opened(run.report), whole(run)
+    shown = tab.evaluate("film.times.map((_, k) => particles(k))")
+    low, step = (np.array(tab.evaluate(f"film.{name}")) for name in ("low", "step"))
+    top = max(s.speed.max() for s in known)
+    assert step.max() < 1e-5 and np.all(low <= known[0].x.min(0) + 1e-9)
+    np.testing.assert_allclose(tab.evaluate("film.times"), [s.time for s in known], atol=1e-6)
+    for found, s in zip(shown, known, strict=True):
+        x = np.stack([found[axis] for axis in "xyz"], 1)
+        assert np.all(np.abs(x - s.x) <= 0.5001 * step)
+        assert np.abs(np.array(found["colour"]) - s.speed).max() <= 0.501 * top / 127
+    tab.select_option("#colour", "flowing")
+    shown = tab.evaluate("film.times.map((_, k) => particles(k).colour)")
+    for found, s in zip(shown, known, strict=True):
+        np.testing.assert_array_equal(np.array(found, bool), s.yielded & (s.speed > 0.01 * top))
+
+
+def test_the_numbers_are_those_of_the_summary_and_the_history(run, opened):
+    tab, summary, history = opened(run.report), run.read_summary(), read_history(run.history)
+    text = tab.inner_text("main")
+    for key in ("slump_m", "spread_m"):
+        assert written(key, summary[key]) in text
+    assert "yield stress\t500 Pa" in text and "particle size\t20 mm" in text
+    assert "20 mm\t8.2 mm\t1.6%" in text, "the row of this model and particle size in accuracy.json"
+    curves = {curve["name"]: curve for chart in tab.evaluate("data.charts") for curve in chart["curves"]}
+    slump = curves["slump"]
+    np.testing.assert_allclose(
+        np.interp(slump["x"], history["time_s"], history["slump_m"]) * 100, slump["y"], atol=1e-2
+    )
+    known = whole(run)
+    top = max(s.speed.max() for s in known)
+    share = [100 * (s.yielded & (s.speed > 0.01 * top)).mean() for s in known]
+    np.testing.assert_allclose(curves["share flowing"]["y"], share, rtol=1e-4)
+    drawn = tab.evaluate("[...document.querySelectorAll('.chart')].map((place) => place.data.length)")
+    assert drawn == [2, 1]
+
+
+def test_it_plays_to_the_end(run, opened):
+    tab = opened(run.report)
+    last = tab.evaluate("film.times.length - 1")
+    assert tab.evaluate("state.output") == last and tab.inner_text("#now") == "t = 0.40 s"
+    tab.click("#play")
+    tab.wait_for_function("0 < state.output && state.output < film.times.length - 1")
+    assert tab.inner_text("#play") == "Pause"
+    tab.wait_for_function("!state.playing && state.output === film.times.length - 1 && !state.drawing")
+    assert tab.inner_text("#play") == "Play"
+    np.testing.assert_allclose(tab.evaluate("Array.from(view.data[0].z)"), tab.evaluate(f"particles({last}).z"))
+
+
+def test_it_turns_and_comes_nearer(run, opened):
+    tab = opened(run.report)
+    before, picture = tab.evaluate("view.layout.scene.camera.eye"), tab.locator("#view").screenshot()
+    box = tab.locator("#view").bounding_box()
+    x, y = box["x"] + 0.5 * box["width"], box["y"] + 0.6 * box["height"]
+    tab.mouse.move(x, y)
+    tab.mouse.down()
+    tab.mouse.move(x + 150, y, steps=5)
+    tab.mouse.up()
+    tab.wait_for_function(f"Math.abs(view.layout.scene.camera.eye.x - {before['x']}) > 0.1")
+    after = tab.evaluate("view.layout.scene.camera.eye")
+    distances = [np.linalg.norm(list(eye.values())) for eye in (before, after)]
+    assert distances[1] == pytest.approx(distances[0], rel=1e-3) and tab.locator("#view").screenshot() != picture
+    size = tab.evaluate("view.data[0].marker.size")
+    tab.click("#nearer")
+    tab.wait_for_function(f"view.data[0].marker.size > 1.2 * {size}")
+    assert np.linalg.norm(list(tab.evaluate("view.layout.scene.camera.eye").values())) < 0.81 * distances[1]
+
+
+@pytest.mark.parametrize(("axis", "keeps", "at"), [("x", -1, 50), ("y", 1, 50), ("z", -1, 20)])
+def test_a_cut_takes_away_what_is_before_it(run, opened, axis, keeps, at):
+    tab, s = opened(run.report), whole(run)[-1]
+    assert tab.evaluate("view.data[0].x.length") == len(s.x)
+    tab.select_option("#cut", axis)
+    tab.locator("#place").fill(str(at))
+    tab.wait_for_function(f"view.data[0].x.length < {len(s.x)}")
+    place, left = tab.evaluate("place()"), np.array(tab.evaluate(f"Array.from(view.data[0].{axis})"))
+    assert np.all(keeps * (left - place) >= 0.0)
+    assert len(left) == pytest.approx(np.count_nonzero(keeps * (s.x[:, "xyz".index(axis)] - place) >= 0.0), abs=2)
+
+
+def test_it_fits_a_phone(run, opened):
+    tab = opened(run.report, width=390)
+    assert tab.evaluate("document.documentElement.scrollWidth") <= 390
+
+
+def test_text_from_outside_is_shown_as_text(run, opened, tmp_path):
+    folder = RunFolder(shutil.copytree(run.path, tmp_path / "run"))
+    summary = folder.read_summary()
+    summary["scene"] = name = "</script><b id='hurt'>&amp; \u202e"
+    summary["parameters"]["model"] = "<i id='hurt'>"
+    summary["error"] = "<u id='hurt'>"
+    folder.write_summary(summary)
+    tab = opened(page.write(folder))
+    assert tab.locator("#hurt").count() == 0
+    assert tab.inner_text("h1") == name.replace("\u202e", "\\u202e") + ": report of a run"
+
+
+def test_a_killed_run_has_its_page(run, opened, tmp_path):
+    folder = RunFolder(shutil.copytree(run.path, tmp_path / "a run"))
+    folder.summary.unlink()
+    tab = opened(page.write(folder))
+    last = read_history(folder.history)["slump_m"][-1]
+    text = tab.inner_text("main")
+    assert "This run has not ended: it has reached 0.40 s" in text and written("slump_m", last) in text
+    assert f"taichi-mps resume '{folder.path}'" in text
+    assert tab.evaluate("view.data[0].x.length") > 0
+
+
+def test_the_command_names_what_is_not_by_default(run):
+    words = shlex.split(inputs.command("slump", run.read_summary()))
+    assert words[:3] == ["taichi-mps", "run", "slump"]
+    given = dict(zip(words[3::2], words[4::2], strict=True))
+    assert given == {"--model": "quarter", "--spacing": "0.02", "--yield-value": "500", "--until": "0.4"}
+    other = {"parameters": {"side": 0.5, "far": None}, "scheme": "semi-implicit", "stopped_by": "rest"}
+    other |= {"numerics": mps.SemiImplicit(literal=True).model_dump(), "backend": {"precision": "f64", "arch": "cpu"}}
+    known = "taichi-mps run block.py --side 0.5 --scheme semi-implicit --literal --source density --gradient literal"
+    assert inputs.command("/home/me/block.py", other) == f"{known} --precision f64"
+
+
+@pytest.mark.long
+def test_the_command_repeats_the_run(run, tmp_path):
+    words = shlex.split(inputs.command("slump", run.read_summary()))[1:]
+    again = computed(tmp_path / "again", shlex.join(words)).read_summary()
+    assert again["slump_m"] == run.read_summary()["slump_m"]
+
+
+@pytest.mark.long
+def test_the_page_of_the_default_cone_is_small_and_quickly_made(tmp_path):
+    folder = computed(tmp_path / "run", "run slump")
+    assert folder.report.stat().st_size < 10_000_000
+    begun = time.process_time()
+    page.write(folder)
+    assert time.process_time() - begun < 0.5
+
+
+def test_what_does_not_fit_is_left_out_evenly(run):
+    trajectory, scene = Trajectory(run.trajectory), next(Trajectory(run.trajectory).replay()).scene
+    known = whole(run)
+    room = 4 * film.BYTES * len(known[0].x)
+    few = film.film(trajectory, scene, room)
+    assert few.outputs == len(known) == 9 and few.times.tolist() == [known[k].time for k in (0, 3, 5, 8)]
+    facts = json.loads(json.dumps(few.facts()))
+    assert 3 * (len(facts["positions"]) + len(facts["colours"])) <= 4 * (room + 6)
+
+
+def test_of_many_particles_mirror_images_stay_together(run, monkeypatch):
+    monkeypatch.setattr(film, "MOST_SHOWN", 300)
+    trajectory, scene = Trajectory(run.trajectory), next(Trajectory(run.trajectory).replay()).scene
+    some = film.film(trajectory, scene, 10**7)
+    assert set(some.counts) == {some.counts[0]} and some.counts[0] == pytest.approx(300, abs=8)
+    x = some.low + some.step * some.positions[: some.counts[0]]
+    sides = [x[(x[:, 0] > 0) == east][:, 0] for east in (True, False)]
+    np.testing.assert_allclose(np.sort(sides[0]), np.sort(-sides[1]), atol=1e-5)
+
+
+def test_the_section_of_a_block_is_its_middle_layer():
+    scene = mps.Scene(**parts(3))
+    part = still(scene.fluid, scene.spacing)
+    x, size, place = section.in_the_middle(part, scene)
+    assert len(x) == 25 and np.all(size == scene.spacing) and place.endswith("y = 25 cm")
+    drawn = section.section(part, scene)
+    assert np.nanmax(np.array(drawn["across"], float)) == pytest.approx(0.5)
+    np.testing.assert_allclose(drawn["surface"][1], 0.5)
+
+
+def test_without_plotly_a_run_ends_well_and_says_how_to_get_its_page(run, monkeypatch, capsys):
+    monkeypatch.setattr(page, "find_spec", lambda name: None)
+    console.report(run)
+    assert (
+        capsys.readouterr().err == "taichi-mps: no report.html: report needs plotly: pip install 'taichi-mps[report]'\n"
+    )
+
+
+def test_a_new_run_in_the_folder_removes_the_page(run, tmp_path):
+    folder = RunFolder(shutil.copytree(run.path, tmp_path / "run"))
+    folder.create(overwrite=True)
+    assert not folder.report.exists()
