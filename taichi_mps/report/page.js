@@ -126,7 +126,7 @@ function zoom(factor) {
 function eye() {
   const ratio = AXES.map((_, k) => (data.high[k] - data.low[k]) / data.unit);
   const wide = view.clientWidth / (view.clientHeight - TOP), tangent = 2 * Math.tan(FOV / 2);
-  const across = (1.3 * ratio[0] + 0.4 * ratio[1]) / (tangent * wide), up = (1.15 * ratio[2] + 0.35 * ratio[1]) / tangent;
+  const across = (1.3 * ratio[0] + 0.4 * ratio[1]) / (tangent * wide), up = (1.2 * ratio[2] + 0.35 * ratio[1]) / tangent;
   const away = 0.4 * ratio[1] + Math.max(across, up);
   const towards = data.dimension === 2 ? [0, -1, 0] : [0.36, -0.86, 0.36];
   return { x: away * towards[0], y: away * towards[1], z: away * towards[2] };

@@ -93,7 +93,7 @@ def accuracy_expected(run: Told) -> str:
     text = f"<p>{safe(sentences.certainty(summary) + OWN * bool(choice))}</p>"
     model = summary.get("parameters", {}).get("model")
     rows = sorted((row for row in accuracy.measured() if row.model == model), key=lambda row: -row.spacing)
-    if summary["scene"] != "slump" or not rows:
+    if summary["scene"] != "slump" or summary["scheme"] != "implicit" or not rows:
         return text
     cells = [("particle size", "slump and reach within", "volume within")]
     cells += [(f"{1e3 * row.spacing:g} mm", f"{1e3 * row.error:.1f} mm", f"{row.volume_error:.1%}") for row in rows]
