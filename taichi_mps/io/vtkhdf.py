@@ -177,11 +177,13 @@ class Trajectory:
             raise SceneError(f"run = {self.path.parent}: run.h5 holds no output yet")
         return self.replay(scene_file)
 
-    def origin(self) -> tuple[str, dict]:
-        """How the scene was made: name or file of its function, and the keywords."""
+    def origin(self) -> tuple[str, dict, float | None]:
+        """How the scene was made: name or file of its function, and the keywords; and the interval of the outputs [s],
+        None in files of earlier versions."""
         with self._opened() as file:
             own = outside.own(file, "taichi_mps")
-            return outside.text(own, "source"), json.loads(outside.text(own, "parameters"))
+            every = own.attrs.get("every")
+            return outside.text(own, "source"), json.loads(outside.text(own, "parameters")), every and float(every)
 
     def times(self) -> np.ndarray:
         """Times [s] of the outputs."""

@@ -35,15 +35,16 @@ def shown(value, unit: str) -> str:
     return f"{value:.6g} {unit.strip('-')}".rstrip()
 
 
-def command(source: str, summary: dict) -> str:
-    """The command line that computes the same again. What has its default is left out; of a scene file only the name is
-    told, not the folder."""
+def command(source: str, summary: dict, every: float | None) -> str:
+    """The command line that computes the same again. What has its default is left out, but for the
+    interval of the outputs [s], at which steps end, too; of a scene file only the name is told, not the folder."""
     fields = fields_of(source)
     given = dict(summary.get("parameters", {}))
     if summary.get("stopped_by") == "time":
         given["until"] = float(f"{summary['simulated_seconds']:.9g}")
     options = {key: value for key, value in given.items() if key not in LEFT_OUT}
     options = {key: value for key, value in options.items() if key not in fields or value != fields[key].default}
+    options |= {"every": every}
     scheme = summary.get("scheme", "implicit")
     options |= {"scheme": scheme} if scheme != "implicit" else {}
     if scheme in NUMERICS:

@@ -59,16 +59,16 @@ def library() -> str:
 
 def read(folder: RunFolder, scene: Scene | None, scene_file) -> Told:
     """What the folder holds; a summary that is older than the last row is one of before the run went on."""
-    source, parameters = Trajectory(folder.trajectory).origin()
+    source, parameters, every = Trajectory(folder.trajectory).origin()
     scene = scene or catalogue.rebuild(source, parameters, scene_file)
     history = read_history(folder.history)
     if len(history["time_s"]) == 0:
         raise SceneError(f"run = {folder.path}: history.csv holds no row yet")
     summary = folder.read_summary() if folder.summary.is_file() else {}
     if summary and history["time_s"][-1] <= summary["simulated_seconds"] * (1.0 + 1e-6):
-        return Told(folder.path, scene, source, summary, True, history)
+        return Told(folder.path, scene, source, every, summary, True, history)
     last = {key: float(column[-1]) for key, column in history.items() if math.isfinite(column[-1])}
     known = {"scene": scene.name, "parameters": parameters, "materials": [mix.facts() for mix in scene.materials]}
     known["simulated_seconds"] = last.pop("time_s")
     measured = {key: value for key, value in last.items() if key in MEASURED or key not in COLUMNS}
-    return Told(folder.path, scene, source, known | measured, False, history)
+    return Told(folder.path, scene, source, every, known | measured, False, history)

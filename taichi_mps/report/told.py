@@ -15,6 +15,7 @@ class Told:
     path: Path  # of the folder
     scene: Scene
     source: str  # name or file of the scene's function
+    every: float | None  # interval of the outputs [s], at which steps end, too; None of an earlier version
     summary: dict  # of a run that has not ended: scene, mixes, time and measures of its last row
     ended: bool
     history: dict[str, np.ndarray]  # columns of history.csv

@@ -25,7 +25,7 @@ def words(run: Told, film: Film) -> dict[str, str]:
         "results": table(sentences.rows(summary), ("", "value", "meaning")) or "<p>Nothing was measured.</p>",
         "inputs": table(given(run), ("", "value")),
         "accuracy": accuracy_expected(run),
-        "command": safe(inputs.command(run.source, summary) if run.ended else resume),
+        "command": safe(inputs.command(run.source, summary, run.every) if run.ended else resume),
         "versions": safe(versions(run)),
         "numerics": table(sentences.numerics(summary), ("", "")) + f"<p>{safe(sentences.cost(summary))}</p>"
         if run.ended

@@ -1,7 +1,9 @@
 """report.html, opened from the disk in a headless Chromium: what it shows is what the run folder holds."""
 
+import html
 import json
 import os
+import re
 import shlex
 import shutil
 import subprocess
@@ -188,19 +190,26 @@ def test_a_killed_run_has_its_page(run, opened, tmp_path):
 
 
 def test_the_command_names_what_is_not_by_default(run):
-    words = shlex.split(inputs.command("slump", run.read_summary()))
+    words = shlex.split(inputs.command("slump", run.read_summary(), 0.05))
     assert words[:3] == ["taichi-mps", "run", "slump"]
     given = dict(zip(words[3::2], words[4::2], strict=True))
-    assert given == {"--model": "quarter", "--spacing": "0.02", "--yield-value": "500", "--until": "0.4"}
+    assert given == {
+        "--model": "quarter",
+        "--spacing": "0.02",
+        "--yield-value": "500",
+        "--until": "0.4",
+        "--every": "0.05",
+    }
     other = {"parameters": {"side": 0.5, "far": None}, "scheme": "semi-implicit", "stopped_by": "rest"}
     other |= {"numerics": mps.SemiImplicit(literal=True).model_dump(), "backend": {"precision": "f64", "arch": "cpu"}}
     known = "taichi-mps run block.py --side 0.5 --scheme semi-implicit --literal --source density --gradient literal"
-    assert inputs.command("/home/me/block.py", other) == f"{known} --precision f64"
+    assert inputs.command("/home/me/block.py", other, None) == f"{known} --precision f64"
 
 
 @pytest.mark.long
 def test_the_command_repeats_the_run(run, tmp_path):
-    words = shlex.split(inputs.command("slump", run.read_summary()))[1:]
+    told = re.search("<pre>(.*)</pre>", run.report.read_text(encoding="utf-8"))[1]
+    words = shlex.split(html.unescape(told))[1:]
     again = computed(tmp_path / "again", shlex.join(words)).read_summary()
     assert again["slump_m"] == run.read_summary()["slump_m"]
 
