@@ -12,10 +12,8 @@ from ..units import plain
 
 def pictures(frames, options):
     """Callback of a simulation and a number that draws frame_<number>.png as the options ask."""
-    import imageio.v3 as iio
-
     from ..io.run_folder import PICTURE
-    from ..viz.render import Renderer
+    from ..viz.render import Renderer, save
 
     renderer = None
 
@@ -23,22 +21,18 @@ def pictures(frames, options):
         nonlocal renderer
         if renderer is None:
             frames.mkdir(parents=True, exist_ok=True)
-            renderer = Renderer(sim.scene, view=options.view, backend=options.renderer)
-        picture = renderer.draw(sim.snapshot(), sim.measures())
-        iio.imwrite(frames / PICTURE.format(number), picture, compress_level=1)
+            renderer = Renderer(sim.scene, view=options.view, backend=options.renderer, beads=options.beads)
+        save(renderer.draw(sim.snapshot(), sim.measures()), frames / PICTURE.format(number))
 
     return write
 
 
-def redraw(replays, folder, suffix, options, film=False, surface=False) -> dict:
-    """Draw the outputs of runs again, side by side, their particles or smooth surface: pictures, GIF and, on request,
-    MP4; the names of what was made."""
-    import imageio.v3 as iio
-
+def redraw(replays, folder, suffix, options, film=False) -> dict:
+    """Draw the outputs of runs again, side by side: pictures, GIF and, on request, MP4; the names of what was made."""
     from ..io.run_folder import PICTURE, empty_of_pictures
     from ..units import SceneError
     from ..viz.film import SideBySide, check, mp4, together
-    from ..viz.render import gif
+    from ..viz.render import gif, save
 
     if film:
         check()
@@ -46,14 +40,14 @@ def redraw(replays, folder, suffix, options, film=False, surface=False) -> dict:
     painter, made = None, []
     for number, outputs in enumerate(together(*replays)):
         if painter is None:
-            shown = {"view": options.view, "backend": options.renderer, "surface": surface}
+            shown = {"view": options.view, "backend": options.renderer, "beads": options.beads}
             painter = SideBySide([o.scene for o in outputs], **shown)
             try:
                 empty_of_pictures(frames)
             except OSError as error:
                 raise SceneError(f"run = {folder}: {frames} cannot be written ({error.strerror})") from None
         made.append(frames / PICTURE.format(number))
-        iio.imwrite(made[-1], painter.draw(outputs), compress_level=1)
+        save(painter.draw(outputs), made[-1])
     gif(made, animation, width=640 * len(replays))
     names = {"frames": str(frames), "animation": str(animation), "pictures": len(made)}
     return names | ({"film": str(mp4(made, animation.with_suffix(".mp4")))} if film else {})

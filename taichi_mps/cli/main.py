@@ -1,5 +1,6 @@
 """The command line: one function a command, see COMMANDS. Taichi is imported when a run starts."""
 
+import argparse
 import json
 import os
 import platform
@@ -150,22 +151,26 @@ def render(argv) -> int:
     )
     parser.add_argument("run", help="run folder")
     parser.add_argument("--beside", metavar="RUN", help="another run, drawn beside it with the same camera and range")
-    parser.add_argument("--surface", action="store_true", help="the smooth surface, not particles (extra surface)")
+    parser.add_argument("--surface", action="store_true", help=argparse.SUPPRESS)
     parser.add_argument("--film", action="store_true", help="an MP4, too (extra film)")
     parser.options(Pictures)
     parser.add_argument("--scene", help=SCENE_FILE)
     parser.add_argument("--json", action="store_true", help="print the names of the results as JSON")
     arguments = parser.parse(argv)
     options = Pictures(**given(arguments, Pictures))
+    if arguments.surface:
+        print(
+            "taichi-mps: --surface is what render draws by now; this option goes with the next release", file=sys.stderr
+        )
     from ..io.run_folder import RunFolder
     from ..io.vtkhdf import Trajectory
 
     folders = [RunFolder(path) for path in (arguments.run, arguments.beside) if path]
     replays = [Trajectory(folder.trajectory).whole(arguments.scene) for folder in folders]
     start(options)
-    suffix = ("" if options.view == "concrete" else f"-{options.view}") + "-surface" * arguments.surface
+    suffix = ("" if options.view == "concrete" else f"-{options.view}") + "-beads" * options.beads
     suffix += f"-beside-{folders[1].path.resolve().name}" if arguments.beside else ""
-    made = redraw(replays, folders[0].path, suffix, options, arguments.film, arguments.surface)
+    made = redraw(replays, folders[0].path, suffix, options, arguments.film)
     tell(
         made, arguments.json, f"{made['pictures']} pictures in {made['frames']}, {made.get('film', made['animation'])}"
     )
@@ -193,7 +198,7 @@ def export(argv) -> int:
     parser.add_argument("run", help="run folder")
     parser.add_argument("--out", help="folder of the files, vtu in the run folder by default")
     parser.add_argument("--whole", action="store_true", help="the whole body where the scene is a part of it")
-    parser.add_argument("--surface", action="store_true", help="its smooth surface, not its particles (extra surface)")
+    parser.add_argument("--surface", action="store_true", help="its smooth surface, not its particles")
     parser.add_argument("--scene", help=SCENE_FILE)
     parser.add_argument("--json", action="store_true", help="print the name of the result as JSON")
     arguments = parser.parse(argv)

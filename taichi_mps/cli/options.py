@@ -28,6 +28,7 @@ class Pictures(Checked):
     """Options of every command that draws."""
 
     view: VIEWS = Field("concrete", description="what the pictures are coloured by")
+    beads: bool = Field(False, description="show the particles, not the smooth surface")
     renderer: Literal["software", "ggui"] = Field("software", description="what draws the pictures")
     arch: Literal["cpu", "cuda", "vulkan"] = Field("cpu", description="where to compute")
     threads: Count | None = Field(None, description="processor cores to use, all of them by default")

@@ -1,23 +1,22 @@
 """Pictures of a run. Layer 4: it reads scenes and snapshots, the numerics never see it.
 
-A software sphere splatter in Taichi kernels draws the body, its shadow and the floor on any machine, or triangles of
-its smooth surface in the place of the spheres; Pillow writes rulers, the lifted mould and the measures over it.
-Two-dimensional scenes are drawn in the plane y = 0, z up.
+The smooth surface of the body, its shadow and the floor are drawn in NumPy; its particles, on request and of scenes in
+the plane, by a software sphere splatter in Taichi kernels. Pillow writes rulers, the lifted mould and the measures over
+it. Two-dimensional scenes are drawn in the plane y = 0, z up.
 """
 
 import sys
 from functools import cache
 from pathlib import Path
 
-import imageio.v3 as iio
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from ..problem.measures import embed
 from ..units import SceneError
+from .camera import Camera
 from .facets import Facets
-from .smooth_surface import check, smooth_surface
-from .splatter import Camera, Ggui, Splatter
+from .smooth_surface import CUBE_OF_PICTURES, check, smooth_surface
 from .stage import stage, wall_lines
 
 RADIUS = 0.62  # of a drawn sphere over l0
@@ -29,6 +28,7 @@ FIELDS = {  # values of a view, and the label of its colour bar
     "pressure": (lambda s: 1e-3 * s.p, "pressure [kPa]"),
     "shear-rate": (lambda s: s.shear_rate, "shear rate [1/s]"),
 }
+NEEDED = {"speed": ["u"], "pressure": ["p"], "shear-rate": ["shear_rate"], "yielded": ["yielded"]}  # fields of a view
 VIEWS = ("concrete", *FIELDS, "yielded", "mix")
 MEASURES = {"slump_m": "slump", "spread_m": "spread", "front_m": "front", "height_m": "height"}
 MEASURES |= {"flow_m": "flow", "h1_m": "H1", "h2_m": "H2", "step_m": "step"}  # shown in cm
@@ -50,21 +50,25 @@ class Renderer:
 
     view: one of VIEWS; backend: software, or ggui where Vulkan is there (else one line on stderr, and software);
     limits: (low, high) of the colour bar in its unit, by default from the scene; beside: scenes shown beside it,
-    with the same camera and range; surface: the smooth surface of the body instead of its particles.
+    with the same camera and range; beads: the particles instead of the smooth surface of the body, as always of a
+    scene in the plane and by ggui.
     """
 
     def __init__(
-        self, scene, width=1280, height=720, view="concrete", backend="software", limits=None, beside=(), surface=False
+        self, scene, width=1280, height=720, view="concrete", backend="software", limits=None, beside=(), beads=False
     ):
         if view not in VIEWS:
             raise SceneError(f"view = {view}: must be one of {', '.join(VIEWS)}")
         if backend not in ("software", "ggui"):
             raise SceneError(f"backend = {backend}: must be software or ggui")
-        if surface and backend == "ggui":
-            raise SceneError("surface: is drawn in software alone; must be without ggui")
-        if surface:
-            check(3 if scene.axisymmetric else scene.dimension)
-        self.scene, self.view, self.surface = scene, view, surface
+        self.scene, self.view = scene, view
+        self.beads = beads or backend == "ggui" or (scene.dimension == 2 and not scene.axisymmetric)
+        if not self.beads:
+            try:
+                check(3)
+            except SceneError as error:
+                self.beads = True
+                print(f"{error}; drawing particles instead", file=sys.stderr)
         self.limits = limits or max(self._limits(other, view) for other in (scene, *beside))
         floor = stage(scene)[2]
         lows, highs, _ = zip(*(stage(other) for other in (scene, *beside)), strict=True)
@@ -75,11 +79,14 @@ class Renderer:
         tilt = np.radians(15.0 if scene.dimension == 3 or scene.axisymmetric else 0.0)
         self.camera = Camera((0.0, np.cos(tilt), -np.sin(tilt)), corners, width, height, (0.09, 0.17, 0.88, 0.89))
         arguments = (self.camera, corners, RADIUS * scene.spacing, floor, self.tick)
-        painter = self._ggui if backend == "ggui" else Facets if surface else Splatter
-        self.painter = painter(*arguments)
+        self.painter = self._splatter(backend, arguments) if self.beads else Facets(*arguments)
 
     @staticmethod
-    def _ggui(*arguments):
+    def _splatter(backend, arguments):
+        from .splatter import Ggui, Splatter
+
+        if backend == "software":
+            return Splatter(*arguments)
         try:
             return Ggui(*arguments)
         except Exception as error:  # RuntimeError without a driver; a bare Exception where Taichi was built without it
@@ -103,7 +110,7 @@ class Renderer:
 
     def colours(self, snapshot):
         """Colours (n, 3) in 0..1 of the particles, or of the vertices of the surface, in this view."""
-        if self.view == "concrete" and self.surface:
+        if self.view == "concrete" and not self.beads:
             return np.tile(CONCRETE, (len(snapshot.x), 1))
         if self.view == "concrete":
             return CONCRETE * (0.94 + 0.12 * np.modf(0.618034 * np.arange(len(snapshot.x)))[0])[:, None]
@@ -117,8 +124,8 @@ class Renderer:
     def draw(self, snapshot, measures=None):
         """The picture, (h, w, 3) uint8, of the whole body of which the snapshot is the computed part."""
         snapshot, mesh = self.scene.unfold(snapshot), ()
-        if self.surface:
-            snapshot, *mesh = smooth_surface(snapshot)
+        if not self.beads:
+            snapshot, *mesh = smooth_surface(snapshot, CUBE_OF_PICTURES, NEEDED.get(self.view, ()))
         relief = 1.0 if self.view == "concrete" else 0.7
         pixels, depth = self.painter.draw(embed(snapshot.x), self.colours(snapshot), relief, *mesh)
         image = Image.fromarray(pixels)
@@ -179,7 +186,10 @@ class Renderer:
                 if k % 3 < 2 and seen[k]:
                     pens[1].line([tuple(p) for p in 2 * point[k : k + 2, :2]], fill=255, width=width)
         for mask, colour in zip(masks, (FAINT, MOULD), strict=True):
-            image.paste(colour, mask=mask.reduce(2))
+            if box := mask.getbbox():
+                left, top, right, bottom = (2 * (edge // 2 + k) for edge, k in zip(box, (0, 0, 1, 1), strict=True))
+                small = mask.crop((left, top, right, bottom)).reduce(2)
+                image.paste(colour, (left // 2, top // 2, right // 2, bottom // 2), small)
 
     def _legend(self, image, pen):
         unit, (low, high) = self.camera.height / 720, self.limits
@@ -212,6 +222,11 @@ def font(size):
     return ImageFont.load_default(size)
 
 
+def save(picture, path):
+    """Write a picture, (h, w, 3) uint8, as PNG, quickly."""
+    Image.fromarray(picture).save(path, compress_level=1)
+
+
 def png(folder, view="concrete", **options):
     """Callback of a simulation that writes folder/frame_00000.png, ... (speed_00000.png, ... for the view speed)."""
     folder, count, renderer = Path(folder), 0, None
@@ -222,7 +237,7 @@ def png(folder, view="concrete", **options):
             folder.mkdir(parents=True, exist_ok=True)
             renderer = Renderer(sim.scene, view=view, **options)
         name = f"{'frame' if view == 'concrete' else view}_{count:05d}.png"
-        iio.imwrite(folder / name, renderer.draw(sim.snapshot(), sim.measures()), compress_level=1)
+        save(renderer.draw(sim.snapshot(), sim.measures()), folder / name)
         count += 1
 
     return write
@@ -240,9 +255,9 @@ def gif(frames, out, fps=10, width=640):
         with Image.open(path) as picture:
             size = (width, round(width * picture.height / picture.width))
             pictures.append(picture.convert("RGB").resize(size, Image.Resampling.BOX))
-    sample = pictures[:: max(1, len(pictures) // 8)]
+    sample = pictures[:: max(1, len(pictures) // 4)]
     sheet, palette = (
-        Image.fromarray(np.concatenate([np.asarray(picture) for picture in sample])),
+        Image.fromarray(np.concatenate([np.asarray(picture)[::2, ::2] for picture in sample])),
         Image.new("P", (1, 1)),
     )
     common, rare = sheet.quantize(208), sheet.quantize(48, Image.Quantize.MAXCOVERAGE)  # smooth greys, thin red lines

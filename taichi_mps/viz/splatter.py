@@ -1,5 +1,5 @@
-"""Painters: spheres drawn by a software splatter in Taichi kernels, or by Taichi's GGUI; and the camera they share.
-The painter of triangles, `facets`, has the same shading.
+"""Painters of spheres: a software splatter in Taichi kernels, or Taichi's GGUI. The painter of triangles, `facets`, has
+the same light and floor.
 
 Depth and row of the nearest sphere of each pixel are found by an atomic minimum over 64-bit keys, then each pixel is
 shaded on its own: light, shadow, floor. The bits are the same on every run.
@@ -11,15 +11,13 @@ from pathlib import Path
 import numpy as np
 
 from ..runtime.backend import ti
+from .camera import PAPER, SKY_TEXELS, SUN, SUN_TEXELS, Camera
 
-vec2, vec3 = ti.types.vector(2, ti.f32), ti.types.vector(3, ti.f32)
+vec3 = ti.types.vector(3, ti.f32)
 mat3, mat34 = ti.types.matrix(3, 3, ti.f32), ti.types.matrix(3, 4, ti.f32)
 Keys, Rows = ti.types.ndarray(dtype=ti.u64, ndim=2), ti.types.ndarray(dtype=ti.f32, ndim=2)
-Pixels, Corners = ti.types.ndarray(dtype=ti.u8, ndim=3), ti.types.ndarray(dtype=ti.i32, ndim=2)
+Pixels = ti.types.ndarray(dtype=ti.u8, ndim=3)
 EMPTY = 0x4E6E6B28 << 32  # key of a pixel without sphere: depth 1e9 m; others: depth bits << 32 | row of the sphere
-PAPER = (0.955, 0.96, 0.965)  # background colour
-NONE = np.zeros((1, 3), np.float32)
-SUN = np.array((0.45, -0.6, 0.72))  # where its light goes: right, up, away from the eye
 
 
 @ti.kernel
@@ -63,14 +61,6 @@ def row(rows: ti.template(), k):
 
 
 @ti.func
-def _weights(a, b, c, q):
-    """Barycentric coordinates of the point q of the plane of a triangle."""
-    across = (b - a).cross(c - a)
-    u, v = (c - b).cross(q - b).dot(across), (a - c).cross(q - c).dot(across)
-    return ti.math.clamp(vec3(u, v, across.norm_sqr() - u - v) / across.norm_sqr(), 0.0, 1.0)
-
-
-@ti.func
 def _depth(key):
     return ti.bit_cast(ti.cast(key >> 32, ti.u32), ti.f32)
 
@@ -111,12 +101,12 @@ def _line(x, step, pixel):
 
 @ti.kernel
 def _shade(
-    keys: Keys, sun_map: Keys, sky_map: Keys, points: Rows, colours: Rows, smooth: ti.template(), normals: Rows,
-    corners: Corners, radius: ti.f32, relief: ti.f32, ray: mat3, sun: vec3, sun_project: mat34, sky_project: mat34,
+    keys: Keys, sun_map: Keys, sky_map: Keys, points: Rows, colours: Rows, radius: ti.f32, relief: ti.f32,
+    ray: mat3, sun: vec3, sun_project: mat34, sky_project: mat34,
     eye: vec3, middle: vec3, reach: ti.f32, floor: ti.f32, grid: ti.f32, image: Pixels, depth: Rows,
 ):  # fmt: skip
-    """Colour of every pixel from its s x s samples, and the depth of its nearest sphere or, if smooth, triangle.
-    Points from the eye: centres of spheres, or what the corners of the triangles refer to."""
+    """Colour of every pixel from its s x s samples, and the depth of its nearest sphere; points: their centres, from
+    the eye."""
     s = keys.shape[0] // image.shape[0]
     for i in range(image.shape[0]):
         for j in range(image.shape[1]):
@@ -134,14 +124,7 @@ def _shade(
                         direct = _light(sun_map, sun_project, t * d, 2.5 * radius, 5)
                         sky = _light(sky_map, sky_project, t * d, 2.5 * radius, 5)
                         last = hit
-                    n, colour = vec3(0.0), vec3(0.0)
-                    if ti.static(smooth):
-                        e, f, g = corners[hit, 0], corners[hit, 1], corners[hit, 2]
-                        w = _weights(row(points, e), row(points, f), row(points, g), t * d)
-                        n = (w.x * row(normals, e) + w.y * row(normals, f) + w.z * row(normals, g)).normalized(1e-9)
-                        colour = w.x * row(colours, e) + w.y * row(colours, f) + w.z * row(colours, g)
-                    else:
-                        n, colour = (t * d - row(points, hit)) / radius, row(colours, hit)
+                    n, colour = (t * d - row(points, hit)) / radius, row(colours, hit)
                     facing = ti.max(0.0, -n.dot(d.normalized()))
                     ambient = (0.5 + 0.14 * n.z) * (0.6 + 0.4 * sky) * (0.6 + 0.4 * facing)
                     shade = 1.0 - relief + relief * (ambient + 0.72 * direct * ti.max(0.0, n.dot(sun)))
@@ -167,55 +150,22 @@ def _shade(
             depth[i, j] = near
 
 
-class Camera:
-    """Pinhole camera that looks along ``direction``, so near that the points given just fill ``frame`` of its picture.
-
-    frame: left, top, right, bottom as fractions of the picture.
-    """
-
-    def __init__(self, direction, points, width, height, frame=(0.05, 0.05, 0.95, 0.95), view_angle=22.0):
-        forward = np.asarray(direction, float) / np.linalg.norm(direction)
-        right = np.cross(forward, (0, 0, 1) if abs(forward[2]) < 0.99 else (0, 1, 0))
-        right /= np.linalg.norm(right)
-        self.axes = np.array([right, np.cross(right, forward), forward])  # rows: right, up, forward
-        self.width, self.height, self.view_angle = width, height, view_angle
-        self.focal = 0.5 * height / np.tan(0.5 * np.radians(view_angle))  # [pixels]
-        across, up, ahead = (np.asarray(points, float) @ self.axes.T).T
-        left, top, right, bottom = (np.array(frame) - 0.5) * [width, height, width, height] / self.focal
-        bounds = [(max(across - right * ahead), min(across - left * ahead), right - left)]
-        bounds += [(max(up + top * ahead), min(up + bottom * ahead), bottom - top)]
-        z = min((low - high) / room for high, low, room in bounds)  # nearest at which both directions fit
-        x = 0.5 * (bounds[0][0] + bounds[0][1] + (right + left) * z)
-        y = 0.5 * (bounds[1][0] + bounds[1][1] - (bottom + top) * z)
-        self.eye = np.array([x, y, z]) @ self.axes
-        self.middle = np.mean([np.min(points, 0), np.max(points, 0)], 0)
-
-    def matrix(self, origin, scale=1):
-        """(3, 4) matrix from points relative to ``origin`` to (column depth, row depth, depth), pixels 1/scale."""
-        f = self.focal * scale
-        lens = np.array([[f, 0, 0.5 * self.width * scale], [0, -f, 0.5 * self.height * scale], [0, 0, 1]])
-        return lens @ np.column_stack([self.axes, self.axes @ (origin - self.eye)])
-
-    def project(self, points):
-        """Columns, rows and depths of world points [m] (n, 3)."""
-        q = np.asarray(points, float) @ self.matrix(np.zeros(3))[:, :3].T + self.matrix(np.zeros(3))[:, 3]
-        return np.column_stack([q[:, :2] / q[:, 2:], q[:, 2]])
-
-
 class Splatter:
     """The software picture: spheres, their shadow, and the floor at height ``floor`` (None: there is none)."""
 
-    name, smooth = "software", False
-    corners = np.zeros((1, 3), np.int32)  # of triangles: spheres have none
+    name = "software"
 
     def __init__(self, camera, points, radius, floor=None, grid=0.05, samples=2):
         self.camera, self.radius, self.samples, self.grid = camera, radius, samples, grid
         self.floor = 0.0 if floor is None else floor - camera.eye[2]
         self.reach = 0.5 * np.ptp(points[:, 0])
-        self.sun = Camera(SUN @ camera.axes, points, 256, 256)
-        self.sky = Camera((0.0, 0.0, -1.0), points, 72, 72)
+        self.sun = Camera(SUN @ camera.axes, points, SUN_TEXELS, SUN_TEXELS)
+        self.sky = Camera((0.0, 0.0, -1.0), points, SKY_TEXELS, SKY_TEXELS)
         self.keys = ti.ndarray(ti.u64, (camera.height * samples, camera.width * samples))
-        self.sun_map, self.sky_map = ti.ndarray(ti.u64, (256, 256)), ti.ndarray(ti.u64, (72, 72))
+        self.sun_map, self.sky_map = (
+            ti.ndarray(ti.u64, (SUN_TEXELS, SUN_TEXELS)),
+            ti.ndarray(ti.u64, (SKY_TEXELS, SKY_TEXELS)),
+        )
 
     def _hits(self, x, camera, focal, keys):
         _splat(np.ascontiguousarray((x - camera.eye) @ camera.axes.T, np.float32), self.radius, focal, keys)
@@ -223,9 +173,7 @@ class Splatter:
     def draw(self, x, colours, relief=1.0):
         """Picture (h, w, 3) uint8 and depth (h, w) of spheres at x (n, 3) [m]."""
         order = np.argsort(x @ self.camera.axes[2], kind="stable")  # front first: most hidden pixels are never written
-        return self._shaded(x[order], np.ascontiguousarray(colours[order], np.float32), relief)
-
-    def _shaded(self, x, colours, relief, normals=NONE):
+        x, colours = x[order], np.ascontiguousarray(colours[order], np.float32)
         camera, sun, sky = self.camera, self.sun, self.sky
         for view, scale, keys in ((camera, self.samples, self.keys), (sun, 1, self.sun_map), (sky, 1, self.sky_map)):
             _clear(keys)
@@ -235,7 +183,7 @@ class Splatter:
         ray = camera.axes.T @ np.linalg.inv(camera.matrix(camera.eye)[:, :3] @ camera.axes.T)
         _shade(
             self.keys, self.sun_map, self.sky_map, np.ascontiguousarray(x - camera.eye, np.float32), colours,
-            self.smooth, normals, self.corners, self.radius, relief, mat3(ray), vec3(-sun.axes[2]),
+            self.radius, relief, mat3(ray), vec3(-sun.axes[2]),
             mat34(sun.matrix(camera.eye)), mat34(sky.matrix(camera.eye)), vec3(camera.eye),
             vec3(camera.middle - camera.eye), self.reach, self.floor, self.grid, image, depth,
         )  # fmt: skip
