@@ -18,7 +18,10 @@ MEANING = {
     "spread_m": "diameter of the body, mean over all directions [m]; nan where the scene measures none",
     "max_speed_m_s": "largest speed of a particle [m/s]",
     "kinetic_energy_J": "kinetic energy of the computed part of the fluid [J]; in 2-D per metre of depth [J/m]",
-    "unyielded_fraction": "number of fluid particles that do not flow over that of all [-]",
+    "unyielded_fraction": "number of fluid particles below the yield stress over that of all [-]; of a body that "
+    "stands near it the solver leaves some on either side",
+    "flowing_fraction": "share of the volume that flows [-]: where the viscous part of the stress is over 5 % of the yield "
+    "stress; 0 of a body that stands, and of a fluid without yield stress what moves in shear at all",
     "viscous_iterations": "augmented-Lagrangian (Uzawa) iterations of implicit, direct (Picard) iterations of the "
     "viscosity of semi-implicit, in the step [-]",
     "pressure_iterations": "iterations of the linear solver in the step [-]: of the velocity solves of implicit, "
@@ -26,9 +29,10 @@ MEANING = {
     "volume_error": "change of the volume of what has a full neighbourhood, from the packing [-]",
     "volume_error_max": "largest size of it so far [-]",
 }
+FLOWS = 0.05  # viscous part of the stress over the yield stress from which a material is said to flow [-]
 SUM = "crc32"  # last column: checksum of the line of the names and of the row before it, as text "crc32:..."
 COLUMNS = tuple(MEANING)  # of every run; more by the measures of the scene
-LATER = {"volume_error_max"}  # that older files do not have
+LATER = {"volume_error_max", "flowing_fraction"}  # that older files do not have
 TAIL = 1 << 14  # [bytes] in which the last row of a file lies
 
 
@@ -77,9 +81,9 @@ class History:
 
 def row_of(sim, measures: dict) -> dict:
     """Row of history.csv of a simulation now; before the first step there is no report, and little to say."""
-    report = sim.report
+    report, s = sim.report, sim.snapshot()
+    flowing = flowing_fraction(s, sim.scene)
     if report is None:
-        s = sim.snapshot()
         masses = np.array([m.density for m in sim.scene.materials])[s.mix] * sim.scene.volumes_at(s.x)
         values = (
             0.0,
@@ -87,6 +91,7 @@ def row_of(sim, measures: dict) -> dict:
             float(s.speed.max()),
             0.5 * float((masses * s.speed**2).sum()),
             1.0 - s.yielded.mean(),
+            flowing,
             0,
             0,
             0.0,
@@ -94,10 +99,18 @@ def row_of(sim, measures: dict) -> dict:
         )
     else:
         values = (report.time, report.dt, report.max_speed, report.kinetic_energy, report.unyielded_fraction)
-        values += (report.viscous_iterations, report.pressure_iterations)
+        values += (flowing, report.viscous_iterations, report.pressure_iterations)
         values += (report.volume_error, report.volume_error_max)
     keys = [key for key in COLUMNS if key not in ("slump_m", "spread_m")]
     return {**measures, **dict(zip(keys, values, strict=True))}
+
+
+def flowing_fraction(s, scene) -> float:
+    """Share of the volume that flows [-]: see MEANING."""
+    mixes = scene.materials
+    faster = np.array([FLOWS * m.yield_value / m.plastic_viscosity if m.yields else 0.0 for m in mixes])[s.mix]
+    volume = scene.volumes_at(s.x)
+    return float(volume[s.shear_rate > faster].sum() / volume.sum()) if len(s.x) else 0.0
 
 
 def line(values) -> str:

@@ -139,7 +139,7 @@ def surface(s: Snapshot, points) -> np.ndarray:
         left, k = np.flatnonzero(np.isnan(heights)), order[first : first + 500]
         if len(left) == 0:
             break
-        distance2 = ((points[left, None, :] - near[k]) ** 2).sum(-1)
+        distance2 = sum((points[left, None, axis] - near[k, axis]) ** 2 for axis in range(near.shape[1]))
         found = np.where(distance2 < (0.75 * s.spacing) ** 2, top[k], -np.inf).max(1)
         heights[left] = np.where(np.isfinite(found), found, np.nan)
     return heights

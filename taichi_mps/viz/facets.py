@@ -4,8 +4,6 @@ Light falls on the points of the mesh and is interpolated between them; triangle
 floor look as those of the spheres (`splatter`).
 """
 
-import functools
-
 import numpy as np
 from PIL import Image, ImageFilter
 
@@ -214,23 +212,22 @@ class Facets:
             picture[top:bottom, left:right] = bytes_of(self._floor(box, (0.62 + 0.38 * sun) * (0.62 + 0.38 * sky)))
 
     def _body(self, picture, depth, x, triangles, colours):
-        """Lay the mesh over the picture, each pixel the mean of s x s samples."""
+        """Lay the mesh over the picture, as far as it covers s x s samples of each pixel."""
         s, points = self.samples, self.camera.project(x)
         left, top, right, bottom = self._box(points[:, :2])
         if right == left or bottom == top:
             return
         points = (points - (left, top, 0.0)) * (s, s, 1.0)
-        hit = paint(points, triangles, s * (right - left), s * (bottom - top))
-        i, j = np.nonzero(hit >= 0)
-        samples, near = np.zeros((*hit.shape, 4), np.float32), np.full(hit.shape, FAR, np.float32)
-        samples[i, j, :3] = across(points, colours, triangles, hit[i, j], j + 0.5, i + 0.5)
-        samples[i, j, 3] = 1.0
-        near[i, j] = points[triangles, 2].mean(1)[hit[i, j]]
-        mean = sum(samples[a::s, b::s] for a in range(s) for b in range(s)) / np.float32(s * s)
-        part = picture[top:bottom, left:right]
-        part[:] = bytes_of(part * ((1.0 - mean[..., 3:]) / np.float32(255.0)) + mean[..., :3])
-        nearest = functools.reduce(np.minimum, (near[a::s, b::s] for a in range(s) for b in range(s)))
-        depth[top:bottom, left:right] = nearest
+        hits = paint(points, triangles, s * (right - left), s * (bottom - top))
+        hits = np.stack([hits[a::s, b::s] for a in range(s) for b in range(s)])
+        covered = (hits >= 0).mean(0, dtype=np.float32)
+        i, j = np.nonzero(covered)
+        chosen = hits[:, i, j].argmax(0)  # of the samples of a pixel the one that is shaded
+        hit = hits[chosen, i, j]
+        mean = across(points, colours, triangles, hit, s * j + chosen % s + 0.5, s * i + chosen // s + 0.5)
+        part, share = picture[top:bottom, left:right], covered[i, j, None]
+        part[i, j] = bytes_of(part[i, j] * ((1.0 - share) / np.float32(255.0)) + mean * share)
+        depth[top:bottom, left:right][i, j] = points[triangles, 2].mean(1)[hit]
 
 
 def bytes_of(colours):

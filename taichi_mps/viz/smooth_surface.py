@@ -39,11 +39,12 @@ def smooth_surface(s: Snapshot, cube: float = CUBE, fields=FIELDS) -> tuple[Snap
     size = np.ptp(s.x, axis=0).max() / (cube * s.spacing) if len(s.x) else 0.0
     if not size < MOST_CELLS:
         raise SceneError(f"surface: the body is {size:.2g} cells long; must be at most {MOST_CELLS:g}")
-    given = {name: np.ascontiguousarray(getattr(s, name), np.float64) for name in fields}
+    real = np.float64 if cube == CUBE else np.float32  # takes a quarter less, and a picture has no finer points
+    given = {name: np.ascontiguousarray(getattr(s, name), real) for name in fields}
     mixes = np.arange(s.mix.max(initial=0) + 1) if s.mix.any() else ()
-    given |= {f"mix {k}": (s.mix == k).astype(np.float64) for k in mixes}
+    given |= {f"mix {k}": (s.mix == k).astype(real) for k in mixes}
     made, _ = pysplashsurf.reconstruction_pipeline(
-        np.ascontiguousarray(s.x, np.float64),
+        np.ascontiguousarray(s.x, real),
         attributes_to_interpolate=given,
         particle_radius=0.5 * s.spacing,
         smoothing_length=2.0,  # in radii, as the next
