@@ -123,8 +123,8 @@ def result(summary: dict, folder, verbose=False, stages=(), traffic=None) -> Non
     console.print(shown)
 
 
-def curves(folder) -> list[str]:
-    """slump.png and history.png, where matplotlib is installed and there is something to show."""
+def curves(folder, numerics=False) -> list[str]:
+    """slump.png and history.png, with the numerics if asked; none without matplotlib or without something to show."""
     from ..io.history import read_history
     from ..io.run_folder import PLOTS
 
@@ -132,7 +132,7 @@ def curves(folder) -> list[str]:
     try:
         from ..viz import plots
 
-        plots.history(rows, folder.path / PLOTS[1])
+        plots.history(rows, folder.path / PLOTS[1], numerics)
         if not all(map(math.isnan, rows["slump_m"])):
             plots.slump_curve({folder.path.name: rows}, folder.path / PLOTS[0])
     except ImportError:

@@ -122,6 +122,7 @@ def plot(argv) -> int:
     parser = Parser("plot", description="Slump curve and history; the slump curves of several runs in one picture.")
     parser.add_argument("run", nargs="+", help="run folder")
     parser.add_argument("--out", help="picture of the compared slump curves, slump.png by default")
+    parser.add_argument("--verbose", action="store_true", help="the numerics in history.png, too")
     parser.add_argument("--json", action="store_true", help="print the names of the pictures as JSON")
     arguments = parser.parse(argv)
     from ..io.history import read_history
@@ -136,7 +137,7 @@ def plot(argv) -> int:
     except ImportError:
         raise SceneError("plot needs matplotlib: pip install 'taichi-mps[plots]'") from None
     if len(folders) == 1 and arguments.out is None:
-        made = curves(folders[0])
+        made = curves(folders[0], arguments.verbose)
     else:
         made = [arguments.out or "slump.png"]
         slump_curve(runs, made[0])

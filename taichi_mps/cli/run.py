@@ -51,7 +51,7 @@ def carry_out(sim, folder, options, source, as_json, resumed=False) -> int:
     if folder.pictures:
         gif(folder.pictures, folder.animation)
     voids(folder, sim.scene, sim.snapshot())
-    curves(folder)
+    curves(folder, options.verbose or options.profile)
     report(folder, sim.scene)
     if as_json:
         print(json.dumps(summary))

@@ -20,8 +20,8 @@ MEANING = {
     "kinetic_energy_J": "kinetic energy of the computed part of the fluid [J]; in 2-D per metre of depth [J/m]",
     "unyielded_fraction": "number of fluid particles below the yield stress over that of all [-]; of a body that "
     "stands near it the solver leaves some on either side",
-    "flowing_fraction": "share of the volume that flows [-]: where the viscous part of the stress is over 5 % of the yield "
-    "stress; 0 of a body that stands, and of a fluid without yield stress what moves in shear at all",
+    "flowing_fraction": "share of the volume that flows [-]: where the viscous part of the stress is over 5 % of the "
+    "yield stress; 0 of a body that stands. Of a fluid without yield stress what is sheared at all",
     "viscous_iterations": "augmented-Lagrangian (Uzawa) iterations of implicit, direct (Picard) iterations of the "
     "viscosity of semi-implicit, in the step [-]",
     "pressure_iterations": "iterations of the linear solver in the step [-]: of the velocity solves of implicit, "
@@ -109,7 +109,7 @@ def flowing_fraction(s, scene) -> float:
     """Share of the volume that flows [-]: see MEANING."""
     mixes = scene.materials
     faster = np.array([FLOWS * m.yield_value / m.plastic_viscosity if m.yields else 0.0 for m in mixes])[s.mix]
-    volume = scene.volumes_at(s.x)
+    volume = s.size**scene.dimension * (s.x[:, 0] if scene.axisymmetric else 1.0)
     return float(volume[s.shear_rate > faster].sum() / volume.sum()) if len(s.x) else 0.0
 
 

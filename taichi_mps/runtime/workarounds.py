@@ -8,12 +8,16 @@ of wrong results are always on. Speed patches reach into Taichi's internals, and
 TAICHI_MPS_WORKAROUNDS=0 leaves them out, and so does a version that they were not written for.
 """
 
+import ast
 import functools
 import importlib
+import inspect
+import linecache
 import math
 import os
 import textwrap
 import warnings
+from collections import defaultdict
 from dataclasses import dataclass
 from importlib.util import find_spec
 from types import SimpleNamespace
@@ -83,6 +87,15 @@ WORKAROUNDS = (
         "test_speed_patches_change_no_bit",
         "Taichi is no longer supported: Quadrants remembers both",
         gain=0.08,
+    ),
+    Workaround(
+        "build_quickly",
+        TAICHI,
+        "Each time a kernel calls a function its source is parsed again, 1,000 times in a cone; its module is searched "
+        "for; and a generator guards each of 50,000 nodes.",
+        "test_speed_patches_change_no_bit",
+        "Taichi is no longer supported",
+        gain=0.02,
     ),
     Workaround(
         "launch_directly",
@@ -205,6 +218,68 @@ def remember_texts() -> None:
     kernel_impl.textwrap = SimpleNamespace(fill=functools.cache(textwrap.fill), dedent=functools.cache(textwrap.dedent))
 
 
+def source_lines(function):
+    """Lines of a function and the number of the first, as inspect.getsourcelines, without a search for its module."""
+    code = function.__code__
+    lines = linecache.getlines(code.co_filename)[code.co_firstlineno - 1 :]
+    return (inspect.getblock(lines), code.co_firstlineno) if lines else inspect.getsourcelines(function)
+
+
+def build_quickly() -> None:
+    """Parse the source of a function once, and use its tree again wherever it is called; nodes without a guard."""
+    if "build_quickly" not in SPEED_PATCHES:
+        return
+    from taichi.lang import impl, kernel_impl
+    from taichi.lang.ast import ast_transformer_utils
+
+    trees = defaultdict(list)  # by their source, those that are not in use: a function may call itself while compiled
+    transform, build = kernel_impl.transform_tree, ast_transformer_utils.Builder.__call__
+
+    def parse(source):
+        tree = trees[source].pop() if trees[source] else ast.parse(source)
+        tree.source = source
+        return tree
+
+    def transform_and_keep(tree, context):
+        try:
+            return transform(tree, context)
+        finally:
+            if not (context.is_kernel or context.is_real_function):  # which take the arguments out of their tree
+                trees[tree.source].append(tree)
+
+    def build_node(self, context, node):
+        method = getattr(self, "build_" + node.__class__.__name__, None)
+        if method is None:
+            return build(self, context, node)
+        stack = impl.get_runtime().src_info_stack
+        stack.append(position(context, node) if isinstance(node, ast.stmt | ast.expr) else "")
+        try:
+            return method(context, node)
+        except Exception as error:
+            return build(Fails(error), context, node)  # which says where
+        finally:
+            stack.pop()
+
+    kernel_impl.ast = SimpleNamespace(parse=parse)
+    kernel_impl.transform_tree = transform_and_keep
+    kernel_impl.getsourcelines = functools.cache(source_lines)
+    kernel_impl.getsourcefile = lambda function: function.__code__.co_filename
+    ast_transformer_utils.Builder.__call__ = build_node
+
+
+class Fails:
+    """A builder of any node that raises an error."""
+
+    def __init__(self, error):
+        self.error = error
+
+    def __getattr__(self, name):
+        def fail(context, node):
+            raise self.error
+
+        return fail
+
+
 def launch_directly(kernel):
     """A kernel of one i32 and then numbers of f64, that returns nothing, as a function that starts it."""
     if "launch_directly" not in SPEED_PATCHES:
@@ -244,3 +319,4 @@ def wanted_speed_patches() -> set[str]:
 
 SPEED_PATCHES = wanted_speed_patches()
 remember_texts()
+build_quickly()

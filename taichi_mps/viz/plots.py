@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..problem.labels import title
 from ..units import SceneError, plain
 
 COLOURS = ("#1f5f99", "#d1662a", "#2e8b57", "#8f4f9f", "#b8323f", "#7a6a35", "#4b8ea8", "#555b63")
@@ -15,7 +16,7 @@ STYLE = {
 }  # fmt: skip
 
 
-def _figure(width, height, rows=1, columns=1, **options):
+def _figure(width, height, rows=1, columns=1, layout="constrained", **options):
     """Figure and axes that need no display and no global state."""
     try:
         import matplotlib
@@ -24,7 +25,7 @@ def _figure(width, height, rows=1, columns=1, **options):
     except ImportError:
         raise ImportError("plots need matplotlib: pip install 'taichi-mps[plots]'") from None
     with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(width, height), layout="constrained")
+        figure = Figure(figsize=(width, height), layout=layout)
         FigureCanvasAgg(figure)
         axes = figure.subplots(rows, columns, **options)
     return figure, axes
@@ -141,43 +142,53 @@ def viscosity_against_shear_rate(samples, law, out):
     return _save(figure, out)
 
 
-PANELS = (  # title of a panel, and its columns of history.csv with factor and name
-    ("slump and spread [cm]", (("slump_m", 100.0, "slump"), ("spread_m", 100.0, "spread"))),
-    ("front and height [cm]", (("front_m", 100.0, "front"), ("height_m", 100.0, "height"))),
+NUMERICS = (  # title of a panel, and its columns of history.csv with factor and name
     ("time step [ms]", (("dt_s", 1e3, ""),)),
     ("iterations", (("viscous_iterations", 1.0, "viscous"), ("pressure_iterations", 1.0, "pressure"))),
-    ("maximum speed [m/s]", (("max_speed_m_s", 1.0, ""),)),
-    ("unyielded fraction [%]", (("unyielded_fraction", 100.0, ""),)),
     ("volume error [%]", (("volume_error", 100.0, ""),)),
+    ("below the yield stress, by number [%]", (("unyielded_fraction", 100.0, ""),)),
 )
 
 
-def history(rows, out):
-    """Panels of what history.csv holds against time: slump, spread, time step, iterations, speed, volume error."""
-    columns = _columns(rows)
-    t = columns["time_s"]
-    panels = []
-    for title, curves in PANELS:
+def panels_of(columns, numerics=False) -> list:
+    """Titles of panels and their curves (values, name), of columns of history.csv that hold numbers."""
+    lengths = [key for key in columns if key.endswith("_m") and key != "slump_max_m"]
+    panels = [(" and ".join(map(title, lengths[:2])) + ", ..." * (len(lengths) > 2) + " [cm]",
+               [(key, 100.0, title(key)) for key in lengths])]  # fmt: skip
+    panels += [("largest speed [m/s]", [("max_speed_m_s", 1.0, "")])]
+    heading = "share of the concrete that flows [%]: viscous stress over 5 % of the yield stress"
+    panels += [(heading, [("flowing_fraction", 100.0, "")])]
+    found = []
+    for heading, curves in (*panels, *(NUMERICS * numerics)):
         shown = [(columns[key] * factor, name) for key, factor, name in curves if key in columns]
         shown = [(values, name) for values, name in shown if np.isfinite(values).any()]
         if shown:
-            panels.append((title, shown))
+            found.append((heading, shown))
+    return found
+
+
+def history(rows, out, numerics=False):
+    """What history.csv holds against time: slump and spread or what else is measured, the largest speed, and the share
+    that flows (where the viscous stress is over 5 % of the yield stress); numerics: time step, iterations, errors."""
+    columns = _columns(rows)
+    columns = {key: values for key, values in columns.items() if np.isfinite(values).any()}
+    t, panels = columns.get("time_s"), panels_of(columns, numerics)
     if not panels:
         raise SceneError("history.csv: holds no numbers to draw; must hold a step of a run")
-    lines = -(-len(panels) // 2)
-    figure, axes = _figure(10.0, 2.3 * lines + 0.4, lines, 2, sharex=True, squeeze=False)
-    for panel, (title, curves) in zip(axes.flat, panels, strict=False):
+    lines, below = len(panels), 0.6  # [inches] for the label of the time
+    tall = 1.9 * lines + below
+    figure, axes = _figure(7.5, tall, lines, sharex=True, squeeze=False, layout=None)
+    figure.subplots_adjust(left=0.09, right=0.97, top=1.0 - 0.35 / tall, bottom=below / tall, hspace=0.35)
+    for panel, (heading, curves) in zip(axes.flat, panels, strict=True):
         for k, (values, name) in enumerate(curves):
-            panel.plot(t, values, color=COLOURS[k], label=name, lw=1.4, marker="." if len(t) < 3 else None)
-        panel.set_title(title, loc="left")
+            panel.plot(t, values, color=COLOURS[k % len(COLOURS)], label=name, marker="." if len(t) < 3 else None)
+        panel.set_title(heading, loc="left")
         panel.margins(x=0.0)
         if len(curves) > 1:
             panel.legend(loc="best", fontsize=10, frameon=False)
-    for panel in axes.flat[len(panels) :]:
-        panel.remove()
-    for panel in axes.flat[max(0, len(panels) - 2) : len(panels)]:
-        panel.set_xlabel("time [s]")
-        panel.tick_params(labelbottom=True)
+        if "[%]" in heading and "flows" in heading:
+            panel.set_ylim(-3.0, 103.0)
+    axes.flat[-1].set_xlabel("time [s]")
     return _save(figure, out)
 
 
