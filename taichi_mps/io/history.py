@@ -29,7 +29,6 @@ MEANING = {
     "volume_error": "change of the volume of what has a full neighbourhood, from the packing [-]",
     "volume_error_max": "largest size of it so far [-]",
 }
-FLOWS = 0.05  # viscous part of the stress over the yield stress from which a material is said to flow [-]
 SUM = "crc32"  # last column: checksum of the line of the names and of the row before it, as text "crc32:..."
 COLUMNS = tuple(MEANING)  # of every run; more by the measures of the scene
 LATER = {"volume_error_max", "flowing_fraction"}  # that older files do not have
@@ -81,9 +80,9 @@ class History:
 
 def row_of(sim, measures: dict) -> dict:
     """Row of history.csv of a simulation now; before the first step there is no report, and little to say."""
-    report, s = sim.report, sim.snapshot()
-    flowing = flowing_fraction(s, sim.scene)
+    report = sim.report
     if report is None:
+        s = sim.snapshot()
         masses = np.array([m.density for m in sim.scene.materials])[s.mix] * sim.scene.volumes_at(s.x)
         values = (
             0.0,
@@ -91,7 +90,7 @@ def row_of(sim, measures: dict) -> dict:
             float(s.speed.max()),
             0.5 * float((masses * s.speed**2).sum()),
             1.0 - s.yielded.mean(),
-            flowing,
+            0.0,
             0,
             0,
             0.0,
@@ -99,18 +98,10 @@ def row_of(sim, measures: dict) -> dict:
         )
     else:
         values = (report.time, report.dt, report.max_speed, report.kinetic_energy, report.unyielded_fraction)
-        values += (flowing, report.viscous_iterations, report.pressure_iterations)
+        values += (report.flowing_fraction, report.viscous_iterations, report.pressure_iterations)
         values += (report.volume_error, report.volume_error_max)
     keys = [key for key in COLUMNS if key not in ("slump_m", "spread_m")]
     return {**measures, **dict(zip(keys, values, strict=True))}
-
-
-def flowing_fraction(s, scene) -> float:
-    """Share of the volume that flows [-]: see MEANING."""
-    mixes = scene.materials
-    faster = np.array([FLOWS * m.yield_value / m.plastic_viscosity if m.yields else 0.0 for m in mixes])[s.mix]
-    volume = s.size**scene.dimension * (s.x[:, 0] if scene.axisymmetric else 1.0)
-    return float(volume[s.shear_rate > faster].sum() / volume.sum()) if len(s.x) else 0.0
 
 
 def line(values) -> str:

@@ -82,20 +82,11 @@ WORKAROUNDS = (
     Workaround(
         "remember_texts",
         TAICHI,
-        "For each expression of a kernel its text is wrapped, 65,000 times in a cone, and for each call of a function "
-        "in a kernel its source is looked up again and its lines are wrapped, 1,000 times.",
+        "For each expression of a kernel its text is wrapped and guarded by a generator, 65,000 times in a cone; for "
+        "each call of a function in a kernel its source is looked up, wrapped and parsed again, 1,000 times.",
         "test_speed_patches_change_no_bit",
         "Taichi is no longer supported: Quadrants remembers both",
-        gain=0.08,
-    ),
-    Workaround(
-        "build_quickly",
-        TAICHI,
-        "Each time a kernel calls a function its source is parsed again, 1,000 times in a cone; its module is searched "
-        "for; and a generator guards each of 50,000 nodes.",
-        "test_speed_patches_change_no_bit",
-        "Taichi is no longer supported",
-        gain=0.02,
+        gain=0.1,
     ),
     Workaround(
         "launch_directly",
@@ -213,8 +204,8 @@ def remember_texts() -> None:
     from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext
 
     ASTTransformerContext.get_pos_info = position
-    kernel_impl.getsourcefile = functools.cache(kernel_impl.getsourcefile)
-    kernel_impl.getsourcelines = functools.cache(kernel_impl.getsourcelines)
+    kernel_impl.getsourcefile = lambda function: function.__code__.co_filename
+    kernel_impl.getsourcelines = functools.cache(source_lines)
     kernel_impl.textwrap = SimpleNamespace(fill=functools.cache(textwrap.fill), dedent=functools.cache(textwrap.dedent))
 
 
@@ -225,9 +216,9 @@ def source_lines(function):
     return (inspect.getblock(lines), code.co_firstlineno) if lines else inspect.getsourcelines(function)
 
 
-def build_quickly() -> None:
+def remember_trees() -> None:
     """Parse the source of a function once, and use its tree again wherever it is called; nodes without a guard."""
-    if "build_quickly" not in SPEED_PATCHES:
+    if "remember_texts" not in SPEED_PATCHES:
         return
     from taichi.lang import impl, kernel_impl
     from taichi.lang.ast import ast_transformer_utils
@@ -262,8 +253,6 @@ def build_quickly() -> None:
 
     kernel_impl.ast = SimpleNamespace(parse=parse)
     kernel_impl.transform_tree = transform_and_keep
-    kernel_impl.getsourcelines = functools.cache(source_lines)
-    kernel_impl.getsourcefile = lambda function: function.__code__.co_filename
     ast_transformer_utils.Builder.__call__ = build_node
 
 
@@ -319,4 +308,4 @@ def wanted_speed_patches() -> set[str]:
 
 SPEED_PATCHES = wanted_speed_patches()
 remember_texts()
-build_quickly()
+remember_trees()

@@ -15,7 +15,7 @@ from .step_report import StepReport
 
 NOT_A_NUMBER = 1e12  # squared speed [m2/s2] that stands for what is not finite
 MOST_LOST = 0.2  # of the volume; impacts and thin films lose up to 0.05 (docs/stability.md)
-SUMS, SOLVE = 12, 3
+SUMS, SOLVE = 13, 3
 
 
 @ti.data_oriented
@@ -23,14 +23,14 @@ class Diagnostics:
     """Sums over the fluid particles of one scheme, and its solve."""
 
     def __init__(self, particles, gradient, material, yielded, solver, iterations, lattice):
-        """``material`` has density_of(i); ``iterations``: a field with those of all solves of a step."""
+        """``material`` has density_of(i), flows(i, rate); ``iterations``: a field with those of all solves of a step."""
         self.particles, self.gradient, self.material = particles, gradient, material
         self.yielded, self.solver, self.iterations = yielded, solver, iterations
         self.accelerates = "a" in particles.carried
         self.nearly_all = 0.9 * lattice.neighbours
         # number, max u^2, sum V, V u^2, V u^4, m u^2, unyielded; V packing, V of enclosed ones, of all with many
-        # neighbours: particles in pairs or clumps have a large surface normal, and would pass for a surface; V a^2.
-        # Iterations of the step; (r, z) and reference of the last solve over each other, and its status
+        # neighbours: particles in pairs or clumps have a large surface normal, and would pass for a surface; V a^2;
+        # V of what flows. Iterations of the step; (r, z) and reference of the last solve over each other, and its status
         self.numbers = np.zeros(SUMS + SOLVE)
         self.enclosed = 0.0  # part of the volume that has a full neighbourhood, from which the volume error is read [-]
         self.lost_volume = 0.0  # [m3]: negative where the fluid has become looser
@@ -41,7 +41,9 @@ class Diagnostics:
         flush()
         self._add(self.numbers)
         numbers = self.numbers.tolist()
-        count, speed2, whole, squares, fourths, energy, unyielded, packing, volume, crowd, room, pushes = numbers[:SUMS]
+        count, speed2, whole, squares, fourths, energy, unyielded, packing, volume, crowd, room, pushes, flowing = (
+            numbers[:SUMS]
+        )
         solves, ratio, status = numbers[SUMS:]
         self.enclosed = volume / whole if whole else 0.0
         self.lost_volume = room - room**2 / crowd if room else 0.0
@@ -57,6 +59,7 @@ class Diagnostics:
             acceleration=math.sqrt(pushes / whole) if whole else 0.0,
             kinetic_energy=0.5 * energy,
             unyielded_fraction=unyielded / count,
+            flowing_fraction=flowing / whole if whole else 0.0,
             viscous_iterations=iterations,
             pressure_iterations=int(solves),
             residual=abs(ratio) ** 0.5,
@@ -103,6 +106,8 @@ class Diagnostics:
                     sums[10] += volume
                 if ti.static(self.accelerates):
                     sums[11] += volume * ti.cast(self.particles.a[i].norm_sqr(), ti.f64)
+                if self.material.flows(i, self.particles.shear_rate[i]):
+                    sums[12] += volume
         sums[SUMS] = self.iterations[None]
         sums[SUMS + 1] = 0.0
         if self.solver.reference[None] != 0.0:

@@ -1,5 +1,6 @@
 """What one step did, and the error of a run that left the range where its numbers mean anything."""
 
+import math
 from dataclasses import asdict, dataclass
 
 
@@ -21,6 +22,7 @@ class StepReport:
     pressure_iterations: int  # of the linear solver: of the velocity (implicit), of the pressure (semi-implicit)
     residual: float  # relative, of the last solve
     volume_error: float  # full over mean packing, less 1, of the particles with a full neighbourhood [-]
+    flowing_fraction: float = math.nan  # of the volume: where the viscous stress is over 5 % of the yield stress [-]
     volume_error_max: float = 0.0  # largest size of it in the run so far [-]
 
     def _repr_html_(self):

@@ -5,6 +5,7 @@ import math
 
 from ..particles.particles import Carried
 from ..runtime.backend import real, ti
+from .rheology import FLOWS
 
 # What of a mix the kernels read from fields: a study compiles once for all values of these (study/reuse.py). Anything
 # else that a material has is compiled in.
@@ -140,6 +141,11 @@ class Constants:
         if ti.static(self.mixes > 1):
             mix = self.particles.mix[i]
         return mix
+
+    @ti.func
+    def flows(self, i, rate):
+        """Is the viscous part of the stress at a shear rate [1/s] more than FLOWS of the yield stress of particle i?"""
+        return self.eta[self.mix(i)] * rate > FLOWS * self.tau_y[self.mix(i)]
 
     @ti.func
     def density_of(self, i):

@@ -22,7 +22,7 @@ pi_c = 0.1 1/s, 10 across: 18 times the exact speed after 0.5 s and growing; 20 
 from ..particles.particles import DUMMY, FLUID
 from ..runtime.backend import double_field, real, ti
 from ..runtime.stages import flush, stage
-from .rheology import magnitude
+from .rheology import FLOWS, magnitude
 
 BLOCK = 1024  # particles per partial sum: the same bits with any number of threads
 
@@ -167,6 +167,11 @@ class ExplicitViscosity:
             self.yielded[i] = 1
             if ti.static(not self.newtonian):
                 self.yielded[i] = self.particles.shear_rate[i] >= 2.0 * self.pi_c
+
+    @ti.func
+    def flows(self, i, rate):
+        """Is the viscous part of the stress at a shear rate [1/s] more than FLOWS of the yield stress?"""
+        return self.eta * rate > FLOWS * self.tau_y
 
     @ti.func
     def density_of(self, i):

@@ -150,7 +150,8 @@ class Facets:
         if self.has_floor:
             column, row = np.arange(width, dtype=np.float32) + 0.5, np.arange(height, dtype=np.float32)[:, None] + 0.5
             ray = self.ray.astype(np.float32)
-            d = [ray[k, 0] * column + ray[k, 1] * row + ray[k, 2] for k in range(3)]
+            d = [ray[k, 1] * row + ray[k, 2] for k in range(3)]  # of a row of the picture, the same in all its columns
+            d = [d[k] + ray[k, 0] * column if ray[k, 0] else d[k] for k in range(3)]  # but for this
             down = d[2] < -1e-4
             t = np.float32(level) / np.where(down, d[2], np.float32(-1.0))
             x, y = (t * d[k] + np.float32(self.camera.eye[k]) for k in (0, 1))
