@@ -4,8 +4,8 @@
     python benchmarks/answer.py --against OTHER --pairs 5 --out benchmarks/results/answer.json
 
 Runs of the two checkouts take turns, for the machines are shared: what counts is the ratio of the medians. Cold: with
-an empty cache of kernels; warm: with the one that the cold run has left. The CPU seconds are those of the process and its
-children (os.times), from its start to its end, with frames, GIF and plots; `solve`: those of the steps after the first.
+an empty cache of kernels; warm: with the one that the cold run has left. The CPU seconds are those of the process
+(os.times), from its start to its end, with frames, GIF and plots; `solve`: those of the steps after the first.
 `--out` writes the table as JSON and, beside it, as Markdown.
 """
 

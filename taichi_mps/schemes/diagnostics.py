@@ -23,14 +23,14 @@ class Diagnostics:
     """Sums over the fluid particles of one scheme, and its solve."""
 
     def __init__(self, particles, gradient, material, yielded, solver, iterations, lattice):
-        """``material`` has density_of(i), flows(i, rate); ``iterations``: a field with those of all solves of a step."""
+        """``material`` has density_of(i) and flows(i, rate); ``iterations``: a field with all those of a step."""
         self.particles, self.gradient, self.material = particles, gradient, material
         self.yielded, self.solver, self.iterations = yielded, solver, iterations
         self.accelerates = "a" in particles.carried
         self.nearly_all = 0.9 * lattice.neighbours
         # number, max u^2, sum V, V u^2, V u^4, m u^2, unyielded; V packing, V of enclosed ones, of all with many
         # neighbours: particles in pairs or clumps have a large surface normal, and would pass for a surface; V a^2;
-        # V of what flows. Iterations of the step; (r, z) and reference of the last solve over each other, and its status
+        # V of what flows. Iterations of the step; (r, z) and reference of the last solve over each other, its status
         self.numbers = np.zeros(SUMS + SOLVE)
         self.enclosed = 0.0  # part of the volume that has a full neighbourhood, from which the volume error is read [-]
         self.lost_volume = 0.0  # [m3]: negative where the fluid has become looser
