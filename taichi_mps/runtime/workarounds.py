@@ -18,6 +18,7 @@ import os
 import textwrap
 import warnings
 from collections import defaultdict
+from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.util import find_spec
 from types import SimpleNamespace
@@ -185,6 +186,18 @@ def sine_by_f32(angle):
     """Sine [-] of an angle [rad] in f64, by that of f32: of the angle less whole turns."""
     turns = angle / (2.0 * math.pi)
     return ti.cast(ti.sin(ti.cast(2.0 * math.pi * (turns - ti.floor(turns)), ti.f32)), ti.f64)
+
+
+@contextmanager
+def compiled_plainly(wanted: bool):
+    """What is compiled meanwhile is, if wanted, not optimised by the language itself but by LLVM alone. That takes a
+    fifth less time; without fast_math no bit depends on it."""
+    settings = ti.lang.impl.current_cfg()
+    before, settings.advanced_optimization = settings.advanced_optimization, not wanted
+    try:
+        yield
+    finally:
+        settings.advanced_optimization = before
 
 
 # ---- speed patches --------------------------------------------------------------------------------------------------
