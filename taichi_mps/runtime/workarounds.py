@@ -158,7 +158,7 @@ def compiled_now():
 
 
 # ---- cures ----------------------------------------------------------------------------------------------------------
-OPTIONS = {"cfg_optimization": False}  # of ti.init
+OPTIONS = {"cfg_optimization": False, "unrolling_limit": 0}  # of ti.init; a warning of what is meant to be unrolled
 MOST_TREES, TREES_OF_A_SIMULATION = 512, 32  # measured 5 to 6 a Simulation, and 3 more for each solid with inner edges
 
 

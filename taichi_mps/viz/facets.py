@@ -52,6 +52,7 @@ def across(points, values, triangles, which, column, row):
     a, b, c = (points[triangles[:, k], :2] for k in range(3))
     first, second = b - a, c - a
     area = (first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0])[:, None]
+    area[area == 0.0] = 1.0  # of what no pixel is in
     start, there, beyond = (values[triangles[:, k]] for k in range(3))
     there, beyond = (there - start) / area, (beyond - start) / area
     to_right = there * second[:, 1:] - beyond * first[:, 1:]
@@ -225,10 +226,11 @@ class Facets:
         i, j = np.nonzero(covered)
         chosen = hits[:, i, j].argmax(0)  # of the samples of a pixel the one that is shaded
         hit = hits[chosen, i, j]
-        mean = across(points, colours, triangles, hit, s * j + chosen % s + 0.5, s * i + chosen // s + 0.5)
+        shown = np.column_stack([colours, points[:, 2]])
+        shown = across(points, shown, triangles, hit, s * j + chosen % s + 0.5, s * i + chosen // s + 0.5)
         part, share = picture[top:bottom, left:right], covered[i, j, None]
-        part[i, j] = bytes_of(part[i, j] * ((1.0 - share) / np.float32(255.0)) + mean * share)
-        depth[top:bottom, left:right][i, j] = points[triangles, 2].mean(1)[hit]
+        part[i, j] = bytes_of(part[i, j] * ((1.0 - share) / np.float32(255.0)) + shown[:, :3] * share)
+        depth[top:bottom, left:right][i, j] = shown[:, 3]
 
 
 def bytes_of(colours):

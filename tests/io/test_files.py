@@ -323,7 +323,6 @@ def test_an_export_holds_every_output_with_its_time(tmp_path, plane):
 
 
 def test_a_smooth_surface_is_closed_and_holds_the_volume_of_the_particles(tmp_path):
-    pytest.importorskip("pysplashsurf", reason="pysplashsurf is not installed: pip install 'taichi-mps[surface]'")
     scene = catalogue.build("slump", spacing=0.0125)
     x = scene.fluid + np.random.default_rng(1).normal(0.0, 0.1 * scene.spacing, scene.fluid.shape)
     assert export.vtu([vtkhdf.Replay(scene, still(x, scene.spacing))], tmp_path, smooth=True) == 1
@@ -343,7 +342,6 @@ def test_a_smooth_surface_is_closed_and_holds_the_volume_of_the_particles(tmp_pa
 @pytest.mark.parametrize("model", ["full", "quarter", "axisymmetric"])
 def test_the_surface_of_a_part_is_that_of_the_whole_body(model):
     """Closed, around the volume of the paper's cone, with normals outward and the fields of the particles."""
-    pytest.importorskip("pysplashsurf", reason="pysplashsurf is not installed: pip install 'taichi-mps[surface]'")
     scene = catalogue.build("slump", spacing=0.0125, model=model)
     x = scene.fluid
     part = replace(

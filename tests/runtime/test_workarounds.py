@@ -192,6 +192,63 @@ def ends(path, precision, **environment):
     return np.load(path)
 
 
+WIDE = """
+import warnings
+import numpy as np
+import taichi_mps as mps
+from taichi_mps.runtime.backend import ti
+from taichi_mps.runtime.field_io import FieldIO
+mps.init("cpu")
+warnings.simplefilter("error")
+fields = {f"a{k}": ti.field(ti.f64, 2) for k in range(40)}
+passage = FieldIO(fields, 2)
+passage.load({"a39": np.array([1.0, 2.0])}, 2)
+print(passage.read(2)["a39"].tolist())
+"""
+
+
+def test_what_is_meant_to_be_unrolled_gives_no_warning():
+    done = child(WIDE)
+    assert done.stdout.splitlines()[-1] == "[1.0, 2.0]" and "unrolling" not in done.stderr
+
+
+SELF = """
+import sys
+import taichi_mps as mps
+from taichi_mps.runtime.backend import ti
+mps.init("cpu")
+
+@ti.func
+def nested(n: ti.template()):
+    r = 1.0 * n
+    if ti.static(n > 0):
+        r = r + 2 * nested(n - 1) + r
+    return r
+
+@ti.kernel
+def outer() -> ti.f32:
+    return nested(4)
+
+@ti.kernel
+def wrong():
+    for i in range(3):
+        x = i + missing
+
+print(outer())
+try:
+    wrong()
+except Exception as error:
+    print("missing" in str(error), "line 21" in str(error))
+"""
+
+
+def test_a_function_that_calls_itself_while_compiled_and_an_error_inside_of_one(tmp_path):
+    script = tmp_path / "self.py"
+    script.write_text(SELF)
+    done = child(f"import runpy; runpy.run_path({str(script)!r})")
+    assert done.stdout.splitlines()[-2:] == ["52.0", "True True"]
+
+
 @only_taichi
 def test_speed_patches_change_no_bit(tmp_path):
     on, off = (ends(tmp_path / f"{switch}.npz", "f32", TAICHI_MPS_WORKAROUNDS=switch) for switch in "10")

@@ -86,22 +86,25 @@ def test_history_draws_a_panel_for_each_quantity_that_has_numbers(tmp_path, figu
         "dt_s": 0.01 + 0 * TIME,
         "volume_error": 1e-3 * TIME,
     }
+    rows |= {"flowing_fraction": np.linspace(1.0, 0.0, 50)}
     rows |= {"viscous_iterations": 20 + TIME, "max_speed_m_s": np.exp(-TIME), "front_m": np.full(50, np.nan)}
     out = plots.history(rows, tmp_path / "history.png")
-    assert size(out)[0] == 1500
-    titles = [axes.get_title(loc="left") for axes in figures[0].axes]
+    titles = [axes.get_title(loc="left").partition(":")[0] for axes in figures[0].axes]
     assert titles == [
-        "slump and spread [cm]",
-        "time step [ms]",
-        "iterations",
-        "maximum speed [m/s]",
-        "volume error [%]",
+        "slump and slump-flow diameter [cm]",
+        "largest speed [m/s]",
+        "share of the concrete that flows [%]",
     ]
-    assert all(axes.get_xlim() == (0.0, 4.0) for axes in figures[0].axes)
+    assert size(out)[0] == 1125 and all(axes.get_xlim() == (0.0, 4.0) for axes in figures[0].axes)
+    flowing = figures[0].axes[2].lines[0].get_ydata()
+    assert flowing[0] == 100.0 and flowing[-1] == 0.0
+    plots.history(rows, tmp_path / "numerics.png", numerics=True)
+    titles = [axes.get_title(loc="left") for axes in figures[1].axes]
+    assert titles[3:] == ["time step [ms]", "iterations", "volume error [%]"]
 
 
 def test_history_takes_a_list_of_rows_and_a_single_row(tmp_path):
-    assert size(plots.history([{"time_s": 0.0, "slump_m": 0.0, "dt_s": 0.01}], tmp_path / "history.png"))[0] == 1500
+    assert size(plots.history([{"time_s": 0.0, "slump_m": 0.0, "dt_s": 0.01}], tmp_path / "history.png"))[0] == 1125
 
 
 def test_convergence_has_a_panel_for_each_error_and_guides_of_its_orders(tmp_path, figures):
