@@ -3,8 +3,11 @@ rate and pressure that follow. They stand in fields, so another material is othe
 
 import math
 
+import numpy as np
+
 from ..particles.particles import Carried
 from ..runtime.backend import real, ti
+from ..runtime.stages import flush
 from .rheology import FLOWS
 
 # What of a mix the kernels read from fields: a study compiles once for all values of these (study/reuse.py). Anything
@@ -49,11 +52,12 @@ class Constants:
     def __init__(self, particles, problem):
         mixes = len(problem.materials)
         self.particles, self.mixes = particles, mixes
-        of_mix = [ti.field(real(), mixes) for _ in range(6)]
+        self.of_mix = of_mix = [ti.field(real(), mixes) for _ in range(6)]
         self.density, self.eta, self.tau_y, self.pi_c = of_mix[:4]  # [kg/m3], [Pa s], [Pa], [1/s]
         self.mu_r = of_mix[4]  # penalty that ties the strain rate to the yield law [Pa s]
         self.inertial = of_mix[5]  # hourglass resistance of a thin fluid [Pa s]
-        of_scene = [ti.field(real(), ()) for _ in range(6)]
+        self.of_scene = of_scene = [ti.field(real(), ()) for _ in range(6)]
+        self.numbers = np.zeros((12, mixes))  # of both, as they are sent to the fields: one kernel instead of twelve
         self.layer_pressure = of_scene[0]  # of half a layer of particles [Pa]
         self.slowest = of_scene[1]  # rate of the bonds below which their resistance stops growing [1/s]
         self.bulk = of_scene[2]  # K [Pa s]
@@ -87,9 +91,9 @@ class Constants:
             min(longest_step(m.plastic_viscosity / m.density, *body, times) for m in materials) for times in (1.0, LONG)
         )
         self.max_time_step = self.quiet_step = numerics.max_time_step or longest
-        self.early_enough[None] = 0.0
+        early_enough = 0.0
         if all(m.yields for m in materials) and quiet > longest:
-            self.early_enough[None] = EARLY_ENOUGH
+            early_enough = EARLY_ENOUGH
             if numerics.max_time_step is None:
                 self.quiet_step = quiet
         self.quiet, self.still = QUIET * scene.spacing, STILL * scene.spacing
@@ -104,14 +108,11 @@ class Constants:
         ]
         self.plastic = [PENALTY[1] * m.yield_value * step for m in materials]
         for k, m in enumerate(materials):
-            self.density[k], self.eta[k], self.tau_y[k] = m.density, m.plastic_viscosity, m.yield_value
-            self.pi_c[k] = m.critical_strain_rate or 0.0
-            self.inertial[k] = INERTIAL * m.density * scene.spacing**2 / step
-        self.layer_pressure[None] = 0.5 * density * max(gravity, 0.1) * scene.spacing
-        self.slowest[None] = SLOWEST / step
-        self.own_step[None] = step
+            self.numbers[:4, k] = m.density, m.plastic_viscosity, m.yield_value, m.critical_strain_rate or 0.0
+            self.numbers[5, k] = INERTIAL * m.density * scene.spacing**2 / step
+        layer_pressure = 0.5 * density * max(gravity, 0.1) * scene.spacing
+        self.numbers[6:, 0] = layer_pressure, SLOWEST / step, 0.0, density * head / height, step, early_enough
         self.stiff = STIFFNESS * density * head * min(step, self.max_time_step)
-        self.drive[None] = density * head / height
         self.stretched = 0.0
         self.set_time_step(self.max_time_step)
 
@@ -130,9 +131,18 @@ class Constants:
         if self.stretched == last:
             return
         penalties = [max(viscous, self.stretched * p) for viscous, p in zip(self.viscous, self.plastic, strict=True)]
-        for k, mu_r in enumerate(penalties):
-            self.mu_r[k] = mu_r
-        self.bulk[None] = max(self.stiff, VISCOUS_STIFFNESS * max(penalties))
+        self.numbers[4] = penalties
+        self.numbers[8, 0] = max(self.stiff, VISCOUS_STIFFNESS * max(penalties))
+        flush()
+        self._send(self.numbers)
+
+    @ti.kernel
+    def _send(self, numbers: ti.types.ndarray(ti.f64, 2)):
+        for k in range(self.mixes):
+            for row, field in ti.static(enumerate(self.of_mix)):
+                field[k] = ti.cast(numbers[row, k], field.dtype)
+        for row, field in ti.static(enumerate(self.of_scene)):
+            field[None] = ti.cast(numbers[6 + row, 0], field.dtype)
 
     @ti.func
     def mix(self, i):
