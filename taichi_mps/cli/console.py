@@ -93,7 +93,7 @@ def in_time(seconds: float) -> str:
     return f"{seconds:.0f} s"
 
 
-def result(summary: dict, folder, verbose=False, stages=(), traffic=None) -> None:
+def result(summary: dict, folder, verbose=False, stages=(), traffic=None, spent=None) -> None:
     """The result for a reader, on stdout: sentences, then each number and what it is; the numerics if asked."""
     from rich.console import Console
     from rich.markup import escape
@@ -111,6 +111,8 @@ def result(summary: dict, folder, verbose=False, stages=(), traffic=None) -> Non
     shown = Table(title="numerics", show_header=False)
     for name, value in numerics(summary):
         shown.add_row(escape(name), escape(value))
+    for name, seconds in (spent or {}).items():
+        shown.add_row(f"processor time, {name}", f"{seconds:.2f} s")
     whole = sum(seconds for _, seconds, _ in stages)
     for stage, seconds, calls in sorted(stages, key=lambda entry: -entry[1]):
         each = seconds / max(calls, 1)

@@ -5,6 +5,7 @@ import json
 import math
 import signal
 import sys
+import time
 import warnings
 from contextlib import contextmanager, redirect_stdout
 
@@ -34,20 +35,20 @@ def carry_out(sim, folder, options, source, as_json, resumed=False) -> int:
     every = options.every or rounded(until / 100)
     settings = options.model_dump(exclude={"out", "overwrite", "profile", "quiet", "verbose"}, exclude_none=True)
     settings |= {"every": every}
-    error = None
+    error, start, draw = None, time.process_time(), Clock(pictures(folder.frames, options))
     if not (as_json or options.quiet):
         warnings.filterwarnings("ignore", "volume_error_max")  # the result says it in its own words
     with interruptible(sim) as signals:
         if not resumed:
             folder.create(options.overwrite)
         folder.case.write_text(case_file.text(source, sim.scene, sim.numerics, settings), encoding="utf-8")
-        recorder = Recorder(folder, sim, every, source, settings, pictures(folder.frames, options))
+        recorder = Recorder(folder, sim, every, source, settings, draw)
         try:
             with progress(sim, recorder, options):
                 stopped_by = sim.run() if sim.time < until - 1e-9 else "time"
         except DivergedError as failure:
             stopped_by, error = failure.stopped_by, str(failure)
-    summary = recorder.finish(stopped_by, error)
+    summary, end = recorder.finish(stopped_by, error), time.process_time()
     if folder.pictures:
         gif(folder.pictures, folder.animation)
     voids(folder, sim.scene, sim.snapshot())
@@ -58,11 +59,27 @@ def carry_out(sim, folder, options, source, as_json, resumed=False) -> int:
     elif not options.quiet:
         from ..simulation.roofline import traffic
 
-        result(summary, folder, options.verbose, sim.profile(), traffic(sim))
+        spent = {"before the run": start, "run and its files": end - start - draw.seconds, "pictures": draw.seconds}
+        spent |= {"animation and plots": time.process_time() - end}
+        result(summary, folder, options.verbose, sim.profile(), traffic(sim), spent)
     if error:
         print(f"taichi-mps: {plain(error)}; resume from {plain(folder.checkpoint)}", file=sys.stderr)
         return DIVERGED
     return 128 + signals[0] if stopped_by == "interrupted" else DONE
+
+
+class Clock:
+    """A function, and the CPU seconds that it has taken."""
+
+    def __init__(self, function):
+        self.function, self.seconds = function, 0.0
+
+    def __call__(self, *arguments):
+        start = time.process_time()
+        try:
+            return self.function(*arguments)
+        finally:
+            self.seconds += time.process_time() - start
 
 
 def rounded(interval: float) -> float:
