@@ -35,7 +35,7 @@ def carry_out(sim, folder, options, source, as_json, resumed=False) -> int:
     every = options.every or rounded(until / 100)
     settings = options.model_dump(exclude={"out", "overwrite", "profile", "quiet", "verbose"}, exclude_none=True)
     settings |= {"every": every}
-    error, start, draw = None, time.process_time(), Clock(pictures(folder.frames, options))
+    error, start, draw = None, time.process_time(), Clock(pictures(folder.frames, options) or (lambda *_: None))
     if not (as_json or options.quiet):
         warnings.filterwarnings("ignore", "volume_error_max")  # the result says it in its own words
     with interruptible(sim) as signals:
