@@ -16,18 +16,22 @@ import taichi_mps as mps
 from taichi_mps.units import Duration, Length, Speed
 
 TALLEST = 3.0  # [m]; a cone beyond was given in centimetres
-FLOOR = 0.37  # radius [m] of the floor, which has half as much room around it, for mixes that stay on both
+BASE, FLOOR = 0.1, 0.37  # radii [m] of the standard cone, and of a floor for it; half as much room is around that
 
 # Rest slump of the standard cone by finite elements with inertia, rho = 2300 kg/m3, eta = 50 Pa s, true Bingham:
 # yield stress [Pa], slump over r < 20 mm [m]; own solution, +-0.4 mm
 AT_REST = np.array([[100.0, 0.2482], [300.0, 0.2173], [500.0, 0.1799], [1000.0, 0.1015]])
+TO_REST, WITHOUT = 120.0, 5.0  # time limits [s] of what comes to rest by itself, and of what does not
 
 
-def floor_for(cone, material):
-    """Radius [m] of a floor on which the mix stays. Single particles of thin mixes roll twice as far as their body."""
+def floor_for(cone, material, until):
+    """Radius [m] of a floor on which the mix stays until then [s]: half as far again as it flows in 30 sqrt(H/g), 5 s.
+    Single particles of thin mixes roll twice as far as their body."""
     numbers = material.density, material.yield_value, material.plastic_viscosity
-    far = mps.rest_shapes.radius_of_flow(cone.volume, cone.height, *numbers)
-    return FLOOR if max(far, cone.base_radius) < 1.3 * FLOOR else 1.5 * far
+    time = min(until, 30.0 * (cone.height / 9.81) ** 0.5)
+    far = mps.rest_shapes.radius_of_flow(cone.volume, cone.height, *numbers, time=time)
+    usual = FLOOR * (cone.base_radius / BASE)
+    return usual if max(far, cone.base_radius) < 1.3 * usual else 1.5 * far
 
 
 def rings_in(cone, spacing):
@@ -52,7 +56,7 @@ def scene(
     height: Length = Field(0.3, description="height of the cone"),
     floor_radius: Length | None = Field(None, description="radius of the floor, by default as far as the mix can flow"),
     lift_speed: Speed | None = None,
-    until: Duration = 5.0,
+    until: Duration | None = None,
     model: Literal["full", "half", "quarter", "axisymmetric"] = "full",
     accuracy: Length | None = None,
 ) -> mps.Scene:
@@ -65,8 +69,9 @@ def scene(
         raise mps.SceneError(f"height = {height:g} m: must be at most {TALLEST:g} m; 300mm and 30cm are lengths, too")
     if lift_speed is not None and model != "full":
         raise mps.SceneError(f"lift_speed = {lift_speed:g} m/s: a mould that is lifted needs model = full, not {model}")
+    until = until or (TO_REST if material.rests else WITHOUT)
     cone = mps.Cone(0.5 * base_diameter, 0.5 * top_diameter, height)
-    reach = floor_radius or floor_for(cone, material)
+    reach = floor_radius or floor_for(cone, material, until)
     mirrors = [mps.Plane((0.0, 0.0, 0.0), normal, mirror=True) for normal in ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0))]
     mirrors = mirrors[: {"half": 1, "quarter": 2}.get(model, 0)]
     west = -spacing if model == "quarter" else -1.5 * reach

@@ -69,7 +69,7 @@ def progress(sim, recorder, options):
         task = bar.add_task("getting ready (the first run takes longest)", total=1.0, left="")
 
         def show(sim):
-            end = min(until, sim.rest.expected(sim.time) or until)
+            end = min(until, sim.rest.expected(sim) or until)
             share = (sim.time - start) / (end - start)
             left = (time.monotonic() - begun) * (1.0 - share) / max(share, 1e-3)
             name = next((name for name in LEADING if name in recorder.measures), None)

@@ -25,6 +25,9 @@ from .options import Parser, Pictures, Run, Table, given, scene_of
 from .run import BAD_INPUT, DONE, carry_out, start
 from .study import COMMANDS as STUDY
 
+WITHOUT_REST = (
+    5.0  # time limit [s] of a scene without one, by the scheme in which a body does not come to rest by itself
+)
 MISSED = 1  # what validate returns where not all is as it should be
 SCENE_FILE = "the Python file of the scene, where it is not a built-in one"
 
@@ -52,7 +55,10 @@ def planned(command, argv):
 
     options = Run(**given(arguments, Run))
     method = numerics(**given(arguments, numerics))
-    scene = catalogue.build(arguments.scene, **given(arguments, function.parameters))
+    keywords = given(arguments, function.parameters)
+    if scheme == "semi-implicit" and own_until and function.parameters.model_fields["until"].default is None:
+        keywords.setdefault("until", WITHOUT_REST)
+    scene = catalogue.build(arguments.scene, **keywords)
     if options.until:
         scene = replace(scene, until=options.until)
     return arguments, options, scene, method

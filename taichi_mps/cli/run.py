@@ -14,6 +14,7 @@ from . import case_file
 from .console import curves, pictures, progress, report, result, voids
 from .stopped import SIGNALS, Stopped, came
 
+OUTPUTS_OF_A_FALL = 0.3  # interval of the outputs over sqrt(H/g): what comes to rest falls much faster than it creeps
 DONE, BAD_INPUT, DIVERGED = 0, 2, 3  # what a command returns; ended by a signal: 128 and its number
 
 
@@ -32,7 +33,8 @@ def carry_out(sim, folder, options, source, as_json, resumed=False) -> int:
     from ..viz.render import gif
 
     until = sim.scene.until
-    every = options.every or rounded(until / 100)
+    longest = OUTPUTS_OF_A_FALL * sim.problem.fall_time if sim.scene.stop_at_rest else until
+    every = options.every or rounded(min(until / 100, longest))
     settings = options.model_dump(exclude={"out", "overwrite", "profile", "quiet", "verbose"}, exclude_none=True)
     settings |= {"every": every}
     error, start, draw = None, time.process_time(), Clock(pictures(folder.frames, options) or (lambda *_: None))

@@ -6,6 +6,8 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from ..units import SceneError, suggestion
 from .accuracy import choose
 from .materials import Bingham
@@ -80,7 +82,8 @@ def build(name: str, /, **keywords) -> Scene:
     """The Scene of a name or a file, with every keyword it was made from in ``parameters``."""
     function = load(name)
     try:
-        scene = function(**keywords)
+        with np.errstate(all="ignore"):  # what overflows here is refused, by name
+            scene = function(**keywords)
     except SceneError:
         raise
     except Exception as error:

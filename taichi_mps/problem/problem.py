@@ -8,7 +8,7 @@ from .feasibility import RULES
 from .numerics import Implicit, SemiImplicit
 from .scene import Scene
 
-SHORTEST_REST = 0.2  # resting_time [s] of a mix that stops at once
+WEIGHTLESS = 0.1  # of a scene without weight: its gravity over U^2/H, or [m/s2] where nothing moves
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,13 +58,34 @@ class Problem:
             return "newtonian"
         return "bingham" if yielding[0].critical_strain_rate is None else "bi-viscosity"
 
+    @property
+    def rests(self) -> bool:
+        """Does it come to rest? Only a true yield stress of every mix brings a body to rest."""
+        return all(material.rests for material in self.materials)
+
     @cached_property
-    def resting_time(self) -> float:
-        """Time [s] in which a flow decays, the longest eta/tau_y of the mixes, 0.2 s at least. Infinite if one of them
-        never comes to rest: only a true yield stress brings a body to rest."""
-        if not all(material.rests for material in self.materials):
-            return float("inf")
-        return max(SHORTEST_REST, *(material.plastic_viscosity / material.yield_value for material in self.materials))
+    def height(self) -> float:
+        """Height of the fluid [m], as high as it will be."""
+        fluid = self.expected.fluid
+        return float(fluid[:, -1].max() - fluid[:, -1].min()) + self.expected.spacing
+
+    @cached_property
+    def speed(self) -> float:
+        """Largest speed [m/s] that is given: of the fluid at first, or of a wall."""
+        velocity = self.expected.velocity
+        fluid = [float((velocity**2).sum(1).max() ** 0.5)] if velocity is not None else []
+        return max(fluid + [wall.speed for wall in self.expected.walls] + [0.0])
+
+    @cached_property
+    def gravity(self) -> float:
+        """Gravity [m/s2] of the scales of the scene; without weight by what moves."""
+        weight = float((self.expected.gravity_vector**2).sum() ** 0.5)
+        return max(weight, WEIGHTLESS * self.speed**2 / self.height) or WEIGHTLESS
+
+    @property
+    def fall_time(self) -> float:
+        """sqrt(H/g) [s], in which the body would fall half of its height."""
+        return (self.height / self.gravity) ** 0.5
 
     @cached_property
     def expected(self) -> Scene:

@@ -1,24 +1,24 @@
-"""When a body is at rest (I15)."""
+"""When a body is at rest (I15): when hardly a way is left to go, by the decay that was seen."""
 
 import math
 from dataclasses import dataclass
 
 import numpy as np
 
-OF_WHAT_MOVES = 0.1  # way [l0] that what moves may still have before it in the material's own time
-QUIET = 0.2  # [s] for which hardly a way must have been left
-OF_THE_BODY = 0.5  # way [l0] that the body may still have before it if it slows down as it has done
+LEFT = 1.0 / 600.0  # way over the height of the body that may be left: 0.5 mm of a slump cone
+FOLD = math.e  # by this factor the speed must fall for a decay to be known, or rise for another motion
+PAUSE = 1.15  # times sqrt(H/g), 0.2 s of a slump cone: for so long hardly a way must have been left
 
 
 @dataclass
 class Rest:
-    """Since when a simulation rests, and its largest mean speed, with its time."""
+    """What is known of the decay of a motion: the speed at its last fold, when that was, and how long the fold before
+    took."""
 
-    since: float | None = None  # [s]
-    fastest: float = 0.0  # [m/s]
-    fastest_at: float = 0.0  # [s]
-    way: float = 0.0  # that may be left now, over the spacing
-    way_then: float = 0.0  # the same when it was fastest
+    since: float | None = None  # since when hardly a way is left [s]
+    speed: float = 0.0  # of what moves, at the last fold [m/s]
+    at: float = 0.0  # time of that fold [s]
+    fold: float = 0.0  # time that the fold took [s]; 0 as long as nothing has fallen
 
     def __post_init__(self):
         """TypeError for what a checkpoint should not hold."""
@@ -26,37 +26,47 @@ class Rest:
             if not isinstance(value, int | float) and (key, value) != ("since", None):
                 raise TypeError(f"rest: {key} = {value!r} is not a number")
 
+    @classmethod
+    def of(cls, state: dict) -> "Rest":
+        """From what a checkpoint holds; earlier versions held the largest speed and its time."""
+        if "fastest" in state:
+            return cls(state["since"], state["fastest"], state["fastest_at"])
+        return cls(**state)
+
     def reached(self, sim) -> bool:
-        """Is there hardly a way left? eta/tau_y is the time in which a Bingham flow decays where it ceases as a whole:
-        a slow flow of a viscous mix is not taken for rest, nor a front before a large body that stands. A thin layer
-        goes on as 1/t^2; what is left there is speed times age."""
-        window = sim.problem.resting_time
-        if not math.isfinite(window):
+        """Is there hardly a way left? What is left of an exponential decay is the speed times the time in which it
+        falls by e; where it falls slower than before, the time since the last fold counts, and where it has not fallen
+        yet, sqrt(H/g). Never, where a mix has no true yield stress."""
+        problem = sim.problem
+        if not problem.rests:
             return False
-        report = sim.report
-        if report.mean_speed >= self.fastest:
-            self.fastest, self.fastest_at = report.mean_speed, sim.time
-        ways = (
-            report.moving_speed * window / OF_WHAT_MOVES,
-            report.mean_speed * (sim.time - self.fastest_at) / OF_THE_BODY,
-        )
-        self.way = max(ways) / sim.scene.spacing
-        if self.fastest_at == sim.time:
-            self.way_then = self.way
-        if self.way > 1.0 or pushed(sim):
+        speed, now = sim.report.moving_speed, sim.time
+        if speed > FOLD * self.speed:
+            self.speed, self.at, self.fold, self.since = speed, now, 0.0, None
+        elif speed * FOLD <= self.speed:
+            folds = math.log(self.speed / speed) if speed > 0.0 else math.inf
+            self.fold, self.speed, self.at = (now - self.at) / folds, speed, now
+        if self.left(sim) > LEFT * problem.height or pushed(sim):
             self.since = None
             return False
         if self.since is None:
-            self.since = sim.time
-        return sim.time - self.since >= QUIET
+            self.since = now
+        return now - self.since >= PAUSE * problem.fall_time
 
-    def expected(self, time: float) -> float | None:
-        """When [s] the body will be at rest if the way that is left goes on to decay as it has since it was fastest; a
-        guess, for who waits. None where nothing decays yet."""
-        if not 0.0 < self.way < 0.9 * self.way_then:
+    def left(self, sim) -> float:
+        """Way [m] that is left now."""
+        return sim.report.moving_speed * max(self.fold or sim.problem.fall_time, sim.time - self.at)
+
+    def expected(self, sim) -> float | None:
+        """When [s] the body will be at rest if the speed goes on to fall as it did; a guess, for who waits. None where
+        nothing falls yet."""
+        if self.fold <= 0.0:
             return None
-        decay = math.log(self.way_then / self.way) / (time - self.fastest_at)
-        return (time + math.log(self.way) / decay if self.way > 1.0 else self.since or time) + QUIET
+        pause = PAUSE * sim.problem.fall_time
+        if self.since is not None:
+            return self.since + pause
+        left = self.left(sim) / (LEFT * sim.problem.height)
+        return sim.time + max(self.fold, sim.time - self.at) * max(0.0, math.log(left)) + pause
 
 
 def pushed(sim) -> bool:

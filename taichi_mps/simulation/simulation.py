@@ -116,12 +116,17 @@ class Simulation:
         ]
         return max(jets), min([until or math.inf, *starts])
 
-    def _choose_time_step(self, jet, until) -> tuple[float, str]:
-        """The next step [s] and what bounds it."""
+    def _limits(self, jet) -> dict[str, float]:
+        """What bounds the next step [s], by name, beside a jet of this speed [m/s]."""
         speed = max(self.report.max_speed if self.report else self._initial_speed(), self._wall_speed, jet)
         limits = self.scheme.time_step_limits(Speeds(speed, self.report.acceleration if self.report else math.inf))
         if self._last_dt is not None:
             limits["growth"] = 2.0 * self._last_dt
+        return limits
+
+    def _choose_time_step(self, jet, until) -> tuple[float, str]:
+        """The next step [s] and what bounds it."""
+        limits = self._limits(jet)
         name = min(limits, key=limits.get)
         dt = self._last_dt = limits[name]
         if until is not None and until - self.time < dt * (1 + 1e-9):
@@ -217,7 +222,7 @@ class Simulation:
         if self.time >= until - INSTANT:
             self.stopped_by = "time"
         while self.stopped_by is None:
-            upcoming = min([until] + [interval * (done + 1) for interval, _, done in self._schedules])
+            upcoming = min([until] + [self._next_due(interval) for interval, *_ in self._schedules])
             self.step(max(upcoming, self.time + INSTANT))
             self._why_stop(until)  # notes since when the body rests, which a checkpoint of this step must know
             for callback in self._each_step:
@@ -228,11 +233,19 @@ class Simulation:
         judge(self)
         return self.stopped_by
 
+    def _next_due(self, interval) -> float:
+        """The next time [s] at which a step must end for a callback: a multiple of its interval, and where steps have
+        grown longer than that, of 2, 4, 8 ... intervals, so that it does not shorten them."""
+        pace = min(self._limits(0.0).values()) if self.report and not self.pouring else 0.0
+        stride = interval * 2.0 ** max(0, math.floor(math.log2(pace / interval))) if pace > interval else interval
+        return stride * (math.floor(self.time / stride + 1e-6) + 1)
+
     def _call_schedules(self, last=False):
         for schedule in self._schedules:
             interval, callback, done = schedule
             due = math.floor(self.time / interval + 1e-6)
-            if due > done or last:
+            on_time = abs(self.time / interval - round(self.time / interval)) < 1e-6
+            if (due > done and on_time) or last:
                 schedule[2] = max(due, done)
                 callback(self)
 
@@ -301,7 +314,7 @@ class Simulation:
         self.report = None
         if told := state["report"]:  # a checkpoint of before has only the error of its last step
             self.report = StepReport(**{"volume_error_max": abs(told["volume_error"]), **told})
-        self.rest = Rest(**state["rest"])
+        self.rest = Rest.of(state["rest"])
         for pouring, carried in zip(self.pouring, state.get("pouring", []), strict=True):
             pouring.entered, pouring.delay = carried
         self.walls.place(self.time)

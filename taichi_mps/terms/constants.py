@@ -15,7 +15,9 @@ from .rheology import FLOWS
 FIELDS_OF_A_MIX = ("density", "plastic_viscosity", "yield_value", "critical_strain_rate")
 
 INERTIAL = 0.5  # hourglass modes of a thin fluid decay within two natural steps or so: h += 0.5 rho l0^2/step
-SLOWEST = 5e-3  # strain per natural step below which the hourglass resistance of a yield-stress fluid stops growing
+# Strain per step, a natural one at least, below which the hourglass resistance of a yield-stress fluid stops growing:
+# what is slower creeps by the motion that the gradient does not see, at a rate that no yield stress stops
+SLOWEST = 5e-3
 # K = STIFFNESS rho (g H + U^2) times the natural step: that pressure compresses by 1/75 in an iteration
 STIFFNESS = 75.0
 VISCOUS_STIFFNESS = 8.0  # and K >= 8 mu_r: a slow flow is resisted by its viscosity, not by its weight
@@ -23,11 +25,12 @@ VISCOUS_STIFFNESS = 8.0  # and K >= 8 mu_r: a slow flow is resisted by its visco
 # also half the geometric mean of eta and rho H^2/dt, or a plug that stops springs back
 PENALTY = 6.0, 64.0, 0.5
 
-LONG = 2.0  # steps longer than this many of the scene's own take back less of the hourglass resistance
+LONG = 200.0  # no step is longer than this many of the scene's own; such take back less of the hourglass resistance
 # Where what yields falls, a solve before the last one takes off no more of its residual: the new stress brings as much
 EARLY_ENOUGH = 0.1
 QUIET = 0.005  # a flow is quiet where the change of its velocity in a step moves particles by no more of l0
-STILL = 1e-4  # way [l0] in a step below which all is still: each step takes off most of what is left, so not fewer
+FASTEST = 0.175, 1.0  # largest divergence that is wanted, over sqrt(g/H) and over U/H [-]: 1 1/s in a slump cone
+STILL = 1e-6  # way [l0] in a step below which all is still: each step takes off most of what is left, so not fewer
 
 
 def longest_step(
@@ -36,7 +39,6 @@ def longest_step(
     """Step [s] that resolves the fall of the body, 0.057 sqrt(H/g), or the viscous flow where that is slower; a fluid
     too thin to damp motion on the scale of a particle must resolve that motion, 0.06 sqrt(l0/g). Where nothing falls
     or moves so, ``times`` as much."""
-    gravity = max(gravity, 0.1)
     fall = 0.057 * (height / gravity) ** 0.5
     damping = kinematic_viscosity / (spacing * (gravity * spacing) ** 0.5)
     return max(
@@ -56,14 +58,15 @@ class Constants:
         self.density, self.eta, self.tau_y, self.pi_c = of_mix[:4]  # [kg/m3], [Pa s], [Pa], [1/s]
         self.mu_r = of_mix[4]  # penalty that ties the strain rate to the yield law [Pa s]
         self.inertial = of_mix[5]  # hourglass resistance of a thin fluid [Pa s]
-        self.of_scene = of_scene = [ti.field(real(), ()) for _ in range(6)]
-        self.numbers = np.zeros((12, mixes))  # of both, as they are sent to the fields: one kernel instead of twelve
+        self.of_scene = of_scene = [ti.field(real(), ()) for _ in range(7)]
+        self.numbers = np.zeros((13, mixes))  # of both, as they are sent to the fields: one kernel instead of thirteen
         self.layer_pressure = of_scene[0]  # of half a layer of particles [Pa]
-        self.slowest = of_scene[1]  # rate of the bonds below which their resistance stops growing [1/s]
+        self.slowest = of_scene[1]  # rate of the bonds below which their resistance stops growing, natural step [1/s]
         self.bulk = of_scene[2]  # K [Pa s]
         self.drive = of_scene[3]  # force density that errors of the solve are compared with [N/m3]
         self.own_step = of_scene[4]  # natural_step, as the kernels read it [s]
         self.early_enough = of_scene[5]  # part of its first residual that no solve before the last goes below [-]
+        self.fastest = of_scene[6]  # largest divergence that is wanted [1/s]
         self.natural_step = self.max_time_step = 0.0  # [s]
         self.quiet_step = 0.0  # longest step of a quiet flow [s]
         self.quiet = self.still = 0.0  # change of the velocity, and velocity, times the step: its limits [m]
@@ -81,11 +84,8 @@ class Constants:
         be; what is compiled stays."""
         scene, materials, numerics = problem.expected, problem.materials, problem.numerics
         self.materials = materials
-        height = float(scene.fluid[:, -1].max() - scene.fluid[:, -1].min()) + scene.spacing
-        gravity = float((scene.gravity_vector**2).sum() ** 0.5)
-        speeds = [float((scene.velocity**2).sum(1).max() ** 0.5)] if scene.velocity is not None else []
-        speed = max(speeds + [wall.speed for wall in scene.walls] + [0.0])
-        head = max(gravity, 0.1) * height + speed**2  # the pressure to expect, over the density [m2/s2]
+        height, gravity, speed = problem.height, problem.gravity, problem.speed
+        head = gravity * height + speed**2  # the pressure to expect, over the density [m2/s2]
         body = gravity, height, scene.spacing
         longest, quiet = (
             min(longest_step(m.plastic_viscosity / m.density, *body, times) for m in materials) for times in (1.0, LONG)
@@ -110,8 +110,9 @@ class Constants:
         for k, m in enumerate(materials):
             self.numbers[:4, k] = m.density, m.plastic_viscosity, m.yield_value, m.critical_strain_rate or 0.0
             self.numbers[5, k] = INERTIAL * m.density * scene.spacing**2 / step
-        layer_pressure = 0.5 * density * max(gravity, 0.1) * scene.spacing
-        self.numbers[6:, 0] = layer_pressure, SLOWEST / step, 0.0, density * head / height, step, early_enough
+        layer_pressure, drive = 0.5 * density * gravity * scene.spacing, density * head / height
+        fastest = max(FASTEST[0] * (gravity / height) ** 0.5, FASTEST[1] * speed / height)
+        self.numbers[6:, 0] = layer_pressure, SLOWEST / step, 0.0, drive, step, early_enough, fastest
         self.stiff = STIFFNESS * density * head * min(step, self.max_time_step)
         self.stretched = 0.0
         self.set_time_step(self.max_time_step)

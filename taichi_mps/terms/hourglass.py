@@ -58,9 +58,8 @@ class HourglassResistance:
         h = BOND_DISSIPATION * self.constants.eta[m] + inertial
         if ti.static(self.law != "newtonian"):  # noqa: SIM102  (a compiled choice stays apart)
             if first == 0:
-                bond_rate = ti.max(
-                    ti.sqrt(rate * rate + 2.0 * BOND_DISSIPATION * EDGE * residual), self.constants.slowest[None]
-                )
+                slowest = self.constants.slowest[None] * ti.min(1.0, self.constants.own_step[None] / dt)
+                bond_rate = ti.max(ti.sqrt(rate * rate + 2.0 * BOND_DISSIPATION * EDGE * residual), slowest)
                 if ti.static(self.stress.has_curve):
                     h = BOND_DISSIPATION * self.stress.curve(bond_rate, self.stress.structure(i)) / bond_rate + inertial
                 else:

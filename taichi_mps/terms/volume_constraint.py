@@ -5,7 +5,7 @@ from ..runtime.stages import stage
 
 REFILL, RING_REFILL = 0.05, 0.2  # part of the packing error removed per step; thin rings lose more of it per step
 VISCOUS_REFILL, DAMPED = 0.25, 0.25  # the same where viscosity damps what it moves: above this diffusion number
-FASTEST, RING_FASTEST = 1.0, 0.25  # at most this [1/s]; of rings also this part of the shear rate, or the shift wins
+RING_FASTEST = 0.25  # at most constants.fastest; of rings also this part of the shear rate, or the shift wins
 LOOSEST = -0.03  # packing error of an enclosed particle that is taken back; more is a void, which stays
 STRAIN = 0.02  # in a step, from which on packing error and shift act fully
 
@@ -23,12 +23,12 @@ class VolumeConstraint:
 
     @stage("prepare")
     def set(self, dt: float):
-        """s = r (packing - 1)/dt within +-1/s, r the part that a step of dt [s] removes; only where the material
+        """s = r (packing - 1)/dt within +-fastest, r the part that a step of dt [s] removes; only where the material
         deforms or is torn."""
         for i in range(self.particles.count[None]):
             excess = self.gradient.packing[i] - 1.0
             error = ti.max(excess, LOOSEST if self.gradient.enclosed(i) else 0.0)
-            fastest = ti.cast(FASTEST, float)
+            fastest = self.constants.fastest[None]
             if ti.static(self.gradient.axisymmetric):
                 fastest = ti.max(fastest, RING_FASTEST * self.strain_rate.rate[i])
             divergence = ti.max(-fastest, ti.min(fastest, self.part_removed(i, dt) * error / dt))
