@@ -22,6 +22,7 @@ from ..units import (
     checked,
 )
 
+FLOWS = 0.05  # viscous part of the stress over the yield stress from which a material is said to flow [-]
 TYPICAL_RATE = 5.0  # shear rate of a slump test [1/s]
 HIGH_KNEE = 0.1  # fraction of the yield stress by which the knee stress may exceed it without a warning; the paper's #1
 
@@ -48,6 +49,10 @@ class Material(Checked):
     def rests(self) -> bool:
         """Does it come to rest? Only what has a true yield stress does."""
         return self.yields and self.critical_strain_rate is None
+
+    def flows(self, rate):
+        """Is the viscous part of the stress at shear rates [1/s] more than FLOWS of the yield stress?"""
+        return self.plastic_viscosity * rate > FLOWS * self.yield_value
 
     def within(self, time: float) -> "Material":
         """The material with all its numbers, for a run of this time [s]."""

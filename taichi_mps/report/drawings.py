@@ -13,6 +13,7 @@ from .section import numbers, section
 from .told import Told
 
 MOST_POINTS = 400  # of a curve
+FLOWING = "flowing_fraction"
 SHOWN = "slump_m", "spread_m"  # of the columns that every history has
 MARGIN = 0.03  # around what is shown, over its longest side
 
@@ -33,7 +34,7 @@ def drawings(run: Told, film: Film) -> dict:
         "floor": floor,
         "walls": joined([np.clip(line, low, high) for line in walls]),
         "outline": joined(outline),
-        "charts": charts(run.history, film),
+        "charts": charts(run.history),
         "section": section(film.last, scene),
     }
 
@@ -56,9 +57,9 @@ def joined(lines) -> list[list]:
     return [numbers(column) for column in rows[1:].T]
 
 
-def charts(history: dict, film: Film) -> list[dict]:
-    """Curves over time [s], those of one unit together: measures of the scene at every step, then the share that flows
-    at the outputs."""
+def charts(history: dict) -> list[dict]:
+    """Curves over time [s], those of one unit together: measures of the scene, then the share of the volume that flows,
+    at every step."""
     time, keys = history["time_s"], [key for key in history if key in SHOWN or key not in COLUMNS]
     kept = np.unique(np.linspace(0, len(time) - 1, MOST_POINTS).round().astype(int))
     found = [
@@ -67,7 +68,8 @@ def charts(history: dict, film: Film) -> list[dict]:
         if is_measure(key) and np.isfinite(history[key]).any()
     ]
     found = sorted(found, key=lambda curve: [unit for unit, *_ in found].index(curve[0]))
-    found.append(("%", "share flowing", film.times, 100.0 * film.share_flowing))
+    if FLOWING in history and np.isfinite(history[FLOWING]).any():  # earlier runs have none
+        found.append(("%", "share flowing", time[kept], 100.0 * history[FLOWING][kept]))
     return [
         {"unit": unit, "curves": [{"name": name, "x": five(at), "y": five(values)} for _, name, at, values in some]}
         for unit, some in groupby(found, key=lambda curve: curve[0])

@@ -12,7 +12,6 @@ from ..units import SceneError
 MOST_SHOWN = 16_500  # particles at a time; of more some are left out
 BYTES = 7  # of a particle at a time
 GOLDEN = 0.618034  # multiples of it fill 0..1 evenly: which particles are left out
-SLOWEST = 0.01  # speed of what flows over the highest speed; a body at rest creeps on at its yield stress, slower
 FINEST, FASTEST, FLOWING = 65_535, 127, 128  # largest code of a position and of a speed; the bit of what flows
 
 
@@ -35,12 +34,6 @@ class Film:
     def high(self) -> np.ndarray:
         """Highest position [m], (3,)."""
         return self.low + FINEST * self.step
-
-    @property
-    def share_flowing(self) -> np.ndarray:
-        """Particles that flow over all that are shown, at each output [-], (m,)."""
-        outputs = np.split(self.colours >= FLOWING, np.cumsum(self.counts)[:-1])
-        return np.array([flowing.mean() for flowing in outputs])
 
     def facts(self) -> dict:
         """The film for JSON; codes as base64, low byte first."""
@@ -67,11 +60,10 @@ def film(trajectory: Trajectory, scene, room: int) -> Film:
     fitting = max(2, int(room / (BYTES * share * whole)))
     chosen = np.unique(np.linspace(0, outputs - 1, min(outputs, fitting)).round().astype(int)).tolist()
     shown = [reduced(replay.state, scene, share) for replay in trajectory.replay(scene=scene, chosen=chosen)]
-    x, speed, yielded = (np.concatenate(parts) for parts in zip(*shown, strict=True))
+    x, speed, flowing = (np.concatenate(parts) for parts in zip(*shown, strict=True))
     low = x.min(0)
     step = np.maximum(x.max(0) - low, 1e-9) / FINEST
     fastest = float(speed.max()) or 1.0
-    flowing = yielded & (speed > SLOWEST * fastest)
     return Film(
         times=trajectory.times()[chosen],
         counts=np.array([len(part) for part, _, _ in shown]),
@@ -87,10 +79,12 @@ def film(trajectory: Trajectory, scene, room: int) -> Film:
 
 
 def reduced(part: Snapshot, scene, share: float):
-    """Positions (n, 3) [m], speeds (n,) [m/s] and what has yielded (n,), of a share of the whole body: of a particle
+    """Positions (n, 3) [m], speeds (n,) [m/s] and what flows (n,), of a share of the whole body: of a particle
     and its mirror images all or none, and the same ones at all times."""
     whole = scene.unfold(part)
     k = np.arange(len(whole.x))
     rank = np.modf(GOLDEN * (k if scene.axisymmetric else k % len(part.x)))[0]
     kept = rank < share if share < 1.0 else slice(None)
-    return embed(whole.x)[kept], whole.speed[kept], np.asarray(whole.yielded, bool)[kept]
+    flows = np.array([material.flows(whole.shear_rate) for material in scene.materials])
+    flowing = flows[whole.mix, np.arange(len(whole.mix))]
+    return embed(whole.x)[kept], whole.speed[kept], flowing[kept]

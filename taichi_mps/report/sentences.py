@@ -18,7 +18,11 @@ def sentences(summary: dict, folder=None) -> list[str]:
         *doubts(summary),
         certainty(summary),
         cost(summary),
-        *([f"Pictures and results lie in {plain(folder)}."] if folder is not None else []),
+        *(
+            [f"Film, curves and numbers: {plain(folder)}/report.html; pictures beside it."]
+            if folder is not None
+            else []
+        ),
     ]
 
 

@@ -6,9 +6,10 @@ from html import escape
 from .. import __version__
 from ..problem import accuracy
 from ..problem.labels import in_words
+from ..problem.materials import FLOWS
 from ..units import plain
 from . import inputs, sentences
-from .film import SLOWEST, Film
+from .film import Film
 from .told import Told
 
 OWN = " This is the error of the computation alone: those of the test and of the constants of the mix come to it."
@@ -64,9 +65,8 @@ def doubts(run: Told) -> list[str]:
 
 def about(film: Film, outlined: bool) -> list[str]:
     """How to read the view, and what of the run it leaves out."""
-    slowest = 1e3 * SLOWEST * film.fastest
     told = ["Drag to turn.", *(["Red: the mould, or the bars."] if outlined else [])]
-    told.append(f"Flowing: at the yield stress and faster than {slowest:.2g} mm/s, a hundredth of the highest speed.")
+    told.append(f"Flowing: the viscous part of the stress is over {FLOWS:.0%} of the yield stress.")
     parts = []
     if len(film.times) < film.outputs:
         parts.append(f"{len(film.times)} of {film.outputs} outputs")

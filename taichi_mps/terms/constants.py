@@ -6,9 +6,9 @@ import math
 import numpy as np
 
 from ..particles.particles import Carried
+from ..problem.materials import FLOWS
 from ..runtime.backend import real, ti
 from ..runtime.stages import flush
-from .rheology import FLOWS
 
 # What of a mix the kernels read from fields: a study compiles once for all values of these (study/reuse.py). Anything
 # else that a material has is compiled in.

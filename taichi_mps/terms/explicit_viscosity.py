@@ -20,9 +20,10 @@ pi_c = 0.1 1/s, 10 across: 18 times the exact speed after 0.5 s and growing; 20 
 """
 
 from ..particles.particles import DUMMY, FLUID
+from ..problem.materials import FLOWS
 from ..runtime.backend import double_field, real, ti
 from ..runtime.stages import flush, stage
-from .rheology import FLOWS, magnitude
+from .rheology import magnitude
 
 BLOCK = 1024  # particles per partial sum: the same bits with any number of threads
 

@@ -2,8 +2,6 @@
 
 from ..runtime.backend import is_for_kernels, ti
 
-FLOWS = 0.05  # viscous part of the stress over the yield stress from which a material is said to flow [-]
-
 
 @ti.func
 def magnitude(T):
