@@ -144,7 +144,8 @@ class Renderer:
     def _titles(self, pen, snapshot, measures):
         mix, unit = self.scene.material, self.camera.height / 720
         flow = f"yield stress {mix.yield_value:g} Pa   plastic " * (not mix.newtonian) + "viscosity "
-        flow += f"{mix.plastic_viscosity:g} Pa s   density {mix.density:g} kg/m3   particle size {1e3 * self.scene.spacing:g} mm"
+        flow += f"{mix.plastic_viscosity:g} Pa s   density {mix.density:g} kg/m3   "
+        flow += f"particle size {1e3 * self.scene.spacing:g} mm"
         self._write(pen, (28 * unit, 22 * unit), self.scene.name, 26)
         self._write(pen, (28 * unit, 58 * unit), flow, 16, FAINT)
         shown = [f"{name} {100 * measures[key]:.1f} cm" for key, name in MEASURES.items() if key in measures]
