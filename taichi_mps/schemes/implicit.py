@@ -184,7 +184,7 @@ class Implicit:
 
     def time_step_limits(self, speeds) -> dict[str, float]:
         """Largest allowed steps [s] by name: what resolves the flow, and the Courant number."""
-        limits = {"maximum": self.constants.longest_at(speeds.speed, speeds.acceleration)}
+        limits = {"maximum": self.constants.longest_at(speeds)}
         if speeds.speed > 0.0:
             limits["Courant"] = self.numerics.courant_number * self.spacing / speeds.speed
         return limits

@@ -33,25 +33,26 @@ class Rest:
             return cls(state["since"], state["fastest"], state["fastest_at"])
         return cls(**state)
 
-    def reached(self, sim) -> bool:
-        """Is there hardly a way left? What is left of an exponential decay is the speed times the time in which it
-        falls by e; where it falls slower than before, the time since the last fold counts, and where it has not fallen
-        yet, sqrt(H/g). Never, where a mix has no true yield stress."""
-        problem = sim.problem
-        if not problem.rests:
-            return False
-        speed, now = sim.report.moving_speed, sim.time
+    def observe(self, speed: float, now: float) -> None:
+        """Note the speed of what moves [m/s] after a step, at a time [s]."""
         if speed > FOLD * self.speed:
             self.speed, self.at, self.fold, self.since = speed, now, 0.0, None
         elif speed * FOLD <= self.speed:
             folds = math.log(self.speed / speed) if speed > 0.0 else math.inf
             self.fold, self.speed, self.at = (now - self.at) / folds, speed, now
-        if self.left(sim) > LEFT * problem.height or pushed(sim):
+
+    def reached(self, sim) -> bool:
+        """Is there hardly a way left? What is left of an exponential decay is the speed times the time in which it
+        falls by e; where it falls slower than before, the time since the last fold counts, and where it has not fallen
+        yet, sqrt(H/g). Never, where a mix has no true yield stress."""
+        if not sim.problem.rests:
+            return False
+        if self.left(sim) > LEFT * sim.problem.height or pushed(sim):
             self.since = None
             return False
         if self.since is None:
-            self.since = now
-        return now - self.since >= PAUSE * problem.fall_time
+            self.since = sim.time
+        return sim.time - self.since >= PAUSE * sim.problem.fall_time
 
     def left(self, sim) -> float:
         """Way [m] that is left now."""

@@ -100,6 +100,7 @@ class Simulation:
             self._diverge(f"{failure}; {self.scheme.REMEDY}")
         if self._own_law and (failure := self._own_law.failure(self.particles)):
             self._diverge(failure)
+        self.rest.observe(report.moving_speed, self.time)
         self._compiled = True
         self._count_seconds(cpu)
         return self.report
@@ -119,7 +120,9 @@ class Simulation:
     def _limits(self, jet) -> dict[str, float]:
         """What bounds the next step [s], by name, beside a jet of this speed [m/s]."""
         speed = max(self.report.max_speed if self.report else self._initial_speed(), self._wall_speed, jet)
-        limits = self.scheme.time_step_limits(Speeds(speed, self.report.acceleration if self.report else math.inf))
+        limits = self.scheme.time_step_limits(
+            Speeds(speed, self.report.acceleration if self.report else math.inf, self.rest.fold)
+        )
         if self._last_dt is not None:
             limits["growth"] = 2.0 * self._last_dt
         return limits

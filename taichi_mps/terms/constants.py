@@ -25,12 +25,13 @@ VISCOUS_STIFFNESS = 8.0  # and K >= 8 mu_r: a slow flow is resisted by its visco
 # also half the geometric mean of eta and rho H^2/dt, or a plug that stops springs back
 PENALTY = 6.0, 64.0, 0.5
 
-LONG = 200.0  # no step is longer than this many of the scene's own; such take back less of the hourglass resistance
+LONG = 2.0  # a quiet flow takes steps as long as this many of the scene's own
+CREEP = 0.1  # one that dies away also such of the time in which it falls to 1/e
 # Where what yields falls, a solve before the last one takes off no more of its residual: the new stress brings as much
 EARLY_ENOUGH = 0.1
 QUIET = 0.005  # a flow is quiet where the change of its velocity in a step moves particles by no more of l0
 FASTEST = 0.175, 1.0  # largest divergence that is wanted, over sqrt(g/H) and over U/H [-]: 1 1/s in a slump cone
-STILL = 1e-6  # way [l0] in a step below which all is still: each step takes off most of what is left, so not fewer
+STILL = 1e-5  # speed over sqrt(gH) below which all is still: each step takes off most of what is left, so not fewer
 
 
 def longest_step(
@@ -69,7 +70,8 @@ class Constants:
         self.fastest = of_scene[6]  # largest divergence that is wanted [1/s]
         self.natural_step = self.max_time_step = 0.0  # [s]
         self.quiet_step = 0.0  # longest step of a quiet flow [s]
-        self.quiet = self.still = 0.0  # change of the velocity, and velocity, times the step: its limits [m]
+        self.creeps = False  # may a flow that dies away take longer ones?
+        self.quiet = self.still = 0.0  # limits: change of the velocity times the step [m], velocity [m/s]
         self.viscous, self.plastic, self.stiff = [], [], 0.0  # parts of mu_r, one each of a mix, and of K [Pa s]
         self.stretched = 0.0  # step over max_time_step that mu_r and K are for, 1 at least
         self.set_problem(problem)
@@ -91,12 +93,13 @@ class Constants:
             min(longest_step(m.plastic_viscosity / m.density, *body, times) for m in materials) for times in (1.0, LONG)
         )
         self.max_time_step = self.quiet_step = numerics.max_time_step or longest
+        self.creeps = all(m.yields for m in materials) and numerics.max_time_step is None
         early_enough = 0.0
         if all(m.yields for m in materials) and quiet > longest:
             early_enough = EARLY_ENOUGH
             if numerics.max_time_step is None:
                 self.quiet_step = quiet
-        self.quiet, self.still = QUIET * scene.spacing, STILL * scene.spacing
+        self.quiet, self.still = QUIET * scene.spacing, STILL * head**0.5
         # the step [s] of this scene at its defaults: it scales what must not depend on the steps taken
         courant_number = type(numerics).model_fields["courant_number"].default
         self.natural_step = min(longest, courant_number * scene.spacing / speed) if speed else longest
@@ -117,12 +120,13 @@ class Constants:
         self.stretched = 0.0
         self.set_time_step(self.max_time_step)
 
-    def longest_at(self, max_speed: float, acceleration: float) -> float:
-        """Longest step [s] at a largest speed [m/s] and an acceleration [m/s2], the root of its mean square:
-        max_time_step, or in a quiet flow sqrt(QUIET l0/acceleration), at most quiet_step."""
+    def longest_at(self, speeds) -> float:
+        """Longest step [s] at these ``Speeds``: max_time_step, or in a quiet flow sqrt(QUIET l0/acceleration), at most
+        quiet_step or, where it dies away, CREEP times the time of that."""
         longest = self.max_time_step
-        if acceleration * longest**2 < self.quiet and max_speed * longest > self.still:
-            longest = min(self.quiet_step, math.sqrt(self.quiet / max(acceleration, 1e-30)))
+        if speeds.acceleration * longest**2 < self.quiet and speeds.speed > self.still:
+            most = max(self.quiet_step, CREEP * speeds.decay * self.creeps)
+            longest = max(longest, min(most, math.sqrt(self.quiet / max(speeds.acceleration, 1e-30))))
         return longest
 
     def set_time_step(self, dt: float) -> None:

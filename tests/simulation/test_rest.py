@@ -21,6 +21,7 @@ def stop(speed, material, fraction=1.0, again=None, until=1000.0):
     problem = Problem(mps.Scene(**parts(material=material, spacing=SPACING, walls=())))
     for time in np.arange(dt, until, dt):
         report = SimpleNamespace(mean_speed=np.sqrt(fraction) * speed(time), moving_speed=speed(time))
+        rest.observe(report.moving_speed, time)
         if rest.reached(SimpleNamespace(report=report, problem=problem, scene=problem.scene, time=time)):
             return time, LEFT * problem.height
         if again is not None and time > again:
