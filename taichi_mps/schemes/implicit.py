@@ -56,7 +56,7 @@ class Implicit:
         self.resistance = HourglassResistance(*fluid, *of_motion, self.stress)
         self.shifting = Shifting(*fluid, walls, tears=problem.law == "newtonian")
         self.constraint = VolumeConstraint(*fluid, *of_motion, self.shifting)
-        self.correction = DeferredCorrection(*fluid, sums, self.constants, self.strain_rate, self.resistance)
+        self.correction = DeferredCorrection(*fluid, sums, self.strain_rate, self.resistance)
         self.motion = Motion(self.particles, walls, self.shifting, g)
         self.relaxation = InitialRelaxation(*fluid, walls, self.shifting, self.base.lattice.neighbours)
 
@@ -123,7 +123,7 @@ class Implicit:
         self.strain_rate.evaluate()
         self.stress.set_viscosity()
         self.resistance.set(dt, first)
-        self.correction.gather(dt)
+        self.correction.gather(self.constants.part_taken_back(dt))
 
     def constrain_volume(self, dt):
         """The divergence that is wanted, from the packing."""

@@ -129,6 +129,11 @@ class Constants:
             longest = max(longest, min(most, math.sqrt(self.quiet / max(speeds.acceleration, 1e-30))))
         return longest
 
+    def part_taken_back(self, dt: float) -> float:
+        """Part of the hourglass resistance that is taken back in a step of dt [s]: less in steps longer than LONG of
+        the scene's own, but of a flow that dies away."""
+        return 1.0 if self.creeps else min(1.0, LONG * self.natural_step / dt)
+
     def set_time_step(self, dt: float) -> None:
         """mu_r and K for a step of dt [s]: larger in one longer than max_time_step, where less inertia resists what the
         iterations leave out of balance."""

@@ -14,27 +14,26 @@ gone at once, and fades.
 
 from ..runtime.backend import real, ti
 from ..runtime.stages import stage
-from .constants import LONG
 
 
 @ti.data_oriented
 class DeferredCorrection:
     """The correction for the velocity at the start of a step; its loop over pairs is written as in pair_sums.py."""
 
-    def __init__(self, particles, gradient, sums, constants, strain_rate, resistance):
+    def __init__(self, particles, gradient, sums, strain_rate, resistance):
         self.particles, self.gradient, self.pair_sums = particles, gradient, sums
-        self.constants, self.strain_rate, self.resistance = constants, strain_rate, resistance
+        self.strain_rate, self.resistance = strain_rate, resistance
         self.neighbors, self.dimension, self.lanes = gradient.neighbors, particles.dimension, sums.lanes
         # transpose of the flux before it meets B [N], and last the force of the bonds [N]
         self.sums = ti.Matrix.field(self.dimension + 1, self.lanes, real(), particles.capacity)
 
     @stage("correction")
-    def gather(self, dt: float):
-        """The sums over the pairs of all particles at the velocity that they carry, for a step of dt [s]."""
+    def gather(self, part: float):
+        """The sums over the pairs of all particles at the velocity that they carry; ``part`` of them counts [-]."""
         for i in range(self.particles.count[None]):
             self.pair_sums.set_motion(i, self.particles.u[i])
         for i in range(self.particles.count[None]):
-            self.gather_bonds(i, ti.min(1.0, LONG * self.constants.own_step[None] / dt))
+            self.gather_bonds(i, part)
 
     @ti.func
     def gather_bonds(self, i, part):

@@ -173,7 +173,7 @@ class System(Rig):
         self.system = MomentumOperator(*of, self.walls, numbers, numbers, numbers)
         self.system.assemble(1.0)
         self.rate = StrainRate(*of)
-        self.correction = DeferredCorrection(*of, numbers, self.rate, numbers)
+        self.correction = DeferredCorrection(*of, self.rate, numbers)
         self.y = ti.Vector.field(d, ti.f64, n)
         self.unknown = self.kind == FLUID
 
