@@ -1,6 +1,7 @@
 """A run in words, from its summary alone: what was measured, how sure that is, what it cost."""
 
 import math
+from pathlib import Path
 
 from ..problem import accuracy
 from ..problem.labels import ENDS, is_measure, meaning, title, written
@@ -12,18 +13,12 @@ NOT_RESULTS = "simulated_seconds", "wall_seconds", "cpu_seconds", "compile_secon
 
 def sentences(summary: dict, folder=None) -> list[str]:
     """What was measured, why it ended, how sure it is, what it cost and, with a ``folder``, where it lies."""
-    return [
-        measured(summary),
-        ending(summary),
-        *doubts(summary),
-        certainty(summary),
-        cost(summary),
-        *(
-            [f"Film, curves and numbers: {plain(folder)}/report.html; pictures beside it."]
-            if folder is not None
-            else []
-        ),
-    ]
+    found = [measured(summary), ending(summary), *doubts(summary), certainty(summary), cost(summary)]
+    if folder is not None:
+        found.append(f"Pictures and results lie in {plain(folder)}.")
+        if (Path(folder) / "report.html").is_file():
+            found.append("Open report.html there: film, curves and all numbers on one page.")
+    return found
 
 
 def measured(summary) -> str:

@@ -107,7 +107,7 @@ def test_two_tabs_run_watch_stop_and_compare(tmp_path):
         two.forecast("particles of 20 mm")
         two.press("run")
         status = one.job("running", "500").locator('[data-part="status"]')
-        status.get_by_text("s of at most 5 s, slump").wait_for()
+        status.get_by_text("s of at most 120 s, slump").wait_for()
         assert two.job("waiting", "900 Pa").is_visible()
         picture = one.job("running").locator('[data-part="picture"] img')
         assert "/runs/slump/frames/frame_0" in picture.get_attribute("src")
