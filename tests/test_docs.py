@@ -126,7 +126,7 @@ def commands(lines):
         if "taichi-mps" not in line and "python" not in line:
             continue
         for part in re.split(r" && ", line):
-            words = shlex.split(part, comments=True)
+            words = shlex.split(part.split(" > ")[0], comments=True)
             words = words[words.index("taichi-mps") :] if "taichi-mps" in words else words
             if words[:1] in (["taichi-mps"], ["python"]):
                 yield words
