@@ -1,0 +1,108 @@
+"""Mixes from soft to viscous, to their rest, beside finite elements with inertia: slump, spread, times, cost.
+
+    python benchmarks/soft.py --model quarter --spacing 0.01   # benchmarks/results/soft_quarter_10mm.md
+    python benchmarks/soft.py --model quarter --spacing 0.01 --perturbed 5   # means and scatter of five disturbed runs
+
+Reference: taichi_mps/validation/reference/A_fe_inertial_soft.csv (slump +-0.2 mm, spread +-0.3 mm, times +-1.5 %).
+Errors: engine - reference. CPU seconds are of one thread, without the first step, which compiles.
+"""
+
+import argparse
+import time
+from dataclasses import replace
+from itertools import groupby
+from pathlib import Path
+
+import numpy as np
+
+RESULTS = Path(__file__).parent / "results"
+HEAD = ("mix", "slump 0.2 s", "slump 0.5 s", "slump at rest", "spread at rest", "T300", "T400", "T500")
+HEAD += ("rest [s]", "CPU-s", "CPU-s to 1 s")
+TIMES = 0.2, 0.5
+
+
+def run(scene) -> dict:
+    """One run to rest: slumps [m] at TIMES and at the end, spread [m], times to spreads [s], CPU seconds."""
+    import taichi_mps as mps
+
+    sim, rows, first = mps.Simulation(scene), [(0.0, 0.0, 0.2)], [0.0]
+
+    def note(s):
+        measures = s.measures()
+        rows.append((s.time, measures["slump_m"], measures["spread_m"]))
+        if s.time <= 1.0:
+            first[0] = time.process_time() - begin
+
+    sim.step()
+    begin = time.process_time()
+    sim.each_step(note)
+    for instant in TIMES:
+        sim.every(instant, lambda s: None)
+    sim.run()
+    spent, (times, slumps, spreads) = time.process_time() - begin, np.array(rows).T
+    found = {f"slump {at} s": np.interp(at, times, slumps) for at in TIMES}
+    found |= {"slump at rest": slumps[-1], "spread at rest": spreads[-1], "rest": sim.time}
+    wide = np.maximum.accumulate(spreads)
+    found |= {f"T{mm}": np.interp(1e-3 * mm, wide, times, right=np.nan) for mm in (300, 400, 500)}
+    return found | {"CPU-s": spent, "CPU-s to 1 s": first[0]}
+
+
+def cells(mix, found, exact) -> list[str]:
+    """A line of the table: errors with their scatter."""
+    mean, scatter = ({key: f([one[key] for one in found]) for key in found[0]} for f in (np.mean, np.std))
+    some = len(found) > 1
+
+    def told(key, error, unit, digits):
+        spread = f" ± {unit * scatter[key]:.{digits}f}" if some else ""
+        return f"{error:+.{digits}f}{spread}" if np.isfinite(error) else "-"
+
+    line = ["{:g} Pa, {:g} Pa s".format(*mix)]
+    for key in ("slump 0.2 s", "slump 0.5 s", "slump at rest"):
+        line.append(told(key, 1e3 * (mean[key] - exact[key]), 1e3, 2) + " mm")
+    for key in ("spread at rest", "T300", "T400", "T500"):
+        line.append(told(key, 100.0 * (mean[key] / exact[key] - 1.0), 100.0 / exact[key], 2) + " %")
+    return line + [f"{mean['rest']:.1f}", f"{mean['CPU-s']:.2f}", f"{mean['CPU-s to 1 s']:.2f}"]
+
+
+def references():
+    """(yield stress [Pa], plastic viscosity [Pa s]) and what the finite elements measure, for each mix."""
+    from taichi_mps.validation import read_reference
+
+    lines = read_reference("A_fe_inertial_soft.csv")
+    for mix, rows in groupby(lines, lambda r: (float(r["yield_value_Pa"]), float(r["plastic_viscosity_Pa_s"]))):
+        rows = list(rows)
+        at = {float(r["time_s"]): 1e-3 * float(r["mean20_mm"]) for r in rows}
+        exact = {f"slump {t} s": at.get(t, np.nan) for t in TIMES}
+        exact |= {"slump at rest": 1e-3 * float(rows[-1]["mean20_mm"])}
+        exact |= {"spread at rest": 1e-3 * float(rows[-1]["spread_mm"])}
+        yield mix, exact | {f"T{mm}": float(rows[-1][f"T{mm}_s"] or "nan") for mm in (300, 400, 500)}
+
+
+def main():
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--model", default="quarter")
+    parser.add_argument("--spacing", type=float, default=0.01)
+    parser.add_argument("--perturbed", type=int, default=1, help="runs whose particles start 1e-6 spacings aside")
+    options = parser.parse_args()
+    import taichi_mps as mps
+
+    mps.init(threads=1)
+    rows = []
+    for mix, exact in references():
+        cone = dict(yield_value=mix[0], plastic_viscosity=mix[1], model=options.model, spacing=options.spacing)
+        scene, found = mps.slump_cone(**cone), []
+        for seed in range(options.perturbed):
+            aside = np.random.default_rng(seed).uniform(-1e-6, 1e-6, scene.fluid.shape) * options.spacing * (seed > 0)
+            found.append(run(replace(scene, fluid=scene.fluid + aside)))
+        rows.append(cells(mix, found, exact))
+        print(" | ".join(rows[-1]), flush=True)
+    extra = f" --perturbed {options.perturbed}" * (options.perturbed > 1)
+    command = f"python benchmarks/soft.py --model {options.model} --spacing {options.spacing:g}{extra}"
+    table = [HEAD, ["---"] * len(HEAD), *rows]
+    text = "\n".join("| " + " | ".join(line) + " |" for line in table)
+    path = RESULTS / f"soft_{options.model}_{1e3 * options.spacing:g}mm.md"
+    path.write_text(f"Errors beside finite elements with inertia, by `{command}`.\n\n{text}\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
