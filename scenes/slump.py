@@ -56,7 +56,9 @@ def scene(
     height: Length = Field(0.3, description="height of the cone"),
     floor_radius: Length | None = Field(None, description="radius of the floor, by default as far as the mix can flow"),
     lift_speed: Speed | None = None,
-    until: Duration | None = None,
+    until: Duration | None = Field(
+        None, description="time limit of the flow, by default 120 s, or 5 s of what does not come to rest"
+    ),
     model: Literal["full", "half", "quarter", "axisymmetric"] = "full",
     accuracy: Length | None = None,
 ) -> mps.Scene:

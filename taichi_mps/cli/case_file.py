@@ -23,7 +23,8 @@ def text(source: str, scene, numerics, settings: dict) -> str:
     document.add("scene", tomlkit.item(source))
     tables = {name: tomlkit.table() for name in SECTIONS}
     known = keywords(catalogue.load(source), type(numerics))
-    values = {**numerics.model_dump(), **settings, **scene.parameters}
+    given = {name: value for name, value in scene.parameters.items() if value is not None}
+    values = {**numerics.model_dump(), **settings, **given}
     for name, (model, field) in known.items():
         table = tables[next(key for key, group in SECTIONS.items() if group == group_of(name, model))]
         unit = unit_of(field).strip("-")

@@ -43,7 +43,8 @@ def carry_out(sim, folder, options, source, as_json, resumed=False) -> int:
     with interruptible(sim) as signals:
         if not resumed:
             folder.create(options.overwrite)
-        folder.case.write_text(case_file.text(source, sim.scene, sim.numerics, settings), encoding="utf-8")
+        case = case_file.text(source, sim.scene, sim.numerics, settings | {"until": until})
+        folder.case.write_text(case, encoding="utf-8")
         recorder = Recorder(folder, sim, every, source, settings, draw)
         try:
             with progress(sim, recorder, options):
