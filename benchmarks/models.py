@@ -38,7 +38,7 @@ def run(model: str, spacing: float, yield_value: float) -> dict:
     mps.init(threads=1)
     numerics = mps.Implicit(walls="particles" if model == PARTICLES else "surfaces")
     part = model.split(",")[0]
-    sim = mps.Simulation(mps.slump_cone(model=part, spacing=spacing, yield_value=yield_value), numerics)
+    sim = mps.Simulation(mps.slump_cone(model=part, spacing=spacing, yield_value=yield_value, until=5.0), numerics)
     history, volume = [], []
     sim.every(0.1, lambda s: history.append((s.time, s.measures()["slump_m"])))
     sim.each_step(lambda s: volume.append(abs(s.report.volume_error)))
