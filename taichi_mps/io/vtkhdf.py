@@ -18,6 +18,7 @@ from . import checksum
 from . import untrusted_hdf5 as outside
 
 BYTES, ROOM = 64, 1 << 20  # of a particle in an output, and of all else that a file may need
+FORMAT = "v110", "v110"  # of HDF5: its structure is checksummed; without that damage can make it read for ever
 SUM = "crc32"  # checksums in the group taichi_mps: of each output, as an attribute of what they share
 PARTS = ("Vertices", "Lines", "Strips", "Polygons")  # order of the columns of Steps/CellOffsets
 
@@ -46,7 +47,7 @@ class Trajectory:
         n = sim.particles.capacity if inlets else len(s.x)
         self.close()
         self._require_room(n)
-        with h5py.File(self.twins[0], "w", libver=("earliest", "v110")) as file:
+        with h5py.File(self.twins[0], "w", libver=FORMAT) as file:
             root = file.create_group("VTKHDF")
             root.attrs["Version"] = np.array([2, 0])
             root.attrs.create("Type", b"PolyData", dtype=h5py.string_dtype("ascii", 8))
@@ -99,7 +100,7 @@ class Trajectory:
     def _extend(self, snapshots) -> int | None:
         """Add snapshots to the twin; the number of the last, or None if it is not later than what is there."""
         self._require_room(sum(len(s.x) for s in snapshots))
-        with h5py.File(self.twins[0], "r+", libver=("earliest", "v110")) as file:
+        with h5py.File(self.twins[0], "r+", libver=FORMAT) as file:
             for s in snapshots:
                 number = add(file["VTKHDF"], s)
         return number
@@ -133,7 +134,7 @@ class Trajectory:
         self.close()
         shutil.copyfile(self.path, self.twins[0])
         try:
-            with h5py.File(self.twins[0], "r+", libver=("earliest", "v110")) as file:
+            with h5py.File(self.twins[0], "r+", libver=FORMAT) as file:
                 root = file["VTKHDF"]
                 steps = root["Steps"]
                 instants = steps["Values"][: steps.attrs["NSteps"]]
