@@ -17,6 +17,7 @@ import pytest
 
 import taichi_mps as mps
 from taichi_mps.io.run_folder import RunFolder
+from taichi_mps.problem import accuracy
 from taichi_mps.problem.labels import written
 from tests.support.browser import chromium, needs_chromium
 
@@ -101,7 +102,9 @@ def test_two_tabs_run_watch_stop_and_compare(tmp_path):
     with serving(tmp_path) as (port, server), chromium() as browser:
         one, two = Tab(browser, port), Tab(browser, port, width=390)
         one.set(yield_value="500 ", spacing="20 mm")
-        assert "within 9 mm of independent finite elements" in one.forecast("particles of 20 mm, model full")
+        error = next(row.error for row in accuracy.measured() if (row.model, row.spacing) == ("full", 0.02))
+        told = one.forecast("particles of 20 mm, model full")
+        assert f"within {1e3 * error:.0f} mm of independent finite elements" in told
         one.press("run")
         two.set(yield_value="900", spacing="0.02")
         two.forecast("particles of 20 mm")

@@ -19,6 +19,7 @@ from taichi_mps.cli import console
 from taichi_mps.io.history import read_history
 from taichi_mps.io.run_folder import RunFolder
 from taichi_mps.io.vtkhdf import Trajectory
+from taichi_mps.problem import accuracy
 from taichi_mps.problem.labels import written
 from taichi_mps.problem.measures import still
 from taichi_mps.report import film, inputs, page, section
@@ -104,7 +105,8 @@ def test_the_numbers_are_those_of_the_summary_and_the_history(run, opened):
     for key in ("slump_m", "spread_m"):
         assert written(key, summary[key]) in text
     assert "yield stress\t500 Pa" in text and "particle size\t20 mm" in text
-    assert "20 mm\t8.2 mm\t1.6%" in text, "the row of this model and particle size in accuracy.json"
+    known = next(row for row in accuracy.measured() if (row.model, row.spacing) == ("quarter", 0.02))
+    assert f"20 mm\t{1e3 * known.error:.1f} mm\t{known.volume_error:.1%}" in text
     curves = {curve["name"]: curve for chart in tab.evaluate("data.charts") for curve in chart["curves"]}
     slump = curves["slump"]
     np.testing.assert_allclose(
