@@ -70,7 +70,7 @@ class Constants:
         self.fastest = of_scene[6]  # largest divergence that is wanted [1/s]
         self.natural_step = self.max_time_step = 0.0  # [s]
         self.quiet_step = 0.0  # longest step of a quiet flow [s]
-        self.creeps = False  # may a flow that dies away take longer ones?
+        self.creeps = False  # has every mix a yield stress, and is no step given? What dies away then takes longer ones
         self.quiet = self.still = 0.0  # limits: change of the velocity times the step [m], velocity [m/s]
         self.viscous, self.plastic, self.stiff = [], [], 0.0  # parts of mu_r, one each of a mix, and of K [Pa s]
         self.stretched = 0.0  # step over max_time_step that mu_r and K are for, 1 at least
@@ -130,8 +130,8 @@ class Constants:
         return longest
 
     def part_taken_back(self, dt: float) -> float:
-        """Part of the hourglass resistance that is taken back in a step of dt [s]: less in steps longer than LONG of
-        the scene's own, but of a flow that dies away."""
+        """Part of the hourglass resistance that is taken back in a step of dt [s]: all of it where steps follow the
+        creep, else less in those longer than LONG of the scene's own."""
         return 1.0 if self.creeps else min(1.0, LONG * self.natural_step / dt)
 
     def set_time_step(self, dt: float) -> None:
