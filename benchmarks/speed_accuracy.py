@@ -2,7 +2,7 @@
 
     python benchmarks/speed_accuracy.py run [flow ...]   # every point without a result, about 15 CPU-minutes in all
     python benchmarks/speed_accuracy.py run --budget 900 # points that spent less than this without an end, again
-    python benchmarks/speed_accuracy.py draw             # docs/figures/speed_accuracy_*.png, tables of docs/speed.md
+    python benchmarks/speed_accuracy.py draw             # charts into docs/, tables into results/
 
 Every point runs in a process of its own, one thread; its CPU seconds are without the first step, which compiles. The
 budget of a flow [CPU-s] ends a point that would take hours: it is listed with the time it reached and the cost that
@@ -205,7 +205,7 @@ def draw() -> None:
     import matplotlib
 
     matplotlib.use("Agg")
-    text = []
+    text, tables = [], []
     wanted = all_points()
     for flow, (title, *_) in FLOWS.items():
         found = [item for key, item in points.read(f"speed_accuracy_{flow}").items() if key in wanted]
@@ -218,13 +218,15 @@ def draw() -> None:
         missing = sum(item["flow"] == flow for item in wanted.values()) - len(found)
         lines = [f"### {title[0].upper()}{title[1:]}", "", f"![{title}](figures/speed_accuracy_{flow}.png)"]
         lines += ["*Error against CPU-seconds (`python benchmarks/speed_accuracy.py draw`).*", ""]
-        lines += ["| scheme | resolution | step | steps | CPU-s | error |", "|" + "---|" * 6]
+        text.append("\n".join([*lines, f"Best front, from cheap to accurate: {best}."]))
+        lines = [lines[0], "", "| scheme | resolution | step | steps | CPU-s | error |", "|" + "---|" * 6]
         order = list(TITLES)
         lines += [row(i) for i in sorted(found, key=lambda i: (order.index(i["scheme"]), -i["spacing"], i["step"]))]
-        lines += ["", f"Best front, from cheap to accurate: {best}."]
         lines += ["", f"{missing} points have not been run yet."] if missing else []
-        text.append("\n".join(lines))
+        tables.append("\n".join(lines))
     points.put("speed.md", "speed_accuracy", "\n\n".join(text))
+    head = "Written by `python benchmarks/speed_accuracy.py draw`; the charts stand in docs/speed.md."
+    (points.RESULTS / "speed_accuracy.md").write_text("\n\n".join([head, *tables]) + "\n")
 
 
 def run(flows: list[str], budget: float | None) -> None:

@@ -44,7 +44,7 @@ def stop_beyond_budget(sim) -> None:
     if spent > Setting.budget:
         hours = sim.cpu_seconds / 3600.0 / sim.time  # without compiling
         raise BudgetError(
-            f"{Setting.budget:g} CPU-s spent at t = {sim.time:.3g} s ({hours:.2g} CPU-h for each simulated second)"
+            f"at t = {sim.time:.3g} s: {Setting.budget:g} CPU-s spent ({hours:.2g} CPU-h for each simulated second)"
         )
 
 

@@ -132,7 +132,7 @@ def markdown(results: dict[str, dict], others: dict[str, dict] | None = None) ->
         left, right = (numbers_of(each) for each in (result, other))
         first, seconds = f"| {either['case']} | {either['reference']} ", [cpu(each) for each in (result, other)]
         for item, their in zip_longest(left, right):
-            cell = "" if their is None else their if isinstance(their, str) else beside(their, item)
+            cell = "" if their is None else beside(their, item)
             lines.append(
                 first + line_of(item, their) + f"| {seconds[0]} |" + f" {cell} | {seconds[1]} |" * bool(others)
             )
@@ -163,8 +163,11 @@ def line_of(item, their) -> str:
     return f"| {known.quantity} | {value} | <= {known.target:.3g}{unit_of(known)} | {verdict} "
 
 
-def beside(their: Measured, item) -> str:
-    """The other scheme's number; with its own name where that differs (at rest, at 0.4 s)."""
+def beside(their: Measured | str, item) -> str:
+    """The other scheme's number, with its own name where that differs (at rest, at 0.4 s); of what ended it, the text
+    before its reason, which its JSON keeps."""
+    if isinstance(their, str):
+        return their.split(":")[0]
     same = not isinstance(item, Measured) or item.quantity == their.quantity
     return f"{written(their)}{'' if same else f' ({their.quantity})'}, {'met' if their.met else '**missed**'}"
 
