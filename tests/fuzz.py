@@ -28,7 +28,8 @@ from taichi_mps.problem import catalogue
 from taichi_mps.units import unit_of
 
 ROOT = Path(__file__).resolve().parents[1]
-LONGEST, PATIENCE = 60.0, 120.0  # [s] after which a run is asked to stop, and how long it may take to do so
+# [CPU-s] after which a run is asked to stop, and that it may take to do so; a busy machine may take BUSY times as long
+LONGEST, PATIENCE, BUSY = 60.0, 120.0, 6.0
 ENDS = {0: "done", 2: "refused", 3: "diverged", 130: "stopped", 143: "stopped"}
 HOSTILE = (
     "nan",
@@ -269,6 +270,15 @@ KINDS = {random_options: 8, random_law: 4, random_mesh: 3, random_damage: 6, ran
 
 
 # ---- how it ends ----------------------------------------------------------------------------------------------------
+def cpu_seconds(process: int) -> float:
+    """CPU seconds that a process has spent, by Linux; elsewhere those that have passed, as if it had a core."""
+    try:
+        fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
+        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+    except (OSError, ValueError):
+        return time.monotonic()
+
+
 def run(words, sent=None, after=0.0):
     """(exit code, what was printed, signals that were sent) of a command of the program."""
     command = [sys.executable, "-m", "taichi_mps", *words]
@@ -277,14 +287,18 @@ def run(words, sent=None, after=0.0):
         errors="backslashreplace",
     )  # fmt: skip
     signals = []
-    for number, wait in (((sent, after),) if sent else ()) + ((signal.SIGTERM, LONGEST), (None, PATIENCE)):
-        try:
-            out, err = child.communicate(timeout=wait)
-            return child.returncode, out, err, signals
-        except subprocess.TimeoutExpired:
-            if number is not None:
-                child.send_signal(number)
-                signals.append(number)
+    first = [(sent, after, math.inf)] if sent else []  # signal, and the seconds and CPU seconds before it
+    for number, wall, cpu in [*first, (signal.SIGTERM, BUSY * LONGEST, LONGEST), (None, BUSY * PATIENCE, PATIENCE)]:
+        begin, spent = time.monotonic(), cpu_seconds(child.pid)
+        while time.monotonic() - begin < wall and cpu_seconds(child.pid) - spent < cpu:
+            try:
+                out, err = child.communicate(timeout=max(0.01, min(1.0, wall - time.monotonic() + begin)))
+                return child.returncode, out, err, signals
+            except subprocess.TimeoutExpired:
+                pass
+        if number is not None:
+            child.send_signal(number)
+            signals.append(number)
     child.kill()
     out, err = child.communicate()
     return None, out, err, signals
@@ -294,7 +308,7 @@ def judge(code, err, sent) -> tuple[str, str | None]:
     """How a command ended, and what is wrong with that."""
     said = [line for line in err.splitlines() if line.strip()]
     if code is None:
-        return "hangs", f"did not stop within {PATIENCE:g} s of a SIGTERM"
+        return "hangs", f"did not stop within {PATIENCE:g} CPU-s of a SIGTERM"
     if code == -signal.SIGKILL and signal.SIGKILL in sent:
         return "killed", None
     if code is not None and -code in sent and -code != signal.SIGKILL:  # before the program itself had begun
