@@ -23,7 +23,7 @@ class HourglassResistance:
     def __init__(self, particles, gradient, constants, strain_rate, pressure, stress):
         self.particles, self.gradient, self.constants = particles, gradient, constants
         self.strain_rate, self.pressure, self.stress = strain_rate, pressure, stress
-        self.law = stress.law
+        self.law, self.in_space = stress.law, particles.dimension == 3
         self.thin = ti.field(real(), particles.capacity)  # that of a thin fluid [Pa s]
         self.whole = ti.field(real(), particles.capacity)  # all of it [Pa s]
         self.h = ti.field(real(), particles.capacity)  # 2 V/n0 times the whole [N s m]
@@ -58,7 +58,8 @@ class HourglassResistance:
         h = BOND_DISSIPATION * self.constants.eta[m] + inertial
         if ti.static(self.law != "newtonian"):  # noqa: SIM102  (a compiled choice stays apart)
             if first == 0:
-                slowest = self.constants.slowest[None] * ti.min(1.0, self.constants.own_step[None] / dt)
+                own = ti.min(1.0, self.constants.own_step[None] / dt)
+                slowest = self.constants.slowest[None] * (ti.sqrt(own) if ti.static(self.in_space) else own)
                 bond_rate = ti.max(ti.sqrt(rate * rate + 2.0 * BOND_DISSIPATION * EDGE * residual), slowest)
                 if ti.static(self.stress.has_curve):
                     h = BOND_DISSIPATION * self.stress.curve(bond_rate, self.stress.structure(i)) / bond_rate + inertial
