@@ -1,50 +1,218 @@
-"""Model and spacing for a wanted accuracy of slump and reach, from what benchmarks/models.py has measured."""
+"""Errors to expect of a slump cone, and model and spacing for a wanted one, from what benchmarks/models.py has measured
+beside finite elements with inertia. All without units: lengths over the height H, a mix by its two numbers."""
 
-import json
-from dataclasses import dataclass
+import csv
+import math
+from dataclasses import asdict, dataclass, replace
+from itertools import combinations
 from pathlib import Path
+from typing import NamedTuple
 
 from ..units import SceneError
 
-MEASURED = Path(__file__).parent / "accuracy.json"
+MEASURED = Path(__file__).parent / "accuracy.csv"
 COARSEST = 0.1  # [m]; what is asked for beyond is millimetres
 MOST_VOLUME_ERROR = 0.02  # at any time [-], beyond which a result is doubted
 MOST_VOLUME = 0.01  # largest volume error of what is chosen [-]: a coarse cone may have the right slump by luck
-YIELD_VALUES, PLASTIC_VISCOSITY = (100.0, 1000.0), 50.0  # where the errors were measured [Pa, Pa s], standard cone
-RANGE = "{:g} to {:g} Pa, {:g} Pa s, standard cone".format(*YIELD_VALUES, PLASTIC_VISCOSITY)
+GRAVITY, DENSITY, HEIGHT = 9.81, 2300.0, 0.3  # of the standard cone [m/s2], [kg/m3], [m]
+STANDARD = {"base_diameter": 2.0 / 3.0, "top_diameter": 1.0 / 3.0}  # of the cone that was measured, over its height
+
+
+class Mix(NamedTuple):
+    """A Bingham mix in a cone of a height H."""
+
+    yield_number: float  # tau_y/(rho g H)
+    viscosity_number: float  # eta/(rho sqrt(g H^3))
+
+    @classmethod
+    def of(cls, yield_value: float, plastic_viscosity: float, density: float = DENSITY, height: float = HEIGHT):
+        """From the constants [Pa], [Pa s], [kg/m3] and the height [m]."""
+        return cls(
+            yield_value / (density * GRAVITY * height), plastic_viscosity / (density * (GRAVITY * height**3) ** 0.5)
+        )
+
+    def __str__(self):
+        """The constants of the mix of the standard cone and density."""
+        eta = self.viscosity_number * DENSITY * (GRAVITY * HEIGHT**3) ** 0.5
+        return f"{self.yield_number * DENSITY * GRAVITY * HEIGHT:.3g} Pa and {eta:.3g} Pa s"
 
 
 @dataclass(frozen=True)
+class Measured:
+    """A model and a spacing with their errors for a mix: measured, or in between."""
+
+    model: str
+    spacing: float  # over H
+    yield_number: float
+    viscosity_number: float
+    slump: float  # largest error of the slump at any time, over H
+    reach: float  # error of half of the spread at rest, over H
+    volume: float  # largest error of the volume at any time [-]
+    cpu_seconds: float  # to rest, without compiling
+
+    @property
+    def mix(self) -> Mix:
+        return Mix(self.yield_number, self.viscosity_number)
+
+    @property
+    def error(self) -> float:
+        """The larger one of slump and reach, over H."""
+        return max(self.slump, self.reach)
+
+
+def measured() -> list[Measured]:
+    """All that was measured, as the file has it."""
+    lines = [line for line in MEASURED.read_text(encoding="utf-8").splitlines() if not line.startswith("#")]
+    return [Measured(row.pop("model"), **{k: float(v) for k, v in row.items()}) for row in csv.DictReader(lines)]
+
+
+# ---- between what was measured ---------------------------------------------------------------------------------
+def place(mix) -> tuple[float, float]:
+    """Where a mix lies between others: the logarithms of its numbers."""
+    return math.log(max(mix.yield_number, 1e-30)), math.log(max(mix.viscosity_number, 1e-30))
+
+
+def weights(at, corners) -> list[float] | None:
+    """Barycentric weights of a place in a triangle; None outside of it, and where it is none."""
+    (x, y), ((ax, ay), (bx, by), (cx, cy)) = at, corners
+    area = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay)
+    if abs(area) < 1e-9:
+        return None
+    b = ((x - ax) * (cy - ay) - (cx - ax) * (y - ay)) / area
+    c = ((bx - ax) * (y - ay) - (x - ax) * (by - ay)) / area
+    found = [1.0 - b - c, b, c]
+    return found if min(found) > -1e-9 else None
+
+
+def between(rows: list[Measured], parts, mix: Mix) -> Measured:
+    """The mean of rows with weights: for a mix between theirs."""
+    mean = {
+        key: sum(part * getattr(row, key) for part, row in zip(parts, rows, strict=True))
+        for key in ("slump", "reach", "volume", "cpu_seconds")
+    }
+    return replace(rows[0], **mix._asdict(), **mean)
+
+
+def at_mix(rows: list[Measured], mix: Mix) -> Measured | None:
+    """For a mix, of rows of one model and spacing: linear in the smallest triangle of measured mixes around it. None
+    where there is none."""
+    at = place(mix)
+
+    def size(corners):
+        return sum(math.dist(place(a), place(b)) for a, b in combinations(corners, 2))
+
+    for corners in sorted(combinations(rows, 3), key=size):
+        parts = weights(at, [place(row) for row in corners])
+        if parts:
+            return between(list(corners), parts, mix)
+    return None
+
+
+def expected(model: str, spacing: float, mix: Mix, rows: list[Measured] | None = None) -> Measured | None:
+    """For a model, a spacing over H and a mix: between the two measured spacings beside it, linear in its logarithm.
+    None outside of what was measured."""
+    rows = [row for row in (measured() if rows is None else rows) if row.model == model]
+    sizes = sorted({row.spacing for row in rows})
+    finer = [size for size in sizes if size <= spacing * (1.0 + 1e-6)]
+    coarser = [size for size in sizes if size >= spacing * (1.0 - 1e-6)]
+    if not finer or not coarser:
+        return None
+    fine, coarse = (at_mix([row for row in rows if row.spacing == size], mix) for size in (finer[-1], coarser[0]))
+    if fine is None or coarse is None or fine.spacing == coarse.spacing:
+        return fine
+    part = math.log(spacing / fine.spacing) / math.log(coarse.spacing / fine.spacing)
+    return replace(between([fine, coarse], (1.0 - part, part), mix), spacing=spacing)
+
+
+def nearest(mix: Mix) -> Mix:
+    """The measured mix that is nearest."""
+    return min((row.mix for row in measured()), key=lambda other: math.dist(place(mix), place(other)))
+
+
+# ---- of a run --------------------------------------------------------------------------------------------------
+def of_run(summary: dict) -> tuple[Mix, float] | None:
+    """Mix and height [m] of a run, from its summary, if it is one of those that were measured: the scheme implicit, a
+    cone as the standard's at any scale, gone at once, one Bingham mix. Else None."""
+    given, mixes = summary.get("parameters", {}), summary.get("materials") or []
+    if summary["scene"] != "slump" or summary["scheme"] != "implicit" or len(mixes) != 1:
+        return None
+    mix, height = mixes[0], given.get("height")
+    if not height or given.get("lift_speed") is not None or mix.get("law") != "Bingham" or not mix["yield_value"]:
+        return None
+    if any(not math.isclose(given.get(key, 0.0), part * height, rel_tol=1e-6) for key, part in STANDARD.items()):
+        return None
+    return Mix.of(mix["yield_value"], mix["plastic_viscosity"], mix["density"], height), height
+
+
+def expected_of(summary: dict) -> Measured | None:
+    """What is to be expected of a run, from its summary; None where nothing like it was measured."""
+    found = of_run(summary)
+    given = summary.get("parameters", {})
+    return expected(given.get("model"), given.get("spacing", 0.0) / found[1], found[0]) if found else None
+
+
+# ---- a choice --------------------------------------------------------------------------------------------------
+@dataclass(frozen=True)
 class Choice:
-    """What was chosen and what it was found to do."""
+    """What was chosen and what it is expected to do."""
 
     model: str
     spacing: float  # [m]
-    error: float  # largest error of the slump at any time, and of half of the spread at rest [m], over RANGE
-    volume_error: float  # largest at any time [-], over RANGE
-    cpu_seconds: float  # to rest, without compiling, mean over RANGE
+    error: float  # largest error of the slump at any time, and of half of the spread at rest [m]
+    volume_error: float  # largest at any time [-]
+    cpu_seconds: float  # to rest, without compiling
+    where: str  # for which mixes that was measured
 
     def __str__(self):
         return (
             f"model = {self.model}, spacing = {1e3 * self.spacing:g} mm, scheme = implicit: slump and reach within "
-            f"{1e3 * self.error:.1f} mm in {self.cpu_seconds:.2g} CPU-seconds and some to compile, measured for {RANGE}"
+            f"{1e3 * self.error:.1f} mm in {self.cpu_seconds:.2g} CPU-seconds and some to compile, {self.where}"
         )
 
 
-def measured() -> list[Choice]:
-    """Every model and spacing that was measured, the cheapest first."""
-    found = [Choice(**row) for row in json.loads(MEASURED.read_text(encoding="utf-8"))]
-    return sorted(found, key=lambda choice: choice.cpu_seconds)
+def choices(mix: Mix | None = None, height: float = HEIGHT) -> list[Choice]:
+    """Every measured model and spacing with its error for this mix, the cheapest first: between the mixes beside it, of
+    the nearest one where there are none, and without a mix the largest of all. No error is less than that of a finer
+    spacing, lest a lucky number be promised."""
+    rows, found = measured(), []
+    known = None if mix is None else nearest(mix)
+    for model, spacing in dict.fromkeys((row.model, row.spacing) for row in rows):
+        here = [row for row in rows if (row.model, row.spacing) == (model, spacing)]
+        there, where = at_mix(here, mix) if mix else None, "measured for mixes beside this one"
+        if there is None and mix:
+            there, where = next((r for r in here if r.mix == known), None), f"measured for the nearest mix, {known}"
+        elif mix is None:
+            there, where = worst(here), f"measured for {len({row.mix for row in here})} mixes"
+        if there:
+            facts = height * there.error, there.volume, there.cpu_seconds, f"{where}, standard cone"
+            found.append(Choice(model, round(height * spacing, 9), *facts))
+    promised = [replace(c, error=max(o.error for o in found if o.model == c.model and o.spacing <= c.spacing))
+                for c in found]  # fmt: skip
+    return sorted(promised, key=lambda choice: choice.cpu_seconds)
 
 
-def choose(accuracy: float, model: str | None = None, spacing: float | None = None) -> Choice:
-    """The cheapest whose slump and reach were never more than ``accuracy`` [m] from the reference, and whose volume was
+def worst(rows: list[Measured]) -> Measured:
+    """The largest errors and the mean cost of rows."""
+    most = {key: max(getattr(row, key) for row in rows) for key in ("slump", "reach", "volume")}
+    return replace(rows[0], **most, cpu_seconds=sum(row.cpu_seconds for row in rows) / len(rows))
+
+
+def choose(
+    accuracy: float,
+    model: str | None = None,
+    spacing: float | None = None,
+    mix: Mix | None = None,
+    height: float = HEIGHT,
+) -> Choice:
+    """The cheapest whose slump and reach are expected within ``accuracy`` [m] of the reference, and whose volume is
     kept within 1 %; a model or a spacing [m] that is given stays as it is. SceneError where nothing measured is that
     good."""
     if not accuracy <= COARSEST:
         raise SceneError(f"accuracy = {accuracy:g} m: must be at most {COARSEST:g} m (0.005 or 5mm for 5 mm)")
     fitting = [
-        c for c in measured() if model in (None, c.model) and (spacing is None or abs(c.spacing - spacing) < 1e-9)
+        c
+        for c in choices(mix, height)
+        if model in (None, c.model) and (spacing is None or math.isclose(c.spacing, spacing, rel_tol=1e-6))
     ]
     keeping = [choice for choice in fitting if choice.volume_error <= MOST_VOLUME]
     for choice in keeping:
@@ -58,3 +226,18 @@ def choose(accuracy: float, model: str | None = None, spacing: float | None = No
     if fitting and not keeping:
         allowed += f" that keeps the volume within {100.0 * MOST_VOLUME:g} %"
     raise SceneError(f"accuracy = {accuracy:g} m{' with ' * bool(given)}{given}: {allowed}")
+
+
+def write(rows: list[Measured]) -> None:
+    """Write the file that ``measured`` reads, shortened to three digits."""
+    names = list(asdict(rows[0]))
+    lines = [
+        "# Errors of the slump cone beside finite elements with inertia, over its height; spread: of half of it.",
+        "# Written by `python benchmarks/models.py draw`; yield_number tau_y/(rho g H), viscosity_number",
+        "# eta/(rho sqrt(g H^3)), slump and volume: the largest at any time, CPU-s: of one thread, to rest.",
+        ",".join(names),
+    ]
+    for row in rows:
+        errors = {key: f"{getattr(row, key):.3g}" for key in ("slump", "reach", "volume", "cpu_seconds")}
+        lines.append(",".join(str(value) for value in (asdict(row) | errors).values()))
+    MEASURED.write_text("\n".join(lines) + "\n", encoding="utf-8")

@@ -7,7 +7,6 @@ import numpy as np
 
 from ..units import array_of, said
 
-SECTOR, RIM, STRAYS = 6.0, 3.0, 2  # of the spread: width and depth of what is read over l0, particles left out of a rim
 HOLE = (0.75, 1.0)  # radius of a ring over its size: below, its particles cover the axis; above, another one fits in
 
 
@@ -168,27 +167,23 @@ def level(s: Snapshot, low, high) -> float:
 
 
 def spread(s: Snapshot) -> float:
-    """Diameter [m] of the widest layer, one particle thick: the mean over all directions.
+    """Diameter [m] of the widest layer: the mean over all directions.
 
-    In each sector, about 6 l0 wide at the rim, the volume of the layer's outermost 3 l0 says how far it reaches. The
-    outermost particle does not: by how much it stands out depends on the order of the particles, by 0.2 to 0.7 l0 of
-    the diameter. A rim thinner than a particle is read as if it were pushed together to one.
+    A layer one particle thick has, in a sector one particle wide, one particle to each spacing of depth: whatever their
+    order, the outermost one lies half a spacing inside of the edge, in the mean. In thicker layers and wider sectors it
+    is the one that stands out most, by up to 0.7 l0 of the diameter. A rim thinner than a particle is read too short.
     """
     r, angle = np.hypot(s.x[:, 0], s.x[:, 1]), np.arctan2(s.x[:, 1], s.x[:, 0])
-    sectors = max(4, int(2 * np.pi * r.max() / (SECTOR * s.spacing)))
-    sector = np.floor((angle / (2 * np.pi) + 0.5) * sectors).astype(int) % sectors
-    order = np.lexsort((-r, sector))
-    begin, end = (np.searchsorted(sector[order], np.arange(sectors), side) for side in ("left", "right"))
-    some = end > begin
-    edge = r[order][np.minimum(begin + STRAYS, end - 1)] * some  # of each sector, but for strays
-    inner = np.maximum(0.0, edge - RIM * s.spacing)
-    rim = np.clip((r - inner[sector]) / s.size + 0.5, 0.0, 1.0)  # part of each particle that is farther out
-    x, size, sector, volume = s.x[rim > 0], s.size[rim > 0], sector[rim > 0], (rim * s.size**3)[rim > 0]
-    low, high, thick, widest = x[:, 2] - 0.5 * size, x[:, 2] + 0.5 * size, float(np.median(size)), 0.0
-    for z in np.arange(low.min(), high.max(), 0.25 * thick):
-        share = np.clip(np.minimum(high, z + thick) - np.maximum(low, z), 0.0, None) / size
-        area = np.bincount(sector, share * volume, sectors) / thick
-        widest = max(widest, np.sqrt(inner**2 + sectors / np.pi * area)[some].mean())
+    radius = np.quantile(r, 0.99)  # a stray particle does not set it
+    size = float(np.median(s.size[r > radius - s.spacing]))
+    sectors = max(4, int(2 * np.pi * radius / size))
+    order = np.argsort(s.x[:, 2])
+    z, sector = s.x[order, 2], (np.floor((angle / (2 * np.pi) + 0.5) * sectors).astype(int) % sectors)[order]
+    edge, widest = (r + 0.5 * s.size)[order], 0.0
+    for low in np.arange(z[0] - 0.5 * size, z[-1], 0.25 * size):
+        layer, reach = slice(*np.searchsorted(z, (low, low + size))), np.zeros(sectors)
+        np.maximum.at(reach, sector[layer], edge[layer])
+        widest = max(widest, reach.sum() / max(1, np.count_nonzero(reach)))
     return float(2.0 * widest)
 
 
