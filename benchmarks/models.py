@@ -1,11 +1,12 @@
 """The models of the slump test side by side: particles, CPU seconds, errors of slump and spread.
 
     python benchmarks/models.py 100 300 500 1000   # yield values [Pa]: one JSON each in results/
+    python benchmarks/models.py 40,30 80,150       # with a plastic viscosity [Pa s], by default 50 Pa s
     python benchmarks/models.py draw               # docs/models.md, its chart, and what --accuracy chooses from
 
-The models of one yield value run one after the other in one process and one thread. Their CPU seconds are without the
-first step, which compiles. The reference is the finite elements of a true Bingham material with inertia, eta = 50 Pa s
-(validation/reference, +-0.4 mm). Errors: engine - reference.
+The models of one mix run one after the other in one process and one thread. Their CPU seconds are without the first
+step, which compiles. The reference is the finite elements of a true Bingham material with inertia, +-0.4 mm. Errors:
+engine - reference.
 """
 
 import json
@@ -17,7 +18,6 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "benchmarks" / "results"
 PAGE, CHART = ROOT / "docs/models.md", ROOT / "docs/figures/models.png"
-CHOICES = ROOT / "taichi_mps/problem/accuracy.json"
 BEGIN, END = "<!-- written by benchmarks/models.py -->", "<!-- end of benchmarks/models.py -->"
 PARTICLES = "full, wall particles"
 VARIANTS = [("full", 0.02), (PARTICLES, 0.01), ("full", 0.01), ("half", 0.01)]
@@ -77,20 +77,20 @@ def run(model: str, spacing: float, yield_value: float, plastic_viscosity: float
 def compare(yield_value: float, plastic_viscosity: float) -> None:
     """Run every model and write the JSON of this mix."""
     usual, rows = plastic_viscosity == USUAL, []
+    found = {"yield_value": yield_value, "plastic_viscosity": plastic_viscosity, "rows": rows}
     for model, spacing in VARIANTS:
         if usual or (model, spacing) not in ONLY_USUAL:
             rows.append(run(model, spacing, yield_value, plastic_viscosity))
-            print("| ".join(cells(yield_value, rows[-1])), flush=True)
-    found = {"yield_value": yield_value, "plastic_viscosity": plastic_viscosity, "rows": rows}
+            print("| ".join(cells(found, rows[-1])), flush=True)
     name = f"models_{yield_value:g}Pa" + ("" if usual else f"_{plastic_viscosity:g}Pas")
     (RESULTS / f"{name}.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
 
 
-def cells(yield_value: float, row: dict) -> list[str]:
+def cells(mix: dict, row: dict) -> list[str]:
     """One line of the table."""
     walls = f" + {row['wall_particles']:,}" if row["wall_particles"] else ""
     return [
-        f"{yield_value:g} Pa",
+        f"{mix['yield_value']:g} Pa, {mix['plastic_viscosity']:g} Pa s",
         f"{row['model']}, {1e3 * row['spacing']:g} mm",
         f"{row['fluid_particles']:,}{walls}",
         f"{row['cpu_seconds']:.1f}",
@@ -103,15 +103,15 @@ def cells(yield_value: float, row: dict) -> list[str]:
 
 def read() -> list[dict]:
     found = [json.loads(path.read_text(encoding="utf-8")) for path in RESULTS.glob("models_*Pa.json")]
-    return sorted(found, key=lambda result: result["yield_value"])
+    return sorted(found, key=lambda result: (result["yield_value"], result["plastic_viscosity"]))
 
 
 def table(results: list[dict]) -> str:
-    """Markdown of all results, by yield value."""
-    head = ["yield value", "model, l0", "particles", "CPU-s", "slump at rest [mm]", "worst slump [mm]", "spread [%]"]
+    """Markdown of all results, by mix."""
+    head = ["mix", "model, l0", "particles", "CPU-s", "slump at rest [mm]", "worst slump [mm]", "spread [%]"]
     lines = ["| " + " | ".join([*head, "worst volume [%]"]) + " |", "|" + "---|" * 8]
     for result in results:
-        lines += ["| " + " | ".join(cells(result["yield_value"], row)) + " |" for row in result["rows"]]
+        lines += ["| " + " | ".join(cells(result, row)) + " |" for row in result["rows"]]
     return "\n".join(lines)
 
 
@@ -120,29 +120,24 @@ def reach_error(row: dict) -> float:
     return 0.5 * row["spread_m"] * (1.0 - 1.0 / (1.0 + row["spread_error"]))
 
 
-def choices(results: list[dict]) -> list[dict]:
-    """Of each model and spacing the largest error [m] of the slump at any time and of the reach, half of the spread, at
-    rest, also of finer ones lest a lucky number be promised, the largest volume error, and the mean CPU seconds over
-    the yield values."""
-    found = []
-    for model, spacing in VARIANTS:
-        rows = [
-            row for result in results for row in result["rows"] if (row["model"], row["spacing"]) == (model, spacing)
-        ]
-        if model != PARTICLES:
-            error = max(max(abs(row["worst_slump_error_m"]), abs(reach_error(row))) for row in rows)
-            cost = sum(row["cpu_seconds"] for row in rows) / len(rows)
-            volume = max(row["worst_volume_error"] for row in rows)
-            found.append(
-                {"model": model, "spacing": spacing, "error": round(error, 4), "volume_error": round(volume, 4)}
-            )
-            found[-1]["cpu_seconds"] = round(cost, 2)
-    for choice in found:
-        finer = [
-            other for other in found if other["model"] == choice["model"] and other["spacing"] <= choice["spacing"]
-        ]
-        choice["error"] = max(other["error"] for other in finer)
-    return found
+def measured(results: list[dict]) -> list:
+    """What the package keeps: errors over the height, by model, spacing and mix."""
+    from taichi_mps.problem.accuracy import HEIGHT, Measured, Mix
+
+    return [
+        Measured(
+            row["model"],
+            round(row["spacing"] / HEIGHT, 9),
+            *(round(number, 9) for number in Mix.of(result["yield_value"], result["plastic_viscosity"])),
+            abs(row["worst_slump_error_m"]) / HEIGHT,
+            abs(reach_error(row)) / HEIGHT,
+            row["worst_volume_error"],
+            row["cpu_seconds"],
+        )
+        for result in results
+        for row in result["rows"]
+        if row["model"] != PARTICLES
+    ]
 
 
 def draw() -> None:
@@ -152,10 +147,13 @@ def draw() -> None:
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
+    from taichi_mps.problem import accuracy
+
     results = read()
     before, rest = PAGE.read_text(encoding="utf-8").split(BEGIN)
     PAGE.write_text(f"{before}{BEGIN}\n\n{table(results)}\n\n{END}{rest.split(END)[1]}", encoding="utf-8")
-    CHOICES.write_text(json.dumps(choices(results), indent=1) + "\n", encoding="utf-8")
+    accuracy.write(measured(results))
+    results = [result for result in results if result["plastic_viscosity"] == USUAL]
     figure, axes = plt.subplots(1, len(results), figsize=(3.4 * len(results), 3.4), sharex=True, sharey=True)
     for axis, result in zip(axes, results, strict=True):
         for model, colour in zip(dict(VARIANTS), ("C0", "C1", "C2", "C3", "C4"), strict=True):

@@ -10,9 +10,10 @@ from multiprocessing import TimeoutError, get_context
 
 from ..memory import admit, size
 from ..problem import catalogue
+from ..problem.accuracy import expected_of
 from ..problem.numerics import NUMERICS
 from ..problem.problem import Problem
-from ..report.sentences import certainty, comparable
+from ..report.sentences import certainty
 from ..units import SceneError
 
 PATIENCE = 60.0  # [s] for one forecast; it never comes where the process was killed for want of memory
@@ -69,7 +70,7 @@ def forecast(name: str, scheme: str, keywords: dict, numerics: dict, options: di
         admit(needed, f"spacing = {scene.spacing:g} m: its {count:.6g} particles take")
     like_a_summary = {"scene": name, "parameters": dict(scene.parameters), "scheme": scheme}
     like_a_summary["materials"] = [material.facts() for material in problem.materials]
-    measured = comparable(like_a_summary)
+    measured = expected_of(like_a_summary)
     if measured:
         time = f"{measured.cpu_seconds:.2g} s of processor time for the flow, and some to make the program ready."
     else:

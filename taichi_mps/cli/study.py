@@ -102,15 +102,54 @@ def calibrate_command(argv) -> int:
         "95 % intervals from the errors of the measurements; checked by one finer run.",
     )
     parser.options(Measurements, "measurements")
-    parser.add_argument("--table", help="a study of the slump to look the answer up in; the package's own by default")
+    parser.add_argument("--table", help="a laboratory's list, CSV: one mix a line, columns as slump [cm], spread [cm]")
+    parser.add_argument("--out", help="of --table: the results, CSV, and beside them a chart; mixes-calibrated.csv")
+    parser.add_argument("--study", help="a study of the slump to look the answer up in; the package's own by default")
     parser.add_argument("--no-check", action="store_true", help="without the finer run, in a second")
     parser.add_argument("--json", action="store_true", help="print the result as JSON")
     arguments = parser.parse(argv)
+    told = given(arguments, Measurements)
+    if arguments.table:
+        return calibrate_table(arguments, told)
+    if arguments.out:
+        raise SceneError(f"out = {arguments.out}: belongs to --table; must be left out")
     from ..study.calibrate import calibrate
 
-    told = given(arguments, Measurements)
-    result = calibrate(**told, table=arguments.table, check=not arguments.no_check)
+    result = calibrate(**told, study=arguments.study, check=not arguments.no_check)
     print(json.dumps(strict(result.facts())) if arguments.json else result)
+    return 0
+
+
+def calibrate_table(arguments, told) -> int:
+    """One calibration for each line of a laboratory's list."""
+    from ..study import mixes
+
+    path = Path(arguments.table)
+    if path.is_dir():
+        raise SceneError(f"table = {path}: is a folder; a study is named by --study, a list of mixes is a CSV file")
+    if told:
+        raise SceneError(f"{next(iter(told))}: stands in the table's own columns; must be left out")
+    out = Path(arguments.out or path.with_name(f"{path.stem}-calibrated.csv"))
+    if out.exists():
+        raise SceneError(f"out = {out}: is there already; must be a new file, it is not overwritten")
+    rows = mixes.read_list(path)
+
+    def watch(row, number):
+        if sys.stderr.isatty():
+            print(f"\r{number} of {len(rows)} mixes", end="\n" * (number == len(rows)), file=sys.stderr, flush=True)
+
+    found = mixes.calibrate_list(rows, arguments.study, watch)
+    mixes.write(found, out)
+    if arguments.json:
+        print(json.dumps(strict(found)))
+    else:
+        print(mixes.tally(found))
+        print(f"Every mix with its constants and reasons: {plain(out)}")
+    if find_spec("matplotlib"):
+        from ..study.chart import mixes_chart
+
+        chart = mixes_chart(found, out.with_suffix(".png"))
+        print(f"Chart: {plain(chart)}", file=sys.stderr)
     return 0
 
 

@@ -37,6 +37,9 @@ class Mix(NamedTuple):
         return f"{self.yield_number * DENSITY * GRAVITY * HEIGHT:.3g} Pa and {eta:.3g} Pa s"
 
 
+USUAL = Mix.of(1000.0, 50.0)  # the last of the mixes that are meant where none is named
+
+
 @dataclass(frozen=True)
 class Measured:
     """A model and a spacing with their errors for a mix: measured, or in between."""
@@ -134,10 +137,13 @@ def of_run(summary: dict) -> tuple[Mix, float] | None:
     """Mix and height [m] of a run, from its summary, if it is one of those that were measured: the scheme implicit, a
     cone as the standard's at any scale, gone at once, one Bingham mix. Else None."""
     given, mixes = summary.get("parameters", {}), summary.get("materials") or []
-    if summary["scene"] != "slump" or summary["scheme"] != "implicit" or len(mixes) != 1:
+    walls = summary.get("numerics", {}).get("walls", "surfaces")
+    if (summary["scene"], summary["scheme"], walls, len(mixes)) != ("slump", "implicit", "surfaces", 1):
         return None
     mix, height = mixes[0], given.get("height")
     if not height or given.get("lift_speed") is not None or mix.get("law") != "Bingham" or not mix["yield_value"]:
+        return None
+    if mix.get("critical_strain_rate") is not None:
         return None
     if any(not math.isclose(given.get(key, 0.0), part * height, rel_tol=1e-6) for key, part in STANDARD.items()):
         return None
@@ -172,8 +178,8 @@ class Choice:
 
 def choices(mix: Mix | None = None, height: float = HEIGHT) -> list[Choice]:
     """Every measured model and spacing with its error for this mix, the cheapest first: between the mixes beside it, of
-    the nearest one where there are none, and without a mix the largest of all. No error is less than that of a finer
-    spacing, lest a lucky number be promised."""
+    the nearest one where there are none, and without a mix the largest of those of 50 Pa s. No error is less than that
+    of a finer spacing, lest a lucky number be promised."""
     rows, found = measured(), []
     known = None if mix is None else nearest(mix)
     for model, spacing in dict.fromkeys((row.model, row.spacing) for row in rows):
@@ -182,7 +188,8 @@ def choices(mix: Mix | None = None, height: float = HEIGHT) -> list[Choice]:
         if there is None and mix:
             there, where = next((r for r in here if r.mix == known), None), f"measured for the nearest mix, {known}"
         elif mix is None:
-            there, where = worst(here), f"measured for {len({row.mix for row in here})} mixes"
+            usual = [row for row in here if math.isclose(row.viscosity_number, USUAL.viscosity_number, rel_tol=1e-3)]
+            there, where = worst(usual), f"measured for 100 to {USUAL}"
         if there:
             facts = height * there.error, there.volume, there.cpu_seconds, f"{where}, standard cone"
             found.append(Choice(model, round(height * spacing, 9), *facts))

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ..units import SceneError, suggestion
-from .accuracy import choose
+from .accuracy import Mix, choose
 from .materials import Bingham
 from .scene import Scene
 
@@ -92,7 +92,8 @@ def build(name: str, /, **keywords) -> Scene:
         raise SceneError(f"scene {name}: its function returns {type(scene).__name__}; must return a Scene")
     valid = function.parameters(**keywords)
     if getattr(valid, "accuracy", None) is not None and not {"model", "spacing"} <= set(keywords):
-        choice = choose(valid.accuracy, **fixed(valid, keywords))
+        mix = of_material(scene.material, valid.height)
+        choice = choose(valid.accuracy, **fixed(valid, keywords), mix=mix, height=valid.height)
         print(f"taichi-mps: accuracy = {1e3 * valid.accuracy:g} mm: {choice}", file=sys.stderr)
         return build(name, **{**keywords, "model": choice.model, "spacing": choice.spacing})
     return replace(scene, parameters=valid.model_dump(mode="json"))
@@ -112,6 +113,13 @@ def fixed(valid, keywords) -> dict:
     """The model and the spacing [m] that are not to be chosen: those given, and the full model of a lifted mould."""
     given = {key: getattr(valid, key) for key in ("model", "spacing") if key in keywords}
     return given | ({"model": "full"} if getattr(valid, "lift_speed", None) else {})
+
+
+def of_material(material, height: float) -> Mix | None:
+    """The numbers of a mix in a cone of that height [m], if it is one of those whose errors were measured."""
+    if type(material) is not Bingham or not material.yields:
+        return None
+    return Mix.of(material.yield_value, material.plastic_viscosity, material.density, height)
 
 
 def slump_cone(material: Bingham | None = None, **keywords) -> Scene:

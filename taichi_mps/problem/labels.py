@@ -24,6 +24,8 @@ RESULTS = {  # key: (name, what it is)
     "slump_m": ("slump", "how far the middle of the top has sunk, as read with a ruler at the axis"),
     "slump_max_m": ("slump at the highest point", "less than the slump where a rim stands higher than the middle"),
     "spread_m": ("slump-flow diameter", "mean of perpendicular diameters in all directions"),
+    "slump_expected_error_m": ("error of the slump", "to be expected, by measured errors of mixes around this one"),
+    "spread_expected_error_m": ("error of the diameter", "to be expected likewise"),
     "t500_s": ("T500", "time until the diameter is 500 mm"),
     "front_m": ("front", "farthest reach of the concrete, from the end of the vessel"),
     "height_m": ("height", "highest point of the fluid"),

@@ -1,6 +1,5 @@
 """A run in words, from its summary alone: what was measured, how sure that is, what it cost."""
 
-import math
 from pathlib import Path
 
 from ..problem import accuracy
@@ -65,34 +64,23 @@ def doubts(summary) -> list[str]:
 
 
 def certainty(summary) -> str:
-    """The accuracy expected, from the committed table of measured errors, where there is one for such a run."""
-    choice = comparable(summary)
-    if choice is None:
+    """The error to expect, from the committed table of measured ones; where that does not reach, that it does not."""
+    found = accuracy.of_run(summary)
+    if found is None:
         return "How accurate this is was not measured for such a run; compare it with one of half the particle size."
+    mix, height = found
+    error = accuracy.expected_of(summary)
+    if error is None:
+        return (
+            "This mix or particle size lies outside of those whose errors were measured, so how accurate this is is "
+            f"not known; the nearest mix that was measured is {accuracy.nearest(mix)} (standard cone). Compare it with "
+            "a run of half the particle size."
+        )
     return (
-        f"In runs like this one slump and radius were within {1e3 * choice.error:.0f} mm of independent finite "
-        f"elements ({accuracy.RANGE})."
+        f"Expect the slump within {1e3 * height * error.slump:.1f} mm and the slump-flow diameter within "
+        f"{2e3 * height * error.reach:.0f} mm of the exact flow of this mix: measured for mixes and particle sizes "
+        "around this one, beside independent finite elements."
     )
-
-
-def comparable(summary) -> accuracy.Choice | None:
-    """The measured row of this model and particle size, if the mix and the cone are among those it was measured for."""
-    given, mixes = summary.get("parameters", {}), summary.get("materials") or []
-    standard = {"base_diameter": 0.2, "top_diameter": 0.1, "height": 0.3, "lift_speed": None}
-    if summary["scene"] != "slump" or summary["scheme"] != "implicit" or len(mixes) != 1:
-        return None
-    if any(given.get(key) != value for key, value in standard.items()):
-        return None
-    mix = mixes[0]
-    low, high = accuracy.YIELD_VALUES
-    if mix.get("law") != "Bingham" or not low <= mix["yield_value"] <= high:
-        return None
-    if mix["plastic_viscosity"] != accuracy.PLASTIC_VISCOSITY:
-        return None
-    for row in accuracy.measured():
-        if row.model == given.get("model") and math.isclose(row.spacing, given.get("spacing", 0.0)):
-            return row
-    return None
 
 
 def cost(summary) -> str:
@@ -109,7 +97,10 @@ def rows(summary) -> list[tuple[str, str, str]]:
     return [
         (title(key), "not reached" if value is None else written(key, value), meaning(key))
         for key, value in summary.items()
-        if is_measure(key) and key not in NOT_RESULTS and (value is None or isinstance(value, float | int))
+        if is_measure(key)
+        and key not in NOT_RESULTS
+        and (value is None or isinstance(value, float | int))
+        and not (value is None and key.endswith("expected_error_m"))
     ]
 
 

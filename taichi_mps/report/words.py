@@ -89,21 +89,35 @@ def accuracy_expected(run: Told) -> str:
     """What was measured of such runs, or that nothing was; for the slump cone the table of its model."""
     if not run.ended:
         return "<p>Said when the run has ended.</p>"
-    summary, choice = run.summary, sentences.comparable(run.summary)
-    text = f"<p>{safe(sentences.certainty(summary) + OWN * bool(choice))}</p>"
-    model = summary.get("parameters", {}).get("model")
-    rows = sorted((row for row in accuracy.measured() if row.model == model), key=lambda row: -row.spacing)
-    if summary["scene"] != "slump" or summary["scheme"] != "implicit" or not rows:
+    summary, model = run.summary, run.summary.get("parameters", {}).get("model")
+    found, here = accuracy.of_run(summary), accuracy.expected_of(summary)
+    text = f"<p>{safe(sentences.certainty(summary) + OWN * bool(here))}</p>"
+    if not found:
         return text
-    cells = [("particle size", "slump and reach within", "volume within")]
-    cells += [(f"{1e3 * row.spacing:g} mm", f"{1e3 * row.error:.1f} mm", f"{row.volume_error:.1%}") for row in rows]
+    mix, height = found
+    sizes = sorted(
+        {row.spacing for row in accuracy.measured() if row.model == model} | {here.spacing} if here else set()
+    )
+    rows = [row for row in (accuracy.expected(model, size, mix) for size in reversed(sizes)) if row]
+    if not rows:
+        return text
+    cells = [("particle size", "slump within", "diameter within", "volume within")]
+    cells += [
+        (
+            f"{1e3 * height * row.spacing:.3g} mm",
+            f"{1e3 * height * row.slump:.1f} mm",
+            f"{2e3 * height * row.reach:.0f} mm",
+            f"{row.volume:.1%}",
+        )
+        for row in rows
+    ]
     lines = [
-        f"<tr{' class=this' if choice and k and rows[k - 1] == choice else ''}>"
+        f"<tr{' class=this' if k and rows[k - 1].spacing == here.spacing else ''}>"
         + "".join(f"<td>{safe(cell)}</td>" for cell in row)
         + "</tr>"
         for k, row in enumerate(cells)
     ]
-    about = f"Measured for the model {model}, {accuracy.RANGE}:"
+    about = f"Of this mix, by the model {model}, are to be expected:"
     return f"{text}\n<p>{safe(about)}</p>\n<table>\n{chr(10).join(lines)}\n</table>"
 
 

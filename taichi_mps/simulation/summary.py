@@ -4,7 +4,7 @@ import math
 import warnings
 
 from .. import __version__
-from ..problem.accuracy import MOST_VOLUME_ERROR
+from ..problem import accuracy
 from ..runtime import backend
 from ..schemes.step_report import DivergedError, DomainError, UnmeasuredError
 
@@ -18,7 +18,7 @@ def summary(sim) -> dict:
     measures = sim.measures() if ended else {}
     if math.isnan(measures.get(SLUMP, 0.0)):
         del measures[SLUMP]
-    return {
+    facts = {
         "scene": sim.scene.name,
         "parameters": dict(sim.scene.parameters),
         "materials": [material.facts() for material in sim.problem.materials],
@@ -39,16 +39,28 @@ def summary(sim) -> dict:
         "backend": backend.started(),
         "version": __version__,
     }
+    return facts | (expected_errors(facts) if SLUMP in measures else {})
+
+
+def expected_errors(facts: dict) -> dict:
+    """The errors of slump and spread [m] to expect of a run, by the measured ones around it; None beyond those, and
+    nothing where no such runs were measured."""
+    found = accuracy.of_run(facts)
+    if not found:
+        return {}
+    error, height = accuracy.expected_of(facts), found[1]
+    both = (height * error.slump, 2.0 * height * error.reach) if error else (None, None)
+    return dict(zip(("slump_expected_error_m", "spread_expected_error_m"), both, strict=True))
 
 
 def judge(sim) -> None:
     """At the end of a run: a warning where the volume was not kept on the way, UnmeasuredError where the slump that was
     to be measured is no number."""
     worst = sim.report.volume_error_max if sim.report else 0.0
-    if worst > MOST_VOLUME_ERROR:
+    if worst > accuracy.MOST_VOLUME_ERROR:
         warnings.warn(
-            f"volume_error_max = {worst:.1%}: the volume was not kept within {MOST_VOLUME_ERROR:.0%} all the time; a "
-            f"smaller spacing keeps it better, or effective_radius_ratio = 2.6 where the layer is thin",
+            f"volume_error_max = {worst:.1%}: the volume was not kept within {accuracy.MOST_VOLUME_ERROR:.0%} all the "
+            "time; a smaller spacing keeps it better, or effective_radius_ratio = 2.6 where the layer is thin",
             stacklevel=1,  # by text: of the command line one line
         )
     if sim.watched and sim.stopped_by != "interrupted" and math.isnan(sim.measures().get(SLUMP, 0.0)):

@@ -154,12 +154,12 @@ class Measurements(Checked):
 
 
 @checked
-def calibrate(test: Measurements, table: str | None = None, check: bool = True) -> Calibration:
+def calibrate(test: Measurements, study: str | None = None, check: bool = True) -> Calibration:
     """Yield stress and plastic viscosity of a mix from what was measured in its slump test: the keywords are those of
     ``Measurements``.
 
-    ``table`` is a study of the slump test to look the answer up in, by default the package's own of the standard cone
-    with the mould gone at once. With ``check`` the cone is computed once more at half the spacing with the constants
+    ``study`` is one of the slump test to look the answer up in, by default the package's own of the standard cone with
+    the mould gone at once. With ``check`` the cone is computed once more at half the spacing with the constants
     found, and they are corrected by the difference.
     """
     slump, spread, t500 = test.slump, test.spread, test.t500
@@ -172,7 +172,7 @@ def calibrate(test: Measurements, table: str | None = None, check: bool = True) 
         raise SceneError(
             f"t500 = {t500:g} s: with spread = {spread:g} m it never spread to 0.5 m; leave one of them out"
         )
-    emulator = emulator_of(table)
+    emulator = emulator_of(study)
     height = emulator.settings.get("height", 0.3)
     if slump and slump >= height:
         raise SceneError(
@@ -186,6 +186,8 @@ def calibrate(test: Measurements, table: str | None = None, check: bool = True) 
     base = emulator.settings.get("base_diameter", 0.2)
     if spread and spread + 3.0 * test.spread_error < base:
         raise SceneError(f"spread = {spread:g} m: must be more than {base:g} m, the base of the cone")
+    if slump and spread:
+        check_room(emulator, slump - 3.0 * test.slump_error, spread + 3.0 * test.spread_error, slump, spread)
     known = test.plastic_viscosity
     low, high = test.rho * np.exp(emulator.axes[1][[0, -1]])
     if known is not None and not low <= known <= high:
@@ -194,10 +196,36 @@ def calibrate(test: Measurements, table: str | None = None, check: bool = True) 
         )
     found = fit(emulator, measured, test.rho, known=known)
     if not check:
-        return found
+        return with_each_alone(emulator, found, test.rho)
     apart = difference(emulator, found, test.rho)
     corrected = fit(emulator, measured, test.rho, apart, known)
-    return replace(corrected, finer=apart)
+    return with_each_alone(emulator, replace(corrected, finer=apart), test.rho)
+
+
+def check_room(emulator: Emulator, least: float, widest: float, slump: float, spread: float) -> None:
+    """SceneError where even with three standard errors, ``least`` slump and ``widest`` spread [m], a cylinder around
+    the body holds less than the mould."""
+    height = emulator.settings.get("height", 0.3)
+    base, top = (emulator.settings.get(f"{end}_diameter", usual) for end, usual in (("base", 0.2), ("top", 0.1)))
+    mould = np.pi / 12.0 * height * (base**2 + base * top + top**2)
+    room = np.pi / 4.0 * widest**2 * (height - max(0.0, least))
+    if room < mould:
+        raise SceneError(
+            f"slump = {slump:g} m with spread = {spread:g} m: leaves room for {1e3 * room:.1f} l at most, and the "
+            f"mould holds {1e3 * mould:.1f} l; one of them must be misread"
+        )
+
+
+def with_each_alone(emulator: Emulator, found: Calibration, density: float) -> Calibration:
+    """A contradictory one with what slump and spread say alone, at its plastic viscosity."""
+    lengths = {name: pair for name, pair in found.measured.items() if name.endswith("_m")}
+    if not found.contradictory or len(lengths) < 2:
+        return found
+    eta, alone = found.plastic_viscosity.value, {}
+    for name, pair in lengths.items():
+        constant = fit(emulator, {name: pair}, density, found.finer, eta).yield_value
+        alone[name] = constant.value, constant.lower, constant.upper
+    return replace(found, alone=alone)
 
 
 def difference(emulator: Emulator, found: Calibration, density: float) -> dict:

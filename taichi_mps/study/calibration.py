@@ -36,6 +36,14 @@ class Constant:
         """Is it bounded on one side only, with the best value at an end of the table?"""
         return (self.lower is None) != (self.upper is None) and not 1.01 * self.low < self.value < 0.99 * self.high
 
+    def bounds(self, unit: str) -> str:
+        """The value, or the bound where it has only one."""
+        if self.lower is None or self.upper is None:
+            known = self.upper if self.lower is None else self.lower
+            word = "at most" if self.lower is None else "at least"
+            return "nothing" if known is None else f"{word} {short(known)} {unit}"
+        return f"{short(self.value)} {unit}"
+
     def told(self, unit: str) -> str:
         """In words."""
         if self.low == self.high:
@@ -59,6 +67,8 @@ class Calibration:
     model: dict[str, float]
     misfit: float  # chi squared
     by_viscosity: dict[float, float]  # best yield stress [Pa] at plastic viscosities [Pa s] that fit
+    # where no mix is near: the yield stress [Pa] and the ends of its interval that each length alone says
+    alone: dict[str, tuple[float, float | None, float | None]] = field(default_factory=dict)
     finer: dict[str, float] = field(default_factory=dict)  # the run that checked: finer minus table, ratio for t500_s
 
     @property
@@ -76,6 +86,21 @@ class Calibration:
         both = {name: getattr(self, name) for name in CONSTANTS}
         both = {name: asdict(constant) | {"determined": constant.determined} for name, constant in both.items()}
         return asdict(self) | both | {"contradictory": self.contradictory, "at_the_edge": self.at_the_edge}
+
+    def contradiction(self) -> str:
+        """That no mix is near the measurements, with what each of them says alone and what to trust it for."""
+        text = "no mix comes within three standard errors: the measurements contradict each other or the model"
+        if len(self.alone) < 2:
+            return text
+        eta = f"{short(self.plastic_viscosity.value)} Pa s"
+        said = [
+            f"the {NAMES[name]} alone says {Constant(*found, 0.0, 0.0).bounds('Pa')}"
+            for name, found in self.alone.items()
+        ]
+        return (
+            f"{text}; at {eta} {', '.join(said)}. Trust that of the slump for how high the concrete stands, that of "
+            "the slump flow for how far it runs; no single Bingham mix does both"
+        )
 
     def __str__(self):
         lines = [f"{word:18} {getattr(self, name).told(unit)}" for name, (word, unit) in CONSTANTS.items()]
@@ -98,7 +123,5 @@ class Calibration:
                 0, f"the best fit lies at the edge of the table ({ends}): what is bounded is so within it only"
             )
         if self.contradictory:
-            lines.insert(
-                0, "no mix comes within three standard errors: the measurements contradict each other or the model"
-            )
+            lines.insert(0, self.contradiction())
         return "\n".join(lines)

@@ -62,6 +62,27 @@ def slump_chart(out, study=None) -> Path:
     return _save(figure, out)
 
 
+def mixes_chart(rows, out) -> Path:
+    """Slump flow against slump of a laboratory's mixes [cm], each joined with the mix of the model that is nearest."""
+    figure, axes = _figure(8.0, 6.0)
+    for kind, colour in zip(dict.fromkeys(row["verdict"] for row in rows), COLOURS, strict=False):
+        shown = False
+        for row in (row for row in rows if row["verdict"] == kind):
+            if row.get("slump_m_missed") is None or row.get("spread_m_missed") is None:
+                continue
+            model = np.array([row["slump_m_model"], row["spread_m_model"]])
+            measured = model - [row["slump_m_missed"], row["spread_m_missed"]]
+            axes.plot(*100.0 * np.array([measured, model]).T, "-", color=colour, lw=0.8, alpha=0.6)
+            axes.plot(*100.0 * measured, "o", color=colour, ms=5, label=None if shown else f"{kind}, measured")
+            axes.plot(*100.0 * model, ".", color="black", ms=4)
+            shown = True
+    axes.set(xlabel="slump [cm]", ylabel="slump flow [cm]", title="Measured, and the nearest mix of the model (dots)")
+    axes.grid(alpha=0.3)
+    if axes.get_legend_handles_labels()[0]:
+        axes.legend(frameon=False)
+    return _save(figure, out)
+
+
 def study_chart(rows, varied, out) -> Path:
     """Each measure of a study against its first parameter that is a number, a curve for every value of the others.
 

@@ -1,37 +1,117 @@
-"""--accuracy: the cheapest measured model and spacing that is good enough; what is given stays."""
+"""Errors to expect, between measured ones; --accuracy: the cheapest model and spacing that is good enough."""
 
+import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.problem import catalogue
-from taichi_mps.problem.accuracy import choose, measured
+from taichi_mps.problem import accuracy, catalogue
+from taichi_mps.problem.accuracy import Measured, Mix, at_mix, choices, choose, expected, measured
 from taichi_mps.units import Length, SceneError
 
+MIX = Mix.of(500.0, 50.0)
 
-@pytest.mark.parametrize("accuracy", [0.002, 0.003, 0.005, 0.01, 0.02])
+
+def linear(spacing: float, mix: Mix) -> Measured:
+    """A measurement whose errors are linear in the logarithms of the mix and of the spacing."""
+    x, y = math.log(mix.yield_number), math.log(mix.viscosity_number)
+    error = 1.0 + 0.1 * x - 0.05 * y + 0.2 * math.log(spacing)
+    return Measured("quarter", spacing, *mix, error, 2.0 * error, 3.0 * error, 4.0 * error)
+
+
+CORNERS = [Mix(0.01, 0.01), Mix(0.2, 0.02), Mix(0.05, 0.5), Mix(0.03, 0.05)]
+ROWS = [linear(spacing, mix) for spacing in (0.02, 0.05) for mix in CORNERS]
+
+
+def test_between_what_was_measured_it_is_linear():
+    for inside in (Mix(0.03, 0.03), Mix(0.06, 0.06), Mix(0.1, 0.1)):
+        for spacing in (0.02, 0.03, 0.05):
+            found, exact = expected("quarter", spacing, inside, ROWS), linear(spacing, inside)
+            np.testing.assert_allclose([found.slump, found.volume], [exact.slump, exact.volume], rtol=1e-9)
+
+
+def test_what_was_measured_comes_back_as_it_is():
+    for row in ROWS:
+        found = expected("quarter", row.spacing, row.mix, ROWS)
+        np.testing.assert_allclose([found.slump, found.reach], [row.slump, row.reach], rtol=1e-9)
+
+
+@pytest.mark.parametrize("beyond", [Mix(0.001, 0.05), Mix(0.05, 5.0), Mix(0.3, 0.3)])
+def test_nothing_is_said_beyond_the_measured_mixes(beyond):
+    assert at_mix(ROWS, beyond) is None and expected("quarter", 0.03, beyond, ROWS) is None
+
+
+@pytest.mark.parametrize("spacing", [0.01, 0.06])
+def test_nothing_is_said_beyond_the_measured_spacings(spacing):
+    assert expected("quarter", spacing, CORNERS[3], ROWS) is None
+
+
+def test_the_file_has_what_the_words_promise():
+    for model in ("full", "half", "quarter", "axisymmetric"):
+        assert expected(model, 0.01 / 0.3, MIX), model
+    for mix in (Mix.of(40.0, 30.0), Mix.of(1000.0, 200.0), Mix.of(200.0, 500.0)):
+        assert expected("full", 0.02 / 0.3, mix)
+    assert all(0.0 <= row.error < 0.2 and row.cpu_seconds > 0.0 for row in measured())
+
+
+@pytest.mark.parametrize("times", [0.25, 4.0])
+def test_a_cone_of_another_size_has_the_errors_of_the_same_numbers(times):
+    """H times as high, the same tau_y/(rho g H) and eta/(rho sqrt(g H^3)): errors, in metres, are times as large."""
+
+    def facts(scale):
+        cone = dict(base_diameter=0.2 * scale, top_diameter=0.1 * scale, height=0.3 * scale, spacing=0.01 * scale)
+        scene = mps.slump_cone(yield_value=500.0 * scale, plastic_viscosity=50.0 * scale**1.5, **cone)
+        mixes = [scene.material.facts()]
+        return {"scene": "slump", "scheme": "implicit", "parameters": dict(scene.parameters), "materials": mixes}
+
+    usual, other = (accuracy.expected_of(facts(scale)) for scale in (1.0, times))
+    np.testing.assert_allclose([other.slump, other.reach], [usual.slump, usual.reach], rtol=1e-6)
+    assert accuracy.of_run(facts(times))[1] == pytest.approx(0.3 * times)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"lift_speed": 0.1}, {"top_diameter": 0.2}, {"height": 0.4}],
+    ids=["lifted", "a cylinder", "a slender cone"],
+)
+def test_nothing_is_said_of_other_tests(change):
+    scene = mps.slump_cone(yield_value=500.0, **change)
+    facts = {"scene": "slump", "scheme": "implicit", "parameters": dict(scene.parameters)}
+    assert accuracy.of_run(facts | {"materials": [scene.material.facts()]}) is None
+
+
+# ---- a choice --------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("wanted", [0.002, 0.003, 0.005, 0.01, 0.02])
 @pytest.mark.parametrize("given", [{}, {"model": "quarter"}, {"spacing": 0.01}], ids=["free", "quarter", "10 mm"])
-def test_nothing_that_is_good_enough_is_cheaper(accuracy, given):
-    there = [c for c in measured() if all(getattr(c, key) == value for key, value in given.items())]
-    fitting = [c for c in there if c.error <= accuracy and c.volume_error <= 0.01]
+@pytest.mark.parametrize("mix", [None, MIX, Mix.of(50.0, 40.0)], ids=["any mix", "500 Pa", "50 Pa"])
+def test_nothing_that_is_good_enough_is_cheaper(wanted, given, mix):
+    there = [c for c in choices(mix) if all(getattr(c, key) == value for key, value in given.items())]
+    fitting = [c for c in there if c.error <= wanted and c.volume_error <= 0.01]
     if not fitting:
         with pytest.raises(SceneError, match="must be at least"):
-            choose(accuracy, **given)
+            choose(wanted, **given, mix=mix)
         return
-    choice = choose(accuracy, **given)
-    assert choice.error <= accuracy and choice.cpu_seconds == min(c.cpu_seconds for c in fitting)
+    choice = choose(wanted, **given, mix=mix)
+    assert choice.error <= wanted and choice.cpu_seconds == min(c.cpu_seconds for c in fitting)
     assert all(getattr(choice, key) == value for key, value in given.items())
 
 
-def test_every_model_was_measured_at_more_than_one_spacing():
-    for model in ("full", "quarter", "axisymmetric"):
-        assert len({c.spacing for c in measured() if c.model == model}) > 1
-    assert all(0.0 < c.error < 0.05 and c.cpu_seconds > 0.0 for c in measured())
+def test_no_error_is_promised_below_that_of_a_finer_spacing():
+    for mix in (None, MIX):
+        for choice in choices(mix):
+            finer = [c.error for c in choices(mix) if c.model == choice.model and c.spacing < choice.spacing]
+            assert choice.error >= max(finer, default=0.0)
+
+
+def test_a_mix_beyond_those_measured_is_told_whose_errors_are_taken():
+    assert "measured for the nearest mix, 1e+03 Pa and 200 Pa s" in str(choose(0.02, mix=Mix.of(2000.0, 900.0)))
+    assert "mixes beside this one" in str(choose(0.02, mix=MIX))
 
 
 def test_the_scene_is_made_as_chosen_and_says_so(capsys):
-    choice = choose(0.005)
+    choice = choose(0.005, mix=MIX)
     scene = mps.slump_cone(accuracy=0.005, yield_value=500.0)
     assert (scene.spacing, scene.parameters["model"]) == (choice.spacing, choice.model)
     assert scene.axisymmetric == (choice.model == "axisymmetric")
@@ -54,7 +134,7 @@ def test_what_nothing_reaches_is_refused_with_the_best_there_is(monkeypatch):
         mps.slump_cone(accuracy=1e-6)
     with pytest.raises(SceneError, match="with spacing = 0.013: nothing was measured there$"):
         mps.slump_cone(accuracy=0.005, spacing=0.013)
-    swollen = [replace(c, volume_error=0.011) if c.spacing == 0.02 else c for c in measured()]
+    swollen = [replace(row, volume=0.011) for row in measured()]
     monkeypatch.setattr("taichi_mps.problem.accuracy.measured", lambda: swollen)
     with pytest.raises(
         SceneError, match="with spacing = 0.02: nothing was measured there that keeps the volume within 1 %$"

@@ -13,7 +13,7 @@ import pytest
 import taichi_mps as mps
 from taichi_mps.cli import main as cli
 from taichi_mps.problem import catalogue
-from taichi_mps.problem.accuracy import measured
+from taichi_mps.problem.accuracy import choices
 from taichi_mps.problem.problem import Problem
 from taichi_mps.study import case as cases
 from taichi_mps.study.calibrate import calibrate, fit
@@ -63,7 +63,7 @@ def test_model_and_spacing_are_the_cheapest_that_are_good_enough():
     planned = combinations("slump", yield_value="100:400:3", plastic_viscosity=[20, 50])
     mixes = [(c.parameters["yield_value"], c.parameters["plastic_viscosity"]) for c in planned]
     assert mixes == [(100, 20), (100, 50), (200, 20), (200, 50), (400, 20), (400, 50)]
-    good = [c for c in measured() if c.error <= ACCURACY and c.volume_error <= 0.01]
+    good = [c for c in choices() if c.error <= ACCURACY and c.volume_error <= 0.01]
     cheapest = min(good, key=lambda c: c.cpu_seconds)
     assert {(c.parameters["model"], c.parameters["spacing"]) for c in planned} == {(cheapest.model, cheapest.spacing)}
     assert combinations("slump", model="quarter")[0].parameters == {"model": "quarter"}

@@ -1,0 +1,138 @@
+"""A laboratory's list of measured mixes: one calibration each, a table and a chart."""
+
+import csv
+from collections import Counter
+from pathlib import Path
+
+from ..units import SceneError, suggestion
+from .calibrate import Measurements, calibrate
+from .calibration import CONSTANTS, Calibration, short
+
+NEAR = {"slump_m": 0.01, "spread_m": 0.02}  # [m] within which a mix of the model explains a measurement
+EXPLAINED, BOUNDED, TWO_ANSWERS, FAR, REFUSED = "explained", "bounded", "two answers", "not explained", "refused"
+MEANING = {  # of a verdict
+    EXPLAINED: "one mix comes within 10 mm of the slump and 20 mm of the slump flow, its yield stress is found",
+    BOUNDED: "the same, or no slump at all; the yield stress is bounded on one side",
+    TWO_ANSWERS: "slump and slump flow contradict each other: the yield stress of each is given",
+    FAR: "no mix comes so near, or the yield stress is not bounded",
+    REFUSED: "the measurement cannot be used, for the reason given",
+}
+
+
+def read_list(path) -> list[dict[str, str]]:
+    """The rows of a list as text: a CSV file whose columns are measurements, `slump [cm]` or `slump` in SI units, and
+    any others, which are kept. SceneError for what is no such list."""
+    try:
+        text = Path(path).read_text(encoding="utf-8-sig")
+    except (OSError, ValueError) as error:
+        raise SceneError(f"table = {path}: cannot be read ({getattr(error, 'strerror', None) or error})") from None
+    lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
+    rows = list(csv.DictReader(lines, strict=True))
+    columns = [name.split("[")[0].strip() for name in (rows[0] if rows else {}) if name]
+    if not {"slump", "spread", "t500"} & set(columns):
+        near = next((hint for name in columns if (hint := suggestion(name, Measurements.model_fields))), "")
+        raise SceneError(
+            f"table = {path}: has no column slump, spread or t500{near}; must be a CSV file with a line for each mix, "
+            "and the unit in the column's name: slump [cm]"
+        )
+    return rows
+
+
+def measurements_of(row: dict[str, str]) -> dict[str, str]:
+    """Those of a row, with the units of their columns."""
+    found = {}
+    for column, value in row.items():
+        name, _, unit = str(column or "").partition("[")
+        if name.strip() in Measurements.model_fields and value and value.strip():
+            found[name.strip()] = f"{value.strip()} {unit.strip().rstrip(']')}".strip()
+    return found
+
+
+def without_slump(measured: dict[str, str]) -> dict[str, str]:
+    """Of a mix that stands only that it does: its slump is less than its own error, and its spread is the mould's."""
+    error = Measurements(**measured | {"slump": "1"}).slump_error
+    return {name: value for name, value in measured.items() if name in ("rho", "plastic_viscosity", "slump_error")} | {
+        "slump": str(error)
+    }
+
+
+def one(row: dict[str, str], study=None) -> dict:
+    """A row with what was found of it; verdict and reason in words."""
+    measured = measurements_of(row)
+    try:
+        number = measured.get("slump", "").split()
+        stands = bool(number) and float(number[0]) == 0.0
+        found = calibrate(**(without_slump(measured) if stands else measured), study=study, check=False)
+    except (SceneError, ValueError) as error:
+        return {**row, "verdict": REFUSED, "reason": " ".join(str(error).split())}
+    if stands:
+        least = found.yield_value.lower
+        known = {"yield_value_lower": least, "verdict": BOUNDED}
+        return {**row, **known, "reason": f"it stands: its yield stress is more than {short(least)} Pa"}
+    return {**row, **columns_of(found), "verdict": verdict(found), "reason": reason(found)}
+
+
+def columns_of(found: Calibration) -> dict:
+    """What a result table keeps of a calibration, SI units; empty where it has none."""
+    kept = {}
+    for name in CONSTANTS:
+        constant = getattr(found, name)
+        kept |= {f"{name}_found": constant.value if constant.determined or constant.low == constant.high else None}
+        kept |= {f"{name}_lower": constant.lower, f"{name}_upper": constant.upper}
+    for name in NEAR:
+        kept[f"{name}_model"] = found.model[name]
+        kept[f"{name}_missed"] = found.model[name] - found.measured[name][0] if name in found.measured else None
+        kept[f"yield_value_by_{name.removesuffix('_m')}"] = found.alone.get(name, (None,))[0]
+    return kept
+
+
+def verdict(found: Calibration) -> str:
+    """How a mix came out."""
+    near = all(
+        abs(found.model[name] - found.measured[name][0]) <= NEAR[name] for name in NEAR if name in found.measured
+    )
+    bounded = found.yield_value.lower is not None or found.yield_value.upper is not None
+    if near and bounded and not found.contradictory:
+        return EXPLAINED if found.yield_value.determined else BOUNDED
+    return TWO_ANSWERS if len(found.alone) > 1 else FAR
+
+
+def reason(found: Calibration) -> str:
+    """Why no single mix explains it; empty where one does."""
+    if verdict(found) in (EXPLAINED, BOUNDED):
+        return ""
+    if len(found.alone) > 1:
+        return found.contradiction()
+    far = [
+        f"{word} {1e3 * (found.model[name] - found.measured[name][0]):+.0f} mm"
+        for name, word in (("slump_m", "slump"), ("spread_m", "slump flow"))
+        if name in found.measured
+    ]
+    return f"the nearest mix misses: {', '.join(far)}"
+
+
+def calibrate_list(rows: list[dict[str, str]], study=None, watch=None) -> list[dict]:
+    """Every row with what was found of it; ``watch(row, number)`` is told of each. Some 0.2 s a row, so on one core."""
+    found = []
+    for number, row in enumerate(rows, 1):
+        found.append(one(row, study))
+        if watch:
+            watch(found[-1], number)
+    return found
+
+
+def tally(rows: list[dict]) -> str:
+    """How many mixes came out how, a line each with what that means."""
+    count = Counter(row["verdict"] for row in rows)
+    return "\n".join(f"{count[name]:4d} {name}: {MEANING[name]}" for name in MEANING if count[name])
+
+
+def write(rows: list[dict], path) -> Path:
+    """The table of results, CSV."""
+    names = list(dict.fromkeys(name for row in rows for name in row if name))
+    with open(path, "w", encoding="utf-8", newline="") as file:
+        table = csv.DictWriter(file, names, restval="", extrasaction="ignore")
+        table.writeheader()
+        for row in rows:
+            table.writerow({name: f"{v:.5g}" if isinstance(v, float) else v for name, v in row.items()})
+    return Path(path)

@@ -1,0 +1,94 @@
+"""A laboratory's list: finite elements come out as what they were made with, contradictions get two answers."""
+
+import csv
+import math
+
+import pytest
+
+import taichi_mps as mps
+from taichi_mps.cli.main import main
+from taichi_mps.study.calibrate import calibrate
+from taichi_mps.study.mixes import BOUNDED, EXPLAINED, REFUSED, TWO_ANSWERS, calibrate_list, one, read_list, tally
+
+pytest.importorskip("scipy")
+
+LIST = """# measured by finite elements of 500 and 1000 Pa, 50 Pa s
+mix,slump [cm],spread [mm],plastic_viscosity
+five,17.99,319.3,50
+ten,10.15,265.6,50
+far,22.5,560,
+stands,0,200,
+misread,20,200,
+no length,tall,300,
+"""
+
+
+@pytest.fixture
+def rows(tmp_path):
+    (tmp_path / "mixes.csv").write_text(LIST)
+    return read_list(tmp_path / "mixes.csv")
+
+
+def test_each_line_gets_its_verdict(rows):
+    found = {row["mix"]: row for row in calibrate_list(rows)}
+    assert [found[mix]["verdict"] for mix in found] == [EXPLAINED, EXPLAINED, TWO_ANSWERS, BOUNDED, REFUSED, REFUSED]
+    for mix, exact in (("five", 500.0), ("ten", 1000.0)):
+        assert found[mix]["yield_value_lower"] <= exact <= found[mix]["yield_value_upper"]
+        assert found[mix]["reason"] == ""
+        assert abs(found[mix]["slump_m_missed"]) <= 0.01 and abs(found[mix]["spread_m_missed"]) <= 0.02
+
+
+def test_two_answers_are_those_of_each_length_alone(rows):
+    far = one(rows[2])
+    for key, alone in (("slump", {"slump": "22.5cm"}), ("spread", {"spread": "560mm"})):
+        told = calibrate(**alone, plastic_viscosity=50.0, check=False).yield_value
+        assert far[f"yield_value_by_{key}"] == pytest.approx(told.value, rel=0.05)
+    assert far["yield_value_by_slump"] > 3.0 * far["yield_value_by_spread"]
+    assert "the slump alone says" in far["reason"] and "Trust that of the slump for how high" in far["reason"]
+
+
+def test_one_that_stands_is_bounded_and_one_without_room_is_refused(rows):
+    stands, misread = one(rows[3]), one(rows[4])
+    assert stands["yield_value_lower"] > 1000.0 and "its yield stress is more than" in stands["reason"]
+    room = math.pi / 4 * (0.2 + 0.03) ** 2 * (0.3 - 0.2 + 0.015)  # with three standard errors
+    assert room < 5.5e-3 and "leaves room for 4.8 l at most" in misread["reason"]
+
+
+def test_a_pair_without_room_for_the_mould_is_refused():
+    with pytest.raises(mps.SceneError, match=r"leaves room for 4\.\d l at most, and the mould holds 5\.5 l"):
+        calibrate(slump=0.2, spread=0.2, check=False)
+
+
+def test_every_row_is_kept_and_counted(rows):
+    found = calibrate_list(rows)
+    assert [row["mix"] for row in found] == [row["mix"] for row in rows]
+    assert sum(int(line.split()[0]) for line in tally(found).splitlines()) == len(rows)
+
+
+def test_the_command_writes_a_table_and_overwrites_nothing(tmp_path, capsys):
+    (tmp_path / "mixes.csv").write_text(LIST)
+    assert main(["calibrate", "--table", str(tmp_path / "mixes.csv")]) == 0
+    with open(tmp_path / "mixes-calibrated.csv", newline="") as file:
+        table = list(csv.DictReader(file))
+    assert [row["mix"] for row in table] == ["five", "ten", "far", "stands", "misread", "no length"]
+    assert "2 explained" in capsys.readouterr().out
+    assert main(["calibrate", "--table", str(tmp_path / "mixes.csv")]) == 2
+    assert "is there already" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("slmp,other\n1,2\n", "has no column slump, spread or t500"),
+        ("", "has no column"),
+    ],
+)
+def test_what_is_no_list_is_refused(tmp_path, text, said):
+    (tmp_path / "mixes.csv").write_text(text)
+    with pytest.raises(mps.SceneError, match=said):
+        read_list(tmp_path / "mixes.csv")
+
+
+def test_a_folder_after_table_is_a_study_of_before(tmp_path, capsys):
+    assert main(["calibrate", "--table", str(tmp_path)]) == 2
+    assert "a study is named by --study" in capsys.readouterr().err
