@@ -42,6 +42,11 @@ def flow_curve(material):
         def function(rate, structure):
             return tau_y + k * ti.max(rate, 1e-12) ** n
 
+        if material.growth is not None:
+
+            def function(rate, structure):
+                return (1.0 + structure) * tau_y + k * ti.max(rate, 1e-12) ** n
+
     return compiled(function)
 
 

@@ -120,6 +120,14 @@ class Stress:
         return stress
 
     @ti.func
+    def own_rate(self, i):
+        """Shear rate [1/s] of the mix of particle i: next to another mix that of the gradient is of both."""
+        rate = self.particles.shear_rate[i]
+        if ti.static(self.mixes > 1 and self.law == "bingham"):
+            rate = self.fluidity[i] * magnitude(self.particles.stress[i])
+        return rate
+
+    @ti.func
     def known_part(self, i):
         """The part of the stress [Pa] (t, t) that the matrix has not: stress - 2 mu_r q of a true yield stress."""
         T = ti.Matrix.zero(float, self.particles.tensor_dimension, self.particles.tensor_dimension)
@@ -167,7 +175,7 @@ class Stress:
         for i in range(self.particles.count[None]):
             for k, growth_of in ti.static(self.growths):
                 if self.constants.mix(i) == k:
-                    self.particles.structure[i] += dt * growth_of(self.particles.shear_rate[i], self.structure(i))
+                    self.particles.structure[i] += dt * growth_of(self.own_rate(i), self.structure(i))
             if ti.static(self.law == "bingham"):
                 G = self.gradient.velocity_gradient(i, u, 1.0)
                 W = 0.5 * (G - G.transpose())
