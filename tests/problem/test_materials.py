@@ -79,7 +79,7 @@ def test_roussels_growth_of_the_yield_stress():
         ({"flow_index": 1.3, "critical_strain_rate": 0.1}, "critical_strain_rate = 0.1 1/s: is of Bingham's law alone"),
         (
             {"structuration": 1.0, "yield_value": 0.0},
-            "structuration = 1 Pa/s: needs a yield stress to grow; yield_value",
+            "structuration = 1 Pa/s: needs a yield stress to grow;",
         ),
         ({"structuration": -1.0}, "structuration = -1.0 Pa/s: must be greater than or equal to 0 Pa/s"),
         ({"flow_index": 9.0}, "flow_index = 9.0: must be less than or equal to 4"),

@@ -32,7 +32,11 @@ BROKEN = [
     (rules.plain_values_have_their_types, {"axisymmetric": "a"}, "axisymmetric = a: must be True or False"),
     (rules.sequences_hold_their_types, {"walls": (3,)}, "walls = .3,.: must be a tuple, each Plane or Cylinder or"),
     (rules.materials_are_materials, {"material": None}, "material = None: must be Bingham, Newtonian"),
-    (rules.materials_are_materials, poured(material="water"), "inlet: material = water: must be Bingham or Newtonian"),
+    (
+        rules.materials_are_materials,
+        poured(material="water"),
+        "inlet: material = water: must be Bingham, Newtonian, Hers",
+    ),
     (rules.walls_have_the_dimension_of_the_fluid, {"walls": (mps.Plane((0.0,) * 3, (0.0, 0.0, 1.0)),)}, "must have 2"),
     (rules.inlets_need_no_rings, poured() | {"axisymmetric": True}, "the scene is axisymmetric; must be a scene"),
     (

@@ -58,7 +58,14 @@ def layers(lower, upper, until):
 
 STIFF, THIN = mps.Newtonian(2300.0, 200.0), mps.Newtonian(2300.0, 20.0)
 BENDS = mps.HerschelBulkley(yield_value=60.0, consistency=80.0, flow_index=0.6)
-GROWS = mps.FlowCurve(yield_value=20.0, plastic_viscosity=20.0, shear_stress=lambda rate, structure: 20.0 + 20.0 * rate)
+SOFT, RIGID = (mps.Bingham(yield_value=s, plastic_viscosity=v) for s, v in ((20.0, 20.0), (1000.0, 50.0)))
+
+
+def own_law(rate, structure):
+    return 20.0 + 20.0 * rate
+
+
+OWN = mps.FlowCurve(yield_value=20.0, plastic_viscosity=20.0, shear_stress=own_law)
 
 
 @pytest.mark.long
@@ -67,13 +74,10 @@ GROWS = mps.FlowCurve(yield_value=20.0, plastic_viscosity=20.0, shear_stress=lam
     [
         (STIFF, THIN),
         (THIN, STIFF),
-        (
-            mps.Bingham(yield_value=1000.0, plastic_viscosity=50.0),
-            mps.Bingham(yield_value=20.0, plastic_viscosity=20.0),
-        ),
-        (BENDS, mps.Bingham(yield_value=20.0, plastic_viscosity=20.0)),
+        (RIGID, SOFT),
+        (BENDS, SOFT),
         (mps.Newtonian(2300.0, 100.0), BENDS),
-        (BENDS, GROWS),
+        (BENDS, OWN),
     ],
     ids=["stiff below", "stiff above", "rigid below", "laws", "thinning above", "own law above"],
 )
