@@ -1,4 +1,4 @@
-"""The default scheme: viscosity, pressure and yield stress in one implicit system per step (I1-I26).
+"""The default scheme: viscosity, pressure and yield stress in one implicit system per step (I1-I27).
 
 The step is that of an augmented Lagrangian at the middle of the step: after half of the drift the neighbours are found
 and a system for the velocity is assembled; Uzawa's iterations solve it in turn with the stress and the pressure, which
@@ -35,7 +35,7 @@ VISCOUS_ITERATIONS = 10
 
 
 class Implicit:
-    """Implicit coupled scheme for Newtonian, Bingham and bi-viscosity fluids in two or three dimensions."""
+    """Implicit coupled scheme for fluids by any flow curve, several at once, in two or three dimensions."""
 
     REMEDY = "lower max_time_step or courant_number, or use precision f64"
 
