@@ -19,7 +19,7 @@ FRONT = np.array([[0.832, 1.217], [1.219, 1.474], [1.997, 2.292], [2.547, 2.995]
 
 @mps.checked
 def scene(
-    material: mps.Bingham = mps.Newtonian(),
+    material: mps.Concrete = mps.Newtonian(),
     spacing: Length = 0.0073,
     column_width: Length = Field(0.146, description="width of the column of water"),
     until: Duration = 0.3,

@@ -20,7 +20,7 @@ INNER, OUTER = 0.05, 0.025  # radius of the middle, and width of the ring outsid
 
 @mps.checked
 def scene(
-    material: mps.Bingham = mps.Bingham(yield_value=40.0, plastic_viscosity=20.0),
+    material: mps.Concrete = mps.Bingham(yield_value=40.0, plastic_viscosity=20.0),
     spacing: Length = 0.01,
     bars: Count = Field(16, description="bars of the ring"),
     bar_diameter: Length = Field(0.018, description="diameter of the bars"),

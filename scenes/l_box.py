@@ -23,7 +23,7 @@ FROM, TO = 0.025, 0.075  # distances from either end between which the levels H1
 
 @mps.checked
 def scene(
-    material: mps.Bingham = mps.Bingham(yield_value=40.0, plastic_viscosity=20.0),
+    material: mps.Concrete = mps.Bingham(yield_value=40.0, plastic_viscosity=20.0),
     spacing: Length = 0.0125,
     bars: Literal["none", "2", "3"] = Field("3", description="reinforcing bars behind the gate"),
     length: Length = Field(0.7, description="length of the vessel"),
@@ -70,7 +70,7 @@ def scene(
         bars may hold more on their side."""
         assert mps.measure.clearance(s, walls) > 0.0, "leak through a wall or a bar"
         assert 0.0 <= measures["h2_m"] < height and measures["h1_m"] < height + spacing, measures
-        if material.yields and s.speed.max() < 0.01:
+        if material.yields and not material.ages and s.speed.max() < 0.01:
             area = len(vessel.fluid) * spacing**3 / half
             between = width if sides == "rough" else None
             at, h = mps.rest_shapes.channel_at_rest(area, material.density, material.yield_value, between, length)

@@ -17,7 +17,7 @@ from taichi_mps.units import Duration, Length, Speed
 
 @mps.checked
 def scene(
-    material: mps.Bingham = mps.Bingham(yield_value=100.0, plastic_viscosity=50.0),
+    material: mps.Concrete = mps.Bingham(yield_value=100.0, plastic_viscosity=50.0),
     spacing: Length = 0.0125,
     column_depth: Length = Field(0.1, description="length of the column of concrete"),
     column_height: Length = Field(0.4, description="height of the column of concrete"),
@@ -85,7 +85,12 @@ def scene(
         """In the vessel; at rest as far as the closed form of a channel without a column, within 5 % and a spacing."""
         assert mps.measure.clearance(s, walls) > 0.0, "leak through a wall"
         assert 0.0 <= measures["drop_m"] < column_height and measures["flow_m"] > -spacing, measures
-        if material.yields and measures["flow_m"] < channel_length - spacing and s.speed.max() < 0.002:
+        if (
+            material.yields
+            and not material.ages
+            and measures["flow_m"] < channel_length - spacing
+            and s.speed.max() < 0.002
+        ):
             between = None if plane or slip else width
             mix = material.density, material.yield_value
             x, _ = mps.rest_shapes.channel_at_rest(area, *mix, between, normal_stress=True)

@@ -16,7 +16,7 @@ from taichi_mps.units import Duration, Length
 
 @mps.checked
 def scene(
-    material: mps.Bingham = mps.Bingham(yield_value=100.0, plastic_viscosity=20.0),
+    material: mps.Concrete = mps.Bingham(yield_value=100.0, plastic_viscosity=20.0),
     spacing: Length = 0.0125,
     length: Length = Field(1.2, description="length of the box"),
     width: Length = Field(0.2, description="width of the box"),
@@ -55,7 +55,7 @@ def scene(
         """In the box; at rest as long as the closed form within 5 % and a spacing."""
         assert mps.measure.clearance(s, walls) > 0.0, "leak through a wall"
         assert block < measures["front_m"] < length + spacing, measures
-        if material.yields and s.speed.max() < 0.002:
+        if material.yields and not material.ages and s.speed.max() < 0.002:
             between = None if plane or slip else width
             mix = material.density, material.yield_value
             x, _ = mps.rest_shapes.channel_at_rest(area, *mix, between, length, normal_stress=True)

@@ -49,7 +49,7 @@ def rings_in(cone, spacing):
 
 @mps.checked
 def scene(
-    material: mps.Bingham = mps.Bingham(),
+    material: mps.Concrete = mps.Bingham(),
     spacing: Length = 0.01,
     base_diameter: Length = Field(0.2, description="diameter of the cone at its foot"),
     top_diameter: Length = Field(0.1, description="diameter of the cone at its top"),

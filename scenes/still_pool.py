@@ -28,7 +28,7 @@ def pool_error(snapshot, density, depth):
 
 @mps.checked
 def scene(
-    material: mps.Bingham = mps.Newtonian(),
+    material: mps.Concrete = mps.Newtonian(),
     spacing: Length = 0.01,
     width: Length = Field(0.2, description="width of the tank"),
     depth: Length = Field(0.2, description="depth of the fluid"),

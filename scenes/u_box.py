@@ -19,7 +19,7 @@ BAR, APART, COUNT = 0.013, 0.05, 3  # diameter and distance of axes [m], number 
 
 @mps.checked
 def scene(
-    material: mps.Bingham = mps.Bingham(yield_value=40.0, plastic_viscosity=20.0),
+    material: mps.Concrete = mps.Bingham(yield_value=40.0, plastic_viscosity=20.0),
     spacing: Length = 0.0125,
     leg: Length = Field(0.14, description="length of each leg"),
     width: Length = Field(0.2, description="width of the vessel"),
@@ -74,7 +74,7 @@ def scene(
         walls of legs and opening can hold, and the bars, if there are any."""
         assert mps.measure.clearance(s, walls) > 0.0, "leak through a wall or a bar"
         assert max(measures["h1_m"], measures["h2_m"]) < height + spacing, measures
-        if s.speed.max() < 0.01:
+        if s.speed.max() < 0.01 and not material.ages:
             drag = far / opening + (0.0 if slip else 2.0 * (1.0 / leg + 1.0 / width) * full)
             held = material.yield_value / (9.81 * material.density) * drag + 2.0 * spacing
             assert -held < measures["step_m"] < held or bars == "yes", (measures, held)

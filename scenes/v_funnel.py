@@ -17,7 +17,7 @@ from taichi_mps.units import Duration, Length
 
 @mps.checked
 def scene(
-    material: mps.Bingham = mps.Bingham(yield_value=40.0, plastic_viscosity=20.0),
+    material: mps.Concrete = mps.Bingham(yield_value=40.0, plastic_viscosity=20.0),
     spacing: Length = 0.0125,
     top: Length = Field(0.515, description="length of the opening at the top"),
     outlet: Length = Field(0.065, description="length of the outlet"),

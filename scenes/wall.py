@@ -20,7 +20,7 @@ FREE = 0.06  # height of the mouth above the form [m]
 
 @mps.checked
 def scene(
-    material: mps.Bingham = mps.Bingham(yield_value=60.0, plastic_viscosity=20.0),
+    material: mps.Concrete = mps.Bingham(yield_value=60.0, plastic_viscosity=20.0),
     spacing: Length = 0.02,
     length: Length = Field(0.8, description="length of the form"),
     width: Length = Field(0.2, description="thickness of the wall"),

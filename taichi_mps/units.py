@@ -168,6 +168,8 @@ ViscousConstant = _real("Pa s/m", ge=0.0, le=1e9)
 Speed = _real("m/s", "0.1 for 100 mm/s", gt=0.0, le=5.0)  # of a mould or a gate that is lifted
 Consistency = _real("Pa s^n", gt=0.0, le=1e6)
 FlowIndex = _real("", ge=0.1, le=4.0)
+Structuration = _real("Pa/s", "0.1 to 1.7 of concrete", ge=0.0, le=1e3)
+Destructuration = _real("-", ge=0.0, le=10.0)
 FlowRate = _real("m3/s", gt=0.0, le=100.0)
 StrainRate = _real("1/s", gt=0.0, le=1e4)
 CriticalStrainRate = StrainRate | Literal["rational"]  # the word: by material.rational_critical_strain_rate
@@ -190,6 +192,10 @@ class Checked(BaseModel):
             super().__init__(**values)
         except ValidationError as error:
             raise SceneError(explain(error, type(self))) from None
+
+    def stands_for(self):
+        """What a function that takes such a record is given: the record itself, or what it describes."""
+        return self
 
     @classmethod
     def __pydantic_init_subclass__(cls, **kwargs: Any) -> None:
@@ -219,13 +225,16 @@ def explain(error: ValidationError, model: type[BaseModel]) -> str:
     """Every violation as 'key = value unit: what is allowed', joined with '; '; alternatives of a key with 'or'."""
     lines = []
     for item in error.errors():
-        key = str(item["loc"][0]) if item["loc"] else model.__name__
+        key = str(item["loc"][0]) if item["loc"] else ""
         if item["type"] == "extra_forbidden":
             lines.append(f"unknown key '{key}'{suggestion(key, model.model_fields)}")
             continue
         unit = unit_of(model.model_fields[key]) if key in model.model_fields else Unit("")
         unit = Unit("") if unit == "-" else unit
         allowed = item["msg"].replace("Input should be", "must be").replace("Value error, ", "")
+        if not item["loc"]:  # of several keys together, which the message names
+            lines.append(allowed)
+            continue
         if item["type"] == "float_parsing":
             allowed = f"must be a number{f' [{unit}]' if unit else ''}"
         if item["type"] == "missing":
@@ -248,8 +257,9 @@ def checked(function):
 
     A parameter that is a ``Checked`` record, such as ``material: Bingham = Bingham(yield_value=40.0)``, stands for the
     fields of the record: each is a keyword with the record's own unit, range and help, and the value in the default is
-    its default. The function is given the record. The pydantic model of all keywords, which are flat, is kept as
-    ``function.parameters``: from it come options, the parameters of a sweep and those of a checkpoint.
+    its default. The function is given the record, or what that stands for. The pydantic model of all keywords, which
+    are flat, is kept as ``function.parameters``: from it come options, the parameters of a sweep and those of a
+    checkpoint.
     """
     taken = inspect.signature(function).parameters
     records = {name: p.annotation for name, p in taken.items() if is_record(p.annotation)}
@@ -272,7 +282,8 @@ def checked(function):
             raise SceneError(explain(error, model)) from None
         keywords = {name: getattr(valid, name) for name in taken if name not in records}
         for name, record in records.items():
-            keywords[name] = record(**{key: getattr(valid, key) for key in record.model_fields if key in fields})
+            given = record(**{key: getattr(valid, key) for key in record.model_fields if key in fields})
+            keywords[name] = given.stands_for()
         return function(**keywords)
 
     call.parameters = model
@@ -291,7 +302,7 @@ def options_of(record: type[Checked], default) -> dict:
     found = {}
     for name, field in record.model_fields.items():
         if field.annotation is not type(None):
-            value = getattr(default, name) if isinstance(default, record) else field.default
+            value = getattr(default, name, field.default) if isinstance(default, Checked) else field.default
             found[name] = (
                 hints[name],
                 Field(... if value is PydanticUndefined else value, description=field.description),

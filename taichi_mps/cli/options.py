@@ -10,12 +10,12 @@ from pydantic import Field
 
 from ..problem import catalogue
 from ..problem.labels import what_it_is
-from ..problem.materials import Bingham, HerschelBulkley
+from ..problem.materials import Concrete
 from ..problem.numerics import NUMERICS
 from ..units import Checked, Count, Duration, SceneError, suggestion, unit_of
 
 GROUPS = "mix", "test", "accuracy and cost", "output", "expert"  # of the options of a run, as --help has them
-MIX = {name for law in (Bingham, HerschelBulkley) for name in law.model_fields}
+MIX = set(Concrete.model_fields)
 COST = {"spacing", "model", "accuracy", "threads", "budget"}
 EXPERT = {"critical_strain_rate", "scheme", "precision", "arch", "renderer", "profile"}
 MEASURED = {"--slump", "--spread", "--t500"}  # results, which some take for options

@@ -29,6 +29,7 @@ LABEL = 512  # bytes of the user block
 LARGE = 10_000  # numbers of an array from which on a part of it stands for all
 HEADER = {"source": str, "parameters": dict, "scheme": str, "numerics": dict, "time": float, "fluid": str}
 HEADER |= {"settings": dict, "problem": str}
+LATER = ("fluidity",)  # what particles carry since VERSION; found anew in a step, from zero
 OLDEST = {"density", "plastic_viscosity", "yield_value", "critical_strain_rate"}  # fields of the materials of VERSION
 OLDEST |= {"consistency", "flow_index", "shear_stress", "growth"}
 SCALARS = {"time", "steps", "last_dt", "rest", "report"}
@@ -138,12 +139,13 @@ class Checkpoint:
         rows = sim.particles.count[None]
         for pouring, (entered, _) in zip(sim.pouring, self.state.get("pouring", []), strict=True):
             rows += (entered - pouring.entered) * len(pouring.layer)
+        state = {key: np.zeros(rows) for key in LATER} | self.state
         for key, array in sim.particles.read().items():
-            found, right = np.shape(self.state.get(key)), (rows, *array.shape[1:])
+            found, right = np.shape(state.get(key)), (rows, *array.shape[1:])
             if found != right:
                 raise SceneError(f"checkpoint: {key} has the shape {found}; must have {right}")
         try:
-            sim.load(self.state)
+            sim.load(state)
         except (TypeError, KeyError) as error:
             raise SceneError(f"checkpoint: its state is not one of this version ({error})") from None
         return sim

@@ -5,6 +5,7 @@ order when it is made. Nothing has been allocated then. The rules of the scene a
 """
 
 import inspect
+from itertools import product
 
 import numpy as np
 
@@ -43,8 +44,8 @@ def flow_curve_is_implicit(problem):
 
 
 def own_laws_take_rate_and_structure(problem):
-    for key in ("shear_stress", "growth"):
-        function = getattr(problem.scene.material, key, None)
+    for material, key in product(problem.materials, ("shear_stress", "growth")):
+        function = getattr(material, key, None)
         try:
             inspect.signature(function).bind(0.0, 0.0)
         except TypeError as error:

@@ -13,10 +13,12 @@ from ..units import (
     Consistency,
     CriticalStrainRate,
     Density,
+    Destructuration,
     Duration,
     FlowIndex,
     Ratio,
     SceneError,
+    Structuration,
     Viscosity,
     YieldValue,
     checked,
@@ -49,6 +51,11 @@ class Material(Checked):
     def rests(self) -> bool:
         """Does it come to rest? Only what has a true yield stress does."""
         return self.yields and self.critical_strain_rate is None
+
+    @property
+    def ages(self) -> bool:
+        """Does its yield stress grow with time? That of a thixotropic one may."""
+        return getattr(self, "growth", None) is not None
 
     def flows(self, rate):
         """Is the viscous part of the stress at shear rates [1/s] more than FLOWS of the yield stress?"""
@@ -132,17 +139,92 @@ class FlowCurve(Material):
 
 
 class HerschelBulkley(Material):
-    """tau = tau_y + k rate^n: thickens (n > 1) or thins (n < 1) with the shear rate; rigid below the yield stress."""
+    """tau = (1 + lambda) tau_y + k rate^n: thickens (n > 1) or thins (n < 1) with the shear rate; rigid below the yield
+    stress; thixotropic where ``structuration`` is above 0, else lambda = 0.
+
+    Roussel (2006): d lambda/dt = A/tau_y - alpha rate lambda, lambda = 0 at the start. At rest the yield stress grows
+    by A = ``structuration`` [Pa/s]; flow undoes it within a strain of 1/alpha, alpha the ``destructuration`` [-].
+    """
 
     yield_value: YieldValue = Field(300.0, description="yield stress of the mix")
     consistency: Consistency = Field(50.0, description="k: stress over the yield stress at a shear rate of 1 1/s")
     flow_index: FlowIndex = Field(1.0, description="n: exponent of the shear rate")
+    structuration: Structuration = Field(0.0, description="growth of the yield stress at rest (thixotropy)")
+    destructuration: Destructuration = Field(0.005, description="part of that growth undone by a strain of 1")
     critical_strain_rate: None = None
+
+    @model_validator(mode="after")
+    def _has_what_grows(self):
+        if self.structuration > 0.0 and not self.yields:
+            raise SceneError(
+                f"structuration = {self.structuration:g} Pa/s: needs a yield stress to grow; yield_value must be above "
+                "0 Pa"
+            )
+        return self
 
     @property
     def plastic_viscosity(self) -> float:
         """Slope [Pa s] of the chord of the curve up to TYPICAL_RATE: scale of the steps and of the penalty."""
         return self.consistency * TYPICAL_RATE ** (self.flow_index - 1.0)
+
+    @property
+    def growth(self) -> Callable | None:
+        """d lambda/dt [1/s] at (rate [1/s], lambda [-]); None without thixotropy."""
+        if self.structuration == 0.0:
+            return None
+        at_rest, undone = self.structuration / self.yield_value, self.destructuration
+
+        def growth(rate, structure):
+            return at_rest - undone * rate * structure
+
+        return growth
+
+
+class Concrete(Bingham):
+    """A mix as a scene is told of it: all numbers of Bingham's law, and those with which it is Herschel and Bulkley's,
+    or thixotropic. A scene that takes ``material: Concrete`` has all of them as options and is given the simplest law
+    of these numbers (``stands_for``)."""
+
+    consistency: Consistency | None = Field(
+        None, description="k of tau_y + k rate^n, by default the number of the plastic viscosity"
+    )
+    flow_index: FlowIndex = Field(1.0, description="n: exponent of the shear rate (Herschel-Bulkley)")
+    structuration: Structuration = HerschelBulkley.model_fields["structuration"]
+    destructuration: Destructuration = HerschelBulkley.model_fields["destructuration"]
+
+    @property
+    def newtonian(self) -> bool:
+        return self.stands_for().newtonian
+
+    @model_validator(mode="after")
+    def _warn_of_a_high_knee(self):
+        """Bingham's numbers are looked at in ``stands_for``; a law with others has a true yield stress."""
+        if self._others and self.critical_strain_rate is not None:
+            raise SceneError(
+                f"critical_strain_rate = {self.critical_strain_rate} 1/s: is of Bingham's law alone; must not be given "
+                f"with {' and '.join(self._others)}"
+            )
+        return self
+
+    @property
+    def _others(self) -> list[str]:
+        """What makes it another law than Bingham's."""
+        fields, keys = type(self).model_fields, ("consistency", "flow_index", "structuration")
+        return [key for key in keys if getattr(self, key) != fields[key].default]
+
+    def stands_for(self) -> Material:
+        """Bingham, or HerschelBulkley."""
+        mix = {"density": self.density, "yield_value": self.yield_value}
+        if not self._others:
+            viscous = {"plastic_viscosity": self.plastic_viscosity, "critical_strain_rate": self.critical_strain_rate}
+            return Bingham(**mix, **viscous)
+        consistency = self.plastic_viscosity if self.consistency is None else self.consistency
+        structure = {"structuration": self.structuration, "destructuration": self.destructuration}
+        return HerschelBulkley(**mix, **structure, consistency=consistency, flow_index=self.flow_index)
+
+    def within(self, time: float) -> Material:
+        """The law with all its numbers, for a run of this time [s]."""
+        return self.stands_for().within(time)
 
 
 def Newtonian(density: float = 1000.0, viscosity: float = 1e-3) -> Bingham:  # noqa: N802

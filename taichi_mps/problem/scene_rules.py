@@ -13,7 +13,7 @@ from ..geometry.solid import Solid
 from ..geometry.walls import Cylinder, Plane
 from ..units import INSTANT, SceneError, check_kinds, finite, said
 from .inlet import Inlet
-from .materials import Bingham, Material
+from .materials import Material
 
 MOST_MIXES = 256  # numbers of mixes are bytes
 RIGHT = 1e-6  # cosine of an angle that counts as a right one
@@ -43,11 +43,12 @@ def sequences_hold_their_types(scene):
 
 
 def materials_are_materials(scene):
+    laws = "Bingham, Newtonian, HerschelBulkley or FlowCurve"
     if not isinstance(scene.material, Material):
-        return f"material = {scene.material!r}: must be Bingham, Newtonian, HerschelBulkley or FlowCurve"
+        return f"material = {scene.material!r}: must be {laws}"
     for inlet in scene.inlets:
         if not isinstance(inlet.material, Material | None):
-            return f"inlet: material = {str(inlet.material)[:60]}: must be Bingham or Newtonian"
+            return f"inlet: material = {str(inlet.material)[:60]}: must be {laws}"
 
 
 KINDS = (plain_values_have_their_types, sequences_hold_their_types, materials_are_materials)
@@ -137,20 +138,6 @@ def inlets_are_free_of_walls(scene):
 def mixes_are_few(scene):
     if len(scene.materials) > MOST_MIXES:
         return f"inlets: bring {len(scene.materials)} mixes; must be at most {MOST_MIXES}"
-
-
-def mixes_are_bingham(scene):
-    """Mixes differ in their numbers only."""
-    if len(scene.materials) == 1:
-        return None
-    for inlet in scene.inlets:
-        if not isinstance(inlet.material, Bingham | None):
-            return f"inlet: material = {inlet.material!r}: must be Bingham or Newtonian"
-    if not isinstance(scene.material, Bingham):
-        return (
-            f"material = {type(scene.material).__name__}: must be Bingham or Newtonian where an inlet has a material "
-            "of its own"
-        )
 
 
 def mixes_have_one_law(scene):
@@ -247,7 +234,6 @@ RULES = (
     inlets_are_in_front_of_mirrors,
     inlets_are_free_of_walls,
     mixes_are_few,
-    mixes_are_bingham,
     mixes_have_one_law,
     friction_is_of_one_mix,
     something_is_there_at_the_start,

@@ -1,4 +1,4 @@
-"""The default scheme: viscosity, pressure and yield stress in one implicit system per step (I1-I26).
+"""The default scheme: viscosity, pressure and yield stress in one implicit system per step (I1-I27).
 
 The step is that of an augmented Lagrangian at the middle of the step: after half of the drift the neighbours are found
 and a system for the velocity is assembled; Uzawa's iterations solve it in turn with the stress and the pressure, which
@@ -14,6 +14,7 @@ from ..terms.constants import Constants
 from ..terms.deferred_correction import DeferredCorrection
 from ..terms.hourglass import HourglassResistance
 from ..terms.initial_relaxation import SHIFTS, InitialRelaxation
+from ..terms.interface import Interface, NoInterface
 from ..terms.momentum import MomentumOperator, MomentumSource
 from ..terms.momentum_drift import MomentumDrift, NoMomentumDrift, free_directions
 from ..terms.motion import Motion
@@ -34,7 +35,7 @@ VISCOUS_ITERATIONS = 10
 
 
 class Implicit:
-    """Implicit coupled scheme for Newtonian, Bingham and bi-viscosity fluids in two or three dimensions."""
+    """Implicit coupled scheme for fluids by any flow curve, several at once, in two or three dimensions."""
 
     REMEDY = "lower max_time_step or courant_number, or use precision f64"
 
@@ -51,7 +52,9 @@ class Implicit:
         sums = PairSums(*fluid, walls)
         self.strain_rate, self.solved_rate = StrainRate(*fluid, sums), SolvedRate(*fluid, sums)
         self.pressure = PressureSmoothing(*fluid, self.constants, g)
-        self.stress = Stress(*fluid, self.constants, self.strain_rate, self.solved_rate, problem)
+        several = len(problem.materials) > 1
+        self.interface = Interface(*fluid, self.constants) if several else NoInterface()
+        self.stress = Stress(*fluid, self.constants, self.interface, self.strain_rate, self.solved_rate, problem)
         of_motion = self.constants, self.strain_rate, self.pressure
         self.resistance = HourglassResistance(*fluid, *of_motion, self.stress)
         self.shifting = Shifting(*fluid, walls, tears=problem.law == "newtonian")
@@ -122,6 +125,8 @@ class Implicit:
         self.pressure.find_closed_box()
         self.strain_rate.evaluate()
         self.stress.set_viscosity()
+        self.interface.find()
+        self.interface.gather(self.stress.fluidity)
         self.resistance.set(dt, first)
         self.correction.gather(self.constants.part_taken_back(dt))
 
@@ -147,6 +152,7 @@ class Implicit:
         """Stress, pressure and friction from the velocity u."""
         self.solved_rate.update(u)
         self.stress.update(k, viscous)
+        self.interface.gather(self.stress.fluidity)
         self.pressure.update(self.solved_rate, self.constraint)
         self.friction.update(u)
         self.wall_stress.update()

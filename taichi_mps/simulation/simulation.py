@@ -48,7 +48,7 @@ class Simulation:
         self.problem = scene if isinstance(scene, Problem) else Problem(scene, numerics)
         scene = self.scene = self.problem.scene
         self.numerics = self.problem.numerics
-        self._own_law = OwnLaw(scene.material) if hasattr(scene.material, "shear_stress") else None
+        self._own_laws = [OwnLaw(m, k) for k, m in enumerate(scene.materials) if hasattr(m, "shear_stress")]
         self._profile = profile
         self._pairs_per_particle = pairs_of(scene)
         self.pouring = tuple(Pouring(scene, inlet) for inlet in scene.inlets)
@@ -98,8 +98,9 @@ class Simulation:
         failure = self.scheme.diagnostics.failure(report, self._runaway_speed, self._volume)
         if failure:
             self._diverge(f"{failure}; {self.scheme.REMEDY}")
-        if self._own_law and (failure := self._own_law.failure(self.particles)):
-            self._diverge(failure)
+        for law in self._own_laws:
+            if failure := law.failure(self.particles):
+                self._diverge(failure)
         self.rest.observe(report.moving_speed, self.time)
         self._compiled = True
         self._count_seconds(cpu)

@@ -62,7 +62,10 @@ class HourglassResistance:
                 slowest = self.constants.slowest[None] * (ti.sqrt(own) if ti.static(self.in_space) else own)
                 bond_rate = ti.max(ti.sqrt(rate * rate + 2.0 * BOND_DISSIPATION * EDGE * residual), slowest)
                 if ti.static(self.stress.has_curve):
-                    h = BOND_DISSIPATION * self.stress.curve(bond_rate, self.stress.structure(i)) / bond_rate + inertial
+                    h = BOND_DISSIPATION * self.stress.shear_stress(i, bond_rate) / bond_rate + inertial
                 else:
                     h += BOND_DISSIPATION * self.constants.tau_y[m] / bond_rate
+        if ti.static(self.stress.mixes > 1):
+            mu = (h - inertial) / BOND_DISSIPATION
+            h = BOND_DISSIPATION * self.stress.interface.viscosity(i, mu) + inertial
         return ti.max(h, SETTLING * self.pressure.p[i] * dt)

@@ -11,7 +11,6 @@ from ..particles.particles import FLUID
 from ..runtime.backend import double_field, real, ti
 from ..runtime.stages import nothing, stage
 from ..runtime.thread_team import first, last, wait
-from .rheology import deviator
 
 BLOCK = 64  # particles whose sums over pairs are stored before they are used; see pair_sums.py
 
@@ -73,7 +72,7 @@ class MomentumOperator:
     def set_flux(self, i, u: ti.template(), motion):
         """The flux of particle i, once the jumps of u are gathered; zero where it carries no stress, for B is."""
         G = self.sums.velocity_gradient(i, u, motion)
-        T = 2.0 * self.stress.mu[i] * deviator(G)
+        T = self.stress.viscous(i, G)
         T += self.constants.bulk[None] * G.trace() * ti.Matrix.identity(float, G.n)
         flux = self.gradient.spread_stress(i, T) - self.resistance.h[i] * self.gradient.in_plane(G)
         self.sums.set_flux(i, flux)

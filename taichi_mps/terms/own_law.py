@@ -6,24 +6,24 @@ from ..particles.particles import FLUID
 from ..runtime.backend import ti
 from ..runtime.field_io import FieldIO
 from ..units import SceneError
-from .rheology import compiled
+from . import rheology
 
 RATES = np.concatenate([[0.0], np.geomspace(1e-6, 1e3, 91)])  # [1/s], of the look before a run
-READ = "kind", "shear_rate", "structure"  # of what the particles carry, after each step
+READ = "kind", "shear_rate", "structure", "mix"  # of what the particles carry, after each step
 FALL = 1e-3  # of the largest stress: by so much rounding may make a curve fall
 
 
 @ti.data_oriented
 class OwnLaw:
-    """The functions ``shear_stress`` and ``growth`` of a material, outside of any scheme.
+    """The functions ``shear_stress`` and ``growth`` of a material, number ``mix`` of its scene, outside of any scheme.
 
     SceneError when made, before anything is allocated, for a function that Taichi cannot compile, or that gives over
     RATES and an untouched structure what is not finite, a negative stress, or one that falls.
     """
 
-    def __init__(self, material):
-        self.material = material
-        self.curve, self.growth = compiled(material.shear_stress), compiled(getattr(material, "growth", None))
+    def __init__(self, material, mix: int = 0):
+        self.material, self.mix = material, mix
+        self.curve, self.growth = rheology.compiled(material.shear_stress), rheology.growth(material)
         self.has_growth = self.growth is not None
         self._rows = None  # what is read of the particles, from the first step on
         try:
@@ -69,7 +69,7 @@ class OwnLaw:
             read = {name: particles.carried[name] for name in READ if name in particles.carried}
             self._rows = FieldIO(read, particles.capacity)
         rows = self._rows.read(particles.count[None])
-        fluid = rows["kind"] == FLUID
+        fluid = (rows["kind"] == FLUID) & (rows.get("mix", self.mix) == self.mix)
         rate, structure = rows["shear_rate"][fluid], rows.get("structure", np.zeros(len(fluid)))[fluid]
         rate, structure = np.concatenate([0.0 * rate, rate]), np.concatenate([structure, structure])
         return self._broken(rate, structure, *self.evaluate(rate, structure))

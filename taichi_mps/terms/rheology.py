@@ -42,7 +42,18 @@ def flow_curve(material):
         def function(rate, structure):
             return tau_y + k * ti.max(rate, 1e-12) ** n
 
+        if material.growth is not None:
+
+            def function(rate, structure):
+                return (1.0 + structure) * tau_y + k * ti.max(rate, 1e-12) ** n
+
     return compiled(function)
+
+
+def growth(material):
+    """Rate of change [1/s] of the structure of a material at (shear rate [1/s], structure [-]) as a Taichi function;
+    None for what is not thixotropic."""
+    return compiled(getattr(material, "growth", None))
 
 
 def compiled(function):
@@ -78,6 +89,47 @@ def curve_mapping(curve: ti.template(), trial, structure, mu_r):
                     side = -1
     factor = (size - mu_r * rate) / ti.max(size, 1e-12) if rate > 0.0 else 1.0
     stress = trial * factor
+    return stress, (trial - stress) / (2.0 * mu_r), rate
+
+
+@ti.func
+def series_mapping(law: ti.template(), i, trial, across, mu_r, share, others):
+    """``return_mapping`` of particle i next to another mix (I27), for any flow curves: the rate g of its own mix with
+    tau(g) = |T|, where T is the trial over 1 + mu_r phi, its shear ``across`` over 1 + mu_r [(1 - c) phi + psi].
+
+    phi = g/tau(g), c is the ``share`` of the other mixes, psi their fluidity ``others`` [1/(Pa s)]. |T| - tau(g) falls
+    with g, below 0 at (|trial| - tau(0))/((1 - c) mu_r): the root is unique, and found by the Illinois method.
+    """
+    along, through = magnitude(trial - across), magnitude(across)
+    rest = law.shear_stress(i, 0.0)
+    low, high = ti.cast(0.0, float), ti.max(0.0, (magnitude(trial) - rest) / ((1.0 - share) * mu_r))
+    size = ti.sqrt(along**2 + (through / (1.0 + mu_r * others)) ** 2)
+    rate = ti.cast(0.0, float)
+    if size > rest:
+        below, above = rest - size, ti.cast(0.0, float)
+        side = 0
+        rate = high
+        for turn in range(31):
+            if turn == 0 or (ti.abs(high - low) > 1e-6 * high and above > below):
+                if turn > 0:
+                    rate = (low * above - high * below) / (above - below)
+                tau = law.shear_stress(i, rate)
+                phi = rate / ti.max(tau, 1e-12)
+                a, b = along / (1.0 + mu_r * phi), through / (1.0 + mu_r * ((1.0 - share) * phi + others))
+                value = tau - ti.sqrt(a**2 + b**2)
+                if turn == 0:
+                    above = value
+                elif value > 0.0:
+                    high, above = rate, value
+                    below = ti.select(side == 1, 0.5 * below, below)
+                    side = 1
+                else:
+                    low, below = rate, value
+                    above = ti.select(side == -1, 0.5 * above, above)
+                    side = -1
+    phi = rate / ti.max(law.shear_stress(i, rate), 1e-12)
+    ours, both = 1.0 / (1.0 + mu_r * phi), 1.0 / (1.0 + mu_r * ((1.0 - share) * phi + others))
+    stress = trial * ours + across * (both - ours)
     return stress, (trial - stress) / (2.0 * mu_r), rate
 
 

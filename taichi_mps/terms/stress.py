@@ -3,25 +3,39 @@
 from ..particles.particles import Carried
 from ..runtime.backend import real, ti
 from ..runtime.stages import stage
-from .rheology import bi_viscosity, compiled, curve_mapping, deviator, flow_curve, magnitude, return_mapping
+from .rheology import (
+    bi_viscosity,
+    curve_mapping,
+    deviator,
+    flow_curve,
+    growth,
+    magnitude,
+    return_mapping,
+    series_mapping,
+)
 
 
 @ti.data_oriented
 class Stress:
     """Stress of every particle from the velocity, and its viscosities; its law is that of the problem."""
 
-    def __init__(self, particles, gradient, constants, strain_rate, solved_rate, problem):
-        self.particles, self.gradient, self.constants = particles, gradient, constants
+    def __init__(self, particles, gradient, constants, interface, strain_rate, solved_rate, problem):
+        self.particles, self.gradient, self.constants, self.interface = particles, gradient, constants, interface
         self.strain_rate, self.solved_rate = (
             strain_rate,
             solved_rate,
         )  # at the start of the step; of the solved velocity
-        material = problem.scene.material
-        self.law = problem.law
-        self.curve, self.growth = flow_curve(material), compiled(getattr(material, "growth", None))
-        self.has_curve, self.has_growth = self.curve is not None, self.growth is not None
+        self.law, self.mixes = problem.law, len(problem.materials)
+        # (number of the mix, function) of what has a flow curve of its own, and of what is thixotropic
+        self.curves = given(flow_curve(material) for material in problem.materials)
+        self.growths = given(growth(material) for material in problem.materials)
+        self.has_curve, self.has_growth = bool(self.curves), bool(self.growths)
         self.mu = ti.field(real(), particles.capacity)  # viscosity of the implicit part of the stress [Pa s]
         self.yielded = ti.field(ti.i32, particles.capacity)  # 1 where the material flows
+        self.fluidity = None  # shear rate of its own mix over the stress [1/(Pa s)], where there are several
+        if self.mixes > 1:
+            carried = self.law == "bingham"
+            self.fluidity = particles.fluidity if carried else ti.field(real(), particles.capacity)
 
     @staticmethod
     def carried(problem) -> dict[str, Carried]:
@@ -30,7 +44,9 @@ class Stress:
         if problem.law == "bingham":
             fields["stress"] = Carried("deviatoric stress, at most tau_y where rigid", "Pa", "tensor")
             fields["plastic_rate"] = Carried("deviatoric rate q of the yield law", "1/s", "tensor")
-        if getattr(problem.scene.material, "growth", None) is not None:
+            if len(problem.materials) > 1:
+                fields["fluidity"] = Carried("shear rate of the particle's own mix over its stress", "1/(Pa s)")
+        if given(growth(material) for material in problem.materials):
             fields["structure"] = Carried("structure of a thixotropic material", "-")
         return fields
 
@@ -39,6 +55,8 @@ class Stress:
         """The viscosities of the matrix, for the shear rate at the start of the step."""
         for i in range(self.particles.count[None]):
             self.mu[i] = self.viscosity(i, self.strain_rate.rate[i])
+            if ti.static(self.mixes > 1 and self.law != "bingham"):
+                self.fluidity[i] = 1.0 / self.mu[i]
 
     @ti.func
     def viscosity(self, i, rate):
@@ -50,6 +68,17 @@ class Stress:
         elif ti.static(self.law == "bi-viscosity"):
             mu = bi_viscosity(rate, self.constants.eta[m], self.constants.tau_y[m], self.constants.pi_c[m])
         return mu
+
+    @ti.func
+    def viscous(self, i, G):
+        """Implicit part of the stress [Pa] (t, t) of particle i for a velocity gradient [1/s]: 2 mu D, of a viscous
+        fluid next to another mix with the shear across the interface in series (I27)."""
+        T = 2.0 * self.mu[i] * deviator(G)
+        if ti.static(self.mixes > 1 and self.law != "bingham"):  # noqa: SIM102  (a compiled choice stays apart)
+            if self.interface.share[i] > 0.0:
+                less = 1.0 - self.interface.viscosity(i, self.mu[i]) / self.mu[i]
+                T -= less * self.interface.across(i, T)
+        return T
 
     @ti.func
     def size(self, i):
@@ -70,11 +99,33 @@ class Stress:
     @ti.func
     def yield_law(self, i, trial):
         """Stress [Pa], plastic rate and its size [1/s] of particle i for a trial stress [Pa]."""
-        if ti.static(self.has_curve):
-            return curve_mapping(self.curve, trial, self.structure(i), self.mu[i])
+        m = self.constants.mix(i)
+        if ti.static(self.mixes > 1):
+            across = self.interface.across(i, trial)
+            share, others = self.interface.share[i], self.interface.fluidity[i]
+            return series_mapping(self, i, trial, across, self.mu[i], share, others)
+        elif ti.static(self.has_curve):
+            return curve_mapping(self.curves[0][1], trial, self.structure(i), self.mu[i])
         else:
-            m = self.constants.mix(i)
             return return_mapping(trial, self.constants.eta[m], self.constants.tau_y[m], self.mu[i])
+
+    @ti.func
+    def shear_stress(self, i, rate):
+        """Shear stress [Pa] of the mix of particle i at a shear rate [1/s], by its flow curve."""
+        m = self.constants.mix(i)
+        stress = self.constants.tau_y[m] + self.constants.eta[m] * rate
+        for k, curve in ti.static(self.curves):
+            if m == k:
+                stress = ti.cast(curve(rate, self.structure(i)), float)
+        return stress
+
+    @ti.func
+    def own_rate(self, i):
+        """Shear rate [1/s] of the mix of particle i: next to another mix that of the gradient is of both."""
+        rate = self.particles.shear_rate[i]
+        if ti.static(self.mixes > 1 and self.law == "bingham"):
+            rate = self.fluidity[i] * magnitude(self.particles.stress[i])
+        return rate
 
     @ti.func
     def known_part(self, i):
@@ -98,17 +149,21 @@ class Stress:
                 if k >= viscous:
                     self.particles.stress[i] = stress * carries
                     self.particles.plastic_rate[i] = q * carries
+                    if ti.static(self.mixes > 1):
+                        self.fluidity[i] = carries * flow / ti.max(magnitude(stress), 1e-12)
                 self.yielded[i] = flow > 0.0
             elif ti.static(self.law == "bi-viscosity"):
                 self.yielded[i] = rate >= 2.0 * self.constants.pi_c[self.constants.mix(i)]
                 self.mu[i] = self.viscosity(i, rate)
+                if ti.static(self.mixes > 1):
+                    self.fluidity[i] = 1.0 / self.mu[i]
             else:
                 self.yielded[i] = 1
 
     @ti.func
     def total(self, i):
         """All of the deviatoric stress [Pa] (t, t): of a true yield stress the carried one, else 2 mu D."""
-        T = 2.0 * self.mu[i] * deviator(self.solved_rate.velocity_gradient(i))
+        T = self.viscous(i, self.solved_rate.velocity_gradient(i))
         if ti.static(self.law == "bingham"):
             T = self.particles.stress[i]
         return T
@@ -118,10 +173,16 @@ class Stress:
         """At the end of a step of dt [s] with the velocity u: the structure grows, the stress turns with the material
         (Jaumann's rate)."""
         for i in range(self.particles.count[None]):
-            if ti.static(self.has_growth):
-                self.particles.structure[i] += dt * self.growth(self.particles.shear_rate[i], self.structure(i))
+            for k, growth_of in ti.static(self.growths):
+                if self.constants.mix(i) == k:
+                    self.particles.structure[i] += dt * growth_of(self.own_rate(i), self.structure(i))
             if ti.static(self.law == "bingham"):
                 G = self.gradient.velocity_gradient(i, u, 1.0)
                 W = 0.5 * (G - G.transpose())
                 stress = self.particles.stress[i]
                 self.particles.stress[i] = stress + dt * (W @ stress - stress @ W)
+
+
+def given(functions) -> list:
+    """(number, function) of those that there are."""
+    return [(k, function) for k, function in enumerate(functions) if function is not None]

@@ -13,7 +13,6 @@ own error, a last row that is held back, balances this one in thin layers.
 
 from ..runtime.backend import real, ti
 from ..runtime.stages import stage
-from .rheology import deviator
 
 
 @ti.data_oriented
@@ -174,7 +173,7 @@ class WallStress:
         if ti.static(self.stress.law == "bingham"):
             T = self.gradient.in_plane(self.particles.stress[i])
         else:
-            T = self.gradient.in_plane(2.0 * self.stress.mu[i] * deviator(self.strain_rate.velocity_gradient(i)))
+            T = self.gradient.in_plane(self.stress.viscous(i, self.strain_rate.velocity_gradient(i)))
         return T - self.pressure.p[i] * ti.Matrix.identity(float, self.dimension)
 
     @ti.func

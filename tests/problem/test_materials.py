@@ -44,3 +44,47 @@ def test_a_rational_rate_is_a_number_once_the_time_is_known():
     assert mps.Bingham().within(5.0) == mps.Bingham()
     scene = mps.Scene("x", mix, 0.1, [[0.5, 0.5]], ((0.0, 0.0), (1.0, 1.0)), until=100.0)
     assert scene.material.critical_strain_rate == pytest.approx(1e-4, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("given", "law"),
+    [
+        ({}, mps.Bingham()),
+        ({"flow_index": 1.0, "plastic_viscosity": 20.0}, mps.Bingham(plastic_viscosity=20.0)),
+        ({"yield_value": 0.0, "density": 1000.0}, mps.Newtonian(1000.0, 50.0)),
+        ({"critical_strain_rate": 0.01}, mps.Bingham(critical_strain_rate=0.01)),
+        ({"flow_index": 0.7, "plastic_viscosity": 20.0}, mps.HerschelBulkley(consistency=20.0, flow_index=0.7)),
+        ({"flow_index": 0.7, "consistency": 30.0}, mps.HerschelBulkley(consistency=30.0, flow_index=0.7)),
+        ({"structuration": 0.5}, mps.HerschelBulkley(structuration=0.5)),
+    ],
+)
+def test_what_a_scene_is_told_of_concrete_is_the_simplest_law(given, law):
+    assert mps.Concrete(**given).stands_for() == law == mps.Concrete(**given).within(1.0)
+    assert mps.Concrete(**given).newtonian == law.newtonian
+    scene = mps.Scene("x", mps.Concrete(**given), 0.1, [[0.5, 0.5]], ((0.0, 0.0), (1.0, 1.0)))
+    assert scene.material == law
+
+
+def test_roussels_growth_of_the_yield_stress():
+    """tau_y (1 + lambda) grows by A at rest, and stays where a rate undoes as much: alpha rate lambda = A/tau_y."""
+    mix = mps.HerschelBulkley(yield_value=50.0, structuration=0.5, destructuration=0.005)
+    assert mix.ages and 50.0 * mix.growth(0.0, 3.0) == pytest.approx(0.5)
+    assert mix.growth(2.0, 0.01 / (0.005 * 2.0)) == pytest.approx(0.0, abs=1e-15)
+    assert not mps.HerschelBulkley().ages and not mps.Bingham().ages and not CURVE.ages
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"flow_index": 1.3, "critical_strain_rate": 0.1}, "critical_strain_rate = 0.1 1/s: is of Bingham's law alone"),
+        (
+            {"structuration": 1.0, "yield_value": 0.0},
+            "structuration = 1 Pa/s: needs a yield stress to grow;",
+        ),
+        ({"structuration": -1.0}, "structuration = -1.0 Pa/s: must be greater than or equal to 0 Pa/s"),
+        ({"flow_index": 9.0}, "flow_index = 9.0: must be less than or equal to 4"),
+    ],
+)
+def test_laws_that_cannot_be_are_refused_in_one_line(given, message):
+    with pytest.raises(mps.SceneError, match=f"^{message}"):
+        mps.Concrete(**given).stands_for()

@@ -77,11 +77,19 @@ def test_an_option_that_stands_twice_is_an_error_of_the_scene():
 @pytest.mark.parametrize("name", catalogue.names())
 def test_every_scene_takes_every_number_of_the_mix(name):
     fields = catalogue.load(name).parameters.model_fields
-    assert set(mps.Bingham.model_fields) <= set(fields)
-    assert all(fields[key].description == field.description for key, field in mps.Bingham.model_fields.items())
+    assert set(mps.Concrete.model_fields) <= set(fields)
+    assert all(fields[key].description == field.description for key, field in mps.Concrete.model_fields.items())
     given = {"density": 2100.0, "plastic_viscosity": 33.0, "yield_value": 44.0, "critical_strain_rate": 0.01}
     scene = catalogue.build(name, **given)
     assert scene.material == mps.Bingham(**given) and given.items() <= scene.parameters.items()
+
+
+@pytest.mark.parametrize("name", catalogue.names())
+def test_every_scene_takes_herschel_bulkley_and_thixotropy(name):
+    given = {"yield_value": 44.0, "consistency": 33.0, "flow_index": 1.4, "structuration": 0.5, "destructuration": 0.01}
+    scene = catalogue.build(name, **given)
+    assert scene.material == mps.HerschelBulkley(density=scene.material.density, **given) and scene.material.ages
+    assert given.items() <= scene.parameters.items()
 
 
 def test_the_parameters_of_an_old_checkpoint_or_sweep_are_taken():

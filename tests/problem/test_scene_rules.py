@@ -32,7 +32,11 @@ BROKEN = [
     (rules.plain_values_have_their_types, {"axisymmetric": "a"}, "axisymmetric = a: must be True or False"),
     (rules.sequences_hold_their_types, {"walls": (3,)}, "walls = .3,.: must be a tuple, each Plane or Cylinder or"),
     (rules.materials_are_materials, {"material": None}, "material = None: must be Bingham, Newtonian"),
-    (rules.materials_are_materials, poured(material="water"), "inlet: material = water: must be Bingham or Newtonian"),
+    (
+        rules.materials_are_materials,
+        poured(material="water"),
+        "inlet: material = water: must be Bingham, Newtonian, Hers",
+    ),
     (rules.walls_have_the_dimension_of_the_fluid, {"walls": (mps.Plane((0.0,) * 3, (0.0, 0.0, 1.0)),)}, "must have 2"),
     (rules.inlets_need_no_rings, poured() | {"axisymmetric": True}, "the scene is axisymmetric; must be a scene"),
     (
@@ -53,8 +57,7 @@ BROKEN = [
         {"inlets": tuple(hose(material=mps.Bingham(yield_value=float(k))) for k in range(257))},
         "inlets: bring 258 mixes; must be at most 256",
     ),
-    (rules.mixes_are_bingham, poured(material=CURVE), "inlet: material = .*: must be Bingham or Newtonian"),
-    (rules.mixes_are_bingham, poured(material=OTHER) | {"material": CURVE}, "must be Bingham or Newtonian where an"),
+    (rules.mixes_have_one_law, poured(material=KNEE) | {"material": CURVE}, "must be given for all mixes or for none"),
     (rules.mixes_have_one_law, poured(material=KNEE), "critical_strain_rate: must be given for all mixes or for none"),
     (rules.friction_is_of_one_mix, poured(material=OTHER) | {"walls": (ROUGH,)}, "where a wall has friction"),
     (rules.something_is_there_at_the_start, {"fluid": np.zeros((0, 2))}, "must hold at least one particle"),

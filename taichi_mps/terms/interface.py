@@ -1,0 +1,94 @@
+"""Where two mixes meet: the shear across their interface goes through both in series (I27).
+
+The velocity is continuous there and has a kink: the shear stress is the same on both sides, so the shear rates differ
+as the fluidities, phi = rate/stress. The gradient of a particle next to the interface is fitted over both sides. Half
+of a bond to a particle of another mix lies in that one, so of the gradient along the normal n the part
+
+    c_i = (1/2) sum_j (n . B_i b_ij)(n . r_ij)    over the neighbours j of another mix
+
+is that of the other side, and of the shear rate across the interface, gamma = [(1 - c_i) phi_i + psi_i] stress, with
+psi_i the same sum with phi_j. All the other components of the strain rate are one on both sides: their stress is that
+of the particle's own law.
+"""
+
+from ..runtime.backend import real, ti
+from ..runtime.stages import nothing, stage
+
+
+class NoInterface:
+    """Of a scene with one mix."""
+
+    find, gather = nothing, nothing
+
+
+@ti.data_oriented
+class Interface:
+    """Normal, share of the other mixes and their fluidity, of every particle."""
+
+    def __init__(self, particles, gradient, constants):
+        self.particles, self.gradient, self.constants = particles, gradient, constants
+        self.neighbors, self.dimension, self.tensors = (
+            gradient.neighbors,
+            particles.dimension,
+            particles.tensor_dimension,
+        )
+        self.normal = ti.Vector.field(self.dimension, real(), particles.capacity)  # towards the other mixes [-]
+        self.share = ti.field(real(), particles.capacity)  # c: of the gradient along it [-]; 0: no other mix is near
+        self.fluidity = ti.field(real(), particles.capacity)  # psi: that of the others, by their shares [1/(Pa s)]
+
+    @ti.func
+    def other(self, i, k):
+        """Whether the neighbour of pair k is of another mix than particle i, and no wall between them."""
+        return (
+            self.gradient.weight_r2[k] > 0.0 and self.particles.mix[self.neighbors.column[k]] != self.particles.mix[i]
+        )
+
+    @ti.func
+    def part(self, k, n, v):
+        """Of the gradient along n that of half of the bond of pair k; v = B n."""
+        b = self.gradient.b[k]
+        return 0.5 * v.dot(b) * n.dot(b) / self.gradient.weight_r2[k]
+
+    @stage("interface")
+    def find(self):
+        """Normal and share at the present positions."""
+        for i in range(self.particles.count[None]):
+            m = ti.Vector.zero(float, self.dimension)
+            for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
+                if self.other(i, k):
+                    m += self.gradient.b[k]
+            n = m / ti.max(m.norm(), 1e-20)
+            v, share = self.gradient.B[i] @ n, ti.cast(0.0, float)
+            for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
+                if self.other(i, k):
+                    share += self.part(k, n, v)
+            self.normal[i] = n
+            self.share[i] = ti.max(0.0, ti.min(1.0, share))
+
+    @stage("interface")
+    def gather(self, fluidity: ti.template()):
+        """``fluidity`` of the others, for that of all particles [1/(Pa s)]."""
+        for i in range(self.particles.count[None]):
+            total = ti.cast(0.0, float)
+            if self.share[i] > 0.0:
+                n = self.normal[i]
+                v = self.gradient.B[i] @ n
+                for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
+                    if self.other(i, k):
+                        total += self.part(k, n, v) * fluidity[self.neighbors.column[k]]
+            self.fluidity[i] = ti.max(0.0, total)
+
+    @ti.func
+    def across(self, i, T):
+        """The shear across the interface in a symmetric tensor (t, t) at particle i, as a tensor."""
+        n = ti.Vector.zero(float, self.tensors)
+        for a in ti.static(range(self.dimension)):
+            n[a] = self.normal[i][a]
+        Tn = T @ n
+        s = Tn - n * n.dot(Tn)
+        return s.outer_product(n) + n.outer_product(s)
+
+    @ti.func
+    def viscosity(self, i, mu):
+        """That of the shear across [Pa s], of a particle whose own is mu [Pa s]."""
+        return 1.0 / ((1.0 - self.share[i]) / mu + self.fluidity[i])

@@ -1,0 +1,136 @@
+"""Where two mixes meet: shares on a lattice, stress across and along, and the mapping of two laws in series."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import taichi_mps as mps
+from taichi_mps.problem import catalogue
+from taichi_mps.runtime.backend import ti
+from taichi_mps.terms.rheology import return_mapping, series_mapping
+
+LOWER, UPPER, SPACING = mps.Newtonian(2300.0, 200.0), mps.Newtonian(2300.0, 20.0), 0.01
+
+
+@pytest.fixture(scope="module")
+def scheme():
+    """The scheme of a film of ten rows, the five upper ones of UPPER, whose terms look at a lattice."""
+    mps.init(arch="cpu", precision="f64")
+    scene = catalogue.build("film", spacing=SPACING)
+    (left, bottom), (right, top) = scene.domain
+    mouth = (0.5 * (left + right), top)
+    hose = mps.Inlet(mouth, (0.0, -1.0), 2 * SPACING, 1e-3, 4 * SPACING**2, 100.0, UPPER)
+    domain = ((left, bottom), (right, top + 2 * SPACING))
+    scene = replace(scene, material=LOWER, inlets=(hose,), domain=domain, check=None, measure=None)
+    sim = mps.Simulation(scene)
+    state = sim.state()
+    state["mix"] = (state["x"][:, 1] > 0.05).astype(np.int32)
+    sim.load(state)
+    scheme = sim.scheme
+    with sim.execution.active():
+        scheme.neighbors.search()
+        scheme.gradient.build()
+        scheme.strain_rate.evaluate()
+        scheme.stress.set_viscosity()
+        scheme.interface.find()
+        scheme.interface.gather(scheme.stress.fluidity)
+    return scheme
+
+
+def rows_of(scheme, field):
+    """Mean of a field over each of the ten rows, and its scatter in them."""
+    count = scheme.particles.count[None]
+    row = np.floor(scheme.particles.x.to_numpy()[:count, 1] / SPACING).astype(int)
+    values = field.to_numpy()[:count]
+    assert max(np.ptp(values[row == k], axis=0).max() for k in range(10)) < 1e-9
+    return np.array([values[row == k].mean(axis=0) for k in range(10)])
+
+
+def test_a_quarter_of_the_gradient_of_a_row_at_the_interface_is_of_the_other_mix(scheme):
+    """Of the fit half looks across, and half of each bond lies there; the second row has bonds of two spacings only."""
+    share = rows_of(scheme, scheme.interface.share)
+    np.testing.assert_allclose(share[[4, 5]], 0.25, rtol=1e-3)
+    assert np.all(share[[3, 6]] < 1e-3) and np.all(share[[0, 1, 2, 7, 8, 9]] == 0.0)
+    normal = rows_of(scheme, scheme.interface.normal)
+    np.testing.assert_allclose(normal[[4, 5]], [[0.0, 1.0], [0.0, -1.0]], atol=1e-9)
+    fluidity = rows_of(scheme, scheme.interface.fluidity)
+    np.testing.assert_allclose(fluidity[[4, 5]], share[[4, 5]] / (20.0, 200.0), rtol=1e-9)
+
+
+@ti.data_oriented
+class Viscous:
+    """Stress of every particle for one velocity gradient."""
+
+    def __init__(self, scheme):
+        self.stress, self.count = scheme.stress, scheme.particles.count
+        self.T = ti.Matrix.field(2, 2, ti.f64, scheme.particles.capacity)
+
+    @ti.kernel
+    def run(self, xx: ti.f64, xy: ti.f64, yx: ti.f64):
+        for i in range(self.count[None]):
+            self.T[i] = self.stress.viscous(i, ti.Matrix([[xx, xy], [yx, -xx]]))
+
+
+def test_shear_across_goes_through_both_and_stretching_along_through_each(scheme):
+    """u' = 1 1/s of the fit: 1/(0.75/200 + 0.25/20) Pa below, 1/(0.25/200 + 0.75/20) Pa above; stretched along the
+    layers each has 2 eta, and a rotation nothing."""
+    viscous = Viscous(scheme)
+    viscous.run(0.0, 1.0, 0.0)
+    stress = rows_of(scheme, viscous.T)[:, 0, 1]
+    share = rows_of(scheme, scheme.interface.share)
+    own, other = np.repeat([200.0, 20.0], 5), np.repeat([20.0, 200.0], 5)
+    np.testing.assert_allclose(stress, 1.0 / ((1.0 - share) / own + share / other), rtol=1e-9)
+    assert stress[4] == pytest.approx(1.0 / (0.75 / 200.0 + 0.25 / 20.0), rel=2e-3)
+    viscous.run(1.0, 0.0, 0.0)
+    T = rows_of(scheme, viscous.T)
+    np.testing.assert_allclose(T[:, 0, 0], 2.0 * own, rtol=1e-9)
+    np.testing.assert_allclose(T[:, 0, 1], 0.0, atol=1e-9)
+    viscous.run(0.0, 1.0, -1.0)
+    np.testing.assert_allclose(rows_of(scheme, viscous.T), 0.0, atol=1e-9)
+
+
+@ti.data_oriented
+class Series:
+    """The mapping of Bingham's law, 300 Pa and 50 Pa s, in series with another fluid, on a list of trial stresses."""
+
+    def __init__(self, share, others):
+        self.share, self.others = share, others
+        self.out = ti.Vector.field(6, ti.f64, 64)
+
+    @ti.func
+    def shear_stress(self, i, rate):
+        return 300.0 + 50.0 * rate
+
+    @ti.kernel
+    def run(self):
+        for k in range(64):
+            size = 20.0 * k
+            trial = ti.Matrix([[0.6 * size, 0.8 * size], [0.8 * size, -0.6 * size]])
+            across = ti.Matrix([[0.0, 0.8 * size], [0.8 * size, 0.0]])
+            T, q, rate = series_mapping(self, k, trial, across, 400.0, self.share, self.others)
+            S, _, alone = return_mapping(trial, 50.0, 300.0, 400.0)
+            self.out[k] = ti.Vector([T[0, 0], T[0, 1], q[0, 0], q[0, 1], rate, alone])
+
+
+def test_a_law_alone_is_mapped_as_ever():
+    series = Series(0.0, 0.0)
+    series.run()
+    out = series.out.to_numpy()
+    np.testing.assert_allclose(out[:, 4], out[:, 5], rtol=2e-5, atol=1e-5)
+
+
+def test_two_laws_in_series_share_the_shear_across():
+    """q across = [(1 - c) phi + psi] T/2, q along = phi T/2, phi = rate/|T|, |T| = 300 + 50 rate; and T + 2 mu_r q is
+    the trial."""
+    share, others = 0.25, 0.004
+    series = Series(share, others)
+    series.run()
+    along, across, q_along, q_across, rate, _ = series.out.to_numpy().T
+    size = np.hypot(along, across)
+    phi = np.where(rate > 0.0, rate / np.maximum(size, 1e-9), 0.0)
+    np.testing.assert_allclose(size[rate > 0.0], 300.0 + 50.0 * rate[rate > 0.0], rtol=1e-4)
+    assert np.all(size[rate == 0.0] <= 300.0 * (1.0 + 1e-6)) and 0 < (rate == 0.0).sum() < 64
+    np.testing.assert_allclose(q_along, 0.5 * phi * along, rtol=2e-4, atol=1e-4)
+    np.testing.assert_allclose(q_across, 0.5 * ((1.0 - share) * phi + others) * across, rtol=2e-4, atol=1e-4)
+    np.testing.assert_allclose(along + 800.0 * q_along, 0.6 * 20.0 * np.arange(64), rtol=1e-4, atol=1e-3)
