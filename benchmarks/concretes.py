@@ -1,6 +1,6 @@
-"""103 measured pairs of slump and slump flow beside what a Bingham cone can do, with and without slip at the plate.
+"""103 measured pairs of slump and slump flow beside Bingham cones, with slip at the plate and with internal friction.
 
-    python benchmarks/concretes.py run    # cones that slip, by rings: results/concretes.json, two CPU-minutes
+    python benchmarks/concretes.py run    # cones that slip or rub, by rings: results/concretes.json, four CPU-minutes
     python benchmarks/concretes.py draw   # docs/concretes.md and its chart
 
 A cone without slip: the table of `taichi-mps calibrate` (rings of 10 mm, to rest). Measured: Yeh (2007), UCI.
@@ -14,33 +14,53 @@ import points
 
 MEASURED = "E_measured_slump_flow_yeh.csv"
 YIELDS = 60.0, 100.0, 150.0, 200.0, 300.0, 400.0, 600.0, 800.0, 1200.0  # of the cones that slip [Pa]
-VISCOSITY = 50.0  # theirs [Pa s]
+COHESIONS = 5.0, 20.0, 50.0, 100.0, 200.0, 400.0  # of those with internal friction [Pa]
+VISCOSITY = 50.0  # of both [Pa s]
 BAND = 20.0, 200.0  # of the cones that do not [Pa s]
 NEAR = 10.0, 20.0  # [mm] of slump and of flow within which a cone explains a measurement
 HEIGHT, VOLUME = 300.0, 5.498e6  # of the cone [mm], [mm3]
 PLATES = {"no friction at the plate": 0.0, "plate of half of the yield stress": 0.5}  # over that of the mix
+ANGLES = 10.0, 15.0, 20.0  # of internal friction [deg]
 RESULT = points.RESULTS / "concretes.json"
 
 
+def ways() -> dict[str, list[tuple[dict, float | None]]]:
+    """The cones of each line of the chart: their mixes, and what the plate holds over the yield stress, None: all."""
+    slipping = {f"Bingham, {plate}": [({"yield_value": tau}, part) for tau in YIELDS] for plate, part in PLATES.items()}
+    rubbing = {
+        f"internal friction of {angle:g} degrees": [
+            ({"yield_value": tau, "friction_angle": angle}, None) for tau in COHESIONS
+        ]
+        for angle in ANGLES
+    }
+    return slipping | rubbing
+
+
 def run() -> None:
-    """Cones to rest on plates that hold less than the mix."""
+    """Cones to rest, 20 s at most; each way that has no result yet."""
     from dataclasses import replace
 
     import taichi_mps as mps
 
     mps.init(threads=1)
-    found = {}
-    for plate, part in PLATES.items():
-        for tau in YIELDS:
-            scene = mps.slump_cone(yield_value=tau, plastic_viscosity=VISCOSITY, model="axisymmetric", floor_radius=1.0)
-            floor = {"friction": mps.Friction(yield_value=part * tau)} if part else {"slip": True}
-            sim = mps.Simulation(replace(scene, walls=(replace(scene.walls[0], **floor),), until=20.0))
+    found = json.loads(RESULT.read_text(encoding="utf-8")) if RESULT.is_file() else {}
+    for way, cones in ways().items():
+        if way in found:
+            continue
+        rows = []
+        for mix, part in cones:
+            scene = mps.slump_cone(**mix, plastic_viscosity=VISCOSITY, model="axisymmetric", floor_radius=1.0)
+            if part is not None:
+                held = {"friction": mps.Friction(yield_value=part * mix["yield_value"])} if part else {"slip": True}
+                scene = replace(scene, walls=(replace(scene.walls[0], **held),))
+            sim = mps.Simulation(replace(scene, until=20.0))
             sim.run()
             measures = sim.measures()
-            cone = {"yield_value": tau, "slump_mm": 1e3 * measures["slump_m"], "flow_mm": 1e3 * measures["spread_m"]}
-            found.setdefault(plate, []).append(cone | {"stopped_by": sim.stopped_by})
-            print(plate, found[plate][-1], flush=True)
-    RESULT.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+            rows.append(mix | {"slump_mm": 1e3 * measures["slump_m"], "flow_mm": 1e3 * measures["spread_m"]})
+            rows[-1]["stopped_by"] = sim.stopped_by
+            print(way, rows[-1], flush=True)
+        found[way] = rows
+        RESULT.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
 
 
 def concretes() -> np.ndarray:
@@ -63,12 +83,12 @@ def band() -> np.ndarray:
 
 
 def curves() -> dict[str, np.ndarray]:
-    """Slump and slump flow [mm] of the cones that slip, between the computed ones."""
+    """Slump and slump flow [mm] of the other cones, between the computed ones."""
     found = {}
-    for plate, cones in json.loads(RESULT.read_text(encoding="utf-8")).items():
+    for way, cones in json.loads(RESULT.read_text(encoding="utf-8")).items():
         known = np.array([(np.log(c["yield_value"]), c["slump_mm"], c["flow_mm"]) for c in cones])
         fine = np.linspace(known[0, 0], known[-1, 0], 200)
-        found[plate] = np.column_stack([np.interp(fine, known[:, 0], known[:, k]) for k in (1, 2)])
+        found[way] = np.column_stack([np.interp(fine, known[:, 0], known[:, k]) for k in (1, 2)])
     return found
 
 
@@ -85,17 +105,17 @@ def draw() -> None:
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
-    measured, cones, slipping = concretes(), band(), curves()
+    measured, cones, others = concretes(), band(), curves()
     stands = measured[:, 0] == 0.0
     room = 0.25 * np.pi * measured[:, 1] ** 2 * (HEIGHT - measured[:, 0])  # of the cylinder around the body
     impossible = ~stands & (room < VOLUME)
     real = measured[~stands & ~impossible]
-    ways = {"Bingham, no slip, 20 to 200 Pa s": cones} | {f"Bingham, {plate}": c for plate, c in slipping.items()}
+    known = {"Bingham, no slip, 20 to 200 Pa s": cones} | others
     lines = [
         "| the cone | explains | slump missed by, median [mm] | flow missed by, median [mm] |",
         "|---|---|---|---|",
     ]
-    for name, way in (ways | {"any of these": np.concatenate([w.reshape(-1, 2) for w in ways.values()])}).items():
+    for name, way in (known | {"any of these": np.concatenate([w.reshape(-1, 2) for w in known.values()])}).items():
         error = missed(real, way)
         near = np.all(np.abs(error) <= NEAR, axis=1)
         typical = np.median(error, axis=0)
@@ -105,9 +125,10 @@ def draw() -> None:
 
     figure, axis = plt.subplots(figsize=(7.6, 5.4), layout="constrained")
     low, high = cones[0], cones[-1]
-    axis.fill(*np.vstack([low, high[::-1]]).T / 10.0, color="#4477aa", alpha=0.3, lw=0, label=next(iter(ways)))
-    for (plate, curve), style in zip(slipping.items(), ("-", "--"), strict=True):
-        axis.plot(*curve.T / 10.0, style, color="#aa3377", label=f"Bingham, {plate}, {VISCOSITY:g} Pa s")
+    axis.fill(*np.vstack([low, high[::-1]]).T / 10.0, color="#4477aa", alpha=0.3, lw=0, label=next(iter(known)))
+    for (way, curve), style in zip(others.items(), ("-", "--", "-", "--", ":"), strict=False):
+        colour = "#aa3377" if "plate" in way else "#228833"
+        axis.plot(*curve.T / 10.0, style, color=colour, label=f"{way}, {VISCOSITY:g} Pa s")
     axis.plot(*real.T / 10.0, "o", color="black", mfc="white", ms=4.5, label=f"measured (Yeh 2007), {len(real)}")
     axis.plot(*measured[impossible].T / 10.0, "x", color="#cc3311", label="measured, but less than the cone's volume")
     axis.set(xlabel="slump [cm]", ylabel="slump flow [cm]", xlim=(0.0, 30.0), ylim=(18.0, 80.0))

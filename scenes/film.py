@@ -42,7 +42,9 @@ def scene(
     rows, columns = round(depth / spacing), max(10, round(0.5 * depth / spacing))
     depth, length = rows * spacing, columns * spacing
     theta = np.radians(angle)
-    slope_weight = material.density * 9.81 * np.sin(theta)
+    # the weight along the slope, less what friction holds of it; both grow with the depth
+    held = np.cos(theta) * getattr(material, "friction_coefficient", 0.0)
+    slope_weight = material.density * 9.81 * max(1e-9, np.sin(theta) - held)
     thick = 3 * spacing
 
     law = (material.plastic_viscosity, material.yield_value)

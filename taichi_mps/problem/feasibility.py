@@ -34,6 +34,12 @@ def has_numerics(problem):
 
 
 # ---- what the scheme can compute -----------------------------------------------------------------------------------
+def internal_friction_is_implicit(problem):
+    angles = [getattr(material, "friction_angle", 0.0) for material in problem.materials]
+    if problem.scheme == "semi-implicit" and any(angles):
+        return f"friction_angle = {max(angles):g} deg: the scheme semi-implicit has none; must be 0, or scheme implicit"
+
+
 def flow_curve_is_implicit(problem):
     scene = problem.scene
     if problem.scheme == "semi-implicit" and not isinstance(scene.material, Bingham):
@@ -193,6 +199,7 @@ RULES = (
     is_a_scene,
     has_numerics,
     flow_curve_is_implicit,
+    internal_friction_is_implicit,
     own_laws_take_rate_and_structure,
     wall_particles_have_surfaces,
     curved_walls_are_wide,

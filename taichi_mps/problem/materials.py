@@ -1,6 +1,7 @@
 """Materials: what a technologist knows of the mix, in SI units. A number of the mix is declared here and nowhere else:
 its unit, its range and its help. A scene that takes a ``material`` has all of them as options (``units.checked``)."""
 
+import math
 import warnings
 from collections.abc import Callable
 from typing import ClassVar
@@ -8,6 +9,7 @@ from typing import ClassVar
 from pydantic import Field, model_validator
 
 from ..units import (
+    Angle,
     AnyDensity,
     Checked,
     Consistency,
@@ -75,6 +77,9 @@ class Material(Checked):
 class Bingham(Material):
     """Fresh concrete: rigid below the yield stress, flowing with the plastic viscosity above it (eqs 1-3).
 
+    With a ``friction_angle`` phi the yield stress is yield_value + p tan(phi), p >= 0 (Drucker and Prager 1952, without
+    dilation; scheme ``implicit``, a true yield stress).
+
     ``critical_strain_rate`` is the paper's pi_c [1/s] of the bi-viscosity law: below a shear rate of 2 pi_c the
     material is a very viscous fluid. ``None`` means a true yield stress (scheme ``implicit`` only); the scheme
     ``semi-implicit`` then takes the paper's 0.1 1/s. ``"rational"`` is the largest rate that is as good as a true yield
@@ -88,6 +93,19 @@ class Bingham(Material):
     critical_strain_rate: CriticalStrainRate | None = Field(
         None, description="pi_c of the bi-viscosity law, by default a true yield stress"
     )
+    friction_angle: Angle = Field(
+        0.0, description="internal friction: its tangent times the pressure adds to the yield stress"
+    )
+
+    @property
+    def yields(self) -> bool:
+        """Has it a yield stress above 0, by itself or by friction?"""
+        return self.yield_value > 0.0 or self.friction_angle > 0.0
+
+    @property
+    def friction_coefficient(self) -> float:
+        """tan(friction_angle) [-]: yield stress by pressure."""
+        return math.tan(math.radians(self.friction_angle))
 
     @property
     def newtonian(self) -> bool:
@@ -106,6 +124,15 @@ class Bingham(Material):
             return self
         mix = {"plastic_viscosity": self.plastic_viscosity, "yield_value": self.yield_value}
         return self.model_copy(update={"critical_strain_rate": rational_critical_strain_rate(**mix, time=time)})
+
+    @model_validator(mode="after")
+    def _has_one_kind_of_yield_stress(self):
+        if self.friction_angle > 0.0 and self.critical_strain_rate is not None:
+            raise SceneError(
+                f"friction_angle = {self.friction_angle:g} deg: needs a true yield stress; critical_strain_rate must "
+                "be left out"
+            )
+        return self
 
     @model_validator(mode="after")
     def _warn_of_a_high_knee(self):
@@ -212,12 +239,21 @@ class Concrete(Bingham):
         fields, keys = type(self).model_fields, ("consistency", "flow_index", "structuration")
         return [key for key in keys if getattr(self, key) != fields[key].default]
 
+    @model_validator(mode="after")
+    def _has_friction_or_a_curve(self):
+        if self.friction_angle > 0.0 and self._others:
+            raise SceneError(
+                f"friction_angle = {self.friction_angle:g} deg: is of Bingham's law alone; must not be given with "
+                f"{' and '.join(self._others)}"
+            )
+        return self
+
     def stands_for(self) -> Material:
         """Bingham, or HerschelBulkley."""
         mix = {"density": self.density, "yield_value": self.yield_value}
         if not self._others:
             viscous = {"plastic_viscosity": self.plastic_viscosity, "critical_strain_rate": self.critical_strain_rate}
-            return Bingham(**mix, **viscous)
+            return Bingham(**mix, **viscous, friction_angle=self.friction_angle)
         consistency = self.plastic_viscosity if self.consistency is None else self.consistency
         structure = {"structuration": self.structuration, "destructuration": self.destructuration}
         return HerschelBulkley(**mix, **structure, consistency=consistency, flow_index=self.flow_index)

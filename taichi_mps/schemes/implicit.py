@@ -1,4 +1,4 @@
-"""The default scheme: viscosity, pressure and yield stress in one implicit system per step (I1-I27).
+"""The default scheme: viscosity, pressure and yield stress in one implicit system per step (I1-I28).
 
 The step is that of an augmented Lagrangian at the middle of the step: after half of the drift the neighbours are found
 and a system for the velocity is assembled; Uzawa's iterations solve it in turn with the stress and the pressure, which
@@ -54,7 +54,9 @@ class Implicit:
         self.pressure = PressureSmoothing(*fluid, self.constants, g)
         several = len(problem.materials) > 1
         self.interface = Interface(*fluid, self.constants) if several else NoInterface()
-        self.stress = Stress(*fluid, self.constants, self.interface, self.strain_rate, self.solved_rate, problem)
+        self.stress = Stress(
+            *fluid, self.constants, self.interface, self.strain_rate, self.solved_rate, self.pressure, problem
+        )
         of_motion = self.constants, self.strain_rate, self.pressure
         self.resistance = HourglassResistance(*fluid, *of_motion, self.stress)
         self.shifting = Shifting(*fluid, walls, tears=problem.law == "newtonian")

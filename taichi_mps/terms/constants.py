@@ -55,12 +55,13 @@ class Constants:
     def __init__(self, particles, problem):
         mixes = len(problem.materials)
         self.particles, self.mixes = particles, mixes
-        self.of_mix = of_mix = [ti.field(real(), mixes) for _ in range(6)]
+        self.of_mix = of_mix = [ti.field(real(), mixes) for _ in range(7)]
         self.density, self.eta, self.tau_y, self.pi_c = of_mix[:4]  # [kg/m3], [Pa s], [Pa], [1/s]
         self.mu_r = of_mix[4]  # penalty that ties the strain rate to the yield law [Pa s]
+        self.friction = of_mix[6]  # tangent of the angle of internal friction [-]
         self.inertial = of_mix[5]  # hourglass resistance of a thin fluid [Pa s]
         self.of_scene = of_scene = [ti.field(real(), ()) for _ in range(7)]
-        self.numbers = np.zeros((13, mixes))  # of both, as they are sent to the fields: one kernel instead of thirteen
+        self.numbers = np.zeros((14, mixes))  # of both, as they are sent to the fields: one kernel instead of fourteen
         self.layer_pressure = of_scene[0]  # of half a layer of particles [Pa]
         self.slowest = of_scene[1]  # rate of the bonds below which their resistance stops growing, natural step [1/s]
         self.bulk = of_scene[2]  # K [Pa s]
@@ -109,13 +110,16 @@ class Constants:
             max(PENALTY[0] * m.plastic_viscosity, PENALTY[2] * (m.plastic_viscosity * inertia) ** 0.5)
             for m in materials
         ]
-        self.plastic = [PENALTY[1] * m.yield_value * step for m in materials]
+        frictions = [getattr(m, "friction_coefficient", 0.0) for m in materials]
+        heaviest = [f * m.density * gravity * height for f, m in zip(frictions, materials, strict=True)]  # yield stress
+        self.plastic = [PENALTY[1] * (m.yield_value + most) * step for m, most in zip(materials, heaviest, strict=True)]
         for k, m in enumerate(materials):
             self.numbers[:4, k] = m.density, m.plastic_viscosity, m.yield_value, m.critical_strain_rate or 0.0
+            self.numbers[6, k] = frictions[k]
             self.numbers[5, k] = INERTIAL * m.density * scene.spacing**2 / step
         layer_pressure, drive = 0.5 * density * gravity * scene.spacing, density * head / height
         fastest = max(FASTEST[0] * (gravity / height) ** 0.5, FASTEST[1] * speed / height)
-        self.numbers[6:, 0] = layer_pressure, SLOWEST / step, 0.0, drive, step, early_enough, fastest
+        self.numbers[7:, 0] = layer_pressure, SLOWEST / step, 0.0, drive, step, early_enough, fastest
         self.stiff = STIFFNESS * density * head * min(step, self.max_time_step)
         self.stretched = 0.0
         self.set_time_step(self.max_time_step)
@@ -142,7 +146,7 @@ class Constants:
             return
         penalties = [max(viscous, self.stretched * p) for viscous, p in zip(self.viscous, self.plastic, strict=True)]
         self.numbers[4] = penalties
-        self.numbers[8, 0] = max(self.stiff, VISCOUS_STIFFNESS * max(penalties))
+        self.numbers[9, 0] = max(self.stiff, VISCOUS_STIFFNESS * max(penalties))
         flush()
         self._send(self.numbers)
 
@@ -152,7 +156,7 @@ class Constants:
             for row, field in ti.static(enumerate(self.of_mix)):
                 field[k] = ti.cast(numbers[row, k], field.dtype)
         for row, field in ti.static(enumerate(self.of_scene)):
-            field[None] = ti.cast(numbers[6 + row, 0], field.dtype)
+            field[None] = ti.cast(numbers[7 + row, 0], field.dtype)
 
     @ti.func
     def mix(self, i):

@@ -64,7 +64,7 @@ class HourglassResistance:
                 if ti.static(self.stress.has_curve):
                     h = BOND_DISSIPATION * self.stress.shear_stress(i, bond_rate) / bond_rate + inertial
                 else:
-                    h += BOND_DISSIPATION * self.constants.tau_y[m] / bond_rate
+                    h += BOND_DISSIPATION * self.stress.yield_stress(i) / bond_rate
         if ti.static(self.stress.mixes > 1):
             mu = (h - inertial) / BOND_DISSIPATION
             h = BOND_DISSIPATION * self.stress.interface.viscosity(i, mu) + inertial

@@ -19,13 +19,15 @@ from .rheology import (
 class Stress:
     """Stress of every particle from the velocity, and its viscosities; its law is that of the problem."""
 
-    def __init__(self, particles, gradient, constants, interface, strain_rate, solved_rate, problem):
+    def __init__(self, particles, gradient, constants, interface, strain_rate, solved_rate, pressure, problem):
         self.particles, self.gradient, self.constants, self.interface = particles, gradient, constants, interface
         self.strain_rate, self.solved_rate = (
             strain_rate,
             solved_rate,
         )  # at the start of the step; of the solved velocity
+        self.pressure = pressure
         self.law, self.mixes = problem.law, len(problem.materials)
+        self.has_friction = any(getattr(material, "friction_coefficient", 0.0) for material in problem.materials)
         # (number of the mix, function) of what has a flow curve of its own, and of what is thixotropic
         self.curves = given(flow_curve(material) for material in problem.materials)
         self.growths = given(growth(material) for material in problem.materials)
@@ -107,13 +109,22 @@ class Stress:
         elif ti.static(self.has_curve):
             return curve_mapping(self.curves[0][1], trial, self.structure(i), self.mu[i])
         else:
-            return return_mapping(trial, self.constants.eta[m], self.constants.tau_y[m], self.mu[i])
+            return return_mapping(trial, self.constants.eta[m], self.yield_stress(i), self.mu[i])
+
+    @ti.func
+    def yield_stress(self, i):
+        """Yield stress [Pa] of particle i: that of its mix, and by internal friction tan(phi) times the pressure (I28)."""
+        m = self.constants.mix(i)
+        stress = self.constants.tau_y[m]
+        if ti.static(self.has_friction):
+            stress += self.constants.friction[m] * ti.max(0.0, self.pressure.p[i])
+        return stress
 
     @ti.func
     def shear_stress(self, i, rate):
         """Shear stress [Pa] of the mix of particle i at a shear rate [1/s], by its flow curve."""
         m = self.constants.mix(i)
-        stress = self.constants.tau_y[m] + self.constants.eta[m] * rate
+        stress = self.yield_stress(i) + self.constants.eta[m] * rate
         for k, curve in ti.static(self.curves):
             if m == k:
                 stress = ti.cast(curve(rate, self.structure(i)), float)

@@ -84,7 +84,7 @@ class WallStress:
             self.drive[i] = ti.Vector.zero(float, self.dimension)
             if self.gradient.B[i][0, 0] > 0.0 and self.near(i):
                 self.drive[i] = self.constants.density[self.constants.mix(i)] * self.g - self.slope(i)
-                over = self.stress.size(i) - self.constants.tau_y[self.constants.mix(i)]
+                over = self.stress.size(i) - self.stress.yield_stress(i)
                 s = ti.sqrt(2.0 * ti.max(0.0, over) / ti.max(2.0 * self.half(i), 1e-12))
                 self.weight[i] = self.acts(i, s)
 
@@ -106,7 +106,7 @@ class WallStress:
         for i in range(self.rows()):
             if self.near(i):
                 half = self.half(i)
-                s = self.stress.size(i) + self.weight[i] * half - self.constants.tau_y[self.constants.mix(i)]
+                s = self.stress.size(i) + self.weight[i] * half - self.stress.yield_stress(i)
                 self.weight[i] = self.acts(i, ti.max(0.0, s) / ti.max(2.0 * half, 1e-12))
 
     @ti.func
