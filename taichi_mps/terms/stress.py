@@ -113,7 +113,7 @@ class Stress:
 
     @ti.func
     def yield_stress(self, i):
-        """Yield stress [Pa] of particle i: that of its mix, and tan(phi) times the pressure by internal friction (I28)."""
+        """Yield stress [Pa] of particle i: that of its mix and, by internal friction, tan(phi) p (I28)."""
         m = self.constants.mix(i)
         stress = self.constants.tau_y[m]
         if ti.static(self.has_friction):
