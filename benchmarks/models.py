@@ -24,7 +24,7 @@ VARIANTS = [("full", 0.02), (PARTICLES, 0.01), ("full", 0.01), ("half", 0.01)]
 VARIANTS += [("quarter", spacing) for spacing in (0.02, 0.015, 0.01, 0.0075)]
 VARIANTS += [("axisymmetric", spacing) for spacing in (0.02, 0.01, 0.005, 0.0025)]
 USUAL = 50.0  # plastic viscosity [Pa s] of the mixes that all models are run for
-ONLY_USUAL = (PARTICLES, 0.01), ("axisymmetric", 0.0025)
+ONLY_USUAL = (PARTICLES, 0.01), ("quarter", 0.015), ("quarter", 0.0075), ("axisymmetric", 0.0025)
 
 
 def reference(yield_value: float, plastic_viscosity: float) -> dict:

@@ -116,12 +116,13 @@ def expected(model: str, spacing: float, mix: Mix, rows: list[Measured] | None =
     None outside of what was measured."""
     rows = [row for row in (measured() if rows is None else rows) if row.model == model]
     sizes = sorted({row.spacing for row in rows})
-    finer = [size for size in sizes if size <= spacing * (1.0 + 1e-6)]
-    coarser = [size for size in sizes if size >= spacing * (1.0 - 1e-6)]
+    found = [at_mix([row for row in rows if row.spacing == size], mix) for size in sizes]
+    finer = [it for it in found if it and it.spacing <= spacing * (1.0 + 1e-6)]
+    coarser = [it for it in found if it and it.spacing >= spacing * (1.0 - 1e-6)]
     if not finer or not coarser:
         return None
-    fine, coarse = (at_mix([row for row in rows if row.spacing == size], mix) for size in (finer[-1], coarser[0]))
-    if fine is None or coarse is None or fine.spacing == coarse.spacing:
+    fine, coarse = finer[-1], coarser[0]
+    if fine.spacing == coarse.spacing:
         return fine
     part = math.log(spacing / fine.spacing) / math.log(coarse.spacing / fine.spacing)
     return replace(between([fine, coarse], (1.0 - part, part), mix), spacing=spacing)
