@@ -169,7 +169,8 @@ def level(s: Snapshot, low, high) -> float:
 def standing_level(s: Snapshot, low, high) -> float:
     """Level [m] between two horizontal places (d-1,) [m] as a rule set on the floor reads it: of what stands there
     without a gap. Drops that hang on a wall or fly, more than half a spacing clear above it, do not count."""
-    near = np.all((s.x[:, :-1] > low - s.spacing) & (s.x[:, :-1] < high + s.spacing), axis=1)
+    x = s.x[:, :-1]
+    near = np.all((x > np.subtract(low, s.spacing)) & (x < np.add(high, s.spacing)), axis=1)
     heights = np.sort(s.x[near, -1])
     gaps = np.flatnonzero(np.diff(heights, prepend=-0.5 * s.spacing) > 1.5 * s.spacing)
     top = heights[gaps[0]] if len(gaps) else np.inf
