@@ -112,7 +112,7 @@ def page(results: dict) -> None:
     """The table between the marks of docs/scenes/slump.md."""
     names = [f"{speed:g} m/s" for speed in SPEEDS] + ["at once"]
     lines = ["| Slump, spread [mm] | " + " | ".join(names) + " |", "|---" * (len(names) + 1) + "|"]
-    for yield_value in YIELD_VALUES:
+    for yield_value in sorted(YIELD_VALUES):
         for label, (method, _speeds) in METHODS.items():
             cells = []
             for speed in (*SPEEDS, None):
