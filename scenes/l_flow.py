@@ -31,8 +31,9 @@ def scene(
 ) -> mps.Scene:
     """L-shaped vessel with a rough floor; upright walls have no friction, or are rough, too, and then hold back a layer
     a spacing thick. The gate is gone at t = 0, or a smooth plate on the outer face of the column, a spacing in front of
-    the opening, is lifted from then on with ``lift_speed`` [m/s]. Model half computes one side of the middle plane,
-    plane leaves out the side walls, full has the whole width, for walls of particles, which are rough."""
+    the opening, is lifted from then on with ``lift_speed`` [m/s]; what fills that spacing is missing at the top, so
+    that the vessel holds its volume. Model half computes one side of the middle plane, plane leaves out the side walls,
+    full has the whole width, for walls of particles, which are rough."""
     if not opening < column_height:
         raise mps.SceneError(
             f"opening = {opening:g} m: must be less than column_height = {column_height:g} m; a wall is above it"
@@ -61,7 +62,8 @@ def scene(
         corners = [(left, -reach), (right, -reach), (right, top), (left, top)]
         walls += (mps.Solid.prism(corners, cell, reach, along, velocity=at(0, lift_speed), slip=True, loose=True),)
         under = fluid[(fluid[:, 0] > column_depth - spacing) & (fluid[:, -1] < opening - 0.4 * spacing)]
-        fluid = np.vstack([fluid, under + at(spacing, 0)])
+        from_the_top = np.lexsort((fluid[:, 0], -fluid[:, -1]))  # at the same height what is farthest from the gate
+        fluid = np.vstack([fluid[np.sort(from_the_top[len(under) :])], under + at(spacing, 0)])
     area = len(fluid) * spacing**2 / (1.0 if plane else (2 if full else 1) * half / spacing)  # of the section [m2]
     thick = 3 * spacing
     low, high = at(-thick, -thick, -half - thick), at(length + thick, top, half + thick)

@@ -166,6 +166,17 @@ def level(s: Snapshot, low, high) -> float:
     return float(np.nan_to_num(surface(s, points)).mean())
 
 
+def standing_level(s: Snapshot, low, high) -> float:
+    """Level [m] between two horizontal places (d-1,) [m] as a rule set on the floor reads it: of what stands there
+    without a gap. Drops that hang on a wall or fly, more than half a spacing clear above it, do not count."""
+    x = s.x[:, :-1]
+    near = np.all((x > np.subtract(low, s.spacing)) & (x < np.add(high, s.spacing)), axis=1)
+    heights = np.sort(s.x[near, -1])
+    gaps = np.flatnonzero(np.diff(heights, prepend=-0.5 * s.spacing) > 1.5 * s.spacing)
+    top = heights[gaps[0]] if len(gaps) else np.inf
+    return level(replace(s, **{name: getattr(s, name)[s.x[:, -1] < top] for name in ("x", "size")}), low, high)
+
+
 def spread(s: Snapshot) -> float:
     """Diameter [m] of the widest layer: the mean over all directions.
 

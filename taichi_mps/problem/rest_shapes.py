@@ -34,7 +34,9 @@ def channel_at_rest(
         (h - pi a/2) dh/dx = -a (1 + 2 h/b),   h = pi a at the front
 
     Without side walls this is within 3 % of finite elements of blocks with tau_y/(rho g H) = 0.05 and 0.1, where
-    the thin layer reaches 18 and 28 % too far. Inertia carries the front farther and levels the surface."""
+    the thin layer reaches 18 and 28 % too far. Inertia carries the front farther and levels the surface. Before a far
+    wall the flow is pressed together, and the normal stress changes its sign: slow flows rest there up to pi a steeper
+    than the thin layer, end to end."""
     must_come_to_rest(yield_value, density, gravity)
     positive("area", area, "m2")
     a = yield_value / (density * gravity)
