@@ -84,7 +84,7 @@ def weights(at, corners) -> list[float] | None:
     b = ((x - ax) * (cy - ay) - (cx - ax) * (y - ay)) / area
     c = ((bx - ax) * (y - ay) - (x - ax) * (by - ay)) / area
     found = [1.0 - b - c, b, c]
-    return found if min(found) > -1e-9 else None
+    return found if min(found) > -1e-6 else None  # numbers in the file are rounded
 
 
 def between(rows: list[Measured], parts, mix: Mix) -> Measured:
