@@ -102,7 +102,7 @@ def cells(mix: dict, row: dict) -> list[str]:
 
 
 def read() -> list[dict]:
-    found = [json.loads(path.read_text(encoding="utf-8")) for path in RESULTS.glob("models_*Pa.json")]
+    found = [json.loads(path.read_text(encoding="utf-8")) for path in RESULTS.glob("models_*.json")]
     return sorted(found, key=lambda result: (result["yield_value"], result["plastic_viscosity"]))
 
 
