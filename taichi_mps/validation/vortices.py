@@ -99,7 +99,8 @@ def stream_function(x, u, across):
 
 
 def bingham_cavity(bingham_number, across=40):
-    """Lid-driven unit cavity: strength and centre of the vortex, mean from t U/L = 1 to 2."""
+    """Lid-driven unit cavity: strength and centre of the vortex, mean of 21 moments from t U/L = 1 to 2: the layer
+    under the lid is a few particles thick, and its flow unsteady by several per cent."""
     floor, left, right = mps.box_planes((0.0, 0.0), (1.0, 1.0))
     scene = mps.Scene(
         name="Bingham cavity",
@@ -119,12 +120,14 @@ def bingham_cavity(bingham_number, across=40):
             state = s.snapshot()
             found.append(stream_function(state.x, state.u, across))
 
-    sim.every(0.1, sample)
+    sim.every(0.05, sample)
     sim.run()
     psi = np.mean(found, axis=0)
     i, j = np.unravel_index(np.argmax(psi), psi.shape)
     exact = columns("B_bingham_cavity_vortex.csv", n="32", Bn=f"{bingham_number:g}")
-    yield Measured(f"stream function, largest, Bn = {bingham_number:g}", float(psi[i, j] / exact["psi"][0] - 1), 0.03)
+    target = 0.02 if bingham_number <= 10.0 else 0.04
+    what = f"stream function, largest, Bn = {bingham_number:g}"
+    yield Measured(what, float(psi[i, j] / exact["psi"][0] - 1), target)
 
     def top(values):
         """Vertex of the parabola through three values, in steps from the middle one."""
@@ -132,13 +135,14 @@ def bingham_cavity(bingham_number, across=40):
 
     centre = (i + top(psi[i - 1 : i + 2, j])) / across, (j + top(psi[i, j - 1 : j + 2])) / across
     yield Measured(f"centre of the vortex, x less 0.5, Bn = {bingham_number:g}", float(centre[0] - 0.5), 0.01, "L")
-    yield Measured(f"the same, y less {exact['yc'][0]:.3f}", float(centre[1] - exact["yc"][0]), 0.01, "L")
+    height = float(exact["yc"][0])
+    yield Measured(f"its height, relative to {height:.3f}", float(centre[1]) / height - 1.0, target)
 
 
-@row("lid-driven Bingham cavity, Re = 1, 40 across, Bn = 2 and 20", "own finite elements (Re = 0)")
+@row("lid-driven Bingham cavity, Re = 1, 40 across, Bn = 2 to 50", "own finite elements (Re = 0)")
 def cavity_bingham():
-    yield from bingham_cavity(2.0)
-    yield from bingham_cavity(20.0)
+    for bingham_number in (2.0, 5.0, 10.0, 20.0, 50.0):
+        yield from bingham_cavity(bingham_number)
 
 
 @row("lid-driven Bingham cavity, Re = 1, 80 across, Bn = 2 and 20", "own finite elements (Re = 0)")

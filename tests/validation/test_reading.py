@@ -56,3 +56,13 @@ def test_the_stream_function_of_a_known_flow(power):
     middle = found[ACROSS // 2, : ACROSS - 1], exact[ACROSS // 2, : ACROSS - 1]
     assert middle[0] == pytest.approx(middle[1], abs=3e-3 * exact.max())
     assert found.max() == pytest.approx(exact.max(), rel=3e-3)
+
+
+@pytest.mark.parametrize("bingham_number", ("2", "5", "10", "20", "50"))
+def test_the_references_of_the_bingham_cavity_agree_on_two_grids(bingham_number):
+    """To a tenth of what the case allows: its targets are 2 % to Bn = 10 and 4 % above."""
+    coarse, fine = (columns("B_bingham_cavity_vortex.csv", n=n, Bn=bingham_number) for n in ("32", "40"))
+    tenth = 0.002 if float(bingham_number) <= 10.0 else 0.004
+    assert len(coarse["psi"]) == len(fine["psi"]) == 1
+    for key in ("psi", "yc"):
+        assert coarse[key] == pytest.approx(fine[key], rel=tenth)
