@@ -265,7 +265,7 @@ def test_a_value_of_several_lines_is_refused_in_one():
 
 
 ANY = st.floats(0.0, 1e3) | NUMBERS | st.none() | st.booleans() | st.lists(st.floats(), max_size=2)
-LAWS = (mps.Bingham, mps.HerschelBulkley, mps.Friction, mps.Implicit, mps.SemiImplicit)
+LAWS = (mps.Bingham, mps.HerschelBulkley, mps.Concrete, mps.Friction, mps.Implicit, mps.SemiImplicit)
 
 
 @pytest.mark.parametrize("law", LAWS, ids=lambda law: law.__name__)

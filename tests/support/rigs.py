@@ -14,6 +14,7 @@ from taichi_mps.particles.particles import FLUID, Carried, Particles
 from taichi_mps.runtime.backend import ti
 from taichi_mps.terms.deferred_correction import DeferredCorrection
 from taichi_mps.terms.momentum import MomentumOperator
+from taichi_mps.terms.rheology import deviator
 from taichi_mps.terms.strain_rate import StrainRate
 
 L0 = 0.1  # spacing [m]
@@ -149,6 +150,10 @@ class Numbers:
     @ti.func
     def density_of(self, i):
         return ti.cast(self.density, float)
+
+    @ti.func
+    def viscous(self, i, G):
+        return 2.0 * self.mu[i] * deviator(G)
 
 
 @ti.data_oriented
