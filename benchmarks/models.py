@@ -19,12 +19,11 @@ ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "benchmarks" / "results"
 PAGE, CHART = ROOT / "docs/models.md", ROOT / "docs/figures/models.png"
 BEGIN, END = "<!-- written by benchmarks/models.py -->", "<!-- end of benchmarks/models.py -->"
-PARTICLES = "full, wall particles"
-VARIANTS = [("full", 0.02), (PARTICLES, 0.01), ("full", 0.01), ("half", 0.01)]
+VARIANTS = [("full", 0.02), ("full", 0.01), ("half", 0.01)]
 VARIANTS += [("quarter", spacing) for spacing in (0.02, 0.015, 0.01, 0.0075)]
 VARIANTS += [("axisymmetric", spacing) for spacing in (0.02, 0.01, 0.005, 0.0025)]
 USUAL = 50.0  # plastic viscosity [Pa s] of the mixes that all models are run for
-ONLY_USUAL = (PARTICLES, 0.01), ("quarter", 0.015), ("quarter", 0.0075), ("axisymmetric", 0.0025)
+ONLY_USUAL = ("quarter", 0.015), ("quarter", 0.0075), ("axisymmetric", 0.0025)
 
 
 def reference(yield_value: float, plastic_viscosity: float) -> dict:
@@ -50,10 +49,9 @@ def run(model: str, spacing: float, yield_value: float, plastic_viscosity: float
 
     exact = reference(yield_value, plastic_viscosity)
     mps.init(threads=1)
-    numerics = mps.Implicit(walls="particles" if model == PARTICLES else "surfaces")
     mix = {"yield_value": yield_value, "plastic_viscosity": plastic_viscosity}
-    cone = mps.slump_cone(model=model.split(",")[0], spacing=spacing, until=exact["until"], **mix)
-    sim = mps.Simulation(cone, numerics)
+    cone = mps.slump_cone(model=model, spacing=spacing, until=exact["until"], **mix)
+    sim = mps.Simulation(cone)
     history, volume = [], []
     sim.every(0.1, lambda s: history.append((s.time, s.measures()["slump_m"])))
     sim.each_step(lambda s: volume.append(abs(s.report.volume_error)))
@@ -62,7 +60,7 @@ def run(model: str, spacing: float, yield_value: float, plastic_viscosity: float
     times, slumps = np.array(history).T
     rest = summary["slump_m"] - exact["slump"]
     on_the_way = [np.interp(t, times, slumps) - slump for t, slump in exact["slumps"].items()]
-    kept = ("fluid_particles", "wall_particles", "steps", "simulated_seconds", "stopped_by", "cpu_seconds")
+    kept = ("fluid_particles", "steps", "simulated_seconds", "stopped_by", "cpu_seconds")
     return {
         "model": model,
         "spacing": spacing,
@@ -88,11 +86,10 @@ def compare(yield_value: float, plastic_viscosity: float) -> None:
 
 def cells(mix: dict, row: dict) -> list[str]:
     """One line of the table."""
-    walls = f" + {row['wall_particles']:,}" if row["wall_particles"] else ""
     return [
         f"{mix['yield_value']:g} Pa, {mix['plastic_viscosity']:g} Pa s",
         f"{row['model']}, {1e3 * row['spacing']:g} mm",
-        f"{row['fluid_particles']:,}{walls}",
+        f"{row['fluid_particles']:,}",
         f"{row['cpu_seconds']:.1f}",
         f"{1e3 * row['slump_error_m']:+.1f}",
         f"{1e3 * row['worst_slump_error_m']:+.1f}",
@@ -136,7 +133,6 @@ def measured(results: list[dict]) -> list:
         )
         for result in results
         for row in result["rows"]
-        if row["model"] != PARTICLES
     ]
 
 
@@ -156,7 +152,7 @@ def draw() -> None:
     results = [result for result in results if result["plastic_viscosity"] == USUAL]
     figure, axes = plt.subplots(1, len(results), figsize=(3.4 * len(results), 3.4), sharex=True, sharey=True)
     for axis, result in zip(axes, results, strict=True):
-        for model, colour in zip(dict(VARIANTS), ("C0", "C1", "C2", "C3", "C4"), strict=True):
+        for model, colour in zip(dict(VARIANTS), ("C0", "C1", "C2", "C3"), strict=True):
             rows = [row for row in result["rows"] if row["model"] == model]
             cost, error = ([row[key] for row in rows] for key in ("cpu_seconds", "worst_slump_error_m"))
             axis.loglog(cost, 1e3 * np.abs(error), "o-", color=colour, label=model)
