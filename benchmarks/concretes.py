@@ -1,13 +1,14 @@
 """103 measured pairs of slump and slump flow beside Bingham cones, with slip at the plate and with internal friction.
 
     python benchmarks/concretes.py run    # cones that slip or rub, by rings: results/concretes.json, four CPU-minutes
-    python benchmarks/concretes.py draw   # docs/concretes.md and its chart
+    python benchmarks/concretes.py draw   # docs/concretes.md, its chart, and of each what calibrate says: results/*.csv
 
 A cone without slip: the table of `taichi-mps calibrate` (rings of 10 mm, to rest). Measured: Yeh (2007), UCI.
 """
 
 import json
 import sys
+from itertools import pairwise
 
 import numpy as np
 import points
@@ -63,6 +64,19 @@ def run() -> None:
         RESULT.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
 
 
+def calibrated() -> str:
+    """How they come out of `taichi-mps calibrate --table`, as a table; each of them in results/concretes.csv."""
+    from taichi_mps.study import mixes
+    from taichi_mps.validation import read_reference
+
+    columns = {"no": "no", "slump [cm]": "slump_cm", "spread [cm]": "flow_cm", "rho [kg/m3]": "density_kg_m3"}
+    rows = [{name: line[column] for name, column in columns.items()} for line in read_reference(MEASURED)]
+    found = mixes.calibrate_list(rows)
+    mixes.write(found, points.RESULTS / "concretes.csv")
+    lines = [line.strip().split(" ", 1) for line in mixes.tally(found).splitlines()]
+    return "\n".join(["| mixes | come out as |", "|---|---|", *(f"| {count} | {what} |" for count, what in lines)])
+
+
 def concretes() -> np.ndarray:
     """Slump and slump flow [mm] of the measured ones, (103, 2)."""
     from taichi_mps.validation import read_reference
@@ -110,7 +124,10 @@ def draw() -> None:
     room = 0.25 * np.pi * measured[:, 1] ** 2 * (HEIGHT - measured[:, 0])  # of the cylinder around the body
     impossible = ~stands & (room < VOLUME)
     real = measured[~stands & ~impossible]
+    rubbing = [curve for way, curve in others.items() if way.startswith("internal")]
+    between = [(1 - t) * a + t * b for a, b in pairwise(rubbing) for t in np.linspace(0.0, 1.0, 11)]
     known = {"Bingham, no slip, 20 to 200 Pa s": cones} | others
+    known[f"internal friction of {ANGLES[0]:g} to {ANGLES[-1]:g} degrees"] = np.concatenate(between)
     lines = [
         "| the cone | explains | slump missed by, median [mm] | flow missed by, median [mm] |",
         "|---|---|---|---|",
@@ -121,6 +138,12 @@ def draw() -> None:
         typical = np.median(error, axis=0)
         lines.append(f"| {name} | {near.sum()} of {len(real)} | {typical[0]:+.0f} | {typical[1]:+.0f} |")
     lines += ["", f"Left out: {stands.sum()} without slump, {impossible.sum()} that hold less than the cone's volume."]
+    lines += [
+        "",
+        "What `taichi-mps calibrate --table` says of all 103, as Bingham mixes without slip:",
+        "",
+        calibrated(),
+    ]
     points.put("concretes.md", "concretes", "\n".join(lines))
 
     figure, axis = plt.subplots(figsize=(7.6, 5.4), layout="constrained")
