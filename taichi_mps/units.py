@@ -169,7 +169,7 @@ Speed = _real("m/s", "0.1 for 100 mm/s", gt=0.0, le=5.0)  # of a mould or a gate
 Consistency = _real("Pa s^n", gt=0.0, le=1e6)
 FlowIndex = _real("", ge=0.1, le=4.0)
 Structuration = _real("Pa/s", "0.1 to 1.7 of concrete", ge=0.0, le=1e3)
-Destructuration = _real("-", ge=0.0, le=10.0)
+Destructuration = _real("", ge=0.0, le=10.0)
 FlowRate = _real("m3/s", gt=0.0, le=100.0)
 StrainRate = _real("1/s", gt=0.0, le=1e4)
 CriticalStrainRate = StrainRate | Literal["rational"]  # the word: by material.rational_critical_strain_rate

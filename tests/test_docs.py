@@ -157,7 +157,7 @@ def parsing_only(monkeypatch):
         problem(*arguments)
         raise ParsedError
 
-    def check_measurements(table=None, check=True, **told):
+    def check_measurements(study=None, check=True, **told):
         calibrate.Measurements(**told)
         raise ParsedError
 

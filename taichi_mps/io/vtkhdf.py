@@ -203,7 +203,10 @@ class Trajectory:
         with self._opened() as file:
             root, own = outside.own(file, "VTKHDF"), outside.own(file, "taichi_mps")
             parameters = json.loads(outside.text(own, "parameters"))
-            scene = scene or catalogue.rebuild(outside.text(own, "source"), parameters, scene_file)
+            try:
+                scene = scene or catalogue.rebuild(outside.text(own, "source"), parameters, scene_file)
+            except SceneError as error:
+                raise SceneError(f"{self.path.name}: {error}") from None
             n, wall = int(outside.numbers(root, "NumberOfPoints")[0]), outside.numbers(own, "wall_x")
             if n != len(scene.fluid) and not scene.inlets:
                 raise SceneError(f"run {self.path}: has {n} particles, its scene makes {len(scene.fluid)}")

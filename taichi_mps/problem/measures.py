@@ -189,9 +189,10 @@ def spread(s: Snapshot) -> float:
     size = float(np.median(s.size[r > radius - s.spacing]))
     sectors = max(4, int(2 * np.pi * radius / size))
     order = np.argsort(s.x[:, 2])
-    z, sector = s.x[order, 2], (np.floor((angle / (2 * np.pi) + 0.5) * sectors).astype(int) % sectors)[order]
+    # neither sectors nor layers end where lattices and mirror planes have particles, so rounding moves none across
+    z, sector = s.x[order, 2], (np.floor((angle / (2 * np.pi) + 0.5) * sectors + 0.37).astype(int) % sectors)[order]
     edge, widest = (r + 0.5 * s.size)[order], 0.0
-    for low in np.arange(z[0] - 0.5 * size, z[-1], 0.25 * size):
+    for low in np.arange(z[0] - 0.57 * size, z[-1], 0.25 * size):
         layer, reach = slice(*np.searchsorted(z, (low, low + size))), np.zeros(sectors)
         np.maximum.at(reach, sector[layer], edge[layer])
         widest = max(widest, reach.sum() / max(1, np.count_nonzero(reach)))

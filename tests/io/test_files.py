@@ -138,7 +138,8 @@ def test_a_replay_of_rings_has_their_sizes_and_measures(tmp_path):
     (output,) = trajectory.replay()
     assert output.snapshot().x.shape == sim.scene.fluid.shape
     assert output.snapshot().size == pytest.approx(np.linspace(0.01, 0.02, len(sim.scene.fluid)), rel=1e-6)
-    assert output.measures() == pytest.approx(sim.scene.measure(sim.scene.unfold(sim.snapshot())), rel=1e-5)
+    known = sim.scene.measure(sim.scene.unfold(sim.snapshot()))
+    assert output.measures() == pytest.approx(known, rel=1e-3)  # rings are whole numbers of particles, rounded
 
 
 def test_a_plane_lies_at_y_zero(tmp_path, plane):

@@ -19,6 +19,12 @@ EVERYWHERE = ((-1e5, -1e5), (1e5, 1e5))
 CROWD = np.broadcast_to(np.zeros((1, 2)), (10**8, 2))  # no memory is taken
 
 BROKEN = [
+    (
+        rules.internal_friction_is_implicit,
+        {"material": mps.Bingham(friction_angle=20.0)},
+        mps.SemiImplicit(),
+        "friction_angle = 20 deg: the scheme semi-implicit has none",
+    ),
     (rules.flow_curve_is_implicit, {"material": mps.HerschelBulkley()}, mps.SemiImplicit(), "must be Bingham with the"),
     (
         rules.own_laws_take_rate_and_structure,

@@ -114,7 +114,7 @@ def test_the_numbers_are_those_of_the_summary_and_the_history(run, opened):
     )
     flowing = curves["share flowing"]
     share = 100.0 * np.interp(flowing["x"], history["time_s"], history["flowing_fraction"])
-    np.testing.assert_allclose(flowing["y"], share, atol=1e-2)
+    np.testing.assert_allclose(flowing["y"], share, atol=2e-2)  # its times have four digits, and it falls steeply
     drawn = tab.evaluate("[...document.querySelectorAll('.chart')].map((place) => place.data.length)")
     assert drawn == [2, 1]
 

@@ -103,8 +103,8 @@ def test_the_acceleration_of_a_step_is_the_change_of_its_velocity():
 
 
 def test_a_cone_that_creeps_to_rest_does_not_know_how_long_its_steps_are():
-    """100 Pa: at 2 s within a tenth of a spacing, with two thirds of the steps, none of them longer than the rule. A
-    step that is given does not grow; later on it creeps on beyond the rest (I8)."""
+    """100 Pa: at 2 s slump within a tenth of a spacing, spread within a fifth, with two thirds of the steps, none of
+    them longer than the rule. A step that is given does not grow; later on it creeps on beyond the rest (I8)."""
     usual, ends = constants().max_time_step, []
     for sim in (rings(), mps.Simulation(cone(), mps.Implicit(max_time_step=usual))):
         reports = []
@@ -115,5 +115,5 @@ def test_a_cone_that_creeps_to_rest_does_not_know_how_long_its_steps_are():
         ends.append((sim.steps, sim.measures()))
     (few, longer), (many, usual) = ends
     assert few < 0.67 * many
-    for name in ("slump_m", "spread_m"):
-        assert longer[name] == pytest.approx(usual[name], abs=0.1 * SPACING)
+    for name, bound in (("slump_m", 0.1), ("spread_m", 0.2)):  # a spread is read where one particle is thick
+        assert longer[name] == pytest.approx(usual[name], abs=bound * SPACING)
