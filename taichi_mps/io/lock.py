@@ -33,20 +33,21 @@ def locked(path, who="process"):
     """The lock that this file is, with the name of this process in it; SceneError where another has it."""
     folder, lock = path.parent, FileLock(path)
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        lock.acquire(timeout=PATIENCE, poll_interval=0.05 * PATIENCE)
-    except Timeout:
-        raise SceneError(f"out = {folder}: {holder(path)} is writing there; must be one at a time") from None
-    except OSError as error:
-        raise SceneError(f"out = {folder}: cannot be written ({error.strerror}); choose another folder") from None
-    try:
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            lock.acquire(timeout=PATIENCE, poll_interval=0.05 * PATIENCE)
+        except Timeout:
+            raise SceneError(f"out = {folder}: {holder(path)} is writing there; must be one at a time") from None
+        except OSError as error:
+            raise SceneError(f"out = {folder}: cannot be written ({error.strerror}); choose another folder") from None
         with suppress(OSError):  # Windows lets nobody write what is locked, not even its holder
             path.write_text(f"{who} {os.getpid()} of {platform.node()}")
         yield
     finally:
-        with suppress(OSError):  # Windows keeps what is open
+        with suppress(OSError):  # another has it, or Windows keeps what is open
+            lock.acquire(timeout=0)  # had already, unless a signal came into the first try
             path.unlink()
-        lock.release()
+        lock.release(force=True)
 
 
 def holder(path) -> str:
