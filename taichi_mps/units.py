@@ -174,6 +174,7 @@ FlowRate = _real("m3/s", gt=0.0, le=100.0)
 StrainRate = _real("1/s", gt=0.0, le=1e4)
 CriticalStrainRate = StrainRate | Literal["rational"]  # the word: by material.rational_critical_strain_rate
 
+RotationSpeed = _real("rpm", "turns a minute", gt=0.0, le=1e4)
 Angle = _real("deg", ge=0.0, lt=90.0)
 Ratio = _real("-", gt=0.0, le=1.0)
 RadiusRatio = _real("l0", ge=1.6, le=4.1)

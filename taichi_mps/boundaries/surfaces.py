@@ -12,6 +12,7 @@ from copy import copy
 import numpy as np
 
 from ..geometry.concave_edges import inner_edges
+from ..geometry.walls import spin
 from ..runtime.backend import real, ti
 
 FAR = 1e9  # distance [m] from a wall that ends before the foot
@@ -39,9 +40,15 @@ class Surface:
             None,
         )  # of a unilateral wall: Walls gives what is carried
         self.clock, self.travels = clock, bool(np.any(wall.travel))
+        self.moves = self.travels  # its place changes
         self.separates = wall.thin  # the fluid on one side of it does not feel that on the other
         self.travel = ti.types.vector(dimension, ti.f64)(wall.travel)
         self.point = ti.types.vector(dimension, ti.f64)(wall.point)
+
+    @ti.func
+    def arm(self, x):
+        """From the point about which torques are to x [m]."""
+        return self.offset(x)
 
     @ti.func
     def offset(self, x):
@@ -156,9 +163,10 @@ class Round(Surface):
         self.slope, self.ends, self.length = wall.slope, wall.length is not None, wall.length
         self.cosine = 1.0 / (1.0 + wall.slope**2) ** 0.5
         self.velocity = wall.velocity  # along the axis [m/s]
-        x, y, z = wall.unit_axis if dimension == 3 else (0.0, 0.0, 1.0)
-        spin = wall.angular_velocity * np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])[:dimension, :dimension]
-        self.spin = ti.types.matrix(dimension, dimension, ti.f64)(spin)  # gradient of the wall's velocity [1/s]
+        # gradient of the wall's velocity [1/s]
+        self.spin = ti.types.matrix(dimension, dimension, ti.f64)(
+            spin(wall.angular_velocity, wall.unit_axis, dimension)
+        )
 
     @ti.func
     def polar(self, x):
@@ -212,6 +220,11 @@ class Sampled(Surface):
         self.values.from_numpy(wall.values)
         self.velocity = ti.types.vector(dimension, real())(wall.travel)
         self.distances = wall.values
+        self.turns, self.rate = wall.angular_velocity != 0.0, wall.angular_velocity
+        self.moves = self.travels or self.turns
+        if self.turns:
+            self.centre = ti.types.vector(dimension, ti.f64)(wall.centre)
+            self.spin = ti.types.matrix(dimension, dimension, ti.f64)(wall.spin)
 
     def allocate(self, capacity: int, effective_radius: float):
         """What each particle sees of the solid; and beside inner edges the faces that meet there."""
@@ -225,6 +238,46 @@ class Sampled(Surface):
             self.planes.from_numpy(np.where(np.isinf(planes), FAR, planes))
         self.z = ti.field(real(), (capacity, self.faces))  # [m]
         self.n = ti.Vector.field(self.dimension, real(), (capacity, self.faces))
+
+    @ti.func
+    def rotation(self):
+        """From 0 s to the time at which the walls stand."""
+        angle, K = self.rate * self.clock[None], self.spin / self.rate
+        return ti.Matrix.identity(ti.f64, self.dimension) + ti.sin(angle) * K + (1.0 - ti.cos(angle)) * K @ K
+
+    @ti.func
+    def arm(self, x):
+        """From the centre to x [m]."""
+        arm = x - self.point
+        if ti.static(self.turns):
+            arm = x - self.centre
+        if ti.static(self.travels):
+            arm -= self.clock[None] * self.travel
+        return arm
+
+    @ti.func
+    def offset(self, x):
+        """From the first node to x [m], as the solid stood at 0 s."""
+        offset = self.arm(x)
+        if ti.static(self.turns):
+            offset = self.rotation().transpose() @ offset + self.centre - self.point
+        return offset
+
+    @ti.func
+    def as_it_stands(self, n):
+        """A direction of the solid at 0 s, turned with it."""
+        turned = n
+        if ti.static(self.turns):
+            turned = ti.cast(self.rotation() @ ti.cast(n, ti.f64), float)
+        return turned
+
+    @ti.func
+    def motion(self, foot):
+        """Velocity [m/s] of the solid at a place [m]."""
+        velocity = self.velocity
+        if ti.static(self.turns):
+            velocity += ti.cast(self.spin @ self.arm(foot), float)
+        return velocity
 
     @ti.func
     def find_faces(self, i, x):
@@ -248,6 +301,7 @@ class Sampled(Surface):
                         for a in ti.static(range(self.dimension)):
                             self.n[i, slot][a] = plane[1 + a]
                         self.z[i, slot] = plane[0] + self.n[i, slot].dot(offset)
+                        self.n[i, slot] = self.as_it_stands(self.n[i, slot])
                         if ti.static(self.has_friction):  # noqa: SIM102  (friction acts on the first face: the nearest one)
                             if self.z[i, slot] < self.z[i, 0]:
                                 z, n = self.z[i, 0], self.n[i, 0]
@@ -256,7 +310,8 @@ class Sampled(Surface):
 
     @ti.func
     def face(self, i, x, slot: ti.template()):
-        return self.z[i, slot], self.n[i, slot], self.velocity, ti.cast(0.0, float)
+        z, n = self.z[i, slot], self.n[i, slot]
+        return z, n, self.motion(x - ti.cast(z * n, ti.f64)), ti.cast(0.0, float)
 
     @ti.func
     def sample(self, x):
@@ -295,4 +350,5 @@ class Sampled(Surface):
     @ti.func
     def nearest(self, x):
         z, slope = self.sample(x)
-        return z, slope / ti.max(slope.norm(), 1e-6), self.velocity, ti.cast(0.0, float)
+        n = self.as_it_stands(slope / ti.max(slope.norm(), 1e-6))
+        return z, n, self.motion(x - ti.cast(z * n, ti.f64)), ti.cast(0.0, float)

@@ -75,7 +75,7 @@ class Walls:
             surface.releases, surface.particles = True, particles
             surface.released = particles.carried[f"released_{k}"]
         each = [(k, slot) for k, surface in enumerate(self.surfaces) for slot in range(surface.faces)]
-        self.slots = tuple(slot for _, slot in each)
+        self.slots, self.surface_of = tuple(slot for _, slot in each), tuple(k for k, _ in each)
         self.faces = tuple(  # the slip that a particle carries belongs to one face
             self.surfaces[k].frictionless() if slot and self.surfaces[k].has_friction else self.surfaces[k]
             for k, slot in each
@@ -93,8 +93,12 @@ class Walls:
         if self.surfaces:
             self.c = ti.field(real(), (capacity, len(self.faces)))  # pull of each face on each particle [1/m]
         self.moving = any(wall.speed > 0.0 for wall in walls)
-        self.travelling = any(surface.travels for surface in self.surfaces)
+        self.travelling = any(surface.moves for surface in self.surfaces)
         self.separate = any(surface.separates for surface in self.surfaces)
+
+    def chosen(self, face=None):
+        """(number, surface) of one face, or of all."""
+        return [(f, wall) for f, wall in enumerate(self.faces) if face in (None, f)]
 
     def set_friction_penalty(self, inertia: float) -> None:
         """Penalty of the walls' friction for a step of rho/dt = ``inertia`` [kg/(m3 s)]."""
@@ -191,20 +195,20 @@ class Walls:
         return total
 
     @ti.func
-    def force_term(self, i, x, flux):
+    def force_term(self, i, x, flux, face: ti.template() = None):
         """Force of the walls on a particle with flux matrix P = V T B: the exact adjoint of gradient_term."""
         total = ti.Vector.zero(float, self.dimension)
-        for f, wall in ti.static(enumerate(self.faces)):
+        for f, wall in ti.static(self.chosen(face)):
             if self.c[i, f] > 0.0:
                 _z, n, _velocity, _curvature = wall.face(i, x, self.slots[f])
                 total -= self.seen_by_fit(i, wall, n, flux @ n, 0.0) * self.c[i, f]
         return total
 
     @ti.func
-    def drag_term(self, i, x, u, motion):
+    def drag_term(self, i, x, u, motion, face: ti.template() = None):
         """sum of (u - u_wall) c/z: the walls' part of the resistance to zero-energy (hourglass) modes (momentum.py)."""
         total = ti.Vector.zero(float, self.dimension)
-        for f, wall in ti.static(enumerate(self.faces)):
+        for f, wall in ti.static(self.chosen(face)):
             if self.c[i, f] > 0.0:
                 z, n, velocity, _curvature = wall.face(i, x, self.slots[f])
                 jump = self.seen_by_fit(i, wall, n, u - motion * velocity, motion)
@@ -214,10 +218,10 @@ class Walls:
         return total
 
     @ti.func
-    def friction_term(self, i, x, u, motion):
+    def friction_term(self, i, x, u, motion, face: ti.template() = None):
         """Force [N] of the walls' friction against a particle, besides force_term."""
         total = ti.Vector.zero(float, self.dimension)
-        for f, wall in ti.static(enumerate(self.faces)):
+        for f, wall in ti.static(self.chosen(face)):
             if ti.static(wall.has_friction):  # noqa: SIM102  (a compiled choice stays apart)
                 if self.c[i, f] > 0.0:
                     _z, n, velocity, _curvature = wall.face(i, x, self.slots[f])
@@ -296,10 +300,10 @@ class Walls:
         return total
 
     @ti.func
-    def hydrostatic(self, i, x, weight, B, ratio):
+    def hydrostatic(self, i, x, weight, B, ratio, face: ti.template() = None):
         """Force density [N/m3] by which the ghosts' pressure exceeds the particle's own under rho g = ``weight``."""
         total = ti.Vector.zero(float, self.dimension)
-        for f, wall in ti.static(enumerate(self.faces)):
+        for f, wall in ti.static(self.chosen(face)):
             z, n, _velocity, curvature = wall.face(i, x, self.slots[f])
             if z < self.effective_radius:
                 push = B @ n * (n.dot(weight) * self.ghosts.lookup("normal", i, wall, f, x, z, curvature, ratio))

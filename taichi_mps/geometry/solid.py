@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from ..units import SceneError, array_of, check_vectors, finite, positive
+from ..units import SceneError, array_of, check_numbers, check_vectors, finite, positive
 from .concave_edges import interpolate
 from .friction import Friction
-from .walls import check_friction
+from .walls import check_surface, spin
 
 MOST_NODES = 5e7  # of one grid: 400 MB of distances
 
@@ -18,9 +18,10 @@ MOST_NODES = 5e7  # of one grid: 400 MB of distances
 class Solid:
     """Wall: where the distance [m], linear between the nodes of a grid, is negative. ``values`` are the distances at
     the nodes, positive in the fluid; ``low`` is the first node and ``cell`` the step of the grid [m]. Beyond the grid
-    there is no wall. ``velocity`` [m/s] carries the solid along, ``slip`` leaves the tangential motion free,
-    ``friction`` resists it. A ``loose`` wall is unilateral: it pushes and does not pull. Fluid on two sides of the wall
-    does not feel the other through it.
+    there is no wall. ``velocity`` [m/s] carries the solid along; it turns with ``angular_velocity`` [rad/s] about the
+    ``axis`` through ``pivot`` [m], in two dimensions, where it has no axis, counter-clockwise. ``slip`` leaves the
+    tangential motion free, ``friction`` resists it. A ``loose`` wall is unilateral: it pushes and does not pull. Fluid
+    on two sides of the wall does not feel the other through it.
     """
 
     values: np.ndarray
@@ -30,11 +31,20 @@ class Solid:
     slip: bool = False
     loose: bool = False
     friction: Friction | None = None
+    name: str = ""
+    angular_velocity: float = 0.0
+    pivot: tuple[float, ...] | None = None
+    axis: tuple[float, ...] | None = None
     thin = False
 
     def __post_init__(self):
-        check_friction(self)
-        check_vectors(self, "a solid", {"low": "m", "velocity": "m/s"})
+        check_surface(self)
+        check_vectors(self, "a solid", {"low": "m", "velocity": "m/s", "pivot": "m"})
+        check_numbers(self, {"angular_velocity": "rad/s"})
+        check_vectors(self, "a solid", {"low": "m", "axis": ""})
+        if self.angular_velocity and (self.pivot is None or (self.axis is None) != (len(self.low) == 2)):
+            turning = f"angular_velocity = {self.angular_velocity:g} rad/s of a solid"
+            raise SceneError(f"{turning}: needs a pivot, and an axis in 3-D only")
         values = array_of(self.values)
         if values.ndim != len(self.low) or min(values.shape) < 2:
             raise SceneError(f"values of shape {values.shape}: must be a grid of two nodes or more along {self.low}")
@@ -106,12 +116,15 @@ class Solid:
         low, high = points.min(0) - reach, points.max(0) + reach
         return cls.of(lambda x: side * mesh_distance(x, points, triangles), low, high, cell, **keywords)
 
-    def section(self, y: float = 0.0) -> list[np.ndarray]:
-        """Where the distance is zero, as short lines (2, d) [m]; of a solid in 3-D its section at this y [m]."""
-        values, low = self.values, np.array(self.low)
+    def section(self, y: float = 0.0, time: float = 0.0) -> list[np.ndarray]:
+        """Where the distance is zero at a time [s], as short lines (2, d) [m]; of a solid in 3-D its section at this y
+        [m]."""
+        values, low = self.values, np.array(self.low, float)
         if values.ndim == 3:
-            k = int(np.clip(round((y - low[1]) / self.cell), 0, values.shape[1] - 1))
-            values = values[:, k]
+            x, z = (np.arange(lo, hi + self.cell, self.cell) for lo, hi in np.transpose(self.reach(time))[[0, 2]])
+            nodes = np.stack(np.meshgrid(x, [y], z, indexing="ij"), -1).reshape(-1, 3)
+            values = np.minimum(self.distance(nodes, time), self.cell).reshape(len(x), len(z))
+            low, time = np.array([x[0], y, z[0]]), None
         lines = []
         corners = ((0, 0), (1, 0), (1, 1), (0, 1))
         sides = np.stack([values[a : a + values.shape[0] - 1, b : b + values.shape[1] - 1] < 0.0 for a, b in corners])
@@ -124,7 +137,7 @@ class Solid:
                     found.append(low[[0, -1]] + self.cell * (p + (q - p) * u / (u - v)))
             for pair in zip(found[::2], found[1::2], strict=True):
                 line = np.array(pair)
-                lines.append(line if self.values.ndim == 2 else np.insert(line, 1, y, axis=1))
+                lines.append(self.placed(line, time) if self.values.ndim == 2 else np.insert(line, 1, y, axis=1))
         return lines
 
     @property
@@ -143,13 +156,53 @@ class Solid:
         return np.zeros(len(self.low)) if self.velocity is None else np.array(self.velocity, float)
 
     @property
+    def unit_axis(self):
+        """Unit vector (d,) along the axis; zero where there is none."""
+        axis = np.zeros(len(self.low)) if self.axis is None else np.array(self.axis, float)
+        return axis / (np.linalg.norm(axis) or 1.0)
+
+    @property
+    def centre(self):
+        """The pivot, or the first node [m]."""
+        return np.array(self.low if self.pivot is None else self.pivot, float)
+
+    @property
+    def spin(self):
+        """Gradient (d, d) of its velocity [1/s]."""
+        return spin(self.angular_velocity, self.unit_axis, len(self.low))
+
+    def turned(self, time) -> np.ndarray:
+        """Rotation (d, d) from 0 s to a time [s]."""
+        if not self.angular_velocity:
+            return np.eye(len(self.low))
+        angle, K = self.angular_velocity * time, self.spin / self.angular_velocity
+        return np.eye(len(K)) + np.sin(angle) * K + (1.0 - np.cos(angle)) * K @ K
+
+    def placed(self, x, time) -> np.ndarray:
+        """Where points (n, d) [m] of the solid at 0 s are at a time [s]."""
+        return (x - self.centre) @ self.turned(time).T + self.centre + time * self.travel
+
+    def reach(self, time) -> tuple[np.ndarray, np.ndarray]:
+        """Low and high corner (d,) [m] of the room that its grid takes up at a time [s]."""
+        corners = self.placed(self.corners, time)
+        return corners.min(0), corners.max(0)
+
+    @property
+    def corners(self) -> np.ndarray:
+        """Those of the grid, (2^d, d) [m]."""
+        ends = zip(self.low, self.high, strict=True)
+        return np.stack(np.meshgrid(*ends, indexing="ij"), -1).reshape(-1, len(self.low))
+
+    @property
     def speed(self):
         """Largest speed [m/s] of the wall."""
-        return float(np.linalg.norm(self.travel))
+        corners = self.corners
+        return float(np.linalg.norm(self.travel + (corners - self.centre) @ self.spin.T, axis=1).max())
 
     def distance(self, x, time=0.0):
         """Signed distance [m] of points (n, d) at a time [s], positive in the fluid; infinite beyond the grid."""
-        return interpolate(self.values, (x - np.array(self.low) - time * self.travel) / self.cell)
+        arm = (x - self.centre - time * self.travel) @ self.turned(time)
+        return interpolate(self.values, (arm + self.centre - np.array(self.low)) / self.cell)
 
 
 def polygon_distance(x, corners):

@@ -9,13 +9,22 @@ from .friction import Friction
 from .shapes import Box
 
 
-def check_friction(wall):
-    """SceneError unless a wall has either friction or slip, and what is no number has its type."""
-    check_kinds(wall, {"friction": (Friction, "Friction(...)")})
+def check_surface(wall):
+    """SceneError unless a wall has either friction or slip, a name that is a word, and what is no number its type."""
+    check_kinds(wall, {"friction": (Friction, "Friction(...)"), "name": (str, "text")})
+    if wall.name and not wall.name.isidentifier():
+        raise SceneError(f"name = {wall.name!r} of a wall: must be one word of letters, digits and _")
     flags = [key for key in ("slip", "loose", "mirror", "inside") if hasattr(wall, key)]
     check_kinds(wall, {key: (bool | np.bool_, "True or False") for key in flags})
     if wall.friction is not None and wall.slip:
         raise SceneError(f"slip = True with friction = {wall.friction}: a wall has one of them; must be left out")
+
+
+def spin(turns: float, unit_axis, d: int) -> np.ndarray:
+    """Gradient (d, d) of the velocity of what turns with ``turns`` [rad/s] about a unit vector (3,), in two dimensions
+    counter-clockwise [1/s]."""
+    x, y, z = unit_axis if d == 3 else (0.0, 0.0, 1.0)
+    return turns * np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])[:d, :d]
 
 
 @dataclass(frozen=True)
@@ -36,10 +45,11 @@ class Plane:
     loose: bool = False
     mirror: bool = False
     friction: Friction | None = None
+    name: str = ""
     thin = False
 
     def __post_init__(self):
-        check_friction(self)
+        check_surface(self)
         check_vectors(self, "a plane", {"point": "m", "normal": "", "velocity": "m/s"})
         if not abs(np.linalg.norm(self.normal) - 1.0) <= 1e-6:
             kind = "mirror plane" if self.mirror else "plane"
@@ -92,9 +102,10 @@ class Cylinder:
     loose: bool = False
     thin: bool = False
     friction: Friction | None = None
+    name: str = ""
 
     def __post_init__(self):
-        check_friction(self)
+        check_surface(self)
         check_vectors(self, "a cylinder", {"point": "m"})
         units = {"radius": "m", "angular_velocity": "rad/s", "velocity": "m/s", "slope": "", "length": "m"}
         check_numbers(self, units)

@@ -63,6 +63,14 @@ def own_laws_take_rate_and_structure(problem):
             pass
 
 
+def wall_loads_need_surfaces(problem):
+    if problem.wall_loads and problem.numerics.walls == "particles":
+        return (
+            f"wall_loads = True: scheme {problem.scheme} with walls = particles has no surface to measure on; must be "
+            "scheme implicit with walls = surfaces"
+        )
+
+
 def wall_particles_have_surfaces(problem):
     if problem.scene.wall_particles is not None and not problem.scene.walls:
         return f"wall_particles: scene {problem.scene.name} has no walls; must also describe them as surfaces"
@@ -201,6 +209,7 @@ RULES = (
     flow_curve_is_implicit,
     internal_friction_is_implicit,
     own_laws_take_rate_and_structure,
+    wall_loads_need_surfaces,
     wall_particles_have_surfaces,
     curved_walls_are_wide,
     needs_no_surfaces,

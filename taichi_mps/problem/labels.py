@@ -1,7 +1,13 @@
 """How keywords and results are shown: their names in the field's words, with unit and digits, and what they mean."""
 
 # of a result by the end of its name: factor, unit, digits; the longer end first
-UNITS = {"_m_s": (1.0, "m/s", ".3g"), "_m3": (1e3, "l", ".3g"), "_ratio": (1.0, "", ".3f")}
+UNITS = {
+    "_N_m_per_m": (1.0, "N", ".4g"),
+    "_N_per_m": (1.0, "N/m", ".4g"),
+    "_N_m": (1.0, "N m", ".4g"),
+    "_N": (1.0, "N", ".4g"),
+}
+UNITS |= {"_m_s": (1.0, "m/s", ".3g"), "_m3": (1e3, "l", ".3g"), "_ratio": (1.0, "", ".3f")}
 UNITS |= {"_m": (100.0, "cm", ".1f"), "_s": (1.0, "s", ".2f")}
 KEYWORDS = {  # of many scenes: what they are
     "spacing": "particle size; half of it takes 16 times as long in space",

@@ -1,11 +1,12 @@
 """Snapshot of a run, and what a technologist measures on it. Plain NumPy."""
 
 import warnings
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from ..units import array_of, said
+from .loads import Load
 
 HOLE = (0.75, 1.0)  # radius of a ring over its size: below, its particles cover the axis; above, another one fits in
 
@@ -25,6 +26,7 @@ class Snapshot:
     wall_x: np.ndarray  # wall particles [m], (m, d); empty where walls are surfaces
     size: np.ndarray | None = None  # side of each particle's square or cube [m], (n,); l0 by default
     mix: np.ndarray | None = None  # number of the mix, (n,); 0 by default
+    loads: dict[str, Load] = field(default_factory=dict)  # on the walls by their names, where they are asked for
 
     def __post_init__(self):
         if self.size is None:
@@ -92,6 +94,7 @@ def revolved(s: Snapshot) -> Snapshot:
         np.zeros((0, 3)),
         s.size[ring],
         s.mix[ring],
+        {name: load.revolved(ring, around, across) for name, load in s.loads.items()},
     )
 
 
@@ -124,6 +127,7 @@ def mirrored(s: Snapshot, point, normal) -> Snapshot:
     twice["x"] = np.vstack([s.x, reflected(s.x, normal, point)])
     twice["u"] = np.vstack([s.u, reflected(s.u, normal)])
     twice["wall_x"] = np.vstack([s.wall_x, reflected(s.wall_x, normal, point)])
+    twice["loads"] = {name: load.mirrored(point, normal) for name, load in s.loads.items()}
     return replace(s, **twice)
 
 

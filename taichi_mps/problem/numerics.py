@@ -28,6 +28,7 @@ class Implicit(Checked):
     tolerance: Ratio = Field(3e-3, description="relative residual at which a velocity solve stops")
     passes: Count = Field(6, description="augmented-Lagrangian (Uzawa) iterations a step")
     effective_radius_ratio: RadiusRatio = Field(2.1, description=RADIUS)
+    wall_loads: bool = Field(False, description="measure force and torque of the fluid on each wall")
     sleep: bool = Field(False, description="does nothing yet: to leave out of the solve what has come to rest")
 
     @model_validator(mode="after")

@@ -59,6 +59,11 @@ class Problem:
         return "bingham" if yielding[0].critical_strain_rate is None else "bi-viscosity"
 
     @property
+    def wall_loads(self) -> bool:
+        """Are force and torque on the walls computed?"""
+        return self.scene.wall_loads or getattr(self.numerics, "wall_loads", False)
+
+    @property
     def rests(self) -> bool:
         """Does it come to rest? Only a true yield stress of every mix brings a body to rest."""
         return all(material.rests for material in self.materials)

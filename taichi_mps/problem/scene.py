@@ -44,6 +44,7 @@ class Scene:
     check: Callable[[Snapshot, dict], None] | None = None  # raises AssertionError when the result is wrong
     over_time: Callable[[dict], dict[str, float]] | None = None  # of the columns of history.csv, for the summary
     enlarged_by: str = ""  # the keyword of the scene's function that enlarges the domain
+    wall_loads: bool = False  # whether ``measure`` reads the loads on the walls
     outline: tuple[np.ndarray, ...] = ()  # polylines to draw [m], each (k, d)
     parameters: dict = field(default_factory=dict)  # as given, for the summary
 
@@ -133,6 +134,11 @@ class Scene:
     def mirrors(self) -> tuple[Plane, ...]:
         """The planes of symmetry among the walls."""
         return tuple(wall for wall in self.walls if isinstance(wall, Plane) and wall.mirror)
+
+    @property
+    def measured_walls(self) -> dict[str, int]:
+        """The numbers of the walls whose loads can be measured, by name: ``wall_0`` of the first if it has none."""
+        return {wall.name or f"wall_{k}": k for k, wall in enumerate(self.walls) if not getattr(wall, "mirror", False)}
 
     def unfold(self, snapshot: Snapshot) -> Snapshot:
         """The whole body of which a snapshot of this scene is the computed part: completed behind the mirror planes,

@@ -28,7 +28,7 @@ def plain_values_have_their_types(scene):
     function = (Callable, "a function")
     check_kinds(scene, {"name": (str, "text"), "enlarged_by": (str, "text")})
     check_kinds(scene, {"parameters": (dict, "a dict"), "cavity": (Cavity, "a Cavity")})
-    check_kinds(scene, {"axisymmetric": flag, "stop_at_rest": flag})
+    check_kinds(scene, {"axisymmetric": flag, "stop_at_rest": flag, "wall_loads": flag})
     check_kinds(scene, {"measure": function, "check": function, "over_time": function})
 
 
@@ -199,6 +199,13 @@ def walls_have_the_dimension_of_the_fluid(scene):
             return f"walls: point = {wall.point} m: must have {scene.dimension} coordinates, as the fluid has"
 
 
+def walls_have_names_of_their_own(scene):
+    names = [wall.name for wall in scene.walls if wall.name]
+    twice = [name for name in names if names.count(name) > 1]
+    if twice:
+        return f"walls: name = {twice[0]!r}: of {names.count(twice[0])} walls; must be of one"
+
+
 # ---- mirror planes -------------------------------------------------------------------------------------------------
 def fluid_is_in_front_of_mirrors(scene):
     for mirror in scene.mirrors:
@@ -227,6 +234,7 @@ def named(mirror) -> str:
 
 RULES = (
     walls_have_the_dimension_of_the_fluid,
+    walls_have_names_of_their_own,
     inlets_need_no_rings,
     inlets_have_the_dimension_of_the_fluid,
     inlets_bring_a_layer,

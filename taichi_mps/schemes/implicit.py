@@ -1,4 +1,4 @@
-"""The default scheme: viscosity, pressure and yield stress in one implicit system per step (I1-I28).
+"""The default scheme: viscosity, pressure and yield stress in one implicit system per step (I1-I29).
 
 The step is that of an augmented Lagrangian at the middle of the step: after half of the drift the neighbours are found
 and a system for the velocity is assembled; Uzawa's iterations solve it in turn with the stress and the pressure, which
@@ -24,6 +24,7 @@ from ..terms.strain_rate import SolvedRate, StrainRate
 from ..terms.stress import Stress
 from ..terms.volume_constraint import STRAIN, VolumeConstraint
 from ..terms.wall_friction import NoWallFriction, WallFriction
+from ..terms.wall_loads import NoWallLoads, WallLoads
 from ..terms.wall_stress import NoWallStress, WallStress
 from .diagnostics import Diagnostics
 from .scheme import Discretisation
@@ -71,6 +72,13 @@ class Implicit:
             self.friction = WallFriction(*fluid, walls, *solved, g)
         if any(not wall.slip for wall in walls.surfaces):
             self.wall_stress = WallStress(*fluid, walls, *of_motion, self.stress, g)
+        self.wall_loads = NoWallLoads()
+        if problem.wall_loads:
+            of_stress = self.pressure, self.stress, self.resistance, self.solved_rate
+            known = self.correction, self.wall_stress
+            axis = len(walls.surfaces) - len(scene.walls)
+            measured = [axis + k for k in scene.measured_walls.values()]
+            self.wall_loads = WallLoads(*fluid, walls, self.constants, *of_stress, known, measured, g)
         directions = free_directions(scene, problem.numerics.walls)
         if directions.any():
             self.momentum_drift = MomentumDrift(self.particles, self.constants, directions, g)
@@ -109,6 +117,7 @@ class Implicit:
             self.velocity.solve(k, iterations, self.numerics.tolerance)
             self.update_multipliers(k, first * self.viscous_iterations, u)
             self.assemble_again(dt)
+        self.wall_loads.find(u)
         self.momentum_drift.restore(dt, u)
         self.shift(dt)
         self.advance(dt, u, first)
@@ -200,7 +209,7 @@ class Implicit:
     def fields_to_read(self, count: int) -> dict:
         """What of the first ``count`` rows is read of a step, besides what the particles carry."""
         self.pressure.read()
-        return self._to_read.read(count)
+        return self._to_read.read(count) | self.wall_loads.read(count)
 
     def state(self) -> dict:
         """Scalars the scheme carries from step to step."""
@@ -208,4 +217,5 @@ class Implicit:
 
     def load(self, state: dict) -> None:
         """Go on from a state."""
+        self.wall_loads.known = False
         self.first = state["first"]

@@ -274,8 +274,15 @@ class Simulation:
         return snapshot(self)
 
     def measures(self) -> dict[str, float]:
-        """The scene's measures of the whole body now (slump_m, spread_m, ...)."""
-        return self.scene.measure(self.scene.unfold(self.snapshot())) if self.scene.measure else {}
+        """The scene's measures of the whole body now (slump_m, spread_m, ...), and loads on the walls if asked for."""
+        if not (self.scene.measure or self.problem.wall_loads):
+            return {}
+        whole = self.scene.unfold(self.snapshot())
+        loads = [load.facts(name, self.scene.axisymmetric) for name, load in whole.loads.items()]
+        return {
+            **(self.scene.measure(whole) if self.scene.measure else {}),
+            **dict(pair for f in loads for pair in f.items()),
+        }
 
     @in_session
     def summary(self) -> dict:

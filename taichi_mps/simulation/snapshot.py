@@ -2,7 +2,9 @@
 
 import numpy as np
 
+from ..geometry.walls import Plane
 from ..particles.particles import FLUID
+from ..problem.loads import Load
 from ..problem.measures import Snapshot
 
 
@@ -25,7 +27,23 @@ def snapshot(sim) -> Snapshot:
         wall_x=rows["x"][rows["kind"] != FLUID],
         size=ring_sizes(rows, sim.scene.spacing)[order] if sim.scene.axisymmetric else None,
         mix=rows["mix"][order] if "mix" in rows else None,
+        loads=loads(sim.scene, rows, order) if sim.problem.wall_loads else {},
     )
+
+
+def loads(scene, rows, order) -> dict[str, Load]:
+    """Those of the last step on the walls, by name."""
+    found = {}
+    for k, (name, number) in enumerate(scene.measured_walls.items()):
+        wall = scene.walls[number]
+        axis = None if isinstance(wall, Plane) else wall.unit_axis if scene.dimension == 3 else np.ones(1)
+        found[name] = Load(
+            np.array(getattr(wall, "centre", wall.point), float),
+            rows[f"force_{k}"][order],
+            rows[f"torque_{k}"][order],
+            axis,
+        )
+    return found
 
 
 def ring_sizes(rows, spacing: float):

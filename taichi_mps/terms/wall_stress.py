@@ -26,7 +26,7 @@ class NoWallStress:
         """Nothing."""
 
     @ti.func
-    def force(self, i):
+    def force(self, i, face: ti.template() = None):
         return 0.0
 
 
@@ -45,14 +45,14 @@ class WallStress:
         self.weight = ti.field(real(), particles.capacity)  # of the excess [-]
 
     @ti.func
-    def force(self, i):
+    def force(self, i, face: ti.template() = None):
         """Force density [N/m3] of the ghosts' stress on particle i, besides that of its own stress."""
         force = ti.Vector.zero(float, self.dimension)
         if ti.static(self.in_full_vessels):  # noqa: SIM102  (a compiled choice stays apart)
             if self.pressure.full[None] == 1:
-                force = self.excess(i)
+                force = self.excess(i, face)
         if self.pressure.full[None] == 0:
-            force = self.along_the_walls(i)
+            force = self.along_the_walls(i, face)
         return force
 
     def start(self):
@@ -130,11 +130,11 @@ class WallStress:
         return most
 
     @ti.func
-    def excess(self, i):
+    def excess(self, i, face: ti.template() = None):
         """Force density [N/m3] by which the shear stress of the ghosts exceeds that of particle i."""
         total = ti.Vector.zero(float, self.dimension)
         x, size = self.particles.x[i], self.gradient.cross_section_ratio(i)
-        for f, wall in ti.static(enumerate(self.walls.faces)):
+        for f, wall in ti.static(self.walls.chosen(face)):
             if ti.static(wall.no_slip):  # noqa: SIM102  (a compiled choice stays apart)
                 if self.walls.c[i, f] > 0.0:
                     z, n, _velocity, curvature = wall.face(i, x, self.walls.slots[f])
@@ -144,13 +144,13 @@ class WallStress:
         return self.weight[i] * total
 
     @ti.func
-    def along_the_walls(self, i):
+    def along_the_walls(self, i, face: ti.template() = None):
         """Force density [N/m3] by which the stress of the ghosts differs along the walls: the divergence of the stress
         T in the directions along each wall, times t(z) and B."""
         force = ti.Vector.zero(float, self.dimension)
         moment = ti.Matrix.zero(float, self.dimension, self.dimension)
         x, size = self.particles.x[i], self.gradient.cross_section_ratio(i)
-        for f, wall in ti.static(enumerate(self.walls.faces)):
+        for f, wall in ti.static(self.walls.chosen(face)):
             if ti.static(not wall.slip):  # noqa: SIM102  (a compiled choice stays apart)
                 if self.walls.c[i, f] > 0.0:
                     z, n, _velocity, curvature = wall.face(i, x, self.walls.slots[f])

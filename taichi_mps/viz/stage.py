@@ -46,7 +46,7 @@ def wall_lines(scene, low, high, time):
         if isinstance(wall, Cylinder):
             edges += [circle + time * wall.travel for circle in wall.circles]
         elif isinstance(wall, Solid):
-            edges += [line + time * wall.travel for line in wall.section(y)]
+            edges += wall.section(y, time)
         elif abs(wall.normal[0]) > 0.99 and not wall.mirror:
             x = wall.point[0] + time * wall.travel[0]
             edges.append([(x, y, z0), (x, y, z1)])

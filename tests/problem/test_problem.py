@@ -32,6 +32,7 @@ BROKEN = [
         None,
         r"shear_stress\(rate\): must take two numbers, \(rate, structure\)",
     ),
+    (rules.wall_loads_need_surfaces, {"wall_loads": True}, mps.SemiImplicit(), "has no surface to measure on"),
     (rules.wall_particles_have_surfaces, {"wall_particles": [[0.0, -0.1]], "walls": ()}, None, "must also describe"),
     (rules.curved_walls_are_wide, {"walls": (mps.Cylinder((0.2, 0.2), 0.2),)}, None, "radius = 0.2 m of a curved wall"),
     (rules.needs_no_surfaces, {}, PARTICLES, "scene block describes its walls as surfaces only"),

@@ -12,6 +12,7 @@ from taichi_mps.problem.problem import Problem
 from tests.support.scenes import hose, parts, unchecked
 
 FLOOR = mps.Plane((0.0, 0.0), (0.0, 1.0))
+NAMED = mps.Plane((0.0, 0.0), (0.0, 1.0), name="floor")
 ROUGH = replace(FLOOR, friction=mps.Friction(yield_value=10.0))
 MIRROR = mps.Plane((0.0, 0.0), (1.0, 0.0), mirror=True)
 SLANTED = mps.Plane((-1.0, 0.0), (0.6, 0.8), mirror=True)
@@ -59,6 +60,7 @@ BROKEN = [
     ),
     (rules.mixes_have_one_law, poured(material=KNEE) | {"material": CURVE}, "must be given for all mixes or for none"),
     (rules.mixes_have_one_law, poured(material=KNEE), "critical_strain_rate: must be given for all mixes or for none"),
+    (rules.walls_have_names_of_their_own, {"walls": (NAMED, NAMED)}, "name = 'floor': of 2 walls; must be of one"),
     (rules.friction_is_of_one_mix, poured(material=OTHER) | {"walls": (ROUGH,)}, "where a wall has friction"),
     (rules.something_is_there_at_the_start, {"fluid": np.zeros((0, 2))}, "must hold at least one particle"),
     (rules.body_lies_in_the_domain, {"fluid": np.array([[3.0, 0.0]])}, "a particle lies outside; the domain must"),

@@ -24,7 +24,7 @@ print(run.returncode, resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)
     ("scene", "keywords", "numerics", "until"),
     [
         ("slump", {"spacing": 0.01, "model": "full"}, mps.Implicit(), "0.002"),
-        ("slump", {"spacing": 0.004, "model": "full"}, mps.Implicit(), "0.001"),
+        pytest.param("slump", {"spacing": 0.004, "model": "full"}, mps.Implicit(), "0.001", marks=pytest.mark.long),
         pytest.param("slump", {"spacing": 0.0025, "model": "full"}, mps.Implicit(), "0.001", marks=pytest.mark.long),
         pytest.param("slump", {"spacing": 0.0012}, mps.Implicit(), "0.001", marks=pytest.mark.long),
         pytest.param("slump", {"spacing": 0.004, "model": "full"}, mps.SemiImplicit(), "1e-4", marks=pytest.mark.long),

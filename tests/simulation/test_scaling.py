@@ -49,6 +49,7 @@ def test_a_cone_times_a_power_of_two_is_the_same_bit_by_bit_to_its_end(model, yi
         np.testing.assert_array_equal(there[name], length**power * here[name], err_msg=name)
 
 
+@pytest.mark.long
 def test_a_cone_thrice_as_large_is_one_of_those_whose_particles_start_a_little_aside():
     """A factor of 3 is not exact in binary: slump and time of rest lie among those of five runs whose particles start
     1e-6 l0 aside, give or take as much as these scatter."""

@@ -1,0 +1,68 @@
+"""Measured torque of a cement paste in a wide-gap vane rheometer beside that of its own flow curve, by the scene vane.
+
+    python benchmarks/vane.py run    # every speed without a result: results/vane.json, some CPU-minutes
+    python benchmarks/vane.py draw   # docs/concretes.md and its chart of the rheometer
+
+Measured: Thiedeitz, see the heads of the files in taichi_mps/validation/reference. The flow curve is that of a
+parallel-plate rheometer, by which the vane gives more by a constant factor: only the shape of torque against speed is
+asked.
+"""
+
+import json
+import sys
+
+import numpy as np
+import points
+
+from taichi_mps.validation import read_reference
+
+PASTES = {  # yield stress [Pa], consistency [Pa s^n] and flow index of the source's fits, means of its samples
+    "0.45-250": (7.48, 1.655, 0.676),
+    "0.55-250": (16.44, 0.295, 1.413),
+}
+CYLINDER, SPACING, FINE = "cylinder", 0.002, 0.001  # [m]
+RESULT = points.RESULTS / "vane.json"
+
+
+def measured(paste) -> list[tuple[float, float]]:
+    """Speeds [rpm] and torques [N m], without the long first step of the pre-shear."""
+    rows = [row for row in read_reference("E_measured_paste_vane_torque.csv") if row["sample"] == paste][1:]
+    return [(float(row["speed_rpm"]), 1e-3 * float(row["torque_mnm"])) for row in rows]
+
+
+def cases() -> dict[str, dict]:
+    """Keywords of the scene vane by name."""
+    found = {}
+    for paste, (tau_y, consistency, index) in PASTES.items():
+        law = {"yield_value": tau_y, "consistency": consistency, "flow_index": index, "density": 1900.0}
+        for speed, _ in measured(paste):
+            found[f"{paste} at {speed:g} rpm"] = law | {"speed": speed}
+    for speed in (0.5, 5.0, 59.99):
+        law = dict(zip(("yield_value", "consistency", "flow_index"), PASTES["0.45-250"], strict=True))
+        found[f"cylinder at {speed:g} rpm"] = law | {"density": 1900.0, "speed": speed, "body": "cylinder"}
+        found[f"fine vane at {speed:g} rpm"] = law | {"density": 1900.0, "speed": speed, "spacing": FINE}
+    return found
+
+
+def run() -> None:
+    import taichi_mps as mps
+    from taichi_mps.problem import catalogue
+
+    mps.init(threads=1)
+    results = json.loads(RESULT.read_text()) if RESULT.is_file() else {}
+    for name, keywords in cases().items():
+        if name in results:
+            continue
+        scene = catalogue.build("vane", **keywords)
+        sim, rows = mps.Simulation(scene), []
+        sim.each_step(lambda sim, rows=rows: rows.append((sim.time, sim.measures()["torque_N_m"])))
+        stopped_by = sim.run()
+        times, torques = np.array(rows).T
+        found = scene.over_time({"time_s": times, "torque_N_m": torques})
+        results[name] = found | {"stopped_by": stopped_by, "steps": sim.steps, "cpu_seconds": round(sim.cpu_seconds, 1)}
+        RESULT.write_text(json.dumps(results, indent=1) + "\n")
+        print(name, results[name], flush=True)
+
+
+if __name__ == "__main__":
+    {"run": run}[sys.argv[1]]()

@@ -1,0 +1,149 @@
+"""Force and torque of the fluid on its walls: what weight and momentum ask; exact flows."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import taichi_mps as mps
+from taichi_mps.problem import catalogue
+
+LOADS = mps.Implicit(wall_loads=True)
+CONVERGED = mps.Implicit(wall_loads=True, passes=40, tolerance=1e-4)
+FRICTION = mps.Friction(yield_value=20.0, viscous_constant=500.0)
+MIX = mps.Bingham(yield_value=100.0, plastic_viscosity=50.0)
+TURN, INNER, OUTER, ETA = 1.0, 0.05, 0.1, 50.0  # rad/s, m, m, Pa s
+
+
+def block(d, material=MIX, **walls):
+    """Eight particles along each side of 0.16 m, in a box twice as wide."""
+    low, high = (0.0,) * d, (0.32,) * d
+    sides = mps.box_planes(low, high, **walls)
+    x = mps.lattice(low, (0.16,) * d, 0.02)
+    named = (replace(sides[0], name="floor"), *sides[1:])
+    return mps.Scene(
+        name="block",
+        material=material,
+        spacing=0.02,
+        fluid=x,
+        walls=named,
+        domain=((-0.02,) * d, (0.34,) * d),
+        until=0.5,
+    )
+
+
+def momentum(sim):
+    """[N s]"""
+    masses = sim.scene.material.density * sim.scene.volumes
+    return masses @ sim.snapshot().u
+
+
+def wall_force(sim):
+    """[N]"""
+    return sum(load.force for load in sim.snapshot().loads.values())
+
+
+@pytest.mark.parametrize(("d", "walls"), [(2, {"friction": FRICTION}), (3, {})])
+def test_walls_carry_the_weight_less_what_the_momentum_gains(d, walls):
+    """A block that collapses: force on all walls = weight - d(momentum)/dt, in each step whose iterations converge."""
+    sim = mps.Simulation(block(d, **walls), CONVERGED)
+    weight = sim.scene.material.density * sim.scene.volumes.sum() * sim.scene.gravity_vector
+    for _ in range(4):
+        before, time = momentum(sim), sim.time
+        sim.step()
+        gained = (momentum(sim) - before) / (sim.time - time)
+        assert wall_force(sim) == pytest.approx(weight - gained, abs=2e-4 * np.abs(weight).max())
+
+
+def test_before_a_step_they_are_not_known_and_unasked_they_are_not_there():
+    sim = mps.Simulation(block(2), LOADS)
+    assert np.isnan(sim.measures()["force_floor_z_N_per_m"])
+    sim.step()
+    state = sim.state()
+    assert sim.measures()["force_floor_z_N_per_m"] < 0.0
+    sim.load(state)
+    assert np.isnan(sim.measures()["force_floor_z_N_per_m"])
+    assert mps.Simulation(block(2)).measures() == {}
+
+
+def annulus(inner, material):
+    spacing = OUTER / 20
+    side = OUTER + spacing
+    return mps.Scene(
+        name="couette",
+        material=material,
+        spacing=spacing,
+        fluid=mps.rings(INNER, OUTER, spacing),
+        walls=(inner, mps.Cylinder((0.0, 0.0), OUTER, name="cup")),
+        domain=((-side, -side), (side, side)),
+        gravity=(0.0, 0.0),
+        until=0.6,
+        wall_loads=True,
+    )
+
+
+def test_torque_of_circular_couette_flow():
+    """4 pi eta turn R1^2 R2^2/(R2^2 - R1^2) per metre, taken by the cup as it is given by the solid that turns."""
+    ends = (-0.07, -0.07), (0.07, 0.07), 0.00125
+    turning = {"angular_velocity": TURN, "pivot": (0.0, 0.0), "name": "bob"}
+    bob = mps.Solid.of(lambda x: np.hypot(*x.T) - INNER, *ends, **turning)
+    sim = mps.Simulation(annulus(bob, mps.Newtonian(density=2300.0, viscosity=ETA)))
+    sim.run()
+    exact = 4.0 * np.pi * ETA * TURN * INNER**2 * OUTER**2 / (OUTER**2 - INNER**2)
+    found = sim.measures()
+    assert found["torque_cup_N_m_per_m"] == pytest.approx(exact, rel=0.02)
+    assert found["torque_bob_N_m_per_m"] == pytest.approx(-exact, rel=0.02)
+    assert found["torque_bob_N_m_per_m"] == pytest.approx(-found["torque_cup_N_m_per_m"], rel=0.01)
+
+
+def test_what_turns_with_its_vessel_is_not_held_back():
+    """A blade and its cup that turn together, and the fluid with them: a rigid body, without torque and strain."""
+    spacing, turning = 0.005, {"angular_velocity": TURN}
+    corners = np.array([(-0.03, -0.012), (0.03, -0.012), (0.03, 0.012), (-0.03, 0.012)])
+    ends = (-0.055, -0.055), (0.055, 0.055), 0.0025
+    blade = mps.Solid.of(lambda x: mps.polygon_distance(x, corners), *ends, pivot=(0.0, 0.0), name="blade", **turning)
+    cup = mps.Cylinder((0.0, 0.0), 0.06, name="cup", **turning)
+    x = mps.lattice((-0.06, -0.06), (0.06, 0.06), spacing)
+    x = x[(cup.distance(x) > 0.3 * spacing) & (blade.distance(x) > 0.3 * spacing)]
+    scene = mps.Scene(
+        name="rigid",
+        material=mps.Newtonian(density=2300.0, viscosity=ETA),
+        spacing=spacing,
+        fluid=x,
+        velocity=TURN * np.stack([-x[:, 1], x[:, 0]], axis=1),
+        walls=(cup, blade),
+        domain=((-0.08, -0.08), (0.08, 0.08)),
+        gravity=(0.0, 0.0),
+        until=0.5,
+        wall_loads=True,
+    )
+    sim = mps.Simulation(scene)
+    sim.run()
+    s, angle = sim.snapshot(), TURN * sim.time
+    sheared = 2.0 * np.pi * 0.03**2 * ETA * TURN  # the torque if it were sheared with the rate TURN [N]
+    assert s.shear_rate.max() < 0.05 * TURN
+    assert abs(s.loads["blade"].torque[0]) < 0.02 * sheared
+    turned = x @ np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+    assert np.abs(s.x - turned).max() < 0.1 * spacing
+    assert blade.distance(s.x, sim.time).min() > 0.25 * spacing, "the distance turns with the blade"
+
+
+@pytest.mark.parametrize("model", ["quarter", "axisymmetric"])
+def test_a_part_between_mirror_planes_has_the_loads_of_the_whole(model):
+    """Of the cone: what it weighs and gains rests on the floor, and nothing goes along it or turns it."""
+    sim = mps.Simulation(catalogue.build("slump", spacing=0.025, model=model), CONVERGED)
+    sim.step()
+    before, time = momentum(sim)[-1], sim.time
+    sim.step()
+    copies = 4 if model == "quarter" else 1
+    gained = copies * (momentum(sim)[-1] - before) / (sim.time - time)
+    weight = copies * sim.scene.material.density * sim.scene.volumes.sum() * 9.81
+    load = sim.scene.unfold(sim.snapshot()).loads["wall_0"]
+    assert load.force[-1] == pytest.approx(-weight - gained, rel=2e-4)
+    assert np.abs(load.force[:2]).max() < 1e-5 * weight
+    assert np.abs(load.torque).max() < 1e-5 * weight * 0.1
+
+
+def test_walls_of_particles_have_no_surface_to_measure_on():
+    with pytest.raises(mps.SceneError, match="wall_loads = True: scheme semi-implicit"):
+        mps.Simulation(replace(block(2), wall_loads=True), mps.SemiImplicit())
