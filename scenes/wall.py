@@ -7,7 +7,7 @@ Run time: about two and a quarter CPU-minutes at the default spacing, on a busy 
 import sys
 import tempfile
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field
@@ -33,13 +33,14 @@ def scene(
     hose_diameter: Length = Field(0.12, description="diameter of the hose"),
     rate: FlowRate = Field(0.012, description="what the hose delivers"),
     fill_ratio: Ratio = Field(0.95, description="share of the form that is poured"),
+    sides: Literal["smooth", "rough"] = "smooth",
     until: Duration = 10.0,
 ) -> mps.Scene:
     """Half of the form, cut along its middle plane y = 0, and the curtain in it: upright bars and, inside of them,
     level ones; or the mesh of the file ``rebar`` (STL, OBJ, PLY) in its place."""
     if spacing > hose_diameter / 3.0 * (1.0 + 1e-9):
         raise mps.SceneError(f"spacing = {spacing:g} m: must be at most a third of the hose, {hose_diameter / 3.0:g} m")
-    half = 0.5 * width
+    half, smooth = 0.5 * width, sides == "smooth"
     upright = half - cover - 0.5 * bar_diameter
     level = upright - 1.1 * bar_diameter
     if not rebar and level < 0.55 * bar_diameter:
@@ -50,12 +51,12 @@ def scene(
         ends = curtain(length, height, bar_diameter, bar_distance, upright, level)
         path = Path(rebar) if rebar else mps.write_bars(Path(folder) / "rebar.stl", ends, 0.5 * bar_diameter)
         cell, reach = min(0.5 * spacing, 0.4 * bar_diameter), 2.5 * spacing
-        bars = mps.Solid.from_mesh(path, cell, reach, scale=rebar_scale if rebar else 1.0)
+        bars = mps.Solid.from_mesh(path, cell, reach, scale=rebar_scale if rebar else 1.0, name="bars")
     walls = (
-        mps.Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
-        mps.Plane((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), slip=True),
-        mps.Plane((length, 0.0, 0.0), (-1.0, 0.0, 0.0), slip=True),
-        mps.Plane((0.0, half, 0.0), (0.0, -1.0, 0.0), slip=True),
+        mps.Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), name="floor"),
+        mps.Plane((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), slip=smooth, name="near"),
+        mps.Plane((length, 0.0, 0.0), (-1.0, 0.0, 0.0), slip=smooth, name="far"),
+        mps.Plane((0.0, half, 0.0), (0.0, -1.0, 0.0), slip=smooth, name="side"),
         mps.Plane((0.0, 0.0, 0.0), (0.0, 1.0, 0.0), mirror=True),
         bars,
     )
@@ -68,7 +69,38 @@ def scene(
 
     def measure(s):
         ends = [mps.measure.level(s, (x, -0.5 * half), (x + 0.1, 0.5 * half)) for x in (0.0, length - 0.1)]
-        return {"front_m": float(s.x[:, 0].max() + 0.5 * s.spacing), "near_m": ends[0], "far_m": ends[1]}
+        found = {"front_m": float(s.x[:, 0].max() + 0.5 * s.spacing), "near_m": ends[0], "far_m": ends[1]}
+        return found | (pressures(s) if s.loads else {})
+
+    edges = np.linspace(0.0, height, 1 + max(2, min(5, int(height / (2.5 * spacing)))))
+    middle, weight = 0.5 * (edges[1:] + edges[:-1]), material.density * 9.81
+
+    def in_layers(name, values):
+        """A measure of each layer of the height."""
+        return {f"{name}_at_{1e3 * z:.0f}mm_Pa": float(value) for z, value in zip(middle, values, strict=True)}
+
+    def pressures(s):
+        """Mean pressure [Pa] on the sides in layers of the height, and the hydrostatic one of the lowest."""
+        outward = s.loads["side"].forces[:, 1] * np.sign(s.x[:, 1])
+        mean = mps.measure.by_height(s, outward, edges) / (2.0 * length * np.diff(edges))
+        level = mps.measure.level(s, (0.0, -0.5 * half), (length, 0.5 * half))
+        hydrostatic = in_layers("hydrostatic", weight * np.maximum(0.0, level - middle))
+        return in_layers("pressure", mean) | dict(list(hydrostatic.items())[:1])
+
+    def over_time(history):
+        """At the end: the pressure [Pa] of a liquid, and less what rough sides bear at most, by the yield stress
+        grown with the age of each layer."""
+        if not set(in_layers("pressure", middle)) <= set(history):
+            return {}
+        level = 0.5 * (history["near_m"] + history["far_m"])
+        found = in_layers("hydrostatic", weight * np.maximum(0.0, level[-1] - middle))
+        if smooth:
+            return found
+        age = history["time_s"][-1] - np.array([mps.measure.time_of(history["time_s"], level, z) for z in middle])
+        bears = material.yield_value + getattr(material, "structuration", 0.0) * np.nan_to_num(age)
+        held = 2.0 * (length + width) / (length * width) * bears  # by the four sides [N/m3]
+        gain = np.clip(level[-1] - edges[:-1], 0.0, np.diff(edges)) * np.maximum(0.0, weight - held)
+        return found | in_layers("less_what_sides_bear", np.cumsum(gain[::-1])[::-1] - 0.5 * gain)
 
     def check(s, measures):
         """In the form and in no bar; what was poured is there, and lies in the form as high as its volume asks."""
@@ -92,6 +124,7 @@ def scene(
         until=until,
         stop_at_rest=True,
         measure=measure,
+        over_time=over_time,
         check=check,
         outline=tuple(np.array(line) for line in lines),
     )

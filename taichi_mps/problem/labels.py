@@ -1,5 +1,7 @@
 """How keywords and results are shown: their names in the field's words, with unit and digits, and what they mean."""
 
+import re
+
 # of a result by the end of its name: factor, unit, digits; the longer end first
 UNITS = {
     "_N_m_per_m": (1.0, "N", ".4g"),
@@ -7,7 +9,12 @@ UNITS = {
     "_N_m": (1.0, "N m", ".4g"),
     "_N": (1.0, "N", ".4g"),
 }
-UNITS |= {"_m_s": (1.0, "m/s", ".3g"), "_m3": (1e3, "l", ".3g"), "_ratio": (1.0, "", ".3f")}
+UNITS |= {
+    "_Pa": (1e-3, "kPa", ".3g"),
+    "_m_s": (1.0, "m/s", ".3g"),
+    "_m3": (1e3, "l", ".3g"),
+    "_ratio": (1.0, "", ".3f"),
+}
 UNITS |= {"_m": (100.0, "cm", ".1f"), "_s": (1.0, "s", ".2f")}
 KEYWORDS = {  # of many scenes: what they are
     "spacing": "particle size; half of it takes 16 times as long in space",
@@ -57,6 +64,13 @@ RESULTS = {  # key: (name, what it is)
     "poured_m3": ("poured", "what has come out of the hose"),
     "pour_delay_s": ("delay of the pour", "for want of room below the hose"),
 }
+KINDS = {  # of results whose names tell where: what they are
+    "force_": "of the fluid on this wall and its images",
+    "torque_": "of the fluid on what turns",
+    "pressure_at_": "mean on the sides of the form at this height",
+    "hydrostatic_at_": "of a liquid as high as the concrete",
+    "less_what_sides_bear_at_": "hydrostatic, less what rough sides may bear by the yield stress",
+}
 
 
 def what_it_is(key: str) -> str:
@@ -82,12 +96,15 @@ def unit_of_measure(name: str) -> tuple[float, str, str]:
 def title(name: str) -> str:
     """The name of a result in words."""
     end = next(end for end in UNITS if name.endswith(end))
-    return RESULTS.get(name, (name.removesuffix("" if end == "_ratio" else end).replace("_", " "),))[0]
+    if name in RESULTS:
+        return RESULTS[name][0]
+    return re.sub(r"(\d)mm\b", r"\1 mm", name.removesuffix("" if end == "_ratio" else end).replace("_", " "))
 
 
 def meaning(name: str) -> str:
     """What a result is, in a few words; empty for a measure of the user's own."""
-    return RESULTS.get(name, ("", ""))[1]
+    kind = next((kind for kind in KINDS if name.startswith(kind) and name not in RESULTS), "")
+    return KINDS.get(kind) or RESULTS.get(name, ("", ""))[1]
 
 
 def written(name: str, value: float) -> str:

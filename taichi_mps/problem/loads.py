@@ -44,13 +44,25 @@ class Load:
         forces = np.column_stack([share[:, :1] * across, share[:, 1]])
         return Load(np.array([0.0, 0.0, self.point[1]]), forces, np.zeros_like(forces))
 
-    def facts(self, name: str, axisymmetric: bool) -> dict[str, float]:
-        """As results: the components of the force, and the torque of a wall that may turn."""
+    def facts(self, name: str, axes) -> dict[str, float]:
+        """As results: the components of the force along the coordinates ``axes``, and the torque where there is an axis
+        to turn about."""
         d = self.forces.shape[1]
         per = "_per_m" if d == 2 else ""
-        axes = [d - 1] if axisymmetric else range(d)
         found = {f"force_{name}_{AXES[d][a]}_N{per}": float(self.force[a]) for a in axes}
-        return found | ({f"torque_{name}_N_m{per}": float(self.torque @ self.axis)} if self.axis is not None else {})
+        turns = self.axis is not None and np.any(self.axis)
+        return found | ({f"torque_{name}_N_m{per}": float(self.torque @ self.axis)} if turns else {})
+
+
+def measured(s, mirrors, axisymmetric: bool) -> dict[str, float]:
+    """The loads of a whole body (a Snapshot) as results: without what cancels out between a wall and its image."""
+    d = s.x.shape[1]
+    crossed = [a for a in range(d) if any(abs(mirror.normal[a]) > 0.99 for mirror in mirrors)]
+    axes = [d - 1] if axisymmetric else [a for a in range(d) if a not in crossed]
+    found = {}
+    for name, load in s.loads.items():
+        found |= load.facts(name, axes)
+    return found
 
 
 def cross(a, b):

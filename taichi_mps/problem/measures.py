@@ -226,6 +226,14 @@ def depth(s: Snapshot, where, area: float) -> float:
     return float((s.size[where] ** s.x.shape[1]).sum() / area)
 
 
+def by_height(s: Snapshot, values, edges) -> np.ndarray:
+    """The sums (k,) of what particles have, ``values`` (n,), in layers between the heights ``edges`` (k + 1,) [m]; each
+    is spread evenly over the size of its particle."""
+    low, high = s.x[:, -1, None] - 0.5 * s.size[:, None], s.x[:, -1, None] + 0.5 * s.size[:, None]
+    shared = np.maximum(0.0, np.minimum(high, edges[1:]) - np.maximum(low, edges[:-1]))
+    return values @ (shared / s.size[:, None])
+
+
 def clearance(s: Snapshot, walls) -> float:
     """Distance [m] of the particle that is nearest to any of the walls; negative if one is behind a wall."""
     return min(float(wall.distance(s.x, s.time).min()) for wall in walls)

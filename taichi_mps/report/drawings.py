@@ -1,11 +1,12 @@
 """What the page draws, for JSON: the film and what stands around it, the curves, the section at the end."""
 
+import re
 from itertools import groupby
 
 import numpy as np
 
 from ..io.history import COLUMNS
-from ..problem.labels import is_measure, title, unit_of_measure
+from ..problem.labels import in_words, is_measure, title, unit_of_measure
 from ..problem.measures import embed
 from ..viz.stage import images, stage, wall_lines
 from .film import Film
@@ -15,6 +16,7 @@ from .told import Told
 MOST_POINTS = 400  # of a curve
 FLOWING = "flowing_fraction"
 SHOWN = "slump_m", "spread_m"  # of the columns that every history has
+AT_HEIGHT = re.compile(r"(.+)_at_(\d+)mm_Pa")  # a pressure at a height
 MARGIN = 0.03  # around what is shown, over its longest side
 
 
@@ -34,7 +36,7 @@ def drawings(run: Told, film: Film) -> dict:
         "floor": floor,
         "walls": joined([np.clip(line, low, high) for line in walls]),
         "outline": joined(outline),
-        "charts": charts(run.history),
+        "charts": charts(run.history) + profiles(run.summary),
         "section": section(film.last, scene),
     }
 
@@ -74,6 +76,20 @@ def charts(history: dict) -> list[dict]:
         {"unit": unit, "curves": [{"name": name, "x": five(at), "y": five(values)} for _, name, at, values in some]}
         for unit, some in groupby(found, key=lambda curve: curve[0])
     ]
+
+
+def profiles(summary: dict) -> list[dict]:
+    """What a scene measures of pressures at several heights, in one chart: height [cm] against pressure [kPa]."""
+    found = [(AT_HEIGHT.fullmatch(key), value) for key, value in summary.items()]
+    found = sorted((m[1], float(m[2]), value) for m, value in found if m and value is not None)
+    curves = []
+    for name, some in groupby(found, key=lambda row: row[0]):
+        _, height, pressure = zip(*some, strict=True)
+        if len(height) > 1:
+            curves.append(
+                {"name": in_words(name), "x": five(1e-3 * np.array(pressure)), "y": five(0.1 * np.array(height))}
+            )
+    return [{"unit": "cm", "along": "pressure [kPa]", "title": "height [cm]", "curves": curves}] if curves else []
 
 
 def five(values) -> list:

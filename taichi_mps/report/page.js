@@ -184,10 +184,11 @@ function plane(x, y) {
   };
 }
 
-function chart({ unit, curves }, place) {
-  const title = curves.length > 1 ? `[${unit}]` : `${curves[0].name} [${unit}]`;
-  const traces = curves.map(({ name, x, y }) => ({ name, x, y, mode: "lines", hovertemplate: `%{y} ${unit} at %{x} s` }));
-  const layout = plane("time [s]", unit ? title : curves[0].name);
+function chart({ unit, curves, along = "time [s]", title }, place) {
+  const usual = curves.length > 1 ? `[${unit}]` : `${curves[0].name} [${unit}]`;
+  const at = along.match(/\[(.*)\]/)[1];
+  const traces = curves.map(({ name, x, y }) => ({ name, x, y, mode: "lines", hovertemplate: `%{y} ${unit} at %{x} ${at}` }));
+  const layout = plane(along, title ?? (unit ? usual : curves[0].name));
   layout.yaxis.rangemode = "tozero";
   return Plotly.newPlot(place, traces, { ...layout, showlegend: curves.length > 1 }, still);
 }

@@ -7,6 +7,7 @@ from dataclasses import asdict, replace
 import numpy as np
 
 from ..particles.neighbors import CapacityError, EscapedError
+from ..problem.loads import measured
 from ..problem.measures import Snapshot
 from ..problem.problem import Problem
 from ..problem.scene import Scene
@@ -278,11 +279,8 @@ class Simulation:
         if not (self.scene.measure or self.problem.wall_loads):
             return {}
         whole = self.scene.unfold(self.snapshot())
-        loads = [load.facts(name, self.scene.axisymmetric) for name, load in whole.loads.items()]
-        return {
-            **(self.scene.measure(whole) if self.scene.measure else {}),
-            **dict(pair for f in loads for pair in f.items()),
-        }
+        found = self.scene.measure(whole) if self.scene.measure else {}
+        return found | measured(whole, self.scene.mirrors, self.scene.axisymmetric)
 
     @in_session
     def summary(self) -> dict:

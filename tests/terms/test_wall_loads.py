@@ -147,3 +147,24 @@ def test_a_part_between_mirror_planes_has_the_loads_of_the_whole(model):
 def test_walls_of_particles_have_no_surface_to_measure_on():
     with pytest.raises(mps.SceneError, match="wall_loads = True: scheme semi-implicit"):
         mps.Simulation(replace(block(2), wall_loads=True), mps.SemiImplicit())
+
+
+def test_a_body_at_rest_presses_on_smooth_sides_as_a_liquid():
+    """rho g times the depth, in three layers, but for a discretisation of ten particles."""
+    walls = mps.box_planes((0.0, 0.0), (0.2, 0.2), slip=True)
+    left = replace(walls[1], name="left")
+    scene = mps.Scene(
+        name="box",
+        material=MIX,
+        spacing=0.02,
+        fluid=mps.lattice((0.0, 0.0), (0.2, 0.2), 0.02),
+        walls=(walls[0], left, walls[2]),
+        domain=((-0.02, -0.02), (0.22, 0.3)),
+        until=0.3,
+    )
+    sim = mps.Simulation(scene, LOADS)
+    sim.run()
+    s, edges = sim.snapshot(), np.array([0.0, 0.06, 0.12, 0.2])
+    pressure = mps.measure.by_height(s, -s.loads["left"].forces[:, 0], edges) / np.diff(edges)
+    depth = 0.2 - 0.5 * (edges[1:] + edges[:-1])
+    assert pressure == pytest.approx(MIX.density * 9.81 * depth, rel=0.04)
