@@ -1,7 +1,7 @@
 """Measured torque of a cement paste in a wide-gap vane rheometer beside that of its own flow curve, by the scene vane.
 
     python benchmarks/vane.py run    # every speed without a result: results/vane.json, some CPU-minutes
-    python benchmarks/vane.py draw   # docs/concretes.md and its chart of the rheometer
+    python benchmarks/vane.py draw   # docs/scenes/vane.md and its chart
 
 Measured: Thiedeitz, see the heads of the files in taichi_mps/validation/reference. The flow curve is that of a
 parallel-plate rheometer, by which the vane gives more by a constant factor: only the shape of torque against speed is
@@ -20,7 +20,7 @@ PASTES = {  # yield stress [Pa], consistency [Pa s^n] and flow index of the sour
     "0.45-250": (7.48, 1.655, 0.676),
     "0.55-250": (16.44, 0.295, 1.413),
 }
-CYLINDER, SPACING, FINE = "cylinder", 0.002, 0.001  # [m]
+FINE = 0.001  # [m]
 RESULT = points.RESULTS / "vane.json"
 
 
@@ -64,5 +64,33 @@ def run() -> None:
         print(name, results[name], flush=True)
 
 
+def factors(paste, results) -> tuple[list[float], np.ndarray, np.ndarray]:
+    """Speeds [rpm], measured torques [N m], and those over the computed ones."""
+    speeds, torques = zip(*measured(paste), strict=True)
+    ours = [results[f"{paste} at {speed:g} rpm"]["steady_torque_N_m"] for speed in speeds]
+    return list(speeds), np.array(torques), np.array(torques) / ours
+
+
+def draw() -> None:
+    import matplotlib.pyplot as plt
+
+    results = json.loads(RESULT.read_text())
+    figure, axis = plt.subplots(figsize=(7.2, 4.6), layout="constrained")
+    lines = ["| paste | speeds [rpm] | measured over computed, mean | farthest from that mean |", "|---|---|---|---|"]
+    for paste, colour in zip(PASTES, ("#0072B2", "#D55E00"), strict=True):
+        speeds, torques, ratio = factors(paste, results)
+        mean = float(ratio.mean())
+        apart = 100.0 * (ratio / mean - 1.0)
+        ends = f"{apart.min():+.0f} and {apart.max():+.0f} %"
+        lines.append(f"| {paste} | {min(speeds):g} to {max(speeds):g} | {mean:.2f} | {ends} |")
+        axis.plot(speeds, 1e3 * torques, "o", color=colour, label=f"{paste}, measured")
+        axis.plot(speeds, 1e3 * mean * torques / ratio, "-", color=colour, label=f"computed, times {mean:.2f}")
+    axis.set(xscale="log", yscale="log", xlabel="turns a minute", ylabel="torque [mN m]")
+    axis.grid(alpha=0.3, which="both", lw=0.5)
+    axis.legend(frameon=False)
+    figure.savefig(points.FIGURES / "vane.png", dpi=110)
+    points.put("scenes/vane.md", "vane", "\n".join(lines))
+
+
 if __name__ == "__main__":
-    {"run": run}[sys.argv[1]]()
+    {"run": run, "draw": draw}[sys.argv[1]]()

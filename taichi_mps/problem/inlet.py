@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..units import SceneError, check_numbers, check_vectors
+from ..units import SceneError, check_numbers, check_vectors, finite
 from .materials import Material
 
 MOST_ACROSS = 1000  # spacings of a radius: three million particles a layer
@@ -20,6 +20,9 @@ class Inlet:
     Particles enter in layers of a lattice across the hose, a spacing apart: a layer begins to leave when its front is
     on the mouth. The speed follows from the rate and the area of a layer, so the rate is met whatever the spacing.
     Below the mouth they move as the fluid does. A mouth that is buried holds the next layer back until there is room.
+
+    A nozzle that moves has a ``path``: rows of a time [s] and the displacement of the mouth from ``centre`` [m] then,
+    straight and steady in between, at rest before the first and after the last. What leaves it moves with it, too.
     """
 
     centre: tuple[float, ...]  # [m]
@@ -29,6 +32,7 @@ class Inlet:
     volume: float  # [m3]
     start: float = 0.0  # [s]
     material: Material | None = None  # the mix; that of the scene by default
+    path: tuple[tuple[float, ...], ...] | None = None  # (time [s], displacement [m] ...), (k, 1 + d)
 
     def __post_init__(self):
         units = {"radius": "m", "rate": "m3/s", "volume": "m3"}
@@ -42,6 +46,13 @@ class Inlet:
                 raise SceneError(f"inlet: {key} = {getattr(self, key):g} {unit}: must be greater than 0 {unit}")
         if self.start < 0.0:
             raise SceneError(f"inlet: start = {self.start:g} s: must be at least 0 s")
+        if self.path is not None:
+            path = finite("inlet: path", self.path, "s and m", dimensions=2)
+            if path.shape[1] != 1 + len(self.centre) or len(path) < 2 or np.any(np.diff(path[:, 0]) <= 0.0):
+                raise SceneError(
+                    f"inlet: path of shape {path.shape}: must be two rows or more of a time [s], which grows, and "
+                    f"{len(self.centre)} displacements [m]"
+                )
         if not np.any(self.direction):
             raise SceneError(f"inlet: direction = {self.direction}: must have {len(self.centre)} numbers, not all zero")
 
@@ -81,9 +92,29 @@ class Inlet:
         """Speed [m/s] in the hose: a spacing in the time in which the rate fills a layer."""
         return spacing * self.rate / self.layer_volume(spacing)
 
-    def velocity(self, spacing: float) -> np.ndarray:
-        """Velocity (d,) [m/s] in the hose."""
-        return self.speed(spacing) * self.unit_direction
+    def velocity(self, spacing: float, time: float = 0.0) -> np.ndarray:
+        """Velocity (d,) [m/s] in the hose at a time [s], with that of the nozzle."""
+        return self.speed(spacing) * self.unit_direction + self.nozzle_velocity(time)
+
+    def displacement(self, time: float) -> np.ndarray:
+        """Of the nozzle from its centre at a time [s], (d,) [m]."""
+        if self.path is None:
+            return np.zeros(len(self.centre))
+        at, *along = np.transpose(self.path)
+        return np.array([np.interp(time, at, values) for values in along])
+
+    def nozzle_velocity(self, time: float) -> np.ndarray:
+        """Velocity (d,) [m/s] of the nozzle at a time [s]."""
+        if self.path is None or not self.path[0][0] <= time < self.path[-1][0]:
+            return np.zeros(len(self.centre))
+        rows = np.array(self.path, float)
+        k = np.searchsorted(rows[:, 0], time, side="right")
+        return (rows[k, 1:] - rows[k - 1, 1:]) / (rows[k, 0] - rows[k - 1, 0])
+
+    @property
+    def displacements(self) -> np.ndarray:
+        """Where the nozzle turns, from its centre (k, d) [m]."""
+        return np.zeros((1, len(self.centre))) if self.path is None else np.array(self.path, float)[:, 1:]
 
     def layers(self, spacing: float) -> int:
         """Number of layers, the nearest to the volume and one at least."""

@@ -61,6 +61,9 @@ RESULTS = {  # key: (name, what it is)
     "far_m": ("level at the far end", "mean height of the concrete at that end of the form"),
     "filled_ratio": ("filled", "share of the form's volume"),
     "void_m3": ("voids", "volume of the form that stayed empty"),
+    "torque_N_m": ("torque", "of the fluid against what turns"),
+    "steady_torque_N_m": ("steady torque", "mean over the last quarter of the time"),
+    "cylinder_torque_N_m": ("torque of a cylinder", "without ends, in closed form (Reiner and Riwlin)"),
     "poured_m3": ("poured", "what has come out of the hose"),
     "pour_delay_s": ("delay of the pour", "for want of room below the hose"),
 }

@@ -9,7 +9,7 @@ from ..geometry.cavity import Cavity
 from ..geometry.solid import Solid
 from ..geometry.walls import Cylinder, Plane
 from ..units import obey
-from .inlet import Inlet
+from .inlet import ROOM, Inlet, buried
 from .materials import Material
 from .measures import Measured, Snapshot, mirrored, revolved
 from .scene_rules import KINDS, RULES, numbers
@@ -117,6 +117,10 @@ class Scene:
             fallen = self.inlet_layer(inlet)
             fallen[:, -1] = np.minimum(fallen[:, -1], bottom)
             points += [self.inlet_layer(inlet), fallen]
+            for displacement in inlet.displacements:
+                moved = self.inlet_layer(inlet) + displacement
+                if not buried(moved, np.vstack(points), self.spacing / ROOM):
+                    points.append(moved)
         return np.vstack(points)
 
     @property

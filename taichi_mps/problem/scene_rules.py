@@ -5,6 +5,7 @@ order: KINDS, then ``numbers``, which turns what was given into arrays, then RUL
 """
 
 from collections.abc import Callable
+from itertools import product
 
 import numpy as np
 
@@ -127,10 +128,17 @@ def inlets_are_in_front_of_mirrors(scene):
             return f"inlet: centre = {inlet.centre} m: lies behind a mirror plane; must be in front of it"
 
 
+def nozzles_move_along_mirrors(scene):
+    for inlet in scene.inlets:
+        for mirror in scene.mirrors:
+            if np.abs(inlet.displacements @ np.array(mirror.normal)).max() > 1e-9:
+                return f"inlet: path: crosses {named(mirror)}; must lie along it"
+
+
 def inlets_are_free_of_walls(scene):
     for inlet in scene.inlets:
-        for wall in scene.walls:
-            if np.min(wall.distance(scene.inlet_layer(inlet))) <= 0.0:
+        for wall, displacement in product(scene.walls, inlet.displacements):
+            if np.min(wall.distance(scene.inlet_layer(inlet) + displacement)) <= 0.0:
                 return f"inlet: centre = {inlet.centre} m: the mouth reaches into a wall; must be free of it"
 
 
@@ -240,6 +248,7 @@ RULES = (
     inlets_bring_a_layer,
     mirrors_leave_a_hose_whole_or_halve_it,
     inlets_are_in_front_of_mirrors,
+    nozzles_move_along_mirrors,
     inlets_are_free_of_walls,
     mixes_are_few,
     mixes_have_one_law,

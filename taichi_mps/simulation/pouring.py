@@ -15,8 +15,9 @@ class Pouring:
         self.spacing, self.start = scene.spacing, inlet.start
         self.layer = scene.inlet_layer(inlet)  # (m, d) [m]
         self.mix = scene.mix_of(inlet)
-        self.velocity = inlet.velocity(scene.spacing)  # [m/s]
-        self.speed = float(np.linalg.norm(self.velocity))
+        self.inlet = inlet
+        moves = [inlet.velocity(scene.spacing, time) for time, *_ in inlet.path or [(0.0,)]]
+        self.speed = max(inlet.speed(scene.spacing), *(float(np.linalg.norm(velocity)) for velocity in moves))  # [m/s]
         self.layers = inlet.layers(scene.spacing)
         self.layer_volume = inlet.layer_volume(scene.spacing)  # of the whole hose [m3]
         self.copies = scene.copies_of(inlet)
@@ -45,7 +46,7 @@ class Pouring:
         if self.due(time):
             layer = self.enter(time, particles.read()["x"])
             if layer is not None:
-                particles.append(layer, self.velocity, self.mix)
+                particles.append(layer, self.inlet.velocity(self.spacing, time), self.mix)
                 flows = True
         return self.speed if flows else 0.0
 
@@ -62,7 +63,8 @@ class Pouring:
         """Places (m, d) [m] of the layer that is due at this time [s], as far in front of the mouth as it has come
         since; None, and due later, if one of the particles that are there, x (n, d) [m], is in its way."""
         late = max(0.0, time - self.next)
-        layer = self.layer + late * self.velocity
+        layer = self.layer + self.inlet.displacement(self.next)
+        layer += late * self.inlet.velocity(self.spacing, self.next)
         if buried(layer, x, self.spacing):
             self.delay += late
             return None
