@@ -101,11 +101,12 @@ def fit(emulator: Emulator | Together, measured: dict, density: float, correctio
             interval(axes[0], chi2.min(1) - least, density),
             interval(axes[1], chi2.min(0) - least, density, ends),
         )
-        for viscosities in (VISCOSITIES, closer(axes[1], chi2.min(0) - least, density)):
-            along = along if len(along) >= FEW else pairs(squares, axes, viscosities, density, least)
+        along = pairs(squares, axes, VISCOSITIES, density, least)
         if None in intervals[1] and along:  # any of these is as good: the one of a usual mix
             usual = min(along, key=lambda eta: abs(np.log(eta / emulator.usual["plastic_viscosity"])))
             point = np.log(np.array([along[usual], usual]) / density)
+        if len(along) < FEW:
+            along = pairs(squares, axes, closer(axes[1], chi2.min(0) - least, density), density, least)
     else:
         intervals = [interval(axis, chi2.min(1 - k) - least, density) for k, axis in enumerate(axes)]
     constants = [
