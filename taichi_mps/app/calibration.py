@@ -1,11 +1,12 @@
-"""The mix of a measured slump test: measurements in, constants out, and back into the form of a run."""
+"""The mix of measured tests: measurements in, constants out, and back into the form of a run."""
 
 import json
 from dataclasses import fields
 
 from nicegui import ui
 
-from ..study.calibrate import CONSTANTS, Calibration, Constant, Measurements, short
+from ..study.calibration import CONSTANTS, Calibration, Constant, short
+from ..study.measurements import Measurements
 from .form import Form
 from .jobs import Job, Queue, as_options
 
@@ -18,7 +19,7 @@ class Calibrate:
         self.form = Form(lambda: None, empty="not measured", described=True)
         with ui.row().classes("w-full items-start gap-4"):
             with ui.card().classes("w-full md:w-96 gap-2").props("flat bordered"):
-                ui.label("Measured with the standard cone, 300 mm: one of these or more").classes("font-bold")
+                ui.label("Measured, one or more: cone of 300 mm, mini-cone, V-funnel").classes("font-bold")
                 for name, field in Measurements.model_fields.items():
                     self.form.add(name, field)
                 self.check = ui.switch("check by one finer run, some 20 s", value=True)

@@ -11,7 +11,7 @@ from pydantic import Field
 from ..io.run_folder import strict
 from ..problem import catalogue
 from ..problem.accuracy import choose
-from ..study.calibrate import Measurements
+from ..study.measurements import Measurements
 from ..study.sweep import ACCURACY, LOST, cases, sweep
 from ..units import Checked, Count, SceneError, plain
 from .options import Parser, given, scene_of
@@ -95,16 +95,21 @@ def tally(rows) -> str:
 
 
 def calibrate_command(argv) -> int:
-    """find the Bingham constants of a slump test"""
+    """find the Bingham constants of a mix from its tests"""
     parser = Parser(
         "calibrate",
-        description="Yield stress and plastic viscosity of a mix from its slump test (standard cone, 300 mm), with "
-        "95 % intervals from the errors of the measurements; checked by one finer run.",
+        description="Yield stress and plastic viscosity of a mix from its slump test (standard cone, 300 mm), "
+        "mini-cone, V-funnel or rheometer, in any combination, with 95 % intervals by the errors of the measurements; "
+        "cones are checked by one finer run.",
     )
     parser.options(Measurements, "measurements")
     parser.add_argument("--table", help="a laboratory's list, CSV: one mix a line, columns as slump [cm], spread [cm]")
-    parser.add_argument("--out", help="of --table: the results, CSV, and beside them a chart; mixes-calibrated.csv")
-    parser.add_argument("--study", help="a study of the slump to look the answer up in; the package's own by default")
+    parser.add_argument(
+        "--out", help="of --table: the results, CSV, beside them a chart and a page; mixes-calibrated.csv by default"
+    )
+    parser.add_argument(
+        "--study", help="a study of one of the tests to look the answer up in; the package's own by default"
+    )
     parser.add_argument("--no-check", action="store_true", help="without the finer run, in a second")
     parser.add_argument("--json", action="store_true", help="print the result as JSON")
     arguments = parser.parse(argv)
@@ -150,6 +155,13 @@ def calibrate_table(arguments, told) -> int:
 
         chart = mixes_chart(found, out.with_suffix(".png"))
         print(f"Chart: {plain(chart)}", file=sys.stderr)
+    from ..study import mixes_page
+
+    try:
+        page = mixes_page.write(found, [name for name in rows[0] if name], out.with_suffix(".html"), path)
+        print(f"Report: {plain(page)}", file=sys.stderr)
+    except SceneError as error:  # without plotly: the table is there
+        print(f"taichi-mps: {error}", file=sys.stderr)
     return 0
 
 

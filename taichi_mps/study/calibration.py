@@ -1,10 +1,14 @@
 """What a calibration found: constants with intervals, and how it is told."""
 
+import math
 from dataclasses import asdict, dataclass, field
 
 CONTRADICTION = 9.0  # a misfit of three standard errors
 NAMES = {"slump_m": "slump", "spread_m": "slump flow", "t500_s": "T500"}
+NAMES |= {"mini_cone_m": "mini-cone spread", "v_funnel_s": "V-funnel time"}
+RHEOMETER = "rheometer"  # who says a constant that is known
 CONSTANTS = {"yield_value": ("yield stress", "Pa"), "plastic_viscosity": ("plastic viscosity", "Pa s")}
+TOLD = 1.1  # factor by which a constant must be less certain without a measurement that is said to determine it
 
 
 def short(value: float) -> str:
@@ -59,7 +63,7 @@ class Constant:
 
 @dataclass(frozen=True)
 class Calibration:
-    """What a slump test says of its mix: constants, the measures of the model there, the misfit in standard errors."""
+    """What tests say of their mix: constants, the measures of the model there, the misfit in standard errors."""
 
     yield_value: Constant
     plastic_viscosity: Constant
@@ -67,9 +71,13 @@ class Calibration:
     model: dict[str, float]
     misfit: float  # chi squared
     by_viscosity: dict[float, float]  # best yield stress [Pa] at plastic viscosities [Pa s] that fit
-    # where no mix is near: the yield stress [Pa] and the ends of its interval that each length alone says
-    alone: dict[str, tuple[float, float | None, float | None]] = field(default_factory=dict)
-    finer: dict[str, float] = field(default_factory=dict)  # the run that checked: finer minus table, ratio for t500_s
+    # where no mix is near: of a constant what each measurement alone says, the other constant as found: value and ends
+    alone: dict[str, dict[str, tuple[float, float | None, float | None]]] = field(default_factory=dict)
+    finer: dict[str, float] = field(default_factory=dict)  # the run that checked: finer minus table, ratio of times
+    # by measurement and constant: by which factor the constant's standard error would grow without it, and by how many
+    # of its own it changes with the constant's logarithm
+    worth: dict[str, dict[str, float]] = field(default_factory=dict)
+    sensitivities: dict[str, dict[str, float]] = field(default_factory=dict)
 
     @property
     def at_the_edge(self) -> list[str]:
@@ -90,31 +98,66 @@ class Calibration:
     def contradiction(self) -> str:
         """That no mix is near the measurements, with what each of them says alone and what to trust it for."""
         text = "no mix comes within three standard errors: the measurements contradict each other or the model"
-        if len(self.alone) < 2:
-            return text
-        eta = f"{short(self.plastic_viscosity.value)} Pa s"
         said = [
-            f"the {NAMES[name]} alone says {Constant(*found, 0.0, 0.0).bounds('Pa')}"
-            for name, found in self.alone.items()
+            f"at {short(getattr(self, other).value)} {CONSTANTS[other][1]} "
+            + ", ".join(
+                f"the {NAMES.get(name, name)}{' alone' * (name in NAMES)} says {Constant(*it, 0.0, 0.0).bounds(unit)}"
+                for name, it in self.alone.get(constant, {}).items()
+            )
+            for (constant, (_, unit)), other in zip(CONSTANTS.items(), reversed(CONSTANTS), strict=True)
+            if self.alone.get(constant)
         ]
+        text = "; ".join([text, *said])
+        if not {"slump_m", "spread_m"} <= self.alone.get("yield_value", {}).keys():
+            return text
         return (
-            f"{text}; at {eta} {', '.join(said)}. Trust that of the slump for how high the concrete stands, that of "
+            f"{text}. Trust that of the slump for how high the concrete stands, that of "
             "the slump flow for how far it runs; no single Bingham mix does both"
         )
 
+    def determines(self, name: str) -> str:
+        """Which of the constants that are bounded a measurement determines, in words."""
+        worth = self.worth.get(name, {})
+        sensed = [constant for constant in worth if self.senses(name, constant)]
+        bounded = [it for it in sensed if getattr(self, it).lower is not None or getattr(self, it).upper is not None]
+        needed = [it for it in bounded if worth[it] >= TOLD]
+        said = []
+        for constant in needed or bounded[:1]:  # without one that is needed it tells a relation of both
+            once = "".join(f" once the {CONSTANTS[it][0]} is bounded" for it in sensed if it != constant)
+            without = f" (without it {worth[constant]:.1f} times as uncertain)" * bool(needed)
+            said.append(f"the {CONSTANTS[constant][0]}{once}{without}")
+        return " and ".join(said) or "neither constant alone"
+
+    def source(self, constant: str) -> str:
+        """Who says most of a constant: the measurement without which it would be the least certain, a rheometer where
+        it is known, and '' where it has no bound."""
+        it = getattr(self, constant)
+        if it.low == it.high:
+            return RHEOMETER
+        named = [name for name in self.worth if self.senses(name, constant)]
+        bounded = named and (it.lower is not None or it.upper is not None)
+        return NAMES[max(named, key=lambda name: self.worth[name][constant])] if bounded else ""
+
+    def senses(self, name: str, constant: str) -> bool:
+        """Would a constant of which only the table is known move a measurement by more than its standard error?"""
+        it = getattr(self, constant)
+        return abs(self.sensitivities[name][constant]) * math.log(it.high / it.low) > math.sqrt(12.0)
+
     def __str__(self):
         lines = [f"{word:18} {getattr(self, name).told(unit)}" for name, (word, unit) in CONSTANTS.items()]
-        if not self.plastic_viscosity.determined:
+        if self.by_viscosity and not self.plastic_viscosity.determined:
             pairs = ", ".join(f"{short(tau)} Pa at {eta:g}" for eta, tau in self.by_viscosity.items())
             lines.append(f"  yield stress by plastic viscosity: {pairs} Pa s")
         for name, (value, error) in self.measured.items():
             factor, unit = (100.0, "cm") if name.endswith("_m") else (1.0, "s")
             found = f"{factor * value:.2f} +- {factor * error:.2f} {unit}, of the model {factor * self.model[name]:.2f}"
+            found += f"; determines {self.determines(name)}" * bool(self.worth.get(name))
             lines.append(f"{NAMES[name]:18} {found}")
         if self.finer:
-            apart = [f"{NAMES[name]} {1e3 * value:+.1f} mm" for name, value in self.finer.items() if name != "t500_s"]
-            apart += [f"T500 {100.0 * (value - 1.0):+.1f} %" for name, value in self.finer.items() if name == "t500_s"]
-            apart = ", ".join(apart)
+            apart = ", ".join(
+                f"{NAMES[name]} " + (f"{1e3 * by:+.1f} mm" if name.endswith("_m") else f"{100.0 * (by - 1.0):+.1f} %")
+                for name, by in self.finer.items()
+            )
             lines.append(f"the finer run      {apart} beside the table; the constants are corrected by it")
         if self.at_the_edge:
             ends = [(CONSTANTS[name][0], getattr(self, name), CONSTANTS[name][1]) for name in self.at_the_edge]

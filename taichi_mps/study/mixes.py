@@ -1,19 +1,24 @@
-"""A laboratory's list of measured mixes: one calibration each, a table and a chart."""
+"""A laboratory's list of measured mixes: one calibration each, and a table."""
 
 import csv
 from collections import Counter
 from pathlib import Path
 
 from ..units import SceneError, suggestion
-from .calibrate import Measurements, calibrate
-from .calibration import CONSTANTS, Calibration, short
+from .calibrate import calibrate
+from .calibration import CONSTANTS, NAMES, Calibration, short
+from .emulator import is_time
+from .measurements import Measurements
 
-NEAR = {"slump_m": 0.01, "spread_m": 0.02}  # [m] within which a mix of the model explains a measurement
+TESTS = "slump", "spread", "t500", "mini_cone", "v_funnel"  # columns, of which a list has one at least
+# [m] within which a mix of the model explains a measurement; Kantro's cone is a fifth of the standard one
+NEAR = {"slump_m": 0.01, "spread_m": 0.02, "mini_cone_m": 0.004}
 EXPLAINED, BOUNDED, TWO_ANSWERS, FAR, REFUSED = "explained", "bounded", "two answers", "not explained", "refused"
 MEANING = {  # of a verdict
-    EXPLAINED: "one mix comes within 10 mm of the slump and 20 mm of the slump flow, its yield stress is found",
+    EXPLAINED: "one mix comes within 10 mm of the slump, 20 mm of the slump flow and 4 mm of the mini-cone, its yield "
+    "stress is found",
     BOUNDED: "the same, or no slump at all; the yield stress is bounded on one side",
-    TWO_ANSWERS: "slump and slump flow contradict each other: the yield stress of each is given",
+    TWO_ANSWERS: "the tests contradict each other, slump and slump flow for example: what each says alone is given",
     FAR: "no mix comes so near, or the yield stress is not bounded",
     REFUSED: "the measurement cannot be used, for the reason given",
 }
@@ -29,10 +34,10 @@ def read_list(path) -> list[dict[str, str]]:
     lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
     rows = list(csv.DictReader(lines, strict=True))
     columns = [name.split("[")[0].strip() for name in (rows[0] if rows else {}) if name]
-    if not {"slump", "spread", "t500"} & set(columns):
+    if not set(TESTS) & set(columns):
         near = next((hint for name in columns if (hint := suggestion(name, Measurements.model_fields))), "")
         raise SceneError(
-            f"table = {path}: has no column slump, spread or t500{near}; must be a CSV file with a line for each mix, "
+            f"table = {path}: has no column {', '.join(TESTS)}{near}; must be a CSV file with a line for each mix, "
             "and the unit in the column's name: slump [cm]"
         )
     return rows
@@ -79,10 +84,15 @@ def columns_of(found: Calibration) -> dict:
         constant = getattr(found, name)
         kept |= {f"{name}_found": constant.value if constant.determined or constant.low == constant.high else None}
         kept |= {f"{name}_lower": constant.lower, f"{name}_upper": constant.upper}
-    for name in NEAR:
-        kept[f"{name}_model"] = found.model[name]
+        kept[f"{name}_from"] = found.source(name)
+    for name in NAMES:
+        if name not in found.measured and name not in ("slump_m", "spread_m"):
+            continue
+        kept[f"{name}_model"] = found.model.get(name)
         kept[f"{name}_missed"] = found.model[name] - found.measured[name][0] if name in found.measured else None
-        kept[f"yield_value_by_{name.removesuffix('_m')}"] = found.alone.get(name, (None,))[0]
+        constant = "plastic_viscosity" if is_time(name) else "yield_value"
+        said = found.alone.get(constant, {}).get(name, (None,))
+        kept[f"{constant}_by_{name.rpartition('_')[0]}"] = said[0]
     return kept
 
 
@@ -94,25 +104,32 @@ def verdict(found: Calibration) -> str:
     bounded = found.yield_value.lower is not None or found.yield_value.upper is not None
     if near and bounded and not found.contradictory:
         return EXPLAINED if found.yield_value.determined else BOUNDED
-    return TWO_ANSWERS if len(found.alone) > 1 else FAR
+    return TWO_ANSWERS if two_answers(found) else FAR
+
+
+def two_answers(found: Calibration) -> bool:
+    """Does each of several measurements, or a rheometer, say another value of the same constant?"""
+    return any(len(said) > 1 for said in found.alone.values())
 
 
 def reason(found: Calibration) -> str:
     """Why no single mix explains it; empty where one does."""
     if verdict(found) in (EXPLAINED, BOUNDED):
         return ""
-    if len(found.alone) > 1:
+    if two_answers(found):
         return found.contradiction()
-    far = [
-        f"{word} {1e3 * (found.model[name] - found.measured[name][0]):+.0f} mm"
-        for name, word in (("slump_m", "slump"), ("spread_m", "slump flow"))
-        if name in found.measured
-    ]
+    far = [f"{NAMES[name]} {told(name, found.model[name] - value, '+')}" for name, (value, _) in found.measured.items()]
     return f"the nearest mix misses: {', '.join(far)}"
 
 
+def told(name: str, value: float, sign="") -> str:
+    """A measurement with its unit, lengths [mm]."""
+    return f"{value:{sign}.2g} s" if is_time(name) else f"{1e3 * value:{sign}.0f} mm"
+
+
 def calibrate_list(rows: list[dict[str, str]], study=None, watch=None) -> list[dict]:
-    """Every row with what was found of it; ``watch(row, number)`` is told of each. Some 0.2 s a row, so on one core."""
+    """Every row with what was found of it; ``watch(row, number)`` is told of each. Some 0.02 CPU-seconds a row, so one
+    core does."""
     found = []
     for number, row in enumerate(rows, 1):
         found.append(one(row, study))

@@ -7,8 +7,10 @@ import pytest
 
 import taichi_mps as mps
 from taichi_mps.cli.main import main
+from taichi_mps.study import mixes_page
 from taichi_mps.study.calibrate import calibrate
 from taichi_mps.study.mixes import BOUNDED, EXPLAINED, REFUSED, TWO_ANSWERS, calibrate_list, one, read_list, tally
+from tests.support.browser import chromium, needs_chromium
 
 pytest.importorskip("scipy")
 
@@ -76,10 +78,32 @@ def test_the_command_writes_a_table_and_overwrites_nothing(tmp_path, capsys):
     assert "is there already" in capsys.readouterr().err
 
 
+@needs_chromium
+def test_the_page_has_every_mix_and_opens_without_a_network(tmp_path):
+    pytest.importorskip("plotly")
+    pytest.importorskip("playwright")
+    (tmp_path / "mixes.csv").write_text(LIST.replace("misread", "<b>misread</b>"))
+    rows = read_list(tmp_path / "mixes.csv")
+    found = calibrate_list(rows)
+    path = mixes_page.write(found, list(rows[0]), tmp_path / "mixes.html", "mixes.csv")
+    with chromium() as browser:
+        tab, wrong, asked = browser.new_page(), [], []
+        tab.on("pageerror", lambda error: wrong.append(str(error)))
+        tab.on("request", lambda request: asked.append(request.url))
+        tab.goto(path.as_uri())
+        tab.evaluate("ready")
+        lines = [line.locator("td").all_inner_texts() for line in tab.locator(".wide tbody tr").all()]
+        assert tab.locator("#chart .scatterlayer .trace").count() > 0
+    assert wrong == [] and asked and all(url.startswith(("file:", "data:", "blob:")) for url in asked)
+    assert [line[0] for line in lines] == [row["mix"] for row in rows]
+    assert [line[-2:] for line in lines] == [[row["verdict"], row["reason"]] for row in found]
+    assert lines[0][5] == "slump" and lines[0][4].startswith(f"{found[0]['yield_value_found']:.3g} Pa (")
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("slmp,other\n1,2\n", "has no column slump, spread or t500"),
+        ("slmp,other\n1,2\n", "has no column slump, spread, t500, mini_cone, v_funnel, did you mean 'slump'"),
         ("", "has no column"),
     ],
 )

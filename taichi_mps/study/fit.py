@@ -1,0 +1,187 @@
+"""The Bingham constants that fit what was measured, with intervals, and which measurement determines which constant."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..units import SceneError
+from .calibration import CONSTANTS, Calibration, Constant
+from .emulator import Emulator, Together, is_time
+
+RISE = 3.841  # of chi squared, one degree of freedom, 95 %
+ZOOMS = 2  # onto where the misfit is near its least
+VISCOSITIES = (0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0)  # at which pairs are told [Pa s]
+FEW = 3  # pairs, of which closer ones are sought
+STEP = 0.01  # of the logarithm of a constant, between two points that tell a sensitivity
+
+
+class LeastSquares:
+    """Measurements beside those of an emulator, over their standard errors, with the emulator's scatter among them.
+
+    measured: {name: (value, standard error)}, lengths [m] and times [s]; ``correction`` is added to the emulator's
+    lengths and multiplies its times.
+    """
+
+    def __init__(self, emulator: Emulator | Together, measured: dict, correction: dict):
+        self.emulator, self.measured, self.correction = emulator, measured, correction
+        self.errors = {}
+        for name, (value, error) in measured.items():
+            scatter = emulator.scatter.get(name, 0.0) * (value if is_time(name) else 1.0)
+            self.errors[name] = float(np.hypot(error, scatter))
+
+    def model(self, *point, grid=False) -> dict[str, np.ndarray]:
+        """The corrected measurements of the emulator at logarithms of both constants over the density."""
+        correction = self.correction
+        return {
+            name: value * correction.get(name, 1.0) if is_time(name) else value + correction.get(name, 0.0)
+            for name, value in self.emulator.at(*point, grid=grid).items()
+        }
+
+    def residuals(self, *point, grid=False) -> np.ndarray:
+        """Of the model over the errors, a row a measurement; nan where a mix has none, as of T500."""
+        model = self.model(*point, grid=grid)
+        return np.array([(model[name] - value) / self.errors[name] for name, (value, _) in self.measured.items()])
+
+    def misfit(self, axes) -> np.ndarray:
+        """Chi squared at all combinations of two axes."""
+        return np.nan_to_num((self.residuals(*axes, grid=True) ** 2).sum(0), nan=np.inf)
+
+    def sensitivities(self, point, free) -> np.ndarray:
+        """Derivatives of the residuals by the logarithms of the ``free`` constants, (measurements, constants)."""
+        slopes = np.zeros((len(self.measured), len(free)))
+        for column, k in enumerate(free):
+            ends = np.clip(point[k] + STEP * np.array([-0.5, 0.5]), self.emulator.low[k], self.emulator.high[k])
+            sides = np.array([np.where(np.arange(2) == k, end, point) for end in ends])
+            slopes[:, column] = np.diff(self.residuals(*sides.T), axis=1)[:, 0] / np.diff(ends)
+        return np.nan_to_num(slopes)
+
+    def worth(self, point, free) -> np.ndarray:
+        """By which factor the standard error of each constant would grow without each measurement, (measurements,
+        constants): with J of ``sensitivities`` the covariance is (JT J + P)^-1, where P, 12 over the squared length of
+        the table, is what the table alone says of the constants."""
+        slopes = self.sensitivities(point, free)
+        before = np.diag(12.0 / (self.emulator.high - self.emulator.low)[free] ** 2)
+        without = [before + slopes.T @ slopes - np.outer(row, row) for row in slopes]
+        whole = np.diag(np.linalg.inv(before + slopes.T @ slopes))
+        return np.sqrt([np.diag(np.linalg.inv(part)) / whole for part in without])
+
+    def by_name(self, table, free) -> dict[str, dict[str, float]]:
+        """Such a table by the names of measurements and constants."""
+        names = [list(CONSTANTS)[k] for k in free]
+        return {key: dict(zip(names, row, strict=True)) for key, row in zip(self.measured, table.tolist(), strict=True)}
+
+
+def fit(emulator: Emulator | Together, measured: dict, density: float, correction=None, known=None) -> Calibration:
+    """The constants that fit ``measured``, {name: (value, standard error)}, or those that are not ``known``,
+    {yield_value: [Pa], plastic_viscosity: [Pa s]}.
+
+    The least squares of all measurements over their errors, and the interval of each constant in which the least
+    squares over the other rise by no more than 3.84 (profile likelihood): it needs no derivative, so it stays true
+    where the measurements say nothing of a constant. ``correction`` as of LeastSquares.
+    """
+    squares, known = LeastSquares(emulator, measured, correction or {}), known or {}
+    axes = [
+        np.log([known[name] / density]) if name in known else axis
+        for name, axis in zip(CONSTANTS, emulator.axes, strict=True)
+    ]
+    chi2 = squares.misfit(axes)
+    if not np.isfinite(chi2).any():
+        raise SceneError("t500: no mix of the table spreads to 500 mm")
+    for _ in range(ZOOMS):
+        limit = chi2.min() + 4.0 * RISE + unevenness(chi2)
+        axes = [around(axis, chi2.min(1 - k) <= limit) for k, axis in enumerate(axes)]
+        chi2 = squares.misfit(axes)
+    free = [k for k, axis in enumerate(axes) if len(axis) > 1]
+    point, least = polished(squares, axes, chi2, free)
+    looked, along = [density * np.exp(axis[[0, -1]]) for axis in emulator.axes], {}
+    if len(free) == 2:
+        # open where, at the best yield stress of the table, a softer or stiffer mix would fit better
+        ends = np.isclose(axes[0][chi2.argmin(0)][:, None], emulator.axes[0][[0, -1]]).any(1)
+        intervals = (
+            interval(axes[0], chi2.min(1) - least, density),
+            interval(axes[1], chi2.min(0) - least, density, ends),
+        )
+        along = pairs(squares, axes, VISCOSITIES, density, least)
+        if None in intervals[1] and along:  # any of these is as good: the one of a usual mix
+            usual = min(along, key=lambda eta: abs(np.log(eta / emulator.usual["plastic_viscosity"])))
+            point = np.log(np.array([along[usual], usual]) / density)
+        if len(along) < FEW:
+            along = pairs(squares, axes, closer(axes[1], chi2.min(0) - least, density), density, least)
+    else:
+        intervals = [interval(axis, chi2.min(1 - k) - least, density) for k, axis in enumerate(axes)]
+    constants = [
+        Constant(*[known[name]] * 5) if name in known else Constant(float(value), *ends, *reach.tolist())
+        for name, value, ends, reach in zip(CONSTANTS, density * np.exp(point), intervals, looked, strict=True)
+    ]
+    model = {name: float(value) for name, value in squares.model(*point).items()}
+    found = Calibration(*constants, measured, model, float(least), along)
+    told = {"worth": squares.worth, "sensitivities": squares.sensitivities}
+    return replace(found, **{key: squares.by_name(of(point, free), free) for key, of in told.items()})
+
+
+def polished(squares: LeastSquares, axes, chi2, free):
+    """The point of least squares beside the best node of a grid, and its misfit."""
+    from scipy.optimize import least_squares
+
+    best = np.unravel_index(np.argmin(chi2), chi2.shape)
+    point, least = np.array([axis[k] for axis, k in zip(axes, best, strict=True)]), chi2[best]
+    if not free:
+        return point, least
+    start, step = point.copy(), np.array([axes[k][1] - axes[k][0] for k in free])
+
+    def near(values):
+        start[free] = values
+        return np.nan_to_num(squares.residuals(*start), nan=1e3)
+
+    low, high = squares.emulator.low[free], squares.emulator.high[free]
+    box = np.maximum(point[free] - step, low), np.minimum(point[free] + step, high)
+    found = least_squares(near, point[free], bounds=box, x_scale=step)
+    if 2.0 * found.cost < least:
+        point[free], least = found.x, 2.0 * found.cost
+    return point, least
+
+
+def pairs(squares: LeastSquares, axes, viscosities, density, least) -> dict[float, float]:
+    """The best yield stress [Pa] at each of these plastic viscosities [Pa s] that fits, by viscosity."""
+    found = {}
+    for eta in viscosities:
+        point = np.log(eta / density)
+        if axes[1][0] <= point <= axes[1][-1]:
+            fits = squares.misfit((axes[0], np.array([point])))[:, 0]
+            if fits.min() - least <= RISE:
+                found[eta] = float(density * np.exp(axes[0][fits.argmin()]))
+    return found
+
+
+def closer(axis, rise, density) -> list[float]:
+    """Five plastic viscosities of two figures [Pa s] over what fits of an axis."""
+    ends = density * np.exp(axis[rise <= max(RISE, rise.min())][[0, -1]])
+    return [float(f"{eta:.2g}") for eta in np.geomspace(*ends, 5)]
+
+
+def unevenness(chi2):
+    """By how much a grid's least value may lie above the least between its nodes: the change to the nodes beside it."""
+    i, j = np.unravel_index(np.argmin(chi2), chi2.shape)
+    beside = chi2[max(i - 1, 0) : i + 2, max(j - 1, 0) : j + 2]
+    return beside[np.isfinite(beside)].max() - chi2[i, j]
+
+
+def around(axis, inside):
+    """An axis of as many nodes over what is inside and a node on either side of it."""
+    first, last = np.flatnonzero(inside)[[0, -1]]
+    return np.linspace(axis[max(first - 1, 0)], axis[min(last + 1, len(axis) - 1)], len(axis))
+
+
+def interval(axis, rise, density, open_at=None):
+    """The ends of {rise <= RISE} along an axis as constants; None where it reaches the axis' end, or a node at which it
+    is open whether something beyond the table would fit better."""
+    inside = np.flatnonzero(rise <= max(RISE, rise.min()))
+    ends = []
+    for last, beyond in ((inside[0], inside[0] - 1), (inside[-1], inside[-1] + 1)):
+        if not 0 <= beyond < len(axis) or (open_at is not None and open_at[beyond]):
+            ends.append(None)
+            continue
+        inner, outer = np.sqrt(max(rise[last], 0.0)), np.sqrt(rise[beyond])  # the root of the rise is about linear
+        part = min(1.0, max(0.0, (RISE**0.5 - inner) / (outer - inner))) if np.isfinite(outer) else 0.5
+        ends.append(float(density * np.exp(axis[last] + part * (axis[beyond] - axis[last]))))
+    return ends
