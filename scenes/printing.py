@@ -52,7 +52,7 @@ def scene(
     else:
         path, start = ((0.0, *(0.0,) * d), (total, *(high * up))), (0.0,) * (d - 1)
         rate = (width if d == 2 else np.pi * half**2) * rise
-    mouth = (*start, layer_height if model == "path" else 0.0)
+    mouth = (*start, 2.0 * layer_height if model == "path" else 0.0)
     area = width if d == 2 else np.pi * half**2
     volume = rate * total if model == "path" else area * high
     inlet = mps.Inlet(mouth, tuple(-up), half, rate, volume, path=path)
@@ -100,7 +100,7 @@ def scene(
         domain=((*(-room,) * (d - 1), -spacing), (*(room + length,) * (d - 1), high + 4.0 * layer_height)),
         until=until or total,
         measure=measure,
-        over_time=over_time,
+        over_time=over_time if model != "path" else None,
         check=check,
     )
 

@@ -104,6 +104,7 @@ def scene(
     def check(s, measures):
         """What turns is held back; a cylinder as much as the closed form says, once it has turned a little."""
         torque = measures["torque_N_m"]
+        assert mps.measure.clearance(s, (cup, vane)) > 0.0, "leak"
         assert torque > 0.0, torque
         if rate and body == "cylinder" and not whole and s.time * turn > 0.5:
             assert abs(torque / exact - 1.0) < 0.05, (torque, exact)

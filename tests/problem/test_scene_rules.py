@@ -51,6 +51,11 @@ BROKEN = [
         poured(centre=(0.1, 1.5)) | {"walls": (MIRROR,)},
         "cuts the hose; its axis must lie in the plane",
     ),
+    (
+        rules.nozzles_move_along_mirrors,
+        poured(centre=(0.9, 1.5), path=((0.0, 0.0, 0.0), (1.0, 0.1, 0.0))) | {"walls": (MIRROR,)},
+        "path: crosses walls: mirror plane",
+    ),
     (rules.inlets_are_in_front_of_mirrors, poured(centre=(-0.9, 1.5)) | {"walls": (MIRROR,)}, "lies behind a mirror"),
     (rules.inlets_are_free_of_walls, poured(centre=(0.2, -0.2)) | {"walls": (FLOOR,)}, "the mouth reaches into a wall"),
     (

@@ -16,9 +16,10 @@ COARSE = {  # keywords that make a scene a matter of seconds; a new scene needs 
     "film": {"spacing": 0.01, "plastic_viscosity": 100.0, "until": 1.0},
     "slump": {"spacing": 0.025, "yield_value": 1000.0, "until": 0.6},
     "still_pool": {"spacing": 0.025, "until": 0.5},
+    "vane": {"spacing": 0.004, "body": "cylinder", "turns": 0.1},
 }
 METHODS = {"j_ring", "l_box", "l_flow", "lcpc_box", "mini_cone", "u_box", "v_funnel"}
-POURED = {"wall"}  # test_pour.py judges it
+POURED = {"wall", "printing"}  # test_pouring.py and test_printing.py judge them
 
 
 @pytest.fixture(scope="module", params=sorted(COARSE))
@@ -68,7 +69,7 @@ def test_scene_file_says_what_it_is(name):
     assert catalogue.describe()[name] == text.splitlines()[0]
     scene = catalogue.build(name, **COARSE.get(name, {}))
     assert scene.name == name and scene.measure is not None
-    assert name in METHODS | POURED or len(scene.wall_particles) > 0  # also for the paper's scheme
+    assert name in METHODS | POURED | {"vane"} or len(scene.wall_particles) > 0  # also for the paper's scheme
 
 
 # ---- scenes that cannot be -------------------------------------------------------------------------------------
