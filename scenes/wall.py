@@ -34,6 +34,7 @@ def scene(
     rate: FlowRate = Field(0.012, description="what the hose delivers"),
     fill_ratio: Ratio = Field(0.95, description="share of the form that is poured"),
     sides: Literal["smooth", "rough"] = "smooth",
+    measure_pressure: bool = Field(False, description="measure the pressure on the sides"),
     until: Duration = 10.0,
 ) -> mps.Scene:
     """Half of the form, cut along its middle plane y = 0, and the curtain in it: upright bars and, inside of them,
@@ -123,6 +124,7 @@ def scene(
         domain=((-spacing, -spacing, -spacing), (length + spacing, half + spacing, mouth[2] + 4 * spacing)),
         until=until,
         stop_at_rest=True,
+        wall_loads=measure_pressure,
         measure=measure,
         over_time=over_time,
         check=check,

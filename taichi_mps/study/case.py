@@ -92,7 +92,8 @@ def run(case: Case) -> dict:
                 )
         except Exception as error:  # a study goes on, whatever a case does
             return row | {"status": "failed", "reason": f"{type(error).__name__}: {' '.join(str(error).split())}"}
-    row |= {name: strict(float(value)) for name, value in measures.items()}
+    filling = {name: summary[name] for name in ("filled_ratio", "void_m3") if name in summary}
+    row |= {name: strict(float(value)) for name, value in (measures | filling).items()}
     if spread.watched:
         row["t500_s"] = spread.time
     kept = ("stopped_by", "simulated_seconds", "steps", "volume_error", "volume_error_max")

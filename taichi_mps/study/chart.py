@@ -12,6 +12,7 @@ from ..viz.plots import COLOURS, _figure, _save
 from .calibrate import emulator_of
 from .emulator import DENSITY
 from .labels import measures, spelled
+from .require import judged
 
 VISCOSITIES = (20.0, 50.0, 200.0)  # of the engine's curves [Pa s]
 FORMULAS = {  # column of the reference, who, and the slumps [mm] for which it was made
@@ -80,6 +81,29 @@ def mixes_chart(rows, out) -> Path:
     axes.grid(alpha=0.3)
     if axes.get_legend_handles_labels()[0]:
         axes.legend(frameon=False)
+    return _save(figure, out)
+
+
+def require_chart(borders, rows, wanted, out) -> Path:
+    """Mixes that were run, yield stress against plastic viscosity, those that do and those that do not; the border
+    between them, and lines of equal slump."""
+    figure, axes = _figure(8.0, 5.4)
+    emulator, density = emulator_of(), rows[0].get("density") or DENSITY
+    yields, viscosities = (density * np.exp(axis) for axis in emulator.axes)
+    slump = 100.0 * emulator.at(*emulator.axes, grid=True)["slump_m"]
+    lines = axes.contour(viscosities, yields, slump, levels=np.arange(2.0, 30.0, 2.0), colors="#b9bfc6", linewidths=0.8)
+    axes.clabel(lines, fmt="slump %g cm", fontsize=8)
+    for does, marker, label in ((True, "o", "does"), (False, "x", "does not")):
+        some = [row for row in rows if judged(row, wanted) is does]
+        x, y = ([row[name] for row in some] for name in ("plastic_viscosity", "yield_value"))
+        axes.plot(x, y, marker, color=COLOURS[0 if does else 1], ms=8, ls="none", label=label)
+    found = [border for border in borders if border.does and border.does_not]
+    axes.plot([b.plastic_viscosity for b in found], [(b.does * b.does_not) ** 0.5 for b in found], "-", color="black")
+    title = f"{rows[0]['scene']}: {wanted.filled:.0%} filled in {wanted.time:g} s"
+    axes.set(xscale="log", yscale="log", xlabel="plastic viscosity [Pa s]", ylabel="yield stress [Pa]", title=title)
+    spread = [b.plastic_viscosity for b in borders]
+    axes.set(xlim=(0.7 * min(spread), 1.4 * max(spread)), ylim=(0.8 * wanted.softest, 1.25 * wanted.stiffest))
+    axes.legend(frameon=False)
     return _save(figure, out)
 
 
