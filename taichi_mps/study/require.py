@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from pydantic import Field
 
+from ..problem import catalogue
 from ..units import Checked, Duration, Ratio, SceneError, YieldValue, _real, in_unit
 from .calibrate import emulator_of
 from .case import case
@@ -77,8 +78,6 @@ def judged(row: dict, wanted: Wanted) -> bool:
     """Whether a run does what is wanted; what failed does not."""
     if row["status"] != "done":
         return False
-    if FILLED not in row:
-        raise SceneError(f"scene {row['scene']}: has no cavity to fill; must be a form, such as wall")
     full = row[FILLED] >= wanted.filled
     pressures = [value for name, value in row.items() if name.startswith(PRESSURE)]
     if wanted.pressure is not None and not pressures:
@@ -126,6 +125,15 @@ def require(scene: str, wanted: Wanted, out, executor="local", workers=None, wat
     and does not compute again."""
     if wanted.softest >= wanted.stiffest:
         raise SceneError(f"softest = {wanted.softest:g} Pa: must be less than stiffest = {wanted.stiffest:g} Pa")
+    form = catalogue.build(scene, **parameters | {"until": wanted.time})
+    if form.cavity is None:
+        raise SceneError(f"scene {form.name}: has no cavity to fill; must be a form, such as wall")
+    poured = form.parameters.get("fill_ratio", 1.0)
+    if poured < wanted.filled:
+        raise SceneError(
+            f"filled = {wanted.filled:g}: of the form only fill_ratio = {poured:g} is poured; must be at most that, or "
+            "give --fill-ratio 1"
+        )
     viscosities = sorted(map(number, values(wanted.plastic_viscosity, "plastic_viscosity")))
     planned, mixes, rows = {}, {}, []
     for _ in range(MOST_ROUNDS):

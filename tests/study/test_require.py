@@ -49,7 +49,9 @@ def study(folder, calls, wanted, **settings):
         return run(case)
 
     with ThreadPoolExecutor(2) as executor:
-        return require("wall", wanted, folder, executor, run=counted, **settings)
+        return require(
+            **{"scene": "wall", "fill_ratio": 1.0} | settings, wanted=wanted, out=folder, executor=executor, run=counted
+        )
 
 
 def test_a_study_is_kept_and_tells_a_slump_to_order(tmp_path):
@@ -74,6 +76,13 @@ def test_ends_of_what_is_looked_at_and_a_bound_of_the_pressure(tmp_path):
     none, _ = study(tmp_path / "pressed", [], Wanted(plastic_viscosity="20", pressure=7000.0), measure_pressure=True)
     assert none[0].does is None
     assert Border(20.0, 5.0, None).slumps(2300.0) == [None, None], "softer than the table of the slump test"
+
+
+def test_what_is_no_form_or_is_not_poured_full_is_refused(tmp_path):
+    with pytest.raises(mps.SceneError, match="scene slump: has no cavity to fill"):
+        require("slump", Wanted(), tmp_path / "study")
+    with pytest.raises(mps.SceneError, match="filled = 0.99: of the form only fill_ratio = 0.95 is poured"):
+        study(tmp_path / "study", [], Wanted(), fill_ratio=0.95)
 
 
 @pytest.mark.parametrize(
