@@ -1,4 +1,4 @@
-"""How well `taichi-mps calibrate` finds known constants, and how often its intervals hold them: for docs/howto/calibrate.md.
+"""How well `taichi-mps calibrate` finds known constants, and how often its intervals hold them.
 
     python benchmarks/calibration_shares.py    # a line for each mix, some seconds
 
