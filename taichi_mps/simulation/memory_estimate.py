@@ -61,6 +61,8 @@ def estimate(problem, to_come: int, pairs_per_particle: float, finer: float = 1.
     multigrid = NodeMultigrid if problem.scheme == "implicit" else CellMultigrid
     coarse = rows >= multigrid.PAY_FROM
     taken = rows * (fields.particle + pairs_per_particle * neighbours * fields.pair) + cells * GRID
+    if problem.wall_loads:  # force and torque on each wall
+        taken += 12 * (3 if d == 2 else 6) * len(scene.measured_walls) * rows  # f32, and f64 where they are read
     taken += coarse * (rows * fields.multigrid_particle + cells * fields.multigrid_cell)
     taken *= DOUBLE if (precision or started()["precision"]) == "f64" else 1.0
     body = float(scene.volumes.sum()) / scene.spacing**3 * finer**3 if scene.axisymmetric else 0.0
