@@ -16,6 +16,7 @@ import taichi_mps as mps
 from taichi_mps.units import Duration, FlowRate, Length, Ratio
 
 FREE = 0.06  # height of the mouth above the form [m]
+NEAR, LIFT = 0.15, 0.3  # of a hose that rises: above the mean level; of what it places in one pass along the form [m]
 
 
 @mps.checked
@@ -32,6 +33,10 @@ def scene(
     rebar_scale: Annotated[Ratio, Field(description="metres a unit of that file, 0.001 where it is in mm")] = 1.0,
     hose_diameter: Length = Field(0.12, description="diameter of the hose"),
     rate: FlowRate = Field(0.012, description="what the hose delivers"),
+    hose: Annotated[
+        Literal["above", "rising", "moving"],
+        Field(description="where the hose is: fixed above the form, or near the concrete"),
+    ] = "above",
     fill_ratio: Ratio = Field(0.95, description="share of the form that is poured"),
     sides: Literal["smooth", "rough"] = "smooth",
     measure_pressure: bool = Field(False, description="measure the pressure on the sides"),
@@ -64,7 +69,9 @@ def scene(
     cavity = mps.Cavity((0.0, 0.0, 0.0), (length, half, height), walls, spacing)
     room = 2.0 * float(cavity.cells.sum() * np.prod(cavity.cell))
     mouth = (0.5 * hose_diameter + spacing, 0.0, height + FREE)
-    inlet = mps.Inlet(mouth, (0.0, 0.0, -1.0), 0.5 * hose_diameter, rate, fill_ratio * room)
+    poured = fill_ratio * room
+    path = None if hose == "above" else way(hose == "moving", length - 2.0 * mouth[0], height, poured / rate)
+    inlet = mps.Inlet(mouth, (0.0, 0.0, -1.0), 0.5 * hose_diameter, rate, poured, path=path)
     lines = [[(x, y, z) for z in (0.0, height)] for x in (0.0, length) for y in (-half, half)]
     lines += [] if rebar else [bar * (1.0, side, 1.0) for bar in ends for side in (-1.0, 1.0)]
 
@@ -130,6 +137,16 @@ def scene(
         check=check,
         outline=tuple(np.array(line) for line in lines),
     )
+
+
+def way(moves, along, height, time):
+    """Path of the hose (k, 4) [s, m] from its place above the form: it rises with the mean level, NEAR above it, and
+    may go to and fro over a length [m], once for each LIFT of the height [m]."""
+    passes = max(2, int(np.ceil(height / LIFT))) if moves else 1
+    steps = np.arange(passes + 1) / passes
+    x = along * (np.arange(passes + 1) % 2) * moves
+    z = np.minimum(0.0, steps * height + NEAR - height - FREE)
+    return tuple(zip(steps * time, x, 0.0 * x, z, strict=True))
 
 
 def curtain(length, height, diameter, distance, upright, level):

@@ -158,6 +158,7 @@ def test_the_l_box_judges_levels_at_rest(h1, h2, holds):
             scene.check(body, measures)
 
 
+@pytest.mark.long
 def test_a_slow_l_box_rests_between_the_closed_forms():
     """Without bars and inertia, in the plane: the levels of a thin layer at rest differ by 12.5 mm. What is stretched
     behind the gate and pressed together at the far wall has a normal stress S_xx - S_zz of 2 sqrt(tau_y^2 - S_xz^2) and

@@ -308,6 +308,7 @@ def test_a_deep_pool_of_a_viscous_fluid_stands():
     assert np.sqrt(np.mean((s.p - DENSITY * 9.81 * (depth - s.x[:, 1])) ** 2)) < 0.005 * DENSITY * 9.81 * depth
 
 
+@pytest.mark.long
 def test_stirred_water_comes_to_rest():
     """10 x 10 particles of water that turn at 0.1 m/s at first: with the resistance of what moves throughout they went
     on for ever at some cm/s, with 3e-5 of the energy M g H; below 1e-6 is at rest."""

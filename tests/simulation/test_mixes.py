@@ -105,6 +105,7 @@ def test_film_of_two_layers():
     assert np.abs(again.snapshot().u - s.u).max() < 0.01 * u.max()
 
 
+@pytest.mark.long
 def test_a_newtonian_mix_at_rest_beside_one_with_a_critical_strain_rate():
     """Neither a yield value nor a rate: its viscosity is eta."""
     water = mps.Newtonian(density=2000.0, viscosity=10.0)

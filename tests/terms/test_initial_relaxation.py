@@ -54,7 +54,7 @@ def test_few_rings_in_layers_stay_where_they_are():
     assert not sim.scheme.relaxation.needed()
 
 
-@pytest.mark.parametrize("dimension", [2, 3])
+@pytest.mark.parametrize("dimension", [2, pytest.param(3, marks=pytest.mark.long)])
 def test_a_jittered_fill_is_even_after_it_fills_the_same_room_and_is_in_front_of_the_floor(dimension):
     fluid, sim = block(0.3, dimension)
     with pytest.warns(UserWarning, match="fluid: unevenly filled, so it is relaxed before the first step"):

@@ -25,7 +25,7 @@ def exact(y, yield_value, friction_angle):
     return weight * (sheared * y - 0.5 * y**2) / 50.0
 
 
-@pytest.mark.parametrize(("yield_value", "bound"), [(0.0, 0.01), (100.0, 0.05)])
+@pytest.mark.parametrize(("yield_value", "bound"), [pytest.param(0.0, 0.01, marks=pytest.mark.long), (100.0, 0.05)])
 def test_film_flows_as_one_that_weighs_less_by_its_friction(yield_value, bound):
     """5 degrees on a slope of 10, at 10 across; with a yield stress of its own it has a plug, too."""
     s = film(yield_value, 5.0)

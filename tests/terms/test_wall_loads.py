@@ -56,7 +56,7 @@ def test_walls_carry_the_weight_less_what_the_momentum_gains(d, walls):
 
 
 def test_before_a_step_they_are_not_known_and_unasked_they_are_not_there():
-    sim = mps.Simulation(block(2), LOADS)
+    sim = mps.Simulation(block(2, friction=FRICTION), CONVERGED)
     assert np.isnan(sim.measures()["force_floor_z_N_per_m"])
     sim.step()
     state = sim.state()
