@@ -142,7 +142,7 @@ def scene(
 def way(moves, along, height, time):
     """Path of the hose (k, 4) [s, m] from its place above the form: it rises with the mean level, NEAR above it, and
     may go to and fro over a length [m], once for each LIFT of the height [m]."""
-    passes = max(2, int(np.ceil(height / LIFT))) if moves else 1
+    passes = max(2, int(np.ceil(height / LIFT)))
     steps = np.arange(passes + 1) / passes
     x = along * (np.arange(passes + 1) % 2) * moves
     z = np.minimum(0.0, steps * height + NEAR - height - FREE)
