@@ -111,10 +111,22 @@ class Inlet:
         k = np.searchsorted(rows[:, 0], time, side="right")
         return (rows[k, 1:] - rows[k - 1, 1:]) / (rows[k, 0] - rows[k - 1, 0])
 
+    def fastest(self, spacing: float) -> np.ndarray:
+        """The velocity (d,) [m/s] in the hose when it is largest."""
+        times = [] if self.path is None else np.array(self.path, float)[:-1, 0]
+        velocities = [self.speed(spacing) * self.unit_direction, *(self.velocity(spacing, time) for time in times)]
+        return max(velocities, key=np.linalg.norm)
+
     @property
     def displacements(self) -> np.ndarray:
         """Where the nozzle turns, from its centre (k, d) [m]."""
         return np.zeros((1, len(self.centre))) if self.path is None else np.array(self.path, float)[:, 1:]
+
+    @property
+    def farthest(self) -> np.ndarray:
+        """Those of the displacements that reach farthest along the axes, (k, d) [m]."""
+        turns = self.displacements
+        return turns[np.unique([turns.argmin(0), turns.argmax(0)])]
 
     def layers(self, spacing: float) -> int:
         """Number of layers, the nearest to the volume and one at least."""

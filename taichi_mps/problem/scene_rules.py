@@ -208,7 +208,7 @@ def walls_have_the_dimension_of_the_fluid(scene):
 
 
 def walls_have_names_of_their_own(scene):
-    names = [wall.name for wall in scene.walls if wall.name]
+    names = [wall.name or f"wall_{k}" for k, wall in enumerate(scene.walls)]  # as of measured_walls
     twice = [name for name in names if names.count(name) > 1]
     if twice:
         return f"walls: name = {twice[0]!r}: of {names.count(twice[0])} walls; must be of one"
