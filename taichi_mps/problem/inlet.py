@@ -113,9 +113,11 @@ class Inlet:
 
     def fastest(self, spacing: float) -> np.ndarray:
         """The velocity (d,) [m/s] in the hose when it is largest."""
-        times = [] if self.path is None else np.array(self.path, float)[:-1, 0]
-        velocities = [self.speed(spacing) * self.unit_direction, *(self.velocity(spacing, time) for time in times)]
-        return max(velocities, key=np.linalg.norm)
+        velocities = self.speed(spacing) * self.unit_direction[None]
+        if self.path is not None:
+            steps = np.diff(np.array(self.path, float), axis=0)
+            velocities = velocities + np.vstack([np.zeros(len(self.centre)), steps[:, 1:] / steps[:, :1]])
+        return velocities[np.linalg.norm(velocities, axis=1).argmax()]
 
     @property
     def displacements(self) -> np.ndarray:

@@ -5,7 +5,6 @@ order: KINDS, then ``numbers``, which turns what was given into arrays, then RUL
 """
 
 from collections.abc import Callable
-from itertools import product
 
 import numpy as np
 
@@ -137,8 +136,9 @@ def nozzles_move_along_mirrors(scene):
 
 def inlets_are_free_of_walls(scene):
     for inlet in scene.inlets:
-        for wall, displacement in product(scene.walls, inlet.displacements):
-            if np.min(wall.distance(scene.inlet_layer(inlet) + displacement)) <= 0.0:
+        places = (inlet.displacements[:, None] + scene.inlet_layer(inlet)).reshape(-1, scene.dimension)
+        for wall in scene.walls:
+            if np.min(wall.distance(places)) <= 0.0:
                 return f"inlet: centre = {inlet.centre} m: the mouth reaches into a wall; must be free of it"
 
 
