@@ -53,6 +53,7 @@ class Inlet:
                     f"inlet: path of shape {path.shape}: must be two rows or more of a time [s], which grows, and "
                     f"{len(self.centre)} displacements [m]"
                 )
+            object.__setattr__(self, "path", tuple(map(tuple, path.tolist())))
         if not np.any(self.direction):
             raise SceneError(f"inlet: direction = {self.direction}: must have {len(self.centre)} numbers, not all zero")
 
