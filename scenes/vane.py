@@ -93,6 +93,8 @@ def scene(
     exact = height * cylinder_torque(turn, radius, cup_radius, rate) if rate else None
 
     def measure(s):
+        if not s.loads:  # of a replay
+            return {}
         return {"torque_N_m": -float(s.loads["vane"].torque[-1]) * (1.0 if whole else height)}
 
     def over_time(history):

@@ -149,6 +149,8 @@ def allowed(field) -> str:
     marks = {"gt": "above {:g}", "ge": "{:g}", "lt": "to below {:g}", "le": "to {:g}"}
     bounds = {mark: text.format(getattr(item, mark)) for item in field.metadata for mark, text in marks.items()
               if getattr(item, mark, None) is not None}  # fmt: skip
+    if "gt" in bounds:  # one that a field sets beside that of its kind
+        bounds.pop("ge", None)
     return f"({' '.join(bounds[mark] for mark in marks if mark in bounds)})" * bool(bounds)
 
 

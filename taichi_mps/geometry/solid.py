@@ -42,7 +42,7 @@ class Solid:
         check_vectors(self, "a solid", {"low": "m", "velocity": "m/s", "pivot": "m"})
         check_numbers(self, {"angular_velocity": "rad/s"})
         check_vectors(self, "a solid", {"low": "m", "axis": ""})
-        if self.angular_velocity and (self.pivot is None or (self.axis is None) != (len(self.low) == 2)):
+        if self.angular_velocity and (self.pivot is None or bool(np.any(self.unit_axis)) != (len(self.low) == 3)):
             turning = f"angular_velocity = {self.angular_velocity:g} rad/s of a solid"
             raise SceneError(f"{turning}: needs a pivot, and an axis in 3-D only")
         values = array_of(self.values)

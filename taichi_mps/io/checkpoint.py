@@ -15,6 +15,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
+from ..geometry.solid import Solid
 from ..problem import catalogue
 from ..problem.materials import Material
 from ..problem.numerics import NUMERICS
@@ -32,6 +33,7 @@ HEADER |= {"settings": dict, "problem": str}
 LATER = ("fluidity",)  # what particles carry since VERSION; found anew in a step, from zero
 OLDEST = {"density", "plastic_viscosity", "yield_value", "critical_strain_rate"}  # fields of the materials of VERSION
 OLDEST |= {"consistency", "flow_index", "shear_stress", "growth"}
+TURNING = {"angular_velocity", "pivot", "axis"}  # fields that solids had not yet in VERSION
 SCALARS = {"time", "steps", "last_dt", "rest", "report"}
 
 
@@ -238,19 +240,23 @@ def particles_digest(scene: Scene) -> str:
     parts = {"fluid": scene.fluid, "domain": np.array(scene.domain, float)}
     if scene.wall_particles is not None:
         parts["walls"] = np.asarray(scene.wall_particles, float)
-    inlets = f" {scene.inlets!r}" if scene.inlets else ""
+    inlets = f" {scene.inlets!r}".replace(", path=None", "") if scene.inlets else ""  # VERSION had no paths yet
     return digest(f"{scene.spacing!r}{inlets}", parts)
 
 
 def laws_digest(scene: Scene) -> str:
-    """sha256 of what no state shows: materials, gravity, walls; of functions their names, of large arrays a part. A
-    number that mixes had not yet counts only where it is not at its default, so that older checkpoints stay good."""
+    """sha256 of what no state shows: materials, gravity, walls but for their names; of functions their names, of large
+    arrays a part. What mixes or solids had not yet counts only where it is given, so that older checkpoints stay good.
+    """
     words, arrays = [f"{scene.gravity_vector.tolist()}"], {}
     for k, item in enumerate((*scene.materials, *scene.walls)):
         words.append(type(item).__name__)
         for name in getattr(item, "__dataclass_fields__", None) or type(item).model_fields:
             value = getattr(item, name)
-            if isinstance(item, Material) and name not in OLDEST and value == type(item).model_fields[name].default:
+            if isinstance(item, Material):
+                if name not in OLDEST and value == type(item).model_fields[name].default:
+                    continue
+            elif name == "name" or (isinstance(item, Solid) and name in TURNING and not item.angular_velocity):
                 continue
             if isinstance(value, np.ndarray) and value.size > LARGE:
                 arrays[f"{k} {name}"] = value.reshape(-1)[:: value.size // LARGE]

@@ -2,6 +2,8 @@
 
 import time
 
+import numpy as np
+
 from ..units import SceneError
 from . import checkpoint
 from .history import History, read_history, row_of
@@ -83,6 +85,10 @@ class Recorder:
         self.trajectory.close()
         summary = self.sim.summary() | {"stopped_by": stopped_by, "resume_from": str(self.folder.checkpoint)}
         self.history.close()
+        unknown = [key for key, value in self.measures.items() if not np.isfinite(value)]
+        if unknown and self.sim.steps == self.begun:  # loads belong to a step: to the last one before
+            rows = read_history(self.folder.history)
+            summary |= {key: float(rows[key][-1]) for key in unknown if np.isfinite(rows[key][-1])}
         if self.sim.scene.over_time:
             summary |= self.sim.scene.over_time(read_history(self.folder.history))
         if error:

@@ -127,12 +127,16 @@ def jet_is_plausible(problem):
                 f"inlet: rate = {inlet.rate:g} m3/s: leaves the hose at {speed:.3g} m/s; must be at most {most:.3g} "
                 "m3/s (0.012 for 12 l/s)"
             )
+        nozzle = float(np.linalg.norm(inlet.fastest(spacing)))
+        if nozzle > FASTEST:
+            return f"inlet: path: moves with the jet at {nozzle:.3g} m/s; must be at most {FASTEST:g} m/s"
 
 
 def inlet_is_clear(problem):
     scene = problem.scene
     for inlet in scene.inlets:
-        if inlet.start == 0.0 and buried(scene.inlet_layer(inlet), scene.fluid, scene.spacing):
+        first = scene.inlet_layer(inlet) + inlet.displacement(0.0)
+        if inlet.start == 0.0 and buried(first, scene.fluid, scene.spacing):
             return (
                 f"inlet: centre = {point(inlet.centre)} m: lies in the fluid at 0 s; must be clear of it or start later"
             )

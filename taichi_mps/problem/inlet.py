@@ -53,6 +53,7 @@ class Inlet:
                     f"inlet: path of shape {path.shape}: must be two rows or more of a time [s], which grows, and "
                     f"{len(self.centre)} displacements [m]"
                 )
+            object.__setattr__(self, "path", tuple(map(tuple, path.tolist())))
         if not np.any(self.direction):
             raise SceneError(f"inlet: direction = {self.direction}: must have {len(self.centre)} numbers, not all zero")
 
@@ -111,10 +112,24 @@ class Inlet:
         k = np.searchsorted(rows[:, 0], time, side="right")
         return (rows[k, 1:] - rows[k - 1, 1:]) / (rows[k, 0] - rows[k - 1, 0])
 
+    def fastest(self, spacing: float) -> np.ndarray:
+        """The velocity (d,) [m/s] in the hose when it is largest."""
+        velocities = self.speed(spacing) * self.unit_direction[None]
+        if self.path is not None:
+            steps = np.diff(np.array(self.path, float), axis=0)
+            velocities = velocities + np.vstack([np.zeros(len(self.centre)), steps[:, 1:] / steps[:, :1]])
+        return velocities[np.linalg.norm(velocities, axis=1).argmax()]
+
     @property
     def displacements(self) -> np.ndarray:
         """Where the nozzle turns, from its centre (k, d) [m]."""
         return np.zeros((1, len(self.centre))) if self.path is None else np.array(self.path, float)[:, 1:]
+
+    @property
+    def farthest(self) -> np.ndarray:
+        """Those of the displacements that reach farthest along the axes, (k, d) [m]."""
+        turns = self.displacements
+        return turns[np.unique([turns.argmin(0), turns.argmax(0)])]
 
     def layers(self, spacing: float) -> int:
         """Number of layers, the nearest to the volume and one at least."""

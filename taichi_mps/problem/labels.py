@@ -64,12 +64,16 @@ RESULTS = {  # key: (name, what it is)
     "torque_N_m": ("torque", "of the fluid against what turns"),
     "steady_torque_N_m": ("steady torque", "mean over the last quarter of the time"),
     "cylinder_torque_N_m": ("torque of a cylinder", "without ends, in closed form (Reiner and Riwlin)"),
+    "printed_m": ("printed", "height up to which the nozzle has come"),
+    "foot_m": ("foot", "width near the floor"),
+    "limit_height_m": ("limit height", "at which a slender wall or column fails, in closed form"),
+    "failure_height_m": ("failure height", "printed when the foot had become wider by 2 %"),
     "poured_m3": ("poured", "what has come out of the hose"),
     "pour_delay_s": ("delay of the pour", "for want of room below the hose"),
 }
 KINDS = {  # of results whose names tell where: what they are
     "force_": "of the fluid on this wall and its images",
-    "torque_": "of the fluid on what turns",
+    "torque_": "of the fluid on this wall, about its axis",
     "pressure_at_": "mean on the sides of the form at this height",
     "hydrostatic_at_": "of a liquid as high as the concrete",
     "less_what_sides_bear_at_": "hydrostatic, less what rough sides may bear by the yield stress",

@@ -94,7 +94,8 @@ class Scene:
 
     @property
     def _first_layers(self):
-        return [(inlet, self.inlet_layer(inlet)) for inlet in self.inlets if inlet.start == 0.0]
+        there = [inlet for inlet in self.inlets if inlet.start == 0.0]
+        return [(inlet, self.inlet_layer(inlet) + inlet.displacement(0.0)) for inlet in there]
 
     @property
     def materials(self) -> tuple:
@@ -117,7 +118,7 @@ class Scene:
             fallen = self.inlet_layer(inlet)
             fallen[:, -1] = np.minimum(fallen[:, -1], bottom)
             points += [self.inlet_layer(inlet), fallen]
-            for displacement in inlet.displacements:
+            for displacement in inlet.farthest:
                 moved = self.inlet_layer(inlet) + displacement
                 if not buried(moved, np.vstack(points), self.spacing / ROOM):
                     points.append(moved)
@@ -128,7 +129,7 @@ class Scene:
         """The scene, without inlets as high and as fast as it will be: that from which a scheme takes its constants."""
         if not self.inlets:
             return self
-        jet = max((inlet.velocity(self.spacing) for inlet in self.inlets), key=np.linalg.norm)
+        jet = max((inlet.fastest(self.spacing) for inlet in self.inlets), key=np.linalg.norm)
         velocity = np.tile(jet, (len(self.reach), 1))
         if self.velocity is not None:
             velocity[: len(self.fluid)] = self.velocity

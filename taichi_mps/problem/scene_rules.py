@@ -5,7 +5,6 @@ order: KINDS, then ``numbers``, which turns what was given into arrays, then RUL
 """
 
 from collections.abc import Callable
-from itertools import product
 
 import numpy as np
 
@@ -137,8 +136,9 @@ def nozzles_move_along_mirrors(scene):
 
 def inlets_are_free_of_walls(scene):
     for inlet in scene.inlets:
-        for wall, displacement in product(scene.walls, inlet.displacements):
-            if np.min(wall.distance(scene.inlet_layer(inlet) + displacement)) <= 0.0:
+        places = (inlet.displacements[:, None] + scene.inlet_layer(inlet)).reshape(-1, scene.dimension)
+        for wall in scene.walls:
+            if np.min(wall.distance(places)) <= 0.0:
                 return f"inlet: centre = {inlet.centre} m: the mouth reaches into a wall; must be free of it"
 
 
@@ -208,7 +208,7 @@ def walls_have_the_dimension_of_the_fluid(scene):
 
 
 def walls_have_names_of_their_own(scene):
-    names = [wall.name for wall in scene.walls if wall.name]
+    names = [wall.name or f"wall_{k}" for k, wall in enumerate(scene.walls)]  # as of measured_walls
     twice = [name for name in names if names.count(name) > 1]
     if twice:
         return f"walls: name = {twice[0]!r}: of {names.count(twice[0])} walls; must be of one"

@@ -21,8 +21,9 @@ def sentences(summary: dict, folder=None) -> list[str]:
 
 
 def measured(summary) -> str:
-    """The two results that people ask for first."""
-    found = [name for name in LEADING if isinstance(summary.get(name), float | int)][:2]
+    """The two results that people ask for first, or else the first two."""
+    found = [name for name in LEADING if isinstance(summary.get(name), float | int)]
+    found = (found or [name for name in summary if is_result(name) and isinstance(summary[name], float | int)])[:2]
     if not found:
         return "Nothing was measured."
     text = ", ".join(f"{title(name)} {written(name, summary[name])}" for name in found)
@@ -92,13 +93,17 @@ def cost(summary) -> str:
     )
 
 
+def is_result(key: str) -> bool:
+    """Does a summary hold a result of the scene under this key?"""
+    return is_measure(key) and key not in NOT_RESULTS
+
+
 def rows(summary) -> list[tuple[str, str, str]]:
     """Each result: its name, its value with unit, and what it is; '-' for what was not reached."""
     return [
         (title(key), "not reached" if value is None else written(key, value), meaning(key))
         for key, value in summary.items()
-        if is_measure(key)
-        and key not in NOT_RESULTS
+        if is_result(key)
         and (value is None or isinstance(value, float | int))
         and not (value is None and key.endswith("expected_error_m"))
     ]

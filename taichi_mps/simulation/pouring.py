@@ -16,8 +16,7 @@ class Pouring:
         self.layer = scene.inlet_layer(inlet)  # (m, d) [m]
         self.mix = scene.mix_of(inlet)
         self.inlet = inlet
-        moves = [inlet.velocity(scene.spacing, time) for time, *_ in inlet.path or [(0.0,)]]
-        self.speed = max(inlet.speed(scene.spacing), *(float(np.linalg.norm(velocity)) for velocity in moves))  # [m/s]
+        self.speed = float(np.linalg.norm(inlet.fastest(scene.spacing)))  # [m/s]
         self.layers = inlet.layers(scene.spacing)
         self.layer_volume = inlet.layer_volume(scene.spacing)  # of the whole hose [m3]
         self.copies = scene.copies_of(inlet)

@@ -2,6 +2,7 @@
 
 import csv
 from collections import Counter
+from contextlib import suppress
 from pathlib import Path
 
 from ..units import SceneError, suggestion
@@ -33,7 +34,7 @@ def read_list(path) -> list[dict[str, str]]:
         raise SceneError(f"table = {path}: cannot be read ({getattr(error, 'strerror', None) or error})") from None
     lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
     rows = list(csv.DictReader(lines, strict=True))
-    columns = [name.split("[")[0].strip() for name in (rows[0] if rows else {}) if name]
+    columns = [heading(name)[0] for name in (rows[0] if rows else {}) if name]
     if not set(TESTS) & set(columns):
         near = next((hint for name in columns if (hint := suggestion(name, Measurements.model_fields))), "")
         raise SceneError(
@@ -43,13 +44,19 @@ def read_list(path) -> list[dict[str, str]]:
     return rows
 
 
+def heading(column) -> tuple[str, str]:
+    """Name and unit of a column, of ``Mini-cone [cm]`` mini_cone and cm."""
+    name, _, unit = str(column or "").partition("[")
+    return name.strip().lower().replace("-", "_").replace(" ", "_"), unit.strip().rstrip("]")
+
+
 def measurements_of(row: dict[str, str]) -> dict[str, str]:
     """Those of a row, with the units of their columns."""
     found = {}
     for column, value in row.items():
-        name, _, unit = str(column or "").partition("[")
-        if name.strip() in Measurements.model_fields and value and value.strip():
-            found[name.strip()] = f"{value.strip()} {unit.strip().rstrip(']')}".strip()
+        name, unit = heading(column)
+        if name in Measurements.model_fields and value and value.strip():
+            found[name] = f"{value.strip()} {unit}".strip()
     return found
 
 
@@ -61,12 +68,18 @@ def without_slump(measured: dict[str, str]) -> dict[str, str]:
     }
 
 
+def is_zero(measured: str) -> bool:
+    """Is this measurement a zero, with its unit or without?"""
+    with suppress(ValueError):
+        return float(measured.partition(" ")[0]) == 0.0
+    return False
+
+
 def one(row: dict[str, str], study=None) -> dict:
     """A row with what was found of it; verdict and reason in words."""
     measured = measurements_of(row)
     try:
-        number = measured.get("slump", "").split()
-        stands = bool(number) and float(number[0]) == 0.0
+        stands = is_zero(measured.get("slump", ""))
         found = calibrate(**(without_slump(measured) if stands else measured), study=study, check=False)
     except (SceneError, ValueError) as error:
         return {**row, "verdict": REFUSED, "reason": " ".join(str(error).split())}

@@ -44,7 +44,7 @@ class Border:
     plastic_viscosity: float
     does: float | None
     does_not: float | None
-    missing: float | None = None  # share of the form that ``does_not`` leaves empty
+    missing: float | None = None  # share of the form that ``does_not`` leaves empty; nan if its run failed
 
     def slumps(self, density: float) -> list[tuple[float, float] | None]:
         """Slump and slump flow [m] of the mix that does, and of the one that does not; None beyond the table of the
@@ -63,7 +63,7 @@ class Border:
         """In a sentence."""
         head = f"plastic viscosity {self.plastic_viscosity:g} Pa s: "
         if self.does is None:
-            return head + f"no mix fills it; {self.does_not:g} Pa leave {self.missing:.1%} empty"
+            return head + f"no mix does{self.shortfall(f'{self.does_not:g} Pa')}"
         order, short = self.slumps(density)
         text = head + f"fills up to {self.does:.3g} Pa"
         if order:
@@ -71,7 +71,15 @@ class Border:
         if self.does_not is None:
             return text + "; nothing stiffer was looked at"
         apart = f" (slump {100 * short[0]:.1f} cm)" if short else ""
-        return text + f"; {self.does_not:.3g} Pa{apart} leave {self.missing:.1%} empty" * (self.missing is not None)
+        return text + self.shortfall(f"{self.does_not:.3g} Pa{apart}")
+
+    def shortfall(self, mix: str) -> str:
+        """What is wrong with the mix that does not, called so; nothing where it was not run itself."""
+        if self.missing is None:
+            return ""
+        return (
+            f"; {mix} leave {self.missing:.1%} empty" if math.isfinite(self.missing) else f"; the run of {mix} failed"
+        )
 
 
 def judged(row: dict, wanted: Wanted) -> bool:
@@ -134,6 +142,8 @@ def require(scene: str, wanted: Wanted, out, executor="local", workers=None, wat
             f"filled = {wanted.filled:g}: of the form only fill_ratio = {poured:g} is poured; must be at most that, or "
             "give --fill-ratio 1"
         )
+    if wanted.pressure is not None and form.parameters.get("measure_pressure") is False:
+        raise SceneError(f"pressure = {wanted.pressure:g} Pa: is not measured; must be given with --measure-pressure")
     viscosities = sorted(map(number, values(wanted.plastic_viscosity, "plastic_viscosity")))
     planned, mixes, rows = {}, {}, []
     for _ in range(MOST_ROUNDS):

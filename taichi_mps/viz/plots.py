@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..problem.labels import title
+from ..problem.labels import is_measure, title, unit_of_measure
 from ..units import SceneError, plain
 
 COLOURS = ("#1f5f99", "#d1662a", "#2e8b57", "#8f4f9f", "#b8323f", "#7a6a35", "#4b8ea8", "#555b63")
@@ -142,6 +142,7 @@ def viscosity_against_shear_rate(samples, law, out):
     return _save(figure, out)
 
 
+MEASURES = "cm", "N m", "N", "N/m", "kPa"  # units of the measures that are drawn, a panel for each
 NUMERICS = (  # title of a panel, and its columns of history.csv with factor and name
     ("time step [ms]", (("dt_s", 1e3, ""),)),
     ("iterations", (("viscous_iterations", 1.0, "viscous"), ("pressure_iterations", 1.0, "pressure"))),
@@ -152,9 +153,11 @@ NUMERICS = (  # title of a panel, and its columns of history.csv with factor and
 
 def panels_of(columns, numerics=False) -> list:
     """Titles of panels and their curves (values, name), of columns of history.csv that hold numbers."""
-    lengths = [key for key in columns if key.endswith("_m") and key != "slump_max_m"]
-    panels = [(" and ".join(map(title, lengths[:2])) + ", ..." * (len(lengths) > 2) + " [cm]",
-               [(key, 100.0, title(key)) for key in lengths])]  # fmt: skip
+    panels = []
+    for unit in MEASURES:
+        keys = [key for key in columns if is_measure(key) and unit_of_measure(key)[1] == unit and key != "slump_max_m"]
+        heading = " and ".join(map(title, keys[:2])) + ", ..." * (len(keys) > 2) + f" [{unit}]"
+        panels += [(heading, [(key, unit_of_measure(key)[0], title(key)) for key in keys])]
     panels += [("largest speed [m/s]", [("max_speed_m_s", 1.0, "")])]
     heading = "share of the concrete that flows [%]: viscous stress over 5 % of the yield stress"
     panels += [(heading, [("flowing_fraction", 100.0, "")])]

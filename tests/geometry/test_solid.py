@@ -196,6 +196,10 @@ def test_a_bad_mesh_is_refused(tmp_path, make, message):
         read_mesh(tmp_path / "bad.stl")
 
 
+TURNING = {"low": (0.0, 0.0, 0.0), "angular_velocity": 1.0, "pivot": (0.0, 0.0, 0.0)}
+TURNING |= {"values": np.broadcast_to(np.eye(4) - 0.5, (4, 4, 4))}
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -206,6 +210,9 @@ def test_a_bad_mesh_is_refused(tmp_path, make, message):
         ({"values": np.eye(4) - 0.5, "low": (np.nan, 0.0)}, "low = .* of a solid: must be 2 finite numbers"),
         ({"values": np.eye(4) - 0.5, "velocity": (0.0, 0.0, 1.0)}, "velocity = .* must be 2 finite numbers"),
         ({"values": np.eye(4) - 0.5, "cell": np.nan}, "cell = nan m: must be greater than 0 m"),
+        ({"values": np.eye(4) - 0.5, "angular_velocity": 1.0}, "1 rad/s of a solid: needs a pivot, and an axis in 3-D"),
+        (TURNING | {"axis": None}, "needs a pivot, and an axis in 3-D"),
+        (TURNING | {"axis": (0.0, 0.0, 0.0)}, "needs a pivot, and an axis in 3-D"),
     ],
 )
 def test_a_bad_grid_is_refused(arguments, message):

@@ -76,6 +76,16 @@ def test_summary_is_strict_json_and_names_the_checkpoint(tmp_path, slump):
     assert checkpoint.read(folder.checkpoint).header["time"] == pytest.approx(0.02)
 
 
+def test_a_run_resumed_at_its_end_keeps_the_measures_that_belong_to_its_last_step(tmp_path, slump):
+    """Loads on walls are known after a step alone."""
+    folder, sim, recorder = recorded(tmp_path / "run", slump, 2)
+    recorder.finish("time")
+    last = read_history(folder.history)["slump_m"][-1]
+    sim.measures = lambda: {"slump_m": float("nan")}
+    Recorder(folder, sim, 0.01, "slump", {"every": 0.01}).finish("time")
+    assert folder.read_summary()["slump_m"] == pytest.approx(last)
+
+
 def test_after_a_divergence_the_checkpoint_is_the_last_good_output(tmp_path, slump):
     folder, sim, recorder = recorded(tmp_path / "run", slump, 3)
     sim.time = 99.0

@@ -14,6 +14,7 @@ import taichi_mps as mps
 from taichi_mps.io import checkpoint
 
 HERE = Path(__file__).parent
+THEN = ("701126f08d8b65e3", "64a8c28f40a8727b")  # digests of a scene by the version before walls had names
 
 
 @pytest.mark.filterwarnings("ignore:sleep = True")
@@ -55,3 +56,20 @@ def test_a_number_that_mixes_had_not_yet_leaves_a_checkpoint_good_until_it_is_gi
 
     plain = checkpoint.laws_digest(mps.Scene("x", scene.material, 0.1, [[0.5, 0.5]], ((0, 0), (1, 1))))
     assert digest() == plain != digest(imagined_angle=20.0)
+
+
+def test_what_walls_and_inlets_had_not_yet_leaves_a_checkpoint_good_until_it_is_given():
+    """Names of walls never count."""
+
+    def digests(path=None, name="", **turning):
+        bar = mps.Solid(np.array([[-0.1, 0.1], [0.1, 0.1]]), (0.4, 0.0), 0.2, name=name, **turning)
+        hose = mps.Inlet((0.5, 0.9), (0.0, -1.0), 0.1, rate=0.01, volume=0.1, path=path)
+        walls = (mps.Plane((0.0, 0.0), (0.0, 1.0), name=name and f"{name}_2"), bar)
+        scene = mps.Scene("x", mps.Bingham(), 0.05, None, ((0, 0), (1, 1)), walls=walls, inlets=(hose,))
+        return checkpoint.particles_digest(scene), checkpoint.laws_digest(scene)
+
+    particles, laws = digests()
+    assert (particles[:16], laws[:16]) == THEN
+    assert digests(name="bar") == (particles, laws)
+    assert digests(path=((0.0, 0.0, 0.0), (1.0, 0.1, 0.0)))[0] != particles
+    assert digests(angular_velocity=1.0, pivot=(0.5, 0.1))[1] != laws

@@ -8,7 +8,7 @@ from pydantic import Field
 import taichi_mps as mps
 from taichi_mps.cli.options import allowed, default
 from taichi_mps.problem import catalogue
-from taichi_mps.units import Duration, Length, Unit, unit_of
+from taichi_mps.units import Checked, Duration, Length, Unit, YieldValue, unit_of
 
 ImaginedAngle = Annotated[float, Field(ge=0.0, lt=45.0), Unit("deg")]
 
@@ -37,6 +37,13 @@ def test_a_number_of_the_mix_is_an_option_with_its_unit_range_help_and_the_defau
     assert (unit_of(angle), angle.default, angle.description) == ("deg", 12.0, "angle that nobody has measured")
     assert (default(angle), allowed(angle)) == ("default 12 deg", "(0 to below 45)")
     assert fields["yield_value"].default == 40.0 and fields["plastic_viscosity"].default == 50.0
+
+
+def test_the_narrower_of_two_lower_bounds_is_said():
+    class Looked(Checked):
+        softest: YieldValue = Field(10.0, gt=0.0)
+
+    assert allowed(Looked.model_fields["softest"]) == "(above 0 to 1e+06)"
 
 
 def test_options_are_flat_and_the_function_is_given_the_material():

@@ -66,6 +66,11 @@ BROKEN = [
     (rules.mixes_have_one_law, poured(material=KNEE) | {"material": CURVE}, "must be given for all mixes or for none"),
     (rules.mixes_have_one_law, poured(material=KNEE), "critical_strain_rate: must be given for all mixes or for none"),
     (rules.walls_have_names_of_their_own, {"walls": (NAMED, NAMED)}, "name = 'floor': of 2 walls; must be of one"),
+    (
+        rules.walls_have_names_of_their_own,  # that of the second is wall_1 without one
+        {"walls": (replace(NAMED, name="wall_1"), FLOOR)},
+        "name = 'wall_1': of 2 walls; must be of one",
+    ),
     (rules.friction_is_of_one_mix, poured(material=OTHER) | {"walls": (ROUGH,)}, "where a wall has friction"),
     (rules.something_is_there_at_the_start, {"fluid": np.zeros((0, 2))}, "must hold at least one particle"),
     (rules.body_lies_in_the_domain, {"fluid": np.array([[3.0, 0.0]])}, "a particle lies outside; the domain must"),

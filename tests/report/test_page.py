@@ -22,7 +22,7 @@ from taichi_mps.io.vtkhdf import Trajectory
 from taichi_mps.problem import accuracy
 from taichi_mps.problem.labels import written
 from taichi_mps.problem.measures import still
-from taichi_mps.report import film, inputs, page, section
+from taichi_mps.report import film, inputs, page, section, sentences
 from tests.support.scenes import parts
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -242,6 +242,13 @@ def test_of_many_particles_mirror_images_stay_together(run, monkeypatch):
     x = some.low + some.step * some.positions[: some.counts[0]]
     sides = [x[(x[:, 0] > 0) == east][:, 0] for east in (True, False)]
     np.testing.assert_allclose(np.sort(sides[0]), np.sort(-sides[1]), atol=1e-5)
+
+
+def test_the_first_sentence_tells_the_scenes_own_results_where_it_has_none_of_a_known_test():
+    own = {"stopped_by": "time", "cpu_seconds": 1.0, "torque_N_m": 0.5, "lag_s": None, "gap_m": 0.02, "depth_m": 0.3}
+    assert sentences.measured(own) == "Torque 0.5 N m, gap 2.0 cm."
+    assert sentences.measured(own | {"spread_m": 0.6}) == "Slump-flow diameter 60.0 cm."
+    assert sentences.measured({"cpu_seconds": 1.0}) == "Nothing was measured."
 
 
 def test_the_section_of_a_block_is_its_middle_layer():

@@ -7,6 +7,7 @@ import pytest
 
 import taichi_mps as mps
 from taichi_mps.problem import catalogue
+from taichi_mps.problem.problem import Problem
 from taichi_mps.simulation.pouring import Pouring
 
 PATH = ((1.0, 0.0, 0.0), (3.0, 0.4, 0.0), (4.0, 0.4, 0.1))
@@ -30,6 +31,22 @@ def test_a_layer_enters_where_the_nozzle_is_and_goes_with_it():
     layer = pouring.enter(pouring.next + late, np.zeros((0, 2)))
     speed = 0.04 / 0.08
     assert layer == pytest.approx(scene.inlet_layer(HOSE) + (0.2 + 0.2 * late, -speed * late))
+
+
+def test_the_first_layer_is_where_the_path_begins_and_the_jet_as_fast_as_its_fastest_part():
+    """The hose of 0.5 m/s is displaced by 0.3 m at 0 s, rests, and goes along with 0.3 m/s."""
+    path = np.array(((0.0, 0.3, 0.0), (1.0, 0.3, 0.0), (2.0, 0.6, 0.0)))
+    hose = replace(HOSE, path=path)
+    scene = mps.Scene("printed", mps.Bingham(), 0.02, None, ((-0.5, -0.1), (0.9, 0.9)), inlets=(hose,))
+    assert scene.initial == pytest.approx(scene.inlet_layer(hose) + (0.3, 0.0))
+    assert Pouring(scene, hose).speed == pytest.approx(np.hypot(0.3, 0.5))
+
+
+def test_a_nozzle_that_jumps_is_refused():
+    hose = replace(HOSE, path=((0.0, 0.0, 0.0), (1e-6, 0.4, 0.0)))
+    scene = mps.Scene("printed", mps.Bingham(), 0.02, None, ((-0.5, -0.1), (0.9, 0.9)), inlets=(hose,))
+    with pytest.raises(mps.SceneError, match="inlet: path: moves with the jet at 4e.05 m/s; must be at most 100 m/s"):
+        Problem(scene, mps.Implicit())
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ import pytest
 
 import taichi_mps as mps
 from taichi_mps.problem import catalogue
+from taichi_mps.problem.measures import still
 from taichi_mps.problem.problem import Problem
 
 COARSE = {  # keywords that make a scene a matter of seconds; a new scene needs a line here
@@ -101,3 +102,8 @@ def test_the_scales_of_a_scene_do_not_depend_on_its_courant_number():
         mps.Simulation(scene, mps.Implicit(courant_number=c)).scheme.constants.natural_step for c in (0.1, 0.2, 0.4)
     ]
     assert steps == pytest.approx([0.2 * 0.02 / 5.0] * 3)
+
+
+def test_a_vane_is_measured_without_loads_too_as_a_replay_has_none():
+    scene = catalogue.build("vane", spacing=0.004)
+    assert scene.measure(still(scene.fluid, scene.spacing)) == {}

@@ -100,6 +100,14 @@ def test_the_page_has_every_mix_and_opens_without_a_network(tmp_path):
     assert lines[0][5] == "slump" and lines[0][4].startswith(f"{found[0]['yield_value_found']:.3g} Pa (")
 
 
+def test_columns_may_be_written_as_people_do_and_a_word_is_named(tmp_path):
+    (tmp_path / "mixes.csv").write_text("mix,Mini-cone [cm],V funnel [s],slump [cm]\nD,9,6,\nF,,,soft\n")
+    first, second = calibrate_list(read_list(tmp_path / "mixes.csv"))
+    exact = calibrate(mini_cone=0.09, v_funnel=6.0, check=False)
+    assert first["yield_value_found"] == exact.yield_value.value and first["verdict"] == EXPLAINED
+    assert second["verdict"] == REFUSED and second["reason"].startswith("slump = soft")
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [

@@ -72,7 +72,7 @@ def test_ends_of_what_is_looked_at_and_a_bound_of_the_pressure(tmp_path):
     soft, _ = study(tmp_path / "soft", [], Wanted(plastic_viscosity="20", stiffest=50.0))
     assert (soft[0].does, soft[0].does_not) == (50.0, None) and "nothing stiffer was looked at" in soft[0].told(2300.0)
     stiff, _ = study(tmp_path / "stiff", [], Wanted(plastic_viscosity="20", softest=500.0))
-    assert (stiff[0].does, stiff[0].does_not) == (None, 500.0) and "no mix fills it" in stiff[0].told(2300.0)
+    assert (stiff[0].does, stiff[0].does_not) == (None, 500.0) and "no mix does; 500 Pa leave" in stiff[0].told(2300.0)
     none, _ = study(tmp_path / "pressed", [], Wanted(plastic_viscosity="20", pressure=7000.0), measure_pressure=True)
     assert none[0].does is None
     assert Border(20.0, 5.0, None).slumps(2300.0) == [None, None], "softer than the table of the slump test"
@@ -83,6 +83,12 @@ def test_what_is_no_form_or_is_not_poured_full_is_refused(tmp_path):
         require("slump", Wanted(), tmp_path / "study")
     with pytest.raises(mps.SceneError, match="filled = 0.99: of the form only fill_ratio = 0.95 is poured"):
         study(tmp_path / "study", [], Wanted(), fill_ratio=0.95)
+    with pytest.raises(mps.SceneError, match="pressure = 7000 Pa: is not measured"):
+        study(tmp_path / "study", [], Wanted(pressure=7000.0))
+
+
+def test_a_run_that_failed_is_said_to_have_failed():
+    assert Border(20.0, None, 10.0, float("nan")).told(2300.0).endswith("no mix does; the run of 10 Pa failed")
 
 
 @pytest.mark.parametrize(

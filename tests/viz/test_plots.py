@@ -87,20 +87,24 @@ def test_history_draws_a_panel_for_each_quantity_that_has_numbers(tmp_path, figu
         "volume_error": 1e-3 * TIME,
     }
     rows |= {"flowing_fraction": np.linspace(1.0, 0.0, 50)}
+    rows |= {"force_floor_z_N": -TIME, "torque_N_m": 2.0 * TIME}
     rows |= {"viscous_iterations": 20 + TIME, "max_speed_m_s": np.exp(-TIME), "front_m": np.full(50, np.nan)}
     out = plots.history(rows, tmp_path / "history.png")
     titles = [axes.get_title(loc="left").partition(":")[0] for axes in figures[0].axes]
     assert titles == [
         "slump and slump-flow diameter [cm]",
+        "torque [N m]",
+        "force floor z [N]",
         "largest speed [m/s]",
         "share of the concrete that flows [%]",
     ]
     assert size(out)[0] == 1125 and all(axes.get_xlim() == (0.0, 4.0) for axes in figures[0].axes)
-    flowing = figures[0].axes[2].lines[0].get_ydata()
+    assert figures[0].axes[1].lines[0].get_ydata() == pytest.approx(2.0 * TIME)
+    flowing = figures[0].axes[4].lines[0].get_ydata()
     assert flowing[0] == 100.0 and flowing[-1] == 0.0
     plots.history(rows, tmp_path / "numerics.png", numerics=True)
     titles = [axes.get_title(loc="left") for axes in figures[1].axes]
-    assert titles[3:] == ["time step [ms]", "iterations", "volume error [%]"]
+    assert titles[5:] == ["time step [ms]", "iterations", "volume error [%]"]
 
 
 def test_history_takes_a_list_of_rows_and_a_single_row(tmp_path):
