@@ -12,7 +12,7 @@ from ..viz.plots import COLOURS, _figure, _save
 from .calibrate import emulator_of
 from .emulator import DENSITY
 from .labels import measures, spelled
-from .require import judged
+from .require import fills
 
 VISCOSITIES = (20.0, 50.0, 200.0)  # of the engine's curves [Pa s]
 FORMULAS = {  # column of the reference, who, and the slumps [mm] for which it was made
@@ -93,8 +93,8 @@ def require_chart(borders, rows, wanted, out) -> Path:
     slump = 100.0 * emulator.at(*emulator.axes, grid=True)["slump_m"]
     lines = axes.contour(viscosities, yields, slump, levels=np.arange(2.0, 30.0, 2.0), colors="#b9bfc6", linewidths=0.8)
     axes.clabel(lines, fmt="slump %g cm", fontsize=8)
-    for does, marker, label in ((True, "o", "does"), (False, "x", "does not")):
-        some = [row for row in rows if judged(row, wanted) is does]
+    for does, marker, label in ((True, "o", "fills"), (False, "x", "does not")):
+        some = [row for row in rows if fills(row, wanted) is does]
         x, y = ([row[name] for row in some] for name in ("plastic_viscosity", "yield_value"))
         axes.plot(x, y, marker, color=COLOURS[0 if does else 1], ms=8, ls="none", label=label)
     found = [border for border in borders if border.does and border.does_not]

@@ -1,12 +1,13 @@
 """Which mixes fill a form: the border between those that do and those that do not, from as few runs as it needs.
 
 A stiffer mix fills less, and so does a more viscous one in a given time. So for each plastic viscosity the largest
-yield stress that fills is found by halving an interval, and what is known of one plastic viscosity bounds the others.
+yield stress that fills is found by halving an interval, and what is known of one plastic viscosity bounds the others. A
+softer mix presses more on the form, so where a pressure is bounded it is that of this stiffest one that fills.
 """
 
 import math
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from pydantic import Field
@@ -45,6 +46,8 @@ class Border:
     does: float | None
     does_not: float | None
     missing: float | None = None  # share of the form that ``does_not`` leaves empty; nan if its run failed
+    pressure: float | None = None  # [Pa] on the form by ``does``, where it is bounded
+    allowed: float | None = None  # bound of it [Pa]
 
     def slumps(self, density: float) -> list[tuple[float, float] | None]:
         """Slump and slump flow [m] of the mix that does, and of the one that does not; None beyond the table of the
@@ -65,6 +68,9 @@ class Border:
         if self.does is None:
             return head + f"no mix does{self.shortfall(f'{self.does_not:g} Pa')}"
         order, short = self.slumps(density)
+        if self.pressure is not None and self.pressure > self.allowed:
+            presses = f"{1e-3 * self.pressure:.3g} kPa, over {1e-3 * self.allowed:.3g}"
+            return head + f"no mix does: up to {self.does:.3g} Pa fill it, which press with {presses}, softer ones more"
         text = head + f"fills up to {self.does:.3g} Pa"
         if order:
             text += f"; order a slump of {100 * order[0]:.1f} cm, a slump flow of {100 * order[1]:.0f} cm, or more"
@@ -82,17 +88,17 @@ class Border:
         )
 
 
-def judged(row: dict, wanted: Wanted) -> bool:
-    """Whether a run does what is wanted; what failed does not."""
-    if row["status"] != "done":
-        return False
-    full = row[FILLED] >= wanted.filled
+def fills(row: dict, wanted: Wanted) -> bool:
+    """Whether a run fills the form as wanted; what failed does not."""
+    return row["status"] == "done" and row[FILLED] >= wanted.filled
+
+
+def pressure_of(row: dict) -> float:
+    """The largest pressure [Pa] on the form at the end of a run."""
     pressures = [value for name, value in row.items() if name.startswith(PRESSURE)]
-    if wanted.pressure is not None and not pressures:
-        raise SceneError(
-            f"pressure = {wanted.pressure:g} Pa: the scene measures none; wall does with --measure-pressure"
-        )
-    return full and (wanted.pressure is None or max(pressures) <= wanted.pressure)
+    if not pressures:
+        raise SceneError(f"pressure: scene {row['scene']} measures none, {PRESSURE}...; must be one that does, as wall")
+    return max(pressures)
 
 
 def known(mixes: dict, tau_y: float, eta: float) -> bool | None:
@@ -133,34 +139,45 @@ def require(scene: str, wanted: Wanted, out, executor="local", workers=None, wat
     and does not compute again."""
     if wanted.softest >= wanted.stiffest:
         raise SceneError(f"softest = {wanted.softest:g} Pa: must be less than stiffest = {wanted.stiffest:g} Pa")
+    keywords = catalogue.load(scene).parameters.model_fields
+    usual = {"fill_ratio": 1.0} | ({"measure_pressure": True} if wanted.pressure is not None else {})
+    parameters = {name: value for name, value in usual.items() if name in keywords} | parameters
     form = catalogue.build(scene, **parameters | {"until": wanted.time})
     if form.cavity is None:
         raise SceneError(f"scene {form.name}: has no cavity to fill; must be a form, such as wall")
     poured = form.parameters.get("fill_ratio", 1.0)
     if poured < wanted.filled:
         raise SceneError(
-            f"filled = {wanted.filled:g}: of the form only fill_ratio = {poured:g} is poured; must be at most that, or "
-            "give --fill-ratio 1"
+            f"filled = {wanted.filled:g}: of the form only fill_ratio = {poured:g} is poured; must be at most that"
         )
     if wanted.pressure is not None and form.parameters.get("measure_pressure") is False:
-        raise SceneError(f"pressure = {wanted.pressure:g} Pa: is not measured; must be given with --measure-pressure")
+        raise SceneError(f"pressure = {wanted.pressure:g} Pa: measure_pressure = False; must be True, or left out")
     viscosities = sorted(map(number, values(wanted.plastic_viscosity, "plastic_viscosity")))
-    planned, mixes, rows = {}, {}, []
+    planned, mixes = {}, {}
+
+    def carried_out(ahead):
+        """Whether each mix so far fills, and the rows of all, once those ahead have been run, too."""
+        for tau_y, eta in ahead:
+            mix = {"yield_value": tau_y, "plastic_viscosity": eta}
+            planned.setdefault((tau_y, eta), case(scene, **parameters | mix | {"until": wanted.time}))
+        rows = carry_out(list(planned.values()), out, run, executor, workers, watch)
+        return {mix: fills(row, wanted) for mix, row in zip(planned, rows, strict=True)}, rows
+
     for _ in range(MOST_ROUNDS):
         ahead = next_mixes(mixes, viscosities, wanted.softest, wanted.stiffest, wanted.within)
         if not ahead:
             break
-        for tau_y, eta in ahead:
-            mix = {"yield_value": tau_y, "plastic_viscosity": eta}
-            planned[tau_y, eta] = case(scene, **parameters | mix | {"until": wanted.time})
-        rows = carry_out(list(planned.values()), out, run, executor, workers, watch)
-        by_key = {row["key"]: row for row in rows}
-        mixes = {mix: judged(by_key[it.key], wanted) for mix, it in planned.items()}
-    empty = {mix: 1.0 - by_key[it.key].get(FILLED, math.nan) for mix, it in planned.items()}
-    borders = []
-    for eta in viscosities:
-        does, does_not = bracket(mixes, eta, wanted.softest, wanted.stiffest)
-        borders.append(Border(eta, does, does_not, empty.get((does_not, eta))))
+        mixes, rows = carried_out(ahead)
+    ends = {eta: bracket(mixes, eta, wanted.softest, wanted.stiffest) for eta in viscosities}
+    if wanted.pressure is not None:  # by its own run also where others told that a mix fills
+        mixes, rows = carried_out([(does, eta) for eta, (does, _) in ends.items() if does is not None])
+    borders, by_mix = [], dict(zip(planned, rows, strict=True))
+    for eta, (does, does_not) in ends.items():
+        missing = 1.0 - by_mix[does_not, eta].get(FILLED, math.nan) if (does_not, eta) in by_mix else None
+        border = Border(eta, does, does_not, missing)
+        if wanted.pressure is not None and does is not None:
+            border = replace(border, pressure=pressure_of(by_mix[does, eta]), allowed=wanted.pressure)
+        borders.append(border)
     return borders, rows
 
 

@@ -49,9 +49,7 @@ def study(folder, calls, wanted, **settings):
         return run(case)
 
     with ThreadPoolExecutor(2) as executor:
-        return require(
-            **{"scene": "wall", "fill_ratio": 1.0} | settings, wanted=wanted, out=folder, executor=executor, run=counted
-        )
+        return require(**{"scene": "wall"} | settings, wanted=wanted, out=folder, executor=executor, run=counted)
 
 
 def test_a_study_is_kept_and_tells_a_slump_to_order(tmp_path):
@@ -73,8 +71,12 @@ def test_ends_of_what_is_looked_at_and_a_bound_of_the_pressure(tmp_path):
     assert (soft[0].does, soft[0].does_not) == (50.0, None) and "nothing stiffer was looked at" in soft[0].told(2300.0)
     stiff, _ = study(tmp_path / "stiff", [], Wanted(plastic_viscosity="20", softest=500.0))
     assert (stiff[0].does, stiff[0].does_not) == (None, 500.0) and "no mix does; 500 Pa leave" in stiff[0].told(2300.0)
-    none, _ = study(tmp_path / "pressed", [], Wanted(plastic_viscosity="20", pressure=7000.0), measure_pressure=True)
-    assert none[0].does is None
+    for bound, fine in ((7000.0, False), (9000.0, True)):
+        found, rows = study(tmp_path / f"{bound}", [], Wanted(plastic_viscosity="20,50", pressure=bound))
+        for border in found:
+            assert border.does <= limit(border.plastic_viscosity) < border.does_not and border.pressure == 8000.0
+            assert ("no mix does" in border.told(2300.0)) is not fine
+        assert all(row["measure_pressure"] for row in rows)
     assert Border(20.0, 5.0, None).slumps(2300.0) == [None, None], "softer than the table of the slump test"
 
 
@@ -83,8 +85,8 @@ def test_what_is_no_form_or_is_not_poured_full_is_refused(tmp_path):
         require("slump", Wanted(), tmp_path / "study")
     with pytest.raises(mps.SceneError, match="filled = 0.99: of the form only fill_ratio = 0.95 is poured"):
         study(tmp_path / "study", [], Wanted(), fill_ratio=0.95)
-    with pytest.raises(mps.SceneError, match="pressure = 7000 Pa: is not measured"):
-        study(tmp_path / "study", [], Wanted(pressure=7000.0))
+    with pytest.raises(mps.SceneError, match="pressure = 7000 Pa: measure_pressure = False; must be"):
+        study(tmp_path / "study", [], Wanted(pressure=7000.0), measure_pressure=False)
 
 
 def test_a_run_that_failed_is_said_to_have_failed():
