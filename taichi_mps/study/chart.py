@@ -91,8 +91,6 @@ def require_chart(borders, rows, wanted, out) -> Path:
     emulator, density = emulator_of(), rows[0].get("density") or DENSITY
     yields, viscosities = (density * np.exp(axis) for axis in emulator.axes)
     slump = 100.0 * emulator.at(*emulator.axes, grid=True)["slump_m"]
-    lines = axes.contour(viscosities, yields, slump, levels=np.arange(2.0, 30.0, 2.0), colors="#b9bfc6", linewidths=0.8)
-    axes.clabel(lines, fmt="slump %g cm", fontsize=8)
     for does, marker, label in ((True, "o", "fills"), (False, "x", "does not")):
         some = [row for row in rows if fills(row, wanted) is does]
         x, y = ([row[name] for row in some] for name in ("plastic_viscosity", "yield_value"))
@@ -101,8 +99,21 @@ def require_chart(borders, rows, wanted, out) -> Path:
     axes.plot([b.plastic_viscosity for b in found], [(b.does * b.does_not) ** 0.5 for b in found], "-", color="black")
     title = f"{rows[0]['scene']}: {wanted.filled:.0%} filled in {wanted.time:g} s"
     axes.set(xscale="log", yscale="log", xlabel="plastic viscosity [Pa s]", ylabel="yield stress [Pa]", title=title)
-    spread = [b.plastic_viscosity for b in borders]
-    axes.set(xlim=(0.7 * min(spread), 1.4 * max(spread)), ylim=(0.8 * wanted.softest, 1.25 * wanted.stiffest))
+    etas = [border.plastic_viscosity for border in borders]
+    ends = (0.7 * min(etas), 1.4 * max(etas)), (0.8 * wanted.softest, 1.25 * wanted.stiffest)
+    axes.set(xlim=ends[0], ylim=ends[1])
+    for axis, (low, high) in zip((axes.xaxis, axes.yaxis), ends, strict=True):
+        ticks = [k * 10.0**power for power in range(-2, 5) for k in (1, 2, 5) if low <= k * 10.0**power <= high]
+        axis.set_ticks(ticks, [f"{tick:g}" for tick in ticks])
+        axis.set_ticks([], minor=True)
+    i, j = (
+        np.flatnonzero((at >= 0.9 * low) & (at <= 1.1 * high))
+        for at, (low, high) in zip((viscosities, yields), ends, strict=True)
+    )
+    if len(i) > 1 and len(j) > 1:
+        shown = slump[np.ix_(j, i)]
+        lines = axes.contour(viscosities[i], yields[j], shown, levels=np.arange(2.0, 30.0, 2.0), colors="#b9bfc6")
+        axes.clabel(lines, fmt="slump %g cm", fontsize=8)
     axes.legend(frameon=False)
     return _save(figure, out)
 

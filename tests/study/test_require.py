@@ -5,6 +5,7 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 
 import taichi_mps as mps
+from taichi_mps.study.chart import require_chart
 from taichi_mps.study.require import Border, Wanted, bracket, known, next_mixes, require
 
 LOW, HIGH, WITHIN = 10.0, 1000.0, 0.1
@@ -62,6 +63,8 @@ def test_a_study_is_kept_and_tells_a_slump_to_order(tmp_path):
         (slump, flow), (less, _) = border.slumps(2300.0)
         assert 0.0 < less < slump < 0.3 < flow
         assert f"order a slump of {100 * slump:.1f} cm" in border.told(2300.0)
+    chart = require_chart(borders, rows, wanted, tmp_path / "chart.png")
+    assert chart.read_bytes().startswith(b"\x89PNG")
     again, same = study(tmp_path / "study", calls, wanted)
     assert again == borders and same == rows and len(set(calls)) == len(calls)
 
