@@ -21,7 +21,8 @@ from ..runtime.backend import double_field, real, ti
 from ..runtime.stages import stage
 from .friction import FrictionalSlip
 from .ghosts import COUNTED, GhostSums, meeting, wedges
-from .surfaces import Flat, Round, Sampled
+from .sampled import Sampled
+from .surfaces import Flat, Round
 
 SURFACES = {Plane: Flat, Cylinder: Round, Solid: Sampled}
 
