@@ -56,7 +56,7 @@ def require_command(argv) -> int:
         print(json.dumps(strict([asdict(b) | {"slumps_m": b.slumps(density)} for b in borders])))
     else:
         print("\n".join(border.told(density) for border in borders))
-        print(f"{len(rows)} runs: {plain(folder)}")
+        print(f"{len(rows)} run{'s' * (len(rows) > 1)}: {plain(folder)}")
     if find_spec("matplotlib"):
         from ..study.chart import require_chart
 
