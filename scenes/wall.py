@@ -16,7 +16,7 @@ import taichi_mps as mps
 from taichi_mps.units import Duration, FlowRate, Length, Ratio
 
 FREE = 0.06  # height of the mouth above the form [m]
-NEAR, LIFT = 0.15, 0.3  # of a hose that rises: above the mean level; of what it places in one pass along the form [m]
+NEAR, LIFT = 0.3, 0.3  # of a hose that rises: above the mean level; of what it places in one pass along the form [m]
 
 
 @mps.checked
