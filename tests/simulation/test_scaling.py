@@ -40,7 +40,7 @@ def by_id(sim):
     [
         ("axisymmetric", 300.0, 50.0, 0.25),
         pytest.param("axisymmetric", 120.0, 100.0, 4.0, marks=pytest.mark.long),
-        ("quarter", 300.0, 50.0, 4.0),
+        pytest.param("quarter", 300.0, 50.0, 4.0, marks=pytest.mark.long),
     ],
 )
 def test_a_cone_times_a_power_of_two_is_the_same_bit_by_bit_to_its_end(model, yield_value, plastic_viscosity, length):

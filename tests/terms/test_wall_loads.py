@@ -128,7 +128,7 @@ def test_what_turns_with_its_vessel_is_not_held_back():
     assert blade.distance(s.x, sim.time).min() > 0.25 * spacing, "the distance turns with the blade"
 
 
-@pytest.mark.parametrize("model", ["quarter", "axisymmetric"])
+@pytest.mark.parametrize("model", ["quarter", pytest.param("axisymmetric", marks=pytest.mark.long)])
 def test_a_part_between_mirror_planes_has_the_loads_of_the_whole(model):
     """Of the cone: what it weighs and gains rests on the floor, and nothing goes along it or turns it."""
     sim = mps.Simulation(catalogue.build("slump", spacing=0.025, model=model), CONVERGED)
