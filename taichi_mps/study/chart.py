@@ -95,8 +95,10 @@ def require_chart(borders, rows, wanted, out) -> Path:
         some = [row for row in rows if fills(row, wanted) is does]
         x, y = ([row[name] for row in some] for name in ("plastic_viscosity", "yield_value"))
         axes.plot(x, y, marker, color=COLOURS[0 if does else 1], ms=8, ls="none", label=label)
-    found = [border for border in borders if border.does and border.does_not]
-    axes.plot([b.plastic_viscosity for b in found], [(b.does * b.does_not) ** 0.5 for b in found], "-", color="black")
+    found = [border for border in borders if border.fills_up_to and border.empty_from]
+    axes.plot(
+        [b.plastic_viscosity for b in found], [(b.fills_up_to * b.empty_from) ** 0.5 for b in found], "-", color="black"
+    )
     title = f"{rows[0]['scene']}: {wanted.filled:.0%} filled in {wanted.time:g} s"
     axes.set(xscale="log", yscale="log", xlabel="plastic viscosity [Pa s]", ylabel="yield stress [Pa]", title=title)
     etas = [border.plastic_viscosity for border in borders]

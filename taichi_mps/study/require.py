@@ -39,21 +39,21 @@ class Wanted(Checked):
 
 @dataclass(frozen=True)
 class Border:
-    """For one plastic viscosity [Pa s]: the largest yield stress that was seen to do, and the smallest that was not
-    [Pa]; None where all that was looked at does not, or does."""
+    """For one plastic viscosity [Pa s]: the largest yield stress that was seen to fill the form, and the smallest that
+    was seen not to [Pa]; None where none that was looked at fills it, or all do."""
 
     plastic_viscosity: float
-    does: float | None
-    does_not: float | None
-    missing: float | None = None  # share of the form that ``does_not`` leaves empty; nan if its run failed
-    pressure: float | None = None  # [Pa] on the form by ``does``, where it is bounded
+    fills_up_to: float | None
+    empty_from: float | None
+    missing: float | None = None  # share of the form that ``empty_from`` leaves empty; nan if its run failed
+    pressure: float | None = None  # [Pa] on the form by ``fills_up_to``, where it is bounded
     allowed: float | None = None  # bound of it [Pa]
 
     def slumps(self, density: float) -> list[tuple[float, float] | None]:
-        """Slump and slump flow [m] of the mix that does, and of the one that does not; None beyond the table of the
-        slump test."""
+        """Slump and slump flow [m] of the stiffest mix that fills, and of the softest that does not; None beyond the
+        table of the slump test."""
         emulator, found = emulator_of(), []
-        for tau_y in (self.does, self.does_not):
+        for tau_y in (self.fills_up_to, self.empty_from):
             at = None if tau_y is None else np.log(np.array([tau_y, self.plastic_viscosity]) / density)
             if at is None or np.any(at < emulator.low) or np.any(at > emulator.high):
                 found.append(None)
@@ -65,19 +65,22 @@ class Border:
     def told(self, density: float) -> str:
         """In a sentence."""
         head = f"plastic viscosity {self.plastic_viscosity:g} Pa s: "
-        if self.does is None:
-            return head + f"no mix does{self.shortfall(f'{self.does_not:g} Pa')}"
+        if self.fills_up_to is None:
+            return head + f"no mix does{self.shortfall(f'{self.empty_from:g} Pa')}"
         order, short = self.slumps(density)
         if self.pressure is not None and self.pressure > self.allowed:
             presses = f"{1e-3 * self.pressure:.3g} kPa, over {1e-3 * self.allowed:.3g}"
-            return head + f"no mix does: up to {self.does:.3g} Pa fill it, which press with {presses}, softer ones more"
-        text = head + f"fills up to {self.does:.3g} Pa"
+            return (
+                head
+                + f"no mix does: up to {self.fills_up_to:.3g} Pa fill it, which press with {presses}, softer ones more"
+            )
+        text = head + f"fills up to {self.fills_up_to:.3g} Pa"
         if order:
             text += f"; order a slump of {100 * order[0]:.1f} cm, a slump flow of {100 * order[1]:.0f} cm, or more"
-        if self.does_not is None:
+        if self.empty_from is None:
             return text + "; nothing stiffer was looked at"
         apart = f" (slump {100 * short[0]:.1f} cm)" if short else ""
-        return text + self.shortfall(f"{self.does_not:.3g} Pa{apart}")
+        return text + self.shortfall(f"{self.empty_from:.3g} Pa{apart}")
 
     def shortfall(self, mix: str) -> str:
         """What is wrong with the mix that does not, called so; nothing where it was not run itself."""
@@ -102,11 +105,11 @@ def pressure_of(row: dict) -> float:
 
 
 def known(mixes: dict, tau_y: float, eta: float) -> bool | None:
-    """What runs, {(yield stress, plastic viscosity): does}, say of a mix: what a stiffer one does, a softer one does,
-    too. None where they say nothing."""
-    if any(does and tau_y <= t and eta <= e for (t, e), does in mixes.items()):
+    """What runs, {(yield stress, plastic viscosity): whether it fills}, say of a mix: what a stiffer one
+    fills, a softer one fills, too. None where they say nothing."""
+    if any(full and tau_y <= t and eta <= e for (t, e), full in mixes.items()):
         return True
-    if any(not does and tau_y >= t and eta >= e for (t, e), does in mixes.items()):
+    if any(not full and tau_y >= t and eta >= e for (t, e), full in mixes.items()):
         return False
     return None
 
@@ -116,22 +119,22 @@ def next_mixes(mixes: dict, viscosities, low: float, high: float, within: float)
     stiffest, then the middle of what is left, in equal ratios."""
     wanted = []
     for eta in viscosities:
-        does, does_not = bracket(mixes, eta, low, high)
-        if does is None and does_not is None or does is None and does_not > low:
+        full, short = bracket(mixes, eta, low, high)
+        if full is None and short is None or full is None and short > low:
             wanted.append((low, eta))
-        elif does is not None and does_not is None and does < high:
+        elif full is not None and short is None and full < high:
             wanted.append((high, eta))
-        elif does is not None and does_not is not None and does_not > does * (1.0 + within):
-            wanted.append((float(f"{math.sqrt(does * does_not):.4g}"), eta))
+        elif full is not None and short is not None and short > full * (1.0 + within):
+            wanted.append((float(f"{math.sqrt(full * short):.4g}"), eta))
     return wanted
 
 
 def bracket(mixes: dict, eta: float, low: float, high: float) -> tuple[float | None, float | None]:
     """The largest yield stress known to do at a plastic viscosity, and the smallest known not to."""
     looked = sorted({low, high, *(tau_y for tau_y, _ in mixes)})
-    does = [tau_y for tau_y in looked if known(mixes, tau_y, eta) is True]
-    does_not = [tau_y for tau_y in looked if known(mixes, tau_y, eta) is False]
-    return max(does, default=None), min(does_not, default=None)
+    full = [tau_y for tau_y in looked if known(mixes, tau_y, eta) is True]
+    short = [tau_y for tau_y in looked if known(mixes, tau_y, eta) is False]
+    return max(full, default=None), min(short, default=None)
 
 
 def require(scene: str, wanted: Wanted, out, executor="local", workers=None, watch=None, run=run_case, **parameters):
@@ -170,13 +173,13 @@ def require(scene: str, wanted: Wanted, out, executor="local", workers=None, wat
         mixes, rows = carried_out(ahead)
     ends = {eta: bracket(mixes, eta, wanted.softest, wanted.stiffest) for eta in viscosities}
     if wanted.pressure is not None:  # by its own run also where others told that a mix fills
-        mixes, rows = carried_out([(does, eta) for eta, (does, _) in ends.items() if does is not None])
+        mixes, rows = carried_out([(full, eta) for eta, (full, _) in ends.items() if full is not None])
     borders, by_mix = [], dict(zip(planned, rows, strict=True))
-    for eta, (does, does_not) in ends.items():
-        missing = 1.0 - by_mix[does_not, eta].get(FILLED, math.nan) if (does_not, eta) in by_mix else None
-        border = Border(eta, does, does_not, missing)
-        if wanted.pressure is not None and does is not None:
-            border = replace(border, pressure=pressure_of(by_mix[does, eta]), allowed=wanted.pressure)
+    for eta, (full, short) in ends.items():
+        missing = 1.0 - by_mix[short, eta].get(FILLED, math.nan) if (short, eta) in by_mix else None
+        border = Border(eta, full, short, missing)
+        if wanted.pressure is not None and full is not None:
+            border = replace(border, pressure=pressure_of(by_mix[full, eta]), allowed=wanted.pressure)
         borders.append(border)
     return borders, rows
 

@@ -58,7 +58,7 @@ def test_a_study_is_kept_and_tells_a_slump_to_order(tmp_path):
     borders, rows = study(tmp_path / "study", calls, wanted)
     assert len(set(calls)) == len(calls) == len(rows)
     for border in borders:
-        assert border.does <= limit(border.plastic_viscosity) < border.does_not <= 1.2 * border.does
+        assert border.fills_up_to <= limit(border.plastic_viscosity) < border.empty_from <= 1.2 * border.fills_up_to
         assert border.missing == pytest.approx(0.1)
         (slump, flow), (less, _) = border.slumps(2300.0)
         assert 0.0 < less < slump < 0.3 < flow
@@ -71,13 +71,19 @@ def test_a_study_is_kept_and_tells_a_slump_to_order(tmp_path):
 
 def test_ends_of_what_is_looked_at_and_a_bound_of_the_pressure(tmp_path):
     soft, _ = study(tmp_path / "soft", [], Wanted(plastic_viscosity="20", stiffest=50.0))
-    assert (soft[0].does, soft[0].does_not) == (50.0, None) and "nothing stiffer was looked at" in soft[0].told(2300.0)
+    assert (soft[0].fills_up_to, soft[0].empty_from) == (50.0, None) and "nothing stiffer was looked at" in soft[
+        0
+    ].told(2300.0)
     stiff, _ = study(tmp_path / "stiff", [], Wanted(plastic_viscosity="20", softest=500.0))
-    assert (stiff[0].does, stiff[0].does_not) == (None, 500.0) and "no mix does; 500 Pa leave" in stiff[0].told(2300.0)
+    assert (stiff[0].fills_up_to, stiff[0].empty_from) == (None, 500.0) and "no mix does; 500 Pa leave" in stiff[
+        0
+    ].told(2300.0)
     for bound, fine in ((7000.0, False), (9000.0, True)):
         found, rows = study(tmp_path / f"{bound}", [], Wanted(plastic_viscosity="20,50", pressure=bound))
         for border in found:
-            assert border.does <= limit(border.plastic_viscosity) < border.does_not and border.pressure == 8000.0
+            assert (
+                border.fills_up_to <= limit(border.plastic_viscosity) < border.empty_from and border.pressure == 8000.0
+            )
             assert ("no mix does" in border.told(2300.0)) is not fine
         assert all(row["measure_pressure"] for row in rows)
     assert Border(20.0, 5.0, None).slumps(2300.0) == [None, None], "softer than the table of the slump test"
