@@ -15,6 +15,9 @@ COARSEST = 0.1  # [m]; what is asked for beyond is millimetres
 MOST_VOLUME_ERROR = 0.02  # at any time [-], beyond which a result is doubted
 MOST_VOLUME = 0.01  # largest volume error of what is chosen [-]: a coarse cone may have the right slump by luck
 GRAVITY, DENSITY, HEIGHT = 9.81, 2300.0, 0.3  # of the standard cone [m/s2], [kg/m3], [m]
+# Over the spacing, of the slump and of half of the spread: twice the standard deviation of the difference of two runs
+# whose particles start 1e-6 l0 aside, the one of the table and this one. Measured by benchmarks/scatter.py
+SCATTER = 0.11, 0.06
 STANDARD = {"base_diameter": 2.0 / 3.0, "top_diameter": 1.0 / 3.0}  # of the cone that was measured, over its height
 
 
@@ -128,6 +131,12 @@ def expected(model: str, spacing: float, mix: Mix, rows: list[Measured] | None =
     return replace(between([fine, coarse], (1.0 - part, part), mix), spacing=spacing)
 
 
+def with_scatter(row: Measured) -> Measured:
+    """With what another run may be off besides, for its last digits are chance."""
+    slump, reach = SCATTER
+    return replace(row, slump=row.slump + slump * row.spacing, reach=row.reach + reach * row.spacing)
+
+
 def nearest(mix: Mix) -> Mix:
     """The measured mix that is nearest."""
     return min((row.mix for row in measured()), key=lambda other: math.dist(place(mix), place(other)))
@@ -152,10 +161,12 @@ def of_run(summary: dict) -> tuple[Mix, float] | None:
 
 
 def expected_of(summary: dict) -> Measured | None:
-    """What is to be expected of a run, from its summary; None where nothing like it was measured."""
+    """What is to be expected of a run, from its summary, its scatter included; None where nothing like it was
+    measured."""
     found = of_run(summary)
     given = summary.get("parameters", {})
-    return expected(given.get("model"), given.get("spacing", 0.0) / found[1], found[0]) if found else None
+    row = expected(given.get("model"), given.get("spacing", 0.0) / found[1], found[0]) if found else None
+    return row and with_scatter(row)
 
 
 # ---- a choice --------------------------------------------------------------------------------------------------

@@ -98,7 +98,7 @@ def accuracy_expected(run: Told) -> str:
     sizes = sorted(
         {row.spacing for row in accuracy.measured() if row.model == model} | {here.spacing} if here else set()
     )
-    rows = [row for row in (accuracy.expected(model, size, mix) for size in reversed(sizes)) if row]
+    rows = [accuracy.with_scatter(row) for size in reversed(sizes) if (row := accuracy.expected(model, size, mix))]
     if not rows:
         return text
     cells = [("particle size", "slump within", "diameter within", "volume within")]
