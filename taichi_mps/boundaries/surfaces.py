@@ -40,6 +40,7 @@ class Surface:
         )  # of a unilateral wall: Walls gives what is carried
         self.clock, self.travels = clock, bool(np.any(wall.travel))
         self.moves = self.travels  # its place changes
+        self.drives = wall.speed > 0.0  # it moves, or slides in itself
         self.separates = wall.thin  # the fluid on one side of it does not feel that on the other
         self.travel = ti.types.vector(dimension, ti.f64)(wall.travel)
         self.point = ti.types.vector(dimension, ti.f64)(wall.point)

@@ -15,7 +15,7 @@ from ..runtime.backend import real, ti
 from ..runtime.field_io import FieldIO
 from ..runtime.stages import stage
 from .kernels import ring_table
-from .particles import DUMMY, FLUID, WALL
+from .particles import FLUID, STANDING, WALL
 
 # largest surface normal of a full neighbourhood: 1.15 l0 below a flat surface, where 3 % of the packing is missing
 ENCLOSED = 0.3
@@ -151,7 +151,8 @@ class Gradient:
             self.surface_normal[i] = surface_normal / self.at_surface
             kind = self.particles.kind[i]
             some = neighbour_count >= self.dimension * ti.min(1.0, self.cross_section_ratio(i))
-            stressed = some and (kind == FLUID or (kind == WALL and wet > 0)) and kind != DUMMY
+            fluid = kind == FLUID or kind == STANDING  # noqa: SIM109  (a kernel has no "in")
+            stressed = some and (fluid or (kind == WALL and wet > 0))
             self.B[i] = (
                 self.inverse(M, lattice[0]) if stressed else ti.Matrix.zero(float, self.dimension, self.dimension)
             )

@@ -4,7 +4,7 @@ import numpy as np
 
 from ..runtime.backend import double_field, ti
 from ..runtime.stages import few, flush, one_thread, stage
-from .particles import DUMMY, FLUID, WALL
+from .particles import ASIDE, DUMMY, FLUID, WALL
 
 NEARLY_FULL = 0.8  # of the room for pairs: in one step their number does not grow by a quarter
 
@@ -35,9 +35,9 @@ class Bins:
         self.cells = int(np.prod(shape))
         vector = ti.types.vector(self.dimension, ti.f64)
         self.low, self.cell_size, self.size = vector(low), vector(size / shape), vector(size)
-        self.cell_start = ti.field(ti.i32, self.cells + 1)  # first row of each cell
+        self.cell_start = ti.field(ti.i32, self.cells + 2)  # first row of each cell; one more of what is aside
         self.cell_of = ti.field(ti.i32, particles.capacity)  # linear cell of each row
-        self._fill = ti.field(ti.i32, self.cells)  # rows already put into each cell
+        self._fill = ti.field(ti.i32, self.cells + 1)  # rows already put into each cell
         self.lost = ti.field(ti.i32, ())  # particles outside the domain or not finite
 
     @ti.func
@@ -54,6 +54,18 @@ class Bins:
         return k
 
     @ti.func
+    def beside(self, c, offset):
+        """Linear cell at an offset from cell c, wrapped along periodic axes; -1 outside."""
+        number, inside = 0, True
+        for a in ti.static(range(self.dimension)):
+            k = c[a] + offset[a]
+            if ti.static(self.periodic[a]):
+                k = (k + self.shape[a]) % self.shape[a]
+            inside = inside and 0 <= k < self.shape[a]
+            number = number * self.shape[a] + k
+        return number if inside else -1
+
+    @ti.func
     def displacement(self, xi, xj):
         """x_j - x_i [m], the nearest image along periodic axes."""
         r = xj - xi
@@ -64,7 +76,8 @@ class Bins:
 
     @stage("reorder")
     def arrange(self):
-        """Put the rows into the order (cell, id), and count the particles that are lost."""
+        """Put the rows into the order (cell, id), what is set aside behind them, and count the particles that are
+        lost."""
         self._bin()
         self.particles.reorder()
         for k in range(self.cells):
@@ -74,9 +87,9 @@ class Bins:
     @ti.func
     def _bin(self):
         self.lost[None] = 0
-        for k in range(self.cells + 1):
+        for k in range(self.cells + 2):
             self.cell_start[k] = 0
-        for k in range(self.cells):
+        for k in range(self.cells + 1):
             self._fill[k] = 0
         for i in range(self.particles.count[None]):
             x = self.particles.x[i]
@@ -90,10 +103,12 @@ class Bins:
             ti.atomic_add(self.lost[None], outside)
             self.particles.x[i] = x
             k = self.linear(self.cell(x))
+            if self.particles.kind[i] == ASIDE:
+                k = self.cells
             self.cell_of[i] = k
             ti.atomic_add(self.cell_start[k + 1], 1)
         ti.loop_config(serialize=True)
-        for k in range(self.cells):
+        for k in range(self.cells + 1):
             self.cell_start[k + 1] += self.cell_start[k]
         for i in range(self.particles.count[None]):
             k = self.cell_of[i]
@@ -224,6 +239,10 @@ class NeighborList:
                 return
         flush()
         self.bins.arrange()
+        self.list_pairs()
+
+    def list_pairs(self) -> None:
+        """The neighbours of rows that are in the order of the cells."""
         self.list()
         if self.skin > 0.0:
             self.keep_positions()

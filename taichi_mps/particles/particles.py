@@ -6,9 +6,10 @@ import numpy as np
 
 from ..runtime.backend import double_field, real, ti
 from ..runtime.field_io import FieldIO
-from ..runtime.stages import stage
+from ..runtime.stages import nothing, stage
 
 FLUID, WALL, DUMMY = 0, 1, 2
+STANDING, BURIED, ASIDE = 3, 4, 5  # fluid that is left out of a step (active_set.py)
 
 
 @dataclass(frozen=True)
@@ -37,9 +38,10 @@ class Particles:
     """State of ``capacity`` particles in d dimensions. Rows are kept in the order (cell, id) by the bins.
 
     A fluid particle moves; a wall particle is fixed and carries pressure; a dummy wall particle only fills the
-    particle number density. ``start``: arrays (n, ...) of what the particles carry at first, zero where nothing is
-    said; ``volumes`` (n,) [m3]; ``carried``: what terms want them to carry besides x, u, p, shear_rate, kind and id;
-    ``to_come``: rows for particles that enter later.
+    particle number density. Fluid that is ``aside`` stands in the rows behind those in use; ``gather`` brings it back,
+    before anybody reads (active_set.py). ``start``: arrays (n, ...) of what the particles carry at first, zero where
+    nothing is said; ``volumes`` (n,) [m3]; ``carried``: what terms want them to carry besides x, u, p, shear_rate,
+    kind and id; ``to_come``: rows for particles that enter later.
     """
 
     def __init__(self, start: dict, volumes, carried: dict[str, Carried], axisymmetric=False, to_come: int = 0):
@@ -63,36 +65,60 @@ class Particles:
         self.carried = {name: make(name) for name in wanted}
         self.carries_stress = "stress" in wanted
         twin = {name: make(name) for name in wanted}  # scratch of the reorder
-        self._pairs = [(field, twin[name]) for name, field in self.carried.items()]
+        self.twins = [(field, twin[name]) for name, field in self.carried.items()]
         for name, field in self.carried.items():
             setattr(self, name, field)
         self.has_walls = bool((np.asarray(start.get("kind", FLUID)) != FLUID).any())
         self.count = ti.field(ti.i32, ())  # particles in use
+        self.aside = ti.field(ti.i32, ())  # fluid particles behind them
+        self.gather = nothing  # bring these back
         self.source_row = ti.field(ti.i32)  # row that each particle had before the reorder
-        others = [field for pair in self._pairs if pair[0] is not self.x for field in pair]
+        others = [field for pair in self.twins if pair[0] is not self.x for field in pair]
         for field in (*others, self.source_row):
             ti.root.dense(ti.i, self.capacity).place(field)
-        self.rows = FieldIO(self.carried, self.capacity)
+        self.rows, self._positions = FieldIO(self.carried, self.capacity), FieldIO({"x": self.x}, self.capacity)
         self.load({**start, "id": np.arange(n)} | ({"ring": volumes} if axisymmetric else {}))
 
     def load(self, state: dict) -> None:
         """Put arrays (n, ...) into the fields; what is not named becomes zero."""
+        self.gather()
         self.count[None] = len(state["x"])
         self.rows.load(state, len(state["x"]))
 
+    @property
+    def number(self) -> int:
+        """Of particles that are there."""
+        return self.count[None] + self.aside[None]
+
     def read(self) -> dict[str, np.ndarray]:
         """All carried fields (n, ...), in the order of the rows."""
+        self.gather()
         return self.rows.read(self.count[None])
+
+    def positions(self) -> np.ndarray:
+        """Positions (n, d) [m] of all particles, in the order of the rows; those aside stay there."""
+        return self._positions.read(self.number)["x"]
 
     def append(self, positions, velocity, mix: int = 0) -> None:
         """Fluid particles of a mix at positions (m, d) [m] with a velocity (d,) [m/s], numbered on; all else of them is
         zero."""
-        old, m = self.read(), len(positions)
-        new = {name: np.zeros((m, *rows.shape[1:]), rows.dtype) for name, rows in old.items()}
-        n = len(old["id"])
-        new |= {"x": positions, "u": np.tile(velocity, (m, 1)), "kind": np.full(m, FLUID), "id": np.arange(n, n + m)}
-        new["mix"] = np.full(m, mix)
-        self.load({name: np.concatenate([old[name], new[name]]) for name in old})
+        self.gather()
+        rows = np.concatenate([positions, np.tile(velocity, (len(positions), 1))], axis=1)
+        self._append(np.ascontiguousarray(rows, float), mix)
+        self.count[None] += len(rows)
+
+    @ti.kernel
+    def _append(self, rows: ti.types.ndarray(ti.f64, 2), mix: ti.i32):
+        for k in range(rows.shape[0]):
+            i = self.count[None] + k
+            for field, _ in ti.static(self.twins):
+                field[i] = ti.zero(field[i])
+            for a in ti.static(range(self.dimension)):
+                self.x[i][a] = rows[k, a]
+                self.u[i][a] = ti.cast(rows[k, self.dimension + a], float)
+            self.kind[i], self.id[i] = FLUID, i
+            if ti.static("mix" in self.carried):
+                self.mix[i] = mix
 
     @ti.func
     def volume(self, i):
@@ -106,8 +132,8 @@ class Particles:
     def reorder(self):
         """Move every carried field from row source_row[i] to row i."""
         for i in range(self.count[None]):
-            for field, twin in ti.static(self._pairs):
+            for field, twin in ti.static(self.twins):
                 twin[i] = field[self.source_row[i]]
         for i in range(self.count[None]):
-            for field, twin in ti.static(self._pairs):
+            for field, twin in ti.static(self.twins):
                 field[i] = twin[i]

@@ -1,9 +1,8 @@
 """Numerics: how a scene is to be computed, by which scheme. Each number is declared here and nowhere else."""
 
-import warnings
 from typing import ClassVar, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from ..units import Checked, Count, Duration, RadiusRatio, Ratio
 
@@ -16,7 +15,7 @@ class Implicit(Checked):
 
     ``passes`` is the number of augmented-Lagrangian (Uzawa) iterations of a step: each solves for the velocity and then
     corrects stress and pressure. The last solve stops at ``tolerance``, those before at ten times that.
-    ``sleep`` is accepted and does nothing.
+    ``sleep``: whether what stands still is left out of the steps (the active set, particles/active_set.py).
     """
 
     scheme: ClassVar[str] = "implicit"
@@ -29,16 +28,15 @@ class Implicit(Checked):
     passes: Count = Field(6, description="augmented-Lagrangian (Uzawa) iterations a step")
     effective_radius_ratio: RadiusRatio = Field(2.1, description=RADIUS)
     wall_loads: bool = Field(False, description="measure force and torque of the fluid on each wall")
-    sleep: bool = Field(False, description="does nothing yet: to leave out of the solve what has come to rest")
+    sleep: Literal["auto", "on", "off"] = Field(
+        "auto", description="leave what stands still out of the steps; auto: where there are particles enough"
+    )
 
-    @model_validator(mode="after")
-    def _warn_of_sleep(self):
-        if self.sleep:
-            warnings.warn(
-                "sleep = True: does nothing until a later version gives it a solve whose cost follows what moves",
-                stacklevel=1,  # by text: once in a process
-            )
-        return self
+    @field_validator("sleep", mode="before")
+    @classmethod
+    def _read_what_was_said_before(cls, sleep):
+        """Until this version it was a switch, and did nothing."""
+        return {False: "off", True: "on"}.get(sleep, sleep) if isinstance(sleep, bool) else sleep
 
 
 class SemiImplicit(Checked):

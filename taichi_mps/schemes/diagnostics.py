@@ -16,6 +16,7 @@ from .step_report import StepReport
 NOT_A_NUMBER = 1e12  # squared speed [m2/s2] that stands for what is not finite
 MOST_LOST = 0.2  # of the volume; impacts and thin films lose up to 0.05 (docs/stability.md)
 SUMS, SOLVE = 13, 3
+PACKING = [7, 8, 9, 10]  # of these what reads the volume
 
 
 @ti.data_oriented
@@ -32,14 +33,22 @@ class Diagnostics:
         # neighbours: particles in pairs or clumps have a large surface normal, and would pass for a surface; V a^2;
         # V of what flows. Iterations of the step; (r, z) and reference of the last solve over each other, its status
         self.numbers = np.zeros(SUMS + SOLVE)
+        self.packing = np.zeros(len(PACKING))  # of the last step of all
         self.enclosed = 0.0  # part of the volume that has a full neighbourhood, from which the volume error is read [-]
         self.lost_volume = 0.0  # [m3]: negative where the fluid has become looser
         self.solve_status = ""  # of the last solve
 
-    def report(self, dt: float, iterations: int) -> StepReport:
-        """What a step of dt [s] did, with so many iterations for the viscosity; number and time are the caller's."""
+    def report(self, dt: float, iterations: int, left_out: int = 0) -> StepReport:
+        """What a step of dt [s] did, with so many iterations for the viscosity; number and time are the caller's.
+        Particles that were ``left_out`` count as standing still, and the packing as it was with them."""
         flush()
         self._add(self.numbers)
+        if left_out:
+            self.numbers[[0, 6]] += left_out
+            self.numbers[2] += left_out * self.particles.usual_volume
+            self.numbers[PACKING] = self.packing
+        else:
+            self.packing = self.numbers[PACKING]
         numbers = self.numbers.tolist()
         count, speed2, whole, squares, fourths, energy, unyielded, packing, volume, crowd, room, pushes, flowing = (
             numbers[:SUMS]

@@ -7,9 +7,11 @@ are its multipliers; then the particles are shifted and drift the other half.
 
 import warnings
 
+from ..boundaries.sampled import Sampled
+from ..particles.active_set import EVERY, ActiveSet, NoActiveSet
 from ..particles.pair_sums import PairSums
 from ..runtime.field_io import FieldIO
-from ..runtime.stages import nothing, repeat
+from ..runtime.stages import FEW, nothing, repeat
 from ..terms.constants import Constants
 from ..terms.deferred_correction import DeferredCorrection
 from ..terms.hourglass import HourglassResistance
@@ -20,6 +22,7 @@ from ..terms.momentum_drift import MomentumDrift, NoMomentumDrift, free_directio
 from ..terms.motion import Motion
 from ..terms.pressure_smoothing import PressureSmoothing
 from ..terms.shifting import Shifting
+from ..terms.standstill import Standstill
 from ..terms.strain_rate import SolvedRate, StrainRate
 from ..terms.stress import Stress
 from ..terms.volume_constraint import STRAIN, VolumeConstraint
@@ -83,6 +86,12 @@ class Implicit:
         if directions.any():
             self.momentum_drift = MomentumDrift(self.particles, self.constants, directions, g)
 
+        self.active_set = NoActiveSet(self.neighbors)
+        if may_stand(problem, self.particles, walls) and isinstance(self.momentum_drift, NoMomentumDrift):
+            ahead = EVERY * self.numerics.courant_number * scene.spacing
+            of_stress = self.constants, self.stress, self.pressure
+            self.active_set = ActiveSet(self.neighbors, Standstill(self.particles, walls, *of_stress, problem, ahead))
+
         self.operator = MomentumOperator(*fluid, sums, walls, self.constants, self.stress, self.resistance)
         known = self.pressure, self.constraint, self.correction, self.wall_stress
         self.source = MomentumSource(self.operator, *known, g)
@@ -100,13 +109,13 @@ class Implicit:
         ends = solve.solver, solve.iterations
         self.diagnostics = Diagnostics(*fluid, self.constants, yielded, *ends, self.base.lattice)
 
-    def step(self, dt: float):
-        """One step of dt [s]."""
+    def step(self, dt: float, looked_at: bool = False):
+        """One step of dt [s], whose result is ``looked_at`` or not."""
         u, first = self.velocity.velocity, int(self.first)
         iterations = FIRST_ITERATIONS if first else self.numerics.passes
         self.constants.set_time_step(dt)
         self.drift(dt)
-        self.neighbors.search()
+        self.active_set.search(looked_at)
         self.gradient.build()
         self.predict(dt, first)
         self.constrain_volume(dt)
@@ -121,7 +130,9 @@ class Implicit:
         self.momentum_drift.restore(dt, u)
         self.shift(dt)
         self.advance(dt, u, first)
-        return self.diagnostics.report(dt, iterations)
+        report = self.diagnostics.report(dt, iterations, self.active_set.left_out)
+        self.active_set.end_step(dt)
+        return report
 
     # ---- the stages -----------------------------------------------------------------------------------------
     def drift(self, dt):
@@ -133,7 +144,7 @@ class Implicit:
         """What follows from the last velocity: pressure, viscosity, resistances, and what is taken back of them."""
         self.pressure.smooth(dt)
         self.friction.start(dt)
-        self.pressure.find_closed_box()
+        self.pressure.find_closed_box(int(self.active_set.whole))
         self.strain_rate.evaluate()
         self.stress.set_viscosity()
         self.interface.find()
@@ -206,6 +217,15 @@ class Implicit:
             limits["Courant"] = self.numerics.courant_number * self.spacing / speeds.speed
         return limits
 
+    def look(self) -> None:
+        """Before it is read: after a step that was not taken by all, what they carry is made that of all."""
+        if not self.active_set.whole:
+            self.active_set.gather()
+            self.neighbors.search()
+            self.gradient.build()
+            self.stress.find_yielded()
+            self.wall_loads.known, self.active_set.whole = False, True
+
     def fields_to_read(self, count: int) -> dict:
         """What of the first ``count`` rows is read of a step, besides what the particles carry."""
         self.pressure.read()
@@ -213,9 +233,21 @@ class Implicit:
 
     def state(self) -> dict:
         """Scalars the scheme carries from step to step."""
-        return {"first": self.first}
+        return {"first": self.first} | self.active_set.state()
 
     def load(self, state: dict) -> None:
         """Go on from a state."""
         self.wall_loads.known = False
         self.first = state["first"]
+        self.active_set.load(state)
+
+
+def may_stand(problem, particles, walls) -> bool:
+    """Whether a part of the fluid may stand still while the rest flows, and it pays to leave that out: of true yield
+    stress, in rows enough, in front of walls that are no solids where they move, and hold all that touches them."""
+    if problem.numerics.sleep == "off" or (problem.numerics.sleep == "auto" and particles.capacity < FEW):
+        return False
+    moving = any(isinstance(wall, Sampled) and wall.drives for wall in walls.surfaces)
+    loose = any(wall.unilateral for wall in walls.surfaces)
+    stands = problem.law == "bingham" and problem.rests and not particles.has_walls and not particles.axisymmetric
+    return stands and not moving and not loose

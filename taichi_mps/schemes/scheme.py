@@ -37,12 +37,16 @@ class Scheme(Protocol):
     def time_step_limits(self, speeds: Speeds) -> dict[str, float]:
         """Largest allowed steps [s] by name, for what moves now."""
 
-    def step(self, dt: float) -> StepReport:
-        """Advance the particles by dt [s]. CapacityError where the neighbour list is too short for what it meets,
-        EscapedError where particles leave the domain: then the state is that of no time."""
+    def step(self, dt: float, looked_at: bool = False) -> StepReport:
+        """Advance the particles by dt [s], to a state that is ``looked_at`` or not. CapacityError where the neighbour
+        list is too short for what it meets, EscapedError where particles leave the domain: then the state is that of
+        no time."""
 
     def relax(self) -> None:
         """Before the first step: relax an uneven fill, where the scheme needs it."""
+
+    def look(self) -> None:
+        """Before ``fields_to_read``."""
 
     def fields_to_read(self, count: int) -> dict:
         """Arrays (count, ...) that a snapshot shows besides what the particles carry: yielded, and p where it is read

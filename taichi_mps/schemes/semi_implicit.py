@@ -45,7 +45,7 @@ class SemiImplicit:
         self._to_read = FieldIO({"yielded": yielded}, self.particles.capacity)
         self.diagnostics = Diagnostics(*fluid, self.viscosity, yielded, solver, solver.iterations, base.lattice)
 
-    def step(self, dt: float):
+    def step(self, dt: float, looked_at: bool = False):
         """One step of dt [s]."""
         self.neighbors.search()
         self.gradient.build()
@@ -78,6 +78,9 @@ class SemiImplicit:
             mu = self.viscosity.largest_possible if first else self.largest_viscosity
             limits["diffusion"] = self.viscosity.stable_step(numerics.diffusion_number, self.spacing, mu)
         return limits
+
+    def look(self) -> None:
+        """Nothing is to be done before it is read."""
 
     def fields_to_read(self, count: int) -> dict:
         """What of the first ``count`` rows is read of a step, besides what the particles carry."""

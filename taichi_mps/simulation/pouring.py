@@ -43,7 +43,7 @@ class Pouring:
         its first layer and after the step of its last one."""
         flows = self.entered > 0 and not self.done
         if self.due(time):
-            layer = self.enter(time, particles.read()["x"])
+            layer = self.enter(time, particles.positions())
             if layer is not None:
                 particles.append(layer, self.inlet.velocity(self.spacing, time), self.mix)
                 flows = True

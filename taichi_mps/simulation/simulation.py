@@ -90,7 +90,7 @@ class Simulation:
         cpu = time.process_time()
         jet, until = self._pour(until)
         dt, limit = self._choose_time_step(jet, until)
-        report = self._advance(dt)
+        report = self._advance(dt, limit == "output")
         self.time, self.steps = self.time + dt, self.steps + 1
         worst = self.report.volume_error_max if self.report else 0.0
         if self.scheme.diagnostics.enclosed > LEAST_ENCLOSED:
@@ -140,7 +140,7 @@ class Simulation:
             return 0.5 * (until - self.time), "output"
         return dt, name
 
-    def _advance(self, dt) -> StepReport:
+    def _advance(self, dt, looked_at) -> StepReport:
         """A step of the scheme. Where the neighbour list turns out too short, it goes back to the start of the step,
         makes it longer, and takes the step again."""
         start = self.state() if self.neighbors.nearly_full else None
@@ -148,7 +148,7 @@ class Simulation:
             with self.execution.active():
                 if self.steps == 0:
                     self.scheme.relax()
-                return self.scheme.step(dt)
+                return self.scheme.step(dt, looked_at)
         except EscapedError as error:
             where, speed = crossing(self.particles.read(), self.scene) or ("", math.inf)
             if speed > 0.1 * self._runaway_speed:  # no number, or faster than what has fallen or was thrown
@@ -160,7 +160,7 @@ class Simulation:
             self._pairs_per_particle *= 2.0
             self._build()
             self.load(start)
-            return self._advance(dt)
+            return self._advance(dt, looked_at)
 
     def _count_seconds(self, cpu):
         if self.steps == 1:
@@ -174,7 +174,7 @@ class Simulation:
     @in_session
     def fluid_particles(self) -> int:
         """Number of fluid particles that are there now."""
-        return self.particles.count[None] - self.wall_particles
+        return self.particles.number - self.wall_particles
 
     def profile(self) -> list[tuple[str, float, int]]:
         """(stage, wall seconds, calls; of a solve its iterations) since the first step, when made with profile=True."""

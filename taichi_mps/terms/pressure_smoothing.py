@@ -68,10 +68,10 @@ class PressureSmoothing:
                 self.p[i] = self.mean(i, READING, self.once)
 
     @stage("smooth pressure")
-    def find_closed_box(self):
-        """Whether this is a full closed box."""
+    def find_closed_box(self, whole: ti.i32):
+        """Whether this is a full closed box; where the step is not that of the ``whole`` fluid, it stays what it was."""
         ti.loop_config(serialize=True)
-        for _ in range(1):
+        for _ in range(whole):
             surface, rows = 0, 0
             for i in range(self.particles.count[None]):
                 if self.gradient.B[i][0, 0] > 0.0:

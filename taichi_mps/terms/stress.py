@@ -179,6 +179,12 @@ class Stress:
             T = self.particles.stress[i]
         return T
 
+    @ti.kernel
+    def find_yielded(self):
+        """Which particles flow, by what they carry; of a true yield stress."""
+        for i in range(self.particles.count[None]):
+            self.yielded[i] = ti.cast(self.particles.plastic_rate[i].norm_sqr() > 0.0, ti.i32)
+
     @stage("advance")
     def advance(self, dt: float, u: ti.template()):
         """At the end of a step of dt [s] with the velocity u: the structure grows, the stress turns with the material
