@@ -116,6 +116,8 @@ def numerics(summary) -> list[tuple[str, str]]:
         ("particles", f"{summary['fluid_particles']} fluid, {summary['wall_particles']} wall"),
         ("scheme", summary["scheme"]),
     ]
+    if summary.get("left_out"):
+        facts.append(("left out", f"{summary['left_out']:.0%} of the particles, which stood still, mean of all steps"))
     if summary.get("volume_error") is not None:
         worst = summary.get("volume_error_max") or 0.0
         facts.append(("volume error", f"{summary['volume_error']:.2%} at the end, at most {worst:.2%}"))

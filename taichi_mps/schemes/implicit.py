@@ -1,4 +1,4 @@
-"""The default scheme: viscosity, pressure and yield stress in one implicit system per step (I1-I29).
+"""The default scheme: viscosity, pressure and yield stress in one implicit system per step (I1-I30).
 
 The step is that of an augmented Lagrangian at the middle of the step: after half of the drift the neighbours are found
 and a system for the velocity is assembled; Uzawa's iterations solve it in turn with the stress and the pressure, which
@@ -225,6 +225,11 @@ class Implicit:
             self.gradient.build()
             self.stress.find_yielded()
             self.wall_loads.known, self.active_set.whole = False, True
+
+    @property
+    def left_out(self) -> float:
+        """Part of the particles that stood still and were left out, mean of all steps [-]."""
+        return self.active_set.mean_part_left_out
 
     def fields_to_read(self, count: int) -> dict:
         """What of the first ``count`` rows is read of a step, besides what the particles carry."""

@@ -79,6 +79,8 @@ class SemiImplicit:
             limits["diffusion"] = self.viscosity.stable_step(numerics.diffusion_number, self.spacing, mu)
         return limits
 
+    left_out = 0.0  # part of the particles that is left out of the steps [-]
+
     def look(self) -> None:
         """Nothing is to be done before it is read."""
 

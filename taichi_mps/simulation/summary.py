@@ -27,6 +27,7 @@ def summary(sim) -> dict:
         "fluid_particles": sim.fluid_particles,
         "wall_particles": sim.wall_particles,
         "steps": sim.steps,
+        "left_out": sim.scheme.left_out,
         "simulated_seconds": sim.time,
         "wall_seconds": sim.wall_seconds,
         "cpu_seconds": sim.cpu_seconds,

@@ -69,7 +69,7 @@ class PressureSmoothing:
 
     @stage("smooth pressure")
     def find_closed_box(self, whole: ti.i32):
-        """Whether this is a full closed box; where the step is not that of the ``whole`` fluid, it stays what it was."""
+        """Whether this is a full closed box; in a step that is not of the ``whole`` fluid it stays what it was."""
         ti.loop_config(serialize=True)
         for _ in range(whole):
             surface, rows = 0, 0

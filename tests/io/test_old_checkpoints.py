@@ -17,7 +17,6 @@ HERE = Path(__file__).parent
 THEN = ("701126f08d8b65e3", "64a8c28f40a8727b")  # digests of a scene by the version before walls had names
 
 
-@pytest.mark.filterwarnings("ignore:sleep = True")
 @pytest.mark.parametrize("scheme", ["implicit", "semi_implicit"])
 def test_a_run_of_format_6_goes_on_as_it_would_have_gone_on_there(scheme):
     """Within rounding: sums may be in another order. 1e-6 of the largest number after two steps."""

@@ -1,6 +1,4 @@
-"""Numerics: every number with help and unit; what is accepted and does nothing says so."""
-
-import warnings
+"""Numerics: every number with help and unit; what an earlier version wrote is read."""
 
 import pytest
 
@@ -15,11 +13,9 @@ def test_every_number_of_a_scheme_has_a_help_and_the_scheme_its_name(name):
         assert field.description and len(field.description) > 8, key
 
 
-def test_sleep_is_taken_and_says_in_one_line_that_it_does_nothing(capsys):
-    with pytest.warns(UserWarning, match="^sleep = True: does nothing until a later version") as told:
-        assert mps.Implicit(sleep=True).sleep
-    assert len(told) == 1 and "\n" not in str(told[0].message)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        mps.Implicit(sleep=False)
-        mps.Implicit()
+def test_sleep_is_taken_as_earlier_versions_wrote_it():
+    """A switch then; two words now, and auto by default."""
+    assert [mps.Implicit(sleep=sleep).sleep for sleep in (False, True, "off", "on")] == ["off", "on", "off", "on"]
+    assert mps.Implicit().sleep == "auto"
+    with pytest.raises(mps.SceneError, match="sleep = sometimes: must be 'auto', 'on' or 'off'"):
+        mps.Implicit(sleep="sometimes")

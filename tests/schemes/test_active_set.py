@@ -1,0 +1,166 @@
+"""The active set: what stands still is left out of the steps, and the rest flows as if it were not."""
+
+import numpy as np
+import pytest
+
+import taichi_mps as mps
+from taichi_mps.particles.active_set import EVERY
+from taichi_mps.particles.particles import FLUID, STANDING
+
+L0 = 0.02
+MIX = mps.Bingham(yield_value=200.0, plastic_viscosity=20.0)
+BOX = mps.Implicit(sleep="on"), mps.Implicit(sleep="off")
+
+
+def layer(length=2.4, height=0.1, inlets=(), until=2.0, sides=True, material=MIX):
+    """A plane layer between smooth walls, at first at rest."""
+    x, z = (np.arange(0.5 * L0, size, L0) for size in (length, height))
+    walls = [mps.Plane((0.0, 0.0), (0.0, 1.0), name="floor")]
+    if sides:
+        walls += [mps.Plane((0.0, 0.0), (1.0, 0.0), slip=True), mps.Plane((length, 0.0), (-1.0, 0.0), slip=True)]
+    return mps.Scene(
+        "layer",
+        material,
+        L0,
+        np.stack(np.meshgrid(x, z, indexing="ij"), -1).reshape(-1, 2),
+        ((-L0, -L0), (length + L0, 1.0)),
+        walls=tuple(walls),
+        inlets=tuple(inlets),
+        until=until,
+    )
+
+
+def weight(at, start, until=2.0):
+    """The layer, onto which concrete falls at a place from 0.25 m, from a time on."""
+    inlet = mps.Inlet((at, 0.35), (0.0, -1.0), 0.06, 0.06, 0.012, start=start)
+    return layer(inlets=[inlet], until=until)
+
+
+def in_use(sim):
+    """Places and kinds of what the last step went through."""
+    count = sim.particles.count[None]
+    return sim.particles.x.to_numpy()[:count], sim.particles.kind.to_numpy()[:count]
+
+
+def test_with_nothing_asleep_it_is_the_same_run_bit_for_bit():
+    def collapse(numerics):
+        sim = mps.Simulation(mps.slump_cone(yield_value=100.0, model="quarter", spacing=0.025), numerics)
+        while sim.time < 0.2:
+            sim.step()
+        return sim
+
+    on, off = (collapse(numerics) for numerics in BOX)
+    assert on.steps > EVERY and on.scheme.left_out == 0.0
+    for name, rows in off.particles.read().items():
+        np.testing.assert_array_equal(on.particles.read()[name], rows, err_msg=name)
+
+
+@pytest.fixture(scope="module")
+def landed():
+    """A layer that stands, on which a weight lands."""
+    sim, seen, places = mps.Simulation(weight(0.4, start=1.5), BOX[0]), [], []
+    while sim.time < 1.9:
+        sim.step()
+        x, kind = in_use(sim)
+        if not sim.scheme.active_set.whole:
+            seen.append((sim.time, np.sum(kind == FLUID) / sim.particles.number))
+            places.append(x[kind == FLUID, 0])
+    return sim, np.array(seen), places
+
+
+def test_a_layer_at_rest_wakes_where_a_weight_lands_and_nowhere_else(landed):
+    sim, seen, places = landed
+    before, after = seen[:, 0] < 1.5, seen[:, 0] > 1.6
+    assert before.any() and after.any()
+    assert seen[before, 1].min() < 0.2, "the layer stands"
+    moving = [x for x, late in zip(places, after, strict=True) if late]
+    assert all(((x > 0.3) & (x < 0.5)).any() for x in moving), "awake under the weight"
+    assert max(x.max() for x in moving) < 1.4, "asleep far from it"
+    snapshot = sim.snapshot()
+    foot = snapshot.p[(snapshot.x[:, 1] < L0) & (snapshot.x[:, 0] > 1.6)]
+    assert foot.mean() == pytest.approx(MIX.density * 9.81 * (0.1 - 0.5 * L0), rel=0.03), "and carries its own weight"
+
+
+def test_all_particles_are_read_each_once_whatever_is_left_out(landed):
+    sim, *_ = landed
+    while sim.scheme.active_set.whole:
+        sim.step()
+    assert sim.particles.aside[None] > 0
+    number = sim.fluid_particles
+    snapshot = sim.snapshot()
+    assert len(snapshot.x) == number == len(np.unique(sim.particles.read()["id"]))
+    assert np.isfinite(snapshot.density_ratio).all() and snapshot.density_ratio.max() < 2.0
+
+
+def test_a_step_with_an_active_set_is_that_of_all():
+    """From one state: what the border gives to the active ones is what they get in the step of all, so their
+    velocities agree as far as these are solved for, and what does not move in it does hardly in that."""
+    sim, whole = (mps.Simulation(weight(0.4, start=0.5), mps.Implicit(sleep=sleep)) for sleep in ("on", "off"))
+    while sim.time < 0.75 or sim.scheme.active_set.steps != 3:
+        sim.step()
+    state = sim.state()
+    sim.step(), whole.load(state), whole.step()
+    assert not sim.scheme.active_set.whole, "the step went through a part"
+    _x, kind = in_use(sim)
+    ids = sim.particles.id.to_numpy()[: len(kind)]
+    active = ids[kind == FLUID]
+    assert 10 < len(active) < 0.7 * sim.particles.number and (kind == STANDING).any()
+    ours, all_of_them = (
+        dict(zip(r["id"], r["u"], strict=True)) for r in (sim.particles.read(), whole.particles.read())
+    )
+    fast = np.array([all_of_them[i] for i in active])
+    error = np.array([ours[i] for i in active]) - fast
+    assert np.abs(fast).max() > 0.05
+    assert np.abs(error).max() < 0.01 * np.abs(fast).max()
+    others = np.array([u for i, u in all_of_them.items() if i not in set(active)])
+    assert np.abs(others).max() < 0.01 * np.abs(fast).max()
+
+
+def test_a_column_poured_layer_by_layer_carries_its_weight_at_the_foot_throughout():
+    """Between smooth walls the pressure at the foot is rho g h at any time, whoever sleeps."""
+    length, rate = 0.12, 0.06
+    inlet = mps.Inlet(
+        (0.5 * length, 0.0), (0.0, -1.0), 0.5 * length, rate, 0.072, path=((0.0, 0.0, 0.0), (1.2, 0.0, 0.6))
+    )
+    walls = [mps.Plane((0.0, 0.0), (0.0, 1.0), slip=True)]
+    walls += [mps.Plane((x, 0.0), (n, 0.0), slip=True) for x, n in ((0.0, 1.0), (length, -1.0))]
+    domain = (-L0, -L0), (length + L0, 1.0)
+    scene = mps.Scene("column", MIX, L0, None, domain, walls=tuple(walls), inlets=(inlet,), until=1.6)
+    sim, errors = mps.Simulation(scene, BOX[0]), []
+
+    def look(sim):
+        s = sim.snapshot()
+        if len(s.x) > 60:
+            weight = MIX.density * 9.81 * (len(s.x) * L0**2 / length - 0.5 * L0)
+            errors.append(s.p[s.x[:, 1] < L0].mean() / weight - 1.0)
+
+    sim.every(0.1, look)
+    sim.run()
+    assert sim.scheme.left_out > 0.05, "a part was left out"
+    assert len(errors) > 5 and np.abs(errors).max() < 0.05, errors
+
+
+def test_structure_grows_while_it_sleeps():
+    """What is set aside ages as what is not: A_thix t of all that stands since the start."""
+    mix = mps.HerschelBulkley(yield_value=200.0, consistency=20.0, structuration=100.0)
+    sim = mps.Simulation(layer(length=1.0, material=mix), BOX[0])
+    while sim.time < 2.0:
+        sim.step()
+    assert sim.scheme.left_out > 0.2
+    grown = sim.particles.read()["structure"]
+    assert np.abs(grown / grown.mean() - 1.0).max() < 0.02
+
+
+def test_a_run_goes_on_from_its_state_bit_for_bit():
+    sim = mps.Simulation(weight(0.4, start=0.8, until=1.2), BOX[0])
+    state = None
+    while sim.time < 1.1:
+        sim.step()
+        if state is None and sim.time > 0.9 and not sim.scheme.active_set.whole:
+            state = sim.state()
+    there = sim.particles.read()
+    sim.load(state)
+    while sim.time < 1.1:
+        sim.step()
+    for name, rows in sim.particles.read().items():
+        np.testing.assert_array_equal(rows, there[name], err_msg=name)
