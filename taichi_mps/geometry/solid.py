@@ -2,6 +2,8 @@
 
 import re
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -139,6 +141,19 @@ class Solid:
                 line = np.array(pair)
                 lines.append(self.placed(line, time) if self.values.ndim == 2 else np.insert(line, 1, y, axis=1))
         return lines
+
+    @cached_property
+    def thickness(self) -> float:
+        """Of its thickest part [m], at least: two nodes in the solid that lie side by side are as far apart and as deep
+        as a ball in it is wide, if its middle is between them."""
+        inside, found = np.argwhere(self.values < 0.0), []
+        for way in product((0, 1), (-1, 0, 1), (-1, 0, 1)):
+            way = np.array(way[-self.values.ndim :])
+            beside = inside + way
+            there = np.all((beside >= 0) & (beside < self.values.shape), axis=1)
+            depths = -self.values[tuple(inside[there].T)] - self.values[tuple(beside[there].T)]
+            found.append(depths.max(initial=0.0) + self.cell * np.linalg.norm(way))
+        return float(max(found))
 
     @property
     def point(self):
