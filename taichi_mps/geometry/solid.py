@@ -14,6 +14,7 @@ from .friction import Friction
 from .walls import check_surface, spin
 
 MOST_NODES = 5e7  # of one grid: 400 MB of distances
+AT_ONCE = 2e6  # nodes that a distance is asked for
 
 
 @dataclass(frozen=True)
@@ -80,10 +81,12 @@ class Solid:
         if needed > MOST_NODES:
             raise SceneError(f"cell = {cell:g} m: needs {needed:.2g} nodes; at most {MOST_NODES:.2g}")
         shape = shape.astype(int)
-        nodes = np.stack(
-            np.meshgrid(*(lo + cell * np.arange(n) for lo, n in zip(low, shape, strict=True)), indexing="ij")
-        )
-        return cls(np.asarray(distance(nodes.reshape(len(low), -1).T)).reshape(shape), tuple(low), cell, **keywords)
+        ticks = [lo + cell * np.arange(n) for lo, n in zip(low, shape, strict=True)]
+        across, values = max(1, int(AT_ONCE / np.prod(shape[1:]))), []
+        for first in range(0, shape[0], across):  # slabs, for the sake of memory
+            nodes = np.stack(np.meshgrid(ticks[0][first : first + across], *ticks[1:], indexing="ij"))
+            values.append(np.asarray(distance(nodes.reshape(len(low), -1).T)).reshape(nodes.shape[1:]))
+        return cls(np.concatenate(values), tuple(low), cell, **keywords)
 
     @classmethod
     def prism(cls, corners, cell, reach, along=None, **keywords):
