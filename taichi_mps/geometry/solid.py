@@ -147,16 +147,18 @@ class Solid:
 
     @cached_property
     def thickness(self) -> float:
-        """Of its thickest part [m], at least: two nodes in the solid that lie side by side are as far apart and as deep
-        as a ball in it is wide, if its middle is between them."""
-        inside, found = np.argwhere(self.values < 0.0), []
+        """Of its thickest part [m], about: the depths of two nodes side by side and their distance, where it gets
+        shallower beyond both, or else twice the depth of the deepest node."""
+        depth, inside, found = -self.values, np.argwhere(self.values < 0.0), [-2.0 * float(self.values.min())]
         for way in product((0, 1), (-1, 0, 1), (-1, 0, 1)):
-            way = np.array(way[-self.values.ndim :])
-            beside = inside + way
-            there = np.all((beside >= 0) & (beside < self.values.shape), axis=1)
-            depths = -self.values[tuple(inside[there].T)] - self.values[tuple(beside[there].T)]
-            found.append(depths.max(initial=0.0) + self.cell * np.linalg.norm(way))
-        return float(max(found))
+            way = np.array(way[-depth.ndim :])
+            line = [inside + k * way for k in (-1, 0, 1, 2)]
+            there = np.all([(x >= 0) & (x < depth.shape) for x in line], axis=(0, 2))
+            before, here, beside, beyond = (depth[tuple(x[there].T)] for x in line)
+            apart = self.cell * np.linalg.norm(way)
+            across = (here - before > 0.8 * apart) & (beside - beyond > 0.8 * apart)
+            found.append((here + beside)[across].max(initial=-apart) + apart)
+        return max(found)
 
     @property
     def point(self):

@@ -69,8 +69,8 @@ def thin_solids(summary) -> list[str]:
     """Of each solid that is thinner than a particle, what becomes of its resistance: tests/boundaries/test_thin_bars.py
     holds it against the exact drag of an array of cylinders."""
     return [
-        f"{name}: {1e3 * thickness:.2g} mm thick, thinner than a particle. A bar of 0.4 to 0.8 particles resists a "
-        "flow across it by a sixth less than it should, by a fifth at most; with a yield stress that was not measured."
+        f"{name}: {1e3 * thickness:.2g} mm thick, thinner than a particle. Such a bar resists a viscous flow across it "
+        "by up to a quarter less than it should; with a yield stress that was not measured."
         for name, thickness in (summary.get("thin_solids_m") or {}).items()
     ]
 
