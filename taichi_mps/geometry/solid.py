@@ -156,7 +156,7 @@ class Solid:
             there = np.all([(x >= 0) & (x < depth.shape) for x in line], axis=(0, 2))
             before, here, beside, beyond = (depth[tuple(x[there].T)] for x in line)
             apart = self.cell * np.linalg.norm(way)
-            across = (here - before > 0.8 * apart) & (beside - beyond > 0.8 * apart)
+            across = (here - before > 0.95 * apart) & (beside - beyond > 0.95 * apart)
             found.append((here + beside)[across].max(initial=-apart) + apart)
         return max(found)
 
