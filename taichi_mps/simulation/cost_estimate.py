@@ -44,7 +44,7 @@ def estimate_cost(problem: Problem) -> Cost | None:
     particles = len(scene.fluid) + sum(n * len(pour.layer) for n, pour in zip(layers, pours, strict=True))
     level = level_of(scene, particles * scene.spacing**3)
     landing = [here * landing_speed(problem, pour, time, level) for here, pour in zip(flow, pours, strict=True)]
-    speed = np.maximum(np.max(landing, axis=0), problem.speed)
+    speed = np.maximum(np.max(landing, axis=0), max((wall.speed for wall in scene.walls), default=0.0))
     quiet = own_step(problem, quiet=True), own_step(problem)
     step = np.where(np.any(flow, axis=0), quiet[1], quiet[0])
     step = np.minimum(step, problem.numerics.courant_number * scene.spacing / np.maximum(speed, 1e-9))
