@@ -17,6 +17,7 @@ import json
 import os
 import platform
 import resource
+import signal
 import subprocess
 import sys
 import time
@@ -38,7 +39,7 @@ CASES = {
     "cubic_metre": {"length": 3.0, "height": 1.7, "spacing": 0.025},
     "cubic_metre_15": {"length": 3.0, "height": 1.7, "spacing": 0.015},
 }
-EVERY = 0.25  # between two outputs [s]
+EVERY, OUTPUTS = 0.25, 170  # between two outputs [s], twice that where they would be more than so many
 FIELDS = "time_s", "steps", "particles", "cpu_s"
 FEWEST = 100  # particles from which on the cost of a step is read; before, it is the splash of the first layers
 
@@ -62,9 +63,12 @@ def compute(name: str, until: float | None) -> None:
     else:
         sim = Simulation(problem)
         folder.create(overwrite=True)
+    every = EVERY * (1 + (problem.scene.until > OUTPUTS * EVERY))
     costs = Costs(folder.path / "costs.csv", sim)
-    recorder = Recorder(folder, sim, EVERY, "wall", {"every": EVERY, "threads": 1})
-    sim.every(EVERY, costs.note)
+    recorder = Recorder(folder, sim, every, "wall", {"every": every, "threads": 1})
+    sim.every(every, costs.note)
+    for number in (signal.SIGINT, signal.SIGTERM):  # ends after a step, with a checkpoint
+        signal.signal(number, lambda *_: sim.interrupt())
     stopped_by, error = None, None
     try:
         stopped_by = sim.run(until)

@@ -90,9 +90,12 @@ class Problem:
 
     @property
     def thin_solids(self) -> dict[str, float]:
-        """Thickness [m] of the solids, by their names or numbers among the walls, that are thinner than a particle."""
+        """Thickness [m] of the solids at rest, by their names or numbers among the walls, that are thinner than a
+        particle; none where walls are particles."""
         solids = {wall.name or f"wall_{k}": wall for k, wall in enumerate(self.scene.walls) if isinstance(wall, Solid)}
-        return {name: wall.thickness for name, wall in solids.items() if wall.thickness < self.scene.spacing}
+        fixed = {name: wall.thickness for name, wall in solids.items() if wall.speed == 0.0}
+        thin = {name: thickness for name, thickness in fixed.items() if thickness < self.scene.spacing}
+        return thin if self.numerics.walls == "surfaces" else {}
 
     @property
     def fall_time(self) -> float:
