@@ -75,7 +75,8 @@ def compute(name: str, until: float | None) -> None:
     except mps.DivergedError as failure:
         stopped_by, error = failure.stopped_by, str(failure)
     costs.close()
-    found = measured(recorder.finish(stopped_by, error), costs.rows, CASES[name])
+    whole = stopped_by == "rest" or sim.time >= problem.scene.until - 1e-6
+    found = measured(recorder.finish(stopped_by, error), costs.rows, CASES[name], whole)
     known = json.loads(RESULTS.read_text()) if RESULTS.is_file() else {}
     known[name] = found
     RESULTS.write_text(json.dumps(known, indent=1, sort_keys=True) + "\n", encoding="utf-8")
@@ -120,8 +121,9 @@ def rows_of(path: Path) -> list[list[float]]:
     return [list(map(float, line.split(","))) for line in lines if line.count(",") == len(FIELDS) - 1]
 
 
-def measured(summary: dict, rows, case: dict) -> dict:
-    """What a run says of cost and memory, beside the forecast of a run to the time that it came to."""
+def measured(summary: dict, rows, case: dict, whole: bool) -> dict:
+    """What a run says of cost and memory, beside the forecast of a run to the time that it came to; ``whole``: which is
+    its end."""
     time_s, steps, particles, cpu_s = np.array(rows, float).T
     did, spent, mean = np.diff(steps), np.diff(cpu_s), 0.5 * (particles[1:] + particles[:-1])
     counted = (did > 0) & (spent > 0)  # a killed run's first row repeats
@@ -130,6 +132,7 @@ def measured(summary: dict, rows, case: dict) -> dict:
     found = {
         "case": WALL | case,
         "stopped_by": summary["stopped_by"],
+        "whole": whole,
         "simulated_s": summary["simulated_seconds"],
         "poured_l": litres,
         "pour_delay_s": summary["pour_delay_s"],
@@ -145,7 +148,7 @@ def measured(summary: dict, rows, case: dict) -> dict:
         "process_cpu_s": time.process_time(),  # of the last call, with compiling and files
         "by_particles": by_particles(mean[counted], did[counted], spent[counted]),
         "machine": platform.processor() or platform.machine(),
-        "forecast": forecast(case, summary["simulated_seconds"], summary["stopped_by"]),
+        "forecast": forecast(case, None if whole else summary["simulated_seconds"]),
     }
     return found | {"bytes_per_particle": found["peak_bytes"] / summary["fluid_particles"]}
 
@@ -160,8 +163,8 @@ def by_particles(particles, steps, seconds) -> list[list[float]]:
     return found
 
 
-def forecast(case: dict, until: float, stopped_by: str) -> dict:
-    """That of the case: of the whole where it came to rest, else of the part that was run."""
+def forecast(case: dict, until: float | None) -> dict:
+    """That of the case to its end, or ``until`` [s]."""
     from taichi_mps.problem import catalogue
     from taichi_mps.problem.problem import Problem
     from taichi_mps.simulation.cost_estimate import MEASURED, estimate_cost
@@ -169,7 +172,7 @@ def forecast(case: dict, until: float, stopped_by: str) -> dict:
     from taichi_mps.simulation.pouring import Pouring
     from taichi_mps.simulation.simulation import pairs_of
 
-    part = {} if stopped_by == "rest" else {"until": until}
+    part = {} if until is None else {"until": until}
     problem = Problem(catalogue.build("wall", **WALL, **case, **part))
     to_come = sum(Pouring(problem.scene, inlet).to_come for inlet in problem.scene.inlets)
     cost = estimate_cost(problem) if MEASURED.is_file() else None
@@ -197,7 +200,7 @@ def draw() -> None:
     MEASURED.write_text("\n".join(lines) + "\n", encoding="utf-8")
     for case in known.values():
         own = {key: value for key, value in case["case"].items() if key not in WALL}
-        case["forecast"] = forecast(own, case["simulated_s"], case["stopped_by"])
+        case["forecast"] = forecast(own, None if case["whole"] else case["simulated_s"])
     RESULTS.write_text(json.dumps(known, indent=1, sort_keys=True) + "\n", encoding="utf-8")
     for name, case in known.items():
         told = case["forecast"]
@@ -212,31 +215,28 @@ def draw() -> None:
 
 
 def chart(known: dict) -> None:
-    """Memory a particle, and cost a placed litre, over the size; filled: at rest, open: a part of a pour."""
+    """Memory a particle, cost a particle and step, and cost a placed litre, over the size; open: a part of a pour,
+    crosses: forecasts."""
     import matplotlib
 
     matplotlib.use("agg")
     from matplotlib import pyplot as plt
 
     figure, axes = plt.subplots(1, 3, figsize=(11.0, 3.6), layout="constrained")
-    spacings = sorted({case["case"]["spacing"] for case in known.values()})
-    for number, spacing in enumerate(spacings):
-        cases = [case for case in known.values() if case["case"]["spacing"] == spacing]
-        cases.sort(key=lambda case: case["particles_computed"])
-        for axis, across, value, scale in (
-            (axes[0], "particles_computed", "bytes_per_particle", 1e-3),
-            (axes[1], "particles_computed", "us_per_particle_and_step", 1.0),
-            (axes[2], "poured_l", "cpu_s_per_litre", 1.0),
-        ):
-            x, y = ([case[key] for case in cases] for key in (across, value))
-            axis.plot(x, np.multiply(y, scale), f"C{number}-", lw=0.8)
-            for k, case in enumerate(cases):
-                whole = case["stopped_by"] == "rest"
-                axis.plot(x[k], y[k] * scale, f"C{number}o", mfc=None if whole else "white",
-                          label=f"{1e3 * spacing:g} mm" if k == 0 else None)  # fmt: skip
+    for number, spacing in enumerate(sorted({case["case"]["spacing"] for case in known.values()})):
+        for k, case in enumerate(case for case in known.values() if case["case"]["spacing"] == spacing):
+            size, told = case["particles_computed"], case["forecast"]
+            values = case["bytes_per_particle"] / 1e3, case["us_per_particle_and_step"], case["cpu_s_per_litre"]
+            expected = told["bytes"] / size / 1e3, None, told["cpu_s"] / case["poured_l"]
+            for axis, value, cross in zip(axes, values, expected, strict=True):
+                label = f"{1e3 * spacing:g} mm" if k == 0 else None
+                axis.plot(size, value, f"C{number}o", mfc=None if case["whole"] else "white", label=label)
+                if cross:
+                    axis.plot(size, cross, f"C{number}x")
     titles = "memory a particle [kB]", "CPU time a particle and step [us]", "CPU time a placed litre [s]"
-    for axis, title, x in zip(axes, titles, ("computed particles", "computed particles", "placed [l]"), strict=True):
-        axis.set(title=title, xlabel=x, xscale="log", ylim=(0, None))
+    for axis, title in zip(axes, titles, strict=True):
+        axis.set(title=title, xlabel="computed particles at the end", xscale="log", xlim=(1e3, 2e5))
+        axis.set_ylim(0.0, 1.1 * axis.get_ylim()[1])
         axis.grid(alpha=0.3)
     axes[0].legend()
     figure.savefig(CHART, dpi=130)
