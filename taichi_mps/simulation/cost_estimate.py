@@ -16,7 +16,7 @@ from ..terms.constants import LONG, longest_step
 from .pouring import Pouring
 
 MEASURED = Path(__file__).with_name("cost.csv")
-LANDS = 0.85  # speed of a jet where it lands over that of a free fall to the mean level: 0.78 to 0.92 in those pours
+LANDS = 0.85  # speed of a jet where it lands over that of a free fall to the mean level: 0.76 to 0.92 in those pours
 PARTS = 2000  # of the time, in each of which steps are equally long
 
 

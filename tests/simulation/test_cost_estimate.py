@@ -64,11 +64,19 @@ def test_of_what_is_not_poured_in_space_nothing_is_known():
     assert estimate_cost(Problem(catalogue.build("slump"))) is None
 
 
-@pytest.mark.parametrize("name", ["small_32", "small_25", "small_20"])
+@pytest.mark.parametrize("name", MEASURED)
 def test_forecasts_are_within_thirty_percent_of_measured_pours(name):
+    """Those that stand beside the measurements; the next test makes one of them again."""
     row = MEASURED[name]
+    told = row["forecast"]
+    assert row["simulated_s"] == pytest.approx(told["ends_s"])
+    assert told["steps"] == pytest.approx(row["steps"], rel=0.3)
+    assert told["cpu_s"] == pytest.approx(row["cpu_s"], rel=0.3)
+    assert told["bytes"] == pytest.approx(row["peak_bytes"], rel=0.3)
+
+
+def test_the_forecast_beside_a_measurement_is_that_of_today():
+    row = MEASURED["small_32"]
     found = estimate_cost(Problem(catalogue.build("wall", **row["case"])))
-    assert row["simulated_s"] == pytest.approx(found.ends)
-    assert found.steps == pytest.approx(row["steps"], rel=0.3)
-    assert found.cpu_seconds == pytest.approx(row["cpu_s"], rel=0.3)
-    assert row["forecast"]["bytes"] == pytest.approx(row["peak_bytes"], rel=0.3)
+    assert found.steps == pytest.approx(row["forecast"]["steps"], rel=1e-6)
+    assert found.cpu_seconds == pytest.approx(row["forecast"]["cpu_s"], rel=1e-6)
