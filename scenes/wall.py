@@ -17,6 +17,7 @@ from taichi_mps.units import Duration, FlowRate, Length, Ratio
 
 FREE = 0.06  # height of the mouth above the form [m]
 NEAR, LIFT = 0.3, 0.3  # of a hose that rises: above the mean level; of what it places in one pass along the form [m]
+LEAST, AFTER = 10.0, 5.0  # time limit: at least, and after the last layer [s]
 
 
 @mps.checked
@@ -40,10 +41,13 @@ def scene(
     fill_ratio: Ratio = Field(0.95, description="share of the form that is poured"),
     sides: Literal["smooth", "rough"] = "smooth",
     measure_pressure: bool = Field(False, description="measure the pressure on the sides"),
-    until: Duration = 10.0,
+    until: Annotated[
+        Duration | None, Field(description=f"time limit, by default {AFTER:g} s after pouring, {LEAST:g} s at least")
+    ] = None,
 ) -> mps.Scene:
     """Half of the form, cut along its middle plane y = 0, and the curtain in it: upright bars and, inside of them,
-    level ones; or the mesh of the file ``rebar`` (STL, OBJ, PLY) in its place."""
+    level ones; or the mesh of the file ``rebar`` (STL, OBJ, PLY) in its place. A hose that is lowered into the form
+    must fit between the two curtains."""
     if spacing > hose_diameter / 3.0 * (1.0 + 1e-9):
         raise mps.SceneError(f"spacing = {spacing:g} m: must be at most a third of the hose, {hose_diameter / 3.0:g} m")
     half, smooth = 0.5 * width, sides == "smooth"
@@ -71,6 +75,8 @@ def scene(
     mouth = (0.5 * hose_diameter + spacing, 0.0, height + FREE)
     poured = fill_ratio * room
     path = None if hose == "above" else way(hose == "moving", length - 2.0 * mouth[0], height, poured / rate)
+    if path is not None:
+        require_room(bars, mouth, path, hose_diameter, spacing)
     inlet = mps.Inlet(mouth, (0.0, 0.0, -1.0), 0.5 * hose_diameter, rate, poured, path=path)
     lines = [[(x, y, z) for z in (0.0, height)] for x in (0.0, length) for y in (-half, half)]
     lines += [] if rebar else [bar * (1.0, side, 1.0) for bar in ends for side in (-1.0, 1.0)]
@@ -129,7 +135,7 @@ def scene(
         cavity=cavity,
         walls=walls,
         domain=((-spacing, -spacing, -spacing), (length + spacing, half + spacing, mouth[2] + 4 * spacing)),
-        until=until,
+        until=max(LEAST, poured / rate + AFTER) if until is None else until,
         stop_at_rest=True,
         wall_loads=measure_pressure,
         measure=measure,
@@ -147,6 +153,20 @@ def way(moves, along, height, time):
     x = along * (np.arange(passes + 1) % 2) * moves
     z = np.minimum(0.0, steps * height + NEAR - height - FREE)
     return tuple(zip(steps * time, x, 0.0 * x, z, strict=True))
+
+
+def require_room(bars, mouth, path, hose_diameter, spacing):
+    """SceneError where a hose along this path [s, m] from the mouth [m] would meet the bars."""
+    time, *along = np.transpose(path)
+    ways = np.linalg.norm(np.diff(np.transpose(along), axis=0), axis=1)
+    every = np.linspace(time[0], time[-1], 2 + int(len(ways) * ways.max() / (0.5 * spacing)))
+    axis = np.array(mouth) + np.transpose([np.interp(every, time, values) for values in along])
+    free = 2.0 * float(bars.distance(axis).min())
+    if hose_diameter > free:
+        raise mps.SceneError(
+            f"hose_diameter = {hose_diameter:g} m: must be at most {np.floor(1e3 * free) / 1e3:g} m, the room between "
+            "the bars, or hose = above; thinner bars or less cover leave more"
+        )
 
 
 def curtain(length, height, diameter, distance, upright, level):

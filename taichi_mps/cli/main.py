@@ -23,7 +23,7 @@ from .case_file import text as case_text
 from .console import curves, redraw
 from .options import Parser, Pictures, Run, Table, given, scene_of
 from .require import COMMANDS as REQUIRE
-from .run import BAD_INPUT, DONE, carry_out, start
+from .run import BAD_INPUT, DONE, carry_out, forecast, start
 from .study import COMMANDS as STUDY
 
 WITHOUT_REST = (
@@ -52,6 +52,8 @@ def planned(command, argv):
     parser.options(Run, leave_out=["until"] if own_until else [])
     if command == "run":
         parser.json("print the result as JSON")
+        what = "tell size, memory and processor time of the run, and end"
+        parser.groups["accuracy and cost"].add_argument("--forecast", action="store_true", help=what)
     arguments = parser.parse(argv)
 
     options = Run(**given(arguments, Run))
@@ -68,6 +70,10 @@ def planned(command, argv):
 def run(argv) -> int:
     """compute a scene or a case"""
     arguments, options, scene, method = planned("run", argv)
+    if arguments.forecast:
+        lines = forecast(Problem(scene, method), options.precision)
+        tell({"forecast": lines}, arguments.json, "\n".join(lines))
+        return DONE
     from ..io.run_folder import RunFolder, next_free
 
     usual = Path("renders") / scene.name
@@ -81,6 +87,8 @@ def run(argv) -> int:
         from ..simulation.simulation import Simulation
 
         sim = Simulation(problem, profile=options.profile)
+        if not (arguments.json or options.quiet):
+            print(plain("\n".join(forecast(problem, options.precision))), flush=True)
         return carry_out(sim, folder, options, catalogue.source(arguments.scene), arguments.json)
 
 

@@ -26,6 +26,13 @@ def start(options) -> None:
         init(options.arch, getattr(options, "precision", "f32"), options.threads)
 
 
+def forecast(problem, precision: str) -> list[str]:
+    """What a run will be, in lines for a reader; without the greeting of Taichi."""
+    with redirect_stdout(io.StringIO()):
+        from ..report.forecast import forecast as lines_of
+    return lines_of(problem, precision)
+
+
 def carry_out(sim, folder, options, source, as_json, resumed=False) -> int:
     """Run to the end, to an interrupt or a divergence, and leave a whole run folder behind in each case."""
     from ..io.recorder import Recorder

@@ -13,7 +13,7 @@ CREASE, SHORT = 0.15, 0.97  # there the slope falls by this much over a node, an
 BEND = 0.1  # change of the slope [-] from which on a node is not clearly in front of one face
 TURN = 0.8  # cosine of the angle between the normals of two faces up to which they are two
 BEYOND = 0.15  # reaches behind the other face at which a foot is beyond the edge
-NODES = 200_000  # treated at once
+NODES = 500_000  # treated at once, and a rim around them
 
 
 def inner_edges(values, cell: float, reach: float):
@@ -22,8 +22,24 @@ def inner_edges(values, cell: float, reach: float):
     faces, 1 + d): distance [m] and normal of each face at the node; where there are fewer faces the distance is
     infinite."""
     values = np.asarray(values, float)
+    d, steps = values.ndim, probes(values.ndim, reach / cell)
+    halo = max(int(np.abs(steps).max()), int(np.ceil(0.75 * reach / cell))) + 2
+    number, tables = np.full(values.shape, -1, np.int32), [np.zeros((0, d, 1 + d))]
+    across = max(1, int(NODES / np.prod(values.shape[1:])))
+    for first in range(0, len(values), across):  # slabs, for the sake of memory
+        low, high = max(0, first - halo), min(len(values), first + across + halo)
+        nodes, table = several_faces(values[low:high], cell, reach, steps, first - low, first + across - low)
+        number[tuple((nodes + low * np.eye(1, d, dtype=int)).T)] = sum(map(len, tables)) + np.arange(len(nodes))
+        tables.append(table)
+    table = np.concatenate(tables)
+    most = int(np.isfinite(table[..., 0]).sum(1).max(initial=1))
+    return number, table[:, :most]
+
+
+def several_faces(values, cell, reach, steps, first, last):
+    """Nodes (n, d) from ``first`` to before ``last`` along the first axis that have several faces, and their table (n,
+    d, 1 + d)."""
     d, shape = values.ndim, values.shape
-    number = np.full(shape, -1, np.int32)
     front = values > 0.0
     clean, crease = front.copy(), np.zeros(shape, bool)
     for axis in range(d):
@@ -33,24 +49,19 @@ def inner_edges(values, cell: float, reach: float):
         crease[inner] |= bend < -CREASE
     crease &= front & (values < reach + cell)
     if not crease.any():
-        return number, np.zeros((0, 1, 1 + d))
+        return np.zeros((0, d), int), np.zeros((0, d, 1 + d))
     normal = np.stack(np.gradient(values, cell), -1)
     size = np.linalg.norm(normal, axis=-1)
     clean &= np.abs(size - 1.0) < 0.01
     crease &= size < SHORT
     near = spread(crease, int(np.ceil(0.75 * reach / cell)))
-    near = np.argwhere(near & front & (values < reach + d**0.5 * cell))
+    near &= front & (values < reach + d**0.5 * cell)
+    near[:first], near[last:] = False, False
+    nodes = np.argwhere(near)
     normal /= np.maximum(size, 1e-9)[..., None]
-    steps = probes(d, reach / cell)
-    tables = [np.zeros((0, d, 1 + d))]
-    for part in np.array_split(near, 1 + len(near) // NODES):
-        table = faces_at(values, cell, normal, clean, part, steps, reach)
-        several = np.isfinite(table[:, 1, 0])
-        number[tuple(part[several].T)] = sum(map(len, tables)) + np.arange(several.sum())
-        tables.append(table[several])
-    table = np.concatenate(tables)
-    most = int(np.isfinite(table[..., 0]).sum(1).max(initial=1))
-    return number, table[:, :most]
+    table = faces_at(values, cell, normal, clean, nodes, steps, reach)
+    several = np.isfinite(table[:, 1, 0])
+    return nodes[several], table[several]
 
 
 def spread(where, width):
@@ -77,21 +88,35 @@ def faces_at(values, cell, normal, clean, nodes, steps, reach):
     table = np.zeros((n, d, 1 + d))
     table[:, :, 0] = np.inf
     foot = np.zeros((n, d, d))  # of each face, from the node [m]
+    wide = int(np.abs(steps).max())  # a rim around the grid, in which no place is clean
+    clean = np.pad(clean, wide)
+    flat = np.ravel_multi_index((nodes + wide).T, clean.shape)  # numbers of the nodes, by which arrays are read faster
+    strides = np.array(clean.strides)
+    z_of = np.pad(values, wide).reshape(-1)
+    m_of = np.pad(normal, [(wide, wide)] * d + [(0, 0)]).reshape(-1, d)
+    clean = clean.reshape(-1)
+    searched = np.arange(n)  # a node without a second face has no third one
     for slot in range(d):
         best = np.full(n, np.inf)
         for step in (np.zeros(d, int), *steps):
-            there = nodes + step
-            rows = np.flatnonzero(np.all((there >= 0) & (there < values.shape), axis=1))
-            rows = rows[clean[tuple(there[rows].T)]]
-            at = tuple(there[rows].T)
-            m, p = normal[at], step * cell - values[at][:, None] * normal[at]  # p: foot of that place, from the node
-            distance = -np.einsum("ij,ij->i", m, p)  # of the node from that face
-            aside = np.linalg.norm(p + distance[:, None] * m, axis=1)  # foot of the place from that of the node
+            rows = searched[best[searched] > 1e-9 * cell]  # no foot is nearer than that before the node itself
+            at = flat[rows] + strides @ step
+            here = clean[at]
+            rows, at = rows[here], at[here]
+            m, z = m_of[at], z_of[at]
+            along = m @ (step * cell)
+            distance = z - along  # of the node from that face
+            # of the foot of the place from that of the node, along the face
+            aside = np.sqrt(np.maximum(0.0, (step @ step) * cell**2 - along**2))
             sought = (distance > -cell) & (distance < reach + d**0.5 * cell) & (aside < best[rows] - 1e-9 * cell)
+            for k in range(slot):
+                sought &= np.einsum("ij,ij->i", m, table[rows, k, 1:]) < TURN
+            rows, m, z, distance, aside = (part[sought] for part in (rows, m, z, distance, aside))
+            p = step * cell - z[:, None] * m  # foot of that place, from the node
+            sought = np.full(len(rows), True)
             for k in range(slot):
                 turn, apart = m - table[rows, k, 1:], p - foot[rows, k]
                 facing = -np.einsum("ij,ij->i", turn, apart)  # of an inner edge; negative across an outer one
-                sought &= np.einsum("ij,ij->i", m, table[rows, k, 1:]) < TURN
                 sought &= facing > 0.4 * np.linalg.norm(apart, axis=1)
             rows, m, p, distance, aside = (part[sought] for part in (rows, m, p, distance, aside))
             depth = interpolate(values, nodes[rows] - distance[:, None] * m / cell)
@@ -99,6 +124,7 @@ def faces_at(values, cell, normal, clean, nodes, steps, reach):
             rows = rows[there]
             best[rows] = aside[there]
             table[rows, slot, 0], table[rows, slot, 1:], foot[rows, slot] = distance[there], m[there], p[there]
+        searched = np.flatnonzero(np.isfinite(table[:, slot, 0])) if slot else searched
     return table
 
 

@@ -2,6 +2,8 @@
 
 import re
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +14,7 @@ from .friction import Friction
 from .walls import check_surface, spin
 
 MOST_NODES = 5e7  # of one grid: 400 MB of distances
+AT_ONCE = 2e6  # nodes that a distance is asked for
 
 
 @dataclass(frozen=True)
@@ -78,10 +81,12 @@ class Solid:
         if needed > MOST_NODES:
             raise SceneError(f"cell = {cell:g} m: needs {needed:.2g} nodes; at most {MOST_NODES:.2g}")
         shape = shape.astype(int)
-        nodes = np.stack(
-            np.meshgrid(*(lo + cell * np.arange(n) for lo, n in zip(low, shape, strict=True)), indexing="ij")
-        )
-        return cls(np.asarray(distance(nodes.reshape(len(low), -1).T)).reshape(shape), tuple(low), cell, **keywords)
+        ticks = [lo + cell * np.arange(n) for lo, n in zip(low, shape, strict=True)]
+        across, values = max(1, int(AT_ONCE / np.prod(shape[1:]))), []
+        for first in range(0, shape[0], across):  # slabs, for the sake of memory
+            nodes = np.stack(np.meshgrid(ticks[0][first : first + across], *ticks[1:], indexing="ij"))
+            values.append(np.asarray(distance(nodes.reshape(len(low), -1).T)).reshape(nodes.shape[1:]))
+        return cls(np.concatenate(values), tuple(low), cell, **keywords)
 
     @classmethod
     def prism(cls, corners, cell, reach, along=None, **keywords):
@@ -139,6 +144,21 @@ class Solid:
                 line = np.array(pair)
                 lines.append(self.placed(line, time) if self.values.ndim == 2 else np.insert(line, 1, y, axis=1))
         return lines
+
+    @cached_property
+    def thickness(self) -> float:
+        """Of its thickest part [m], about: the depths of two nodes side by side and their distance, where it gets
+        shallower beyond both, or else twice the depth of the deepest node."""
+        depth, inside, found = -self.values, np.argwhere(self.values < 0.0), [-2.0 * float(self.values.min())]
+        for way in product((0, 1), (-1, 0, 1), (-1, 0, 1)):
+            way = np.array(way[-depth.ndim :])
+            line = [inside + k * way for k in (-1, 0, 1, 2)]
+            there = np.all([(x >= 0) & (x < depth.shape) for x in line], axis=(0, 2))
+            before, here, beside, beyond = (depth[tuple(x[there].T)] for x in line)
+            apart = self.cell * np.linalg.norm(way)
+            across = (here - before > 0.95 * apart) & (beside - beyond > 0.95 * apart)
+            found.append((here + beside)[across].max(initial=-apart) + apart)
+        return max(found)
 
     @property
     def point(self):

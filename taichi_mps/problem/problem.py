@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from functools import cached_property
 
+from ..geometry.solid import Solid
 from ..units import obey
 from .feasibility import RULES
 from .numerics import Implicit, SemiImplicit
@@ -86,6 +87,15 @@ class Problem:
         """Gravity [m/s2] of the scales of the scene; without weight by what moves."""
         weight = float((self.expected.gravity_vector**2).sum() ** 0.5)
         return max(weight, WEIGHTLESS * self.speed**2 / self.height) or WEIGHTLESS
+
+    @property
+    def thin_solids(self) -> dict[str, float]:
+        """Thickness [m] of the solids at rest, by their names or numbers among the walls, that are thinner than a
+        particle; none where walls are particles."""
+        solids = {wall.name or f"wall_{k}": wall for k, wall in enumerate(self.scene.walls) if isinstance(wall, Solid)}
+        fixed = {name: wall.thickness for name, wall in solids.items() if wall.speed == 0.0}
+        thin = {name: thickness for name, thickness in fixed.items() if thickness < self.scene.spacing}
+        return thin if self.numerics.walls == "surfaces" else {}
 
     @property
     def fall_time(self) -> float:

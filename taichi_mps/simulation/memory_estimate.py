@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..geometry.solid import Solid
 from ..linear.cell_multigrid import CellMultigrid
 from ..linear.node_multigrid import NodeMultigrid
 from ..memory import admit
@@ -20,6 +21,7 @@ from ..schemes.scheme import kernels
 PROCESS = 300e6  # Python, Taichi, compiled kernels, pictures
 SHOWN = 190  # of a particle of the whole body, in NumPy
 GRID = 8  # of a cell
+SOLID = 32  # of a node of a sampled solid: distance, its row among the faces of inner edges, and those
 DOUBLE = 1.85  # fields of f64 over those of f32: positions always are, numbers of rows never
 
 
@@ -65,6 +67,7 @@ def estimate(problem, to_come: int, pairs_per_particle: float, finer: float = 1.
         taken += 12 * (3 if d == 2 else 6) * len(scene.measured_walls) * rows  # f32, and f64 where they are read
     taken += coarse * (rows * fields.multigrid_particle + cells * fields.multigrid_cell)
     taken *= DOUBLE if (precision or started()["precision"]) == "f64" else 1.0
+    taken += SOLID * sum(wall.values.size for wall in scene.walls if isinstance(wall, Solid))
     body = float(scene.volumes.sum()) / scene.spacing**3 * finer**3 if scene.axisymmetric else 0.0
     return PROCESS + taken + fields.read * rows + SHOWN * (body + rows * (2 ** len(scene.mirrors) - 1))
 

@@ -35,6 +35,7 @@ def summary(sim) -> dict:
         "stopped_by": sim.stopped_by,
         **measures,
         **(filling(sim) if ended else {}),
+        **({"thin_solids_m": sim.problem.thin_solids} if sim.problem.thin_solids else {}),
         "volume_error": report.volume_error if report else 0.0,
         "volume_error_max": report.volume_error_max if report else 0.0,
         "backend": backend.started(),

@@ -342,3 +342,19 @@ def test_scenes_and_info(capsys):
 @pytest.mark.parametrize(("interval", "nice"), [(0.1, 0.1), (0.004, 0.005), (0.06, 0.05), (0.0013, 0.001), (7.4, 10)])
 def test_picture_intervals_are_round(interval, nice):
     assert running.rounded(interval) == pytest.approx(nice)
+
+
+def test_a_forecast_tells_what_a_run_will_be_and_leaves_nothing(capsys, tmp_path, monkeypatch):
+    pytest.importorskip("igl")
+    monkeypatch.chdir(tmp_path)
+    words = ["run", "wall", "--spacing", "4cm", "--until", "8s", "--forecast"]
+    assert mps.main([*words, "--json"]) == 0
+    lines = json.loads(capsys.readouterr().out)["forecast"]
+    assert "particles of 40 mm, half of the body; about " in lines[0] and " MB of memory" in lines[0]
+    assert " l; to 8 s at most some " in lines[1] and " of processor time with one thread" in lines[1]
+    assert lines[-1].startswith("bars: 16 mm thick, thinner than a particle. Such a bar resists")
+    assert mps.main(words) == 0
+    assert capsys.readouterr().out == "\n".join(lines) + "\n"
+    assert mps.main(["run", "slump", "--forecast"]) == 0
+    assert "of processor time for the flow" in capsys.readouterr().out
+    assert not any(tmp_path.iterdir())

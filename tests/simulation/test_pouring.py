@@ -346,6 +346,17 @@ def test_bars_that_cross_are_refused(tmp_path):
     assert not (tmp_path / "bars.stl").exists()
 
 
+def test_a_hose_that_is_lowered_fits_between_the_curtains():
+    """Bars of 10 mm with 25 mm of cover: their inner sides are 108 mm apart, 0.2 - 2 (0.025 + 2.1 x 0.01)."""
+    thin = {"spacing": 0.035, "bar_diameter": 0.01, "cover": 0.025, "length": 0.4, "hose": "moving"}
+    with pytest.raises(mps.SceneError, match=r"hose_diameter = 0.12 m: must be at most 0.10[78] m, .* or hose = above"):
+        catalogue.build("wall", **thin)
+    lowered = catalogue.build("wall", **thin, hose_diameter=0.105)
+    assert lowered.until == 10.0  # poured in 2.5 s
+    slow = catalogue.build("wall", **thin, hose_diameter=0.105, rate=0.003)
+    assert slow.until == pytest.approx(slow.inlets[0].volume / 0.003 + 5.0)
+
+
 def test_the_wall_judges_what_lies_in_it():
     """Its form full of a lattice, as much as is poured, passes; a particle too few, or one in the rebar, does not."""
     wall = catalogue.build("wall")
