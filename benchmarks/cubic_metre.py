@@ -35,9 +35,9 @@ CASES = {
     "small_20": {"length": 1.0, "height": 0.6, "spacing": 0.02},
     "high_32": {"length": 1.0, "height": 1.7, "spacing": 0.032},
     "long_32": {"length": 3.0, "height": 0.6, "spacing": 0.032},
-    "cubic_metre_32": {"length": 3.0, "height": 1.7, "spacing": 0.032},
-    "cubic_metre": {"length": 3.0, "height": 1.7, "spacing": 0.025},
-    "cubic_metre_15": {"length": 3.0, "height": 1.7, "spacing": 0.015},
+    "cubic_metre_32": {"length": 3.0, "height": 1.7, "spacing": 0.032, "courant_number": 0.5},
+    "cubic_metre": {"length": 3.0, "height": 1.7, "spacing": 0.025, "courant_number": 0.5},
+    "cubic_metre_15": {"length": 3.0, "height": 1.7, "spacing": 0.015, "courant_number": 0.5},
 }
 EVERY, OUTPUTS = 0.25, 170  # between two outputs [s], twice that where they would be more than so many
 FIELDS = "time_s", "steps", "particles", "cpu_s"
@@ -50,13 +50,11 @@ def compute(name: str, until: float | None) -> None:
     from taichi_mps.io import checkpoint
     from taichi_mps.io.recorder import Recorder
     from taichi_mps.io.run_folder import RunFolder
-    from taichi_mps.problem import catalogue
-    from taichi_mps.problem.problem import Problem
     from taichi_mps.simulation.simulation import Simulation
 
     folder = RunFolder(RUNS / name)
     mps.init(threads=1)
-    problem = Problem(catalogue.build("wall", **WALL, **CASES[name]))
+    problem = problem_of(CASES[name])
     if folder.checkpoint.is_file():
         state, _ = checkpoint.read_good(folder.checkpoint)
         sim = state.resume(state.admit(problem.scene))
@@ -81,6 +79,17 @@ def compute(name: str, until: float | None) -> None:
     known[name] = found
     RESULTS.write_text(json.dumps(known, indent=1, sort_keys=True) + "\n", encoding="utf-8")
     print(json.dumps({name: {key: value for key, value in found.items() if key != "by_particles"}}))
+
+
+def problem_of(case: dict, **part):
+    """The wall of a case, with the longer steps of those that ask for them."""
+    import taichi_mps as mps
+    from taichi_mps.problem import catalogue
+    from taichi_mps.problem.problem import Problem
+
+    of_scene = {key: value for key, value in case.items() if key != "courant_number"}
+    numerics = mps.Implicit(courant_number=case.get("courant_number", 0.2))
+    return Problem(catalogue.build("wall", **WALL, **of_scene, **part), numerics)
 
 
 class Costs:
@@ -165,15 +174,13 @@ def by_particles(particles, steps, seconds) -> list[list[float]]:
 
 def forecast(case: dict, until: float | None) -> dict:
     """That of the case to its end, or ``until`` [s]."""
-    from taichi_mps.problem import catalogue
-    from taichi_mps.problem.problem import Problem
     from taichi_mps.simulation.cost_estimate import MEASURED, estimate_cost
     from taichi_mps.simulation.memory_estimate import estimate
     from taichi_mps.simulation.pouring import Pouring
     from taichi_mps.simulation.simulation import pairs_of
 
     part = {} if until is None else {"until": until}
-    problem = Problem(catalogue.build("wall", **WALL, **case, **part))
+    problem = problem_of(case, **part)
     to_come = sum(Pouring(problem.scene, inlet).to_come for inlet in problem.scene.inlets)
     cost = estimate_cost(problem) if MEASURED.is_file() else None
     told = {"bytes": estimate(problem, to_come, pairs_of(problem.scene), precision="f32")}
