@@ -60,9 +60,11 @@ class Recorder:
         self.next = now + (now - begin) / CHECKPOINT_COST
 
     def step(self, sim) -> None:
-        """After a step: a row of history.csv, and a checkpoint if one is due."""
-        self.measures = sim.measures()
-        self.history.add(row_of(sim, self.measures))
+        """After a step: a row of history.csv, and a checkpoint if one is due. No row where a part was left out of the
+        step, for to measure it all would have to take part."""
+        if sim.taken_by_all:
+            self.measures = sim.measures()
+            self.history.add(row_of(sim, self.measures))
         if time.monotonic() > self.next and not due(sim.time, self.every):
             self._save()
 

@@ -219,12 +219,17 @@ class Implicit:
 
     def look(self) -> None:
         """Before it is read: after a step that was not taken by all, what they carry is made that of all."""
-        if not self.active_set.whole:
+        if not self.taken_by_all:
             self.active_set.gather()
             self.neighbors.search()
             self.gradient.build()
             self.stress.find_yielded()
             self.wall_loads.known, self.active_set.whole = False, True
+
+    @property
+    def taken_by_all(self) -> bool:
+        """Whether all particles took part in the last step."""
+        return self.active_set.whole
 
     @property
     def left_out(self) -> float:

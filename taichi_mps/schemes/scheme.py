@@ -33,6 +33,7 @@ class Scheme(Protocol):
     REMEDY: str  # what a user can do where it diverges
     base: "Discretisation"
     diagnostics: Diagnostics
+    taken_by_all: bool  # whether all particles took part in the last step
     left_out: float  # part of the particles that was left out of the steps, mean of all [-]
 
     def time_step_limits(self, speeds: Speeds) -> dict[str, float]:

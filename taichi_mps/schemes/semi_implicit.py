@@ -79,7 +79,7 @@ class SemiImplicit:
             limits["diffusion"] = self.viscosity.stable_step(numerics.diffusion_number, self.spacing, mu)
         return limits
 
-    left_out = 0.0  # part of the particles that is left out of the steps [-]
+    taken_by_all, left_out = True, 0.0  # all particles take part in each step
 
     def look(self) -> None:
         """Nothing is to be done before it is read."""

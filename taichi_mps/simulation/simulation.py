@@ -176,6 +176,11 @@ class Simulation:
         """Number of fluid particles that are there now."""
         return self.particles.number - self.wall_particles
 
+    @property
+    def taken_by_all(self) -> bool:
+        """Whether all particles took part in the last step (I30)."""
+        return self.scheme.taken_by_all
+
     def profile(self) -> list[tuple[str, float, int]]:
         """(stage, wall seconds, calls; of a solve its iterations) since the first step, when made with profile=True."""
         return [(name, seconds, calls) for name, (seconds, calls) in self.execution.spent.items()]

@@ -83,7 +83,7 @@ def run(case: Case) -> dict:
             course, over_time = [], None if spread.watched else sim.scene.over_time
             if over_time:
                 course.append(row_of(sim, sim.measures()))
-                sim.each_step(lambda sim: course.append(row_of(sim, sim.measures())))
+                sim.each_step(lambda sim: sim.taken_by_all and course.append(row_of(sim, sim.measures())))
             sim.run()
             summary, measures = sim.summary(), sim.measures()
             if over_time:

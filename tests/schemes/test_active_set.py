@@ -62,7 +62,7 @@ def landed():
     while sim.time < 1.9:
         sim.step()
         x, kind = in_use(sim)
-        if not sim.scheme.active_set.whole:
+        if not sim.taken_by_all:
             seen.append((sim.time, np.sum(kind == FLUID) / sim.particles.number))
             places.append(x[kind == FLUID, 0])
     return sim, np.array(seen), places
@@ -83,7 +83,7 @@ def test_a_layer_at_rest_wakes_where_a_weight_lands_and_nowhere_else(landed):
 
 def test_all_particles_are_read_each_once_whatever_is_left_out(landed):
     sim, *_ = landed
-    while sim.scheme.active_set.whole:
+    while sim.taken_by_all:
         sim.step()
     assert sim.particles.aside[None] > 0
     number = sim.fluid_particles
@@ -100,7 +100,7 @@ def test_a_step_with_an_active_set_is_that_of_all():
         sim.step()
     state = sim.state()
     sim.step(), whole.load(state), whole.step()
-    assert not sim.scheme.active_set.whole, "the step went through a part"
+    assert not sim.taken_by_all, "the step went through a part"
     _x, kind = in_use(sim)
     ids = sim.particles.id.to_numpy()[: len(kind)]
     active = ids[kind == FLUID]
@@ -156,7 +156,7 @@ def test_a_run_goes_on_from_its_state_bit_for_bit():
     state = None
     while sim.time < 1.1:
         sim.step()
-        if state is None and sim.time > 0.9 and not sim.scheme.active_set.whole:
+        if state is None and sim.time > 0.9 and not sim.taken_by_all:
             state = sim.state()
     there = sim.particles.read()
     sim.load(state)
