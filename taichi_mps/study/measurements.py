@@ -3,6 +3,7 @@
 import numpy as np
 from pydantic import Field
 
+from ..problem.accuracy import GRAVITY
 from ..units import Checked, Density, Duration, Length, SceneError, Viscosity, YieldValue
 from .calibration import CONSTANTS, short
 from .case import REACHED
@@ -78,6 +79,21 @@ def check_tests(test: Measurements, emulators: dict[str, Emulator]) -> None:
         most = {"mini_cone": (test.mini_cone, LARGEST * height), "mini_cone_error": (test.mini_cone_error, height)}
         check_lengths(most)
         check_base("mini_cone", test.mini_cone, test.mini_cone_error, base)
+    if "v_funnel" in emulators and test.v_funnel:
+        least, (value, error) = shortest(emulators["v_funnel"]), test.measured()["v_funnel_s"]
+        if value + 3.0 * error < least:
+            raise SceneError(
+                f"v_funnel = {value:g} s: must be more than {least:.1g} s, in which the funnel would run empty at the "
+                "speed of a free fall through its height"
+            )
+
+
+def shortest(funnel: Emulator) -> float:
+    """Time [s] in which no fluid can leave the tapered part of the funnel that a table is of, by its energy."""
+    names = "top", "outlet", "taper", "spout"
+    top, outlet, taper, spout = (funnel.settings.get(key, funnel.usual[key]) for key in names)
+    fastest = np.sqrt(2.0 * GRAVITY * (taper + spout))
+    return 0.5 * (top + outlet) * taper / (outlet * fastest)
 
 
 def sizes(cone: Emulator) -> tuple[float, float, float]:

@@ -91,6 +91,12 @@ def test_cones_of_one_shape_are_alike():
     assert np.sqrt(np.mean(apart**2)) < 2.0 * error
 
 
+def test_a_funnel_that_runs_empty_faster_than_in_a_free_fall_is_refused():
+    """Its tapered part through its outlet at sqrt(2 g H): 0.59 s."""
+    with pytest.raises(mps.SceneError, match="v_funnel = 0.1 s: must be more than 0.6 s"):
+        calibrate(v_funnel=0.1, mini_cone=0.095)
+
+
 @pytest.mark.parametrize("yield_value", [9.0, 14.0, 20.0])
 def test_a_mini_cone_alone_finds_the_yield_stress_of_the_closed_form(yield_value):
     """Roussel and Coussot's spread at rest, without inertia; the error of the form, two standard errors, is a depth at

@@ -13,6 +13,8 @@ from taichi_mps.problem.measures import Snapshot
 class Falling:
     """What the edges need of a Simulation: particles in free fall in ``dt`` [s] steps."""
 
+    taken_by_all = True
+
     def __init__(self, scene, dt=0.01):
         self.scene, self.numerics, self.dt = scene, mps.Implicit(), dt
         self.time, self.steps, self.report, self.stopped_by = 0.0, 0, None, "time"
