@@ -2,7 +2,7 @@
 
     python benchmarks/cubic_metre.py run small_32 small_25 small_20   # by name, see CASES; each in a process of its own
     python benchmarks/cubic_metre.py run cubic_metre                  # the whole, some CPU-hours
-    python benchmarks/cubic_metre.py run cubic_metre_15 --until 2     # a timed part of 300,000 particles
+    python benchmarks/cubic_metre.py filled cubic_metre_15            # ten steps of the form two thirds full
     python benchmarks/cubic_metre.py draw        # the chart, and the table of costs that a forecast reads
 
 A case goes on from its last checkpoint where it was stopped or killed; --until cuts it short, and a later call without
@@ -13,6 +13,7 @@ first step, which compiles. What was found of a case stands in benchmarks/result
 
 import argparse
 import csv
+import dataclasses
 import json
 import os
 import platform
@@ -27,6 +28,7 @@ import numpy as np
 
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS, CHART = ROOT / "benchmarks/results/cubic_metre.json", ROOT / "docs/figures/cubic_metre.png"
+FILLED = ROOT / "benchmarks/results/cubic_metre_filled.json"
 RUNS = ROOT / "renders/cubic_metre"
 WALL = {"width": 0.2, "bar_diameter": 0.01, "cover": 0.025, "hose": "moving", "hose_diameter": 0.1}
 CASES = {
@@ -41,6 +43,7 @@ CASES = {
 }
 EVERY, OUTPUTS = 0.25, 170  # between two outputs [s], twice that where they would be more than so many
 FIELDS = "time_s", "steps", "particles", "cpu_s"
+FULL, WARM, TIMED = 2.0 / 3.0, 3, 10  # of ``filled``: part of the height, steps before and in the measurement
 FEWEST = 100  # particles from which on the cost of a step is read; before, it is the splash of the first layers
 
 
@@ -89,7 +92,7 @@ def problem_of(case: dict, **part):
 
     of_scene = {key: value for key, value in case.items() if key != "courant_number"}
     numerics = mps.Implicit(courant_number=case.get("courant_number", 0.2))
-    return Problem(catalogue.build("wall", **WALL, **of_scene, **part), numerics)
+    return Problem(catalogue.build("wall", **WALL | of_scene | part), numerics)
 
 
 class Costs:
@@ -128,6 +131,41 @@ def rows_of(path: Path) -> list[list[float]]:
         return []
     lines = path.read_text(encoding="utf-8").splitlines()[1:]
     return [list(map(float, line.split(","))) for line in lines if line.count(",") == len(FIELDS) - 1]
+
+
+def filled(name: str) -> None:
+    """Time ten steps of a case whose form is two thirds full from the start, into which a hose above it pours; from
+    their cost a particle and step and the steps of the whole follows what the whole takes."""
+    import taichi_mps as mps
+    from taichi_mps.problem.problem import Problem
+    from taichi_mps.simulation.cost_estimate import estimate_cost
+    from taichi_mps.simulation.simulation import Simulation
+
+    mps.init(threads=1)
+    empty = problem_of(CASES[name] | {"hose": "above"})
+    scene, spacing = empty.scene, empty.scene.spacing
+    size = WALL["width"] * np.array([0.0, 0.5, 0.0]) + [CASES[name]["length"], 0.0, FULL * CASES[name]["height"]]
+    places = np.meshgrid(*(np.arange(0.5 * spacing, length, spacing) for length in size), indexing="ij")
+    places = np.stack(places, -1).reshape(-1, 3)
+    bars = next(wall for wall in scene.walls if wall.name == "bars")
+    fluid = places[bars.distance(places) > 0.5 * spacing]
+    sim = Simulation(Problem(dataclasses.replace(scene, fluid=fluid), empty.numerics))
+    begin = 0.0
+    for step in range(WARM + TIMED):
+        if step == WARM:
+            begin = sim.cpu_seconds
+        sim.step()
+    whole, microseconds = estimate_cost(problem_of(CASES[name])), 1e6 * (sim.cpu_seconds - begin) / TIMED / len(fluid)
+    found = {
+        "particles": len(fluid),
+        "us_per_particle_and_step": microseconds,
+        "peak_bytes": 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss,
+        "particles_of_the_whole": sum(inlet.layers(spacing) * len(scene.inlet_layer(inlet)) for inlet in scene.inlets),
+        "steps_of_the_whole": whole.steps,
+        "cpu_hours_of_the_whole": 1e-6 * microseconds * whole.particle_steps / 3600.0,
+    }
+    print(json.dumps(found))
+    FILLED.write_text(json.dumps({name: found}, indent=1) + "\n", encoding="utf-8")
 
 
 def measured(summary: dict, rows, case: dict, whole: bool) -> dict:
@@ -251,12 +289,14 @@ def chart(known: dict) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=("run", "draw", "compute"))
+    parser.add_argument("what", choices=("run", "filled", "draw", "compute"))
     parser.add_argument("names", nargs="*", choices=(*CASES, []))
     parser.add_argument("--until", type=float, help="time at which to stop for now [s]")
     arguments = parser.parse_args()
     if arguments.what == "draw":
         draw()
+    elif arguments.what == "filled":
+        filled(arguments.names[0])
     elif arguments.what == "compute":
         compute(arguments.names[0], arguments.until)
     else:
