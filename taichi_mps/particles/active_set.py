@@ -124,7 +124,7 @@ class ActiveSet:
         standing, buried, aside = self.numbers[None]
         if aside < max(PAYS * self.particles.count[None], buried):
             self.unmark()
-            self.whole = True
+            self.whole, self.standing = True, 0.0  # until it is counted again
         else:
             self.bins.arrange()
             self.set_aside()
