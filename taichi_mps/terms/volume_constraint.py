@@ -5,8 +5,10 @@ from ..runtime.stages import stage
 
 REFILL, RING_REFILL = 0.05, 0.2  # part of the packing error removed per step; thin rings lose more of it per step
 VISCOUS_REFILL, DAMPED = 0.25, 0.25  # the same where viscosity damps what it moves: above this diffusion number
-RING_FASTEST = 0.25  # at most constants.fastest; of rings also this part of the shear rate, or the shift wins
-LOOSEST = -0.03  # packing error of an enclosed particle that is taken back; more is a void, which stays
+# at most constants.fastest; of rings and in a full closed box also this part of the shear rate, or the shift wins
+RATE_FASTEST = 0.25
+# packing error of an enclosed particle that is taken back; more is a void, which stays, but a full closed box has none
+LOOSEST, EMPTY = -0.03, -1.0
 STRAIN = 0.02  # in a step, from which on packing error and shift act fully
 
 
@@ -24,24 +26,28 @@ class VolumeConstraint:
     @stage("prepare")
     def set(self, dt: float):
         """s = r (packing - 1)/dt within +-fastest, r the part that a step of dt [s] removes; only where the material
-        deforms or is torn."""
+        deforms or is torn. A full closed box has no voids: there any lack is taken back."""
         for i in range(self.particles.count[None]):
-            excess = self.gradient.packing[i] - 1.0
-            error = ti.max(excess, LOOSEST if self.gradient.enclosed(i) else 0.0)
-            fastest = self.constants.fastest[None]
+            follows = self.pressure.full[None]  # 1 where it is as fast as the shear
+            loosest = LOOSEST if self.gradient.enclosed(i) else 0.0
+            error = ti.max(self.gradient.packing[i] - 1.0, loosest if follows == 0 else EMPTY)
             if ti.static(self.gradient.axisymmetric):
-                fastest = ti.max(fastest, RING_FASTEST * self.strain_rate.rate[i])
+                follows = 1
+            fastest = ti.max(self.constants.fastest[None], follows * RATE_FASTEST * self.strain_rate.rate[i])
             divergence = ti.max(-fastest, ti.min(fastest, self.part_removed(i, dt) * error / dt))
             self.divergence[i] = divergence * self.shifting.acts(i, dt, STRAIN)
 
     @ti.func
     def part_removed(self, i, dt):
         """Part of the packing error that a step removes, by its diffusion number eta dt/(rho l0^2) [-]; in a full
-        closed box, which cannot change its volume, more would only stir."""
+        closed box, which cannot change its volume, that would only stir: there shear makes the errors, and a step
+        removes as much as it strains, 0.05 at least and 0.25 at most."""
         m = self.constants.mix(i)
         diffusion = self.constants.eta[m] * dt / (self.constants.density[m] * self.spacing**2)
         more = (VISCOUS_REFILL - self.refill) * diffusion / (DAMPED + diffusion)
-        return self.refill + more * (1 - self.pressure.full[None])
+        if self.pressure.full[None] == 1:
+            more = ti.max(0.0, ti.min(VISCOUS_REFILL, self.strain_rate.rate[i] * dt) - self.refill)
+        return self.refill + more
 
     @stage("prepare")
     def balance(self):
