@@ -47,7 +47,7 @@ FULL, WARM, TIMED = 2.0 / 3.0, 3, 10  # of ``filled``: part of the height, steps
 FEWEST = 100  # particles from which on the cost of a step is read; before, it is the splash of the first layers
 
 
-def compute(name: str, until: float | None) -> None:
+def compute(name: str, until: float | None, threads: int) -> None:
     """One case, from where it stands, to its end or to ``until`` [s]: its run folder and its entry in RESULTS."""
     import taichi_mps as mps
     from taichi_mps.io import checkpoint
@@ -56,7 +56,7 @@ def compute(name: str, until: float | None) -> None:
     from taichi_mps.simulation.simulation import Simulation
 
     folder = RunFolder(RUNS / name)
-    mps.init(threads=1)
+    mps.init(threads=threads)
     problem = problem_of(CASES[name])
     if folder.checkpoint.is_file():
         state, _ = checkpoint.read_good(folder.checkpoint)
@@ -66,7 +66,7 @@ def compute(name: str, until: float | None) -> None:
         folder.create(overwrite=True)
     every = EVERY * (1 + (problem.scene.until > OUTPUTS * EVERY))
     costs = Costs(folder.path / "costs.csv", sim)
-    recorder = Recorder(folder, sim, every, "wall", {"every": every, "threads": 1})
+    recorder = Recorder(folder, sim, every, "wall", {"every": every, "threads": threads})
     sim.every(every, costs.note)
     for number in (signal.SIGINT, signal.SIGTERM):  # ends after a step, with a checkpoint
         signal.signal(number, lambda *_: sim.interrupt())
@@ -77,7 +77,9 @@ def compute(name: str, until: float | None) -> None:
         stopped_by, error = failure.stopped_by, str(failure)
     costs.close()
     whole = stopped_by == "rest" or sim.time >= problem.scene.until - 1e-6
+    pressures = pressure_on_the_side(sim.snapshot(), CASES[name], problem.scene.material.density)
     found = measured(recorder.finish(stopped_by, error), costs.rows, CASES[name], whole)
+    found |= {"threads_of_the_last_call": threads, "pressure_on_the_side_Pa": pressures}
     known = json.loads(RESULTS.read_text()) if RESULTS.is_file() else {}
     known[name] = found
     RESULTS.write_text(json.dumps(known, indent=1, sort_keys=True) + "\n", encoding="utf-8")
@@ -168,6 +170,21 @@ def filled(name: str) -> None:
     FILLED.write_text(json.dumps({name: found}, indent=1) + "\n", encoding="utf-8")
 
 
+def pressure_on_the_side(snapshot, case: dict, density: float) -> list[list[float]]:
+    """In five layers of the height: middle [m], mean pressure [Pa] within a spacing of the long sides, and the
+    hydrostatic one below the mean level, of the fluid that is there."""
+    found, depth = [], 0.5 * WALL["width"] - np.abs(snapshot.x[:, 1])
+    here = depth < snapshot.spacing
+    level = len(snapshot.x) * snapshot.spacing**3 / (0.5 * WALL["width"] * case["length"])
+    edges = np.linspace(0.0, case["height"], 6)
+    for low, high in zip(edges[:-1], edges[1:], strict=True):
+        inside = here & (snapshot.x[:, 2] >= low) & (snapshot.x[:, 2] < min(high, level - snapshot.spacing))
+        if inside.sum() > 20:
+            middle = float(snapshot.x[inside, 2].mean())
+            found.append([middle, float(snapshot.p[inside].mean()), density * 9.81 * (level - middle)])
+    return found
+
+
 def measured(summary: dict, rows, case: dict, whole: bool) -> dict:
     """What a run says of cost and memory, beside the forecast of a run to the time that it came to; ``whole``: which is
     its end."""
@@ -231,9 +248,12 @@ def draw() -> None:
 
     known = json.loads(RESULTS.read_text())
     bins = {}
-    for case in known.values():
-        for particles, steps, seconds in case["by_particles"]:
-            bins.setdefault(int(np.floor(6.0 * np.log10(particles))), []).append((particles, steps, seconds))
+    for longer in (False, True):  # longer steps iterate more: they tell of sizes only that nothing else tells of
+        found = {}
+        for case in known.values():
+            for particles, steps, seconds in case["by_particles"] * (("courant_number" in case["case"]) == longer):
+                found.setdefault(int(np.floor(6.0 * np.log10(particles))), []).append((particles, steps, seconds))
+        bins = found | bins
     lines = [
         "# CPU-s of a step of implicit in space, by the number of particles: mean of pours into walls, one thread.",
         "# Written by `python benchmarks/cubic_metre.py draw` from benchmarks/results/cubic_metre.json.",
@@ -292,18 +312,20 @@ def main() -> None:
     parser.add_argument("what", choices=("run", "filled", "draw", "compute"))
     parser.add_argument("names", nargs="*", choices=(*CASES, []))
     parser.add_argument("--until", type=float, help="time at which to stop for now [s]")
+    parser.add_argument("--threads", type=int, default=1)
     arguments = parser.parse_args()
     if arguments.what == "draw":
         draw()
     elif arguments.what == "filled":
         filled(arguments.names[0])
     elif arguments.what == "compute":
-        compute(arguments.names[0], arguments.until)
+        compute(arguments.names[0], arguments.until, arguments.threads)
     else:
-        until = [] if arguments.until is None else ["--until", str(arguments.until)]
+        options = [] if arguments.until is None else ["--until", str(arguments.until)]
+        options += ["--threads", str(arguments.threads)]
         for name in arguments.names:
-            command = [sys.executable, str(Path(__file__)), "compute", name, *until]
-            subprocess.run(command, check=True, env=os.environ | {"OMP_NUM_THREADS": "1"})
+            command = [sys.executable, str(Path(__file__)), "compute", name, *options]
+            subprocess.run(command, check=True, env=os.environ | {"OMP_NUM_THREADS": str(arguments.threads)})
 
 
 if __name__ == "__main__":
