@@ -140,7 +140,7 @@ def draw() -> None:
     lines += ["", f"Left out: {stands.sum()} without slump, {impossible.sum()} that hold less than the cone's volume."]
     lines += [
         "",
-        "What `taichi-mps calibrate --table` says of all 103, as Bingham mixes without slip:",
+        "What `taichi-mps calibrate --table` says of all 103, without slip:",
         "",
         calibrated(),
     ]
