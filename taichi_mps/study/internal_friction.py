@@ -21,26 +21,31 @@ TABLE = Path(__file__).parent / "internal_friction.csv"  # of the standard cone;
 class Table:
     """Emulators over yield stress and friction angle: ``quarter``, of the model quarter at a usual plastic viscosity,
     and ``rings``, of the axisymmetric model, by the logarithm of plastic viscosity over density. ``usual`` is that of
-    the quarters; ``errors`` [m] are the root mean squares by which quarters at the other viscosities are missed."""
+    the quarters. Rows of the role check, quarters, too, are its error: ``scatter`` [m] at the usual viscosity, with
+    that of the quarters in squares, and ``errors`` at the others, the root mean squares by which they are missed."""
 
     def __init__(self, rows: list[dict]):
         kinds = {}
         for row in rows:
-            kinds.setdefault((row["model"], float(np.log(row["plastic_viscosity"] / row["density"]))), []).append(row)
-        quarters = {at: some for (model, at), some in kinds.items() if model == "quarter"}
-        self.usual = max(quarters, key=lambda at: len(quarters[at]))
-        self.quarter = Emulator(quarters.pop(self.usual), CONSTANTS)
-        self.rings = {at: Emulator(some, CONSTANTS) for (model, at), some in kinds.items() if model == "axisymmetric"}
-        self.errors = dict.fromkeys(CONE, 0.0)
-        missed = [self.missed(row, at) for at, some in quarters.items() for row in some]
-        self.errors = dict(zip(CONE, np.sqrt(np.mean(np.square(missed), 0)).tolist(), strict=True))
+            at = float(np.log(row["plastic_viscosity"] / row["density"]))
+            kinds.setdefault((row["role"], row["model"]), {}).setdefault(at, []).append(row)
+        ((self.usual, quarters),) = kinds["node", "quarter"].items()
+        self.quarter = Emulator(quarters, CONSTANTS)
+        self.rings = {at: Emulator(some, CONSTANTS) for at, some in kinds["node", "axisymmetric"].items()}
+        self.scatter = {name: self.quarter.scatter[name] for name in CONE}
+        self.errors, checks = dict.fromkeys(CONE, 0.0), kinds["check", "quarter"]
+        here = self.missed(checks, lambda at: at == self.usual)
+        self.errors = self.missed(checks, lambda at: at != self.usual)
+        self.scatter = {name: float(np.hypot(self.scatter[name], here[name])) for name in CONE}
 
-    def missed(self, row: dict, viscosity: float) -> list[float]:
-        """By how much it is above a cone [m]."""
-        found = AtViscosity(self, viscosity).at(
-            np.log(row["yield_value"] / row["density"]), np.log(row["friction_angle"])
-        )
-        return [float(found[name]) - row[name] for name in CONE]
+    def missed(self, checks: dict[float, list[dict]], some) -> dict[str, float]:
+        """Root mean squares [m] by which it is off the cones of ``some`` viscosities."""
+        away = []
+        for at, row in ((at, row) for at, rows in checks.items() if some(at) for row in rows):
+            point = np.log([row["yield_value"] / row["density"], row["friction_angle"]])
+            found = AtViscosity(self, at).at(*point)
+            away.append([float(found[name]) - row[name] for name in CONE])
+        return dict(zip(CONE, np.sqrt(np.mean(np.square(away), 0)).tolist(), strict=True))
 
 
 class AtViscosity:
@@ -57,7 +62,7 @@ class AtViscosity:
         every = [table.quarter, *table.rings.values()]
         self.low, self.high = np.max([each.low for each in every], 0), np.min([each.high for each in every], 0)
         self.axes, away = table.quarter.axes, 1.0 - sum(weight for at, weight in self.change[:2] if at == table.usual)
-        self.scatter = {name: float(np.hypot(table.quarter.scatter[name], away * table.errors[name])) for name in CONE}
+        self.scatter = {name: float(np.hypot(table.scatter[name], away * table.errors[name])) for name in CONE}
 
     def at(self, yields, angles, grid=False) -> dict[str, np.ndarray]:
         """The measurements at logarithms of yield stress over density and of the angle [degrees]; as Emulator.at."""
