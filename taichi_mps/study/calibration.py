@@ -267,10 +267,10 @@ class Calibration(Found):
                 0, f"the best fit lies at the edge of the table ({ends}): what is bounded is so within it only"
             )
         if self.friction:
-            lines = [str(self.friction), "the nearest Bingham mix:", *lines]
             unused = [NAMES[name] for name in self.measured if name not in CONE]
-            if unused:
-                lines.insert(1, f"  of slump and slump flow alone, not of {' and '.join(unused)}")
+            block = [str(self.friction)]
+            block += [f"  of slump and slump flow alone, not of {' and '.join(unused)}"] * bool(unused)
+            lines = [*block, "the nearest Bingham mix:", *lines] if self.contradictory else [*lines, *block]
         if self.contradictory:
             lines.insert(0, self.contradiction())
         return "\n".join(lines)

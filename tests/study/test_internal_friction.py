@@ -1,6 +1,7 @@
 """Mixes with internal friction: known ones come back, a Bingham pair stays one, what nobody explains stays so."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,6 +9,8 @@ import pytest
 from taichi_mps.cli.main import main
 from taichi_mps.study.calibrate import calibrate, emulator_of
 from taichi_mps.study.calibration import Calibration, from_facts
+from taichi_mps.study.emulator import Together
+from taichi_mps.study.fit import fit
 from taichi_mps.study.internal_friction import AtViscosity, frictional_mix, own_table
 from taichi_mps.study.mixes import TWO_ANSWERS, WITH_FRICTION, calibrate_list, tally
 
@@ -70,11 +73,17 @@ def test_a_known_yield_stress_leaves_the_angle():
 
 
 def test_a_bingham_pair_stays_one():
-    """No friction is sought, and nothing of it is told."""
+    """No friction is sought, nothing of it is told, and the answer is that of the Bingham table alone, bit for bit."""
     at = emulator_of().at(np.log(400.0 / DENSITY), np.log(50.0 / DENSITY))
     found = calibrate(slump=float(at["slump_m"]), spread=float(at["spread_m"]), check=False)
     assert found.friction is None and not found.contradictory and "friction" not in str(found)
-    assert found.yield_value.lower < 400.0 < found.yield_value.upper
+    assert repr(found) == repr(fit(Together([emulator_of()]), found.measured, DENSITY))  # its T500 is nan
+
+
+def test_the_bingham_answer_of_a_contradiction_is_bit_for_bit_that_of_its_table():
+    found = calibrate(**cone(25.0, 15.0), check=False)
+    table = fit(Together([emulator_of()]), found.measured, DENSITY)
+    assert found.friction and repr(replace(found, friction=None, alone={})) == repr(table)
 
 
 def test_what_nobody_explains_is_told_with_the_nearest():
