@@ -1,11 +1,13 @@
-"""The studies of mini-cone and V-funnel that `taichi-mps calibrate` looks into; slump_study.py has the slump's.
+"""The studies of other tests that `taichi-mps calibrate` looks into; slump_study.py has that of Bingham cones.
 
     python benchmarks/calibration_tables.py mini_cone [WORKERS]   # one process by default
     python benchmarks/calibration_tables.py v_funnel [WORKERS]
+    python benchmarks/calibration_tables.py internal_friction [WORKERS]   # six CPU-minutes
 
-Each writes taichi_mps/study/<scene>.csv, from studies/<scene>_table, where what is there is not run again. Some mixes
+Each writes taichi_mps/study/<name>.csv, from studies/<name>_table, where what is there is not run again. Some mixes
 are computed at a finer spacing, too: what it changes is the error of the table. mini_cone: rings of 2 mm and 1 mm to
-rest or 1000 s. v_funnel: a quarter at 12.5 mm and 10 mm, until it is empty.
+rest or 1000 s. v_funnel: a quarter at 12.5 mm and 10 mm, until it is empty. internal_friction: quarters of the standard
+cone at 10 mm, to rest or 120 s; what the plastic viscosity changes, by rings of 10 mm.
 """
 
 import csv
@@ -15,12 +17,28 @@ from pathlib import Path
 from taichi_mps.study.sweep import sweep
 
 ROOT = Path(__file__).resolve().parents[1]
+SCENES = {"mini_cone": "mini_cone", "v_funnel": "v_funnel", "internal_friction": "slump"}
 SHARED = {
+    "internal_friction": {"density": "2300", "until": "120", "floor_radius": "1"},
     "mini_cone": {"density": "1900", "model": "axisymmetric", "until": "1000"},
     "v_funnel": {"density": "2300", "model": "quarter"},
 }
-YIELDS = {"mini_cone": "8,14,25,45,80,140,250", "v_funnel": "10,30,60,120"}  # [Pa]
-VISCOSITIES = {"mini_cone": "0.5,1,2,4,10,50,250", "v_funnel": "5,10,25,60,150"}  # [Pa s]
+YIELDS = {  # [Pa]
+    "mini_cone": "8,14,25,45,80,140,250",
+    "v_funnel": "10,30,60,120",
+    "internal_friction": "15,20,30,42,60,85,120,180,250,350,500",
+}
+VISCOSITIES = {"mini_cone": "0.5,1,2,4,10,50,250", "v_funnel": "5,10,25,60,150", "internal_friction": "20,50,200"}
+ANGLES = "5", "8", "12", "16", "20", "25", "30"  # of internal friction [deg]; compiled in, so a study each
+QUARTERS = "15,20,30,60,120,250,500"  # [Pa], at 50 Pa s, at each of the angles
+CHECKS = (  # [Pa], [deg], [Pa s]; not for the table but for its error
+    ("30", "12", "20"),
+    ("120", "16", "20"),
+    ("60", "12", "200"),
+    ("30", "20", "200"),
+    ("20.8", "14.6", "50"),
+    ("33.1", "16.9", "50"),
+)
 SPACINGS = {"mini_cone": ("0.002", "0.001"), "v_funnel": ("0.0125", "0.01")}  # of all mixes and of the finer ones [m]
 FINER = {  # yield stress [Pa], plastic viscosity [Pa s]
     "mini_cone": (("8", "2"), ("25", "1"), ("25", "10"), ("80", "4")),
@@ -29,13 +47,33 @@ FINER = {  # yield stress [Pa], plastic viscosity [Pa s]
 HEADS = {
     "mini_cone": "Kantro's mini-cone (57.2 mm), true Bingham, mould gone at once; spread [m] at rest or 1000 s",
     "v_funnel": "V-funnel (EN 12350-9), true Bingham, rough sides, flap gone at once; flow time [s]",
+    "internal_friction": "Standard cone (JIS A 1101), Bingham with internal friction, mould gone at once; slump over "
+    "r < 20 mm and spread [m] at rest or after 120 s. Quarters at 50 Pa s are the table, rings give what the plastic "
+    "viscosity changes, checks the error: 1.5 mm of slump, 9 mm of spread at 50 Pa s; 2.5, 22 mm at 20 and 200 Pa s",
 }
-COLUMNS = {"mini_cone": "spread_m", "v_funnel": "flow_time_s"}
+COLUMNS = {"mini_cone": ["spread_m"], "v_funnel": ["flow_time_s"], "internal_friction": ["slump_m", "spread_m"]}
 KEPT = ["status", "scene", "model", "spacing", "until", "density", "yield_value", "plastic_viscosity"]
 
 
-def studies(scene: str) -> list[dict[str, str]]:
-    """The parameters of the sweeps that make the table of a test."""
+def rubbing() -> list[dict[str, str]]:
+    """The parameters of the sweeps of cones with internal friction: rings at three plastic viscosities, which give the
+    change by viscosity, quarters at one, and some of other mixes, which tell the error."""
+    name = "internal_friction"
+    names = "yield_value", "friction_angle", "plastic_viscosity"
+    rings = [(YIELDS[name], angle, VISCOSITIES[name]) for angle in ANGLES]
+    quarters = [(QUARTERS, angle, "50") for angle in ANGLES]
+    made = [dict(zip(names, mixes, strict=True)) for mixes in (*rings, *quarters, *CHECKS)]
+    models = ["axisymmetric"] * len(rings) + ["quarter"] * (len(quarters) + len(CHECKS))
+    return [SHARED[name] | it | {"model": model, "spacing": "0.01"} for it, model in zip(made, models, strict=True)]
+
+
+def studies(name: str) -> list[dict[str, str]]:
+    """The parameters of the sweeps that make a table."""
+    return rubbing() if name == "internal_friction" else of_a_test(name)
+
+
+def of_a_test(scene: str) -> list[dict[str, str]]:
+    """The same of mini-cone or V-funnel."""
     coarse, fine = SPACINGS[scene]
     etas = [VISCOSITIES[scene]] if scene == "mini_cone" else VISCOSITIES[scene].split(",")
     wanted = [(YIELDS[scene], eta, coarse) for eta in etas] + [(tau, eta, fine) for tau, eta in FINER[scene]]
@@ -46,21 +84,27 @@ def studies(scene: str) -> list[dict[str, str]]:
     return made
 
 
-def main(scene: str, workers="1") -> None:
+def main(name: str, workers="1") -> None:
     rows = []
-    for number, mixes in enumerate(studies(scene)):
-        rows += sweep(scene, f"studies/{scene}_table/{number}", workers=int(workers), watch=told, **mixes)
+    planned = studies(name)
+    for number, mixes in enumerate(planned):
+        found = sweep(SCENES[name], f"studies/{name}_table/{number}", workers=int(workers), watch=told, **mixes)
+        rows += [row | {"role": "check" if number >= len(planned) - len(CHECKS) else "node"} for row in found]
     failed = [row for row in rows if row["status"] != "done"]
     if failed:
         sys.exit(
             "\n".join(f"{row['yield_value']} Pa, {row['plastic_viscosity']} Pa s: {row['reason']}" for row in failed)
         )
-    column = COLUMNS[scene]
-    with open(ROOT / f"taichi_mps/study/{scene}.csv", "w", newline="", encoding="utf-8") as file:
-        file.write(f"# {HEADS[scene]}.\n# By version {rows[0]['version']} and benchmarks/calibration_tables.py.\n")
-        lines = csv.DictWriter(file, [*KEPT, column, "stopped_by"], extrasaction="ignore", lineterminator="\n")
+    columns = COLUMNS[name]
+    kept = KEPT + ["floor_radius", "friction_angle", "role"] * (name == "internal_friction")
+    with open(ROOT / f"taichi_mps/study/{name}.csv", "w", newline="", encoding="utf-8") as file:
+        file.write(
+            f"# {HEADS[name]}.\n# By version {rows[0]['version']} and benchmarks/calibration_tables.py {name}.\n"
+        )
+        lines = csv.DictWriter(file, [*kept, *columns, "stopped_by"], extrasaction="ignore", lineterminator="\n")
         lines.writeheader()
-        lines.writerows(row | {column: f"{row[column]:.5g}" if row[column] else None} for row in rows)
+        for row in rows:
+            lines.writerow(row | {column: f"{row[column]:.5g}" if row[column] else None for column in columns})
     seconds = sum(row["cpu_seconds"] + row["compile_seconds"] for row in rows)
     print(f"{len(rows)} cases, {seconds:.0f} CPU-seconds")
 
@@ -72,7 +116,7 @@ def told(rows, total) -> None:
             len(rows),
             "of",
             total,
-            {name: rows[-1].get(name) for name in (*KEPT, "flow_time_s", "spread_m")},
+            {name: rows[-1].get(name) for name in (*KEPT, "friction_angle", "flow_time_s", "slump_m", "spread_m")},
             flush=True,
         )
 

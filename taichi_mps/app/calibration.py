@@ -1,11 +1,10 @@
 """The mix of measured tests: measurements in, constants out, and back into the form of a run."""
 
 import json
-from dataclasses import fields
 
 from nicegui import ui
 
-from ..study.calibration import CONSTANTS, Calibration, Constant, short
+from ..study.calibration import CONSTANTS, WORDS, Calibration, from_facts, short
 from ..study.measurements import Measurements
 from .form import Form
 from .jobs import Job, Queue, as_options
@@ -55,13 +54,15 @@ class Calibrate:
 
     def found(self, facts: dict) -> None:
         """The constants, and what they rest on."""
-        kept = {key: [facts[key][field.name] for field in fields(Constant)] for key in CONSTANTS}
-        constants = {name: Constant(*values) for name, values in kept.items()}
-        along = {"by_viscosity": {float(eta): tau for eta, tau in facts["by_viscosity"].items()}}
-        known = {field.name: facts[field.name] for field in fields(Calibration)}
+        it = from_facts(Calibration, facts)
+        mix = {name: getattr(it, name).value for name in CONSTANTS}
+        if it.explained_by_friction:
+            rubs = it.friction
+            mix = {name: getattr(rubs, name).value for name in ("yield_value", "friction_angle")}
+            mix["plastic_viscosity"] = rubs.plastic_viscosity
         with ui.card().classes("w-full gap-1").props('flat bordered data-part="constants"'):
-            for line in str(Calibration(**known | constants | along)).splitlines():
+            for line in str(it).splitlines():
                 ui.label(" ".join(line.split()))
-            mix = {name: short(constant.value) for name, constant in constants.items()}
-            words = ", ".join(f"{CONSTANTS[name][0]} {text} {CONSTANTS[name][1]}" for name, text in mix.items())
+            mix = {name: short(value) for name, value in mix.items()}
+            words = ", ".join(f"{WORDS[name][0]} {text} {WORDS[name][1]}" for name, text in mix.items())
             ui.button(f"Run a test with {words}", on_click=lambda: self.use(mix)).props("no-caps outline")

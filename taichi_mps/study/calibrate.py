@@ -10,6 +10,7 @@ from ..units import SceneError, checked
 from .calibration import CONSTANTS, RHEOMETER, Calibration
 from .emulator import MEASURED, Emulator, Together, is_time
 from .fit import fit
+from .internal_friction import frictional_mix
 from .measurements import Measurements, check_known, check_tests, scenes_of
 from .results import read
 
@@ -47,7 +48,8 @@ def calibrate(test: Measurements, study: str | None = None, check: bool = True) 
 
     ``study`` is one of a test to look the answer up in, by default the package's own of each: of the standard cone
     with the mould gone at once, of Kantro's mini-cone, and of the V-funnel. With ``check`` the cones are computed once
-    more at half the spacing with the constants found, and they are corrected by the difference.
+    more at half the spacing with the constants found, and they are corrected by the difference. Where no Bingham mix is
+    near, one with internal friction is sought by slump and slump flow, in a table of the standard cone.
     """
     measured, known = test.measured(), test.known()
     emulators = emulators_of(measured, study)
@@ -57,6 +59,8 @@ def calibrate(test: Measurements, study: str | None = None, check: bool = True) 
     found = fit(tables, measured, test.rho, known=known)
     if check and (apart := difference(emulators, found, test.rho)):
         found = replace(fit(tables, measured, test.rho, apart, known), finer=apart)
+    if study is None and (found.contradictory or not found.near):
+        found = replace(found, friction=frictional_mix(measured, test.rho, known))
     return with_each_alone(emulators, found, test.rho, known)
 
 

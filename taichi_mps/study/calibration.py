@@ -1,13 +1,18 @@
 """What a calibration found: constants with intervals, and how it is told."""
 
 import math
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 
 CONTRADICTION = 9.0  # a misfit of three standard errors
 NAMES = {"slump_m": "slump", "spread_m": "slump flow", "t500_s": "T500"}
 NAMES |= {"mini_cone_m": "mini-cone spread", "v_funnel_s": "V-funnel time"}
 RHEOMETER = "rheometer"  # who says a constant that is known
+USUAL = "usual"  # who says one that is taken as of a usual mix
 CONSTANTS = {"yield_value": ("yield stress", "Pa"), "plastic_viscosity": ("plastic viscosity", "Pa s")}
+WORDS = CONSTANTS | {"friction_angle": ("friction angle", "degrees")}
+# [m] within which a mix of the model explains a measurement; Kantro's cone is a fifth of the standard one
+NEAR = {"slump_m": 0.01, "spread_m": 0.02, "mini_cone_m": 0.004}
+CONE = "slump_m", "spread_m"  # the measurements that a mix with internal friction is sought for
 TOLD = 1.1  # factor by which a constant must be less certain without a measurement that is said to determine it
 
 
@@ -36,6 +41,11 @@ class Constant:
         return self.lower is not None and self.upper is not None
 
     @property
+    def bounded(self) -> bool:
+        """Do they bound it on one side at least?"""
+        return self.lower is not None or self.upper is not None
+
+    @property
     def at_the_edge(self) -> bool:
         """Is it bounded on one side only, with the best value at an end of the table?"""
         return (self.lower is None) != (self.upper is None) and not 1.01 * self.low < self.value < 0.99 * self.high
@@ -61,8 +71,125 @@ class Constant:
         return f"{bound} {unit} (95 %), not determined further by these measurements (looked for from {ends})"
 
 
+class Found:
+    """Constants that were fitted to measurements, and which measurement determines which of them."""
+
+    @property
+    def missed(self) -> dict[str, float]:
+        """By how much the model is above what was measured, SI units."""
+        return {name: self.model[name] - value for name, (value, _) in self.measured.items()}
+
+    @property
+    def near(self) -> bool:
+        """Is the model within NEAR of each length?"""
+        return all(abs(by) <= NEAR[name] for name, by in self.missed.items() if name in NEAR)
+
+    def determines(self, name: str) -> str:
+        """Which of the constants that are bounded a measurement determines, in words."""
+        worth = self.worth.get(name, {})
+        sensed = [constant for constant in worth if self.senses(name, constant)]
+        bounded = [it for it in sensed if getattr(self, it).bounded]
+        needed = [it for it in bounded if worth[it] >= TOLD]
+        said = []
+        for constant in needed or bounded[:1]:  # without one that is needed it tells a relation of both
+            once = "".join(f" once the {WORDS[it][0]} is bounded" for it in sensed if it != constant)
+            without = f" (without it {worth[constant]:.1f} times as uncertain)" * bool(needed)
+            said.append(f"the {WORDS[constant][0]}{once}{without}")
+        return " and ".join(said) or "neither constant alone"
+
+    def source(self, constant: str) -> str:
+        """Who says most of a constant: the measurement without which it would be the least certain, a rheometer where
+        it is known, and '' where it has no bound."""
+        it = getattr(self, constant)
+        if it.low == it.high:
+            return RHEOMETER
+        named = [name for name in self.worth if self.senses(name, constant)]
+        bounded = named and it.bounded
+        return NAMES[max(named, key=lambda name: self.worth[name][constant])] if bounded else ""
+
+    def senses(self, name: str, constant: str) -> bool:
+        """Would a constant of which only the table is known move a measurement by more than its standard error?"""
+        it = getattr(self, constant)
+        return abs(self.sensitivities[name][constant]) * math.log(it.high / it.low) > math.sqrt(12.0)
+
+    def constant_lines(self, names) -> list[str]:
+        """These constants in words."""
+        return [f"{WORDS[name][0]:18} {getattr(self, name).told(WORDS[name][1])}" for name in names]
+
+    def measurement_lines(self) -> list[str]:
+        """What was measured, beside the model, and what it determines."""
+        lines = []
+        for name, (value, error) in self.measured.items():
+            factor, unit = (100.0, "cm") if name.endswith("_m") else (1.0, "s")
+            found = f"{factor * value:.2f} +- {factor * error:.2f} {unit}, of the model {factor * self.model[name]:.2f}"
+            found += f"; determines {self.determines(name)}" * bool(self.worth.get(name))
+            lines.append(f"{NAMES[name]:18} {found}")
+        return lines
+
+
 @dataclass(frozen=True)
-class Calibration:
+class FrictionalMix(Found):
+    """The mix with internal friction, yield stress c + p tan(phi), that is nearest to a slump and a slump flow at a
+    plastic viscosity, given or usual."""
+
+    yield_value: Constant  # c
+    friction_angle: Constant  # phi [degrees]
+    plastic_viscosity: float  # [Pa s]
+    given: bool  # is the plastic viscosity that of a rheometer, not a usual one?
+    density: float  # [kg/m3]
+    measured: dict[str, tuple[float, float]]
+    model: dict[str, float]
+    # yield stress [Pa] and angle [degrees] by other plastic viscosities [Pa s] at which a mix is near
+    by_viscosity: dict[float, tuple[float, float]]
+    worth: dict[str, dict[str, float]] = field(default_factory=dict)
+    sensitivities: dict[str, dict[str, float]] = field(default_factory=dict)
+
+    @property
+    def explains(self) -> bool:
+        """Is it near, and do the measurements bound both constants?"""
+        return self.near and self.yield_value.bounded and self.friction_angle.bounded
+
+    @property
+    def constants(self) -> str:
+        """In short."""
+        return (
+            f"{short(self.yield_value.value)} Pa and {short(self.friction_angle.value)} degrees at "
+            f"{short(self.plastic_viscosity)} Pa s"
+        )
+
+    @property
+    def command(self) -> str:
+        """What computes its slump."""
+        mix = {name: getattr(self, name).value for name in ("yield_value", "friction_angle")}
+        mix |= {"plastic_viscosity": self.plastic_viscosity, "density": self.density}
+        return "taichi-mps run slump " + " ".join(f"--{name.replace('_', '-')} {short(v)}" for name, v in mix.items())
+
+    def told(self) -> str:
+        """Does it explain the measurements, and how far from them is it? In one sentence."""
+        if self.explains:
+            return f"with internal friction one mix does both: {self.constants}"
+        if self.near:
+            return f"with internal friction {self.constants} does both, but its constants are not bounded"
+        missed = " and ".join(f"the {NAMES[name]} by {1e3 * by:+.0f} mm" for name, by in self.missed.items())
+        return f"with internal friction neither: the nearest, {self.constants}, misses {missed}"
+
+    def __str__(self):
+        if not self.explains:
+            return self.told()
+        source = "as given" if self.given else "a usual value, not measured"
+        lines = [*self.constant_lines(("yield_value", "friction_angle"))]
+        lines += [f"{'plastic viscosity':18} {short(self.plastic_viscosity)} Pa s, {source}"]
+        if self.by_viscosity:
+            others = (
+                f"{short(c)} Pa and {short(phi)} degrees at {eta:g}" for eta, (c, phi) in self.by_viscosity.items()
+            )
+            lines.append(f"  by plastic viscosity: {', '.join(others)} Pa s")
+        lines += [*self.measurement_lines(), f"{'to run it':18} {self.command}"]
+        return "\n".join([f"{self.told()}:", *(f"  {line}" for line in lines)])
+
+
+@dataclass(frozen=True)
+class Calibration(Found):
     """What tests say of their mix: constants, the measures of the model there, the misfit in standard errors."""
 
     yield_value: Constant
@@ -78,6 +205,12 @@ class Calibration:
     # of its own it changes with the constant's logarithm
     worth: dict[str, dict[str, float]] = field(default_factory=dict)
     sensitivities: dict[str, dict[str, float]] = field(default_factory=dict)
+    friction: FrictionalMix | None = None  # of slump and slump flow, where it was sought
+
+    @property
+    def explained_by_friction(self) -> bool:
+        """Does a mix with internal friction explain all that was measured?"""
+        return bool(self.friction and self.friction.explains and self.measured.keys() == set(CONE))
 
     @property
     def at_the_edge(self) -> list[str]:
@@ -97,7 +230,7 @@ class Calibration:
 
     def contradiction(self) -> str:
         """That no mix is near the measurements, with what each of them says alone and what to trust it for."""
-        text = "no mix comes within three standard errors: the measurements contradict each other or the model"
+        text = "no Bingham mix comes within three standard errors: the measurements contradict each other or the model"
         said = [
             f"at {short(getattr(self, other).value)} {CONSTANTS[other][1]} "
             + ", ".join(
@@ -115,44 +248,12 @@ class Calibration:
             "the slump flow for how far it runs; no single Bingham mix does both"
         )
 
-    def determines(self, name: str) -> str:
-        """Which of the constants that are bounded a measurement determines, in words."""
-        worth = self.worth.get(name, {})
-        sensed = [constant for constant in worth if self.senses(name, constant)]
-        bounded = [it for it in sensed if getattr(self, it).lower is not None or getattr(self, it).upper is not None]
-        needed = [it for it in bounded if worth[it] >= TOLD]
-        said = []
-        for constant in needed or bounded[:1]:  # without one that is needed it tells a relation of both
-            once = "".join(f" once the {CONSTANTS[it][0]} is bounded" for it in sensed if it != constant)
-            without = f" (without it {worth[constant]:.1f} times as uncertain)" * bool(needed)
-            said.append(f"the {CONSTANTS[constant][0]}{once}{without}")
-        return " and ".join(said) or "neither constant alone"
-
-    def source(self, constant: str) -> str:
-        """Who says most of a constant: the measurement without which it would be the least certain, a rheometer where
-        it is known, and '' where it has no bound."""
-        it = getattr(self, constant)
-        if it.low == it.high:
-            return RHEOMETER
-        named = [name for name in self.worth if self.senses(name, constant)]
-        bounded = named and (it.lower is not None or it.upper is not None)
-        return NAMES[max(named, key=lambda name: self.worth[name][constant])] if bounded else ""
-
-    def senses(self, name: str, constant: str) -> bool:
-        """Would a constant of which only the table is known move a measurement by more than its standard error?"""
-        it = getattr(self, constant)
-        return abs(self.sensitivities[name][constant]) * math.log(it.high / it.low) > math.sqrt(12.0)
-
     def __str__(self):
-        lines = [f"{word:18} {getattr(self, name).told(unit)}" for name, (word, unit) in CONSTANTS.items()]
+        lines = self.constant_lines(CONSTANTS)
         if self.by_viscosity and not self.plastic_viscosity.determined:
             pairs = ", ".join(f"{short(tau)} Pa at {eta:g}" for eta, tau in self.by_viscosity.items())
             lines.append(f"  yield stress by plastic viscosity: {pairs} Pa s")
-        for name, (value, error) in self.measured.items():
-            factor, unit = (100.0, "cm") if name.endswith("_m") else (1.0, "s")
-            found = f"{factor * value:.2f} +- {factor * error:.2f} {unit}, of the model {factor * self.model[name]:.2f}"
-            found += f"; determines {self.determines(name)}" * bool(self.worth.get(name))
-            lines.append(f"{NAMES[name]:18} {found}")
+        lines += self.measurement_lines()
         if self.finer:
             apart = ", ".join(
                 f"{NAMES[name]} " + (f"{1e3 * by:+.1f} mm" if name.endswith("_m") else f"{100.0 * (by - 1.0):+.1f} %")
@@ -165,6 +266,25 @@ class Calibration:
             lines.insert(
                 0, f"the best fit lies at the edge of the table ({ends}): what is bounded is so within it only"
             )
+        if self.friction:
+            unused = [NAMES[name] for name in self.measured if name not in CONE]
+            block = [str(self.friction)]
+            block += [f"  of slump and slump flow alone, not of {' and '.join(unused)}"] * bool(unused)
+            lines = [*block, "the nearest Bingham mix:", *lines] if self.contradictory else [*lines, *block]
         if self.contradictory:
             lines.insert(0, self.contradiction())
         return "\n".join(lines)
+
+
+def from_facts(kind: type, facts: dict | None):
+    """A Calibration or a FrictionalMix from its facts, through JSON or not; None of none."""
+    if facts is None:
+        return None
+    known = {each.name: facts[each.name] for each in fields(kind)}
+    for name in WORDS.keys() & known.keys():
+        if isinstance(known[name], dict):
+            known[name] = Constant(**{each.name: known[name][each.name] for each in fields(Constant)})
+    known["by_viscosity"] = {float(eta): found for eta, found in known["by_viscosity"].items()}
+    if "friction" in known:
+        known["friction"] = from_facts(FrictionalMix, known["friction"])
+    return kind(**known)

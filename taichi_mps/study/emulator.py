@@ -1,4 +1,4 @@
-"""What a test measures as a smooth function of the Bingham constants, through the cases of a study of its scene."""
+"""What a test measures as a smooth function of two constants of a mix, through the cases of a study of its scene."""
 
 from importlib.util import find_spec
 from pathlib import Path
@@ -13,6 +13,7 @@ from .case import REACHED
 DENSITY = Bingham().density  # [kg/m3] of rows that name none: the default of scenes/slump.py
 SMOOTHING = 0.03  # of the thin plate: particles scatter the measures of soft mixes by millimetres from case to case
 MIX = "yield_value", "plastic_viscosity"
+NAMES = {"yield_value": "yield stresses", "plastic_viscosity": "plastic viscosities", "friction_angle": "angles"}
 MEASURED = {  # by the scene of a test: what is measured in it, and the column of a study that holds it
     "slump": {"slump_m": "slump_m", "spread_m": "spread_m", "t500_s": "t500_s"},
     "mini_cone": {"mini_cone_m": "spread_m"},
@@ -27,40 +28,49 @@ def positive(value) -> bool:
     return isinstance(value, float | int) and 0.0 < value < np.inf
 
 
+def scale(constant: str, density):
+    """What a constant is divided by for similarity: an angle by nothing, a stress or a viscosity by the density."""
+    return np.ones_like(density) if constant == "friction_angle" else density
+
+
 def is_time(name: str) -> bool:
     """Is this a measured time? It goes by its logarithm, a length as it is."""
     return name.endswith("_s")
 
 
 class Emulator:
-    """The measurements of a test, MEASURED, lengths [m] and times [s], for any yield stress and plastic viscosity
-    within a study of its scene; the slump's where the rows name no scene.
+    """The measurements of a test, MEASURED, lengths [m] and times [s], for any yield stress and plastic viscosity, or
+    other two ``constants``, within a study of its scene; the slump's where the rows name no scene.
 
-    By similarity they depend on the ratios of both constants to the density alone. Between the cases a thin-plate
-    spline over the logarithms of these ratios; T500 is nan where the spread stays below 500 mm. ``scatter`` is the root
-    mean square by which the surface misses a case that it was made without and, added in squares, cases at a finer
-    spacing than the first, which are no nodes; of lengths [m], of times the logarithm.
+    By similarity they depend on the ratios of both constants to the density alone (``scale``). Between the cases a
+    thin-plate spline over the logarithms of these ratios; T500 is nan where the spread stays below 500 mm. ``scatter``
+    is the root mean square by which the surface misses a case that it was made without and, added in squares, cases at
+    a finer spacing than the first, which are no nodes; of lengths [m], of times the logarithm.
     """
 
-    def __init__(self, rows: list[dict]):
+    def __init__(self, rows: list[dict], constants: tuple[str, str] = MIX):
         if not find_spec("scipy"):
             raise SceneError("calibrate and chart need scipy: pip install 'taichi-mps[calibrate]'")
         scene = Path(str((rows[0] if rows else {}).get("scene") or "slump")).stem
         if scene not in MEASURED:
             raise SceneError(f"table: is a study of {scene}; must be one of {', '.join(MEASURED)}")
         columns = MEASURED[scene]
-        needed = ["status", *MIX, *(column for name, column in columns.items() if name != "t500_s")]
+        needed = ["status", *constants, *(column for name, column in columns.items() if name != "t500_s")]
         missing = [name for name in needed if name not in (rows[0] if rows else {})]
         if missing:
             raise SceneError(
                 f"table: has no column {', '.join(missing)}; must be a study of the {scene} over both constants"
             )
-        done = [row for row in rows if row["status"] == "done" and all(map(positive, (row[name] for name in MIX)))]
+        done = [
+            row for row in rows if row["status"] == "done" and all(map(positive, (row[name] for name in constants)))
+        ]
         known = catalogue.load(scene).parameters.model_fields
         finest = [row for row in done if (row.get("spacing") or 0.0) < (done[0].get("spacing") or 0.0)]
         done = [row for row in done if row not in finest]
-        if min((len({row[name] for row in done}) for name in MIX), default=0) < 3:
-            raise SceneError("table: must hold done cases of at least 3 yield stresses and 3 plastic viscosities")
+        if min((len({row[name] for row in done}) for name in constants), default=0) < 3:
+            words = " and ".join(f"3 {NAMES[name]}" for name in constants)
+            raise SceneError(f"table: must hold done cases of at least {words}")
+        self.constants = constants
         self.scene, self.usual = scene, {name: field.default for name, field in known.items()}  # usual: of the scene
         self.settings = {name: done[0][name] for name in known if done[0].get(name) is not None}  # of the test
         self.spacing = self.settings.get("spacing", 0.01)  # [m]
@@ -80,12 +90,11 @@ class Emulator:
             missed -= self._values(name, columns[name], finest)
             self.scatter[name] = float(np.hypot(self.scatter[name], np.sqrt(np.nanmean(missed**2))))
 
-    @staticmethod
-    def _points(rows, known):
-        """Logarithms of the constants over the density, (n, 2)."""
-        constants = np.array([[row[name] for name in MIX] for row in rows], float)
+    def _points(self, rows, known):
+        """Logarithms of the constants over their scales, (n, 2)."""
+        constants = np.array([[row[name] for name in self.constants] for row in rows], float)
         density = np.array([row.get("density") or known["density"].default for row in rows])
-        return np.log(constants / density[:, None])
+        return np.log(constants / np.column_stack([scale(name, density) for name in self.constants]))
 
     @staticmethod
     def _values(name, column, rows):

@@ -65,9 +65,9 @@ class LeastSquares:
         whole = np.diag(np.linalg.inv(before + slopes.T @ slopes))
         return np.sqrt([np.diag(np.linalg.inv(part)) / whole for part in without])
 
-    def by_name(self, table, free) -> dict[str, dict[str, float]]:
+    def by_name(self, table, free, constants=tuple(CONSTANTS)) -> dict[str, dict[str, float]]:
         """Such a table by the names of measurements and constants."""
-        names = [list(CONSTANTS)[k] for k in free]
+        names = [constants[k] for k in free]
         return {key: dict(zip(names, row, strict=True)) for key, row in zip(self.measured, table.tolist(), strict=True)}
 
 
@@ -87,10 +87,7 @@ def fit(emulator: Emulator | Together, measured: dict, density: float, correctio
     chi2 = squares.misfit(axes)
     if not np.isfinite(chi2).any():
         raise SceneError("t500: no mix of the table spreads to 500 mm")
-    for _ in range(ZOOMS):
-        limit = chi2.min() + 4.0 * RISE + unevenness(chi2)
-        axes = [around(axis, chi2.min(1 - k) <= limit) for k, axis in enumerate(axes)]
-        chi2 = squares.misfit(axes)
+    axes, chi2 = zoomed(squares, axes, chi2)
     free = [k for k, axis in enumerate(axes) if len(axis) > 1]
     point, least = polished(squares, axes, chi2, free)
     looked, along = [density * np.exp(axis[[0, -1]]) for axis in emulator.axes], {}
@@ -117,6 +114,15 @@ def fit(emulator: Emulator | Together, measured: dict, density: float, correctio
     found = Calibration(*constants, measured, model, float(least), along)
     told = {"worth": squares.worth, "sensitivities": squares.sensitivities}
     return replace(found, **{key: squares.by_name(of(point, free), free) for key, of in told.items()})
+
+
+def zoomed(squares: LeastSquares, axes, chi2):
+    """Axes over where the misfit is near its least, and the misfit there."""
+    for _ in range(ZOOMS):
+        limit = chi2.min() + 4.0 * RISE + unevenness(chi2)
+        axes = [around(axis, chi2.min(1 - k) <= limit) for k, axis in enumerate(axes)]
+        chi2 = squares.misfit(axes)
+    return axes, chi2
 
 
 def polished(squares: LeastSquares, axes, chi2, free):

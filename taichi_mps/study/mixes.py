@@ -7,18 +7,19 @@ from pathlib import Path
 
 from ..units import SceneError, suggestion
 from .calibrate import calibrate
-from .calibration import CONSTANTS, NAMES, Calibration, short
+from .calibration import CONE, CONSTANTS, NAMES, RHEOMETER, USUAL, Calibration, short
 from .emulator import is_time
 from .measurements import Measurements
 
 TESTS = "slump", "spread", "t500", "mini_cone", "v_funnel"  # columns, of which a list has one at least
-# [m] within which a mix of the model explains a measurement; Kantro's cone is a fifth of the standard one
-NEAR = {"slump_m": 0.01, "spread_m": 0.02, "mini_cone_m": 0.004}
-EXPLAINED, BOUNDED, TWO_ANSWERS, FAR, REFUSED = "explained", "bounded", "two answers", "not explained", "refused"
+EXPLAINED, BOUNDED, WITH_FRICTION = "explained", "bounded", "explained with internal friction"
+TWO_ANSWERS, FAR, REFUSED = "two answers", "not explained", "refused"
 MEANING = {  # of a verdict
     EXPLAINED: "one mix comes within 10 mm of the slump, 20 mm of the slump flow and 4 mm of the mini-cone, its yield "
     "stress is found",
     BOUNDED: "the same, or no slump at all; the yield stress is bounded on one side",
+    WITH_FRICTION: "no Bingham mix, but one whose yield stress grows with the pressure comes within 10 mm of the slump "
+    "and 20 mm of the slump flow; yield stress and friction angle are found or bounded",
     TWO_ANSWERS: "the tests contradict each other, slump and slump flow for example: what each says alone is given",
     FAR: "no mix comes so near, or the yield stress is not bounded",
     REFUSED: "the measurement cannot be used, for the reason given",
@@ -91,7 +92,10 @@ def one(row: dict[str, str], study=None) -> dict:
 
 
 def columns_of(found: Calibration) -> dict:
-    """What a result table keeps of a calibration, SI units; empty where it has none."""
+    """What a result table keeps of a calibration, SI units; empty where it has none. Where internal friction explains
+    it, constants and model are those of that mix."""
+    if found.explained_by_friction:
+        return columns_of_friction(found)
     kept = {}
     for name in CONSTANTS:
         constant = getattr(found, name)
@@ -102,21 +106,36 @@ def columns_of(found: Calibration) -> dict:
         if name not in found.measured and name not in ("slump_m", "spread_m"):
             continue
         kept[f"{name}_model"] = found.model.get(name)
-        kept[f"{name}_missed"] = found.model[name] - found.measured[name][0] if name in found.measured else None
+        kept[f"{name}_missed"] = found.missed.get(name)
         constant = "plastic_viscosity" if is_time(name) else "yield_value"
         said = found.alone.get(constant, {}).get(name, (None,))
         kept[f"{constant}_by_{name.rpartition('_')[0]}"] = said[0]
     return kept
 
 
+def columns_of_friction(found: Calibration) -> dict:
+    """The same of one that internal friction explains; with what slump and slump flow alone say of a Bingham mix."""
+    mix, kept = found.friction, {}
+    for name in ("yield_value", "friction_angle"):
+        constant = getattr(mix, name)
+        kept |= {f"{name}_found": constant.value if constant.determined or constant.low == constant.high else None}
+        kept |= {f"{name}_lower": constant.lower, f"{name}_upper": constant.upper, f"{name}_from": mix.source(name)}
+    eta = mix.plastic_viscosity
+    kept |= {f"plastic_viscosity_{end}": eta for end in ("found", "lower", "upper")}
+    kept["plastic_viscosity_from"] = RHEOMETER if mix.given else USUAL
+    for name in CONE:
+        said = found.alone.get("yield_value", {}).get(name, (None,))
+        kept[f"yield_value_by_{name.rpartition('_')[0]}"] = said[0]
+        kept |= {f"{name}_model": mix.model[name], f"{name}_missed": mix.missed[name]}
+    return kept
+
+
 def verdict(found: Calibration) -> str:
     """How a mix came out."""
-    near = all(
-        abs(found.model[name] - found.measured[name][0]) <= NEAR[name] for name in NEAR if name in found.measured
-    )
-    bounded = found.yield_value.lower is not None or found.yield_value.upper is not None
-    if near and bounded and not found.contradictory:
+    if found.near and found.yield_value.bounded and not found.contradictory:
         return EXPLAINED if found.yield_value.determined else BOUNDED
+    if found.explained_by_friction:
+        return WITH_FRICTION
     return TWO_ANSWERS if two_answers(found) else FAR
 
 
@@ -129,10 +148,13 @@ def reason(found: Calibration) -> str:
     """Why no single mix explains it; empty where one does."""
     if verdict(found) in (EXPLAINED, BOUNDED):
         return ""
+    if found.explained_by_friction:
+        return f"no Bingham mix does both; {found.friction.told()}: {found.friction.command}"
+    tried = f"; {found.friction.told()}" if found.friction else ""
     if two_answers(found):
-        return found.contradiction()
-    far = [f"{NAMES[name]} {told(name, found.model[name] - value, '+')}" for name, (value, _) in found.measured.items()]
-    return f"the nearest mix misses: {', '.join(far)}"
+        return found.contradiction() + tried
+    far = [f"{NAMES[name]} {told(name, by, '+')}" for name, by in found.missed.items()]
+    return f"the nearest mix misses: {', '.join(far)}{tried}"
 
 
 def told(name: str, value: float, sign="") -> str:

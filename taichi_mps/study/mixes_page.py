@@ -10,11 +10,11 @@ from .. import __version__
 from ..report import page
 from ..report.words import safe
 from ..viz.plots import COLOURS
-from .calibration import CONSTANTS, short
-from .mixes import BOUNDED, EXPLAINED, MEANING, REFUSED, TWO_ANSWERS
+from .calibration import CONSTANTS, WORDS, short
+from .mixes import BOUNDED, EXPLAINED, MEANING, REFUSED, TWO_ANSWERS, WITH_FRICTION
 
 HERE = Path(__file__).parent
-FOUND = ["yield stress", "by", "plastic viscosity", "by", "comes out as", "reason"]
+FOUND = ["yield stress", "by", "plastic viscosity", "by", "friction angle", "comes out as", "reason"]
 LAYOUT = {
     "margin": {"t": 10},
     "xaxis": {"title": {"text": "slump [cm]"}},
@@ -22,8 +22,9 @@ LAYOUT = {
 }
 ABOUT = (
     "Intervals are of 95 %, by the errors of the measurements and of the model's tables. 'By' names the measurement "
-    "without which the constant is least certain. The model: a Bingham mix that sticks to floor and funnel; mould "
-    "and flap gone at once. taichi-mps {version}, calibrate --table."
+    "without which the constant is least certain, 'usual' that it was not measured. The model: a Bingham mix, with "
+    "internal friction where an angle stands, that sticks to floor and funnel; mould and flap gone at once. taichi-mps "
+    "{version}, calibrate --table."
 )
 
 
@@ -58,8 +59,9 @@ def table(head: list[str], rows: list[list[str]]) -> str:
 
 def lead(rows) -> str:
     """How many there are, and how many one mix of the model explains or bounds."""
-    one = sum(row["verdict"] in (EXPLAINED, BOUNDED) for row in rows)
-    return f"{len(rows)} mixes; one Bingham mix explains or bounds {one} of them."
+    count = Counter(row["verdict"] for row in rows)
+    text = f"{len(rows)} mixes; one Bingham mix explains or bounds {count[EXPLAINED] + count[BOUNDED]} of them"
+    return text + f", one with internal friction {count[WITH_FRICTION]} more" * bool(count[WITH_FRICTION]) + "."
 
 
 def counted(rows) -> list[list[str]]:
@@ -71,11 +73,12 @@ def counted(rows) -> list[list[str]]:
 def cells(row: dict) -> list[str]:
     """What was found of a row, in the words of FOUND."""
     if row["verdict"] in (TWO_ANSWERS, REFUSED):  # the nearest mix of a contradiction is nobody's
-        return ["", "", "", "", row["verdict"], row["reason"]]
+        return ["", "", "", "", "", row["verdict"], row["reason"]]
     constants = [
         text for name, (_, unit) in CONSTANTS.items() for text in (found(row, name, unit), row.get(f"{name}_from", ""))
     ]
-    return [*constants, row["verdict"], row["reason"]]
+    rubs = found(row, "friction_angle", WORDS["friction_angle"][1]) if row["verdict"] == WITH_FRICTION else ""
+    return [*constants, rubs, row["verdict"], row["reason"]]
 
 
 def found(row: dict, name: str, unit: str) -> str:

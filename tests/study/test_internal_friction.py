@@ -1,0 +1,128 @@
+"""Mixes with internal friction: known ones come back, a Bingham pair stays one, what nobody explains stays so."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from taichi_mps.cli.main import main
+from taichi_mps.study.calibrate import calibrate, emulator_of
+from taichi_mps.study.calibration import Calibration, from_facts
+from taichi_mps.study.emulator import Together
+from taichi_mps.study.fit import fit
+from taichi_mps.study.internal_friction import AtViscosity, frictional_mix, own_table
+from taichi_mps.study.mixes import TWO_ANSWERS, WITH_FRICTION, calibrate_list, tally
+
+pytest.importorskip("scipy")
+
+DENSITY = 2300.0
+
+
+def cone(yield_value, friction_angle, plastic_viscosity=50.0, density=DENSITY):
+    """Slump and slump flow [m] of the table."""
+    table = AtViscosity(own_table(), np.log(plastic_viscosity / density))
+    found = table.at(np.log(yield_value / density), np.log(friction_angle))
+    return {"slump": float(found["slump_m"]), "spread": float(found["spread_m"])}
+
+
+@pytest.mark.parametrize("plastic_viscosity", [20.0, 50.0, 120.0])
+@pytest.mark.parametrize(("yield_value", "friction_angle"), [(60.0, 12.0), (40.0, 17.0), (25.0, 12.0)])
+def test_a_known_mix_comes_back_within_its_interval(yield_value, friction_angle, plastic_viscosity):
+    exact = cone(yield_value, friction_angle, plastic_viscosity)
+    found = calibrate(**exact, plastic_viscosity=plastic_viscosity, check=False)
+    mix = found.friction
+    assert found.explained_by_friction and mix.given and all(abs(by) < 2e-3 for by in mix.missed.values())
+    for name, true in (("yield_value", yield_value), ("friction_angle", friction_angle)):
+        constant = getattr(mix, name)
+        assert (constant.lower or 0.0) < true < (constant.upper or np.inf)
+        if plastic_viscosity == 50.0:  # the others scatter by what rings do: more than one mix is as near
+            assert constant.value == pytest.approx(true, rel=1e-3)
+
+
+def test_the_intervals_hold_a_known_mix():
+    """At least as often as they say: the error of the table widens them, and is not drawn here."""
+    random, held = np.random.default_rng(5), []
+    for _ in range(40):
+        c, phi = random.uniform(20.0, 60.0), random.uniform(8.0, 22.0)
+        drawn = {
+            name: value + error * random.standard_normal()
+            for (name, value), error in zip(cone(c, phi).items(), (0.005, 0.01), strict=True)
+        }
+        measured = {"slump_m": (drawn["slump"], 0.005), "spread_m": (drawn["spread"], 0.01)}
+        mix = frictional_mix(measured, DENSITY, {"plastic_viscosity": 50.0})
+        ends = [(it.lower or 0.0, it.upper or np.inf) for it in (mix.yield_value, mix.friction_angle)]
+        held.append([low <= true <= high for (low, high), true in zip(ends, (c, phi), strict=True)])
+    assert np.all(np.mean(held, 0) > 0.95 - 2.4 * (0.95 * 0.05 / 40) ** 0.5)  # 2.4 standard errors of so many draws
+
+
+def test_the_density_scales_the_yield_stress_and_no_angle():
+    light, heavy = (
+        calibrate(**cone(60.0, 15.0), rho=rho, plastic_viscosity=50.0 * rho / DENSITY, check=False).friction
+        for rho in (DENSITY, 2.0 * DENSITY)
+    )
+    assert heavy.yield_value.value == pytest.approx(2.0 * light.yield_value.value, rel=1e-3)
+    assert heavy.friction_angle.value == pytest.approx(light.friction_angle.value, rel=1e-3)
+
+
+def test_a_known_yield_stress_leaves_the_angle():
+    found = calibrate(**cone(60.0, 15.0), yield_value=60.0, check=False).friction
+    assert found.yield_value.lower == found.yield_value.upper == 60.0
+    assert found.friction_angle.value == pytest.approx(15.0, rel=1e-2)
+    assert found.source("yield_value") == "rheometer"
+
+
+def test_a_bingham_pair_stays_one():
+    """No friction is sought, nothing of it is told, and the answer is that of the Bingham table alone, bit for bit."""
+    at = emulator_of().at(np.log(400.0 / DENSITY), np.log(50.0 / DENSITY))
+    found = calibrate(slump=float(at["slump_m"]), spread=float(at["spread_m"]), check=False)
+    assert found.friction is None and not found.contradictory and "friction" not in str(found)
+    assert repr(found) == repr(fit(Together([emulator_of()]), found.measured, DENSITY))  # its T500 is nan
+
+
+def test_the_bingham_answer_of_a_contradiction_is_bit_for_bit_that_of_its_table():
+    found = calibrate(**cone(25.0, 15.0), check=False)
+    table = fit(Together([emulator_of()]), found.measured, DENSITY)
+    assert found.friction and repr(replace(found, friction=None, alone={})) == repr(table)
+
+
+def test_what_nobody_explains_is_told_with_the_nearest():
+    found = calibrate(slump="15cm", spread="60cm", check=False)
+    assert found.contradictory and not found.friction.near and not found.explained_by_friction
+    far = max(abs(by) for by in found.friction.missed.values())
+    assert far > 0.01 and "with internal friction neither: the nearest" in str(found)
+
+
+def test_another_test_that_contradicts_is_not_explained():
+    found = calibrate(**cone(60.0, 15.0), mini_cone="15cm", check=False)
+    assert found.friction.explains and not found.explained_by_friction
+    assert "not of mini-cone spread" in str(found)
+
+
+def test_a_list_counts_them_apart():
+    known = cone(25.0, 15.0)
+    rows = [
+        {"mix": name, **{key: str(value) for key, value in pair.items()}}
+        for name, pair in (("rubs", known), ("nobody", {"slump": 0.15, "spread": 0.6}))
+    ]
+    rubs, nobody = calibrate_list(rows)
+    assert rubs["verdict"] == WITH_FRICTION and nobody["verdict"] == TWO_ANSWERS
+    assert rubs["friction_angle_lower"] < 15.0 < rubs["friction_angle_upper"]
+    assert rubs["plastic_viscosity_from"] == "usual" and "--friction-angle 15" in rubs["reason"]
+    assert "with internal friction neither" in nobody["reason"]
+    assert f"1 {WITH_FRICTION}" in tally([rubs, nobody])
+
+
+def test_the_command_told_computes_the_measured_slump(capsys):
+    """The run that is told is one of the scene: its words are options of run."""
+    known = cone(60.0, 15.0)
+    assert main(["calibrate", "--no-check", *(f"--{name}={value}" for name, value in known.items())]) == 0
+    line = next(line for line in capsys.readouterr().out.splitlines() if "to run it" in line)
+    words = line.split("taichi-mps ")[1].split()
+    assert main([*words, "--forecast"]) == 0
+
+
+def test_facts_come_back_from_json():
+    found = calibrate(**cone(60.0, 15.0), check=False)
+    again = from_facts(Calibration, json.loads(json.dumps(found.facts())))
+    assert str(again) == str(found) and again.friction.command == found.friction.command
