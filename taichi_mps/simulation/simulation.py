@@ -271,7 +271,7 @@ class Simulation:
             return "unyielded" if moved and self.report.unyielded_fraction >= numerics.unyielded_stop else None
         if not all(pouring.done for pouring in self.pouring):
             return None
-        return "rest" if rests else None
+        return "rest" if rests and self.taken_by_all else None
 
     # ---- reading --------------------------------------------------------------------------------------------
     @in_session
