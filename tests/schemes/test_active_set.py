@@ -149,6 +149,15 @@ def test_a_column_poured_layer_by_layer_carries_its_weight_at_the_foot_throughou
     assert len(errors) > 5 and np.abs(errors).max() < 0.05, errors
 
 
+def test_the_floor_carries_the_weight_of_what_is_left_out():
+    """At each output, though most of the layer was left out of the steps between."""
+    sim, found = mps.Simulation(layer(length=1.0), mps.Implicit(sleep="on", wall_loads=True)), []
+    sim.every(0.25, lambda sim: found.append(sim.measures()["force_floor_z_N_per_m"]))
+    sim.run()
+    assert sim.scheme.left_out > 0.2
+    np.testing.assert_allclose(found[4:], -MIX.density * 9.81 * 1.0 * 0.1, rtol=0.01)
+
+
 @pytest.mark.long
 def test_structure_grows_while_it_sleeps():
     """What is set aside ages as what is not: A_thix t of all that stands since the start."""
