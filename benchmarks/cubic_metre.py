@@ -77,7 +77,9 @@ def compute(name: str, until: float | None, threads: int) -> None:
         stopped_by, error = failure.stopped_by, str(failure)
     costs.close()
     whole = stopped_by == "rest" or sim.time >= problem.scene.until - 1e-6
-    pressures = pressure_on_the_side(sim.snapshot(), CASES[name], problem.scene.material.density)
+    ends = sim.measures()
+    level = 0.5 * (ends["near_m"] + ends["far_m"])
+    pressures = pressure_on_the_side(sim.snapshot(), CASES[name], problem.scene.material.density, level)
     found = measured(recorder.finish(stopped_by, error), costs.rows, CASES[name], whole)
     found |= {"threads_of_the_last_call": threads, "pressure_on_the_side_Pa": pressures}
     known = json.loads(RESULTS.read_text()) if RESULTS.is_file() else {}
@@ -170,12 +172,11 @@ def filled(name: str) -> None:
     FILLED.write_text(json.dumps({name: found}, indent=1) + "\n", encoding="utf-8")
 
 
-def pressure_on_the_side(snapshot, case: dict, density: float) -> list[list[float]]:
+def pressure_on_the_side(snapshot, case: dict, density: float, level: float) -> list[list[float]]:
     """In five layers of the height: middle [m], mean pressure [Pa] within a spacing of the long sides, and the
-    hydrostatic one below the mean level, of the fluid that is there."""
+    hydrostatic one below the ``level`` [m]."""
     found, depth = [], 0.5 * WALL["width"] - np.abs(snapshot.x[:, 1])
     here = depth < snapshot.spacing
-    level = len(snapshot.x) * snapshot.spacing**3 / (0.5 * WALL["width"] * case["length"])
     edges = np.linspace(0.0, case["height"], 6)
     for low, high in zip(edges[:-1], edges[1:], strict=True):
         inside = here & (snapshot.x[:, 2] >= low) & (snapshot.x[:, 2] < min(high, level - snapshot.spacing))
