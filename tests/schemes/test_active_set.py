@@ -1,5 +1,7 @@
 """The active set: what stands still is left out of the steps, and the rest flows as if it were not."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -147,6 +149,20 @@ def test_a_column_poured_layer_by_layer_carries_its_weight_at_the_foot_throughou
     sim.run()
     assert sim.scheme.left_out > 0.05, "a part was left out"
     assert len(errors) > 5 and np.abs(errors).max() < 0.05, errors
+
+
+def test_what_a_wall_that_moves_touches_takes_part_and_the_far_end_does_not():
+    """The left wall slides upwards at 50 mm/s, in its own plane: what is within reach of it never stands."""
+    still = layer()
+    slides = mps.Plane((0.0, 0.0), (1.0, 0.0), velocity=(0.0, 0.05))
+    sim, parts = mps.Simulation(replace(still, walls=(still.walls[0], slides, still.walls[2])), BOX[0]), 0
+    while sim.time < 0.6:
+        sim.step()
+        x, kind = in_use(sim)
+        if not sim.taken_by_all:
+            parts += 1
+            assert (kind[x[:, 0] < 2.1 * L0] == FLUID).all() and x[kind == FLUID, 0].max() < 1.2
+    assert parts > 10
 
 
 def test_the_floor_carries_the_weight_of_what_is_left_out():
