@@ -151,3 +151,12 @@ class Sampled(Surface):
         z, slope = self.sample(x)
         n = self.as_it_stands(slope / ti.max(slope.norm(), 1e-6))
         return z, n, self.motion(x - ti.cast(z * n, ti.f64)), ti.cast(0.0, float)
+
+    @ti.func
+    def drives_near(self, x, reach: ti.template(), ahead: ti.template()):
+        """As of any surface; its distance is known within ``reach`` only, so x is seen from where it comes to."""
+        near = False
+        for k in ti.static(range(1 + int(np.ceil(ahead / reach)))):
+            way = ti.cast(self.motion(x) * (k * reach / self.speed), ti.f64)
+            near = near or self.signed(x - way) < reach
+        return near

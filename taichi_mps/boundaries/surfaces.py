@@ -40,7 +40,7 @@ class Surface:
         )  # of a unilateral wall: Walls gives what is carried
         self.clock, self.travels = clock, bool(np.any(wall.travel))
         self.moves = self.travels  # its place changes
-        self.drives = wall.speed > 0.0  # it moves, or slides in itself
+        self.drives, self.speed = wall.speed > 0.0, wall.speed  # whether it moves, or slides in itself; [m/s]
         self.separates = wall.thin  # the fluid on one side of it does not feel that on the other
         self.travel = ti.types.vector(dimension, ti.f64)(wall.travel)
         self.point = ti.types.vector(dimension, ti.f64)(wall.point)
@@ -88,6 +88,12 @@ class Surface:
                 pressure -= n[a] * self.particles.stress[i][a, b] * n[b]
         presses = self.released[i] == 0.0 and pressure > 0.0
         self.released[i] = ti.cast(leaves and not presses, float)
+
+    @ti.func
+    def drives_near(self, x, reach: ti.template(), ahead: ti.template()):
+        """Does it drive what is within reach [m] of it at x, or will be when it has moved ``ahead`` [m]?"""
+        z, _n, velocity, _curvature = self.nearest(x)
+        return z < reach + ahead and velocity.norm_sqr() > 0.0
 
     @ti.func
     def weight(self, i, x, z):

@@ -7,7 +7,6 @@ are its multipliers; then the particles are shifted and drift the other half.
 
 import warnings
 
-from ..boundaries.sampled import Sampled
 from ..particles.active_set import EVERY, ActiveSet, NoActiveSet
 from ..particles.pair_sums import PairSums
 from ..runtime.field_io import FieldIO
@@ -254,10 +253,9 @@ class Implicit:
 
 def may_stand(problem, particles, walls) -> bool:
     """Whether a part of the fluid may stand still while the rest flows, and it pays to leave that out: of true yield
-    stress, in rows enough, in front of walls that are no solids where they move, and hold all that touches them."""
+    stress, in rows enough, in front of walls that hold all that touches them."""
     if problem.numerics.sleep == "off" or (problem.numerics.sleep == "auto" and particles.capacity < FEW):
         return False
-    moving = any(isinstance(wall, Sampled) and wall.drives for wall in walls.surfaces)
     loose = any(wall.unilateral for wall in walls.surfaces)
     stands = problem.law == "bingham" and problem.rests and not particles.has_walls and not particles.axisymmetric
-    return stands and not moving and not loose
+    return stands and not loose

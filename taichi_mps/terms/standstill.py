@@ -19,7 +19,7 @@ class Standstill:
         self.pressure = pressure
         self.slowest = SHOWS * problem.height / max(problem.scene.until, problem.fall_time)  # [m/s]
         self.slowest_rate = self.slowest / problem.scene.spacing  # [1/s]
-        self.reach = walls.effective_radius + ahead
+        self.ahead = ahead
 
     @ti.func
     def holds(self, i):
@@ -28,8 +28,7 @@ class Standstill:
         still = slow and self.particles.kind[i] == FLUID
         for wall in ti.static(self.walls.surfaces):
             if ti.static(wall.drives):
-                z, _n, velocity, _curvature = wall.nearest(self.particles.x[i])
-                still = still and not (z < self.reach and velocity.norm_sqr() > 0.0)
+                still = still and not wall.drives_near(self.particles.x[i], self.walls.effective_radius, self.ahead)
         return still
 
     @ti.func

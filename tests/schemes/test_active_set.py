@@ -165,6 +165,24 @@ def test_what_a_wall_that_moves_touches_takes_part_and_the_far_end_does_not():
     assert parts > 10
 
 
+def test_a_plate_that_comes_down_wakes_what_is_below_it_and_not_the_far_end():
+    """At 0.3 m/s, from 0.25 m above a layer that stands when it is there: nothing within an effective radius of it
+    stands or is aside."""
+    still, reach, speed, below = layer(height=0.06), 2.1 * L0, 0.3, 0.25
+    section = [(0.4, below), (0.6, below), (0.6, below + 0.06), (0.4, below + 0.06)]
+    plate = mps.Solid.prism(section, cell=0.5 * L0, reach=reach, velocity=(0.0, -speed), slip=True)
+    sim, met = mps.Simulation(replace(still, walls=(*still.walls, plate)), BOX[0]), 0
+    while speed * sim.time < below - 0.04:
+        sim.step()
+        count = sim.particles.number
+        x, kind = sim.particles.x.to_numpy()[:count], sim.particles.kind.to_numpy()[:count]
+        under = (np.abs(x[:, 0] - 0.5) < 0.1) & (below - speed * sim.time - x[:, 1] < reach)
+        if under.any() and not sim.taken_by_all:
+            met += 1
+            assert (kind[under] == FLUID).all() and x[kind == FLUID, 0].max() < 1.8
+    assert met > 10
+
+
 def test_the_floor_carries_the_weight_of_what_is_left_out():
     """At each output, though most of the layer was left out of the steps between."""
     sim, found = mps.Simulation(layer(length=1.0), mps.Implicit(sleep="on", wall_loads=True)), []
