@@ -5,8 +5,8 @@ threads another 5 to 9, or 15 to 70 where they must be woken, to read a number f
 of a few hundred particles. So an ``Execution`` keeps the stages that are called and launches them together, where
 Python has to look at a result:
 
-    fused      few rows: what stands between two looks becomes one kernel of one thread, solves and all; to compile it
-               takes longer than a small run, so it is optimised less
+    fused      few rows: what stands between two looks becomes one kernel of one thread, solves and all; below
+               OPTIMISED rows to compile it takes longer than a run, so it is optimised less
     grouped    many rows: kernels that follow each other become one, whose loops Taichi spreads over the threads; a
                ``@team_stage`` is gone through by a team of threads (thread_team.py), on a GPU stage by stage
     timed      each stage by itself
@@ -27,6 +27,8 @@ from .backend import for_kernels, real, started, ti
 from .thread_team import ThreadTeam, enter, leave
 from .workarounds import compiled_plainly, launch_directly
 
+OPTIMISED = 1000
+"""Rows from which on a fused kernel is optimised: 6 s more to compile, once, for an eighth less of each run."""
 FEW = 3000
 """Rows below which one thread works alone: to start kernels and threads would cost more than the work."""
 
@@ -155,7 +157,7 @@ class Execution:
             kernel, numbers, rest = self._kernel(calls, fused if self.fuses else grouped)
             if rest and times > 1:
                 raise ValueError(f"more than {MOST_NUMBERS} numbers for the stages of a loop")
-            with compiled_plainly(self.fuses):
+            with compiled_plainly(self.fuses and self.rows < OPTIMISED):
                 kernel(times, *numbers)
             calls = rest
 
