@@ -2,12 +2,12 @@
 
     python benchmarks/calibration_tables.py mini_cone [WORKERS]   # one process by default
     python benchmarks/calibration_tables.py v_funnel [WORKERS]
-    python benchmarks/calibration_tables.py internal_friction [WORKERS]   # six CPU-minutes
+    python benchmarks/calibration_tables.py internal_friction [WORKERS]   # half an hour
 
 Each writes taichi_mps/study/<name>.csv, from studies/<name>_table, where what is there is not run again. Some mixes
 are computed at a finer spacing, too: what it changes is the error of the table. mini_cone: rings of 2 mm and 1 mm to
 rest or 1000 s. v_funnel: a quarter at 12.5 mm and 10 mm, until it is empty. internal_friction: quarters of the standard
-cone at 10 mm, to rest or 120 s; what the plastic viscosity changes, by rings of 10 mm.
+cone at 10 mm, to rest or 120 s.
 """
 
 import csv
@@ -19,25 +19,29 @@ from taichi_mps.study.sweep import sweep
 ROOT = Path(__file__).resolve().parents[1]
 SCENES = {"mini_cone": "mini_cone", "v_funnel": "v_funnel", "internal_friction": "slump"}
 SHARED = {
-    "internal_friction": {"density": "2300", "until": "120", "floor_radius": "1"},
+    "internal_friction": {"density": "2300", "until": "120", "floor_radius": "1", "model": "quarter"},
     "mini_cone": {"density": "1900", "model": "axisymmetric", "until": "1000"},
     "v_funnel": {"density": "2300", "model": "quarter"},
 }
 YIELDS = {  # [Pa]
     "mini_cone": "8,14,25,45,80,140,250",
     "v_funnel": "10,30,60,120",
-    "internal_friction": "15,20,30,42,60,85,120,180,250,350,500",
+    "internal_friction": "2,5,10,15,20,30,60,120,250,500",
 }
 VISCOSITIES = {"mini_cone": "0.5,1,2,4,10,50,250", "v_funnel": "5,10,25,60,150", "internal_friction": "20,50,200"}
 ANGLES = "5", "8", "12", "16", "20", "25", "30"  # of internal friction [deg]; compiled in, so a study each
-QUARTERS = "15,20,30,60,120,250,500"  # [Pa], at 50 Pa s, at each of the angles
-CHECKS = (  # [Pa], [deg], [Pa s]; not for the table but for its error
-    ("30", "12", "20"),
-    ("120", "16", "20"),
-    ("60", "12", "200"),
-    ("30", "20", "200"),
-    ("20.8", "14.6", "50"),
-    ("33.1", "16.9", "50"),
+CHECKS = (  # [Pa], [deg], [Pa s], [m]; not for the table but for its error
+    ("30", "12", "35", "0.01"),
+    ("120", "16", "20", "0.01"),
+    ("60", "12", "120", "0.01"),
+    ("20.8", "14.6", "50", "0.01"),
+    ("3.2", "18", "50", "0.01"),
+    ("7", "24", "50", "0.01"),
+    ("8", "18", "30", "0.01"),
+    ("5", "16", "100", "0.01"),
+    ("15", "15", "50", "0.006"),
+    ("5", "20", "20", "0.006"),
+    ("60", "10", "50", "0.006"),
 )
 SPACINGS = {"mini_cone": ("0.002", "0.001"), "v_funnel": ("0.0125", "0.01")}  # of all mixes and of the finer ones [m]
 FINER = {  # yield stress [Pa], plastic viscosity [Pa s]
@@ -48,23 +52,18 @@ HEADS = {
     "mini_cone": "Kantro's mini-cone (57.2 mm), true Bingham, mould gone at once; spread [m] at rest or 1000 s",
     "v_funnel": "V-funnel (EN 12350-9), true Bingham, rough sides, flap gone at once; flow time [s]",
     "internal_friction": "Standard cone (JIS A 1101), Bingham with internal friction, mould gone at once; slump over "
-    "r < 20 mm and spread [m] at rest or after 120 s. Quarters at 50 Pa s are the table, rings give what the plastic "
-    "viscosity changes, checks the error: 1.5 mm of slump, 9 mm of spread at 50 Pa s; 2.5, 22 mm at 20 and 200 Pa s",
+    "r < 20 mm and spread [m] at rest or after 120 s. Rows of the role check tell the error",
 }
 COLUMNS = {"mini_cone": ["spread_m"], "v_funnel": ["flow_time_s"], "internal_friction": ["slump_m", "spread_m"]}
 KEPT = ["status", "scene", "model", "spacing", "until", "density", "yield_value", "plastic_viscosity"]
 
 
 def rubbing() -> list[dict[str, str]]:
-    """The parameters of the sweeps of cones with internal friction: rings at three plastic viscosities, which give the
-    change by viscosity, quarters at one, and some of other mixes, which tell the error."""
-    name = "internal_friction"
-    names = "yield_value", "friction_angle", "plastic_viscosity"
-    rings = [(YIELDS[name], angle, VISCOSITIES[name]) for angle in ANGLES]
-    quarters = [(QUARTERS, angle, "50") for angle in ANGLES]
-    made = [dict(zip(names, mixes, strict=True)) for mixes in (*rings, *quarters, *CHECKS)]
-    models = ["axisymmetric"] * len(rings) + ["quarter"] * (len(quarters) + len(CHECKS))
-    return [SHARED[name] | it | {"model": model, "spacing": "0.01"} for it, model in zip(made, models, strict=True)]
+    """The parameters of the sweeps of cones with internal friction, and some of other mixes and of a finer spacing,
+    which tell the error."""
+    shared, names = SHARED["internal_friction"], ("yield_value", "friction_angle", "plastic_viscosity", "spacing")
+    nodes = [(YIELDS["internal_friction"], angle, VISCOSITIES["internal_friction"], "0.01") for angle in ANGLES]
+    return [shared | dict(zip(names, mixes, strict=True)) for mixes in (*nodes, *CHECKS)]
 
 
 def studies(name: str) -> list[dict[str, str]]:

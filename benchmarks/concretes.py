@@ -17,7 +17,6 @@ MEASURED = "E_measured_slump_flow_yeh.csv"
 YIELDS = 60.0, 100.0, 150.0, 200.0, 300.0, 400.0, 600.0, 800.0, 1200.0  # of the cones that slip [Pa]
 COHESIONS = 5.0, 20.0, 50.0, 100.0, 200.0, 400.0  # of those with internal friction [Pa]
 VISCOSITY = 50.0  # of both [Pa s]
-OTHERS = 20.0, 200.0  # at which those with internal friction are calibrated, too [Pa s]
 BAND = 20.0, 200.0  # of the cones that do not [Pa s]
 NEAR = 10.0, 20.0  # [mm] of slump and of flow within which a cone explains a measurement
 HEIGHT, VOLUME = 300.0, 5.498e6  # of the cone [mm], [mm3]
@@ -76,24 +75,20 @@ def calibrated() -> str:
     mixes.write(found, points.RESULTS / "concretes.csv")
     lines = [line.strip().split(" ", 1) for line in mixes.tally(found).splitlines()]
     table = ["| mixes | come out as |", "|---|---|", *(f"| {count} | {what} |" for count, what in lines)]
-    return "\n".join([*table, "", with_friction(rows, found)])
+    return "\n".join([*table, "", with_friction(found)])
 
 
-def with_friction(rows, found) -> str:
-    """How well those that internal friction explains are determined, and how many are by other plastic viscosities."""
+def with_friction(found) -> str:
+    """How well those that internal friction explains are determined, and at which plastic viscosities."""
     from taichi_mps.study import mixes
 
-    some = [k for k, row in enumerate(found) if row["verdict"] == mixes.WITH_FRICTION]
-    known = [sum(found[k][f"{name}_found"] is not None for name in ("yield_value", "friction_angle")) for k in some]
-    angles = [found[k]["friction_angle_found"] for k in some if found[k]["friction_angle_found"] is not None]
+    some = [row for row in found if row["verdict"] == mixes.WITH_FRICTION]
+    known = [sum(row[f"{name}_found"] is not None for name in ("yield_value", "friction_angle")) for row in some]
+    angles = [row["friction_angle_found"] for row in some if row["friction_angle_found"] is not None]
     text = f"Of the {len(some)} with internal friction both constants are determined in {known.count(2)}, one in "
     text += f"{known.count(1)}, the others are bounded; the angles found are {min(angles):.0f} to {max(angles):.0f} "
-    text += f"degrees. That is at {VISCOSITY:g} Pa s"
-    for eta in OTHERS:
-        anew = mixes.calibrate_list([rows[k] | {"plastic_viscosity [Pa s]": f"{eta:g}"} for k in some])
-        still = [one for one in anew if one["verdict"] in (mixes.WITH_FRICTION, mixes.EXPLAINED, mixes.BOUNDED)]
-        text += f"; at {eta:g} Pa s {len(still)} of them are explained"
-    return text + "."
+    usual = sum(row["plastic_viscosity_found"] == VISCOSITY for row in some)
+    return text + f"degrees. {usual} are explained at {VISCOSITY:g} Pa s, the others at 20 or 200 Pa s only."
 
 
 def concretes() -> np.ndarray:

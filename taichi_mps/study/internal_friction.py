@@ -13,63 +13,55 @@ from .fit import LeastSquares, interval, polished, zoomed
 from .results import read
 
 CONSTANTS = "yield_value", "friction_angle"
-OTHERS = 20.0, 200.0  # plastic viscosities [Pa s] at which a mix is told, too, where it was not measured
+OTHERS = 20.0, 200.0  # other plastic viscosities [Pa s] at which a mix is sought where it was not measured
 BEYOND = 0.1  # of the logarithm of a plastic viscosity outside of the table, for which its end does
 TABLE = Path(__file__).parent / "internal_friction.csv"  # of the standard cone; benchmarks/calibration_tables.py
 
 
 class Table:
-    """Emulators over yield stress and friction angle: ``quarter``, of the model quarter at a usual plastic viscosity,
-    and ``rings``, of the axisymmetric model, by the logarithm of plastic viscosity over density. ``usual`` is that of
-    the quarters. Rows of the role check, quarters, too, are its error: ``scatter`` [m] at the usual viscosity, with
-    that of the quarters in squares, and ``errors`` at the others, the root mean squares by which they are missed."""
+    """Emulators over yield stress and friction angle, ``planes``, by the logarithm of plastic viscosity over density.
+    ``scatter`` [m]: the root mean squares by which they miss a case that they were made without and, added in squares,
+    rows of the role check: other mixes, and a finer spacing."""
 
     def __init__(self, rows: list[dict]):
-        kinds = {}
+        kinds = {"node": {}, "check": {}}
         for row in rows:
             at = float(np.log(row["plastic_viscosity"] / row["density"]))
-            kinds.setdefault((row["role"], row["model"]), {}).setdefault(at, []).append(row)
-        ((self.usual, quarters),) = kinds["node", "quarter"].items()
-        self.quarter = Emulator(quarters, CONSTANTS)
-        self.rings = {at: Emulator(some, CONSTANTS) for at, some in kinds["node", "axisymmetric"].items()}
-        self.scatter = {name: self.quarter.scatter[name] for name in CONE}
-        self.errors, checks = dict.fromkeys(CONE, 0.0), kinds["check", "quarter"]
-        here = self.missed(checks, lambda at: at == self.usual)
-        self.errors = self.missed(checks, lambda at: at != self.usual)
-        self.scatter = {name: float(np.hypot(self.scatter[name], here[name])) for name in CONE}
+            kinds[row["role"]].setdefault(at, []).append(row)
+        self.planes = {at: Emulator(kinds["node"][at], CONSTANTS) for at in sorted(kinds["node"])}
+        every = list(self.planes.values())
+        self.usual, self.axes = every[0].usual, every[0].axes
+        self.low, self.high = np.max([each.low for each in every], 0), np.min([each.high for each in every], 0)
+        self.scatter = {name: np.mean([each.scatter[name] ** 2 for each in every]) ** 0.5 for name in CONE}
+        missed = np.sqrt(np.mean(np.square(self.missed(kinds["check"])), 0))
+        self.scatter = {name: float(np.hypot(self.scatter[name], by)) for name, by in zip(CONE, missed, strict=True)}
 
-    def missed(self, checks: dict[float, list[dict]], some) -> dict[str, float]:
-        """Root mean squares [m] by which it is off the cones of ``some`` viscosities."""
+    def missed(self, checks: dict[float, list[dict]]) -> list[list[float]]:
+        """By how much [m] it is above each of the checks, by the logarithm of their plastic viscosity over density."""
         away = []
-        for at, row in ((at, row) for at, rows in checks.items() if some(at) for row in rows):
-            point = np.log([row["yield_value"] / row["density"], row["friction_angle"]])
-            found = AtViscosity(self, at).at(*point)
+        for at, row in ((at, row) for at, rows in checks.items() for row in rows):
+            found = AtViscosity(self, at).at(*np.log([row["yield_value"] / row["density"], row["friction_angle"]]))
             away.append([float(found[name]) - row[name] for name in CONE])
-        return dict(zip(CONE, np.sqrt(np.mean(np.square(away), 0)).tolist(), strict=True))
+        return away
 
 
 class AtViscosity:
-    """Slump and slump flow over yield stress and friction angle at one plastic viscosity, as an Emulator: those of the
-    quarters, and the change by viscosity of the rings, straight in its logarithm between two of them; so does the error
-    of that grow. ``viscosity`` is the logarithm of it over the density."""
+    """Slump and slump flow over yield stress and friction angle at one plastic viscosity, as an Emulator: straight
+    between two planes in the logarithm of the viscosity. ``viscosity`` is the logarithm of it over the density."""
 
     def __init__(self, table: Table, viscosity: float):
-        self.table, nodes = table, sorted(table.rings)
+        nodes = list(table.planes)
         viscosity = float(np.clip(viscosity, nodes[0], nodes[-1]))
         low, high = next(pair for pair in pairwise(nodes) if viscosity <= pair[1])
         part = (viscosity - low) / (high - low)
-        self.change = (low, 1.0 - part), (high, part), (table.usual, -1.0)
-        every = [table.quarter, *table.rings.values()]
-        self.low, self.high = np.max([each.low for each in every], 0), np.min([each.high for each in every], 0)
-        self.axes, away = table.quarter.axes, 1.0 - sum(weight for at, weight in self.change[:2] if at == table.usual)
-        self.scatter = {name: float(np.hypot(table.scatter[name], away * table.errors[name])) for name in CONE}
+        self.planes = (table.planes[low], 1.0 - part), (table.planes[high], part)
+        self.low, self.high, self.axes = table.low, table.high, table.axes
+        self.scatter = table.scatter
 
     def at(self, yields, angles, grid=False) -> dict[str, np.ndarray]:
         """The measurements at logarithms of yield stress over density and of the angle [degrees]; as Emulator.at."""
-        parts = [self.table.quarter.at(yields, angles, grid)]
-        for node, weight in self.change:
-            parts.append({name: weight * by for name, by in self.table.rings[node].at(yields, angles, grid).items()})
-        return {name: sum(part[name] for part in parts) for name in CONE}
+        parts = [(plane.at(yields, angles, grid), weight) for plane, weight in self.planes]
+        return {name: sum(weight * part[name] for part, weight in parts) for name in CONE}
 
 
 @lru_cache(maxsize=1)
@@ -81,19 +73,22 @@ def own_table() -> Table:
 def frictional_mix(measured: dict, density: float, known: dict) -> FrictionalMix | None:
     """The mix with internal friction that is nearest to slump and slump flow, {name: (value, standard error)}, by least
     squares, with profile likelihood intervals as of ``fit``. A plastic viscosity that is not ``known`` is the usual one
-    of the scene. None where slump or flow was not measured or the table does not reach what is known."""
+    of the scene or, where no mix is near with that, the first of OTHERS with which one is. None where slump or flow was
+    not measured or the table does not reach what is known."""
     if not set(CONE) <= measured.keys():
         return None
     measured, table = {name: measured[name] for name in CONE}, own_table()
-    eta = known.get("plastic_viscosity", table.quarter.usual["plastic_viscosity"])
-    if not min(table.rings) - BEYOND <= np.log(eta / density) <= max(table.rings) + BEYOND:
+    usual = known.get("plastic_viscosity", table.usual["plastic_viscosity"])
+    if not min(table.planes) - BEYOND <= np.log(usual / density) <= max(table.planes) + BEYOND:
         return None
-    found = fit_at(eta, measured, density, known)
-    if found is None or "plastic_viscosity" in known or not found.near:
-        return found
-    others = {other: fit_at(other, measured, density, known) for other in OTHERS}
-    along = {eta: (mix.yield_value.value, mix.friction_angle.value) for eta, mix in others.items() if mix.near}
-    return replace(found, by_viscosity=along)
+    sought = (usual,) if "plastic_viscosity" in known else (usual, *OTHERS)
+    found = {eta: fit_at(eta, measured, density, known) for eta in sought}
+    if found[usual] is None or len(found) == 1:
+        return found[usual]
+    near = {eta: mix for eta, mix in found.items() if mix.near}
+    best = next(iter(near), usual)
+    others = {eta: (mix.yield_value.value, mix.friction_angle.value) for eta, mix in near.items() if eta != best}
+    return replace(found[best], by_viscosity=others)
 
 
 def fit_at(eta: float, measured: dict, density: float, known: dict) -> FrictionalMix | None:
