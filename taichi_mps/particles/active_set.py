@@ -29,11 +29,11 @@ class NoActiveSet:
     def __init__(self, neighbors):
         self.neighbors = neighbors
 
-    def search(self, _looked_at):
+    def search(self, _is_read):
         """The neighbours of all."""
         self.neighbors.search()
 
-    def gather(self):
+    def recall(self):
         """Nothing."""
 
     def end_step(self, dt):
@@ -59,7 +59,7 @@ class ActiveSet:
         self.neighbors, self.bins, self.particles = neighbors, neighbors.bins, neighbors.particles
         self.standstill = standstill
         self.ring = ti.field(ti.i32, self.bins.cells)  # cells from the next one that moves, RINGS at most
-        self.closed = ti.field(ti.i32, self.bins.cells)  # 1 where an active particle would come near buried ones
+        self.near_buried = ti.field(ti.i32, self.bins.cells)  # 1 where an active particle would come near buried ones
         self.numbers = ti.Vector.field(3, ti.i32, ())  # particles that stand, buried, aside
         self.left = ti.field(ti.i32, ())  # 1 where a standing particle yields, or an active one left its cells
         self.holding = ti.field(ti.i32, ())  # particles that stand still
@@ -67,21 +67,21 @@ class ActiveSet:
         self.whole, self.left_out, self.time_aside = True, 0, 0.0  # of the present step; since the set was found [s]
         self.standing, self.steps = 0.0, 0  # part that stood still at the last step of all [-], steps since
         self.all_steps, self.mean_part_left_out = 0, 0.0
-        self.particles.gather = self.gather
+        self.particles.recall = self.recall
 
     # ---- a step ---------------------------------------------------------------------------------------------
-    def search(self, looked_at: bool) -> None:
+    def search(self, is_read: bool) -> None:
         """Set aside what stands, or bring it back, and list the neighbours of the rows of this step, whose result is
-        ``looked_at`` or not."""
+        ``is_read`` or not."""
         self.steps += 1
-        self.whole = looked_at or self.standing < PAYS or self.steps >= EVERY
+        self.whole = is_read or self.standing < PAYS or self.steps >= EVERY
         if self.whole:
-            self.gather()
+            self.recall()
             self.neighbors.search()
         elif self.left_out and not self.someone_leaves():
             self.neighbors.search()
         else:
-            self.gather()
+            self.recall()
             self.divide()
 
     def end_step(self, dt: float) -> None:
@@ -160,12 +160,12 @@ class ActiveSet:
         """Of each particle what it is in the steps to come, and of each cell whether active ones may enter it."""
         for c in ti.grouped(ti.ndrange(*self.bins.shape)):
             k = self.bins.linear(c)
-            self.closed[k] = 0
+            self.near_buried[k] = 0
             for offset in ti.grouped(ti.ndrange(*((-1, 2),) * self.bins.dimension)):
                 other = self.bins.beside(c, offset)
                 if other >= 0 and self.ring[other] >= RINGS - 1:  # noqa: SIM102  (a kernel evaluates both sides)
                     if self.bins.cell_start[other + 1] > self.bins.cell_start[other]:
-                        self.closed[k] = 1
+                        self.near_buried[k] = 1
         self.numbers[None] = ti.Vector([0, 0, 0])
         for i in range(self.particles.count[None]):
             beyond = self.ring[self.bins.cell_of[i]] - 2
@@ -211,11 +211,11 @@ class ActiveSet:
                     self.left[None] = 1
             elif kind == FLUID:
                 k = self.bins.linear(self.bins.cell(self.particles.x[i]))
-                if self.closed[k] == 1:
+                if self.near_buried[k] == 1:
                     self.left[None] = 1
 
     # ---- all again ------------------------------------------------------------------------------------------
-    def gather(self) -> None:
+    def recall(self) -> None:
         """All particles are in use again, what was set aside with what it carried, and its structure grown."""
         if self.left_out:
             flush()

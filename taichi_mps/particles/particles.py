@@ -71,7 +71,7 @@ class Particles:
         self.has_walls = bool((np.asarray(start.get("kind", FLUID)) != FLUID).any())
         self.count = ti.field(ti.i32, ())  # particles in use
         self.aside = ti.field(ti.i32, ())  # fluid particles behind them
-        self.gather = nothing  # bring these back
+        self.recall = nothing  # bring these back
         self.source_row = ti.field(ti.i32)  # row that each particle had before the reorder
         others = [field for pair in self.twins if pair[0] is not self.x for field in pair]
         for field in (*others, self.source_row):
@@ -81,7 +81,7 @@ class Particles:
 
     def load(self, state: dict) -> None:
         """Put arrays (n, ...) into the fields; what is not named becomes zero."""
-        self.gather()
+        self.recall()
         self.count[None] = len(state["x"])
         self.rows.load(state, len(state["x"]))
 
@@ -92,7 +92,7 @@ class Particles:
 
     def read(self) -> dict[str, np.ndarray]:
         """All carried fields (n, ...), in the order of the rows."""
-        self.gather()
+        self.recall()
         return self.rows.read(self.count[None])
 
     def positions(self) -> np.ndarray:
@@ -102,7 +102,7 @@ class Particles:
     def append(self, positions, velocity, mix: int = 0) -> None:
         """Fluid particles of a mix at positions (m, d) [m] with a velocity (d,) [m/s], numbered on; all else of them is
         zero."""
-        self.gather()
+        self.recall()
         rows = np.concatenate([positions, np.tile(velocity, (len(positions), 1))], axis=1)
         self._append(np.ascontiguousarray(rows, float), mix)
         self.count[None] += len(rows)

@@ -108,13 +108,13 @@ class Implicit:
         ends = solve.solver, solve.iterations
         self.diagnostics = Diagnostics(*fluid, self.constants, yielded, *ends, self.base.lattice)
 
-    def step(self, dt: float, looked_at: bool = False):
-        """One step of dt [s], whose result is ``looked_at`` or not."""
+    def step(self, dt: float, is_read: bool = False):
+        """One step of dt [s], whose result is ``is_read`` or not."""
         u, first = self.velocity.velocity, int(self.first)
         iterations = FIRST_ITERATIONS if first else self.numerics.passes
         self.constants.set_time_step(dt)
         self.drift(dt)
-        self.active_set.search(looked_at)
+        self.active_set.search(is_read)
         self.gradient.build()
         self.predict(dt, first)
         self.constrain_volume(dt)
@@ -219,7 +219,7 @@ class Implicit:
     def look(self) -> None:
         """Before it is read: after a step that was not taken by all, what they carry is made that of all."""
         if not self.taken_by_all:
-            self.active_set.gather()
+            self.active_set.recall()
             self.neighbors.search()
             self.gradient.build()
             self.stress.find_yielded()

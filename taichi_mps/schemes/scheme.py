@@ -39,8 +39,8 @@ class Scheme(Protocol):
     def time_step_limits(self, speeds: Speeds) -> dict[str, float]:
         """Largest allowed steps [s] by name, for what moves now."""
 
-    def step(self, dt: float, looked_at: bool = False) -> StepReport:
-        """Advance the particles by dt [s], to a state that is ``looked_at`` or not. CapacityError where the neighbour
+    def step(self, dt: float, is_read: bool = False) -> StepReport:
+        """Advance the particles by dt [s], to a state that is ``is_read`` or not. CapacityError where the neighbour
         list is too short for what it meets, EscapedError where particles leave the domain: then the state is that of
         no time."""
 

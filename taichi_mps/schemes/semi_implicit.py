@@ -45,7 +45,7 @@ class SemiImplicit:
         self._to_read = FieldIO({"yielded": yielded}, self.particles.capacity)
         self.diagnostics = Diagnostics(*fluid, self.viscosity, yielded, solver, solver.iterations, base.lattice)
 
-    def step(self, dt: float, looked_at: bool = False):
+    def step(self, dt: float, is_read: bool = False):
         """One step of dt [s]."""
         self.neighbors.search()
         self.gradient.build()

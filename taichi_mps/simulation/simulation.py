@@ -140,7 +140,7 @@ class Simulation:
             return 0.5 * (until - self.time), "output"
         return dt, name
 
-    def _advance(self, dt, looked_at) -> StepReport:
+    def _advance(self, dt, is_read) -> StepReport:
         """A step of the scheme. Where the neighbour list turns out too short, it goes back to the start of the step,
         makes it longer, and takes the step again."""
         start = self.state() if self.neighbors.nearly_full else None
@@ -148,7 +148,7 @@ class Simulation:
             with self.execution.active():
                 if self.steps == 0:
                     self.scheme.relax()
-                return self.scheme.step(dt, looked_at)
+                return self.scheme.step(dt, is_read)
         except EscapedError as error:
             where, speed = crossing(self.particles.read(), self.scene) or ("", math.inf)
             if speed > 0.1 * self._runaway_speed:  # no number, or faster than what has fallen or was thrown
@@ -160,7 +160,7 @@ class Simulation:
             self._pairs_per_particle *= 2.0
             self._build()
             self.load(start)
-            return self._advance(dt, looked_at)
+            return self._advance(dt, is_read)
 
     def _count_seconds(self, cpu):
         if self.steps == 1:
