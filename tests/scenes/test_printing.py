@@ -101,6 +101,11 @@ def test_a_nozzle_that_goes_to_and_fro_lays_even_layers():
     scene.check(s, sim.measures())
 
 
+def test_there_is_room_for_as_many_layers_as_the_default_has():
+    problem = Problem(catalogue.build("printing", model="path"), mps.Implicit())
+    assert problem.height == pytest.approx(0.25)
+
+
 def failure_height(**keywords):
     """Printed height [m] at which the foot has become 1 % wider, and that before the last particle on top."""
     scene = catalogue.build("printing", floor="smooth", **keywords)
