@@ -24,7 +24,7 @@ SHOWN = {  # scene: the time that is shown [s], other options
     "v_funnel": (1.5, ""),
     "wall": (1.5, ""),
     "vane": (0.375, "--view speed"),
-    "printing": (10.0, "--model path --layers 5"),
+    "printing": (9.2, "--model path --layers 5"),
     "film": (0.5, "--view speed"),
     "dam_break": (0.25, "--view speed"),
     "still_pool": (0.2, "--view pressure"),

@@ -240,7 +240,9 @@ def particles_digest(scene: Scene) -> str:
     parts = {"fluid": scene.fluid, "domain": np.array(scene.domain, float)}
     if scene.wall_particles is not None:
         parts["walls"] = np.asarray(scene.wall_particles, float)
-    inlets = f" {scene.inlets!r}".replace(", path=None", "") if scene.inlets else ""  # VERSION had no paths yet
+    inlets = f" {scene.inlets!r}" if scene.inlets else ""
+    for later in (", path=None", ", height=None"):  # which inlets of VERSION had not yet
+        inlets = inlets.replace(later, "")
     return digest(f"{scene.spacing!r}{inlets}", parts)
 
 

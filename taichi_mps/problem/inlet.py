@@ -15,7 +15,8 @@ ROOM = 0.6  # distance from what is there in spacings below which a layer cannot
 @dataclass(frozen=True)
 class Inlet:
     """Mouth of a round hose (a slot in 2-D) around ``centre``, from which concrete comes along ``direction`` at a
-    ``rate`` from the time ``start`` on until the ``volume`` is in; in 2-D both are per metre of depth.
+    ``rate`` from the time ``start`` on until the ``volume`` is in; in 2-D both are per metre of depth. With
+    a ``height`` the mouth is a rectangle, 2 ``radius`` wide and as high along the most upright direction across.
 
     Particles enter in layers of a lattice across the hose, a spacing apart: a layer begins to leave when its front is
     on the mouth. The speed follows from the rate and the area of a layer, so the rate is met whatever the spacing.
@@ -33,9 +34,10 @@ class Inlet:
     start: float = 0.0  # [s]
     material: Material | None = None  # the mix; that of the scene by default
     path: tuple[tuple[float, ...], ...] | None = None  # (time [s], displacement [m] ...), (k, 1 + d)
+    height: float | None = None  # of a rectangular mouth, in 3-D [m]
 
     def __post_init__(self):
-        units = {"radius": "m", "rate": "m3/s", "volume": "m3"}
+        units = {"radius": "m", "rate": "m3/s", "volume": "m3"} | ({} if self.height is None else {"height": "m"})
         try:
             check_vectors(self, "the mouth", {"centre": "m", "direction": ""})
             check_numbers(self, units | {"start": "s"})
@@ -44,6 +46,8 @@ class Inlet:
         for key, unit in units.items():
             if not getattr(self, key) > 0.0:
                 raise SceneError(f"inlet: {key} = {getattr(self, key):g} {unit}: must be greater than 0 {unit}")
+        if self.height is not None and len(self.centre) != 3:
+            raise SceneError(f"inlet: height = {self.height:g} m: must be left out in 2-D")
         if self.start < 0.0:
             raise SceneError(f"inlet: start = {self.start:g} s: must be at least 0 s")
         if self.path is not None:
@@ -74,15 +78,24 @@ class Inlet:
             raise SceneError(
                 f"inlet: radius = {self.radius:g} m: must be at most {MOST_ACROSS} spacings of {spacing:g} m"
             )
+        if self.height is not None and not spacing * (1.0 - 1e-9) <= self.height <= MOST_ACROSS * spacing:
+            raise SceneError(f"inlet: height = {self.height:g} m: must be 1 to {MOST_ACROSS} spacings of {spacing:g} m")
         along, across = self.unit_direction, []
-        for axis in np.eye(len(along))[np.argsort(np.abs(along), kind="stable")[:-1]]:  # those most square to the hose
+        axes = np.eye(len(along))[np.argsort(np.abs(along), kind="stable")[:-1]]  # those most square to the hose
+        if self.height is not None and np.hypot(along[0], along[1]) > 1e-9:  # level, and upright
+            axes = np.stack([np.cross(along, (0.0, 0.0, 1.0)), (0.0, 0.0, 1.0)])
+        for axis in axes:
             for other in (along, *across):
                 axis = axis - (axis @ other) * other
             across.append(axis / np.linalg.norm(axis))
         count = int(np.ceil(self.radius / spacing))
-        ticks = spacing * (np.arange(-count, count) + 0.5)
-        offset = np.stack(np.meshgrid(*(ticks for _ in across), indexing="ij"), -1).reshape(-1, len(across))
-        offset = offset[np.linalg.norm(offset, axis=1) < self.radius]
+        ticks = [spacing * (np.arange(-count, count) + 0.5)] * len(across)
+        if self.height is not None:
+            rows = max(1, round(self.height / spacing))
+            ticks = [ticks[0][np.abs(ticks[0]) < self.radius], spacing * (np.arange(rows) - 0.5 * (rows - 1))]
+        offset = np.stack(np.meshgrid(*ticks, indexing="ij"), -1).reshape(-1, len(across))
+        if self.height is None:
+            offset = offset[np.linalg.norm(offset, axis=1) < self.radius]
         return np.array(self.centre, float) - 0.5 * spacing * along + offset @ np.array(across)
 
     def layer_volume(self, spacing: float) -> float:

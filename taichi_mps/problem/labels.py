@@ -64,10 +64,10 @@ RESULTS = {  # key: (name, what it is)
     "torque_N_m": ("torque", "of the fluid against what turns"),
     "steady_torque_N_m": ("steady torque", "mean over the last quarter of the time"),
     "cylinder_torque_N_m": ("torque of a cylinder", "without ends, in closed form (Reiner and Riwlin)"),
-    "printed_m": ("printed", "height up to which the nozzle has come"),
+    "printed_m": ("printed", "what has been laid, over its area"),
     "foot_m": ("foot", "width near the floor"),
     "limit_height_m": ("limit height", "at which a slender wall or column fails, in closed form"),
-    "failure_height_m": ("failure height", "printed when the foot had become wider by 2 %"),
+    "failure_height_m": ("failure height", "printed when the foot had become wider by 1 %"),
     "poured_m3": ("poured", "what has come out of the hose"),
     "pour_delay_s": ("delay of the pour", "for want of room below the hose"),
 }

@@ -122,7 +122,9 @@ class Scene:
                 moved = self.inlet_layer(inlet) + displacement
                 if not buried(moved, np.vstack(points), self.spacing / ROOM):
                     points.append(moved)
-        return np.vstack(points)
+        points = np.vstack(points)
+        _, first = np.unique(np.round(points / self.spacing, 6), axis=0, return_index=True)
+        return points[np.sort(first)]
 
     @property
     def expected(self) -> "Scene":
