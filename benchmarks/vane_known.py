@@ -94,6 +94,14 @@ def whole_cylinder_torque(cell: float, slowest: float = 1e-3, tolerance: float =
     return torque
 
 
+def limit(runs, order: int) -> float | None:
+    """Torque [N m] at no spacing, from a fit of a + b spacing^order to (spacing, torque); None for less than three."""
+    if len(runs) < 3:
+        return None
+    spacings, torques = np.array(runs).T
+    return float(np.polyfit(spacings**order, torques, 1)[1])
+
+
 def draw() -> None:
     found = points.read("vane_known")
     lines = ["| turns a minute | layer that flows [mm] | at 4 mm | at 2 mm | at 1 mm |", "|---|---|---|---|---|"]
@@ -103,13 +111,28 @@ def draw() -> None:
         layer = min(CUP, RADIUS * (stress / PASTE["yield_value"]) ** 0.5) - RADIUS
         off = [f"{100.0 * (run['torque_N_m'] / run['cylinder_torque_N_m'] - 1.0):+.1f} %" for run in runs]
         lines.append(f"| {speed:g} | {1e3 * layer:.1f} | {' | '.join(off)} |")
-    lines += ["", "| spacing | vane: section | whole | cylinder: section | whole |", "|---|---|---|---|---|"]
-    for spacing in SPACINGS:
-        runs = [found.get(key(body, model, spacing)) for body in ("vane", "cylinder") for model in ("section", "full")]
-        cells = [f"{1e3 * run['torque_N_m']:.2f}" if run else "-" for run in runs]
-        lines.append(f"| {1e3 * spacing:g} mm | {' | '.join(cells)} |")
+    columns = [(body, model) for body in ("vane", "cylinder") for model in ("section", "full")]
+    finest = {body: found[key(body, "section", SPACINGS[-1])]["torque_N_m"] for body in ("vane", "cylinder")}
+
+    def line(name, torques):
+        """Torques [N m] of all columns as a line of the table, those of a whole body also over its finest section."""
+        cells = ["-" if torque is None else f"{1e3 * torque:.2f}" for torque in torques]
+        for k, (body, model) in enumerate(columns):
+            if model == "full" and torques[k] is not None:
+                cells[k] += f" ({torques[k] / finest[body]:.2f})"
+        return f"| {name} | {' | '.join(cells)} |"
+
+    lines += ["", "| | vane: section | whole (over the finest section) | cylinder: section | whole |"]
+    lines.append("|---|---|---|---|---|")
+    known = {name: run["torque_N_m"] for name, run in found.items()}
+    torques = {spacing: [known.get(key(*column, spacing)) for column in columns] for spacing in SPACINGS}
+    lines += [line(f"{1e3 * spacing:g} mm", torques[spacing]) for spacing in SPACINGS]
+    whole = [[(h, row[k]) for h, row in torques.items() if row[k] is not None] for k in (1, 3)]
+    for order, word in ((1, "first"), (2, "second")):
+        vane, cylinder = (limit(runs, order) for runs in whole)
+        lines.append(line(f"limit by {word} order", [None, vane, None, cylinder]))
     section = found[key("cylinder", "section", 0.002)]["cylinder_torque_N_m"]
-    lines.append(f"| known | | | {1e3 * section:.2f} | {1e3 * whole_cylinder_torque(CELL):.2f} |")
+    lines.append(line("known", [None, None, section, whole_cylinder_torque(CELL)]))
     points.put("scenes/vane.md", "vane_known", "\n".join(lines))
 
 
