@@ -16,7 +16,7 @@ from ..terms.constants import LONG, longest_step
 from .pouring import Pouring
 
 MEASURED = Path(__file__).with_name("cost.csv")
-LANDS = 0.85  # speed of a jet where it lands over that of a free fall to the mean level: 0.76 to 0.92 in those pours
+LANDS = 0.9  # speed of a jet where it lands over that of a free fall to its heap, which is as high as the jet is wide
 PARTS = 2000  # of the time, in each of which steps are equally long
 
 
@@ -54,9 +54,11 @@ def estimate_cost(problem: Problem) -> Cost | None:
 
 
 def landing_speed(problem: Problem, pour: Pouring, time, level):
-    """Speed [m/s] at times [s] of a jet where it lands, with the level [m] below it."""
+    """Speed [m/s] at times [s] of a jet where it lands, on a heap above the level [m]. With LANDS the steps of eight
+    pours were met within 15 %."""
     mouth = np.array([pour.inlet.centre[-1] + pour.inlet.displacement(t)[-1] for t in time])
-    return LANDS * np.sqrt(pour.speed**2 + 2.0 * problem.gravity * np.maximum(0.0, mouth - level))
+    heap = level + 2.0 * pour.inlet.radius
+    return LANDS * np.sqrt(pour.speed**2 + 2.0 * problem.gravity * np.maximum(0.0, mouth - heap))
 
 
 def level_of(scene, volume):

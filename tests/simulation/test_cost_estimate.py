@@ -34,9 +34,9 @@ def poured(**changes):
 
 
 def test_steps_are_those_of_a_jet_that_falls_to_a_rising_level():
-    """Integral of U/(C l0) dt with U^2 = LANDS^2 (a - b t)."""
+    """Integral of U/(C l0) dt with U^2 = LANDS^2 (a - b t); it falls to a heap as high as it is wide."""
     scene = poured()
-    a = scene.inlets[0].speed(L0) ** 2 + 2.0 * G * MOUTH
+    a = scene.inlets[0].speed(L0) ** 2 + 2.0 * G * (MOUTH - 2.0 * scene.inlets[0].radius)
     b = 2.0 * G * RATE / SIDE**2
     way = LANDS * 2.0 / (3.0 * b) * (a**1.5 - (a - b * FULL) ** 1.5)
     found = estimate_cost(Problem(scene, mps.Implicit(courant_number=0.1)))
