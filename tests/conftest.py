@@ -29,6 +29,8 @@ LONGEST = (
     "schemes/test_semi_implicit.py",
     "schemes/test_axisymmetric.py",
     "schemes/test_active_set.py",
+    "simulation/test_sessions.py",
+    "scenes/test_printing.py",
     "simulation/test_pay_for_use.py",
     "validation/test_validation.py",
     "boundaries/test_mirror.py",

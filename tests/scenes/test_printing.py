@@ -117,7 +117,7 @@ def failure_height(**keywords):
     return found, found - scene.spacing
 
 
-@pytest.mark.parametrize("structuration", [0.0, 80.0])
+@pytest.mark.parametrize("structuration", [pytest.param(0.0, marks=pytest.mark.long), 80.0])
 def test_a_printed_wall_fails_at_twice_its_yield_stress(structuration):
     """Between rho g H = 2 tau_y, what the material of the foot bears in plane strain, and the mechanism of two planes
     at 45 degrees from the middle of the foot, a quarter of the width more; tau_y with what it has grown by then. A foot
