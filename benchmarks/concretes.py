@@ -1,9 +1,9 @@
 """103 measured pairs of slump and slump flow beside Bingham cones, with slip at the plate and with internal friction.
 
-    python benchmarks/concretes.py run    # cones that slip or rub, by rings: results/concretes.json, four CPU-minutes
+    python benchmarks/concretes.py run    # cones that slip, by rings: results/concretes.json
     python benchmarks/concretes.py draw   # docs/concretes.md, its chart, and of each what calibrate says: results/*.csv
 
-A cone without slip: the table of `taichi-mps calibrate` (rings of 10 mm, to rest). Measured: Yeh (2007), UCI.
+Cones without slip, and with internal friction: the tables of `taichi-mps calibrate`. Measured: Yeh (2007), UCI.
 """
 
 import json
@@ -15,7 +15,6 @@ import points
 
 MEASURED = "E_measured_slump_flow_yeh.csv"
 YIELDS = 60.0, 100.0, 150.0, 200.0, 300.0, 400.0, 600.0, 800.0, 1200.0  # of the cones that slip [Pa]
-COHESIONS = 5.0, 20.0, 50.0, 100.0, 200.0, 400.0  # of those with internal friction [Pa]
 VISCOSITY = 50.0  # of both [Pa s]
 BAND = 20.0, 200.0  # of the cones that do not [Pa s]
 NEAR = 10.0, 20.0  # [mm] of slump and of flow within which a cone explains a measurement
@@ -25,16 +24,9 @@ ANGLES = 10.0, 15.0, 20.0  # of internal friction [deg]
 RESULT = points.RESULTS / "concretes.json"
 
 
-def ways() -> dict[str, list[tuple[dict, float | None]]]:
-    """The cones of each line of the chart: their mixes, and what the plate holds over the yield stress, None: all."""
-    slipping = {f"Bingham, {plate}": [({"yield_value": tau}, part) for tau in YIELDS] for plate, part in PLATES.items()}
-    rubbing = {
-        f"internal friction of {angle:g} degrees": [
-            ({"yield_value": tau, "friction_angle": angle}, None) for tau in COHESIONS
-        ]
-        for angle in ANGLES
-    }
-    return slipping | rubbing
+def ways() -> dict[str, list[tuple[dict, float]]]:
+    """The cones that slip, of each line of the chart: their mixes, and what the plate holds over the yield stress."""
+    return {f"Bingham, {plate}": [({"yield_value": tau}, part) for tau in YIELDS] for plate, part in PLATES.items()}
 
 
 def run() -> None:
@@ -51,9 +43,8 @@ def run() -> None:
         rows = []
         for mix, part in cones:
             scene = mps.slump_cone(**mix, plastic_viscosity=VISCOSITY, model="axisymmetric", floor_radius=1.0)
-            if part is not None:
-                held = {"friction": mps.Friction(yield_value=part * mix["yield_value"])} if part else {"slip": True}
-                scene = replace(scene, walls=(replace(scene.walls[0], **held),))
+            held = {"friction": mps.Friction(yield_value=part * mix["yield_value"])} if part else {"slip": True}
+            scene = replace(scene, walls=(replace(scene.walls[0], **held),))
             sim = mps.Simulation(replace(scene, until=20.0))
             sim.run()
             measures = sim.measures()
@@ -117,6 +108,19 @@ def curves() -> dict[str, np.ndarray]:
         known = np.array([(np.log(c["yield_value"]), c["slump_mm"], c["flow_mm"]) for c in cones])
         fine = np.linspace(known[0, 0], known[-1, 0], 200)
         found[way] = np.column_stack([np.interp(fine, known[:, 0], known[:, k]) for k in (1, 2)])
+    return found | rubbing()
+
+
+def rubbing() -> dict[str, np.ndarray]:
+    """Slump and slump flow [mm] of cones with internal friction, from the table of `taichi-mps calibrate`."""
+    from taichi_mps.study.emulator import DENSITY
+    from taichi_mps.study.internal_friction import AtViscosity, own_table
+
+    table = AtViscosity(own_table(), np.log(VISCOSITY / DENSITY))
+    yields, found = np.linspace(table.low[0], table.high[0], 200), {}
+    for angle in ANGLES:
+        cones = table.at(yields, np.full(len(yields), np.log(angle)))
+        found[f"internal friction of {angle:g} degrees"] = 1e3 * np.column_stack([cones["slump_m"], cones["spread_m"]])
     return found
 
 
