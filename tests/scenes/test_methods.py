@@ -234,6 +234,20 @@ def test_six_litres_in_the_lcpc_box():
         assert (0.5 * (h[1:] + h[:-1]) * np.diff(x)).sum() == pytest.approx(0.03, rel=1e-4)
 
 
+@pytest.mark.long
+@pytest.mark.parametrize(
+    "model, spacing, yield_value", [("half", 0.0125, 46.0), ("half", 0.0125, 23.0), ("plane", 0.00625, 46.0)]
+)
+def test_the_lcpc_box_rests_as_far_as_the_closed_form(model, spacing, yield_value):
+    """Within 5 %, minutes after it was let go: at 10 s a layer of 23 Pa is 18 % short."""
+    scene = catalogue.build("lcpc_box", model=model, spacing=spacing, yield_value=yield_value)
+    sim = mps.Simulation(scene)
+    assert sim.run() == "rest" and sim.time > 100.0
+    width = 0.2 if model == "half" else None
+    x, _ = rest_shapes.channel_at_rest(0.03, 2300.0, yield_value, width, 1.2, normal_stress=True)
+    assert sim.measures()["front_m"] == pytest.approx(x[-1], rel=0.05)
+
+
 def test_levels_at_rest_in_a_closed_channel():
     """12 l in 0.7 x 0.2 m: 115.2 and 51.7 mm at 92 Pa by an independent quadrature; level without yield stress."""
     _, h = rest_shapes.channel_at_rest(0.06, 2300.0, 92.0, 0.2, 0.7)
