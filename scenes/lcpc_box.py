@@ -13,7 +13,7 @@ from pydantic import Field
 import taichi_mps as mps
 from taichi_mps.units import Duration, Length
 
-TO_REST, WITHOUT = 2000.0, 10.0  # time limits [s] of what comes to rest by itself, and of what does not
+TO_REST, WITHOUT = 3600.0, 10.0  # time limits [s] of what comes to rest by itself, and of what does not
 
 
 @mps.checked
@@ -26,7 +26,7 @@ def scene(
     block: Length = Field(0.2, description="length of the concrete before it flows"),
     sides: Literal["rough", "smooth"] = "rough",
     until: Duration | None = Field(
-        None, description="time limit, by default 2000 s, or 10 s of what does not come to rest"
+        None, description="time limit, by default an hour, or 10 s of what does not come to rest"
     ),
     model: Literal["half", "plane"] = "half",
 ) -> mps.Scene:
