@@ -155,7 +155,7 @@ class FrictionalMix(Found):
     @property
     def near(self) -> bool:
         """Is it within NEAR of both lengths, and within three standard errors of T500?"""
-        late = [abs(by) / self.errors[name] for name, by in self.missed.items() if name not in NEAR]
+        late = [by / self.errors[name] for name, by in self.missed.items() if name not in NEAR]
         return super().near and all(each**2 <= CONTRADICTION for each in late)
 
     @property
@@ -192,15 +192,11 @@ class FrictionalMix(Found):
     def __str__(self):
         if not self.explains:
             return self.told()
-        lines = self.constant_lines(FRICTIONAL[: 2 if self.usual else 3])
+        lines = self.constant_lines(FRICTIONAL)
         if self.usual:
-            eta = short(self.plastic_viscosity.value)
-            lines += [f"{WORDS['plastic_viscosity'][0]:18} {eta} Pa s, a usual value, not measured"]
-        if self.by_viscosity:
-            others = (
-                f"{short(c)} Pa and {short(phi)} degrees at {eta:g}" for eta, (c, phi) in self.by_viscosity.items()
-            )
-            lines.append(f"  by plastic viscosity: {', '.join(others)} Pa s")
+            lines[-1] = lines[-1].replace("as given", "a usual value, not measured")
+        others = [f"{short(c)} Pa and {short(phi)} degrees at {eta:g}" for eta, (c, phi) in self.by_viscosity.items()]
+        lines += [f"  by plastic viscosity: {', '.join(others)} Pa s"] * bool(others)
         lines += [*self.measurement_lines(), f"{'to run it':18} {self.command}"]
         return "\n".join([f"{self.told()}:", *(f"  {line}" for line in lines)])
 
@@ -280,9 +276,8 @@ class Calibration(Found):
         if self.at_the_edge:
             ends = [(CONSTANTS[name][0], getattr(self, name), CONSTANTS[name][1]) for name in self.at_the_edge]
             ends = ", ".join(f"{word} {short(it.low)} to {short(it.high)} {unit}" for word, it, unit in ends)
-            lines.insert(
-                0, f"the best fit lies at the edge of the table ({ends}): what is bounded is so within it only"
-            )
+            edge = f"the best fit lies at the edge of the table ({ends}): what is bounded is so within it only"
+            lines.insert(0, edge)
         if self.friction:
             *first, last = [NAMES[name] for name in self.friction.measured]
             unused = [NAMES[name] for name in self.measured if name not in self.friction.measured]

@@ -18,8 +18,6 @@ from taichi_mps.study.results import read
 pytest.importorskip("scipy")
 
 DENSITY = 2300.0
-
-
 CONSTANTS = "yield_value", "friction_angle", "plastic_viscosity"
 CHECKS = [row for row in read(TABLE) if row["role"] == "check" and row["t500_s"]]  # no nodes of the table
 
@@ -154,17 +152,18 @@ def test_another_test_that_contradicts_is_not_explained():
 
 
 def test_a_list_counts_them_apart():
-    known = cone(25.0, 15.0)
+    known, timed = cone(25.0, 15.0), cone(12.0, 14.0, 80.0, tests=("slump", "spread", "t500"))
     rows = [
         {"mix": name, **{key: str(value) for key, value in pair.items()}}
-        for name, pair in (("rubs", known), ("nobody", {"slump": 0.15, "spread": 0.6}))
+        for name, pair in (("rubs", known), ("timed", timed), ("nobody", {"slump": 0.15, "spread": 0.6}))
     ]
-    rubs, nobody = calibrate_list(rows)
-    assert rubs["verdict"] == WITH_FRICTION and nobody["verdict"] == TWO_ANSWERS
+    rubs, timed, nobody = calibrate_list(rows)
+    assert rubs["verdict"] == timed["verdict"] == WITH_FRICTION and nobody["verdict"] == TWO_ANSWERS
     assert rubs["friction_angle_lower"] < 15.0 < rubs["friction_angle_upper"]
     assert rubs["plastic_viscosity_from"] == "usual" and "--friction-angle 15" in rubs["reason"]
+    assert timed["plastic_viscosity_from"] == "T500" and abs(timed["t500_s_missed"]) < 0.1
     assert "with internal friction neither" in nobody["reason"]
-    assert f"1 {WITH_FRICTION}" in tally([rubs, nobody])
+    assert f"2 {WITH_FRICTION}" in tally([rubs, timed, nobody])
 
 
 def test_the_command_told_computes_the_measured_slump(capsys):
