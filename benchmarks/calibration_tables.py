@@ -52,9 +52,13 @@ HEADS = {
     "mini_cone": "Kantro's mini-cone (57.2 mm), true Bingham, mould gone at once; spread [m] at rest or 1000 s",
     "v_funnel": "V-funnel (EN 12350-9), true Bingham, rough sides, flap gone at once; flow time [s]",
     "internal_friction": "Standard cone (JIS A 1101), Bingham with internal friction, mould gone at once; slump over "
-    "r < 20 mm and spread [m] at rest or after 120 s. Rows of the role check tell the error",
+    "r < 20 mm and spread [m] at rest or after 120 s, time [s] to 500 mm. Rows of the role check tell the error",
 }
-COLUMNS = {"mini_cone": ["spread_m"], "v_funnel": ["flow_time_s"], "internal_friction": ["slump_m", "spread_m"]}
+COLUMNS = {
+    "mini_cone": ["spread_m"],
+    "v_funnel": ["flow_time_s"],
+    "internal_friction": ["slump_m", "spread_m", "t500_s"],
+}
 KEPT = ["status", "scene", "model", "spacing", "until", "density", "yield_value", "plastic_viscosity"]
 
 

@@ -114,12 +114,12 @@ def curves() -> dict[str, np.ndarray]:
 def rubbing() -> dict[str, np.ndarray]:
     """Slump and slump flow [mm] of cones with internal friction, from the table of `taichi-mps calibrate`."""
     from taichi_mps.study.emulator import DENSITY
-    from taichi_mps.study.internal_friction import AtViscosity, own_table
+    from taichi_mps.study.internal_friction import own_table
 
-    table = AtViscosity(own_table(), np.log(VISCOSITY / DENSITY))
+    table, viscosity = own_table(), np.log(VISCOSITY / DENSITY)
     yields, found = np.linspace(table.low[0], table.high[0], 200), {}
     for angle in ANGLES:
-        cones = table.at(yields, np.full(len(yields), np.log(angle)))
+        cones = table.at(yields, np.full(len(yields), np.log(angle)), viscosity)
         found[f"internal friction of {angle:g} degrees"] = 1e3 * np.column_stack([cones["slump_m"], cones["spread_m"]])
     return found
 

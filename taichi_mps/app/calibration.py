@@ -4,7 +4,7 @@ import json
 
 from nicegui import ui
 
-from ..study.calibration import CONSTANTS, WORDS, Calibration, from_facts, short
+from ..study.calibration import CONSTANTS, FRICTIONAL, WORDS, Calibration, from_facts, short
 from ..study.measurements import Measurements
 from .form import Form
 from .jobs import Job, Queue, as_options
@@ -55,11 +55,8 @@ class Calibrate:
     def found(self, facts: dict) -> None:
         """The constants, and what they rest on."""
         it = from_facts(Calibration, facts)
-        mix = {name: getattr(it, name).value for name in CONSTANTS}
-        if it.explained_by_friction:
-            rubs = it.friction
-            mix = {name: getattr(rubs, name).value for name in ("yield_value", "friction_angle")}
-            mix["plastic_viscosity"] = rubs.plastic_viscosity
+        nearest, names = (it.friction, FRICTIONAL) if it.explained_by_friction else (it, CONSTANTS)
+        mix = {name: getattr(nearest, name).value for name in names}
         with ui.card().classes("w-full gap-1").props('flat bordered data-part="constants"'):
             for line in str(it).splitlines():
                 ui.label(" ".join(line.split()))

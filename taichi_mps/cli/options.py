@@ -34,6 +34,15 @@ class Pictures(Checked):
     threads: Count | None = Field(None, description="processor cores to use, all of them by default")
 
 
+class Workers(Checked):
+    """Options of every command that computes many cases."""
+
+    executor: str = Field("local", description="where to compute: local, dask://HOST:PORT, slurm://PARTITION")
+    workers: Count | None = Field(
+        None, description="cases at once: processes of this machine, one for each CPU by default; of a cluster: all"
+    )
+
+
 class Run(Pictures):
     """Options of run; a checkpoint keeps them for resume."""
 

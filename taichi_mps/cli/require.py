@@ -11,19 +11,17 @@ from pydantic import Field
 from ..io.run_folder import strict
 from ..problem import catalogue
 from ..study.require import Wanted, density_of, require
-from ..units import Checked, Count, plain
-from .options import Parser, given, scene_of
+from ..units import plain
+from .options import Parser, Workers, given, scene_of
 from .run import DONE
 
 MIX = {"yield_value", "plastic_viscosity", "until"}  # of the scene: what is looked for
 
 
-class Requirement(Checked):
+class Requirement(Workers):
     """Options of require, beside what is wanted."""
 
     out: str | None = Field(None, description="folder of the study, studies/require-<scene> by default")
-    executor: str = Field("local", description="where to compute: local, dask://HOST:PORT, slurm://PARTITION")
-    workers: Count | None = Field(None, description="runs at once, one for each CPU by default")
     quiet: bool = Field(False, description="no progress")
 
 

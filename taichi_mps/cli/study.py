@@ -13,22 +13,18 @@ from ..problem import catalogue
 from ..problem.accuracy import choose
 from ..study.measurements import Measurements
 from ..study.sweep import ACCURACY, LOST, cases, sweep
-from ..units import Checked, Count, SceneError, plain
-from .options import Parser, given, scene_of
+from ..units import SceneError, plain
+from .options import Parser, Workers, given, scene_of
 from .run import DONE
 
 NOT_ALL_DONE = 1  # what sweep returns where a case gave no result
 MOST_SHOWN = 10  # cases without a result that are named
 
 
-class Study(Checked):
+class Study(Workers):
     """Options of sweep."""
 
     out: str | None = Field(None, description="folder of the study, studies/<scene> by default")
-    executor: str = Field("local", description="where to compute: local, dask://HOST:PORT, slurm://PARTITION")
-    workers: Count | None = Field(
-        None, description="cases at once: processes of this machine, one for each CPU by default; of a cluster: all"
-    )
     chart: bool = Field(False, description="draw chart.png into the folder")
     quiet: bool = Field(False, description="no table")
 
@@ -108,6 +104,12 @@ def calibrate_command(argv) -> int:
         "--out", help="of --table: the results, CSV, beside them a chart and a page; mixes-calibrated.csv by default"
     )
     parser.add_argument(
+        "--executor", help="of --table: local or dask://HOST:PORT, by default here, one after the other"
+    )
+    parser.add_argument(
+        "--workers", help="of --table: processes of this machine, one for each CPU with --executor local"
+    )
+    parser.add_argument(
         "--study", help="a study of one of the tests to look the answer up in; the package's own by default"
     )
     parser.add_argument("--no-check", action="store_true", help="without the finer run, in a second")
@@ -116,8 +118,9 @@ def calibrate_command(argv) -> int:
     told = given(arguments, Measurements)
     if arguments.table:
         return calibrate_table(arguments, told)
-    if arguments.out:
-        raise SceneError(f"out = {arguments.out}: belongs to --table; must be left out")
+    for name in ("out", *Workers.model_fields):
+        if value := getattr(arguments, name):
+            raise SceneError(f"{name} = {value}: belongs to --table; must be left out")
     from ..study.calibrate import calibrate
 
     result = calibrate(**told, study=arguments.study, check=not arguments.no_check)
@@ -137,13 +140,14 @@ def calibrate_table(arguments, told) -> int:
     out = Path(arguments.out or path.with_name(f"{path.stem}-calibrated.csv"))
     if out.exists():
         raise SceneError(f"out = {out}: is there already; must be a new file, it is not overwritten")
-    rows = mixes.read_list(path)
+    rows, workers = mixes.read_list(path), given(arguments, Workers)
+    workers = Workers(**workers).model_dump() if workers else {}
 
     def watch(row, number):
         if sys.stderr.isatty():
             print(f"\r{number} of {len(rows)} mixes", end="\n" * (number == len(rows)), file=sys.stderr, flush=True)
 
-    found = mixes.calibrate_list(rows, arguments.study, watch)
+    found = mixes.calibrate_list(rows, arguments.study, watch, **workers)
     mixes.write(found, out)
     if arguments.json:
         print(json.dumps(strict(found)))

@@ -49,7 +49,7 @@ def calibrate(test: Measurements, study: str | None = None, check: bool = True) 
     ``study`` is one of a test to look the answer up in, by default the package's own of each: of the standard cone
     with the mould gone at once, of Kantro's mini-cone, and of the V-funnel. With ``check`` the cones are computed once
     more at half the spacing with the constants found, and they are corrected by the difference. Where no Bingham mix is
-    near, one with internal friction is sought by slump and slump flow, in a table of the standard cone.
+    near, one with internal friction is sought by slump, slump flow and T500, in a table of the standard cone.
     """
     measured, known = test.measured(), test.known()
     emulators = emulators_of(measured, study)

@@ -12,13 +12,19 @@ CONSTANTS = {"yield_value": ("yield stress", "Pa"), "plastic_viscosity": ("plast
 WORDS = CONSTANTS | {"friction_angle": ("friction angle", "degrees")}
 # [m] within which a mix of the model explains a measurement; Kantro's cone is a fifth of the standard one
 NEAR = {"slump_m": 0.01, "spread_m": 0.02, "mini_cone_m": 0.004}
-CONE = "slump_m", "spread_m"  # the measurements that a mix with internal friction is sought for
+CONE = "slump_m", "spread_m"  # without which no mix with internal friction is sought
+FRICTIONAL = "yield_value", "friction_angle", "plastic_viscosity"  # the constants of such a mix
 TOLD = 1.1  # factor by which a constant must be less certain without a measurement that is said to determine it
 
 
 def short(value: float) -> str:
     """Three figures, without an exponent."""
     return f"{float(f'{value:.3g}'):g}"
+
+
+def apart(name: str, by: float) -> str:
+    """By how much the model is above a measurement, with its unit, lengths [mm]."""
+    return f"{1e3 * by:+.0f} mm" if name.endswith("_m") else f"{by:+.2g} s"
 
 
 @dataclass(frozen=True)
@@ -92,7 +98,8 @@ class Found:
         needed = [it for it in bounded if worth[it] >= TOLD]
         said = []
         for constant in needed or bounded[:1]:  # without one that is needed it tells a relation of both
-            once = "".join(f" once the {WORDS[it][0]} is bounded" for it in sensed if it != constant)
+            others = [WORDS[it][0] for it in sensed if it != constant]
+            once = f" once {f'the {others[0]} is' if len(others) == 1 else 'the others are'} bounded" * bool(others)
             without = f" (without it {worth[constant]:.1f} times as uncertain)" * bool(needed)
             said.append(f"the {WORDS[constant][0]}{once}{without}")
         return " and ".join(said) or "neither constant alone"
@@ -129,15 +136,16 @@ class Found:
 
 @dataclass(frozen=True)
 class FrictionalMix(Found):
-    """The mix with internal friction, yield stress c + p tan(phi), that is nearest to a slump and a slump flow at a
-    plastic viscosity, given or usual."""
+    """The mix with internal friction, yield stress c + p tan(phi), that is nearest to slump, slump flow and, where it
+    was measured, T500."""
 
     yield_value: Constant  # c
     friction_angle: Constant  # phi [degrees]
-    plastic_viscosity: float  # [Pa s]
-    given: bool  # is the plastic viscosity that of a rheometer, not a usual one?
+    plastic_viscosity: Constant  # of T500, a rheometer, or usual
+    usual: bool  # is it a usual one, neither given nor found?
     density: float  # [kg/m3]
     measured: dict[str, tuple[float, float]]
+    errors: dict[str, float]  # standard errors, with those of the table
     model: dict[str, float]
     # yield stress [Pa] and angle [degrees] by other plastic viscosities [Pa s] at which a mix is near
     by_viscosity: dict[float, tuple[float, float]]
@@ -145,45 +153,50 @@ class FrictionalMix(Found):
     sensitivities: dict[str, dict[str, float]] = field(default_factory=dict)
 
     @property
+    def near(self) -> bool:
+        """Is it within NEAR of both lengths, and within three standard errors of T500?"""
+        late = [by / self.errors[name] for name, by in self.missed.items() if name not in NEAR]
+        return super().near and all(each**2 <= CONTRADICTION for each in late)
+
+    @property
     def explains(self) -> bool:
-        """Is it near, and do the measurements bound both constants?"""
+        """Is it near, and do the measurements bound yield stress and angle?"""
         return self.near and self.yield_value.bounded and self.friction_angle.bounded
 
     @property
     def constants(self) -> str:
         """In short."""
-        return (
-            f"{short(self.yield_value.value)} Pa and {short(self.friction_angle.value)} degrees at "
-            f"{short(self.plastic_viscosity)} Pa s"
-        )
+        c, phi, eta = (short(getattr(self, name).value) for name in FRICTIONAL)
+        return f"{c} Pa and {phi} degrees at {eta} Pa s"
 
     @property
     def command(self) -> str:
         """What computes its slump."""
-        mix = {name: getattr(self, name).value for name in ("yield_value", "friction_angle")}
-        mix |= {"plastic_viscosity": self.plastic_viscosity, "density": self.density}
+        mix = {name: getattr(self, name).value for name in FRICTIONAL} | {"density": self.density}
         return "taichi-mps run slump " + " ".join(f"--{name.replace('_', '-')} {short(v)}" for name, v in mix.items())
+
+    def source(self, constant: str) -> str:
+        """As of Found; of a viscosity that is usual that it is."""
+        return USUAL if self.usual and constant == "plastic_viscosity" else super().source(constant)
 
     def told(self) -> str:
         """Does it explain the measurements, and how far from them is it? In one sentence."""
+        every, none = ("both", "neither") if len(self.measured) == 2 else ("all three", "not all three")
         if self.explains:
-            return f"with internal friction one mix does both: {self.constants}"
+            return f"with internal friction one mix does {every}: {self.constants}"
         if self.near:
-            return f"with internal friction {self.constants} does both, but its constants are not bounded"
-        missed = " and ".join(f"the {NAMES[name]} by {1e3 * by:+.0f} mm" for name, by in self.missed.items())
-        return f"with internal friction neither: the nearest, {self.constants}, misses {missed}"
+            return f"with internal friction {self.constants} does {every}, but its constants are not bounded"
+        missed = " and ".join(f"the {NAMES[name]} by {apart(name, by)}" for name, by in self.missed.items())
+        return f"with internal friction {none}: the nearest, {self.constants}, misses {missed}"
 
     def __str__(self):
         if not self.explains:
             return self.told()
-        source = "as given" if self.given else "a usual value, not measured"
-        lines = [*self.constant_lines(("yield_value", "friction_angle"))]
-        lines += [f"{'plastic viscosity':18} {short(self.plastic_viscosity)} Pa s, {source}"]
-        if self.by_viscosity:
-            others = (
-                f"{short(c)} Pa and {short(phi)} degrees at {eta:g}" for eta, (c, phi) in self.by_viscosity.items()
-            )
-            lines.append(f"  by plastic viscosity: {', '.join(others)} Pa s")
+        lines = self.constant_lines(FRICTIONAL)
+        if self.usual:
+            lines[-1] = lines[-1].replace("as given", "a usual value, not measured")
+        others = [f"{short(c)} Pa and {short(phi)} degrees at {eta:g}" for eta, (c, phi) in self.by_viscosity.items()]
+        lines += [f"  by plastic viscosity: {', '.join(others)} Pa s"] * bool(others)
         lines += [*self.measurement_lines(), f"{'to run it':18} {self.command}"]
         return "\n".join([f"{self.told()}:", *(f"  {line}" for line in lines)])
 
@@ -205,12 +218,12 @@ class Calibration(Found):
     # of its own it changes with the constant's logarithm
     worth: dict[str, dict[str, float]] = field(default_factory=dict)
     sensitivities: dict[str, dict[str, float]] = field(default_factory=dict)
-    friction: FrictionalMix | None = None  # of slump and slump flow, where it was sought
+    friction: FrictionalMix | None = None  # of slump, slump flow and T500, where it was sought
 
     @property
     def explained_by_friction(self) -> bool:
         """Does a mix with internal friction explain all that was measured?"""
-        return bool(self.friction and self.friction.explains and self.measured.keys() == set(CONE))
+        return bool(self.friction and self.friction.explains and self.measured.keys() == self.friction.measured.keys())
 
     @property
     def at_the_edge(self) -> list[str]:
@@ -263,13 +276,13 @@ class Calibration(Found):
         if self.at_the_edge:
             ends = [(CONSTANTS[name][0], getattr(self, name), CONSTANTS[name][1]) for name in self.at_the_edge]
             ends = ", ".join(f"{word} {short(it.low)} to {short(it.high)} {unit}" for word, it, unit in ends)
-            lines.insert(
-                0, f"the best fit lies at the edge of the table ({ends}): what is bounded is so within it only"
-            )
+            edge = f"the best fit lies at the edge of the table ({ends}): what is bounded is so within it only"
+            lines.insert(0, edge)
         if self.friction:
-            unused = [NAMES[name] for name in self.measured if name not in CONE]
+            *first, last = [NAMES[name] for name in self.friction.measured]
+            unused = [NAMES[name] for name in self.measured if name not in self.friction.measured]
             block = [str(self.friction)]
-            block += [f"  of slump and slump flow alone, not of {' and '.join(unused)}"] * bool(unused)
+            block += [f"  of {', '.join(first)} and {last} alone, not of {' and '.join(unused)}"] * bool(unused)
             lines = [*block, "the nearest Bingham mix:", *lines] if self.contradictory else [*lines, *block]
         if self.contradictory:
             lines.insert(0, self.contradiction())

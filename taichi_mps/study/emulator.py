@@ -79,7 +79,7 @@ class Emulator:
         self.axes = [np.linspace(*ends) for ends in zip(self.low, self.high, NODES, strict=True)]
         self.splines, self.scatter = {}, {}
         for name, column in columns.items():
-            values = self._values(name, column, done)
+            values = self.values(name, column, done)
             if np.isfinite(values).sum() >= FEWEST:
                 self.splines[name], scatter = self._surface(values)
                 self.scatter[name] = scatter
@@ -87,7 +87,7 @@ class Emulator:
                 raise SceneError(f"table: column {column} holds fewer than {FEWEST} numbers; must hold that many")
         for name in self.splines if finest else ():
             missed = self.splines[name](*self._points(finest, known).T, grid=False)
-            missed -= self._values(name, columns[name], finest)
+            missed -= self.values(name, columns[name], finest)
             self.scatter[name] = float(np.hypot(self.scatter[name], np.sqrt(np.nanmean(missed**2))))
 
     def _points(self, rows, known):
@@ -97,7 +97,7 @@ class Emulator:
         return np.log(constants / np.column_stack([scale(name, density) for name in self.constants]))
 
     @staticmethod
-    def _values(name, column, rows):
+    def values(name, column, rows):
         """A column as the spline has it, nan where a row holds no number."""
         values = np.array([row[column] if positive(row.get(column)) else np.nan for row in rows], float)
         return np.log(values) if is_time(name) else values
@@ -117,13 +117,21 @@ class Emulator:
     def at(self, yields, viscosities, grid=False) -> dict[str, np.ndarray]:
         """The measurements at pairs of logarithms of yield stress and plastic viscosity over the density, (n,) each;
         with ``grid`` at all combinations of two ascending sequences."""
-        found = {name: spline(yields, viscosities, grid=grid) for name, spline in self.splines.items()}
-        found = {name: np.exp(value) if is_time(name) else value for name, value in found.items()}
-        if self.scene == "slump":
-            spread = found["spread_m"]
-            time = found.get("t500_s", np.full(spread.shape, np.nan))
-            found["t500_s"] = np.where(spread >= REACHED, time, np.nan)
-        return found
+        return as_measured(self.surfaces(yields, viscosities, grid), self.scene)
+
+    def surfaces(self, yields, viscosities, grid=False) -> dict[str, np.ndarray]:
+        """The same as the splines have it: times by their logarithm, and T500 everywhere."""
+        return {name: spline(yields, viscosities, grid=grid) for name, spline in self.splines.items()}
+
+
+def as_measured(surfaces: dict[str, np.ndarray], scene: str) -> dict[str, np.ndarray]:
+    """Lengths [m] and times [s] of a test from ``Emulator.surfaces``; T500 nan where the spread stays below 500 mm."""
+    found = {name: np.exp(value) if is_time(name) else value for name, value in surfaces.items()}
+    if scene == "slump":
+        spread = found["spread_m"]
+        time = found.get("t500_s", np.full(spread.shape, np.nan))
+        found["t500_s"] = np.where(spread >= REACHED, time, np.nan)
+    return found
 
 
 class Together:

@@ -30,7 +30,7 @@ class LeastSquares:
             self.errors[name] = float(np.hypot(error, scatter))
 
     def model(self, *point, grid=False) -> dict[str, np.ndarray]:
-        """The corrected measurements of the emulator at logarithms of both constants over the density."""
+        """The corrected measurements of the emulator at logarithms of the constants over the density."""
         correction = self.correction
         return {
             name: value * correction.get(name, 1.0) if is_time(name) else value + correction.get(name, 0.0)
@@ -43,7 +43,7 @@ class LeastSquares:
         return np.array([(model[name] - value) / self.errors[name] for name, (value, _) in self.measured.items()])
 
     def misfit(self, axes) -> np.ndarray:
-        """Chi squared at all combinations of two axes."""
+        """Chi squared at all combinations of the axes, one for each constant."""
         return np.nan_to_num((self.residuals(*axes, grid=True) ** 2).sum(0), nan=np.inf)
 
     def sensitivities(self, point, free) -> np.ndarray:
@@ -51,7 +51,7 @@ class LeastSquares:
         slopes = np.zeros((len(self.measured), len(free)))
         for column, k in enumerate(free):
             ends = np.clip(point[k] + STEP * np.array([-0.5, 0.5]), self.emulator.low[k], self.emulator.high[k])
-            sides = np.array([np.where(np.arange(2) == k, end, point) for end in ends])
+            sides = np.array([np.where(np.arange(len(point)) == k, end, point) for end in ends])
             slopes[:, column] = np.diff(self.residuals(*sides.T), axis=1)[:, 0] / np.diff(ends)
         return np.nan_to_num(slopes)
 
@@ -95,8 +95,8 @@ def fit(emulator: Emulator | Together, measured: dict, density: float, correctio
         # open where, at the best yield stress of the table, a softer or stiffer mix would fit better
         ends = np.isclose(axes[0][chi2.argmin(0)][:, None], emulator.axes[0][[0, -1]]).any(1)
         intervals = (
-            interval(axes[0], chi2.min(1) - least, density),
-            interval(axes[1], chi2.min(0) - least, density, ends),
+            interval(axes[0], profile(chi2, 0) - least, density),
+            interval(axes[1], profile(chi2, 1) - least, density, ends),
         )
         along = pairs(squares, axes, VISCOSITIES, density, least)
         if None in intervals[1] and along:  # any of these is as good: the one of a usual mix
@@ -105,7 +105,7 @@ def fit(emulator: Emulator | Together, measured: dict, density: float, correctio
         if len(along) < FEW:
             along = pairs(squares, axes, closer(axes[1], chi2.min(0) - least, density), density, least)
     else:
-        intervals = [interval(axis, chi2.min(1 - k) - least, density) for k, axis in enumerate(axes)]
+        intervals = [interval(axis, profile(chi2, k) - least, density) for k, axis in enumerate(axes)]
     constants = [
         Constant(*[known[name]] * 5) if name in known else Constant(float(value), *ends, *reach.tolist())
         for name, value, ends, reach in zip(CONSTANTS, density * np.exp(point), intervals, looked, strict=True)
@@ -120,9 +120,14 @@ def zoomed(squares: LeastSquares, axes, chi2):
     """Axes over where the misfit is near its least, and the misfit there."""
     for _ in range(ZOOMS):
         limit = chi2.min() + 4.0 * RISE + unevenness(chi2)
-        axes = [around(axis, chi2.min(1 - k) <= limit) for k, axis in enumerate(axes)]
+        axes = [around(axis, profile(chi2, k) <= limit) for k, axis in enumerate(axes)]
         chi2 = squares.misfit(axes)
     return axes, chi2
+
+
+def profile(chi2, k):
+    """The least misfit along axis ``k`` of a grid, over all others."""
+    return chi2.min(tuple(other for other in range(chi2.ndim) if other != k))
 
 
 def polished(squares: LeastSquares, axes, chi2, free):
@@ -167,9 +172,9 @@ def closer(axis, rise, density) -> list[float]:
 
 def unevenness(chi2):
     """By how much a grid's least value may lie above the least between its nodes: the change to the nodes beside it."""
-    i, j = np.unravel_index(np.argmin(chi2), chi2.shape)
-    beside = chi2[max(i - 1, 0) : i + 2, max(j - 1, 0) : j + 2]
-    return beside[np.isfinite(beside)].max() - chi2[i, j]
+    best = np.unravel_index(np.argmin(chi2), chi2.shape)
+    beside = chi2[tuple(slice(max(i - 1, 0), i + 2) for i in best)]
+    return beside[np.isfinite(beside)].max() - chi2[best]
 
 
 def around(axis, inside):

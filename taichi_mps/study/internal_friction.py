@@ -1,67 +1,71 @@
-"""Yield stress and angle of internal friction of a mix from its slump and slump flow, where no Bingham mix has both."""
+"""Yield stress and angle of internal friction of a mix from its slump and slump flow, where no Bingham mix has both;
+its plastic viscosity from T500, where that was measured."""
 
 from dataclasses import replace
 from functools import lru_cache
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
-from .calibration import CONE, Constant, FrictionalMix
-from .emulator import Emulator, scale
-from .fit import LeastSquares, interval, polished, zoomed
+from .calibration import CONE, FRICTIONAL, Constant, FrictionalMix
+from .emulator import MEASURED, Emulator, as_measured, is_time, scale
+from .fit import LeastSquares, interval, polished, profile, zoomed
 from .results import read
 
-CONSTANTS = "yield_value", "friction_angle"
+TESTS = tuple(MEASURED["slump"])
+PLANE = "yield_value", "friction_angle"  # the constants of the emulator at one plastic viscosity
 OTHERS = 20.0, 200.0  # other plastic viscosities [Pa s] at which a mix is sought where it was not measured
 BEYOND = 0.1  # of the logarithm of a plastic viscosity outside of the table, for which its end does
+NODES = 31  # of the plastic viscosities at which a fit looks first
 TABLE = Path(__file__).parent / "internal_friction.csv"  # of the standard cone; benchmarks/calibration_tables.py
 
 
 class Table:
-    """Emulators over yield stress and friction angle, ``planes``, by the logarithm of plastic viscosity over density.
-    ``scatter`` [m]: the root mean squares by which they miss a case that they were made without and, added in squares,
-    rows of the role check: other mixes, and a finer spacing."""
+    """Slump, slump flow and T500 over yield stress, friction angle and plastic viscosity, as an Emulator: emulators
+    over the first two, ``planes``, and between them straight in the logarithm of the viscosity over the density.
+    ``scatter``: the root mean squares by which they miss a case that they were made without and, added in squares,
+    rows of the role check: other mixes, and a finer spacing; of lengths [m], of times the logarithm."""
 
     def __init__(self, rows: list[dict]):
-        kinds = {"node": {}, "check": {}}
-        for row in rows:
-            at = float(np.log(row["plastic_viscosity"] / row["density"]))
-            kinds[row["role"]].setdefault(at, []).append(row)
-        self.planes = {at: Emulator(kinds["node"][at], CONSTANTS) for at in sorted(kinds["node"])}
-        every = list(self.planes.values())
-        self.usual, self.axes = every[0].usual, every[0].axes
-        self.low, self.high = np.max([each.low for each in every], 0), np.min([each.high for each in every], 0)
-        self.scatter = {name: np.mean([each.scatter[name] ** 2 for each in every]) ** 0.5 for name in CONE}
-        missed = np.sqrt(np.mean(np.square(self.missed(kinds["check"])), 0))
-        self.scatter = {name: float(np.hypot(self.scatter[name], by)) for name, by in zip(CONE, missed, strict=True)}
+        nodes = {}
+        for row in (row for row in rows if row["role"] == "node"):
+            nodes.setdefault(float(np.log(row["plastic_viscosity"] / row["density"])), []).append(row)
+        self.planes = {at: Emulator(nodes[at], PLANE) for at in sorted(nodes)}
+        every, ends = list(self.planes.values()), [min(nodes), max(nodes)]
+        self.usual, self.axes = every[0].usual, [*every[0].axes, np.linspace(*ends, NODES)]
+        self.low = np.append(np.max([each.low for each in every], 0), ends[0])
+        self.high = np.append(np.min([each.high for each in every], 0), ends[1])
+        missed = self.missed([row for row in rows if row["role"] == "check"])
+        self.scatter = {
+            name: float(np.sqrt(np.mean([each.scatter[name] ** 2 for each in every]) + np.nanmean(missed[name] ** 2)))
+            for name in TESTS
+        }
 
-    def missed(self, checks: dict[float, list[dict]]) -> list[list[float]]:
-        """By how much [m] it is above each of the checks, by the logarithm of their plastic viscosity over density."""
-        away = []
-        for at, row in ((at, row) for at, rows in checks.items() for row in rows):
-            found = AtViscosity(self, at).at(*np.log([row["yield_value"] / row["density"], row["friction_angle"]]))
-            away.append([float(found[name]) - row[name] for name in CONE])
-        return away
+    def covers(self, known: dict, density: float) -> bool:
+        """Does it reach these constants, a plastic viscosity within BEYOND?"""
+        for name, low, high in zip(FRICTIONAL, self.low, self.high, strict=True):
+            room = BEYOND if name == "plastic_viscosity" else 0.0
+            if name in known and not low - room <= np.log(known[name] / scale(name, density)) <= high + room:
+                return False
+        return True
 
+    def missed(self, checks: list[dict]) -> dict[str, np.ndarray]:
+        """By how much it is above each of the checks, as ``scatter`` has it; nan where one of them has no T500."""
+        density = np.array([row["density"] for row in checks])
+        mixes = [np.array([row[name] for row in checks]) / scale(name, density) for name in FRICTIONAL]
+        found = {name: np.log(value) if is_time(name) else value for name, value in self.at(*np.log(mixes)).items()}
+        return {name: found[name] - Emulator.values(name, MEASURED["slump"][name], checks) for name in TESTS}
 
-class AtViscosity:
-    """Slump and slump flow over yield stress and friction angle at one plastic viscosity, as an Emulator: straight
-    between two planes in the logarithm of the viscosity. ``viscosity`` is the logarithm of it over the density."""
-
-    def __init__(self, table: Table, viscosity: float):
-        nodes = list(table.planes)
-        viscosity = float(np.clip(viscosity, nodes[0], nodes[-1]))
-        low, high = next(pair for pair in pairwise(nodes) if viscosity <= pair[1])
-        part = (viscosity - low) / (high - low)
-        self.planes = (table.planes[low], 1.0 - part), (table.planes[high], part)
-        self.low, self.high, self.axes = table.low, table.high, table.axes
-        self.scatter = table.scatter
-
-    def at(self, yields, angles, grid=False) -> dict[str, np.ndarray]:
-        """The measurements at logarithms of yield stress over density and of the angle [degrees]; as Emulator.at."""
-        parts = [(plane.at(yields, angles, grid), weight) for plane, weight in self.planes]
-        return {name: sum(weight * part[name] for part, weight in parts) for name in CONE}
+    def at(self, yields, angles, viscosities, grid=False) -> dict[str, np.ndarray]:
+        """The measurements at logarithms of yield stress over density, of the angle [degrees] and of plastic viscosity
+        over density; as Emulator.at, for which the end of the table does beyond it."""
+        nodes, found = list(self.planes), dict.fromkeys(TESTS, 0.0)
+        for plane, one in zip(self.planes.values(), np.eye(len(nodes)), strict=True):
+            weight = np.interp(viscosities, nodes, one)
+            if weight.any():
+                for name, value in plane.surfaces(yields, angles, grid).items():
+                    found[name] = found[name] + weight * (value[..., None] if grid else value)
+        return as_measured(found, "slump")
 
 
 @lru_cache(maxsize=1)
@@ -71,55 +75,56 @@ def own_table() -> Table:
 
 
 def frictional_mix(measured: dict, density: float, known: dict) -> FrictionalMix | None:
-    """The mix with internal friction that is nearest to slump and slump flow, {name: (value, standard error)}, by least
-    squares, with profile likelihood intervals as of ``fit``. A plastic viscosity that is not ``known`` is the usual one
-    of the scene or, where no mix is near with that, the first of OTHERS with which one is. None where slump or flow was
-    not measured or the table does not reach what is known."""
+    """The mix with internal friction that is nearest to slump, slump flow and T500, {name: (value, standard error)}, by
+    least squares, with profile likelihood intervals as of ``fit``. A plastic viscosity that is not ``known`` is found
+    with the others from T500. Where that was not measured, it is the usual one of the scene or, where no mix is near
+    with that, the first of OTHERS with which one is. None where slump or flow was not measured or the table does not
+    reach what is known."""
     if not set(CONE) <= measured.keys():
         return None
-    measured, table = {name: measured[name] for name in CONE}, own_table()
-    usual = known.get("plastic_viscosity", table.usual["plastic_viscosity"])
-    if not min(table.planes) - BEYOND <= np.log(usual / density) <= max(table.planes) + BEYOND:
+    measured, table = {name: measured[name] for name in TESTS if name in measured}, own_table()
+    usual = table.usual["plastic_viscosity"]
+    if not table.covers({"plastic_viscosity": usual} | known, density):
         return None
-    sought = (usual,) if "plastic_viscosity" in known else (usual, *OTHERS)
-    found = {eta: fit_at(eta, measured, density, known) for eta in sought}
-    if found[usual] is None or len(found) == 1:
-        return found[usual]
+    if "t500_s" in measured or "plastic_viscosity" in known:
+        return fit_with(known, measured, density)
+    found = {eta: fit_with(known | {"plastic_viscosity": eta}, measured, density) for eta in (usual, *OTHERS)}
     near = {eta: mix for eta, mix in found.items() if mix.near}
     best = next(iter(near), usual)
     others = {eta: (mix.yield_value.value, mix.friction_angle.value) for eta, mix in near.items() if eta != best}
-    return replace(found[best], by_viscosity=others)
+    return replace(found[best], usual=True, by_viscosity=others)
 
 
-def fit_at(eta: float, measured: dict, density: float, known: dict) -> FrictionalMix | None:
-    """The same at one plastic viscosity [Pa s]."""
-    emulator = AtViscosity(own_table(), np.log(eta / density))
-    scales = [scale(name, density) for name in CONSTANTS]
-    looked = [each * np.exp([low, high]) for each, low, high in zip(scales, emulator.low, emulator.high, strict=True)]
-    yield_value = known.get("yield_value")
-    if yield_value is not None and not looked[0][0] <= yield_value <= looked[0][1]:
+def fit_with(known: dict, measured: dict, density: float) -> FrictionalMix | None:
+    """That with the constants that are known; None where no such mix spreads to 500 mm and T500 was measured."""
+    table = own_table()
+    scales = [scale(name, density) for name in FRICTIONAL]
+    axes = [
+        np.log([known[name] / each]) if name in known else axis
+        for name, each, axis in zip(FRICTIONAL, scales, table.axes, strict=True)
+    ]
+    squares = LeastSquares(table, measured, {})
+    chi2 = squares.misfit(axes)
+    if not np.isfinite(chi2).any():
         return None
-    squares, axes = LeastSquares(emulator, measured, {}), list(emulator.axes)
-    if yield_value is not None:
-        axes[0] = np.log([yield_value / density])
-    axes, chi2 = zoomed(squares, axes, squares.misfit(axes))
+    axes, chi2 = zoomed(squares, axes, chi2)
     free = [k for k, axis in enumerate(axes) if len(axis) > 1]
     point, least = polished(squares, axes, chi2, free)
     constants = []
-    for k, (value, reach) in enumerate(zip(scales * np.exp(point), looked, strict=True)):
-        if k in free:
-            ends = interval(axes[k], chi2.min(1 - k) - least, scales[k])
-            constants.append(Constant(float(value), *ends, *reach.tolist()))
-        else:
-            constants.append(Constant(*[yield_value] * 5))
+    for k, (name, value, low, high) in enumerate(zip(FRICTIONAL, point, table.low, table.high, strict=True)):
+        if name in known:
+            constants.append(Constant(*[known[name]] * 5))
+            continue
+        ends = interval(axes[k], profile(chi2, k) - least, scales[k])
+        constants.append(Constant(float(scales[k] * np.exp(value)), *ends, *(scales[k] * np.exp([low, high])).tolist()))
     told = {"worth": squares.worth, "sensitivities": squares.sensitivities}
     return FrictionalMix(
         *constants,
-        plastic_viscosity=float(eta),
-        given="plastic_viscosity" in known,
+        usual=False,
         density=float(density),
         measured=measured,
+        errors=squares.errors,
         model={name: float(value) for name, value in squares.model(*point).items()},
         by_viscosity={},
-        **{key: squares.by_name(of(point, free), free, CONSTANTS) for key, of in told.items()},
+        **{key: squares.by_name(of(point, free), free, FRICTIONAL) for key, of in told.items()},
     )

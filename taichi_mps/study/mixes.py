@@ -2,13 +2,16 @@
 
 import csv
 from collections import Counter
+from concurrent.futures import BrokenExecutor
 from contextlib import suppress
+from itertools import zip_longest
 from pathlib import Path
 
 from ..units import SceneError, suggestion
 from .calibrate import calibrate
-from .calibration import CONE, CONSTANTS, NAMES, RHEOMETER, USUAL, Calibration, short
+from .calibration import CONE, CONSTANTS, FRICTIONAL, NAMES, Calibration, apart, short
 from .emulator import is_time
+from .executors import named
 from .measurements import Measurements
 
 TESTS = "slump", "spread", "t500", "mini_cone", "v_funnel"  # columns, of which a list has one at least
@@ -94,39 +97,20 @@ def one(row: dict[str, str], study=None) -> dict:
 def columns_of(found: Calibration) -> dict:
     """What a result table keeps of a calibration, SI units; empty where it has none. Where internal friction explains
     it, constants and model are those of that mix."""
-    if found.explained_by_friction:
-        return columns_of_friction(found)
+    mix, names = (found.friction, FRICTIONAL) if found.explained_by_friction else (found, CONSTANTS)
     kept = {}
-    for name in CONSTANTS:
-        constant = getattr(found, name)
+    for name in names:
+        constant = getattr(mix, name)
         kept |= {f"{name}_found": constant.value if constant.determined or constant.low == constant.high else None}
         kept |= {f"{name}_lower": constant.lower, f"{name}_upper": constant.upper}
-        kept[f"{name}_from"] = found.source(name)
+        kept[f"{name}_from"] = mix.source(name)
     for name in NAMES:
-        if name not in found.measured and name not in ("slump_m", "spread_m"):
+        if name not in found.measured and name not in CONE:
             continue
-        kept[f"{name}_model"] = found.model.get(name)
-        kept[f"{name}_missed"] = found.missed.get(name)
         constant = "plastic_viscosity" if is_time(name) else "yield_value"
         said = found.alone.get(constant, {}).get(name, (None,))
         kept[f"{constant}_by_{name.rpartition('_')[0]}"] = said[0]
-    return kept
-
-
-def columns_of_friction(found: Calibration) -> dict:
-    """The same of one that internal friction explains; with what slump and slump flow alone say of a Bingham mix."""
-    mix, kept = found.friction, {}
-    for name in ("yield_value", "friction_angle"):
-        constant = getattr(mix, name)
-        kept |= {f"{name}_found": constant.value if constant.determined or constant.low == constant.high else None}
-        kept |= {f"{name}_lower": constant.lower, f"{name}_upper": constant.upper, f"{name}_from": mix.source(name)}
-    eta = mix.plastic_viscosity
-    kept |= {f"plastic_viscosity_{end}": eta for end in ("found", "lower", "upper")}
-    kept["plastic_viscosity_from"] = RHEOMETER if mix.given else USUAL
-    for name in CONE:
-        said = found.alone.get("yield_value", {}).get(name, (None,))
-        kept[f"yield_value_by_{name.rpartition('_')[0]}"] = said[0]
-        kept |= {f"{name}_model": mix.model[name], f"{name}_missed": mix.missed[name]}
+        kept |= {f"{name}_model": mix.model.get(name), f"{name}_missed": mix.missed.get(name)}
     return kept
 
 
@@ -149,28 +133,45 @@ def reason(found: Calibration) -> str:
     if verdict(found) in (EXPLAINED, BOUNDED):
         return ""
     if found.explained_by_friction:
-        return f"no Bingham mix does both; {found.friction.told()}: {found.friction.command}"
+        both = "both" if len(found.measured) == 2 else "all three"
+        return f"no Bingham mix does {both}; {found.friction.told()}: {found.friction.command}"
     tried = f"; {found.friction.told()}" if found.friction else ""
     if two_answers(found):
         return found.contradiction() + tried
-    far = [f"{NAMES[name]} {told(name, by, '+')}" for name, by in found.missed.items()]
+    far = [f"{NAMES[name]} {apart(name, by)}" for name, by in found.missed.items()]
     return f"the nearest mix misses: {', '.join(far)}{tried}"
 
 
-def told(name: str, value: float, sign="") -> str:
-    """A measurement with its unit, lengths [mm]."""
-    return f"{value:{sign}.2g} s" if is_time(name) else f"{1e3 * value:{sign}.0f} mm"
-
-
-def calibrate_list(rows: list[dict[str, str]], study=None, watch=None) -> list[dict]:
-    """Every row with what was found of it; ``watch(row, number)`` is told of each. Some 0.02 CPU-seconds a row, so one
-    core does."""
+def calibrate_list(rows: list[dict[str, str]], study=None, watch=None, executor=None, workers=None) -> list[dict]:
+    """Every row with what was found of it, in their order; ``watch(row, number)`` is told of each. Some 0.05
+    CPU-seconds a row: they are computed in this process, unless an ``executor`` is named, as of ``of_workers``."""
     found = []
-    for number, row in enumerate(rows, 1):
-        found.append(one(row, study))
+    here = (one(row, study) for row in rows)
+    for number, row in enumerate(of_workers(rows, study, executor, workers) if executor else here, 1):
+        found.append(row)
         if watch:
-            watch(found[-1], number)
+            watch(row, number)
     return found
+
+
+def of_workers(rows, study, executor: str, workers: int | None):
+    """Each row with what was found of it, by 'local' (processes of this machine, as many as ``workers``, the number of
+    CPUs by default) or 'dask://HOST:PORT'. What a worker does not bring to an end is computed here."""
+    if executor.startswith("slurm:"):
+        raise SceneError(f"executor = {executor}: a mix takes a tenth of a second; must be local or dask://HOST:PORT")
+    if workers and executor != "local":
+        raise SceneError(f"workers = {workers}: are processes of this machine; must be left out with {executor}")
+    opened, _ = named(executor, workers, None)
+    with opened() as pool:
+        futures = []
+        with suppress(BrokenExecutor):
+            for row in rows:
+                futures.append(pool.submit(one, row, study))
+        for row, future in zip_longest(rows, futures):
+            try:
+                yield future.result() if future else one(row, study)
+            except Exception:  # of the executor; what is wrong with a mix is in its row
+                yield one(row, study)
 
 
 def tally(rows: list[dict]) -> str:

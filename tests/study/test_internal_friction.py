@@ -11,19 +11,27 @@ from taichi_mps.study.calibrate import calibrate, emulator_of
 from taichi_mps.study.calibration import Calibration, from_facts
 from taichi_mps.study.emulator import Together
 from taichi_mps.study.fit import fit
-from taichi_mps.study.internal_friction import AtViscosity, frictional_mix, own_table
+from taichi_mps.study.internal_friction import TABLE, frictional_mix, own_table
 from taichi_mps.study.mixes import TWO_ANSWERS, WITH_FRICTION, calibrate_list, tally
+from taichi_mps.study.results import read
 
 pytest.importorskip("scipy")
 
 DENSITY = 2300.0
+CONSTANTS = "yield_value", "friction_angle", "plastic_viscosity"
+CHECKS = [row for row in read(TABLE) if row["role"] == "check" and row["t500_s"]]  # no nodes of the table
 
 
-def cone(yield_value, friction_angle, plastic_viscosity=50.0, density=DENSITY):
-    """Slump and slump flow [m] of the table."""
-    table = AtViscosity(own_table(), np.log(plastic_viscosity / density))
-    found = table.at(np.log(yield_value / density), np.log(friction_angle))
-    return {"slump": float(found["slump_m"]), "spread": float(found["spread_m"])}
+def cone(yield_value, friction_angle, plastic_viscosity=50.0, density=DENSITY, tests=("slump", "spread")):
+    """What the table says of a mix: lengths [m], times [s]."""
+    found = own_table().at(np.log(yield_value / density), np.log(friction_angle), np.log(plastic_viscosity / density))
+    columns = {"slump": "slump_m", "spread": "spread_m", "t500": "t500_s"}
+    return {test: float(found[columns[test]]) for test in tests}
+
+
+def holds(constant, true):
+    """Is it in the interval?"""
+    return (constant.lower or 0.0) < true < (constant.upper or np.inf)
 
 
 @pytest.mark.parametrize("plastic_viscosity", [20.0, 50.0, 120.0])
@@ -32,10 +40,11 @@ def test_a_known_mix_comes_back_within_its_interval(yield_value, friction_angle,
     exact = cone(yield_value, friction_angle, plastic_viscosity)
     found = calibrate(**exact, plastic_viscosity=plastic_viscosity, check=False)
     mix = found.friction
-    assert found.explained_by_friction and mix.given and all(abs(by) < 2e-3 for by in mix.missed.values())
+    assert found.explained_by_friction and mix.source("plastic_viscosity") == "rheometer"
+    assert all(abs(by) < 2e-3 for by in mix.missed.values())
     for name, true in (("yield_value", yield_value), ("friction_angle", friction_angle)):
         constant = getattr(mix, name)
-        assert (constant.lower or 0.0) < true < (constant.upper or np.inf)
+        assert holds(constant, true)
         if plastic_viscosity == 50.0:  # the others scatter by what rings do: more than one mix is as near
             assert constant.value == pytest.approx(true, rel=1e-3)
 
@@ -51,8 +60,7 @@ def test_the_intervals_hold_a_known_mix():
         }
         measured = {"slump_m": (drawn["slump"], 0.005), "spread_m": (drawn["spread"], 0.01)}
         mix = frictional_mix(measured, DENSITY, {"plastic_viscosity": 50.0})
-        ends = [(it.lower or 0.0, it.upper or np.inf) for it in (mix.yield_value, mix.friction_angle)]
-        held.append([low <= true <= high for (low, high), true in zip(ends, (c, phi), strict=True)])
+        held.append([holds(mix.yield_value, c), holds(mix.friction_angle, phi)])
     assert np.all(np.mean(held, 0) > 0.95 - 2.4 * (0.95 * 0.05 / 40) ** 0.5)  # 2.4 standard errors of so many draws
 
 
@@ -93,24 +101,69 @@ def test_what_nobody_explains_is_told_with_the_nearest():
     assert far > 0.01 and "with internal friction neither: the nearest" in str(found)
 
 
+def test_slump_flow_and_t500_give_three_constants_back():
+    """A mix between the nodes."""
+    true = dict(zip(CONSTANTS, (12.0, 14.0, 80.0), strict=True))
+    found = calibrate(**cone(**true, tests=("slump", "spread", "t500")), check=False)
+    mix = found.friction
+    assert found.explained_by_friction and mix.plastic_viscosity.determined and mix.by_viscosity == {}
+    for name, value in true.items():
+        assert getattr(mix, name).value == pytest.approx(value, rel=0.03) and holds(getattr(mix, name), value)
+    assert mix.source("plastic_viscosity") == "T500" and "one mix does all three" in str(found)
+
+
+@pytest.mark.parametrize("row", CHECKS, ids=lambda row: " ".join(f"{row[name]:g}" for name in CONSTANTS))
+def test_mixes_that_were_run_are_in_their_intervals(row):
+    """As the engine computed them: three of another viscosity than the nodes, two at a finer spacing."""
+    measured = {"slump_m": (row["slump_m"], 0.005), "spread_m": (row["spread_m"], 0.01), "t500_s": (row["t500_s"], 0.2)}
+    mix = frictional_mix(measured, DENSITY, {})
+    assert mix.explains and all(holds(getattr(mix, name), row[name]) for name in CONSTANTS)
+
+
+def test_a_known_viscosity_leaves_t500_as_a_third_measurement():
+    tests = cone(25.0, 15.0, tests=("slump", "spread", "t500"))
+    with_it, without = (
+        calibrate(**some, plastic_viscosity=50.0, check=False).friction
+        for some in (tests, {name: tests[name] for name in ("slump", "spread")})
+    )
+    assert with_it.friction_angle.value == pytest.approx(15.0, rel=1e-2) and with_it.worth["t500_s"]
+    widths = [it.friction_angle.upper - it.friction_angle.lower for it in (with_it, without)]
+    assert widths[0] < widths[1]
+
+
+@pytest.mark.parametrize("t500", ["1s", "200s"])
+def test_a_t500_that_contradicts_is_not_explained(t500):
+    found = calibrate(**cone(25.0, 15.0), t500=t500, check=False)
+    assert not found.friction.near and not found.explained_by_friction
+    assert "not all three" in str(found) and "the T500 by" in str(found)
+
+
+def test_mixes_that_do_not_reach_500_mm_have_no_t500():
+    """Near it the nearest one does, whatever else it misses."""
+    found = calibrate(slump="20cm", spread="49cm", t500=20, check=False)
+    assert found.friction.model["spread_m"] >= 0.5 and np.isfinite(found.friction.missed["t500_s"])
+    assert np.isnan(cone(200.0, 15.0, tests=("t500",))["t500"])
+
+
 def test_another_test_that_contradicts_is_not_explained():
     found = calibrate(**cone(60.0, 15.0), mini_cone="15cm", check=False)
     assert found.friction.explains and not found.explained_by_friction
-    assert "not of mini-cone spread" in str(found)
+    assert "of slump and slump flow alone, not of mini-cone spread" in str(found)
 
 
 def test_a_list_counts_them_apart():
-    known = cone(25.0, 15.0)
+    known, timed = cone(25.0, 15.0), cone(12.0, 14.0, 80.0, tests=("slump", "spread", "t500"))
     rows = [
         {"mix": name, **{key: str(value) for key, value in pair.items()}}
-        for name, pair in (("rubs", known), ("nobody", {"slump": 0.15, "spread": 0.6}))
+        for name, pair in (("rubs", known), ("timed", timed), ("nobody", {"slump": 0.15, "spread": 0.6}))
     ]
-    rubs, nobody = calibrate_list(rows)
-    assert rubs["verdict"] == WITH_FRICTION and nobody["verdict"] == TWO_ANSWERS
+    rubs, timed, nobody = calibrate_list(rows)
+    assert rubs["verdict"] == timed["verdict"] == WITH_FRICTION and nobody["verdict"] == TWO_ANSWERS
     assert rubs["friction_angle_lower"] < 15.0 < rubs["friction_angle_upper"]
     assert rubs["plastic_viscosity_from"] == "usual" and "--friction-angle 15" in rubs["reason"]
+    assert timed["plastic_viscosity_from"] == "T500" and abs(timed["t500_s_missed"]) < 0.1
     assert "with internal friction neither" in nobody["reason"]
-    assert f"1 {WITH_FRICTION}" in tally([rubs, nobody])
+    assert f"2 {WITH_FRICTION}" in tally([rubs, timed, nobody])
 
 
 def test_the_command_told_computes_the_measured_slump(capsys):

@@ -2,12 +2,13 @@
 
 import csv
 import math
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
 import taichi_mps as mps
 from taichi_mps.cli.main import main
-from taichi_mps.study import mixes_page
+from taichi_mps.study import mixes, mixes_page
 from taichi_mps.study.calibrate import calibrate
 from taichi_mps.study.mixes import BOUNDED, EXPLAINED, REFUSED, TWO_ANSWERS, calibrate_list, one, read_list, tally
 from tests.support.browser import chromium, needs_chromium
@@ -65,6 +66,41 @@ def test_every_row_is_kept_and_counted(rows):
     found = calibrate_list(rows)
     assert [row["mix"] for row in found] == [row["mix"] for row in rows]
     assert sum(int(line.split()[0]) for line in tally(found).splitlines()) == len(rows)
+
+
+def test_two_processes_find_what_one_finds(rows):
+    """In the order of the list, and told one by one."""
+    told = []
+    both = calibrate_list(
+        rows[:4], watch=lambda row, number: told.append((row["mix"], number)), executor="local", workers=2
+    )
+    assert both == calibrate_list(rows[:4])
+    assert told == [("five", 1), ("ten", 2), ("far", 3), ("stands", 4)]
+
+
+def test_a_worker_that_dies_loses_no_row(rows, monkeypatch):
+    """Its initializer fails, so that the executor is broken before the first row."""
+    broken = ThreadPoolExecutor(1, initializer=int, initargs=("no number",))
+    monkeypatch.setattr(mixes, "named", lambda *_: (lambda: broken, None))
+    assert calibrate_list(rows[4:], executor="local") == calibrate_list(rows[4:])
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--table", "{}", "--executor", "slurm://here"], "executor = slurm://here: a mix takes a tenth of a second"),
+        (
+            ["--table", "{}", "--executor", "dask://here:1", "--workers", "2"],
+            "workers = 2: are processes of this machine",
+        ),
+        (["--table", "{}", "--workers", "0"], "workers = 0"),
+        (["--slump", "20cm", "--workers", "2"], "workers = 2: belongs to --table"),
+    ],
+)
+def test_workers_that_a_list_cannot_have_are_refused(tmp_path, capsys, options, said):
+    (tmp_path / "mixes.csv").write_text(LIST)
+    assert main(["calibrate", *(word.format(tmp_path / "mixes.csv") for word in options)]) == 2
+    assert said in capsys.readouterr().err and len(list(tmp_path.iterdir())) == 1
 
 
 def test_the_command_writes_a_table_and_overwrites_nothing(tmp_path, capsys):
