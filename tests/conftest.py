@@ -1,6 +1,6 @@
 """One Taichi per test module: a process holds at most 512 trees of fields, and init drops them all.
 
-LONGEST and CORE name files by their place in tests/; what they name must exist.
+LONGEST, PAGES and CORE name files by their place in tests/; what they name must exist.
 """
 
 from pathlib import Path
@@ -24,7 +24,6 @@ def taichi():
 
 # files of 20 s and more, the longest first: at the end of a run no worker waits for another's long file
 LONGEST = (
-    "app/test_app.py",
     "cli/test_cli.py",
     "schemes/test_semi_implicit.py",
     "schemes/test_axisymmetric.py",
@@ -43,6 +42,9 @@ LONGEST = (
     "simulation/test_volume.py",
     "geometry/test_solid.py",
 )
+
+# the docs, and what a browser shows: a run by itself in .ci/run
+PAGES = ("app/test_app.py", "report/test_page.py", "test_docs.py")
 
 # each term, solver and wall, and a resume, in three minutes on two cores: what .ci/run repeats without the speed
 # patches and on the other kernel language
@@ -91,7 +93,7 @@ CORE = (
 
 
 def pytest_configure():
-    for name in (*LONGEST, *CORE):
+    for name in (*LONGEST, *PAGES, *CORE):
         file, _, test = name.partition("::")
         if not (TESTS / file).is_file() or f"def {test}" not in (TESTS / file).read_text(encoding="utf-8"):
             raise pytest.UsageError(f"tests/conftest.py names {name}, which does not exist")
@@ -102,5 +104,7 @@ def pytest_collection_modifyitems(items):
         file = item.path.relative_to(TESTS).as_posix()
         if {file, f"{file}::{item.originalname}"} & set(CORE) and not item.get_closest_marker("long"):
             item.add_marker(pytest.mark.core)
+        if file in PAGES:
+            item.add_marker(pytest.mark.pages)
     place = {TESTS / name: k for k, name in enumerate(LONGEST)}
     items.sort(key=lambda item: place.get(item.path, len(place)))

@@ -22,7 +22,7 @@ MEANING = {  # of a verdict
     "stress is found",
     BOUNDED: "the same, or no slump at all; the yield stress is bounded on one side",
     WITH_FRICTION: "no Bingham mix, but one whose yield stress grows with the pressure comes within 10 mm of the slump "
-    "and 20 mm of the slump flow; yield stress and friction angle are found or bounded",
+    "and 20 mm of the slump flow, and of T500 within its error; yield stress and friction angle are found or bounded",
     TWO_ANSWERS: "the tests contradict each other, slump and slump flow for example: what each says alone is given",
     FAR: "no mix comes so near, or the yield stress is not bounded",
     REFUSED: "the measurement cannot be used, for the reason given",

@@ -10,7 +10,7 @@ from taichi_mps.io.history import read_history
 from taichi_mps.io.run_folder import RunFolder
 from taichi_mps.problem import catalogue
 
-QUICK = ["--model=axisymmetric", "--spacing=0.025", "--until=0.02", "--threads=1", "--quiet"]
+QUICK = ["--spacing=0.025", "--until=0.02", "--threads=1", "--quiet"]
 OWN = '''
 import taichi_mps as mps
 from taichi_mps.units import Length
@@ -46,7 +46,7 @@ def test_a_new_case_stands_for_the_same_scene_numerics_and_options(tmp_path, cap
 
 def test_a_run_from_the_case_in_a_run_folder_is_the_same_run(tmp_path):
     one, two = (RunFolder(tmp_path / name) for name in ("one", "two"))
-    assert main(["run", "slump", *QUICK, "--yield-value=0.4 kPa", f"--out={one.path}"]) == 0
+    assert main(["run", "film", *QUICK, "--yield-value=0.4 kPa", f"--out={one.path}"]) == 0
     assert main(["run", str(one.case), "--quiet", f"--out={two.path}"]) == 0
     first, second = read_history(one.history), read_history(two.history)
     assert all(first[key].tobytes() == second[key].tobytes() for key in first)

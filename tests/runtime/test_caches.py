@@ -21,7 +21,7 @@ def taichi_mps(home, folder, *words):
     return done.returncode, done.stderr
 
 
-@pytest.mark.parametrize("home", [None, "/dev/null"])
+@pytest.mark.parametrize("home", [pytest.param(None, marks=pytest.mark.long), "/dev/null"])
 def test_a_run(home, tmp_path):
     code, said = taichi_mps(home, tmp_path, "run", "film", *SHORT, "--threads=1", "--out=run")
     assert code == 0 and (tmp_path / "run" / "summary.json").is_file()

@@ -151,6 +151,7 @@ def test_a_column_poured_layer_by_layer_carries_its_weight_at_the_foot_throughou
     assert len(errors) > 5 and np.abs(errors).max() < 0.05, errors
 
 
+@pytest.mark.long
 def test_what_a_wall_that_moves_touches_takes_part_and_the_far_end_does_not():
     """The left wall slides upwards at 50 mm/s, in its own plane: what is within reach of it never stands."""
     still = layer()

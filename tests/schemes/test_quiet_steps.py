@@ -102,6 +102,7 @@ def test_the_acceleration_of_a_step_is_the_change_of_its_velocity():
     assert report.acceleration == pytest.approx(np.sqrt(np.average(change2, weights=volume)) / report.dt, rel=1e-4)
 
 
+@pytest.mark.long
 def test_a_cone_that_creeps_to_rest_does_not_know_how_long_its_steps_are():
     """100 Pa: at 2 s slump within a tenth of a spacing, spread within a fifth, with two thirds of the steps, none of
     them longer than the rule. A step that is given does not grow; later on it creeps on beyond the rest (I8)."""

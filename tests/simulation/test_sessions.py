@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 import threading
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -43,20 +44,25 @@ def in_threads(*calls):
     return results
 
 
-def test_two_simulations_take_turns_and_do_not_mix():
-    alone = steps(film(angle=20.0), 6)
-    one, other = film(angle=20.0), film(angle=10.0)
+def test_two_simulations_take_turns_or_step_at_once_and_do_not_mix():
+    sims = film(angle=20.0), film(angle=10.0)
+    starts = [sim.state() for sim in sims]
+
+    def again():
+        for sim, start in zip(sims, starts, strict=True):
+            sim.load(start)
+
+    alone = [steps(sim, 6) for sim in sims]
+    assert not np.array_equal(*alone)
+    again()
     for _ in range(6):
-        one.step(), other.step()
-    assert np.array_equal(one.snapshot().u, alone) and not np.array_equal(other.snapshot().u, alone)
-
-
-def test_threads_may_step_at_once_and_give_the_same():
-    alone = steps(film(angle=20.0), 6)
-    one, other = film(angle=20.0), film(angle=20.0)
-    one.step(), other.step()
-    for u in in_threads(lambda: steps(one, 5), lambda: steps(other, 5)):
-        assert np.array_equal(u, alone)
+        for sim in sims:
+            sim.step()
+    for sim, u in zip(sims, alone, strict=True):
+        assert np.array_equal(sim.snapshot().u, u)
+    again()
+    at_once = in_threads(*(partial(steps, sim, 6) for sim in sims))
+    assert np.array_equal(at_once, alone)
 
 
 def test_a_simulation_is_made_where_taichi_was_started():

@@ -40,6 +40,7 @@ def test_slope_stands_below_the_angle_of_friction():
     assert flows == pytest.approx(exact(np.array([DEPTH]), 0.0, 8.0)[0], rel=0.1)
 
 
+@pytest.mark.long
 def test_without_friction_it_is_the_same_bit_by_bit():
     np.testing.assert_array_equal(film(100.0, 0.0, until=0.3).x, film_of_before(100.0).x)
 
