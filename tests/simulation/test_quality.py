@@ -104,21 +104,14 @@ def test_a_slump_that_is_no_number_is_an_error_and_no_field_of_the_summary(block
 
 
 # ---- the edge --------------------------------------------------------------------------------------------------
-@pytest.fixture(scope="module")
-def flying():
-    """A block without walls, and its first state."""
-    given = parts(walls=(), gravity=(0.0, -1.0), enlarged_by="room", parameters={"room": 2.0})
-    sim = mps.Simulation(mps.Scene(**given))
-    return sim, sim.state()
-
-
 @pytest.mark.parametrize(
     ("axis", "speed", "crossed"),
     [(0, 3.0, "x = 2 m, its upper end"), (0, -3.0, "x = -1 m, its lower end"), (1, 9.0, "z = 2 m, its upper end")],
 )
-def test_who_reaches_the_edge_of_the_domain_is_told_which_and_what_enlarges_it(flying, axis, speed, crossed):
-    sim, start = flying
-    sim.load(start | {"u": np.tile(speed * np.eye(2)[axis], (25, 1))})
+def test_who_reaches_the_edge_of_the_domain_is_told_which_and_what_enlarges_it(axis, speed, crossed):
+    velocity = np.tile(speed * np.eye(2)[axis], (25, 1))
+    given = parts(velocity=velocity, walls=(), gravity=(0.0, -1.0), enlarged_by="room", parameters={"room": 2.0})
+    sim = mps.Simulation(mps.Scene(**given))
     with pytest.raises(mps.DomainError, match=f"beyond {crossed}, at up to .* m/s; enlarge room$") as error:
         sim.run(until=5.0)
     assert isinstance(error.value, mps.DivergedError)
