@@ -1,7 +1,7 @@
 """A wall poured by a hose that moves along it, up to a cubic metre: memory a particle and cost a placed litre by size.
 
     python benchmarks/cubic_metre.py run small_32 small_25 small_20   # by name, see CASES; each in a process of its own
-    python benchmarks/cubic_metre.py run cubic_metre_quick            # the whole, a CPU-hour; cubic_metre: one and a half
+    python benchmarks/cubic_metre.py run cubic_metre_quick            # the whole, one CPU-hour; cubic_metre: 1.5
     python benchmarks/cubic_metre.py filled cubic_metre_15            # ten steps of the form two thirds full
     python benchmarks/cubic_metre.py draw        # the chart, and the table of costs that a forecast reads
 
