@@ -17,7 +17,7 @@ from .pouring import Pouring
 
 MEASURED = Path(__file__).with_name("cost.csv")
 LANDS = 0.9  # speed of a jet where it lands over that of a free fall to its heap, which is as high as the jet is wide
-PASSES, THEIRS = 6, 0.45  # of a step of the pours that were measured, and the share of its cost that goes with them
+PASSES, OF_PASSES = 6, 0.45  # passes of a step of the measured pours, and the share of its cost that goes with them
 PARTS = 2000  # of the time, in each of which steps are equally long
 
 
@@ -50,14 +50,14 @@ def estimate_cost(problem: Problem) -> Cost | None:
     step = np.where(np.any(flow, axis=0), quiet[1], quiet[0])
     step = np.minimum(step, problem.numerics.courant_number * scene.spacing / np.maximum(speed, 1e-9))
     steps = scene.until / PARTS / step
-    fewer = 1.0 + THEIRS * (problem.numerics.passes / PASSES - 1.0)
-    seconds = fewer * seconds_of_a_step(particles, *measured())
+    by_passes = 1.0 + OF_PASSES * (problem.numerics.passes / PASSES - 1.0)
+    seconds = by_passes * seconds_of_a_step(particles, *measured())
     return Cost(scene.until, float(steps.sum()), float(steps @ particles), float(steps @ seconds))
 
 
 def landing_speed(problem: Problem, pour: Pouring, time, level):
     """Speed [m/s] at times [s] of a jet where it lands, on a heap above the level [m]. With LANDS the steps of eight
-    pours were met within 15 %."""
+    pours were met within 15 %; of one with a courant_number of 0.65 24 % too many were told."""
     mouth = np.array([pour.inlet.centre[-1] + pour.inlet.displacement(t)[-1] for t in time])
     heap = level + 2.0 * pour.inlet.radius
     return LANDS * np.sqrt(pour.speed**2 + 2.0 * problem.gravity * np.maximum(0.0, mouth - heap))
