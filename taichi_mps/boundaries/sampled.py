@@ -4,6 +4,7 @@ import numpy as np
 
 from ..geometry.concave_edges import inner_edges
 from ..runtime.backend import real, ti
+from .face_search import FaceSearch
 from .surfaces import FAR, Surface
 
 
@@ -13,7 +14,7 @@ class Sampled(Surface):
 
     def __init__(self, wall, dimension: int, spacing: float, clock):
         super().__init__(wall, dimension, spacing, clock)
-        self.separates = True
+        self.separates, self.steepest = True, wall.steepest
         self.dimension, self.cell, self.shape = dimension, wall.cell, wall.values.shape
         self.values = ti.field(real(), self.shape)
         self.values.from_numpy(wall.values)
@@ -28,7 +29,7 @@ class Sampled(Surface):
     def allocate(self, capacity: int, effective_radius: float):
         """What each particle sees of the solid; and beside inner edges the faces that meet there."""
         self.reach = effective_radius - 0.5 * self.spacing  # of the ghosts: the first is half a spacing behind a face
-        number, planes = inner_edges(self.distances, self.cell, self.reach)
+        number, planes = inner_edges(self.distances, self.cell, self.reach, FaceSearch(self.dimension))
         self.faces = planes.shape[1]
         if self.faces > 1:
             self.number = ti.field(ti.i32, self.shape)  # row of a node among the planes, -1: the nearest face is all

@@ -110,16 +110,18 @@ class Surface:
         return weight
 
     @ti.func
-    def between(self, x, y):
-        """Whether the wall separates two points: the same answer for (y, x), or the forces were not opposite. A segment
-        through a plate meets it at the ratio of the distances of its ends."""
-        a, b = self.signed(x), self.signed(y)
-        middle = (ti.abs(b) * x + ti.abs(a) * y) / ti.max(ti.abs(a) + ti.abs(b), 1e-12)
+    def between(self, x, y, a, b):
+        """Whether the wall separates two points at the signed distances a and b [m] from it: the same for (y, x), or
+        forces were not opposite. A segment through a plate meets it at the ratio of the distances of its ends; of one
+        that meets a solid, their sum is at most its length times the slope of the distance.
+        """
         hidden = False
-        if ti.static(self.thin):  # noqa: SIM108  (a compiled choice stays apart)
-            hidden = a * b < 0.0 and self.beyond(middle) <= 0.0
-        else:
-            hidden = self.signed(middle) < 0.0
+        if a * b < 0.0 if ti.static(self.thin) else a + b < self.steepest * (y - x).norm():
+            middle = (ti.abs(b) * x + ti.abs(a) * y) / ti.max(ti.abs(a) + ti.abs(b), 1e-12)
+            if ti.static(self.thin):  # noqa: SIM108  (a compiled choice stays apart)
+                hidden = self.beyond(middle) <= 0.0
+            else:
+                hidden = self.signed(middle) < 0.0
         return hidden
 
     @ti.func

@@ -95,7 +95,9 @@ class Walls:
             self.c = ti.field(real(), (capacity, len(self.faces)))  # pull of each face on each particle [1/m]
         self.moving = any(wall.speed > 0.0 for wall in walls)
         self.travelling = any(surface.moves for surface in self.surfaces)
-        self.separate = any(surface.separates for surface in self.surfaces)
+        self.separating = tuple(surface for surface in self.surfaces if surface.separates)
+        if self.separating:
+            self.sides = ti.field(real(), (capacity, len(self.separating)))  # signed distance from each of them [m]
 
     def chosen(self, face=None):
         """(number, surface) of one face, or of all."""
@@ -324,12 +326,17 @@ class Walls:
         return near
 
     @ti.func
-    def between(self, x, y):
-        """Whether a thin wall or a solid stands between two points [m]."""
+    def set_sides(self, i, x):
+        """Keep the signed distances of particle i, at x [m], from the walls that separate."""
+        for s, wall in ti.static(enumerate(self.separating)):
+            self.sides[i, s] = wall.signed(x)
+
+    @ti.func
+    def between(self, i, j, x, y):
+        """Whether a thin wall or a solid stands between particles i and j, at x and y [m], whose sides are kept."""
         hidden = False
-        for wall in ti.static(self.surfaces):
-            if ti.static(wall.separates):
-                hidden = hidden or wall.between(x, y)
+        for s, wall in ti.static(enumerate(self.separating)):
+            hidden = hidden or wall.between(x, y, self.sides[i, s], self.sides[j, s])
         return hidden
 
     @ti.func

@@ -16,11 +16,11 @@ BEYOND = 0.15  # reaches behind the other face at which a foot is beyond the edg
 NODES = 500_000  # treated at once, and a rim around them
 
 
-def inner_edges(values, cell: float, reach: float):
+def inner_edges(values, cell: float, reach: float, faces_at):
     """Faces within ``reach`` [m] of the nodes beside inner edges, from distances [m] at the nodes of a grid, positive
     in the fluid. Returns for each node its row in the table, -1 where the nearest face is all, and the table (rows,
     faces, 1 + d): distance [m] and normal of each face at the node; where there are fewer faces the distance is
-    infinite."""
+    infinite. ``faces_at`` is the search (boundaries/face_search.py)."""
     values = np.asarray(values, float)
     d, steps = values.ndim, probes(values.ndim, reach / cell)
     halo = max(int(np.abs(steps).max()), int(np.ceil(0.75 * reach / cell))) + 2
@@ -28,7 +28,7 @@ def inner_edges(values, cell: float, reach: float):
     across = max(1, int(NODES / np.prod(values.shape[1:])))
     for first in range(0, len(values), across):  # slabs, for the sake of memory
         low, high = max(0, first - halo), min(len(values), first + across + halo)
-        nodes, table = several_faces(values[low:high], cell, reach, steps, first - low, first + across - low)
+        nodes, table = several_faces(faces_at, values[low:high], cell, reach, steps, first - low, first + across - low)
         number[tuple((nodes + low * np.eye(1, d, dtype=int)).T)] = sum(map(len, tables)) + np.arange(len(nodes))
         tables.append(table)
     table = np.concatenate(tables)
@@ -36,7 +36,7 @@ def inner_edges(values, cell: float, reach: float):
     return number, table[:, :most]
 
 
-def several_faces(values, cell, reach, steps, first, last):
+def several_faces(faces_at, values, cell, reach, steps, first, last):
     """Nodes (n, d) from ``first`` to before ``last`` along the first axis that have several faces, and their table (n,
     d, 1 + d)."""
     d, shape = values.ndim, values.shape
@@ -80,52 +80,6 @@ def probes(d, reach):
     sizes = 1.2 * reach * 0.7 ** np.arange(12)
     steps = np.rint(sizes[sizes > 0.9, None, None] * directions).astype(int).reshape(-1, d)
     return np.unique(steps, axis=0)
-
-
-def faces_at(values, cell, normal, clean, nodes, steps, reach):
-    """Table (n, d, 1 + d) of inner_edges for these nodes."""
-    d, n = values.ndim, len(nodes)
-    table = np.zeros((n, d, 1 + d))
-    table[:, :, 0] = np.inf
-    foot = np.zeros((n, d, d))  # of each face, from the node [m]
-    wide = int(np.abs(steps).max())  # a rim around the grid, in which no place is clean
-    clean = np.pad(clean, wide)
-    flat = np.ravel_multi_index((nodes + wide).T, clean.shape)  # numbers of the nodes, by which arrays are read faster
-    strides = np.array(clean.strides)
-    z_of = np.pad(values, wide).reshape(-1)
-    m_of = np.pad(normal, [(wide, wide)] * d + [(0, 0)]).reshape(-1, d)
-    clean = clean.reshape(-1)
-    searched = np.arange(n)  # a node without a second face has no third one
-    for slot in range(d):
-        best = np.full(n, np.inf)
-        for step in (np.zeros(d, int), *steps):
-            rows = searched[best[searched] > 1e-9 * cell]  # no foot is nearer than that before the node itself
-            at = flat[rows] + strides @ step
-            here = clean[at]
-            rows, at = rows[here], at[here]
-            m, z = m_of[at], z_of[at]
-            along = m @ (step * cell)
-            distance = z - along  # of the node from that face
-            # of the foot of the place from that of the node, along the face
-            aside = np.sqrt(np.maximum(0.0, (step @ step) * cell**2 - along**2))
-            sought = (distance > -cell) & (distance < reach + d**0.5 * cell) & (aside < best[rows] - 1e-9 * cell)
-            for k in range(slot):
-                sought &= np.einsum("ij,ij->i", m, table[rows, k, 1:]) < TURN
-            rows, m, z, distance, aside = (part[sought] for part in (rows, m, z, distance, aside))
-            p = step * cell - z[:, None] * m  # foot of that place, from the node
-            sought = np.full(len(rows), True)
-            for k in range(slot):
-                turn, apart = m - table[rows, k, 1:], p - foot[rows, k]
-                facing = -np.einsum("ij,ij->i", turn, apart)  # of an inner edge; negative across an outer one
-                sought &= facing > 0.4 * np.linalg.norm(apart, axis=1)
-            rows, m, p, distance, aside = (part[sought] for part in (rows, m, p, distance, aside))
-            depth = interpolate(values, nodes[rows] - distance[:, None] * m / cell)
-            there = (depth < 0.25 * cell) & (depth > -BEYOND * reach)  # the face is there, or ends at the edge
-            rows = rows[there]
-            best[rows] = aside[there]
-            table[rows, slot, 0], table[rows, slot, 1:], foot[rows, slot] = distance[there], m[there], p[there]
-        searched = np.flatnonzero(np.isfinite(table[:, slot, 0])) if slot else searched
-    return table
 
 
 def interpolate(values, at):

@@ -160,6 +160,19 @@ class Solid:
             found.append((here + beside)[across].max(initial=-apart) + apart)
         return max(found)
 
+    @cached_property
+    def steepest(self) -> float:
+        """Largest slope of the distance between nodes [-]: along each axis it is linear there, so it is at a node."""
+        square = np.zeros(self.values.shape)
+        for axis in range(self.values.ndim):
+            slope = np.abs(np.diff(self.values, axis=axis)) / self.cell
+            both = (
+                np.pad(slope, [(side, 1 - side) if a == axis else (0, 0) for a in range(square.ndim)])
+                for side in (0, 1)
+            )
+            square += np.maximum(*both) ** 2
+        return float(np.sqrt(square.max()))
+
     @property
     def point(self):
         """The first node [m]."""

@@ -105,6 +105,9 @@ class Gradient:
             for i in range(self.particles.count[None]):  # a ring thicker than the axis is far has no cross-section
                 r = ti.max(ti.cast(self.particles.x[i][0], float), 0.5 * self.spacing)
                 self.ratio[i] = self.particles.ring[i] / (2.0 * np.pi * r * self.spacing**2)
+        if ti.static(len(self.walls.separating) > 0):
+            for i in range(self.particles.count[None]):
+                self.walls.set_sides(i, self.particles.x[i])
         for i in range(self.particles.count[None]):
             x = self.particles.x[i]
             M = ti.Matrix.zero(float, self.dimension, self.dimension)
@@ -121,8 +124,8 @@ class Gradient:
                 q = ti.min(1.0, distance / re)
                 w = self.weight(q)
                 ratio = self.cross_section_ratio(j)
-                if ti.static(self.walls.separate):  # noqa: SIM102  (a compiled choice stays apart)
-                    if self.walls.between(x, x + to_j):
+                if ti.static(len(self.walls.separating) > 0):  # noqa: SIM102  (a compiled choice stays apart)
+                    if self.walls.between(i, j, x, x + to_j):
                         w, ratio = 0.0, 0.0
                 if ti.static(self.neighbors.skin > 0.0):  # noqa: SIM102
                     if distance >= re:

@@ -75,7 +75,7 @@ class Shifting:
                     r_ij = ti.cast(self.gradient.neighbors.bins.displacement(x, self.particles.x[j]), float)
                     r = ti.max(r_ij.norm(), 1e-3 * l0)
                     e = r_ij / r
-                    if ti.static(self.walls.separate):
+                    if ti.static(len(self.walls.separating) > 0):
                         e *= ti.cast(self.gradient.weight_r2[k] > 0.0, float)  # not through a thin wall
                     near += self.gradient.cross_section_ratio(j) * ti.max(0.0, 1.0 - r / (1.5 * l0)) * e
                     apart -= 0.05 * ti.max(0.0, 0.85 * l0 - r) * e

@@ -97,9 +97,32 @@ def test_fluid_behind_a_thin_plate_is_not_felt():
     for given in (x, x[left]):
         rig = Cloud(given, planes=(PLATE,))
         order = np.argsort(rig.particles.read()["id"])
-        fields.append([getattr(rig.gradient, f).to_numpy()[order] for f in ("n", "packing", "around")])
+        fields.append([getattr(rig.gradient, f).to_numpy()[order] for f in ("n", "packing", "neighbour_count")])
     for both, alone in zip(*fields, strict=True):
         assert np.allclose(both[left], alone, rtol=1e-12)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_what_a_solid_hides_is_what_lies_beyond_it(dimension):
+    """Of every pair of particles around a bar: hidden where the point between them at the ratio of their distances lies
+    in the bar. Most are not asked for that point: far from the bar none can be hidden."""
+    bar = mps.Solid.of(
+        lambda x: np.hypot(x[:, 0] - 0.01, x[:, -1] + 0.02) - 0.3 * L0, (-0.7,) * dimension, (0.7,) * dimension, 0.02
+    )
+    x = cloud((10,) * dimension)
+    x = x[bar.distance(x) > 0.05 * L0]
+    rig = Cloud(x, planes=(bar,))
+    z, inside = bar.distance(rig.x), np.zeros((len(x), len(x)), bool)
+    for i, row in enumerate(inside):
+        middle = (z[i] * rig.x + z[:, None] * rig.x[i]) / (z[i] + z)[:, None]
+        row[:] = bar.distance(middle) < 0.0
+    first, other = rig.neighbors.row_start.to_numpy(), rig.neighbors.column.to_numpy()
+    weight, hidden = rig.gradient.weight_r2.to_numpy(), 0
+    for i in range(len(x)):
+        for k in range(first[i], first[i + 1]):
+            assert (weight[k] == 0.0) == inside[i, other[k]]
+            hidden += weight[k] == 0.0
+    assert hidden > 5
 
 
 def tank(material, walls, width=1.0, depth=0.6, **keywords):
