@@ -43,6 +43,9 @@ class WallStress:
         self.g = ti.types.vector(self.dimension, real())(gravity)
         self.drive = ti.Vector.field(self.dimension, real(), particles.capacity)  # rho g - grad p [N/m3]
         self.weight = ti.field(real(), particles.capacity)  # of the excess [-]
+        self.fit = ti.Matrix.field(
+            *(self.dimension,) * 2, real(), particles.capacity
+        )  # inverse moment without walls [-]
 
     @ti.func
     def force(self, i, face: ti.template() = None):
@@ -56,7 +59,9 @@ class WallStress:
         return force
 
     def start(self):
-        """Drive and weight at the start of a step: the weight with which the present stress is in equilibrium."""
+        """The fit; drive and weight at the start of a step: the weight with which the present stress is in
+        equilibrium."""
+        self.set_fit()
         if self.in_full_vessels:
             self.set_drive()
 
@@ -76,7 +81,18 @@ class WallStress:
         N = ti.Vector.zero(float, self.dimension)
         for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
             N += (self.pressure.p[self.neighbors.column[k]] - self.pressure.p[i]) * self.gradient.b[k]
-        return self.gradient.inverse(self.moment(i), self.gradient.lattice(i)[0]) @ N
+        return self.fit[i] @ N
+
+    @stage("wall stress")
+    def set_fit(self):
+        for i in range(self.particles.count[None]):
+            if self.near(i):
+                M = ti.Matrix.zero(float, self.dimension, self.dimension)
+                for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
+                    b = self.gradient.b[k]
+                    if self.gradient.weight_r2[k] > 0.0:
+                        M += b.outer_product(b) / self.gradient.weight_r2[k]
+                self.fit[i] = self.gradient.inverse(M, self.gradient.lattice(i)[0])
 
     @stage("wall stress")
     def set_drive(self):
@@ -111,10 +127,10 @@ class WallStress:
 
     @ti.func
     def near(self, i):
-        """Whether particle i is in reach of a no-slip wall."""
+        """Whether particle i is in reach of a wall that holds it."""
         near = False
         for f, wall in ti.static(enumerate(self.walls.faces)):
-            if ti.static(wall.no_slip):
+            if ti.static(not wall.slip):
                 near = near or self.walls.c[i, f] > 0.0
         return near
 
@@ -159,7 +175,7 @@ class WallStress:
                         t *= wall.friction.bond[i]
                     moment += t * (ti.Matrix.identity(float, self.dimension) - n.outer_product(n))
         if moment.trace() > 0.0:
-            fit = moment @ self.gradient.inverse(self.moment(i), self.gradient.lattice(i)[0])
+            fit = moment @ self.fit[i]
             T = self.total(i)
             for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
                 force += (self.total(self.neighbors.column[k]) - T) @ (fit @ self.gradient.b[k])
@@ -175,13 +191,3 @@ class WallStress:
         else:
             T = self.gradient.in_plane(self.stress.viscous(i, self.strain_rate.velocity_gradient(i)))
         return T - self.pressure.p[i] * ti.Matrix.identity(float, self.dimension)
-
-    @ti.func
-    def moment(self, i):
-        """M without the walls."""
-        M = ti.Matrix.zero(float, self.dimension, self.dimension)
-        for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
-            b = self.gradient.b[k]
-            if self.gradient.weight_r2[k] > 0.0:
-                M += b.outer_product(b) / self.gradient.weight_r2[k]
-        return M

@@ -111,6 +111,7 @@ def pushed(dimension, wall, borne=0.0):
     stress = np.diag([1.0] + [-1.0 / (dimension - 1)] * (dimension - 1))
     sim.particles.stress.from_numpy(borne * p[:, None, None] * stress)
     b = sim.scheme.velocity.solver.b
+    sim.scheme.wall_stress.start()
     sim.scheme.source.set(b)
     middle = (np.abs(x[:, : dimension - 1] - 5.5 * L0) < 0.6 * L0).all(1)
     row = np.rint(x[:, -1] / L0 - 0.5).astype(int)
