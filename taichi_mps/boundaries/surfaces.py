@@ -115,8 +115,10 @@ class Surface:
         forces were not opposite. A segment through a plate meets it at the ratio of the distances of its ends; of one
         that meets a solid, their sum is at most its length times the slope of the distance.
         """
-        hidden = False
-        if a * b < 0.0 if ti.static(self.thin) else a + b < self.steepest * (y - x).norm():
+        hidden = a * b < 0.0
+        if ti.static(not self.thin):
+            hidden = a + b < self.steepest * (y - x).norm()
+        if hidden:
             middle = (ti.abs(b) * x + ti.abs(a) * y) / ti.max(ti.abs(a) + ti.abs(b), 1e-12)
             if ti.static(self.thin):  # noqa: SIM108  (a compiled choice stays apart)
                 hidden = self.beyond(middle) <= 0.0
