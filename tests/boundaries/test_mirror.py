@@ -229,15 +229,19 @@ def block(mirrors, seed=None):
 
 @pytest.mark.long
 def test_a_block_collapses_as_its_half():
-    """Front and height within a fifth of a spacing, in the mean of four off the lattice, which differ by 0.2 and
-    0.04 l0. The half is 0.1 to 0.15 l0 higher: at a mirror no particle from above can come to lie between a pair on
-    both sides of it (docs/limits.md)."""
+    """In the mean of eight off the lattice the outer quarter is as far, within 0.2 l0: they differ by 0.13, their
+    outermost particles by 0.4. The half is 0.15 l0 higher (mean of 16 runs each), for at a mirror no particle from
+    above can come to lie between a pair on both sides of it: within 0.15, as they differ by 0.1 (docs/limits.md)."""
     assert len(block(()).scene.fluid) == 2 * len(block((WEST,)).scene.fluid) == 200
-    runs = [[block(mirrors, seed).measures() for seed in range(4)] for mirrors in ((), (WEST,))]
-    whole, half = ({name: np.mean([run[name] for run in model]) for name in ("front_m", "height_m")} for model in runs)
-    assert whole["front_m"] > 0.12 and whole["height_m"] < 0.09  # it moved
-    assert half["front_m"] == pytest.approx(whole["front_m"], abs=0.002)
-    assert half["height_m"] == pytest.approx(whole["height_m"], abs=0.002)
+
+    def found(sim):
+        far = np.sort(np.abs(sim.snapshot().x[:, 0]))
+        return far[-len(far) // 4 :].mean(), sim.measures()["height_m"]
+
+    whole, half = (np.mean([found(block(m, seed)) for seed in range(8)], axis=0) for m in ((), (WEST,)))
+    assert whole[0] > 0.12 and whole[1] < 0.09  # it moved
+    assert half[0] == pytest.approx(whole[0], abs=0.002)
+    assert half[1] == pytest.approx(whole[1] + 0.0015, abs=0.0015)
 
 
 @pytest.fixture(scope="module")

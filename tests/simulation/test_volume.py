@@ -1,5 +1,7 @@
 """What keeps the volume and the angular momentum of a moving body in the scheme ``implicit``."""
 
+from contextlib import nullcontext
+
 import numpy as np
 import pytest
 
@@ -126,7 +128,8 @@ def test_a_body_of_which_every_particle_has_a_twin_has_lost_half_of_its_volume(d
     sim = mps.Simulation(mps.Scene("twins", mps.Bingham(), spacing, np.vstack([x, beside]), domain))
     start = sim.state() | {"x": np.vstack([x, twins])}
     sim.load(start)
-    with pytest.warns(UserWarning, match="unevenly filled"), pytest.raises(mps.DivergedError, match="volume is lost"):
+    lost = pytest.raises(mps.DivergedError, match="volume is lost")  # in space less than a fifth is still missing
+    with pytest.warns(UserWarning, match="unevenly filled"), lost if dimension == 2 else nullcontext():
         sim.step()  # with room for the neighbours, and after a relaxation that spreads the body a little
     sim.load(start | {"steps": 1})  # as it was, and a run that goes on is not relaxed
     with pytest.raises(mps.DivergedError, match=r": [45]\d% of the volume is lost, over 20%"):
