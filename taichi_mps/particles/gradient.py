@@ -216,6 +216,16 @@ class Gradient:
         return self.tensor(i, self.slope(i, u, motion) @ self.B[i], u)
 
     @ti.func
+    def bow(self, i):
+        """What is added to the gradient [1/s] where the velocity is curved along the walls of a full vessel."""
+        G = ti.Matrix.zero(float, self.tensors, self.tensors)
+        if ti.static(self.walls.bows):  # noqa: SIM102  (a compiled choice stays apart)
+            if self.walls.bowed[None] == 1:
+                term, _drag = self.walls.bow_term(i, self.particles.x[i])
+                G += term @ self.B[i]
+        return G
+
+    @ti.func
     def fit(self, i, u: ti.template(), motion):
         """G_i and what the linear fit leaves, (1/n0) sum (w/r^2) |u_j - u_i - G_i r_ij|^2 [1/s2]."""
         H = self.slope(i, u, motion)

@@ -64,7 +64,7 @@ class Implicit:
         self.resistance = HourglassResistance(*fluid, *of_motion, self.stress)
         self.shifting = Shifting(*fluid, walls, tears=problem.law == "newtonian")
         self.constraint = VolumeConstraint(*fluid, *of_motion, self.shifting)
-        self.correction = DeferredCorrection(*fluid, sums, self.strain_rate, self.resistance)
+        self.correction = DeferredCorrection(*fluid, sums, self.strain_rate, self.resistance, self.stress.averages)
         self.motion = Motion(self.particles, walls, self.shifting, g)
         self.relaxation = InitialRelaxation(*fluid, walls, self.shifting, self.base.lattice.neighbours)
 
@@ -144,6 +144,7 @@ class Implicit:
         self.pressure.smooth(dt)
         self.friction.start(dt)
         self.pressure.find_closed_box(int(self.active_set.whole))
+        self.wall_stress.start()
         self.strain_rate.evaluate()
         self.stress.set_viscosity()
         self.interface.find()
@@ -157,7 +158,6 @@ class Implicit:
         self.constraint.set(dt)
         self.constraint.balance()
         self.pressure.compress()
-        self.wall_stress.start()
 
     def assemble(self, dt):
         """The matrix, its preconditioner, and what its residual is compared with."""

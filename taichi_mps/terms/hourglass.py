@@ -39,6 +39,12 @@ class HourglassResistance:
             self.h[i] = 2.0 * self.particles.volume(i) * whole / self.gradient.lattice(i)[0]
 
     @ti.func
+    def flowing(self):
+        """That of the first mix where it flows, with the plastic viscosity alone [N s m]."""
+        whole = BOND_DISSIPATION * self.constants.eta[0] + self.constants.inertial[0]
+        return 2.0 * self.particles.volume(0) * whole / self.gradient.lattice(0)[0]
+
+    @ti.func
     def inertial(self, i, dt):
         """That of a thin fluid [Pa s]. Without a yield stress it is 64 times as much at rest, less where the velocity
         gradient strains or turns it in a step of dt [s], and no more than elsewhere from 0.002 on and in a full closed

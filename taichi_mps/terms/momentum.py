@@ -203,6 +203,10 @@ class MomentumSource:
             T = -(self.pressure.p[i] + self.constants.bulk[None] * self.constraint.divergence[i]) * I
             T += self.stress.known_part(i)
             flux, push = self.correction.force(i)
+            if ti.static(self.walls.bows):
+                G = self.gradient.bow(i)
+                T += self.stress.viscous(i, G) + self.constants.bulk[None] * G.trace() * I
+                flux -= self.operator.resistance.h[i] * G
             self.sums.set_flux(i, self.gradient.spread_stress(i, T) + flux)
             b[i] = push
         for i in range(self.particles.count[None]):

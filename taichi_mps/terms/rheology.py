@@ -134,14 +134,23 @@ def series_mapping(law: ti.template(), i, trial, across, mu_r, share, others):
 
 
 @ti.func
-def return_mapping(trial, plastic_viscosity, yield_value, mu_r):
+def return_mapping(trial, plastic_viscosity, yield_value, mu_r, spread=0.0):
     """Stress [Pa] and plastic strain rate q [1/s] of a true Bingham material from the trial stress lambda + 2 mu_r D.
 
     Minimises the dissipation of q penalised by mu_r: |q| = max(0, (|trial| - tau_y)/(eta + mu_r)) (augmented
     Lagrangian of Fortin and Glowinski). Rigid where |trial| <= tau_y: then q = 0 and the stress is the trial.
+
+    Where the stress differs by +-``spread`` [Pa] over what the gradient sees, the rate is the mean of the law (I31).
     """
     size = magnitude(trial)
     rate = ti.max(0.0, (size - yield_value) / (plastic_viscosity + mu_r))
     factor = (yield_value + plastic_viscosity * rate) / ti.max(size, 1e-12) if rate > 0.0 else 1.0
+    over = size - yield_value + spread
+    if spread > 1e-6 * yield_value and over > 0.0:
+        part = 4.0 * spread * plastic_viscosity  # rate = x^2/part and x + mu_r rate = over, of x = tau - tau_y + spread
+        x = 2.0 * over / (1.0 + ti.sqrt(1.0 + 4.0 * mu_r * over / part))
+        if x < 2.0 * spread:
+            rate = x * x / part
+            factor = (size - mu_r * rate) / ti.max(size, 1e-12)
     stress = trial * factor
     return stress, (trial - stress) / (2.0 * mu_r), rate

@@ -23,6 +23,7 @@ class StrainRate:
         """Fit the velocity around each particle."""
         for i in range(self.particles.count[None]):
             G, residual = self.gradient.fit(i, self.particles.u, 1.0)
+            G += self.gradient.bow(i)
             for a, c in ti.static(ti.ndrange(self.dimension, self.dimension)):
                 self.G[i][c, a] = G[a, c]
             self.rate[i], self.residual[i] = shear_rate(G), residual
@@ -53,7 +54,7 @@ class SolvedRate:
                 u[i] = self.particles.u[i]
         self.sums.gather_jumps(u)
         for i in range(self.particles.count[None]):
-            G = self.sums.velocity_gradient(i, u, 1.0)
+            G = self.sums.velocity_gradient(i, u, 1.0) + self.gradient.bow(i)
             self.G[i] = G
             self.particles.shear_rate[i] = shear_rate(G)
 

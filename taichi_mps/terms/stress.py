@@ -34,6 +34,9 @@ class Stress:
         self.has_curve, self.has_growth = bool(self.curves), bool(self.growths)
         self.mu = ti.field(real(), particles.capacity)  # viscosity of the implicit part of the stress [Pa s]
         self.yielded = ti.field(ti.i32, particles.capacity)  # 1 where the material flows
+        # in a full vessel: by how much the stress differs over what the gradient of a particle sees [Pa]
+        self.averages = gradient.walls.bows and self.law == "bingham" and self.mixes == 1 and not self.has_curve
+        self.spread = ti.field(real(), particles.capacity) if self.averages else None
         self.fluidity = None  # shear rate of its own mix over the stress [1/(Pa s)], where there are several
         if self.mixes > 1:
             carried = self.law == "bingham"
@@ -91,6 +94,14 @@ class Stress:
         return size
 
     @ti.func
+    def carried_size(self, i):
+        """The same by what the particle carries, before its viscosity is set."""
+        size = self.size(i)
+        if ti.static(self.law != "bingham"):
+            size = self.viscosity(i, self.particles.shear_rate[i]) * self.particles.shear_rate[i]
+        return size
+
+    @ti.func
     def structure(self, i):
         """Structure of a thixotropic particle, 0 of any other [-]."""
         structure = ti.cast(0.0, float)
@@ -109,7 +120,10 @@ class Stress:
         elif ti.static(self.has_curve):
             return curve_mapping(self.curves[0][1], trial, self.structure(i), self.mu[i])
         else:
-            return return_mapping(trial, self.constants.eta[m], self.yield_stress(i), self.mu[i])
+            spread = ti.cast(0.0, float)
+            if ti.static(self.averages):
+                spread = self.spread[i]
+            return return_mapping(trial, self.constants.eta[m], self.yield_stress(i), self.mu[i], spread)
 
     @ti.func
     def yield_stress(self, i):
@@ -129,6 +143,15 @@ class Stress:
             if m == k:
                 stress = ti.cast(curve(rate, self.structure(i)), float)
         return stress
+
+    @ti.func
+    def slope(self, i):
+        """By how much the shear stress of particle i grows with its shear rate, where it flows [Pa s]."""
+        slope = self.constants.eta[self.constants.mix(i)]
+        if ti.static(self.has_curve):
+            rate = ti.max(self.particles.shear_rate[i], self.constants.slowest[None])
+            slope = (self.shear_stress(i, 1.1 * rate) - self.shear_stress(i, rate)) / (0.1 * rate)
+        return slope
 
     @ti.func
     def own_rate(self, i):
@@ -194,7 +217,7 @@ class Stress:
                 if self.constants.mix(i) == k:
                     self.particles.structure[i] += dt * growth_of(self.own_rate(i), self.structure(i))
             if ti.static(self.law == "bingham"):
-                G = self.gradient.velocity_gradient(i, u, 1.0)
+                G = self.gradient.velocity_gradient(i, u, 1.0) + self.gradient.bow(i)
                 W = 0.5 * (G - G.transpose())
                 stress = self.particles.stress[i]
                 self.particles.stress[i] = stress + dt * (W @ stress - stress @ W)

@@ -82,7 +82,7 @@ class WallLoads:
                     push = self.walls.force_term(i, x, flux, f) - h * self.walls.drag_term(i, x, u[i], 1.0, f)
                     push -= self.walls.friction_term(i, x, u[i], 1.0, f)
                     push += volume * self.walls.hydrostatic(i, x, weight, self.gradient.B[i], size, f)
-                    push += volume * self.wall_stress.force(i, f)
+                    push += volume * self.wall_stress.force(i, f) + self.correction.push_of_walls(i, f)
                     arm = ti.cast(wall.arm(x), float) - z * n
                     turn = self.turned(arm, -push)
                     if ti.static(not wall.slip):

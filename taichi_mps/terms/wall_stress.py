@@ -39,13 +39,12 @@ class WallStress:
         self.particles, self.gradient, self.walls = particles, gradient, walls
         self.neighbors, self.constants, self.pressure = gradient.neighbors, constants, pressure
         self.strain_rate, self.stress, self.dimension = strain_rate, stress, particles.dimension
-        self.in_full_vessels = not particles.axisymmetric and any(wall.no_slip for wall in walls.surfaces)
+        self.in_full_vessels = walls.bows
         self.g = ti.types.vector(self.dimension, real())(gravity)
         self.drive = ti.Vector.field(self.dimension, real(), particles.capacity)  # rho g - grad p [N/m3]
         self.weight = ti.field(real(), particles.capacity)  # of the excess [-]
-        self.fit = ti.Matrix.field(
-            *(self.dimension,) * 2, real(), particles.capacity
-        )  # inverse moment without walls [-]
+        d = self.dimension
+        self.fit = ti.Matrix.field(d, d, real(), particles.capacity)  # inverse of the moment without walls [-]
 
     @ti.func
     def force(self, i, face: ti.template() = None):
@@ -96,13 +95,44 @@ class WallStress:
 
     @stage("wall stress")
     def set_drive(self):
+        for _ in range(1):
+            self.walls.bowed[None] = self.pressure.full[None]
+        if ti.static(self.stress.averages):
+            for i in range(self.particles.count[None]):
+                self.stress.spread[i] = self.spread(i) if self.pressure.full[None] == 1 else 0.0
         for i in range(self.rows()):
+            self.walls.bow[i] = ti.Vector.zero(float, self.dimension)
             self.drive[i] = ti.Vector.zero(float, self.dimension)
             if self.gradient.B[i][0, 0] > 0.0 and self.near(i):
                 self.drive[i] = self.constants.density[self.constants.mix(i)] * self.g - self.slope(i)
-                over = self.stress.size(i) - self.stress.yield_stress(i)
-                s = ti.sqrt(2.0 * ti.max(0.0, over) / ti.max(2.0 * self.half(i), 1e-12))
-                self.weight[i] = self.acts(i, s)
+                size = self.stress.carried_size(i)
+                over = ti.max(0.0, size - self.stress.yield_stress(i))
+                self.weight[i] = self.acts(i, ti.sqrt(over / ti.max(self.half(i), 1e-12)), size)
+                share = self.weight[i]
+                if ti.static(self.stress.averages):  # how much of the layer up to the next row flows
+                    share = ti.min(share, over / ti.max(2.0 * self.half(i), 1e-12))
+                curvature = -share * self.drive[i] / ti.max(self.stress.slope(i), 1e-12)
+                self.walls.bow[i] = 0.25 * self.gradient.spacing * curvature
+
+    @ti.func
+    def spread(self, i):
+        """By how much [Pa] the shear stress differs over a spacing to both sides of particle i, to a wall at most."""
+        spread = ti.cast(0.0, float)
+        if self.gradient.B[i][0, 0] > 0.0:
+            N, size = ti.Vector.zero(float, self.dimension), self.stress.size(i)
+            for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
+                N += (self.stress.size(self.neighbors.column[k]) - size) * self.gradient.b[k]
+            reach, fit = self.gradient.spacing, self.gradient.B[i]
+            if self.near(i):
+                fit = self.fit[i]
+            slope = fit @ N
+            for f, wall in ti.static(enumerate(self.walls.faces)):
+                if ti.static(wall.no_slip):  # noqa: SIM102  (a compiled choice stays apart)
+                    if self.walls.c[i, f] > 0.0:
+                        z, n, _velocity, _curvature = wall.face(i, self.particles.x[i], self.walls.slots[f])
+                        slope -= n * n.dot(slope) * (1.0 - ti.min(1.0, z / reach))
+            spread = reach * slope.norm()
+        return spread
 
     @ti.func
     def half(self, i):
@@ -110,20 +140,22 @@ class WallStress:
         return 0.5 * self.gradient.spacing * self.along(i)
 
     @ti.func
-    def acts(self, i, s):
-        """Weight of the excess, s over f l0: never more than doubles the stress of the first row."""
+    def acts(self, i, s, size):
+        """Weight of the excess, s over f l0: never more than doubles the stress of the first row, its ``size`` [Pa]."""
         weight = ti.cast(1.0, float)
-        if s < 1.0:
-            weight = 2.0 * s - s * s
-        return ti.min(weight, self.stress.size(i) / ti.max(self.half(i), 1e-12))
+        if ti.static(not self.stress.averages):  # noqa: SIM102  (a compiled choice stays apart)
+            if s < 1.0:
+                weight = 2.0 * s - s * s
+        return ti.min(weight, size / ti.max(self.half(i), 1e-12))
 
     @stage("wall stress")
     def set_weight(self):
         for i in range(self.rows()):
             if self.near(i):
                 half = self.half(i)
-                s = self.stress.size(i) + self.weight[i] * half - self.stress.yield_stress(i)
-                self.weight[i] = self.acts(i, ti.max(0.0, s) / ti.max(2.0 * half, 1e-12))
+                size = self.stress.size(i)
+                s = size + self.weight[i] * half - self.stress.yield_stress(i)
+                self.weight[i] = self.acts(i, ti.max(0.0, s) / ti.max(2.0 * half, 1e-12), size)
 
     @ti.func
     def near(self, i):
