@@ -10,6 +10,10 @@ with h = 2 h_i h_j/(h_i + h_j). The matrix keeps the first, which needs the neig
 goes to the right-hand side, at the velocity before the step: a deferred correction. It is never more than what the
 matrix resists, so it is stable with any step; in one much longer than the scene's own it would hold up what should be
 gone at once, and fades.
+
+In a full vessel the ghosts behind no-slip walls go on with the curvature of the velocity, so what is left of the bonds
+to them is taken back whole. And what is left at the edge of a plug, where the law has a kink, is resisted by the plastic
+viscosity alone, for the yield stress does not grow with the rate.
 """
 
 from ..runtime.backend import real, ti

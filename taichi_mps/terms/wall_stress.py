@@ -4,11 +4,13 @@ Their stress differs along the wall as that of the fluid does. They stand in the
 that belongs to it, the first row feels only 77 % of a pressure gradient along the wall in two dimensions.
 
 In a full vessel their shear stress, too, exceeds the first row's. A drive f = rho g - grad p along a wall makes it
-grow towards the wall, so a ghost at the normal distance h carries f h more than the particle. The first row has the
-stress of its own place then, f l0/2 less than the wall, and would yield late. So the law is averaged over the layer
-between row and wall: while the yield surface lies in it, where the wall carries s = tau_w - tau_y < f l0, the weight of
-the excess is 2 s/(f l0) - (s/(f l0))^2, and 1 beyond. Where there is a free surface none of this excess is added: its
-own error, a last row that is held back, balances this one in thin layers.
+grow towards the wall, so a ghost at the normal distance h carries f h more than the particle. Its velocity goes on
+with the curvature -f/eta of the fluid's (walls.py), and the law of each particle is averaged over what its gradient
+sees (I31). Other flow curves are not: there the first row, with the stress of its own place, f l0/2 less than the wall,
+would yield late. So their law is averaged over the layer between row and wall: while the yield surface lies in it,
+where the wall carries s = tau_w - tau_y < f l0, the weight of the excess is 2 s/(f l0) - (s/(f l0))^2, and 1 beyond.
+Where there is a free surface none of this is added: its own error, a last row that is held back, balances this one in
+thin layers.
 """
 
 from ..runtime.backend import real, ti
@@ -32,8 +34,9 @@ class NoWallStress:
 
 @ti.data_oriented
 class WallStress:
-    """Stress along the walls; drive along them and weight of the excess of shear stress that acts, of every particle
-    in reach of a no-slip wall. The last two are only asked where the vessel is full."""
+    """Stress along the walls; where the vessel is full also the drive along them, the weight of the excess of shear
+    stress that acts, and the curvature of the velocity, of every particle in reach of a no-slip wall; and the spread of
+    the stress of all."""
 
     def __init__(self, particles, gradient, walls, constants, strain_rate, pressure, stress, gravity):
         self.particles, self.gradient, self.walls = particles, gradient, walls

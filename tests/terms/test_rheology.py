@@ -14,9 +14,9 @@ ETA, TAU_Y, PI_C, MU_R = 50.0, 300.0, 0.1, 400.0
 
 
 @ti.kernel
-def mapped(T: ti.types.ndarray(dtype=ti.math.mat3, ndim=1), out: ti.types.ndarray(dtype=ti.f64, ndim=2)):
+def mapped(T: ti.types.ndarray(dtype=ti.math.mat3, ndim=1), out: ti.types.ndarray(dtype=ti.f64, ndim=2), spread: float):
     for i in range(T.shape[0]):
-        stress, q, rate = return_mapping(T[i], ETA, TAU_Y, MU_R)
+        stress, q, rate = return_mapping(T[i], ETA, TAU_Y, MU_R, spread)
         out[i, 0] = magnitude(stress)
         out[i, 1] = magnitude(q)
         out[i, 2] = rate
@@ -48,14 +48,19 @@ def deviatoric(sizes, seed=1):
     return T * (np.array(sizes) / np.sqrt(0.5 * (T**2).sum((1, 2))))[:, None, None]
 
 
-@pytest.fixture(scope="module")
-def mapping():
+def mapping_of(spread):
+    """Sizes of trial stresses [Pa] around the yield stress, and what becomes of them."""
     sizes = np.concatenate([[1e-9, 0.5 * TAU_Y, 0.999999 * TAU_Y, 1.000001 * TAU_Y], np.geomspace(1.0, 1e6, 200)])
     T = ti.Matrix.ndarray(3, 3, ti.f64, len(sizes))
     T.from_numpy(deviatoric(sizes))
     out = np.zeros((len(sizes), 5))
-    mapped(T, out)
+    mapped(T, out, spread)
     return sizes, out.T
+
+
+@pytest.fixture(scope="module")
+def mapping():
+    return mapping_of(0.0)
 
 
 def test_return_mapping_is_the_scalar_closed_form(mapping):
@@ -66,6 +71,17 @@ def test_return_mapping_is_the_scalar_closed_form(mapping):
     assert np.allclose(stress, np.where(size <= TAU_Y, size, TAU_Y + ETA * g), rtol=1e-12)
     assert np.allclose(2.0 * q, g, rtol=1e-9, atol=1e-12)
     assert np.all(rest <= 1e-12 * size) and np.all(turn <= 1e-12 * size**2)
+
+
+@pytest.mark.parametrize("spread", [1.0, 40.0, 250.0])
+def test_where_the_stress_differs_the_rate_is_the_mean_of_the_law(spread):
+    """The mean of max(0, s - tau_y)/eta over the stresses s within ``spread`` of that of the particle."""
+    size, (stress, q, rate, rest, turn) = mapping_of(spread)
+    ends = np.maximum(0.0, stress + spread - TAU_Y) ** 2 - np.maximum(0.0, stress - spread - TAU_Y) ** 2
+    assert np.allclose(rate, ends / (4.0 * spread * ETA), rtol=1e-9, atol=1e-12)
+    assert np.allclose(2.0 * q, rate, rtol=1e-6, atol=1e-9)
+    assert np.all(rest <= 1e-12 * size) and np.all(turn <= 1e-12 * size**2)
+    assert (rate[size < TAU_Y] > 0.0).any() and np.all(rate[size < TAU_Y - spread] == 0.0)
 
 
 def test_stress_never_exceeds_the_law(mapping):
