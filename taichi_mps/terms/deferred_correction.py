@@ -12,8 +12,8 @@ matrix resists, so it is stable with any step; in one much longer than the scene
 gone at once, and fades.
 
 In a full vessel the ghosts behind no-slip walls go on with the curvature of the velocity, so what is left of the bonds
-to them is taken back whole. And what is left at the edge of a plug, where the law has a kink, is resisted by the plastic
-viscosity alone, for the yield stress does not grow with the rate.
+to them is taken back whole. And what is left at the edge of a plug, where the law has a kink, is resisted by the
+plastic viscosity alone, for the yield stress does not grow with the rate.
 """
 
 from ..runtime.backend import real, ti
