@@ -261,7 +261,7 @@ FUNNEL = [  # convex parts of the section (r, z) [m] of its wall: spout, cone, r
 ]
 
 
-def poured_out(rings, l0=0.006):
+def poured_out(rings, l0=0.005):
     """Volume [m3] that has left a funnel of 3 l after 0.5 s, 30 Pa and 5 Pa s, as rings or as a quarter in 3-D."""
 
     def section(x):
@@ -299,7 +299,7 @@ def poured_out(rings, l0=0.006):
 
 @pytest.mark.long
 def test_rings_leave_a_funnel_as_its_quarter_does():
-    """1.1 l; the quarter, of a cubic lattice that is cut by the cone, starts with 3 % less."""
+    """1.1 l, 5 % apart (7 % at 6 mm); the quarter, of a cubic lattice that is cut by the cone, starts with 3 % less."""
     rings, quarter = poured_out(True), poured_out(False)
     assert 0.9e-3 < quarter < 1.3e-3
     assert rings == pytest.approx(quarter, rel=0.07)
