@@ -114,12 +114,15 @@ class WallStress:
                 share = self.weight[i]
                 if ti.static(self.stress.averages):  # how much of the layer up to the next row flows
                     share = ti.min(share, over / ti.max(2.0 * self.half(i), 1e-12))
-                bent = ti.cast(0.0, float)  # part of the drive that the bend of a wall bears, half of it in a pipe [-]
+                # part of the drive that the stress along a hollow wall bears, half of it in a pipe [-]; before a wall bent
+                # the other way, which a drive hardly ever goes along, it is left out
+                bent = ti.cast(0.0, float)
                 for f, wall in ti.static(enumerate(self.walls.faces)):
                     if ti.static(wall.no_slip and wall.curved):  # noqa: SIM102  (a compiled choice stays apart)
                         if self.walls.c[i, f] > 0.0:
                             _z, _n, _v, k = wall.face(i, self.particles.x[i], self.walls.slots[f])
-                            bent = ti.min(1.0, k * size / ti.max(2.0 * self.half(i), 1e-12) * self.gradient.spacing)
+                            borne = k * size * self.gradient.spacing / ti.max(2.0 * self.half(i), 1e-12)
+                            bent = ti.max(0.0, ti.min(1.0, borne))
                 curvature = -share * (1.0 - bent) * self.drive[i] / ti.max(self.stress.slope(i), 1e-12)
                 self.walls.bow[i] = 0.25 * self.gradient.spacing * curvature
 
