@@ -114,8 +114,8 @@ class WallStress:
                 share = self.weight[i]
                 if ti.static(self.stress.averages):  # how much of the layer up to the next row flows
                     share = ti.min(share, over / ti.max(2.0 * self.half(i), 1e-12))
-                # part of the drive that the stress along a hollow wall bears, half of it in a pipe [-]; before a wall bent
-                # the other way, which a drive hardly ever goes along, it is left out
+                # part of the drive that the stress along a hollow wall bears, half of it in a pipe [-]; it is left out
+                # before a wall bent the other way, which a drive hardly ever goes along
                 bent = ti.cast(0.0, float)
                 for f, wall in ti.static(enumerate(self.walls.faces)):
                     if ti.static(wall.no_slip and wall.curved):  # noqa: SIM102  (a compiled choice stays apart)
