@@ -10,6 +10,7 @@ from ..runtime.backend import real, ti
 
 FINEST, COARSEST, SIZES = 0.2, 1.5, 27  # sizes of rings in the tables, over the spacing
 COUNTED = "neighbours", "n", "packing"  # sums in which a ghost counts once
+OF_PAIRS = "pull", "tangential", "normal"  # sums of w/r^2, which of rings is multiplied by a circle (gradient.py)
 COSINES, WEDGE = 9, 24  # of the angles between two faces of a solid; entries of their tables along each distance
 
 
@@ -43,7 +44,8 @@ class GhostSums:
     def __init__(
         self, dimension, spacing, effective_radius, kernels, rings=False, corners=False, meet=None, capacity=1
     ):
-        self.dimension, self.reach = dimension, effective_radius - 0.5 * spacing
+        self.dimension, self.spacing, self.rings = dimension, spacing, rings
+        self.reach = effective_radius - 0.5 * spacing
         self.effective_radius = effective_radius
         self.closest = 0.1 * spacing
         self.entries = entries = 256
@@ -151,6 +153,9 @@ class GhostSums:
             value *= self.remains[i, f][ti.static(GHOST_SUMS.index(name))]
         if ti.static(wall.thin or wall.unilateral):
             value *= wall.weight(i, x, z)
+        if ti.static(self.rings and name in OF_PAIRS):  # the circle where the wall is, of no length on the axis
+            depth, n, _velocity, _curvature = wall.nearest(x)
+            value *= ti.max(0.0, ti.cast(x[0], float) - n[0] * depth) / self.spacing
         return value
 
     @ti.func

@@ -83,6 +83,8 @@ class Walls:
         )
         for k, others in enumerate(meeting(walls)):
             mirror = [getattr(walls[m], "mirror", False) or getattr(walls[k], "mirror", False) for m in others]
+            if rings:  # beyond the axis there is no ghost: at its place the circle between has no length
+                mirror = [part and abs(walls[m].normal[0]) < 0.5 for m, part in zip(others, mirror, strict=True)]
             self.surfaces[k].cut_by = tuple(
                 (self.surfaces[m], m < k, part) for m, part in zip(others, mirror, strict=True)
             )

@@ -5,8 +5,10 @@ G_i(u) = [sum_j (u_j - u_i) (x) b_ij] B_i, and the force of stresses T is F_i = 
 the negative adjoint of G, hence exact momentum, a symmetric operator and a traction-free surface without any marker.
 
 In an axisymmetric scene a particle is a ring at (r, z) of fixed volume V_i and tensors are 3 x 3: the hoop part of the
-gradient is G_33 = u_r/r, the adjoint adds -V_i T_33/r_i to the radial force. A ring that moves outward gets thinner:
-``ratio`` is its cross-section over l0^2, with which it counts among neighbours and in the packing.
+gradient is G_33 = u_r/r, the adjoint adds -V_i T_33/r_i to the radial force. What two rings share is as long as the
+circle half-way between them, so w of a pair is multiplied by (r_i + r_j)/(2 l0); the axis, a circle of no length, has
+no share. A ring that moves outward gets thinner: ``ratio`` is its cross-section over l0^2, with which it counts among
+neighbours and in the packing.
 """
 
 import numpy as np
@@ -36,8 +38,9 @@ class Gradient:
         self.full, self.at_surface = lattice.neighbours, lattice.surface_normal
         self.full_packing = lattice.packing
         self.effective_radius = neighbors.bins.reach - neighbors.skin
-        self.b = ti.Vector.field(d, real(), neighbors.pair_capacity)  # (w/r^2) r_ij [1/m] of each pair
-        self.weight_r2 = ti.field(real(), neighbors.pair_capacity)  # w/r^2 [1/m2] of each pair
+        # (w/r^2) r_ij [1/m] and w/r^2 [1/m2] of each pair; of rings times the circle half-way between them over l0
+        self.b = ti.Vector.field(d, real(), neighbors.pair_capacity)
+        self.weight_r2 = ti.field(real(), neighbors.pair_capacity)
         self.B = ti.Matrix.field(d, d, real(), particles.capacity)  # inverse moment [-]; zero: carries no stress
         self.n = ti.field(real(), particles.capacity)  # particle number density [-], eq 13, walls included
         self.packing = ti.field(real(), particles.capacity)  # sum of the packing kernel over that of a lattice
@@ -72,6 +75,19 @@ class Gradient:
             f = ti.max(0.0, ti.min(1.0, s - k))
             sums = self.lattices[k] * (1.0 - f) + self.lattices[k + 1] * f
         return sums
+
+    @ti.func
+    def circle(self, i):
+        """Radius of ring i over l0 [-]; 1 where particles are no rings."""
+        circle = ti.cast(1.0, float)
+        if ti.static(self.axisymmetric):
+            circle = ti.cast(self.particles.x[i][0], float) / self.spacing
+        return circle
+
+    @ti.func
+    def full_weight(self, i):
+        """Sum of the weights w of a full neighbourhood of particle i [-]."""
+        return self.lattice(i)[0] * self.circle(i)
 
     @ti.func
     def enclosed(self, i):
@@ -130,12 +146,14 @@ class Gradient:
                 if ti.static(self.neighbors.skin > 0.0):  # noqa: SIM102
                     if distance >= re:
                         ratio = 0.0
+                n += ratio * w
+                surface_normal += r * (w / distance)
+                if ti.static(self.axisymmetric):
+                    w *= 0.5 * (self.circle(i) + self.circle(j))
                 b = r * (w / r2)
                 self.b[k] = b
                 self.weight_r2[k] = w / r2
                 M += b.outer_product(r)
-                n += ratio * w
-                surface_normal += distance * b
                 packing += ratio * self.packing_kernel(q)
                 neighbour_count += ratio
                 if self.particles.kind[j] == FLUID:
@@ -157,7 +175,9 @@ class Gradient:
             fluid = kind == FLUID or kind == STANDING  # noqa: SIM109  (a kernel has no "in")
             stressed = some and (fluid or (kind == WALL and wet > 0))
             self.B[i] = (
-                self.inverse(M, lattice[0]) if stressed else ti.Matrix.zero(float, self.dimension, self.dimension)
+                self.inverse(M, self.full_weight(i))
+                if stressed
+                else ti.Matrix.zero(float, self.dimension, self.dimension)
             )
 
     @stage("gradient")
@@ -235,7 +255,7 @@ class Gradient:
         if ti.static(len(self.walls.surfaces) > 0):
             square += self.walls.drag_power(i, self.particles.x[i], u[i], motion)
         G = H @ self.B[i]
-        return self.tensor(i, G, u), ti.max(0.0, square - (G * H).sum()) / self.lattice(i)[0]
+        return self.tensor(i, G, u), ti.max(0.0, square - (G * H).sum()) / self.full_weight(i)
 
     @ti.func
     def spread_stress(self, i, T):

@@ -36,13 +36,13 @@ class HourglassResistance:
             inertial = self.inertial(i, dt)
             whole = self.viscous(i, rate, residual, first, dt, inertial)
             self.thin[i], self.whole[i] = inertial, whole
-            self.h[i] = 2.0 * self.particles.volume(i) * whole / self.gradient.lattice(i)[0]
+            self.h[i] = 2.0 * self.particles.volume(i) * whole / self.gradient.full_weight(i)
 
     @ti.func
     def flowing(self):
         """That of the first mix where it flows, with the plastic viscosity alone [N s m]."""
         whole = BOND_DISSIPATION * self.constants.eta[0] + self.constants.inertial[0]
-        return 2.0 * self.particles.volume(0) * whole / self.gradient.lattice(0)[0]
+        return 2.0 * self.particles.volume(0) * whole / self.gradient.full_weight(0)
 
     @ti.func
     def inertial(self, i, dt):

@@ -94,7 +94,7 @@ class WallStress:
                     b = self.gradient.b[k]
                     if self.gradient.weight_r2[k] > 0.0:
                         M += b.outer_product(b) / self.gradient.weight_r2[k]
-                self.fit[i] = self.gradient.inverse(M, self.gradient.lattice(i)[0])
+                self.fit[i] = self.gradient.inverse(M, self.gradient.full_weight(i))
 
     @stage("wall stress")
     def set_drive(self):

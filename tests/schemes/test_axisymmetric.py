@@ -115,6 +115,25 @@ def test_uniform_pressure_on_a_lattice_of_rings_gives_no_force():
     assert np.abs(F[inner]).max() < 1e-12 * 1000.0 * 2.0 * np.pi * L0
 
 
+@pytest.mark.parametrize("name", ["uniform pressure", "uniform extension", "shear along the axis"])
+def test_stress_on_a_lattice_of_rings_gives_its_divergence_up_to_the_axis(name):
+    """None of a uniform pressure, whose hoop force the first ring must not feel alone, and of diag(1, -2, 1), which has
+    no divergence either; 2 of T_rz = r. Within 3 % of T/l0: what the second ring sees of rings beyond the axis."""
+    x = mps.lattice((0.0, -0.6), (1.2, 0.6), L0)
+    volumes = 2.0 * np.pi * x[:, 0] * L0**2
+    rig = Rig(x, planes=(AXIS,), rings=volumes)
+    T, exact = np.zeros((len(x), 3, 3)), np.zeros((len(x), 2))
+    if name == "shear along the axis":
+        T[:, 0, 1] = T[:, 1, 0] = rig.x[:, 0] / L0
+        exact[:, 1] = 2.0
+    else:
+        T[:] = -np.eye(3) if name == "uniform pressure" else np.diag([1.0, -2.0, 1.0])
+    found = rig.forces(T) * L0 / volumes[rig.particles.read()["id"]][:, None]
+    inner = (np.abs(rig.x[:, 1]) < 0.6 - 4.2 * L0) & (rig.x[:, 0] < 1.2 - 4.2 * L0)
+    assert inner.sum() >= 21 and rig.x[inner, 0].min() < 0.51 * L0
+    assert np.abs(found - exact)[inner].max() < 0.03
+
+
 @pytest.mark.parametrize("size", [1.0, 0.7, 0.5])
 def test_a_lattice_of_thin_rings_has_the_density_of_a_lattice(size):
     """Rings that have moved outward stand closer than l0, and are no denser for it."""
