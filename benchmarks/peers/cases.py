@@ -17,6 +17,7 @@ from taichi_mps.validation import read_reference
 TIMES = (0.1, 0.2, 0.3, 0.5, 1.0)  # [s]
 CONE = {"base_radius": 0.1, "top_radius": 0.05, "height": 0.3}  # [m]
 MIX = {"density": 2300.0, "plastic_viscosity": 50.0}
+ASIDE = 1e-6  # [spacings]
 COLUMN = 0.146  # width of the water column [m]
 MARTIN_MOYCE = "martin_moyce_a2.25in_n2=2"
 
@@ -57,21 +58,28 @@ class Case:
             yield_value=self.yield_value, spacing=self.spacing, until=self.until, model=self.model, **MIX
         )
 
-    def data(self, run: Run) -> dict:
-        """What a peer's script reads: the numbers of the case and, of particles, the engine's own filling."""
+    def aside(self, shape, seed: int):
+        """How far [m] particles stand aside: not at all in the first run, of seed 0."""
+        return ASIDE * self.spacing * np.random.default_rng(seed).uniform(-1.0, 1.0, shape) * (seed > 0)
+
+    def data(self, run: Run, seed: int = 0) -> dict:
+        """What a peer's script reads: the numbers of the case and, of particles, the engine's own filling. In a dam
+        break, whose particles are the peers' own, all of the water stands ``aside`` of the wall by one number."""
         common = {"spacing": self.spacing, "until": self.until, "settings": run.settings}
         if self.kind == "dam":
             times = np.arange(1, round(self.until / 0.01) + 1) * 0.01
-            return common | {"width": COLUMN, "density": 1000.0, "viscosity": 1e-3, "times": times.tolist()}
+            aside = abs(float(self.aside((), seed)))
+            water = {"width": COLUMN, "density": 1000.0, "viscosity": 1e-3, "aside": aside}
+            return common | water | {"times": times.tolist()}
         cone = mps.Cone(*CONE.values())
-        fluid = [] if self.model == "axisymmetric" else self.scene().fluid.tolist()
+        fluid = np.zeros((0, 3)) if self.model == "axisymmetric" else self.scene().fluid
         return common | {
             **MIX,
             **CONE,
             "yield_value": self.yield_value,
             "times": self.times,
             "volume": cone.volume,
-            "fluid": fluid,
+            "fluid": (fluid + self.aside(fluid.shape, seed)).tolist(),
         }
 
 

@@ -7,8 +7,10 @@
 
 Each run is a process of its own, one after the other, with one thread. CPU seconds are those of the process and its
 children: user + system, of the time steps alone (what compiles or loads before the first step is left out) and of the
-whole. Each case becomes benchmarks/results/peers_CASE.json. A peer lives in ~/.cache/taichi_mps_peers/NAME, or where
-TAICHI_MPS_PEER_NAME says (its `install` makes that), and is skipped by name where it does not.
+whole. A run is made five times, with particles 1e-6 spacings aside: what is told are means, and the standard deviation
+of one. Cells are not moved, so interFoam runs once. Each case becomes benchmarks/results/peers_CASE.json. A peer lives
+in ~/.cache/taichi_mps_peers/NAME, or where TAICHI_MPS_PEER_NAME says (its `install` makes that), and is skipped by name
+where it does not.
 """
 
 import argparse
@@ -31,6 +33,7 @@ from cases import CASES, Case, Run, judge  # noqa: E402
 from environments import PEERS, where  # noqa: E402
 
 RESULTS = HERE.parent / "results"
+SCATTERS = {"worst_slump_error_m", "front_error"}  # of which the standard deviation of a run is kept
 
 
 def machine() -> dict:
@@ -52,17 +55,17 @@ def _read(path: str) -> str:
     return Path(path).read_text(encoding="utf-8") if Path(path).exists() else ""
 
 
-def command(case: Case, run: Run, folder: Path) -> list[str]:
-    """The command line that runs a peer on a case and writes folder/out.npz."""
+def command(case: Case, run: Run, folder: Path, seed: int = 0) -> list[str]:
+    """The command line that runs a peer on a case and writes folder/out.npz; another ``seed``, particles aside."""
     out = folder / "out.npz"
     if run.peer == "taichi_mps":
-        return [sys.executable, str(HERE / "ours.py"), case.name, json.dumps(run.settings), str(out)]
+        return [sys.executable, str(HERE / "ours.py"), case.name, json.dumps(run.settings), str(out), str(seed)]
     data = folder / "case.json"
-    data.write_text(json.dumps(case.data(run)), encoding="utf-8")
+    data.write_text(json.dumps(case.data(run, seed)), encoding="utf-8")
     return [str(where(run.peer)), str(HERE / PEERS[run.peer].script), str(data), str(out)]
 
 
-def measure(case: Case, run: Run, limit: float) -> dict:
+def measure(case: Case, run: Run, limit: float, seed: int = 0) -> dict:
     """Run one peer in a process of its own: what it found, its errors and cost; `failed` says why there is none."""
     row = {"peer": run.peer, "label": run.label, "settings": run.settings, "load_average": os.getloadavg()[0]}
     one = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
@@ -70,7 +73,7 @@ def measure(case: Case, run: Run, limit: float) -> dict:
         folder = Path(name)
         with open(folder / "log", "w", encoding="utf-8") as log:
             start = time.perf_counter()
-            words = ["timeout", str(limit), *command(case, run, folder)]
+            words = ["timeout", str(limit), *command(case, run, folder, seed)]
             child = subprocess.Popen(words, stdout=log, stderr=log, env=os.environ | one)
             _, status, usage = os.wait4(child.pid, 0)
         row |= {"process_cpu_seconds": usage.ru_utime + usage.ru_stime, "wall_seconds": time.perf_counter() - start}
@@ -90,17 +93,33 @@ def measure(case: Case, run: Run, limit: float) -> dict:
 
 
 def compare(case: Case, peers: list[str], limit: float, repeats: int) -> None:
-    """All runs of a case, ``repeats`` times in turn; of each the cheapest is kept. Writes the JSON."""
+    """All runs of a case, ``repeats`` times in turn. Writes the JSON."""
     runs = [run for run in case.runs if run.peer in peers]
-    found: dict[str, dict] = {}
-    for _ in range(repeats):
+    found: dict[str, list[dict]] = {run.label: [] for run in runs}
+    for seed in range(repeats):
         for run in runs:
-            row = measure(case, run, limit)
-            best = found.get(run.label)
-            if best is None or "failed" in best or row.get("cpu_seconds", np.inf) < best["cpu_seconds"]:
-                found[run.label] = row
-            print(case.name, run.label, row.get("failed") or f"{row['cpu_seconds']:.1f} CPU-s", flush=True)
-            save(case, list(found.values()), repeats)
+            if seed == 0 or (PEERS.get(run.peer) is None or PEERS[run.peer].particles):
+                row = measure(case, run, limit, seed)
+                found[run.label].append(row)
+                print(case.name, run.label, row.get("failed") or f"{row['cpu_seconds']:.1f} CPU-s", flush=True)
+        save(case, [together(rows) for rows in found.values()], repeats)
+
+
+def together(rows: list[dict]) -> dict:
+    """Means of several runs, and the standard deviation of one where there are errors; the one that failed, if any."""
+    failed = [row for row in rows if "failed" in row]
+    if failed or len(rows) == 1:
+        return {**(failed or rows)[0], "runs": len(rows)}
+    mean = {
+        key: np.mean([row[key] for row in rows], axis=0).tolist() if isinstance(value, float | list) else value
+        for key, value in rows[0].items()
+    }
+    mean["steps"] = round(float(np.mean([row["steps"] for row in rows])))
+    if "slump_errors_m" in mean:
+        mean["worst_slump_error_m"] = max(mean["slump_errors_m"], key=abs)
+    for key in SCATTERS & set(mean):
+        mean[f"{key}_scatter"] = float(np.std([row[key] for row in rows], ddof=1))
+    return {**mean, "runs": len(rows)}
 
 
 def save(case: Case, rows: list[dict], repeats: int) -> None:
@@ -127,7 +146,7 @@ def main(words: list[str] | None = None) -> None:
     parser.add_argument("--peers", nargs="+", choices=list(PEERS), default=list(PEERS))
     parser.add_argument("--cases", nargs="+", choices=[case.name for case in CASES])
     parser.add_argument("--limit", type=float, default=900.0, help="seconds a run may take [900]")
-    parser.add_argument("--repeats", type=int, default=1, help="times each run is made, in turn [1]")
+    parser.add_argument("--repeats", type=int, default=5, help="times each run is made, in turn [5]")
     options = parser.parse_args(words)
     cases = [case for case in CASES if not options.cases or case.name in options.cases]
     if options.what == "draw":

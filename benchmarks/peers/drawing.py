@@ -29,6 +29,11 @@ def read() -> list[dict]:
     return sorted(found, key=lambda result: (result["case"] == "dam_break", result["case"]))
 
 
+def scatter(row: dict, key: str, unit: float) -> str:
+    """The standard deviation of a run in this unit, where several were made."""
+    return f" ± {unit * row[f'{key}_scatter']:.1f}" if f"{key}_scatter" in row else ""
+
+
 def slump_cells(row: dict) -> list[str]:
     return [
         row["label"],
@@ -36,7 +41,7 @@ def slump_cells(row: dict) -> list[str]:
         f"{row['steps']:,}",
         f"{row['cpu_seconds']:.1f}",
         f"{row['process_cpu_seconds']:.1f}",
-        f"{1e3 * row['worst_slump_error_m']:+.1f}",
+        f"{1e3 * row['worst_slump_error_m']:+.1f}{scatter(row, 'worst_slump_error_m', 1e3)}",
         f"{100 * row['spread_error']:+.1f}",
     ]
 
@@ -48,7 +53,7 @@ def dam_cells(row: dict) -> list[str]:
         f"{row['steps']:,}",
         f"{row['cpu_seconds'] / row['simulated_seconds']:.1f}",
         f"{row['elements'] * row['steps'] / row['cpu_seconds']:,.0f}",
-        f"{100 * row['front_error']:.1f} (gate {row['gate_delay']:.2f} late)",
+        f"{100 * row['front_error']:.1f}{scatter(row, 'front_error', 100)} (gate {row['gate_delay']:.2f} late)",
         f"{100 * row['front_error_no_delay']:.1f}",
     ]
 
@@ -95,13 +100,17 @@ def panels(results: list[dict]) -> dict[str, list[tuple[str, dict]]]:
     return found
 
 
-def chart(found: dict[str, list[tuple[str, dict]]], error, what: str, path: Path) -> None:
-    """``error`` of a row against its CPU seconds for a second, both logarithmic, one panel for each problem."""
+def chart(found: dict[str, list[tuple[str, dict]]], key: str, unit: float, what: str, path: Path) -> None:
+    """The error ``key`` of a row, in this unit and with its scatter, against its CPU seconds for a second, both
+    logarithmic, one panel for each problem."""
     import matplotlib
 
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    def error(row):
+        return unit * abs(row[key])
 
     columns = min(2, len(found))
     rows = -(-len(found) // columns)
@@ -111,7 +120,9 @@ def chart(found: dict[str, list[tuple[str, dict]]], error, what: str, path: Path
     for axis, (title, runs) in zip(axes.flat, found.items(), strict=False):
         for _, row in runs:
             cost = row["cpu_seconds"] / row["simulated_seconds"]
-            axis.loglog(cost, error(row), "o", color=COLOURS[row["peer"]])
+            bar = unit * row.get(f"{key}_scatter", 0.0)
+            axis.errorbar(cost, error(row), [[min(bar, 0.9 * error(row))], [bar]], fmt="o", color=COLOURS[row["peer"]])
+        axis.set(xscale="log", yscale="log")
         axis.set_title(title, fontsize=9)
         axis.set(xlabel="CPU seconds for 1 s", ylabel=what)
         axis.grid(alpha=0.3, which="both")
@@ -162,6 +173,6 @@ def draw() -> None:
     dams = panels([result for result in results if result["case"] == "dam_break"])
     if slumps:
         what = "worst error of the slump [mm]"
-        chart(slumps, lambda row: 1e3 * abs(row["worst_slump_error_m"]), what, FIGURES / "peers_slump.png")
+        chart(slumps, "worst_slump_error_m", 1e3, what, FIGURES / "peers_slump.png")
     if dams:
-        chart(dams, lambda row: 100 * row["front_error"], "worst error of the front [%]", FIGURES / "peers_dam.png")
+        chart(dams, "front_error", 100.0, "worst error of the front [%]", FIGURES / "peers_dam.png")

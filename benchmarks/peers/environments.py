@@ -14,11 +14,12 @@ HOME = Path("~/.cache/taichi_mps_peers").expanduser()
 class Peer:
     script: str  # beside this file
     program: str | None = None  # a system program it needs; none: it has a virtual environment
+    particles: bool = True  # or cells
 
 
 PEERS = {
     "newton": Peer("newton_slump.py"),
-    "openfoam": Peer("openfoam_slump.py", "interFoam"),
+    "openfoam": Peer("openfoam_slump.py", "interFoam", particles=False),
     "pysph": Peer("pysph_dam.py"),
     "splishsplash": Peer("splishsplash_dam.py"),
 }

@@ -1,4 +1,4 @@
-"""This engine on a case of compare.py: python ours.py CASE-NAME SETTINGS.json OUT.npz"""
+"""This engine on a case of compare.py: python ours.py CASE-NAME SETTINGS.json OUT.npz SEED"""
 
 import json
 import sys
@@ -10,12 +10,14 @@ from cases import CASES
 import taichi_mps as mps
 
 
-def simulate(case, settings: dict) -> dict:
+def simulate(case, settings: dict, seed: int) -> dict:
     """Slump and spread, or positions, at the times of the case, and what the run cost."""
     options = dict(settings)
     numerics = mps.SemiImplicit if options.pop("scheme", "implicit") == "semi-implicit" else mps.Implicit
     mps.init(threads=1)
-    sim = mps.Simulation(replace(case.scene(), stop_at_rest=case.stop_at_rest), numerics(**options))
+    scene = case.scene()
+    fluid = scene.fluid + case.aside(scene.fluid.shape, seed)
+    sim = mps.Simulation(replace(scene, fluid=fluid, stop_at_rest=case.stop_at_rest), numerics(**options))
     frames = []
     sim.every(0.1 if case.kind == "slump" else 0.01, lambda s: frames.append((s.time, s.snapshot(), s.measures())))
     sim.run()
@@ -35,6 +37,6 @@ def simulate(case, settings: dict) -> dict:
 
 
 if __name__ == "__main__":
-    name, settings, out = sys.argv[1:]
+    name, settings, out, seed = sys.argv[1:]
     case = next(case for case in CASES if case.name == name)
-    np.savez(out, **simulate(case, json.loads(settings)))
+    np.savez(out, **simulate(case, json.loads(settings), int(seed)))

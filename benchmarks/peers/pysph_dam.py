@@ -35,6 +35,7 @@ def simulate(case: dict) -> dict:
         def create_particles(self):
             x, y = get_2d_block(dx=dx, length=a - dx, height=2 * a - dx, center=[0.5 * a, a])
             xt, yt = get_2d_tank(dx=dx, length=4 * a + dx, height=4 * a, base_center=[2 * a, -0.5 * dx], num_layers=4)
+            x = x + case["aside"]
             h, m, rho = example.h, example.m, case["density"]
             fluid = get_particle_array(name="fluid", x=x, y=y, h=h, m=m, rho=rho)
             boundary = get_particle_array(name="boundary", x=xt, y=yt, h=h, m=m, rho=rho)

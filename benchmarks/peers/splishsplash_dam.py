@@ -73,7 +73,7 @@ def scene(case: dict, models: Path) -> dict:
                 "denseMode": 0,
                 "start": [0, 0, -1],
                 "end": [a + l0, 2 * a + l0, 1],
-                "translation": [0.5 * l0, 0.5 * l0, 0],
+                "translation": [0.5 * l0 + case["aside"], 0.5 * l0, 0],
             }
         ],
     }

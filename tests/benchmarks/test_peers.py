@@ -48,6 +48,35 @@ def test_a_run_that_fails_is_a_failure_and_has_no_figures(monkeypatch):
     assert compare.measure(CASES[0], CASES[0].runs[1], 0.2)["failed"] == "not done in 0.2 s (exit status 124)"
 
 
+def test_runs_are_told_by_their_mean_and_scatter_and_by_a_failure():
+    import compare
+
+    rows = [
+        {
+            "label": "a",
+            "steps": 10 + k,
+            "cpu_seconds": 1.0 + k,
+            "slump_errors_m": [k, -3.0 - k],
+            "worst_slump_error_m": w,
+        }
+        for k, w in enumerate((-3.0, -4.0, -5.0))
+    ]
+    found = compare.together(rows)
+    assert (found["label"], found["runs"], found["steps"], found["cpu_seconds"]) == ("a", 3, 11, 2.0)
+    assert found["worst_slump_error_m"] == -4.0 and found["worst_slump_error_m_scatter"] == pytest.approx(1.0)
+    assert compare.together([*rows, {"label": "a", "failed": "broken"}])["failed"] == "broken"
+
+
+def test_all_of_a_case_stands_aside_by_a_millionth_of_a_spacing():
+    from cases import CASES
+
+    for case in (CASES[0], CASES[-1]):
+        data = [case.data(case.runs[-1], seed) for seed in (0, 1, 2)]
+        key = "aside" if case.kind == "dam" else "fluid"
+        first, second, third = (np.array(one[key]) for one in data)
+        assert 0.0 < np.abs(second - first).max() <= 1.01e-6 * case.spacing and np.any(third != second)
+
+
 def test_the_reference_of_a_slump():
     from cases import reference
 
