@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..problem.materials import Bingham
 from ..units import SceneError, checked
 from .calibration import CONSTANTS, RHEOMETER, Calibration
 from .emulator import MEASURED, Emulator, Together, is_time
@@ -66,20 +67,25 @@ def calibrate(test: Measurements, study: str | None = None, check: bool = True) 
 
 def with_each_alone(emulators: dict[str, Emulator], found: Calibration, density: float, known: dict) -> Calibration:
     """A contradictory one with what each measurement says alone, and the rheometer: a length at rest of the yield
-    stress, a time of the plastic viscosity, the other constant as found."""
+    stress, a time of the plastic viscosity, the other constant as found, or a usual plastic viscosity where none is
+    determined: what fits a contradiction least badly is at any end of the table."""
     if not found.contradictory:
         return found
+    others = {name: getattr(found, name).value for name in CONSTANTS}
+    if not found.plastic_viscosity.determined and "plastic_viscosity" not in known:
+        others["plastic_viscosity"] = Bingham().plastic_viscosity
     alone = {name: {RHEOMETER: (known[name],) * 3} if name in known else {} for name in CONSTANTS}
     for name, pair in found.measured.items():
         asked, other = reversed(CONSTANTS) if is_time(name) else CONSTANTS
         emulator = next(emulators[scene] for scene in emulators if name in MEASURED[scene])
         try:
-            it = fit(emulator, {name: pair}, density, found.finer, {other: getattr(found, other).value})
+            it = fit(emulator, {name: pair}, density, found.finer, {other: others[other]})
         except SceneError:  # no T500 at all with that yield stress
             continue
         constant = getattr(it, asked)
         alone[asked][name] = constant.value, constant.lower, constant.upper
-    return replace(found, alone={name: said for name, said in alone.items() if said.keys() - {RHEOMETER}})
+    alone = {name: said for name, said in alone.items() if said.keys() - {RHEOMETER}}
+    return replace(found, alone=alone, others=others)
 
 
 def difference(emulators: dict[str, Emulator], found: Calibration, density: float) -> dict:

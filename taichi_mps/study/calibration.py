@@ -211,8 +211,9 @@ class Calibration(Found):
     model: dict[str, float]
     misfit: float  # chi squared
     by_viscosity: dict[float, float]  # best yield stress [Pa] at plastic viscosities [Pa s] that fit
-    # where no mix is near: of a constant what each measurement alone says, the other constant as found: value and ends
+    # where no mix is near: of a constant what each measurement alone says, value and ends; with which other constant
     alone: dict[str, dict[str, tuple[float, float | None, float | None]]] = field(default_factory=dict)
+    others: dict[str, float] = field(default_factory=dict)
     finer: dict[str, float] = field(default_factory=dict)  # the run that checked: finer minus table, ratio of times
     # by measurement and constant: by which factor the constant's standard error would grow without it, and by how many
     # of its own it changes with the constant's logarithm
@@ -245,7 +246,7 @@ class Calibration(Found):
         """That no mix is near the measurements, with what each of them says alone and what to trust it for."""
         text = "no Bingham mix comes within three standard errors: the measurements contradict each other or the model"
         said = [
-            f"at {short(getattr(self, other).value)} {CONSTANTS[other][1]} "
+            f"at {short(self.others[other])} {CONSTANTS[other][1]} "
             + ", ".join(
                 f"the {NAMES.get(name, name)}{' alone' * (name in NAMES)} says {Constant(*it, 0.0, 0.0).bounds(unit)}"
                 for name, it in self.alone.get(constant, {}).items()
