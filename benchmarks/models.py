@@ -143,6 +143,8 @@ def measured(results: list[dict]) -> list:
             abs(reach_error(row)) / HEIGHT,
             row["worst_volume_error"],
             row["cpu_seconds"],
+            row["slump_error_m_scatter"] / HEIGHT,
+            0.5 * row["spread_m"] * row["spread_error_scatter"] / HEIGHT,
         )
         for result in results
         for row in result["rows"]

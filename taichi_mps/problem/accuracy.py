@@ -15,9 +15,9 @@ COARSEST = 0.1  # [m]; what is asked for beyond is millimetres
 MOST_VOLUME_ERROR = 0.02  # at any time [-], beyond which a result is doubted
 MOST_VOLUME = 0.01  # largest volume error of what is chosen [-]: a coarse cone may have the right slump by luck
 GRAVITY, DENSITY, HEIGHT = 9.81, 2300.0, 0.3  # of the standard cone [m/s2], [kg/m3], [m]
-# Over the spacing, of the slump and of half of the spread: twice the standard deviation of the difference of two runs
-# whose particles start 1e-6 l0 aside, the one of the table and this one. Measured by benchmarks/scatter.py
-SCATTER = 0.11, 0.06
+# Twice the standard deviation of what a run is off the mean of five, over that of a run
+OFF_THE_MEAN = 2.0 * math.sqrt(1.0 + 1.0 / 5.0)
+NUMBERS = "slump", "reach", "volume", "cpu_seconds", "slump_scatter", "reach_scatter"  # of Measured
 STANDARD = {"base_diameter": 2.0 / 3.0, "top_diameter": 1.0 / 3.0}  # of the cone that was measured, over its height
 
 
@@ -55,6 +55,9 @@ class Measured:
     reach: float  # error of half of the spread at rest, over H
     volume: float  # largest error of the volume at any time [-]
     cpu_seconds: float  # to rest, without compiling
+    # standard deviations, over H, of runs whose particles start 1e-6 l0 aside, of slump and of half of the spread
+    slump_scatter: float
+    reach_scatter: float
 
     @property
     def mix(self) -> Mix:
@@ -92,10 +95,7 @@ def weights(at, corners) -> list[float] | None:
 
 def between(rows: list[Measured], parts, mix: Mix) -> Measured:
     """The mean of rows with weights: for a mix between theirs."""
-    mean = {
-        key: sum(part * getattr(row, key) for part, row in zip(parts, rows, strict=True))
-        for key in ("slump", "reach", "volume", "cpu_seconds")
-    }
+    mean = {key: sum(part * getattr(row, key) for part, row in zip(parts, rows, strict=True)) for key in NUMBERS}
     return replace(rows[0], **mix._asdict(), **mean)
 
 
@@ -133,8 +133,11 @@ def expected(model: str, spacing: float, mix: Mix, rows: list[Measured] | None =
 
 def with_scatter(row: Measured) -> Measured:
     """With what another run may be off besides, for its last digits are chance."""
-    slump, reach = SCATTER
-    return replace(row, slump=row.slump + slump * row.spacing, reach=row.reach + reach * row.spacing)
+    return replace(
+        row,
+        slump=row.slump + OFF_THE_MEAN * row.slump_scatter,
+        reach=row.reach + OFF_THE_MEAN * row.reach_scatter,
+    )
 
 
 def nearest(mix: Mix) -> Mix:
@@ -253,10 +256,11 @@ def write(rows: list[Measured]) -> None:
     lines = [
         "# Errors of the slump cone beside finite elements with inertia, over its height; spread: of half of it.",
         "# Written by `python benchmarks/models.py draw`; yield_number tau_y/(rho g H), viscosity_number",
-        "# eta/(rho sqrt(g H^3)), slump and volume: the largest at any time, CPU-s: of one thread, to rest.",
+        "# eta/(rho sqrt(g H^3)), slump and volume: the largest at any time, CPU-s: of one thread, to rest. Means of",
+        "# five runs, whose particles start 1e-6 spacings aside, and the standard deviations of one.",
         ",".join(names),
     ]
     for row in rows:
-        errors = {key: f"{getattr(row, key):.3g}" for key in ("slump", "reach", "volume", "cpu_seconds")}
+        errors = {key: f"{getattr(row, key):.3g}" for key in NUMBERS}
         lines.append(",".join(str(value) for value in (asdict(row) | errors).values()))
     MEASURED.write_text("\n".join(lines) + "\n", encoding="utf-8")
