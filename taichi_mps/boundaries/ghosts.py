@@ -27,11 +27,11 @@ def meeting(walls) -> list[list[int]]:
     return [[m for m, other in enumerate(walls) if across(wall, other)] for wall in walls]
 
 
-def wedges(walls, faces) -> np.ndarray:
-    """Which faces meet at any angle: those of a solid, with each other and with those of all
-    other walls. (faces, faces), 0 no, 1 yes, 2 where one of the two is a mirror plane; ``faces``: their walls."""
+def wedges(walls, faces, mirrors) -> np.ndarray:
+    """Which faces meet at any angle: those of a solid, with each other and with those of all other walls. (faces,
+    faces), 0 no, 1 yes, 2 where one of the two is a mirror plane; ``faces``: their walls, ``mirrors``: which are."""
     solid = np.array([isinstance(walls[k], Solid) for k in faces], bool)
-    mirror = np.array([getattr(walls[k], "mirror", False) for k in faces], bool)
+    mirror = np.array([mirrors[k] for k in faces], bool)
     meet = (solid[:, None] | solid) & ~np.eye(len(faces), dtype=bool)
     return meet * (1 + (mirror[:, None] | mirror))
 

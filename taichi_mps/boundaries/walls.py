@@ -81,15 +81,15 @@ class Walls:
             self.surfaces[k].frictionless() if slot and self.surfaces[k].has_friction else self.surfaces[k]
             for k, slot in each
         )
+        # of rings the axis takes no pull from the others: the circle between a ring and what is beyond has no length
+        mirrors = [getattr(wall, "mirror", False) and not (rings and abs(wall.normal[0]) > 0.5) for wall in walls]
         for k, others in enumerate(meeting(walls)):
-            mirror = [getattr(walls[m], "mirror", False) or getattr(walls[k], "mirror", False) for m in others]
-            if rings:  # beyond the axis there is no ghost: at its place the circle between has no length
-                mirror = [part and abs(walls[m].normal[0]) < 0.5 for m, part in zip(others, mirror, strict=True)]
+            mirror = [mirrors[m] or mirrors[k] for m in others]
             self.surfaces[k].cut_by = tuple(
                 (self.surfaces[m], m < k, part) for m, part in zip(others, mirror, strict=True)
             )
         corners = any(surface.cut_by for surface in self.surfaces)
-        meet = wedges(walls, [k for k, _ in each])
+        meet = wedges(walls, [k for k, _ in each], mirrors)
         kernels = {"weight": weight, "packing_kernel": packing_kernel}
         self.ghosts = GhostSums(dimension, spacing, effective_radius, kernels, rings, corners, meet, capacity)
         self.closest = self.ghosts.closest
