@@ -318,7 +318,7 @@ def poured_out(rings, l0=0.005):
 
 @pytest.mark.long
 def test_rings_leave_a_funnel_as_its_quarter_does():
-    """1.1 l; rings, 2.5 mm, 5 % less than the quarter, 5 mm, and nearer to it than rings of 5 mm (7 %). The quarter, of a
+    """1.1 l; rings of 2.5 mm 5 % less than the quarter, 5 mm, nearer to it than rings of 5 mm (7 %). The quarter, of a
     cubic lattice that is cut by the cone, starts with 3 % less."""
     coarse, rings, quarter = poured_out(True), poured_out(True, 0.0025), poured_out(False)
     assert abs(rings - quarter) < abs(coarse - quarter)
