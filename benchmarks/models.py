@@ -170,9 +170,11 @@ def draw() -> None:
         for model, colour in zip(dict(VARIANTS), ("C0", "C1", "C2", "C3"), strict=True):
             rows = [row for row in result["rows"] if row["model"] == model]
             cost, error = ([row[key] for row in rows] for key in ("cpu_seconds", "worst_slump_error_m"))
-            axis.loglog(cost, 1e3 * np.abs(error), "o-", color=colour, label=model)
+            error, bar = 1e3 * np.abs(error), np.array([1e3 * row["slump_error_m_scatter"] for row in rows])
+            axis.errorbar(cost, error, [np.minimum(bar, 0.9 * error), bar], fmt="o-", color=colour, label=model)
             for row, x, y in zip(rows, cost, error, strict=True):
-                axis.annotate(f"{1e3 * row['spacing']:g}", (x, 1e3 * abs(y)), xytext=(3, 3), textcoords="offset points")
+                axis.annotate(f"{1e3 * row['spacing']:g}", (x, y), xytext=(3, 3), textcoords="offset points")
+        axis.set(xscale="log", yscale="log")
         axis.set(title=f"{result['yield_value']:g} Pa", xlabel="CPU seconds to rest")
         axis.grid(alpha=0.3)
     axes[0].set_ylabel("worst error of the slump [mm]")
