@@ -147,10 +147,11 @@ class Gradient:
                     if distance >= re:
                         ratio = 0.0
                 n += ratio * w
-                surface_normal += r * (w / distance)
-                if ti.static(self.axisymmetric):
-                    w *= 0.5 * (self.circle(i) + self.circle(j))
                 b = r * (w / r2)
+                surface_normal += distance * b
+                if ti.static(self.axisymmetric):
+                    circle = 0.5 * (self.circle(i) + self.circle(j))
+                    b, w = b * circle, w * circle
                 self.b[k] = b
                 self.weight_r2[k] = w / r2
                 M += b.outer_product(r)
