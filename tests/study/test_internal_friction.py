@@ -91,7 +91,7 @@ def test_a_bingham_pair_stays_one():
 def test_the_bingham_answer_of_a_contradiction_is_bit_for_bit_that_of_its_table():
     found = calibrate(**cone(25.0, 15.0), check=False)
     table = fit(Together([emulator_of()]), found.measured, DENSITY)
-    assert found.friction and repr(replace(found, friction=None, alone={})) == repr(table)
+    assert found.friction and repr(replace(found, friction=None, alone={}, others={})) == repr(table)
 
 
 def test_what_nobody_explains_is_told_with_the_nearest():
