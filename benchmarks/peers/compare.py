@@ -98,7 +98,8 @@ def compare(case: Case, peers: list[str], limit: float, repeats: int) -> None:
     found: dict[str, list[dict]] = {run.label: [] for run in runs}
     for seed in range(repeats):
         for run in runs:
-            if seed == 0 or (PEERS.get(run.peer) is None or PEERS[run.peer].particles):
+            of_cells = run.peer in PEERS and not PEERS[run.peer].particles
+            if seed == 0 or not of_cells:
                 row = measure(case, run, limit, seed)
                 found[run.label].append(row)
                 print(case.name, run.label, row.get("failed") or f"{row['cpu_seconds']:.1f} CPU-s", flush=True)
