@@ -7,8 +7,7 @@ spacings. True yield stress: in Newton's orthogonal map of symmetric tensors the
 sqrt(s:s/2) and that of a rate sqrt(2 D:D), so that its yield_stress and viscosity are tau_y and eta. friction is 0 (the
 default, 0.5, is that of sand), tensile_yield_ratio 1 (no tearing, as in its viscous example), air_drag stays at its
 default of 1, tolerance 1e-4 and at most 250 iterations.
-The floor holds: friction 1e4, adhesion 1e6 Pa. A case with a ``mould`` has the cone in a shell that is lifted from
-t = 0 on with its speed [m/s]: a mesh that moves, without friction and adhesion.
+The floor holds: friction 1e4, adhesion 1e6 Pa.
 """
 
 import json
@@ -19,23 +18,6 @@ from pathlib import Path
 import numpy as np
 
 NEEDS = ("newton==1.8.0", "warp-lang==1.19.0")
-
-
-def shell(mould: dict, sides: int = 64) -> tuple[np.ndarray, np.ndarray]:
-    """Corners (n, 3) [m] and triangles (m, 3), seen from outside counter-clockwise, of a mould: the mantle of its cone
-    and the same ``thickness`` [m] farther out."""
-    angle = 2.0 * np.pi * np.arange(sides) / sides
-    ring = np.column_stack([np.cos(angle), np.sin(angle), 0.0 * angle])
-    rims = [(r + far, z) for far in (0.0, mould["thickness"])
-            for r, z in ((mould["base_radius"], 0.0), (mould["top_radius"], mould["height"]))]  # fmt: skip
-    corners = np.vstack([r * ring + (0.0, 0.0, z) for r, z in rims])
-    k, triangles = np.arange(sides), []
-    for a, b in ((1, 0), (2, 3), (0, 2), (3, 1)):  # from rim a to rim b: inside, outside, bottom, top
-        this, following = k, (k + 1) % sides
-        low, high = a * sides, b * sides
-        triangles += [np.column_stack([low + this, low + following, high + following])]
-        triangles += [np.column_stack([low + this, high + following, high + this])]
-    return corners, np.vstack(triangles)
 
 
 def simulate(case: dict) -> dict:
@@ -79,26 +61,7 @@ def simulate(case: dict) -> dict:
             setattr(config, key, settings[key])
     solver = SolverImplicitMPM(model, config=config)
     now, following = model.state(), model.state()
-    dt, mould = settings["dt"], case.get("mould")
-    if mould:
-        corners, triangles = shell(mould)
-        up = np.tile((0.0, 0.0, mould["speed"]), (len(corners), 1))
-        mesh = wp.Mesh(
-            *(wp.array(a, dtype=t) for a, t in ((corners, wp.vec3), (triangles.ravel(), int), (up, wp.vec3)))
-        )
-        solver.setup_collider(
-            collider_meshes=[None, mesh],
-            collider_body_ids=[-1, None],
-            collider_friction=[1e4, 0.0],
-            collider_adhesion=[1e6, 0.0],
-        )
-
-    def stand(time):
-        """Put the mould where it is at this time [s]."""
-        if mould:
-            mesh.points.assign(corners + time * up)
-            mesh.refit()
-
+    dt = settings["dt"]
     steps = round(case["until"] / dt)
     frames, kept = [], {round(t / dt) for t in case["times"]}
 
@@ -109,7 +72,6 @@ def simulate(case: dict) -> dict:
     now, following = following, now
     start = spent()
     for step in range(2, steps + 1):
-        stand((step - 1) * dt)
         solver.step(now, following, None, None, dt)
         now, following = following, now
         if step in kept:

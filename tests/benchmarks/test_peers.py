@@ -167,19 +167,3 @@ def test_the_installer_of_a_peer_is_named_by_the_environment(monkeypatch):
     assert environments.folder("newton") == Path(os.sep + "elsewhere")
     monkeypatch.delenv("TAICHI_MPS_PEER_NEWTON")
     assert environments.folder("newton") == environments.HOME / "newton"
-
-
-def test_the_mould_of_a_lifted_cone_is_a_closed_shell():
-    """Every edge belongs to two triangles, once each way; the volume between polygons of 64 sides is that of the
-    mantles but for sin(a)/a, a = 2 pi/64, and positive, so that normals point out of it."""
-    from newton_slump import shell
-
-    mould = {"base_radius": 0.1, "top_radius": 0.05, "height": 0.3, "thickness": 0.045}
-    corners, triangles = shell(mould)
-    edges = np.vstack([triangles[:, [a, (a + 1) % 3]] for a in range(3)])
-    assert len(np.unique(edges, axis=0)) == len(edges)
-    assert np.array_equal(np.unique(edges, axis=0), np.unique(edges[:, ::-1], axis=0))
-    a, b, c = corners[triangles].transpose(1, 0, 2)
-    outer, inner = (np.pi / 3 * 0.3 * (r * r + r * s + s * s) for r, s in ((0.145, 0.095), (0.1, 0.05)))
-    angle = 2 * np.pi / 64
-    assert (a * np.cross(b, c)).sum() / 6 == pytest.approx((outer - inner) * np.sin(angle) / angle, rel=1e-9)
