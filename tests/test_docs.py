@@ -7,9 +7,11 @@ import shlex
 import shutil
 import subprocess
 import sys
+from contextlib import suppress
 from importlib.util import find_spec, module_from_spec, spec_from_file_location
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 if sys.version_info >= (3, 11):
@@ -27,7 +29,9 @@ EQUATIONS = (DOCS / "equations.md").read_text(encoding="utf-8")
 LAYERS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["taichi-mps"]["layers"]
 EXAMPLES = {"terms/drag.py", "schemes/ballistic.py"}  # files that architecture.md shows how to add
 MOST_WORDS = 1500  # of architecture.md: an afternoon, not a book
-WRITTEN = 20_000  # words of the site but for the API, the index and the tables that commands write
+BUDGETS = {"a user reads": 16_000, "theory and architecture": 9_000, "notes": 4_000}  # words, without generated tables
+MOST_OF_A_VERSION = 600  # words of the changelog
+WITHOUT_INFLUENCE = set("BLOCK HUGE MOST_ITERATIONS NOT_A_NUMBER SUMS SOLVE PACKING MOST_LOST SAMPLE FALL".split())
 BLOCK = re.compile(r"^```python\n(.*?)^```$", re.S | re.M)
 FENCED = re.compile(r"^```(\w*)\n(.*?)^```$", re.S | re.M)
 CAPTION = re.compile(r"!\[[^\]]*\]\([^)]+\)\n\*(.+)\*$", re.M)
@@ -250,12 +254,62 @@ def test_every_page_is_in_the_navigation():
     assert named == {page.relative_to(DOCS).as_posix() for page in SITE}
 
 
-def test_the_site_can_be_read_in_a_day():
+def kind_of(page):
+    """Which budget of words a page counts to; None of a page that a command writes."""
+    if page.stem in ("api", "equations"):
+        return None
+    if "notes" in page.parts:
+        return "notes"
+    return "theory and architecture" if "theory" in page.parts or page.stem == "architecture" else "a user reads"
+
+
+@pytest.mark.parametrize("kind", BUDGETS)
+def test_the_words_of_the_pages_keep_their_budget(kind):
     def written(page):
         text = re.sub(r"<!-- written by .*?<!-- end.*?-->", "", page.read_text(encoding="utf-8"), flags=re.S)
         return [word for word in text.split() if re.search(r"\w", word)]  # not the bars of tables
 
-    assert sum(len(written(page)) for page in SITE if page.stem not in ("api", "equations")) <= WRITTEN
+    pages = [*PAGES, *(DOCS / "notes").glob("*.md")]
+    assert sum(len(written(page)) for page in pages if kind_of(page) == kind) <= BUDGETS[kind]
+
+
+def test_a_version_in_the_changelog_is_short():
+    versions = re.split(r"^## ", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), flags=re.M)[1:]
+    assert max(len(version.split()) for version in versions) <= MOST_OF_A_VERSION
+
+
+def assigned(text):
+    """Numbers, and tuples of them, that a module assigns at its top by name, and defaults of its records as
+    'Class.field'."""
+    found = {}
+    for node in ast.parse(text).body:
+        if isinstance(node, ast.Assign):
+            with suppress(NameError, TypeError, AttributeError, SyntaxError):
+                value = eval(ast.unparse(node.value), {"kaiser_bessel": float, "range": None})
+                names = getattr(node.targets[0], "elts", node.targets)
+                values = value if len(names) > 1 else [value]
+                found |= {name.id: value for name, value in zip(names, values, strict=True)}
+        for field in node.body if isinstance(node, ast.ClassDef) else []:
+            if isinstance(field, ast.AnnAssign) and getattr(field.value, "args", None):
+                found[f"{node.name}.{field.target.id}"] = getattr(field.value.args[0], "value", None)
+    return {name: v for name, v in found.items() if all(isinstance(x, int | float) for x in np.ravel(v).tolist())}
+
+
+def test_the_table_of_constants_is_that_of_the_code():
+    """Each constant has that value in that file; each number at the top of a module of terms or schemes is listed, but
+    for those that no result depends on."""
+    page = (DOCS / "theory" / "constants.md").read_text(encoding="utf-8")
+    listed = set()
+    for names, file, value in re.findall(r"^\| (`.*?) \| `(\S+\.py)` \| (.*?) \|", page, re.M):
+        known, names = assigned((PACKAGE / file).read_text(encoding="utf-8")), re.findall(r"`([\w.]+)`", names)
+        values = eval(value) if len(names) > 1 else [eval(value)]
+        assert [known[name] for name in names] == list(values), f"{file}: {names}"
+        listed |= {(file, name) for name in names}
+    assert len(listed) > 50
+    for path in [*(PACKAGE / "terms").glob("*.py"), *(PACKAGE / "schemes").glob("*.py")]:
+        file = f"{path.parent.name}/{path.name}"
+        known = {name for name in assigned(path.read_text(encoding="utf-8")) if name.isupper()} - WITHOUT_INFLUENCE
+        assert not {name for name in known if (file, name) not in listed}, file
 
 
 def test_the_api_has_every_public_name():
