@@ -5,11 +5,10 @@ import inspect
 import re
 from fractions import Fraction
 from functools import cache, partial, wraps
-from typing import Annotated, Any, ClassVar, Literal, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 import numpy as np
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, create_model
-from pydantic_core import PydanticUndefined
 
 
 class SceneError(ValueError):
@@ -171,8 +170,7 @@ FlowIndex = _real("", ge=0.1, le=4.0)
 Structuration = _real("Pa/s", "0.1 to 1.7 of concrete", ge=0.0, le=1e3)
 Destructuration = _real("", ge=0.0, le=10.0)
 FlowRate = _real("m3/s", gt=0.0, le=100.0)
-StrainRate = _real("1/s", gt=0.0, le=1e4)
-CriticalStrainRate = StrainRate | Literal["rational"]  # the word: by material.rational_critical_strain_rate
+CriticalStrainRate = _real("1/s", gt=0.0, le=1e4) | Literal["rational"]  # the word: materials.rational_...
 
 RotationSpeed = _real("rpm", "turns a minute", gt=0.0, le=1e4)
 Angle = _real("deg", ge=0.0, lt=90.0)
@@ -184,19 +182,13 @@ Count = Annotated[int, Field(ge=1, le=100000), Unit("-")]
 class Checked(BaseModel):
     """A frozen record whose values are checked on construction; a violation raises SceneError."""
 
-    options: ClassVar[dict] = {}  # annotations of the fields that are narrower as an option of a scene
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", arbitrary_types_allowed=True)
 
     def __init__(self, **values: Any) -> None:
         try:
             super().__init__(**values)
         except ValidationError as error:
             raise SceneError(explain(error, type(self))) from None
-
-    def stands_for(self):
-        """What a function that takes such a record is given: the record itself, or what it describes."""
-        return self
 
     @classmethod
     def __pydantic_init_subclass__(cls, **kwargs: Any) -> None:
@@ -205,15 +197,9 @@ class Checked(BaseModel):
 
 def unit_of(field) -> Unit:
     """Unit of a pydantic field, '' where it has none (a choice, a flag)."""
-    for item in field.metadata:
-        if isinstance(item, Unit):
-            return item
-    for option in get_args(field.annotation):
-        if get_origin(option) is Annotated:
-            for item in get_args(option)[1:]:
-                if isinstance(item, Unit):
-                    return item
-    return Unit("")
+    kinds = [option for option in get_args(field.annotation) if get_origin(option) is Annotated]  # of 'Length | None'
+    known = [*field.metadata, *(item for kind in kinds for item in get_args(kind)[1:])]
+    return next((item for item in known if isinstance(item, Unit)), Unit(""))
 
 
 def suggestion(key, known) -> str:
@@ -226,30 +212,26 @@ def explain(error: ValidationError, model: type[BaseModel]) -> str:
     """Every violation as 'key = value unit: what is allowed', joined with '; '; alternatives of a key with 'or'."""
     lines = []
     for item in error.errors():
-        key = str(item["loc"][0]) if item["loc"] else ""
-        if item["type"] == "extra_forbidden":
-            lines.append(f"unknown key '{key}'{suggestion(key, model.model_fields)}")
-            continue
-        unit = unit_of(model.model_fields[key]) if key in model.model_fields else Unit("")
-        unit = Unit("") if unit == "-" else unit
+        key, kind = str(item["loc"][0]) if item["loc"] else "", item["type"]
+        known = unit_of(model.model_fields[key]) if key in model.model_fields else Unit("")
+        unit = known.strip("-")
         allowed = item["msg"].replace("Input should be", "must be").replace("Value error, ", "")
-        if not item["loc"]:  # of several keys together, which the message names
+        if kind == "float_parsing":
+            allowed = "must be a number" + f" [{unit}]" * bool(unit)
+        if kind.startswith(("greater", "less")):
+            allowed += f" {unit}" * bool(unit) + f" ({known.hint})" * bool(known.hint)
+        with_unit = isinstance(item["input"], str) and NUMBER_AND_UNIT.fullmatch(item["input"])
+        shown = " ".join(str(item["input"]).split()) + f" {unit}" * bool(unit and not with_unit)  # on one line
+        if kind == "extra_forbidden":
+            lines.append(f"unknown key '{key}'{suggestion(key, model.model_fields)}")
+        elif kind == "missing":
+            lines.append(f"{key} is missing" + f" [{unit}]" * bool(unit))
+        elif not key:  # of several keys together, which the message names
             lines.append(allowed)
-            continue
-        if item["type"] == "float_parsing":
-            allowed = f"must be a number{f' [{unit}]' if unit else ''}"
-        if item["type"] == "missing":
-            lines.append(f"{key} is missing [{unit}]" if unit else f"{key} is missing")
+        elif lines and lines[-1].startswith(f"{key} = {shown}: "):
+            lines[-1] += allowed.replace("must be", ", or", 1)
         else:
-            own = isinstance(item["input"], str) and NUMBER_AND_UNIT.fullmatch(item["input"])  # came with its unit
-            tail = f" {unit}" if unit and not own else ""
-            bound = f" {unit}" * bool(unit) if item["type"].startswith(("greater", "less")) else ""
-            bound += f" ({unit.hint})" if bound and unit.hint else ""
-            start = f"{key} = {' '.join(str(item['input']).split())}{tail}: "  # one line, whatever was given
-            if lines and lines[-1].startswith(start):
-                lines[-1] += allowed.replace("must be", ", or", 1)
-            else:
-                lines.append(f"{start}{allowed}{bound}")
+            lines.append(f"{key} = {shown}: {allowed}")
     return "; ".join(lines)
 
 
@@ -258,12 +240,13 @@ def checked(function):
 
     A parameter that is a ``Checked`` record, such as ``material: Bingham = Bingham(yield_value=40.0)``, stands for the
     fields of the record: each is a keyword with the record's own unit, range and help, and the value in the default is
-    its default. The function is given the record, or what that stands for. The pydantic model of all keywords, which
-    are flat, is kept as ``function.parameters``: from it come options, the parameters of a sweep and those of a
-    checkpoint.
+    its default. ``function.parameters`` is the pydantic model of all keywords, which are flat: from it come options,
+    the parameters of a sweep and those of a checkpoint. ``function.at(parameters)`` is the function's value at
+    parameters that were validated.
     """
     taken = inspect.signature(function).parameters
-    records = {name: p.annotation for name, p in taken.items() if is_record(p.annotation)}
+    kinds = {name: p.annotation for name, p in taken.items() if isinstance(p.annotation, type)}
+    records = {name: kind for name, kind in kinds.items() if issubclass(kind, Checked)}
     fields = {}
     for name, parameter in taken.items():
         new = {name: (parameter.annotation, ... if parameter.default is parameter.empty else parameter.default)}
@@ -272,40 +255,27 @@ def checked(function):
         if twice := sorted(fields.keys() & new.keys()):
             raise TypeError(f"{function.__name__}: {twice[0]} is declared twice")
         fields |= new
-    config = ConfigDict(extra="forbid", arbitrary_types_allowed=True)
-    model = create_model(function.__name__, __config__=config, **fields)
+    model = create_model(function.__name__, __base__=Checked, **fields)
+
+    def at(parameters):
+        keywords = {name: getattr(parameters, name) for name in taken if name not in records}
+        for name, record in records.items():
+            values = {key: getattr(parameters, key) for key in record.model_fields if key in fields}
+            keywords[name] = record(**values)
+        return function(**keywords)
 
     @wraps(function)
     def call(**values):
-        try:
-            valid = model(**values)
-        except ValidationError as error:
-            raise SceneError(explain(error, model)) from None
-        keywords = {name: getattr(valid, name) for name in taken if name not in records}
-        for name, record in records.items():
-            given = record(**{key: getattr(valid, key) for key in record.model_fields if key in fields})
-            keywords[name] = given.stands_for()
-        return function(**keywords)
+        return at(model(**values))
 
-    call.parameters = model
+    call.parameters, call.at = model, at
     return call
-
-
-def is_record(annotation) -> bool:
-    """Is this the class of a checked record?"""
-    return isinstance(annotation, type) and issubclass(annotation, Checked)
 
 
 def options_of(record: type[Checked], default) -> dict:
     """The fields of a record as pydantic declares keywords, {name: (annotation, default)}, with the values of the
     record ``default`` where there is one. A field that can only be None is none."""
-    hints = get_type_hints(record, include_extras=True) | record.options
-    found = {}
-    for name, field in record.model_fields.items():
-        if field.annotation is not type(None):
-            value = getattr(default, name, field.default) if isinstance(default, Checked) else field.default
-            found[name] = (
-                hints[name],
-                Field(... if value is PydanticUndefined else value, description=field.description),
-            )
-    return found
+    hints = get_type_hints(record, include_extras=True) | getattr(record, "options", {})
+    fields = {name: field for name, field in record.model_fields.items() if field.annotation is not type(None)}
+    values = {name: getattr(default, name, field.default) for name, field in fields.items()}
+    return {name: (hints[name], Field(values[name], description=field.description)) for name, field in fields.items()}

@@ -27,18 +27,19 @@ def names() -> dict[str, Path]:
     return {path.stem: path for path in sorted(folder().glob("*.py")) if not path.stem.startswith("_")}
 
 
+def docstring(path: Path) -> str:
+    """Docstring of a file, which is read without being run."""
+    return ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
+
+
 def describe() -> dict[str, str]:
-    """The built-in scenes, name -> first line of the docstring; reads the files without running them."""
-    described = {}
-    for name, path in names().items():
-        text = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
-        described[name] = text.split("\n", 1)[0]
-    return described
+    """The built-in scenes, name -> first line of the docstring."""
+    return {name: docstring(path).split("\n", 1)[0] for name, path in names().items()}
 
 
 def run_time(name: str) -> str:
     """What a built-in scene says of its run time, '' where it says nothing; reads the file without running it."""
-    text = ast.get_docstring(ast.parse(names()[name].read_text(encoding="utf-8"))) or ""
+    text = docstring(names()[name])
     return next((line.removeprefix("Run time: ") for line in text.splitlines() if line.startswith("Run time: ")), "")
 
 
@@ -81,19 +82,22 @@ def load(name: str):
 def build(name: str, /, **keywords) -> Scene:
     """The Scene of a name or a file, with every keyword it was made from in ``parameters``."""
     function = load(name)
+    valid = function.parameters(**keywords)
     try:
         with np.errstate(all="ignore"):  # what overflows here is refused, by name
-            scene = function(**keywords)
+            scene = function.at(valid)
     except SceneError:
         raise
     except Exception as error:
         raise SceneError(f"scene {name} cannot be made: {type(error).__name__}: {error}") from error
     if not isinstance(scene, Scene):
         raise SceneError(f"scene {name}: its function returns {type(scene).__name__}; must return a Scene")
-    valid = function.parameters(**keywords)
     if getattr(valid, "accuracy", None) is not None and not {"model", "spacing"} <= set(keywords):
         mix = of_material(scene.material, valid.height)
-        choice = choose(valid.accuracy, **fixed(valid, keywords), mix=mix, height=valid.height)
+        fixed = {key: getattr(valid, key) for key in ("model", "spacing") if key in keywords}
+        if getattr(valid, "lift_speed", None):  # a lifted mould needs the whole cone
+            fixed["model"] = "full"
+        choice = choose(valid.accuracy, **fixed, mix=mix, height=valid.height)
         print(f"taichi-mps: accuracy = {1e3 * valid.accuracy:g} mm: {choice}", file=sys.stderr)
         return build(name, **{**keywords, "model": choice.model, "spacing": choice.spacing})
     return replace(scene, parameters=valid.model_dump(mode="json"))
@@ -107,12 +111,6 @@ def rebuild(source: str, parameters: dict, scene_file=None) -> Scene:
     if scene_file is None and source not in names():
         raise SceneError(f"scene = {source}: is code of yours, and run only if you name it again: --scene {source}")
     return build(source if scene_file is None else scene_file, **parameters)
-
-
-def fixed(valid, keywords) -> dict:
-    """The model and the spacing [m] that are not to be chosen: those given, and the full model of a lifted mould."""
-    given = {key: getattr(valid, key) for key in ("model", "spacing") if key in keywords}
-    return given | ({"model": "full"} if getattr(valid, "lift_speed", None) else {})
 
 
 def of_material(material, height: float) -> Mix | None:

@@ -8,14 +8,13 @@ UNITS = {
     "_N_per_m": (1.0, "N/m", ".4g"),
     "_N_m": (1.0, "N m", ".4g"),
     "_N": (1.0, "N", ".4g"),
-}
-UNITS |= {
     "_Pa": (1e-3, "kPa", ".3g"),
     "_m_s": (1.0, "m/s", ".3g"),
     "_m3": (1e3, "l", ".3g"),
     "_ratio": (1.0, "", ".3f"),
+    "_m": (100.0, "cm", ".1f"),
+    "_s": (1.0, "s", ".2f"),
 }
-UNITS |= {"_m": (100.0, "cm", ".1f"), "_s": (1.0, "s", ".2f")}
 KEYWORDS = {  # of many scenes: what they are
     "spacing": "particle size; half of it takes 16 times as long in space",
     "until": "time limit of the flow; it ends before where the concrete stops flowing",

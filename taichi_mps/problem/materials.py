@@ -24,6 +24,8 @@ from ..units import (
     Viscosity,
     YieldValue,
     checked,
+    said,
+    unit_of,
 )
 
 FLOWS = 0.05  # viscous part of the stress over the yield stress from which a material is said to flow [-]
@@ -46,8 +48,8 @@ class Material(Checked):
 
     @property
     def newtonian(self) -> bool:
-        """Is the plastic viscosity all of its law?"""
-        return False
+        """Is the plastic viscosity all of its law? So it is of Bingham's without a yield stress."""
+        return isinstance(self, Bingham) and not self.yields
 
     @property
     def rests(self) -> bool:
@@ -108,11 +110,6 @@ class Bingham(Material):
         return math.tan(math.radians(self.friction_angle))
 
     @property
-    def newtonian(self) -> bool:
-        """Is the plastic viscosity all of its law? So it is without a yield stress."""
-        return not self.yields
-
-    @property
     def knee_stress(self) -> float:
         """Stress [Pa] at which a bi-viscosity material starts to flow: tau_y + 2 eta pi_c (R1)."""
         known = isinstance(self.critical_strain_rate, float)
@@ -126,16 +123,12 @@ class Bingham(Material):
         return self.model_copy(update={"critical_strain_rate": rational_critical_strain_rate(**mix, time=time)})
 
     @model_validator(mode="after")
-    def _has_one_kind_of_yield_stress(self):
+    def _has_one_kind_of_yield_stress_and_a_low_knee(self):
         if self.friction_angle > 0.0 and self.critical_strain_rate is not None:
             raise SceneError(
                 f"friction_angle = {self.friction_angle:g} deg: needs a true yield stress; critical_strain_rate must "
                 "be left out"
             )
-        return self
-
-    @model_validator(mode="after")
-    def _warn_of_a_high_knee(self):
         excess = self.knee_stress - self.yield_value
         if self.yields and excess > (HIGH_KNEE + 1e-9) * self.yield_value:
             largest = HIGH_KNEE * self.yield_value / (2.0 * self.plastic_viscosity)
@@ -209,8 +202,8 @@ class HerschelBulkley(Material):
 
 class Concrete(Bingham):
     """A mix as a scene is told of it: all numbers of Bingham's law, and those with which it is Herschel and Bulkley's,
-    or thixotropic. A scene that takes ``material: Concrete`` has all of them as options and is given the simplest law
-    of these numbers (``stands_for``)."""
+    or thixotropic. ``Concrete(...)`` makes the simplest law of these numbers, ``Bingham`` or ``HerschelBulkley``: a
+    scene that takes ``material: Concrete`` has all of them as options and is given that law."""
 
     consistency: Consistency | None = Field(
         None, description="k of tau_y + k rate^n, by default the number of the plastic viscosity"
@@ -219,48 +212,24 @@ class Concrete(Bingham):
     structuration: Structuration = HerschelBulkley.model_fields["structuration"]
     destructuration: Destructuration = HerschelBulkley.model_fields["destructuration"]
 
-    @property
-    def newtonian(self) -> bool:
-        return self.stands_for().newtonian
-
-    @model_validator(mode="after")
-    def _warn_of_a_high_knee(self):
-        """Bingham's numbers are looked at in ``stands_for``; a law with others has a true yield stress."""
-        if self._others and self.critical_strain_rate is not None:
-            raise SceneError(
-                f"critical_strain_rate = {self.critical_strain_rate} 1/s: is of Bingham's law alone; must not be given "
-                f"with {' and '.join(self._others)}"
-            )
-        return self
-
-    @property
-    def _others(self) -> list[str]:
-        """What makes it another law than Bingham's."""
-        fields, keys = type(self).model_fields, ("consistency", "flow_index", "structuration")
-        return [key for key in keys if getattr(self, key) != fields[key].default]
-
-    @model_validator(mode="after")
-    def _has_friction_or_a_curve(self):
-        if self.friction_angle > 0.0 and self._others:
-            raise SceneError(
-                f"friction_angle = {self.friction_angle:g} deg: is of Bingham's law alone; must not be given with "
-                f"{' and '.join(self._others)}"
-            )
-        return self
-
-    def stands_for(self) -> Material:
-        """Bingham, or HerschelBulkley."""
-        mix = {"density": self.density, "yield_value": self.yield_value}
-        if not self._others:
-            viscous = {"plastic_viscosity": self.plastic_viscosity, "critical_strain_rate": self.critical_strain_rate}
-            return Bingham(**mix, **viscous, friction_angle=self.friction_angle)
-        consistency = self.plastic_viscosity if self.consistency is None else self.consistency
-        structure = {"structuration": self.structuration, "destructuration": self.destructuration}
-        return HerschelBulkley(**mix, **structure, consistency=consistency, flow_index=self.flow_index)
-
-    def within(self, time: float) -> Material:
-        """The law with all its numbers, for a run of this time [s]."""
-        return self.stands_for().within(time)
+    def __new__(cls, **numbers):
+        """The law of these numbers."""
+        usual = {name: field.default for name, field in cls.model_fields.items()}
+        told = usual | numbers
+        others = [key for key in ("consistency", "flow_index", "structuration") if told[key] != usual[key]]
+        curve = {key: told.pop(key) for key in ("consistency", "flow_index", "structuration", "destructuration")}
+        HerschelBulkley(destructuration=curve["destructuration"])  # in its range, also where it plays no part
+        if not others:
+            return Bingham(**told)
+        for key in ("friction_angle", "critical_strain_rate"):
+            value, unit = told.pop(key), unit_of(cls.model_fields[key])
+            if value != usual[key]:
+                only = f"is of Bingham's law alone; must not be given with {' and '.join(others)}"
+                raise SceneError(f"{key} = {said(value, unit)}: {only}")
+        viscosity = told.pop("plastic_viscosity")
+        if curve["consistency"] is None:
+            curve["consistency"] = viscosity
+        return HerschelBulkley(**told, **curve)
 
 
 def Newtonian(density: float = 1000.0, viscosity: float = 1e-3) -> Bingham:  # noqa: N802

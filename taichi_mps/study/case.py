@@ -17,7 +17,6 @@ from ..io.history import row_of
 from ..io.run_folder import strict
 from ..problem import catalogue
 from ..problem.problem import Problem
-from ..units import SceneError, explain
 
 REACHED = 0.5  # spread [m] whose time is read, T500: EN 12350-8
 LOOK = 0.02, 0.05, 0.25  # between two looks at the spread: 0.02 s or 5 % of the time so far at least, 25 % at most
@@ -46,10 +45,7 @@ def case(scene: str, **parameters) -> Case:
     with their defaults, of the files that they name, and of the package's code: equal keys are equal results.
     """
     function = catalogue.load(scene)
-    try:
-        valid = function.parameters(**parameters)
-    except ValueError as error:
-        raise SceneError(explain(error, function.parameters)) from None
+    valid = function.parameters(**parameters)
     full = valid.model_dump(mode="json")
     named = [Path(value) for value in full.values() if isinstance(value, str) and value and Path(value).is_file()]
     files = [catalogue.locate(scene), *catalogue.names().values(), *named]

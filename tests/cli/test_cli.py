@@ -28,7 +28,7 @@ ROOT = Path(__file__).resolve().parents[2]
 BLOB = '''"""A cube of concrete that sags."""
 import numpy as np
 import taichi_mps as mps
-from taichi_mps.quantity import Duration, Length, Position
+from taichi_mps.units import Duration, Length, Position
 
 
 @mps.checked
