@@ -9,31 +9,31 @@ import io
 import json
 import math
 import os
-from dataclasses import dataclass
+import re
+from dataclasses import dataclass, is_dataclass
 from pathlib import Path
 
 import h5py
 import numpy as np
+from pydantic import BaseModel
 
-from ..geometry.solid import Solid
 from ..problem import catalogue
-from ..problem.materials import Material
 from ..problem.numerics import NUMERICS
 from ..problem.problem import Problem
 from ..problem.scene import Scene
 from ..units import SceneError
 from . import untrusted_hdf5 as outside
+from .checksum import BEFORE
 
 FORMAT = "taichi_mps checkpoint"
-VERSION = 6
+VERSION = 7
+OLDEST = 6  # version that is read, too; its digests, made by another rule, are not compared
 LABEL = 512  # bytes of the user block
-LARGE = 10_000  # numbers of an array from which on a part of it stands for all
+LARGE = 1_000_000  # numbers of an array from which on a part of it stands for all
+PARTICLES = "spacing", "fluid", "domain", "wall_particles", "inlets"  # of a scene: what the arrays of a state depend on
+LAWS = "materials", "gravity_vector", "walls"  # what no state shows
 HEADER = {"source": str, "parameters": dict, "scheme": str, "numerics": dict, "time": float, "fluid": str}
 HEADER |= {"settings": dict, "problem": str}
-LATER = ("fluidity",)  # what particles carry since VERSION; found anew in a step, from zero
-OLDEST = {"density", "plastic_viscosity", "yield_value", "critical_strain_rate"}  # fields of the materials of VERSION
-OLDEST |= {"consistency", "flow_index", "shear_stress", "growth"}
-TURNING = {"angular_velocity", "pivot", "axis"}  # fields that solids had not yet in VERSION
 SCALARS = {"time", "steps", "last_dt", "rest", "report"}
 
 
@@ -54,8 +54,8 @@ class Checkpoint:
             "scheme": sim.numerics.scheme,
             "numerics": sim.numerics.model_dump(mode="json"),
             "time": sim.time,
-            "fluid": particles_digest(sim.scene),
-            "problem": laws_digest(sim.scene),
+            "fluid": digest(sim.scene, PARTICLES),
+            "problem": digest(sim.scene, LAWS),
             "settings": settings or {},
         }
         return cls(header, sim.state())
@@ -64,20 +64,17 @@ class Checkpoint:
         """Write atomically; the file that was there becomes ``<stem>.previous.h5``."""
         path = Path(path)
         arrays = {key: value for key, value in self.state.items() if isinstance(value, np.ndarray)}
-        scalars = {key: plain(value) for key, value in self.state.items() if key not in arrays}
-        header = json.dumps({**self.header, "scalars": scalars})
-        partial = path.with_suffix(".partial")
+        scalars = {key: value for key, value in self.state.items() if key not in arrays}
         whole = io.BytesIO()  # HDF5 kills the process where a disk is full when it closes a file
         with h5py.File(whole, "w", userblock_size=LABEL) as file:
-            file["header"] = header
+            file["header"] = json.dumps({**self.header, "scalars": scalars}, default=np.generic.item)
             for key, value in arrays.items():
                 file[f"state/{key}"] = value
-        whole.seek(LABEL)
-        checksum = rest_of(whole)
-        whole.seek(0)
-        whole.write(f"{FORMAT} {VERSION} sha256 {checksum}\n".encode())
+        content = whole.getvalue()[LABEL:]
+        partial = path.with_suffix(".partial")
         with open(partial, "wb") as file:
-            file.write(whole.getbuffer())
+            label = f"{FORMAT} {VERSION} sha256 {hashlib.sha256(content).hexdigest()}\n"
+            file.write(label.encode().ljust(LABEL, b"\0") + content)
             file.flush()
             os.fsync(file.fileno())
         if path.exists():  # killed between these two lines, the run goes on from the previous one
@@ -93,7 +90,7 @@ class Checkpoint:
         if until is not None and "until" in keywords:
             keywords["until"] = until
         scene = catalogue.rebuild(self.header["source"], keywords, scene_file)
-        if laws_digest(scene) != self.header["problem"]:
+        if self.header["problem"] not in (None, digest(scene, LAWS)):
             raise SceneError(
                 f"checkpoint: scene {self.header['source']} has another material, gravity or wall than when it was "
                 "written; must be the same, or handed over: restore(path, scene)"
@@ -103,7 +100,7 @@ class Checkpoint:
     def admit(self, scene: Scene) -> Problem:
         """The scene with the numerics of the run; SceneError unless it can be computed and the state is one of its
         particles."""
-        if particles_digest(scene) != self.header["fluid"]:
+        if self.header["fluid"] not in (None, digest(scene, PARTICLES)):
             raise SceneError(
                 f"checkpoint: scene {self.header['source']} no longer makes the particles that it was written with"
             )
@@ -124,30 +121,29 @@ class Checkpoint:
 
     @property
     def numerics(self):
-        """Those of the run. Before ``literal`` was an option there was no other form of semi-implicit."""
-        numerics = NUMERICS[self.header["scheme"]]
-        literal = {"literal": True} if "literal" in numerics.model_fields else {}
-        return numerics(**literal | self.header["numerics"])
-
-    def simulation(self, scene: Scene | None = None, profile: bool = False):
-        """A Simulation that continues from here. Taichi must be started (``taichi_mps.init``)."""
-        return self.resume(self.admit(scene or self.scene()), profile)
+        """Numerics of the run."""
+        kind, given = NUMERICS[self.header["scheme"]], self.header["numerics"]
+        if missing := sorted(set(kind.model_fields) - set(given)):
+            raise SceneError(f"checkpoint: has no {missing[0]}: {BEFORE}")
+        return kind(**given)
 
     def resume(self, problem: Problem, profile: bool = False):
-        """The same, for a problem that was admitted."""
+        """A Simulation that continues from here, of a problem that was admitted. Taichi must be started
+        (``taichi_mps.init``)."""
         from ..simulation.simulation import Simulation
 
         sim = Simulation(problem, profile=profile)
         rows = sim.particles.count[None]
         for pouring, (entered, _) in zip(sim.pouring, self.state.get("pouring", []), strict=True):
             rows += (entered - pouring.entered) * len(pouring.layer)
-        state = {key: np.zeros(rows) for key in LATER} | self.state
         for key, array in sim.particles.read().items():
-            found, right = np.shape(state.get(key)), (rows, *array.shape[1:])
+            if key not in self.state:
+                raise SceneError(f"checkpoint: has no {key}: {BEFORE}")
+            found, right = np.shape(self.state[key]), (rows, *array.shape[1:])
             if found != right:
                 raise SceneError(f"checkpoint: {key} has the shape {found}; must have {right}")
         try:
-            sim.load(state)
+            sim.load(self.state)
         except (TypeError, KeyError) as error:
             raise SceneError(f"checkpoint: its state is not one of this version ({error})") from None
         return sim
@@ -161,7 +157,8 @@ def save(sim, path) -> Path:
 
 def restore(path, scene: Scene | None = None):
     """Simulation that continues from the checkpoint file, or from the previous one when that file is damaged."""
-    return read_good(path)[0].simulation(scene)
+    state, _ = read_good(path)
+    return state.resume(state.admit(scene or state.scene()))
 
 
 def previous(path) -> Path:
@@ -186,7 +183,17 @@ def read(path) -> Checkpoint:
     path = Path(path)
     if not path.is_file():
         raise SceneError(f"checkpoint {path}: no such file")
-    check_label(path)
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise SceneError(f"checkpoint {path}: cannot be read ({error.strerror})") from None
+    found = re.match(rf"{FORMAT} (\d+) sha256 (\w+)\n".encode(), content)
+    version = int(found[1]) if found else VERSION
+    if not OLDEST <= version <= VERSION:
+        known = BEFORE if version < OLDEST else f"this program reads {VERSION}"
+        raise SceneError(f"checkpoint {path}: of format {version}, {known}")
+    if not found or found[2].decode() != hashlib.sha256(content[LABEL:]).hexdigest():
+        raise SceneError(f"checkpoint {path}: damaged, or not a checkpoint of taichi_mps (its checksum is wrong)")
     with outside.opened(path, "checkpoint") as file:
         state = outside.own(file, "state")
         arrays = {key: outside.numbers(state, key) for key in state}
@@ -197,76 +204,43 @@ def read(path) -> Checkpoint:
                 raise ValueError(f"{key} is wrong")
         if header["scheme"] not in NUMERICS or SCALARS - set(scalars) or set(scalars) & set(arrays):
             raise ValueError("scheme or state is wrong")
-        return Checkpoint(header, {**arrays, **scalars})
+        unknown = {"fluid": None, "problem": None} if version < VERSION else {}
+        return Checkpoint(header | unknown, {**arrays, **scalars})
 
 
-def check_label(path) -> None:
-    """Refuse a file without the label of this version, or with another checksum than it says."""
-    try:
-        with open(path, "rb") as file:
-            words = file.read(LABEL).split(b"\n")[0].decode("ascii", "replace")
-            checksum = rest_of(file)
-    except OSError as error:
-        raise SceneError(f"checkpoint {path}: cannot be read ({error.strerror})") from None
-    if not words.startswith(f"{FORMAT} "):
-        raise SceneError(f"checkpoint {path}: damaged, or not a checkpoint of taichi_mps {VERSION}")
-    version = words.removeprefix(f"{FORMAT} ").split(" ")[0]
-    if version != str(VERSION):
-        raise SceneError(f"checkpoint {path}: version {version}, this program reads {VERSION}")
-    if words != f"{FORMAT} {VERSION} sha256 {checksum}":
-        raise SceneError(f"checkpoint {path}: damaged (its checksum is wrong)")
-
-
-def rest_of(file) -> str:
-    """sha256 of an open file from where it stands."""
+def digest(scene: Scene, keys) -> str:
+    """sha256 of these attributes of a scene: of records without their names and without numbers that are the usual
+    ones, so that a checkpoint stays good when they get another one; of functions by their names; of large arrays a
+    part."""
     total = hashlib.sha256()
-    while block := file.read(1 << 20):
-        total.update(block)
+
+    def take(value):
+        if isinstance(value, np.ndarray):
+            total.update(f"{value.dtype.str} {value.shape}".encode())
+            total.update(np.ascontiguousarray(value.reshape(-1)[:: max(1, value.size // LARGE)]))
+        elif isinstance(value, list | tuple):
+            for item in value:
+                take(item)
+            total.update(f"{len(value)} ".encode())
+        elif isinstance(value, BaseModel) or is_dataclass(value):
+            fields = type(value).model_fields if isinstance(value, BaseModel) else value.__dataclass_fields__
+            take(
+                [type(value).__name__, *(item for name in fields for item in given(value, name, fields[name].default))]
+            )
+        else:
+            text = getattr(value, "__qualname__", type(value).__name__) if callable(value) else value
+            total.update(f"{text} ".encode())
+
+    for key in keys:
+        take(getattr(scene, key))
     return total.hexdigest()
 
 
-def digest(header: str, arrays: dict[str, np.ndarray]) -> str:
-    """sha256 of the header and of every array's name, type, shape and bytes."""
-    total = hashlib.sha256(header.encode())
-    for key in sorted(arrays):
-        array = np.ascontiguousarray(arrays[key])
-        total.update(f"{key} {array.dtype.str} {array.shape}".encode())
-        total.update(array.tobytes())
-    return total.hexdigest()
-
-
-def particles_digest(scene: Scene) -> str:
-    """sha256 of what the arrays of a state depend on: spacing, particles, domain, inlets."""
-    parts = {"fluid": scene.fluid, "domain": np.array(scene.domain, float)}
-    if scene.wall_particles is not None:
-        parts["walls"] = np.asarray(scene.wall_particles, float)
-    inlets = f" {scene.inlets!r}" if scene.inlets else ""
-    for later in (", path=None", ", height=None"):  # which inlets of VERSION had not yet
-        inlets = inlets.replace(later, "")
-    return digest(f"{scene.spacing!r}{inlets}", parts)
-
-
-def laws_digest(scene: Scene) -> str:
-    """sha256 of what no state shows: materials, gravity, walls but for their names; of functions their names, of large
-    arrays a part. What mixes or solids had not yet counts only where it is given, so that older checkpoints stay good.
-    """
-    words, arrays = [f"{scene.gravity_vector.tolist()}"], {}
-    for k, item in enumerate((*scene.materials, *scene.walls)):
-        words.append(type(item).__name__)
-        for name in getattr(item, "__dataclass_fields__", None) or type(item).model_fields:
-            value = getattr(item, name)
-            if isinstance(item, Material):
-                if name not in OLDEST and value == type(item).model_fields[name].default:
-                    continue
-            elif name == "name" or (isinstance(item, Solid) and name in TURNING and not item.angular_velocity):
-                continue
-            if isinstance(value, np.ndarray) and value.size > LARGE:
-                arrays[f"{k} {name}"] = value.reshape(-1)[:: value.size // LARGE]
-            elif callable(value):
-                words.append(f"{name} {getattr(value, '__qualname__', type(value).__name__)}")
-            else:
-                words.append(f"{name} {plain(value.tolist() if isinstance(value, np.ndarray) else value)!r}")
-    return digest(" ".join(words), arrays)
+def given(record, name: str, usual) -> tuple:
+    """(name, value) of a field of a record, () where it is the usual one or no number."""
+    value = getattr(record, name)
+    left_out = name == "name" or (not isinstance(value, np.ndarray) and value == usual)
+    return () if left_out else (name, value)
 
 
 def possible(poured, layers: int) -> bool:
@@ -277,12 +251,3 @@ def possible(poured, layers: int) -> bool:
         and 0 <= poured[0] <= layers
         and 0.0 <= poured[1] < math.inf
     )
-
-
-def plain(value):
-    """A scalar, list or dict as JSON can hold it."""
-    if isinstance(value, np.generic):
-        return value.item()
-    if isinstance(value, dict):
-        return {key: plain(item) for key, item in value.items()}
-    return [plain(item) for item in value] if isinstance(value, list | tuple) else value

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ..units import SceneError
-from .checksum import crc32
+from .checksum import BEFORE, crc32
 
 MEANING = {
     "time_s": "time at the end of the step [s]",
@@ -29,9 +29,10 @@ MEANING = {
     "volume_error": "change of the volume of what has a full neighbourhood, from the packing [-]",
     "volume_error_max": "largest size of it so far [-]",
 }
+MEASURED = ("slump_m", "spread_m")  # columns of the scene's measures, in every run
+REPORTED = {"time_s": "time", "dt_s": "dt", "max_speed_m_s": "max_speed", "kinetic_energy_J": "kinetic_energy"}
 SUM = "crc32"  # last column: checksum of the line of the names and of the row before it, as text "crc32:..."
 COLUMNS = tuple(MEANING)  # of every run; more by the measures of the scene
-LATER = {"volume_error_max", "flowing_fraction"}  # that older files do not have
 TAIL = 1 << 14  # [bytes] in which the last row of a file lies
 
 
@@ -44,7 +45,7 @@ class History:
 
     def __init__(self, path, measures: dict, kept: float | None = None):
         rows = [] if kept is None or not Path(path).is_file() else read_rows(path)
-        rows = [row for row in rows if number(row.get("time_s")) <= kept * (1 + 1e-8)]  # of nine digits
+        rows = [row for row in rows if number(row["time_s"]) <= kept * (1 + 1e-8)]  # of nine digits
         self.empty = not rows
         self.path, self.columns = Path(path), ()
         self._begin((*COLUMNS, *measures, *(rows[0] if rows else ())), rows)
@@ -80,28 +81,13 @@ class History:
 
 def row_of(sim, measures: dict) -> dict:
     """Row of history.csv of a simulation now; before the first step there is no report, and little to say."""
-    report = sim.report
-    if report is None:
-        s = sim.snapshot()
-        masses = np.array([m.density for m in sim.scene.materials])[s.mix] * sim.scene.volumes_at(s.x)
-        values = (
-            0.0,
-            0.0,
-            float(s.speed.max()),
-            0.5 * float((masses * s.speed**2).sum()),
-            1.0 - s.yielded.mean(),
-            0.0,
-            0,
-            0,
-            0.0,
-            0.0,
-        )
-    else:
-        values = (report.time, report.dt, report.max_speed, report.kinetic_energy, report.unyielded_fraction)
-        values += (report.flowing_fraction, report.viscous_iterations, report.pressure_iterations)
-        values += (report.volume_error, report.volume_error_max)
-    keys = [key for key in COLUMNS if key not in ("slump_m", "spread_m")]
-    return {**measures, **dict(zip(keys, values, strict=True))}
+    keys = [key for key in COLUMNS if key not in MEASURED]
+    if sim.report is not None:
+        return measures | {key: getattr(sim.report, REPORTED.get(key, key)) for key in keys}
+    s = sim.snapshot()
+    masses = np.array([m.density for m in sim.scene.materials])[s.mix] * sim.scene.volumes_at(s.x)
+    known = {"max_speed_m_s": float(s.speed.max()), "kinetic_energy_J": 0.5 * float((masses * s.speed**2).sum())}
+    return measures | dict.fromkeys(keys, 0.0) | known | {"unyielded_fraction": 1.0 - s.yielded.mean()}
 
 
 def line(values) -> str:
@@ -117,30 +103,28 @@ def checksum(names: str, row: str) -> str:
 
 
 def read_rows(path) -> list[dict[str, str]]:
-    """Rows of a history.csv as text; SceneError for another file, or one that is not as it was written. Those of
-    earlier versions have no checksums."""
+    """Rows of a history.csv as text; SceneError for another file, or one that is not as it was written."""
     try:
-        text = Path(path).read_bytes().decode("utf-8")
-        end = text.rfind("\n") + 1
-        whole, torn = text[:end], text[end:]  # a process killed while it wrote leaves a torn row
-        names, _, rest = whole.partition("\n")
-        names = names.removesuffix("\r")
-        if SUM in text:
-            names = names.removesuffix(f",{SUM}")
-            for number, row in enumerate(rest.splitlines(), 1):
-                cells, _, found = row.rpartition(",")
-                if found != checksum(names, cells):
-                    raise SceneError(f"{path}: damaged, row {number} is not what was written")
-            cells, _, found = torn.rpartition(",")
-            if len(found) > len(checksum("", "")):  # more than a whole row, and no end of line
-                raise SceneError(f"{path}: damaged, its last row is not what was written")
-            whole = "".join(f"{row.rpartition(',')[0]}\n" for row in [f"{names},", *rest.splitlines()])
-        table = csv.DictReader(io.StringIO(whole, newline=""))
-        if not set(COLUMNS) - LATER <= set(table.fieldnames or ()):
-            raise SceneError(f"{path}: damaged or no history of a run; must have the columns {', '.join(COLUMNS)}")
-        return [{key: row[key] for key in table.fieldnames} for row in table]
-    except (UnicodeError, csv.Error) as error:
-        raise SceneError(f"{path}: damaged or no history of a run ({type(error).__name__})") from None
+        names, *rows = Path(path).read_bytes().decode("utf-8").split("\n")
+    except UnicodeError:
+        raise SceneError(f"{path}: damaged or no history of a run (it is no text)") from None
+    columns, _, last = names.rpartition(",")
+    if last != SUM:
+        reason = BEFORE if names.startswith("time_s,dt_s,") else "damaged or no history of a run"
+        raise SceneError(f"{path}: {reason}")
+    torn = rows.pop() if rows else ""  # a process killed while it wrote leaves one, shorter than a whole one
+    if len(torn.rpartition(",")[2]) > len(checksum("", "")):
+        raise SceneError(f"{path}: damaged, its last row is not what was written")
+    cells = [columns]
+    for k, row in enumerate(rows, 1):
+        text, _, found = row.rpartition(",")
+        if found != checksum(columns, text):
+            raise SceneError(f"{path}: damaged, row {k} is not what was written")
+        cells.append(text)
+    table = list(csv.DictReader(cells))
+    if missing := set(COLUMNS) - set(columns.split(",")):
+        raise SceneError(f"{path}: damaged or no history of a run; must have the columns {', '.join(sorted(missing))}")
+    return table
 
 
 def read_history(path) -> dict[str, np.ndarray]:

@@ -4,7 +4,6 @@ import json
 import math
 import os
 import re
-from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +16,6 @@ from .vtkhdf import Trajectory
 
 SUM = "crc32"  # of the summary: checksum of all else in it
 MARK = "taichi_mps.json"  # a folder with this file is a run; written first
-KEYS = {"scene", "fluid_particles", "simulated_seconds", "stopped_by", "version"}  # of a summary older than marks
 WRITTEN = (
     "case.toml",
     "history.csv",
@@ -26,8 +24,12 @@ WRITTEN = (
     "checkpoint.previous.h5",
     "run.h5",
     "animation.gif",
+    "history.partial",
+    "summary.partial",
+    "checkpoint.partial",
+    "run.twin1",
+    "run.twin2",
 )
-WRITTEN += ("history.partial", "summary.partial", "checkpoint.partial", "run.twin1", "run.twin2")
 PLOTS = ("slump.png", "history.png", "filling.png")
 REPORT = "report.html"
 PICTURE = "frame_{:05d}.png"
@@ -49,12 +51,6 @@ class RunFolder:
         self.report = self.path / REPORT
 
     @property
-    def ours(self) -> bool:
-        """Is there a run in the folder: its mark, or the summary of a run of before there were marks?"""
-        mark = json_of(self.path / MARK)
-        return mark.get("made_by") == "taichi_mps" or set(json_of(self.summary)) >= KEYS
-
-    @property
     def pictures(self) -> list[Path]:
         """The pictures that the run has made, in their order."""
         return sorted(path for path in self.frames.glob("frame_*.png") if PICTURES.fullmatch(path.name))
@@ -69,7 +65,7 @@ class RunFolder:
             raise SceneError(f"out = {path}: is a file; must be a folder") from None
         except (OSError, ValueError) as error:
             raise self.not_writable(error) from None
-        if there and not self.ours:
+        if there and json_of(path / MARK).get("made_by") != "taichi_mps":
             raise SceneError(f"out = {path}: holds other files and no run; must be a new or empty folder")
         if there and not overwrite:
             done = json_of(self.summary).get("stopped_by")
@@ -87,10 +83,8 @@ class RunFolder:
             raise SceneError(f"out = {path}: cannot be written, {parent} does not allow it; choose another folder")
 
     def create(self, overwrite: bool = False) -> None:
-        """Make the folder, empty of what an earlier run wrote; SceneError, and nothing left behind, when that is
-        impossible."""
+        """Make the folder, empty of what an earlier run wrote; SceneError when that is impossible."""
         self.check(overwrite)
-        missing = [folder for folder in (self.path, *self.path.parents) if not folder.exists()]
         try:
             self.path.mkdir(parents=True, exist_ok=True)
             (self.path / MARK).write_text(json.dumps({"made_by": "taichi_mps", "version": __version__}) + "\n")
@@ -98,11 +92,6 @@ class RunFolder:
                 (self.path / name).unlink(missing_ok=True)
             empty_of_pictures(self.frames)
         except (OSError, ValueError) as error:
-            with suppress(OSError):
-                if missing:  # the folder was made just now
-                    (self.path / MARK).unlink(missing_ok=True)
-                for folder in missing:
-                    folder.rmdir()
             raise self.not_writable(error) from None
 
     def not_writable(self, error) -> SceneError:
@@ -123,9 +112,9 @@ class RunFolder:
         if not self.summary.is_file():
             raise SceneError(f"run = {self.path}: holds no summary.json; must be the folder of a run")
         facts = json_of(self.summary)
-        written, right = facts.pop(SUM, None), checksum.of_facts(facts)
-        old = written is None and not (self.path / MARK).exists()  # earlier versions wrote neither
-        if not facts or (written != right and not old):
+        if facts and SUM not in facts:
+            raise SceneError(f"run = {self.path}: its summary.json was {checksum.BEFORE}")
+        if facts.pop(SUM, None) != checksum.of_facts(facts):
             raise SceneError(f"run = {self.path}: its summary.json is damaged")
         return facts
 

@@ -12,21 +12,22 @@ MOST_TEXT = 1 << 24  # bytes of one text
 
 
 @contextmanager
-def opened(path, what: str):
-    """The HDF5 file, to be read; whatever goes wrong inside becomes one SceneError that names it."""
+def guarded(what: str, path):
+    """Whatever goes wrong with a file inside becomes one SceneError that names it."""
     try:
-        with h5py.File(path, "r", locking=False) as file:
-            yield file
+        yield
     except SceneError:
         raise
     except DAMAGE as error:
-        raise damaged(what, path, error) from None
+        reason = str(error).split("\n", 1)[0].split("(", 1)[0].strip() or type(error).__name__
+        raise SceneError(f"{what} {path}: damaged or not one of taichi_mps ({reason})") from None
 
 
-def damaged(what: str, path, error) -> SceneError:
-    """What went wrong with a file, in one line."""
-    reason = str(error).split("\n", 1)[0].split("(", 1)[0].strip() or type(error).__name__
-    return SceneError(f"{what} {path}: damaged or not one of taichi_mps ({reason})")
+@contextmanager
+def opened(path, what: str):
+    """The HDF5 file, to be read."""
+    with guarded(what, path), h5py.File(path, "r", locking=False) as file:
+        yield file
 
 
 def own(group, name: str):
@@ -58,7 +59,7 @@ def text(group, name: str) -> str:
         if dataset.shape != () or dataset.is_virtual or dataset.external:
             raise ValueError(f"{name} is not a text")
         value = dataset[()]
-    value = value.decode("utf-8") if isinstance(value, bytes) else value
+    value = value.decode("utf-8", "surrogateescape") if isinstance(value, bytes) else value
     if not isinstance(value, str) or len(value) > MOST_TEXT:
         raise ValueError(f"{name} is not a text")
     return value

@@ -4,6 +4,7 @@ import errno
 import json
 import os
 import shutil
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -14,12 +15,12 @@ from ..problem import catalogue
 from ..problem.measures import Snapshot, embed
 from ..problem.scene import Scene
 from ..units import SceneError
-from . import checksum
 from . import untrusted_hdf5 as outside
 
 BYTES, ROOM = 64, 1 << 20  # of a particle in an output, and of all else that a file may need
 FORMAT = "v110", "v110"  # of HDF5: its structure is checksummed; without that damage can make it read for ever
-SUM = "crc32"  # checksums in the group taichi_mps: of each output, as an attribute of what they share
+CHECKED = {"fletcher32": True, "chunks": True}  # an array that HDF5 checks when it is read
+OF_PARTICLES = "VTKHDF/Points", "VTKHDF/PointData/"  # datasets with a row for each particle of an output
 PARTS = ("Vertices", "Lines", "Strips", "Polygons")  # order of the columns of Steps/CellOffsets
 
 
@@ -43,44 +44,38 @@ class Trajectory:
 
     def create(self, sim, source: str, every: float) -> None:
         """Begin a file without outputs, for one every ``every`` [s]."""
-        s, inlets = sim.snapshot(), sim.scene.inlets
+        s, scene, inlets = sim.snapshot(), sim.scene, sim.scene.inlets
         n = sim.particles.capacity if inlets else len(s.x)
         self.close()
         self._require_room(n)
         with h5py.File(self.twins[0], "w", libver=FORMAT) as file:
-            root = file.create_group("VTKHDF")
+            root, own = file.create_group("VTKHDF"), file.create_group("taichi_mps")
             root.attrs["Version"] = np.array([2, 0])
             root.attrs.create("Type", b"PolyData", dtype=h5py.string_dtype("ascii", 8))
-            root["NumberOfPoints"] = np.array([n])
+            root.create_dataset("NumberOfPoints", data=[n], **CHECKED)
             for part in PARTS:
                 used = n if part == "Vertices" else 0
                 root[f"{part}/NumberOfCells"] = root[f"{part}/NumberOfConnectivityIds"] = np.array([used])
                 root[f"{part}/Connectivity"] = np.arange(used)
                 root[f"{part}/Offsets"] = np.arange(used + 1)
             fields = point_data(s)
-            if not sim.scene.axisymmetric and not inlets:
+            if not scene.axisymmetric and not inlets:
                 del fields["size"]
-            if len(sim.scene.materials) == 1:
+            if len(scene.materials) == 1:
                 del fields["mix"]
-            for name, rows in {"Points": single(s.x), **fields}.items():
-                where = name if name == "Points" else f"PointData/{name}"
-                growing(root, where, rows.shape[1:], rows.dtype, min(n, 1 << 16))
-            steps = root.create_group("Steps")
-            steps.attrs["NSteps"] = 0
-            offsets = [f"PointDataOffsets/{name}" for name in fields]
-            for name in ("PartOffsets", "NumberOfParts", "PointOffsets", *offsets):
-                growing(steps, name)
-            growing(steps, "Values", dtype=np.float64)
-            for name in ("CellOffsets", "ConnectivityIdOffsets"):
-                growing(steps, name, (len(PARTS),))
-            own = file.create_group("taichi_mps")
-            own.attrs.update(source=source, parameters=json.dumps(sim.scene.parameters), dimension=s.x.shape[1])
-            own.attrs["every"] = every
-            own["wall_x"] = s.wall_x
+            for name, rows in output(s, 0, n, fields).items():
+                chunk = min(n, 1 << 16) if name.startswith(OF_PARTICLES) else 256
+                shape = rows.shape[1:]
+                room = {"maxshape": (None, *shape), "chunks": (chunk, *shape)}
+                file.create_dataset(name, (0, *shape), rows.dtype, **CHECKED | room)
+            root["Steps"].attrs["NSteps"] = 0
+            told = {"source": source, "parameters": json.dumps(scene.parameters)}
+            for name, text in told.items():  # of fixed length, which HDF5 checks, too
+                own.attrs[name] = np.bytes_(text.encode("utf-8", "surrogateescape"))
+            own.attrs.update(dimension=s.x.shape[1], every=every)
+            own.create_dataset("wall_x", data=s.wall_x, **CHECKED if s.wall_x.size else {})
             if inlets:
-                own["mouth"] = np.array(inlets[0].centre, float)
-            growing(own, SUM, dtype=np.uint32)
-            own.attrs[SUM] = checksum.of_outputs(file)
+                own.create_dataset("mouth", data=np.array(inlets[0].centre, float), **CHECKED)
         os.replace(self.twins[0], self.path)
 
     def append(self, s: Snapshot) -> int | None:
@@ -101,9 +96,7 @@ class Trajectory:
         """Add snapshots to the twin; the number of the last, or None if it is not later than what is there."""
         self._require_room(sum(len(s.x) for s in snapshots))
         with h5py.File(self.twins[0], "r+", libver=FORMAT) as file:
-            for s in snapshots:
-                number = add(file["VTKHDF"], s)
-        return number
+            return [add(file, s) for s in snapshots][-1]
 
     def _require_room(self, particles: int) -> None:
         """OSError where the disk has no room for an output: HDF5 would not return from closing the file."""
@@ -112,14 +105,11 @@ class Trajectory:
 
     def _exchange(self) -> bool:
         """The twin becomes run.h5, and run.h5 the twin: False, and no twin, where the disk has no links."""
-        try:
+        with suppress(OSError):
             os.link(self.path, self.twins[1])
-        except OSError:
-            os.replace(self.twins[0], self.path)
-            return False
         os.replace(self.twins[0], self.path)
         self.twins.reverse()
-        return True
+        return self.twins[0].exists()
 
     def close(self) -> None:
         """Remove the twin: this run, or one that was killed, writes no more."""
@@ -132,42 +122,30 @@ class Trajectory:
         interval so far, for then an end of the run has made it; go on with the interval ``every`` [s]. Returns how many
         are left."""
         self.close()
+        self.check()
         shutil.copyfile(self.path, self.twins[0])
         try:
-            with h5py.File(self.twins[0], "r+", libver=FORMAT) as file:
-                root = file["VTKHDF"]
+            with outside.guarded("run", self.path), h5py.File(self.twins[0], "r+", libver=FORMAT) as file:
+                root, own = file["VTKHDF"], file["taichi_mps"]
                 steps = root["Steps"]
-                instants = steps["Values"][: steps.attrs["NSteps"]]
-                own = file["taichi_mps"].attrs
-                k = int(np.count_nonzero(instants <= last + 1e-9))
-                k -= int(k > 0 and not due(instants[k - 1], own.get("every", every)))
-                if own.get("every") != every:
-                    own["every"] = every
-                steps.attrs["NSteps"] = k
-                offsets = [item for item in steps.values() if isinstance(item, h5py.Dataset)]
-                for dataset in (*offsets, *steps["PointDataOffsets"].values()):
-                    dataset.resize(k, axis=0)
+                times = instants(file)
+                k = int(np.count_nonzero(times <= last + 1e-9))
+                k -= int(k > 0 and not due(times[k - 1], own.attrs["every"]))
+                own.attrs["every"], steps.attrs["NSteps"] = every, k
                 for dataset in (root["Points"], *root["PointData"].values()):
-                    outside.own(dataset.parent, dataset.name.rsplit("/", 1)[1]).dtype  # noqa: B018  (raises: damaged)
                     dataset.resize(k * int(root["NumberOfPoints"][0]), axis=0)
-                sums = file["taichi_mps"]
-                if SUM not in sums:  # of a version that wrote none
-                    written = [checksum.of_output(*rows) for rows in stored(file)]
-                    growing(sums, SUM, dtype=np.uint32)
-                    put(sums[SUM], 0, written)
-                sums[SUM].resize(k, axis=0)
-                if own.get(SUM) != checksum.of_outputs(file):
-                    own[SUM] = checksum.of_outputs(file)
-        except outside.DAMAGE as error:
+                of_steps = [item for item in steps.values() if isinstance(item, h5py.Dataset)]
+                for dataset in (*of_steps, *steps["PointDataOffsets"].values()):
+                    dataset.resize(k, axis=0)
+            os.replace(self.twins[0], self.path)
+        finally:
             self.close()
-            raise outside.damaged("run", self.path, error) from None
-        os.replace(self.twins[0], self.path)
         return k
 
     def check(self) -> None:
         """SceneError unless all outputs are as they were written."""
-        with outside.opened(self.path, "run") as file:
-            outside.own(file, "VTKHDF"), outside.own(file, "taichi_mps")
+        self.origin()
+        with self._opened() as file:
             for _ in stored(file):
                 pass
 
@@ -178,13 +156,12 @@ class Trajectory:
             raise SceneError(f"run = {self.path.parent}: run.h5 holds no output yet")
         return self.replay(scene_file)
 
-    def origin(self) -> tuple[str, dict, float | None]:
-        """How the scene was made: name or file of its function, and the keywords; and the interval of the outputs [s],
-        None in files of earlier versions."""
+    def origin(self) -> tuple[str, dict, float]:
+        """How the scene was made: name or file of its function, and the keywords; and the interval of the outputs
+        [s]."""
         with self._opened() as file:
             own = outside.own(file, "taichi_mps")
-            every = own.attrs.get("every")
-            return outside.text(own, "source"), json.loads(outside.text(own, "parameters")), every and float(every)
+            return outside.text(own, "source"), json.loads(outside.text(own, "parameters")), float(own.attrs["every"])
 
     def times(self) -> np.ndarray:
         """Times [s] of the outputs."""
@@ -200,14 +177,14 @@ class Trajectory:
         """The outputs one by one, each with what a picture needs of a Simulation: scene, time, snapshot, measures.
         A scene that is not a built-in one is made by the code of ``scene_file``, which the caller must name, or given
         as ``scene``. ``chosen``: numbers of the outputs to read, all by default."""
+        source, parameters, _ = self.origin()
+        try:
+            scene = scene or catalogue.rebuild(source, parameters, scene_file)
+        except SceneError as error:
+            raise SceneError(f"{self.path.name}: {error}") from None
         with self._opened() as file:
-            root, own = outside.own(file, "VTKHDF"), outside.own(file, "taichi_mps")
-            parameters = json.loads(outside.text(own, "parameters"))
-            try:
-                scene = scene or catalogue.rebuild(outside.text(own, "source"), parameters, scene_file)
-            except SceneError as error:
-                raise SceneError(f"{self.path.name}: {error}") from None
-            n, wall = int(outside.numbers(root, "NumberOfPoints")[0]), outside.numbers(own, "wall_x")
+            n = int(outside.numbers(outside.own(file, "VTKHDF"), "NumberOfPoints")[0])
+            wall = outside.numbers(outside.own(file, "taichi_mps"), "wall_x")
             if n != len(scene.fluid) and not scene.inlets:
                 raise SceneError(f"run {self.path}: has {n} particles, its scene makes {len(scene.fluid)}")
             if wall.ndim != 2 or wall.shape[1] != scene.dimension:
@@ -264,21 +241,14 @@ def instants(file) -> np.ndarray:
 
 
 def stored(file, chosen=None):
-    """(time [s], points, fields by name) of each output, or of the ``chosen`` ones, as stored; ValueError where it is
-    not what was written."""
-    root, own = outside.own(file, "VTKHDF"), outside.own(file, "taichi_mps")
+    """(time [s], points, fields by name) of each output, or of the ``chosen`` ones, as stored."""
+    root = outside.own(file, "VTKHDF")
     fields, times = outside.own(root, "PointData"), instants(file)
-    n, sums = int(outside.numbers(root, "NumberOfPoints")[0]), None
-    if SUM in own or SUM in own.attrs:  # earlier versions wrote none
-        sums = outside.numbers(own, SUM)
-        if len(sums) != len(times) or own.attrs[SUM] != checksum.of_outputs(file):
-            raise ValueError("its outputs are not those that were written")
+    n = int(outside.numbers(root, "NumberOfPoints")[0])
     for k in range(len(times)) if chosen is None else chosen:
         rows = slice(k * n, (k + 1) * n)
         data = {name: outside.numbers(fields, name, rows=rows) for name in fields}
         points = outside.numbers(root, "Points", rows=rows)
-        if sums is not None and sums[k] != checksum.of_output(times[k], points, data):
-            raise ValueError(f"output {k} is not what was written")
         yield float(times[k]), points, data
 
 
@@ -287,27 +257,33 @@ def due(time, every: float):
     return np.abs(time / every - np.round(time / every)) < 1e-6
 
 
-def add(root, s: Snapshot) -> int | None:
-    """Add a snapshot to the group VTKHDF; its number, or None if it is not later than the last one."""
+def add(file, s: Snapshot) -> int | None:
+    """Add a snapshot; its number, or None if it is not later than the last one."""
+    root, own = file["VTKHDF"], file["taichi_mps"]
     steps, n = root["Steps"], int(root["NumberOfPoints"][0])
     k = int(steps.attrs["NSteps"])
     if k and s.time <= steps["Values"][k - 1] + 1e-9:
         return None
     if len(s.x) < n:
-        s = waiting(s, n, root.parent["taichi_mps/mouth"][()])
-    points, data = single(s.x), {name: rows for name, rows in point_data(s).items() if name in root["PointData"]}
-    put(root["Points"], k * n, points)
-    for name, rows in data.items():
-        put(root[f"PointData/{name}"], k * n, rows)
-    put(root.parent["taichi_mps"][SUM], k, [checksum.of_output(s.time, points, data)])
-    put(steps["Values"], k, [s.time])
-    put(steps["NumberOfParts"], k, [1])
-    for name in ("PartOffsets", "CellOffsets", "ConnectivityIdOffsets"):
-        put(steps[name], k, np.zeros((1, *steps[name].shape[1:]), int))
-    for dataset in (steps["PointOffsets"], *steps["PointDataOffsets"].values()):
-        put(dataset, k, [k * n])
+        s = waiting(s, n, own["mouth"][()])
+    for name, rows in output(s, k, n, root["PointData"]).items():
+        put(file[name], k * n if name.startswith(OF_PARTICLES) else k, rows)
     steps.attrs["NSteps"] = k + 1
     return k
+
+
+def output(s: Snapshot, k: int, n: int, fields) -> dict[str, np.ndarray]:
+    """What output k of n particles adds to a file with these fields: {dataset: rows}, n rows to what is of particles,
+    one to what is of outputs."""
+    points, data = single(s.x), {name: rows for name, rows in point_data(s).items() if name in fields}
+    first = dict.fromkeys(["PointOffsets", *(f"PointDataOffsets/{name}" for name in data)], np.array([k * n]))
+    steps = first | {"Values": np.array([s.time], float), "NumberOfParts": np.array([1]), "PartOffsets": np.array([0])}
+    steps |= dict.fromkeys(("CellOffsets", "ConnectivityIdOffsets"), np.zeros((1, len(PARTS)), int))
+    return {
+        "VTKHDF/Points": points,
+        **{f"VTKHDF/PointData/{name}": rows for name, rows in data.items()},
+        **{f"VTKHDF/Steps/{name}": rows for name, rows in steps.items()},
+    }
 
 
 def waiting(s: Snapshot, n: int, mouth) -> Snapshot:
@@ -334,11 +310,6 @@ def point_data(s: Snapshot) -> dict[str, np.ndarray]:
         "mix": s.mix.astype(np.uint8),
         **{name: np.asarray(values, np.float32) for name, values in scalars.items()},
     }
-
-
-def growing(group, name, width=(), dtype=np.int64, chunk=256):
-    """An empty dataset of rows that ``put`` can lengthen."""
-    group.create_dataset(name, (0, *width), dtype, maxshape=(None, *width), chunks=(chunk, *width))
 
 
 def put(dataset, first, rows):

@@ -1,4 +1,4 @@
-"""history.csv keeps a column for every measure there ever was, and files of before are read."""
+"""history.csv keeps a column for every measure there ever was."""
 
 import numpy as np
 
@@ -23,17 +23,6 @@ def test_a_measure_that_fails_at_the_start_or_later_keeps_its_column(tmp_path):
     again.add(row(0.3))
     again.close()
     np.testing.assert_array_equal(read_history(path)["front_m"], [np.nan, 1.0, np.nan, np.nan])
-
-
-def test_a_file_of_before_the_largest_volume_error_and_the_share_that_flows_goes_on(tmp_path):
-    later = "volume_error_max", "flowing_fraction"
-    path, old = tmp_path / "history.csv", [key for key in COLUMNS if key not in later]
-    path.write_text(",".join(old) + "\n" + ",".join("0" for _ in old) + "\n", encoding="utf-8")
-    history = History(path, {}, kept=0.0)
-    history.add(row(0.1, volume_error_max=0.03, flowing_fraction=0.5))
-    history.close()
-    np.testing.assert_array_equal(read_history(path)["flowing_fraction"], [np.nan, 0.5])
-    np.testing.assert_array_equal(read_history(path)["volume_error_max"], [np.nan, 0.03])
 
 
 def test_the_newest_row_is_the_last_whole_one_of_a_file_that_grows(tmp_path):

@@ -1,0 +1,112 @@
+"""What version 0.1.0 of commit 068d274 wrote is read, and its run goes on as it would have gone on there; what is older
+is refused by name.
+
+written_by_068d274: the run ``slump --spacing 0.05 --until 0.05 --every 0.02 --precision f64 --threads 1``; next.npz:
+positions [m], velocities [m/s] and pressures [Pa] two steps later, ordered by id; checkpoint_semi_implicit.h5: that of
+the same run by the scheme ``semi-implicit``.
+"""
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import taichi_mps as mps
+from taichi_mps.cli.main import planned
+from taichi_mps.io import checkpoint
+from taichi_mps.io.history import read_history
+from taichi_mps.io.run_folder import RunFolder
+from taichi_mps.io.vtkhdf import Trajectory
+
+WRITTEN = Path(__file__).parent / "written_by_068d274"
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """A copy of the run folder."""
+    return RunFolder(shutil.copytree(WRITTEN, tmp_path / "run"))
+
+
+def test_a_checkpoint_goes_on_as_it_would_have_gone_on_there(folder):
+    """Within rounding: sums may be in another order. 1e-6 of the largest number after two steps."""
+    state, then = checkpoint.read(folder.checkpoint), np.load(WRITTEN / "next.npz")
+    sim = state.resume(state.admit(state.scene()))
+    for name, array in sim.particles.read().items():
+        np.testing.assert_array_equal(array, state.state[name], err_msg=name)
+    sim.step()
+    sim.step()
+    now = sim.state()
+    order = np.argsort(now["id"])
+    assert now["steps"] == then["steps"] and now["time"] == pytest.approx(float(then["time"]), rel=1e-9)
+    for name in ("x", "u", "p"):
+        bound = 1e-6 * np.abs(then[name]).max()
+        np.testing.assert_allclose(now[name][order], then[name], rtol=0.0, atol=bound, err_msg=name)
+
+
+def test_every_file_is_read(folder):
+    folder.verify()
+    summary, history = folder.read_summary(), read_history(folder.history)
+    *_, last = Trajectory(folder.trajectory).whole()
+    assert last.time == history["time_s"][-1] == summary["simulated_seconds"] == 0.05
+    assert last.measures()["slump_m"] == pytest.approx(summary["slump_m"], abs=1e-6)
+    _, options, scene, numerics = planned("run", [str(folder.case)])
+    assert scene.parameters == summary["parameters"] and (options.every, options.precision) == (0.02, "f64")
+    for name, kind in (("checkpoint.h5", mps.Implicit), ("checkpoint_semi_implicit.h5", mps.SemiImplicit)):
+        state = checkpoint.read(folder.path / name)
+        assert state.admit(state.scene()).numerics == kind()
+    assert Trajectory(folder.trajectory).cut(0.03, 0.02) == 2
+
+
+def without_checksum(path):
+    """Take the checksums out of a table or a summary."""
+    text = path.read_text(encoding="utf-8")
+    lines = "".join(f"{line.rpartition(',')[0]}\n" for line in text.splitlines())
+    facts = {} if path.suffix == ".csv" else json.loads(text)
+    path.write_text(lines if path.suffix == ".csv" else json.dumps({k: v for k, v in facts.items() if k != "crc32"}))
+
+
+@pytest.mark.parametrize("name", ["history.csv", "summary.json", "checkpoint.h5"])
+def test_an_older_format_is_refused_by_the_version_that_reads_it(folder, name):
+    path = folder.path / name
+    if path.suffix == ".h5":
+        path.write_bytes(path.read_bytes().replace(b"checkpoint 6 ", b"checkpoint 5 ", 1))
+    else:
+        without_checksum(path)
+    read = {"history.csv": read_history, "checkpoint.h5": checkpoint.read}.get(name, lambda _: folder.read_summary())
+    with pytest.raises(
+        mps.SceneError, match="written by taichi_mps before 0.1; must be read by that of commit 068d274"
+    ):
+        read(path)
+
+
+def test_a_number_that_records_get_later_leaves_a_checkpoint_good_until_it_is_given():
+    """Names of walls never count; what is usual does not."""
+
+    class Imagined(mps.Bingham):
+        imagined_angle: float = 0.0
+
+    Imagined.__name__ = "Bingham"
+
+    def digests(material, path=None, name="", **turning):
+        bar = mps.Solid(np.array([[-0.1, 0.1], [0.1, 0.1]]), (0.4, 0.0), 0.2, name=name, **turning)
+        hose = mps.Inlet((0.5, 0.9), (0.0, -1.0), 0.1, rate=0.01, volume=0.1, path=path)
+        walls = (mps.Plane((0.0, 0.0), (0.0, 1.0), name=name and f"{name}_2"), bar)
+        scene = mps.Scene("x", material, 0.05, None, ((0, 0), (1, 1)), walls=walls, inlets=(hose,))
+        return [checkpoint.digest(scene, keys) for keys in (checkpoint.PARTICLES, checkpoint.LAWS)]
+
+    usual = digests(mps.Bingham())
+    assert usual == digests(Imagined()) == digests(mps.Bingham(), name="bar")
+    changed = digests(mps.Bingham(), path=((0.0, 0.0, 0.0), (1.0, 0.1, 0.0)))
+    assert changed[0] != usual[0] and changed[1] == usual[1]
+    others = [digests(Imagined(imagined_angle=20.0)), digests(mps.Bingham(), angular_velocity=1.0, pivot=(0.5, 0.1))]
+    assert all(other[0] == usual[0] and other[1] != usual[1] for other in others)
+
+
+def test_a_large_array_counts_by_a_part_and_its_shape(monkeypatch):
+    monkeypatch.setattr(checkpoint, "LARGE", 10)
+    scene = mps.Scene("x", mps.Bingham(), 0.1, mps.fill(mps.Box((0, 0), (1, 1)), 0.1), ((-1, -1), (2, 2)))
+    moved = mps.Scene("x", mps.Bingham(), 0.1, scene.fluid + 0.01, scene.domain)
+    digests = [checkpoint.digest(one, checkpoint.PARTICLES) for one in (scene, scene, moved)]
+    assert digests[0] == digests[1] != digests[2]
