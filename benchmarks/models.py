@@ -12,38 +12,36 @@ engine - reference.
 
 import json
 import sys
-from pathlib import Path
 
 import numpy as np
+import points
 
-ROOT = Path(__file__).resolve().parents[1]
-RESULTS = ROOT / "benchmarks" / "results"
-PAGE, CHART = ROOT / "docs/models.md", ROOT / "docs/figures/models.png"
-BEGIN, END = "<!-- written by benchmarks/models.py -->", "<!-- end of benchmarks/models.py -->"
 VARIANTS = [("full", 0.02), ("full", 0.01), ("half", 0.01)]
 VARIANTS += [("quarter", spacing) for spacing in (0.02, 0.015, 0.01, 0.0075)]
 VARIANTS += [("axisymmetric", spacing) for spacing in (0.02, 0.01, 0.005, 0.0025)]
-RUNS, ASIDE = 5, 1e-6  # ASIDE in spacings
+RUNS = 5
+HEAD = ["mix", "model, l0", "particles", "CPU-s", "slump at rest [mm]", "worst slump [mm]", "spread [%]"]
+HEAD += ["worst volume [%]"]
 SCATTERS = "slump_error_m", "spread_error"  # of which the standard deviation of a run is kept
 USUAL = 50.0  # plastic viscosity [Pa s] of the mixes that all models are run for
 ONLY_USUAL = ("quarter", 0.015), ("quarter", 0.0075), ("axisymmetric", 0.0025)
 
 
 def reference(yield_value: float, plastic_viscosity: float) -> dict:
-    """Slumps [m] of the finite elements by their time [s], slump and spread [m] at their end, and when that is where
-    they did not come to rest."""
-    from taichi_mps.validation import read_reference
+    """Milestones [s] that the finite elements have and their slumps [m] there, slump and spread [m] at their end, and
+    when that is where they did not come to rest."""
+    from taichi_mps.validation import columns
     from taichi_mps.validation.slumps import MILESTONES, inertial
 
     if plastic_viscosity == USUAL:
-        lines, until = inertial("summary", yield_value, "A", 0.0), 5.0
+        (times, slumps, spreads), until = inertial(yield_value), 5.0
     else:
-        lines, until = read_reference("A_fe_inertial_soft.csv"), None
-        mix = yield_value, plastic_viscosity
-        lines = [r for r in lines if (float(r["yield_value_Pa"]), float(r["plastic_viscosity_Pa_s"])) == mix]
-    slumps = {float(r["time_s"]): 1e-3 * float(r["mean20_mm"]) for r in lines if r["kind"] == "fixed"}
-    last = {"slump": 1e-3 * float(lines[-1]["mean20_mm"]), "spread": 1e-3 * float(lines[-1]["spread_mm"])}
-    return {"slumps": {t: slumps[t] for t in MILESTONES if t in slumps}, **last, "until": until}
+        mix = {"yield_value_Pa": yield_value, "plastic_viscosity_Pa_s": plastic_viscosity}
+        known, until = columns("A_fe_inertial_soft.csv", **mix), None
+        times, slumps, spreads = known["time_s"], 1e-3 * known["mean20_mm"], 1e-3 * known["spread_mm"]
+    shared = [t for t in MILESTONES if t in times]
+    last = {"slump": slumps[-1], "spread": spreads[-1], "until": until}
+    return {"times": shared, "slumps": np.interp(shared, times, slumps)} | last
 
 
 def run(model: str, spacing: float, yield_value: float, plastic_viscosity: float) -> dict:
@@ -54,28 +52,23 @@ def run(model: str, spacing: float, yield_value: float, plastic_viscosity: float
     mps.init(threads=1)
     mix = {"yield_value": yield_value, "plastic_viscosity": plastic_viscosity}
     sim = mps.Simulation(mps.slump_cone(model=model, spacing=spacing, until=exact["until"], **mix))
-    start, history, volume, found = sim.state(), [], [], []
+    start, found = sim.state(), []
     for seed in range(RUNS):
-        aside = ASIDE * spacing * np.random.default_rng(seed).uniform(-1.0, 1.0, start["x"].shape)
-        sim.restart(sim.problem, {**start, "x": start["x"] + aside})
-        history.clear()
-        volume.clear()
-        sim.every(0.1, lambda s: history.append((s.time, s.measures()["slump_m"])))
-        sim.each_step(lambda s: volume.append(abs(s.report.volume_error)))
+        history = []
+        sim.restart(sim.problem, {**start, "x": start["x"] + points.aside(start["x"].shape, spacing, seed)})
+        sim.every(0.1, lambda s, history=history: history.append((s.time, s.measures()["slump_m"])))
         sim.run()
-        times, slumps = np.array(history).T
-        measures = sim.measures()
-        errors = [np.interp(t, times, slumps) - slump for t, slump in exact["slumps"].items()]
+        measures, end = sim.measures(), sim.measures()["slump_m"] - exact["slump"]
         found.append(
             {
                 "steps": sim.steps,
                 "simulated_seconds": sim.time,
                 "cpu_seconds": sim.cpu_seconds,
                 "spread_m": measures["spread_m"],
-                "slump_error_m": measures["slump_m"] - exact["slump"],
+                "slump_error_m": end,
                 "spread_error": measures["spread_m"] / exact["spread"] - 1.0,
-                "worst_volume_error": max(volume),
-                "errors": np.array([*errors, measures["slump_m"] - exact["slump"]]),
+                "worst_volume_error": sim.report.volume_error_max,
+                "errors": np.append(np.interp(exact["times"], *np.array(history).T) - exact["slumps"], end),
             }
         )
     mean = {key: np.mean([one[key] for one in found], axis=0) for key in found[0]}
@@ -93,8 +86,7 @@ def compare(yield_value: float, plastic_viscosity: float) -> None:
         if usual or (model, spacing) not in ONLY_USUAL:
             rows.append(run(model, spacing, yield_value, plastic_viscosity))
             print("| ".join(cells(found, rows[-1])), flush=True)
-    name = f"models_{yield_value:g}Pa" + ("" if usual else f"_{plastic_viscosity:g}Pas")
-    (RESULTS / f"{name}.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    points.save(f"models_{yield_value:g}Pa" + ("" if usual else f"_{plastic_viscosity:g}Pas"), found)
 
 
 def cells(mix: dict, row: dict) -> list[str]:
@@ -112,17 +104,8 @@ def cells(mix: dict, row: dict) -> list[str]:
 
 
 def read() -> list[dict]:
-    found = [json.loads(path.read_text(encoding="utf-8")) for path in RESULTS.glob("models_*.json")]
+    found = [json.loads(path.read_text(encoding="utf-8")) for path in points.RESULTS.glob("models_*.json")]
     return sorted(found, key=lambda result: (result["yield_value"], result["plastic_viscosity"]))
-
-
-def table(results: list[dict]) -> str:
-    """Markdown of all results, by mix."""
-    head = ["mix", "model, l0", "particles", "CPU-s", "slump at rest [mm]", "worst slump [mm]", "spread [%]"]
-    lines = ["| " + " | ".join([*head, "worst volume [%]"]) + " |", "|" + "---|" * 8]
-    for result in results:
-        lines += ["| " + " | ".join(cells(result, row)) + " |" for row in result["rows"]]
-    return "\n".join(lines)
 
 
 def reach_error(row: dict) -> float:
@@ -153,16 +136,11 @@ def measured(results: list[dict]) -> list:
 
 def draw() -> None:
     """The table in docs/models.md, the chart beside it, and the data of --accuracy."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
     from taichi_mps.problem import accuracy
 
-    results = read()
-    before, rest = PAGE.read_text(encoding="utf-8").split(BEGIN)
-    PAGE.write_text(f"{before}{BEGIN}\n\n{table(results)}\n\n{END}{rest.split(END)[1]}", encoding="utf-8")
+    plt, results = points.pyplot(), read()
+    lines = [cells(result, row) for result in results for row in result["rows"]]
+    points.put("models.md", "models", points.table(HEAD, lines))
     accuracy.write(measured(results))
     results = [result for result in results if result["plastic_viscosity"] == USUAL]
     figure, axes = plt.subplots(1, len(results), figsize=(3.4 * len(results), 3.4), sharex=True, sharey=True)
@@ -182,16 +160,16 @@ def draw() -> None:
     axes[0].yaxis.set_minor_formatter("")
     axes[-1].legend(fontsize=7)
     figure.tight_layout()
-    figure.savefig(CHART, dpi=110)
+    figure.savefig(points.FIGURES / "models.png", dpi=110)
 
 
 if __name__ == "__main__":
     words = sys.argv[1:]
-    if not words:
-        sys.exit(__doc__)
     if words == ["draw"]:
         draw()
-    else:
+    elif words and all(word[0].isdigit() for word in words):
         for word in words:
             tau, eta = (float(number) for number in f"{word},{USUAL}".split(",")[:2])
             compare(tau, eta)
+    else:
+        sys.exit(__doc__)

@@ -4,21 +4,16 @@
     python benchmarks/paper_cases.py run implicit-1  # some of them
     python benchmarks/paper_cases.py draw            # docs/figures/paper_*.png and the tables of docs/paper.md
 
-Reference curves: tests/reference/fe_inertial_slump_summary.csv (own finite elements, +-0.4 mm).
+Reference curves: tests/reference/fe_inertial_slump_history.csv (own finite elements, +-0.4 mm).
 """
 
-import csv
-import json
 import subprocess
 import sys
-import time
-from pathlib import Path
 
 import numpy as np
+import points
 
-ROOT = Path(__file__).resolve().parent.parent
-RESULTS = ROOT / "benchmarks" / "results"
-FIGURES = ROOT / "docs" / "figures"
+FRAMES = points.ROOT / "renders" / "paper"
 MILESTONES = (0.05, 0.1, 0.2, 0.3, 0.5, 1.0, 2.0, 5.0)
 PICTURES = (0.0, 0.1, 1.0, 5.0)
 
@@ -29,7 +24,6 @@ CASES["implicit-1"]["until"] = 20.0
 CASES |= {f"bi-viscosity-{k}": dict(scheme="implicit", case=k, until=5.0, pi_c=0.1) for k in (1, 2, 3, 5)}
 CASES |= {f"semi-implicit-{k}": dict(scheme="semi-implicit", case=k, until=5.0) for k in (1, 2, 3, 5)}  # 4 is 1
 CASES |= {f"literal-{k}": dict(scheme="semi-implicit", case=k, until=0.5, numerics=dict(literal=True)) for k in (1, 3)}
-BEGIN, END = "<!-- written by benchmarks/paper_cases.py draw -->", "<!-- end -->"
 YIELD_VALUES = (50.0, 100.0, 200.0, 300.0, 500.0, 750.0, 1000.0, 1500.0)
 CASES |= {f"yield-{tau:g}": dict(scheme="implicit", yield_value=tau, until=5.0) for tau in YIELD_VALUES}
 
@@ -37,79 +31,63 @@ CASES |= {f"yield-{tau:g}": dict(scheme="implicit", yield_value=tau, until=5.0) 
 def run_case(name):
     """Run one case in this process and write its JSON."""
     import taichi_mps as mps
-    from taichi_mps.problem import catalogue
     from taichi_mps.problem.numerics import NUMERICS
     from taichi_mps.terms.rheology import apparent_viscosity
 
     settings = CASES[name]
     tau_y, eta = PAPER[settings["case"]] if "case" in settings else (settings["yield_value"], 50.0)
-    keywords = dict(yield_value=tau_y, plastic_viscosity=eta, spacing=settings.get("spacing", 0.01))
-    keywords |= dict(until=settings["until"], critical_strain_rate=settings.get("pi_c"))
+    mix = dict(yield_value=tau_y, plastic_viscosity=eta, critical_strain_rate=settings.get("pi_c"))
     mps.init(threads=1)
-    sim = mps.Simulation(
-        catalogue.load("slump")(**keywords), NUMERICS[settings["scheme"]](**settings.get("numerics", {}))
-    )
-    rows, viscous, pressure, steps, volume = [], [], [], [], []
-
-    def record(s):
-        rows.append((s.time, *s.measures().values()))
+    scene = mps.slump_cone(**mix, spacing=0.01, until=settings["until"])
+    sim = mps.Simulation(scene, NUMERICS[settings["scheme"]](**settings.get("numerics", {})))
+    wanted = settings.get("case") in (1, 3) and not name.startswith("bi")
+    rows, steps, samples = [], [], {}
 
     def count(s):
-        viscous.append(s.report.viscous_iterations)
-        pressure.append(s.report.pressure_iterations)
-        steps.append((s.report.dt, s.report.dt_limit))
-        volume.append(s.report.volume_error)
-
-    frames = ROOT / "renders" / "paper" / name
-    wanted = settings.get("case") in (1, 3) and not name.startswith("bi")
-    samples = {}
+        r = s.report
+        steps.append((r.viscous_iterations, r.pressure_iterations, r.dt, abs(r.volume_error), r.dt_limit))
 
     def picture(s):
         if wanted and any(abs(s.time - t) < 1e-6 for t in PICTURES):
-            mps.png(str(frames / f"t{s.time:.1f}"))(s)
+            mps.png(str(FRAMES / name / f"t{s.time:.1f}"))(s)
         if any(abs(s.time - t) < 1e-6 for t in (0.1, 1.0)):
             rate = s.snapshot().shear_rate
             samples[f"{s.time:g}"] = np.round(np.quantile(rate, np.linspace(0, 1, 60)), 5).tolist()
 
-    sim.every(0.01 if name.startswith("semi") else 0.1 if settings["until"] > 20 else 0.01, record)
+    sim.every(0.1 if settings["until"] > 20 else 0.01, lambda s: rows.append((s.time, *s.measures().values())))
     sim.every(0.1, picture)
     sim.each_step(count)
-    begin, error = time.time(), None
+    error = None
     try:
         sim.run()
     except mps.DivergedError as failure:
         error = str(failure)
-    if wanted and sim.stopped_by in ("rest", "unyielded"):  # later pictures show the body where it stopped
-        for t in PICTURES:
-            if t > sim.time:
-                mps.png(str(frames / f"t{t:.1f}"))(sim)
-    summary = sim.summary()
-    history = np.array(rows)
-    dt = np.array([d for d, _ in steps])
+    for t in PICTURES if wanted and sim.stopped_by in ("rest", "unyielded") else ():
+        if t > sim.time:  # later pictures show the body where it stopped
+            mps.png(str(FRAMES / name / f"t{t:.1f}"))(sim)
+    time, slump, slump_max, spread = np.array(rows).T[:4]
+    viscous, pressure, dt, volume, limits = zip(*steps, strict=True)
     out = {
         "case": name,
         "command": f"python benchmarks/paper_cases.py run {name}",
         "error": error,
-        "wall_seconds": time.time() - begin,
-        "time_s": history[:, 0].round(4).tolist(),
-        "slump_m": history[:, 1].round(5).tolist(),
-        "slump_max_m": history[:, 2].round(5).tolist(),
-        "spread_m": history[:, 3].round(5).tolist(),
-        "dt_s": [float(dt.min()), float(np.median(dt)), float(dt.max())],
-        "dt_limits": {k: sum(n == k for _, n in steps) for k in {n for _, n in steps}},
-        "volume_error": {"worst": float(np.abs(volume).max()), "end": volume[-1]},
+        "time_s": time.round(4).tolist(),
+        "slump_m": slump.round(5).tolist(),
+        "slump_max_m": slump_max.round(5).tolist(),
+        "spread_m": spread.round(5).tolist(),
+        "dt_s": [min(dt), float(np.median(dt)), max(dt)],
+        "dt_limits": {limit: limits.count(limit) for limit in sorted(set(limits))},
+        "volume_error": {"worst": max(volume), "end": sim.report.volume_error},
         "mean_viscous_iterations": float(np.mean(viscous)),
         "mean_pressure_iterations": float(np.mean(pressure)),
         "shear_rate_quantiles": samples,
-        "summary": summary,
+        "summary": sim.summary(),
     }
-    pi_c = settings.get("pi_c") or (0.1 if settings["scheme"] == "semi-implicit" else None)
-    if pi_c:
+    if pi_c := settings.get("pi_c") or (0.1 if settings["scheme"] == "semi-implicit" else None):
         out["unyielded_viscosity_Pa_s"] = float(apparent_viscosity(0.0, eta, tau_y, pi_c))
-    RESULTS.mkdir(parents=True, exist_ok=True)
-    (RESULTS / f"paper_{name}.json").write_text(json.dumps(out, indent=1) + "\n")
-    end = f"slump {1e3 * history[-1, 1]:.1f} mm, spread {1e3 * history[-1, 3]:.1f} mm at {sim.time:.2f} s"
-    print(f"{name}: {end}, {summary['steps']} steps, {summary['cpu_seconds']:.1f} CPU-s, {error or sim.stopped_by}")
+    points.save(f"paper_{name}", out)
+    print(f"{name}: slump {1e3 * slump[-1]:.1f} mm, spread {1e3 * spread[-1]:.1f} mm at {sim.time:.2f} s, "
+          f"{sim.steps} steps, {sim.cpu_seconds:.1f} CPU-s, {error or sim.stopped_by}")  # fmt: skip
 
 
 def paper_scheme(case):
@@ -117,25 +95,19 @@ def paper_scheme(case):
     return f"semi-implicit-{1 if case == 4 else case}"
 
 
-def load(name):
-    path = RESULTS / f"paper_{name}.json"
-    return json.loads(path.read_text()) if path.exists() else None
+def of_the_papers_scheme(cases) -> dict[str, dict]:
+    """Results of these cases with the paper's scheme, by their numbers; without those that have not been run."""
+    found = {k: points.load(f"paper_{paper_scheme(k)}") for k in cases}
+    return {f"#{k}": found[k] for k in cases if found[k]}
 
 
-def reference(tau_y, eta, model="A", gc=0.0, file="summary"):
-    """Finite elements: rows of time [s], mean slump over r < 20 mm [m], spread [m]; file summary or history."""
-    slump, spread = ("mean20_mm", "spread_mm") if file == "summary" else ("slump_mean_r20_mm", "spread_diam_mm")
-    path = ROOT / "tests" / "reference" / f"fe_inertial_slump_{file}.csv"
-    with open(path) as lines:
-        rows = csv.DictReader(line for line in lines if not line.startswith("#"))
-        found = [
-            (float(r.get("time_s") or r["t_s"]), 1e-3 * float(r[slump]), 1e-3 * float(r[spread]))
-            for r in rows
-            if r["model"] == model
-            and (float(r["tau_Pa"]), float(r["eta_Pa_s"]), float(r["gc_1_s"])) == (tau_y, eta, gc)
-            and r.get("kind", "fixed") in ("fixed", "after_arrest")
-        ]
-    return np.array(sorted(found))
+def history(tau_y, eta):
+    """Finite elements of the bi-viscosity law, pi_c = 0.1 1/s: times [s] and slumps over r < 20 mm [m]."""
+    from taichi_mps.validation import columns
+
+    path = points.ROOT / "tests" / "reference" / "fe_inertial_slump_history.csv"
+    known = columns(str(path), model="B", tau_Pa=tau_y, eta_Pa_s=eta, gc_1_s=0.2)
+    return known["t_s"], 1e-3 * known["slump_mean_r20_mm"]
 
 
 def at(result, t, key="slump_m"):
@@ -146,32 +118,24 @@ def at(result, t, key="slump_m"):
     return float(np.interp(t, times, result[key]))
 
 
-def table(names, model, gc):
+def table(names, pi_c):
     """Markdown: slump of each case at the milestones, the reference beside it."""
-    head = [f"{t:g} s" for t in MILESTONES]
-    lines = ["| case | | " + " | ".join(head) + " | last | spread | steps | CPU-s (compile) | stopped by |"]
-    lines.append("|" + "---|" * (len(head) + 7))
+    from taichi_mps.validation.slumps import inertial
+
+    lines = []
     for name in names:
-        result = load(name)
-        if result is None:
-            continue
-        tau_y, eta = PAPER[CASES[name]["case"]]
-        s = result["summary"]
-        cells = ["-" if np.isnan(v := at(result, t)) else f"{1e3 * v:.1f}" for t in MILESTONES]
-        end = f"{1e3 * result['slump_m'][-1]:.1f} at {result['time_s'][-1]:.2f} s"
-        lines.append(
-            f"| {name} | engine | "
-            + " | ".join(cells)
-            + f" | {end} | {1e3 * result['spread_m'][-1]:.0f} | {s['steps']} | {s['cpu_seconds']:.0f}"
-            + f" ({s['compile_seconds']:.0f}) | {result['error'] or s['stopped_by']} |"
-        )
-        exact = reference(tau_y, eta, model, gc)
-        values = [f"{1e3 * exact[np.isclose(exact[:, 0], t)][0, 1]:.1f}" for t in MILESTONES]
-        lines.append(
-            "| | finite elements | " + " | ".join(values) + f" | {1e3 * exact[-1, 1]:.1f} at 5 s "
-            f"| {1e3 * exact[-1, 2]:.0f} at 5 s | | | |"
-        )
-    return "\n".join(lines)
+        if result := points.load(f"paper_{name}"):
+            s = result["summary"]
+            cells = ["-" if np.isnan(v := at(result, t)) else f"{1e3 * v:.1f}" for t in MILESTONES]
+            cells.append(f"{1e3 * result['slump_m'][-1]:.1f} at {result['time_s'][-1]:.2f} s")
+            cost = f"{s['cpu_seconds']:.0f} ({s['compile_seconds']:.0f})"
+            cells += [f"{1e3 * result['spread_m'][-1]:.0f}", s["steps"], cost, result["error"] or s["stopped_by"]]
+            times, slumps, spreads = inertial(*PAPER[CASES[name]["case"]], pi_c)
+            exact = [f"{1e3 * slump:.1f}" for slump in np.interp(MILESTONES, times, slumps)]
+            exact += [f"{1e3 * slumps[-1]:.1f} at 5 s", f"{1e3 * spreads[-1]:.0f} at 5 s", "", "", ""]
+            lines += [[name, "engine", *cells], ["", "finite elements", *exact]]
+    head = ["case", "", *(f"{t:g} s" for t in MILESTONES), "last", "spread", "steps", "CPU-s (compile)", "stopped by"]
+    return points.table(head, lines)
 
 
 def draw():
@@ -179,83 +143,67 @@ def draw():
     import imageio.v3 as imageio
 
     from taichi_mps.terms.rheology import apparent_viscosity
+    from taichi_mps.validation.slumps import inertial
     from taichi_mps.viz import plots
 
-    FIGURES.mkdir(parents=True, exist_ok=True)
-
-    def curves(cases):
-        found = {f"#{k}": load(paper_scheme(k)) for k in cases}
-        return {n: {"time_s": np.array(r["time_s"]), "slump_m": np.array(r["slump_m"])} for n, r in found.items() if r}
-
-    def references(cases):
-        found = {f"#{k}": reference(*PAPER[k], model="B", gc=0.2, file="history") for k in cases}
-        return {label: (rows[:, 0], rows[:, 1]) for label, rows in found.items()}
-
-    plots.slump_curve(curves((1, 2, 3)), FIGURES / "paper_fig5.png", references((1, 2, 3)))
-    plots.slump_curve(curves((4, 5)), FIGURES / "paper_fig9.png", references((4, 5)), log_time=True)
-    points = [(t, load(f"yield-{t:g}")) for t in YIELD_VALUES]
-    points = {"implicit, at rest or 5 s": np.array([(t, r["slump_m"][-1]) for t, r in points if r]).T}
-    own = [(PAPER[k][0], load(paper_scheme(k))) for k in (1, 2, 3)]
-    points["semi-implicit, at its stop or 5 s"] = np.array([(t, r["slump_m"][-1]) for t, r in own if r]).T
-    points["the paper's text"] = np.array([(100.0, 0.25), (500.0, 0.20)]).T
-    ref_points = [(t, reference(t, 50.0)[-1, 1]) for t in (100.0, 300.0, 500.0, 1000.0)]
-    known = {"finite elements with inertia": np.array(ref_points).T}
+    for number, cases in ((5, (1, 2, 3)), (9, (4, 5))):
+        found = of_the_papers_scheme(cases)
+        curves = {n: {key: np.array(r[key]) for key in ("time_s", "slump_m")} for n, r in found.items()}
+        exact = {f"#{k}": history(*PAPER[k]) for k in cases}
+        plots.slump_curve(curves, points.FIGURES / f"paper_fig{number}.png", exact, log_time=number == 9)
+    ends = [(t, points.load(f"paper_yield-{t:g}")) for t in YIELD_VALUES]
+    ends = {"implicit, at rest or 5 s": np.array([(t, r["slump_m"][-1]) for t, r in ends if r]).T}
+    own = [(PAPER[k][0], *of_the_papers_scheme((k,)).values()) for k in (1, 2, 3)]
+    ends["semi-implicit, at its stop or 5 s"] = np.array([(t, r["slump_m"][-1]) for t, *found in own for r in found]).T
+    ends["the paper's text"] = np.array([(100.0, 0.25), (500.0, 0.20)]).T
+    exact = [(t, inertial(t)[1][-1]) for t in (100.0, 300.0, 500.0, 1000.0)]
+    known = {"finite elements with inertia": np.array(exact).T}
     empirical = np.linspace(50.0, 1500.0, 60)
-    known["Roussel (2006), 50-250 mm"] = np.array(
-        [(t, s) for t in empirical if 0.05 < (s := 1e-2 * (25.5 - 17.6 * t / 2300.0)) < 0.25]
-    ).T
-    plots.slump_against_yield_value(points, known, FIGURES / "paper_fig4.png")
+    slumps = 1e-2 * (25.5 - 17.6 * empirical / 2300.0)
+    known["Roussel (2006), 50-250 mm"] = np.array([empirical, slumps])[:, (slumps > 0.05) & (slumps < 0.25)]
+    plots.slump_against_yield_value(ends, known, points.FIGURES / "paper_fig4.png")
     for figure, cases in (("paper_fig6", (1, 2, 3)), ("paper_fig10", (4, 5))):
-        samples = {}
+        samples, laws, rate = {}, {}, np.logspace(-2, 1.5, 200)
         for k in cases:
-            source = load(paper_scheme(k))
-            if source:
-                tau_y, eta = PAPER[k]
+            tau_y, eta = PAPER[k]
+            laws[f"#{k}"] = (rate, apparent_viscosity(rate, eta, tau_y, 0.1, np.maximum))
+            for label, source in of_the_papers_scheme((k,)).items():
                 rates = np.concatenate([np.array(v) for v in source["shear_rate_quantiles"].values()])
-                samples[f"#{k}"] = (rates, apparent_viscosity(rates, eta, tau_y, 0.1, np.maximum))
-        rate = np.logspace(-2, 1.5, 200)
-        laws = {f"#{k}": (rate, apparent_viscosity(rate, *PAPER[k][::-1], 0.1, np.maximum)) for k in cases}
-        plots.viscosity_against_shear_rate(samples, laws, FIGURES / f"{figure}.png")
+                samples[label] = (rates, apparent_viscosity(rates, eta, tau_y, 0.1, np.maximum))
+        plots.viscosity_against_shear_rate(samples, laws, points.FIGURES / f"{figure}.png")
     for figure, name in (("paper_fig7", paper_scheme(1)), ("paper_fig8", paper_scheme(3))):
-        pictures = []
-        for t in PICTURES:
-            found = sorted((ROOT / "renders" / "paper" / name / f"t{t:.1f}").glob("*.png"))
-            if found:
-                pictures.append(imageio.imread(found[-1])[::2, ::2])
+        frames = [sorted((FRAMES / name / f"t{t:.1f}").glob("*.png"))[-1:] for t in PICTURES]
+        pictures = [imageio.imread(file)[::2, ::2] for found in frames for file in found]
         if len(pictures) == 4:
             top, bottom = np.hstack(pictures[:2]), np.hstack(pictures[2:])
-            imageio.imwrite(FIGURES / f"{figure}.png", np.vstack([top, bottom]))
-    text = "### True Bingham, scheme `implicit`\n\n"
-    text += table([f"implicit-{k}" for k in PAPER], "A", 0.0)
-    text += "\n\n### The paper's bi-viscosity law (pi_c = 0.1 1/s), scheme `implicit`\n\n"
-    text += table([f"bi-viscosity-{k}" for k in (1, 2, 3, 5)], "B", 0.2)
-    text += "\n\n### The paper's scheme: `semi-implicit`\n\n"
+            imageio.imwrite(points.FIGURES / f"{figure}.png", np.vstack([top, bottom]))
     explicit = [name for name in CASES if name.startswith(("semi-implicit", "literal"))]
-    text += table(explicit, "B", 0.2) + "\n\n" + cost_table(explicit)
-    page = ROOT / "docs" / "paper.md"
-    before, rest = page.read_text().split(BEGIN)
-    page.write_text(f"{before}{BEGIN}\n\n{text}\n\n{END}{rest.split(END)[1]}")
-    print(text)
+    text = [
+        "### True Bingham, scheme `implicit`",
+        table([f"implicit-{k}" for k in PAPER], None),
+        "### The paper's bi-viscosity law (pi_c = 0.1 1/s), scheme `implicit`",
+        table([f"bi-viscosity-{k}" for k in (1, 2, 3, 5)], 0.1),
+        "### The paper's scheme: `semi-implicit`",
+        table(explicit, 0.1),
+        cost_table(explicit),
+    ]
+    points.put("paper.md", "paper_cases", "\n\n".join(text))
 
 
 def cost_table(names):
     """Markdown: steps, iterations and cost of each case, and what 5 s would take at that rate."""
-    lines = [
-        "| case | dt [s], least - median - most | steps | direct iterations | CG iterations | CPU-s a step "
-        "| 5 s at the median dt | volume error at the end, worst |"
-    ]
-    lines.append("|" + "---|" * 8)
+    lines = []
     for name in names:
-        if result := load(name):
-            s, dt = result["summary"], result["dt_s"]
+        if result := points.load(f"paper_{name}"):
+            s, dt, volume = result["summary"], result["dt_s"], result["volume_error"]
             step = s["cpu_seconds"] / max(1, s["steps"] - 1)
-            lines.append(
-                f"| {name} | {dt[0]:.2g} - {dt[1]:.2g} - {dt[2]:.2g} | {s['steps']} "
-                f"| {result['mean_viscous_iterations']:.2f} | {result['mean_pressure_iterations']:.1f} "
-                f"| {step:.4f} | {5 / dt[1] * step / 3600:.2f} CPU-h "
-                f"| {100 * result['volume_error']['end']:.2f} %, {100 * result['volume_error']['worst']:.1f} % |"
-            )
-    return "\n".join(lines)
+            times = f"{dt[0]:.2g} - {dt[1]:.2g} - {dt[2]:.2g}"
+            iterations = f"{result['mean_viscous_iterations']:.2f}", f"{result['mean_pressure_iterations']:.1f}"
+            cost = f"{step:.4f}", f"{5 / dt[1] * step / 3600:.2f} CPU-h"
+            worst = f"{100 * volume['end']:.2f} %, {100 * volume['worst']:.1f} %"
+            lines.append([name, times, s["steps"], *iterations, *cost, worst])
+    head = ["case", "dt [s], least - median - most", "steps", "direct iterations", "CG iterations", "CPU-s a step"]
+    return points.table([*head, "5 s at the median dt", "volume error at the end, worst"], lines)
 
 
 if __name__ == "__main__":

@@ -10,15 +10,13 @@ Errors: engine - reference. CPU seconds are of one thread, without the first ste
 import argparse
 import time
 from dataclasses import replace
-from itertools import groupby
-from pathlib import Path
 
 import numpy as np
+import points
 
-RESULTS = Path(__file__).parent / "results"
 HEAD = ("mix", "slump 0.2 s", "slump 0.5 s", "slump at rest", "spread at rest", "T300", "T400", "T500")
 HEAD += ("rest [s]", "CPU-s", "CPU-s to 1 s")
-TIMES = 0.2, 0.5
+TIMES, WIDE = (0.2, 0.5), (300, 400, 500)  # of slumps [s], of spreads whose time is read [mm]
 
 
 def run(scene) -> dict:
@@ -43,7 +41,7 @@ def run(scene) -> dict:
     found = {f"slump {at} s": np.interp(at, times, slumps) for at in TIMES}
     found |= {"slump at rest": slumps[-1], "spread at rest": spreads[-1], "rest": sim.time}
     wide = np.maximum.accumulate(spreads)
-    found |= {f"T{mm}": np.interp(1e-3 * mm, wide, times, right=np.nan) for mm in (300, 400, 500)}
+    found |= {f"T{mm}": np.interp(1e-3 * mm, wide, times, right=np.nan) for mm in WIDE}
     return found | {"CPU-s": spent, "CPU-s to 1 s": first[0]}
 
 
@@ -66,20 +64,19 @@ def cells(mix, found, exact) -> list[str]:
 
 def references():
     """(yield stress [Pa], plastic viscosity [Pa s]) and what the finite elements measure, for each mix."""
-    from taichi_mps.validation import read_reference
+    from taichi_mps.validation import columns
 
-    lines = read_reference("A_fe_inertial_soft.csv")
-    for mix, rows in groupby(lines, lambda r: (float(r["yield_value_Pa"]), float(r["plastic_viscosity_Pa_s"]))):
-        rows = list(rows)
-        at = {float(r["time_s"]): 1e-3 * float(r["mean20_mm"]) for r in rows}
-        exact = {f"slump {t} s": at.get(t, np.nan) for t in TIMES}
-        exact |= {"slump at rest": 1e-3 * float(rows[-1]["mean20_mm"])}
-        exact |= {"spread at rest": 1e-3 * float(rows[-1]["spread_mm"])}
-        yield mix, exact | {f"T{mm}": float(rows[-1][f"T{mm}_s"] or "nan") for mm in (300, 400, 500)}
+    every = columns("A_fe_inertial_soft.csv")
+    for mix in dict.fromkeys(zip(every["yield_value_Pa"], every["plastic_viscosity_Pa_s"], strict=True)):
+        known = columns("A_fe_inertial_soft.csv", yield_value_Pa=float(mix[0]), plastic_viscosity_Pa_s=float(mix[1]))
+        at = dict(zip(known["time_s"], 1e-3 * known["mean20_mm"], strict=True))
+        exact = {f"slump {t} s": at.get(t, np.nan) for t in TIMES} | {f"T{mm}": known[f"T{mm}_s"][-1] for mm in WIDE}
+        last = {"slump at rest": 1e-3 * known["mean20_mm"][-1], "spread at rest": 1e-3 * known["spread_mm"][-1]}
+        yield mix, exact | last
 
 
 def main():
-    parser = argparse.ArgumentParser()
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--model", default="quarter")
     parser.add_argument("--spacing", type=float, default=0.01)
     parser.add_argument("--perturbed", type=int, default=1, help="runs whose particles start 1e-6 spacings aside")
@@ -92,16 +89,16 @@ def main():
         cone = dict(yield_value=mix[0], plastic_viscosity=mix[1], model=options.model, spacing=options.spacing)
         scene, found = mps.slump_cone(**cone), []
         for seed in range(options.perturbed):
-            aside = np.random.default_rng(seed).uniform(-1e-6, 1e-6, scene.fluid.shape) * options.spacing * (seed > 0)
-            found.append(run(replace(scene, fluid=scene.fluid + aside)))
+            fluid = scene.fluid + points.aside(scene.fluid.shape, options.spacing, seed)
+            found.append(run(replace(scene, fluid=fluid)))
         rows.append(cells(mix, found, exact))
         print(" | ".join(rows[-1]), flush=True)
     extra = f" --perturbed {options.perturbed}" * (options.perturbed > 1)
     command = f"python benchmarks/soft.py --model {options.model} --spacing {options.spacing:g}{extra}"
-    table = [HEAD, ["---"] * len(HEAD), *rows]
-    text = "\n".join("| " + " | ".join(line) + " |" for line in table)
-    path = RESULTS / f"soft_{options.model}_{1e3 * options.spacing:g}mm.md"
-    path.write_text(f"Errors beside finite elements with inertia, by `{command}`.\n\n{text}\n", encoding="utf-8")
+    facts = points.facts()
+    about = f"Errors beside finite elements with inertia, by `{command}` ({facts['commit']}, {facts['date']}, "
+    path = points.RESULTS / f"soft_{options.model}_{1e3 * options.spacing:g}mm.md"
+    path.write_text(f"{about}{facts['processor']}).\n\n{points.table(HEAD, rows)}\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -12,8 +12,8 @@ follows from it, and has no error. The answer is always that of the true Bingham
 the bi-viscosity law take the paper's pi_c of 0.1 1/s.
 """
 
+import argparse
 import json
-import sys
 from dataclasses import replace
 
 import known_flows
@@ -28,7 +28,7 @@ TITLES = {
     LITERAL: "semi-implicit, literal",
 }
 PI_C = 0.1  # of the paper [1/s]
-RUNS, ASIDE = 5, 1e-6  # of a point; by how much particles are moved aside in them [spacings]
+RUNS = 5  # of a point
 # flow: title, error, CPU seconds that a point may take, particles across or spacing [m] from coarse to fine
 FLOWS = {
     "cone": ("slump cone, 500 Pa, to 1 s", "worst slump [mm]", 45.0, (0.025, 0.02, 0.0125)),
@@ -44,23 +44,16 @@ def all_points() -> dict[str, dict]:
     step of the defaults."""
     found = []
     for flow, (*_, sizes) in FLOWS.items():
+        coarse, usual, _ = sizes
         found += [(k, flow, BINGHAM, size, 1.0) for k, size in enumerate(sizes)]
-        found += [(3 + k, flow, BINGHAM, sizes[1], step) for k, step in enumerate((4.0, 0.25))]
+        found += [(3, flow, BINGHAM, usual, 4.0), (4, flow, BINGHAM, usual, 0.25)]
         if flow != "dam":  # water has no yield value
             found += [(k, flow, BI_VISCOSITY, size, 1.0) for k, size in enumerate(sizes)]
-        found += [(5, flow, LITERAL, size, 1.0) for size in sizes[:2]]
-        found += [
-            (6, flow, PRACTICE, sizes[0], 2.0),
-            (7, flow, PRACTICE, sizes[0], 1.0),
-            (8, flow, PRACTICE, sizes[1], 1.0),
-        ]
+        found += [(5, flow, LITERAL, coarse, 1.0), (5, flow, LITERAL, usual, 1.0)]
+        found += [(6, flow, PRACTICE, coarse, 2.0), (7, flow, PRACTICE, coarse, 1.0), (8, flow, PRACTICE, usual, 1.0)]
     found.sort(key=lambda item: item[0])
     names = ("flow", "scheme", "size", "step")
-    return {name(*item[1:]): dict(zip(names, item[1:], strict=True)) for item in found}
-
-
-def name(flow, scheme, size, step) -> str:
-    return f"{flow} {scheme} {size:g} x{step:g}"
+    return {"{} {} {:g} x{:g}".format(*item): dict(zip(names, item, strict=True)) for _, *item in found}
 
 
 # ---- one point -------------------------------------------------------------------------------------------------
@@ -104,27 +97,27 @@ def one_run(flow, scheme, size, step, budget, seed) -> dict:
     import taichi_mps as mps
     from taichi_mps.validation.scheme import with_wall_particles
 
-    scene, watch, error = getattr(known_flows, flow)(size)
-    aside = np.random.default_rng(seed).uniform(-ASIDE, ASIDE, scene.fluid.shape)
-    scene = replace(scene, fluid=scene.fluid + aside * scene.spacing)
+    scene, reading, error = getattr(known_flows, flow)(size)
+    scene = replace(scene, fluid=scene.fluid + points.aside(scene.fluid.shape, scene.spacing, seed))
     if scheme != BINGHAM and scene.material.yield_value:
         scene = replace(scene, material=mps.Bingham(**(scene.material.model_dump() | {"critical_strain_rate": PI_C})))
     if scheme in (LITERAL, PRACTICE):  # not stopped at nine tenths unyielded: it is the flow that is compared
         scene = replace(scene if scene.wall_particles is not None else with_wall_particles(scene), stop_at_rest=False)
-    sim = mps.Simulation(scene, numerics_of(scheme, step, scene))
-    if watch:
-        watch(sim)
+    sim, read = mps.Simulation(scene, numerics_of(scheme, step, scene)), []
+    if reading:
+        measure, interval = reading
+        sim.every(interval, lambda s: read.append((s.time, s.measures()[measure])))
     sim.each_step(lambda s: s.interrupt() if s.cpu_seconds > budget else None)
     try:
         fate = sim.run()
     except mps.DivergedError as failure:
         fate = str(failure).split(";")[0]
     finished = fate in ("time", "rest")
-    value = float(error(sim)) if finished else None
+    value = float(error(*np.reshape(read, (-1, 2)).T, sim)) if finished else np.nan
     return {
         "finished": finished,
         "fate": fate,
-        "error": value if value is None or np.isfinite(value) else None,
+        "error": value if np.isfinite(value) else None,
         "cpu_seconds": round(sim.cpu_seconds, 3),
         "budget": budget,
         "reached": round(sim.time, 6),
@@ -160,10 +153,9 @@ def label(item) -> str:
 
 
 def draw_flow(flow, found) -> None:
-    import matplotlib.pyplot as plt
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-    title, unit, _, _ = FLOWS[flow]
+    plt, (title, unit, *_) = points.pyplot(), FLOWS[flow]
     done = [item for item in found if item["error"] is not None]
     figure, axis = plt.subplots(figsize=(7.2, 5.0), layout="constrained")
     top = 2.5 * max(item["error"] for item in done)
@@ -207,7 +199,8 @@ def cost_of(item) -> float:
     return item["cpu_seconds"] * (1.0 if item["finished"] else item["until"] / max(item["reached"], 1e-12))
 
 
-def row(item) -> str:
+def cells(item) -> list:
+    """A line of the table."""
     unit = FLOWS[item["flow"]][1].split("[")[1][:-1]
     size = f"{1e3 * item['spacing']:.3g} mm" if item["flow"] == "cone" else f"{item['size']:g} across"
     cost, error = f"{item['cpu_seconds']:.2g}", "-"
@@ -220,58 +213,56 @@ def row(item) -> str:
     else:
         error = f"did not finish, reached t = {item['reached']:.2g} of {item['until']:.2g} s"
         cost = f"{cost:s}; extrapolated {cost_of(item):.1e}"
-    return f"| {TITLES[item['scheme']]} | {size} | {item['step']:g} | {item['steps']} | {cost} | {error} |"
+    return [TITLES[item["scheme"]], size, f"{item['step']:g}", item["steps"], cost, error]
 
 
 def draw() -> None:
-    import matplotlib
-
-    matplotlib.use("Agg")
-    text, tables = [], []
-    wanted = all_points()
+    text, tables, order = [], [], list(TITLES)
     for flow, (title, *_) in FLOWS.items():
+        wanted = [key for key, settings in all_points().items() if settings["flow"] == flow]
         found = [item for key, item in points.read(f"speed_accuracy_{flow}").items() if key in wanted]
-        if not any(item["error"] is not None for item in found):
+        done = [item for item in found if item["error"] is not None]
+        if not done:
             continue
         draw_flow(flow, found)
-        best = "; ".join(
-            f"{TITLES[i['scheme']]}, {label(i)}" for i in front([i for i in found if i["error"] is not None])
+        heading, best = (
+            f"### {title[0].upper()}{title[1:]}",
+            [f"{TITLES[i['scheme']]}, {label(i)}" for i in front(done)],
         )
-        missing = sum(item["flow"] == flow for item in wanted.values()) - len(found)
-        lines = [f"### {title[0].upper()}{title[1:]}", "", f"![{title}](figures/speed_accuracy_{flow}.png)"]
-        lines += ["*Error against CPU-seconds (`python benchmarks/speed_accuracy.py draw`).*", ""]
-        text.append("\n".join([*lines, f"Best front, from cheap to accurate: {best}."]))
-        lines = [lines[0], "", "| scheme | resolution | step | steps | CPU-s | error |", "|" + "---|" * 6]
-        order = list(TITLES)
-        lines += [row(i) for i in sorted(found, key=lambda i: (order.index(i["scheme"]), -i["spacing"], i["step"]))]
-        lines += ["", f"{missing} points have not been run yet."] if missing else []
-        tables.append("\n".join(lines))
+        picture = f"![{title}](figures/speed_accuracy_{flow}.png)\n"
+        picture += "*Error against CPU-seconds (`python benchmarks/speed_accuracy.py draw`).*"
+        text += [heading, picture, f"Best front, from cheap to accurate: {'; '.join(best)}."]
+        found.sort(key=lambda i: (order.index(i["scheme"]), -i["spacing"], i["step"]))
+        head = ["scheme", "resolution", "step", "steps", "CPU-s", "error"]
+        tables += [heading, points.table(head, [cells(item) for item in found])]
+        if len(found) < len(wanted):
+            tables.append(f"{len(wanted) - len(found)} points have not been run yet.")
     points.put("speed.md", "speed_accuracy", "\n\n".join(text))
-    head = "Written by `python benchmarks/speed_accuracy.py draw`; the charts stand in docs/speed.md."
-    (points.RESULTS / "speed_accuracy.md").write_text("\n\n".join([head, *tables]) + "\n")
+    about = "Written by `python benchmarks/speed_accuracy.py draw`; the charts stand in docs/speed.md."
+    (points.RESULTS / "speed_accuracy.md").write_text("\n\n".join([about, *tables]) + "\n")
 
 
 def run(flows: list[str], budget: float | None) -> None:
     """Every point of these flows without a result; with a larger budget also those that did not finish."""
-    for key, settings in all_points().items():
-        file = f"speed_accuracy_{settings['flow']}"
-        if settings["flow"] not in flows:
-            continue
-        known = points.read(file).get(key)
-        if budget and known and not known["finished"] and known["fate"] == "interrupted" and known["budget"] < budget:
-            points.forget(file, key)
-        points.run(__file__, file, {key: settings | ({"budget": budget} if budget else {})})
+
+    def stopped_early(known):
+        return bool(budget) and known["fate"] == "interrupted" and known["budget"] < budget
+
+    for flow in flows:
+        mine = {key: settings for key, settings in all_points().items() if settings["flow"] == flow}
+        more = {"budget": budget} if budget else {}
+        points.run(__file__, f"speed_accuracy_{flow}", {k: v | more for k, v in mine.items()}, stopped_early)
 
 
 if __name__ == "__main__":
-    words = sys.argv[1:]
-    limit = float(words.pop(words.index("--budget") + 1)) if "--budget" in words else None
-    words = [word for word in words if word != "--budget"]
-    if words[:1] == ["run"] and set(words[1:]) <= set(FLOWS):
-        run(words[1:] or list(FLOWS), limit)
-    elif words == ["draw"]:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("what", choices=("run", "draw", "point"))
+    parser.add_argument("names", nargs="*", help=f"flows, by default all: {', '.join(FLOWS)}")
+    parser.add_argument("--budget", type=float, help="CPU seconds that a point may take")
+    arguments = parser.parse_args()
+    if arguments.what == "run":
+        run(arguments.names or list(FLOWS), arguments.budget)
+    elif arguments.what == "draw":
         draw()
-    elif len(words) == 2 and words[0] == "point":
-        print(json.dumps(point(**json.loads(words[1]))))
     else:
-        sys.exit(__doc__)
+        print(json.dumps(point(**json.loads(arguments.names[0]))))

@@ -123,11 +123,14 @@ def judge(cell: dict) -> tuple[str, str]:
 
 def panel(axis, found, x, y, key_of):
     """One map: cells at the values x, y; empty where a cell has no result yet."""
+    from matplotlib.patches import Rectangle
+
     for i, a in enumerate(x):
         for j, b in enumerate(y):
             cell = found.get(key_of(a, b))
             verdict, text = judge(cell) if cell else (None, "")
-            axis.add_patch(plt_rectangle(i, j, COLOURS.get(verdict, "white")))
+            colour = COLOURS.get(verdict, "white")
+            axis.add_patch(Rectangle((i - 0.5, j - 0.5), 1, 1, facecolor=colour, edgecolor="white", linewidth=1.5))
             axis.text(i, j, text, ha="center", va="center", fontsize=7.5, color="w" if verdict == "fails" else "k")
     axis.set(xlim=(-0.5, len(x) - 0.5), ylim=(-0.5, len(y) - 0.5))
     axis.set_xticks(range(len(x)), [written(v) for v in x])
@@ -139,13 +142,7 @@ def written(value) -> str:
     return f"{value:g}" if value < 1e4 else f"$10^{{{round(np.log10(value))}}}$"
 
 
-def plt_rectangle(i, j, colour):
-    from matplotlib.patches import Rectangle
-
-    return Rectangle((i - 0.5, j - 0.5), 1, 1, facecolor=colour, edgecolor="white", linewidth=1.5)
-
-
-def finish(figure, path, title):
+def finish(figure, name, title):
     from matplotlib.patches import Patch
 
     labels = {
@@ -156,26 +153,22 @@ def finish(figure, path, title):
     handles = [Patch(color=COLOURS[key], label=label) for key, label in labels.items()]
     figure.legend(handles=handles, loc="outside lower center", ncols=3, frameon=False)
     figure.suptitle(title)
-    figure.savefig(path, dpi=110)
+    figure.savefig(points.FIGURES / name, dpi=110)
 
 
 def draw() -> None:
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
     found = points.read("stability_map")
-    rows = [
-        ((0.0, 1.0), (LITERAL, PRACTICE, NEWTONIAN, None)),
-        ((0.3, 1e3), (LITERAL, PRACTICE, BI_VISCOSITY, BINGHAM)),
-    ]
-    figure, axes = plt.subplots(2, 4, figsize=(13, 6.2), layout="constrained", sharex=True, sharey=True)
-    for line, ((bn, ratio), schemes) in zip(axes, rows, strict=True):
-        for axis, scheme in zip(line, schemes, strict=True):
-            if scheme is None:
-                axis.axis("off")
-                continue
+    draw_steps(found)
+    draw_yield(found)
+    points.put("stability.md", "stability_map", counted(found))
+
+
+def draw_steps(found) -> None:
+    """Diffusion and Courant number, without and with a yield value."""
+    figure, axes = points.pyplot().subplots(2, 4, figsize=(13, 6.2), layout="constrained", sharex=True, sharey=True)
+    rows = (0.0, 1.0, (LITERAL, PRACTICE, NEWTONIAN)), (0.3, 1e3, (LITERAL, PRACTICE, BI_VISCOSITY, BINGHAM))
+    for line, (bn, ratio, schemes) in zip(axes, rows, strict=True):
+        for axis, scheme in zip(line, schemes, strict=False):
             panel(axis, found, DIFFUSION, COURANT, lambda d, c, p=(bn, ratio, scheme): name(d, c, *p))
             law = f"Bn = {bn:g}" + (f", ratio {ratio:g}" if scheme != BINGHAM else "") if bn else "Newtonian"
             axis.set_title(f"{TITLES[scheme]}\n{law}", fontsize=9)
@@ -185,16 +178,17 @@ def draw() -> None:
         line[0].set_ylabel(r"Courant number $u\,\Delta t/l_0$")
     for axis in axes[1]:
         axis.set_xlabel(r"diffusion number $\nu\,\Delta t/l_0^2$")
+    axes[0, 3].axis("off")
     axes[0, 2].tick_params(labelbottom=True)
-    finish(
-        figure,
-        points.FIGURES / "stability_steps.png",
-        "Film on a slope after N steps of fixed length; red: exact limit of the explicit viscosity, unyielded",
-    )
-    plt.close(figure)
+    title = "Film on a slope after N steps of fixed length; red: exact limit of the explicit viscosity, unyielded"
+    finish(figure, "stability_steps.png", title)
 
+
+def draw_yield(found) -> None:
+    """Bingham number and viscosity ratio."""
     widths = [3.0 if scheme != BINGHAM else 1.7 for scheme, _ in YIELDING]
-    figure, axes = plt.subplots(1, 6, figsize=(13, 3.6), layout="constrained", sharey=True, width_ratios=widths)
+    settings = {"figsize": (13, 3.6), "layout": "constrained", "sharey": True, "width_ratios": widths}
+    figure, axes = points.pyplot().subplots(1, 6, **settings)
     for axis, (scheme, d) in zip(axes, YIELDING, strict=True):
         panel(axis, found, ratios(scheme), BINGHAM_NUMBERS, lambda r, b, p=(d, scheme): name(p[0], 0.2, b, r, p[1]))
         axis.set_title(f"{TITLES[scheme].replace(', ', ',' + chr(10), 1)}\n$D$ = {d:g}", fontsize=9)
@@ -203,26 +197,23 @@ def draw() -> None:
         else:
             axis.set_xlabel("unyielded over plastic viscosity")
     axes[0].set_ylabel(r"Bingham number $\tau_y/\tau_{wall}$")
-    finish(
-        figure,
-        points.FIGURES / "stability_yield.png",
-        r"The same film at Courant number 0.2, $D = \nu\,\Delta t/l_0^2$: yield value and viscosity ratio",
-    )
-    points.put("stability.md", "stability_map", counted(found))
+    title = r"The same film at Courant number 0.2, $D = \nu\,\Delta t/l_0^2$: yield value and viscosity ratio"
+    finish(figure, "stability_yield.png", title)
 
 
 def counted(found: dict[str, dict]) -> str:
     """How many cells of each scheme are stable, inaccurate or fail, and the ways of failing."""
-    lines = ["| scheme | cells | stable | inaccurate | fail | how they fail |", "|" + "---|" * 6]
-    for scheme in TITLES:
+    lines = []
+    for scheme, title in TITLES.items():
         verdicts = [judge(cell) for cell in found.values() if cell["scheme"] == scheme]
         ways = [text for verdict, text in verdicts if verdict == "fails"]
         how = ", ".join(f"{way} {ways.count(way)}" for way in sorted(set(ways)))
-        numbers = [sum(verdict == each for verdict, _ in verdicts) for each in COLOURS]
-        title = TITLES[scheme].replace("\n", " ")
-        lines.append(f"| {title} | {len(verdicts)} | {numbers[0]} | {numbers[1]} | {numbers[2]} | {how} |")
+        lines.append(
+            [title, len(verdicts), *(sum(verdict == each for verdict, _ in verdicts) for each in COLOURS), how]
+        )
     missing = len(cells()) - len(found)
-    return "\n".join(lines) + (f"\n\n{missing} cells have not been run yet." if missing else "")
+    text = points.table(["scheme", "cells", "stable", "inaccurate", "fail", "how they fail"], lines)
+    return text + (f"\n\n{missing} cells have not been run yet." if missing else "")
 
 
 if __name__ == "__main__":

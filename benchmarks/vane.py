@@ -21,7 +21,6 @@ PASTES = {  # yield stress [Pa], consistency [Pa s^n] and flow index of the sour
     "0.55-250": (16.44, 0.295, 1.413),
 }
 FINE = 0.001  # [m]
-RESULT = points.RESULTS / "vane.json"
 
 
 def measured(paste) -> list[tuple[float, float]]:
@@ -44,24 +43,19 @@ def cases() -> dict[str, dict]:
     return found
 
 
-def run() -> None:
+def point(**keywords) -> dict:
+    """One run to its end: the torques, read as the scene reads them."""
     import taichi_mps as mps
     from taichi_mps.problem import catalogue
 
     mps.init(threads=1)
-    results = json.loads(RESULT.read_text()) if RESULT.is_file() else {}
-    for name, keywords in cases().items():
-        if name in results:
-            continue
-        scene = catalogue.build("vane", **keywords)
-        sim, rows = mps.Simulation(scene), []
-        sim.each_step(lambda sim, rows=rows: rows.append((sim.time, sim.measures()["torque_N_m"])))
-        stopped_by = sim.run()
-        times, torques = np.array(rows).T
-        found = scene.over_time({"time_s": times, "torque_N_m": torques})
-        results[name] = found | {"stopped_by": stopped_by, "steps": sim.steps, "cpu_seconds": round(sim.cpu_seconds, 1)}
-        RESULT.write_text(json.dumps(results, indent=1) + "\n")
-        print(name, results[name], flush=True)
+    scene = catalogue.build("vane", **keywords)
+    sim, rows = mps.Simulation(scene), []
+    sim.each_step(lambda sim: rows.append((sim.time, sim.measures()["torque_N_m"])))
+    stopped_by = sim.run()
+    times, torques = np.array(rows).T
+    ran = {"stopped_by": stopped_by, "steps": sim.steps, "cpu_seconds": round(sim.cpu_seconds, 1)}
+    return scene.over_time({"time_s": times, "torque_N_m": torques}) | ran
 
 
 def factors(paste, results) -> tuple[list[float], np.ndarray, np.ndarray]:
@@ -72,25 +66,31 @@ def factors(paste, results) -> tuple[list[float], np.ndarray, np.ndarray]:
 
 
 def draw() -> None:
-    import matplotlib.pyplot as plt
-
-    results = json.loads(RESULT.read_text())
-    figure, axis = plt.subplots(figsize=(7.2, 4.6), layout="constrained")
-    lines = ["| paste | speeds [rpm] | measured over computed, mean | farthest from that mean |", "|---|---|---|---|"]
+    results, lines = points.read("vane"), []
+    figure, axis = points.pyplot().subplots(figsize=(7.2, 4.6), layout="constrained")
     for paste, colour in zip(PASTES, ("#0072B2", "#D55E00"), strict=True):
         speeds, torques, ratio = factors(paste, results)
         mean = float(ratio.mean())
         apart = 100.0 * (ratio / mean - 1.0)
         ends = f"{apart.min():+.0f} and {apart.max():+.0f} %"
-        lines.append(f"| {paste} | {min(speeds):g} to {max(speeds):g} | {mean:.2f} | {ends} |")
+        lines.append([paste, f"{min(speeds):g} to {max(speeds):g}", f"{mean:.2f}", ends])
         axis.plot(speeds, 1e3 * torques, "o", color=colour, label=f"{paste}, measured")
         axis.plot(speeds, 1e3 * mean * torques / ratio, "-", color=colour, label=f"computed, times {mean:.2f}")
     axis.set(xscale="log", yscale="log", xlabel="turns a minute", ylabel="torque [mN m]")
     axis.grid(alpha=0.3, which="both", lw=0.5)
     axis.legend(frameon=False)
     figure.savefig(points.FIGURES / "vane.png", dpi=110)
-    points.put("scenes/vane.md", "vane", "\n".join(lines))
+    head = ["paste", "speeds [rpm]", "measured over computed, mean", "farthest from that mean"]
+    points.put("scenes/vane.md", "vane", points.table(head, lines))
 
 
 if __name__ == "__main__":
-    {"run": run, "draw": draw}[sys.argv[1]]()
+    what, *settings = sys.argv[1:] or ["help"]
+    if what == "run":
+        points.run(__file__, "vane", cases())
+    elif what == "draw":
+        draw()
+    elif what == "point":
+        print(json.dumps(point(**json.loads(settings[0]))))
+    else:
+        sys.exit(__doc__)

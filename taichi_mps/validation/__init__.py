@@ -1,18 +1,20 @@
 """The validation table: cases with an exact or independent answer, run and judged by ``taichi-mps validate``.
 
-A row is a function that runs one case and yields what it measured, each beside its target. Rows stand in ``flows.py``,
-``curved.py``, ``slumps.py``, ``standing.py``, ``fluids.py``, ``vortices.py`` and ``rational.py``, and make their
-simulations by ``scheme.simulate``. ``table.py`` runs them, each in a process of its own. No target is set here that
-was taken from what the engine does. Read flows.py first.
+``cases.py`` is the table: each row names its case, its reference and the function that runs it, with its settings. A
+function gives what it measured, each number beside its target. They stand by subject in ``flows.py`` (plane flows),
+``curved.py``, ``slumps.py``, ``standing.py``, ``fluids.py`` and ``vortices.py``, and run scenes by ``scheme.py``;
+``table.py`` runs the rows, each in a process of its own. No target is set here that was taken from what the engine
+does. Read cases.py first.
 """
 
 import csv
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
+
 REFERENCE = Path(__file__).parent / "reference"
-ROWS: dict[str, "Row"] = {}
 L2_ERROR, SLUMP_ERROR = "L2 error of the velocity [-]", "largest error of the slump [mm]"
 
 
@@ -31,39 +33,35 @@ class Measured:
 
 
 @dataclass(frozen=True)
-class Series:
-    """Points of a curve of the convergence chart, at one spacing or more: L2_ERROR against particles across, or
-    SLUMP_ERROR against the spacing [mm]."""
-
-    quantity: str
-    curve: str
-    x: tuple[float, ...]
-    y: tuple[float, ...]
-
-
-@dataclass(frozen=True)
 class Row:
     """One case of the table."""
 
     name: str
     case: str  # what flows
     reference: str  # where the right answer comes from
-    quick: bool  # belongs to --quick and to the test suite
-    run: Callable  # yields Measured, and Series
+    function: Callable  # of the settings: gives Measured, and dicts, which are points of viz.plots.convergence
+    settings: dict = field(default_factory=dict)
+    quick: bool = False  # belongs to --quick and to the default test suite
 
-
-def row(case: str, reference: str, quick: bool = False, name: str | None = None):
-    """Register a generator of Measured and Series as a row named like the function, or ``name``."""
-
-    def register(function):
-        known = name or function.__name__
-        ROWS[known] = Row(known, case, reference, quick, function)
-        return function
-
-    return register
+    def run(self):
+        return self.function(**self.settings)
 
 
 def read_reference(name: str) -> list[dict[str, str]]:
     """Rows of a reference CSV by column name; comment lines start with #."""
     with open(REFERENCE / name, newline="", encoding="utf-8") as file:
         return list(csv.DictReader(line for line in file if not line.startswith("#")))
+
+
+def columns(name: str, **wanted) -> dict[str, np.ndarray]:
+    """Columns of a reference CSV as arrays, of the rows with these texts or numbers in some columns."""
+    rows = [r for r in read_reference(name) if all(type(value)(r[key]) == value for key, value in wanted.items())]
+    return {key: as_array([r[key] for r in rows]) for key in rows[0]}
+
+
+def as_array(texts: list[str]) -> np.ndarray:
+    """Numbers, or texts where one of them is no number; nan where there is nothing."""
+    try:
+        return np.array([float(text or "nan") for text in texts])
+    except ValueError:
+        return np.array(texts)

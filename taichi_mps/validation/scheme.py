@@ -1,7 +1,8 @@
-"""The scheme that a table is made with: rows make their simulations by ``simulate``, whatever it is."""
+"""The scheme that a table is made with, and how its rows run their scenes with it, whatever it is."""
 
 import time
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 
@@ -11,17 +12,9 @@ from ..problem.numerics import NUMERICS
 
 LAYERS = 3  # of wall particles behind a wall, as in the paper
 
-
-class BudgetError(RuntimeError):
-    """A row has spent the CPU time it was given."""
-
-
-class Setting:
-    """What the rows of this process run with: the scheme, and the CPU time a row may take [s], None for any."""
-
-    scheme = "implicit"
-    budget: float | None = None
-    begin = 0.0  # CPU time of the process when the row began [s]
+# What the rows of this process run with: the scheme, the CPU time a row may take [s], None for any, and the CPU time of
+# the process when the row began [s].
+Setting = SimpleNamespace(scheme="implicit", budget=None, begin=0.0)
 
 
 def simulate(scene: mps.Scene, max_time_step: float | None = None):
@@ -30,7 +23,7 @@ def simulate(scene: mps.Scene, max_time_step: float | None = None):
     numerics = NUMERICS[Setting.scheme]
     caps = [step for step in (numerics().max_time_step, max_time_step) if step is not None]
     bare = scene.walls and scene.wall_particles is None
-    if Setting.scheme == "semi-implicit" and bare and all(normal_to_an_axis(wall) for wall in scene.walls):
+    if Setting.scheme == "semi-implicit" and bare and all(map(is_normal_to_an_axis, scene.walls)):
         scene = with_wall_particles(scene)
     sim = mps.Simulation(scene, numerics(max_time_step=min(caps, default=None)))
     if Setting.budget is not None:
@@ -38,17 +31,42 @@ def simulate(scene: mps.Scene, max_time_step: float | None = None):
     return sim
 
 
+def run(scene: mps.Scene, until: float | None = None, max_time_step: float | None = None):
+    """The Simulation of ``scene`` at ``until`` [s], or at the end of the scene."""
+    sim = simulate(scene, max_time_step)
+    sim.run(until)
+    return sim
+
+
+def record(scene: mps.Scene, read, interval: float | None = None, until=None, max_time_step=None, after=-1.0):
+    """The Simulation at its end, the times [s] at which ``read`` (of the simulation) was called, and what it gave:
+    every ``interval`` [s], or after every step; later than ``after`` [s]."""
+    sim, found = simulate(scene, max_time_step), []
+
+    def note(s):
+        if s.time > after:
+            found.append((s.time, read(s)))
+
+    if interval:
+        sim.every(interval, note)
+    else:
+        sim.each_step(note)
+    sim.run(until)
+    times, values = zip(*found, strict=True)
+    return sim, np.array(times), np.array(values)
+
+
 def stop_beyond_budget(sim) -> None:
-    """Raises BudgetError when the row has spent its CPU time; says where, and what a simulated second costs."""
+    """Raises TimeoutError when the row has spent its CPU time; says where, and what a simulated second costs."""
     spent = time.process_time() - Setting.begin
     if spent > Setting.budget:
         hours = sim.cpu_seconds / 3600.0 / sim.time  # without compiling
-        raise BudgetError(
+        raise TimeoutError(
             f"at t = {sim.time:.3g} s: {Setting.budget:g} CPU-s spent ({hours:.2g} CPU-h for each simulated second)"
         )
 
 
-def normal_to_an_axis(wall) -> bool:
+def is_normal_to_an_axis(wall) -> bool:
     return isinstance(wall, mps.Plane) and np.count_nonzero(wall.normal) == 1
 
 

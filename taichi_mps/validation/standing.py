@@ -1,7 +1,7 @@
-"""Rows of a body that must stand: the slump at which the finite elements with inertia arrested, filled with particles.
+"""Bodies that stand or flow: the yield stress at which a column stands, and arrested slumps, which must stand.
 
 A body that fell into its shape stands below its own yield stress, too: inertia carried it farther than its weight
-would. How far below follows from the finite elements without inertia: ``static_limit``. So it must stand at its yield
+would. How far below follows from the finite elements without inertia: STATIC_LIMITS. So it must stand at its yield
 value and at 1.05 of that limit, and flow at 0.95 of it.
 """
 
@@ -11,13 +11,57 @@ import numpy as np
 
 import taichi_mps as mps
 
-from . import Measured, read_reference, row
-from .slumps import INERTIAL, INERTIALESS, cone, final_shape, follow, inertial
+from . import Measured, columns
+from .scheme import run
+from .slumps import DENSITY, GRAVITY, final_shape
 
-SPACING = 0.01  # [m]
-REFERENCE = f"{INERTIAL}: it stands at tau_y; {INERTIALESS}: below which it flows"
+SPACING = 0.01  # of arrested slumps [m]
+HEIGHT, CREEP = 0.3, 1e-3  # m; m/s: a column whose top sinks slower after 0.3 s stands (2.5e-5 rho g H^2/eta)
+
+# Yield stress, over that of a body that arrested with inertia, of the bodies that come to rest without inertia with its
+# slump, and with its spread, in the mean (they differ by 3 %): A_fe_slump_abrams_final.csv, the finest of each, as a
+# polynomial of third degree in log tau_y, at the arrested values of A_fe_inertial_slump_summary.csv. By tau_y [Pa].
+STATIC_LIMITS = {300.0: 0.9836680671798499, 500.0: 0.8760153726353327, 1000.0: 0.8432992842655787}
 
 
+# ---- columns ---------------------------------------------------------------------------------------------------
+def top_speed(solid, across, b) -> float:
+    """Downward speed [m/s] of the top within H/10 of the axis 0.3 s after release; b = tau_y/(rho g H), 50 Pa s."""
+    spacing = HEIGHT / across
+    x = mps.fill(solid, spacing)
+    d = x.shape[1]
+    scene = mps.Scene(
+        name="column",
+        material=mps.Bingham(density=DENSITY, plastic_viscosity=50.0, yield_value=b * DENSITY * GRAVITY * HEIGHT),
+        spacing=spacing,
+        fluid=x,
+        walls=(mps.Plane((0.0,) * d, (0.0,) * (d - 1) + (1.0,)),),
+        domain=((-0.5,) * (d - 1) + (-0.02,), (0.5,) * (d - 1) + (0.4,)),
+    )
+    top = (np.linalg.norm(x[:, :-1], axis=1) < 0.1 * HEIGHT) & (x[:, -1] > HEIGHT - 1.5 * spacing)
+    return float(-run(scene, 0.3).snapshot().u[top, -1].mean())
+
+
+def threshold(reference, solid, across):
+    """Critical b by four bisections of +-15 % about the middle of the reference's bracket (so to 1 %)."""
+    known = columns("B_fe_initial_velocity_threshold.csv", case=reference)
+    moving = known["v_max"] > 1e-6
+    flows, stands = float(known["B"][moving].max()), float(known["B"][~moving].min())
+    middle = 0.5 * (flows + stands)
+    low, high = 0.85 * middle, 1.15 * middle
+    for _ in range(4):
+        b = 0.5 * (low + high)
+        low, high = (b, high) if top_speed(solid, across, b) > CREEP else (low, b)
+    found = 0.5 * (low + high)
+    what = f"critical tau_y/(rho g H) {found:.3f} from the middle of {flows:g} to {stands:g}, relative"
+    outside = max(0.0, flows - found, found - stands) / middle
+    return [
+        Measured(what, found / middle - 1.0, 0.05),
+        Measured("the same: outside the reference's bracket by, relative", outside, 0.05),
+    ]
+
+
+# ---- arrested slumps -------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class Revolved:
     """The body of revolution under a curve (r, z) [m] that ends on the axis, on the floor z = 0."""
@@ -37,22 +81,6 @@ class Revolved:
         between = (z0 <= z) != (z1 <= z)
         rise = np.where(z1 == z0, 1.0, z1 - z0)
         return (between & (r < r0 + (z - z0) / rise * (r1 - r0))).sum(1) % 2 == 1
-
-
-def static_limit(tau_y: float) -> float:
-    """Share of tau_y [-] below which a body that arrested with inertia flows: the yield stress, over tau_y, of the body
-    that comes to rest without inertia with this slump, and of that with this spread, in the mean. They differ by 3 %.
-
-    Between the references at 100, 300, 500 and 1000 Pa a polynomial of third degree in log tau_y."""
-    runs = {float(r["tau0_Pa"]): r for r in read_reference("A_fe_slump_abrams_final.csv")}  # the finest of each
-    known = [tau for tau in sorted(runs) if tau >= 100.0]
-    arrested = next(r for r in inertial("summary", tau_y, "A", 0.0) if r["kind"] == "final(arrest)")
-    of_all = np.linspace(np.log(known[0]), np.log(known[-1]), 10_001)
-    shares = []
-    for still, fallen in (("slump_mm", "slump_mm"), ("spread_diam_mm", "spread_mm")):
-        curve = np.polyval(np.polyfit(np.log(known), [float(runs[tau][still]) for tau in known], 3), of_all)
-        shares.append(np.exp(of_all[np.argmin(np.abs(curve - float(arrested[fallen])))]) / tau_y)
-    return float(np.mean(shares))
 
 
 def jittered(body, size: float) -> np.ndarray:
@@ -89,41 +117,21 @@ def relaxed(body) -> np.ndarray:
 def sinking(particles, yield_value: float) -> float:
     """How far the top sinks in 1 s [m]: the mean of the particles that start within 40 mm of the axis and 1.5 l0 of the
     highest one."""
-    scene = cone(yield_value=yield_value, plastic_viscosity=50.0, spacing=SPACING, until=1.0)
-    sim, _, _ = follow(replace(scene, fluid=particles, stop_at_rest=False))
+    scene = mps.slump_cone(yield_value=yield_value, plastic_viscosity=50.0, spacing=SPACING, until=1.0)
+    sim = run(replace(scene, fluid=particles, stop_at_rest=False))
     x, y, z = particles.T
     top = (np.hypot(x, y) < 0.04) & (z > z.max() - 1.5 * SPACING)
     return float((z - sim.snapshot().x[:, 2])[top].mean())
 
 
-def standing(tau_y: float, fill):
-    """The arrested body of tau_y [Pa] in 1 s: at tau_y and 5 % above its static limit it stands, 5 % below it flows."""
-    particles = fill(Revolved(final_shape(tau_y), mps.Cone(0.1, 0.05, 0.3).volume))
-    limit = static_limit(tau_y)
-    for share in (1.0, 1.05 * limit):
-        if share <= 1.0:
-            sunk = sinking(particles, share * tau_y)
-            yield Measured(f"{tau_y:g} Pa at {share:.2f} of it: sinking of the top in 1 s", 1e3 * sunk, 1.0, "mm")
-    sunk = sinking(particles, 0.95 * limit * tau_y)
-    name = f"{tau_y:g} Pa at {0.95 * limit:.2f} of it: 1 mm / sinking of the top in 1 s (flows if under 1)"
-    yield Measured(name, 1e-3 / max(sunk, 1e-9), 1.0)
-
-
-@row("arrested slumps, filled with a lattice", REFERENCE)
-def standing_ordered():
-    for tau_y in (300.0, 500.0, 1000.0):
-        yield from standing(tau_y, lambda body: jittered(body, 0.0))
-
-
-@row("arrested slumps, filled with disordered particles at even distances", REFERENCE)
-def standing_disordered():
-    for tau_y in (300.0, 500.0, 1000.0):
-        yield from standing(tau_y, relaxed)
-
-
-@row("arrested slumps, filled with a lattice jittered by 0.3 l0", f"{INERTIAL}: it stands at tau_y")
-def standing_jittered():
-    for tau_y in (300.0, 500.0, 1000.0):
-        body = Revolved(final_shape(tau_y), mps.Cone(0.1, 0.05, 0.3).volume)
-        sunk = sinking(jittered(body, 0.3), tau_y)
-        yield Measured(f"{tau_y:g} Pa: sinking of the top in 1 s", 1e3 * sunk, 1.0, "mm")
+def arrested(fill, below=True, **settings):
+    """Arrested bodies, filled by a function of the body, in 1 s: at tau_y and 5 % above the static limit they stand;
+    ``below``: 5 % below it they flow."""
+    for tau_y, limit in STATIC_LIMITS.items():
+        particles = fill(Revolved(final_shape(tau_y), mps.Cone(0.1, 0.05, HEIGHT).volume), **settings)
+        for share in (1.0, 1.05 * limit) if below and 1.05 * limit <= 1.0 else (1.0,):
+            name = f"{tau_y:g} Pa at {share:.2f} of it" if below else f"{tau_y:g} Pa"
+            yield Measured(f"{name}: sinking of the top in 1 s", 1e3 * sinking(particles, share * tau_y), 1.0, "mm")
+        if below:
+            name = f"{tau_y:g} Pa at {0.95 * limit:.2f} of it: 1 mm / sinking of the top in 1 s (flows if under 1)"
+            yield Measured(name, 1e-3 / max(sinking(particles, 0.95 * limit * tau_y), 1e-9), 1.0)

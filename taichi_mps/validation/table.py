@@ -10,12 +10,12 @@ from pathlib import Path
 
 from ..problem.numerics import NUMERICS
 from ..units import SceneError, suggestion
-from . import L2_ERROR, ROWS, SLUMP_ERROR, Measured, Series, curved, flows, fluids, rational, slumps, standing, vortices
-from .scheme import BudgetError, Setting
-
-WITH_ROWS = curved, flows, fluids, rational, slumps, standing, vortices  # each registers its own when it is imported
+from . import L2_ERROR, SLUMP_ERROR, Measured
+from .cases import ROWS
+from .scheme import Setting
 
 PANELS = {L2_ERROR: ("particles across", -1), SLUMP_ERROR: ("spacing [mm]", 1)}  # x axis, sign of the slope there
+VERDICTS = {True: "met", False: "**missed**"}
 BEGIN, END = "<!-- written by taichi-mps validate -->", "<!-- end of taichi-mps validate -->"
 
 
@@ -26,31 +26,27 @@ def run_row(name: str, scheme: str = "implicit", budget: float | None = None) ->
     import taichi_mps as mps
 
     mps.init(threads=1)
-    begin = time.perf_counter()
+    begin, numbers, series, error = time.perf_counter(), [], [], None
     Setting.scheme, Setting.budget, Setting.begin = scheme, budget, time.process_time()
-    row, numbers, series, error = ROWS[name], [], [], None
     try:
-        for item in row.run():
-            if isinstance(item, Series):
-                series.append(asdict(item))
-            else:
+        for item in ROWS[name].run():
+            if isinstance(item, Measured):
                 numbers.append(asdict(item) | {"value": float(item.value), "met": item.met})
+            else:
+                series.append(item)
     except SceneError as refusal:
         error = f"not run: {refusal}".split(";")[0]
-    except (mps.DivergedError, BudgetError) as failure:
+    except (mps.DivergedError, TimeoutError) as failure:
         error = str(failure).split(";")[0]  # without the remedy
-    except AssertionError as failure:
-        error = f"AssertionError: {failure}"
-    return {
-        "row": name,
-        "case": row.case,
-        "reference": row.reference,
-        "numbers": numbers,
-        "series": series,
-        "error": error,
-        "cpu_seconds": round(time.process_time() - Setting.begin, 1),
-        "wall_seconds": round(time.perf_counter() - begin, 1),
-    }
+    spent, wall = time.process_time() - Setting.begin, time.perf_counter() - begin
+    return result(name, error, numbers, series, round(spent, 1), round(wall, 1))
+
+
+def result(name: str, error: str | None, numbers=(), series=(), cpu_seconds=0.0, wall_seconds=0.0) -> dict:
+    """What is kept of a row, JSON-ready."""
+    facts = {"row": name, "case": ROWS[name].case, "reference": ROWS[name].reference}
+    found = {"numbers": list(numbers), "series": list(series), "error": error}
+    return facts | found | {"cpu_seconds": cpu_seconds, "wall_seconds": wall_seconds}
 
 
 def run_apart(name: str, scheme: str = "implicit", budget: float | None = None) -> dict:
@@ -60,10 +56,7 @@ def run_apart(name: str, scheme: str = "implicit", budget: float | None = None) 
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     if done.returncode == 0:
         return json.loads(done.stdout.splitlines()[-1])
-    lines = done.stderr.strip().splitlines() or [f"exit code {done.returncode}"]
-    row = ROWS[name]
-    return {"row": name, "case": row.case, "reference": row.reference, "numbers": [], "series": [],
-            "error": lines[-1], "cpu_seconds": 0.0, "wall_seconds": 0.0}  # fmt: skip
+    return result(name, (done.stderr.strip().splitlines() or [f"exit code {done.returncode}"])[-1])
 
 
 def run_table(
@@ -124,64 +117,61 @@ def markdown(results: dict[str, dict], others: dict[str, dict] | None = None) ->
     """The table of results by row: case, reference, quantity, measured, target, met or missed, CPU seconds; beside it
     what the paper's scheme measured (``others``), if there is any."""
     others = others or {}
-    head = "| case | reference | quantity | measured | target | | CPU-s |" + " semi-implicit | CPU-s |" * bool(others)
-    lines = [head, "|" + "---|" * (9 if others else 7)]
-    for name in [name for name in ROWS if name in results or name in others]:
-        result, other = results.get(name), others.get(name)
-        either = result or other
-        left, right = (numbers_of(each) for each in (result, other))
-        first, seconds = f"| {either['case']} | {either['reference']} ", [cpu(each) for each in (result, other)]
-        for item, their in zip_longest(left, right):
-            cell = "" if their is None else beside(their, item)
-            lines.append(
-                first + line_of(item, their) + f"| {seconds[0]} |" + f" {cell} | {seconds[1]} |" * bool(others)
-            )
-            first, seconds = "| | ", ["", ""]
+    head = ["case", "reference", "quantity", "measured", "target", "", "CPU-s"]
+    head += ["semi-implicit", "CPU-s"] if others else []
+    lines = [line(head), "|" + "---|" * len(head)]
+    for name in ROWS:
+        if name in results or name in others:
+            lines += [line(cells[: len(head)]) for cells in cells_of(results.get(name), others.get(name))]
     lines.append("\n" + count(results))
     if others:
         lines.append(f"\nScheme `semi-implicit`: {count(others)}")
     return "\n".join(lines)
 
 
-def numbers_of(result: dict | None) -> list[Measured | str]:
-    """The numbers of a result, then the text of what ended it early."""
+def line(cells: list[str]) -> str:
+    return "| " + " | ".join(cells) + " |"
+
+
+def cells_of(result: dict | None, other: dict | None):
+    """The cells of the lines of a row, of which one or both schemes have a result."""
+    first = [(result or other)["case"], (result or other)["reference"]]
+    seconds = [f"{each['cpu_seconds']:.0f}" if each else "" for each in (result, other)]
+    for mine, their in zip_longest(numbers_of(result), numbers_of(other), fillvalue={}):
+        yield [*first, *told(mine, their), seconds[0], told_beside(their, mine), seconds[1]]
+        first = seconds = ["", ""]
+
+
+def numbers_of(result: dict | None) -> list[dict]:
+    """The numbers of a result, then what ended it early."""
     if result is None:
         return []
-    keys = ("quantity", "value", "target", "unit")
-    numbers = [Measured(**{key: item[key] for key in keys}) for item in result["numbers"]]
-    return numbers + [result["error"]] * bool(result["error"])
+    return result["numbers"] + [{"error": result["error"]}] * bool(result["error"])
 
 
-def line_of(item, their) -> str:
+def told(mine: dict, their: dict) -> list[str]:
     """Quantity, measured, target, verdict; where only the other scheme has a number, what that is."""
-    if isinstance(item, str):
-        return f"| - | - | - | **failed**: {item} "
-    known = item or their
-    if not isinstance(known, Measured):
-        return "| - | - | - | - "
-    value, verdict = (written(item), "met" if item.met else "**missed**") if item else ("-", "-")
-    return f"| {known.quantity} | {value} | <= {known.target:.3g}{unit_of(known)} | {verdict} "
+    if "error" in mine:
+        return ["-", "-", "-", f"**failed**: {mine['error']}"]
+    known = mine or their
+    if "value" not in known:
+        return ["-"] * 4
+    value, verdict = (written(mine, "value"), VERDICTS[mine["met"]]) if mine else ("-", "-")
+    return [known["quantity"], value, f"<= {written(known, 'target')}", verdict]
 
 
-def beside(their: Measured | str, item) -> str:
+def told_beside(their: dict, mine: dict) -> str:
     """The other scheme's number, with its own name where that differs (at rest, at 0.4 s); of what ended it, the text
     before its reason, which its JSON keeps."""
-    if isinstance(their, str):
-        return their.split(":")[0]
-    same = not isinstance(item, Measured) or item.quantity == their.quantity
-    return f"{written(their)}{'' if same else f' ({their.quantity})'}, {'met' if their.met else '**missed**'}"
+    if "value" not in their:
+        return their.get("error", "").split(":")[0]
+    named = their["quantity"]
+    other_name = "" if mine.get("quantity", named) == named else f" ({named})"
+    return f"{written(their, 'value')}{other_name}, {VERDICTS[their['met']]}"
 
 
-def written(item: Measured) -> str:
-    return f"{item.value:.3g}{unit_of(item)}"
-
-
-def unit_of(item: Measured) -> str:
-    return "" if item.unit == "-" else f" {item.unit}"
-
-
-def cpu(result: dict | None) -> str:
-    return "" if result is None else f"{result['cpu_seconds']:.0f}"
+def written(item: dict, key: str) -> str:
+    return f"{item[key]:.3g}" + ("" if item["unit"] == "-" else f" {item['unit']}")
 
 
 def count(results: dict[str, dict]) -> str:

@@ -15,6 +15,7 @@ import taichi_mps as mps
 from taichi_mps.problem import catalogue
 from taichi_mps.study import case as cases
 from taichi_mps.validation import flows
+from taichi_mps.validation.scheme import simulate
 
 REFERENCE = Path(__file__).parents[1] / "reference" / "B_poiseuille_bingham_biviscosity.csv"
 DENSITY, DEPTH = 2300.0, 0.1
@@ -186,7 +187,7 @@ def test_a_channel_that_stops_hardly_goes_back():
 
     material = mps.Bingham(density=DENSITY, plastic_viscosity=flows.ETA, yield_value=tau_y)
     step = 0.01 * stop * unit
-    sim = flows.between_walls(half / 5, 2 * half, material, None, start=developed, max_time_step=step)
+    sim = simulate(flows.between_walls(half / 5, 2 * half, material, start=developed), step)
     assert step < 0.05 * sim.scheme.constants.natural_step
     mean = []
     sim.each_step(lambda s: mean.append(s.snapshot().u[:, 0].mean() / speed))

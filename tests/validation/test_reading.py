@@ -1,11 +1,10 @@
-"""What the rows of cavities read off the particles: of known fields, put on particles, it must come back."""
+"""What rows read off particles comes back from known fields; the closed forms are those of the references."""
 
 import numpy as np
 import pytest
 
-from taichi_mps.validation.fits import fitted
-from taichi_mps.validation.fluids import columns
-from taichi_mps.validation.vortices import stream_function
+from taichi_mps.validation import columns, curved, flows
+from taichi_mps.validation.vortices import fitted, stream_function
 
 ACROSS = 40
 
@@ -27,19 +26,6 @@ def test_a_parabola_is_read_exactly(jitter):
     assert fitted(places, x, field(x), 1.0 / ACROSS) == pytest.approx(field(places), rel=1e-9)
 
 
-def test_the_profile_of_a_cavity_is_read_to_a_tenth_of_a_per_cent():
-    """The reference's own profile on the particles; its thin layer under the lid is what a mean would smooth."""
-    from scipy.interpolate import CubicSpline
-
-    known = columns("C_lid_cavity_ghia.csv", Re="400", component="u(x=0.5 y)")
-    order = np.argsort(known["position"])
-    profile = CubicSpline(known["position"][order], known["own"][order])
-    y = known["position"][(known["position"] > 0.5 / ACROSS) & (known["position"] < 1 - 0.5 / ACROSS)]
-    x = particles(0.2)
-    read = fitted(np.column_stack([np.full(len(y), 0.5), y]), x, profile(x[:, 1]), 1.0 / ACROSS)
-    assert np.sqrt(np.mean((read - profile(y)) ** 2)) < 1e-3
-
-
 @pytest.mark.parametrize("power", [2, 8])
 def test_the_stream_function_of_a_known_flow(power):
     """psi = (y^2 - y^(power + 2)) sin^2(pi x)/power, the lid's speed -psi_y at the middle 1: the larger the power, the
@@ -58,11 +44,24 @@ def test_the_stream_function_of_a_known_flow(power):
     assert found.max() == pytest.approx(exact.max(), rel=3e-3)
 
 
-@pytest.mark.parametrize("bingham_number", ("2", "5", "10", "20", "50"))
-def test_the_references_of_the_bingham_cavity_agree_on_two_grids(bingham_number):
+def test_the_references_of_the_bingham_cavity_agree_on_two_grids():
     """To a tenth of what the case allows: its targets are 2 % to Bn = 10 and 4 % above."""
-    coarse, fine = (columns("B_bingham_cavity_vortex.csv", n=n, Bn=bingham_number) for n in ("32", "40"))
-    tenth = 0.002 if float(bingham_number) <= 10.0 else 0.004
-    assert len(coarse["psi"]) == len(fine["psi"]) == 1
-    for key in ("psi", "yc"):
-        assert coarse[key] == pytest.approx(fine[key], rel=tenth)
+    for bingham_number in (2.0, 5.0, 10.0, 20.0, 50.0):
+        coarse, fine = (columns("B_bingham_cavity_vortex.csv", n=n, Bn=bingham_number) for n in (32.0, 40.0))
+        for key in ("psi", "yc"):
+            assert coarse[key] == pytest.approx(fine[key], rel=0.002 if bingham_number <= 10.0 else 0.004)
+
+
+def test_closed_forms_are_those_of_the_references():
+    """The bi-viscous channel, and pipe and circular Couette flow of 50 Pa s."""
+    known = columns("B_poiseuille_bingham_biviscosity.csv")
+    for eta, tau_y, knee_rate, weight, y, _, u, *_ in zip(*known.values(), strict=True):
+        ours = flows.profile(np.array(0.05 - abs(y)), weight, eta, tau_y, 0.05, knee_rate)
+        assert ours == pytest.approx(u, rel=1e-4, abs=1e-9)
+    for tau_y, push in ((100.0, 8000.0), (100.0, 20000.0)):
+        known = columns("B_pipe_buckingham_reiner.csv", **{"mu_Pas": curved.ETA, "ty_Pa": tau_y, "G_Pa/m": push})
+        assert curved.pipe_profile(known["r_m"], push, tau_y) == pytest.approx(known["u_m/s"], abs=1e-6)
+    for tau_y, turn in ((100.0, 1.0), (100.0, 5.0)):
+        known = columns("B_taylor_couette.csv", mu_Pas=curved.ETA, ty_Pa=tau_y, Omega=turn)
+        ours = curved.couette_profile(known["r_m"], turn, tau_y)
+        assert ours == pytest.approx(known["utheta_m/s"], abs=1e-4 * curved.RADIUS * turn)
