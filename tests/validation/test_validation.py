@@ -11,7 +11,7 @@ import taichi_mps as mps
 from taichi_mps.cli.main import main
 from taichi_mps.problem import catalogue
 from taichi_mps.runtime import backend
-from taichi_mps.validation import SLUMP_ERROR, Measured, flows, standing, table
+from taichi_mps.validation import SLUMP_ERROR, Measured, cases, flows, standing, table
 from taichi_mps.validation.scheme import Setting, simulate
 from taichi_mps.viz import plots
 from tests.support.inside import find
@@ -41,7 +41,7 @@ MISSED = {
 }
 
 
-def cases():
+def rows():
     """Quick rows in the default suite, the cheapest of the others with ``slow``."""
     yield from (("implicit", name) for name, row in ROWS.items() if row.quick)
     for scheme, names in (("implicit", CHEAPEST), ("semi-implicit", CHEAPEST_OF_THE_PAPERS)):
@@ -56,7 +56,7 @@ def setting(monkeypatch):
     return Setting
 
 
-@pytest.mark.parametrize(("scheme", "name"), list(cases()))
+@pytest.mark.parametrize(("scheme", "name"), list(rows()))
 def test_a_row_meets_its_targets_but_for_what_is_known_to_miss(scheme, name, setting):
     """Neither more nor less is missed than MISSED names; compiled and run as by `taichi-mps validate`."""
     result = table.run_row(name, scheme)
@@ -70,7 +70,7 @@ def test_a_row_meets_its_targets_but_for_what_is_known_to_miss(scheme, name, set
 
 def test_kept_results_are_of_rows_of_the_table():
     """Their case and reference are those of the rows; no two rows have the same name."""
-    assert len(ROWS) == len(table.cases.TABLE)
+    assert len(ROWS) == len(cases.TABLE)
     for file in RESULTS.glob("validate_*.json"):
         kept = json.loads(file.read_text(encoding="utf-8"))
         row = ROWS[kept["row"]]
