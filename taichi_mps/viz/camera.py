@@ -1,10 +1,6 @@
-"""The camera that all painters share, and their light."""
+"""The pinhole camera of the pictures, and of the lights that cast shadows."""
 
 import numpy as np
-
-PAPER = (0.955, 0.96, 0.965)  # background colour
-SUN = np.array((0.45, -0.6, 0.72))  # where its light goes: right, up, away from the eye
-SUN_TEXELS, SKY_TEXELS = 256, 72  # of the sides of the shadow maps of the sun and of the sky
 
 
 class Camera:
@@ -30,13 +26,17 @@ class Camera:
         self.eye = np.array([x, y, z]) @ self.axes
         self.middle = np.mean([np.min(points, 0), np.max(points, 0)], 0)
 
-    def matrix(self, origin, scale=1):
-        """(3, 4) matrix from points relative to ``origin`` to (column depth, row depth, depth), pixels 1/scale."""
-        f = self.focal * scale
-        lens = np.array([[f, 0, 0.5 * self.width * scale], [0, -f, 0.5 * self.height * scale], [0, 0, 1]])
-        return lens @ np.column_stack([self.axes, self.axes @ (origin - self.eye)])
+    def seen(self, points):
+        """World points (n, 3) in the axes of the picture: to the right, down, ahead [m]."""
+        return (np.asarray(points, float) - self.eye) @ (self.axes * [[1.0], [-1.0], [1.0]]).T
 
-    def project(self, points):
-        """Columns, rows and depths of world points [m] (n, 3)."""
-        q = np.asarray(points, float) @ self.matrix(np.zeros(3))[:, :3].T + self.matrix(np.zeros(3))[:, 3]
-        return np.column_stack([q[:, :2] / q[:, 2:], q[:, 2]])
+    def project(self, points, scale=1):
+        """Columns, rows and depths [m] of world points (n, 3), in pixels of 1/scale."""
+        x, y, z = self.seen(points).T
+        across, down = (0.5 * size + self.focal * a / z for size, a in ((self.width, x), (self.height, y)))
+        return np.column_stack([scale * across, scale * down, z])
+
+    def rays(self, columns, rows):
+        """World directions (..., 3) to places in the picture, of depth 1."""
+        across, down = (columns - 0.5 * self.width) / self.focal, (rows - 0.5 * self.height) / self.focal
+        return across[..., None] * self.axes[0] - down[..., None] * self.axes[1] + self.axes[2]

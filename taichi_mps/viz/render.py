@@ -1,8 +1,8 @@
 """Pictures of a run. Layer 4: it reads scenes and snapshots, the numerics never see it.
 
-The smooth surface of the body, its shadow and the floor are drawn in NumPy; its particles, on request and of scenes in
-the plane, by a software sphere splatter in Taichi kernels. Pillow writes rulers, the lifted mould and the measures over
-it. Two-dimensional scenes are drawn in the plane y = 0, z up.
+The painter draws the smooth surface of the body or, on request and of scenes in the plane, its particles, their shadow
+and the floor. Pillow writes rulers, the lifted mould and the measures over it. Two-dimensional scenes are drawn in the
+plane y = 0, z up.
 """
 
 import sys
@@ -16,7 +16,7 @@ from PIL import Image, ImageDraw, ImageFont
 from ..problem.measures import embed
 from ..units import SceneError
 from .camera import Camera
-from .facets import Facets
+from .painter import Mesh, Painter
 from .smooth_surface import CUBE_OF_PICTURES, check, smooth_surface
 from .stage import stage, wall_lines
 
@@ -79,21 +79,16 @@ class Renderer:
         self.tick = min(steps, key=lambda t: abs(np.log(np.ptp(corners) / 14 / t)))  # about 14 on the longest side
         tilt = np.radians(15.0 if scene.dimension == 3 or scene.axisymmetric else 0.0)
         self.camera = Camera((0.0, np.cos(tilt), -np.sin(tilt)), corners, width, height, (0.09, 0.17, 0.88, 0.89))
-        arguments = (self.camera, corners, RADIUS * scene.spacing, floor, self.tick)
-        self.painter = self._splatter(backend, arguments) if self.beads else Facets(*arguments)
+        arguments = (self.camera, corners, RADIUS * scene.spacing, floor, self.tick, 1.0 if view == "concrete" else 0.7)
+        self.painter = Painter(*arguments)
+        if backend == "ggui":
+            from .ggui import Ggui
 
-    @staticmethod
-    def _splatter(backend, arguments):
-        from .splatter import Ggui, Splatter
-
-        if backend == "software":
-            return Splatter(*arguments)
-        try:
-            return Ggui(*arguments)
-        except Exception as error:  # RuntimeError without a driver; a bare Exception where Taichi was built without it
-            reason = " ".join(str(error).split())[:100]
-            print(f"ggui: no hidden window can be made here ({reason}); drawing in software instead", file=sys.stderr)
-            return Splatter(*arguments)
+            try:
+                self.painter = Ggui(*arguments)
+            except Exception as error:  # RuntimeError without a driver; a bare one where Taichi was built without it
+                said = " ".join(str(error).split())[:100]
+                print(f"ggui: no hidden window can be made here ({said}); drawing in software instead", file=sys.stderr)
 
     @staticmethod
     def _limits(scene, view):
@@ -124,11 +119,15 @@ class Renderer:
 
     def draw(self, snapshot, measures=None):
         """The picture, (h, w, 3) uint8, of the whole body of which the snapshot is the computed part."""
-        snapshot, mesh = self.scene.unfold(snapshot), ()
-        if not self.beads:
+        snapshot = self.scene.unfold(snapshot)
+        if self.beads:
+            from .beads import Beads
+
+            body = Beads(embed(snapshot.x), self.colours(snapshot), RADIUS * snapshot.spacing)
+        else:
             snapshot, *mesh = smooth_surface(snapshot, CUBE_OF_PICTURES, NEEDED.get(self.view, ()))
-        relief = 1.0 if self.view == "concrete" else 0.7
-        pixels, depth = self.painter.draw(embed(snapshot.x), self.colours(snapshot), relief, *mesh)
+            body = Mesh(snapshot.x, self.colours(snapshot), *mesh)
+        pixels, depth = self.painter.draw(body)
         image = Image.fromarray(pixels)
         self._lines(image, depth, snapshot.time)
         pen = ImageDraw.Draw(image)

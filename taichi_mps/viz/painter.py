@@ -1,0 +1,197 @@
+"""The painter of the software pictures: a body, its shadow and the floor, in NumPy, which compiles nothing.
+
+A body, a Mesh or Beads, knows which of its elements is nearest at each pixel, and what it looks like there.
+"""
+
+import numpy as np
+from PIL import Image, ImageFilter
+
+from .camera import Camera
+
+PAPER = (0.955, 0.96, 0.965)  # background colour
+SUN = np.array((0.45, -0.6, 0.72))  # where its light goes: right, up, away from the eye
+TEXELS = 256, 72  # of the sides of the shadow maps of the sun and of the sky
+FAR = 1e9  # depth where there is nothing
+TAPS = 5  # texels of a shadow map, along a side, over which a light is averaged
+SAMPLES = 2  # along the sides of a pixel, that find the outline of a body
+SHADOW = 720  # texels of a side of a shadow on the floor, drawn out from its map
+COARSE = 4  # pixels along the side of a place for which the light on the floor is computed
+
+
+def expand(first, lengths):
+    """Of runs of whole numbers, of these first ones and lengths: the run of each number, and the numbers in turn."""
+    run = np.repeat(np.arange(len(lengths)), lengths)
+    return run, np.arange(len(run)) + np.repeat(first - np.cumsum(lengths) + lengths, lengths)
+
+
+def pixels(low, high, size):
+    """First of the pixels whose middle lies between two places of a line of this size, and their number."""
+    first, last = (np.clip(np.ceil(place - 0.5), 0, size).astype(np.int64) for place in (low, high))
+    return first, np.maximum(0, last - first)
+
+
+class Mesh:
+    """Triangles (m, 3) between points x (n, 3) [m] with colours and outward unit normals (n, 3). Light falls on the
+    points and is interpolated between them."""
+
+    def __init__(self, x, colours, normals, triangles):
+        self.x, self.colours, self.normals, self.triangles = x, colours, normals, triangles
+
+    def paint(self, camera, scale=1):
+        """Pixels (k,) of a picture in whose middle a triangle is, rows of the nearest ones (k,) and their mean depths
+        (k,) [m].
+
+        Painted back to front. Triangles that share an edge have no pixel between them and none in common. What
+        reaches behind the eye is left out; triangles that pass through each other are not told apart.
+        """
+        height, width = scale * camera.height, scale * camera.width
+        picture = np.full(height * width, -1, np.int32)
+        points = camera.project(self.x, scale)
+        towards = ((self.x - camera.eye) * self.normals).sum(1) < 0.0
+        depth = points[self.triangles, 2]
+        shown = np.flatnonzero(towards[self.triangles].any(1) & (depth.min(1) > 1e-6))
+        shown = shown[np.argsort(-depth[shown].sum(1), kind="stable")]
+        corners = points[self.triangles[shown], :2]
+        corners = np.take_along_axis(corners, np.argsort(corners[..., 1:], axis=1), 1)  # from top to bottom
+        (ax, ay), (bx, by), (cx, cy) = corners.transpose(1, 2, 0)
+        which, row = expand(*pixels(ay, cy, height))
+        y, upper = row + 0.5, row + 0.5 < by[which]
+        px, py, qx, qy = (np.where(upper, p[which], q[which]) for p, q in ((ax, bx), (ay, by), (bx, cx), (by, cy)))
+        long = ax[which] + (y - ay[which]) * ((cx - ax) / (cy - ay))[which]
+        short = px + (y - py) * ((qx - px) / (qy - py))
+        first, lengths = pixels(np.minimum(long, short), np.maximum(long, short), width)
+        run, pixel = expand(row * width + first, lengths)
+        picture[pixel] = shown[which][run]
+        pixel = np.flatnonzero(picture >= 0)
+        return pixel, picture[pixel], depth.mean(1)[picture[pixel]]
+
+    def look(self, painter, hit, near, columns, rows):
+        """Colours (k, 3) in the light and depths (k,) at places of the picture in triangles of these rows (k,)."""
+        points, values = painter.camera.project(self.x), np.zeros((len(self.x), 4), np.float32)
+        seen, light = painter.light(self.x, self.triangles[hit])
+        ahead = self.x[seen] - painter.camera.eye
+        values[seen, :3] = painter.lit(self.colours[seen], ahead, self.normals[seen], light[:, seen])
+        values[:, 3] = points[:, 2]
+        a, b, c = self.triangles[hit].T
+        column, row = points[:, :2].T.astype(np.float32)
+        x, y, left, top = column[b] - column[a], row[b] - row[a], columns - column[a], rows - row[a]
+        across, down = column[c] - column[a], row[c] - row[a]
+        area = x * down - y * across
+        u, v = (left * down - top * across) / area, (x * top - y * left) / area
+        shown = (1.0 - u - v)[:, None] * values[a] + u[:, None] * values[b] + v[:, None] * values[c]
+        return shown[:, :3], shown[:, 3]
+
+
+def line(x, step, pixel):
+    """Darkness of lines at multiples of step, every second one bolder, where a pixel covers ``pixel`` [m]."""
+    nearest = np.round(x / step)
+    bold = 1.0 - abs(nearest - 2.0 * np.round(0.5 * nearest))
+    cover = np.clip(1.0 + 0.2 * bold - abs(x - step * nearest) / pixel, 0.0, 1.0)
+    return (0.05 + 0.06 * bold) * cover * np.minimum(1.0, 0.1 * step / pixel)
+
+
+class Lamp(Camera):
+    """A light, and how far from it [m] the nearest part of a body is in each direction."""
+
+    def __init__(self, direction, points, texels):
+        super().__init__(direction, points, texels, texels)
+        self.depth = np.full((texels, texels), FAR)
+
+    def light(self, x, bias):
+        """Fraction of the light (n,) that reaches places (n, 3) [m], averaged over TAPS x TAPS texels; bias: depth of a
+        soft edge [m]."""
+        column, row, ahead = self.project(x).T
+        depth, taps = np.pad(self.depth, TAPS + 1, constant_values=FAR), np.arange(TAPS + 1)
+        (i, down), (j, across) = (np.divmod(a - 0.5 * TAPS, 1.0) for a in (row, column))
+        i, j = (np.clip(a, -TAPS - 1, self.width).astype(int)[:, None] + TAPS + 1 + taps for a in (i, j))
+        shares = (
+            np.clip(np.minimum(taps + 1 - f[:, None], TAPS + f[:, None] - taps), 0.0, 1.0) for f in (down, across)
+        )
+        behind = np.clip((ahead[:, None, None] - depth[i[:, :, None], j[:, None]]) / bias - 1.0, 0.0, 1.0)
+        return 1.0 - np.einsum("na,nb,nab->n", *shares, behind) / TAPS**2
+
+
+class Painter:
+    """The picture of a body, its shadow, and the floor at height ``floor`` [m] (None: there is none) with lines every
+    ``grid`` [m]. points: what is to be seen is among these (n, 3) [m]; radius [m]: that of a particle."""
+
+    name = "software"
+
+    def __init__(self, camera, points, radius, floor=None, grid=0.05, relief=1.0):
+        self.camera, self.radius, self.relief = camera, radius, relief
+        self.lamps = Lamp(SUN @ camera.axes, points, TEXELS[0]), Lamp((0.0, 0.0, -1.0), points, TEXELS[1])
+        level = camera.eye[2] if floor is None else floor
+        t, x = floor_seen(camera, level)
+        pixel = t / camera.focal
+        upright = pixel * t / max(camera.eye[2] - level, 1e-9)
+        lines = np.maximum(line(x[..., 0], grid, pixel), line(x[..., 1], grid, upright))
+        away = np.hypot(x[..., 0] - camera.middle[0], x[..., 1] - camera.middle[1]) / (0.5 * np.ptp(points[:, 0]))
+        away = np.clip((away - 0.8) / 1.6, 0.0, 1.0)
+        far = away**2 * (3.0 - 2.0 * away)  # there the floor fades into the paper
+        self.far, self.near = np.float32([255.0 * far + 0.5, 255.0 * (1.0 - far) * 0.93 * (1.0 - lines)])
+        self.papers = (np.linspace(0, 255, 256)[:, None] * PAPER + 0.5).astype(np.uint8)  # colour of each brightness
+        coarse = x[COARSE // 2 :: COARSE, COARSE // 2 :: COARSE]
+        for lamp in self.lamps:
+            lamp.floor = floor_seen(lamp, level)[0]
+            places = np.clip(lamp.project(coarse.reshape(-1, 3), SHADOW / lamp.width)[:, :2], 0, SHADOW - 1).astype(int)
+            lamp.of_floor = tuple(places.reshape(*coarse.shape[:2], 2).transpose(2, 0, 1)[::-1])
+
+    def draw(self, body):
+        """Picture (h, w, 3) uint8 and depth (h, w) of a Mesh or of Beads."""
+        for lamp in self.lamps:
+            place, _, near = body.paint(lamp)
+            lamp.depth = np.full((lamp.height, lamp.width), FAR, np.float32)
+            lamp.depth.ravel()[place] = near
+        picture = self._floor_in_light()
+        place, hit, near = body.paint(self.camera, SAMPLES)
+        row, column = np.divmod(place.astype(np.int32), SAMPLES * self.camera.width)
+        pixel = row // SAMPLES * self.camera.width + column // SAMPLES
+        chosen = np.full(self.far.size, -1, np.int32)
+        chosen[pixel] = np.arange(len(pixel))  # of the samples of a pixel the one that is shaded
+        at = np.flatnonzero(chosen >= 0)
+        chosen = chosen[at]
+        places = ((a[chosen].astype(np.float32) + 0.5) / SAMPLES for a in (column, row))
+        colours, near = body.look(self, hit[chosen], near[chosen], *places)
+        share = np.bincount(pixel)[at, None].astype(np.float32) / SAMPLES**2
+        flat, depth = picture.reshape(-1, 3), np.full(self.far.shape, FAR, np.float32)
+        mixed = flat[at] * ((1.0 - share) / np.float32(255.0)) + np.minimum(colours, 1.0) * share
+        flat[at] = (np.float32(255.0) * mixed + np.float32(0.5)).astype(np.uint8)
+        depth.ravel()[at] = near
+        return picture, depth
+
+    def _floor_in_light(self):
+        """The picture (h, w, 3) uint8 without a body, but with its shadow."""
+        light = np.float32(1.0)
+        for lamp in self.lamps:
+            blocked = np.clip((lamp.floor - lamp.depth) / (1.5 * self.radius) - 1.0, 0.0, 1.0)
+            shadow = Image.fromarray((255.0 * blocked + 0.5).astype(np.uint8)).filter(ImageFilter.BoxBlur(TAPS // 2))
+            shadow = np.asarray(shadow.resize((SHADOW, SHADOW), Image.Resampling.BILINEAR))
+            light = light * (1.0 - np.float32(0.38 / 255.0) * shadow[lamp.of_floor])
+        fine = np.asarray(Image.fromarray(light).resize(self.far.shape[::-1], Image.Resampling.BILINEAR))
+        return np.take(self.papers, (self.far + self.near * fine).astype(np.uint8), axis=0)
+
+    def light(self, x, used):
+        """Rows of places x (n, 3) [m] that are used, and the fractions (2, n) of the light of sun and sky there."""
+        light = np.zeros((2, len(x)), np.float32)
+        light[0, used.ravel()] = 1.0
+        rows = np.flatnonzero(light[0])
+        light[:, rows] = [lamp.light(x[rows], 2.5 * self.radius) for lamp in self.lamps]
+        return rows, light
+
+    def lit(self, colours, ahead, normals, light):
+        """Colours (n, 3) in the light, in these directions from the eye (n, 3), of places with these normals (n, 3)
+        which fractions (2, n) of the light reach."""
+        sun, sky = light
+        facing = np.maximum(0.0, -np.einsum("ij,ij->i", normals, ahead) / np.linalg.norm(ahead, axis=1))
+        ambient = (0.5 + 0.14 * normals[:, 2]) * (0.6 + 0.4 * sky) * (0.6 + 0.4 * facing)
+        direct = 0.72 * sun * np.maximum(0.0, -normals @ self.lamps[0].axes[2].astype(normals.dtype))
+        return colours * (1.0 - self.relief + self.relief * (ambient + direct))[:, None]
+
+
+def floor_seen(camera, level):
+    """Depths (h, w) [m] at which the rays to the middles of the pixels meet a floor at this height [m], FAR where they
+    do not, and the points (h, w, 3) there."""
+    rays = camera.rays(*np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5))
+    down, above = -rays[..., 2], camera.eye[2] - level
+    depth = np.where((down > 1e-4) & (above > 0.0), above / np.maximum(down, 1e-4), FAR)
+    return depth, camera.eye + depth[..., None] * rays
