@@ -15,11 +15,10 @@ class SceneError(ValueError):
     """Bad input: names the key, the value with its unit and what is allowed. Raised before any allocation."""
 
 
-def obey(rules, record) -> None:
-    """SceneError with what the first broken rule says; a rule takes the record and returns None where all is well."""
-    for rule in rules:
-        if broken := rule(record):
-            raise SceneError(broken)
+def require(holds, message: str) -> None:
+    """SceneError with this message unless what is required holds."""
+    if not holds:
+        raise SceneError(message)
 
 
 def array_of(value) -> np.ndarray:

@@ -4,8 +4,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..units import SceneError, check_numbers, check_vectors, finite
-from .materials import Material
+from ..units import check_vectors, finite, given, positive, require, said
+from .materials import LAWS, Material
 
 MOST_ACROSS = 1000  # spacings of a radius: three million particles a layer
 FASTEST = 100.0  # speed [m/s] in a hose, three times that of sprayed concrete
@@ -37,29 +37,26 @@ class Inlet:
     height: float | None = None  # of a rectangular mouth, in 3-D [m]
 
     def __post_init__(self):
-        units = {"radius": "m", "rate": "m3/s", "volume": "m3"} | ({} if self.height is None else {"height": "m"})
-        try:
-            check_vectors(self, "the mouth", {"centre": "m", "direction": ""})
-            check_numbers(self, units | {"start": "s"})
-        except SceneError as error:
-            raise SceneError(f"inlet: {error}") from None
-        for key, unit in units.items():
-            if not getattr(self, key) > 0.0:
-                raise SceneError(f"inlet: {key} = {getattr(self, key):g} {unit}: must be greater than 0 {unit}")
-        if self.height is not None and len(self.centre) != 3:
-            raise SceneError(f"inlet: height = {self.height:g} m: must be left out in 2-D")
-        if self.start < 0.0:
-            raise SceneError(f"inlet: start = {self.start:g} s: must be at least 0 s")
+        check_vectors(self, "an inlet", {"centre": "m", "direction": ""})
+        material = self.material is None or isinstance(self.material, Material)
+        require(material, f"inlet: material = {said(self.material, '')}: must be {LAWS}")
+        for key, unit, value in given(self, {"radius": "m", "rate": "m3/s", "volume": "m3", "height": "m"}):
+            positive(f"inlet: {key}", value, unit)
+        d = len(self.centre)
+        require(np.any(self.direction), f"inlet: direction = {self.direction}: must have {d} numbers, not all zero")
+        require(d == 3 or self.height is None, f"inlet: height = {self.height} m: must be left out in 2-D")
+        require(
+            finite("inlet: start", self.start, "s", ()) >= 0.0, f"inlet: start = {self.start} s: must be at least 0 s"
+        )
         if self.path is not None:
             path = finite("inlet: path", self.path, "s and m", dimensions=2)
-            if path.shape[1] != 1 + len(self.centre) or len(path) < 2 or np.any(np.diff(path[:, 0]) <= 0.0):
-                raise SceneError(
-                    f"inlet: path of shape {path.shape}: must be two rows or more of a time [s], which grows, and "
-                    f"{len(self.centre)} displacements [m]"
-                )
+            sound = path.shape[1] == 1 + d and len(path) >= 2 and np.all(np.diff(path[:, 0]) > 0.0)
+            require(
+                sound,
+                f"inlet: path of shape {path.shape}: must be two rows or more of a time [s], which grows, and {d} "
+                "displacements [m]",
+            )
             object.__setattr__(self, "path", tuple(map(tuple, path.tolist())))
-        if not np.any(self.direction):
-            raise SceneError(f"inlet: direction = {self.direction}: must have {len(self.centre)} numbers, not all zero")
 
     def within(self, time: float) -> "Inlet":
         """The inlet with all numbers of its mix, for a run of this time [s]."""
@@ -72,14 +69,13 @@ class Inlet:
 
     def layer(self, spacing: float) -> np.ndarray:
         """Places (m, d) [m] of a layer of particles that begins to leave; an edge of their lattice is on the axis."""
-        if self.radius < 1.5 * spacing * (1.0 - 1e-9):
-            raise SceneError(f"inlet: radius = {self.radius:g} m: must be at least 1.5 spacings, {1.5 * spacing:g} m")
-        if not self.radius <= MOST_ACROSS * spacing:
-            raise SceneError(
-                f"inlet: radius = {self.radius:g} m: must be at most {MOST_ACROSS} spacings of {spacing:g} m"
-            )
-        if self.height is not None and not spacing * (1.0 - 1e-9) <= self.height <= MOST_ACROSS * spacing:
-            raise SceneError(f"inlet: height = {self.height:g} m: must be 1 to {MOST_ACROSS} spacings of {spacing:g} m")
+        radius, height = f"inlet: radius = {self.radius:g} m", f"inlet: height = {self.height} m"
+        least = spacing * (1.0 - 1e-9)
+        require(self.radius >= 1.5 * least, f"{radius}: must be at least 1.5 spacings, {1.5 * spacing:g} m")
+        most = MOST_ACROSS * spacing
+        require(self.radius <= most, f"{radius}: must be at most {MOST_ACROSS} spacings of {spacing:g} m")
+        across_its_height = self.height is None or least <= self.height <= most
+        require(across_its_height, f"{height}: must be 1 to {MOST_ACROSS} spacings of {spacing:g} m")
         along, across = self.unit_direction, []
         axes = np.eye(len(along))[np.argsort(np.abs(along), kind="stable")[:-1]]  # those most square to the hose
         if self.height is not None and np.hypot(along[0], along[1]) > 1e-9:  # level, and upright
@@ -106,43 +102,28 @@ class Inlet:
         """Speed [m/s] in the hose: a spacing in the time in which the rate fills a layer."""
         return spacing * self.rate / self.layer_volume(spacing)
 
+    @property
+    def turns(self) -> np.ndarray:
+        """Rows of a time [s] and the displacement of the nozzle from its centre then [m], (k, 1 + d)."""
+        return np.zeros((1, 1 + len(self.centre))) if self.path is None else np.array(self.path, float)
+
     def velocity(self, spacing: float, time: float = 0.0) -> np.ndarray:
         """Velocity (d,) [m/s] in the hose at a time [s], with that of the nozzle."""
-        return self.speed(spacing) * self.unit_direction + self.nozzle_velocity(time)
+        rows, jet = self.turns, self.speed(spacing) * self.unit_direction
+        k = np.searchsorted(rows[:, 0], time, side="right")
+        if k in (0, len(rows)):  # before the first turn, or after the last
+            return jet
+        return jet + (rows[k, 1:] - rows[k - 1, 1:]) / (rows[k, 0] - rows[k - 1, 0])
 
     def displacement(self, time: float) -> np.ndarray:
         """Of the nozzle from its centre at a time [s], (d,) [m]."""
-        if self.path is None:
-            return np.zeros(len(self.centre))
-        at, *along = np.transpose(self.path)
+        at, *along = self.turns.T
         return np.array([np.interp(time, at, values) for values in along])
-
-    def nozzle_velocity(self, time: float) -> np.ndarray:
-        """Velocity (d,) [m/s] of the nozzle at a time [s]."""
-        if self.path is None or not self.path[0][0] <= time < self.path[-1][0]:
-            return np.zeros(len(self.centre))
-        rows = np.array(self.path, float)
-        k = np.searchsorted(rows[:, 0], time, side="right")
-        return (rows[k, 1:] - rows[k - 1, 1:]) / (rows[k, 0] - rows[k - 1, 0])
 
     def fastest(self, spacing: float) -> np.ndarray:
         """The velocity (d,) [m/s] in the hose when it is largest."""
-        velocities = self.speed(spacing) * self.unit_direction[None]
-        if self.path is not None:
-            steps = np.diff(np.array(self.path, float), axis=0)
-            velocities = velocities + np.vstack([np.zeros(len(self.centre)), steps[:, 1:] / steps[:, :1]])
+        velocities = np.array([self.velocity(spacing, time) for time in self.turns[:, 0]])  # at rest after the last
         return velocities[np.linalg.norm(velocities, axis=1).argmax()]
-
-    @property
-    def displacements(self) -> np.ndarray:
-        """Where the nozzle turns, from its centre (k, d) [m]."""
-        return np.zeros((1, len(self.centre))) if self.path is None else np.array(self.path, float)[:, 1:]
-
-    @property
-    def farthest(self) -> np.ndarray:
-        """Those of the displacements that reach farthest along the axes, (k, d) [m]."""
-        turns = self.displacements
-        return turns[np.unique([turns.argmin(0), turns.argmax(0)])]
 
     def layers(self, spacing: float) -> int:
         """Number of layers, the nearest to the volume and one at least."""

@@ -32,9 +32,11 @@ class Load:
         normal, away = np.asarray(normal, float), self.point - np.asarray(point, float)
         images = self.forces - 2.0 * np.outer(self.forces @ normal, normal)
         arm = -2.0 * (away @ normal) * normal  # from the wall's point to its image
-        turned = cross(np.broadcast_to(arm, images.shape), images)
-        turned -= self.torques if self.torques.shape[1] == 1 else reflected_axial(self.torques, normal)
-        forces, torques = np.vstack([self.forces, images]), np.vstack([self.torques, turned])
+        flat, axes = 3 - len(normal), self.torques.shape[1]  # in two dimensions a torque is about the third axis
+        arm, normal = (np.pad(vector, (0, flat)) for vector in (arm, normal))
+        own = np.pad(self.torques, ((0, 0), (3 - axes, 0)))
+        turned = np.cross(arm, np.pad(images, ((0, 0), (0, flat)))) - own + 2.0 * np.outer(own @ normal, normal)
+        forces, torques = np.vstack([self.forces, images]), np.vstack([self.torques, turned[:, -axes:]])
         return Load(self.point, forces, torques, self.axis)
 
     def revolved(self, ring, around, across) -> "Load":
@@ -44,34 +46,17 @@ class Load:
         forces = np.column_stack([share[:, :1] * across, share[:, 1]])
         return Load(np.array([0.0, 0.0, self.point[1]]), forces, np.zeros_like(forces))
 
-    def facts(self, name: str, axes) -> dict[str, float]:
-        """As results: the components of the force along the coordinates ``axes``, and the torque where there is an axis
-        to turn about."""
-        d = self.forces.shape[1]
-        per = "_per_m" if d == 2 else ""
-        found = {f"force_{name}_{AXES[d][a]}_N{per}": float(self.force[a]) for a in axes}
-        turns = self.axis is not None and np.any(self.axis)
-        return found | ({f"torque_{name}_N_m{per}": float(self.torque @ self.axis)} if turns else {})
-
 
 def measured(s, mirrors, axisymmetric: bool) -> dict[str, float]:
-    """The loads of a whole body (a Snapshot) as results: without what cancels out between a wall and its image."""
+    """The loads of a whole body (a Snapshot) as results: the components of each force, without what cancels out between
+    a wall and its image, and the torque where there is an axis to turn about."""
     d = s.x.shape[1]
     crossed = [a for a in range(d) if any(abs(mirror.normal[a]) > 0.99 for mirror in mirrors)]
     axes = [d - 1] if axisymmetric else [a for a in range(d) if a not in crossed]
+    per = "_per_m" if d == 2 and not axisymmetric else ""
     found = {}
     for name, load in s.loads.items():
-        found |= load.facts(name, axes)
+        found |= {f"force_{name}_{AXES[d][a]}_N{per}": float(load.force[a]) for a in axes}
+        if load.axis is not None and np.any(load.axis):
+            found[f"torque_{name}_N_m{per}"] = float(load.torque @ load.axis)
     return found
-
-
-def cross(a, b):
-    """a x b, (n, 3), in two dimensions (n, 1)."""
-    if a.shape[1] == 3:
-        return np.cross(a, b)
-    return (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])[:, None]
-
-
-def reflected_axial(torques, normal):
-    """Minus what a reflection makes of axial vectors (n, 3)."""
-    return torques - 2.0 * np.outer(torques @ normal, normal)

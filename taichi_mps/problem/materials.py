@@ -28,6 +28,7 @@ from ..units import (
     unit_of,
 )
 
+LAWS = "Bingham, Newtonian, HerschelBulkley or FlowCurve"
 FLOWS = 0.05  # viscous part of the stress over the yield stress from which a material is said to flow [-]
 TYPICAL_RATE = 5.0  # shear rate of a slump test [1/s]
 HIGH_KNEE = 0.1  # fraction of the yield stress by which the knee stress may exceed it without a warning; the paper's #1

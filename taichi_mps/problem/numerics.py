@@ -2,7 +2,7 @@
 
 from typing import ClassVar, Literal
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, model_validator
 
 from ..units import Checked, Count, Duration, RadiusRatio, Ratio
 
@@ -31,12 +31,6 @@ class Implicit(Checked):
     sleep: Literal["auto", "on", "off"] = Field(
         "auto", description="leave what stands still out of the steps; auto: where there are particles enough"
     )
-
-    @field_validator("sleep", mode="before")
-    @classmethod
-    def _read_what_was_said_before(cls, sleep):
-        """Until this version it was a switch, and did nothing."""
-        return {False: "off", True: "on"}.get(sleep, sleep) if isinstance(sleep, bool) else sleep
 
 
 class SemiImplicit(Checked):
@@ -77,10 +71,9 @@ class SemiImplicit(Checked):
         return values | {key: form[key] for key in form if values.get(key) is None}
 
 
-FORMS = {
+FORMS = {  # source and gradient, of the literal form and of the default
     True: {"source": "density", "gradient": "literal"},
     False: {"source": "mixed", "gradient": "smallest"},
 }
-"""Source and gradient of the literal form and of the default."""
 
 NUMERICS = {kind.scheme: kind for kind in (Implicit, SemiImplicit)}

@@ -3,8 +3,9 @@
 from dataclasses import dataclass
 from functools import cached_property
 
+import numpy as np
+
 from ..geometry.solid import Solid
-from ..units import obey
 from .feasibility import RULES
 from .numerics import Implicit, SemiImplicit
 from .scene import Scene
@@ -28,7 +29,8 @@ class Problem:
     def __post_init__(self):
         if self.numerics is None:
             object.__setattr__(self, "numerics", Implicit())
-        obey(RULES, self)
+        for rule in RULES:
+            rule(self)
 
     @property
     def scheme(self) -> str:
@@ -72,37 +74,32 @@ class Problem:
     @cached_property
     def height(self) -> float:
         """Height of the fluid [m], as high as it will be."""
-        fluid = self.expected.fluid
-        return float(fluid[:, -1].max() - fluid[:, -1].min()) + self.expected.spacing
+        return float(np.ptp(self.scene.expected.fluid[:, -1])) + self.scene.spacing
 
     @cached_property
     def speed(self) -> float:
         """Largest speed [m/s] that is given: of the fluid at first, or of a wall."""
-        velocity = self.expected.velocity
+        velocity = self.scene.expected.velocity
         fluid = [float((velocity**2).sum(1).max() ** 0.5)] if velocity is not None else []
-        return max(fluid + [wall.speed for wall in self.expected.walls] + [0.0])
+        return max(fluid + [wall.speed for wall in self.scene.expected.walls] + [0.0])
 
     @cached_property
     def gravity(self) -> float:
         """Gravity [m/s2] of the scales of the scene; without weight by what moves."""
-        weight = float((self.expected.gravity_vector**2).sum() ** 0.5)
+        weight = float((self.scene.expected.gravity_vector**2).sum() ** 0.5)
         return max(weight, WEIGHTLESS * self.speed**2 / self.height) or WEIGHTLESS
 
     @property
     def thin_solids(self) -> dict[str, float]:
         """Thickness [m] of the solids at rest, by their names or numbers among the walls, that are thinner than a
         particle; none where walls are particles."""
-        solids = {wall.name or f"wall_{k}": wall for k, wall in enumerate(self.scene.walls) if isinstance(wall, Solid)}
-        fixed = {name: wall.thickness for name, wall in solids.items() if wall.speed == 0.0}
-        thin = {name: thickness for name, thickness in fixed.items() if thickness < self.scene.spacing}
-        return thin if self.numerics.walls == "surfaces" else {}
+        if self.numerics.walls == "particles":
+            return {}
+        solids = zip(self.scene.wall_names, self.scene.walls, strict=True)
+        thickness = {name: wall.thickness for name, wall in solids if isinstance(wall, Solid) and wall.speed == 0.0}
+        return {name: thick for name, thick in thickness.items() if thick < self.scene.spacing}
 
     @property
     def fall_time(self) -> float:
         """sqrt(H/g) [s], in which the body would fall half of its height."""
         return (self.height / self.gravity) ** 0.5
-
-    @cached_property
-    def expected(self) -> Scene:
-        """The scene without inlets, as high and as fast as it will be: from it follow the constants of the scheme."""
-        return self.scene.expected

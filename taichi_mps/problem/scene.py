@@ -2,17 +2,17 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
 from ..geometry.cavity import Cavity
 from ..geometry.solid import Solid
 from ..geometry.walls import Cylinder, Plane
-from ..units import obey
 from .inlet import ROOM, Inlet, buried
 from .materials import Material
 from .measures import Measured, Snapshot, mirrored, revolved
-from .scene_rules import KINDS, RULES, numbers
+from .scene_rules import RULES, numbers, values_have_their_types
 
 
 @dataclass(frozen=True)
@@ -33,8 +33,8 @@ class Scene:
     walls: tuple[Plane | Cylinder | Solid, ...] = ()
     wall_particles: np.ndarray | None = None  # the paper's walls [m], (m, d)
     velocity: np.ndarray | None = None  # initial velocity [m/s], (n, d)
-    gravity: tuple[float, ...] | None = None  # [m/s2], (d,)
-    periodic: tuple[bool, ...] | None = None  # per axis
+    gravity: tuple[float, ...] | None = None  # [m/s2], (d,); 9.81 down the last axis by default
+    periodic: tuple[bool, ...] | None = None  # per axis; none by default
     axisymmetric: bool = False
     until: float = 5.0  # [s]
     stop_at_rest: bool = False
@@ -49,9 +49,8 @@ class Scene:
     parameters: dict = field(default_factory=dict)  # as given, for the summary
 
     def __post_init__(self):
-        obey(KINDS, self)
-        taken = numbers(self) | {"walls": tuple(self.walls)}
-        taken["periodic"] = None if self.periodic is None else tuple(self.periodic)
+        values_have_their_types(self)
+        taken = numbers(self)
         taken["material"] = self.material.within(taken["until"])
         taken["inlets"] = tuple(inlet.within(taken["until"]) for inlet in self.inlets)
         for key in ("measure", "over_time"):
@@ -60,12 +59,8 @@ class Scene:
                 taken[key] = Measured(key, function)
         for key, value in taken.items():
             object.__setattr__(self, key, value)
-        obey(RULES, self)
-
-    def copies_of(self, inlet: Inlet) -> int:
-        """How often the whole body has this inlet: twice for each mirror plane that does not cut it."""
-        clear = [abs(float(mirror.distance(np.array([inlet.centre]))[0])) >= inlet.radius for mirror in self.mirrors]
-        return 2 ** sum(clear)
+        for rule in RULES:
+            rule(self)
 
     def inlet_layer(self, inlet: Inlet) -> np.ndarray:
         """Places (m, d) [m] of the particles of a layer at the inlet that are in front of all mirror planes."""
@@ -75,27 +70,23 @@ class Scene:
         return layer
 
     @property
+    def start(self) -> dict[str, np.ndarray]:
+        """What is there at t = 0, the fluid and the first layers of the inlets: positions ``x`` (n, d) [m], velocities
+        ``u`` (n, d) [m/s] and the numbers ``mix`` (n,) of the mixes in ``materials``."""
+        u = np.zeros_like(self.fluid) if self.velocity is None else self.velocity
+        parts = [(self.fluid, u, np.zeros(len(u), int))]
+        for inlet in self.inlets:
+            if inlet.start == 0.0:
+                x = self.inlet_layer(inlet) + inlet.displacement(0.0)
+                u = np.tile(inlet.velocity(self.spacing), (len(x), 1))
+                parts.append((x, u, np.full(len(x), self.mix_of(inlet))))
+        x, u, mix = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+        return {"x": x, "u": u, "mix": mix}
+
+    @property
     def initial(self) -> np.ndarray:
-        """Positions (n, d) [m] of all that is there at t = 0: the fluid and the first layers of the inlets."""
-        return np.vstack([self.fluid, *(x for _, x in self._first_layers)])
-
-    @property
-    def initial_velocity(self) -> np.ndarray:
-        """Velocities (n, d) [m/s] of what is there at t = 0."""
-        own = np.zeros_like(self.fluid) if self.velocity is None else np.asarray(self.velocity, float)
-        first = [np.tile(inlet.velocity(self.spacing), (len(x), 1)) for inlet, x in self._first_layers]
-        return np.vstack([own, *first])
-
-    @property
-    def initial_mixes(self) -> np.ndarray:
-        """Number (n,) in ``materials`` of the mix of what is there at t = 0."""
-        first = [np.full(len(x), self.mix_of(inlet)) for inlet, x in self._first_layers]
-        return np.concatenate([np.zeros(len(self.fluid), int), *first])
-
-    @property
-    def _first_layers(self):
-        there = [inlet for inlet in self.inlets if inlet.start == 0.0]
-        return [(inlet, self.inlet_layer(inlet) + inlet.displacement(0.0)) for inlet in there]
+        """Positions (n, d) [m] of all that is there at t = 0."""
+        return self.start["x"]
 
     @property
     def materials(self) -> tuple:
@@ -115,18 +106,18 @@ class Scene:
         bottom = max([self.domain[0][-1], *(z + 0.5 * self.spacing for z in floors)])
         points = [self.fluid]
         for inlet in self.inlets:
-            fallen = self.inlet_layer(inlet)
-            fallen[:, -1] = np.minimum(fallen[:, -1], bottom)
-            points += [self.inlet_layer(inlet), fallen]
-            for displacement in inlet.farthest:
-                moved = self.inlet_layer(inlet) + displacement
-                if not buried(moved, np.vstack(points), self.spacing / ROOM):
-                    points.append(moved)
+            layer, turns = self.inlet_layer(inlet), inlet.turns[:, 1:]
+            fallen = layer.copy()
+            fallen[:, -1] = np.minimum(layer[:, -1], bottom)
+            points += [layer, fallen]
+            for displacement in turns[np.unique([turns.argmin(0), turns.argmax(0)])]:  # the farthest along each axis
+                if not buried(layer + displacement, np.vstack(points), self.spacing / ROOM):
+                    points.append(layer + displacement)
         points = np.vstack(points)
         _, first = np.unique(np.round(points / self.spacing, 6), axis=0, return_index=True)
         return points[np.sort(first)]
 
-    @property
+    @cached_property
     def expected(self) -> "Scene":
         """The scene, without inlets as high and as fast as it will be: that from which a scheme takes its constants."""
         if not self.inlets:
@@ -143,9 +134,14 @@ class Scene:
         return tuple(wall for wall in self.walls if isinstance(wall, Plane) and wall.mirror)
 
     @property
+    def wall_names(self) -> list[str]:
+        """Name of each wall, ``wall_0`` of the first if it has none."""
+        return [wall.name or f"wall_{k}" for k, wall in enumerate(self.walls)]
+
+    @property
     def measured_walls(self) -> dict[str, int]:
-        """The numbers of the walls whose loads can be measured, by name: ``wall_0`` of the first if it has none."""
-        return {wall.name or f"wall_{k}": k for k, wall in enumerate(self.walls) if not getattr(wall, "mirror", False)}
+        """The numbers of the walls whose loads can be measured, by name."""
+        return {name: k for k, name in enumerate(self.wall_names) if self.walls[k] not in self.mirrors}
 
     def unfold(self, snapshot: Snapshot) -> Snapshot:
         """The whole body of which a snapshot of this scene is the computed part: completed behind the mirror planes,
@@ -172,12 +168,5 @@ class Scene:
 
     @property
     def gravity_vector(self) -> np.ndarray:
-        """Gravity (d,) [m/s2]; 9.81 down the last axis unless given."""
-        if self.gravity is not None:
-            return np.array(self.gravity, float)
-        return np.array([0.0] * (self.dimension - 1) + [-9.81])
-
-    @property
-    def periodic_axes(self) -> tuple[bool, ...]:
-        """Is it periodic along each axis? (d,)"""
-        return self.periodic or (False,) * self.dimension
+        """Gravity (d,) [m/s2]."""
+        return np.array(self.gravity)

@@ -72,13 +72,13 @@ class Discretisation:
         scene, d = problem.scene, problem.scene.dimension
         walls = surfaces(problem)
         start = initial_state(problem)
-        volumes = np.resize(problem.expected.volumes, len(start["x"]))
+        volumes = np.resize(problem.scene.expected.volumes, len(start["x"]))
         carried = carried | boundaries.carried(walls)
         self.particles = Particles(start, volumes, carried, scene.axisymmetric, to_come)
         self.wall_particles = int((start["kind"] != FLUID).sum())
         self.lattice = lattice_sums(d, scene.spacing, problem.effective_radius, *kernels(problem))
         skin = SKIN * scene.spacing if problem.scheme == "semi-implicit" else 0.0
-        bins = Bins(self.particles, scene.domain, scene.periodic_axes, problem.effective_radius + skin)
+        bins = Bins(self.particles, scene.domain, scene.periodic, problem.effective_radius + skin)
         room = int(pairs_per_particle * self.lattice.neighbours * self.particles.capacity) + 64
         self.neighbors = NeighborList(bins, room, skin)
         self.walls = boundaries.Walls(
@@ -115,8 +115,8 @@ def initial_state(problem) -> dict:
     """Arrays of what is there at 0 s: the fluid, first layers of inlets included, and behind it the wall particles, of
     which those deeper than a spacing are dummies."""
     scene = problem.scene
-    start = {"x": scene.initial, "u": scene.initial_velocity, "mix": scene.initial_mixes}
-    start["kind"] = np.full(len(scene.initial), FLUID)
+    start = scene.start
+    start["kind"] = np.full(len(start["x"]), FLUID)
     if not problem.wall_particles:
         return start
     wall = np.asarray(scene.wall_particles, float)

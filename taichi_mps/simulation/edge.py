@@ -8,7 +8,7 @@ def crossing(rows: dict, scene) -> tuple[str, float] | None:
     crossed, with what enlarges it, in one line, and the largest of their speeds [m/s]. None where none is outside or
     one is no number."""
     x, (low, high) = rows["x"], np.array(scene.domain, float)
-    bounded = ~np.array(scene.periodic_axes)
+    bounded = ~np.array(scene.periodic)
     beyond = np.stack([(x < low) & bounded, (x > high) & bounded], axis=-1)  # (n, d, 2)
     if not np.all(np.isfinite(x)) or not beyond.any():
         return None

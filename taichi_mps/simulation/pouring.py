@@ -19,7 +19,8 @@ class Pouring:
         self.speed = float(np.linalg.norm(inlet.fastest(scene.spacing)))  # [m/s]
         self.layers = inlet.layers(scene.spacing)
         self.layer_volume = inlet.layer_volume(scene.spacing)  # of the whole hose [m3]
-        self.copies = scene.copies_of(inlet)
+        clear = [abs(mirror.distance(np.array([inlet.centre]))[0]) >= inlet.radius for mirror in scene.mirrors]
+        self.copies = 2 ** sum(clear)  # of the hose in the whole body: twice for each mirror plane that does not cut it
         self.interval = self.layer_volume / inlet.rate  # [s]
         self.entered = int(inlet.start == 0.0)  # layers; the first may be there from the beginning
         self.delay = 0.0
@@ -41,13 +42,12 @@ class Pouring:
     def pour(self, time: float, particles) -> float:
         """Give the particles the layer that has to enter at this time [s], if any. The speed [m/s] of the jet, 0 before
         its first layer and after the step of its last one."""
-        flows = self.entered > 0 and not self.done
+        done = self.done
         if self.due(time):
             layer = self.enter(time, particles.positions())
             if layer is not None:
                 particles.append(layer, self.inlet.velocity(self.spacing, time), self.mix)
-                flows = True
-        return self.speed if flows else 0.0
+        return self.speed if self.entered and not done else 0.0
 
     @property
     def next(self) -> float:

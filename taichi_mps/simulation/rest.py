@@ -26,13 +26,6 @@ class Rest:
             if not isinstance(value, int | float) and (key, value) != ("since", None):
                 raise TypeError(f"rest: {key} = {value!r} is not a number")
 
-    @classmethod
-    def of(cls, state: dict) -> "Rest":
-        """From what a checkpoint holds; earlier versions held the largest speed and its time."""
-        if "fastest" in state:
-            return cls(state["since"], state["fastest"], state["fastest_at"])
-        return cls(**state)
-
     def observe(self, speed: float, now: float) -> None:
         """Note the speed of what moves [m/s] after a step, at a time [s]."""
         if speed > FOLD * self.speed:

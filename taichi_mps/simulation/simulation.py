@@ -18,7 +18,7 @@ from ..schemes.scheme import Speeds
 from ..schemes.semi_implicit import SemiImplicit
 from ..schemes.step_report import DivergedError, DomainError, StepReport
 from ..terms.own_law import OwnLaw
-from ..units import INSTANT, SceneError, finite, positive
+from ..units import INSTANT, finite, require
 from .edge import crossing
 from .memory_estimate import require_memory
 from .pouring import Pouring
@@ -28,6 +28,7 @@ from .summary import judge, summary
 
 SCHEMES = {"implicit": Implicit, "semi-implicit": SemiImplicit}
 LEAST_ENCLOSED = 0.1  # part of the volume from which the volume error is read; less is a jet, of which it says nothing
+RUNAWAY = 10.0  # speed over that of what falls or was thrown beyond which a run has diverged
 PAIRS, PAIRS_OF_RINGS = 1.6, 4.0  # room for neighbours over those of a lattice; rings that moved outward are thin
 
 
@@ -45,26 +46,29 @@ class Simulation:
 
     def __init__(self, scene: Scene | Problem, numerics=None, profile: bool = False):
         self.session = session()
-        self._clock = time.process_time(), time.perf_counter()
-        self.problem = scene if isinstance(scene, Problem) else Problem(scene, numerics)
-        scene = self.scene = self.problem.scene
-        self.numerics = self.problem.numerics
+        self._begin(scene if isinstance(scene, Problem) else Problem(scene, numerics))
+        scene = self.scene
         self._own_laws = [OwnLaw(m, k) for k, m in enumerate(scene.materials) if hasattr(m, "shear_stress")]
         self._profile = profile
         self._pairs_per_particle = pairs_of(scene)
         self.pouring = tuple(Pouring(scene, inlet) for inlet in scene.inlets)
         self._build()
         self.time, self.steps, self.report = 0.0, 0, None
-        self.stopped_by = None
-        self.compile_seconds = self.cpu_seconds = self.wall_seconds = 0.0
-        self._schedules: list = []
-        self._each_step: list = []
         self._interrupted = self._compiled = False
         self._last_dt = None
         self._wall_speed = max((wall.speed for wall in scene.walls), default=0.0)
-        self._runaway_speed = self._find_runaway_speed()
+        height = float(np.linalg.norm(np.subtract(*scene.domain)))  # of a fall through the whole domain [m]
+        fall = math.sqrt(2.0 * float(np.linalg.norm(scene.gravity_vector)) * height)
+        self._expected_speed = fall + self.problem.speed or math.inf  # of what falls or was thrown, at most [m/s]
         self._volume = float(scene.volumes.sum())  # of the fluid that is there [m3]
         self.rest = Rest()
+
+    def _begin(self, problem: Problem):
+        """Before the first step of a problem: no callbacks, and the clocks at zero."""
+        self.problem, self.scene, self.numerics = problem, problem.scene, problem.numerics
+        self._schedules, self._each_step, self.stopped_by = [], [], None
+        self._clock = time.process_time(), time.perf_counter()
+        self.compile_seconds = self.cpu_seconds = self.wall_seconds = 0.0
 
     def _build(self):
         """Allocate: the scheme with its particles, and how its stages are launched."""
@@ -81,64 +85,56 @@ class Simulation:
     @in_session
     def step(self, until: float | None = None) -> StepReport:
         """One time step, at most to ``until`` [s]."""
-        if until is not None and not finite("until", until, "s", shape=()) - self.time >= 0.999 * INSTANT:
-            raise SceneError(
-                f"until = {until} s: must be later than the present time, {self.time:.9g} s, by {INSTANT:g} s at least"
-            )
+        cpu = time.process_time()
+        self._require_later(until)
         if not self._compiled:
             require_thread()
-        cpu = time.process_time()
-        jet, until = self._pour(until)
+        jet = self._pour()
         dt, limit = self._choose_time_step(jet, until)
         report = self._advance(dt, limit == "output")
         self.time, self.steps = self.time + dt, self.steps + 1
-        worst = self.report.volume_error_max if self.report else 0.0
-        if self.scheme.diagnostics.enclosed > LEAST_ENCLOSED:
-            worst = max(worst, abs(report.volume_error))
-        self.report = replace(report, step=self.steps, time=self.time, dt_limit=limit, volume_error_max=worst)
-        failure = self.scheme.diagnostics.failure(report, self._runaway_speed, self._volume)
-        if failure:
-            self._diverge(f"{failure}; {self.scheme.REMEDY}")
-        for law in self._own_laws:
-            if failure := law.failure(self.particles):
-                self._diverge(failure)
+        self.report = self._complete(report, limit)
+        self._require_sound()
         self.rest.observe(report.moving_speed, self.time)
-        self._compiled = True
         self._count_seconds(cpu)
         return self.report
 
-    def _pour(self, until):
-        """Let in what is due. The speed [m/s] of the fastest jet, and until when a step may go, not past the opening of
-        an inlet."""
-        if not self.pouring:
-            return 0.0, until
+    def _require_later(self, until):
+        later = until is None or finite("until", until, "s", shape=()) - self.time >= 0.999 * INSTANT
+        require(
+            later,
+            f"until = {until} s: must be later than the present time, {self.time:.9g} s, by {INSTANT:g} s at least",
+        )
+
+    def _pour(self) -> float:
+        """Let in what is due. The speed [m/s] of the fastest jet."""
         jets = [pouring.pour(self.time, self.particles) for pouring in self.pouring]
-        self._volume = self.fluid_particles * self.particles.usual_volume
-        starts = [
-            pouring.next for pouring in self.pouring if not pouring.entered and pouring.next > self.time + INSTANT
-        ]
-        return max(jets), min([until or math.inf, *starts])
+        if jets:
+            self._volume = self.fluid_particles * self.particles.usual_volume
+        return max(jets, default=0.0)
 
     def _limits(self, jet) -> dict[str, float]:
         """What bounds the next step [s], by name, beside a jet of this speed [m/s]."""
-        speed = max(self.report.max_speed if self.report else self._initial_speed(), self._wall_speed, jet)
-        limits = self.scheme.time_step_limits(
-            Speeds(speed, self.report.acceleration if self.report else math.inf, self.rest.fold)
-        )
+        if self.report:
+            speed, acceleration = self.report.max_speed, self.report.acceleration
+        else:
+            speed, acceleration = float(np.linalg.norm(self.particles.read()["u"], axis=1).max()), math.inf
+        limits = self.scheme.time_step_limits(Speeds(max(speed, self._wall_speed, jet), acceleration, self.rest.fold))
         if self._last_dt is not None:
             limits["growth"] = 2.0 * self._last_dt
         return limits
 
     def _choose_time_step(self, jet, until) -> tuple[float, str]:
-        """The next step [s] and what bounds it."""
+        """The next step [s], not past ``until`` [s] or the opening of an inlet, and what bounds it."""
         limits = self._limits(jet)
         name = min(limits, key=limits.get)
         dt = self._last_dt = limits[name]
-        if until is not None and until - self.time < dt * (1 + 1e-9):
-            return until - self.time, "output"
-        if until is not None and until - self.time < 2 * dt:
-            return 0.5 * (until - self.time), "output"
-        return dt, name
+        openings = [pouring.next for pouring in self.pouring if not pouring.entered]
+        ends = [end for end in openings if end > self.time + INSTANT] + [math.inf if until is None else until]
+        left = min(ends) - self.time
+        if left < dt * (1 + 1e-9):
+            return left, "output"
+        return (0.5 * left, "output") if left < 2 * dt else (dt, name)
 
     def _advance(self, dt, is_read) -> StepReport:
         """A step of the scheme. Where the neighbour list turns out too short, it goes back to the start of the step,
@@ -151,9 +147,9 @@ class Simulation:
                 return self.scheme.step(dt, is_read)
         except EscapedError as error:
             where, speed = crossing(self.particles.read(), self.scene) or ("", math.inf)
-            if speed > 0.1 * self._runaway_speed:  # no number, or faster than what has fallen or was thrown
-                self._diverge(f"{error}; {self.scheme.REMEDY}")
-            self._diverge(where, DomainError)
+            if speed <= self._expected_speed:
+                self._diverge(where, DomainError)
+            self._diverge(f"{error}; {self.scheme.REMEDY}")  # no number, or faster than what fell or was thrown
         except CapacityError as error:
             if start is None:  # a quarter more pairs in one step: particles that clump
                 self._diverge(f"{error}; {self.scheme.REMEDY}")
@@ -162,7 +158,29 @@ class Simulation:
             self.load(start)
             return self._advance(dt, is_read)
 
+    def _complete(self, report, limit) -> StepReport:
+        """The report of a step, with what is known of the run."""
+        worst = self.report.volume_error_max if self.report else 0.0
+        if self.scheme.diagnostics.enclosed > LEAST_ENCLOSED:
+            worst = max(worst, abs(report.volume_error))
+        return replace(report, step=self.steps, time=self.time, dt_limit=limit, volume_error_max=worst)
+
+    def _require_sound(self):
+        """DivergedError where the numbers mean nothing any more."""
+        runaway = RUNAWAY * self._expected_speed
+        failure = self.scheme.diagnostics.failure(self.report, runaway, self._volume)
+        if failure:
+            self._diverge(f"{failure}; {self.scheme.REMEDY}")
+        for law in self._own_laws:
+            if failure := law.failure(self.particles):
+                self._diverge(failure)
+
+    def _diverge(self, why: str, kind=DivergedError):
+        self.stopped_by = kind.stopped_by
+        raise kind(f"{kind.stopped_by} at t = {self.time:.6g} s, step {self.steps}: {why}", self.report) from None
+
     def _count_seconds(self, cpu):
+        self._compiled = True
         if self.steps == 1:
             self.execution.spent.clear()  # they held the compilation
             self.compile_seconds = time.process_time() - self._clock[0]
@@ -185,28 +203,11 @@ class Simulation:
         """(stage, wall seconds, calls; of a solve its iterations) since the first step, when made with profile=True."""
         return [(name, seconds, calls) for name, (seconds, calls) in self.execution.spent.items()]
 
-    def _initial_speed(self) -> float:
-        return float(np.linalg.norm(self.particles.read()["u"], axis=1).max())
-
-    def _diverge(self, why: str, kind=DivergedError):
-        self.stopped_by = kind.stopped_by
-        raise kind(f"{kind.stopped_by} at t = {self.time:.6g} s, step {self.steps}: {why}", self.report) from None
-
-    def _find_runaway_speed(self) -> float:
-        """Ten times the speed [m/s] of a fall through the whole domain, or of what moves at the start."""
-        scene = self.scene
-        size = float(np.linalg.norm(np.subtract(*scene.domain)))
-        fall = math.sqrt(2.0 * float(np.linalg.norm(scene.gravity_vector)) * size)
-        start = 0.0 if scene.velocity is None else float(np.linalg.norm(scene.velocity, axis=1).max())
-        jet = max((pouring.speed for pouring in self.pouring), default=0.0)
-        return 10.0 * (fall + self._wall_speed + start + jet) or math.inf
-
     # ---- running --------------------------------------------------------------------------------------------
     def every(self, interval: float, callback) -> None:
         """Call callback(simulation) at t = 0, every ``interval`` [s] and at the end."""
-        positive("every", interval, "s")
-        if interval < INSTANT:
-            raise SceneError(f"every = {interval:g} s: must be at least {INSTANT:g} s")
+        sound = finite("every", interval, "s", shape=()) >= INSTANT
+        require(sound, f"every = {interval:g} s: must be at least {INSTANT:g} s")
         self._schedules.append([interval, callback, -1])
 
     def each_step(self, callback) -> None:
@@ -260,18 +261,15 @@ class Simulation:
                 callback(self)
 
     def _why_stop(self, until) -> str | None:
-        rests = self.scene.stop_at_rest and self.numerics.unyielded_stop is None and self.rest.reached(self)
-        if self._interrupted:
-            return "interrupted"
-        if self.time >= until - INSTANT:
-            return "time"
-        numerics = self.numerics
-        if numerics.unyielded_stop is not None:
-            moved = self.time > 0.05 and self.scene.stop_at_rest
-            return "unyielded" if moved and self.report.unyielded_fraction >= numerics.unyielded_stop else None
-        if not all(pouring.done for pouring in self.pouring):
-            return None
-        return "rest" if rests and self.taken_by_all else None
+        unyielded, at_rest = self.numerics.unyielded_stop, self.scene.stop_at_rest
+        rests = at_rest and unyielded is None and self.rest.reached(self)  # asked after each step: it notes since when
+        reasons = {
+            "interrupted": self._interrupted,
+            "time": self.time >= until - INSTANT,
+            "unyielded": at_rest and unyielded and self.time > 0.05 and self.report.unyielded_fraction >= unyielded,
+            "rest": rests and all(pouring.done for pouring in self.pouring) and self.taken_by_all,
+        }
+        return next((reason for reason, holds in reasons.items() if holds), None)
 
     # ---- reading --------------------------------------------------------------------------------------------
     @in_session
@@ -313,22 +311,17 @@ class Simulation:
     def restart(self, problem: Problem, state: dict) -> None:
         """Begin another problem, which differs in its materials' numbers only, from a state(): what is compiled stays.
         Schedules and callbacks are forgotten."""
-        self._clock = time.process_time(), time.perf_counter()
-        self.problem, self.scene = problem, problem.scene
+        self._begin(problem)
         self.scheme.set_problem(problem)
         self.load(state)
-        self._schedules, self._each_step, self.stopped_by = [], [], None
-        self.compile_seconds = self.cpu_seconds = self.wall_seconds = 0.0
 
     @in_session
     def load(self, state: dict) -> None:
         """Continue from a state()."""
         self.particles.load({name: state[name] for name in self.particles.carried})
         self.time, self.steps, self._last_dt = state["time"], state["steps"], state["last_dt"]
-        self.report = None
-        if told := state["report"]:  # a checkpoint of before has only the error of its last step
-            self.report = StepReport(**{"volume_error_max": abs(told["volume_error"]), **told})
-        self.rest = Rest.of(state["rest"])
+        self.report = StepReport(**state["report"]) if state["report"] else None
+        self.rest = Rest(**state["rest"])
         for pouring, carried in zip(self.pouring, state.get("pouring", []), strict=True):
             pouring.entered, pouring.delay = carried
         self.walls.place(self.time)

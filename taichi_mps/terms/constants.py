@@ -85,7 +85,7 @@ class Constants:
     def set_problem(self, problem) -> None:
         """The numbers of the mixes of a problem of the same law and geometry, which is as high and as fast as it will
         be; what is compiled stays."""
-        scene, materials, numerics = problem.expected, problem.materials, problem.numerics
+        scene, materials, numerics = problem.scene.expected, problem.materials, problem.numerics
         self.materials = materials
         height, gravity, speed = problem.height, problem.gravity, problem.speed
         head = gravity * height + speed**2  # the pressure to expect, over the density [m2/s2]

@@ -73,7 +73,7 @@ def is_normal_to_an_axis(wall) -> bool:
 def with_wall_particles(scene: mps.Scene) -> mps.Scene:
     """The scene with LAYERS layers of wall particles behind its planes, each normal to an axis. The lattice goes on
     behind the wall, which stands half-way between two layers; the domain grows where it must hold them."""
-    l0, periodic = scene.spacing, np.array(scene.periodic_axes)
+    l0, periodic = scene.spacing, np.array(scene.periodic)
     low, high = (np.array(corner, float) for corner in scene.domain)
     origin = np.where(periodic, low, scene.fluid[0] - 0.5 * l0)
     for plane in scene.walls:

@@ -249,7 +249,7 @@ def test_a_scene_is_made_or_refused_and_admitted_or_refused(data):
         return
     event("admitted")
     assert np.isfinite(scene.fluid).all() and np.isfinite(scene.gravity_vector).all() and scene.spacing > 0.0
-    assert scene.fluid.shape[1] == len(scene.domain[0]) == len(scene.gravity_vector) == len(scene.periodic_axes)
+    assert scene.fluid.shape[1] == len(scene.domain[0]) == len(scene.gravity_vector) == len(scene.periodic)
 
 
 def test_a_hose_of_too_many_particles_is_refused_by_name():

@@ -1,70 +1,62 @@
-"""The one gate: each rule alone, on a problem that breaks it and on a sound one; and what follows from a problem."""
+"""The one gate: a problem that breaks a rule is refused in one line; and what follows from a problem."""
 
-import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.problem import feasibility as rules
 from taichi_mps.problem.problem import Problem
-from tests.support.scenes import hose, parts, unchecked
+from tests.support.scenes import hose, parts
 
 PLANE = mps.Plane((0.0, 0.0), (0.0, 1.0))
-BLOCK = mps.Solid.prism([(1.0, 0.0), (1.2, 0.0), (1.2, 0.2), (1.0, 0.2)], 0.05, 0.2)
+WEST = mps.Plane((-0.5, 0.0), (1.0, 0.0))
 FAR = mps.Solid.prism([(9.0, 0.0), (9.2, 0.0), (9.2, 0.2), (9.0, 0.2)], 0.05, 0.2)
-PARTICLES = mps.Implicit(walls="particles")
-EVERYWHERE = ((-1e5, -1e5), (1e5, 1e5))
-CROWD = np.broadcast_to(np.zeros((1, 2)), (10**8, 2))  # no memory is taken
+PARTICLES, PAPER = mps.Implicit(walls="particles"), mps.SemiImplicit()
 
-BROKEN = [
+REFUSED = [
     (
-        rules.internal_friction_is_implicit,
         {"material": mps.Bingham(friction_angle=20.0)},
-        mps.SemiImplicit(),
+        PAPER,
         "friction_angle = 20 deg: the scheme semi-implicit has none",
     ),
-    (rules.flow_curve_is_implicit, {"material": mps.HerschelBulkley()}, mps.SemiImplicit(), "must be Bingham with the"),
+    ({"material": mps.HerschelBulkley()}, PAPER, "must be Bingham with the scheme semi-implicit"),
     (
-        rules.own_laws_take_rate_and_structure,
         {"material": mps.FlowCurve(shear_stress=lambda rate: 40.0)},
         None,
-        r"shear_stress\(rate\): must take two numbers, \(rate, structure\)",
+        r"shear_stress = <lambda>: must take two numbers, \(rate, structure\)",
     ),
-    (rules.wall_loads_need_surfaces, {"wall_loads": True}, mps.SemiImplicit(), "has no surface to measure on"),
-    (rules.wall_particles_have_surfaces, {"wall_particles": [[0.0, -0.1]], "walls": ()}, None, "must also describe"),
-    (rules.curved_walls_are_wide, {"walls": (mps.Cylinder((0.2, 0.2), 0.2),)}, None, "radius = 0.2 m of a curved wall"),
-    (rules.needs_no_surfaces, {}, PARTICLES, "scene block describes its walls as surfaces only"),
-    (rules.needs_no_surfaces, {"axisymmetric": True}, mps.SemiImplicit(), "is axisymmetric: must be computed with"),
-    (rules.needs_no_surfaces, {"walls": (replace(PLANE, velocity=(1.0, 0.0)),)}, PARTICLES, "moves or is thin"),
-    (rules.needs_no_surfaces, {"walls": (replace(PLANE, mirror=True),)}, PARTICLES, "has a mirror plane"),
-    (rules.needs_no_surfaces, {"walls": (), "inlets": (hose(),)}, PARTICLES, "has an inlet"),
+    ({"wall_loads": True}, PAPER, "wall_loads = True: .* has no surface to measure on"),
+    ({"wall_particles": [[0.0, -0.1]], "walls": ()}, None, "must also describe them as surfaces"),
+    ({"walls": (mps.Cylinder((0.2, 0.2), 0.2),)}, None, "radius = 0.2 m of a curved wall: must be greater than .*0.21"),
+    ({}, PARTICLES, "scene block describes its walls as surfaces only"),
+    ({"axisymmetric": True}, PAPER, "scene block is axisymmetric; must be surfaces, scheme implicit"),
+    ({"walls": (replace(PLANE, velocity=(1.0, 0.0)),)}, PARTICLES, "moves or is thin"),
+    ({"walls": (replace(WEST, mirror=True),)}, PARTICLES, "has a mirror plane"),
+    ({"walls": (), "inlets": (hose(),)}, PAPER, "has an inlet"),
+    ({"walls": (replace(PLANE, friction=mps.Friction(yield_value=10.0)),)}, PARTICLES, "has friction"),
     (
-        rules.needs_no_surfaces,
-        {"walls": (replace(PLANE, friction=mps.Friction(yield_value=10.0)),)},
-        PARTICLES,
-        "has friction",
+        {"material": mps.Bingham(density=2.3)},
+        None,
+        "^density = 2.3 kg/m3: must be from 200 to 20000 kg/m3 under gravity",
     ),
-    (rules.density_is_plausible, {"material": mps.Bingham(density=2.3)}, None, "must be from 200 to 20000 kg/m3"),
-    (rules.jet_is_plausible, {"inlets": (hose(rate=1e3),)}, None, "leaves the hose at 1.67e[+]03 m/s; must be at most"),
-    (rules.inlet_is_clear, {"inlets": (hose(centre=(0.2, 0.3)),)}, None, "lies in the fluid at 0 s"),
-    (rules.particles_are_apart, {"fluid": np.zeros((3, 2))}, None, "2 of 3 particles lie on others"),
-    (rules.fluid_is_in_front_of_walls, {"fluid": np.array([[0.0, -0.2]])}, None, "0.2 m behind a wall .Plane."),
-    (rules.solids_reach_into_the_domain, {"walls": (FAR,)}, None, "its origin or its scale is another"),
-    (rules.grid_fits, {"domain": EVERYWHERE}, None, "cells of the effective radius, 0.21 m; at most"),
-    (rules.periods_are_long, {"periodic": (True, False), "domain": ((0.0, 0.0), (0.5, 2.0))}, None, "at least three"),
-    (rules.pairs_can_be_counted, {"fluid": CROWD}, None, "makes 1e[+]08 particles with up to"),
+    ({"inlets": (hose(rate=1e3),)}, None, "leaves the hose at 1.67e[+]03 m/s; must be at most"),
+    ({"inlets": (hose(path=((0.0, 0.0, 0.0), (1e-3, 1.0, 0.0))),)}, None, "moves with the jet at 1e[+]03 m/s"),
+    ({"inlets": (hose(centre=(0.2, 0.3)),)}, None, "lies in the fluid at 0 s"),
+    ({"fluid": np.array([[0.0, 0.1]] * 3)}, None, "2 of 3 particles lie on others"),
+    ({"fluid": np.array([[0.0, -0.2]])}, None, "0.2 m behind a wall .Plane."),
+    ({"walls": (FAR,)}, None, "its origin or its scale is another"),
+    ({"domain": ((-1e5, -1e5), (1e5, 1e5))}, None, "cells of the effective radius, 0.21 m; at most"),
+    ({"periodic": (True, False), "domain": ((0.0, 0.0), (0.5, 2.0))}, None, "at least three effective radii, 0.63 m"),
+    ({"inlets": (hose(volume=1e6),)}, None, "makes 1e[+]08 particles with up to"),
 ]
 
 
-@pytest.mark.parametrize(("rule", "changes", "numerics", "message"), BROKEN)
-def test_a_rule_tells_what_breaks_it_and_nothing_of_a_sound_problem(rule, changes, numerics, message):
-    sound = mps.Scene(**parts(walls=(PLANE, BLOCK)))
-    assert rule(Problem(sound)) is None
-    scene = unchecked(mps.Scene, **parts(**changes))
-    said = rule(unchecked(Problem, scene=scene, numerics=numerics or mps.Implicit()))
-    assert re.search(message, said), said
+@pytest.mark.parametrize(("changes", "numerics", "message"), REFUSED)
+def test_what_cannot_be_computed_is_refused(changes, numerics, message):
+    scene = mps.Scene(**parts(**changes))
+    with pytest.raises(mps.SceneError, match=message):
+        Problem(scene, numerics)
 
 
 @pytest.mark.parametrize(
@@ -74,15 +66,6 @@ def test_a_rule_tells_what_breaks_it_and_nothing_of_a_sound_problem(rule, change
 def test_a_problem_is_a_scene_and_numerics(arguments, message):
     with pytest.raises(mps.SceneError, match=f"^{message}"):
         Problem(*arguments)
-
-
-def test_every_rule_is_tested():
-    assert set(rules.RULES) == {rule for rule, *_ in BROKEN} | {rules.is_a_scene, rules.has_numerics}
-
-
-def test_a_problem_that_breaks_a_rule_is_not_made():
-    with pytest.raises(mps.SceneError, match="^density = 2.3 kg/m3: must be from 200 to 20000 kg/m3 under gravity"):
-        Problem(mps.Scene(**parts(material=mps.Bingham(density=2.3))))
 
 
 # ---- what follows from a problem -----------------------------------------------------------------------------------
@@ -122,5 +105,5 @@ def test_the_effective_radius_and_what_is_expected_follow_from_the_scene():
     problem = Problem(scene, mps.Implicit(effective_radius_ratio=2.5))
     assert problem.effective_radius == pytest.approx(0.25)
     jet = hose().speed(0.1)
-    assert not problem.expected.inlets and np.linalg.norm(problem.expected.velocity, axis=1).max() == pytest.approx(jet)
-    assert problem.expected.fluid[:, 1].max() > 1.4  # as high as the mouth
+    assert not scene.expected.inlets and np.linalg.norm(scene.expected.velocity, axis=1).max() == pytest.approx(jet)
+    assert scene.expected.fluid[:, 1].max() > 1.4  # as high as the mouth

@@ -148,5 +148,5 @@ def test_a_hose_stays_near_the_concrete_in_a_high_form(hose, ends):
         mouth = inlet.centre[2] + inlet.displacement(share * time)[2]
         assert mouth == pytest.approx(0.9 * share + 0.3, abs=0.04)
     assert inlet.displacement(time)[2] == pytest.approx(0.0)
-    assert {round(float(x), 6) for x in inlet.displacements[:, 0]} == ends
-    assert np.all(inlet.displacements[:, 1] == 0.0)
+    assert {round(float(x), 6) for x in inlet.turns[:, 1]} == ends
+    assert np.all(inlet.turns[:, 2] == 0.0)

@@ -220,7 +220,7 @@ def test_what_has_no_axis_is_refused():
         mps.Scene(**plane, fluid=np.array([[0.5, 0.5]]), axisymmetric=True, periodic=(True, False))
     section = mps.slump_cone(model="axisymmetric", spacing=0.05)
     for numerics in (mps.Implicit(walls="particles"), mps.SemiImplicit()):
-        with pytest.raises(mps.SceneError, match="scene slump is axisymmetric: must be computed with walls = surfaces"):
+        with pytest.raises(mps.SceneError, match="scene slump is axisymmetric; must be surfaces, scheme implicit"):
             mps.Simulation(section, numerics)
 
 

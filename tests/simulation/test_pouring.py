@@ -191,8 +191,8 @@ def test_a_layer_has_the_area_that_its_speed_is_taken_from():
     "change, message",
     [
         ({"rate": 0.0}, "rate = 0 m3/s: must be greater than 0"),
-        ({"rate": float("nan")}, "rate = nan m3/s: must be finite"),
-        ({"start": -1.0}, "start = -1 s: must be at least 0 s"),
+        ({"rate": float("nan")}, "rate = nan m3/s: must be greater than 0 m3/s"),
+        ({"start": -1.0}, "start = -1.0 s: must be at least 0 s"),
         ({"start": 1.0}, "fluid: the geometry is empty"),
         ({"volume": -1.0}, "volume = -1 m3: must be greater"),
         ({"direction": (0.0, 0.0)}, "direction"),

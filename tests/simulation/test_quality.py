@@ -43,16 +43,6 @@ def test_the_largest_volume_error_is_reported_and_goes_on_where_a_run_is_resumed
     assert sim.report.volume_error_max >= kept["report"]["volume_error_max"] == max(errors)
 
 
-def test_a_state_of_before_has_the_error_of_its_last_step(block):
-    sim = begun(block)
-    sim.run(until=0.03)
-    old = sim.state()
-    del old["report"]["volume_error_max"]
-    old["report"]["volume_error"] = -0.015
-    sim.load(old)
-    assert sim.step().volume_error_max == 0.015
-
-
 def test_a_volume_that_was_not_kept_on_the_way_is_a_warning_with_a_remedy(block):
     sim = begun(block)
     with warnings.catch_warnings():

@@ -25,7 +25,7 @@ def stop(speed, material, fraction=1.0, again=None, until=1000.0):
         if rest.reached(SimpleNamespace(report=report, problem=problem, scene=problem.scene, time=time)):
             return time, LEFT * problem.height
         if again is not None and time > again:
-            rest, again = Rest.of(asdict(rest)), None
+            rest, again = Rest(**asdict(rest)), None
     return None
 
 
@@ -61,14 +61,10 @@ def test_a_front_before_a_large_body_that_stands_is_not_at_rest():
     assert 2.0 < ends < 2.4
 
 
-def test_an_earlier_checkpoint_is_read():
-    assert Rest.of({"since": None, "fastest": 0.7, "fastest_at": 0.2}) == Rest(None, 0.7, 0.2, 0.0)
-
-
 @pytest.mark.parametrize("written", [{"since": "now"}, {"speed": None}, {"at": [0.0]}, {"rest": 0.0}])
 def test_what_a_checkpoint_should_not_hold_is_refused(written):
     with pytest.raises(TypeError):
-        Rest.of(written)
+        Rest(**written)
 
 
 def test_what_has_no_true_yield_value_never_rests():
