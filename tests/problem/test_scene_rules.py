@@ -88,6 +88,23 @@ def test_a_sound_scene_is_made(changes):
     assert Problem(mps.Scene(**parts(**changes)))
 
 
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"rate": 0.0}, "inlet: rate = 0 m3/s: must be greater than 0"),
+        ({"rate": np.nan}, "inlet: rate = nan m3/s: must be greater than 0"),
+        ({"start": -1.0}, "inlet: start = -1.0 s: must be at least 0 s"),
+        ({"material": "water"}, "inlet: material = water: must be Bingham, Newtonian, HerschelBulkley or FlowCurve"),
+        ({"direction": (0.0, 0.0)}, "inlet: direction = .*: must have 2 numbers, not all zero"),
+        ({"direction": (0.0, 0.0, 1.0)}, "direction = .* of an inlet: must be 2 finite numbers"),
+        ({"path": ((0.0, 1.0), (1.0, 2.0))}, "inlet: path of shape .2, 2.: must be two rows or more"),
+    ],
+)
+def test_an_inlet_that_cannot_be_is_not_made(change, message):
+    with pytest.raises(mps.SceneError, match=message):
+        hose(**change)
+
+
 def random_places(d):
     return np.random.default_rng(3).uniform(0.0, 2.0, (20**d, d))
 

@@ -28,51 +28,37 @@ def simulation(*of):
     return mps.Simulation(scene(*of), mps.Implicit(walls="particles", max_time_step=0.01))
 
 
-@pytest.fixture(scope="module")
-def grown():
-    """A list that is too short at once, and the first state."""
-    sim = simulation(0.65, 20.0)
-    return sim, sim.state(), sim.neighbors.pair_capacity
-
-
 def assert_same(mine, other):
     assert mine.keys() == other.keys()
     for name in mine:
         assert np.array_equal(mine[name], other[name]), name
 
 
-def longer_on_the_way(sim, start, room):
-    """In which of eight steps the list became longer, if in one; the steps again with a list that is long enough are
-    the same bit for bit."""
-    room = [room]
+@pytest.mark.parametrize(
+    ("wall", "height", "steps"),
+    [(0.65, 20.0, [0]), pytest.param(0.6875, 2.2, range(1, 8), marks=pytest.mark.slow)],
+    ids=["at once", "when the block comes near"],
+)
+def test_a_list_that_is_too_short_is_made_longer_and_the_step_is_taken_again(wall, height, steps):
+    """Eight steps, in one of which the list became longer, are the same bit for bit with a list that is long enough."""
+    sim = simulation(wall, height)
+    start, room = sim.state(), [sim.neighbors.pair_capacity]
     for _ in range(8):
         sim.step()
         room.append(sim.neighbors.pair_capacity)
     (longer,) = np.flatnonzero(np.diff(room))
     end = sim.state()
-    sim.load(start)  # the list is long enough now
+    sim.load(start)
     for _ in range(8):
         sim.step()
-        assert sim.neighbors.pair_capacity == room[-1]
+    assert longer in steps and sim.neighbors.pair_capacity == room[-1]
     assert_same(end, sim.state())
-    return longer
 
 
-def test_a_list_that_is_too_short_at_once_is_made_longer_and_the_step_is_taken_again(grown):
-    assert longer_on_the_way(*grown) == 0
-
-
-def test_a_list_that_becomes_too_short_is_made_longer_and_the_step_is_taken_again():
-    """When the block comes near."""
-    sim = simulation(0.6875, 2.2)
-    assert longer_on_the_way(sim, sim.state(), sim.neighbors.pair_capacity) > 0
-
-
-def test_a_run_whose_list_has_grown_goes_on_in_a_new_simulation(grown):
+@pytest.mark.slow
+def test_a_run_whose_list_has_grown_goes_on_in_a_new_simulation():
     """Its list is as short as the first one was: it grows in the first step after the resume."""
-    sim, start, _room = grown
-    resumed = simulation(0.65, 20.0)
-    sim.load(start)
+    sim, resumed = simulation(0.65, 20.0), simulation(0.65, 20.0)
     sim.step()
     resumed.load(sim.state())
     for each in (sim, resumed):

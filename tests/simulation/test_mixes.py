@@ -117,21 +117,6 @@ def test_a_newtonian_mix_at_rest_beside_one_with_a_critical_strain_rate():
     assert np.all(s.yielded) and np.all(np.isfinite(s.u)) and np.all(s.mix == 0)
 
 
-@pytest.mark.parametrize(
-    "change, message",
-    [
-        ({"material": mps.Bingham(critical_strain_rate=0.01)}, "critical_strain_rate: must be given for all mixes"),
-        ({"walls": (mps.Plane((0, 0), (0, 1), friction=mps.Friction(viscous_constant=9.0)),)}, "friction"),
-    ],
-)
-def test_mixes_that_do_not_go_together_are_refused(change, message):
-    with pytest.raises(mps.SceneError, match=message):
-        film(**change)
-    hose = replace(film().inlets[0], material=300.0)
-    with pytest.raises(mps.SceneError, match="inlet: material = 300.0: must be Bingham, Newtonian, HerschelBulkley or"):
-        film(inlets=(hose,))
-
-
 def test_the_mixes_of_a_scene_are_counted_once():
     scene = film()
     hose = scene.inlets[0]

@@ -12,7 +12,6 @@ from taichi_mps.io import checkpoint
 from taichi_mps.io.vtkhdf import Trajectory
 from taichi_mps.problem import catalogue
 from taichi_mps.problem import measures as measure
-from taichi_mps.problem.problem import Problem
 from taichi_mps.simulation.pouring import Pouring
 
 L0, RATE, LAYERS = 0.02, 0.04, 9
@@ -86,8 +85,8 @@ def test_concrete_enters_at_its_rate_falls_freely_rests_and_resumes_bit_for_bit(
         sim.rest.reached = lambda _: True
         assert sim.run(until=10.0) == "rest"  # which is no end while concrete is to come
         assert all(pouring.done for pouring in sim.pouring) and steps[-1][1] > steps[-2][1]
-        for (start, before), (_, after) in pairwise(steps):
-            assert after == before or start < LAYERS * interval or start >= 0.7
+        opening = min(start for (start, before), (_, after) in pairwise(steps) if after > before and start > 0.5)
+        assert opening == pytest.approx(0.7, abs=1e-9)
         del sim.rest.reached
         ends.append(sim.state())
         saved = checkpoint.read(tmp_path / "checkpoint.h5")
@@ -139,34 +138,12 @@ def test_a_buried_mouth_holds_the_layers_back(scene):
     assert not later.due(0.499 + later.interval) and later.due(0.501 + later.interval)
 
 
-def test_a_hose_that_opens_later_does_so_on_time():
-    """A stiff, viscous mix takes steps that would carry the first layer far in front of the mouth."""
-    start = 0.25
-    hose = replace(HOSE, start=start, volume=0.0016)
-    block = mps.lattice((-0.09, 0.01), (0.09, 0.1), L0)
-    thick = mps.Bingham(yield_value=2000.0, plastic_viscosity=1500.0)
-    floor = mps.Plane((0.0, 0.0), (0.0, 1.0))
-    scene = mps.Scene(
-        "late", thick, L0, block, ((-0.3, -0.1), (0.3, 0.6)), walls=(floor,), inlets=(hose,), stop_at_rest=False
-    )
-    sim, ends = mps.Simulation(scene), []
-    while not sim.pouring[0].entered:
-        ends.append(sim.time)
-        sim.step()
-    assert ends[-1] == pytest.approx(start, abs=1e-9) and max(np.diff(ends)) > 0.004
-    jet = sim.snapshot().x[len(block) :]
-    assert jet[:, 1] == pytest.approx(0.4 + 0.5 * L0 - sim.pouring[0].speed * sim.report.dt, abs=0.1 * L0)
-    assert sim.report.dt <= 1.001 * sim.numerics.courant_number * L0 / sim.pouring[0].speed
-
-
 def test_what_a_whole_body_gets_through_a_hose_beside_its_mirror_plane():
     mirror = mps.Plane((0.0, 0.0), (1.0, 0.0), mirror=True)
     for x, copies in ((0.0, 1), (0.2, 2)):
         hose = replace(HOSE, centre=(x, 0.4), direction=(0.0, -1.0))
         scene = mps.Scene("half", mps.Bingham(), L0, None, ((-0.1, 0.0), (0.5, 0.6)), walls=(mirror,), inlets=(hose,))
         assert Pouring(scene, hose).copies == copies
-    with pytest.raises(mps.SceneError, match="behind a mirror plane"):
-        replace(scene, inlets=(hose, replace(hose, centre=(-0.2, 0.4))))
 
 
 def test_a_layer_has_the_area_that_its_speed_is_taken_from():
@@ -185,47 +162,6 @@ def test_a_layer_has_the_area_that_its_speed_is_taken_from():
         "half", mps.Bingham(), 0.01, None, ((-1.0, -0.1, 0.0), (1.0, 1.0, 1.0)), walls=(mirror,), inlets=(inlet,)
     )
     assert 2 * len(half.inlet_layer(inlet)) == len(inlet.layer(0.01)) and half.fluid.shape == (0, 3)
-
-
-@pytest.mark.parametrize(
-    "change, message",
-    [
-        ({"rate": 0.0}, "rate = 0 m3/s: must be greater than 0"),
-        ({"rate": float("nan")}, "rate = nan m3/s: must be greater than 0 m3/s"),
-        ({"start": -1.0}, "start = -1.0 s: must be at least 0 s"),
-        ({"start": 1.0}, "fluid: the geometry is empty"),
-        ({"volume": -1.0}, "volume = -1 m3: must be greater"),
-        ({"direction": (0.0, 0.0)}, "direction"),
-        ({"direction": (0.0, 0.0, 1.0)}, "direction"),
-        ({"radius": 0.029}, "radius = 0.029 m: must be at least 1.5 spacings, 0.03 m"),
-        ({"volume": 1e-4}, "volume = 0.0001 m3: must be at least half a layer"),
-        ({"centre": (0.08, 0.4)}, "reaches into a wall"),
-        ({"centre": (0.0, 0.6)}, "domain"),
-        ({"centre": (0.0, 0.0, 0.4), "direction": (0.0, 0.0, -1.0)}, "domain: has the shape"),
-    ],
-)
-def test_an_inlet_that_cannot_be_is_refused(scene, change, message):
-    with pytest.raises(mps.SceneError, match=message.replace(".", r"\.")):
-        replace(scene, inlets=(replace(HOSE, **change),))
-
-
-def test_a_mouth_in_the_fluid_is_refused_unless_it_opens_later(scene):
-    pool = replace(scene, fluid=mps.fill(mps.Box((-0.1, 0.0), (0.1, 0.44)), L0))
-    with pytest.raises(mps.SceneError, match=r"inlet: centre = \(0.01, 0.4\) m: lies in the fluid at 0 s"):
-        Problem(pool, mps.Implicit())
-    Problem(replace(pool, inlets=(replace(HOSE, start=1.0),)), mps.Implicit())
-
-
-def test_scenes_that_cannot_have_an_inlet_are_refused(scene):
-    with pytest.raises(mps.SceneError, match="axisymmetric"):
-        replace(scene, axisymmetric=True)
-    with pytest.raises(mps.SceneError, match="cuts the hose"):
-        replace(scene, walls=(mps.Plane((0.0, 0.0), (1.0, 0.0), mirror=True),))
-    with pytest.raises(mps.SceneError, match="empty"):
-        replace(scene, inlets=())
-    for numerics in (mps.SemiImplicit(), mps.Implicit(walls="particles")):
-        with pytest.raises(mps.SceneError, match="has an inlet"):
-            mps.Simulation(scene, numerics)
 
 
 # ---- what a form holds ------------------------------------------------------------------------------------------
@@ -268,10 +204,9 @@ def test_walls_are_no_part_of_the_cavity():
     form = mps.Cavity(*BOX, (post,), 0.01)
     assert form.cells.sum() == 16 * 16 * 20 and not form.cells[:8].any()
     assert form.report(body(lambda x: x[:, 0] > 0.04))["filled_ratio"] == 1.0
-    with pytest.raises(mps.SceneError, match="lies in the walls"):
-        mps.Cavity(BOX[0], (0.03, 0.08, 0.1), (post,), 0.01)
-    with pytest.raises(mps.SceneError, match="half a spacing"):
-        mps.Cavity((0.0, 0.0), (0.0, 1.0), (), 0.01)
+    for low, high, message in ((BOX[0], (0.03, 0.08, 0.1), "in the walls"), ((0.0, 0.0), (0.0, 1.0), "half a spacing")):
+        with pytest.raises(mps.SceneError, match=message):
+            mps.Cavity(low, high, (post,), 0.01)
 
 
 def test_the_picture_of_what_stayed_empty(tmp_path):
@@ -280,11 +215,11 @@ def test_the_picture_of_what_stayed_empty(tmp_path):
 
     from taichi_mps.viz import plots
 
-    pictures = []
-    for name, s in (("full", body()), ("half", body(lambda x: x[:, 2] < 0.05))):
-        pixels = iio.imread(plots.filling(FORM, s, tmp_path / f"{name}.png"))[..., :3].astype(int)
-        pictures.append(np.sum((pixels[..., 0] > 150) & (pixels[..., 1] < 90)))  # red: empty
-    assert pictures[1] > 10 * pictures[0]
+    red = []
+    for k, s in enumerate((body(), body(lambda x: x[:, 2] < 0.05))):
+        pixels = iio.imread(plots.filling(FORM, s, tmp_path / f"{k}.png"))[..., :3].astype(int)
+        red.append(np.sum((pixels[..., 0] > 150) & (pixels[..., 1] < 90)))  # empty
+    assert red[1] > 10 * red[0]
 
 
 # ---- bars -------------------------------------------------------------------------------------------------------
@@ -319,24 +254,13 @@ def test_a_form_from_a_mesh_holds_a_cavity_and_the_mouth(tmp_path):
         mps.Scene(inlets=(replace(inlet, centre=(-0.02, 0.0, 0.0)),), **shared)
 
 
-def test_a_wrong_unit_or_origin_is_refused_by_name(tmp_path):
-    """12 l/s as 12 m3/s; a mesh in mm, as it is and with its scale; one that lies beside the form."""
+def test_a_mesh_in_millimetres_needs_a_scale(tmp_path):
     pytest.importorskip("igl")
-    with pytest.raises(mps.SceneError, match="rate = 12 m3/s: leaves the hose at 937 m/s; must be at most 1.28 m3/s"):
-        Problem(catalogue.build("wall", rate=12.0), mps.Implicit())
-    bar = np.array([[(200.0, 50.0, 10.0), (200.0, 50.0, 400.0)]])
-    path = str(mps.write_bars(tmp_path / "mm.stl", bar, 8.0))
-    with pytest.raises(
-        mps.SceneError, match=r"mm.stl: .* x 390 m; must .* at most 100 m long .*0.001 for a file in mm"
-    ):
+    path = str(mps.write_bars(tmp_path / "mm.stl", [[(200.0, 50.0, 10.0), (200.0, 50.0, 400.0)]], 8.0))
+    with pytest.raises(mps.SceneError, match=r"mm.stl: .* x 390 m; must .* at most 100 m long .*0.001 for a file in"):
         catalogue.build("wall", rebar=path)
-    right = catalogue.build("wall", rebar=path, rebar_scale=0.001)
-    Problem(right, mps.Implicit())
-    inside, outside = right.walls[-1].distance(np.array([(0.2, 0.05, 0.2), (0.2, 0.07, 0.2)]))
-    assert inside < 0.0 and outside == pytest.approx(0.012, abs=1e-3)
-    path = str(mps.write_bars(tmp_path / "beside.stl", 0.001 * bar + (5.0, 0.0, 0.0), 0.008))
-    with pytest.raises(mps.SceneError, match=r"a solid from \(5.1.* m: must reach into the domain, from \(-0.02"):
-        Problem(catalogue.build("wall", rebar=path), mps.Implicit())
+    rebar = catalogue.build("wall", rebar=path, rebar_scale=0.001).walls[-1]
+    assert rebar.distance(np.array([(0.2, 0.05, 0.2), (0.2, 0.07, 0.2)])) == pytest.approx([-0.008, 0.012], abs=1e-3)
 
 
 def test_bars_that_cross_are_refused(tmp_path):
@@ -351,8 +275,6 @@ def test_a_hose_that_is_lowered_fits_between_the_curtains():
     thin = {"spacing": 0.035, "bar_diameter": 0.01, "cover": 0.025, "length": 0.4, "hose": "moving"}
     with pytest.raises(mps.SceneError, match=r"hose_diameter = 0.12 m: must be at most 0.10[78] m, .* or hose = above"):
         catalogue.build("wall", **thin)
-    lowered = catalogue.build("wall", **thin, hose_diameter=0.105)
-    assert lowered.until == 10.0  # poured in 2.5 s
     slow = catalogue.build("wall", **thin, hose_diameter=0.105, rate=0.003)
     assert slow.until == pytest.approx(slow.inlets[0].volume / 0.003 + 5.0)
 

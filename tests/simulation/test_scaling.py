@@ -38,7 +38,7 @@ def by_id(sim):
 @pytest.mark.parametrize(
     ("model", "yield_value", "plastic_viscosity", "length"),
     [
-        ("axisymmetric", 300.0, 50.0, 0.25),
+        pytest.param("axisymmetric", 300.0, 50.0, 0.25, marks=pytest.mark.slow),
         pytest.param("axisymmetric", 120.0, 100.0, 4.0, marks=pytest.mark.long),
         pytest.param("quarter", 300.0, 50.0, 4.0, marks=pytest.mark.long),
     ],

@@ -33,6 +33,7 @@ def ball(dimension, spacing):
     return x[np.linalg.norm(x, axis=1) < 1.0]
 
 
+@pytest.mark.slow
 def test_packing_counts_volume_whatever_the_disorder():
     """Vortices in a periodic box of fixed volume stir the lattice: the mean packing stays that of the lattice
     within one and a half per cent."""
