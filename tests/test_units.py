@@ -74,8 +74,8 @@ def test_a_wrong_type_in_a_body_a_wall_or_an_inlet_is_named(bad):
         "point =": lambda: mps.Cylinder(bad, 1.0),
         "radius": lambda: mps.Cylinder((0, 0), bad),
         "axis": lambda: mps.Cylinder((0, 0, 0), 1.0, bad),
-        "inlet: centre": lambda: mps.Inlet(bad, (0, -1), 1.0, 1.0, 1.0),
-        "inlet: direction": lambda: mps.Inlet((0, 0), bad, 1.0, 1.0, 1.0),
+        "centre = .* of an inlet": lambda: mps.Inlet(bad, (0, -1), 1.0, 1.0, 1.0),
+        "direction = .* of an inlet": lambda: mps.Inlet((0, 0), bad, 1.0, 1.0, 1.0),
         "inlet: rate": lambda: mps.Inlet((0, 0), (0, -1), 1.0, bad, 1.0),
         "values": lambda: mps.Solid(bad, (0, 0), 1.0),
         "low =": lambda: mps.Solid(distance, bad, 1.0),
@@ -153,7 +153,12 @@ def test_every_violation_is_listed():
 
 def test_scene_refuses_bad_particles():
     parts = {"name": "x", "material": mps.Bingham(), "spacing": 0.1, "domain": ((0.0, 0.0), (1.0, 1.0))}
-    for fluid, text in (([[2.0, 0.5]], "lies outside"), ([[math.nan, 0.5]], "finite"), ([], "at least one particle")):
+    empty = np.zeros((0, 2))
+    for fluid, text in (
+        ([[2.0, 0.5]], "lies outside"),
+        ([[math.nan, 0.5]], "finite"),
+        (empty, "at least one particle"),
+    ):
         with pytest.raises(SceneError, match=text):
             mps.Scene(fluid=fluid, **parts)
 

@@ -11,7 +11,7 @@ import numpy as np
 from ..geometry.cavity import Cavity
 from ..geometry.solid import Solid
 from ..geometry.walls import Cylinder, Plane
-from ..units import INSTANT, SceneError, check_kinds, finite, given, positive, require, said
+from ..units import INSTANT, SceneError, check_kinds, finite, given, require, said
 from .inlet import Inlet
 from .materials import LAWS, Material
 
@@ -58,8 +58,8 @@ def numbers(scene) -> dict:
     require(d in (2, 3), f"fluid: positions have {d} coordinates; must have 2 or 3")
     taken = {"fluid": fluid}
     for key, unit in (("spacing", "m"), ("until", "s")):
-        positive(key, getattr(scene, key), unit)
-        taken[key] = float(getattr(scene, key))
+        value = taken[key] = float(finite(key, getattr(scene, key), unit, shape=()))
+        require(value > 0.0, f"{key} = {value:g} {unit}: must be greater than 0 {unit}")
     require(taken["until"] >= INSTANT, f"until = {taken['until']:g} s: must be at least {INSTANT:g} s")
     low, high = finite("domain", scene.domain, "m", shape=(2, d))
     require(np.all(low < high), f"domain = {scene.domain} m: the second corner must be above the first along each axis")

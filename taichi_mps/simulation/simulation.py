@@ -18,7 +18,7 @@ from ..schemes.scheme import Speeds
 from ..schemes.semi_implicit import SemiImplicit
 from ..schemes.step_report import DivergedError, DomainError, StepReport
 from ..terms.own_law import OwnLaw
-from ..units import INSTANT, finite, require
+from ..units import INSTANT, finite, positive, require
 from .edge import crossing
 from .memory_estimate import require_memory
 from .pouring import Pouring
@@ -206,8 +206,8 @@ class Simulation:
     # ---- running --------------------------------------------------------------------------------------------
     def every(self, interval: float, callback) -> None:
         """Call callback(simulation) at t = 0, every ``interval`` [s] and at the end."""
-        sound = finite("every", interval, "s", shape=()) >= INSTANT
-        require(sound, f"every = {interval:g} s: must be at least {INSTANT:g} s")
+        positive("every", interval, "s")
+        require(interval >= INSTANT, f"every = {interval:g} s: must be at least {INSTANT:g} s")
         self._schedules.append([interval, callback, -1])
 
     def each_step(self, callback) -> None:
