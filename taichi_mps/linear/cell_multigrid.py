@@ -9,10 +9,9 @@ from itertools import product
 
 import numpy as np
 
-from ..runtime.backend import double_field, ti
-from ..runtime.stages import flush
+from ..runtime.backend import constant_fields, double_field, ti
 from .csr import SparseMatrix
-from .vectors import Jacobi
+from .vectors import Multigrid
 
 
 def number(place, shape) -> np.ndarray:
@@ -20,18 +19,13 @@ def number(place, shape) -> np.ndarray:
     return np.ravel_multi_index(tuple(place.T), tuple(shape), mode="wrap").astype(np.int32)
 
 
-def parent_of(place, shape, merge) -> np.ndarray:
-    """Places (n, d) of the parents, of ``merge`` cells along each axis; of what lies beyond the end, beyond the end."""
-    return np.where(place == shape, -(-shape // merge), place // merge)
-
-
 @ti.data_oriented
-class CellMultigrid:
+class CellMultigrid(Multigrid):
     """M^-1 for a SparseMatrix: one symmetric W-cycle over piecewise constants on the binning cells.
 
     Level 0 are the cells (rows sorted by cell: those of cell c are cell_start[c] .. cell_start[c+1], and
-    cell_of[i] = c; matrix neighbours at most one cell apart, across a periodic side too). Each next level merges
-    2^d cells; the last one, of at most DENSE cells, is inverted. All have the Galerkin operators
+    cell_of[i] = c; matrix neighbours at most one cell apart, across a periodic side too, of three cells or more). Each
+    next level merges 2^d cells; the last one, of at most DENSE cells, is inverted. All have the Galerkin operators
     A' = P^T A P, P piecewise constant, as stencils of 3^d numbers. A cycle for A z = r, with C = the cycle
     applied twice on the next level (its inverse on the last):
 
@@ -53,68 +47,47 @@ class CellMultigrid:
     OVER_CORRECTION = 1.6
     DAMPING = 0.9
 
-    def __init__(self, matrix: SparseMatrix, cell_start, cell_of, shape, periodic=()):
-        if any(p and n < 3 for p, n in zip(periodic, shape, strict=False)):
-            raise ValueError(f"shape = {tuple(shape)}: a periodic side must have at least three cells")
+    def __init__(self, matrix: SparseMatrix, cell_start, cell_of, shape):
+        super().__init__(matrix)
         self.matrix, self.cell_start, self.cell_of, self.shape = matrix, cell_start, cell_of, tuple(shape)
         self.dimension, self.points = len(shape), 3 ** len(shape)
         self.real = matrix.real
-        self.jacobi = Jacobi(matrix)
-        self.pays = True  # enough rows for the levels
         self.y = ti.Vector.field(1, self.real, matrix.capacity)  # A z
-        tables = self._tables()
+        self._make_tables()
         self.cells = self.first[1]  # of level 0
         cells, last = self.first[-1], self.first[-1] - self.first[-2]
-        self.place = ti.Vector.field(self.dimension, ti.i32, self.cells)  # cell coordinates
-        self.column = ti.field(ti.i32, (cells, self.points))  # cell at each stencil point
-        self.slot = ti.field(ti.i8, (cells, self.points))  # stencil point of the parent that it adds to
-        self.parent = ti.field(ti.i32, cells)
-        self.child = ti.field(ti.i32, cells)  # children of cell c: child[child_start[c] .. child_start[c+1]]
-        self.child_start = ti.field(ti.i32, cells + 1)
-        for name, table in tables.items():
-            getattr(self, name).from_numpy(table)
         self.value = double_field((cells, self.points))  # stencils of all levels
         self.b, self.x, self.r = (double_field(cells) for _ in range(3))  # A' x = b, r = b - A' x
         self.inverse = double_field((last, last))  # of the last level
 
-    def _tables(self) -> dict:
+    def _make_tables(self) -> None:
         """Which cell touches, contains and adds to which; level l holds first[l] <= cell < first[l+1]."""
         offsets = np.array(list(product((-1, 0, 1), repeat=self.dimension)))
         shape, self.first = np.array(self.shape), [0]
         column, slot, parent = [], [], []
         while True:  # a stencil point at a time: places of all of them would need 27 times as much
-            place = np.indices(shape).reshape(self.dimension, -1).T
-            targets = [number(place + offset, shape) for offset in offsets]  # beyond a side the stencil stays zero
-            column.append(self.first[-1] + np.stack(targets, 1))
+            place, merge = np.indices(shape).reshape(self.dimension, -1).T, np.where(shape > 3, 2, 1)
+            coarse, own = -(-shape // merge), place // merge
+            column.append(self.first[-1] + np.stack([number(place + offset, shape) for offset in offsets], 1))
+            parents = (np.where(place + k == shape, coarse, (place + k) // merge) for k in offsets)
+            slot.append(np.stack([number(other - own + 1, (3,) * self.dimension) for other in parents], 1))
             self.first.append(self.first[-1] + len(place))
-            merge = np.where(shape > 3, 2, 1)
+            parent.append(self.first[-1] + number(own, coarse))  # the last level has none: beyond the end
             if len(place) <= self.DENSE or np.all(merge == 1):
                 break
-            coarse, own = -(-shape // merge), place // merge
-            parents = (parent_of(place + offset, shape, merge) for offset in offsets)
-            slot.append(np.stack([number(other - own + 1, (3,) * self.dimension) for other in parents], 1))
-            parent.append(self.first[-1] + number(own, coarse))
             shape = coarse
-        slot.append(np.zeros(column[-1].shape, np.int8))
-        parent.append(np.full(len(place), self.first[-1]))  # the last level has no parents
         parent = np.concatenate(parent)
         child = np.argsort(parent, kind="stable")
-        tables = {
-            "place": np.indices(self.shape).reshape(self.dimension, -1).T,
-            "column": np.concatenate(column),
-            "slot": np.concatenate(slot),
-            "parent": parent,
-            "child": child,
-            "child_start": np.searchsorted(parent[child], np.arange(self.first[-1] + 1)),
-        }
-        return {name: np.ascontiguousarray(t, np.int8 if name == "slot" else np.int32) for name, t in tables.items()}
+        child_start = np.searchsorted(parent[child], np.arange(self.first[-1] + 1))
+        # column: cell at each stencil point; beyond a side, where the stencil stays zero, any. slot: stencil point of
+        # the parent that it adds to. Children of cell c: child[child_start[c] .. child_start[c+1]]
+        self.column, self.slot, self.parent, self.child, self.child_start = constant_fields(
+            np.concatenate(column), np.concatenate(slot).astype(np.int8), parent, child, child_start
+        )
+        (self.place,) = constant_fields(np.indices(self.shape).reshape(self.dimension, -1).T, vectors=True)
 
-    def build(self) -> None:
-        """Galerkin operators of all levels for the matrix as it is now, where they pay."""
-        flush()
-        self.pays = self.matrix.count[None] >= self.PAY_FROM
-        if not self.pays:
-            return
+    def build_levels(self) -> None:
+        """Galerkin operators of all levels for the matrix as it is now."""
         self._merge_rows()
         for first, end in zip(self.first[1:], self.first[2:], strict=False):
             self._merge_cells(first, end)
@@ -128,12 +101,8 @@ class CellMultigrid:
         inverse = np.linalg.inv(dense) * np.outer(scale, scale)
         self.inverse.from_numpy(0.5 * (inverse + inverse.T))
 
-    def apply(self, r, z) -> None:
-        """z = M^-1 r; D^-1 r where there are too few rows for more to pay."""
-        flush()
-        if not self.pays:
-            self.jacobi.apply(r, z)
-            return
+    def cycle(self, r, z) -> None:
+        """z = M^-1 r by one cycle."""
         self._restrict_rows(r, z)
         self._solve_level(0)
         self._correct_rows(r, z)

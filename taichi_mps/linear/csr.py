@@ -1,7 +1,5 @@
 """A sparse matrix in compressed rows (CSR)."""
 
-import numpy as np
-
 from ..runtime.backend import real, ti
 from ..runtime.stages import stage
 from ..runtime.thread_team import first, last, wait
@@ -39,25 +37,3 @@ class SparseMatrix:
                 s += self.value[k] * x[self.column[k]][0]
             y[i][0] = s
         wait()
-
-    def load(self, matrix) -> None:
-        """Copy a SciPy sparse matrix."""
-        pairs = matrix.tocoo()
-        off = pairs.row != pairs.col
-        order = np.lexsort((pairs.col[off], pairs.row[off]))
-        rows, pair_count = matrix.shape[0], len(order)
-        if rows > self.capacity or pair_count > self.pair_capacity:
-            raise ValueError(f"{rows} rows with {pair_count} pairs: capacity {self.capacity}, {self.pair_capacity}")
-        start = np.searchsorted(pairs.row[off][order], np.arange(self.capacity + 1))
-        self.count[None] = rows
-        self.row_start.from_numpy(start.astype(np.int32))
-        for field, entries in ((self.column, pairs.col), (self.value, pairs.data)):
-            padded = np.zeros(self.pair_capacity, np.int32 if field is self.column else float)
-            padded[:pair_count] = entries[off][order]
-            field.from_numpy(padded)
-        self._load_diagonal(np.ascontiguousarray(matrix.diagonal(), float))
-
-    @ti.kernel
-    def _load_diagonal(self, diagonal: ti.types.ndarray(dtype=ti.f64, ndim=1)):
-        for i in range(self.count[None]):
-            self.set_diagonal(i, ti.cast(diagonal[i], self.real))

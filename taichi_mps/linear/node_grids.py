@@ -4,7 +4,8 @@ from itertools import pairwise, product
 
 import numpy as np
 
-from ..runtime.backend import real, ti
+from ..particles.neighbors import wrapped_number
+from ..runtime.backend import constant_fields, real, ti
 
 
 @ti.data_oriented
@@ -37,31 +38,19 @@ class NodeGrids:
             shape = np.where(merge, np.where(bins.periodic, shape // 2, shape // 2 + 1), shape)
         self.grids = len(shapes)
         first = np.cumsum([0] + [int(np.prod(s)) for s in shapes])
-        nodes = int(first[-1])
-        self.nodes = nodes
-        self.first = ti.field(ti.i32, self.grids + 1)  # first node of each grid
-        self.shape = ti.Vector.field(d, ti.i32, self.grids)  # nodes along each axis
-        self.stride = ti.Vector.field(d, ti.i32, self.grids)  # cells from node to node
-        self.first.from_numpy(first.astype(np.int32))
-        self.shape.from_numpy(np.array(shapes, np.int32))
-        self.stride.from_numpy(np.array(strides, np.int32))
-        self.ratio = ti.Vector.field(d, ti.i32, self.grids)  # nodes of the finer grid from node to node, 1 or 2
-        ratios = [stride // finer for finer, stride in pairwise([strides[0], *strides])]
-        self.ratio.from_numpy(np.array(ratios, np.int32))
-        self.unit = ti.field(real(), self.grids)  # 1 over the product of these
-        self.unit.from_numpy(1.0 / self.ratio.to_numpy().prod(1))
-        self.active = ti.field(ti.i32, nodes)  # 1 where a particle may be within reach of the node
-        self.used = ti.field(ti.i32, nodes)  # the active nodes of a grid, from its first on
-        self.where = ti.Vector.field(d, ti.i32, nodes)  # the places of these
-        self.uses = ti.field(ti.i32, self.grids)  # how many they are
-        room = [0] + [
-            min(n, max(self.ROWS, bins.particles.capacity >> (k + 2))) for k, n in enumerate(np.diff(first)[1:])
-        ]
-        start = np.cumsum([0, *room])
+        self.nodes = int(first[-1])
+        ratios = np.array([stride // finer for finer, stride in pairwise([strides[0], *strides])])
+        room = [min(n, max(self.ROWS, bins.particles.capacity >> (k + 2))) for k, n in enumerate(np.diff(first)[1:])]
+        start = np.cumsum([0, 0, *room])
         self.rows = max(1, int(start[-1]))
-        self.start = ti.field(ti.i32, self.grids + 1)  # first row of each grid
-        self.start.from_numpy(start.astype(np.int32))
-        self.row = ti.field(ti.i32, nodes)  # of each active node of grid 1 and on
+        # of each grid its first node, its first row, and 1 over the product of its ratio
+        self.first, self.start, self.unit = constant_fields(first, start, 1.0 / ratios.prod(1))
+        # of each grid nodes along each axis, cells from node to node, nodes of the finer grid from node to node: 1 or 2
+        self.shape, self.stride, self.ratio = constant_fields(np.array(shapes), np.array(strides), ratios, vectors=True)
+        self.active = ti.field(ti.i32, self.nodes)  # 1 where a particle may be within reach of the node
+        self.used = ti.field(ti.i32, self.nodes)  # the active nodes of a grid, from its first on
+        self.where = ti.Vector.field(d, ti.i32, self.nodes)  # the places of these
+        self.uses = ti.field(ti.i32, self.grids)  # how many they are
         self.cells = ti.field(ti.i32, bins.cells)  # those that hold particles
         self.filled = ti.field(ti.i32, ())  # how many they are
         self.number = ti.field(ti.i32, bins.cells)  # which of them each cell is, -1: empty
@@ -79,28 +68,9 @@ class NodeGrids:
         return place
 
     @ti.func
-    def linear(self, place, shape):
+    def linear(self, place, shape: ti.template()):
         """Number of the node or cell at a place of a grid of this shape, wrapped along periodic axes; -1 outside."""
-        number, inside = 0, 1
-        for a in ti.static(range(self.dimension)):
-            k = place[a]
-            if ti.static(self.bins.periodic[a]):
-                k = (k + shape[a]) % shape[a]
-            if k < 0 or k >= shape[a]:
-                inside = 0
-            number = number * shape[a] + k
-        return ti.select(inside == 1, number, -1)
-
-    @ti.func
-    def corner(self, place, corner: ti.template()):
-        """Number of the node at a corner (0 or 1 along each axis) of the cell at a place."""
-        number = 0
-        for a in ti.static(range(self.dimension)):
-            k = place[a] + corner[a]
-            if ti.static(self.bins.periodic[a] and corner[a] == 1):
-                k = ti.select(k == self.corners[a], 0, k)
-            number = number * self.corners[a] + k
-        return number
+        return wrapped_number(place, shape, self.bins.periodic)
 
     @ti.func
     def parents(self, place, grid):
@@ -146,7 +116,6 @@ class NodeGrids:
                     if grid == 0 or row < self.start[grid + 1]:
                         self.used[found] = node
                         self.where[found] = self.place(node - self.first[grid], self.shape[grid])
-                        self.row[node] = row
                         found += 1
                     else:
                         self.active[node] = 0
@@ -178,7 +147,7 @@ class NodeGrids:
         for c in range(self.filled[None]):
             place = self.place(self.cells[c], ti.Vector(self.bins.shape))
             for corner in ti.static(self.corners_of_a_cell):
-                self.active[self.corner(place, corner)] = 1
+                self.active[self.linear(place + ti.Vector(corner), self.corners)] = 1
         self.list_active(0)
 
     @ti.kernel

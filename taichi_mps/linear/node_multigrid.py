@@ -6,10 +6,10 @@ Computational Physics 188 (2003), 593-610 (Chebyshev smoothing).
 """
 
 from ..runtime.backend import real, ti
-from ..runtime.stages import flush, sequence, stage
+from ..runtime.stages import sequence, stage
 from ..runtime.thread_team import first, last, wait
 from .node_operators import NodeOperators
-from .vectors import Jacobi
+from .vectors import Multigrid
 
 SWEEPS = 3  # degree of the Chebyshev polynomial; odd
 LOWEST = 1.0 / 16.0  # share of the spectrum of D^-1 A below which the next grid corrects
@@ -17,7 +17,7 @@ LAST = 3  # times that the last grid, which has no next one, is smoothed after; 
 
 
 @ti.data_oriented
-class NodeMultigrid(NodeOperators):
+class NodeMultigrid(NodeOperators, Multigrid):
     """M^-1 = D^-1 + P_0 (w D_0^-1 + I C_1 I^T) P_0^T.
 
     P_0 is linear interpolation from the nodes of grid 0 to the particles, I from grid 1 to grid 0, and D_0 are the
@@ -40,11 +40,10 @@ class NodeMultigrid(NodeOperators):
     fits_in_a_kernel = True
 
     def __init__(self, operator, bins):
-        super().__init__(operator, bins)
+        Multigrid.__init__(self, operator)
+        NodeOperators.__init__(self, operator, bins)
         d = self.dimension
         self.weight = 2.0 / 2**d  # of grid 0
-        self.jacobi = Jacobi(operator)
-        self.pays = ti.field(ti.i32, ())  # 1 where there are rows enough
         most = min(bins.cells, bins.particles.capacity)  # cells that hold particles
         self.sums = ti.Matrix.field(2**d, self.lanes, real(), most)  # what the corners of each of them get
         self.b = ti.Vector.field(d, real(), self.nodes)  # right-hand side
@@ -59,34 +58,23 @@ class NodeMultigrid(NodeOperators):
             self.step[k] = 1.0 / middle if k == 0 else 2.0 * rho / half
             self.carry[k] = 0.0 if k == 0 else rho * last
 
-    def build(self) -> None:
-        """The operators of all grids, where they pay."""
-        flush()
-        self.pays[None] = int(self.operator.count[None] >= self.PAY_FROM)
-        if self.pays[None]:
-            super().build()
-
     @sequence("cycle")
-    def apply(self, r, z):
-        """z = M^-1 r; D^-1 r where there are too few rows for more to pay."""
-        flush()
-        if self.pays[None] == 1:
-            self.collect(r)
-            self.gather()
-            for grid in range(1, self.grids):  # down: what the finer grid leaves, smoothed from zero
-                self.restrict(grid)
-                for k in range(1, SWEEPS):
-                    self.sweep(grid, k, (k + 1) % 2)
-                self.leave(grid)
-            for up in range(1, self.grids):
-                grid = self.grids - up
-                self.prolong(grid)
-                for k in range(LAST * SWEEPS if grid == self.grids - 1 else SWEEPS):
-                    self.sweep(grid, k % SWEEPS, k % 2)
-            self.correct_finest()
-            self.correct(r, z)
-        else:
-            self.jacobi.apply(r, z)
+    def cycle(self, r, z):
+        """z = M^-1 r by one cycle."""
+        self.collect(r)
+        self.gather()
+        for grid in range(1, self.grids):  # down: what the finer grid leaves, smoothed from zero
+            self.restrict(grid)
+            for k in range(1, SWEEPS):
+                self.sweep(grid, k, (k + 1) % 2)
+            self.leave(grid)
+        for up in range(1, self.grids):
+            grid = self.grids - up
+            self.prolong(grid)
+            for k in range(LAST * SWEEPS if grid == self.grids - 1 else SWEEPS):
+                self.sweep(grid, k % SWEEPS, k % 2)
+        self.correct_finest()
+        self.correct(r, z)
 
     @stage("collect")
     def collect(self, r: ti.template()):
@@ -130,7 +118,7 @@ class NodeMultigrid(NodeOperators):
             place = self.place(self.cells[c], ti.Vector(self.bins.shape))
             of_corners = ti.Matrix.zero(float, 2**self.dimension, self.lanes)
             for k, corner in ti.static(enumerate(self.corners_of_a_cell)):
-                node = self.corner(place, corner)
+                node = self.linear(place + ti.Vector(corner), self.corners)
                 for a in ti.static(range(self.dimension)):
                     of_corners[k, a] = self.z[1, node][a]
             for i in range(self.bins.cell_start[self.cells[c]], self.bins.cell_start[self.cells[c] + 1]):

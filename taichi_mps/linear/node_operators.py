@@ -4,7 +4,7 @@ from itertools import product
 
 import numpy as np
 
-from ..runtime.backend import real, ti
+from ..runtime.backend import constant_fields, real, ti
 from .node_grids import NodeGrids
 
 
@@ -31,15 +31,14 @@ class NodeOperators(NodeGrids):
         self.centre = ti.Vector.field(d, real(), self.nodes)  # of a in the cell, 0 to 1 [-]
         self.lanes = 4 if d == 3 else d  # LLVM makes vector instructions of four numbers
         self.stencil = ti.Matrix.field(d, self.lanes, real(), (self.rows, self.points))  # transposed blocks of A_l
-        self.column = ti.field(ti.i32, (self.rows, self.points))  # node at each stencil point, -1: none
+        self.column = ti.field(ti.i32, (self.rows, self.points))  # node at each stencil point
         self.inverse = ti.Matrix.field(d, d, real(), self.nodes)  # D_l^-1
         self.finer = ti.field(ti.i32, (self.rows, self.points))  # node of the finer grid at each offset, -1: none
-        self.weights = ti.field(real(), (self.grids, self.points))  # its weight there
         ratio = self.ratio.to_numpy()[:, None]
         apart = np.abs(np.array(list(product((-1, 0, 1), repeat=d))))
-        self.weights.from_numpy(np.maximum(0, ratio - apart).prod(2) * (1.0 / ratio.prod(2)))
+        (self.weights,) = constant_fields(np.maximum(0, ratio - apart).prod(2) * (1.0 / ratio.prod(2)))  # of that node
 
-    def build(self) -> None:
+    def build_levels(self) -> None:
         """Operators of all grids for the particles' operator as it is now."""
         self.locate()
         self._assemble_finest()
@@ -84,18 +83,13 @@ class NodeOperators(NodeGrids):
         return value, slope
 
     @ti.func
-    def clear(self, row, place, grid):
-        """Neighbours of the node of a row on its grid and on the finer one, -1 where there is none, and zero blocks."""
+    def connect(self, row, place, grid):
+        """Neighbours of the node of a row on its grid and on the finer one, -1 where there is none. On its own grid a
+        zero block of any node instead: sums over the stencil need not ask."""
         for k in range(self.points):
-            self.stencil[row, k] = ti.Matrix.zero(float, self.dimension, self.lanes)
-            self.column[row, k] = self.neighbour(place + self.offset(k), grid)
             fine = self.neighbour(self.ratio[grid] * place + self.offset(k), grid - 1)
             self.finer[row, k] = fine if self.weights[grid, k] > 0.0 else -1
-
-    @ti.func
-    def close(self, row, grid):
-        """Where there is no neighbour a zero block of any node: sums over the stencil need not ask."""
-        for k in range(self.points):
+            self.column[row, k] = self.neighbour(place + self.offset(k), grid)
             if self.column[row, k] < 0:
                 self.stencil[row, k] = ti.Matrix.zero(float, self.dimension, self.lanes)
                 self.column[row, k] = self.first[grid]
@@ -141,7 +135,8 @@ class NodeOperators(NodeGrids):
         for m in range(self.uses[grid]):
             node, row = self.used[self.first[grid] + m], self.start[grid] + m
             place = self.where[self.first[grid] + m]
-            self.clear(row, place, grid)
+            for k in range(self.points):
+                self.stencil[row, k] = ti.Matrix.zero(float, self.dimension, self.lanes)
             D = ti.Matrix.zero(float, self.dimension, self.dimension)
             ratio = self.ratio[grid]
             for offset in ti.grouped(ti.ndrange(*((-2, 2),) * self.dimension)):
@@ -161,5 +156,5 @@ class NodeOperators(NodeGrids):
                             self.stencil[row, k][e, a] += block + level if ti.static(a == e) else block
             for e, a in ti.static(ti.ndrange(self.dimension, self.dimension)):
                 D[a, e] = self.stencil[row, self.points // 2][e, a]
-            self.close(row, grid)
+            self.connect(row, place, grid)
             self.invert(node, D)

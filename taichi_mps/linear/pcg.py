@@ -8,10 +8,6 @@ iterative solution of Ax = b with successive right-hand sides, Computer Methods 
 (1998), 193-204 (warm start).
 """
 
-from dataclasses import dataclass
-
-import numpy as np
-
 from ..runtime.backend import double_field, ti
 from ..runtime.stages import flush, sequence, stage, team_stage
 from ..runtime.thread_team import begins, first, last, regroup, takes_part, wait
@@ -22,19 +18,6 @@ LEAST = 1e-4  # part of the norm that the tolerance is compared with, below whic
 RUNNING, CONVERGED, INDEFINITE, BROKEN = range(4)
 STATUS = "limit", "converged", "indefinite", "broken"  # how a solve ended; indefinite: (p, A p) <= 0 or (r, z) < 0
 FAILED = "indefinite", "broken"
-
-
-@dataclass
-class SolveReport:
-    """How a solve ended."""
-
-    status: str  # one of STATUS
-    iterations: int
-    residuals: list[float]  # sqrt((r, z)/reference) at the start and at the end [-]
-
-    @property
-    def converged(self) -> bool:
-        return self.status == "converged"
 
 
 @ti.data_oriented
@@ -48,35 +31,25 @@ class PCG:
                            its x is left as it is, its residual and direction are zero
     preconditioner M: build() for the operator as it is now, and the stage apply(r, z), z = M^-1 r; Jacobi by default.
 
-    Fields: ``b`` right-hand side; ``x`` initial guess in, solution out; ``status``, ``iterations`` of the last solve.
+    Fields: ``b`` right-hand side; ``x`` initial guess in, solution out; of the last solve ``status``,
+    ``iterations``, and (r, z) in ``rz`` beside its ``reference``.
     """
 
     def __init__(self, capacity: int, components: int, operator, preconditioner=None):
         self.A, self.M = operator, preconditioner or Jacobi(operator)
+        self.fits_in_a_kernel = self.M.fits_in_a_kernel
         self.vectors = Vectors(capacity, components, operator)
         self.b, self.x, self.r, self.z, self.p, self.q = (self.vectors.field() for _ in range(6))
         self.first_x, self.first_r, self.last_b = (self.vectors.field() for _ in range(3))  # of the last solve
         self.rz, self.rz_new, self.pq = (double_field() for _ in range(3))  # (r, z), the next one, (p, A p)
         self.alpha, self.beta = double_field(), double_field()
         self.reference, self.target = double_field(), double_field()  # of (r, z): see set_target
-        self.rz_first = double_field()  # at the start
         self.status = ti.field(ti.i32, ())
         self.iterations = ti.field(ti.i32, ())
-
-    @property
-    def fits_in_a_kernel(self) -> bool:
-        return self.M.fits_in_a_kernel
 
     def prepare(self) -> None:
         """Build the preconditioner for the operator as it is now."""
         self.M.build()
-
-    def report(self) -> SolveReport:
-        """Of the last solve."""
-        flush()
-        reference = self.reference[None]
-        residuals = [float(np.sqrt(abs(rz[None] / reference))) if reference else 0.0 for rz in (self.rz_first, self.rz)]
-        return SolveReport(STATUS[self.status[None]], self.iterations[None], residuals)
 
     # ---- the solve ------------------------------------------------------------------------------------------
     @team_stage("guess")
@@ -85,7 +58,7 @@ class PCG:
         self.A.apply(self.x, self.q)
 
     @sequence("solve")
-    def solve(self, tolerance, limit=1000, most=HUGE, again=0, reduction=1.0, enough=0.0):
+    def solve(self, tolerance, limit, most, again, reduction, enough):
         """Improve x, whose guess was taken, until sqrt((r, z)) <= tolerance sqrt(min((b, M^-1 b), most)), in at most
         ``limit`` iterations.
 
@@ -229,7 +202,6 @@ class PCG:
         ti.loop_config(serialize=True)
         for _ in range(first(1), last(1)):
             self.status[None], self.iterations[None] = RUNNING, 0
-            self.rz_first[None] = self.rz[None]
             if self.reference[None] == 0.0:
                 self.reference[None] = self.rz[None]
             start, norm = ti.abs(self.rz[None]), ti.abs(self.reference[None])

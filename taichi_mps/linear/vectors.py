@@ -1,7 +1,7 @@
 """Vector operations of an iterative solver; the only place that knows how rows are summed and masked."""
 
 from ..runtime.backend import double_field, real, ti
-from ..runtime.stages import stage
+from ..runtime.stages import flush, sequence, stage
 from ..runtime.thread_team import first, last, wait
 
 BLOCK = 1024  # rows per partial sum: a dot product has the same bits with any number of threads
@@ -89,3 +89,31 @@ class Jacobi:
         for i in range(first(self.operator.count[None]), last(self.operator.count[None])):
             z[i] = self.operator.inverse_diagonal[i] @ r[i]
         wait()
+
+
+@ti.data_oriented
+class Multigrid:
+    """A preconditioner of coarse levels where there are PAY_FROM rows or more, else Jacobi.
+
+    A subclass has the number PAY_FROM, ``build_levels()`` for the operator as it is now, and ``cycle(r, z)``.
+    """
+
+    def __init__(self, operator):
+        self.operator, self.jacobi = operator, Jacobi(operator)
+        self.pays = ti.field(ti.i32, ())  # 1 where there are rows enough
+
+    def build(self) -> None:
+        """The levels for the operator as it is now, where they pay."""
+        flush()
+        self.pays[None] = int(self.operator.count[None] >= self.PAY_FROM)
+        if self.pays[None]:
+            self.build_levels()
+
+    @sequence("cycle")
+    def apply(self, r, z):
+        """z = M^-1 r."""
+        flush()
+        if self.pays[None] == 1:
+            self.cycle(r, z)
+        else:
+            self.jacobi.apply(r, z)

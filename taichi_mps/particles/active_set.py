@@ -11,7 +11,7 @@ active one comes near a buried one.
 """
 
 from ..runtime.backend import ti
-from ..runtime.stages import flush, stage
+from ..runtime.stages import flush, nothing, stage
 from .particles import ASIDE, BURIED, FLUID, STANDING
 
 EVERY = 20  # steps, of which one is taken by all: what stands costs a twentieth
@@ -20,11 +20,10 @@ RINGS = 4  # cells from what moves: 0, 1 active, 2 standing, 3 buried, from here
 
 
 class NoActiveSet:
-    """Of a scene in which nothing can stand still, or that is too small for it to pay."""
+    """No-op: the scene is too small for it to pay, or nothing in it can stand still."""
 
-    whole = True
-    left_out = 0
-    mean_part_left_out = 0.0
+    whole, left_out, mean_part_left_out = True, 0, 0.0
+    recall = end_step = load = nothing
 
     def __init__(self, neighbors):
         self.neighbors = neighbors
@@ -33,18 +32,9 @@ class NoActiveSet:
         """The neighbours of all."""
         self.neighbors.search()
 
-    def recall(self):
-        """Nothing."""
-
-    def end_step(self, dt):
-        """Nothing."""
-
     def state(self) -> dict:
-        """Nothing."""
+        """What is carried from step to step: nothing."""
         return {}
-
-    def load(self, state: dict) -> None:
-        """Nothing."""
 
 
 @ti.data_oriented
@@ -97,8 +87,8 @@ class ActiveSet:
             self.standing = self.holding[None] / self.particles.number
 
     def someone_leaves(self) -> bool:
-        """Does a standing particle yield, or an active one come near a buried one?"""
-        self.look_who_leaves()
+        """Whether a standing particle yields, or an active one comes near a buried one."""
+        self.find_reactivated()
         flush()
         return bool(self.left[None])
 
@@ -201,7 +191,7 @@ class ActiveSet:
                     kept += 1
 
     @stage("active set")
-    def look_who_leaves(self):
+    def find_reactivated(self):
         """Whether a standing particle yields, or an active one comes near a buried one."""
         self.left[None] = 0
         for i in range(self.particles.count[None]):

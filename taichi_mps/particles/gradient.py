@@ -77,17 +77,17 @@ class Gradient:
         return sums
 
     @ti.func
-    def circle(self, i):
+    def ring_radius_ratio(self, i):
         """Radius of ring i over l0 [-]; 1 where particles are no rings."""
-        circle = ti.cast(1.0, float)
+        radius_ratio = ti.cast(1.0, float)
         if ti.static(self.axisymmetric):
-            circle = ti.cast(self.particles.x[i][0], float) / self.spacing
-        return circle
+            radius_ratio = ti.cast(self.particles.x[i][0], float) / self.spacing
+        return radius_ratio
 
     @ti.func
     def full_weight(self, i):
         """Sum of the weights w of a full neighbourhood of particle i [-]."""
-        return self.lattice(i)[0] * self.circle(i)
+        return self.lattice(i)[0] * self.ring_radius_ratio(i)
 
     @ti.func
     def enclosed(self, i):
@@ -150,8 +150,8 @@ class Gradient:
                 b = r * (w / r2)
                 surface_normal += distance * b
                 if ti.static(self.axisymmetric):
-                    circle = 0.5 * (self.circle(i) + self.circle(j))
-                    b, w = b * circle, w * circle
+                    half_way = 0.5 * (self.ring_radius_ratio(i) + self.ring_radius_ratio(j))
+                    b, w = b * half_way, w * half_way
                 self.b[k] = b
                 self.weight_r2[k] = w / r2
                 M += b.outer_product(r)
@@ -260,27 +260,8 @@ class Gradient:
 
     @ti.func
     def spread_stress(self, i, T):
-        """Flux matrix P_i = V_i T_i B_i [N m] of the stress T [Pa] of i; keeps its hoop force for ``force``."""
+        """Flux matrix P_i = V_i T_i B_i [N m] of the stress T [Pa] of i; keeps its hoop force for ``PairSums.force``."""
         if ti.static(self.axisymmetric):
             carries = ti.cast(self.B[i][0, 0] > 0.0, float)
             self.hoop[i] = carries * self.particles.volume(i) * T[2, 2] / ti.cast(self.particles.x[i][0], float)
         return self.particles.volume(i) * (self.in_plane(T) @ self.B[i])
-
-    @ti.func
-    def force(self, i, flux: ti.template()):
-        """Force [N] on particle i of the flux matrices P_j of all particles."""
-        total = ti.Vector.zero(float, self.dimension)
-        Pi = flux[i]
-        for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
-            total += (Pi + flux[self.neighbors.column[k]]) @ self.b[k]
-        return total + self.own_force(i, Pi)
-
-    @ti.func
-    def own_force(self, i, flux):
-        """The part [N] of the force on particle i that walls and hoop stress give."""
-        total = ti.Vector.zero(float, self.dimension)
-        if ti.static(len(self.walls.surfaces) > 0):
-            total += self.walls.force_term(i, self.particles.x[i], flux)
-        if ti.static(self.axisymmetric):
-            total[0] -= self.hoop[i]
-        return total

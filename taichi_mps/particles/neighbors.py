@@ -17,6 +17,19 @@ class EscapedError(RuntimeError):
     """Particles left the domain or lost their numbers; the message says how many."""
 
 
+@ti.func
+def wrapped_number(place, shape: ti.template(), periodic: ti.template()):
+    """Number of the cell or node at a place of a grid of this shape, wrapped along periodic axes; -1 outside."""
+    number, inside = 0, True
+    for a in ti.static(range(len(periodic))):
+        k = place[a]
+        if ti.static(periodic[a]):
+            k = (k + shape[a]) % shape[a]
+        inside = inside and 0 <= k < shape[a]
+        number = number * shape[a] + k
+    return number if inside else -1
+
+
 @ti.data_oriented
 class Bins:
     """Dense grid of cells over the scene's domain, not smaller than a neighbour list reaches; last axis fastest."""
@@ -56,14 +69,7 @@ class Bins:
     @ti.func
     def beside(self, c, offset):
         """Linear cell at an offset from cell c, wrapped along periodic axes; -1 outside."""
-        number, inside = 0, True
-        for a in ti.static(range(self.dimension)):
-            k = c[a] + offset[a]
-            if ti.static(self.periodic[a]):
-                k = (k + self.shape[a]) % self.shape[a]
-            inside = inside and 0 <= k < self.shape[a]
-            number = number * self.shape[a] + k
-        return number if inside else -1
+        return wrapped_number(c + offset, self.shape, self.periodic)
 
     @ti.func
     def displacement(self, xi, xj):
@@ -78,14 +84,6 @@ class Bins:
     def arrange(self):
         """Put the rows into the order (cell, id), what is set aside behind them, and count the particles that are
         lost."""
-        self._bin()
-        self.particles.reorder()
-        for k in range(self.cells):
-            for i in range(self.cell_start[k], self.cell_start[k + 1]):
-                self.cell_of[i] = k
-
-    @ti.func
-    def _bin(self):
         self.lost[None] = 0
         for k in range(self.cells + 2):
             self.cell_start[k] = 0
@@ -124,6 +122,10 @@ class Bins:
                     self.particles.source_row[b] = self.particles.source_row[b - 1]
                     b -= 1
                 self.particles.source_row[b] = row
+        self.particles.reorder()
+        for k in range(self.cells):
+            for i in range(self.cell_start[k], self.cell_start[k + 1]):
+                self.cell_of[i] = k
 
     def check(self) -> None:
         """EscapedError if any particle left the domain."""
@@ -166,16 +168,11 @@ class NeighborList:
         found, wet = 0, 0
         first = self.row_start[i]
         for offset in ti.grouped(ti.ndrange(*((-1, 2),) * (d - 1))):
-            row = 0
-            inside = 1
+            near = c
             for a in ti.static(range(d - 1)):
-                k = c[a] + offset[a]
-                if ti.static(self.bins.periodic[a]):
-                    k = (k + shape[a]) % shape[a]
-                if k < 0 or k >= shape[a]:
-                    inside = 0
-                row = row * shape[a] + k
-            if inside == 1:
+                near[a] += offset[a]
+            row = wrapped_number(near, shape, ti.static(self.bins.periodic[: d - 1]))
+            if row >= 0:
                 end = ti.static(shape[d - 1] - 1)
                 for wrapped in ti.static(range(2 if self.bins.periodic[d - 1] else 1)):
                     low = ti.max(c[d - 1] - 1, 0)
@@ -203,10 +200,7 @@ class NeighborList:
     def _pairs_of(self, i, fill: ti.template()):
         """Number of neighbours that are listed for i."""
         found = 0
-        if ti.static(self.leaves_out_walls):
-            if self.particles.kind[i] != DUMMY:
-                found = self._scan(i, fill)
-        else:
+        if ti.static(not self.leaves_out_walls) or self.particles.kind[i] != DUMMY:
             found = self._scan(i, fill)
         return found
 
@@ -228,12 +222,15 @@ class NeighborList:
                 if self.row_start[i + 1] > self.row_start[i]:
                     self._scan(i, True)
         self.pairs[None] = self.row_start[self.particles.count[None]]
+        if ti.static(self.skin > 0.0):
+            for i in range(self.particles.count[None]):
+                self.listed_at[i] = self.particles.x[i]
 
     def search(self) -> None:
         """Bring the particles into the order of the cells and list their neighbours at the present positions, unless
         the list still holds them. EscapedError if any left the domain, CapacityError when the pairs do not fit."""
         if self._known and self.skin > 0.0:
-            self.look_who_left()
+            self.find_moved()
             flush()
             if not self.left[None]:
                 return
@@ -244,8 +241,6 @@ class NeighborList:
     def list_pairs(self) -> None:
         """The neighbours of rows that are in the order of the cells."""
         self.list()
-        if self.skin > 0.0:
-            self.keep_positions()
         flush()
         self.bins.check()
         pairs = self.pairs[None]
@@ -254,12 +249,8 @@ class NeighborList:
         self._known = True
 
     @stage("neighbours")
-    def keep_positions(self):
-        for i in range(self.particles.count[None]):
-            self.listed_at[i] = self.particles.x[i]
-
-    @stage("neighbours")
-    def look_who_left(self):
+    def find_moved(self):
+        """Whether a particle has gone more than half of the skin since the list was made."""
         self.left[None] = 0
         for i in range(self.particles.count[None]):
             way = self.bins.displacement(self.listed_at[i], self.particles.x[i])

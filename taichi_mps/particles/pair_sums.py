@@ -70,7 +70,7 @@ class PairSums:
 
     @ti.func
     def velocity_gradient(self, i, u: ti.template(), motion):
-        """That of ``gradient``, once the jumps of u are gathered."""
+        """du_a/dx_b [1/s] of the velocity u at i, as Gradient.velocity_gradient, once the jumps of u are gathered."""
         H = ti.Matrix.zero(float, self.dimension, self.dimension)
         for a, c in ti.static(ti.ndrange(self.dimension, self.dimension)):
             H[a, c] = self.jumps[i][c, a]
@@ -90,7 +90,11 @@ class PairSums:
         P = ti.Matrix.zero(float, self.dimension, self.dimension)
         for a, c in ti.static(ti.ndrange(self.dimension, self.dimension)):
             P[a, c] = self.flux[i][c, a]
-        force = self.gradient.own_force(i, P)
+        force = ti.Vector.zero(float, self.dimension)
+        if ti.static(len(self.walls.surfaces) > 0):
+            force += self.walls.force_term(i, self.particles.x[i], P)
+        if ti.static(self.particles.axisymmetric):
+            force[0] -= self.gradient.hoop[i]
         for c, a in ti.static(ti.ndrange(self.dimension, self.dimension)):
             force[a] += self.pulls[i][c, a]
         return force

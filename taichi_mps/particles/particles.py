@@ -102,23 +102,12 @@ class Particles:
     def append(self, positions, velocity, mix: int = 0) -> None:
         """Fluid particles of a mix at positions (m, d) [m] with a velocity (d,) [m/s], numbered on; all else of them is
         zero."""
-        self.recall()
-        rows = np.concatenate([positions, np.tile(velocity, (len(positions), 1))], axis=1)
-        self._append(np.ascontiguousarray(rows, float), mix)
-        self.count[None] += len(rows)
-
-    @ti.kernel
-    def _append(self, rows: ti.types.ndarray(ti.f64, 2), mix: ti.i32):
-        for k in range(rows.shape[0]):
-            i = self.count[None] + k
-            for field, _ in ti.static(self.twins):
-                field[i] = ti.zero(field[i])
-            for a in ti.static(range(self.dimension)):
-                self.x[i][a] = rows[k, a]
-                self.u[i][a] = ti.cast(rows[k, self.dimension + a], float)
-            self.kind[i], self.id[i] = FLUID, i
-            if ti.static("mix" in self.carried):
-                self.mix[i] = mix
+        state, m = self.read(), len(positions)
+        new = {"x": positions, "u": velocity, "kind": FLUID, "mix": mix, "id": len(state["x"]) + np.arange(m)}
+        for name, values in state.items():
+            entered = np.broadcast_to(new.get(name, 0.0), (m, *values.shape[1:]))
+            state[name] = np.concatenate([values, entered])
+        self.load(state)
 
     @ti.func
     def volume(self, i):

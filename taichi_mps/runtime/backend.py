@@ -5,6 +5,8 @@ import os
 import threading
 from dataclasses import dataclass
 
+import numpy as np
+
 from ..units import SceneError
 from .workarounds import (
     OPTIONS,
@@ -19,6 +21,7 @@ from .workarounds import (
 
 __all__ = [
     "compiled_now",
+    "constant_fields",
     "double_field",
     "for_kernels",
     "in_session",
@@ -145,6 +148,21 @@ def double_field(shape=(), components=None):
     """Field of f64, or of vectors of them."""
     make = ti.field if components is None else functools.partial(ti.Vector.field, components)
     return in_own_memory(make(ti.f64), shape) if started()["arch"] == "vulkan" else make(ti.f64, shape)
+
+
+def constant_fields(*tables, vectors: bool = False) -> list:
+    """Fields that hold these arrays: of i8, of i32 for other integers, and of the solver's type; with ``vectors`` the
+    last axis is that of the components of vectors."""
+    fields = []
+    for table in tables:
+        kind = ti.i8 if table.dtype == np.int8 else ti.i32 if table.dtype.kind == "i" else real()
+        if vectors:
+            fields.append(ti.Vector.field(table.shape[-1], kind, table.shape[:-1]))
+        else:
+            fields.append(ti.field(kind, table.shape))
+    for field, table in zip(fields, tables, strict=True):
+        field.from_numpy(np.ascontiguousarray(table, ti.lang.util.to_numpy_type(field.dtype)))
+    return fields
 
 
 def real():

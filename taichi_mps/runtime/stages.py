@@ -52,16 +52,13 @@ class Call:
     """A stage with its objects, as a part of a kernel whose arguments are its numbers."""
 
     def __init__(self, stage, arguments, slots):
-        self.stage, self.arguments, self.slots = stage, arguments, slots  # of each number its slot, of objects None
+        self.stage, self.arguments, self.slots = stage, arguments, slots  # of each number its slot, else None
 
     def __call__(self, turn, *numbers):
         bound = []
         for argument, slot, kind in zip(self.arguments, self.slots, self.stage.kinds(self.arguments), strict=True):
-            if kind is None:
-                bound.append(argument)
-            else:
-                number = turn if slot is TURN else numbers[slot]
-                bound.append(ti.cast(number, real() if kind is float else kind))
+            value = turn if argument is TURN else argument if slot is None else numbers[slot]
+            bound.append(value if kind is None else ti.cast(value, real() if kind is float else kind))
         return self.stage.part(*bound)
 
 
@@ -109,9 +106,9 @@ def by_team(team, call):
 class Execution:
     """How the stages of a simulation of so many rows are launched, and, with ``timed``, how long each takes."""
 
-    def __init__(self, rows: int, fuses: bool = True, timed: bool = False, team: ThreadTeam | None = None):
+    def __init__(self, rows: int, timed: bool = False, team: ThreadTeam | None = None):
         self.rows, self.timed, self._team = rows, timed, team
-        self.fuses = fuses and few(rows)
+        self.fuses = few(rows)
         self.spent: dict[str, list] = {}  # wall seconds and calls of each stage; of a solve its iterations
         self._kernels: dict = {}  # by the keys of their calls
         self._waiting: list[tuple] = []  # stages and arguments of the kernel that comes next
@@ -131,11 +128,10 @@ class Execution:
 
     def launch(self, stage, arguments):
         """Launch a stage, or keep it for the kernel that is launched next."""
-        if self.timed:
-            return stage.launch(self, arguments) if self._timing else self._timed_launch(stage, arguments)
-        if self.fuses or stage.is_kernel:
-            self._waiting.append((stage, arguments))
-            return None
+        if self.timed and not self._timing:
+            return self._timed_launch(stage, arguments)
+        if not self.timed and (self.fuses or isinstance(stage, Kernel)):
+            return self._waiting.append((stage, arguments))
         return stage.launch(self, arguments)
 
     def _timed_launch(self, stage, arguments):
@@ -154,56 +150,47 @@ class Execution:
         """Launch what waits, some times; in several kernels where one would be given too many numbers."""
         calls, self._waiting = self._waiting, []
         while calls:
-            kernel, numbers, rest = self._kernel(calls, fused if self.fuses else grouped)
-            if rest and times > 1:
-                raise ValueError(f"more than {MOST_NUMBERS} numbers for the stages of a loop")
             with compiled_plainly(self.fuses and self.rows < OPTIMISED):
-                kernel(times, *numbers)
-            calls = rest
+                calls = self._start(fused if self.fuses else grouped, calls, times)
 
-    def by_team(self, stage, arguments) -> bool:
-        """Go through a stage with all threads; False where there is no team, on a GPU."""
+    def go_through(self, stage, arguments):
+        """A stage by all threads in a team; on a GPU, or where it is not to be compiled as a whole, part by part."""
         if started()["arch"] != "cpu" or not arguments[0].fits_in_a_kernel:
-            return False
+            stage.function(*arguments)
+            return
         alone = self._team is None and (one_thread() or few(self.rows))
         if self._team is None and not alone:
             self._team = ThreadTeam(started()["threads"])
         self.flush()
-        kernel, numbers, _ = self._kernel([(stage, arguments)], fused if alone else self._by_team)
-        kernel(1 if alone else self.rows, *numbers)
-        return True
+        make = fused if alone else lambda calls: by_team(self._team, calls[0])
+        self._start(make, [(stage, arguments)], 1 if alone else self.rows)
 
-    def _by_team(self, calls):
-        return by_team(self._team, calls[0])
-
-    def _kernel(self, calls, make):
-        """The kernel of as many of these calls as it can be given the numbers of, made once for the same stages and
-        objects; the numbers; and the calls that are left. A number that several stages are given, the time step above
-        all, is handed over once."""
-        key, numbers, slots = [], [], []
+    def _start(self, make, calls, whole: int) -> list:
+        """Launch a kernel of as many calls as it can be given the numbers of, made once for the same stages and
+        objects; and the calls that are left. A number that several stages are given, the time step above all, is handed
+        over once."""
+        key, numbers, made = (), [], []
         for stage, arguments in calls:
-            known, own, slot = list(numbers), [id(stage)], []
+            known, slots = list(numbers), []
             for argument, kind in zip(arguments, stage.kinds(arguments), strict=True):
-                if kind is None or argument is TURN:
-                    slot.append(TURN if argument is TURN else None)
-                    own.append(id(argument))
-                else:
+                slot = None
+                if kind is not None and argument is not TURN:
                     same = (k for k, number in enumerate(known) if number is argument and type(number) is float)
-                    slot.append(next(same, len(known)))
-                    own.append(slot[-1])
-                    known += [argument] * (slot[-1] == len(known))
+                    slot = next(same, len(known))
+                    known += [argument] * (slot == len(known))
+                slots.append(slot)
             if len(known) > MOST_NUMBERS:
                 break
-            key, numbers, slots = key + own, known, [*slots, slot]
-        done = len(slots)
-        if not done:
-            raise ValueError(f"stage {calls[0][0].name}: is given more than {MOST_NUMBERS} numbers")
-        key = tuple(key)
+            objects = [id(argument) if slot is None else slot for argument, slot in zip(arguments, slots, strict=True)]
+            key, numbers = (*key, id(stage), *objects), known
+            made.append(Call(stage, arguments, slots))
+        left = calls[len(made) :]
+        if not made or (left and make is fused and whole > 1):
+            raise ValueError(f"stage {left[0][0].name}: more than {MOST_NUMBERS} numbers for one kernel")
         if key not in self._kernels:
-            made = make([Call(*call, slot) for call, slot in zip(calls[:done], slots, strict=True)])
-            self._kernels[key] = launch_directly(made)
-        padded = [float(number) for number in numbers] + [0.0] * (MOST_NUMBERS - len(numbers))
-        return self._kernels[key], padded, calls[done:]
+            self._kernels[key] = launch_directly(make(made))
+        self._kernels[key](whole, *map(float, numbers), *[0.0] * (MOST_NUMBERS - len(numbers)))
+        return left
 
 
 _current: Execution | None = None
@@ -232,43 +219,12 @@ def repeat(times: int):
 
 
 def nothing(*_) -> None:
-    """A stage that a scene has no need of."""
+    """No-op: a stage that a scene has no need of."""
 
 
 # ---- decorators -----------------------------------------------------------------------------------------------------
-def _dual(function, stage):
-    """A method that is launched where Python calls it, and a part of any kernel that calls it."""
-
-    signature = inspect.signature(function)
-
-    @functools.wraps(function)
-    def call(*arguments, **named):
-        if named:
-            bound = signature.bind(*arguments, **named)
-            bound.apply_defaults()
-            arguments = bound.args
-        if ti.lang.impl.inside_kernel():
-            return stage.part(*arguments)
-        return _current.launch(stage, arguments) if _current else _launch_at_once(stage, arguments)
-
-    return for_kernels(call, stage.part)
-
-
-@functools.cache
-def _outside(_program):
-    return Execution(1 << 30, fuses=False)
-
-
-def _launch_at_once(stage, arguments):
-    """A stage that is called outside of any Execution."""
-    with _outside(ti.lang.impl.get_runtime().prog).active() as execution:
-        return execution.launch(stage, arguments)
-
-
 class Kernel:
     """A stage of kernel code."""
-
-    is_kernel = True
 
     def __init__(self, name, function):
         self.name = name
@@ -288,11 +244,8 @@ class Kernel:
 class Sequence:
     """A stage made of calls of stages."""
 
-    is_kernel = False
-
     def __init__(self, name, function):
-        self.name, self.function = name, function
-        self.part = ti.func(function)
+        self.name, self.function, self.part = name, function, ti.func(function)
 
     def kinds(self, arguments):
         """Of each argument: None for an object, else the type of a number."""
@@ -310,12 +263,25 @@ class TeamStage(Sequence):
     """A sequence that a team can go through."""
 
     def launch(self, execution, arguments):
-        return None if execution.by_team(self, arguments) else self.function(*arguments)
+        return execution.go_through(self, arguments) if execution else self.function(*arguments)
 
 
 def _decorator(kind):
+    """Makes a method one that is launched where Python calls it, and a part of any kernel that calls it."""
+
     def named(name: str):
-        return lambda function: _dual(function, kind(name, function))
+        def decorate(function):
+            stage = kind(name, function)
+
+            @functools.wraps(function)
+            def call(*arguments):
+                if ti.lang.impl.inside_kernel():
+                    return stage.part(*arguments)
+                return _current.launch(stage, arguments) if _current else stage.launch(None, arguments)
+
+            return for_kernels(call, stage.part)
+
+        return decorate
 
     return named
 

@@ -74,7 +74,7 @@ class ThreadTeam:
                 looks = 0
                 while looks < WELCOME and look(self.joined) < self.most[None]:
                     looks += 1
-                self.regroup()
+                self.meet(member, True)
             else:
                 admitted = look(self.admitted)
                 while admitted != CLOSED and admitted <= member and member < look(self.most):
@@ -101,33 +101,26 @@ class ThreadTeam:
         return self.first_turn(member + 1, n)
 
     @ti.func
-    def meet(self):
-        """Until all members are here."""
+    def meet(self, _member, ends_round: ti.template()):
+        """Until all members are here. At the end of a round who has come meanwhile is one of them from now on; where
+        they had to wait for each other too often, because others use the processor, the first goes on alone, in REST
+        more kernels, too."""
         met, looks = look(self.met), 0
         if ti.atomic_add(self.here[None], 1) == self.size[None] - 1:
+            if ti.static(ends_round):
+                if self.late[None] >= OFTEN:
+                    self.rest[None], self.most[None], self.late[None] = REST, 1, 0
+                self.size[None] = ti.min(look(self.joined), self.most[None])
+                if self.founders[None] == 0:
+                    self.founders[None] = self.size[None]
             self.here[None] = 0
             ti.atomic_add(self.met[None], 1)
+            if ti.static(ends_round):
+                ti.atomic_max(self.admitted[None], self.size[None])
         while look(self.met) == met:
             looks += 1
         if looks > self.patience[None]:
             ti.atomic_add(self.late[None], 1)
-
-    @ti.func
-    def regroup(self):
-        """Until all members are here; who has come meanwhile is one of them from now on. Where they had to wait for
-        each other too often, because others use the processor, the first goes on alone, in REST more kernels, too."""
-        met = look(self.met)
-        if ti.atomic_add(self.here[None], 1) == self.size[None] - 1:
-            if self.late[None] >= OFTEN:
-                self.rest[None], self.most[None], self.late[None] = REST, 1, 0
-            size = ti.min(look(self.joined), self.most[None])
-            if self.founders[None] == 0:
-                self.founders[None] = size
-            self.size[None], self.here[None] = size, 0
-            ti.atomic_add(self.met[None], 1)
-            ti.atomic_max(self.admitted[None], size)
-        while look(self.met) == met:
-            pass
 
     @ti.func
     def close(self):
@@ -156,45 +149,31 @@ def leave():
     _here.kernel = _here.team = _here.member = None
 
 
-@for_kernels
-def first(n):
-    """First of n turns that are done here."""
-    team = _team()
-    return team.first_turn(_here.member, n) if team else 0
+def _of_member(method, alone):
+    """What kernels call: the method of the team with the member that goes on there, or what one thread alone does."""
+
+    @for_kernels
+    def call(*arguments):
+        team = _team()
+        return getattr(team, method)(_here.member, *arguments) if team else alone(*arguments)
+
+    return call
 
 
-@for_kernels
-def last(n):
-    """The turn after the last one that is done here."""
-    team = _team()
-    return team.last_turn(_here.member, n) if team else n
+first = _of_member("first_turn", lambda n: 0)  # of n turns that are done here
+last = _of_member("last_turn", lambda n: n)  # the turn after the last one that is done here
+begins = _of_member("founded_by", lambda: True)  # whether the thread is here from the beginning, or joined late
+takes_part = _of_member("has_member", lambda: True)  # whether the thread is of the team in this round
+_meet = _of_member("meet", lambda _ends_round: None)
 
 
 @for_kernels
 def wait():
     """Until the whole team has done its part."""
-    team = _team()
-    if team:
-        team.meet()
-
-
-@for_kernels
-def begins():
-    """Whether the thread is here from the beginning: one that joins late goes on with the rounds."""
-    team = _team()
-    return team.founded_by(_here.member) if team else True
-
-
-@for_kernels
-def takes_part():
-    """Whether the thread is of the team in this round."""
-    team = _team()
-    return team.has_member(_here.member) if team else True
+    _meet(False)
 
 
 @for_kernels
 def regroup():
     """The end of a round: who has come meanwhile takes part in the next one."""
-    team = _team()
-    if team:
-        team.regroup()
+    _meet(True)

@@ -54,7 +54,7 @@ class PressurePoisson:
         )
         levels = None
         if particles.capacity >= CellMultigrid.PAY_FROM:
-            levels = CellMultigrid(self.matrix, bins.cell_start, bins.cell_of, bins.shape, bins.periodic)
+            levels = CellMultigrid(self.matrix, bins.cell_start, bins.cell_of, bins.shape)
         self.solver = PCG(particles.capacity, 1, self.matrix, levels)
 
     def weigh(self) -> None:

@@ -116,7 +116,7 @@ class Shifting:
         for i in range(self.particles.count[None]):
             total, weight = self.shift[i], ti.cast(1.0, float)
             for k in range(neighbors.row_start[i], neighbors.row_start[i + 1]):
-                w = re2 * self.gradient.weight_r2[k] / self.gradient.circle(i)
+                w = re2 * self.gradient.weight_r2[k] / self.gradient.ring_radius_ratio(i)
                 total += w * self.shift[neighbors.column[k]]
                 weight += w
             self.mean[i] = total / weight

@@ -7,6 +7,7 @@ import pytest
 
 import taichi_mps as mps
 from taichi_mps.particles.kernels import mps_weight, smooth_weight
+from taichi_mps.particles.pair_sums import PairSums
 from taichi_mps.runtime.backend import ti
 from tests.support.rigs import L0, MASS_RATE, RE, System, cloud, neighbourhood
 from tests.support.rigs import Rig as Cloud
@@ -31,7 +32,7 @@ class Rig:
         self.dimension, self.lattice = d, found.lattice
         self.particles, self.walls, self.gradient = found.particles, found.walls, found.gradient
         self.F, self.W, self.near = (ti.Vector.field(d, ti.f64, len(x)) for _ in range(3))
-        self.P = ti.Matrix.field(d, d, ti.f64, len(x))
+        self.sums = PairSums(self.particles, self.gradient, self.walls)
         self.moved = ti.Vector.field(d, ti.f64, 16)
         self.x = self.particles.read()["x"]
         self.interior = (self.x[:, -1] > RE) & (self.x[:, -1] < HEIGHT - RE)
@@ -41,9 +42,12 @@ class Rig:
         """F: force on a unit volume from the pressure p0 + weight depth; W: what the walls add for the weight."""
         down = -weight * ti.Vector.unit(self.dimension, self.dimension - 1, ti.f64)
         for i in range(self.particles.count[None]):
-            self.P[i] = -(p0 + weight * (HEIGHT - self.particles.x[i][self.dimension - 1])) * self.gradient.B[i]
+            p = p0 + weight * (HEIGHT - self.particles.x[i][self.dimension - 1])
+            self.sums.set_flux(i, -p * self.gradient.B[i])
         for i in range(self.particles.count[None]):
-            self.F[i] = self.gradient.force(i, self.P)
+            self.sums.gather_pull(i)
+        for i in range(self.particles.count[None]):
+            self.F[i] = self.sums.force(i)
             self.W[i] = self.walls.hydrostatic(i, self.particles.x[i], down, self.gradient.B[i], 1.0)
             self.near[i] = self.walls.crowding(i, self.particles.x[i], 1.0)
 

@@ -86,7 +86,7 @@ def test_the_cycle_is_that_of_dense_matrices_with_galerkin_operators():
     ring, line = sp.lil_matrix(pyamg.gallery.poisson((n[0],))), pyamg.gallery.poisson((n[1],))
     ring[0, -1] = ring[-1, 0] = -1.0
     a = sp.kron(ring, sp.identity(n[1])) + sp.kron(sp.identity(n[0]), line)
-    _, levels, matrix = with_levels(a, n, per_cell, periodic=(True, False), kind=Deep)
+    _, levels, matrix = with_levels(a, n, per_cell, kind=Deep)
     _, cell, shape = by_cell(n, per_cell)
     A = matrix.toarray()
     P = np.eye(np.prod(shape))[cell]
@@ -130,8 +130,3 @@ def test_with_few_rows_it_is_jacobi():
     _, levels, matrix = with_levels(pyamg.gallery.poisson((6, 6), format="csr"), (6, 6), 2, kind=CellMultigrid)
     v = np.random.default_rng(11).standard_normal((2, 36))
     np.testing.assert_allclose(applied(levels, v), v / matrix.diagonal(), rtol=1e-14)
-
-
-def test_a_periodic_side_needs_three_cells():
-    with pytest.raises(ValueError, match="a periodic side must have at least three cells"):
-        with_levels(pyamg.gallery.poisson((4, 4), format="csr"), (4, 4), 2, periodic=(True, False))

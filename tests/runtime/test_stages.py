@@ -123,7 +123,7 @@ def test_more_numbers_than_a_kernel_takes_go_to_several_kernels():
 
 def test_a_loop_with_more_numbers_than_a_kernel_takes_is_refused():
     numbers = Numbers()
-    with pytest.raises(ValueError, match="numbers for the stages of a loop"), Execution(rows=1).active():
+    with pytest.raises(ValueError, match="more than 8 numbers for one kernel"), Execution(rows=1).active():
         for _ in repeat(2):
             for k in range(30):
                 numbers.add(float(k))

@@ -1,12 +1,15 @@
 """Systems of known solution, the solver on them, and the ways in which its stages are launched."""
 
+from dataclasses import dataclass
+
 import numpy as np
+import scipy.sparse as sp
 
 import taichi_mps as mps
 from taichi_mps.linear.cell_multigrid import CellMultigrid
 from taichi_mps.linear.csr import SparseMatrix
 from taichi_mps.linear.node_multigrid import NodeMultigrid
-from taichi_mps.linear.pcg import HUGE, PCG
+from taichi_mps.linear.pcg import HUGE, PCG, STATUS
 from taichi_mps.linear.vectors import Jacobi
 from taichi_mps.particles.neighbors import Bins, NeighborList
 from taichi_mps.particles.particles import Particles
@@ -61,9 +64,34 @@ def spd(n, seed=0):
 
 def sparse_matrix(matrix, capacity=None):
     """A SparseMatrix with the entries of a SciPy matrix."""
-    a = SparseMatrix(capacity or matrix.shape[0], max(1, matrix.nnz))
-    a.load(matrix)
+    rows, diagonal = matrix.shape[0], matrix.diagonal()
+    capacity, pairs = capacity or rows, (matrix - sp.diags(diagonal)).tocsr()
+    a = SparseMatrix(capacity, pairs.nnz)
+    a.count[None] = rows
+    a.row_start.from_numpy(np.pad(pairs.indptr, (0, capacity - rows), mode="edge"))
+    a.column.from_numpy(pairs.indices)
+    a.value.from_numpy(pairs.data)
+    set_diagonal(a, np.ascontiguousarray(diagonal, float))
     return a
+
+
+@ti.kernel
+def set_diagonal(a: ti.template(), diagonal: ti.types.ndarray(ti.f64, 1)):
+    for i in range(diagonal.shape[0]):
+        a.set_diagonal(i, ti.cast(diagonal[i], float))
+
+
+@dataclass
+class Report:
+    """How a solve ended."""
+
+    status: str  # one of STATUS
+    iterations: int
+    residual: float  # sqrt((r, z)/reference) at the end [-]
+
+    @property
+    def converged(self) -> bool:
+        return self.status == "converged"
 
 
 def solve(operator, b, components=1, tolerance=1e-10, x=0.0, preconditioner=None, launch=None, team=None, **options):
@@ -85,7 +113,9 @@ def solve(operator, b, components=1, tolerance=1e-10, x=0.0, preconditioner=None
     with execution.active():
         solver.take_guess()
         solver.solve(tolerance, *given.values())
-    return solver.x.to_numpy().ravel()[: b.size], solver.report()
+    residual = np.sqrt(abs(solver.rz[None]) / (abs(solver.reference[None]) or 1.0))
+    report = Report(STATUS[solver.status[None]], solver.iterations[None], residual)
+    return solver.x.to_numpy().ravel()[: b.size], report
 
 
 def by_cell(points, per_cell):
@@ -103,7 +133,7 @@ class Always(CellMultigrid):
     PAY_FROM = 0
 
 
-def with_levels(matrix, points, per_cell, periodic=(), kind=Always):
+def with_levels(matrix, points, per_cell, kind=Always):
     """Matrix of a grid of points, reordered by cell: (SparseMatrix, its levels, the SciPy matrix)."""
     order, cell, shape = by_cell(points, per_cell)
     matrix = matrix.tocsr()[order][:, order].tocsr()
@@ -112,7 +142,7 @@ def with_levels(matrix, points, per_cell, periodic=(), kind=Always):
     cell_start.from_numpy(np.searchsorted(cell, np.arange(np.prod(shape) + 1)).astype(np.int32))
     cell_of = ti.field(ti.i32, len(cell))
     cell_of.from_numpy(cell.astype(np.int32))
-    levels = kind(a, cell_start, cell_of, shape, periodic)
+    levels = kind(a, cell_start, cell_of, shape)
     levels.build()
     return a, levels, matrix
 

@@ -91,7 +91,7 @@ class Rig:
         self.u, self.F = (ti.Vector.field(d, ti.f64, len(x)) for _ in range(2))
         self.left = ti.field(ti.f64, len(x))
         self.G, self.T = (ti.Matrix.field(t, t, ti.f64, len(x)) for _ in range(2))
-        self.P = ti.Matrix.field(d, d, ti.f64, len(x))
+        self.sums = PairSums(self.particles, self.gradient, self.walls)
         rows = self.particles.read()
         self.x, self.kind = rows["x"], rows["kind"]
         r = self.x[None] - self.x[:, None]
@@ -114,9 +114,11 @@ class Rig:
     @ti.kernel
     def _forces(self):
         for i in range(self.particles.count[None]):
-            self.P[i] = self.gradient.spread_stress(i, self.T[i])
+            self.sums.set_flux(i, self.gradient.spread_stress(i, self.T[i]))
         for i in range(self.particles.count[None]):
-            self.F[i] = self.gradient.force(i, self.P)
+            self.sums.gather_pull(i)
+        for i in range(self.particles.count[None]):
+            self.F[i] = self.sums.force(i)
 
     def gradients(self, u, motion=0.0):
         """Velocity gradients (n, t, t) [1/s] of u (n, d); ``motion`` 1 with the walls' own velocity."""
@@ -173,7 +175,6 @@ class System(Rig):
         if not resistance_only:
             numbers.bulk[None] = BULK
             numbers.mu.from_numpy(self.mu)
-        self.sums = PairSums(self.particles, self.gradient, self.walls)
         of = self.particles, self.gradient, self.sums
         self.system = MomentumOperator(*of, self.walls, numbers, numbers, numbers)
         self.system.assemble(1.0)
