@@ -14,7 +14,6 @@ from .workarounds import (
     for_kernels,
     in_own_memory,
     is_for_kernels,
-    require_trees,
     sine_by_f32,
     ti,
 )
@@ -36,7 +35,11 @@ __all__ = [
     "ti",
 ]
 
-_started: dict = {}
+MOST_TREES, TREES_OF_A_SIMULATION = 512, 32  # measured 5 to 6 a Simulation, and 3 more for each solid with inner edges
+FORKED = (
+    "Taichi was started before this process was forked, and does not survive that; start processes by "
+    "multiprocessing.get_context('spawn') and call taichi_mps.init() in each"
+)
 _one_at_a_time = threading.RLock()
 
 
@@ -44,6 +47,7 @@ _one_at_a_time = threading.RLock()
 class Session:
     """From one ``init`` to the next: what was made in it is of this process, and gone with it."""
 
+    settings: dict  # arch, precision, threads
     process: int
     thread: int  # that called init: Taichi makes fields there alone
 
@@ -86,31 +90,24 @@ def init(arch: str = "cpu", precision: str = "f32", threads: int | None = None, 
         **OPTIONS,
     )
     if ti.lang.impl.current_cfg().arch != architectures[arch]:  # Taichi goes on with the processor, in silence
-        _started.clear()
+        _session = None
         raise SceneError(f"arch = {arch}: no such device is found here; must be one that this machine has, such as cpu")
-    _started.update(arch=arch, precision=precision, threads=threads)
-    _session = Session(os.getpid(), threading.get_ident())
-
-
-def started() -> dict:
-    """Settings of the running backend; a clear RuntimeError if init was forgotten."""
-    if not _started:
-        raise RuntimeError("Taichi is not started: call taichi_mps.init() before making a Simulation")
-    return dict(_started)
-
-
-FORKED = (
-    "Taichi was started before this process was forked, and does not survive that; start processes by "
-    "multiprocessing.get_context('spawn') and call taichi_mps.init() in each"
-)
+    settings = {"arch": arch, "precision": precision, "threads": threads}
+    _session = Session(settings, os.getpid(), threading.get_ident())
 
 
 def session() -> Session:
     """The present one; RuntimeError where init was forgotten, or in a forked process."""
-    started()
+    if _session is None:
+        raise RuntimeError("Taichi is not started: call taichi_mps.init() before making a Simulation")
     if _session.process != os.getpid():
         raise RuntimeError(FORKED)
     return _session
+
+
+def started() -> dict:
+    """Settings of the running backend: arch, precision, threads."""
+    return dict(session().settings)
 
 
 def in_session(method):
@@ -138,10 +135,15 @@ def require_thread() -> None:
 
 
 def require_room() -> None:
-    """Refuse new fields in another thread, and when those of this process are nearly as many as Taichi holds: past the
-    last one it crashes."""
+    """Refuse new fields in another thread, and when those of this process are nearly as many as Taichi holds: the 513th
+    tree of fields kills the process. Until the language raises an error instead."""
     require_thread()
-    require_trees()
+    used = ti.lang.impl.get_runtime().prog.get_snode_tree_size()
+    if used > MOST_TREES - TREES_OF_A_SIMULATION:
+        raise RuntimeError(
+            f"this process holds {used} groups of Taichi fields of at most {MOST_TREES}, a Simulation needs up to "
+            f"{TREES_OF_A_SIMULATION}: call taichi_mps.init() again, which drops every earlier Simulation"
+        )
 
 
 def double_field(shape=(), components=None):

@@ -15,7 +15,7 @@ FONTS = "MPLCONFIGDIR"
 def provide(language: str) -> None:
     """Before the kernel language is imported: see to it that it and matplotlib find a folder; children of this process
     inherit it. What the user has set stays."""
-    home = Path.home() if os.environ.get("HOME") or os.name != "posix" else of_the_user()
+    home = home_of_user()
     if os.environ.get(KERNELS[language]) and os.environ.get("HOME"):
         return
     if os.name == "posix":
@@ -36,8 +36,8 @@ def remove(folder: str, language: str) -> None:
     shutil.rmtree(folder, ignore_errors=True)
 
 
-def of_the_user() -> Path:
-    """The home that the system knows of the user; that of nobody where it knows none."""
+def home_of_user() -> Path:
+    """Home folder of the user; /nonexistent where it is unknown."""
     try:
         return Path.home()
     except (RuntimeError, KeyError):

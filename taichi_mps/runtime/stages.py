@@ -1,6 +1,6 @@
 """Stages of a time step, written once; how they are launched is decided here, and nobody else knows it.
 
-To start a kernel takes some 30 microseconds (5 with a patch, workarounds.py), each loop in it that is spread over
+To start a kernel takes some 30 microseconds, each loop in it that is spread over
 threads another 5 to 9, or 15 to 70 where they must be woken, to read a number from Python 7: more than the arithmetic
 of a few hundred particles. So an ``Execution`` keeps the stages that are called and launches them together, where
 Python has to look at a result:
@@ -25,7 +25,7 @@ from contextlib import contextmanager
 
 from .backend import for_kernels, real, started, ti
 from .thread_team import ThreadTeam, enter, leave
-from .workarounds import compiled_plainly, launch_directly
+from .workarounds import compiled_plainly
 
 OPTIMISED = 1000
 """Rows from which on a fused kernel is optimised: 6 s more to compile, once, for an eighth less of each run."""
@@ -188,7 +188,7 @@ class Execution:
         if not made or (left and make is fused and whole > 1):
             raise ValueError(f"stage {left[0][0].name}: more than {MOST_NUMBERS} numbers for one kernel")
         if key not in self._kernels:
-            self._kernels[key] = launch_directly(make(made))
+            self._kernels[key] = make(made)
         self._kernels[key](whole, *map(float, numbers), *[0.0] * (MOST_NUMBERS - len(numbers)))
         return left
 

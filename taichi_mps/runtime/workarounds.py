@@ -3,122 +3,45 @@
 The engine is written for Taichi 1.7.4, which has no wheel for Python 3.14 and gets no more releases. Where it is not
 installed the engine runs on Quadrants, its maintained fork; TAICHI_MPS_KERNELS=taichi or quadrants chooses.
 
-WORKAROUNDS says of each one for which version it is, why, what it gains, which test holds it, and when it can go. Cures
-of wrong results are always on. Speed patches reach into Taichi's internals, and no bit of a result depends on them:
-TAICHI_MPS_WORKAROUNDS=0 leaves them out, and so does a version that they were not written for.
+Each workaround says why it is there and when it can go; tests/runtime/test_workarounds.py holds each. Cures of wrong
+results are always on. The speed patch reaches into Taichi's internals, and no bit of a result depends on it:
+TAICHI_MPS_WORKAROUNDS=0 leaves it out, and so does a version that it was not written for.
 """
 
-import ast
 import functools
 import importlib
-import inspect
-import linecache
 import math
 import os
 import textwrap
 import warnings
-from collections import defaultdict
 from contextlib import contextmanager
-from dataclasses import dataclass
 from importlib.util import find_spec
 from types import SimpleNamespace
 
 from ..units import SceneError
 from .caches import provide
 
-
-@dataclass(frozen=True)
-class Workaround:
-    """What stands in the way, and what is known of it. Speed patches have a gain, as a share of the processor seconds
-    of a whole process: the default cone at 10 mm, without a cache of kernels."""
-
-    name: str
-    versions: dict  # of each language
-    reason: str
-    test: str  # in tests/runtime/test_workarounds.py
-    until: str  # when it can go
-    gain: float | None = None
-
-
-TAICHI, BOTH = {"taichi": ("1.7.4",)}, {"taichi": ("1.7.4",), "quadrants": ("1.3.3", "1.4.0")}
-WORKAROUNDS = (
-    Workaround(
-        "cfg_optimization=False",
-        TAICHI,
-        "A vector local that is read, conditionally changed and overwritten is miscompiled (taichi issue 8744). Costs "
-        "no run time. Quadrants computes the known patterns rightly; it is off there, too, for equal code.",
-        "test_vector_local_keeps_its_old_value",
-        "Taichi is no longer supported",
-    ),
-    Workaround(
-        "require_trees",
-        BOTH,
-        "The 513th tree of fields kills the process.",
-        "test_fields_are_refused_before_the_tree_that_kills_the_process",
-        "the language raises an error instead",
-    ),
-    Workaround(
-        "in_own_memory",
-        TAICHI,
-        "On Vulkan fields are packed without alignment: 8 bytes that begin at an odd multiple of 4 overwrite the last "
-        "number of another field.",
-        "test_an_f64_field_in_memory_of_its_own_holds_its_numbers",
-        "a field of f64 after an odd number of f32 keeps its numbers on Vulkan",
-    ),
-    Workaround(
-        "sine_by_f32",
-        BOTH,
-        "Vulkan has no sine of f64.",
-        "test_sine_by_f32_is_that_of_the_angle_less_whole_turns",
-        "it has one",
-    ),
-    Workaround(
-        "silence",
-        BOTH,
-        "A greeting at import, a line for each replaced stdout, and a warning of each NumPy number that a kernel takes "
-        "would stand between the lines of --json.",
-        "test_import_says_nothing",
-        "the language greets no more",
-    ),
-    Workaround(
-        "remember_texts",
-        TAICHI,
-        "For each expression of a kernel its text is wrapped and guarded by a generator, 65,000 times in a cone; for "
-        "each call of a function in a kernel its source is looked up, wrapped and parsed again, 1,000 times.",
-        "test_speed_patches_change_no_bit",
-        "Taichi is no longer supported: Quadrants remembers both",
-        gain=0.1,
-    ),
-    Workaround(
-        "launch_directly",
-        TAICHI,
-        "To call a kernel takes Taichi 30 microseconds, in which it finds out again what has not changed, while its "
-        "threads fall asleep and must be woken. A kernel that is given numbers alone can be started in 5. Gain with "
-        "two threads; with one it is 0.04.",
-        "test_speed_patches_change_no_bit",
-        "a call takes no longer than starting its threads",
-        gain=0.2,
-    ),
-)
+LANGUAGES = "taichi", "quadrants"
 
 
 # ---- which language -------------------------------------------------------------------------------------------------
 def chosen() -> str:
     """Name of the kernel language: that of TAICHI_MPS_KERNELS, else Taichi where it is installed, else Quadrants."""
-    here = [name for name in BOTH if find_spec(name)]
-    name = os.environ.get("TAICHI_MPS_KERNELS") or (here or list(BOTH))[0]
-    if name not in BOTH:
-        raise SceneError(f"TAICHI_MPS_KERNELS = {name}: must be {' or '.join(BOTH)}")
+    here = [name for name in LANGUAGES if find_spec(name)]
+    name = os.environ.get("TAICHI_MPS_KERNELS") or (here or LANGUAGES)[0]
+    if name not in LANGUAGES:
+        raise SceneError(f"TAICHI_MPS_KERNELS = {name}: must be {' or '.join(LANGUAGES)}")
     if name not in here:
         raise SceneError(f"TAICHI_MPS_KERNELS = {name}: is not installed; pip install {name}")
     return name
 
 
 def silence() -> None:
-    """Before the import: no greeting, no buffer for what kernels print; no warning of what is meant."""
+    """Before the import: no greeting, no line for each replaced stdout, no warning of NumPy numbers that kernels take.
+    They would stand between the lines of --json. Until the language greets no more."""
     for start in ("TI", "QD"):
         os.environ.setdefault(f"{start}_ENABLE_PYBUF", "0")
-    for name in BOTH:
+    for name in LANGUAGES:
         os.environ.setdefault(f"ENABLE_{name.upper()}_HEADER_PRINT", "False")
     warnings.filterwarnings("ignore", message=".*Template mapper caching disabled")
 
@@ -158,22 +81,15 @@ def compiled_now():
 
 
 # ---- cures ----------------------------------------------------------------------------------------------------------
-OPTIONS = {"cfg_optimization": False, "unrolling_limit": 0}  # of ti.init; a warning of what is meant to be unrolled
-MOST_TREES, TREES_OF_A_SIMULATION = 512, 32  # measured 5 to 6 a Simulation, and 3 more for each solid with inner edges
-
-
-def require_trees() -> None:
-    """RuntimeError when the trees of fields are nearly used up."""
-    used = ti.lang.impl.get_runtime().prog.get_snode_tree_size()
-    if used > MOST_TREES - TREES_OF_A_SIMULATION:
-        raise RuntimeError(
-            f"this process holds {used} groups of Taichi fields of at most {MOST_TREES}, a Simulation needs up to "
-            f"{TREES_OF_A_SIMULATION}: call taichi_mps.init() again, which drops every earlier Simulation"
-        )
+# Of ti.init. Taichi miscompiles a vector local that is read, conditionally changed and overwritten (its issue 8744):
+# without cfg_optimization it does not, which costs no run time. Quadrants computes the known patterns rightly; off
+# there, too, for equal code. Without a limit there is no warning of what is meant to be unrolled.
+OPTIONS = {"cfg_optimization": False, "unrolling_limit": 0}
 
 
 def in_own_memory(field, shape):
-    """The field, placed in memory of its own."""
+    """The field, placed in memory of its own. On Vulkan Taichi packs fields without alignment: 8 bytes that begin at an
+    odd multiple of 4 overwrite the last number of another field."""
     memory = ti.FieldsBuilder()
     shape = shape if isinstance(shape, tuple) else (shape,)
     (memory.dense(ti.axes(*range(len(shape))), shape) if shape else memory).place(field)
@@ -183,7 +99,7 @@ def in_own_memory(field, shape):
 
 @ti.func
 def sine_by_f32(angle):
-    """Sine [-] of an angle [rad] in f64, by that of f32: of the angle less whole turns."""
+    """Sine [-] of an angle [rad] in f64, by that of f32, of the angle less whole turns: Vulkan has none of f64."""
     turns = angle / (2.0 * math.pi)
     return ti.cast(ti.sin(ti.cast(2.0 * math.pi * (turns - ti.floor(turns)), ti.f32)), ti.f64)
 
@@ -200,7 +116,7 @@ def compiled_plainly(wanted: bool):
         settings.advanced_optimization = before
 
 
-# ---- speed patches --------------------------------------------------------------------------------------------------
+# ---- the speed patch ------------------------------------------------------------------------------------------------
 def position(context, node) -> str:
     """Where an expression of a kernel stands: file, line, function and text, as an error names it."""
     line = context.src[node.lineno - 1].strip()
@@ -210,115 +126,20 @@ def position(context, node) -> str:
 
 
 def remember_texts() -> None:
-    """Look up and wrap the source of a function once, and don't wrap the text of an expression."""
-    if "remember_texts" not in SPEED_PATCHES:
-        return
+    """Look up and wrap the source of a function once, and don't wrap the text of an expression.
+
+    Taichi wraps the text of each expression of a kernel, 65,000 times in a cone, and looks up and wraps the source of a
+    function wherever a kernel calls it, 1,000 times. Of the processor seconds of a cone at 15 mm that is 0.17, with
+    compiled kernels in the cache 0.20. Quadrants remembers both.
+    """
     from taichi.lang import kernel_impl
     from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext
 
     ASTTransformerContext.get_pos_info = position
-    kernel_impl.getsourcefile = lambda function: function.__code__.co_filename
-    kernel_impl.getsourcelines = functools.cache(source_lines)
+    kernel_impl.getsourcefile = functools.cache(kernel_impl.getsourcefile)
+    kernel_impl.getsourcelines = functools.cache(kernel_impl.getsourcelines)
     kernel_impl.textwrap = SimpleNamespace(fill=functools.cache(textwrap.fill), dedent=functools.cache(textwrap.dedent))
 
 
-def source_lines(function):
-    """Lines of a function and the number of the first, as inspect.getsourcelines, without a search for its module."""
-    code = function.__code__
-    lines = linecache.getlines(code.co_filename)[code.co_firstlineno - 1 :]
-    return (inspect.getblock(lines), code.co_firstlineno) if lines else inspect.getsourcelines(function)
-
-
-def remember_trees() -> None:
-    """Parse the source of a function once, and use its tree again wherever it is called; nodes without a guard."""
-    if "remember_texts" not in SPEED_PATCHES:
-        return
-    from taichi.lang import impl, kernel_impl
-    from taichi.lang.ast import ast_transformer_utils
-
-    trees = defaultdict(list)  # by their source, those that are not in use: a function may call itself while compiled
-    transform, build = kernel_impl.transform_tree, ast_transformer_utils.Builder.__call__
-
-    def parse(source):
-        tree = trees[source].pop() if trees[source] else ast.parse(source)
-        tree.source = source
-        return tree
-
-    def transform_and_keep(tree, context):
-        try:
-            return transform(tree, context)
-        finally:
-            if not (context.is_kernel or context.is_real_function):  # which take the arguments out of their tree
-                trees[tree.source].append(tree)
-
-    def build_node(self, context, node):
-        method = getattr(self, "build_" + node.__class__.__name__, None)
-        if method is None:
-            return build(self, context, node)
-        stack = impl.get_runtime().src_info_stack
-        stack.append(position(context, node) if isinstance(node, ast.stmt | ast.expr) else "")
-        try:
-            return method(context, node)
-        except Exception as error:
-            return build(Fails(error), context, node)  # which says where
-        finally:
-            stack.pop()
-
-    kernel_impl.ast = SimpleNamespace(parse=parse)
-    kernel_impl.transform_tree = transform_and_keep
-    ast_transformer_utils.Builder.__call__ = build_node
-
-
-class Fails:
-    """A builder of any node that raises an error."""
-
-    def __init__(self, error):
-        self.error = error
-
-    def __getattr__(self, name):
-        def fail(context, node):
-            raise self.error
-
-        return fail
-
-
-def launch_directly(kernel):
-    """A kernel of one i32 and then numbers of f64, that returns nothing, as a function that starts it."""
-    if "launch_directly" not in SPEED_PATCHES:
-        return kernel
-    ready = None
-
-    def launch(whole, *numbers):
-        nonlocal ready
-        if ready is None:
-            kernel(whole, *numbers)
-            inner, program = kernel._primal, ti.lang.impl.get_runtime().prog
-            of_taichi = inner.compiled_kernels[inner.ensure_compiled(whole, *numbers)]
-            compiled = program.compile_kernel(program.config(), program.get_device_caps(), of_taichi)
-            ready = program.launch_kernel, compiled, of_taichi.make_launch_context
-            return
-        start, compiled, make_context = ready
-        context = make_context()
-        context.set_arg_int((0,), whole)
-        for slot, number in enumerate(numbers, 1):
-            context.set_arg_float((slot,), number)
-        start(compiled, context)
-
-    return launch
-
-
-def wanted_speed_patches() -> set[str]:
-    """Names of those for this language; one line where it has a version that they were not written for."""
-    if os.environ.get("TAICHI_MPS_WORKAROUNDS") == "0":
-        return set()
-    mine = [workaround for workaround in WORKAROUNDS if workaround.gain and LANGUAGE in workaround.versions]
-    left_out = [workaround for workaround in mine if VERSION not in workaround.versions[LANGUAGE]]
-    for workaround in left_out:
-        written_for = ", ".join(workaround.versions[LANGUAGE])
-        warnings.warn(f"{LANGUAGE} {VERSION}: {workaround.name} is for {written_for} and left out", stacklevel=2)
-    return {workaround.name for workaround in mine if workaround not in left_out}
-
-
-SPEED_PATCHES = wanted_speed_patches()
-remember_texts()
-remember_trees()
+if (LANGUAGE, VERSION) == ("taichi", "1.7.4") and os.environ.get("TAICHI_MPS_WORKAROUNDS") != "0":
+    remember_texts()
