@@ -161,7 +161,9 @@ def draw():
     empirical = np.linspace(50.0, 1500.0, 60)
     slumps = 1e-2 * (25.5 - 17.6 * empirical / 2300.0)
     known["Roussel (2006), 50-250 mm"] = np.array([empirical, slumps])[:, (slumps > 0.05) & (slumps < 0.25)]
-    plots.slump_against_yield_value(ends, known, points.FIGURES / "paper_fig4.png")
+    ends, known = ({name: (t, 100.0 * slump) for name, (t, slump) in found.items()} for found in (ends, known))
+    axes = {"xlabel": "yield stress [Pa]", "ylabel": "slump [cm]", "xlim": (0.0, None), "ylim": (26.0, 0.0)}
+    plots.points_and_lines(ends, known, points.FIGURES / "paper_fig4.png", **axes)
     for figure, cases in (("paper_fig6", (1, 2, 3)), ("paper_fig10", (4, 5))):
         samples, laws, rate = {}, {}, np.logspace(-2, 1.5, 200)
         for k in cases:
@@ -170,7 +172,8 @@ def draw():
             for label, source in of_the_papers_scheme((k,)).items():
                 rates = np.concatenate([np.array(v) for v in source["shear_rate_quantiles"].values()])
                 samples[label] = (rates, apparent_viscosity(rates, eta, tau_y, 0.1, np.maximum))
-        plots.viscosity_against_shear_rate(samples, laws, points.FIGURES / f"{figure}.png")
+        axes = {"xscale": "log", "yscale": "log", "xlabel": "shear rate [1/s]", "ylabel": "viscosity [Pa s]"}
+        plots.points_and_lines(samples, laws, points.FIGURES / f"{figure}.png", **axes)
     for figure, name in (("paper_fig7", paper_scheme(1)), ("paper_fig8", paper_scheme(3))):
         frames = [sorted((FRAMES / name / f"t{t:.1f}").glob("*.png"))[-1:] for t in PICTURES]
         pictures = [imageio.imread(file)[::2, ::2] for found in frames for file in found]

@@ -57,25 +57,17 @@ def test_labels_of_close_curves_do_not_touch(tmp_path, figures):
     assert np.diff(heights).min() > 0.049 and heights[-1] <= 1.0
 
 
-def test_slump_against_yield_value(tmp_path, figures):
-    law = (np.array([1000.0, 100.0, 400.0]), np.array([0.05, 0.25, 0.15]))
-    out = plots.slump_against_yield_value({"implicit": ([100, 1000], [0.24, 0.06])}, {"law": law}, tmp_path / "a.png")
-    assert size(out) == (1050, 720)
-    (axes,) = figures[0].axes
-    assert axes.get_xlim()[0] == 0.0 and axes.get_xlim()[1] >= 1000.0
-    assert axes.get_ylim()[1] == 0.0 and axes.get_ylim()[0] >= 25.0
-    np.testing.assert_array_equal(axes.lines[0].get_xdata(), [100.0, 400.0, 1000.0])
-
-
-def test_viscosity_against_shear_rate(tmp_path, figures):
+def test_points_and_lines_of_a_label_share_their_colour(tmp_path, figures):
     rate = np.geomspace(1e-3, 1e2, 30)
     law = (rate, 50.0 + 300.0 / np.maximum(rate, 0.2))
-    out = plots.viscosity_against_shear_rate({"300 Pa": law}, law, tmp_path / "viscosity.png")
+    lines = {"300 Pa": law, "theory": law}
+    out = plots.points_and_lines({"300 Pa": law}, lines, tmp_path / "a.png", xscale="log", ylim=(2000.0, 0.0))
     assert size(out) == (1050, 720)
     (axes,) = figures[0].axes
-    assert axes.get_xscale() == axes.get_yscale() == "log"
+    same, theory, points = axes.lines
+    assert same.get_color() == points.get_color() != theory.get_color() and theory.get_linestyle() == "--"
+    assert axes.get_xscale() == "log" and axes.get_ylim() == (2000.0, 0.0)
     assert axes.get_xlim()[0] <= 1e-3 and axes.get_xlim()[1] >= 1e2
-    assert axes.get_ylim()[0] <= 53.0 and axes.get_ylim()[1] >= 1550.0
 
 
 def test_history_draws_a_panel_for_each_quantity_that_has_numbers(tmp_path, figures):
