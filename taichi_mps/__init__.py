@@ -6,7 +6,7 @@ __version__ = "0.1.0"
 
 # What is public, by module. Loaded at first use: --help is instant, and Ctrl-C is heard before anything large is read.
 _PUBLIC = {
-    "cli.main": ["main"],
+    "__main__": ["main"],
     "geometry.cavity": ["Cavity"],
     "geometry.friction": ["Friction"],
     "geometry.shapes": ["Box", "Cone", "fill", "fill_rings", "lattice", "rings", "shell"],

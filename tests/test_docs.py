@@ -175,7 +175,7 @@ def parsing_only(monkeypatch):
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
 def test_commands_are_read(page, parsing_only, tmp_path, monkeypatch, capsys):
     """Every command of the pages and of the captions exists, with its options and values; nothing is computed."""
-    from taichi_mps.cli.main import main
+    from taichi_mps.__main__ import main
 
     files_of_the_pages(tmp_path)
     monkeypatch.chdir(tmp_path)

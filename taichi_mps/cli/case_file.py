@@ -4,12 +4,11 @@ from pathlib import Path
 
 from ..problem import catalogue
 from ..problem.labels import what_it_is
-from ..problem.numerics import NUMERICS
+from ..problem.numerics import NUMERICS, Implicit
 from ..units import SceneError, suggestion, unit_of
 from .options import GROUPS, Run, group_of
 
-SECTIONS = {"mix": "mix", "test": "test", "accuracy": "accuracy and cost", "output": "output", "expert": "expert"}
-assert tuple(SECTIONS.values()) == GROUPS
+SECTIONS = [group.split()[0] for group in GROUPS]
 NOT_OF_A_CASE = {"out", "overwrite", "quiet", "verbose", "profile"}  # of one run, not of what is computed
 TITLE = "A case of taichi-mps: taichi-mps run case.toml. A number may have a unit of its own, in quotes: '0.5 kPa'."
 
@@ -26,9 +25,9 @@ def text(source: str, scene, numerics, settings: dict) -> str:
     given = {name: value for name, value in scene.parameters.items() if value is not None}
     values = {**numerics.model_dump(), **settings, **given}
     for name, (model, field) in known.items():
-        table = tables[next(key for key, group in SECTIONS.items() if group == group_of(name, model))]
+        table = tables[group_of(name, model).split()[0]]
         unit = unit_of(field).strip("-")
-        told = (field.description or what_it_is(name)) + (f" [{unit}]" if unit else "")
+        told = (field.description or what_it_is(name)) + f" [{unit}]" * bool(unit)
         if values.get(name) is None:
             table.add(tomlkit.comment(f"{name} =  # {told}"))
         else:
@@ -41,8 +40,8 @@ def text(source: str, scene, numerics, settings: dict) -> str:
 
 def keywords(function, numerics) -> dict:
     """All that a case of a scene function can say: {key: (its model, its field)}."""
-    found = {name: (function.parameters, field) for name, field in function.parameters.model_fields.items()}
-    for model in (numerics, Run):
+    found = {}
+    for model in (function.parameters, numerics, Run):
         for name, field in model.model_fields.items():
             if name not in NOT_OF_A_CASE:
                 found.setdefault(name, (model, field))
@@ -74,8 +73,7 @@ def words(path: Path) -> list[str]:
         if twice := sorted(given.keys() & keys.keys()):
             raise SceneError(f"case = {path}: {twice[0]} is given twice")
         given |= keys
-    scheme = given.get("scheme", "implicit")
-    known = keywords(function, NUMERICS.get(scheme, NUMERICS["implicit"]))
+    known = keywords(function, NUMERICS.get(str(given.get("scheme")), Implicit))
     options = []
     for name, value in given.items():
         if name not in known:

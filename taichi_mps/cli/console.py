@@ -4,50 +4,59 @@ import math
 import sys
 import time
 from contextlib import contextmanager
+from importlib.util import find_spec
+from itertools import chain
+from pathlib import Path
 
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import BarColumn, Progress, TextColumn
+from rich.table import Table
+
+from ..io.history import read_history
+from ..io.run_folder import PICTURE, PLOTS, empty_of_pictures
 from ..problem.labels import title, written
 from ..report.sentences import LEADING, numerics, rows, sentences
-from ..units import plain
+from ..units import SceneError, plain
 
 
-def pictures(frames, options):
-    """Callback of a simulation and a number that draws frame_<number>.png as the options ask."""
-    from ..io.run_folder import PICTURE
-    from ..viz.render import Renderer, save
+class Painter:
+    """Draws frame_<number>.png of runs of these scenes side by side, as the options ask. ``seconds``: CPU time that
+    this took."""
 
-    renderer = None
+    def __init__(self, frames, options, scenes):
+        from ..viz.film import SideBySide
 
-    def write(sim, number):
-        nonlocal renderer
-        if renderer is None:
-            frames.mkdir(parents=True, exist_ok=True)
-            renderer = Renderer(sim.scene, view=options.view, backend=options.renderer, beads=options.beads)
-        save(renderer.draw(sim.snapshot(), sim.measures()), frames / PICTURE.format(number))
+        self.frames, self.seconds = frames, 0.0
+        self.painter = SideBySide(scenes, view=options.view, backend=options.renderer, beads=options.beads)
 
-    return write
+    def draw(self, number: int, *outputs) -> Path:
+        """Write the picture of a Simulation, or of one output of each run; its path."""
+        from ..viz.render import save
+
+        begun, path = time.process_time(), self.frames / PICTURE.format(number)
+        self.frames.mkdir(parents=True, exist_ok=True)
+        save(self.painter.draw(outputs), path)
+        self.seconds += time.process_time() - begun
+        return path
 
 
 def redraw(replays, folder, suffix, options, film=False) -> dict:
     """Draw the outputs of runs again, side by side: pictures, GIF and, on request, MP4; the names of what was made."""
-    from ..io.run_folder import PICTURE, empty_of_pictures
-    from ..units import SceneError
-    from ..viz.film import SideBySide, check, mp4, together
-    from ..viz.render import gif, save
+    from ..viz.film import check, mp4, together
+    from ..viz.render import gif
 
     if film:
         check()
     frames, animation = folder / f"frames{suffix}", folder / f"animation{suffix}.gif"
-    painter, made = None, []
-    for number, outputs in enumerate(together(*replays)):
-        if painter is None:
-            shown = {"view": options.view, "backend": options.renderer, "beads": options.beads}
-            painter = SideBySide([o.scene for o in outputs], **shown)
-            try:
-                empty_of_pictures(frames)
-            except OSError as error:
-                raise SceneError(f"run = {folder}: {frames} cannot be written ({error.strerror})") from None
-        made.append(frames / PICTURE.format(number))
-        save(painter.draw(outputs), made[-1])
+    outputs = together(*replays)
+    first = next(outputs)
+    painter = Painter(frames, options, [output.scene for output in first])
+    try:
+        empty_of_pictures(frames)
+    except OSError as error:
+        raise SceneError(f"run = {folder}: {frames} cannot be written ({error.strerror})") from None
+    made = [painter.draw(number, *each) for number, each in enumerate(chain([first], outputs))]
     gif(made, animation, width=640 * len(replays))
     names = {"frames": str(frames), "animation": str(animation), "pictures": len(made)}
     return names | ({"film": str(mp4(made, animation.with_suffix(".mp4")))} if film else {})
@@ -56,9 +65,6 @@ def redraw(replays, folder, suffix, options, film=False) -> dict:
 @contextmanager
 def progress(sim, recorder, options):
     """A line on a terminal: flow time, share done, result so far, time left. Nothing elsewhere."""
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn
-
     console = Console(stderr=True)
     if options.quiet or not console.is_terminal:
         yield
@@ -95,10 +101,6 @@ def in_time(seconds: float) -> str:
 
 def result(summary: dict, folder, verbose=False, stages=(), traffic=None, spent=None) -> None:
     """The result for a reader, on stdout: sentences, then each number and what it is; the numerics if asked."""
-    from rich.console import Console
-    from rich.markup import escape
-    from rich.table import Table
-
     console = Console(highlight=False)
     for sentence in sentences(summary, folder.path):
         console.print(sentence, markup=False)
@@ -125,44 +127,28 @@ def result(summary: dict, folder, verbose=False, stages=(), traffic=None, spent=
     console.print(shown)
 
 
-def curves(folder, numerics=False) -> list[str]:
-    """slump.png and history.png, with the numerics if asked; none without matplotlib or without something to show."""
-    from ..io.history import read_history
-    from ..io.run_folder import PLOTS
-
-    rows = read_history(folder.history)
-    try:
-        from ..viz import plots
-
-        plots.history(rows, folder.path / PLOTS[1], numerics)
-        if not all(map(math.isnan, rows["slump_m"])):
-            plots.slump_curve({folder.path.name: rows}, folder.path / PLOTS[0])
-    except ImportError:
+def curves(folder, numerics=False, sim=None) -> list[str]:
+    """slump.png and history.png, with the numerics if asked, and of a Simulation of a scene with a cavity filling.png;
+    none without matplotlib or without something to show."""
+    if not find_spec("matplotlib"):
         return []
-    return [str(folder.path / name) for name in PLOTS if (folder.path / name).is_file()]
+    from ..viz import plots
+
+    slump, course, filling = (folder.path / name for name in PLOTS)
+    rows = read_history(folder.history)
+    plots.history(rows, course, numerics)
+    if not all(map(math.isnan, rows["slump_m"])):
+        plots.slump_curve({folder.path.name: rows}, slump)
+    if sim and sim.scene.cavity:
+        plots.filling(sim.scene.cavity, sim.snapshot(), filling)
+    return [str(path) for path in (slump, course, filling) if path.is_file()]
 
 
 def report(folder, scene=None) -> None:
     """report.html, of a run whose scene is at hand; one line where it cannot be written, which costs no run."""
-    from ..units import SceneError
+    from ..report.page import write
 
     try:
-        from ..report.page import write
-
         write(folder, scene)
     except (SceneError, OSError) as error:
         print(f"taichi-mps: no report.html: {plain(error)}", file=sys.stderr)
-
-
-def voids(folder, scene, snapshot) -> None:
-    """filling.png, of a scene with a cavity and where matplotlib is installed."""
-    from ..io.run_folder import PLOTS
-
-    if scene.cavity is None:
-        return
-    try:
-        from ..viz import plots
-
-        plots.filling(scene.cavity, snapshot, folder.path / PLOTS[2])
-    except ImportError:
-        pass

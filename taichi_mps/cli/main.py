@@ -8,16 +8,20 @@ import signal
 import sys
 import warnings
 from dataclasses import replace
+from functools import wraps
 from importlib import metadata
+from importlib.util import find_spec
 from pathlib import Path
 
 from .. import __version__
-from ..io import lock
+from ..io import checkpoint, lock
+from ..io.history import read_history
+from ..io.run_folder import RunFolder, next_free
+from ..io.vtkhdf import Trajectory
 from ..problem import catalogue
-from ..problem.numerics import NUMERICS
+from ..problem.numerics import NUMERICS, Implicit
 from ..problem.problem import Problem
-from ..units import SceneError, plain, suggestion
-from .app import COMMANDS as APP
+from ..units import Checked, SceneError, plain, suggestion
 from .case_file import expanded
 from .case_file import text as case_text
 from .console import curves, redraw
@@ -30,7 +34,35 @@ WITHOUT_REST = (
     5.0  # time limit [s] of a scene without one, by the scheme in which a body does not come to rest by itself
 )
 MISSED = 1  # what validate returns where not all is as it should be
-SCENE_FILE = "the Python file of the scene, where it is not a built-in one"
+RUN = {"run": {"help": "run folder"}}
+SCENE = {"--scene": {"help": "the Python file of the scene, where it is not a built-in one"}}
+KEPT = ["scheme", "precision", "out", "overwrite"]  # by a run that goes on
+
+
+def command(description: str, arguments: dict, models: dict | None = None):
+    """Decorator: a function of parsed ``arguments``, {name: settings of argparse}, and of the options of ``models``,
+    {model: (heading, fields left out)}, becomes the command of its name, a function of words. ``--json`` has each."""
+
+    def of(function):
+        @wraps(function)
+        def answer(argv) -> int:
+            parser = Parser(function.__name__, description=description)
+            for name, settings in arguments.items():
+                parser.add_argument(name, **settings)
+            for model, placed in (models or {}).items():
+                parser.options(model, *placed)
+            parser.add_argument("--json", action="store_true", help="print the result as JSON")
+            return function(parser.parse(argv))
+
+        return answer
+
+    return of
+
+
+def tell(arguments, facts, text: str) -> int:
+    """Print the facts as JSON, if asked, or else the text; DONE."""
+    print(json.dumps(facts) if arguments.json else plain(text))
+    return DONE
 
 
 # ---- commands ---------------------------------------------------------------------------------------------------
@@ -38,50 +70,45 @@ def planned(command, argv):
     """What a command line asks to be computed: arguments, options of the run, scene and numerics."""
     argv = expanded(argv)
     known = scene_of(command, argv, Run)
-    scheme = known.scheme or "implicit"
-    numerics = NUMERICS.get(scheme) or NUMERICS["implicit"]
+    numerics = NUMERICS.get(known.scheme, Implicit)
     function = catalogue.load(known.scene) if known.scene else None
+    parameters = function.parameters if function else Checked
+    own_until = parameters.model_fields.get("until")
 
     told = (function.__doc__ or "").strip() if function else COMMANDS[command].__doc__
     parser = Parser(command, "SCENE|CASE.toml", description=told)
     parser.add_argument("scene", help=f"name ({', '.join(catalogue.names())}), Python file or case file")
-    if function:
-        parser.options(function.parameters)
-    parser.options(numerics)
-    own_until = function and "until" in function.parameters.model_fields
-    parser.options(Run, leave_out=["until"] if own_until else [])
+    for model, left_out in ((parameters, ()), (numerics, ()), (Run, ["until"] if own_until else ())):
+        parser.options(model, leave_out=left_out)
     if command == "run":
-        parser.json("print the result as JSON")
-        what = "tell size, memory and processor time of the run, and end"
-        parser.groups["accuracy and cost"].add_argument("--forecast", action="store_true", help=what)
+        more = {"--json": ("output", "print the result as JSON")}
+        more["--forecast"] = "accuracy and cost", "tell size, memory and processor time of the run, and end"
+        for flag, (group, text) in more.items():
+            parser.groups[group].add_argument(flag, action="store_true", help=text)
     arguments = parser.parse(argv)
 
     options = Run(**given(arguments, Run))
-    method = numerics(**given(arguments, numerics))
-    keywords = given(arguments, function.parameters)
-    if scheme == "semi-implicit" and own_until and function.parameters.model_fields["until"].default is None:
+    keywords = given(arguments, parameters)
+    if options.scheme == "semi-implicit" and own_until and own_until.default is None:
         keywords.setdefault("until", WITHOUT_REST)
     scene = catalogue.build(arguments.scene, **keywords)
     if options.until:
         scene = replace(scene, until=options.until)
-    return arguments, options, scene, method
+    return arguments, options, scene, numerics(**given(arguments, numerics))
 
 
 def run(argv) -> int:
     """compute a scene or a case"""
-    arguments, options, scene, method = planned("run", argv)
+    arguments, options, scene, numerics = planned("run", argv)
     if arguments.forecast:
-        lines = forecast(Problem(scene, method), options.precision)
-        tell({"forecast": lines}, arguments.json, "\n".join(lines))
-        return DONE
-    from ..io.run_folder import RunFolder, next_free
-
+        lines = forecast(Problem(scene, numerics), options.precision)
+        return tell(arguments, {"forecast": lines}, "\n".join(lines))
     usual = Path("renders") / scene.name
     folder = RunFolder(options.out or (usual if options.overwrite else next_free(usual)))
     if not options.out and folder.path != usual:
         print(f"taichi-mps: {plain(usual)} is taken; this run goes to {plain(folder.path)}", file=sys.stderr)
     folder.check(options.overwrite)
-    problem = Problem(scene, method)
+    problem = Problem(scene, numerics)
     with lock.held(folder.path):
         start(options)
         from ..simulation.simulation import Simulation
@@ -94,37 +121,30 @@ def run(argv) -> int:
 
 def new(argv) -> int:
     """print a case file, to be changed and run"""
-    arguments, options, scene, method = planned("new", argv)
-    Problem(scene, method)
-    print(case_text(catalogue.source(arguments.scene), scene, method, options.model_dump()), end="")
+    arguments, options, scene, numerics = planned("new", argv)
+    Problem(scene, numerics)
+    print(case_text(catalogue.source(arguments.scene), scene, numerics, options.model_dump()), end="")
     return DONE
 
 
-def resume(argv) -> int:
+@command(
+    "Continue a run from its checkpoint.",
+    {"run": {"help": "run folder, or the checkpoint file in it"}, **SCENE},
+    {Run: (None, KEPT)},
+)
+def resume(arguments) -> int:
     """continue an interrupted run"""
-    kept = ["scheme", "precision", "out", "overwrite"]
-    parser = Parser("resume", "RUN", description="Continue a run from its checkpoint.")
-    parser.add_argument("run", help="run folder, or the checkpoint file in it")
-    parser.options(Run, leave_out=kept)
-    parser.add_argument("--scene", help=SCENE_FILE)
-    parser.json("print the result as JSON")
-    arguments = parser.parse(argv)
-    from ..io import checkpoint
-    from ..io.run_folder import RunFolder
-
     path = Path(arguments.run)
     folder = RunFolder(path.parent if path.is_file() else path)
     newest = path if path.is_file() else folder.checkpoint
     state, remark = checkpoint.read_good(newest)
     if remark:
         print(f"taichi-mps: {remark}", file=sys.stderr)
-    options = Run(**{**state.header["settings"], **given(arguments, Run, leave_out=kept)})
+    options = Run(**{**state.header["settings"], **given(arguments, Run, leave_out=KEPT)})
     folder.check_writable()
     with lock.held(folder.path):
         scene = state.scene(options.until, arguments.scene)
-        if options.until:
-            scene = replace(scene, until=options.until)
-        problem = state.admit(scene)
+        problem = state.admit(replace(scene, until=options.until or scene.until))
         start(options)
         sim = state.resume(problem, profile=options.profile)
         if remark:
@@ -132,127 +152,99 @@ def resume(argv) -> int:
         return carry_out(sim, folder, options, state.header["source"], arguments.json, resumed=True)
 
 
-def plot(argv) -> int:
+@command(
+    "Slump curve and history; the slump curves of several runs in one picture.",
+    {
+        "run": {"nargs": "+", "help": "run folder"},
+        "--out": {"help": "picture of the compared slump curves, slump.png by default"},
+        "--verbose": {"action": "store_true", "help": "the numerics in history.png, too"},
+    },
+)
+def plot(arguments) -> int:
     """draw the curves of one or more runs"""
-    parser = Parser("plot", description="Slump curve and history; the slump curves of several runs in one picture.")
-    parser.add_argument("run", nargs="+", help="run folder")
-    parser.add_argument("--out", help="picture of the compared slump curves, slump.png by default")
-    parser.add_argument("--verbose", action="store_true", help="the numerics in history.png, too")
-    parser.add_argument("--json", action="store_true", help="print the names of the pictures as JSON")
-    arguments = parser.parse(argv)
-    from ..io.history import read_history
-    from ..io.run_folder import RunFolder
-
     folders = [RunFolder(path) for path in arguments.run]
     runs = {str(folder.path): read_history(folder.history) for folder in folders}
-    try:
-        import matplotlib  # noqa: F401
+    if not find_spec("matplotlib"):
+        raise SceneError("plot needs matplotlib: pip install 'taichi-mps[plots]'")
+    from ..viz.plots import slump_curve
 
-        from ..viz.plots import slump_curve
-    except ImportError:
-        raise SceneError("plot needs matplotlib: pip install 'taichi-mps[plots]'") from None
     if len(folders) == 1 and arguments.out is None:
         made = curves(folders[0], arguments.verbose)
     else:
-        made = [arguments.out or "slump.png"]
-        slump_curve(runs, made[0])
-    tell({"pictures": made}, arguments.json, "\n".join(made))
-    return DONE
+        made = [str(slump_curve(runs, arguments.out or "slump.png"))]
+    return tell(arguments, {"pictures": made}, "\n".join(made))
 
 
-def render(argv) -> int:
+@command(
+    "Pictures and animation of a run from its run.h5, without computing it again.",
+    {
+        **RUN,
+        "--beside": {"metavar": "RUN", "help": "another run, drawn beside it with the same camera and range"},
+        "--surface": {"action": "store_true", "help": argparse.SUPPRESS},
+        "--film": {"action": "store_true", "help": "an MP4, too (extra film)"},
+        **SCENE,
+    },
+    {Pictures: ()},
+)
+def render(arguments) -> int:
     """draw a run again"""
-    parser = Parser(
-        "render", description="Pictures and animation of a run from its run.h5, without computing it again."
-    )
-    parser.add_argument("run", help="run folder")
-    parser.add_argument("--beside", metavar="RUN", help="another run, drawn beside it with the same camera and range")
-    parser.add_argument("--surface", action="store_true", help=argparse.SUPPRESS)
-    parser.add_argument("--film", action="store_true", help="an MP4, too (extra film)")
-    parser.options(Pictures)
-    parser.add_argument("--scene", help=SCENE_FILE)
-    parser.add_argument("--json", action="store_true", help="print the names of the results as JSON")
-    arguments = parser.parse(argv)
     options = Pictures(**given(arguments, Pictures))
     if arguments.surface:
-        print(
-            "taichi-mps: --surface is what render draws by now; this option goes with the next release", file=sys.stderr
-        )
-    from ..io.run_folder import RunFolder
-    from ..io.vtkhdf import Trajectory
-
+        surplus = "--surface is what render draws by now; this option goes with the next release"
+        print(f"taichi-mps: {surplus}", file=sys.stderr)
     folders = [RunFolder(path) for path in (arguments.run, arguments.beside) if path]
     replays = [Trajectory(folder.trajectory).whole(arguments.scene) for folder in folders]
     start(options)
     suffix = ("" if options.view == "concrete" else f"-{options.view}") + "-beads" * options.beads
     suffix += f"-beside-{folders[1].path.resolve().name}" if arguments.beside else ""
     made = redraw(replays, folders[0].path, suffix, options, arguments.film)
-    tell(
-        made, arguments.json, f"{made['pictures']} pictures in {made['frames']}, {made.get('film', made['animation'])}"
-    )
-    return DONE
+    text = f"{made['pictures']} pictures in {made['frames']}, {made.get('film', made['animation'])}"
+    return tell(arguments, made, text)
 
 
-def report(argv) -> int:
+@command("report.html of a run, also of an earlier one or one that was killed.", RUN | SCENE)
+def report(arguments) -> int:
     """write the page of a run again"""
-    parser = Parser("report", description="report.html of a run, also of an earlier one or one that was killed.")
-    parser.add_argument("run", help="run folder")
-    parser.add_argument("--scene", help=SCENE_FILE)
-    parser.add_argument("--json", action="store_true", help="print the name of the page as JSON")
-    arguments = parser.parse(argv)
-    from ..io.run_folder import RunFolder
     from ..report.page import write
 
     page = str(write(RunFolder(arguments.run), scene_file=arguments.scene))
-    tell({"report": page}, arguments.json, page)
-    return DONE
+    return tell(arguments, {"report": page}, page)
 
 
-def export(argv) -> int:
+@command(
+    "One .vtu file for each output of a run, and a .pvd that opens them all.",
+    {
+        **RUN,
+        "--out": {"help": "folder of the files, vtu in the run folder by default"},
+        "--whole": {"action": "store_true", "help": "the whole body where the scene is a part of it"},
+        "--surface": {"action": "store_true", "help": "its smooth surface, not its particles"},
+        **SCENE,
+    },
+)
+def export(arguments) -> int:
     """write a run as .vtu and .pvd"""
-    parser = Parser("export", description="One .vtu file for each output of a run, and a .pvd that opens them all.")
-    parser.add_argument("run", help="run folder")
-    parser.add_argument("--out", help="folder of the files, vtu in the run folder by default")
-    parser.add_argument("--whole", action="store_true", help="the whole body where the scene is a part of it")
-    parser.add_argument("--surface", action="store_true", help="its smooth surface, not its particles")
-    parser.add_argument("--scene", help=SCENE_FILE)
-    parser.add_argument("--json", action="store_true", help="print the name of the result as JSON")
-    arguments = parser.parse(argv)
-    from ..io.run_folder import RunFolder
-    from ..io.vtkhdf import Trajectory
+    from ..io.vtu import vtu
 
     folder = RunFolder(arguments.run)
     out = Path(arguments.out or folder.path / "vtu")
-    from ..io.vtu import vtu
-
     count = vtu(Trajectory(folder.trajectory).whole(arguments.scene), out, arguments.whole, arguments.surface)
-    tell({"pvd": str(out / "run.pvd"), "outputs": count}, arguments.json, f"{count} outputs: {out / 'run.pvd'}")
-    return DONE
+    index = out / "run.pvd"
+    return tell(arguments, {"pvd": str(index), "outputs": count}, f"{count} outputs: {index}")
 
 
-def scenes(argv) -> int:
+@command("The built-in scenes; 'taichi-mps run SCENE --help' lists their keywords.", {})
+def scenes(arguments) -> int:
     """list the scenes"""
-    parser = Parser("scenes", description="The built-in scenes; 'taichi-mps run SCENE --help' lists their keywords.")
-    parser.add_argument("--json", action="store_true", help="print as JSON")
-    arguments = parser.parse(argv)
-    listed = [
-        {"name": name, "description": text, "file": str(catalogue.locate(name))}
-        for name, text in catalogue.describe().items()
-    ]
-    width = max((len(scene["name"]) for scene in listed), default=0)
-    tell(listed, arguments.json, "\n".join(f"{scene['name']:{width}}  {scene['description']}" for scene in listed))
-    return DONE
+    told = catalogue.describe()
+    facts = [{"name": name, "description": told[name], "file": str(path)} for name, path in catalogue.names().items()]
+    width = max(map(len, told), default=0)
+    return tell(arguments, facts, "\n".join(f"{name:{width}}  {text}" for name, text in told.items()))
 
 
-def info(argv) -> int:
+@command("The installation, or the summary of a run.", {"run": {"nargs": "?", "help": "run folder"}})
+def info(arguments) -> int:
     """describe the installation, or a run"""
-    parser = Parser("info", description="The installation, or the summary of a run.")
-    parser.add_argument("run", nargs="?", help="run folder")
-    parser.add_argument("--json", action="store_true", help="print as JSON")
-    arguments = parser.parse(argv)
     if arguments.run:
-        from ..io.run_folder import RunFolder
-
         folder = RunFolder(arguments.run)
         facts = folder.read_summary()
         folder.verify()
@@ -261,8 +253,7 @@ def info(argv) -> int:
         facts = {"version": __version__, "python": platform.python_version(), "platform": platform.platform()}
         facts |= {"cpus": os.cpu_count(), "scenes": str(catalogue.folder())}
         facts |= {name: version_of(name) for name in packages}
-    tell(facts, arguments.json, "\n".join(f"{key:18} {value}" for key, value in facts.items()))
-    return DONE
+    return tell(arguments, facts, "\n".join(f"{key:18} {value}" for key, value in facts.items()))
 
 
 def version_of(package: str) -> str | None:
@@ -273,62 +264,55 @@ def version_of(package: str) -> str | None:
         return None
 
 
-def tell(facts, as_json: bool, text: str) -> None:
-    """Print the facts as JSON, or the text."""
-    print(json.dumps(facts) if as_json else plain(text))
-
-
-def validate(argv) -> int:
+@command(
+    "Run cases with a known answer; ends with 1 where a target is missed or a row fails.",
+    {
+        "rows": {"nargs": "*", "help": "names of rows; all by default"},
+        "--quick": {"action": "store_true", "help": "only the rows of a few seconds"},
+        "--out": {"default": "renders/validation", "help": "folder for table.md and a JSON file a row"},
+        "--page": {"help": "Markdown page with the marks of the table, to write it into"},
+    },
+    {Table: ("table",)},
+)
+def validate(arguments) -> int:
     """run the validation table, or some of its rows"""
-    parser = Parser(
-        "validate", description="Run cases with a known answer; ends with 1 where a target is missed or a row fails."
-    )
-    parser.add_argument("rows", nargs="*", help="names of rows; all by default")
-    parser.add_argument("--quick", action="store_true", help="only the rows of a few seconds")
-    parser.options(Table, "table")
-    parser.add_argument("--out", default="renders/validation", help="folder for table.md and a JSON file a row")
-    parser.add_argument("--page", help="Markdown page with the marks of the table, to write it into")
-    parser.add_argument("--json", action="store_true", help="print the results as JSON")
-    arguments = parser.parse(argv)
     options = Table(**given(arguments, Table))
     from ..validation import table as validation
 
     names = arguments.rows, arguments.quick
     text, results = validation.run_table(*names, Path(arguments.out), arguments.page, options.scheme, options.budget)
-    tell(results, arguments.json, text)
+    tell(arguments, results, text)
     failed = any(result["error"] and not result["error"].startswith("not run") for result in results)
     missed = not all(item["met"] for result in results for item in result["numbers"])
     return MISSED if failed or missed else DONE
 
 
 COMMANDS = {"run": run, "new": new, "resume": resume, "render": render, "export": export, "plot": plot}
-COMMANDS |= {"report": report, "validate": validate} | STUDY | REQUIRE | APP | {"scenes": scenes, "info": info}
+COMMANDS |= {"report": report, "validate": validate} | STUDY | REQUIRE | {"scenes": scenes, "info": info}
 
 
-def main(argv=None) -> int:
-    """Run a command line; 0 done, 2 bad input, 3 diverged, 130 and 143 ended by Ctrl-C and SIGTERM; of a sweep 1: a
-    case failed. BrokenPipeError where nobody reads what it prints any more."""
-    argv = [str(word) for word in (sys.argv[1:] if argv is None else argv)]
+def main(argv=None, more=None) -> int:
+    """Run a command line, of COMMANDS and ``more``; 0 done, 2 bad input, 3 diverged, 130 and 143 ended by Ctrl-C and
+    SIGTERM; of a sweep 1: a case failed. BrokenPipeError where nobody reads what it prints any more."""
+    argv, commands = [str(word) for word in (sys.argv[1:] if argv is None else argv)], COMMANDS | (more or {})
     try:
         if not argv or argv[0] in ("-h", "--help"):
-            lines = [f"  {name:9} {command.__doc__}" for name, command in COMMANDS.items()]
+            lines = [f"  {name:9} {command.__doc__}" for name, command in commands.items()]
             print("\n".join(["usage: taichi-mps COMMAND ... [--help]", "", *lines]))
             return DONE if argv else BAD_INPUT
         if argv[0] == "--version":
             print(__version__)
             return DONE
-        if argv[0] not in COMMANDS:
-            raise SceneError(f"unknown command '{argv[0]}'{suggestion(argv[0], COMMANDS)}")
+        if argv[0] not in commands:
+            raise SceneError(f"unknown command '{argv[0]}'{suggestion(argv[0], commands)}")
         with warnings.catch_warnings():
             warnings.showwarning = lambda message, *_: print(f"taichi-mps: {plain(message)}", file=sys.stderr)
-            return COMMANDS[argv[0]](argv[1:])
-    except SceneError as error:
-        print("taichi-mps: " + plain(" ".join(str(error).split())), file=sys.stderr)
-        return BAD_INPUT
+            return commands[argv[0]](argv[1:])
     except BrokenPipeError:
         raise
-    except OSError as error:  # the disk is full, a file belongs to somebody else
-        print(f"taichi-mps: {plain(error)}", file=sys.stderr)
+    except (SceneError, OSError) as error:  # or the disk is full, a file belongs to somebody else
+        text = " ".join(str(error).split()) if isinstance(error, SceneError) else error
+        print(f"taichi-mps: {plain(text)}", file=sys.stderr)
         return BAD_INPUT
     except KeyboardInterrupt as stopped:
         print("taichi-mps: interrupted", file=sys.stderr)

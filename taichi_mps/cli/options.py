@@ -68,11 +68,11 @@ class Parser(argparse.ArgumentParser):
     """One clear line instead of the usage text for bad input."""
 
     def __init__(self, command, what="", **settings):
-        settings.setdefault(
-            "formatter_class", lambda prog: argparse.HelpFormatter(prog, max_help_position=42, width=112)
+        usage = f"taichi-mps {command} {what} [options]" if what else None
+        settings |= {"prog": f"taichi-mps {command}", "usage": usage, "allow_abbrev": False}
+        super().__init__(
+            formatter_class=lambda prog: argparse.HelpFormatter(prog, max_help_position=42, width=112), **settings
         )
-        settings.setdefault("usage", f"taichi-mps {command} {what} [options]" if what else None)
-        super().__init__(prog=f"taichi-mps {command}".strip(), allow_abbrev=False, **settings)
         self.groups = defaultdict(self.add_argument_group, {name: self.add_argument_group(name) for name in GROUPS})
 
     def error(self, message):
@@ -88,33 +88,30 @@ class Parser(argparse.ArgumentParser):
             flag = "--" + name.replace("_", "-")
             if flag in self._option_string_actions:
                 raise SceneError(f"scene keyword '{name}' has the name of an option of run; rename it")
-            group = self.groups[title or group_of(name, model)]
             told = " ".join(filter(None, (default(field), allowed(field))))
             text = ", ".join(filter(None, (field.description or what_it_is(name), told)))
+            settings = {"dest": name, "help": text}
             if field.annotation is bool:
-                switch = argparse.BooleanOptionalAction if field.default else "store_true"
-                group.add_argument(flag, dest=name, action=switch, default=None, help=text)
+                settings |= {
+                    "action": argparse.BooleanOptionalAction if field.default else "store_true",
+                    "default": None,
+                }
             else:
                 unit = unit_of(field).replace("-", "N").replace(" ", ".")
-                group.add_argument(flag, dest=name, metavar="|".join([unit] * bool(unit) + choices(field)) or "X",
-                                   help=text)  # fmt: skip
-
-    def json(self, what):
-        """``--json``, beside the other options of what is given out."""
-        self.groups["output"].add_argument("--json", action="store_true", help=what)
+                settings["metavar"] = "|".join([unit] * bool(unit) + choices(field)) or "X"
+            self.groups[title or group_of(name, model)].add_argument(flag, **settings)
 
     def parse(self, argv):
         """Namespace; an option that does not exist is refused with the nearest one that does."""
         arguments, unknown = self.parse_known_args(joined(argv))
         for word in unknown:
             flag = word.split("=", 1)[0]
-            if flag.startswith("-"):
-                if flag in MEASURED:
-                    raise SceneError(f"{flag} is a result; 'taichi-mps calibrate {word}' finds the mix that has it")
-                raise SceneError(
-                    f"unknown option {flag}{suggestion(flag, set(self._option_string_actions) - {'--help'})}"
-                )
-            raise SceneError(f"unexpected argument '{word}'")
+            if not flag.startswith("-"):
+                raise SceneError(f"unexpected argument '{word}'")
+            if flag in MEASURED:
+                raise SceneError(f"{flag} is a result; 'taichi-mps calibrate {word}' finds the mix that has it")
+            known = set(self._option_string_actions) - {"--help"}
+            raise SceneError(f"unknown option {flag}{suggestion(flag, known)}")
         return arguments
 
 
@@ -156,22 +153,19 @@ def choices(field) -> list[str]:
 def allowed(field) -> str:
     """'(0 to 1e+06)' from the field's declaration; 'above 0' where the bound itself is not allowed."""
     marks = {"gt": "above {:g}", "ge": "{:g}", "lt": "to below {:g}", "le": "to {:g}"}
-    bounds = {mark: text.format(getattr(item, mark)) for item in field.metadata for mark, text in marks.items()
-              if getattr(item, mark, None) is not None}  # fmt: skip
+    bounds = {mark: getattr(item, mark) for item in field.metadata for mark in marks if hasattr(item, mark)}
     if "gt" in bounds:  # one that a field sets beside that of its kind
         bounds.pop("ge", None)
-    return f"({' '.join(bounds[mark] for mark in marks if mark in bounds)})" * bool(bounds)
+    told = [text.format(bounds[mark]) for mark, text in marks.items() if mark in bounds]
+    return f"({' '.join(told)})" if told else ""
 
 
 def default(field) -> str:
     """'default 300 Pa', the unit alone where there is no default, or 'required'."""
     unit = unit_of(field).strip("-")
-    if field.is_required():
-        return " ".join(filter(None, ("required", f"[{unit}]" * bool(unit))))
-    value = field.default
-    if value is None or value is False or value == "":
-        return f"[{unit}]" if unit else ""
-    shown = f"{value:g}" if isinstance(value, float) else str(value)
+    if field.is_required() or field.default in (None, False, ""):
+        return " ".join(["required"] * field.is_required() + [f"[{unit}]"] * bool(unit))
+    shown = f"{field.default:g}" if isinstance(field.default, float) else str(field.default)
     return f"default {shown} {unit}".rstrip()
 
 

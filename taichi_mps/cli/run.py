@@ -11,7 +11,7 @@ from contextlib import contextmanager, redirect_stdout
 
 from ..units import plain
 from . import case_file
-from .console import curves, pictures, progress, report, result, voids
+from .console import Painter, curves, progress, report, result
 from .stopped import SIGNALS, Stopped, came
 
 OUTPUTS_OF_A_FALL = 0.3  # interval of the outputs over sqrt(H/g): what comes to rest falls much faster than it creeps
@@ -44,7 +44,7 @@ def carry_out(sim, folder, options, source, as_json, resumed=False) -> int:
     every = options.every or rounded(min(until / 100, longest))
     settings = options.model_dump(exclude={"out", "overwrite", "profile", "quiet", "verbose"}, exclude_none=True)
     settings |= {"every": every}
-    error, start, draw = None, time.process_time(), Clock(pictures(folder.frames, options) or (lambda *_: None))
+    error, begun, painter = None, time.process_time(), Painter(folder.frames, options, [sim.scene])
     if not (as_json or options.quiet):
         warnings.filterwarnings("ignore", "volume_error_max")  # the result says it in its own words
     with interruptible(sim) as signals:
@@ -52,7 +52,7 @@ def carry_out(sim, folder, options, source, as_json, resumed=False) -> int:
             folder.create(options.overwrite)
         case = case_file.text(source, sim.scene, sim.numerics, settings | {"until": until})
         folder.case.write_text(case, encoding="utf-8")
-        recorder = Recorder(folder, sim, every, source, settings, draw)
+        recorder = Recorder(folder, sim, every, source, settings, painter.draw)
         try:
             with progress(sim, recorder, options):
                 stopped_by = sim.run() if sim.time < until - 1e-9 else "time"
@@ -61,35 +61,24 @@ def carry_out(sim, folder, options, source, as_json, resumed=False) -> int:
     summary, end = recorder.finish(stopped_by, error), time.process_time()
     if folder.pictures:
         gif(folder.pictures, folder.animation)
-    voids(folder, sim.scene, sim.snapshot())
-    curves(folder, options.verbose or options.profile)
+    curves(folder, options.verbose or options.profile, sim)
     report(folder, sim.scene)
     if as_json:
         print(json.dumps(summary))
     elif not options.quiet:
         from ..simulation.roofline import traffic
 
-        spent = {"before the run": start, "run and its files": end - start - draw.seconds, "pictures": draw.seconds}
+        spent = {
+            "before the run": begun,
+            "run and its files": end - begun - painter.seconds,
+            "pictures": painter.seconds,
+        }
         spent |= {"animation and plots": time.process_time() - end}
         result(summary, folder, options.verbose, sim.profile(), traffic(sim), spent)
     if error:
         print(f"taichi-mps: {plain(error)}; resume from {plain(folder.checkpoint)}", file=sys.stderr)
         return DIVERGED
     return 128 + signals[0] if stopped_by == "interrupted" else DONE
-
-
-class Clock:
-    """A function, and the CPU seconds that it has taken."""
-
-    def __init__(self, function):
-        self.function, self.seconds = function, 0.0
-
-    def __call__(self, *arguments):
-        start = time.process_time()
-        try:
-            return self.function(*arguments)
-        finally:
-            self.seconds += time.process_time() - start
 
 
 def rounded(interval: float) -> float:

@@ -17,7 +17,7 @@ class Recorder:
     """Writes a run as it goes: history every step, run.h5 and a picture every ``every`` [s], a checkpoint at the start
     and as often as costs no more than CHECKPOINT_COST of the time.
 
-    ``settings`` are the options of the run that ``resume`` needs; ``picture(sim, number)`` draws one output.
+    ``settings`` are the options of the run that ``resume`` needs; ``picture(number, sim)`` draws one output.
     """
 
     def __init__(self, folder: RunFolder, sim, every: float, source: str, settings: dict, picture=None):
@@ -76,7 +76,7 @@ class Recorder:
         if number is not None:
             self.good = self._checkpoint()
             if self.picture:
-                self.picture(sim, number)
+                self.picture(number, sim)
         if time.monotonic() > self.next:  # not before: an output needs fields of the step, which no checkpoint keeps
             self._save()
 

@@ -240,6 +240,6 @@ def test_only_this_machine_and_its_own_page_are_served(tmp_path):
 
 
 def test_without_the_extra_it_says_how_to_get_it(monkeypatch, capsys):
-    monkeypatch.setattr("taichi_mps.cli.app.find_spec", lambda name: None)
+    monkeypatch.setattr("taichi_mps.app.command.find_spec", lambda name: None)
     assert mps.main(["app"]) == 2
     assert capsys.readouterr().err == "taichi-mps: app needs nicegui: pip install 'taichi-mps[app]'\n"

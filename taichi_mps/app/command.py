@@ -1,13 +1,12 @@
 """The command app of the command line."""
 
-from importlib import import_module
 from importlib.util import find_spec
 
 from pydantic import Field
 
+from ..cli.options import Parser, given
+from ..cli.run import DONE
 from ..units import Checked, SceneError
-from .options import Parser, given
-from .run import DONE
 
 PORT = 8100
 
@@ -19,7 +18,7 @@ class App(Checked):
     folder: str = Field("renders", description="folder of the runs")
 
 
-def app_command(argv) -> int:
+def app(argv) -> int:
     """a page in the browser to set up, watch and compare runs"""
     parser = Parser("app", description="A page in the browser of this machine: set up, watch and compare runs.")
     parser.options(App, "output")
@@ -28,9 +27,7 @@ def app_command(argv) -> int:
     options = App(**given(arguments, App))
     if not find_spec("nicegui"):
         raise SceneError("app needs nicegui: pip install 'taichi-mps[app]'")
-    server = import_module("taichi_mps.app.server")  # by its name: that room lies above, and shows this one's options
-    server.serve(options.port, options.folder, not arguments.no_browser)
+    from .server import serve
+
+    serve(options.port, options.folder, not arguments.no_browser)
     return DONE
-
-
-COMMANDS = {"app": app_command}
