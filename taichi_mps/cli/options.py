@@ -163,7 +163,7 @@ def allowed(field) -> str:
 def default(field) -> str:
     """'default 300 Pa', the unit alone where there is no default, or 'required'."""
     unit = unit_of(field).strip("-")
-    if field.is_required() or field.default in (None, False, ""):
+    if field.is_required() or field.default in (None, "") or field.default is False:
         return " ".join(["required"] * field.is_required() + [f"[{unit}]"] * bool(unit))
     shown = f"{field.default:g}" if isinstance(field.default, float) else str(field.default)
     return f"default {shown} {unit}".rstrip()
