@@ -4,7 +4,7 @@ import numpy as np
 
 from ..geometry.concave_edges import inner_edges
 from ..runtime.backend import real, ti
-from .face_search import FaceSearch
+from .face_search import search_faces
 from .surfaces import FAR, Surface
 
 
@@ -29,7 +29,7 @@ class Sampled(Surface):
     def allocate(self, capacity: int, effective_radius: float):
         """What each particle sees of the solid; and beside inner edges the faces that meet there."""
         self.reach = effective_radius - 0.5 * self.spacing  # of the ghosts: the first is half a spacing behind a face
-        number, planes = inner_edges(self.distances, self.cell, self.reach, FaceSearch(self.dimension))
+        number, planes = inner_edges(self.distances, self.cell, self.reach, search_faces)
         self.faces = planes.shape[1]
         if self.faces > 1:
             self.number = ti.field(ti.i32, self.shape)  # row of a node among the planes, -1: the nearest face is all
@@ -118,16 +118,10 @@ class Sampled(Surface):
         """Distance [m] and its gradient [-]; FAR beyond the grid."""
         place = self.offset(x) / self.cell
         z, slope = ti.cast(FAR, float), ti.Vector.unit(self.dimension, 0, float)
-        inside = True
-        for a in ti.static(range(self.dimension)):
-            inside = inside and place[a] >= 0.0 and place[a] <= self.shape[a] - 1
-        if inside:
+        if (place >= 0.0).all() and (place <= ti.Vector(self.shape) - 1).all():
             z, slope = ti.cast(0.0, float), ti.Vector.zero(float, self.dimension)
-            k = ti.Vector.zero(ti.i32, self.dimension)
-            f = ti.Vector.zero(float, self.dimension)
-            for a in ti.static(range(self.dimension)):
-                k[a] = ti.min(ti.cast(place[a], ti.i32), self.shape[a] - 2)
-                f[a] = ti.cast(place[a] - k[a], float)
+            k = ti.min(ti.cast(place, ti.i32), ti.Vector(self.shape) - 2)
+            f = ti.cast(place - k, float)
             for corner in ti.static(ti.ndrange(*((2,) * self.dimension))):
                 value = self.values[k + ti.Vector(corner)]
                 weight = ti.cast(1.0, float)

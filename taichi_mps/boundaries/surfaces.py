@@ -15,10 +15,8 @@ from ..geometry.walls import spin
 from ..runtime.backend import real, ti
 
 FAR = 1e9  # distance [m] from a wall that ends before the foot
-TOUCHING, RELEASED = (
-    0.5,
-    0.55,
-)  # spacings from a unilateral wall up to which it acts fully, and from which on not at all
+# spacings from a unilateral wall up to which it acts fully, and from which on not at all
+TOUCHING, RELEASED = 0.5, 0.55
 
 
 @ti.data_oriented
@@ -32,12 +30,8 @@ class Surface:
     def __init__(self, wall, dimension: int, spacing: float, clock):
         self.slip, self.thin, self.unilateral, self.spacing = wall.slip, wall.thin, wall.loose, spacing
         self.has_friction, self.friction = wall.friction is not None, None  # Walls gives what is carried
-        self.no_slip = not wall.slip and not self.has_friction  # the fluid does not slip on it
-        self.releases, self.particles, self.released = (
-            False,
-            None,
-            None,
-        )  # of a unilateral wall: Walls gives what is carried
+        self.holds, self.no_slip = not wall.slip, not wall.slip and not self.has_friction  # the fluid, at all, fully
+        self.releases, self.particles, self.released = False, None, None  # of a unilateral wall: Walls gives them
         self.clock, self.travels = clock, bool(np.any(wall.travel))
         self.moves = self.travels  # its place changes
         self.drives, self.speed = wall.speed > 0.0, wall.speed  # whether it moves, or slides in itself; [m/s]
@@ -64,7 +58,7 @@ class Surface:
     def frictionless(self):
         """The same wall with slip instead of friction."""
         other = copy(self)
-        other.slip, other.has_friction, other.no_slip, other.friction = True, False, False, None
+        other.slip, other.holds, other.has_friction, other.friction = True, False, False, None
         return other
 
     @ti.func
@@ -94,6 +88,14 @@ class Surface:
         """Does it drive what is within reach [m] of it at x, or will be when it has moved ``ahead`` [m]?"""
         z, _n, velocity, _curvature = self.nearest(x)
         return z < reach + ahead and velocity.norm_sqr() > 0.0
+
+    @ti.func
+    def acts(self, i, x, z):
+        """``weight`` of a wall that has one, 1 of any other."""
+        acts = ti.cast(1.0, float)
+        if ti.static(self.thin or self.unilateral):
+            acts = self.weight(i, x, z)
+        return acts
 
     @ti.func
     def weight(self, i, x, z):

@@ -105,15 +105,15 @@ class Walls:
         if self.separating:
             self.sides = ti.field(real(), (capacity, len(self.separating)))  # signed distance from each of them [m]
 
-    def chosen(self, face=None):
-        """(number, surface) of one face, or of all."""
-        return [(f, wall) for f, wall in enumerate(self.faces) if face in (None, f)]
+    def chosen(self, face=None, kind=None):
+        """(number, surface) of one face, or of all; of a ``kind``: only where this attribute of the surface is true."""
+        faces = [(f, wall) for f, wall in enumerate(self.faces) if face in (None, f)]
+        return [(f, wall) for f, wall in faces if kind is None or getattr(wall, kind)]
 
     def set_friction_penalty(self, inertia: float) -> None:
         """Penalty of the walls' friction for a step of rho/dt = ``inertia`` [kg/(m3 s)]."""
-        for surface in self.surfaces:
-            if surface.has_friction:
-                surface.friction.penalty[None] = inertia * surface.friction.depth
+        for _, wall in self.chosen(None, "has_friction"):
+            wall.friction.penalty[None] = inertia * wall.friction.depth
 
     def place(self, time: float) -> None:
         """Put the walls that travel where they are at this time [s]."""
@@ -149,10 +149,7 @@ class Walls:
         if ti.static(self.ghosts.wedges):
             for f, wall in ti.static(enumerate(self.faces)):
                 z, n, _velocity, _curvature = wall.face(i, x, self.slots[f])
-                acts = ti.cast(1.0, float)
-                if ti.static(wall.thin or wall.unilateral):
-                    acts = wall.weight(i, x, z)
-                self.ghosts.set_face(i, f, z, n, acts)
+                self.ghosts.set_face(i, f, z, n, wall.acts(i, x, z))
             self.ghosts.divide_corners(i)
         counts = ti.Vector.zero(float, 3)
         surface_normal = ti.Vector.zero(float, self.dimension)
@@ -173,6 +170,14 @@ class Walls:
                         t *= wall.friction.set_bond(i, ti.max(z, self.closest))
                     moment += t * (ti.Matrix.identity(float, self.dimension) - normal)
         return counts, moment, surface_normal
+
+    @ti.func
+    def tangential(self, i, wall: ti.template(), f: ti.template(), x, z, curvature, ratio):
+        """t(z) [-] of face f at x: the moment along a wall that holds the fluid, less where that slips on it."""
+        t = self.ghosts.lookup("tangential", i, wall, f, x, z, curvature, ratio)
+        if ti.static(wall.has_friction):
+            t *= wall.friction.bond[i]
+        return t
 
     @ti.func
     def seen_by_fit(self, i, wall: ti.template(), n, v, motion):
@@ -197,9 +202,7 @@ class Walls:
                 total += jump.outer_product(n) * self.c[i, f]
                 if ti.static(wall.turns and not wall.slip):
                     spin = ti.cast(wall.spin, float)
-                    t = self.ghosts.lookup("tangential", i, wall, f, x, z, curvature, ratio)
-                    if ti.static(wall.has_friction):
-                        t *= wall.friction.bond[i]
+                    t = self.tangential(i, wall, f, x, z, curvature, ratio)
                     total += motion * t * (spin - (spin @ n).outer_product(n))
         return total
 
@@ -210,13 +213,12 @@ class Walls:
         total = ti.Matrix.zero(float, self.dimension, self.dimension)
         drag = ti.Vector.zero(float, self.dimension)
         if ti.static(self.bows):
-            for f, wall in ti.static(self.chosen(face)):
-                if ti.static(wall.no_slip):  # noqa: SIM102  (a compiled choice stays apart)
-                    if self.bowed[None] == 1 and self.c[i, f] > 0.0:
-                        z, n, _velocity, _curvature = wall.face(i, x, self.slots[f])
-                        along = self.c[i, f] * (self.bow[i] - n * n.dot(self.bow[i]))
-                        total -= ti.max(z, self.closest) * along.outer_product(n)
-                        drag += along
+            for f, wall in ti.static(self.chosen(face, "no_slip")):
+                if self.bowed[None] == 1 and self.c[i, f] > 0.0:
+                    z, n, _velocity, _curvature = wall.face(i, x, self.slots[f])
+                    along = self.c[i, f] * (self.bow[i] - n * n.dot(self.bow[i]))
+                    total -= ti.max(z, self.closest) * along.outer_product(n)
+                    drag += along
         return total, drag
 
     @ti.func
@@ -231,98 +233,76 @@ class Walls:
 
     @ti.func
     def drag_term(self, i, x, u, motion, face: ti.template() = None):
-        """sum of (u - u_wall) c/z: the walls' part of the resistance to zero-energy (hourglass) modes (momentum.py)."""
-        total = ti.Vector.zero(float, self.dimension)
+        """sum of (u - u_wall) c/z: the walls' part of the resistance to hourglass modes (momentum.py); and its power,
+        sum of |u - u_wall|^2 c/z [1/s2]."""
+        total, power = ti.Vector.zero(float, self.dimension), ti.cast(0.0, float)
         for f, wall in ti.static(self.chosen(face)):
             if self.c[i, f] > 0.0:
                 z, n, velocity, _curvature = wall.face(i, x, self.slots[f])
                 jump = self.seen_by_fit(i, wall, n, u - motion * velocity, motion)
+                part = self.c[i, f] / ti.max(z, self.closest)
+                power += jump.norm_sqr() * part
                 if ti.static(wall.has_friction):
                     jump = self.seen_by_fit(i, wall, n, jump, 0.0)
-                total += jump * (self.c[i, f] / ti.max(z, self.closest))
-        return total
+                total += jump * part
+        return total, power
 
     @ti.func
     def friction_term(self, i, x, u, motion, face: ti.template() = None):
         """Force [N] of the walls' friction against a particle, besides force_term."""
         total = ti.Vector.zero(float, self.dimension)
-        for f, wall in ti.static(self.chosen(face)):
-            if ti.static(wall.has_friction):  # noqa: SIM102  (a compiled choice stays apart)
-                if self.c[i, f] > 0.0:
-                    _z, n, velocity, _curvature = wall.face(i, x, self.slots[f])
-                    total += wall.friction.drag(i, n, u - motion * velocity, motion)
+        for f, wall in ti.static(self.chosen(face, "has_friction")):
+            if self.c[i, f] > 0.0:
+                _z, n, velocity, _curvature = wall.face(i, x, self.slots[f])
+                total += wall.friction.drag(i, n, u - motion * velocity, motion)
         return total
 
     @ti.func
     def start_slip(self, i, x, u, B, volume, mu, ratio):
         """Before the iterations of a step: how particle i, of viscosity mu [Pa s], slips on walls with friction."""
-        for f, wall in ti.static(enumerate(self.faces)):
-            if ti.static(wall.has_friction):
-                if self.c[i, f] > 0.0:
-                    z, n, velocity, _curvature = wall.face(i, x, self.slots[f])
-                    acts = ti.cast(1.0, float)
-                    if ti.static(wall.thin or wall.unilateral):
-                        acts = wall.weight(i, x, z)
-                    cBn = self.c[i, f] * (B @ n)
-                    wall.friction.set_area(i, n, ti.max(z, self.closest), volume, cBn, ratio, acts, self.ghosts.second)
-                    wall.friction.start(i, n, u - velocity, mu)
-                else:
-                    wall.friction.clear(i)
+        for f, wall in ti.static(self.chosen(None, "has_friction")):
+            if self.c[i, f] > 0.0:
+                z, n, velocity, _curvature = wall.face(i, x, self.slots[f])
+                acts = wall.acts(i, x, z)
+                cBn = self.c[i, f] * (B @ n)
+                wall.friction.set_area(i, n, ti.max(z, self.closest), volume, cBn, ratio, acts, self.ghosts.second)
+                wall.friction.start(i, n, u - velocity, mu)
+            else:
+                wall.friction.clear(i)
 
     @ti.func
     def update_slip(self, i, x, u, flux, weight, B, mu, h, ratio):
         """After an iteration: the slip at which the walls' traction is all that they give to particle i: of its flux
         V T B - h G, of drag_term times h, and of what their ghosts' pressure exceeds its own by under its ``weight``
         [N]."""
-        for f, wall in ti.static(enumerate(self.faces)):
-            if ti.static(wall.has_friction):  # noqa: SIM102  (a compiled choice stays apart)
-                if self.c[i, f] > 0.0:
-                    z, n, velocity, curvature = wall.face(i, x, self.slots[f])
-                    deeper = n.dot(weight) * self.ghosts.lookup("normal", i, wall, f, x, z, curvature, ratio)
-                    stiff = h * self.c[i, f] / ti.max(z, self.closest)
-                    pull = flux @ n * self.c[i, f] + B @ n * deeper
-                    pull += stiff * self.seen_by_fit(i, wall, n, u - velocity, 1.0)
-                    area = wall.friction.area[i]
-                    wall.friction.update(i, n, u - velocity, pull / area, stiff / area, mu)
-
-    @ti.func
-    def drag_power(self, i, x, u, motion):
-        """sum of |u - u_wall|^2 c/z [1/s2]: u . drag_term for walls at rest."""
-        total = ti.cast(0.0, float)
-        for f, wall in ti.static(enumerate(self.faces)):
+        for f, wall in ti.static(self.chosen(None, "has_friction")):
             if self.c[i, f] > 0.0:
-                z, n, velocity, _curvature = wall.face(i, x, self.slots[f])
-                jump = self.seen_by_fit(i, wall, n, u - motion * velocity, motion)
-                total += jump.norm_sqr() * (self.c[i, f] / ti.max(z, self.closest))
-        return total
+                z, n, velocity, curvature = wall.face(i, x, self.slots[f])
+                deeper = n.dot(weight) * self.ghosts.lookup("normal", i, wall, f, x, z, curvature, ratio)
+                stiff = h * self.c[i, f] / ti.max(z, self.closest)
+                pull = flux @ n * self.c[i, f] + B @ n * deeper
+                pull += stiff * self.seen_by_fit(i, wall, n, u - velocity, 1.0)
+                area = wall.friction.area[i]
+                wall.friction.update(i, n, u - velocity, pull / area, stiff / area, mu)
 
     @ti.func
-    def pull(self, i, x):
-        """sum of n c [1/m] over the walls, and of c/z [1/m2] (for the diagonal)."""
-        total = ti.Vector.zero(float, self.dimension)
-        drag = ti.cast(0.0, float)
+    def pull(self, i, x, B, shear, bulk):
+        """sum of n c [1/m] over the walls, and of c/z [1/m2] (for the diagonal); and the block [kg/s] by which they
+        resist a velocity of particle i: that of the gradient which they add for it, with V mu = ``shear`` and
+        V (mu + K - 2 mu/t) = ``bulk`` [Pa s m3]."""
+        total, drag = ti.Vector.zero(float, self.dimension), ti.cast(0.0, float)
+        block = ti.Matrix.zero(float, self.dimension, self.dimension)
         for f, wall in ti.static(enumerate(self.faces)):
             if self.c[i, f] > 0.0:
                 z, n, _velocity, _curvature = wall.face(i, x, self.slots[f])
                 total += n * self.c[i, f]
                 drag += self.c[i, f] / ti.max(z, self.closest)
-        return total, drag
-
-    @ti.func
-    def stiffness(self, i, x, B, shear, bulk):
-        """Block [kg/s] by which the walls resist a velocity of particle i: that of the gradient which they add for
-        it, with V mu = ``shear`` and V (mu + K - 2 mu/t) = ``bulk`` [Pa s m3]."""
-        total = ti.Matrix.zero(float, self.dimension, self.dimension)
-        for f, wall in ti.static(enumerate(self.faces)):
-            if self.c[i, f] > 0.0:
-                _z, n, _velocity, _curvature = wall.face(i, x, self.slots[f])
                 v = B @ n * self.c[i, f]
-                normal = n.outer_product(n)
                 if ti.static(wall.slip):
-                    total += (shear * v.dot(v) + bulk * n.dot(v) ** 2) * normal
+                    block += (shear * v.dot(v) + bulk * n.dot(v) ** 2) * n.outer_product(n)
                 else:
-                    total += shear * v.dot(v) * ti.Matrix.identity(float, self.dimension) + bulk * v.outer_product(v)
-        return total
+                    block += shear * v.dot(v) * ti.Matrix.identity(float, self.dimension) + bulk * v.outer_product(v)
+        return total, drag, block
 
     @ti.func
     def hydrostatic(self, i, x, weight, B, ratio, face: ti.template() = None):

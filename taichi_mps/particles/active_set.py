@@ -11,30 +11,12 @@ active one comes near a buried one.
 """
 
 from ..runtime.backend import ti
-from ..runtime.stages import flush, nothing, stage
+from ..runtime.stages import flush, stage
 from .particles import ASIDE, BURIED, FLUID, STANDING
 
 EVERY = 20  # steps, of which one is taken by all: what stands costs a twentieth
 PAYS = 0.2  # part of the particles that must stand still, and be set aside
 RINGS = 4  # cells from what moves: 0, 1 active, 2 standing, 3 buried, from here on aside
-
-
-class NoActiveSet:
-    """No-op: the scene is too small for it to pay, or nothing in it can stand still."""
-
-    whole, left_out, mean_part_left_out = True, 0, 0.0
-    recall = end_step = load = nothing
-
-    def __init__(self, neighbors):
-        self.neighbors = neighbors
-
-    def search(self, _is_read):
-        """The neighbours of all."""
-        self.neighbors.search()
-
-    def state(self) -> dict:
-        """What is carried from step to step: nothing."""
-        return {}
 
 
 @ti.data_oriented

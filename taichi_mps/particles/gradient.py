@@ -254,7 +254,7 @@ class Gradient:
         for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
             square += self.weight_r2[k] * (u[self.neighbors.column[k]] - u[i]).norm_sqr()
         if ti.static(len(self.walls.surfaces) > 0):
-            square += self.walls.drag_power(i, self.particles.x[i], u[i], motion)
+            square += self.walls.drag_term(i, self.particles.x[i], u[i], motion)[1]
         G = H @ self.B[i]
         return self.tensor(i, G, u), ti.max(0.0, square - (G * H).sum()) / self.full_weight(i)
 

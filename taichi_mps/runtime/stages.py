@@ -222,6 +222,14 @@ def nothing(*_) -> None:
     """No-op: a stage that a scene has no need of."""
 
 
+class NoOp:
+    """No-op: a term that a scene has no need of. The ``stages`` that a step calls do nothing; ``known`` is what else is
+    read of it."""
+
+    def __init__(self, *stages: str, **known):
+        vars(self).update(dict.fromkeys(stages, nothing) | known)
+
+
 # ---- decorators -----------------------------------------------------------------------------------------------------
 class Kernel:
     """A stage of kernel code."""

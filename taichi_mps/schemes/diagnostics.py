@@ -23,12 +23,12 @@ PACKING = [7, 8, 9, 10]  # of these what reads the volume
 class Diagnostics:
     """Sums over the fluid particles of one scheme, and its solve."""
 
-    def __init__(self, particles, gradient, material, yielded, solver, iterations, lattice):
+    def __init__(self, fluid, material, yielded, solver, iterations):
         """``material`` has density_of(i) and flows(i, rate); ``iterations``: a field with all those of a step."""
-        self.particles, self.gradient, self.material = particles, gradient, material
+        self.particles, self.gradient, self.material = fluid.particles, fluid.gradient, material
         self.yielded, self.solver, self.iterations = yielded, solver, iterations
-        self.accelerates = "a" in particles.carried
-        self.nearly_all = 0.9 * lattice.neighbours
+        self.accelerates = "a" in fluid.particles.carried
+        self.nearly_all = 0.9 * fluid.lattice.neighbours
         # number, max u^2, sum V, V u^2, V u^4, m u^2, unyielded; V packing, V of enclosed ones, of all with many
         # neighbours: particles in pairs or clumps have a large surface normal, and would pass for a surface; V a^2;
         # V of what flows. Iterations of the step; (r, z) and reference of the last solve over each other, its status
@@ -42,6 +42,7 @@ class Diagnostics:
         """What a step of dt [s] did, with so many iterations for the viscosity; number and time are the caller's.
         Particles that were ``left_out`` count as standing still, and the packing as it was with them."""
         flush()
+        self.numbers[:] = 0.0
         self._add(self.numbers)
         if left_out:
             self.numbers[[0, 6]] += left_out
@@ -91,9 +92,6 @@ class Diagnostics:
     @ti.kernel
     def _add(self, sums: ti.types.ndarray(ti.f64, 1)):
         ti.loop_config(serialize=True)
-        for k in range(SUMS):
-            sums[k] = 0.0
-        ti.loop_config(serialize=True)
         for i in range(self.particles.count[None]):
             if self.particles.kind[i] == FLUID:
                 volume = ti.cast(self.particles.volume(i), ti.f64)
@@ -118,7 +116,6 @@ class Diagnostics:
                 if self.material.flows(i, self.particles.shear_rate[i]):
                     sums[12] += volume
         sums[SUMS] = self.iterations[None]
-        sums[SUMS + 1] = 0.0
         if self.solver.reference[None] != 0.0:
             sums[SUMS + 1] = self.solver.rz[None] / self.solver.reference[None]
         sums[SUMS + 2] = self.solver.status[None]

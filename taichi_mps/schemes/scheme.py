@@ -1,7 +1,6 @@
 """What a scheme is, and what all schemes stand on: particles, neighbours and walls of a problem."""
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
@@ -11,8 +10,9 @@ from ..particles.gradient import Gradient
 from ..particles.kernels import PACKING, PACKING_IN_PLANE, lattice_sums, mps_weight, smooth_weight
 from ..particles.neighbors import Bins, NeighborList
 from ..particles.particles import DUMMY, FLUID, WALL, Carried, Particles
+from ..runtime.backend import real, ti
+from ..runtime.field_io import FieldIO
 from .diagnostics import Diagnostics
-from .step_report import StepReport
 
 # Of the neighbour list over the spacing, where steps are short: of a lattice the next neighbours are left out
 SKIN = 0.1
@@ -27,42 +27,44 @@ class Speeds:
     decay: float = 0.0  # time in which what moves last fell to 1/e of its speed [s]; 0 where it has not fallen
 
 
-class Scheme(Protocol):
-    """A time scheme: it owns its whole step, neighbour search and motion of the walls included."""
+class Scheme:
+    """A time scheme: it owns its whole step, neighbour search and motion of the walls included.
+
+    Besides these methods a scheme has ``step(dt, is_read)``: advance the particles by dt [s], to a state that is
+    ``is_read`` or not, and report; CapacityError where the neighbour list is too short for what it meets, EscapedError
+    where particles leave the domain: then the state is that of no time. ``state()`` gives the scalars that it carries
+    from step to step, besides what the particles carry, and ``load(state)`` goes on from there.
+    """
 
     REMEDY: str  # what a user can do where it diverges
-    base: "Discretisation"
     diagnostics: Diagnostics
-    taken_by_all: bool  # whether all particles took part in the last step
-    left_out: float  # part of the particles that was left out of the steps, mean of all [-]
+    rows: FieldIO  # what a snapshot shows besides what the particles carry: yielded, and p where it is read otherwise
+    taken_by_all = True  # whether all particles took part in the last step
+    left_out = 0.0  # part of the particles that was left out of the steps, mean of all [-]
+
+    def __init__(self, problem, carried: dict[str, Carried], to_come: int, pairs_per_particle: float):
+        base = self.base = Discretisation(problem, carried, to_come, pairs_per_particle)
+        self.particles, self.neighbors, self.walls = base.particles, base.neighbors, base.walls
+        self.gradient, self.numerics, self.spacing = base.gradient, problem.numerics, problem.scene.spacing
 
     def time_step_limits(self, speeds: Speeds) -> dict[str, float]:
-        """Largest allowed steps [s] by name, for what moves now."""
-
-    def step(self, dt: float, is_read: bool = False) -> StepReport:
-        """Advance the particles by dt [s], to a state that is ``is_read`` or not. CapacityError where the neighbour
-        list is too short for what it meets, EscapedError where particles leave the domain: then the state is that of
-        no time."""
+        """Largest allowed steps [s] by name, for what moves now: here by the Courant number."""
+        courant = self.numerics.courant_number * self.spacing
+        return {"Courant": courant / speeds.speed} if speeds.speed > 0.0 else {}
 
     def relax(self) -> None:
         """Before the first step: relax an uneven fill, where the scheme needs it."""
 
     def look(self) -> None:
-        """Before ``fields_to_read``."""
+        """Before ``fields_to_read``: make what the particles carry that of all, where not all took the last step."""
 
     def fields_to_read(self, count: int) -> dict:
-        """Arrays (count, ...) that a snapshot shows besides what the particles carry: yielded, and p where it is read
-        in another way than carried."""
-
-    def state(self) -> dict:
-        """Scalars that the scheme carries from step to step, besides what the particles carry."""
-
-    def load(self, state: dict) -> None:
-        """Go on from a state."""
+        """Arrays (count, ...) of the first rows that a snapshot shows besides what the particles carry."""
+        return self.rows.read(count)
 
 
 class Discretisation:
-    """Particles, neighbour list, walls and gradient of a problem.
+    """Particles, neighbour list, walls, gradient and gravity of a problem: what every term is given.
 
     ``carried``: what the terms of a scheme want the particles to carry; ``pairs_per_particle``: room for neighbours,
     over those of a full lattice.
@@ -70,11 +72,10 @@ class Discretisation:
 
     def __init__(self, problem, carried: dict[str, Carried], to_come: int, pairs_per_particle: float):
         scene, d = problem.scene, problem.scene.dimension
-        walls = surfaces(problem)
-        start = initial_state(problem)
+        walls, start = surfaces(problem), initial_state(problem)
+        self.gravity, self.g = scene.gravity_vector, ti.types.vector(d, real())(scene.gravity_vector)  # [m/s2]
         volumes = np.resize(problem.scene.expected.volumes, len(start["x"]))
-        carried = carried | boundaries.carried(walls)
-        self.particles = Particles(start, volumes, carried, scene.axisymmetric, to_come)
+        self.particles = Particles(start, volumes, carried | boundaries.carried(walls), scene.axisymmetric, to_come)
         self.wall_particles = int((start["kind"] != FLUID).sum())
         self.lattice = lattice_sums(d, scene.spacing, problem.effective_radius, *kernels(problem))
         skin = SKIN * scene.spacing if problem.scheme == "semi-implicit" else 0.0

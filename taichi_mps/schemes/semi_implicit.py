@@ -7,43 +7,32 @@ adds, each piece with its source: gradient, sign and source of the pressure, col
 """
 
 from ..runtime.field_io import FieldIO
-from ..terms.collisions import Collisions, NoCollisions
+from ..runtime.stages import NoOp
 from ..terms.explicit_viscosity import ExplicitViscosity
 from ..terms.pressure_poisson import PressurePoisson
-from ..terms.shifting import NoShifting, Shifting
+from ..terms.shifting import Collisions, Shifting
 from .diagnostics import Diagnostics
-from .scheme import Discretisation
+from .scheme import Scheme
 
 STRAIN = 0.005  # in a step, from which on the shift acts fully
 
 
-class SemiImplicit:
+class SemiImplicit(Scheme):
     """Semi-implicit scheme for Newtonian and bi-viscosity Bingham fluids in two or three dimensions."""
 
     REMEDY = "shorten courant_number and diffusion_number, leave out literal, or use the scheme implicit"
 
     def __init__(self, problem, to_come: int, pairs_per_particle: float):
-        scene, numerics = problem.scene, problem.numerics
-        material = scene.material
-        base = self.base = Discretisation(problem, {}, to_come, pairs_per_particle)
-        self.particles, self.neighbors, self.walls, self.gradient = (
-            base.particles,
-            base.neighbors,
-            base.walls,
-            base.gradient,
-        )
-        self.numerics, self.spacing = numerics, scene.spacing
-        fluid = self.particles, self.gradient
-        self.viscosity = ExplicitViscosity(*fluid, material, base.lattice, scene.gravity_vector)
-        self.pressure = PressurePoisson(*fluid, material.density, base.lattice, numerics)
-        self.collisions, self.shifting = NoCollisions(), NoShifting()
-        if not numerics.literal:
-            self.collisions = Collisions(*fluid, scene.spacing)
-            self.shifting = Shifting(*fluid, base.walls, tears=False)
+        super().__init__(problem, {}, to_come, pairs_per_particle)
+        material, literal = problem.scene.material, self.numerics.literal
+        self.viscosity = ExplicitViscosity(self.base, material)
+        self.pressure = PressurePoisson(self.base, material.density, self.numerics)
+        self.collisions = NoOp("apply") if literal else Collisions(self.base)
+        self.shifting = NoOp("compute", "apply") if literal else Shifting(self.base, tears=False)
         self.largest_viscosity = 0.0  # of the last step [Pa s]; 0 before the first one
         yielded, solver = self.viscosity.yielded, self.pressure.solver
-        self._to_read = FieldIO({"yielded": yielded}, self.particles.capacity)
-        self.diagnostics = Diagnostics(*fluid, self.viscosity, yielded, solver, solver.iterations, base.lattice)
+        self.rows = FieldIO({"yielded": yielded}, self.particles.capacity)
+        self.diagnostics = Diagnostics(self.base, self.viscosity, yielded, solver, solver.iterations)
 
     def step(self, dt: float, is_read: bool = False):
         """One step of dt [s]."""
@@ -59,12 +48,8 @@ class SemiImplicit:
         self.shifting.compute(dt, STRAIN, 0.0)
         self.shifting.apply()
         self.viscosity.mark_yielded()
-        self.largest_viscosity = self.viscosity.largest_of_last_step
+        self.largest_viscosity = float(self.viscosity.largest[None])
         return self.diagnostics.report(dt, iterations)
-
-    # ---- around the step ------------------------------------------------------------------------------------
-    def relax(self) -> None:
-        """Nothing: the paper starts from the lattice as it is."""
 
     def time_step_limits(self, speeds) -> dict[str, float]:
         """Largest allowed steps [s] by name. The first step of a body at rest, which has no viscous force yet, is the
@@ -72,21 +57,11 @@ class SemiImplicit:
         particles of a stiff mix do not survive 0.001 s."""
         numerics, first = self.numerics, self.largest_viscosity == 0.0
         limits = {"first": numerics.first_time_step} if first else {"maximum": numerics.max_time_step}
-        if speeds.speed > 0.0:
-            limits["Courant"] = numerics.courant_number * self.spacing / speeds.speed
+        limits |= super().time_step_limits(speeds)
         if speeds.speed > 0.0 or not first or not numerics.literal:
             mu = self.viscosity.largest_possible if first else self.largest_viscosity
             limits["diffusion"] = self.viscosity.stable_step(numerics.diffusion_number, self.spacing, mu)
         return limits
-
-    taken_by_all, left_out = True, 0.0  # all particles take part in each step
-
-    def look(self) -> None:
-        """Nothing is to be done before it is read."""
-
-    def fields_to_read(self, count: int) -> dict:
-        """What of the first ``count`` rows is read of a step, besides what the particles carry."""
-        return self._to_read.read(count)
 
     def state(self) -> dict:
         """Scalars the scheme carries from step to step."""

@@ -17,7 +17,7 @@ from ..schemes.implicit import Implicit
 from ..schemes.scheme import Speeds
 from ..schemes.semi_implicit import SemiImplicit
 from ..schemes.step_report import DivergedError, DomainError, StepReport
-from ..terms.own_law import OwnLaw
+from ..terms.rheology import OwnLaw
 from ..units import INSTANT, finite, positive, require
 from .edge import crossing
 from .memory_estimate import require_memory

@@ -14,6 +14,25 @@ from ..runtime.stages import flush
 # else that a material has is compiled in.
 FIELDS_OF_A_MIX = ("density", "plastic_viscosity", "yield_value", "critical_strain_rate")
 
+OF_A_MIX = {
+    "density": "density [kg/m3]",
+    "eta": "plastic viscosity [Pa s]",
+    "tau_y": "yield stress [Pa]",
+    "pi_c": "critical strain rate [1/s]",
+    "friction": "tangent of the angle of internal friction [-]",
+    "inertial": "hourglass resistance of a thin fluid [Pa s]",
+    "mu_r": "penalty that ties the strain rate to the yield law [Pa s]",
+}
+OF_THE_SCENE = {
+    "layer_pressure": "pressure of half a layer of particles [Pa]",
+    "slowest": "rate of the bonds below which their resistance stops growing, in a natural step [1/s]",
+    "drive": "force density that errors of the solve are compared with [N/m3]",
+    "own_step": "natural_step, as the kernels read it [s]",
+    "early_enough": "part of its first residual that no solve before the last goes below [-]",
+    "fastest": "largest divergence that is wanted [1/s]",
+    "bulk": "K [Pa s]",
+}
+
 INERTIAL = 0.5  # hourglass modes of a thin fluid decay within two natural steps or so: h += 0.5 rho l0^2/step
 # Strain per step, a natural one at least, below which the hourglass resistance of a yield-stress fluid stops growing:
 # what is slower creeps by the motion that the gradient does not see, at a rate that no yield stress stops
@@ -26,7 +45,7 @@ VISCOUS_STIFFNESS = 8.0  # and K >= 8 mu_r: a slow flow is resisted by its visco
 PENALTY = 6.0, 64.0, 0.5
 
 LONG = 2.0  # a quiet flow takes steps as long as this many of the scene's own
-CREEP = 0.1  # one that dies away also such of the time in which it falls to 1/e
+CREEP = 0.1  # a decaying flow may take steps of this fraction of its decay time, in which its speed falls to 1/e
 # Where what yields falls, a solve before the last one takes off no more of its residual: the new stress brings as much
 EARLY_ENOUGH = 0.1
 QUIET = 0.005  # a flow is quiet where the change of its velocity in a step moves particles by no more of l0
@@ -50,31 +69,13 @@ def longest_step(
 
 @ti.data_oriented
 class Constants:
-    """Constants of each mix and scales of the scene; ``set_problem`` fills them in."""
+    """Constants of each mix and scales of the scene: a field for each of OF_A_MIX and OF_THE_SCENE."""
 
     def __init__(self, particles, problem):
-        mixes = len(problem.materials)
-        self.particles, self.mixes = particles, mixes
-        self.of_mix = of_mix = [ti.field(real(), mixes) for _ in range(7)]
-        self.density, self.eta, self.tau_y, self.pi_c = of_mix[:4]  # [kg/m3], [Pa s], [Pa], [1/s]
-        self.mu_r = of_mix[4]  # penalty that ties the strain rate to the yield law [Pa s]
-        self.friction = of_mix[6]  # tangent of the angle of internal friction [-]
-        self.inertial = of_mix[5]  # hourglass resistance of a thin fluid [Pa s]
-        self.of_scene = of_scene = [ti.field(real(), ()) for _ in range(7)]
-        self.numbers = np.zeros((14, mixes))  # of both, as they are sent to the fields: one kernel instead of fourteen
-        self.layer_pressure = of_scene[0]  # of half a layer of particles [Pa]
-        self.slowest = of_scene[1]  # rate of the bonds below which their resistance stops growing, natural step [1/s]
-        self.bulk = of_scene[2]  # K [Pa s]
-        self.drive = of_scene[3]  # force density that errors of the solve are compared with [N/m3]
-        self.own_step = of_scene[4]  # natural_step, as the kernels read it [s]
-        self.early_enough = of_scene[5]  # part of its first residual that no solve before the last goes below [-]
-        self.fastest = of_scene[6]  # largest divergence that is wanted [1/s]
-        self.natural_step = self.max_time_step = 0.0  # [s]
-        self.quiet_step = 0.0  # longest step of a quiet flow [s]
-        self.creeps = False  # has every mix a yield stress, and is no step given? What dies away then takes longer ones
-        self.quiet = self.still = 0.0  # limits: change of the velocity times the step [m], velocity [m/s]
-        self.viscous, self.plastic, self.stiff = [], [], 0.0  # parts of mu_r, one each of a mix, and of K [Pa s]
-        self.stretched = 0.0  # step over max_time_step that mu_r and K are for, 1 at least
+        self.particles, self.mixes = particles, len(problem.materials)
+        self.of_mix = [ti.field(real(), self.mixes) for _ in OF_A_MIX]
+        self.of_scene = [ti.field(real(), ()) for _ in OF_THE_SCENE]
+        vars(self).update(zip((*OF_A_MIX, *OF_THE_SCENE), self.of_mix + self.of_scene, strict=True))
         self.set_problem(problem)
 
     @staticmethod
@@ -89,39 +90,46 @@ class Constants:
         self.materials = materials
         height, gravity, speed = problem.height, problem.gravity, problem.speed
         head = gravity * height + speed**2  # the pressure to expect, over the density [m2/s2]
-        body = gravity, height, scene.spacing
+        yields, given = all(m.yields for m in materials), numerics.max_time_step
         longest, quiet = (
-            min(longest_step(m.plastic_viscosity / m.density, *body, times) for m in materials) for times in (1.0, LONG)
+            min(longest_step(m.plastic_viscosity / m.density, gravity, height, scene.spacing, times) for m in materials)
+            for times in (1.0, LONG)
         )
-        self.max_time_step = self.quiet_step = numerics.max_time_step or longest
-        self.creeps = all(m.yields for m in materials) and numerics.max_time_step is None
-        early_enough = 0.0
-        if all(m.yields for m in materials) and quiet > longest:
-            early_enough = EARLY_ENOUGH
-            if numerics.max_time_step is None:
-                self.quiet_step = quiet
+        falls = yields and quiet > longest  # what yields falls, faster than its viscosity lets it flow
+        self.max_time_step = given or longest  # [s]
+        self.quiet_step = quiet if falls and given is None else self.max_time_step  # longest step of a quiet flow [s]
+        self.creeps = yields and given is None  # what dies away then takes longer steps
+        # limits of what is quiet, and still: change of the velocity times the step [m], velocity [m/s]
         self.quiet, self.still = QUIET * scene.spacing, STILL * head**0.5
         # the step [s] of this scene at its defaults: it scales what must not depend on the steps taken
         courant_number = type(numerics).model_fields["courant_number"].default
-        self.natural_step = min(longest, courant_number * scene.spacing / speed) if speed else longest
-        density, step = max(m.density for m in materials), self.natural_step
+        step = self.natural_step = min(longest, courant_number * scene.spacing / speed) if speed else longest
+        density = max(m.density for m in materials)
         inertia = density * height**2 * max(0.0, 1.0 / self.max_time_step - 1.0 / step)  # of shorter steps [Pa s]
+        frictions = [getattr(m, "friction_coefficient", 0.0) for m in materials]
+        # parts of mu_r of each mix, and of K [Pa s]; the latter and the plastic ones grow with the step
         self.viscous = [
             max(PENALTY[0] * m.plastic_viscosity, PENALTY[2] * (m.plastic_viscosity * inertia) ** 0.5)
             for m in materials
         ]
-        frictions = [getattr(m, "friction_coefficient", 0.0) for m in materials]
         heaviest = [f * m.density * gravity * height for f, m in zip(frictions, materials, strict=True)]  # yield stress
         self.plastic = [PENALTY[1] * (m.yield_value + most) * step for m, most in zip(materials, heaviest, strict=True)]
-        for k, m in enumerate(materials):
-            self.numbers[:4, k] = m.density, m.plastic_viscosity, m.yield_value, m.critical_strain_rate or 0.0
-            self.numbers[6, k] = frictions[k]
-            self.numbers[5, k] = INERTIAL * m.density * scene.spacing**2 / step
-        layer_pressure, drive = 0.5 * density * gravity * scene.spacing, density * head / height
-        fastest = max(FASTEST[0] * (gravity / height) ** 0.5, FASTEST[1] * speed / height)
-        self.numbers[7:, 0] = layer_pressure, SLOWEST / step, 0.0, drive, step, early_enough, fastest
         self.stiff = STIFFNESS * density * head * min(step, self.max_time_step)
-        self.stretched = 0.0
+        self.values = {
+            "density": [m.density for m in materials],
+            "eta": [m.plastic_viscosity for m in materials],
+            "tau_y": [m.yield_value for m in materials],
+            "pi_c": [m.critical_strain_rate or 0.0 for m in materials],
+            "friction": frictions,
+            "inertial": [INERTIAL * m.density * scene.spacing**2 / step for m in materials],
+            "layer_pressure": 0.5 * density * gravity * scene.spacing,
+            "slowest": SLOWEST / step,
+            "drive": density * head / height,
+            "own_step": step,
+            "early_enough": EARLY_ENOUGH if falls else 0.0,
+            "fastest": max(FASTEST[0] * (gravity / height) ** 0.5, FASTEST[1] * speed / height),
+        }
+        self.stretched = 0.0  # step over max_time_step that mu_r and K are for, 1 at least
         self.set_time_step(self.max_time_step)
 
     def longest_at(self, speeds) -> float:
@@ -145,18 +153,17 @@ class Constants:
         if self.stretched == last:
             return
         penalties = [max(viscous, self.stretched * p) for viscous, p in zip(self.viscous, self.plastic, strict=True)]
-        self.numbers[4] = penalties
-        self.numbers[9, 0] = max(self.stiff, VISCOUS_STIFFNESS * max(penalties))
+        self.values |= {"mu_r": penalties, "bulk": max(self.stiff, VISCOUS_STIFFNESS * max(penalties))}
         flush()
-        self._send(self.numbers)
+        self._send(*(np.array([self.values[name] for name in names], float) for names in (OF_A_MIX, OF_THE_SCENE)))
 
     @ti.kernel
-    def _send(self, numbers: ti.types.ndarray(ti.f64, 2)):
+    def _send(self, of_mix: ti.types.ndarray(ti.f64, 2), of_scene: ti.types.ndarray(ti.f64, 1)):
         for k in range(self.mixes):
             for row, field in ti.static(enumerate(self.of_mix)):
-                field[k] = ti.cast(numbers[row, k], field.dtype)
+                field[k] = ti.cast(of_mix[row, k], field.dtype)
         for row, field in ti.static(enumerate(self.of_scene)):
-            field[None] = ti.cast(numbers[7 + row, 0], field.dtype)
+            field[None] = ti.cast(of_scene[row], field.dtype)
 
     @ti.func
     def mix(self, i):

@@ -32,26 +32,23 @@ BLOCK = 1024  # particles per partial sum: the same bits with any number of thre
 class ExplicitViscosity:
     """Intermediate velocity u* of all fluid particles; ``newtonian`` fluids compile no yield code."""
 
-    def __init__(self, particles, gradient, material, lattice, gravity):
-        d = particles.dimension
-        self.particles, self.gradient, self.neighbors = particles, gradient, gradient.neighbors
-        self.dimension = d
+    def __init__(self, fluid, material):
+        particles = self.particles = fluid.particles
+        d, capacity = particles.dimension, particles.capacity
+        self.gradient, self.neighbors, self.dimension, self.g = fluid.gradient, fluid.neighbors, d, fluid.g
         self.newtonian = material.newtonian
         self.density, self.eta, self.tau_y = material.density, material.plastic_viscosity, material.yield_value
         self.pi_c = 0.1 if material.critical_strain_rate is None else material.critical_strain_rate
-        self.laplacian_scale = 2.0 * d / (lattice.lam * lattice.n0)
-        self.g = ti.types.vector(d, real())(gravity)
-        capacity = particles.capacity
+        self.laplacian_scale = 2.0 * d / (fluid.lattice.lam * fluid.lattice.n0)
         self.u_star = ti.Vector.field(d, real(), capacity)  # newest u* [m/s]
         self.lap_u = ti.Vector.field(d, real(), capacity)  # lap u^k [1/(m s)]
         self.strain_rate = ti.Matrix.field(d, d, real(), capacity)  # e [1/s] of the guess u*0
         self.Lambda = ti.field(real(), capacity)  # tau_y / sqrt(Pi) [Pa s], eqs 5 and 9
         self.yielded = ti.field(ti.i32, capacity)  # 1 where the material flows
-        blocks = (capacity + BLOCK - 1) // BLOCK
-        self.partial = double_field(blocks, 2)
-        self.block_max = ti.field(real(), blocks)
+        # of each block sums of |change of u*|^2 and |u*|^2, and the largest apparent viscosity eta + Lambda [Pa s]
+        self.partial = double_field((capacity + BLOCK - 1) // BLOCK, 3)
         self.error = double_field()  # relative change of u* in the last direct iteration [-]
-        self.largest = ti.field(real(), ())  # largest apparent viscosity eta + Lambda of the last iteration [Pa s]
+        self.largest = ti.field(real(), ())  # largest apparent viscosity of the last iteration [Pa s]
 
     @property
     def largest_possible(self) -> float:
@@ -73,12 +70,6 @@ class ExplicitViscosity:
             if self.error[None] <= tolerance:
                 break
         return k + 1
-
-    @property
-    def largest_of_last_step(self) -> float:
-        """Largest apparent viscosity [Pa s] of the last step."""
-        flush()
-        return float(self.largest[None])
 
     @ti.func
     def laplacian(self, i, u: ti.template()):
@@ -127,8 +118,7 @@ class ExplicitViscosity:
         """u* from eq 17, without the gradient of Lambda where unyielded (eq 8); relative change; largest viscosity."""
         for first in range(self.particles.count[None]):
             if first % BLOCK == 0:
-                sums = ti.Vector.zero(ti.f64, 2)
-                largest = ti.cast(self.eta, float)
+                sums = ti.Vector([0.0, 0.0, self.eta], ti.f64)
                 for i in range(first, ti.min(first + BLOCK, self.particles.count[None])):
                     if self.particles.kind[i] == FLUID:
                         stress_force = self.eta * self.lap_u[i]  # divergence of the viscous stress [N/m3]
@@ -136,22 +126,20 @@ class ExplicitViscosity:
                             stress_force += self.Lambda[i] * self.lap_u[i]
                             if self.particles.shear_rate[i] >= 2.0 * self.pi_c:
                                 stress_force += 2.0 * (self.strain_rate[i] @ self.gradient_of_Lambda(i))
-                            largest = ti.max(largest, self.eta + self.Lambda[i])
+                            sums[2] = ti.max(sums[2], ti.cast(self.eta + self.Lambda[i], ti.f64))
                         u = self.particles.u[i] + dt * (stress_force / self.density + self.g)
-                        change = u - self.u_star[i]
-                        sums += ti.cast(ti.Vector([change.norm_sqr(), u.norm_sqr()]), ti.f64)
+                        sums[0] += ti.cast((u - self.u_star[i]).norm_sqr(), ti.f64)
+                        sums[1] += ti.cast(u.norm_sqr(), ti.f64)
                         self.u_star[i] = u
                 self.partial[first // BLOCK] = sums
-                self.block_max[first // BLOCK] = largest
         ti.loop_config(serialize=True)
         for _ in range(1):
-            total = ti.Vector.zero(ti.f64, 2)
-            largest = ti.cast(self.eta, float)
+            total = ti.Vector.zero(ti.f64, 3)
             for block in range((self.particles.count[None] + BLOCK - 1) // BLOCK):
-                total += self.partial[block]
-                largest = ti.max(largest, self.block_max[block])
+                sums = self.partial[block]
+                total = ti.Vector([total[0] + sums[0], total[1] + sums[1], ti.max(total[2], sums[2])])
             self.error[None] = ti.sqrt(total[0] / ti.max(total[1], 1e-300))
-            self.largest[None] = largest
+            self.largest[None] = ti.cast(total[2], float)
 
     @stage("predictor")
     def move(self, dt: float):

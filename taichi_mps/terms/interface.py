@@ -12,26 +12,17 @@ of the particle's own law.
 """
 
 from ..runtime.backend import real, ti
-from ..runtime.stages import nothing, stage
-
-
-class NoInterface:
-    """Of a scene with one mix."""
-
-    find, gather = nothing, nothing
+from ..runtime.stages import stage
 
 
 @ti.data_oriented
 class Interface:
     """Normal, share of the other mixes and their fluidity, of every particle."""
 
-    def __init__(self, particles, gradient, constants):
-        self.particles, self.gradient, self.constants = particles, gradient, constants
-        self.neighbors, self.dimension, self.tensors = (
-            gradient.neighbors,
-            particles.dimension,
-            particles.tensor_dimension,
-        )
+    def __init__(self, fluid, constants):
+        particles = self.particles = fluid.particles
+        self.gradient, self.neighbors, self.constants = fluid.gradient, fluid.neighbors, constants
+        self.dimension, self.tensors = particles.dimension, particles.tensor_dimension
         self.normal = ti.Vector.field(self.dimension, real(), particles.capacity)  # towards the other mixes [-]
         self.share = ti.field(real(), particles.capacity)  # c: of the gradient along it [-]; 0: no other mix is near
         self.fluidity = ti.field(real(), particles.capacity)  # psi: that of the others, by their shares [1/(Pa s)]
@@ -45,7 +36,7 @@ class Interface:
 
     @ti.func
     def part(self, k, n, v):
-        """Of the gradient along n that of half of the bond of pair k; v = B n."""
+        """Share of half of the bond of pair k in the gradient along n; v = B n."""
         b = self.gradient.b[k]
         return 0.5 * v.dot(b) * n.dot(b) / self.gradient.weight_r2[k]
 
@@ -90,5 +81,5 @@ class Interface:
 
     @ti.func
     def viscosity(self, i, mu):
-        """That of the shear across [Pa s], of a particle whose own is mu [Pa s]."""
+        """Viscosity of the shear across the interface [Pa s], of a particle whose own is mu [Pa s]."""
         return 1.0 / ((1.0 - self.share[i]) / mu + self.fluidity[i])

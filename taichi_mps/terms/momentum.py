@@ -1,4 +1,5 @@
-"""The implicit velocity-pressure system: its matrix as two passes over pairs, its diagonal, its right-hand side.
+"""The implicit velocity-pressure system: its matrix as two passes over pairs, its diagonal, its right-hand side, its
+solution.
 
     (m/dt) u - F[2 mu D'(u) + K div(u) I] - H(u) = (m/dt) u^n + m g + F[-(p + K s) I + stress - 2 mu_r q]
 
@@ -7,11 +8,18 @@ that G does not see: the gradient of sum_i (h_i/2) sum_j (w/r^2) |u_j - u_i - G_
 positive definite.
 """
 
+from ..linear.node_multigrid import NodeMultigrid
+from ..linear.pcg import PCG
 from ..particles.particles import FLUID
 from ..runtime.backend import double_field, real, ti
-from ..runtime.stages import nothing, stage
+from ..runtime.stages import flush, nothing, sequence, stage
 from ..runtime.thread_team import first, last, wait
 
+EARLY = 10.0  # only the last solve of a step goes down to the tolerance: the others to ten times that
+# To what a solve reduces its first residual, in the last and in the other iterations: a velocity that just passes would
+# go on unchanged from step to step, until it fails and is corrected by a jump.
+REDUCTION, EARLY_REDUCTION = 0.1, 0.3
+MOST_ITERATIONS = 2000  # of a solve
 BLOCK = 64  # particles whose sums over pairs are stored before they are used; see pair_sums.py
 
 
@@ -23,16 +31,15 @@ class MomentumOperator:
     in one thread.
     """
 
-    def __init__(self, particles, gradient, sums, walls, constants, stress, resistance):
-        d = particles.dimension
-        self.particles, self.gradient, self.sums, self.walls = particles, gradient, sums, walls
-        self.constants, self.stress, self.resistance = constants, stress, resistance
-        self.neighbors = gradient.neighbors
-        self.count = particles.count
-        self.dimension, self.tensors = d, particles.tensor_dimension
+    def __init__(self, fluid, sums, constants, stress, resistance):
+        particles = self.particles = fluid.particles
+        self.gradient, self.neighbors, self.walls, self.sums = fluid.gradient, fluid.neighbors, fluid.walls, sums
+        self.constants, self.stress, self.resistance, self.count = constants, stress, resistance, particles.count
+        d = self.dimension = particles.dimension
+        self.tensors = particles.tensor_dimension
         self.inertia = ti.field(real(), particles.capacity)  # rho/dt [kg/(m3 s)]
-        self.inverse_diagonal = ti.Matrix.field(d, d, real(), particles.capacity)  # block Jacobi [s/kg]; 0: no unknown
-        self.local = ti.Matrix.field(d, d, real(), particles.capacity)  # inertia and walls: for coarse levels [kg/s]
+        # block Jacobi [s/kg], 0: no unknown; and inertia and walls, for coarse levels [kg/s]
+        self.inverse_diagonal, self.local = (ti.Matrix.field(d, d, real(), particles.capacity) for _ in range(2))
         self.reference = double_field()  # drive . M^-1 drive over all particles [W]
 
     @ti.func
@@ -47,7 +54,7 @@ class MomentumOperator:
 
     @ti.func
     def _apply(self, u: ti.template(), y: ti.template(), motion):
-        """The same; ``motion`` 1 counts the walls' own velocity, 0 does not."""
+        """y = A u [N], zero in wall rows; ``motion`` 1 counts the walls' own velocity, 0 does not."""
         for i in range(first(self.count[None]), last(self.count[None])):
             self.sums.set_motion(i, u[i])
         wait()
@@ -86,7 +93,7 @@ class MomentumOperator:
             for a in ti.static(range(self.dimension)):
                 total[a] += self.sums.jumps[i][self.dimension, a]
             if ti.static(len(self.walls.surfaces) > 0):
-                total -= self.resistance.h[i] * self.walls.drag_term(i, self.particles.x[i], u[i], motion)
+                total -= self.resistance.h[i] * self.walls.drag_term(i, self.particles.x[i], u[i], motion)[0]
                 if ti.static(self.walls.have_friction):
                     total -= self.walls.friction_term(i, self.particles.x[i], u[i], motion)
             row = self.particles.volume(i) * self.inertia[i] * u[i] - total
@@ -107,19 +114,19 @@ class MomentumOperator:
             if self.unknown(i):
                 inertia = self.particles.volume(i) * self.inertia[i]
                 self.local[i] = inertia * ti.Matrix.identity(float, self.dimension)
-                own = ti.Vector.zero(float, self.dimension)
-                drag = inertia
+                own, drag = ti.Vector.zero(float, self.dimension), inertia
                 A = ti.Matrix.zero(float, self.dimension, self.dimension)
                 for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
                     own -= self.gradient.b[k]
                     drag += self.sums.pair_drag[k]
                     A += self._response(self.neighbors.column[k], self.gradient.b[k])
                 if ti.static(len(self.walls.surfaces) > 0):
-                    pull, wall_drag = self.walls.pull(i, self.particles.x[i])
+                    shear, bulk, _local = self.stiffness(i)
+                    B, x = self.gradient.B[i], self.particles.x[i]
+                    pull, wall_drag, block = self.walls.pull(i, x, B, shear, bulk)
                     own += pull
                     drag += self.resistance.h[i] * wall_drag
-                    shear, bulk, _local = self.stiffness(i)
-                    self.local[i] += self.walls.stiffness(i, self.particles.x[i], self.gradient.B[i], shear, bulk)
+                    self.local[i] += block
                 A += self._response(i, own) + drag * ti.Matrix.identity(float, self.dimension)
                 if ti.static(self.gradient.axisymmetric):
                     stiffness = 4.0 / 3.0 * self.stress.mu[i] + self.constants.bulk[None]
@@ -177,16 +184,10 @@ class MomentumSource:
     """The right-hand side of the system: inertia, gravity, pressure, the known part of the stress, and walls."""
 
     def __init__(self, operator, pressure, constraint, correction, wall_stress, gravity):
-        self.operator, self.pressure, self.constraint = operator, pressure, constraint
-        self.correction, self.wall_stress = correction, wall_stress
-        self.particles, self.gradient, self.sums, self.walls = (
-            operator.particles,
-            operator.gradient,
-            operator.sums,
-            operator.walls,
-        )
+        self.operator, self.pressure, self.constraint, self.g = operator, pressure, constraint, gravity
+        self.correction, self.wall_stress, self.sums = correction, wall_stress, operator.sums
+        self.particles, self.gradient, self.walls = operator.particles, operator.gradient, operator.walls
         self.constants, self.stress, self.dimension = operator.constants, operator.stress, operator.dimension
-        self.g = ti.types.vector(self.dimension, real())(gravity)
         walls_act = self.walls.moving or self.walls.have_friction
         self.subtract_wall_motion = operator.subtract_wall_motion if walls_act else nothing
 
@@ -223,3 +224,44 @@ class MomentumSource:
                 b[i] += volume * self.wall_stress.force(i)
             else:
                 b[i] = ti.Vector.zero(float, self.dimension)
+
+
+@ti.data_oriented
+class VelocitySolve:
+    """Conjugate gradients for the momentum ``operator``, with multigrid where there are rows enough.
+
+    ``continues``: A and M stay the same from one solve of a step to the next, which goes on from there.
+    """
+
+    def __init__(self, operator, continues: bool):
+        self.operator, self.constants, self.continues = operator, operator.constants, continues
+        capacity, bins = operator.particles.capacity, operator.neighbors.bins
+        multigrid = NodeMultigrid(operator, bins) if capacity >= NodeMultigrid.PAY_FROM else None
+        self.solver = PCG(capacity, operator.dimension, operator, multigrid)
+        self.velocity = self.solver.x  # [m/s]
+        self.iterations = ti.field(ti.i32, ())  # of all solves of a step
+
+    def take_guess(self) -> None:
+        """The velocity as it is now is the initial guess of the first solve of a step."""
+        if self.continues:
+            self.solver.take_guess()
+
+    def prepare(self) -> None:
+        """The preconditioner of the operator as it is now, and what residuals are compared with."""
+        self.solver.prepare()
+        self.operator.set_reference()
+
+    @sequence("solve")
+    def solve(self, k, iterations, tolerance):
+        """Velocity of the present right-hand side in iteration k of a step."""
+        again, reduction, enough = 0, REDUCTION, 0.0
+        flush()
+        if k + 1 < iterations:
+            tolerance, reduction, enough = EARLY * tolerance, EARLY_REDUCTION, self.constants.early_enough[None]
+        if ti.static(self.continues):
+            again = min(k, 1)
+        else:
+            self.solver.take_guess()
+        self.solver.solve(tolerance, MOST_ITERATIONS, self.operator.reference[None], again, reduction, enough)
+        self.iterations[None] = self.solver.iterations[None] + (self.iterations[None] if k > 0 else 0)
+        return self.solver.iterations[None]

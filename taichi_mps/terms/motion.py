@@ -1,18 +1,24 @@
-"""How particles move: half a step before the forces are found, half a step and the shift after (I13)."""
+"""How particles move: half a step before the forces are found, half a step and the shift after (I13); what of their
+momentum the solver's tolerance adds (I25); and which of them stand still (I30)."""
 
+import numpy as np
+
+from ..geometry.walls import Plane
 from ..particles.particles import FLUID, Carried
 from ..runtime.backend import real, ti
 from ..runtime.stages import stage
+from .rheology import magnitude
+
+SHOWS = 1e-3  # way over the height of the body that shows, in the time of the run
 
 
 @ti.data_oriented
 class Motion:
     """Drift of the fluid particles, kept in front of the walls."""
 
-    def __init__(self, particles, walls, shifting, gravity):
-        self.particles, self.walls, self.shifting = particles, walls, shifting
-        self.dimension = particles.dimension
-        self.g = ti.types.vector(self.dimension, real())(gravity)
+    def __init__(self, fluid, shifting):
+        self.particles, self.walls, self.g, self.shifting = fluid.particles, fluid.walls, fluid.g, shifting
+        self.dimension = fluid.particles.dimension
 
     @staticmethod
     def carried(_problem) -> dict[str, Carried]:
@@ -49,3 +55,85 @@ class Motion:
                 self.particles.a[i] = (u[i] - self.particles.u[i]) / dt
                 self.particles.u[i] = u[i]
                 self.particles.x[i] = self.walls.outside(self.particles.x[i], move)
+
+
+def free_directions(scene, walls: str) -> np.ndarray:
+    """Projector (d, d) [-] onto the directions in which nothing but gravity acts on the whole fluid: those along all
+    walls, if each is a plane with slip. Zero with any other wall, with walls that are "particles", with an inlet, and
+    of rings, whose radius is no direction."""
+    d = scene.dimension
+    particles = walls == "particles" and scene.wall_particles is not None
+    held = particles or scene.inlets or scene.axisymmetric
+    if held or not all(isinstance(wall, Plane) and wall.slip for wall in scene.walls):
+        return np.zeros((d, d))
+    normals = np.array([wall.normal for wall in scene.walls]).reshape(-1, d)
+    return np.eye(d) - np.linalg.pinv(normals) @ normals
+
+
+@ti.data_oriented
+class MomentumDrift:
+    """Removes the momentum that the solver's tolerance adds along the ``directions`` (a projector) that no wall holds.
+
+    On a frictionless floor nothing but inertia resists a common motion of all particles. It weighs so little in the
+    residual that a solve passes with an acceleration of 3e-4 g, and the next step begins with that.
+    """
+
+    def __init__(self, fluid, constants, directions: np.ndarray):
+        d = fluid.particles.dimension
+        self.particles, self.constants, self.dimension = fluid.particles, constants, d
+        self.directions = ti.types.matrix(d, d, ti.f64)(directions)
+        self.g = ti.types.vector(d, ti.f64)(fluid.gravity)
+        self.excess = ti.Vector.field(d, real(), ())  # velocity that all particles have too much [m/s]
+
+    @stage("momentum")
+    def restore(self, dt: float, u: ti.template()):
+        """u <- u - P sum m (u - u^n - dt g)/sum m, the velocity u [m/s] of the end of the step."""
+        ti.loop_config(serialize=True)
+        for _ in range(1):
+            momentum, mass = ti.Vector.zero(ti.f64, self.dimension), ti.cast(0.0, ti.f64)
+            for i in range(self.particles.count[None]):
+                if self.particles.kind[i] == FLUID:
+                    m = ti.cast(self.particles.volume(i) * self.constants.density_of(i), ti.f64)
+                    momentum += m * (ti.cast(u[i], ti.f64) - ti.cast(self.particles.u[i], ti.f64) - dt * self.g)
+                    mass += m
+            self.excess[None] = ti.cast(self.directions @ (momentum / mass), float)
+        for i in range(self.particles.count[None]):
+            if self.particles.kind[i] == FLUID:
+                u[i] -= self.excess[None]
+
+
+@ti.data_oriented
+class Standstill:
+    """Whether a particle may be left out of the steps to come: it moves so slowly that it would not show in the whole
+    run. Its stress does not tell: what has flowed and stopped stays on its yield surface, where it stopped.
+
+    ``ahead`` [m]: how far a wall moves meanwhile.
+    """
+
+    def __init__(self, fluid, constants, stress, pressure, problem, ahead: float):
+        self.particles, self.walls, self.constants, self.ahead = fluid.particles, fluid.walls, constants, ahead
+        self.stress, self.pressure = stress, pressure
+        self.slowest = SHOWS * problem.height / max(problem.scene.until, problem.fall_time)  # [m/s]
+        self.slowest_rate = self.slowest / problem.scene.spacing  # [1/s]
+
+    @ti.func
+    def holds(self, i):
+        """Is particle i slow, no wall that moves near it, and the fluid no full closed box?"""
+        slow = self.particles.u[i].norm_sqr() < self.slowest**2 and self.pressure.full[None] == 0
+        still = slow and self.particles.kind[i] == FLUID
+        for wall in ti.static(self.walls.surfaces):
+            if ti.static(wall.drives):
+                still = still and not wall.drives_near(self.particles.x[i], self.walls.effective_radius, self.ahead)
+        return still
+
+    @ti.func
+    def yields(self, i):
+        """Do its neighbours move particle i, which is held, so that it would be slow no longer?"""
+        return 2.0 * magnitude(self.particles.plastic_rate[i]) > self.slowest_rate
+
+    @ti.func
+    def age(self, i, time):
+        """The structure of a particle that was left out for a time [s] grows as at rest."""
+        for k, growth in ti.static(self.stress.growths):
+            if self.constants.mix(i) == k:
+                self.particles.structure[i] += time * growth(0.0, self.particles.structure[i])

@@ -40,12 +40,16 @@ class PressurePoisson:
     opposite within each pair.
     """
 
-    def __init__(self, particles, gradient, density: float, lattice, numerics):
-        self.particles, self.gradient, self.neighbors = particles, gradient, gradient.neighbors
+    def __init__(self, fluid, density: float, numerics):
+        particles = self.particles = fluid.particles
+        self.gradient, self.neighbors, self.density, self.n0 = (
+            fluid.gradient,
+            fluid.neighbors,
+            density,
+            fluid.lattice.n0,
+        )
         self.dimension = particles.dimension
-        self.density = density
-        self.n0 = lattice.n0
-        self.scale = lattice.lam * lattice.n0 / (2.0 * self.dimension)  # of the Laplacian, eq 12 [m2]
+        self.scale = fluid.lattice.lam * self.n0 / (2.0 * self.dimension)  # of the Laplacian, eq 12 [m2]
         self.mixed, self.gradient_form = numerics.source == "mixed", numerics.gradient
         self.keeps_negative = numerics.literal
         neighbors, bins = self.neighbors, self.neighbors.bins

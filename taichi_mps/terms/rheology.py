@@ -1,6 +1,16 @@
-"""Constitutive laws: apparent viscosity of the bi-viscosity Bingham law, and the true yield law (eqs 1-3, 5, 9)."""
+"""Constitutive laws: apparent viscosity of the bi-viscosity Bingham law, the true yield law, and flow curves (eqs 1-3,
+5, 9); before a run and after its steps, a law of the user's own is checked."""
 
+import numpy as np
+
+from ..particles.particles import FLUID
 from ..runtime.backend import is_for_kernels, ti
+from ..runtime.field_io import FieldIO
+from ..units import SceneError
+
+RATES = np.concatenate([[0.0], np.geomspace(1e-6, 1e3, 91)])  # [1/s], of the look before a run
+READ = "kind", "shear_rate", "structure", "mix"  # of what the particles carry, after each step
+FALL = 1e-3  # of the largest stress: by so much rounding may make a curve fall
 
 
 @ti.func
@@ -40,12 +50,7 @@ def flow_curve(material):
         tau_y, k, n = material.yield_value, material.consistency, material.flow_index
 
         def function(rate, structure):
-            return tau_y + k * ti.max(rate, 1e-12) ** n
-
-        if material.growth is not None:
-
-            def function(rate, structure):
-                return (1.0 + structure) * tau_y + k * ti.max(rate, 1e-12) ** n
+            return (1.0 + structure) * tau_y + k * ti.max(rate, 1e-12) ** n
 
     return compiled(function)
 
@@ -62,34 +67,64 @@ def compiled(function):
 
 
 @ti.func
-def curve_mapping(curve: ti.template(), trial, structure, mu_r):
-    """``return_mapping`` for any flow curve tau: the rate with tau(rate) + mu_r rate = |trial|, by the Illinois method.
+def illinois(excess: ti.template(), law: ti.template(), i, numbers, high, below):
+    """Rate [1/s] at which excess(law, i, rate, numbers), which is ``below`` 0 at rest and grows with the rate, is zero:
+    a root between 0 and ``high``, by the Illinois method."""
+    low, rate, above, side = ti.cast(0.0, float), high, ti.cast(0.0, float), 0
+    for turn in range(31):
+        if turn == 0 or (ti.abs(high - low) > 1e-6 * high and above > below):
+            if turn > 0:
+                rate = (low * above - high * below) / (above - below)
+            value = excess(law, i, rate, numbers)
+            if turn == 0:
+                above = value
+            elif value > 0.0:
+                high, above = rate, value
+                below = ti.select(side == 1, 0.5 * below, below)
+                side = 1
+            else:
+                low, below = rate, value
+                above = ti.select(side == -1, 0.5 * above, above)
+                side = -1
+    return rate
+
+
+@ti.func
+def curve_excess(law: ti.template(), i, rate, numbers):
+    """tau(rate) + mu_r rate - |trial| [Pa]; ``numbers``: |trial|, mu_r."""
+    return law.shear_stress(i, rate) + numbers[1] * rate - numbers[0]
+
+
+@ti.func
+def curve_mapping(law: ti.template(), i, trial, mu_r):
+    """``return_mapping`` for any flow curve tau of a particle i: the rate with tau(rate) + mu_r rate = |trial|.
 
     Rigid where |trial| <= tau(0). The root is unique, since tau does not fall, and below (|trial| - tau(0))/mu_r.
     """
-    size = magnitude(trial)
-    rest = ti.cast(curve(0.0, structure), float)
-    low, high = ti.cast(0.0, float), ti.max(0.0, (size - rest) / mu_r)
-    rate = ti.cast(0.0, float)
+    size, rate = magnitude(trial), ti.cast(0.0, float)
+    rest = law.shear_stress(i, 0.0)
     if size > rest:
-        below, above = rest - size, ti.cast(curve(high, structure), float) + mu_r * high - size
-        side = 0
-        rate = high
-        for _ in range(30):
-            if ti.abs(high - low) > 1e-6 * high and above > below:
-                rate = (low * above - high * below) / (above - below)
-                value = ti.cast(curve(rate, structure), float) + mu_r * rate - size
-                if value > 0.0:
-                    high, above = rate, value
-                    below = ti.select(side == 1, 0.5 * below, below)
-                    side = 1
-                else:
-                    low, below = rate, value
-                    above = ti.select(side == -1, 0.5 * above, above)
-                    side = -1
+        rate = illinois(curve_excess, law, i, ti.Vector([size, mu_r]), (size - rest) / mu_r, rest - size)
     factor = (size - mu_r * rate) / ti.max(size, 1e-12) if rate > 0.0 else 1.0
     stress = trial * factor
     return stress, (trial - stress) / (2.0 * mu_r), rate
+
+
+@ti.func
+def parts_in_series(law: ti.template(), i, rate, numbers):
+    """Shear stress [Pa] of the mix of particle i at a rate, and over their trial the stresses along and across an
+    interface [-]; ``numbers`` as of series_excess."""
+    tau = law.shear_stress(i, rate)
+    phi = rate / ti.max(tau, 1e-12)
+    return tau, 1.0 + numbers[2] * phi, 1.0 + numbers[2] * ((1.0 - numbers[3]) * phi + numbers[4])
+
+
+@ti.func
+def series_excess(law: ti.template(), i, rate, numbers):
+    """tau(rate) - |T| [Pa]; ``numbers``: trial stress along the interface and across it, mu_r, share and fluidity of
+    the other mixes."""
+    tau, along, across = parts_in_series(law, i, rate, numbers)
+    return tau - ti.sqrt((numbers[0] / along) ** 2 + (numbers[1] / across) ** 2)
 
 
 @ti.func
@@ -98,37 +133,16 @@ def series_mapping(law: ti.template(), i, trial, across, mu_r, share, others):
     tau(g) = |T|, where T is the trial over 1 + mu_r phi, its shear ``across`` over 1 + mu_r [(1 - c) phi + psi].
 
     phi = g/tau(g), c is the ``share`` of the other mixes, psi their fluidity ``others`` [1/(Pa s)]. |T| - tau(g) falls
-    with g, below 0 at (|trial| - tau(0))/((1 - c) mu_r): the root is unique, and found by the Illinois method.
+    with g, below 0 at (|trial| - tau(0))/((1 - c) mu_r): the root is unique.
     """
-    along, through = magnitude(trial - across), magnitude(across)
-    rest = law.shear_stress(i, 0.0)
-    low, high = ti.cast(0.0, float), ti.max(0.0, (magnitude(trial) - rest) / ((1.0 - share) * mu_r))
-    size = ti.sqrt(along**2 + (through / (1.0 + mu_r * others)) ** 2)
-    rate = ti.cast(0.0, float)
+    numbers = ti.Vector([magnitude(trial - across), magnitude(across), mu_r, share, others])
+    rest, rate = law.shear_stress(i, 0.0), ti.cast(0.0, float)
+    size = ti.sqrt(numbers[0] ** 2 + (numbers[1] / (1.0 + mu_r * others)) ** 2)
     if size > rest:
-        below, above = rest - size, ti.cast(0.0, float)
-        side = 0
-        rate = high
-        for turn in range(31):
-            if turn == 0 or (ti.abs(high - low) > 1e-6 * high and above > below):
-                if turn > 0:
-                    rate = (low * above - high * below) / (above - below)
-                tau = law.shear_stress(i, rate)
-                phi = rate / ti.max(tau, 1e-12)
-                a, b = along / (1.0 + mu_r * phi), through / (1.0 + mu_r * ((1.0 - share) * phi + others))
-                value = tau - ti.sqrt(a**2 + b**2)
-                if turn == 0:
-                    above = value
-                elif value > 0.0:
-                    high, above = rate, value
-                    below = ti.select(side == 1, 0.5 * below, below)
-                    side = 1
-                else:
-                    low, below = rate, value
-                    above = ti.select(side == -1, 0.5 * above, above)
-                    side = -1
-    phi = rate / ti.max(law.shear_stress(i, rate), 1e-12)
-    ours, both = 1.0 / (1.0 + mu_r * phi), 1.0 / (1.0 + mu_r * ((1.0 - share) * phi + others))
+        high = ti.max(0.0, (magnitude(trial) - rest) / ((1.0 - share) * mu_r))
+        rate = illinois(series_excess, law, i, numbers, high, rest - size)
+    _tau, along_over, across_over = parts_in_series(law, i, rate, numbers)
+    ours, both = 1.0 / along_over, 1.0 / across_over
     stress = trial * ours + across * (both - ours)
     return stress, (trial - stress) / (2.0 * mu_r), rate
 
@@ -154,3 +168,81 @@ def return_mapping(trial, plastic_viscosity, yield_value, mu_r, spread=0.0):
             factor = (size - mu_r * rate) / ti.max(size, 1e-12)
     stress = trial * factor
     return stress, (trial - stress) / (2.0 * mu_r), rate
+
+
+# ---- a law of the user's own --------------------------------------------------------------------------------
+@ti.data_oriented
+class OwnLaw:
+    """The functions ``shear_stress`` and ``growth`` of a material, number ``mix`` of its scene, outside of any scheme.
+
+    SceneError when made, before anything is allocated, for a function that Taichi cannot compile, or that gives over
+    RATES and an untouched structure what is not finite, a negative stress, or one that falls.
+    """
+
+    def __init__(self, material, mix: int = 0):
+        self.mix, self.curve, self.growth = mix, compiled(material.shear_stress), growth(material)
+        self.has_growth = self.growth is not None
+        self._named = f"material: shear_stress = {name_of(material.shear_stress)}"
+        self._growth_named = f"growth = {name_of(material.growth)}"
+        self._rows = None  # what is read of the particles, from the first step on
+        try:
+            stress, rise = self.evaluate(RATES, np.zeros_like(RATES))
+        except Exception as error:  # whatever compiling or calling a function of somebody else raises
+            said = [line for line in str(error).splitlines() if line.strip()] or [""]
+            raise SceneError(
+                f"{self._named}{f', {self._growth_named}' if self.has_growth else ''}: cannot be compiled "
+                f"({type(error).__name__}: {said[-1].strip()}); must be plain arithmetic of (rate, structure)"
+            ) from None
+        broken = self._broken(RATES, np.zeros_like(RATES), stress, rise)
+        falls = np.flatnonzero(np.diff(stress) < -FALL * stress.max()) if not broken else []
+        if len(falls):
+            rates, stresses = (f"{a[falls[0]]:.3g} to {a[falls[0] + 1]:.3g}" for a in (RATES, stress))
+            broken = f"{self._named}: falls from {stresses} Pa from {rates} 1/s; must not fall with the rate"
+        if broken:
+            raise SceneError(broken)
+
+    def evaluate(self, rate, structure):
+        """Stress [Pa] and growth [1/s], (n,), at rates [1/s] and structures [-], (n,)."""
+        stress, growth = np.full(len(rate), np.nan), np.zeros(len(rate))
+        self._evaluate(*(np.ascontiguousarray(a, float) for a in (rate, structure)), stress, growth)
+        return stress, growth
+
+    @ti.kernel
+    def _evaluate(
+        self,
+        rate: ti.types.ndarray(ti.f64, 1),
+        structure: ti.types.ndarray(ti.f64, 1),
+        stress: ti.types.ndarray(ti.f64, 1),
+        growth: ti.types.ndarray(ti.f64, 1),
+    ):
+        for k in range(rate.shape[0]):
+            at, of = ti.cast(rate[k], float), ti.cast(structure[k], float)
+            stress[k] = ti.cast(self.curve(at, of), ti.f64)
+            if ti.static(self.has_growth):
+                growth[k] = ti.cast(self.growth(at, of), ti.f64)
+
+    def failure(self, particles) -> str | None:
+        """What the law gives that is no stress, at rest or at the rate of one of the fluid particles, after a step."""
+        if self._rows is None:
+            read = {name: particles.carried[name] for name in READ if name in particles.carried}
+            self._rows = FieldIO(read, particles.capacity)
+        rows = self._rows.read(particles.count[None])
+        fluid = (rows["kind"] == FLUID) & (rows.get("mix", self.mix) == self.mix)
+        rate, structure = rows["shear_rate"][fluid], rows.get("structure", np.zeros(len(fluid)))[fluid]
+        rate, structure = np.concatenate([0.0 * rate, rate]), np.concatenate([structure, structure])
+        return self._broken(rate, structure, *self.evaluate(rate, structure))
+
+    def _broken(self, rate, structure, stress, growth) -> str | None:
+        wrong = np.flatnonzero(~(np.isfinite(stress) & (stress >= 0.0) & np.isfinite(growth)))
+        if not len(wrong):
+            return None
+        k = wrong[0]
+        where = f"at a shear rate of {rate[k]:.3g} 1/s and a structure of {structure[k]:.3g}"
+        if np.isfinite(stress[k]) and stress[k] >= 0.0:
+            return f"material: {self._growth_named}: is {growth[k]:g} 1/s {where}; must be finite"
+        return f"{self._named}: is {stress[k]:g} Pa {where}; must be finite and at least 0 Pa"
+
+
+def name_of(function) -> str:
+    """The name by which a user knows a function."""
+    return getattr(function, "__name__", type(function).__name__)

@@ -1,6 +1,7 @@
-"""The stress of the implicit scheme: what the yield law makes of a velocity, the viscosities of the matrix (I5, I6)."""
+"""Strain rate and stress of the implicit scheme: the velocity gradient, what the yield law makes of it, and the
+viscosities of the matrix (I5, I6)."""
 
-from ..particles.particles import Carried
+from ..particles.particles import FLUID, Carried
 from ..runtime.backend import real, ti
 from ..runtime.stages import stage
 from .rheology import (
@@ -12,21 +13,77 @@ from .rheology import (
     magnitude,
     return_mapping,
     series_mapping,
+    shear_rate,
 )
+
+
+@ti.data_oriented
+class StrainRate:
+    """Velocity gradient, shear rate and residual of the fit (gradient.py) of the velocity that particles carry."""
+
+    def __init__(self, fluid, sums):
+        self.particles, self.gradient, self.dimension = fluid.particles, fluid.gradient, fluid.particles.dimension
+        capacity = fluid.particles.capacity
+        # transpose of the velocity gradient in the plane [1/s]; lanes as in pair_sums.py
+        self.G = ti.Matrix.field(self.dimension, sums.lanes, real(), capacity)
+        self.rate = ti.field(real(), capacity)  # shear rate sqrt(2 D:D) [1/s]
+        self.residual = ti.field(real(), capacity)  # (1/n0) sum (w/r^2) |u_j - u_i - G_i r_ij|^2 [1/s2]
+
+    @stage("prepare")
+    def evaluate(self):
+        """Fit the velocity around each particle."""
+        for i in range(self.particles.count[None]):
+            G, residual = self.gradient.fit(i, self.particles.u, 1.0)
+            G += self.gradient.bow(i)
+            for a, c in ti.static(ti.ndrange(self.dimension, self.dimension)):
+                self.G[i][c, a] = G[a, c]
+            self.rate[i], self.residual[i] = shear_rate(G), residual
+
+    @ti.func
+    def velocity_gradient(self, i):
+        """The gradient (t, t) at particle i of the velocity at the start of the step [1/s]."""
+        G = ti.Matrix.zero(float, self.dimension, self.dimension)
+        for a, c in ti.static(ti.ndrange(self.dimension, self.dimension)):
+            G[a, c] = self.G[i][c, a]
+        return self.gradient.tensor(i, G, self.particles.u)
+
+
+@ti.data_oriented
+class SolvedRate:
+    """Velocity gradient of the velocity that the system was solved for."""
+
+    def __init__(self, fluid, sums):
+        self.particles, self.gradient, self.sums = fluid.particles, fluid.gradient, sums
+        t = self.particles.tensor_dimension
+        self.G = ti.Matrix.field(t, t, real(), self.particles.capacity)  # velocity gradient [1/s]
+
+    @stage("stress")
+    def update(self, u: ti.template()):
+        """Gradient of the velocity u [m/s], walls with their own; its shear rate is the particles' from now on."""
+        for i in range(self.particles.count[None]):
+            if self.particles.kind[i] != FLUID:
+                u[i] = self.particles.u[i]
+        self.sums.gather_jumps(u)
+        for i in range(self.particles.count[None]):
+            G = self.sums.velocity_gradient(i, u, 1.0) + self.gradient.bow(i)
+            self.G[i] = G
+            self.particles.shear_rate[i] = shear_rate(G)
+
+    @ti.func
+    def velocity_gradient(self, i):
+        """The gradient (t, t) at particle i of the solved velocity [1/s]."""
+        return self.G[i]
 
 
 @ti.data_oriented
 class Stress:
     """Stress of every particle from the velocity, and its viscosities; its law is that of the problem."""
 
-    def __init__(self, particles, gradient, constants, interface, strain_rate, solved_rate, pressure, problem):
-        self.particles, self.gradient, self.constants, self.interface = particles, gradient, constants, interface
-        self.strain_rate, self.solved_rate = (
-            strain_rate,
-            solved_rate,
-        )  # at the start of the step; of the solved velocity
-        self.pressure = pressure
-        self.law, self.mixes = problem.law, len(problem.materials)
+    def __init__(self, fluid, constants, interface, strain_rate, solved_rate, pressure, problem):
+        particles = self.particles = fluid.particles
+        self.gradient, self.constants, self.interface, self.pressure = fluid.gradient, constants, interface, pressure
+        self.strain_rate, self.solved_rate = strain_rate, solved_rate  # at the start of the step, of the new velocity
+        self.law, self.mixes, self.tensors = problem.law, len(problem.materials), particles.tensor_dimension
         self.has_friction = any(getattr(material, "friction_coefficient", 0.0) for material in problem.materials)
         # (number of the mix, function) of what has a flow curve of its own, and of what is thixotropic
         self.curves = given(flow_curve(material) for material in problem.materials)
@@ -35,7 +92,7 @@ class Stress:
         self.mu = ti.field(real(), particles.capacity)  # viscosity of the implicit part of the stress [Pa s]
         self.yielded = ti.field(ti.i32, particles.capacity)  # 1 where the material flows
         # in a full vessel: by how much the stress differs over what the gradient of a particle sees [Pa]
-        self.averages = gradient.walls.bows and self.law == "bingham" and self.mixes == 1 and not self.has_curve
+        self.averages = fluid.walls.bows and self.law == "bingham" and self.mixes == 1 and not self.has_curve
         self.spread = ti.field(real(), particles.capacity) if self.averages else None
         self.fluidity = None  # shear rate of its own mix over the stress [1/(Pa s)], where there are several
         if self.mixes > 1:
@@ -86,19 +143,12 @@ class Stress:
         return T
 
     @ti.func
-    def size(self, i):
-        """Shear stress [Pa] of particle i."""
-        size = self.mu[i] * self.particles.shear_rate[i]
+    def size(self, i, mu):
+        """Shear stress [Pa] of particle i: of a true yield stress by the stress it carries, else by a viscosity ``mu``
+        [Pa s] and its shear rate."""
+        size = mu * self.particles.shear_rate[i]
         if ti.static(self.law == "bingham"):
             size = magnitude(self.particles.stress[i])
-        return size
-
-    @ti.func
-    def carried_size(self, i):
-        """The same by what the particle carries, before its viscosity is set."""
-        size = self.size(i)
-        if ti.static(self.law != "bingham"):
-            size = self.viscosity(i, self.particles.shear_rate[i]) * self.particles.shear_rate[i]
         return size
 
     @ti.func
@@ -118,7 +168,7 @@ class Stress:
             share, others = self.interface.share[i], self.interface.fluidity[i]
             return series_mapping(self, i, trial, across, self.mu[i], share, others)
         elif ti.static(self.has_curve):
-            return curve_mapping(self.curves[0][1], trial, self.structure(i), self.mu[i])
+            return curve_mapping(self, i, trial, self.mu[i])
         else:
             spread = ti.cast(0.0, float)
             if ti.static(self.averages):
@@ -164,7 +214,7 @@ class Stress:
     @ti.func
     def known_part(self, i):
         """The part of the stress [Pa] (t, t) that the matrix has not: stress - 2 mu_r q of a true yield stress."""
-        T = ti.Matrix.zero(float, self.particles.tensor_dimension, self.particles.tensor_dimension)
+        T = ti.Matrix.zero(float, self.tensors, self.tensors)
         if ti.static(self.law == "bingham"):
             T = self.particles.stress[i] - 2.0 * self.mu[i] * self.particles.plastic_rate[i]
         return T
@@ -195,12 +245,15 @@ class Stress:
                 self.yielded[i] = 1
 
     @ti.func
-    def total(self, i):
-        """All of the deviatoric stress [Pa] (t, t): of a true yield stress the carried one, else 2 mu D."""
-        T = self.viscous(i, self.solved_rate.velocity_gradient(i))
-        if ti.static(self.law == "bingham"):
+    def total(self, i, rate: ti.template()):
+        """Stress [Pa] (t, t) of particle i, pressure included: the one it carries, else that of a StrainRate or
+        SolvedRate."""
+        T = ti.Matrix.zero(float, self.tensors, self.tensors)
+        if ti.static(self.law == "bingham"):  # noqa: SIM108  (a compiled choice stays apart)
             T = self.particles.stress[i]
-        return T
+        else:
+            T = self.viscous(i, rate.velocity_gradient(i))
+        return T - self.pressure.p[i] * ti.Matrix.identity(float, self.tensors)
 
     @ti.kernel
     def find_yielded(self):

@@ -1,4 +1,6 @@
-"""Force and torque of the fluid on each wall (I29): the reaction to all that the wall gives to the particles.
+"""What the fluid gives to the walls: to those with friction, which slip (I23), and to those whose loads are measured.
+
+Force and torque of the fluid on a wall (I29) are the reaction to all that it gives to the particles.
 
 A wall is seen by the gradient of a particle, G = N B, through what its own motion v + S (x - point) adds to N. The
 force and the torque on it are what do work on v and on S: with the flux P = V T B - h G of the particle, c(z) and t(z)
@@ -16,61 +18,81 @@ from ..runtime.field_io import FieldIO
 from ..runtime.stages import stage
 
 
-class NoWallLoads:
-    """Of a run in which nobody asks for them."""
+@ti.data_oriented
+class WallFriction:
+    """Friction of the walls (boundaries/friction.py): the slip at the start of a step, and after each iteration."""
 
-    known = False
+    def __init__(self, fluid, constants, pressure, stress, resistance, solved_rate):
+        self.particles, self.gradient, self.walls, self.g = fluid.particles, fluid.gradient, fluid.walls, fluid.g
+        self.constants, self.pressure, self.stress = constants, pressure, stress
+        self.resistance, self.solved_rate = resistance, solved_rate
 
-    def find(self, u):
-        """Nothing."""
+    def start(self, dt):
+        """Penalty and slip at the start of a step of dt [s]."""
+        self.walls.set_friction_penalty(self.constants.materials[0].density / dt)
+        self.begin_slip()
 
-    def read(self, count: int) -> dict:
-        """None."""
-        return {}
+    @stage("friction")
+    def begin_slip(self):
+        """The slip that each particle brings along to the walls with friction."""
+        for i in range(self.particles.count[None]):
+            mu = self.stress.viscosity(i, self.particles.shear_rate[i])
+            volume, size = self.particles.volume(i), self.gradient.cross_section_ratio(i)
+            B = self.gradient.B[i]
+            self.walls.start_slip(i, self.particles.x[i], self.particles.u[i], B, volume, mu, size)
+
+    @stage("friction")
+    def update(self, u: ti.template()):
+        """Slip and traction for all that each particle gives to the walls: stress, pressure, hourglass resistance."""
+        for i in range(self.particles.count[None]):
+            B, x, h = self.gradient.B[i], self.particles.x[i], self.resistance.h[i]
+            G = self.solved_rate.velocity_gradient(i)
+            flux = self.gradient.spread_stress(i, self.stress.total(i, self.solved_rate)) - h * self.gradient.in_plane(
+                G
+            )
+            weight = self.particles.volume(i) * self.constants.density_of(i) * self.g
+            weight *= self.constants.pressed(self.pressure.p[i])
+            size, mu = self.gradient.cross_section_ratio(i), self.stress.mu[i]
+            self.walls.update_slip(i, x, u[i], flux, weight, B, mu, h, size)
 
 
 @ti.data_oriented
 class WallLoads:
     """What every particle gives to the walls of the numbers ``measured``: force [N], and torque about the wall's point
-    [N m]. ``known``: whether they belong to the state that the particles are in."""
+    [N m]. ``up_to_date``: whether they belong to the state that the particles are in."""
 
-    def __init__(
-        self, particles, gradient, walls, constants, pressure, stress, resistance, solved_rate, known, measured, g
-    ):
-        self.particles, self.gradient, self.walls, self.constants = particles, gradient, walls, constants
-        self.pressure, self.stress, self.resistance, self.solved_rate = pressure, stress, resistance, solved_rate
-        self.correction, self.wall_stress = known
-        self.dimension = d = particles.dimension
-        self.g = ti.types.vector(d, real())(g)
-        self.numbers = measured
-        self.forces = [ti.Vector.field(d, real(), particles.capacity) for _ in self.numbers]  # [N]
-        self.torques = [ti.Vector.field(1 if d == 2 else 3, real(), particles.capacity) for _ in self.numbers]  # [N m]
-        self.fields_of_walls = list(zip(self.forces, self.torques, strict=True))
-        self.known = False
+    def __init__(self, fluid, constants, pressure, stress, resistance, solved_rate, correction, wall_stress, measured):
+        self.particles, self.gradient, self.walls, self.g = fluid.particles, fluid.gradient, fluid.walls, fluid.g
+        self.constants, self.pressure, self.stress = constants, pressure, stress
+        self.resistance, self.solved_rate = resistance, solved_rate
+        self.correction, self.wall_stress = correction, wall_stress
+        self.numbers, self.up_to_date = measured, False
+        d, capacity = self.particles.dimension, self.particles.capacity
+        self.dimension, axes = d, 1 if d == 2 else 3
+        self.forces = [ti.Vector.field(d, real(), capacity) for _ in measured]  # [N]
+        self.torques = [ti.Vector.field(axes, real(), capacity) for _ in measured]  # [N m]
         fields = {f"force_{k}": field for k, field in enumerate(self.forces)}
         fields |= {f"torque_{k}": field for k, field in enumerate(self.torques)}
-        self.fields = FieldIO(fields, particles.capacity)
+        self.fields = FieldIO(fields, capacity)
 
     def read(self, count: int) -> dict:
         """``force_k`` (count, d) and ``torque_k`` (count, 1 or 3) of the first rows, k counts ``measured``; nan where
-        they are not known."""
+        they are not up to date."""
         rows = self.fields.read(count)
-        return rows if self.known else {name: np.full(row.shape, np.nan) for name, row in rows.items()}
+        return rows if self.up_to_date else {name: np.full(row.shape, np.nan) for name, row in rows.items()}
 
     def find(self, u) -> None:
         """The loads with the stress and the pressure that belong to the velocity u."""
-        self.known = True
+        self.up_to_date = True
         self.set(u)
 
     @stage("wall loads")
     def set(self, u: ti.template()):
         for i in range(self.particles.count[None]):
-            for force, torque in ti.static(self.fields_of_walls):
-                force[i] = ti.Vector.zero(float, self.dimension)
-                torque[i] = ti.Vector.zero(float, torque.n)
+            for field in ti.static(self.forces + self.torques):
+                field[i] = ti.zero(field[i])
             x, volume = self.particles.x[i], self.particles.volume(i)
-            T = self.stress.total(i)
-            T -= self.pressure.p[i] * ti.Matrix.identity(float, T.n)
+            T = self.stress.total(i, self.solved_rate)
             h, flux = self.resistance.h[i], self.correction.force(i)[0]
             flux += volume * (self.gradient.in_plane(T) @ self.gradient.B[i])
             flux -= h * self.gradient.in_plane(self.solved_rate.velocity_gradient(i))
@@ -79,17 +101,15 @@ class WallLoads:
             for f, wall in ti.static(enumerate(self.walls.faces)):
                 z, n, _velocity, curvature = wall.face(i, x, self.walls.slots[f])
                 if z < self.walls.effective_radius:
-                    push = self.walls.force_term(i, x, flux, f) - h * self.walls.drag_term(i, x, u[i], 1.0, f)
+                    push = self.walls.force_term(i, x, flux, f) - h * self.walls.drag_term(i, x, u[i], 1.0, f)[0]
                     push -= self.walls.friction_term(i, x, u[i], 1.0, f)
                     push += volume * self.walls.hydrostatic(i, x, weight, self.gradient.B[i], size, f)
                     push += volume * self.wall_stress.force(i, f) + self.correction.push_of_walls(i, f)
                     arm = ti.cast(wall.arm(x), float) - z * n
-                    turn = self.turned(arm, -push)
+                    turn = self.axial_vector(arm.outer_product(-push))  # arm x force
                     if ti.static(not wall.slip):
-                        t = self.walls.ghosts.lookup("tangential", i, wall, f, x, z, curvature, size)
-                        if ti.static(wall.has_friction):
-                            t *= wall.friction.bond[i]
-                        turn += t * self.odd(flux - (flux @ n).outer_product(n))
+                        t = self.walls.tangential(i, wall, f, x, z, curvature, size)
+                        turn += t * self.axial_vector(flux - (flux @ n).outer_product(n))
                     for k in ti.static(self.of_face(f)):
                         self.forces[k][i] -= push
                         self.torques[k][i] += turn
@@ -99,12 +119,7 @@ class WallLoads:
         return [k for k, number in enumerate(self.numbers) if number == self.walls.surface_of[f]]
 
     @ti.func
-    def turned(self, arm, force):
-        """arm x force [N m]."""
-        return self.odd(arm.outer_product(force))
-
-    @ti.func
-    def odd(self, A):
+    def axial_vector(self, A):
         """e_abk A_ab, (1,) in two dimensions and (3,) in three."""
         if ti.static(self.dimension == 2):
             return ti.Vector([A[0, 1] - A[1, 0]])

@@ -17,19 +17,10 @@ from ..runtime.backend import real, ti
 from ..runtime.stages import stage
 
 
-@ti.data_oriented
-class NoWallStress:
-    """Of a scene in which the fluid slips on all walls."""
-
-    def start(self):
-        """Nothing."""
-
-    def update(self):
-        """Nothing."""
-
-    @ti.func
-    def force(self, i, face: ti.template() = None):
-        return 0.0
+@ti.func
+def no_force(i, face: ti.template() = None):
+    """No-op: the force of ghosts where the fluid slips on all walls."""
+    return 0.0
 
 
 @ti.data_oriented
@@ -38,15 +29,14 @@ class WallStress:
     stress that acts, and the curvature of the velocity, of every particle in reach of a no-slip wall; and the spread of
     the stress of all."""
 
-    def __init__(self, particles, gradient, walls, constants, strain_rate, pressure, stress, gravity):
-        self.particles, self.gradient, self.walls = particles, gradient, walls
-        self.neighbors, self.constants, self.pressure = gradient.neighbors, constants, pressure
-        self.strain_rate, self.stress, self.dimension = strain_rate, stress, particles.dimension
-        self.in_full_vessels = walls.bows
-        self.g = ti.types.vector(self.dimension, real())(gravity)
-        self.drive = ti.Vector.field(self.dimension, real(), particles.capacity)  # rho g - grad p [N/m3]
+    def __init__(self, fluid, constants, strain_rate, pressure, stress):
+        particles = self.particles = fluid.particles
+        self.gradient, self.neighbors, self.walls, self.g = fluid.gradient, fluid.neighbors, fluid.walls, fluid.g
+        self.constants, self.strain_rate, self.pressure, self.stress = constants, strain_rate, pressure, stress
+        d = self.dimension = particles.dimension
+        self.in_full_vessels = fluid.walls.bows
+        self.drive = ti.Vector.field(d, real(), particles.capacity)  # rho g - grad p [N/m3]
         self.weight = ti.field(real(), particles.capacity)  # of the excess [-]
-        d = self.dimension
         self.fit = ti.Matrix.field(d, d, real(), particles.capacity)  # inverse of the moment without walls [-]
 
     @ti.func
@@ -60,17 +50,37 @@ class WallStress:
             force = self.along_the_walls(i, face)
         return force
 
+    @stage("wall stress")
     def start(self):
-        """The fit; drive and weight at the start of a step: the weight with which the present stress is in
-        equilibrium."""
-        self.set_fit()
-        if self.in_full_vessels:
-            self.set_drive()
+        """The fit; in a full vessel also drive and weight at the start of a step: the weight with which the present
+        stress is in equilibrium."""
+        for i in range(self.particles.count[None]):
+            if self.near(i):
+                M = ti.Matrix.zero(float, self.dimension, self.dimension)
+                for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
+                    b = self.gradient.b[k]
+                    if self.gradient.weight_r2[k] > 0.0:
+                        M += b.outer_product(b) / self.gradient.weight_r2[k]
+                self.fit[i] = self.gradient.inverse(M, self.gradient.full_weight(i))
+        if ti.static(self.in_full_vessels):
+            for _ in range(1):
+                self.walls.bowed[None] = self.pressure.full[None]
+            if ti.static(self.stress.averages):
+                for i in range(self.particles.count[None]):
+                    self.stress.spread[i] = self.spread(i) if self.pressure.full[None] == 1 else 0.0
+            for i in range(self.rows()):
+                self.set_drive(i)
 
+    @stage("wall stress")
     def update(self):
-        """The weight for the stress that the wall carries now."""
-        if self.in_full_vessels:
-            self.set_weight()
+        """In a full vessel the weight for the stress that the wall carries now."""
+        if ti.static(self.in_full_vessels):
+            for i in range(self.rows()):
+                if self.near(i):
+                    half = self.half(i)
+                    size = self.stress.size(i, self.stress.mu[i])
+                    s = size + self.weight[i] * half - self.stress.yield_stress(i)
+                    self.weight[i] = self.acts(i, ti.max(0.0, s) / ti.max(2.0 * half, 1e-12), size)
 
     @ti.func
     def rows(self):
@@ -85,64 +95,48 @@ class WallStress:
             N += (self.pressure.p[self.neighbors.column[k]] - self.pressure.p[i]) * self.gradient.b[k]
         return self.fit[i] @ N
 
-    @stage("wall stress")
-    def set_fit(self):
-        for i in range(self.particles.count[None]):
-            if self.near(i):
-                M = ti.Matrix.zero(float, self.dimension, self.dimension)
-                for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
-                    b = self.gradient.b[k]
-                    if self.gradient.weight_r2[k] > 0.0:
-                        M += b.outer_product(b) / self.gradient.weight_r2[k]
-                self.fit[i] = self.gradient.inverse(M, self.gradient.full_weight(i))
-
-    @stage("wall stress")
-    def set_drive(self):
-        for _ in range(1):
-            self.walls.bowed[None] = self.pressure.full[None]
-        if ti.static(self.stress.averages):
-            for i in range(self.particles.count[None]):
-                self.stress.spread[i] = self.spread(i) if self.pressure.full[None] == 1 else 0.0
-        for i in range(self.rows()):
-            self.walls.bow[i] = ti.Vector.zero(float, self.dimension)
-            self.drive[i] = ti.Vector.zero(float, self.dimension)
-            if self.gradient.B[i][0, 0] > 0.0 and self.near(i):
-                self.drive[i] = self.constants.density[self.constants.mix(i)] * self.g - self.slope(i)
-                size = self.stress.carried_size(i)
-                over = ti.max(0.0, size - self.stress.yield_stress(i))
-                self.weight[i] = self.acts(i, ti.sqrt(over / ti.max(self.half(i), 1e-12)), size)
-                share = self.weight[i]
-                if ti.static(self.stress.averages):  # how much of the layer up to the next row flows
-                    share = ti.min(share, over / ti.max(2.0 * self.half(i), 1e-12))
-                # part of the drive that the stress along a hollow wall bears, half of it in a pipe [-]; it is left out
-                # before a wall bent the other way, which a drive hardly ever goes along
-                bent = ti.cast(0.0, float)
-                for f, wall in ti.static(enumerate(self.walls.faces)):
-                    if ti.static(wall.no_slip and wall.curved):  # noqa: SIM102  (a compiled choice stays apart)
-                        if self.walls.c[i, f] > 0.0:
-                            _z, _n, _v, k = wall.face(i, self.particles.x[i], self.walls.slots[f])
-                            borne = k * size * self.gradient.spacing / ti.max(2.0 * self.half(i), 1e-12)
-                            bent = ti.max(0.0, ti.min(1.0, borne))
-                curvature = -share * (1.0 - bent) * self.drive[i] / ti.max(self.stress.slope(i), 1e-12)
-                self.walls.bow[i] = 0.25 * self.gradient.spacing * curvature
+    @ti.func
+    def set_drive(self, i):
+        """Drive along the walls, weight of the excess and curvature of the velocity of particle i."""
+        self.walls.bow[i] = ti.Vector.zero(float, self.dimension)
+        self.drive[i] = ti.Vector.zero(float, self.dimension)
+        if self.gradient.B[i][0, 0] > 0.0 and self.near(i):
+            self.drive[i] = self.constants.density[self.constants.mix(i)] * self.g - self.slope(i)
+            size = self.stress.size(i, self.stress.viscosity(i, self.particles.shear_rate[i]))
+            over = ti.max(0.0, size - self.stress.yield_stress(i))
+            self.weight[i] = self.acts(i, ti.sqrt(over / ti.max(self.half(i), 1e-12)), size)
+            share = self.weight[i]
+            if ti.static(self.stress.averages):  # how much of the layer up to the next row flows
+                share = ti.min(share, over / ti.max(2.0 * self.half(i), 1e-12))
+            # part of the drive that the stress along a hollow wall bears, half of it in a pipe [-]; it is left out
+            # before a wall bent the other way, which a drive hardly ever goes along
+            bent = ti.cast(0.0, float)
+            for f, wall in ti.static(self.walls.chosen(None, "no_slip")):
+                if ti.static(wall.curved):  # noqa: SIM102  (a compiled choice stays apart)
+                    if self.walls.c[i, f] > 0.0:
+                        _z, _n, _v, k = wall.face(i, self.particles.x[i], self.walls.slots[f])
+                        borne = k * size * self.gradient.spacing / ti.max(2.0 * self.half(i), 1e-12)
+                        bent = ti.max(0.0, ti.min(1.0, borne))
+            curvature = -share * (1.0 - bent) * self.drive[i] / ti.max(self.stress.slope(i), 1e-12)
+            self.walls.bow[i] = 0.25 * self.gradient.spacing * curvature
 
     @ti.func
     def spread(self, i):
         """By how much [Pa] the shear stress differs over a spacing to both sides of particle i, to a wall at most."""
         spread = ti.cast(0.0, float)
         if self.gradient.B[i][0, 0] > 0.0:
-            N, size = ti.Vector.zero(float, self.dimension), self.stress.size(i)
+            N, size = ti.Vector.zero(float, self.dimension), self.stress.size(i, self.stress.mu[i])
             for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
-                N += (self.stress.size(self.neighbors.column[k]) - size) * self.gradient.b[k]
+                j = self.neighbors.column[k]
+                N += (self.stress.size(j, self.stress.mu[j]) - size) * self.gradient.b[k]
             reach, fit = self.gradient.spacing, self.gradient.B[i]
             if self.near(i):
                 fit = self.fit[i]
             slope = fit @ N
-            for f, wall in ti.static(enumerate(self.walls.faces)):
-                if ti.static(wall.no_slip):  # noqa: SIM102  (a compiled choice stays apart)
-                    if self.walls.c[i, f] > 0.0:
-                        z, n, _velocity, _curvature = wall.face(i, self.particles.x[i], self.walls.slots[f])
-                        slope -= n * n.dot(slope) * (1.0 - ti.min(1.0, z / reach))
+            for f, wall in ti.static(self.walls.chosen(None, "no_slip")):
+                if self.walls.c[i, f] > 0.0:
+                    z, n, _velocity, _curvature = wall.face(i, self.particles.x[i], self.walls.slots[f])
+                    slope -= n * n.dot(slope) * (1.0 - ti.min(1.0, z / reach))
             spread = reach * slope.norm()
         return spread
 
@@ -160,33 +154,22 @@ class WallStress:
                 weight = 2.0 * s - s * s
         return ti.min(weight, size / ti.max(self.half(i), 1e-12))
 
-    @stage("wall stress")
-    def set_weight(self):
-        for i in range(self.rows()):
-            if self.near(i):
-                half = self.half(i)
-                size = self.stress.size(i)
-                s = size + self.weight[i] * half - self.stress.yield_stress(i)
-                self.weight[i] = self.acts(i, ti.max(0.0, s) / ti.max(2.0 * half, 1e-12), size)
-
     @ti.func
     def near(self, i):
         """Whether particle i is in reach of a wall that holds it."""
         near = False
-        for f, wall in ti.static(enumerate(self.walls.faces)):
-            if ti.static(not wall.slip):
-                near = near or self.walls.c[i, f] > 0.0
+        for f, _wall in ti.static(self.walls.chosen(None, "holds")):
+            near = near or self.walls.c[i, f] > 0.0
         return near
 
     @ti.func
     def along(self, i):
         """Largest part [N/m3] of the drive of particle i along a no-slip wall in reach."""
         most = ti.cast(0.0, float)
-        for f, wall in ti.static(enumerate(self.walls.faces)):
-            if ti.static(wall.no_slip):  # noqa: SIM102  (a compiled choice stays apart)
-                if self.walls.c[i, f] > 0.0:
-                    _z, n, _velocity, _curvature = wall.face(i, self.particles.x[i], self.walls.slots[f])
-                    most = ti.max(most, (self.drive[i] - n * n.dot(self.drive[i])).norm())
+        for f, wall in ti.static(self.walls.chosen(None, "no_slip")):
+            if self.walls.c[i, f] > 0.0:
+                _z, n, _velocity, _curvature = wall.face(i, self.particles.x[i], self.walls.slots[f])
+                most = ti.max(most, (self.drive[i] - n * n.dot(self.drive[i])).norm())
         return most
 
     @ti.func
@@ -194,13 +177,12 @@ class WallStress:
         """Force density [N/m3] by which the shear stress of the ghosts exceeds that of particle i."""
         total = ti.Vector.zero(float, self.dimension)
         x, size = self.particles.x[i], self.gradient.cross_section_ratio(i)
-        for f, wall in ti.static(self.walls.chosen(face)):
-            if ti.static(wall.no_slip):  # noqa: SIM102  (a compiled choice stays apart)
-                if self.walls.c[i, f] > 0.0:
-                    z, n, _velocity, curvature = wall.face(i, x, self.walls.slots[f])
-                    along = self.drive[i] - n * n.dot(self.drive[i])
-                    depth = self.walls.ghosts.lookup("normal", i, wall, f, x, z, curvature, size)
-                    total -= along * (n.dot(self.gradient.B[i] @ n) * depth)
+        for f, wall in ti.static(self.walls.chosen(face, "no_slip")):
+            if self.walls.c[i, f] > 0.0:
+                z, n, _velocity, curvature = wall.face(i, x, self.walls.slots[f])
+                along = self.drive[i] - n * n.dot(self.drive[i])
+                depth = self.walls.ghosts.lookup("normal", i, wall, f, x, z, curvature, size)
+                total -= along * (n.dot(self.gradient.B[i] @ n) * depth)
         return self.weight[i] * total
 
     @ti.func
@@ -210,28 +192,16 @@ class WallStress:
         force = ti.Vector.zero(float, self.dimension)
         moment = ti.Matrix.zero(float, self.dimension, self.dimension)
         x, size = self.particles.x[i], self.gradient.cross_section_ratio(i)
-        for f, wall in ti.static(self.walls.chosen(face)):
-            if ti.static(not wall.slip):  # noqa: SIM102  (a compiled choice stays apart)
-                if self.walls.c[i, f] > 0.0:
-                    z, n, _velocity, curvature = wall.face(i, x, self.walls.slots[f])
-                    t = self.walls.ghosts.lookup("tangential", i, wall, f, x, z, curvature, size)
-                    if ti.static(wall.has_friction):
-                        t *= wall.friction.bond[i]
-                    moment += t * (ti.Matrix.identity(float, self.dimension) - n.outer_product(n))
+        for f, wall in ti.static(self.walls.chosen(face, "holds")):
+            if self.walls.c[i, f] > 0.0:
+                z, n, _velocity, curvature = wall.face(i, x, self.walls.slots[f])
+                t = self.walls.tangential(i, wall, f, x, z, curvature, size)
+                moment += t * (ti.Matrix.identity(float, self.dimension) - n.outer_product(n))
         if moment.trace() > 0.0:
             fit = moment @ self.fit[i]
-            T = self.total(i)
+            T = self.gradient.in_plane(self.stress.total(i, self.strain_rate))
             for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
-                force += (self.total(self.neighbors.column[k]) - T) @ (fit @ self.gradient.b[k])
+                T_j = self.gradient.in_plane(self.stress.total(self.neighbors.column[k], self.strain_rate))
+                force += (T_j - T) @ (fit @ self.gradient.b[k])
             force = self.gradient.B[i] @ force
         return force
-
-    @ti.func
-    def total(self, i):
-        """Stress [Pa] of particle i in the plane; what is viscous has that of the velocity at the start of the step."""
-        T = ti.Matrix.zero(float, self.dimension, self.dimension)
-        if ti.static(self.stress.law == "bingham"):
-            T = self.gradient.in_plane(self.particles.stress[i])
-        else:
-            T = self.gradient.in_plane(self.stress.viscous(i, self.strain_rate.velocity_gradient(i)))
-        return T - self.pressure.p[i] * ti.Matrix.identity(float, self.dimension)

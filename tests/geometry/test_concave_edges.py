@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.boundaries.face_search import FaceSearch
+from taichi_mps.boundaries.face_search import search_faces
 from taichi_mps.boundaries.surfaces import FAR
 from taichi_mps.geometry.concave_edges import inner_edges
 from taichi_mps.geometry.solid import polygon_distance
@@ -39,7 +39,7 @@ def test_all_faces_of_an_inner_edge_are_found_where_they_are(normals):
     """The distance of each, to rounding of nearly all and within a twentieth of a cell of the grid, and no others."""
     d, point = len(normals[0]), np.array((0.01, 0.013, 0.02))[: len(normals[0])]
     solid = mps.Solid.of(lambda x: np.min((x - point) @ normals.T, axis=1), (-0.8,) * d, (0.8,) * d, CELL)
-    number, planes = inner_edges(solid.values, CELL, REACH, FaceSearch(solid.values.ndim))
+    number, planes = inner_edges(solid.values, CELL, REACH, search_faces)
     x = point + np.random.default_rng(1).uniform(-0.4, 0.4, (4000, d))
     z = (x - point) @ normals.T
     x, z = (part[(z.min(1) > 0.1 * L0) & (z.min(1) < REACH)] for part in (x, z))
@@ -74,7 +74,7 @@ BARE = {
 @pytest.mark.parametrize("shape", BARE)
 def test_round_walls_outer_edges_and_plates_have_one_face(shape):
     solid = mps.Solid.of(BARE[shape], (-0.6,) * 3, (0.6,) * 3, CELL)
-    number, planes = inner_edges(solid.values, CELL, REACH, FaceSearch(solid.values.ndim))
+    number, planes = inner_edges(solid.values, CELL, REACH, search_faces)
     assert number.max() == -1 and planes.shape[:2] == (0, 1)
 
 
@@ -82,7 +82,7 @@ def test_a_round_tank_has_its_mantle_and_its_floor():
     solid = mps.Solid.of(
         lambda x: np.minimum(0.6 - np.hypot(x[:, 0], x[:, 1]), x[:, 2]), (-0.8, -0.8, -0.2), (0.8, 0.8, 0.5), CELL
     )
-    number, planes = inner_edges(solid.values, CELL, REACH, FaceSearch(solid.values.ndim))
+    number, planes = inner_edges(solid.values, CELL, REACH, search_faces)
     assert planes.shape[1] == 2
     nodes = np.argwhere(number >= 0)
     x = np.array(solid.low) + CELL * nodes

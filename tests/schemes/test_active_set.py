@@ -127,6 +127,7 @@ def test_a_step_with_an_active_set_is_that_of_all(both):
     assert np.abs(others).max() < 0.01 * np.abs(fast).max()
 
 
+@pytest.mark.slow
 def test_a_column_poured_layer_by_layer_carries_its_weight_at_the_foot_throughout():
     """Between smooth walls the pressure at the foot is rho g h at any time, whoever sleeps."""
     length, rate = 0.12, 0.06
@@ -166,6 +167,7 @@ def test_what_a_wall_that_moves_touches_takes_part_and_the_far_end_does_not():
     assert parts > 10
 
 
+@pytest.mark.slow
 def test_a_plate_that_comes_down_wakes_what_is_below_it_and_not_the_far_end():
     """At 0.3 m/s, from 0.25 m above a layer that stands when it is there: nothing within an effective radius of it
     stands or is aside."""

@@ -7,7 +7,6 @@ import taichi_mps as mps
 from taichi_mps.problem import measures as measure
 from taichi_mps.problem.measures import Snapshot
 from taichi_mps.terms.shifting import Shifting
-from taichi_mps.viz import render, stage
 from tests.support.rigs import L0, Rig, System
 
 FLOOR = mps.Plane((0.0, -0.55), (0.0, 1.0))
@@ -21,22 +20,32 @@ def section(columns=9, rows=9, seed=3, inside=0.0):
     return x, 2.0 * np.pi * x[:, 0] * L0**2 * np.random.default_rng(seed).uniform(0.8, 1.25, len(x))
 
 
+def rig(planes=(), inside=0.0):
+    x, volumes = section(inside=inside)
+    made = Rig(x, planes=planes, rings=volumes)
+    made.volumes = volumes[made.particles.read()["id"]]
+    return made
+
+
 @pytest.fixture(scope="module")
 def rings():
     """Behind the axis and on a floor."""
-    x, volumes = section()
-    rig = Rig(x, planes=(AXIS, FLOOR), rings=volumes)
-    rig.volumes = volumes[rig.particles.read()["id"]]
-    return rig
+    return rig((AXIS, FLOOR))
 
 
 @pytest.fixture(scope="module")
 def free():
     """Far from the axis, no walls."""
-    x, volumes = section(inside=1.0)
-    rig = Rig(x, rings=volumes)
-    rig.volumes = volumes[rig.particles.read()["id"]]
-    return rig
+    return rig(inside=1.0)
+
+
+@pytest.fixture(scope="module")
+def lattice():
+    """A lattice of rings up to the axis."""
+    x = mps.lattice((0.0, -0.6), (1.2, 0.6), L0)
+    made = Rig(x, planes=(AXIS,), rings=2.0 * np.pi * x[:, 0] * L0**2)
+    made.volumes = 2.0 * np.pi * made.x[:, 0] * L0**2
+    return made
 
 
 def symmetric(n, seed=7):
@@ -79,7 +88,7 @@ def test_forces_are_the_negative_transpose_of_the_gradient(rings):
 
 def test_the_shift_counts_a_ring_by_its_cross_section(free):
     """(I12) by brute force, where the rings are all around; and none without deformation."""
-    shifting = Shifting(free.particles, free.gradient, free.walls, tears=False)
+    shifting = Shifting(free, tears=False)
     section, x = free.volumes / (2.0 * np.pi * free.x[:, 0] * L0**2), free.x
     e = x[None] - x[:, None]
     r = np.linalg.norm(e, axis=-1) + 9.0 * np.eye(len(x))
@@ -103,38 +112,28 @@ def test_momentum_along_the_axis_is_conserved(free):
     assert abs(F[:, 1].sum()) < 1e-12 * np.abs(F[:, 1]).sum()
 
 
-def test_uniform_pressure_on_a_lattice_of_rings_gives_no_force():
-    """Exact where the neighbourhood is full: the larger rings outside push in what the hoop pushes out."""
-    x = mps.lattice((0.0, -0.5), (1.2, 0.5), L0)
-    rig = Rig(x, rings=2.0 * np.pi * x[:, 0] * L0**2)
-    T = np.zeros((len(x), 3, 3))
-    T[:] = -1000.0 * np.eye(3)
-    F = rig.forces(T)
-    inner = (np.abs(rig.x[:, 1]) < 0.5 - 4.2 * L0) & (rig.x[:, 0] > 4.2 * L0) & (rig.x[:, 0] < 1.2 - 4.2 * L0)
-    assert inner.sum() >= 6
-    assert np.abs(F[inner]).max() < 1e-12 * 1000.0 * 2.0 * np.pi * L0
-
-
 @pytest.mark.parametrize("name", ["uniform pressure", "uniform extension", "shear along the axis"])
-def test_stress_on_a_lattice_of_rings_gives_its_divergence_up_to_the_axis(name):
+def test_stress_on_a_lattice_of_rings_gives_its_divergence_up_to_the_axis(lattice, name):
     """None of a uniform pressure, whose hoop force the first ring must not feel alone, and of diag(1, -2, 1), which has
-    no divergence either; 2 of T_rz = r. Within 3 % of T/l0: what the second ring sees of rings beyond the axis."""
-    x = mps.lattice((0.0, -0.6), (1.2, 0.6), L0)
-    volumes = 2.0 * np.pi * x[:, 0] * L0**2
-    rig = Rig(x, planes=(AXIS,), rings=volumes)
-    T, exact = np.zeros((len(x), 3, 3)), np.zeros((len(x), 2))
+    no divergence either; 2 of T_rz = r. Within 3 % of T/l0: what the second ring sees of rings beyond the axis. Away
+    from it the pressure gives none at all: the larger rings outside push in what the hoop pushes out."""
+    n = len(lattice.x)
+    T, exact = np.zeros((n, 3, 3)), np.zeros((n, 2))
     if name == "shear along the axis":
-        T[:, 0, 1] = T[:, 1, 0] = rig.x[:, 0] / L0
+        T[:, 0, 1] = T[:, 1, 0] = lattice.x[:, 0] / L0
         exact[:, 1] = 2.0
     else:
         T[:] = -np.eye(3) if name == "uniform pressure" else np.diag([1.0, -2.0, 1.0])
-    found = rig.forces(T) * L0 / volumes[rig.particles.read()["id"]][:, None]
-    inner = (np.abs(rig.x[:, 1]) < 0.6 - 4.2 * L0) & (rig.x[:, 0] < 1.2 - 4.2 * L0)
-    assert inner.sum() >= 21 and rig.x[inner, 0].min() < 0.51 * L0
+    found = lattice.forces(T) * L0 / lattice.volumes[:, None]
+    inner = (np.abs(lattice.x[:, 1]) < 0.6 - 4.2 * L0) & (lattice.x[:, 0] < 1.2 - 4.2 * L0)
+    assert inner.sum() >= 21 and lattice.x[inner, 0].min() < 0.51 * L0
     assert np.abs(found - exact)[inner].max() < 0.03
+    if name == "uniform pressure":
+        away = inner & (lattice.x[:, 0] > 4.2 * L0)
+        assert away.sum() >= 6 and np.abs(found[away]).max() < 2e-12
 
 
-@pytest.mark.parametrize("size", [1.0, 0.7, 0.5])
+@pytest.mark.parametrize("size", [1.0, 0.5])
 def test_a_lattice_of_thin_rings_has_the_density_of_a_lattice(size):
     """Rings that have moved outward stand closer than l0, and are no denser for it."""
     side = size * L0
@@ -199,16 +198,6 @@ def test_the_cone_of_rings_has_the_volume_of_the_cone():
         assert scene.volumes.sum() == pytest.approx(mps.Cone(0.1, 0.05, 0.3).volume, rel=error)
 
 
-def test_the_picture_is_that_of_the_whole_body():
-    scene = mps.slump_cone(model="axisymmetric")
-    part = measure.still(scene.fluid, 0.01)
-    low, high, floor = stage.stage(scene)
-    assert floor == 0.0 and np.allclose(low[:2], -high[:2]) and high[0] > 0.2
-    pixels = render.Renderer(scene, width=320, height=180).draw(part)
-    ours, mirrored = pixels[40:150].astype(int), pixels[40:150, ::-1].astype(int)
-    assert (np.abs(ours - mirrored).max(2) > 60).mean() < 0.12  # a body on both sides of the axis
-
-
 # ---- refusals -------------------------------------------------------------------------------------------------
 def test_what_has_no_axis_is_refused():
     plane = dict(name="ring", material=mps.Bingham(), spacing=0.1, domain=((-1.0, -1.0), (2.0, 2.0)))
@@ -225,10 +214,13 @@ def test_what_has_no_axis_is_refused():
 
 
 # ---- runs -----------------------------------------------------------------------------------------------------
-def pipe(rings_across, yield_value=0.0, radius=0.1, push=5.0, eta=50.0, density=2000.0):
-    """Relative L2 error of the velocity, weighted by volume, of a pipe flow under gravity along its axis, from rest to
-    four times the decay time of the slowest mode."""
-    l0 = radius / rings_across
+@pytest.mark.long
+@pytest.mark.parametrize("yield_value", [0.0, 150.0], ids=["Newtonian", "plug over 0.3 R"])
+def test_pipe_flow(yield_value):
+    """Velocity along the axis, from rest to four times the decay time of the slowest mode, 20 across, weighted by
+    volume: within 3 %."""
+    radius, push, eta, density = 0.1, 5.0, 50.0, 2000.0
+    l0 = radius / 10
     length = 7 * l0
     scene = mps.Scene(
         name="pipe",
@@ -243,20 +235,12 @@ def pipe(rings_across, yield_value=0.0, radius=0.1, push=5.0, eta=50.0, density=
     )
     sim = mps.Simulation(scene, mps.Implicit(max_time_step=0.02))
     sim.run(until=4.0 * density * radius**2 / (eta * 5.783))
-    s = sim.snapshot()
-    r, slope = s.x[:, 0], 0.5 * density * push
+    s, slope = sim.snapshot(), 0.5 * density * push
     plug = yield_value / slope
-    exact = (slope * (radius**2 - np.maximum(r, plug) ** 2) / 2 - yield_value * (radius - np.maximum(r, plug))) / eta
+    r = np.maximum(s.x[:, 0], plug)
+    exact = (slope * (radius**2 - r**2) / 2 - yield_value * (radius - r)) / eta
     volume = scene.volumes
-    return np.sqrt((volume * (s.u[:, 1] - exact) ** 2).sum() / (volume * exact**2).sum()), s
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("yield_value", [0.0, 150.0], ids=["Newtonian", "plug over 0.3 R"])
-def test_pipe_flow(yield_value):
-    """3 % at 20 across."""
-    error, s = pipe(10, yield_value)
-    assert error < 0.03, error
+    assert (volume * (s.u[:, 1] - exact) ** 2).sum() < 0.03**2 * (volume * exact**2).sum()
     assert np.abs(s.u[:, 0]).max() < 0.03 * s.u[:, 1].max()
 
 

@@ -12,10 +12,10 @@ from taichi_mps.particles.neighbors import Bins, NeighborList
 from taichi_mps.particles.pair_sums import PairSums
 from taichi_mps.particles.particles import FLUID, Carried, Particles
 from taichi_mps.runtime.backend import ti
-from taichi_mps.terms.deferred_correction import DeferredCorrection
+from taichi_mps.terms.hourglass import DeferredCorrection
 from taichi_mps.terms.momentum import MomentumOperator
 from taichi_mps.terms.rheology import deviator
-from taichi_mps.terms.strain_rate import StrainRate
+from taichi_mps.terms.stress import StrainRate
 
 L0 = 0.1  # spacing [m]
 RE = 2.1 * L0  # effective radius [m]
@@ -175,11 +175,10 @@ class System(Rig):
         if not resistance_only:
             numbers.bulk[None] = BULK
             numbers.mu.from_numpy(self.mu)
-        of = self.particles, self.gradient, self.sums
-        self.system = MomentumOperator(*of, self.walls, numbers, numbers, numbers)
+        self.system = MomentumOperator(self, self.sums, numbers, numbers, numbers)
         self.system.assemble(1.0)
-        self.rate = StrainRate(*of)
-        self.correction = DeferredCorrection(*of, self.rate, numbers)
+        self.rate = StrainRate(self, self.sums)
+        self.correction = DeferredCorrection(self, self.sums, self.rate, numbers)
         self.y = ti.Vector.field(d, ti.f64, n)
         self.unknown = self.kind == FLUID
 

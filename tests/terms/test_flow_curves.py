@@ -40,12 +40,16 @@ class Mapping:
         self.curve, self.material, self.mu_r = flow_curve(material), material, mu_r
         self.out = ti.Vector.field(4, ti.f64, 64)
 
+    @ti.func
+    def shear_stress(self, i, rate):
+        return ti.cast(self.curve(rate, 0.0), float)
+
     @ti.kernel
     def run(self):
         for k in range(64):
             size = 20.0 * k
             trial = ti.Matrix([[0.6 * size, 0.8 * size], [0.8 * size, -0.6 * size]])
-            a, _, rate_a = curve_mapping(self.curve, trial, 0.0, self.mu_r)
+            a, _, rate_a = curve_mapping(self, k, trial, self.mu_r)
             b, _, rate_b = return_mapping(trial, 50.0, 300.0, self.mu_r)
             self.out[k] = ti.Vector([a[0, 1], rate_a, b[0, 1], rate_b])
 

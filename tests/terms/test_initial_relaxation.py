@@ -8,6 +8,7 @@ import pytest
 import taichi_mps as mps
 from taichi_mps.problem import catalogue
 from taichi_mps.study import case as cases
+from taichi_mps.terms.shifting import is_uneven
 
 SPACING = 0.02
 WIDTH, HEIGHT = 0.4, 0.3
@@ -51,7 +52,7 @@ def test_few_rings_in_layers_stay_where_they_are():
     material = mps.Bingham(density=2300.0, plastic_viscosity=50.0, yield_value=20000.0)
     sim = mps.Simulation(mps.Scene("rings", material, SPACING, fluid, ((-0.2, -0.2, -0.1), (0.2, 0.2, 0.4))))
     sim.neighbors.search()
-    assert not sim.scheme.relaxation.needed()
+    assert not is_uneven(sim.scheme.base)
 
 
 @pytest.mark.parametrize("dimension", [2, pytest.param(3, marks=pytest.mark.long)])
@@ -59,7 +60,7 @@ def test_a_jittered_fill_is_even_after_it_fills_the_same_room_and_is_in_front_of
     fluid, sim = block(0.3, dimension)
     with pytest.warns(UserWarning, match="fluid: unevenly filled, so it is relaxed before the first step"):
         x = relaxed(sim)
-    assert not sim.scheme.relaxation.needed()
+    assert not is_uneven(sim.scheme.base)
     near = np.array([np.sort(np.linalg.norm(x - each, axis=1))[1] for each in x])
     assert near.min() > 0.6 * SPACING > 1.2 * min(np.sort(np.linalg.norm(fluid - p, axis=1))[1] for p in fluid)
     assert x.mean(0) == pytest.approx(fluid.mean(0), abs=0.05 * SPACING)
@@ -89,7 +90,7 @@ def test_what_has_flowed_is_even():
     _, sim = block(yield_value=100.0)
     sim.run()
     assert np.ptp(sim.snapshot().x[:, 0]) > 1.2 * WIDTH
-    assert not sim.scheme.relaxation.needed()
+    assert not is_uneven(sim.scheme.base)
 
 
 def test_a_fill_that_goes_through_periodic_sides_is_relaxed_through_them():

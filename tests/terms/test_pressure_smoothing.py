@@ -6,7 +6,7 @@ import pytest
 import taichi_mps as mps
 from taichi_mps.particles.kernels import smooth_weight
 from taichi_mps.terms.constants import longest_step
-from taichi_mps.terms.pressure_smoothing import SMOOTHING
+from taichi_mps.terms.pressure import SMOOTHING
 from tests.support.inside import find, in_order
 from tests.support.rigs import L0, cloud
 

@@ -1,4 +1,5 @@
-"""The pressure that acts and the one that is read: mean over neighbours, and the constant of a full closed box."""
+"""The pressure that acts and the one that is read: mean over neighbours, and the constant of a full closed box; and the
+divergence that the flow is to have, which takes back a part of what the packing is too dense or too loose (I11)."""
 
 from ..runtime.backend import real, ti
 from ..runtime.stages import stage
@@ -7,25 +8,31 @@ SMOOTHING = 0.6  # weight of the neighbours' mean in the pressure
 READING = 0.75  # the same in a snapshot, twice
 SMOOTHING_SCALE = 1e-3  # strain per step above which the pressure is smoothed fully
 COMPRESSION = 3.0  # mean pressure of a full closed box over the largest viscous stress in it
+REFILL, RING_REFILL = 0.05, 0.2  # part of the packing error removed per step; thin rings lose more of it per step
+VISCOUS_REFILL, DAMPED = 0.25, 0.25  # the same where viscosity damps what it moves: above this diffusion number
+# at most constants.fastest; of rings and in a full closed box also this part of the shear rate, or the shift wins
+RATE_FASTEST = 0.25
+# packing error of an enclosed particle that is taken back; more is a void, which stays, but a full closed box has none
+LOOSEST, EMPTY = -0.03, -1.0
+STRAIN = 0.02  # in a step, from which on packing error and shift act fully
 
 
 @ti.data_oriented
-class PressureSmoothing:
+class Pressure:
     """Smoothed pressure ``p`` [Pa] of every particle; zero where it carries no stress."""
 
-    def __init__(self, particles, gradient, constants, gravity):
-        self.particles, self.gradient, self.constants = particles, gradient, constants
-        self.neighbors, self.dimension = gradient.neighbors, particles.dimension
-        self.g = ti.types.vector(particles.dimension, real())(gravity)
-        self.p = ti.field(real(), particles.capacity)  # [Pa]
-        self.once = ti.field(real(), particles.capacity)  # half-way to the pressure that is read [Pa]
+    def __init__(self, fluid, constants):
+        self.particles, self.gradient, self.neighbors = fluid.particles, fluid.gradient, fluid.neighbors
+        self.constants, self.g = constants, fluid.g
+        self.p = ti.field(real(), fluid.particles.capacity)  # [Pa]
+        self.once = ti.field(real(), fluid.particles.capacity)  # half-way to the pressure that is read [Pa]
         self.full = ti.field(ti.i32, ())  # 1 in a closed box without a free surface
 
     @ti.func
     def mean(self, i, fraction, pressure: ti.template()):
         """(1-a) p_i + a sum w (p_j - f rho g.r_ij)/sum w of a ``pressure``, over particles that carry stress, a the
         ``fraction``; f fades to zero where p_i is below that of half a layer: a body in free fall has no hydrostatic
-        part."""
+        part. Where i carries none it stays p_i."""
         x = self.particles.x[i]
         total, weight = ti.cast(0.0, float), ti.cast(0.0, float)
         own = self.constants.density[self.constants.mix(i)]
@@ -41,7 +48,7 @@ class PressureSmoothing:
                 total += w * (pressure[j] - density * g.dot(r))
                 weight += w
         p = pressure[i]
-        if weight > 0.0:
+        if weight > 0.0 and self.gradient.B[i][0, 0] > 0.0:
             p = (1.0 - fraction) * p + fraction * total / weight
         return p
 
@@ -59,13 +66,9 @@ class PressureSmoothing:
         """The pressure to read, the mean of the mean, into ``p``, which the next step fills anew: the force does not
         see what alternates from particle to particle, so nothing holds it down at rest, and it means nothing."""
         for i in range(self.particles.count[None]):
-            self.once[i] = self.particles.p[i]
-            if self.gradient.B[i][0, 0] > 0.0:
-                self.once[i] = self.mean(i, READING, self.particles.p)
+            self.once[i] = self.mean(i, READING, self.particles.p)
         for i in range(self.particles.count[None]):
-            self.p[i] = self.once[i]
-            if self.gradient.B[i][0, 0] > 0.0:
-                self.p[i] = self.mean(i, READING, self.once)
+            self.p[i] = self.mean(i, READING, self.once)
 
     @stage("smooth pressure")
     def find_closed_box(self, whole: ti.i32):
@@ -80,6 +83,17 @@ class PressureSmoothing:
                         surface += 1
             self.full[None] = ti.cast(surface == 0 and rows > 0, ti.i32)
 
+    @ti.func
+    def volume_mean(self, values: ti.template()):
+        """Mean of a field over the particles that carry stress, by their volumes."""
+        volumes, total = ti.cast(0.0, ti.f64), ti.cast(ti.zero(values[0]), ti.f64)
+        for i in range(self.particles.count[None]):
+            if self.gradient.B[i][0, 0] > 0.0:
+                volume = ti.cast(self.particles.volume(i), ti.f64)
+                volumes += volume
+                total += volume * ti.cast(values[i], ti.f64)
+        return ti.cast(total / volumes, float)
+
     @stage("prepare")
     def compress(self):
         """In a full closed box the pressure, which is free up to a constant, is kept high enough that nothing is in
@@ -87,27 +101,18 @@ class PressureSmoothing:
         ti.loop_config(serialize=True)
         for _ in range(1):
             if self.full[None] == 1:
-                volumes, pressure = ti.cast(0.0, ti.f64), ti.cast(0.0, ti.f64)
-                momentum = ti.Vector.zero(ti.f64, self.dimension)
+                mean_p, mean_u = self.volume_mean(self.p), self.volume_mean(self.particles.u)
                 fastest, speed2 = ti.cast(0.0, float), ti.cast(0.0, float)
                 for i in range(self.particles.count[None]):
                     if self.gradient.B[i][0, 0] > 0.0:
-                        volume = ti.cast(self.particles.volume(i), ti.f64)
-                        volumes += volume
-                        pressure += volume * self.p[i]
                         fastest = ti.max(fastest, self.particles.shear_rate[i])
-                        momentum += volume * ti.cast(self.particles.u[i], ti.f64)
-                mean_u = ti.cast(momentum / volumes, float)
-                for i in range(self.particles.count[None]):
-                    if self.gradient.B[i][0, 0] > 0.0:
                         speed2 = ti.max(speed2, (self.particles.u[i] - mean_u).norm_sqr())
                 wanted = ti.cast(0.0, float)
                 for m in range(self.constants.mixes):
                     stress = self.constants.eta[m] * fastest + self.constants.tau_y[m]
                     wanted = ti.max(wanted, COMPRESSION * stress + self.constants.density[m] * speed2)
-                missing = wanted - ti.cast(pressure / volumes, float)
                 for i in range(self.particles.count[None]):
-                    self.p[i] += missing
+                    self.p[i] += wanted - mean_p
 
     @stage("stress")
     def update(self, rate: ti.template(), constraint: ti.template()):
@@ -123,3 +128,50 @@ class PressureSmoothing:
         """At the end of a step: the particles carry p."""
         for i in range(self.particles.count[None]):
             self.particles.p[i] = self.p[i]
+
+
+@ti.data_oriented
+class VolumeConstraint:
+    """Wanted divergence of every particle."""
+
+    def __init__(self, fluid, constants, strain_rate, pressure, shifting):
+        self.particles, self.gradient, self.constants = fluid.particles, fluid.gradient, constants
+        self.strain_rate, self.pressure, self.shifting = strain_rate, pressure, shifting
+        self.refill, self.spacing = RING_REFILL if self.particles.axisymmetric else REFILL, fluid.gradient.spacing
+        self.divergence = ti.field(real(), self.particles.capacity)  # s [1/s]
+
+    @stage("prepare")
+    def set(self, dt: float):
+        """s = r (packing - 1)/dt within +-fastest, r the part that a step of dt [s] removes; only where the material
+        deforms or is torn. A full closed box has no voids: there any lack is taken back."""
+        for i in range(self.particles.count[None]):
+            follows = self.pressure.full[None]  # 1 where it is as fast as the shear
+            loosest = LOOSEST if self.gradient.enclosed(i) else 0.0
+            error = ti.max(self.gradient.packing[i] - 1.0, loosest if follows == 0 else EMPTY)
+            if ti.static(self.gradient.axisymmetric):
+                follows = 1
+            fastest = ti.max(self.constants.fastest[None], follows * RATE_FASTEST * self.strain_rate.rate[i])
+            divergence = ti.max(-fastest, ti.min(fastest, self.part_removed(i, dt) * error / dt))
+            self.divergence[i] = divergence * self.shifting.acts(i, dt, STRAIN)
+
+    @ti.func
+    def part_removed(self, i, dt):
+        """Part of the packing error that a step removes, by its diffusion number eta dt/(rho l0^2) [-]; in a full
+        closed box, which cannot change its volume, that would only stir: there shear makes the errors, and a step
+        removes as much as it strains, 0.05 at least and 0.25 at most."""
+        m = self.constants.mix(i)
+        diffusion = self.constants.eta[m] * dt / (self.constants.density[m] * self.spacing**2)
+        more = (VISCOUS_REFILL - self.refill) * diffusion / (DAMPED + diffusion)
+        if self.pressure.full[None] == 1:
+            more = ti.max(0.0, ti.min(VISCOUS_REFILL, self.strain_rate.rate[i] * dt) - self.refill)
+        return self.refill + more
+
+    @stage("prepare")
+    def balance(self):
+        """A box full of fluid has no surface to give way: there no mean divergence can be wanted."""
+        ti.loop_config(serialize=True)
+        for _ in range(1):
+            if self.pressure.full[None] == 1:
+                mean = self.pressure.volume_mean(self.divergence)
+                for i in range(self.particles.count[None]):
+                    self.divergence[i] -= mean
