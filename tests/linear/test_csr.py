@@ -1,7 +1,6 @@
 """Sparse matrices in compressed rows: products, rows that are no unknowns, and lists that belong to someone else."""
 
 import numpy as np
-import pytest
 import scipy.sparse as sp
 
 from taichi_mps.linear.csr import SparseMatrix
