@@ -21,7 +21,6 @@ counts, for the machines are shared. `--out` writes the table as JSON and, besid
 
 import argparse
 import hashlib
-import importlib.util
 import json
 import os
 import subprocess
@@ -30,8 +29,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import points
 
-ROOT = Path(__file__).resolve().parents[1]
 CARRIED = "x", "u", "p", "shear_rate", "stress", "plastic_rate"
 COARSE = {"spacing": 0.02}
 
@@ -132,13 +131,9 @@ DISTURBED = 5
 # ---- scenes ---------------------------------------------------------------------------------------------------------
 def built_in(name: str, **keywords):
     """A scene of the folder scenes/ of the checkout that is imported."""
-    import taichi_mps
+    from taichi_mps.problem import catalogue
 
-    path = Path(taichi_mps.__file__).resolve().parents[1] / "scenes" / f"{name}.py"
-    spec = importlib.util.spec_from_file_location(f"scene_{name}", path)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module.scene(**keywords)
+    return catalogue.load(name)(**keywords)
 
 
 def friction(model="full"):
@@ -186,8 +181,8 @@ def curve(law):
             growth=building,
         )
     x = mps.fill(mps.Box((0.0, 0.0), (0.2, 0.2)), spacing)
-    floor, side = mps.Plane((0.0, 0.0), (0.0, 1.0)), mps.Plane((0.0, 0.0), (1.0, 0.0), mirror=True)
-    return mps.Scene("curve", material, spacing, x, ((-0.05, -0.05), (0.6, 0.4)), walls=(floor, side))
+    walls = mps.Plane((0.0, 0.0), (0.0, 1.0)), mps.Plane((0.0, 0.0), (1.0, 0.0), mirror=True)
+    return mps.Scene("curve", material, spacing, x, ((-0.05, -0.05), (0.6, 0.4)), walls=walls)
 
 
 def box():
@@ -222,30 +217,26 @@ def carry_out(name: str, exact: bool = False) -> dict:
     """Run a case in this process."""
     import warnings
 
+    import taichi
+
     import taichi_mps as mps
 
+    start = taichi.init
     if exact:
-        import taichi
-
-        start = taichi.init
         taichi.init = lambda **settings: start(**(settings | {"fast_math": False}))
-
     warnings.simplefilter("ignore")
     scene, keywords, scheme, numerics, steps, threads, precision = CASES[name]
     mps.init("cpu", precision, threads)
     made = OWN[scene](**keywords) if scene in OWN else built_in(scene, **keywords)
-    numerics = dict(numerics)
-    taken_up = numerics.pop("resumed", None)
-    method = {"implicit": mps.Implicit, "semi-implicit": mps.SemiImplicit}[scheme](**numerics)
+    settings = {key: value for key, value in numerics.items() if key != "resumed"}
+    method = {"implicit": mps.Implicit, "semi-implicit": mps.SemiImplicit}[scheme](**settings)
     sim = mps.Simulation(made, method)
-    for _ in range(taken_up or steps):
+    for step in range(steps):
+        if step == numerics.get("resumed"):
+            state = sim.state()
+            sim = mps.Simulation(made, method)
+            sim.load(state)
         sim.step()
-    if taken_up:
-        state = sim.state()
-        sim = mps.Simulation(made, method)
-        sim.load(state)
-        for _ in range(steps - taken_up):
-            sim.step()
     return {
         "hash": fingerprint(sim),
         "particles": sim.fluid_particles,
@@ -292,41 +283,42 @@ def least(runs: list[dict]) -> dict:
     return runs[0] | {key: min(run[key] for run in runs) for key in ("cpu_s", "compile_s")}
 
 
-def table(results: dict) -> str:
-    """Markdown: fingerprint, CPU and compile seconds of each case, now and before, and where bits are not the same."""
-    lines = [
-        "| case | particles | steps | fingerprint | CPU [s] | compile [s] | before | CPU [s] | compile [s] | ratio |"
-    ]
-    lines.append("|" + "---|" * 10)
-    for name, entry in results.items():
-        now, then = entry["now"], entry.get("before")
-        if "error" in now:
-            lines.append(f"| {name} | {now['error']} |" + " |" * 8)
-            continue
-        cells = [name, now["particles"], now["steps"], now["hash"], f"{now['cpu_s']:.2f}", f"{now['compile_s']:.1f}"]
-        if then is None:
-            cells += [""] * 4
-        elif "error" in then:
-            cells += [then["error"], "", "", ""]
-        else:
-            same = "same" if then["hash"] == now["hash"] else f"**{then['hash']}**"
-            ratio = now["cpu_s"] / then["cpu_s"]
-            cells += [same, f"{then['cpu_s']:.2f}", f"{then['compile_s']:.1f}", f"{ratio:.2f}"]
-        lines.append("| " + " | ".join(str(cell) for cell in cells) + " |")
-    return "\n".join(lines) + "\n"
+HEAD = [
+    "case",
+    "particles",
+    "steps",
+    "fingerprint",
+    "CPU [s]",
+    "compile [s]",
+    "before",
+    "CPU [s]",
+    "compile [s]",
+    "ratio",
+]
 
 
-def scatter(checkouts: dict) -> str:
-    """Markdown: mean and standard deviation of the measures at rest, in each checkout."""
-    lines = ["| cone | measure | " + " | ".join(checkouts) + " |", "|---|---|" + "---|" * len(checkouts)]
+def cells(name: str, now: dict, before: dict | None) -> list:
+    """A line of the table: fingerprint, CPU and compile seconds, now and before, and where bits are not the same."""
+    if "error" in now:
+        return [name, now["error"], *[""] * 8]
+    line = [name, now["particles"], now["steps"], now["hash"], f"{now['cpu_s']:.2f}", f"{now['compile_s']:.1f}"]
+    if before is None or "error" in before:
+        return [*line, (before or {}).get("error", ""), "", "", ""]
+    same = "same" if before["hash"] == now["hash"] else f"**{before['hash']}**"
+    ratio = now["cpu_s"] / before["cpu_s"]
+    return [*line, same, f"{before['cpu_s']:.2f}", f"{before['compile_s']:.1f}", f"{ratio:.2f}"]
+
+
+def scatter(checkouts: dict) -> list[list[str]]:
+    """Lines of a table: mean and standard deviation of the measures at rest, in each checkout."""
+    lines = []
     for name in ENDS:
         runs = {label: of_checkout(checkout, "--end", name) for label, checkout in checkouts.items()}
         for measure in ("slump_m", "spread_m", "stop_s"):
-            values = {label: np.array([run[measure] for run in found]) for label, found in runs.items()}
-            cells = [f"{v.mean():.5f} +- {v.std(ddof=1):.5f}" for v in values.values()]
-            lines.append(f"| {name} | {measure} | " + " | ".join(cells) + " |")
-            print(lines[-1], flush=True)
-    return "\n".join(lines) + "\n"
+            values = [np.array([run[measure] for run in found]) for found in runs.values()]
+            lines.append([name, measure, *(f"{v.mean():.5f} +- {v.std(ddof=1):.5f}" for v in values)])
+            print(" | ".join(lines[-1]), flush=True)
+    return lines
 
 
 def main():
@@ -346,25 +338,25 @@ def main():
     if arguments.end:
         print(json.dumps(measures_at_rest(arguments.end)))
         return
-    others = {"before": arguments.against.resolve()} if arguments.against else {}
+    checkouts = {"now": points.ROOT} | ({"before": arguments.against.resolve()} if arguments.against else {})
+    results, exact = {}, ["--exact"] * arguments.exact
     if arguments.scatter:
-        text = scatter({"now": ROOT} | others)
-        if arguments.out:
-            arguments.out.with_suffix(".md").write_text(text, encoding="utf-8")
-        return
-    exact = ["--exact"] * arguments.exact
-    results = {}
-    for name in arguments.only:
-        now, before = [], []
-        for _ in range(arguments.repeats):
-            now.append(of_checkout(ROOT, "--case", name, *exact))
-            if others:
-                before.append(of_checkout(others["before"], "--case", name, *exact))
-        results[name] = {"now": least(now)} | ({"before": least(before)} if before else {})
-        print(table({name: results[name]}).splitlines()[-1], flush=True)
+        text = points.table(["cone", "measure", *checkouts], scatter(checkouts))
+    else:
+        lines = []
+        for name in arguments.only:
+            runs = {label: [] for label in checkouts}
+            for _ in range(arguments.repeats):
+                for label, checkout in checkouts.items():
+                    runs[label].append(of_checkout(checkout, "--case", name, *exact))
+            results[name] = {label: least(found) for label, found in runs.items()}
+            lines.append(cells(name, results[name]["now"], results[name].get("before")))
+            print("| " + " | ".join(map(str, lines[-1])) + " |", flush=True)
+        text = points.table(HEAD, lines)
     if arguments.out:
-        arguments.out.write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
-        arguments.out.with_suffix(".md").write_text(table(results), encoding="utf-8")
+        told = {"machine": points.facts(), "cases": results}
+        arguments.out.write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
+        arguments.out.with_suffix(".md").write_text(text + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

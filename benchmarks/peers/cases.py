@@ -5,21 +5,24 @@ reference is finite elements of a true Bingham material with inertia (taichi_mps
 the largest of slump at 0.1, 0.2, 0.3, 0.5 and 1 s. Dam break: the `dam_break` scene; front against Martin and Moyce.
 """
 
-from dataclasses import dataclass, field, replace
+import sys
+from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
 import taichi_mps as mps
 from taichi_mps.problem import catalogue
 from taichi_mps.problem import measures as measure
-from taichi_mps.validation import read_reference
+from taichi_mps.validation.fluids import COLUMN, front_errors
+from taichi_mps.validation.slumps import MILESTONES as TIMES
+from taichi_mps.validation.slumps import inertial
 
-TIMES = (0.1, 0.2, 0.3, 0.5, 1.0)  # [s]
+sys.path.append(str(Path(__file__).resolve().parents[1]))
+from points import aside  # noqa: E402
+
 CONE = {"base_radius": 0.1, "top_radius": 0.05, "height": 0.3}  # [m]
 MIX = {"density": 2300.0, "plastic_viscosity": 50.0}
-ASIDE = 1e-6  # [spacings]
-COLUMN = 0.146  # width of the water column [m]
-MARTIN_MOYCE = "martin_moyce_a2.25in_n2=2"
 
 
 @dataclass(frozen=True)
@@ -53,14 +56,9 @@ class Case:
     def scene(self) -> mps.Scene:
         """The engine's scene of this case."""
         if self.kind == "dam":
-            return catalogue.load("dam_break")(spacing=self.spacing, until=self.until)
-        return catalogue.load("slump")(
-            yield_value=self.yield_value, spacing=self.spacing, until=self.until, model=self.model, **MIX
-        )
-
-    def aside(self, shape, seed: int):
-        """How far [m] particles stand aside: not at all in the first run, of seed 0."""
-        return ASIDE * self.spacing * np.random.default_rng(seed).uniform(-1.0, 1.0, shape) * (seed > 0)
+            return catalogue.build("dam_break", spacing=self.spacing, until=self.until)
+        mix = MIX | {"yield_value": self.yield_value, "model": self.model}
+        return catalogue.build("slump", spacing=self.spacing, until=self.until, **mix)
 
     def data(self, run: Run, seed: int = 0) -> dict:
         """What a peer's script reads: the numbers of the case and, of particles, the engine's own filling. In a dam
@@ -68,8 +66,8 @@ class Case:
         common = {"spacing": self.spacing, "until": self.until, "settings": run.settings}
         if self.kind == "dam":
             times = np.arange(1, round(self.until / 0.01) + 1) * 0.01
-            aside = abs(float(self.aside((), seed)))
-            water = {"width": COLUMN, "density": 1000.0, "viscosity": 1e-3, "aside": aside}
+            away = abs(float(aside((), self.spacing, seed)))
+            water = {"width": COLUMN, "density": 1000.0, "viscosity": 1e-3, "aside": away}
             return common | water | {"times": times.tolist()}
         cone = mps.Cone(*CONE.values())
         fluid = np.zeros((0, 3)) if self.model == "axisymmetric" else self.scene().fluid
@@ -79,7 +77,7 @@ class Case:
             "yield_value": self.yield_value,
             "times": self.times,
             "volume": cone.volume,
-            "fluid": (fluid + self.aside(fluid.shape, seed)).tolist(),
+            "fluid": (fluid + aside(fluid.shape, self.spacing, seed)).tolist(),
         }
 
 
@@ -102,26 +100,16 @@ PRACTICE = Run("taichi_mps", "taichi_mps, semi-implicit", {"scheme": "semi-impli
 LITERAL = Run("taichi_mps", "taichi_mps, semi-implicit, literal", {"scheme": "semi-implicit", "literal": True})
 
 
-def slump(yield_value: float, spacing: float, *runs: Run, model: str = "full") -> Case:
-    where = "3-D" if model == "full" else model
-    millimetres = f"{1e3 * spacing:.3g}"
-    title = f"slump, {where}, {yield_value:g} Pa, {millimetres} mm"
-    return Case(
-        f"slump_{model}_{yield_value:g}Pa_{millimetres}mm",
-        title,
-        "slump",
-        spacing,
-        (OURS, LONG_STEPS, *runs),
-        yield_value,
-        model,
-    )
-
-
-def to_rest(case: Case) -> Case:
-    """The same until 5 s, where this engine stops as soon as it is at rest."""
-    name, title = f"{case.name}_5s", f"{case.title}, to 5 s or rest"
-    runs = tuple(run for run in case.runs if run is not LONG_STEPS)
-    return replace(case, name=name, title=title, runs=runs, until=5.0, stop_at_rest=True)
+def slump(yield_value: float, spacing: float, *runs: Run, model: str = "full", to_rest: bool = False) -> Case:
+    """A slump to 1 s; ``to_rest``: to 5 s, where this engine stops as soon as it is at rest."""
+    mix, millimetres = f"{yield_value:g} Pa", f"{1e3 * spacing:.3g}"
+    name = f"slump_{model}_{yield_value:g}Pa_{millimetres}mm"
+    title = f"slump, {'3-D' if model == 'full' else model}, {mix}, {millimetres} mm"
+    if to_rest:
+        name, title = f"{name}_5s", f"{title}, to 5 s or rest"
+    runs = (OURS, *runs) if to_rest else (OURS, LONG_STEPS, *runs)
+    until = 5.0 if to_rest else 1.0
+    return Case(name, title, "slump", spacing, runs, yield_value, model, until, to_rest)
 
 
 CASES = (
@@ -131,8 +119,8 @@ CASES = (
     slump(500.0, 0.01, *(openfoam(0.02, dt) for dt in (0.002, 0.001, 0.0005)), model="axisymmetric"),
     slump(100.0, 0.01, openfoam(0.02, 0.002), openfoam(0.02, 0.0005), model="axisymmetric"),
     slump(500.0, 0.005, openfoam(0.02, 0.001), model="axisymmetric"),
-    to_rest(slump(500.0, 0.01, openfoam(0.02, 0.002), model="axisymmetric")),
-    to_rest(slump(500.0, 0.01, newton(1.5, dt=0.01), newton(1.5))),
+    slump(500.0, 0.01, openfoam(0.02, 0.002), model="axisymmetric", to_rest=True),
+    slump(500.0, 0.01, newton(1.5, dt=0.01), newton(1.5), to_rest=True),
     Case(
         "dam_break",
         "dam break of water, 2-D, a/l0 = 20",
@@ -154,13 +142,10 @@ CASES = (
 )
 
 
-def reference(yield_value: float, times=TIMES) -> dict[float, tuple[float, float]]:
+def reference(yield_value: float, times=TIMES) -> tuple[np.ndarray, np.ndarray]:
     """Slump over r < 20 mm and spread [m] of the finite elements at these times [s]."""
-    rows = read_reference("A_fe_inertial_slump_summary.csv")
-    wanted = ("A", yield_value, 50.0, 0.0)
-    mine = [r for r in rows if (r["model"], *(float(r[k]) for k in ("tau_Pa", "eta_Pa_s", "gc_1_s"))) == wanted]
-    found = {float(r["time_s"]): r for r in mine if not r["kind"].startswith("final")}
-    return {t: (1e-3 * float(found[t]["mean20_mm"]), 1e-3 * float(found[t]["spread_mm"])) for t in times}
+    known, slumps, spreads = inertial(yield_value)
+    return np.interp(times, known, slumps), np.interp(times, known, spreads)
 
 
 def slumps_of(output: dict, spacing: float) -> tuple[np.ndarray, np.ndarray]:
@@ -173,18 +158,15 @@ def slumps_of(output: dict, spacing: float) -> tuple[np.ndarray, np.ndarray]:
 
 def judge_slump(case: Case, output: dict) -> dict:
     """Slump at the times of the case [m], the errors, and that of the spread at the end [-]."""
-    times = case.times
-    exact = reference(case.yield_value, times)
-    t = np.asarray(output["t"])
-    if t[-1] < 0.999 * times[-1]:
+    t, (exact, wide) = np.asarray(output["t"]), reference(case.yield_value, case.times)
+    if t[-1] < 0.999 * case.times[-1]:
         raise ValueError(f"{case.name}: the run ended at {t[-1]:g} s")
-    slump, spread = (np.interp(times, t, values) for values in slumps_of(output, case.spacing))
-    errors = slump - np.array([exact[at][0] for at in times])
+    slump, spread = (np.interp(case.times, t, values) for values in slumps_of(output, case.spacing))
     return {
         "slump_m": slump.tolist(),
-        "slump_errors_m": errors.tolist(),
-        "worst_slump_error_m": float(errors[np.argmax(np.abs(errors))]),
-        "spread_error": float(spread[-1] / exact[times[-1]][1] - 1.0),
+        "slump_errors_m": (slump - exact).tolist(),
+        "worst_slump_error_m": float(max(slump - exact, key=abs)),
+        "spread_error": float(spread[-1] / wide[-1] - 1.0),
     }
 
 
@@ -198,18 +180,8 @@ def front_of(x: np.ndarray, spacing: float) -> float:
 
 def judge_dam(case: Case, output: dict) -> dict:
     """Largest relative error of the front for the gate's best delay (at most 0.3 sqrt(a/2g)), and without any delay."""
-    rows = [r for r in read_reference("C_dambreak_front_martin_moyce_koshizuka.csv") if r["dataset"] == MARTIN_MOYCE]
-    at, z = (np.array([float(r[key]) for r in rows]) for key in ("t*sqrt(2g/a)", "z/a"))
-    t = np.asarray(output["t"]) * (2 * 9.81 / COLUMN) ** 0.5
-    covered = (at < t[-1]) & (z < 3.9)  # the wall stands at 4 a
-    front = np.array([front_of(x, case.spacing) for x in output["x"]]) / COLUMN
-
-    def error(delay):
-        return float(np.abs(np.interp(at[covered] - delay, t, front) / z[covered] - 1).max())
-
-    delays = np.linspace(0.0, 0.3, 31)
-    best = min(delays, key=error)
-    return {"front_error": error(best), "gate_delay": float(best), "front_error_no_delay": error(0.0)}
+    error, delay, _ = front_errors(output["t"], [front_of(x, case.spacing) for x in output["x"]])
+    return {"front_error": error(delay), "gate_delay": delay, "front_error_no_delay": error(0.0)}
 
 
 def judge(case: Case, output: dict) -> dict:

@@ -16,43 +16,22 @@ where it does not.
 import argparse
 import json
 import os
-import platform
 import shutil
 import subprocess
 import sys
 import tempfile
 import time
-from datetime import UTC, datetime
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
-sys.path[:0] = [str(HERE), str(HERE.parents[1])]
+sys.path[:0] = [str(HERE), str(HERE.parent), str(HERE.parents[1])]
 
 import numpy as np  # noqa: E402
+import points  # noqa: E402
 from cases import CASES, Case, Run, judge  # noqa: E402
 from environments import PEERS, where  # noqa: E402
 
-RESULTS = HERE.parent / "results"
 SCATTERS = {"worst_slump_error_m", "front_error"}  # of which the standard deviation of a run is kept
-
-
-def machine() -> dict:
-    """What the figures depend on."""
-    model = [
-        line.split(":")[1].strip() for line in _read("/proc/cpuinfo").splitlines() if line.startswith("model name")
-    ]
-    return {
-        "cpu": model[0] if model else platform.processor(),
-        "cores": os.cpu_count(),
-        "system": platform.platform(),
-        "python": platform.python_version(),
-        "load_average": os.getloadavg()[0],
-        "date": datetime.now(UTC).isoformat(timespec="minutes"),
-    }
-
-
-def _read(path: str) -> str:
-    return Path(path).read_text(encoding="utf-8") if Path(path).exists() else ""
 
 
 def command(case: Case, run: Run, folder: Path, seed: int = 0) -> list[str]:
@@ -103,7 +82,8 @@ def compare(case: Case, peers: list[str], limit: float, repeats: int) -> None:
                 row = measure(case, run, limit, seed)
                 found[run.label].append(row)
                 print(case.name, run.label, row.get("failed") or f"{row['cpu_seconds']:.1f} CPU-s", flush=True)
-        save(case, [together(rows) for rows in found.values()], repeats)
+        rows = [together(rows) for rows in found.values()]
+        points.save(f"peers_{case.name}", {"case": case.name, "title": case.title, "repeats": repeats, "rows": rows})
 
 
 def together(rows: list[dict]) -> dict:
@@ -121,13 +101,6 @@ def together(rows: list[dict]) -> dict:
     for key in SCATTERS & set(mean):
         mean[f"{key}_scatter"] = float(np.std([row[key] for row in rows], ddof=1))
     return {**mean, "runs": len(rows)}
-
-
-def save(case: Case, rows: list[dict], repeats: int) -> None:
-    """The JSON of a case; of one that was begun, what is there so far."""
-    result = {"case": case.name, "title": case.title, "machine": machine(), "repeats": repeats, "rows": rows}
-    path = RESULTS / f"peers_{case.name}.json"
-    path.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
 
 
 def installed(names: list[str]) -> list[str]:

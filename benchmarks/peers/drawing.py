@@ -1,11 +1,7 @@
 """docs/peers.md and its charts from benchmarks/results/peers_*.json."""
 
-import json
-from pathlib import Path
+import points
 
-ROOT = Path(__file__).resolve().parents[2]
-RESULTS, PAGE, FIGURES = ROOT / "benchmarks/results", ROOT / "docs/peers.md", ROOT / "docs/figures"
-BEGIN, END = "<!-- written by benchmarks/peers/compare.py -->", "<!-- end of benchmarks/peers/compare.py -->"
 COLOURS = {"taichi_mps": "C0", "newton": "C1", "openfoam": "C2", "pysph": "C3", "splishsplash": "C4"}
 PLACES = [
     (5, 5, "left"),
@@ -25,7 +21,7 @@ DAM_HEAD = ["run", "particles", "steps", "CPU-s per s", "particle-steps per CPU-
 
 def read() -> list[dict]:
     """The results in the order of the names of the cases, slumps before the dam break."""
-    found = [json.loads(path.read_text(encoding="utf-8")) for path in RESULTS.glob("peers_*.json")]
+    found = [points.load(path.stem) for path in points.RESULTS.glob("peers_*.json")]
     return sorted(found, key=lambda result: (result["case"] == "dam_break", result["case"]))
 
 
@@ -61,20 +57,14 @@ def dam_cells(row: dict) -> list[str]:
 def table(result: dict) -> str:
     """One case in Markdown; a run that failed says why."""
     head, cells = (DAM_HEAD, dam_cells) if result["case"] == "dam_break" else (SLUMP_HEAD, slump_cells)
-    lines = [f"### {result['title']}", "", "| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
+    lines = []
     for row in result["rows"]:
-        failure = ["failed: " + row["failed"].split(";")[0] if "failed" in row else ""] + [""] * (len(head) - 2)
-        lines.append(
-            f"| {' | '.join([row['label'], *failure])} |" if "failed" in row else f"| {' | '.join(cells(row))} |"
-        )
-    facts = result["machine"]
-    load = [row["load_average"] for row in result["rows"]]
-    lines += [
-        "",
-        f"{facts['cpu']}, {facts['cores']} cores, {facts['date']}, load {min(load):.0f} to {max(load):.0f}.",
-        "",
-    ]
-    return "\n".join(lines)
+        failure = [row["label"], f"failed: {row.get('failed', '').split(';')[0]}", *[""] * (len(head) - 2)]
+        lines.append(failure if "failed" in row else cells(row))
+    facts, load = result["machine"], [row["load_average"] for row in result["rows"]]
+    about = f"{facts.get('processor') or facts['cpu']}, {facts['cores']} cores, {facts['date']}"
+    about += f", load {min(load):.0f} to {max(load):.0f}."
+    return "\n\n".join([f"### {result['title']}", points.table(head, lines), about])
 
 
 def panels(results: list[dict]) -> dict[str, list[tuple[str, dict]]]:
@@ -100,14 +90,12 @@ def panels(results: list[dict]) -> dict[str, list[tuple[str, dict]]]:
     return found
 
 
-def chart(found: dict[str, list[tuple[str, dict]]], key: str, unit: float, what: str, path: Path) -> None:
+def chart(found: dict[str, list[tuple[str, dict]]], key: str, unit: float, what: str, name: str) -> None:
     """The error ``key`` of a row, in this unit and with its scatter, against its CPU seconds for a second, both
     logarithmic, one panel for each problem."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    plt = points.pyplot()
 
     def error(row):
         return unit * abs(row[key])
@@ -142,15 +130,15 @@ def chart(found: dict[str, list[tuple[str, dict]]], key: str, unit: float, what:
         write_names(
             axis, [(name.strip(), row["cpu_seconds"] / row["simulated_seconds"], error(row)) for name, row in runs]
         )
-    figure.savefig(path, dpi=110)
+    figure.savefig(points.FIGURES / name, dpi=110)
 
 
-def write_names(axis, points: list[tuple[str, float, float]]) -> None:
+def write_names(axis, named: list[tuple[str, float, float]]) -> None:
     """Write each name beside its point, at the first place in the panel where it covers no other name and no point."""
     from matplotlib.transforms import Bbox
 
-    taken = [Bbox.from_bounds(*(axis.transData.transform(at) - 4.0), 8.0, 8.0) for _, *at in points]
-    for name, *at in points:
+    taken = [Bbox.from_bounds(*(axis.transData.transform(at) - 4.0), 8.0, 8.0) for _, *at in named]
+    for name, *at in named:
         for x, y, side in PLACES:
             text = axis.annotate(name, at, (x, y), textcoords="offset points", fontsize=7, ha=side, va="center")
             box = text.get_window_extent()
@@ -166,13 +154,10 @@ def draw() -> None:
     results = read()
     if not results:
         raise SystemExit("no benchmarks/results/peers_*.json: run first")
-    before, rest = PAGE.read_text(encoding="utf-8").split(BEGIN)
-    tables = "\n".join(table(result) for result in results)
-    PAGE.write_text(f"{before}{BEGIN}\n\n{tables}\n{END}{rest.split(END)[1]}", encoding="utf-8")
+    points.put("peers.md", "peers/compare", "\n\n".join(table(result) for result in results))
     slumps = panels([result for result in results if result["case"] != "dam_break"])
     dams = panels([result for result in results if result["case"] == "dam_break"])
     if slumps:
-        what = "worst error of the slump [mm]"
-        chart(slumps, "worst_slump_error_m", 1e3, what, FIGURES / "peers_slump.png")
+        chart(slumps, "worst_slump_error_m", 1e3, "worst error of the slump [mm]", "peers_slump.png")
     if dams:
-        chart(dams, "front_error", 100.0, "worst error of the front [%]", FIGURES / "peers_dam.png")
+        chart(dams, "front_error", 100.0, "worst error of the front [%]", "peers_dam.png")

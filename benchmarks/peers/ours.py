@@ -5,7 +5,7 @@ import sys
 from dataclasses import replace
 
 import numpy as np
-from cases import CASES
+from cases import CASES, aside
 
 import taichi_mps as mps
 
@@ -16,7 +16,7 @@ def simulate(case, settings: dict, seed: int) -> dict:
     numerics = mps.SemiImplicit if options.pop("scheme", "implicit") == "semi-implicit" else mps.Implicit
     mps.init(threads=1)
     scene = case.scene()
-    fluid = scene.fluid + case.aside(scene.fluid.shape, seed)
+    fluid = scene.fluid + aside(scene.fluid.shape, scene.spacing, seed)
     sim = mps.Simulation(replace(scene, fluid=fluid, stop_at_rest=case.stop_at_rest), numerics(**options))
     frames = []
     sim.every(0.1 if case.kind == "slump" else 0.01, lambda s: frames.append((s.time, s.snapshot(), s.measures())))
