@@ -22,7 +22,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "taichi_mps"
 SETTINGS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 LAYERS = SETTINGS["tool"]["taichi-mps"]["layers"]
-LOOSE = {"__init__", "__main__", "units", "memory", "quantity"}  # all else lives in a room
+LOOSE = {"__init__", "__main__", "units", "quantity"}  # all else lives in a room
 SHARED_TERMS = {"terms.rheology", "terms.constants"}
 
 
@@ -61,7 +61,7 @@ def room(name):
     return name.split(".")[0]
 
 
-@pytest.mark.parametrize("name", [name for name in PLAIN if name not in LOOSE - {"units", "memory"}])
+@pytest.mark.parametrize("name", [name for name in PLAIN if name not in LOOSE - {"units"}])
 def test_a_room_imports_only_from_rooms_before_it(name):
     for other in imports(name, MODULES[name]):
         assert LAYERS.index(room(other)) <= LAYERS.index(room(name)), f"{name} imports {other}"

@@ -4,10 +4,11 @@ import json
 
 from nicegui import ui
 
+from ..report.inputs import option
 from ..study.calibration import CONSTANTS, FRICTIONAL, WORDS, Calibration, from_facts, short
 from ..study.measurements import Measurements
 from .form import Form
-from .jobs import Job, Queue, as_options
+from .jobs import Job, Queue
 
 
 class Calibrate:
@@ -28,8 +29,8 @@ class Calibrate:
 
     def start(self) -> None:
         """Put it into the queue."""
-        words = ["calibrate", "--json", *as_options(self.form.values), *["--no-check"] * (not self.check.value)]
-        self.job = self.queue.add(Job("calibration", words))
+        words = ["calibrate", "--json", *(option(*given) for given in self.form.values.items())]
+        self.job = self.queue.add(Job("calibration", words + ["--no-check"] * (not self.check.value)))
         self.tick()
 
     def tick(self) -> None:

@@ -1,14 +1,14 @@
 """Inputs made from pydantic models: a text with a unit for each field, and a slider beside those of USUAL."""
 
-from typing import Annotated
+from contextlib import suppress
+from math import log
 
-import numpy as np
 from nicegui import ui
-from pydantic import TypeAdapter, ValidationError
 
 from ..cli.options import allowed, choices
 from ..problem.labels import in_words, what_it_is
-from ..units import unit_of
+from ..report.inputs import shown
+from ..units import in_unit, unit_of
 
 USUAL = {  # of fresh concrete, SI units: the ends of sliders; a text may say any other
     "yield_value": (10.0, 2000.0),
@@ -24,29 +24,45 @@ class Form:
     are."""
 
     def __init__(self, changed, empty="by default", described=False):
-        self.empty, self.described = empty, described
+        self.changed, self.empty, self.described = changed, empty, described
         self.values: dict[str, str | bool] = {}
         self.inputs: dict[str, ui.element] = {}
         self.units: dict[str, str] = {}
-        self._changed = changed
 
     def add(self, name: str, field) -> None:
         """Put an input here for a field of a model."""
         self.units[name] = unit_of(field).strip("-")
-        self.inputs[name] = made = self._made(name, field)
-        made.props(f'data-field="{name}"').classes("w-full")
+        value = self.values.get(name, field.default)
+        if field.annotation is bool:
+            made = ui.switch(in_words(name), value=value)
+        elif choices(field) and not unit_of(field):
+            words = choices(field) if isinstance(field.default, str) else [self.empty, *choices(field)]
+            made = ui.select(words, label=in_words(name), value=self.empty if value is None else value)
+        else:
+            made = self.text(name, field)
+        self.inputs[name] = made.props(f'data-field="{name}"').classes("w-full")
+        made.on_value_change(lambda event: self.set(name, event.value, field.default))
         with made:
             ui.tooltip(f"{field.description or what_it_is(name)} {allowed(field)}".strip())
 
-    def given(self, model) -> dict:
-        """What was set of the fields of a model."""
-        return {name: value for name, value in self.values.items() if name in model.model_fields}
+    def text(self, name: str, field) -> ui.input:
+        """An input for a number or a text."""
+        unit = self.units[name]
+        label = field.description if self.described else in_words(name)
+        value = self.values.get(name, "" if field.default is None else bare(field.default, unit))
+        made = ui.input(f"{label} [{unit}]" if unit else label, value=value)
+        if usual(name, field):
+            add_slider(made, in_words(name), unit, *usual(name, field))
+        return made.props(f'debounce=300 stack-label autocomplete=off placeholder="{self.empty}"')
 
-    def put(self, name, text: str) -> None:
-        """Set a field from outside, as if it had been typed."""
-        self.inputs[name].value = text
+    def set(self, name: str, value, default) -> None:
+        """Somebody has set a field."""
+        self.values[name] = value.strip() if isinstance(value, str) else value
+        if self.values[name] in ("", None, self.empty, default):
+            del self.values[name]
+        self.changed()
 
-    def said(self, name) -> str:
+    def said(self, name: str) -> str:
         """A field that was set, in words."""
         value = self.values[name]
         unit = self.units[name] if str(value).replace(".", "", 1).isdigit() else ""
@@ -58,80 +74,34 @@ class Form:
         for name, made in self.inputs.items():
             made.props("error") if name in wrong else made.props(remove="error")
 
-    def _made(self, name, field):
-        if field.annotation is bool:
-            made = ui.switch(in_words(name), value=self.values.get(name, field.default))
-        elif choices(field) and not unit_of(field):
-            none = {} if isinstance(field.default, str) else {None: self.empty}
-            words = none | {word: word for word in choices(field)}
-            made = ui.select(words, label=in_words(name), value=self.values.get(name, field.default))
-        else:
-            return self._text(name, field)
-        own = field.default  # of the scene
-        return made.on_value_change(lambda event: self._set(name, None if event.value == own else event.value))
 
-    def _text(self, name, field):
-        unit = self.units[name]
-        words = field.description if self.described else in_words(name)
-        label = f"{words} [{unit}]" if unit else words
-        made = ui.input(label, value=self.values.get(name, written(field.default, unit)))
-        made.props("debounce=300 stack-label autocomplete=off" + f' placeholder="{self.empty}"')
-        slider = Slider(made, usual(name, field), name, field) if usual(name, field) else None
+def add_slider(text: ui.input, name: str, unit: str, low: float, high: float) -> None:
+    """Put a slider here that goes with the text of a number: from low to high in equal ratios, rounded to two
+    digits."""
+    slider = ui.slider(min=0.0, max=1.0, step=0.01).classes("w-full -mt-3").props(f'dense aria-label="{name}"')
 
-        def typed(event):
-            if slider:
-                slider.follow(event.value)
-            self._set(name, (event.value or "").strip())
+    def write(event):
+        text.value = bare(float(f"{low * (high / low) ** event.args:.2g}"), unit)
 
-        return made.on_value_change(typed)
+    def follow():
+        with suppress(ValueError):  # no number yet
+            value = float(in_unit(unit, text.value or ""))
+            slider.value = min(1.0, log(max(value, low) / low) / log(high / low))
 
-    def _set(self, name, value):
-        self.values[name] = value
-        if value is None or value == "":  # the scene's own
-            del self.values[name]
-        self._changed()
+    slider.on("update:model-value", write, throttle=0.1)
+    text.on_value_change(follow)
+    follow()
 
 
-class Slider:
-    """A slider beside the text of a number: over values of two digits, in about equal ratios."""
-
-    def __init__(self, text, ends, name, field):
-        low, high = ends
-        self.text, self.unit = text, unit_of(field)
-        self.values = np.array(sorted({float(f"{value:.2g}") for value in np.geomspace(low, high, 150)}))
-        self.number = TypeAdapter(Annotated[(field.annotation, *field.metadata)])
-        self.element = ui.slider(min=0, max=len(self.values) - 1).classes("w-full -mt-3")
-        self.element.props(f'dense aria-label="{in_words(name)}"')
-        self.element.on("update:model-value", lambda event: self.write(event.args), throttle=0.1)
-        self.follow(text.value)
-
-    def write(self, position) -> None:
-        """The user moved it: the text follows."""
-        self.text.value = written(float(self.values[int(position)]), self.unit)
-
-    def follow(self, text) -> None:
-        """Move to the value that a text means, if it means one."""
-        try:
-            value = max(self.number.validate_python(text), self.values[0])
-        except ValidationError:
-            return
-        self.element.value = int(np.abs(np.log(self.values / value)).argmin())
-
-
-def usual(name, field) -> tuple[float, float] | None:
+def usual(name: str, field) -> tuple[float, float] | None:
     """Ends of the slider of a field, None where it has none: not a usual one, or without a value of its own."""
-    if not isinstance(field.default, float):
+    default = field.default
+    if not isinstance(default, float) or name not in (*USUAL, "spacing"):
         return None
-    if name == "spacing":
-        return FINER * field.default, COARSER * field.default
-    if name not in USUAL:
-        return None
-    low, high = USUAL[name]
-    return (min(low, field.default) if field.default else low), high
+    low, high = USUAL.get(name, (FINER * default, COARSER * default))
+    return min(low, default or low), high
 
 
-def written(value, unit: str) -> str:
-    """A default as people write it: small lengths in mm, other numbers bare, since the label has their unit."""
-    if value is None or not isinstance(value, float):
-        return "" if value is None else str(value)
-    return f"{float(f'{1e3 * value:.6g}'):g} mm" if unit == "m" and value < 0.1 else f"{value:g}"
+def bare(value, unit: str) -> str:
+    """A value as people write it: small lengths in mm, other numbers without a unit, for the label has it."""
+    return shown(value, unit if unit == "m" else "")

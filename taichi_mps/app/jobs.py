@@ -6,14 +6,14 @@ So Taichi is never started in the server, a run is stopped as on a terminal, and
 import asyncio
 import signal
 import sys
-from dataclasses import dataclass, field
+from asyncio.subprocess import DEVNULL, PIPE
+from dataclasses import dataclass
 from pathlib import Path
 
 from ..io.history import newest
 from ..io.run_folder import RunFolder, next_free
 
 PATIENCE = 10.0  # [s] for a run to end well after Ctrl-C
-
 BY_SIGNAL = 128 + signal.SIGINT, 128 + signal.SIGTERM  # what a command returns that somebody else stopped
 NAME = "taichi-mps: "  # with which the program begins what it says
 
@@ -31,7 +31,8 @@ class Job:
     said: str = ""  # on stderr, at the end, the lines of the program alone
     output: str = ""  # on stdout, at the end
     stopping: bool = False
-    process: asyncio.subprocess.Process | None = field(default=None, repr=False)
+    process: asyncio.subprocess.Process | None = None
+    task: asyncio.Task | None = None
 
     @property
     def over(self) -> bool:
@@ -46,28 +47,32 @@ class Job:
         """Leave it out if it waits; if it runs, let it finish its step and its folder, as Ctrl-C does."""
         if self.state == "waiting":
             self.state = "stopped"
-        if self.state == "running" and self.process and not self.stopping:  # a second signal would end it at once
-            self._interrupt()
+        if not self.stopping:  # a second signal would end it at once
+            self.send(signal.SIGINT)
         self.stopping = True
 
-    def _interrupt(self):
-        if self.process.returncode is None:
-            self.process.send_signal(signal.SIGINT)
+    def send(self, number) -> None:
+        """Send a signal to the process, if there is one."""
+        if self.process and self.process.returncode is None:
+            self.process.send_signal(number)
 
     async def carry_out(self, folder: Path) -> None:
         """Run to the end; a run goes into the next free folder of its scene in ``folder``."""
         self.state, words = "running", self.words
         if self.scene:
             self.folder = RunFolder(next_free(folder / self.scene))
-            words = [*words, "--out", str(self.folder.path)]
-        pipes = {"stdin": asyncio.subprocess.DEVNULL} | dict.fromkeys(("stdout", "stderr"), asyncio.subprocess.PIPE)
-        self.process = await asyncio.create_subprocess_exec(
-            sys.executable, "-m", "taichi_mps", *words, **pipes, start_new_session=True
-        )  # a session of its own: Ctrl-C in the terminal of the server reaches it once, by the server
+            words = [*words, f"--out={self.folder.path}"]
+        words = sys.executable, "-m", "taichi_mps", *words
+        try:  # in a session of its own: Ctrl-C in the terminal of the server reaches it once, by the server
+            self.process = await asyncio.create_subprocess_exec(
+                *words, stdin=DEVNULL, stdout=PIPE, stderr=PIPE, start_new_session=True
+            )
+        except OSError as error:  # no process more, no memory
+            self.state, self.said = "failed", str(error)
+            return
         if self.stopping:  # was asked for while the process was made
-            self._interrupt()
-        output, said = await self.process.communicate()
-        self.output, lines = (text.decode("utf-8", "replace").strip() for text in (output, said))
+            self.send(signal.SIGINT)
+        self.output, lines = (text.decode("utf-8", "replace").strip() for text in await self.process.communicate())
         self.said = "\n".join(line[len(NAME) :] for line in lines.splitlines() if line.startswith(NAME))
         code = self.process.returncode
         self.state = "done" if code == 0 else "stopped" if self.stopping or code in BY_SIGNAL else "failed"
@@ -79,47 +84,28 @@ class Queue:
     def __init__(self, folder):
         self.folder = Path(folder)
         self.jobs: list[Job] = []
-        self._worker: asyncio.Task | None = None
-
-    @property
-    def open(self) -> list[Job]:
-        """Those that run or wait."""
-        return [job for job in self.jobs if not job.over]
+        self.turn = asyncio.Lock()  # of the job that runs; others get it in their order
 
     def add(self, job: Job) -> Job:
         """Put it at the end, and start it when its turn comes."""
         self.jobs.append(job)
-        if self._worker is None or self._worker.done():
-            self._worker = asyncio.create_task(self._work())
+        job.task = asyncio.create_task(self.wait_and_run(job))
         return job
 
-    async def _work(self):
-        while waiting := [job for job in self.jobs if job.state == "waiting"]:
-            try:
-                await waiting[0].carry_out(self.folder)
-            except OSError as error:  # no process more, no memory
-                waiting[0].state, waiting[0].said = "failed", str(error)
+    async def wait_and_run(self, job: Job) -> None:
+        """Carry a job out when its turn comes, unless it was stopped before."""
+        async with self.turn:
+            if not job.over:
+                await job.carry_out(self.folder)
 
     async def close(self) -> None:
         """Stop all, and wait until their processes are gone."""
-        for job in reversed(self.jobs):  # those that wait first, so that none of them starts
+        for job in self.jobs:
             job.stop()
-        if self._worker:
-            await asyncio.wait([self._worker], timeout=PATIENCE)
-        self.kill()
+        if self.jobs:
+            await asyncio.wait([job.task for job in self.jobs], timeout=PATIENCE)
 
     def kill(self) -> None:
         """End what is left at once."""
         for job in self.jobs:
-            if job.process and job.process.returncode is None:
-                job.process.kill()
-
-
-def as_options(values: dict) -> list[str]:
-    """Values of a form as options of the command line; switches are those that differ from their default."""
-    flags = {name: name.replace("_", "-") for name in values}
-    switch = {True: "--{}", False: "--no-{}"}
-    return [
-        switch[value].format(flags[name]) if isinstance(value, bool) else f"--{flags[name]}={value}"
-        for name, value in values.items()
-    ]
+            job.send(getattr(signal, "SIGKILL", signal.SIGTERM))  # Windows has no SIGKILL

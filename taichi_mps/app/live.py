@@ -1,11 +1,8 @@
 """What goes on: the job that runs, with its picture and how far it is, those that wait, and the last that ended."""
 
-from math import isfinite, nan
-
 from nicegui import ui
 
-from ..problem.labels import title, written
-from ..report.sentences import LEADING
+from ..report.sentences import measured, measures
 from .jobs import Job, Queue
 from .results import newest_picture, show_run, url
 
@@ -24,7 +21,6 @@ class Live:
         if state != self.state:
             self.state = state
             self.jobs.refresh()
-            return
         for job in self.queue.jobs:
             if job.state == "running":
                 self.update(job)
@@ -33,16 +29,12 @@ class Live:
     def jobs(self) -> None:
         """All of it, anew."""
         ended = [job for job in self.queue.jobs if job.over and (job.scene or job.state == "failed")]
-        for job in self.queue.open:
+        for job in [job for job in self.queue.jobs if not job.over] + ended[-1:]:
             with ui.card().classes("w-full").props(f'flat bordered data-job="{job.state}"'):
-                self.open_job(job)
-        for job in ended[-1:]:
-            with ui.card().classes("w-full").props(f'flat bordered data-job="{job.state}"'):
-                self.ended_job(job)
+                self.ended_job(job) if job.over else self.open_job(job)
         if not self.queue.jobs:
-            ui.label("Nothing runs. Set a test up and press Run; it goes on if this page is closed.").classes(
-                "text-gray-600 p-4"
-            )
+            text = "Nothing runs. Set a test up and press Run; it goes on if this page is closed."
+            ui.label(text).classes("text-gray-600 p-4")
 
     def open_job(self, job: Job) -> None:
         """One that runs or waits."""
@@ -54,25 +46,20 @@ class Live:
         if job.state == "waiting":
             ui.label("waits until the one before is done")
             return
-        self.bar = ui.linear_progress(0.0, show_value=False, size="10px").props('instant-feedback data-part="progress"')
-        self.status = ui.label().classes("tabular-nums").props('data-part="status"')
+        self.bar = ui.linear_progress(0.0, show_value=False, size="10px").props("instant-feedback")
+        said = "getting ready: the program is made for this machine, faster the next time" if job.scene else "at work"
+        self.status = ui.label(said).classes("tabular-nums").props('data-part="status"')
         self.picture = ui.interactive_image().classes("w-full max-w-3xl").props('data-part="picture"')
-        self.update(job)
 
     def update(self, job: Job) -> None:
         """How far the job is that runs."""
         row = job.progress()
-        flows = row.get("time_s", 0.0) > 0.0
-        self.bar.props(remove="indeterminate") if flows else self.bar.props("indeterminate")
-        if flows:
+        if not row:
+            return
+        if row["time_s"] > 0.0:
             self.bar.value = min(1.0, row["time_s"] / job.until)
-            measured = [f"{title(k)} {written(k, row[k])}" for k in LEADING if isfinite(row.get(k, nan))]
-            self.status.text = ", ".join([f"{row['time_s']:.2f} s of at most {job.until:g} s", *measured])
-        elif job.scene:
-            self.status.text = "getting ready: the program is made for this machine, faster the next time"
-        else:
-            self.status.text = "at work"
-        if row and (picture := newest_picture(job.folder)):
+            self.status.text = f"{row['time_s']:.2f} s of at most {job.until:g} s. {measured(measures(row))}"
+        if picture := newest_picture(job.folder):
             self.picture.set_source(url(job.folder, f"frames/{picture.name}"))
 
     def ended_job(self, job: Job) -> None:

@@ -2,20 +2,17 @@
 
 from itertools import chain
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from urllib.parse import quote
 
 import numpy as np
-from nicegui import background_tasks, run, ui
-from PIL import Image
+from nicegui import ui
 
 from ..io.history import read_history
 from ..io.run_folder import PLOTS, RunFolder
-from ..problem import catalogue
-from ..problem.labels import ENDS, in_words
-from ..report.sentences import measured, rows, sentences
-from ..units import SceneError, plain, unit_of
-from .form import written
+from ..problem.labels import ENDS
+from ..report import inputs
+from ..report.sentences import measured, of_mix, rows, sentences
+from ..units import SceneError, plain
 from .jobs import Job, Queue
 
 PNG_END = b"IEND\xaeB`\x82"  # of a picture that is written to its end
@@ -37,9 +34,26 @@ def summary_of(folder: RunFolder) -> dict:
     """Its summary; empty for a run that goes on, was cut off, or says of itself what nobody can read."""
     try:
         summary = folder.read_summary()
-        return summary if sentences(summary) and rows(summary) is not None else {}
-    except (SceneError, KeyError, TypeError, ValueError, AttributeError):  # a folder may come from anybody
+        for words in (sentences, rows, mixes, given):  # a folder may come from anybody
+            words(summary)
+        return summary
+    except (SceneError, KeyError, TypeError, ValueError, AttributeError):
         return {}
+
+
+def mixes(summary: dict) -> str:
+    """The mixes of a run."""
+    return "; ".join(", ".join(of_mix(mix)) for mix in summary["materials"])
+
+
+def given(summary: dict) -> dict[str, str]:
+    """The keywords of a run."""
+    return dict(inputs.rows(summary["parameters"], inputs.fields_of(summary["scene"])))
+
+
+def end_of(summary: dict) -> str:
+    """Why a run ended."""
+    return ENDS.get(summary["stopped_by"], "-")
 
 
 def show_run(folder: RunFolder) -> None:
@@ -86,7 +100,7 @@ class Results:
 
     def __init__(self, queue: Queue):
         self.queue, self.there, self.drawn = queue, None, None
-        head = {"name": "run", "test": "test", "mix": "yield stress, viscosity", "found": "result", "end": "end"}
+        head = {"name": "run", "test": "test", "mix": "mix", "found": "result", "end": "end"}
         columns = [{"name": k, "label": text, "field": k, "align": "left"} for k, text in head.items()]
         with ui.column().classes("w-full gap-4"):
             ui.label("Choose a run to look at it, two or more to compare them.").classes("text-gray-600")
@@ -116,10 +130,8 @@ class Results:
         summary = summary_of(self.folder(name))
         if not summary:
             return {"name": name, "end": NO_SUMMARY}
-        mixes = ["{yield_value:g} Pa, {plastic_viscosity:g} Pa s".format(**mix) for mix in summary.get("materials", [])
-                 if {"yield_value", "plastic_viscosity"} <= mix.keys()]  # fmt: skip
-        words = {"test": summary["scene"], "mix": "; ".join(mixes)}
-        words |= {"found": measured(summary), "end": ENDS.get(summary["stopped_by"], summary["stopped_by"])}
+        words = {"test": summary["scene"], "mix": mixes(summary)}
+        words |= {"found": measured(summary), "end": end_of(summary)}
         return {"name": name} | {key: plain(text) for key, text in words.items()}
 
     @ui.refreshable_method
@@ -129,17 +141,11 @@ class Results:
         if len(chosen) == 1:
             show_run(chosen[0])
         elif chosen:
-            table(["", *(folder.path.name for folder in chosen)], beside(chosen))
-            background_tasks.create(self.curves(chosen, ui.column().classes("w-full")))
+            summaries = {folder.path.name: summary for folder in chosen if (summary := summary_of(folder))}
+            table(["", *summaries], beside(list(summaries.values())))
+            curves(chosen)
             if len(chosen) == 2:
                 self.side_by_side(*chosen)
-
-    async def curves(self, folders, place) -> None:
-        """Their slump curves in one picture, when it is drawn."""
-        picture, line = await run.io_bound(curves_of, folders)
-        if not place.is_deleted:
-            with place:
-                image(picture, "curves") if picture else ui.label(line)
 
     def side_by_side(self, left: RunFolder, right: RunFolder) -> None:
         """Both runs in one moving picture, or the button that draws it."""
@@ -157,42 +163,25 @@ class Results:
             ui.button("Draw both side by side", on_click=lambda: self.queue.add(draw)).props("no-caps outline")
 
 
-def beside(folders) -> list[tuple[str, ...]]:
+def beside(summaries: list[dict]) -> list[tuple[str, ...]]:
     """Lines of a table of runs: what differs of their keywords, then each result."""
-    summaries = [summary_of(folder) for folder in folders]
-    keywords = [summary.get("parameters", {}) for summary in summaries]
-    differing = [key for key in dict.fromkeys(chain(*keywords)) if len({str(k.get(key)) for k in keywords}) > 1]
-    fields = {key: field for s in summaries for key, field in parameters_of(s.get("scene")).items()}
-    lines = [(in_words(key), *(said(k.get(key), fields.get(key)) for k in keywords)) for key in differing]
-    results = [{name: value for name, value, _ in rows(summary)} for summary in summaries]
-    lines += [(name, *(found.get(name, "-") for found in results)) for name in dict.fromkeys(chain(*results))]
-    return [*lines, ("end", *(ENDS.get(summary.get("stopped_by"), "-") for summary in summaries))]
+    keywords = [given(summary) for summary in summaries]
+    results = [{name: value for name, value, _ in rows(s)} | {"end": end_of(s)} for s in summaries]
+    lines = [(key, *(k.get(key, "-") for k in keywords)) for key in dict.fromkeys(chain(*keywords))]
+    lines = [line for line in lines if len(set(line[1:])) > 1]
+    return lines + [(name, *(found.get(name, "-") for found in results)) for name in dict.fromkeys(chain(*results))]
 
 
-def parameters_of(scene) -> dict:
-    """The fields of the keywords of a built-in scene; none of another one, whose file is not run for that."""
-    return catalogue.load(scene).parameters.model_fields if scene in catalogue.names() else {}
-
-
-def said(value, field) -> str:
-    """A keyword of a summary with its unit."""
-    if value is None:
-        return "-"
-    unit = unit_of(field).strip("-") if field else ""
-    text = written(value, unit)
-    return text if text.endswith(unit) else f"{text} {unit}"
-
-
-def curves_of(folders) -> tuple[Image.Image | None, str]:
-    """The slump curves of runs in one picture, or why there is none."""
+def curves(folders: list[RunFolder]) -> None:
+    """The slump curves of runs in one chart, here, or why there is none."""
+    shown = {"legend": {}, "tooltip": {"trigger": "axis"}, "series": []}
+    shown |= {"xAxis": {"type": "value", "name": "time [s]"}, "yAxis": {"type": "value", "name": "slump [cm]"}}
     try:
-        from ..viz.plots import slump_curve
-
-        histories = {folder.path.name: read_history(folder.history) for folder in folders}
-        measured_ones = {name: h for name, h in histories.items() if np.isfinite(h["slump_m"]).any()}
-        if len(measured_ones) < len(folders):
-            return None, "Not all of these runs measure a slump; so there are no curves to compare."
-        with TemporaryDirectory() as scratch:
-            return Image.open(slump_curve(histories, Path(scratch) / PLOTS[0])).copy(), ""
-    except (ImportError, SceneError) as error:
-        return None, str(error)
+        for folder in folders:
+            history = read_history(folder.history)
+            points = np.stack([history["time_s"], 100.0 * history["slump_m"]], 1)
+            data = points[np.isfinite(points[:, 1])].tolist()
+            shown["series"].append({"name": folder.path.name, "type": "line", "showSymbol": False, "data": data})
+        ui.echart(shown).props('data-part="curves"')
+    except SceneError as error:
+        ui.label(plain(error))

@@ -1,7 +1,6 @@
 """The server of the page: for this machine only, with the queue of runs, and nothing left behind at its end."""
 
 import asyncio
-import contextlib
 import os
 import re
 import signal
@@ -12,13 +11,12 @@ import uvicorn
 from fastapi import FastAPI, HTTPException
 from fastapi.responses import FileResponse
 from nicegui import app as pages
-from nicegui import ui
+from nicegui import run, ui
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.responses import PlainTextResponse
 
 from ..io.run_folder import PICTURES, PLOTS, RunFolder
 from ..units import SceneError
-from .forecast import Forecaster
 from .jobs import Queue
 from .page import Page
 from .results import SAVED
@@ -43,14 +41,12 @@ class OnlyHere:
                 MutableHeaders(scope=message)["Content-Security-Policy"] = "frame-ancestors 'none'"
             await send(message)
 
-        if scope["type"] == "lifespan" or self.allowed(Headers(scope=scope)):
+        if scope["type"] == "lifespan" or self.allows(Headers(scope=scope)):
             await self.app(scope, receive, framed_by_none)
-        elif scope["type"] == "websocket":
-            await send({"type": "websocket.close", "code": 1008})
         else:
             await PlainTextResponse("only for this machine", 403)(scope, receive, send)
 
-    def allowed(self, headers: Headers) -> bool:
+    def allows(self, headers: Headers) -> bool:
         """Was the request made to this machine by its own page, or by hand?"""
         return headers.get("host") in self.hosts and set(headers.getlist("origin")) <= self.origins
 
@@ -70,44 +66,34 @@ def file_of(folder, run: str, name: str) -> FileResponse:
 
 def serve(port: int, folder, browser: bool) -> None:
     """Serve the page of the runs in ``folder`` on 127.0.0.1 until a signal; port 0 is any free one."""
-    queue, forecaster = Queue(folder), Forecaster()
-    server_app = FastAPI(openapi_url=None)
-    listener = bound(port)
-    address = f"http://{HERE}:{listener.getsockname()[1]}/"
+    try:
+        listener = socket.create_server((HERE, port))
+    except OSError as error:
+        raise SceneError(f"port = {port}: cannot be used ({error.strerror}); choose another, or 0 for any") from None
+    port = listener.getsockname()[1]
+    address = f"http://{HERE}:{port}/"
+    queue, server_app = Queue(folder), FastAPI(openapi_url=None)
 
-    @server_app.get("/runs/{run}/{name:path}")
-    def run_file(run: str, name: str) -> FileResponse:
-        return file_of(queue.folder, run, name)
+    @server_app.get("/runs/{name}/{file:path}")
+    def run_file(name: str, file: str) -> FileResponse:
+        return file_of(queue.folder, name, file)
 
     @ui.page("/", title="taichi_mps")
     def page():
-        Page(queue, forecaster)
+        Page(queue)
 
     ui.run_with(server_app, show_welcome_message=False, favicon="🧱")
+    run.process_pool_start_method = "spawn"  # of the forecasts
     pages.on_shutdown(queue.close)
     if browser:
         pages.on_startup(lambda: asyncio.get_running_loop().run_in_executor(None, webbrowser.open, address))
     print(f"{address} shows the runs in {queue.folder}; Ctrl-C ends it", flush=True)
-    guarded = OnlyHere(server_app, listener.getsockname()[1])
-    settings = uvicorn.Config(guarded, log_level="warning", lifespan="on", timeout_graceful_shutdown=1)
     if hasattr(signal, "SIGHUP"):  # its terminal was closed
         signal.signal(signal.SIGHUP, lambda *_: os.kill(os.getpid(), signal.SIGTERM))
+    settings = uvicorn.Config(
+        OnlyHere(server_app, port), log_level="warning", lifespan="on", timeout_graceful_shutdown=1
+    )
     try:
         uvicorn.Server(settings).run(sockets=[listener])
     finally:
         queue.kill()
-        forecaster.close()
-        with contextlib.suppress(OSError):
-            listener.close()
-
-
-def bound(port: int) -> socket.socket:
-    """A socket that listens on a port of this machine; SceneError where it is taken."""
-    listener = socket.socket()
-    listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-    try:
-        listener.bind((HERE, port))
-        listener.listen()
-    except OSError as error:
-        raise SceneError(f"port = {port}: cannot be used ({error.strerror}); choose another, or 0 for any") from None
-    return listener

@@ -16,7 +16,7 @@ from rich.table import Table
 from ..io.history import read_history
 from ..io.run_folder import PICTURE, PLOTS, empty_of_pictures
 from ..problem.labels import title, written
-from ..report.sentences import LEADING, numerics, rows, sentences
+from ..report.sentences import LEADING, in_time, numerics, rows, sentences
 from ..units import SceneError, plain
 
 
@@ -91,15 +91,7 @@ def progress(sim, recorder, options):
         yield
 
 
-def in_time(seconds: float) -> str:
-    """A duration as people say it."""
-    for unit, size in (("h", 3600.0), ("min", 60.0)):
-        if seconds >= 2.0 * size:
-            return f"{seconds / size:.0f} {unit}"
-    return f"{seconds:.0f} s"
-
-
-def result(summary: dict, folder, verbose=False, stages=(), traffic=None, spent=None) -> None:
+def result(summary: dict, folder, verbose=False, stages=(), spent=None) -> None:
     """The result for a reader, on stdout: sentences, then each number and what it is; the numerics if asked."""
     console = Console(highlight=False)
     for sentence in sentences(summary, folder.path):
@@ -119,11 +111,7 @@ def result(summary: dict, folder, verbose=False, stages=(), traffic=None, spent=
     for stage, seconds, calls in sorted(stages, key=lambda entry: -entry[1]):
         each = seconds / max(calls, 1)
         once = "an iteration" if stage == "solve" else "a call"
-        text = f"{seconds:.2f} s, {seconds / whole:.0%}, {1e3 * each:.3f} ms {once}"
-        if stage in (traffic or {}):
-            moved = traffic[stage]
-            text += f", {1e-9 * moved.bytes / each:.1f} GB/s, {1e-9 * moved.operations / each:.1f} Gflop/s"
-        shown.add_row(f"stage {stage}", text)
+        shown.add_row(f"stage {stage}", f"{seconds:.2f} s, {seconds / whole:.0%}, {1e3 * each:.3f} ms {once}")
     console.print(shown)
 
 

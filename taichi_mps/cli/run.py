@@ -66,15 +66,13 @@ def carry_out(sim, folder, options, source, as_json, resumed=False) -> int:
     if as_json:
         print(json.dumps(summary))
     elif not options.quiet:
-        from ..simulation.roofline import traffic
-
         spent = {
             "before the run": begun,
             "run and its files": end - begun - painter.seconds,
             "pictures": painter.seconds,
         }
         spent |= {"animation and plots": time.process_time() - end}
-        result(summary, folder, options.verbose, sim.profile(), traffic(sim), spent)
+        result(summary, folder, options.verbose, sim.profile(), spent)
     if error:
         print(f"taichi-mps: {plain(error)}; resume from {plain(folder.checkpoint)}", file=sys.stderr)
         return DIVERGED

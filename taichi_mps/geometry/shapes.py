@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..memory import admit
+from ..runtime.memory import admit
 from ..units import SceneError, check_numbers, check_vectors, finite, positive
 
 MOST_POINTS = 1e8  # of one lattice

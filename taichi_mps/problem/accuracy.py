@@ -3,10 +3,13 @@ beside finite elements with inertia. All without units: lengths over the height 
 
 import csv
 import math
-from dataclasses import asdict, dataclass, replace
-from itertools import combinations
+from dataclasses import dataclass, replace
+from itertools import combinations, groupby
+from operator import itemgetter
 from pathlib import Path
 from typing import NamedTuple
+
+import numpy as np
 
 from ..units import SceneError
 
@@ -17,7 +20,6 @@ MOST_VOLUME = 0.01  # largest volume error of what is chosen [-]: a coarse cone 
 GRAVITY, DENSITY, HEIGHT = 9.81, 2300.0, 0.3  # of the standard cone [m/s2], [kg/m3], [m]
 # Twice the standard deviation of what a run is off the mean of five, over that of a run
 OFF_THE_MEAN = 2.0 * math.sqrt(1.0 + 1.0 / 5.0)
-NUMBERS = "slump", "reach", "volume", "cpu_seconds", "slump_scatter", "reach_scatter"  # of Measured
 STANDARD = {"base_diameter": 2.0 / 3.0, "top_diameter": 1.0 / 3.0}  # of the cone that was measured, over its height
 
 
@@ -43,9 +45,8 @@ class Mix(NamedTuple):
 USUAL = Mix.of(1000.0, 50.0)  # the last of the mixes that are meant where none is named
 
 
-@dataclass(frozen=True)
-class Measured:
-    """A model and a spacing with their errors for a mix: measured, or in between."""
+class Measured(NamedTuple):
+    """A model and a spacing with their errors for a mix: measured, or in between. A row of the file."""
 
     model: str
     spacing: float  # over H
@@ -72,7 +73,20 @@ class Measured:
 def measured() -> list[Measured]:
     """All that was measured, as the file has it."""
     lines = [line for line in MEASURED.read_text(encoding="utf-8").splitlines() if not line.startswith("#")]
-    return [Measured(row.pop("model"), **{k: float(v) for k, v in row.items()}) for row in csv.DictReader(lines)]
+    return [Measured(model, *map(float, numbers)) for model, *numbers in csv.reader(lines[1:])]
+
+
+def write(rows: list[Measured]) -> None:
+    """Write the file that ``measured`` reads, errors and costs shortened to three digits."""
+    lines = [
+        "# Errors of the slump cone beside finite elements with inertia, over its height; spread: of half of it.",
+        "# Written by `python benchmarks/models.py draw`; yield_number tau_y/(rho g H), viscosity_number",
+        "# eta/(rho sqrt(g H^3)), slump and volume: the largest at any time, CPU-s: of one thread, to rest. Means of",
+        "# five runs, whose particles start 1e-6 spacings aside, and the standard deviations of one.",
+        ",".join(Measured._fields),
+        *(",".join([*map(str, row[:4]), *(f"{number:.3g}" for number in row[4:])]) for row in rows),
+    ]
+    MEASURED.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
 # ---- between what was measured ---------------------------------------------------------------------------------
@@ -81,63 +95,47 @@ def place(mix) -> tuple[float, float]:
     return math.log(max(mix.yield_number, 1e-30)), math.log(max(mix.viscosity_number, 1e-30))
 
 
-def weights(at, corners) -> list[float] | None:
-    """Barycentric weights of a place in a triangle; None outside of it, and where it is none."""
-    (x, y), ((ax, ay), (bx, by), (cx, cy)) = at, corners
-    area = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay)
-    if abs(area) < 1e-9:
-        return None
-    b = ((x - ax) * (cy - ay) - (cx - ax) * (y - ay)) / area
-    c = ((bx - ax) * (y - ay) - (x - ax) * (by - ay)) / area
-    found = [1.0 - b - c, b, c]
-    return found if min(found) > -1e-6 else None  # numbers in the file are rounded
-
-
-def between(rows: list[Measured], parts, mix: Mix) -> Measured:
-    """The mean of rows with weights: for a mix between theirs."""
-    mean = {key: sum(part * getattr(row, key) for part, row in zip(parts, rows, strict=True)) for key in NUMBERS}
-    return replace(rows[0], **mix._asdict(), **mean)
+def mean(rows, weights) -> Measured:
+    """The mean of all numbers of rows of one model."""
+    return Measured(rows[0].model, *np.dot(weights, [row[1:] for row in rows]).tolist())
 
 
 def at_mix(rows: list[Measured], mix: Mix) -> Measured | None:
     """For a mix, of rows of one model and spacing: linear in the smallest triangle of measured mixes around it. None
     where there is none."""
-    at = place(mix)
 
     def size(corners):
         return sum(math.dist(place(a), place(b)) for a, b in combinations(corners, 2))
 
     for corners in sorted(combinations(rows, 3), key=size):
-        parts = weights(at, [place(row) for row in corners])
-        if parts:
-            return between(list(corners), parts, mix)
+        triangle = np.vstack([np.transpose([place(row) for row in corners]), np.ones(3)])
+        if abs(np.linalg.det(triangle)) > 1e-9:
+            weights = np.linalg.solve(triangle, [*place(mix), 1.0])
+            if weights.min() > -1e-6:  # numbers in the file are rounded
+                return mean(corners, weights)._replace(spacing=rows[0].spacing, **mix._asdict())
     return None
 
 
 def expected(model: str, spacing: float, mix: Mix, rows: list[Measured] | None = None) -> Measured | None:
     """For a model, a spacing over H and a mix: between the two measured spacings beside it, linear in its logarithm.
     None outside of what was measured."""
-    rows = [row for row in (measured() if rows is None else rows) if row.model == model]
-    sizes = sorted({row.spacing for row in rows})
-    found = [at_mix([row for row in rows if row.spacing == size], mix) for size in sizes]
+    rows = sorted(row for row in (measured() if rows is None else rows) if row.model == model)
+    found = [at_mix(list(some), mix) for _, some in groupby(rows, key=itemgetter(0, 1))]  # model and spacing
     finer = [it for it in found if it and it.spacing <= spacing * (1.0 + 1e-6)]
     coarser = [it for it in found if it and it.spacing >= spacing * (1.0 - 1e-6)]
     if not finer or not coarser:
         return None
     fine, coarse = finer[-1], coarser[0]
-    if fine.spacing == coarse.spacing:
+    if fine is coarse:
         return fine
     part = math.log(spacing / fine.spacing) / math.log(coarse.spacing / fine.spacing)
-    return replace(between([fine, coarse], (1.0 - part, part), mix), spacing=spacing)
+    return mean([fine, coarse], [1.0 - part, part])._replace(spacing=spacing, **mix._asdict())
 
 
 def with_scatter(row: Measured) -> Measured:
     """With what another run may be off besides, for its last digits are chance."""
-    return replace(
-        row,
-        slump=row.slump + OFF_THE_MEAN * row.slump_scatter,
-        reach=row.reach + OFF_THE_MEAN * row.reach_scatter,
-    )
+    slump, reach = row.slump + OFF_THE_MEAN * row.slump_scatter, row.reach + OFF_THE_MEAN * row.reach_scatter
+    return row._replace(slump=slump, reach=reach)
 
 
 def nearest(mix: Mix) -> Mix:
@@ -145,10 +143,10 @@ def nearest(mix: Mix) -> Mix:
     return min((row.mix for row in measured()), key=lambda other: math.dist(place(mix), place(other)))
 
 
-# ---- of a run --------------------------------------------------------------------------------------------------
-def of_run(summary: dict) -> tuple[Mix, float] | None:
-    """Mix and height [m] of a run, from its summary, if it is one of those that were measured: the scheme implicit, a
-    cone as the standard's at any scale, gone at once, one Bingham mix. Else None."""
+def of_run(summary: dict) -> tuple[Mix, float, Measured | None] | None:
+    """Mix and height [m] of a run, from its summary, and the errors to expect, scatter included, None where no such
+    mix was measured. In all None for another run than those that were measured: the scheme implicit, a cone as the
+    standard's at any scale, gone at once, one Bingham mix."""
     given, mixes = summary.get("parameters", {}), summary.get("materials") or []
     walls = summary.get("numerics", {}).get("walls", "surfaces")
     if (summary["scene"], summary["scheme"], walls, len(mixes)) != ("slump", "implicit", "surfaces", 1):
@@ -160,16 +158,9 @@ def of_run(summary: dict) -> tuple[Mix, float] | None:
         return None
     if any(not math.isclose(given.get(key, 0.0), part * height, rel_tol=1e-6) for key, part in STANDARD.items()):
         return None
-    return Mix.of(mix["yield_value"], mix["plastic_viscosity"], mix["density"], height), height
-
-
-def expected_of(summary: dict) -> Measured | None:
-    """What is to be expected of a run, from its summary, its scatter included; None where nothing like it was
-    measured."""
-    found = of_run(summary)
-    given = summary.get("parameters", {})
-    row = expected(given.get("model"), given.get("spacing", 0.0) / found[1], found[0]) if found else None
-    return row and with_scatter(row)
+    mix = Mix.of(mix["yield_value"], mix["plastic_viscosity"], mix["density"], height)
+    row = expected(given.get("model"), given.get("spacing", 0.0) / height, mix)
+    return mix, height, row and with_scatter(row)
 
 
 # ---- a choice --------------------------------------------------------------------------------------------------
@@ -192,31 +183,30 @@ class Choice:
 
 
 def choices(mix: Mix | None = None, height: float = HEIGHT) -> list[Choice]:
-    """Every measured model and spacing with its error for this mix, the cheapest first: between the mixes beside it, of
-    the nearest one where there are none, and without a mix the largest of those of 50 Pa s. No error is less than that
-    of a finer spacing, lest a lucky number be promised."""
-    rows, found = measured(), []
-    known = None if mix is None else nearest(mix)
-    for model, spacing in dict.fromkeys((row.model, row.spacing) for row in rows):
-        here = [row for row in rows if (row.model, row.spacing) == (model, spacing)]
-        there, where = at_mix(here, mix) if mix else None, "measured for mixes beside this one"
-        if there is None and mix:
-            there, where = next((r for r in here if r.mix == known), None), f"measured for the nearest mix, {known}"
-        elif mix is None:
-            usual = [row for row in here if math.isclose(row.viscosity_number, USUAL.viscosity_number, rel_tol=1e-3)]
-            there, where = worst(usual), f"measured for 100 to {USUAL}"
-        if there:
-            facts = height * there.error, there.volume, there.cpu_seconds, f"{where}, standard cone"
-            found.append(Choice(model, round(height * spacing, 9), *facts))
+    """Every measured model and spacing with its error for this mix, the cheapest first. No error is less than that of a
+    finer spacing, lest a lucky number be promised."""
+    found = []
+    for _, rows in groupby(sorted(measured()), key=itemgetter(0, 1)):  # model and spacing
+        row, where = at_any_mix(list(rows), mix)
+        if row:
+            facts = height * row.error, row.volume, row.cpu_seconds, f"measured for {where}, standard cone"
+            found.append(Choice(row.model, round(height * row.spacing, 9), *facts))
     promised = [replace(c, error=max(o.error for o in found if o.model == c.model and o.spacing <= c.spacing))
                 for c in found]  # fmt: skip
     return sorted(promised, key=lambda choice: choice.cpu_seconds)
 
 
-def worst(rows: list[Measured]) -> Measured:
-    """The largest errors and the mean cost of rows."""
-    most = {key: max(getattr(row, key) for row in rows) for key in ("slump", "reach", "volume")}
-    return replace(rows[0], **most, cpu_seconds=sum(row.cpu_seconds for row in rows) / len(rows))
+def at_any_mix(rows: list[Measured], mix: Mix | None) -> tuple[Measured | None, str]:
+    """For a mix, of rows of one model and spacing, and for which mixes it was measured: between the mixes beside it, or
+    the nearest one where there are none; without a mix the largest errors and the mean cost of those of 50 Pa s."""
+    if mix is None:
+        usual = [row for row in rows if math.isclose(row.viscosity_number, USUAL.viscosity_number, rel_tol=1e-3)]
+        worst = {key: max(getattr(row, key) for row in usual) for key in ("slump", "reach", "volume")}
+        return mean(usual, np.full(len(usual), 1.0 / len(usual)))._replace(**worst), f"100 to {USUAL}"
+    if between := at_mix(rows, mix):
+        return between, "mixes beside this one"
+    known = nearest(mix)
+    return next((row for row in rows if row.mix == known), None), f"the nearest mix, {known}"
 
 
 def choose(
@@ -248,19 +238,3 @@ def choose(
     if fitting and not keeping:
         allowed += f" that keeps the volume within {100.0 * MOST_VOLUME:g} %"
     raise SceneError(f"accuracy = {accuracy:g} m{' with ' * bool(given)}{given}: {allowed}")
-
-
-def write(rows: list[Measured]) -> None:
-    """Write the file that ``measured`` reads, shortened to three digits."""
-    names = list(asdict(rows[0]))
-    lines = [
-        "# Errors of the slump cone beside finite elements with inertia, over its height; spread: of half of it.",
-        "# Written by `python benchmarks/models.py draw`; yield_number tau_y/(rho g H), viscosity_number",
-        "# eta/(rho sqrt(g H^3)), slump and volume: the largest at any time, CPU-s: of one thread, to rest. Means of",
-        "# five runs, whose particles start 1e-6 spacings aside, and the standard deviations of one.",
-        ",".join(names),
-    ]
-    for row in rows:
-        errors = {key: f"{getattr(row, key):.3g}" for key in NUMBERS}
-        lines.append(",".join(str(value) for value in (asdict(row) | errors).values()))
-    MEASURED.write_text("\n".join(lines) + "\n", encoding="utf-8")

@@ -1,29 +1,48 @@
 """report.html: one page of a run, that opens from the disk without a network."""
 
 import json
-import math
 import os
 from importlib.util import find_spec
 from pathlib import Path
 from string import Template
 
-from ..io.history import COLUMNS, read_history
+from ..io.history import read_history
 from ..io.run_folder import RunFolder
 from ..io.vtkhdf import Trajectory
 from ..problem import catalogue
 from ..problem.scene import Scene
 from ..units import SceneError
-from .drawings import drawings
-from .film import film
-from .told import Told
+from .drawings import drawings, film
+from .sentences import measures
 from .words import words
 
-MOST_BYTES = 9_900_000  # of a page
-REST = 250_000  # bytes of it that are neither library nor film
+FILM = 3_600_000  # bytes of the film before base64, which makes four of three, so that a page has less than 10 MB
 NEEDS = "report needs plotly: pip install 'taichi-mps[report]'"
-MEASURED = "slump_m", "spread_m"  # of the columns that every history has
 HERE = Path(__file__).parent
 """Templates of the page: page.html, page.css, page.js."""
+
+
+class Told:
+    """A run as its folder has it.
+
+    ``path`` of the folder, ``scene``, ``source``: name or file of its function, ``every``: interval of the outputs [s],
+    at which steps end, too; ``summary``: of a run that has not ``ended`` scene, mixes, time and measures of its last
+    row; ``history``: columns of history.csv."""
+
+    def __init__(self, folder: RunFolder, scene: Scene | None, scene_file):
+        self.path = folder.path
+        self.source, parameters, self.every = Trajectory(folder.trajectory).origin()
+        self.scene = scene or catalogue.rebuild(self.source, parameters, scene_file)
+        self.history = read_history(folder.history)
+        if len(self.history["time_s"]) == 0:
+            raise SceneError(f"run = {folder.path}: history.csv holds no row yet")
+        last = {key: float(values[-1]) for key, values in self.history.items()}
+        self.summary = folder.read_summary() if folder.summary.is_file() else {"simulated_seconds": -1.0}
+        self.ended = last["time_s"] <= self.summary["simulated_seconds"] * (1.0 + 1e-6)  # else it went on after that
+        if not self.ended:
+            mixes = [mix.facts() for mix in self.scene.materials]
+            known = {"scene": self.scene.name, "parameters": parameters, "materials": mixes}
+            self.summary = known | {"simulated_seconds": last["time_s"]} | measures(last)
 
 
 def write(folder: RunFolder, scene: Scene | None = None, scene_file=None) -> Path:
@@ -31,21 +50,25 @@ def write(folder: RunFolder, scene: Scene | None = None, scene_file=None) -> Pat
 
     ``scene``: of the run, where it is at hand; else it is made anew, one of the user's own by the code of
     ``scene_file``. SceneError where the folder is no run or damaged, or plotly is missing."""
-    script = library()
-    run = read(folder, scene, scene_file)
-    room = (MOST_BYTES - REST - len(script)) * 3 // 4  # base64 makes four bytes of three
-    shown = film(Trajectory(folder.trajectory), run.scene, room)
-    text = Template((HERE / "page.html").read_text(encoding="utf-8")).substitute(
-        words(run, shown),
-        data=json.dumps(drawings(run, shown), allow_nan=False, separators=(",", ":")).replace("<", "\\u003c"),
+    run = Told(folder, scene, scene_file)
+    shown, last = film(Trajectory(folder.trajectory), run.scene, FILM)
+    script = (HERE / "page.js").read_text(encoding="utf-8")
+    return publish(HERE / "page.html", folder.report, drawings(run, shown, last), **words(run, shown), script=script)
+
+
+def publish(template: Path, out: Path, data, **texts) -> Path:
+    """Write a page that opens from the disk without a network: a template with texts, the style, plotly.js and data
+    for its script; the path. Replaces the file at once. SceneError where plotly is missing."""
+    text = Template(template.read_text(encoding="utf-8")).substitute(
+        texts,
+        data=json.dumps(data, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c"),
         style=(HERE / "page.css").read_text(encoding="utf-8"),
-        script=(HERE / "page.js").read_text(encoding="utf-8"),
-        library=script,
+        library=library(),
     )
-    partial = folder.report.with_suffix(".partial")
+    partial = out.with_suffix(".partial")
     partial.write_text(text, encoding="utf-8")
-    os.replace(partial, folder.report)
-    return folder.report
+    os.replace(partial, out)
+    return out
 
 
 def library() -> str:
@@ -55,20 +78,3 @@ def library() -> str:
     if path is None or not path.is_file():
         raise SceneError(NEEDS)
     return path.read_text(encoding="utf-8")
-
-
-def read(folder: RunFolder, scene: Scene | None, scene_file) -> Told:
-    """What the folder holds; a summary that is older than the last row is one of before the run went on."""
-    source, parameters, every = Trajectory(folder.trajectory).origin()
-    scene = scene or catalogue.rebuild(source, parameters, scene_file)
-    history = read_history(folder.history)
-    if len(history["time_s"]) == 0:
-        raise SceneError(f"run = {folder.path}: history.csv holds no row yet")
-    summary = folder.read_summary() if folder.summary.is_file() else {}
-    if summary and history["time_s"][-1] <= summary["simulated_seconds"] * (1.0 + 1e-6):
-        return Told(folder.path, scene, source, every, summary, True, history)
-    last = {key: float(column[-1]) for key, column in history.items() if math.isfinite(column[-1])}
-    known = {"scene": scene.name, "parameters": parameters, "materials": [mix.facts() for mix in scene.materials]}
-    known["simulated_seconds"] = last.pop("time_s")
-    measured = {key: value for key, value in last.items() if key in MEASURED or key not in COLUMNS}
-    return Told(folder.path, scene, source, every, known | measured, False, history)

@@ -1,12 +1,22 @@
 """A run in words, from its summary alone: what was measured, how sure that is, what it cost."""
 
+from math import isfinite
 from pathlib import Path
 
+from ..io.history import COLUMNS
 from ..problem import accuracy
-from ..problem.labels import ENDS, is_measure, meaning, title, written
+from ..problem.labels import ENDS, in_words, is_measure, meaning, title, written
 from ..units import plain
 
 LEADING = "slump_m", "spread_m", "t500_s", "flow_m", "flow_time_s", "passing_ratio", "front_m", "filled_ratio"
+MEASURED = "slump_m", "spread_m"  # of the columns that every history has
+CONSTANTS = {
+    "yield_value": "Pa",
+    "plastic_viscosity": "Pa s",
+    "consistency": "Pa s^n",
+    "flow_index": "",
+    "density": "kg/m3",
+}
 NOT_RESULTS = "simulated_seconds", "wall_seconds", "cpu_seconds", "compile_seconds"
 
 
@@ -23,33 +33,24 @@ def sentences(summary: dict, folder=None) -> list[str]:
 
 def measured(summary) -> str:
     """The two results that people ask for first, or else the first two."""
-    found = [name for name in LEADING if isinstance(summary.get(name), float | int)]
-    found = (found or [name for name in summary if is_result(name) and isinstance(summary[name], float | int)])[:2]
-    if not found:
-        return "Nothing was measured."
+    known = [name for name, value in summary.items() if is_result(name) and isinstance(value, float | int)]
+    found = ([name for name in LEADING if name in known] or known)[:2]
     text = ", ".join(f"{title(name)} {written(name, summary[name])}" for name in found)
-    return f"{text[0].upper()}{text[1:]}."
+    return f"{text[0].upper()}{text[1:]}." if found else "Nothing was measured."
 
 
 def ending(summary) -> str:
     """Why and when it ended, and of what mix."""
     reason = ENDS.get(summary["stopped_by"], str(summary["stopped_by"]))
-    text = {"time": "ended at the time limit", "interrupted": reason}.get(summary["stopped_by"], f"the {reason}")
     mixes = summary.get("materials") or []
-    mix = f" ({', '.join(of_mix(mixes[0]))})" if len(mixes) == 1 else f" ({len(mixes)} mixes)" if mixes else ""
-    return f"{text[0].upper()}{text[1:]} after {summary['simulated_seconds']:.2f} s{plain(mix)}."
+    mix = f" ({', '.join(of_mix(mixes[0]))})" if len(mixes) == 1 else f" ({len(mixes)} mixes)" * bool(mixes)
+    return f"{reason[0].upper()}{reason[1:]} after {summary['simulated_seconds']:.2f} s{plain(mix)}."
 
 
 def of_mix(facts) -> list[str]:
     """The constants of a mix in words."""
-    shown = {"yield_value": ("yield stress", "Pa"), "plastic_viscosity": ("plastic viscosity", "Pa s")}
-    shown |= {
-        "consistency": ("consistency", "Pa s^n"),
-        "flow_index": ("flow index", ""),
-        "density": ("density", "kg/m3"),
-    }
-    return [f"{name} {facts[key]:g} {unit}".rstrip() for key, (name, unit) in shown.items()
-            if isinstance(facts.get(key), float | int)]  # fmt: skip
+    known = [(in_words(key), key, unit) for key, unit in CONSTANTS.items() if isinstance(facts.get(key), float | int)]
+    return [f"{name} {facts[key]:g} {unit}".rstrip() for name, key, unit in known]
 
 
 def doubts(summary) -> list[str]:
@@ -80,8 +81,7 @@ def certainty(summary) -> str:
     found = accuracy.of_run(summary)
     if found is None:
         return "How accurate this is was not measured for such a run; compare it with one of half the particle size."
-    mix, height = found
-    error = accuracy.expected_of(summary)
+    mix, height, error = found
     if error is None:
         return (
             "This mix or particle size lies outside of those whose errors were measured, so how accurate this is is "
@@ -104,6 +104,24 @@ def cost(summary) -> str:
     )
 
 
+def in_time(seconds: float) -> str:
+    """A duration as people say it: 40 s, 5.2 min, 1.4 h."""
+    for unit, size in (("h", 3600.0), ("min", 60.0)):
+        if seconds >= 1.5 * size:
+            return f"{float(f'{seconds / size:.2g}'):g} {unit}"
+    return f"{max(1.0, float(f'{seconds:.2g}')):g} s"
+
+
+def measures(row: dict) -> dict:
+    """The measures of the scene in a row of history.csv that have a value."""
+    return {key: value for key, value in row.items() if of_scene(key) and isfinite(value)}
+
+
+def of_scene(column: str) -> bool:
+    """Has a column of history.csv a measure of the scene?"""
+    return is_measure(column) and (column in MEASURED or column not in COLUMNS)
+
+
 def is_result(key: str) -> bool:
     """Does a summary hold a result of the scene under this key?"""
     return is_measure(key) and key not in NOT_RESULTS
@@ -122,14 +140,12 @@ def rows(summary) -> list[tuple[str, str, str]]:
 
 def numerics(summary) -> list[tuple[str, str]]:
     """What only those ask who know the method."""
-    facts = [
-        ("steps", f"{summary['steps']} in {summary['simulated_seconds']:.3f} s"),
-        ("particles", f"{summary['fluid_particles']} fluid, {summary['wall_particles']} wall"),
-        ("scheme", summary["scheme"]),
-    ]
-    if summary.get("left_out"):
-        facts.append(("left out", f"{summary['left_out']:.0%} of the particles, which stood still, mean of all steps"))
-    if summary.get("volume_error") is not None:
-        worst = summary.get("volume_error_max") or 0.0
-        facts.append(("volume error", f"{summary['volume_error']:.2%} at the end, at most {worst:.2%}"))
-    return facts + [(key.replace("_", " "), str(value)) for key, value in summary.get("numerics", {}).items()]
+    end, most = (summary.get(key) or 0.0 for key in ("volume_error", "volume_error_max"))
+    facts = {
+        "steps": f"{summary['steps']} in {summary['simulated_seconds']:.3f} s",
+        "particles": f"{summary['fluid_particles']} fluid, {summary['wall_particles']} wall",
+        "scheme": summary["scheme"],
+        "left out": f"{summary.get('left_out', 0.0):.0%} of the particles, which stood still, mean of all steps",
+        "volume error": f"{end:.2%} at the end, at most {most:.2%}",
+    } | summary.get("numerics", {})
+    return [(in_words(key), str(value)) for key, value in facts.items()]

@@ -1,4 +1,5 @@
-"""All that is Taichi's own: start, kernels and how they are launched, threads, fields in and out, workarounds.
+"""The machine: its memory, and all that is Taichi's own: start, kernels and how they are launched, threads, fields in
+and out, workarounds.
 
 No physics, no scene.
 Read backend.py first.

@@ -20,7 +20,7 @@ from ..schemes.step_report import DivergedError, DomainError, StepReport
 from ..terms.rheology import OwnLaw
 from ..units import INSTANT, finite, positive, require
 from .edge import crossing
-from .memory_estimate import require_memory
+from .forecast import pairs_of, require_memory
 from .pouring import Pouring
 from .rest import Rest
 from .snapshot import snapshot
@@ -29,12 +29,6 @@ from .summary import judge, summary
 SCHEMES = {"implicit": Implicit, "semi-implicit": SemiImplicit}
 LEAST_ENCLOSED = 0.1  # part of the volume from which the volume error is read; less is a jet, of which it says nothing
 RUNAWAY = 10.0  # speed over that of what falls or was thrown beyond which a run has diverged
-PAIRS, PAIRS_OF_RINGS = 1.6, 4.0  # room for neighbours over those of a lattice; rings that moved outward are thin
-
-
-def pairs_of(scene: Scene) -> float:
-    """How many times the pairs of a lattice there is room for at first."""
-    return PAIRS_OF_RINGS if scene.axisymmetric else PAIRS
 
 
 class Simulation:
@@ -73,8 +67,8 @@ class Simulation:
     def _build(self):
         """Allocate: the scheme with its particles, and how its stages are launched."""
         require_room()
+        require_memory(self.problem, self._pairs_per_particle)
         to_come = sum(pouring.to_come for pouring in self.pouring)
-        require_memory(self.problem, to_come, self._pairs_per_particle)
         self.scheme = SCHEMES[self.problem.scheme](self.problem, to_come, self._pairs_per_particle)
         base = self.scheme.base
         self.particles, self.neighbors, self.walls = base.particles, base.neighbors, base.walls

@@ -18,12 +18,7 @@ def summary(sim) -> dict:
     measures = sim.measures() if ended else {}
     if math.isnan(measures.get(SLUMP, 0.0)):
         del measures[SLUMP]
-    facts = {
-        "scene": sim.scene.name,
-        "parameters": dict(sim.scene.parameters),
-        "materials": [material.facts() for material in sim.problem.materials],
-        "scheme": sim.problem.scheme,
-        "numerics": sim.numerics.model_dump(),
+    facts = described(sim.problem) | {
         "fluid_particles": sim.fluid_particles,
         "wall_particles": sim.wall_particles,
         "steps": sim.steps,
@@ -35,7 +30,6 @@ def summary(sim) -> dict:
         "stopped_by": sim.stopped_by,
         **measures,
         **(filling(sim) if ended else {}),
-        **({"thin_solids_m": sim.problem.thin_solids} if sim.problem.thin_solids else {}),
         "volume_error": report.volume_error if report else 0.0,
         "volume_error_max": report.volume_error_max if report else 0.0,
         "backend": backend.started(),
@@ -44,15 +38,27 @@ def summary(sim) -> dict:
     return facts | (expected_errors(facts) if SLUMP in measures else {})
 
 
+def described(problem) -> dict:
+    """What is known of a run before it starts."""
+    facts = {
+        "scene": problem.scene.name,
+        "parameters": dict(problem.scene.parameters),
+        "materials": [material.facts() for material in problem.materials],
+        "scheme": problem.scheme,
+        "numerics": problem.numerics.model_dump(),
+    }
+    return facts | ({"thin_solids_m": problem.thin_solids} if problem.thin_solids else {})
+
+
 def expected_errors(facts: dict) -> dict:
     """The errors of slump and spread [m] to expect of a run, by the measured ones around it; None beyond those, and
     nothing where no such runs were measured."""
     found = accuracy.of_run(facts)
     if not found:
         return {}
-    error, height = accuracy.expected_of(facts), found[1]
+    _, height, error = found
     both = (height * error.slump, 2.0 * height * error.reach) if error else (None, None)
-    return dict(zip(("slump_expected_error_m", "spread_expected_error_m"), both, strict=True))
+    return {"slump_expected_error_m": both[0], "spread_expected_error_m": both[1]}
 
 
 def judge(sim) -> None:

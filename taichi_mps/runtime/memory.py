@@ -3,9 +3,12 @@
 import os
 from pathlib import Path
 
-from .units import SceneError
+from ..units import SceneError
 
-UNLIMITED = 1 << 60  # [bytes] from here on a limit of a control group is none
+CONTROL_GROUPS = {  # by kind, of version 2 and 1: files of limit and use, and the row of what the cache may drop
+    "": ("memory.max", "memory.current", "inactive_file"),
+    "memory": ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"),
+}
 
 
 def memory(root: str = "/") -> int | None:
@@ -16,25 +19,19 @@ def memory(root: str = "/") -> int | None:
     if "MemAvailable:" not in machine:
         return None
     pages = int((root / "proc/self/statm").read_text().split()[1])
-    left = [machine["MemAvailable:"], *(limit - used for limit, used in control_groups(root))]
-    return min(left) + pages * os.sysconf("SC_PAGE_SIZE")
+    return min([machine["MemAvailable:"], *left_of_groups(root)]) + pages * os.sysconf("SC_PAGE_SIZE")
 
 
-def control_groups(root: Path):
-    """(limit, used) [bytes] of the control groups of this process that bound its memory; what the system can drop from
-    its cache is not used."""
-    files = {"": ("memory.max", "memory.current", "inactive_file")}
-    files["memory"] = "memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"
-    for words in table(root / "proc/self/cgroup", ":"):
-        kinds, path = words[1].split(","), Path(words[2].lstrip("/"))
-        for kind in set(kinds) & set(files):
-            limit, used, cache = files[kind]
-            top = root / "sys/fs/cgroup" / kind
-            for folder in (top / path, *(top / parent for parent in path.parents)):
-                dropped = {row[0]: int(row[1]) for row in table(folder / "memory.stat")}.get(cache, 0)
+def left_of_groups(root: Path):
+    """Bytes that are left to each control group of this process that bounds its memory."""
+    for _, kinds, path in table(root / "proc/self/cgroup", ":"):
+        for kind in CONTROL_GROUPS.keys() & kinds.split(","):
+            limit, used, cache = CONTROL_GROUPS[kind]
+            inner = root / "sys/fs/cgroup" / kind / path.lstrip("/")
+            for folder in (inner, *inner.parents):
                 sizes = [row[0] for name in (limit, used) for row in table(folder / name)]
-                if len(sizes) == 2 and sizes[0] != "max" and int(sizes[0]) < UNLIMITED:
-                    yield int(sizes[0]), int(sizes[1]) - dropped
+                if len(sizes) == 2 and sizes[0] != "max":
+                    yield int(sizes[0]) - int(sizes[1]) + int(dict(table(folder / "memory.stat")).get(cache, 0))
 
 
 def table(path: Path, separator: str | None = None) -> list[list[str]]:

@@ -1,0 +1,166 @@
+"""What a run will take, before its first step: particles, memory, and of a pour the steps and the processor time.
+
+Memory: bytes of the fields of f32 that the terms allocate, and of what is read, shown and written;
+tests/simulation/test_forecast.py holds the sum against the peak of whole runs. Steps of a pour: a jet that lands at
+the speed U allows courant_number l0/U. What a step costs was measured in pours, by the number of particles that are
+there; `python benchmarks/cubic_metre.py` measures it again and writes MEASURED.
+"""
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ..geometry.solid import Solid
+from ..linear.cell_multigrid import CellMultigrid
+from ..linear.node_multigrid import NodeMultigrid
+from ..particles.kernels import lattice_sums
+from ..problem.feasibility import sides
+from ..problem.problem import Problem
+from ..runtime.backend import started
+from ..runtime.memory import admit
+from ..schemes.scheme import kernels
+from ..terms.constants import LONG, longest_step
+from .pouring import Pouring
+
+# ---- memory ----------------------------------------------------------------------------------------------------
+PAIRS, PAIRS_OF_RINGS = 1.6, 4.0  # room for neighbours over those of a lattice; rings that moved outward are thin
+PROCESS = 300e6  # Python, Taichi, compiled kernels, pictures
+SHOWN = 190  # of a particle of the whole body, in NumPy
+GRID = 8  # of a cell
+SOLID = 32  # of a node of a sampled solid: distance, its row among the faces of inner edges, and those
+DOUBLE = 1.85  # fields of f64 over those of f32: positions always are, numbers of rows never
+FIELDS = {  # bytes of a particle, of a pair, with multigrid of a particle and a cell more, of a particle that is read
+    ("implicit", "plane"): (440, 20, 60, 180, 650),
+    ("implicit", "rings"): (625, 20, 60, 180, 650),
+    ("implicit", "space"): (930, 24, 180, 260, 650),
+    ("semi-implicit", "plane"): (250, 20, 8, 215, 250),
+    ("semi-implicit", "space"): (345, 24, 8, 455, 250),
+}
+
+
+def pairs_of(scene) -> float:
+    """How many times the pairs of a lattice there is room for at first."""
+    return PAIRS_OF_RINGS if scene.axisymmetric else PAIRS
+
+
+def particles_of(problem: Problem) -> int:
+    """Number of particles at the end of a pour, those of walls included."""
+    scene = problem.scene
+    wall = len(scene.wall_particles) if problem.wall_particles else 0
+    return len(scene.initial) + wall + sum(Pouring(scene, inlet).to_come for inlet in scene.inlets)
+
+
+def memory_of(problem: Problem, pairs: float, precision: str, finer: float = 1.0) -> float:
+    """Bytes at the peak of a run, with room for ``pairs`` times the pairs of a lattice, and the spacing divided by
+    ``finer``."""
+    scene, d = problem.scene, problem.scene.dimension
+    kind = "rings" if scene.axisymmetric else "plane" if d == 2 else "space"
+    of_particle, of_pair, coarse_particle, coarse_cell, read = FIELDS[problem.scheme, kind]
+    neighbours = lattice_sums(d, scene.spacing, problem.effective_radius, *kernels(problem)).neighbours
+    rows, cells = particles_of(problem) * finer**d, float(np.prod(sides(problem))) * finer**d
+    taken = rows * (of_particle + pairs * neighbours * of_pair) + cells * GRID
+    if problem.wall_loads:  # force and torque on each wall
+        taken += 12 * (3 if d == 2 else 6) * len(scene.measured_walls) * rows  # f32, and f64 where they are read
+    multigrid = NodeMultigrid if problem.scheme == "implicit" else CellMultigrid
+    if rows >= multigrid.PAY_FROM:
+        taken += rows * coarse_particle + cells * coarse_cell
+    taken *= DOUBLE if precision == "f64" else 1.0
+    taken += SOLID * sum(wall.values.size for wall in scene.walls if isinstance(wall, Solid))
+    body = float(scene.volumes.sum()) / scene.spacing**3 * finer**3 if scene.axisymmetric else 0.0
+    return PROCESS + taken + read * rows + SHOWN * (body + rows * (2 ** len(scene.mirrors) - 1))
+
+
+def require_memory(problem: Problem, pairs: float, precision: str | None = None) -> None:
+    """SceneError, with the smallest spacing that fits, where the machine has not as much as the problem takes in a
+    precision, by default that of the started backend."""
+    spacing, precision = problem.scene.spacing, precision or started()["precision"]
+
+    def smallest(there: float) -> str:
+        at = next(
+            (k for k in 1.02 ** np.arange(1, 400) if memory_of(problem, pairs, precision, 1.0 / k) <= there), None
+        )
+        return "" if at is None else f"; spacing must be at least {math.ceil(1e5 * spacing * at) / 1e5:g} m"
+
+    what = f"spacing = {spacing:g} m: its {particles_of(problem):.6g} particles take"
+    admit(memory_of(problem, pairs, precision), what, smallest)
+
+
+# ---- cost ------------------------------------------------------------------------------------------------------
+MEASURED = Path(__file__).with_name("cost.csv")
+LANDS = 0.9  # speed of a jet where it lands over that of a free fall to its heap, which is as high as the jet is wide
+PASSES, OF_PASSES = 6, 0.45  # passes of a step of the measured pours, and the share of its cost that goes with them
+PARTS = 2000  # of the time, in each of which steps are equally long
+
+
+@dataclass(frozen=True)
+class Cost:
+    """What a pour takes to the time limit: number of steps, the sum of the particles that are there over all steps, and
+    CPU seconds of one thread without the start of the program."""
+
+    steps: float
+    particle_steps: float
+    cpu_seconds: float
+
+
+def cost_of(problem: Problem) -> Cost | None:
+    """Cost of a problem of the implicit scheme in space into which concrete is poured from 0 s on; None of others, of
+    which nothing is known. No hose waits for room."""
+    scene, numerics = problem.scene, problem.numerics
+    if problem.scheme != "implicit" or scene.dimension != 3 or not scene.inlets:
+        return None
+    pours = [Pouring(scene, inlet) for inlet in scene.inlets]
+    time = scene.until * (np.arange(PARTS) + 0.5) / PARTS
+    layers = [np.clip(np.ceil((time - pour.start) / pour.interval), 0, pour.layers) for pour in pours]
+    particles = len(scene.fluid) + sum(n * len(pour.layer) for n, pour in zip(layers, pours, strict=True))
+    level = level_of(scene, particles * scene.spacing**3)
+    flows = [(time >= pour.start) & (time < pour.start + pour.layers * pour.interval) for pour in pours]
+    landing = [here * landing_speed(problem, pour, time, level) for here, pour in zip(flows, pours, strict=True)]
+    speed = np.maximum(np.max(landing, axis=0), max((wall.speed for wall in scene.walls), default=0.0))
+    step = np.where(np.any(flows, axis=0), own_step(problem), own_step(problem, quiet=True))
+    step = np.minimum(step, numerics.courant_number * scene.spacing / np.maximum(speed, 1e-9))
+    steps = scene.until / PARTS / step
+    by_passes = 1.0 + OF_PASSES * (numerics.passes / PASSES - 1.0)
+    seconds = by_passes * seconds_of_a_step(particles, *measured())
+    return Cost(float(steps.sum()), float(steps @ particles), float(steps @ seconds))
+
+
+def landing_speed(problem: Problem, pour: Pouring, time, level):
+    """Speed [m/s] at times [s] of a jet where it lands, on a heap above the level [m]. With LANDS the steps of eight
+    pours were met within 15 %; of one with a courant_number of 0.65 24 % too many were told."""
+    mouth = np.array([pour.inlet.centre[-1] + pour.inlet.displacement(t)[-1] for t in time])
+    fall = np.maximum(0.0, mouth - level - 2.0 * pour.inlet.radius)
+    return LANDS * np.sqrt(pour.speed**2 + 2.0 * problem.gravity * fall)
+
+
+def level_of(scene, volume):
+    """Level [m] of so much fluid [m3] in the cavity, if it lies evenly; without a cavity the floor of all that may
+    be."""
+    if scene.cavity is None:
+        return np.full(np.shape(volume), scene.reach[:, -1].min() - 0.5 * scene.spacing)
+    cells = scene.cavity.cells
+    room = np.concatenate([[0.0], np.cumsum(cells.sum(axis=tuple(range(cells.ndim - 1))))])
+    heights = scene.cavity.low[-1] + scene.cavity.cell[-1] * np.arange(len(room))
+    return np.interp(volume, room * float(np.prod(scene.cavity.cell)), heights)
+
+
+def own_step(problem: Problem, quiet: bool = False) -> float:
+    """Longest step [s] of the scheme where nothing is fast; ``quiet``: and what yields only settles."""
+    times = LONG if quiet and all(m.yields for m in problem.materials) else 1.0
+    body = problem.gravity, problem.height, problem.scene.spacing
+    return problem.numerics.max_time_step or min(
+        longest_step(m.plastic_viscosity / m.density, *body, times) for m in problem.materials
+    )
+
+
+def measured() -> np.ndarray:
+    """Numbers of particles, rising, and the CPU seconds that a step with so many took, (2, n)."""
+    return np.loadtxt(MEASURED, delimiter=",").T
+
+
+def seconds_of_a_step(particles, known, seconds):
+    """CPU seconds of a step: between the known numbers of particles by a power of them, below as of the fewest, above
+    in proportion."""
+    within = np.exp(np.interp(np.log(np.maximum(particles, 1.0)), np.log(known), np.log(seconds)))
+    return within * np.maximum(1.0, particles / known[-1])

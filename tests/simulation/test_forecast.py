@@ -1,0 +1,148 @@
+"""What a run will take: memory beside the peak of whole runs, and what does not fit is refused; the steps and particles
+of a pour beside integrals in closed form, and their cost beside measured pours."""
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import taichi_mps as mps
+from taichi_mps.problem import catalogue
+from taichi_mps.problem.problem import Problem
+from taichi_mps.runtime import memory
+from taichi_mps.simulation import forecast
+from taichi_mps.simulation.forecast import LANDS, cost_of, memory_of, pairs_of
+
+MEASURED = json.loads((Path(__file__).resolve().parents[2] / "benchmarks/results/cubic_metre.json").read_text())
+L0, SIDE, MOUTH, RATE, VOLUME, G = 0.02, 0.4, 2.0, 0.012, 0.192, 9.81
+FULL = VOLUME / RATE  # [s]
+RUN = """
+import resource, subprocess, sys
+run = subprocess.run([sys.executable, "-m", "taichi_mps", "run", *sys.argv[1:], "--quiet"])
+print(run.returncode, resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)
+"""
+
+
+# ---- memory ----------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize(
+    ("scene", "keywords", "numerics", "until"),
+    [
+        pytest.param("slump", {"spacing": 0.01, "model": "full"}, mps.Implicit(), "0.002", marks=pytest.mark.slow),
+        pytest.param("slump", {"spacing": 0.004, "model": "full"}, mps.Implicit(), "0.001", marks=pytest.mark.long),
+        pytest.param("slump", {"spacing": 0.0025, "model": "full"}, mps.Implicit(), "0.001", marks=pytest.mark.long),
+        pytest.param("slump", {"spacing": 0.0012}, mps.Implicit(), "0.001", marks=pytest.mark.long),
+        pytest.param("slump", {"spacing": 0.004, "model": "full"}, mps.SemiImplicit(), "1e-4", marks=pytest.mark.long),
+        pytest.param("dam_break", {"spacing": 0.001}, mps.Implicit(), "0.001", marks=pytest.mark.long),
+    ],
+)
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="a peak in kilobytes is Linux's")
+def test_the_memory_is_within_a_fifth_of_the_peak_of_a_run(scene, keywords, numerics, until, tmp_path):
+    options = [f"--{key}={value}" for key, value in keywords.items()]
+    options += [f"--scheme={numerics.scheme}", f"--until={until}", f"--every={until}", f"--out={tmp_path / 'run'}"]
+    command = [sys.executable, "-c", RUN, scene, *options]
+    code, peak = subprocess.run(command, capture_output=True, text=True, check=True).stdout.split()
+    problem = Problem(catalogue.build(scene, **keywords), numerics)
+    single, double = (memory_of(problem, pairs_of(problem.scene), precision) for precision in ("f32", "f64"))
+    assert code == "0" and single == pytest.approx(1e3 * int(peak), rel=0.2)
+    assert single < double < 2.0 * single
+
+
+def test_what_does_not_fit_is_refused_with_the_smallest_spacing_that_does(monkeypatch):
+    mps.init(precision="f32", threads=1)
+    monkeypatch.setattr(memory, "memory", lambda: 350_000_000)
+    with pytest.raises(mps.SceneError) as refused:
+        mps.Simulation(catalogue.build("slump", spacing=0.005, model="full"))
+    text = str(refused.value)
+    found = re.search(r"spacing = 0\.005 m: its 43992 particles take about (\d+) MB of memory, and 350 MB are", text)
+    assert found and 400 < int(found[1]) < 800 and "\n" not in text
+    smallest = float(re.search(r"must be at least ([0-9.]+) m", text)[1])
+    assert mps.Simulation(catalogue.build("slump", spacing=smallest, model="full"))
+    with pytest.raises(mps.SceneError, match="must be at least"):
+        mps.Simulation(catalogue.build("slump", spacing=0.9 * smallest, model="full"))
+    with pytest.raises(mps.SceneError, match=r"spacing = 0\.001 m: .* particles of a lattice take about .* MB"):
+        catalogue.build("slump", spacing=0.001, model="full")  # before it is made
+
+
+GROUP = {"memory.max": "3000000000", "memory.current": "1000000000", "memory.stat": "inactive_file 400000000"}
+FIRST = {"memory.limit_in_bytes": "2000000000", "memory.usage_in_bytes": "500000000"}
+NO_LIMIT = {"sys/fs/cgroup/memory/memory.limit_in_bytes": "9223372036854771712"}
+
+
+@pytest.mark.parametrize(
+    ("groups", "files", "left"),
+    [
+        ("0::/", {"sys/fs/cgroup/memory.max": "max"}, 8_192_000_000),
+        ("0::/jobs/7", {f"sys/fs/cgroup/jobs/{name}": text for name, text in GROUP.items()}, 2_400_000_000),
+        (
+            "9:cpu:/\n4:memory:/a",
+            {f"sys/fs/cgroup/memory/a/{k}": v for k, v in FIRST.items()} | NO_LIMIT,
+            1_500_000_000,
+        ),
+    ],
+    ids=["the machine", "a control group, whose cache can be dropped", "a control group of the first version"],
+)
+def test_the_memory_that_is_there(groups, files, left, tmp_path):
+    files = {"proc/self/statm": "9 0 0", "proc/meminfo": "MemAvailable: 8000000 kB", "proc/self/cgroup": groups} | files
+    for name, text in files.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(f"{text}\n")
+    assert memory.memory(str(tmp_path)) == left
+
+
+# ---- cost ------------------------------------------------------------------------------------------------------
+def poured(**changes):
+    """A hose over a box of 0.4 x 0.4 m that it fills to 1.2 m."""
+    box = mps.box_planes((0.0, 0.0, 0.0), (SIDE, SIDE, MOUTH))
+    return mps.Scene(
+        name="box",
+        material=mps.Bingham(yield_value=50.0, plastic_viscosity=1e5),  # so viscous that only the jet bounds a step
+        spacing=L0,
+        fluid=None,
+        domain=((-L0, -L0, -L0), (SIDE + L0, SIDE + L0, MOUTH + 4 * L0)),
+        walls=box,
+        cavity=mps.Cavity((0.0, 0.0, 0.0), (SIDE, SIDE, MOUTH), box, L0),
+        inlets=(mps.Inlet((0.2, 0.2, MOUTH), (0.0, 0.0, -1.0), 0.06, RATE, VOLUME),),
+        **{"until": FULL} | changes,
+    )
+
+
+def test_steps_are_those_of_a_jet_that_falls_to_a_rising_level():
+    """Integral of U/(C l0) dt with U^2 = LANDS^2 (a - b t); it falls to a heap as high as it is wide."""
+    scene = poured()
+    a = scene.inlets[0].speed(L0) ** 2 + 2.0 * G * (MOUTH - 2.0 * scene.inlets[0].radius)
+    b = 2.0 * G * RATE / SIDE**2
+    way = LANDS * 2.0 / (3.0 * b) * (a**1.5 - (a - b * FULL) ** 1.5)
+    found = cost_of(Problem(scene, mps.Implicit(courant_number=0.1)))
+    assert found.steps == pytest.approx(way / (0.1 * L0), rel=0.01)
+    assert cost_of(Problem(catalogue.build("slump"))) is None  # not poured
+
+
+def test_particles_grow_at_the_rate_and_cost_what_was_measured(monkeypatch):
+    dt, after = 1e-5, 4.0
+    monkeypatch.setattr(forecast, "measured", lambda: (np.array([1.0, 1e6]), np.array([3e-6, 3.0])))  # 3 us each
+    found = cost_of(Problem(poured(until=FULL + after), mps.Implicit(max_time_step=dt)))
+    particles = VOLUME / L0**3
+    assert found.steps == pytest.approx((FULL + after) / dt)
+    assert found.particle_steps == pytest.approx((0.5 * particles * FULL + particles * after) / dt, rel=0.01)
+    assert found.cpu_seconds == pytest.approx(3e-6 * found.particle_steps)
+
+
+def test_between_measured_sizes_it_is_a_power_and_beyond_them_in_proportion():
+    known = np.array([100.0, 10_000.0]), np.array([1e-3, 4e-2])
+    told = forecast.seconds_of_a_step(np.array([1.0, 100.0, 1000.0, 10_000.0, 50_000.0]), *known)
+    assert told == pytest.approx([1e-3, 1e-3, (1e-3 * 4e-2) ** 0.5, 4e-2, 2e-1])
+
+
+@pytest.mark.slow
+def test_forecasts_are_within_thirty_percent_of_measured_pours():
+    for row in MEASURED.values():
+        told = row["forecast"]
+        for key, value in {"steps": "steps", "cpu_s": "cpu_s", "bytes": "peak_bytes"}.items():
+            assert told[key] == pytest.approx(row[value], rel=0.3)
+    row = MEASURED["small_32"]
+    today = cost_of(Problem(catalogue.build("wall", **row["case"])))
+    assert (today.steps, today.cpu_seconds) == pytest.approx((row["forecast"]["steps"], row["forecast"]["cpu_s"]))
