@@ -152,7 +152,7 @@ def filled(name: str) -> None:
     their cost a particle and step and the steps of the whole follows what the whole takes."""
     import taichi_mps as mps
     from taichi_mps.problem.problem import Problem
-    from taichi_mps.simulation.cost_estimate import estimate_cost
+    from taichi_mps.simulation.forecast import cost_of
     from taichi_mps.simulation.simulation import Simulation
 
     mps.init(threads=1)
@@ -169,7 +169,7 @@ def filled(name: str) -> None:
         if step == WARM:
             begin = sim.cpu_seconds
         sim.step()
-    whole, microseconds = estimate_cost(problem_of(CASES[name])), 1e6 * (sim.cpu_seconds - begin) / TIMED / len(fluid)
+    whole, microseconds = cost_of(problem_of(CASES[name])), 1e6 * (sim.cpu_seconds - begin) / TIMED / len(fluid)
     found = {
         "particles": len(fluid),
         "us_per_particle_and_step": microseconds,
@@ -240,22 +240,18 @@ def by_particles(particles, steps, seconds) -> list[list[float]]:
 
 def forecast(case: dict, until: float | None) -> dict:
     """That of the case to its end, or ``until`` [s]."""
-    from taichi_mps.simulation.cost_estimate import MEASURED, estimate_cost
-    from taichi_mps.simulation.memory_estimate import estimate
-    from taichi_mps.simulation.pouring import Pouring
-    from taichi_mps.simulation.simulation import pairs_of
+    from taichi_mps.simulation.forecast import MEASURED, cost_of, memory_of, pairs_of
 
     part = {} if until is None else {"until": until}
     problem = problem_of(case, **part)
-    to_come = sum(Pouring(problem.scene, inlet).to_come for inlet in problem.scene.inlets)
-    cost = estimate_cost(problem) if MEASURED.is_file() else None
-    told = {"bytes": estimate(problem, to_come, pairs_of(problem.scene), precision="f32")}
-    return told | ({"ends_s": cost.ends, "steps": cost.steps, "cpu_s": cost.cpu_seconds} if cost else {})
+    cost = cost_of(problem) if MEASURED.is_file() else None
+    told = {"bytes": memory_of(problem, pairs_of(problem.scene), "f32")}
+    return told | ({"ends_s": problem.scene.until, "steps": cost.steps, "cpu_s": cost.cpu_seconds} if cost else {})
 
 
 def draw() -> None:
     """The table of costs that a forecast reads, the forecasts with it, and the chart."""
-    from taichi_mps.simulation.cost_estimate import MEASURED
+    from taichi_mps.simulation.forecast import MEASURED
 
     known = json.loads(RESULTS.read_text())
     bins = {}

@@ -43,6 +43,8 @@ class OnlyHere:
 
         if scope["type"] == "lifespan" or self.allows(Headers(scope=scope)):
             await self.app(scope, receive, framed_by_none)
+        elif scope["type"] == "websocket":
+            await send({"type": "websocket.close", "code": 1008})
         else:
             await PlainTextResponse("only for this machine", 403)(scope, receive, send)
 
@@ -69,7 +71,8 @@ def serve(port: int, folder, browser: bool) -> None:
     try:
         listener = socket.create_server((HERE, port))
     except OSError as error:
-        raise SceneError(f"port = {port}: cannot be used ({error.strerror}); choose another, or 0 for any") from None
+        why = os.strerror(error.errno)
+        raise SceneError(f"port = {port}: cannot be used ({why}); choose another, or 0 for any") from None
     port = listener.getsockname()[1]
     address = f"http://{HERE}:{port}/"
     queue, server_app = Queue(folder), FastAPI(openapi_url=None)

@@ -19,14 +19,14 @@ import taichi_mps as mps
 from taichi_mps.io.run_folder import RunFolder
 from taichi_mps.problem import accuracy
 from taichi_mps.problem.labels import written
-from tests.support.browser import chromium, needs_chromium
+from tests.support.browser import chromium, needs_chromium, opened
 
 ROOT = Path(__file__).resolve().parents[2]
 pytestmark = pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="reads /proc of Linux")
 
 
 @contextmanager
-def serving(folder, code=130):
+def serving(folder):
     """A server of the runs in a folder: its port and its process; at its end Ctrl-C, and no child is left."""
     words = [sys.executable, "-m", "taichi_mps", "app", "--port", "0", "--no-browser", "--folder", str(folder)]
     variables = os.environ | {"PYTHONPATH": str(ROOT)}
@@ -38,7 +38,7 @@ def serving(folder, code=130):
         family = children(server.pid)
         server.send_signal(signal.SIGINT)
         _, said = server.communicate(timeout=60)
-    assert (said, server.returncode) == ("taichi-mps: interrupted\n", code)
+    assert (said, server.returncode) == ("taichi-mps: interrupted\n", 130)
     deadline = time.monotonic() + 2.0  # for what Python itself leaves to end by itself
     while left := [child for child in family if Path(f"/proc/{child}").exists()]:
         assert time.monotonic() < deadline, [Path(f"/proc/{child}/cmdline").read_text() for child in left]
@@ -61,13 +61,9 @@ class Tab:
     """A page in a window of its own, with what goes wrong in it."""
 
     def __init__(self, browser, port, width=1280):
-        self.page = browser.new_context(viewport={"width": width, "height": 900}).new_page()
+        here = f"http://127.0.0.1:{port}/"
+        self.page, self.wrong = opened(browser, here, (here, f"ws://127.0.0.1:{port}/", "data:"), width)
         self.page.set_default_timeout(60_000)
-        self.wrong = []
-        here = (f"http://127.0.0.1:{port}/", f"ws://127.0.0.1:{port}/", "data:")
-        self.page.on("console", lambda said: self.wrong.append(said.text) if said.type == "error" else None)
-        self.page.on("request", lambda r: None if r.url.startswith(here) else self.wrong.append(r.url))
-        self.page.goto(here[0])
         self.forecast("particles")
 
     def part(self, name, text=None):
@@ -110,7 +106,7 @@ def test_two_tabs_run_watch_stop_and_compare(tmp_path):
         two.forecast("particles of 20 mm")
         two.press("run")
         status = one.job("running", "500").locator('[data-part="status"]')
-        status.get_by_text("s of at most 120 s, slump").wait_for()
+        status.get_by_text("s of at most 120 s. Slump").wait_for()
         assert two.job("waiting", "900 Pa").is_visible()
         picture = one.job("running").locator('[data-part="picture"] img')
         assert "/runs/slump/frames/frame_0" in picture.get_attribute("src")
@@ -121,7 +117,7 @@ def test_two_tabs_run_watch_stop_and_compare(tmp_path):
         summary = RunFolder(tmp_path / folder.path.name).read_summary()
         assert summary["parameters"]["yield_value"] == 500.0 and summary["parameters"]["spacing"] == 0.02
         assert f"Slump {written('slump_m', summary['slump_m'])}" in text
-        assert "yield stress 500 Pa" in text and "concrete stopped flowing" in text
+        assert "yield stress 500 Pa" in text and "Concrete stopped flowing" in text
 
         two.job("done", "900")
         _, other = run_of(two)
@@ -133,7 +129,7 @@ def test_two_tabs_run_watch_stop_and_compare(tmp_path):
         rows.nth(1).click()
         one.page.get_by_text("500 Pa", exact=True).wait_for()
         assert one.page.get_by_text("900 Pa", exact=True).is_visible()
-        one.part("curves").locator("img").wait_for()
+        one.part("curves").locator("canvas").wait_for()
 
         two.set(yield_value="0")  # it never comes to rest
         two.press("run")

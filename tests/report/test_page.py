@@ -1,7 +1,7 @@
 """report.html, opened from the disk in a headless Chromium: what it shows is what the run folder holds."""
 
+import base64
 import html
-import json
 import os
 import re
 import shlex
@@ -22,13 +22,12 @@ from taichi_mps.io.vtkhdf import Trajectory
 from taichi_mps.problem import accuracy
 from taichi_mps.problem.labels import written
 from taichi_mps.problem.measures import still
-from taichi_mps.report import film, inputs, page, section, sentences
+from taichi_mps.report import drawings, inputs, page, sentences
+from tests.support.browser import chromium, needs_chromium, opened
 from tests.support.scenes import parts
 
 ROOT = Path(__file__).resolve().parents[2]
 WORDS = "run slump --model quarter --spacing 0.02 --yield-value 500.0 --every 0.05 --until 0.4"
-CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-DRAWN = ["--no-sandbox", "--enable-unsafe-swiftshader", "--use-angle=swiftshader"]  # 3-D without a graphics card
 
 
 def computed(folder, words) -> RunFolder:
@@ -47,34 +46,24 @@ def run(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def browser():
-    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: pip install '.[test]'")
-    if CHROMIUM is None:
-        pytest.skip("no Chromium on this machine: apt-get install chromium")
-    with playwright.sync_playwright() as driver:
-        chromium = driver.chromium.launch(executable_path=CHROMIUM, args=DRAWN)
-        yield chromium
-        chromium.close()
+    with chromium() as browser:
+        yield browser
 
 
 @pytest.fixture
-def opened(browser):
+def shown(browser):
     """Opens a report; at the end there must have been no error and no request that leaves the machine."""
-    wrong, asked, pages = [], [], []
+    found = []
 
-    def open_page(path, width=1100):
-        tab = browser.new_page(viewport={"width": width, "height": 800})
-        pages.append(tab)
-        tab.on("pageerror", lambda error: wrong.append(str(error)))
-        tab.on("console", lambda message: wrong.append(message.text) if message.type == "error" else None)
-        tab.on("request", lambda request: asked.append(request.url))
-        tab.goto(Path(path).as_uri())
-        tab.evaluate("ready")
-        return tab
+    def show(path, width=1100):
+        found.append(opened(browser, Path(path).as_uri(), ("file:", "data:", "blob:"), width))
+        found[-1][0].evaluate("ready")
+        return found[-1][0]
 
-    yield open_page
-    for tab in pages:
+    yield show
+    for tab, wrong in found:
         tab.close()
-    assert wrong == [] and asked and all(url.startswith(("file:", "data:", "blob:")) for url in asked)
+        assert wrong == []
 
 
 def whole(folder):
@@ -82,25 +71,27 @@ def whole(folder):
     return [output.scene.unfold(output.state) for output in Trajectory(folder.trajectory).replay()]
 
 
-def test_positions_and_colours_are_those_of_run_h5(run, opened):
-    tab, known = opened(run.report), whole(run)
-    shown = tab.evaluate("film.times.map((_, k) => particles(k))")
+@needs_chromium
+def test_positions_and_colours_are_those_of_run_h5(run, shown):
+    tab, known = shown(run.report), whole(run)
+    drawn = tab.evaluate("film.times.map((_, k) => particles(k))")
     low, step = (np.array(tab.evaluate(f"film.{name}")) for name in ("low", "step"))
     top = max(s.speed.max() for s in known)
     assert step.max() < 1e-5 and np.all(low <= known[0].x.min(0) + 1e-9)
     np.testing.assert_allclose(tab.evaluate("film.times"), [s.time for s in known], atol=1e-6)
-    for found, s in zip(shown, known, strict=True):
+    for found, s in zip(drawn, known, strict=True):
         x = np.stack([found[axis] for axis in "xyz"], 1)
         assert np.all(np.abs(x - s.x) <= 0.5001 * step)
         assert np.abs(np.array(found["colour"]) - s.speed).max() <= 0.501 * top / 127
     tab.select_option("#colour", "flowing")
-    shown = tab.evaluate("film.times.map((_, k) => particles(k).colour)")
-    for found, s in zip(shown, known, strict=True):
+    drawn = tab.evaluate("film.times.map((_, k) => particles(k).colour)")
+    for found, s in zip(drawn, known, strict=True):
         np.testing.assert_array_equal(np.array(found, bool), 50.0 * s.shear_rate > 0.05 * 500.0)
 
 
-def test_the_numbers_are_those_of_the_summary_and_the_history(run, opened):
-    tab, summary, history = opened(run.report), run.read_summary(), read_history(run.history)
+@needs_chromium
+def test_the_numbers_are_those_of_the_summary_and_the_history(run, shown):
+    tab, summary, history = shown(run.report), run.read_summary(), read_history(run.history)
     text = tab.inner_text("main")
     for key in ("slump_m", "spread_m"):
         assert written(key, summary[key]) in text
@@ -119,8 +110,9 @@ def test_the_numbers_are_those_of_the_summary_and_the_history(run, opened):
     assert drawn == [2, 1]
 
 
-def test_it_plays_to_the_end(run, opened):
-    tab = opened(run.report)
+@needs_chromium
+def test_it_plays_to_the_end(run, shown):
+    tab = shown(run.report)
     last = tab.evaluate("film.times.length - 1")
     assert tab.evaluate("state.output") == last and tab.inner_text("#now") == "t = 0.40 s"
     tab.click("#play")
@@ -131,8 +123,9 @@ def test_it_plays_to_the_end(run, opened):
     np.testing.assert_allclose(tab.evaluate("Array.from(view.data[0].z)"), tab.evaluate(f"particles({last}).z"))
 
 
-def test_it_turns_and_comes_nearer(run, opened):
-    tab = opened(run.report)
+@needs_chromium
+def test_it_turns_and_comes_nearer(run, shown):
+    tab = shown(run.report)
     before, picture = tab.evaluate("view.layout.scene.camera.eye"), tab.locator("#view").screenshot()
     box = tab.locator("#view").bounding_box()
     x, y = box["x"] + 0.5 * box["width"], box["y"] + 0.6 * box["height"]
@@ -150,9 +143,10 @@ def test_it_turns_and_comes_nearer(run, opened):
     assert np.linalg.norm(list(tab.evaluate("view.layout.scene.camera.eye").values())) < 0.81 * distances[1]
 
 
+@needs_chromium
 @pytest.mark.parametrize(("axis", "keeps", "at"), [("x", -1, 50), ("y", 1, 50), ("z", -1, 20)])
-def test_a_cut_takes_away_what_is_before_it(run, opened, axis, keeps, at):
-    tab, s = opened(run.report), whole(run)[-1]
+def test_a_cut_takes_away_what_is_before_it(run, shown, axis, keeps, at):
+    tab, s = shown(run.report), whole(run)[-1]
     assert tab.evaluate("view.data[0].x.length") == len(s.x)
     tab.select_option("#cut", axis)
     tab.locator("#place").fill(str(at))
@@ -162,27 +156,30 @@ def test_a_cut_takes_away_what_is_before_it(run, opened, axis, keeps, at):
     assert len(left) == pytest.approx(np.count_nonzero(keeps * (s.x[:, "xyz".index(axis)] - place) >= 0.0), abs=2)
 
 
-def test_it_fits_a_phone(run, opened):
-    tab = opened(run.report, width=390)
+@needs_chromium
+def test_it_fits_a_phone(run, shown):
+    tab = shown(run.report, width=390)
     assert tab.evaluate("document.documentElement.scrollWidth") <= 390
 
 
-def test_text_from_outside_is_shown_as_text(run, opened, tmp_path):
+@needs_chromium
+def test_text_from_outside_is_shown_as_text(run, shown, tmp_path):
     folder = RunFolder(shutil.copytree(run.path, tmp_path / "run"))
     summary = folder.read_summary()
     summary["scene"] = name = "</script><b id='hurt'>&amp; \u202e"
     summary["parameters"]["model"] = "<i id='hurt'>"
     summary["error"] = "<u id='hurt'>"
     folder.write_summary(summary)
-    tab = opened(page.write(folder))
+    tab = shown(page.write(folder))
     assert tab.locator("#hurt").count() == 0
     assert tab.inner_text("h1") == name.replace("\u202e", "\\u202e") + ": report of a run"
 
 
-def test_a_killed_run_has_its_page(run, opened, tmp_path):
+@needs_chromium
+def test_a_killed_run_has_its_page(run, shown, tmp_path):
     folder = RunFolder(shutil.copytree(run.path, tmp_path / "a run"))
     folder.summary.unlink()
-    tab = opened(page.write(folder))
+    tab = shown(page.write(folder))
     last = read_history(folder.history)["slump_m"][-1]
     text = tab.inner_text("main")
     assert "This run has not ended: it has reached 0.40 s" in text and written("slump_m", last) in text
@@ -192,19 +189,13 @@ def test_a_killed_run_has_its_page(run, opened, tmp_path):
 
 def test_the_command_names_what_is_not_by_default(run):
     words = shlex.split(inputs.command("slump", run.read_summary(), 0.05))
-    assert words[:3] == ["taichi-mps", "run", "slump"]
-    given = dict(zip(words[3::2], words[4::2], strict=True))
-    assert given == {
-        "--model": "quarter",
-        "--spacing": "0.02",
-        "--yield-value": "500",
-        "--until": "0.4",
-        "--every": "0.05",
-    }
-    other = {"parameters": {"side": 0.5, "far": None}, "scheme": "semi-implicit", "stopped_by": "rest"}
+    assert words[:2] == ["run", "slump"]
+    known = "--model=quarter --spacing=0.02 --yield-value=500 --until=0.4 --every=0.05"
+    assert sorted(words[2:]) == sorted(known.split())
+    other = {"parameters": {"side": 0.5, "far": None, "rise": 0.0}, "scheme": "semi-implicit", "stopped_by": "rest"}
     other |= {"numerics": mps.SemiImplicit(literal=True).model_dump(), "backend": {"precision": "f64", "arch": "cpu"}}
-    known = "taichi-mps run block.py --side 0.5 --scheme semi-implicit --literal --source density --gradient literal"
-    assert inputs.command("/home/me/block.py", other, None) == f"{known} --precision f64"
+    known = "run block.py --side=0.5 --rise=0 --scheme=semi-implicit --literal --source=density --gradient=literal"
+    assert inputs.command("/home/me/block.py", other, None) == f"{known} --precision=f64"
 
 
 @pytest.mark.long
@@ -224,22 +215,27 @@ def test_the_page_of_the_default_cone_is_small_and_quickly_made(tmp_path):
     assert time.process_time() - begun < 0.5
 
 
-def test_what_does_not_fit_is_left_out_evenly(run):
+def filmed(run, room):
+    """The film of a run in so many bytes, and the positions at its first output."""
     trajectory, scene = Trajectory(run.trajectory), next(Trajectory(run.trajectory).replay()).scene
+    film, _ = drawings.film(trajectory, scene, room)
+    codes = np.frombuffer(base64.b64decode(film["positions"]), "<u2").reshape(-1, 3)[: film["counts"][0]]
+    return film, film["low"] + np.array(film["step"]) * codes
+
+
+def test_what_does_not_fit_is_left_out_evenly(run):
     known = whole(run)
-    room = 4 * film.BYTES * len(known[0].x)
-    few = film.film(trajectory, scene, room)
-    assert few.outputs == len(known) == 9 and few.times.tolist() == [known[k].time for k in (0, 3, 5, 8)]
-    facts = json.loads(json.dumps(few.facts()))
-    assert 3 * (len(facts["positions"]) + len(facts["colours"])) <= 4 * (room + 6)
+    room = 4 * drawings.BYTES * len(known[0].x)
+    film, _ = filmed(run, room)
+    assert film["outputs"] == len(known) == 9
+    np.testing.assert_allclose(film["times"], [known[k].time for k in (0, 3, 5, 8)], atol=1e-6)
+    assert 3 * (len(film["positions"]) + len(film["colours"])) <= 4 * (room + 6)
 
 
 def test_of_many_particles_mirror_images_stay_together(run, monkeypatch):
-    monkeypatch.setattr(film, "MOST_SHOWN", 300)
-    trajectory, scene = Trajectory(run.trajectory), next(Trajectory(run.trajectory).replay()).scene
-    some = film.film(trajectory, scene, 10**7)
-    assert set(some.counts) == {some.counts[0]} and some.counts[0] == pytest.approx(300, abs=8)
-    x = some.low + some.step * some.positions[: some.counts[0]]
+    monkeypatch.setattr(drawings, "MOST_SHOWN", 300)
+    film, x = filmed(run, 10**7)
+    assert set(film["counts"]) == {len(x)} and len(x) == pytest.approx(300, abs=8)
     sides = [x[(x[:, 0] > 0) == east][:, 0] for east in (True, False)]
     np.testing.assert_allclose(np.sort(sides[0]), np.sort(-sides[1]), atol=1e-5)
 
@@ -254,9 +250,10 @@ def test_the_first_sentence_tells_the_scenes_own_results_where_it_has_none_of_a_
 def test_the_section_of_a_block_is_its_middle_layer():
     scene = mps.Scene(**parts(3))
     part = still(scene.fluid, scene.spacing)
-    x, size, place = section.in_the_middle(part, scene)
-    assert len(x) == 25 and np.all(size == scene.spacing) and place.endswith("y = 25 cm")
-    drawn = section.section(part, scene)
+    x, size, _ = drawings.in_the_middle(part, scene)
+    assert len(x) == 25 and np.all(size == scene.spacing)
+    drawn = drawings.section(part, scene)
+    assert drawn["place"].endswith("y = 25 cm")
     assert np.nanmax(np.array(drawn["across"], float)) == pytest.approx(0.5)
     np.testing.assert_allclose(drawn["surface"][1], 0.5)
 
