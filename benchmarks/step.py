@@ -16,7 +16,15 @@ import time
 
 import numpy as np
 
-RUNS = "particles", "threads", "steps", "iterations a step", "us a particle and step", "fastest step", "times one thread"
+RUNS = (
+    "particles",
+    "threads",
+    "steps",
+    "iterations a step",
+    "us a particle and step",
+    "fastest step",
+    "times one thread",
+)
 
 
 def measure(particles: int, threads: int, arch: str) -> dict:
