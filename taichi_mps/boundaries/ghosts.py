@@ -36,54 +36,54 @@ def wedges(walls, faces, mirrors) -> np.ndarray:
     return meet * (1 + (mirror[:, None] | mirror))
 
 
+def vectors(values: np.ndarray):
+    """Field of the vectors along the last axis of an array, which it holds."""
+    field = ti.Vector.field(values.shape[-1], real(), values.shape[:-1])
+    field.from_numpy(values)
+    return field
+
+
 @ti.data_oriented
 class GhostSums:
     """GHOST_SUMS of a particle at the distance z [m] from a wall. ``rings``: also where ghosts stand closer than the
     spacing; ``corners``: where planes meet at right angles; ``meet``: which faces meet at any angle (wedges)."""
 
-    def __init__(
-        self, dimension, spacing, effective_radius, kernels, rings=False, corners=False, meet=None, capacity=1
-    ):
+    def __init__(self, dimension, spacing, effective_radius, kernels, rings, corners, meet, capacity):
         self.dimension, self.spacing, self.rings = dimension, spacing, rings
-        self.reach = effective_radius - 0.5 * spacing
-        self.effective_radius = effective_radius
-        self.closest = 0.1 * spacing
-        self.entries = entries = 256
+        self.reach, self.effective_radius = effective_radius - 0.5 * spacing, effective_radius
+        self.closest, self.entries = 0.1 * spacing, 256
         self.sizes = FINEST + (COARSEST - FINEST) * np.arange(SIZES) / (SIZES - 1) if rings else np.ones(1)
         bent = 0.1 / spacing  # curvature [1/m] of the arcs that give the slope of the sums
         tables = np.array(
             [
-                [ghost_table(dimension, spacing, effective_radius, entries, k, size, **kernels) for size in self.sizes]
+                [
+                    ghost_table(dimension, spacing, effective_radius, self.entries, k, size, **kernels)
+                    for size in self.sizes
+                ]
                 for k in (0.0, bent, -bent)
             ]
         )
         n0 = lattice_sums(dimension, spacing, effective_radius, **kernels).n0
-        row = round(1.5 * spacing / effective_radius * (entries - 1))
+        row = round(1.5 * spacing / effective_radius * (self.entries - 1))
         pull = tables[0, np.argmin(np.abs(self.sizes - 1.0)), row, GHOST_SUMS.index("pull")]
         self.second = float(pull) * spacing * dimension / n0  # part of a wall that the second row carries
-        columns, shape = len(GHOST_SUMS), tables[0].shape[:2]
-        self.flat = ti.Vector.field(columns, real(), shape)  # GHOST_SUMS at a size and z = re k/(entries - 1)
-        self.flat.from_numpy(tables[0])
-        self.bend = ti.Vector.field(columns, real(), shape)  # their derivative by the curvature [m]
-        self.bend.from_numpy((tables[1] - tables[2]) / (2.0 * bent))
+        self.flat = vectors(tables[0])  # GHOST_SUMS at a size and z = re k/(entries - 1)
+        self.bend = vectors((tables[1] - tables[2]) / (2.0 * bent))  # their derivative by the curvature [m]
         if corners:
-            fractions = corner_table(dimension, spacing, effective_radius, **kernels)
-            self.corner_entries = len(fractions)
-            self.corner = ti.Vector.field(columns, real(), fractions.shape[:2])  # fraction of each sum that is left
-            self.corner.from_numpy(fractions)
-        self.wedges = meet is not None and bool(meet.any())
+            self.corner = vectors(
+                corner_table(dimension, spacing, effective_radius, **kernels)
+            )  # fraction that is left
+            self.corner_entries = self.corner.shape[0]
+        self.wedges = bool(meet.any())
         if self.wedges:
-            fractions = [
-                corner_table(dimension, spacing, effective_radius, WEDGE, cosine, **kernels)
-                for cosine in np.linspace(-1.0, 1.0, COSINES)
-            ]
-            self.wedge = ti.Vector.field(columns, real(), (COSINES, WEDGE, WEDGE))
-            self.wedge.from_numpy(np.array(fractions))
+            cosines = np.linspace(-1.0, 1.0, COSINES)
+            fractions = [corner_table(dimension, spacing, effective_radius, WEDGE, c, **kernels) for c in cosines]
+            self.wedge = vectors(np.array(fractions))
             self.meet = ti.field(ti.i32, meet.shape)
             self.meet.from_numpy(meet.astype(np.int32))
             each = (capacity, len(meet))
             self.before = ti.Vector.field(2 + dimension, real(), each)  # distance [m], weight, normal of each face
-            self.remains = ti.Vector.field(columns, real(), each)  # fraction of each sum behind it that is left
+            self.remains = ti.Vector.field(len(GHOST_SUMS), real(), each)  # fraction of each sum behind it that is left
 
     @ti.func
     def interpolate(self, table: ti.template(), name: ti.template(), z, ratio):

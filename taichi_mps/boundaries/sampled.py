@@ -5,6 +5,7 @@ import numpy as np
 from ..geometry.concave_edges import inner_edges
 from ..runtime.backend import real, ti
 from .face_search import search_faces
+from .ghosts import vectors
 from .surfaces import FAR, Surface
 
 
@@ -12,30 +13,26 @@ from .surfaces import FAR, Surface
 class Sampled(Surface):
     """A solid whose signed distance is linear between the nodes of a grid; its curvature is not known."""
 
-    def __init__(self, wall, dimension: int, spacing: float, clock):
-        super().__init__(wall, dimension, spacing, clock)
+    def __init__(self, wall, dimension: int, spacing: float, clock, capacity: int, effective_radius: float):
+        super().__init__(wall, dimension, spacing, clock, capacity, effective_radius)
         self.separates, self.steepest = True, wall.steepest
         self.dimension, self.cell, self.shape = dimension, wall.cell, wall.values.shape
         self.values = ti.field(real(), self.shape)
         self.values.from_numpy(wall.values)
         self.velocity = ti.types.vector(dimension, real())(wall.travel)
-        self.distances = wall.values
         self.turns, self.rate = wall.angular_velocity != 0.0, wall.angular_velocity
         self.moves = self.travels or self.turns
         if self.turns:
             self.centre = ti.types.vector(dimension, ti.f64)(wall.centre)
             self.spin = ti.types.matrix(dimension, dimension, ti.f64)(wall.spin)
-
-    def allocate(self, capacity: int, effective_radius: float):
-        """What each particle sees of the solid; and beside inner edges the faces that meet there."""
-        self.reach = effective_radius - 0.5 * self.spacing  # of the ghosts: the first is half a spacing behind a face
-        number, planes = inner_edges(self.distances, self.cell, self.reach, search_faces)
+        # what each particle sees of the solid, and beside inner edges the faces that meet there
+        self.reach = effective_radius - 0.5 * spacing  # of the ghosts: the first is half a spacing behind a face
+        number, planes = inner_edges(wall.values, self.cell, self.reach, search_faces)
         self.faces = planes.shape[1]
         if self.faces > 1:
             self.number = ti.field(ti.i32, self.shape)  # row of a node among the planes, -1: the nearest face is all
             self.number.from_numpy(number)
-            self.planes = ti.Vector.field(1 + self.dimension, real(), planes.shape[:2])  # distance [m], normal
-            self.planes.from_numpy(np.where(np.isinf(planes), FAR, planes))
+            self.planes = vectors(np.where(np.isinf(planes), FAR, planes))  # distance [m], normal
         self.z = ti.field(real(), (capacity, self.faces))  # [m]
         self.n = ti.Vector.field(self.dimension, real(), (capacity, self.faces))
 

@@ -27,7 +27,8 @@ class Surface:
     faces = 1  # that a particle may stand in front of
     cut_by = ()  # planes at right angles where its ghosts end
 
-    def __init__(self, wall, dimension: int, spacing: float, clock):
+    def __init__(self, wall, dimension: int, spacing: float, clock, capacity: int, effective_radius: float):
+        """``capacity``: rows of fields for what is found once a step; ``effective_radius``: how far it is seen [m]."""
         self.slip, self.thin, self.unilateral, self.spacing = wall.slip, wall.thin, wall.loose, spacing
         self.has_friction, self.friction = wall.friction is not None, None  # Walls gives what is carried
         self.holds, self.no_slip = not wall.slip, not wall.slip and not self.has_friction  # the fluid, at all, fully
@@ -51,9 +52,6 @@ class Surface:
         if ti.static(self.travels):
             offset -= self.clock[None] * self.travel
         return offset
-
-    def allocate(self, capacity: int, effective_radius: float):
-        """Fields for what is found once a step."""
 
     def frictionless(self):
         """The same wall with slip instead of friction."""
@@ -148,8 +146,8 @@ class Surface:
 class Flat(Surface):
     """A plane."""
 
-    def __init__(self, wall, dimension: int, spacing: float, clock):
-        super().__init__(wall, dimension, spacing, clock)
+    def __init__(self, wall, dimension: int, *others):
+        super().__init__(wall, dimension, *others)
         vector = ti.types.vector(dimension, real())
         self.normal = vector(wall.normal)
         self.velocity = vector(wall.velocity or (0.0,) * dimension)
@@ -167,8 +165,8 @@ class Round(Surface):
 
     curved = True
 
-    def __init__(self, wall, dimension: int, spacing: float, clock):
-        super().__init__(wall, dimension, spacing, clock)
+    def __init__(self, wall, dimension: int, *others):
+        super().__init__(wall, dimension, *others)
         self.turns, self.radius = wall.angular_velocity != 0.0, wall.radius
         self.axis = ti.types.vector(dimension, ti.f64)(wall.unit_axis)  # zero in 2-D
         self.side = 1.0 if wall.inside else -1.0

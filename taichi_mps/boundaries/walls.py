@@ -64,9 +64,8 @@ class Walls:
         self.effective_radius = effective_radius
         self.clock = double_field()  # time [s] at which the walls stand
         self.time = 0.0  # at which the present step begins [s]
-        self.surfaces = tuple(SURFACES[type(wall)](wall, dimension, spacing, self.clock) for wall in walls)
-        for surface in self.surfaces:
-            surface.allocate(capacity, effective_radius)
+        seen = dimension, spacing, self.clock, capacity, effective_radius
+        self.surfaces = tuple(SURFACES[type(wall)](wall, *seen) for wall in walls)
         rough = [(wall, surface) for wall, surface in zip(walls, self.surfaces, strict=True) if wall.friction]
         for k, (wall, surface) in enumerate(rough):
             carried = particles.carried[f"slip_{k}"], particles.carried.get(f"traction_{k}")

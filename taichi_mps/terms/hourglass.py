@@ -4,10 +4,10 @@
 
 eta_a the apparent viscosity at the rate of the bonds, T the natural step of the scene (constants.py).
 
-A part of it is taken back: what the change of the gradient explains.
-Where the velocity is curved, the linear fits at both ends of a bond leave the same, c = (delta_ij + delta_ji)/2, with
-delta_ij = u_j - u_i - G_i r_ij; where particles move past each other they leave opposite motions. Only what the mean of
-both gradients leaves, e = (delta_ij - delta_ji)/2, is to be resisted: instead of the energy
+A part of it is taken back: what the change of the gradient explains. Where the velocity is curved, the linear fits at
+both ends of a bond leave the same, c = (delta_ij + delta_ji)/2, with delta_ij = u_j - u_i - G_i r_ij; where particles
+move past each other they leave opposite motions. Only what the mean of both gradients leaves,
+e = (delta_ij - delta_ji)/2, is to be resisted: instead of the energy
 
     (1/2) (w/r^2) (h_i |delta_ij|^2 + h_j |delta_ji|^2)  of a bond  its least for this e,  (w/r^2) h |e|^2,
 
@@ -46,51 +46,39 @@ class HourglassResistance:
 
     @stage("prepare")
     def set(self, dt: float, first: ti.i32):
-        """For the strain rate at the start of a step of dt [s]; in the ``first`` step that is not known."""
+        """For the strain rate at the start of a step of dt [s]; in the ``first`` step that is not known (I8)."""
         for i in range(self.particles.count[None]):
-            rate, residual = self.strain_rate.rate[i], self.strain_rate.residual[i]
-            inertial = self.inertial(i, dt)
-            whole = self.viscous(i, rate, residual, first, dt, inertial)
-            self.thin[i], self.whole[i] = inertial, whole
+            m = self.constants.mix(i)
+            # Without a yield stress a thin fluid has 64 times as much at rest, less where the velocity gradient strains
+            # or turns it in a step, and no more than elsewhere from 0.002 on and in a full closed box, where nothing
+            # settles
+            thin = self.constants.inertial[m]
+            if ti.static(self.law == "newtonian"):
+                rest = 1.0 - ti.min(1.0, 2.0**0.5 * self.strain_rate.velocity_gradient(i).norm() * dt / MOVING)
+                thin *= 1.0 + (AT_REST - 1.0) * rest**2 * (1 - self.pressure.full[None])
+            h = BOND_DISSIPATION * self.constants.eta[m] + thin
+            if ti.static(self.law != "newtonian"):  # noqa: SIM102  (a compiled choice stays apart)
+                if first == 0:
+                    rate, residual = self.strain_rate.rate[i], self.strain_rate.residual[i]
+                    own = ti.min(1.0, self.constants.own_step[None] / dt)
+                    slowest = self.constants.slowest[None] * (ti.sqrt(own) if ti.static(self.in_space) else own)
+                    bond_rate = ti.max(ti.sqrt(rate * rate + 2.0 * BOND_DISSIPATION * EDGE * residual), slowest)
+                    if ti.static(self.stress.has_curve):
+                        h = BOND_DISSIPATION * self.stress.shear_stress(i, bond_rate) / bond_rate + thin
+                    else:
+                        h += BOND_DISSIPATION * self.stress.yield_stress(i) / bond_rate
+            if ti.static(self.stress.mixes > 1):
+                mu = (h - thin) / BOND_DISSIPATION
+                h = BOND_DISSIPATION * self.stress.interface.viscosity(i, mu) + thin
+            whole = ti.max(h, SETTLING * self.pressure.p[i] * dt)
+            self.thin[i], self.whole[i] = thin, whole
             self.h[i] = 2.0 * self.particles.volume(i) * whole / self.gradient.full_weight(i)
 
     @ti.func
     def flowing(self):
-        """That of the first mix where it flows, with the plastic viscosity alone [N s m]."""
+        """Resistance of the first mix where it flows, with the plastic viscosity alone [N s m]."""
         whole = BOND_DISSIPATION * self.constants.eta[0] + self.constants.inertial[0]
         return 2.0 * self.particles.volume(0) * whole / self.gradient.full_weight(0)
-
-    @ti.func
-    def inertial(self, i, dt):
-        """That of a thin fluid [Pa s]. Without a yield stress it is 64 times as much at rest, less where the velocity
-        gradient strains or turns it in a step of dt [s], and no more than elsewhere from 0.002 on and in a full closed
-        box, where nothing settles (I8)."""
-        resistance = self.constants.inertial[self.constants.mix(i)]
-        if ti.static(self.law == "newtonian"):
-            G = self.strain_rate.velocity_gradient(i)
-            rest = 1.0 - ti.min(1.0, 2.0**0.5 * G.norm() * dt / MOVING)
-            resistance *= 1.0 + (AT_REST - 1.0) * rest**2 * (1 - self.pressure.full[None])
-        return resistance
-
-    @ti.func
-    def viscous(self, i, rate, residual, first, dt, inertial):
-        """All of it [Pa s], for a shear rate [1/s], the ``residual`` of the linear fit [1/s2], a step of dt [s], and
-        ``inertial``, that of a thin fluid [Pa s]."""
-        m = self.constants.mix(i)
-        h = BOND_DISSIPATION * self.constants.eta[m] + inertial
-        if ti.static(self.law != "newtonian"):  # noqa: SIM102  (a compiled choice stays apart)
-            if first == 0:
-                own = ti.min(1.0, self.constants.own_step[None] / dt)
-                slowest = self.constants.slowest[None] * (ti.sqrt(own) if ti.static(self.in_space) else own)
-                bond_rate = ti.max(ti.sqrt(rate * rate + 2.0 * BOND_DISSIPATION * EDGE * residual), slowest)
-                if ti.static(self.stress.has_curve):
-                    h = BOND_DISSIPATION * self.stress.shear_stress(i, bond_rate) / bond_rate + inertial
-                else:
-                    h += BOND_DISSIPATION * self.stress.yield_stress(i) / bond_rate
-        if ti.static(self.stress.mixes > 1):
-            mu = (h - inertial) / BOND_DISSIPATION
-            h = BOND_DISSIPATION * self.stress.interface.viscosity(i, mu) + inertial
-        return ti.max(h, SETTLING * self.pressure.p[i] * dt)
 
 
 @ti.data_oriented

@@ -121,10 +121,9 @@ def test_a_step_with_an_active_set_is_that_of_all(both):
     )
     fast = np.array([all_of_them[i] for i in active])
     error = np.array([ours[i] for i in active]) - fast
-    assert np.abs(fast).max() > 0.05
-    assert np.abs(error).max() < 0.01 * np.abs(fast).max()
     others = np.array([u for i, u in all_of_them.items() if i not in set(active)])
-    assert np.abs(others).max() < 0.01 * np.abs(fast).max()
+    assert np.abs(fast).max() > 0.05
+    assert max(np.abs(error).max(), np.abs(others).max()) < 0.01 * np.abs(fast).max()
 
 
 @pytest.mark.slow
@@ -152,37 +151,27 @@ def test_a_column_poured_layer_by_layer_carries_its_weight_at_the_foot_throughou
     assert len(errors) > 5 and np.abs(errors).max() < 0.05, errors
 
 
-@pytest.mark.long
-def test_what_a_wall_that_moves_touches_takes_part_and_the_far_end_does_not():
-    """The left wall slides upwards at 50 mm/s, in its own plane: what is within reach of it never stands."""
-    still = layer()
-    slides = mps.Plane((0.0, 0.0), (1.0, 0.0), velocity=(0.0, 0.05))
-    sim, parts = mps.Simulation(replace(still, walls=(still.walls[0], slides, still.walls[2])), BOX[0]), 0
-    while sim.time < 0.6:
-        sim.step()
-        x, kind = in_use(sim)
-        if not sim.taken_by_all:
-            parts += 1
-            assert (kind[x[:, 0] < 2.1 * L0] == FLUID).all() and x[kind == FLUID, 0].max() < 1.2
-    assert parts > 10
-
-
 @pytest.mark.slow
-def test_a_plate_that_comes_down_wakes_what_is_below_it_and_not_the_far_end():
-    """At 0.3 m/s, from 0.25 m above a layer that stands when it is there: nothing within an effective radius of it
-    stands or is aside."""
+@pytest.mark.parametrize("wall", ["plate", "side"])
+def test_what_a_wall_that_moves_comes_near_takes_part_and_the_far_end_does_not(wall):
+    """A plate comes down at 0.3 m/s, from 0.25 m above a layer that stands when it is there; the left wall slides up at
+    50 mm/s, in its own plane: nothing within an effective radius stands or is aside."""
     still, reach, speed, below = layer(height=0.06), 2.1 * L0, 0.3, 0.25
+    floor, left, right = still.walls
     section = [(0.4, below), (0.6, below), (0.6, below + 0.06), (0.4, below + 0.06)]
     plate = mps.Solid.prism(section, cell=0.5 * L0, reach=reach, velocity=(0.0, -speed), slip=True)
-    sim, met = mps.Simulation(replace(still, walls=(*still.walls, plate)), BOX[0]), 0
+    side = mps.Plane((0.0, 0.0), (1.0, 0.0), velocity=(0.0, 0.05))
+    walls = (floor, left, right, plate) if wall == "plate" else (floor, side, right)
+    sim, met = mps.Simulation(replace(still, walls=walls), BOX[0]), 0
     while speed * sim.time < below - 0.04:
         sim.step()
         count = sim.particles.number
         x, kind = sim.particles.x.to_numpy()[:count], sim.particles.kind.to_numpy()[:count]
         under = (np.abs(x[:, 0] - 0.5) < 0.1) & (below - speed * sim.time - x[:, 1] < reach)
-        if under.any() and not sim.taken_by_all:
+        near = under if wall == "plate" else x[:, 0] < reach
+        if near.any() and not sim.taken_by_all:
             met += 1
-            assert (kind[under] == FLUID).all() and x[kind == FLUID, 0].max() < 1.8
+            assert (kind[near] == FLUID).all() and x[kind == FLUID, 0].max() < 1.8
     assert met > 10
 
 
