@@ -198,21 +198,6 @@ def test_the_cone_of_rings_has_the_volume_of_the_cone():
         assert scene.volumes.sum() == pytest.approx(mps.Cone(0.1, 0.05, 0.3).volume, rel=error)
 
 
-# ---- refusals -------------------------------------------------------------------------------------------------
-def test_what_has_no_axis_is_refused():
-    plane = dict(name="ring", material=mps.Bingham(), spacing=0.1, domain=((-1.0, -1.0), (2.0, 2.0)))
-    with pytest.raises(mps.SceneError, match="the fluid has 3 coordinates; must have 2"):
-        mps.Scene(**plane | {"domain": ((0.0,) * 3, (1.0,) * 3)}, fluid=np.full((1, 3), 0.5), axisymmetric=True)
-    with pytest.raises(mps.SceneError, match="a particle lies at r = -0.5 m; r must be above 0 m"):
-        mps.Scene(**plane, fluid=np.array([[-0.5, 0.5]]), axisymmetric=True)
-    with pytest.raises(mps.SceneError, match="periodic along r; only z may be periodic"):
-        mps.Scene(**plane, fluid=np.array([[0.5, 0.5]]), axisymmetric=True, periodic=(True, False))
-    section = mps.slump_cone(model="axisymmetric", spacing=0.05)
-    for numerics in (mps.Implicit(walls="particles"), mps.SemiImplicit()):
-        with pytest.raises(mps.SceneError, match="scene slump is axisymmetric; must be surfaces, scheme implicit"):
-            mps.Simulation(section, numerics)
-
-
 # ---- runs -----------------------------------------------------------------------------------------------------
 @pytest.mark.long
 @pytest.mark.parametrize("yield_value", [0.0, 150.0], ids=["Newtonian", "plug over 0.3 R"])
