@@ -141,6 +141,7 @@ def test_film_stands_below_its_yield_value_and_flows_above():
 
 
 # ---- between walls --------------------------------------------------------------------------------------------
+@pytest.mark.slow
 def test_a_channel_that_stops_hardly_goes_back():
     """The developed flow at Bn = 5, 10 particles across, left alone in steps far shorter than the natural one: at rest
     in time (B_cessation_summary.csv), within 5 %, and the stress its plug carried, which lags by one step, does not
