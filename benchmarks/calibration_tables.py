@@ -1,128 +1,146 @@
-"""The studies of other tests that `taichi-mps calibrate` looks into; slump_study.py has that of Bingham cones.
+"""The studies of tests that `taichi-mps calibrate` looks into, and how well it finds known constants by them.
 
-    python benchmarks/calibration_tables.py mini_cone [WORKERS]   # one process by default
+    python benchmarks/calibration_tables.py slump [WORKERS]      # one process by default; 5 CPU-minutes
+    python benchmarks/calibration_tables.py mini_cone [WORKERS]
     python benchmarks/calibration_tables.py v_funnel [WORKERS]
     python benchmarks/calibration_tables.py internal_friction [WORKERS]   # half an hour
+    python benchmarks/calibration_tables.py shares               # a line for each mix, some seconds
 
-Each writes taichi_mps/study/<name>.csv, from studies/<name>_table, where what is there is not run again. Some mixes
-are computed at a finer spacing, too: what it changes is the error of the table. mini_cone: rings of 2 mm and 1 mm to
-rest or 1000 s. v_funnel: a quarter at 12.5 mm and 10 mm, until it is empty. internal_friction: quarters of the standard
-cone at 10 mm, to rest or 120 s.
+Each of the first four writes taichi_mps/study/<name>.csv, from studies/<name>_table, where what is there is not run
+again. Some mixes are computed at a finer spacing, too: what it changes is the error of the table. slump: rings of 10 mm
+to rest or 120 s; its chart is drawn by `taichi-mps chart`. mini_cone: rings of 2 mm and 1 mm to rest or 1000 s.
+v_funnel: a quarter at 12.5 mm and 10 mm, until it is empty. internal_friction: quarters of the standard cone at 10 mm,
+to rest or 120 s. shares: how often the intervals hold the constants of finite elements, whose measurements are drawn
+200 times with the errors that calibrate takes by default.
 """
 
 import csv
 import sys
 from pathlib import Path
 
+import numpy as np
+
+from taichi_mps.study.emulator import DENSITY, MEASURED, emulator_of
+from taichi_mps.study.fit import fit
 from taichi_mps.study.sweep import sweep
 
 ROOT = Path(__file__).resolve().parents[1]
-SCENES = {"mini_cone": "mini_cone", "v_funnel": "v_funnel", "internal_friction": "slump"}
-SHARED = {
-    "internal_friction": {"density": "2300", "until": "120", "floor_radius": "1", "model": "quarter"},
-    "mini_cone": {"density": "1900", "model": "axisymmetric", "until": "1000"},
-    "v_funnel": {"density": "2300", "model": "quarter"},
-}
-YIELDS = {  # [Pa]
-    "mini_cone": "8,14,25,45,80,140,250",
-    "v_funnel": "10,30,60,120",
-    "internal_friction": "2,5,10,15,20,30,60,120,250,500",
-}
-VISCOSITIES = {"mini_cone": "0.5,1,2,4,10,50,250", "v_funnel": "5,10,25,60,150", "internal_friction": "20,50,200"}
-ANGLES = "5", "8", "12", "16", "20", "25", "30"  # of internal friction [deg]; compiled in, so a study each
-CHECKS = (  # [Pa], [deg], [Pa s], [m]; not for the table but for its error
-    ("30", "12", "35", "0.01"),
-    ("120", "16", "20", "0.01"),
-    ("60", "12", "120", "0.01"),
-    ("20.8", "14.6", "50", "0.01"),
-    ("3.2", "18", "50", "0.01"),
-    ("7", "24", "50", "0.01"),
-    ("8", "18", "30", "0.01"),
-    ("5", "16", "100", "0.01"),
-    ("15", "15", "50", "0.006"),
-    ("5", "20", "20", "0.006"),
-    ("60", "10", "50", "0.006"),
-)
-SPACINGS = {"mini_cone": ("0.002", "0.001"), "v_funnel": ("0.0125", "0.01")}  # of all mixes and of the finer ones [m]
-FINER = {  # yield stress [Pa], plastic viscosity [Pa s]
-    "mini_cone": (("8", "2"), ("25", "1"), ("25", "10"), ("80", "4")),
-    "v_funnel": (("40", "20"),),
+MIX = "yield_value", "plastic_viscosity"  # [Pa], [Pa s]
+# by table: scene and what all cases share; names of what they do not, nodes, and checks, which only tell the error
+TABLES = {
+    "slump": (
+        {"scene": "slump", "model": "axisymmetric", "spacing": "0.01", "until": "120", "density": "2300"},
+        MIX,
+        [
+            (
+                "30,40.49,47,54.66,64,73.78,99.6,134.4,181.5,244.9,330.6,446.3,602.4,813.2,1098,1482",
+                "10,15,20,30,50,100,200,500,1000",
+            )
+        ],
+        [],
+    ),
+    "mini_cone": (
+        {"scene": "mini_cone", "density": "1900", "model": "axisymmetric", "until": "1000"},
+        (*MIX, "spacing"),
+        [("8,14,25,45,80,140,250", "0.5,1,2,4,10,50,250", "0.002")],
+        [("8", "2", "0.001"), ("25", "1,10", "0.001"), ("80", "4", "0.001")],
+    ),
+    "v_funnel": (
+        {"scene": "v_funnel", "density": "2300", "model": "quarter"},
+        (*MIX, "until", "spacing"),
+        [
+            ("10,30,60,120", eta, until, "0.0125")
+            for eta, until in (("5", "4"), ("10", "6"), ("25", "12"), ("60", "26"), ("150", "62"))
+        ],
+        [("40", "20", "6", "0.01")],
+    ),
+    "internal_friction": (
+        {"scene": "slump", "density": "2300", "until": "120", "floor_radius": "1", "model": "quarter"},
+        (*MIX, "friction_angle", "spacing"),  # an angle [deg] is compiled in, so a study each
+        [
+            ("2,5,10,15,20,30,60,120,250,500", "20,50,200", angle, "0.01")
+            for angle in ("5", "8", "12", "16", "20", "25", "30")
+        ],
+        [
+            ("30", "35", "12", "0.01"),
+            ("120", "20", "16", "0.01"),
+            ("60", "120", "12", "0.01"),
+            ("20.8", "50", "14.6", "0.01"),
+            ("3.2", "50", "18", "0.01"),
+            ("7", "50", "24", "0.01"),
+            ("8", "30", "18", "0.01"),
+            ("5", "100", "16", "0.01"),
+            ("15", "50", "15", "0.006"),
+            ("5", "20", "20", "0.006"),
+            ("60", "50", "10", "0.006"),
+        ],
+    ),
 }
 HEADS = {
+    "slump": "Standard cone (JIS A 1101, 300 mm), true Bingham, mould gone at once; slump over r < 20 mm and spread "
+    "[m] at rest or after 120 s, time [s] to 500 mm",
     "mini_cone": "Kantro's mini-cone (57.2 mm), true Bingham, mould gone at once; spread [m] at rest or 1000 s",
     "v_funnel": "V-funnel (EN 12350-9), true Bingham, rough sides, flap gone at once; flow time [s]",
     "internal_friction": "Standard cone (JIS A 1101), Bingham with internal friction, mould gone at once; slump over "
     "r < 20 mm and spread [m] at rest or after 120 s, time [s] to 500 mm. Rows of the role check tell the error",
 }
-COLUMNS = {
-    "mini_cone": ["spread_m"],
-    "v_funnel": ["flow_time_s"],
-    "internal_friction": ["slump_m", "spread_m", "t500_s"],
-}
-KEPT = ["status", "scene", "model", "spacing", "until", "density", "yield_value", "plastic_viscosity"]
+KEPT = ["status", "role", "scene", "model", "spacing", "until", "density", "floor_radius", "friction_angle", *MIX]
+ERRORS = {"slump_m": 0.005, "spread_m": 0.01, "t500_s": 0.2}
+KNOWN = (  # yield stress [Pa], plastic viscosity [Pa s], measurements [m, s] of finite elements
+    (300.0, 50.0, {"slump_m": 0.2173, "spread_m": 0.3511}),
+    (500.0, 50.0, {"slump_m": 0.1799, "spread_m": 0.3193}),
+    (1000.0, 50.0, {"slump_m": 0.1015, "spread_m": 0.2656}),
+    (50.0, 50.0, {"spread_m": 0.5466, "t500_s": 3.54}),
+    (50.0, 100.0, {"slump_m": 0.261, "spread_m": 0.5466, "t500_s": 7.08}),
+)
+DRAWS = 200
 
 
-def rubbing() -> list[dict[str, str]]:
-    """The parameters of the sweeps of cones with internal friction, and some of other mixes and of a finer spacing,
-    which tell the error."""
-    shared, names = SHARED["internal_friction"], ("yield_value", "friction_angle", "plastic_viscosity", "spacing")
-    nodes = [(YIELDS["internal_friction"], angle, VISCOSITIES["internal_friction"], "0.01") for angle in ANGLES]
-    return [shared | dict(zip(names, mixes, strict=True)) for mixes in (*nodes, *CHECKS)]
-
-
-def studies(name: str) -> list[dict[str, str]]:
-    """The parameters of the sweeps that make a table."""
-    return rubbing() if name == "internal_friction" else of_a_test(name)
-
-
-def of_a_test(scene: str) -> list[dict[str, str]]:
-    """The same of mini-cone or V-funnel."""
-    coarse, fine = SPACINGS[scene]
-    etas = [VISCOSITIES[scene]] if scene == "mini_cone" else VISCOSITIES[scene].split(",")
-    wanted = [(YIELDS[scene], eta, coarse) for eta in etas] + [(tau, eta, fine) for tau, eta in FINER[scene]]
-    made = [SHARED[scene] | dict(yield_value=tau, plastic_viscosity=eta, spacing=size) for tau, eta, size in wanted]
-    for mixes in made if scene == "v_funnel" else ():
-        thick = float(mixes["plastic_viscosity"])
-        mixes["until"] = f"{2.0 + (0.2 if mixes['spacing'] == fine else 0.4) * thick:g}"
-    return made
-
-
-def main(name: str, workers="1") -> None:
+def write(name: str, workers="1") -> None:
+    """Compute and write a table."""
+    shared, names, nodes, checks = TABLES[name]
+    columns = list(MEASURED[shared["scene"]].values())
     rows = []
-    planned = studies(name)
-    for number, mixes in enumerate(planned):
-        found = sweep(SCENES[name], f"studies/{name}_table/{number}", workers=int(workers), watch=told, **mixes)
-        rows += [row | {"role": "check" if number >= len(planned) - len(CHECKS) else "node"} for row in found]
-    failed = [row for row in rows if row["status"] != "done"]
+    for number, (role, mixes) in enumerate([*(("node", mix) for mix in nodes), *(("check", mix) for mix in checks)]):
+        settings = shared | dict(zip(names, mixes, strict=True))
+        found = sweep(out=f"studies/{name}_table/{number}", workers=int(workers), watch=told, **settings)
+        rows += [row | {"role": role} for row in found]
+    failed = [f"{row['yield_value']} Pa, {row['plastic_viscosity']} Pa s: {row['reason']}" for row in rows
+              if row["status"] != "done"]  # fmt: skip
     if failed:
-        sys.exit(
-            "\n".join(f"{row['yield_value']} Pa, {row['plastic_viscosity']} Pa s: {row['reason']}" for row in failed)
-        )
-    columns = COLUMNS[name]
-    kept = KEPT + ["floor_radius", "friction_angle", "role"] * (name == "internal_friction")
+        sys.exit("\n".join(failed))
     with open(ROOT / f"taichi_mps/study/{name}.csv", "w", newline="", encoding="utf-8") as file:
-        file.write(
-            f"# {HEADS[name]}.\n# By version {rows[0]['version']} and benchmarks/calibration_tables.py {name}.\n"
-        )
+        made_by = f"By version {rows[0]['version']} and benchmarks/calibration_tables.py {name}"
+        file.write(f"# {HEADS[name]}.\n# {made_by}.\n")
+        kept = [column for column in KEPT if column in rows[0]]
         lines = csv.DictWriter(file, [*kept, *columns, "stopped_by"], extrasaction="ignore", lineterminator="\n")
         lines.writeheader()
         for row in rows:
             lines.writerow(row | {column: f"{row[column]:.5g}" if row[column] else None for column in columns})
-    seconds = sum(row["cpu_seconds"] + row["compile_seconds"] for row in rows)
-    print(f"{len(rows)} cases, {seconds:.0f} CPU-seconds")
 
 
 def told(rows, total) -> None:
-    """The last case that came."""
-    if rows:
-        print(
-            len(rows),
-            "of",
-            total,
-            {name: rows[-1].get(name) for name in (*KEPT, "friction_angle", "flow_time_s", "slump_m", "spread_m")},
-            flush=True,
+    """How many cases have come, and the last of them."""
+    print(len(rows), "of", total, rows[-1:], flush=True)
+
+
+def shares() -> None:
+    """How well known constants are found, and how often their intervals hold them."""
+    tables = [emulator_of()]
+    for tau_y, eta, measured in KNOWN:
+        found = fit(tables, {name: (value, ERRORS[name]) for name, value in measured.items()}, DENSITY)
+        random, held = np.random.default_rng(0), []
+        for _ in range(DRAWS):
+            drawn = {name: (v + ERRORS[name] * random.standard_normal(), ERRORS[name]) for name, v in measured.items()}
+            answer = fit(tables, drawn, DENSITY)
+            pairs = (answer.yield_value, tau_y), (answer.plastic_viscosity, eta)
+            held.append([(constant.lower or 0.0) <= true <= (constant.upper or np.inf) for constant, true in pairs])
+        told = ", ".join(
+            constant.told(unit)
+            for constant, unit in zip((found.yield_value, found.plastic_viscosity), ("Pa", "Pa s"), strict=True)
         )
+        print(f"{tau_y:g} Pa, {eta:g} Pa s: {told}; held {' and '.join(f'{s:.1%}' for s in np.mean(held, axis=0))}")
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    shares() if sys.argv[1:] == ["shares"] else write(*sys.argv[1:])

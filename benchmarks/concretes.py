@@ -8,10 +8,16 @@ Cones without slip, and with internal friction: the tables of `taichi-mps calibr
 
 import json
 import sys
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import points
+
+import taichi_mps as mps
+from taichi_mps.study import mixes
+from taichi_mps.study.emulator import DENSITY, FRICTION, emulator_of
+from taichi_mps.validation import read_reference
 
 MEASURED = "E_measured_slump_flow_yeh.csv"
 YIELDS = 60.0, 100.0, 150.0, 200.0, 300.0, 400.0, 600.0, 800.0, 1200.0  # of the cones that slip [Pa]
@@ -24,42 +30,28 @@ ANGLES = 10.0, 15.0, 20.0  # of internal friction [deg]
 RESULT = points.RESULTS / "concretes.json"
 
 
-def ways() -> dict[str, list[tuple[dict, float]]]:
-    """The cones that slip, of each line of the chart: their mixes, and what the plate holds over the yield stress."""
-    return {f"Bingham, {plate}": [({"yield_value": tau}, part) for tau in YIELDS] for plate, part in PLATES.items()}
-
-
 def run() -> None:
-    """Cones to rest, 20 s at most; each way that has no result yet."""
-    from dataclasses import replace
-
-    import taichi_mps as mps
-
+    """Cones that slip, to rest, 20 s at most: two minutes."""
     mps.init(threads=1)
-    found = json.loads(RESULT.read_text(encoding="utf-8")) if RESULT.is_file() else {}
-    for way, cones in ways().items():
-        if way in found:
-            continue
-        rows = []
-        for mix, part in cones:
-            scene = mps.slump_cone(**mix, plastic_viscosity=VISCOSITY, model="axisymmetric", floor_radius=1.0)
-            held = {"friction": mps.Friction(yield_value=part * mix["yield_value"])} if part else {"slip": True}
-            scene = replace(scene, walls=(replace(scene.walls[0], **held),))
-            sim = mps.Simulation(replace(scene, until=20.0))
+    found = {}
+    for plate, part in PLATES.items():
+        rows = found[f"Bingham, {plate}"] = []
+        for tau in YIELDS:
+            scene = mps.slump_cone(yield_value=tau, plastic_viscosity=VISCOSITY, model="axisymmetric", floor_radius=1.0)
+            held = {"friction": mps.Friction(yield_value=part * tau)} if part else {"slip": True}
+            sim = mps.Simulation(replace(scene, walls=(replace(scene.walls[0], **held),), until=20.0))
             sim.run()
             measures = sim.measures()
-            rows.append(mix | {"slump_mm": 1e3 * measures["slump_m"], "flow_mm": 1e3 * measures["spread_m"]})
+            rows.append(
+                {"yield_value": tau, "slump_mm": 1e3 * measures["slump_m"], "flow_mm": 1e3 * measures["spread_m"]}
+            )
             rows[-1]["stopped_by"] = sim.stopped_by
-            print(way, rows[-1], flush=True)
-        found[way] = rows
-        RESULT.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+            print(plate, rows[-1], flush=True)
+    RESULT.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
 
 
 def calibrated() -> str:
     """How they come out of `taichi-mps calibrate --table`, as a table; each of them in results/concretes.csv."""
-    from taichi_mps.study import mixes
-    from taichi_mps.validation import read_reference
-
     columns = {"no": "no", "slump [cm]": "slump_cm", "spread [cm]": "flow_cm", "rho [kg/m3]": "density_kg_m3"}
     rows = [{name: line[column] for name, column in columns.items()} for line in read_reference(MEASURED)]
     found = mixes.calibrate_list(rows)
@@ -71,8 +63,6 @@ def calibrated() -> str:
 
 def with_friction(found) -> str:
     """How well those that internal friction explains are determined, and at which plastic viscosities."""
-    from taichi_mps.study import mixes
-
     some = [row for row in found if row["verdict"] == mixes.WITH_FRICTION]
     known = [sum(row[f"{name}_found"] is not None for name in ("yield_value", "friction_angle")) for row in some]
     angles = [row["friction_angle_found"] for row in some if row["friction_angle_found"] is not None]
@@ -82,45 +72,23 @@ def with_friction(found) -> str:
     return text + f"degrees. {usual} are explained at {VISCOSITY:g} Pa s, the others at 20 or 200 Pa s only."
 
 
-def concretes() -> np.ndarray:
-    """Slump and slump flow [mm] of the measured ones, (103, 2)."""
-    from taichi_mps.validation import read_reference
-
-    return np.array([(10.0 * float(r["slump_cm"]), 10.0 * float(r["flow_cm"])) for r in read_reference(MEASURED)])
-
-
-def band() -> np.ndarray:
-    """Slump and slump flow [mm] of Bingham cones without slip: (viscosities, yield stresses, 2)."""
-    from taichi_mps.study.calibrate import emulator_of
-    from taichi_mps.study.emulator import DENSITY
-
-    emulator = emulator_of(None)
-    yields = np.linspace(emulator.low[0], emulator.high[0], 200)
-    viscosities = np.log(np.geomspace(*BAND, 25) / DENSITY)
-    cones = [emulator.at(yields, np.full(len(yields), eta)) for eta in viscosities]
-    return 1e3 * np.array([np.column_stack([c["slump_m"], c["spread_m"]]) for c in cones])
+def of_table(test: str, *others) -> np.ndarray:
+    """Slump and slump flow [mm] of 200 yield stresses by a table of `taichi-mps calibrate`, at others of its constants
+    over the density [Pa s m3/kg] or angles [deg]: (200, 2)."""
+    emulator = emulator_of(test=test)
+    cones = emulator.at(np.linspace(emulator.low[0], emulator.high[0], 200), *np.log(np.tile(others, (200, 1)).T))
+    return 1e3 * np.column_stack([cones["slump_m"], cones["spread_m"]])
 
 
 def curves() -> dict[str, np.ndarray]:
-    """Slump and slump flow [mm] of the other cones, between the computed ones."""
+    """Slump and slump flow [mm] of the other cones, between the computed ones; with internal friction by its table."""
     found = {}
     for way, cones in json.loads(RESULT.read_text(encoding="utf-8")).items():
         known = np.array([(np.log(c["yield_value"]), c["slump_mm"], c["flow_mm"]) for c in cones])
         fine = np.linspace(known[0, 0], known[-1, 0], 200)
         found[way] = np.column_stack([np.interp(fine, known[:, 0], known[:, k]) for k in (1, 2)])
-    return found | rubbing()
-
-
-def rubbing() -> dict[str, np.ndarray]:
-    """Slump and slump flow [mm] of cones with internal friction, from the table of `taichi-mps calibrate`."""
-    from taichi_mps.study.emulator import DENSITY
-    from taichi_mps.study.internal_friction import own_table
-
-    table, viscosity = own_table(), np.log(VISCOSITY / DENSITY)
-    yields, found = np.linspace(table.low[0], table.high[0], 200), {}
     for angle in ANGLES:
-        cones = table.at(yields, np.full(len(yields), np.log(angle)), viscosity)
-        found[f"internal friction of {angle:g} degrees"] = 1e3 * np.column_stack([cones["slump_m"], cones["spread_m"]])
+        found[f"internal friction of {angle:g} degrees"] = of_table(FRICTION, angle, VISCOSITY / DENSITY)
     return found
 
 
@@ -137,7 +105,9 @@ def draw() -> None:
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
-    measured, cones, others = concretes(), band(), curves()
+    measured = np.array([(10.0 * float(r["slump_cm"]), 10.0 * float(r["flow_cm"])) for r in read_reference(MEASURED)])
+    cones = np.array([of_table("slump", eta / DENSITY) for eta in np.geomspace(*BAND, 25)])
+    others = curves()
     stands = measured[:, 0] == 0.0
     room = 0.25 * np.pi * measured[:, 1] ** 2 * (HEIGHT - measured[:, 0])  # of the cylinder around the body
     impossible = ~stands & (room < VOLUME)
@@ -156,12 +126,7 @@ def draw() -> None:
         typical = np.median(error, axis=0)
         lines.append(f"| {name} | {near.sum()} of {len(real)} | {typical[0]:+.0f} | {typical[1]:+.0f} |")
     lines += ["", f"Left out: {stands.sum()} without slump, {impossible.sum()} that hold less than the cone's volume."]
-    lines += [
-        "",
-        "What `taichi-mps calibrate --table` says of all 103, without slip:",
-        "",
-        calibrated(),
-    ]
+    lines += ["", "What `taichi-mps calibrate --table` says of all 103, without slip:", "", calibrated()]
     points.put("concretes.md", "concretes", "\n".join(lines))
 
     figure, axis = plt.subplots(figsize=(7.6, 5.4), layout="constrained")

@@ -5,7 +5,7 @@ import json
 from nicegui import ui
 
 from ..report.inputs import option
-from ..study.calibration import CONSTANTS, FRICTIONAL, WORDS, Calibration, from_facts, short
+from ..study.calibration import WORDS, short
 from ..study.measurements import Measurements
 from .form import Form
 from .jobs import Job, Queue
@@ -55,12 +55,9 @@ class Calibrate:
 
     def found(self, facts: dict) -> None:
         """The constants, and what they rest on."""
-        it = from_facts(Calibration, facts)
-        nearest, names = (it.friction, FRICTIONAL) if it.explained_by_friction else (it, CONSTANTS)
-        mix = {name: getattr(nearest, name).value for name in names}
         with ui.card().classes("w-full gap-1").props('flat bordered data-part="constants"'):
-            for line in str(it).splitlines():
+            for line in facts["told"].splitlines():
                 ui.label(" ".join(line.split()))
-            mix = {name: short(value) for name, value in mix.items()}
+            mix = {name: short(value) for name, value in facts["mix"].items()}
             words = ", ".join(f"{WORDS[name][0]} {text} {WORDS[name][1]}" for name, text in mix.items())
             ui.button(f"Run a test with {words}", on_click=lambda: self.use(mix)).props("no-caps outline")

@@ -26,7 +26,6 @@ from .case_file import expanded
 from .case_file import text as case_text
 from .console import curves, redraw
 from .options import Parser, Pictures, Run, Table, given, scene_of
-from .require import COMMANDS as REQUIRE
 from .run import BAD_INPUT, DONE, carry_out, forecast, start
 from .study import COMMANDS as STUDY
 
@@ -288,7 +287,7 @@ def validate(arguments) -> int:
 
 
 COMMANDS = {"run": run, "new": new, "resume": resume, "render": render, "export": export, "plot": plot}
-COMMANDS |= {"report": report, "validate": validate} | STUDY | REQUIRE | {"scenes": scenes, "info": info}
+COMMANDS |= {"report": report, "validate": validate} | STUDY | {"scenes": scenes, "info": info}
 
 
 def main(argv=None, more=None) -> int:

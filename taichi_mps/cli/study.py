@@ -1,8 +1,9 @@
-"""The commands sweep, calibrate and chart of the command line."""
+"""The commands sweep, require, calibrate and chart of the command line."""
 
 import json
 import sys
 from collections import Counter
+from dataclasses import asdict
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -11,66 +12,126 @@ from pydantic import Field
 from ..io.run_folder import strict
 from ..problem import catalogue
 from ..problem.accuracy import choose
-from ..study.measurements import Measurements
+from ..problem.labels import in_words, title, written
+from ..study import calibrate
+from ..study.measurements import Measurements, read_list
+from ..study.require import Wanted, require
+from ..study.results import measures, spelled
 from ..study.sweep import ACCURACY, LOST, cases, sweep
-from ..units import SceneError, plain
+from ..units import Checked, Count, SceneError, plain
 from .options import Parser, Workers, given, scene_of
 from .run import DONE
 
 NOT_ALL_DONE = 1  # what sweep returns where a case gave no result
 MOST_SHOWN = 10  # cases without a result that are named
+MIX = {"yield_value", "plastic_viscosity", "until"}  # of a form: what require looks for
 
 
 class Study(Workers):
+    """Options of every command that computes a study."""
+
+    out: str | None = Field(None, description="folder of the study, by default studies/ and its name")
+    quiet: bool = Field(False, description="no progress")
+
+
+class Sweep(Study):
     """Options of sweep."""
 
-    out: str | None = Field(None, description="folder of the study, studies/<scene> by default")
     chart: bool = Field(False, description="draw chart.png into the folder")
-    quiet: bool = Field(False, description="no table")
 
 
+class Lookup(Checked):
+    """Options of calibrate, beside what was measured."""
+
+    study: str | None = Field(
+        None, description="a study of one of the tests to look the answer up in; the package's own by default"
+    )
+    check: bool = Field(True, description="compute the cones once more, finer; without it in a second")
+    table: str | None = Field(
+        None, description="a laboratory's list, CSV: one mix a line, columns as slump [cm], spread [cm]"
+    )
+    out: str | None = Field(
+        None,
+        description="of --table: the results, CSV, beside them a chart and a page; mixes-calibrated.csv by default",
+    )
+    executor: str | None = Field(
+        None, description="of --table: local or dask://HOST:PORT, by default here, one after the other"
+    )
+    workers: Count | None = Field(
+        None, description="of --table: processes of this machine, one for each CPU with --executor local"
+    )
+
+
+def parsed(command, argv, what, options, leave_out=(), **models):
+    """Arguments of a command that takes a scene, and the scene's function; ``models``: more options by their title."""
+    known = scene_of(command, argv, next(iter(models.values()), options))
+    function = catalogue.load(known.scene) if known.scene else None
+    parser = Parser(command, "SCENE", description=what)
+    parser.add_argument("scene", help=f"name ({', '.join(catalogue.names())}) or Python file")
+    parser.add_argument("--json", action="store_true", help="print the result as JSON")
+    for name, model in models.items():
+        parser.options(model, name)
+    if function:
+        parser.options(function.parameters, leave_out=leave_out)
+    parser.options(options, "study")
+    return parser.parse(argv), function
+
+
+def watching(varied, quiet: bool):
+    """``watch(rows, total)`` of a study in which the parameters of these names differ: a line for each case."""
+    told = set()
+
+    def tell(rows, total):
+        for row in (row for row in rows if row["key"] not in told):
+            told.add(row["key"])
+            words = [f"{len(told)}/{total}", *(f"{in_words(name)} {spelled(row[name])}" for name in varied)]
+            print(plain(f"{', '.join(words)}: {outcome(row)}"), file=sys.stderr, flush=True)
+
+    return None if quiet else tell
+
+
+def outcome(row) -> str:
+    """The measures of a row in a few words, or why there are none."""
+    if row["status"] != "done":
+        return f"{row['status']}: {row['reason']}"
+    return ", ".join(f"{title(name)} {written(name, row[name])}" for name in measures([row]) if row[name] is not None)
+
+
+def need_matplotlib() -> None:
+    """SceneError where no chart can be drawn."""
+    if not find_spec("matplotlib"):
+        raise SceneError("chart needs matplotlib: pip install 'taichi-mps[plots]'")
+
+
+# ---- sweep -----------------------------------------------------------------------------------------------------
 def sweep_command(argv) -> int:
     """compute a scene at many values of its parameters"""
-    known = scene_of("sweep", argv, Study)
-    function = catalogue.load(known.scene) if known.scene else None
-    parser = Parser(
-        "sweep",
-        "SCENE",
-        description="A scene at every combination of values: one value, a list 20,50,100, or first:last:number in "
-        "equal ratios (:linear in equal steps). What the folder of the study holds is not computed again.",
+    what = (
+        "A scene at every combination of values: one value, a list 20,50,100, or first:last:number in "
+        "equal ratios (:linear in equal steps). What the folder of the study holds is not computed again."
     )
-    parser.add_argument("scene", help=f"name ({', '.join(catalogue.names())}) or Python file")
-    parser.add_argument("--json", action="store_true", help="print the rows as JSON")
-    if function:
-        parser.options(function.parameters)
-    parser.options(Study, "study")
-    arguments = parser.parse(argv)
-    options = Study(**given(arguments, Study))
-    varied = {name: getattr(arguments, name) for name in function.parameters.model_fields}
-    varied = {name: text for name, text in varied.items() if text is not None}
-    if options.chart and not find_spec("matplotlib"):
-        raise SceneError("chart needs matplotlib: pip install 'taichi-mps[plots]'")
+    arguments, function = parsed("sweep", argv, what, Sweep)
+    options, varied = Sweep(**given(arguments, Sweep)), given(arguments, function.parameters)
+    if options.chart:
+        need_matplotlib()
     folder = Path(options.out or Path("studies") / Path(arguments.scene).stem)
-    from .study_console import differing, watching
-
     planned = cases(arguments.scene, **varied)
-    if options.chart and not any(isinstance(planned[0].parameters[name], int | float) for name in differing(planned)):
+    differing = [name for name in planned[0].parameters if len({str(case.parameters[name]) for case in planned}) > 1]
+    if options.chart and not any(isinstance(planned[0].parameters[name], int | float) for name in differing):
         raise SceneError("chart: needs a parameter that is varied by numbers; must be a list or first:last:number")
     if "model" in planned[0].parameters and "model" not in varied:
         print(f"taichi-mps: accuracy = {1e3 * ACCURACY:g} mm: {choose(ACCURACY)}", file=sys.stderr)
-
-    quiet = options.quiet or arguments.json
-    with watching(differing(planned), quiet) as watch:
-        rows = sweep(arguments.scene, folder, options.executor, options.workers, watch, **varied)
+    watch = watching(differing, options.quiet or arguments.json)
+    rows = sweep(arguments.scene, folder, options.executor, options.workers, watch, **varied)
     if arguments.json:
         print(json.dumps(strict(rows)))
-    elif not quiet:
+    elif not options.quiet:
         print(f"{tally(rows)}: {folder / 'results.csv'}")
     if options.chart:
         from ..study.chart import study_chart
 
-        study_chart(rows, differing(planned), folder / "chart.png")
-    for line in not_done(rows, differing(planned)):
+        study_chart(rows, differing, folder / "chart.png")
+    for line in not_done(rows, differing):
         print(f"taichi-mps: {plain(line)}", file=sys.stderr)
     return DONE if all(row["status"] == "done" for row in rows) else NOT_ALL_DONE
 
@@ -90,6 +151,32 @@ def tally(rows) -> str:
     return ", ".join(words) + " (the same command computes the lost ones again)" * bool(count[LOST])
 
 
+# ---- require ---------------------------------------------------------------------------------------------------
+def require_command(argv) -> int:
+    """which slump to order so that a form fills"""
+    what = (
+        "The mixes that fill a form, such as wall, in time, by yield stress and plastic viscosity, and the slump to "
+        "order. What the folder of the study holds is not computed again."
+    )
+    arguments, function = parsed("require", argv, what, Study, MIX, wanted=Wanted)
+    wanted, options = Wanted(**given(arguments, Wanted)), Study(**given(arguments, Study))
+    folder = Path(options.out or Path("studies") / f"require-{Path(arguments.scene).stem}")
+    parameters = given(arguments, function.parameters, leave_out=MIX)
+    watch = watching(["yield_value", "plastic_viscosity"], options.quiet or arguments.json)
+    borders, rows = require(arguments.scene, wanted, folder, options.executor, options.workers, watch, **parameters)
+    if arguments.json:
+        print(json.dumps(strict([asdict(border) | {"slumps_m": border.slumps_m} for border in borders])))
+    else:
+        print(*borders, sep="\n")
+        print(f"{len(rows)} run{'s' * (len(rows) > 1)}: {plain(folder)}")
+    if find_spec("matplotlib"):
+        from ..study.chart import require_chart
+
+        print(f"Chart: {plain(require_chart(borders, rows, wanted, folder / 'require.png'))}", file=sys.stderr)
+    return DONE
+
+
+# ---- calibrate -------------------------------------------------------------------------------------------------
 def calibrate_command(argv) -> int:
     """find the Bingham constants of a mix from its tests"""
     parser = Parser(
@@ -99,57 +186,41 @@ def calibrate_command(argv) -> int:
         "cones are checked by one finer run.",
     )
     parser.options(Measurements, "measurements")
-    parser.add_argument("--table", help="a laboratory's list, CSV: one mix a line, columns as slump [cm], spread [cm]")
-    parser.add_argument(
-        "--out", help="of --table: the results, CSV, beside them a chart and a page; mixes-calibrated.csv by default"
-    )
-    parser.add_argument(
-        "--executor", help="of --table: local or dask://HOST:PORT, by default here, one after the other"
-    )
-    parser.add_argument(
-        "--workers", help="of --table: processes of this machine, one for each CPU with --executor local"
-    )
-    parser.add_argument(
-        "--study", help="a study of one of the tests to look the answer up in; the package's own by default"
-    )
-    parser.add_argument("--no-check", action="store_true", help="without the finer run, in a second")
+    parser.options(Lookup, "answer")
     parser.add_argument("--json", action="store_true", help="print the result as JSON")
     arguments = parser.parse(argv)
-    told = given(arguments, Measurements)
-    if arguments.table:
-        return calibrate_table(arguments, told)
-    for name in ("out", *Workers.model_fields):
-        if value := getattr(arguments, name):
-            raise SceneError(f"{name} = {value}: belongs to --table; must be left out")
-    from ..study.calibrate import calibrate
-
-    result = calibrate(**told, study=arguments.study, check=not arguments.no_check)
+    told, options = given(arguments, Measurements), Lookup(**given(arguments, Lookup))
+    if options.table:
+        return calibrate_table(options, told, arguments.json)
+    for name in ("out", "executor", "workers"):
+        if getattr(options, name):
+            raise SceneError(f"{name} = {getattr(options, name)}: belongs to --table; must be left out")
+    result = calibrate.calibrate(**told, study=options.study, check=options.check)
     print(json.dumps(strict(result.facts())) if arguments.json else result)
-    return 0
+    return DONE
 
 
-def calibrate_table(arguments, told) -> int:
+def calibrate_table(options: Lookup, told: dict, as_json: bool) -> int:
     """One calibration for each line of a laboratory's list."""
     from ..study import mixes
 
-    path = Path(arguments.table)
+    path = Path(options.table)
+    out = Path(options.out or path.with_name(f"{path.stem}-calibrated.csv"))
     if path.is_dir():
         raise SceneError(f"table = {path}: is a folder; a study is named by --study, a list of mixes is a CSV file")
     if told:
         raise SceneError(f"{next(iter(told))}: stands in the table's own columns; must be left out")
-    out = Path(arguments.out or path.with_name(f"{path.stem}-calibrated.csv"))
     if out.exists():
         raise SceneError(f"out = {out}: is there already; must be a new file, it is not overwritten")
-    rows, workers = mixes.read_list(path), given(arguments, Workers)
-    workers = Workers(**workers).model_dump() if workers else {}
+    rows = read_list(path)
 
     def watch(row, number):
         if sys.stderr.isatty():
             print(f"\r{number} of {len(rows)} mixes", end="\n" * (number == len(rows)), file=sys.stderr, flush=True)
 
-    found = mixes.calibrate_list(rows, arguments.study, watch, **workers)
+    found = mixes.calibrate_list(rows, options.study, watch, options.executor, options.workers)
     mixes.write(found, out)
-    if arguments.json:
+    if as_json:
         print(json.dumps(strict(found)))
     else:
         print(mixes.tally(found))
@@ -157,18 +228,16 @@ def calibrate_table(arguments, told) -> int:
     if find_spec("matplotlib"):
         from ..study.chart import mixes_chart
 
-        chart = mixes_chart(found, out.with_suffix(".png"))
-        print(f"Chart: {plain(chart)}", file=sys.stderr)
-    from ..study import mixes_page
-
+        print(f"Chart: {plain(mixes_chart(found, out.with_suffix('.png')))}", file=sys.stderr)
     try:
-        page = mixes_page.write(found, [name for name in rows[0] if name], out.with_suffix(".html"), path)
+        page = mixes.write_page(found, [name for name in rows[0] if name], out.with_suffix(".html"), path)
         print(f"Report: {plain(page)}", file=sys.stderr)
     except SceneError as error:  # without plotly: the table is there
         print(f"taichi-mps: {error}", file=sys.stderr)
-    return 0
+    return DONE
 
 
+# ---- chart -----------------------------------------------------------------------------------------------------
 def chart_command(argv) -> int:
     """draw slump and spread against yield stress"""
     parser = Parser(
@@ -178,14 +247,17 @@ def chart_command(argv) -> int:
     parser.add_argument("--out", default="slump_chart.png", help="picture, slump_chart.png by default")
     parser.add_argument("--json", action="store_true", help="print the name of the picture as JSON")
     arguments = parser.parse(argv)
-    try:
-        from ..study.chart import slump_chart
+    need_matplotlib()
+    from ..study.chart import slump_chart
 
-        made = slump_chart(arguments.out, arguments.study)
-    except ImportError:
-        raise SceneError("chart needs matplotlib: pip install 'taichi-mps[plots]'") from None
-    print(json.dumps({"picture": str(made)}) if arguments.json else made, file=sys.stdout)
-    return 0
+    made = slump_chart(arguments.out, arguments.study)
+    print(json.dumps({"picture": str(made)}) if arguments.json else made)
+    return DONE
 
 
-COMMANDS = {"sweep": sweep_command, "calibrate": calibrate_command, "chart": chart_command}
+COMMANDS = {
+    "sweep": sweep_command,
+    "calibrate": calibrate_command,
+    "chart": chart_command,
+    "require": require_command,
+}

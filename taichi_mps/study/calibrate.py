@@ -1,45 +1,30 @@
-"""The Bingham constants of a mix from tests of it, with intervals from the errors of the measurements."""
+"""The constants of a mix from tests of it, with intervals from the errors of the measurements."""
 
 from dataclasses import replace
-from functools import lru_cache
-from pathlib import Path
 
 import numpy as np
 
 from ..problem.materials import Bingham
 from ..units import SceneError, checked
-from .calibration import CONSTANTS, RHEOMETER, Calibration
-from .emulator import MEASURED, Emulator, Together, is_time
+from .calibration import BINGHAM, FRICTIONAL, RHEOMETER, Calibration, FrictionalMix, is_time
+from .case import case, run
+from .emulator import FRICTION, MEASURED, Emulator, emulator_of, scale
 from .fit import fit
-from .internal_friction import frictional_mix
-from .measurements import Measurements, check_known, check_tests, scenes_of
-from .results import read
+from .measurements import Measurements, check_known, check_tests
 
-HERE = Path(__file__).parent
-"""Holds a sweep of each test as a table, slump.csv and so on; docs/howto/calibrate.md."""
 CHECKED = "slump", "mini_cone"  # tests that a finer run checks; a V-funnel at half the spacing takes too long
-
-
-def emulator_of(table=None, scene: str = "slump") -> Emulator:
-    """That of a study's folder or table, by default the package's own of a test; made once, and again when the table
-    changes."""
-    path = Path(table) if table else HERE / f"{scene}.csv"
-    file = path / "results.csv" if path.is_dir() else path
-    return _emulator(path, file.stat().st_mtime_ns if file.is_file() else 0)
-
-
-@lru_cache(maxsize=8)
-def _emulator(path: Path, changed: int) -> Emulator:
-    return Emulator(read(path))
+CONE = "slump_m", "spread_m"  # without which no mix with internal friction is sought
+OTHERS = 20.0, 200.0  # other plastic viscosities [Pa s] at which such a mix is sought where it was not measured
+BEYOND = 0.1  # of the logarithm of a plastic viscosity outside of its table, for which the end of the table does
 
 
 def emulators_of(measured: dict, study=None) -> dict[str, Emulator]:
     """Those of the tests that were measured, by scene; that of ``study`` in the place of the package's own."""
-    scenes = scenes_of(measured)
+    scenes = [scene for scene, columns in MEASURED.items() if columns.keys() & measured.keys()]
     own = emulator_of(study) if study else None
     if own and own.scene not in scenes:
         raise SceneError(f"study = {study}: is one of {own.scene}, which was not measured; must be of {scenes[0]}")
-    return {scene: own if own and own.scene == scene else emulator_of(scene=scene) for scene in scenes}
+    return {scene: own if own and own.scene == scene else emulator_of(test=scene) for scene in scenes}
 
 
 @checked
@@ -55,31 +40,29 @@ def calibrate(test: Measurements, study: str | None = None, check: bool = True) 
     measured, known = test.measured(), test.known()
     emulators = emulators_of(measured, study)
     check_tests(test, emulators)
-    tables = Together(list(emulators.values()))
+    tables = list(emulators.values())
     check_known(known, tables, test.rho)
     found = fit(tables, measured, test.rho, known=known)
-    if check and (apart := difference(emulators, found, test.rho)):
+    if check and (apart := difference(emulators, found)):
         found = replace(fit(tables, measured, test.rho, apart, known), finer=apart)
     if study is None and (found.contradictory or not found.near):
         found = replace(found, friction=frictional_mix(measured, test.rho, known))
-    return with_each_alone(emulators, found, test.rho, known)
+    return with_each_alone(emulators, found, known) if found.contradictory else found
 
 
-def with_each_alone(emulators: dict[str, Emulator], found: Calibration, density: float, known: dict) -> Calibration:
+def with_each_alone(emulators: dict[str, Emulator], found: Calibration, known: dict) -> Calibration:
     """A contradictory one with what each measurement says alone, and the rheometer: a length at rest of the yield
     stress, a time of the plastic viscosity, the other constant as found, or a usual plastic viscosity where none is
     determined: what fits a contradiction least badly is at any end of the table."""
-    if not found.contradictory:
-        return found
-    others = {name: getattr(found, name).value for name in CONSTANTS}
+    others = found.constants
     if not found.plastic_viscosity.determined and "plastic_viscosity" not in known:
         others["plastic_viscosity"] = Bingham().plastic_viscosity
-    alone = {name: {RHEOMETER: (known[name],) * 3} if name in known else {} for name in CONSTANTS}
+    alone = {name: {RHEOMETER: (known[name],) * 3} if name in known else {} for name in BINGHAM}
     for name, pair in found.measured.items():
-        asked, other = reversed(CONSTANTS) if is_time(name) else CONSTANTS
+        asked, other = reversed(BINGHAM) if is_time(name) else BINGHAM
         emulator = next(emulators[scene] for scene in emulators if name in MEASURED[scene])
         try:
-            it = fit(emulator, {name: pair}, density, found.finer, {other: others[other]})
+            it = fit([emulator], {name: pair}, found.density, found.finer, {other: others[other]})
         except SceneError:  # no T500 at all with that yield stress
             continue
         constant = getattr(it, asked)
@@ -88,19 +71,16 @@ def with_each_alone(emulators: dict[str, Emulator], found: Calibration, density:
     return replace(found, alone=alone, others=others)
 
 
-def difference(emulators: dict[str, Emulator], found: Calibration, density: float) -> dict:
+def difference(emulators: dict[str, Emulator], found: Calibration) -> dict:
     """What finer runs of the cones at the constants found measure beyond their emulators: lengths [m], of times the
     ratio."""
-    from .case import case, run
-
-    mix, apart = {name: getattr(found, name).value for name in CONSTANTS}, {}
+    mix, apart = found.constants | {"density": found.density}, {}
     for scene in (scene for scene in CHECKED if scene in emulators):
         emulator = emulators[scene]
-        settings = emulator.settings | mix | {"density": density, "spacing": 0.5 * emulator.spacing}
-        row = run(case(scene, **settings))
+        row = run(case(scene, **emulator.settings | mix | {"spacing": 0.5 * emulator.spacing}))
         if row["status"] == "failed":
             raise SceneError(f"the finer run failed: {row['reason']}")
-        table = emulator.at(*np.log(np.array(list(mix.values())) / density))
+        table = emulator.at(*np.log(np.array(list(found.constants.values())) / found.density))
         for name, column in MEASURED[scene].items():
             value = float(table[name])
             if not is_time(name):
@@ -108,3 +88,30 @@ def difference(emulators: dict[str, Emulator], found: Calibration, density: floa
             elif row[column] and np.isfinite(value):
                 apart[name] = row[column] / value
     return apart
+
+
+def frictional_mix(measured: dict, density: float, known: dict) -> FrictionalMix | None:
+    """The mix with internal friction that is nearest to slump, slump flow and T500, {name: (value, standard error)}. A
+    plastic viscosity that is not ``known`` is found with the other constants from T500. Where that was not measured, it
+    is the usual one of the scene or, where no mix is near with that, the first of OTHERS with which one is. None where
+    slump or flow was not measured, the table does not reach what is known, or no such mix spreads to 500 mm and T500
+    was measured."""
+    if not set(CONE) <= measured.keys():
+        return None
+    table = emulator_of(test=FRICTION)
+    measured = {name: measured[name] for name in MEASURED["slump"] if name in measured}
+    usual = table.usual["plastic_viscosity"]
+    for name, value in ({"plastic_viscosity": usual} | known).items():
+        k, room = FRICTIONAL.index(name), BEYOND if name == "plastic_viscosity" else 0.0
+        if not table.low[k] - room <= np.log(value / scale(name, density)) <= table.high[k] + room:
+            return None
+    if "t500_s" in measured or "plastic_viscosity" in known:
+        try:
+            return fit([table], measured, density, known=known)
+        except SceneError:
+            return None
+    mixes = {eta: fit([table], measured, density, known=known | {"plastic_viscosity": eta}) for eta in (usual, *OTHERS)}
+    near = {eta: mix for eta, mix in mixes.items() if mix.near}
+    best = next(iter(near), usual)
+    others = {eta: (mix.yield_value.value, mix.friction_angle.value) for eta, mix in near.items() if eta != best}
+    return replace(mixes[best], usual=True, by_viscosity=others)

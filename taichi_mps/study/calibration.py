@@ -1,20 +1,29 @@
-"""What a calibration found: constants with intervals, and how it is told."""
+"""What a calibration found: the constants of a mix with intervals, and how it is told."""
 
 import math
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field
+from typing import ClassVar
 
 CONTRADICTION = 9.0  # a misfit of three standard errors
 NAMES = {"slump_m": "slump", "spread_m": "slump flow", "t500_s": "T500"}
 NAMES |= {"mini_cone_m": "mini-cone spread", "v_funnel_s": "V-funnel time"}
 RHEOMETER = "rheometer"  # who says a constant that is known
 USUAL = "usual"  # who says one that is taken as of a usual mix
-CONSTANTS = {"yield_value": ("yield stress", "Pa"), "plastic_viscosity": ("plastic viscosity", "Pa s")}
-WORDS = CONSTANTS | {"friction_angle": ("friction angle", "degrees")}
+WORDS = {  # of the constants of a mix
+    "yield_value": ("yield stress", "Pa"),
+    "plastic_viscosity": ("plastic viscosity", "Pa s"),
+    "friction_angle": ("friction angle", "degrees"),
+}
+BINGHAM = "yield_value", "plastic_viscosity"  # the constants of a mix, in the order of the tables
+FRICTIONAL = "yield_value", "friction_angle", "plastic_viscosity"  # those of one with internal friction
 # [m] within which a mix of the model explains a measurement; Kantro's cone is a fifth of the standard one
 NEAR = {"slump_m": 0.01, "spread_m": 0.02, "mini_cone_m": 0.004}
-CONE = "slump_m", "spread_m"  # without which no mix with internal friction is sought
-FRICTIONAL = "yield_value", "friction_angle", "plastic_viscosity"  # the constants of such a mix
 TOLD = 1.1  # factor by which a constant must be less certain without a measurement that is said to determine it
+
+
+def is_time(name: str) -> bool:
+    """Is this a measured time? It goes by its logarithm, a length as it is."""
+    return name.endswith("_s")
 
 
 def short(value: float) -> str:
@@ -24,7 +33,7 @@ def short(value: float) -> str:
 
 def apart(name: str, by: float) -> str:
     """By how much the model is above a measurement, with its unit, lengths [mm]."""
-    return f"{1e3 * by:+.0f} mm" if name.endswith("_m") else f"{by:+.2g} s"
+    return f"{by:+.2g} s" if is_time(name) else f"{1e3 * by:+.0f} mm"
 
 
 @dataclass(frozen=True)
@@ -58,27 +67,47 @@ class Constant:
 
     def bounds(self, unit: str) -> str:
         """The value, or the bound where it has only one."""
-        if self.lower is None or self.upper is None:
-            known = self.upper if self.lower is None else self.lower
-            word = "at most" if self.lower is None else "at least"
-            return "nothing" if known is None else f"{word} {short(known)} {unit}"
-        return f"{short(self.value)} {unit}"
+        if self.determined:
+            return f"{short(self.value)} {unit}"
+        if not self.bounded:
+            return "nothing"
+        return f"at most {short(self.upper)} {unit}" if self.lower is None else f"at least {short(self.lower)} {unit}"
 
     def told(self, unit: str) -> str:
         """In words."""
         if self.low == self.high:
             return f"{short(self.value)} {unit}, as given"
-        ends = f"{short(self.low)} to {short(self.high)} {unit}"
         if self.determined:
             return f"{short(self.value)} {unit}, 95 %: {short(self.lower)} to {short(self.upper)} {unit}"
-        if self.lower is None and self.upper is None:
-            return f"not determined by these measurements (looked for from {ends})"
-        bound = f"at most {short(self.upper)}" if self.lower is None else f"at least {short(self.lower)}"
-        return f"{bound} {unit} (95 %), not determined further by these measurements (looked for from {ends})"
+        ends = f"by these measurements (looked for from {short(self.low)} to {short(self.high)} {unit})"
+        if not self.bounded:
+            return f"not determined {ends}"
+        return f"{self.bounds(unit)} (95 %), not determined further {ends}"
 
 
-class Found:
-    """Constants that were fitted to measurements, and which measurement determines which of them."""
+@dataclass(frozen=True, kw_only=True)
+class Mix:
+    """A mix that was fitted to measurements, and which measurement determines which of its constants."""
+
+    names: ClassVar[tuple[str, ...]] = BINGHAM  # of its constants
+    yield_value: Constant
+    plastic_viscosity: Constant
+    density: float  # [kg/m3]
+    measured: dict[str, tuple[float, float]]  # value and standard error, SI units
+    errors: dict[str, float]  # standard errors, with those of the table
+    model: dict[str, float]
+    misfit: float  # chi squared
+    by_viscosity: dict[float, object]  # what fits at other plastic viscosities [Pa s]
+    # by measurement and constant: by which factor the constant's standard error would grow without it, and by how many
+    # of its own it changes with the constant's logarithm
+    worth: dict[str, dict[str, float]]
+    sensitivities: dict[str, dict[str, float]]
+    usual: bool = False  # is the plastic viscosity a usual one, neither given nor found?
+
+    @property
+    def constants(self) -> dict[str, float]:
+        """The best values by name, SI units, an angle in degrees."""
+        return {name: getattr(self, name).value for name in self.names}
 
     @property
     def missed(self) -> dict[str, float]:
@@ -106,10 +135,10 @@ class Found:
 
     def source(self, constant: str) -> str:
         """Who says most of a constant: the measurement without which it would be the least certain, a rheometer where
-        it is known, and '' where it has no bound."""
+        it is known, 'usual' where it is taken as of a usual mix, and '' where it has no bound."""
         it = getattr(self, constant)
         if it.low == it.high:
-            return RHEOMETER
+            return USUAL if self.usual and constant == "plastic_viscosity" else RHEOMETER
         named = [name for name in self.worth if self.senses(name, constant)]
         bounded = named and it.bounded
         return NAMES[max(named, key=lambda name: self.worth[name][constant])] if bounded else ""
@@ -119,38 +148,28 @@ class Found:
         it = getattr(self, constant)
         return abs(self.sensitivities[name][constant]) * math.log(it.high / it.low) > math.sqrt(12.0)
 
-    def constant_lines(self, names) -> list[str]:
-        """These constants in words."""
-        return [f"{WORDS[name][0]:18} {getattr(self, name).told(WORDS[name][1])}" for name in names]
+    def constant_lines(self) -> list[str]:
+        """The constants in words."""
+        return [f"{WORDS[name][0]:18} {getattr(self, name).told(WORDS[name][1])}" for name in self.names]
 
     def measurement_lines(self) -> list[str]:
         """What was measured, beside the model, and what it determines."""
         lines = []
         for name, (value, error) in self.measured.items():
-            factor, unit = (100.0, "cm") if name.endswith("_m") else (1.0, "s")
+            factor, unit = (1.0, "s") if is_time(name) else (100.0, "cm")
             found = f"{factor * value:.2f} +- {factor * error:.2f} {unit}, of the model {factor * self.model[name]:.2f}"
             found += f"; determines {self.determines(name)}" * bool(self.worth.get(name))
             lines.append(f"{NAMES[name]:18} {found}")
         return lines
 
 
-@dataclass(frozen=True)
-class FrictionalMix(Found):
+@dataclass(frozen=True, kw_only=True)
+class FrictionalMix(Mix):
     """The mix with internal friction, yield stress c + p tan(phi), that is nearest to slump, slump flow and, where it
-    was measured, T500."""
+    was measured, T500. The yield stress is c; ``by_viscosity`` holds c [Pa] and phi [degrees] of other mixes."""
 
-    yield_value: Constant  # c
+    names: ClassVar[tuple[str, ...]] = FRICTIONAL
     friction_angle: Constant  # phi [degrees]
-    plastic_viscosity: Constant  # of T500, a rheometer, or usual
-    usual: bool  # is it a usual one, neither given nor found?
-    density: float  # [kg/m3]
-    measured: dict[str, tuple[float, float]]
-    errors: dict[str, float]  # standard errors, with those of the table
-    model: dict[str, float]
-    # yield stress [Pa] and angle [degrees] by other plastic viscosities [Pa s] at which a mix is near
-    by_viscosity: dict[float, tuple[float, float]]
-    worth: dict[str, dict[str, float]] = field(default_factory=dict)
-    sensitivities: dict[str, dict[str, float]] = field(default_factory=dict)
 
     @property
     def near(self) -> bool:
@@ -164,35 +183,31 @@ class FrictionalMix(Found):
         return self.near and self.yield_value.bounded and self.friction_angle.bounded
 
     @property
-    def constants(self) -> str:
-        """In short."""
-        c, phi, eta = (short(getattr(self, name).value) for name in FRICTIONAL)
-        return f"{c} Pa and {phi} degrees at {eta} Pa s"
-
-    @property
     def command(self) -> str:
         """What computes its slump."""
-        mix = {name: getattr(self, name).value for name in FRICTIONAL} | {"density": self.density}
+        mix = self.constants | {"density": self.density}
         return "taichi-mps run slump " + " ".join(f"--{name.replace('_', '-')} {short(v)}" for name, v in mix.items())
 
-    def source(self, constant: str) -> str:
-        """As of Found; of a viscosity that is usual that it is."""
-        return USUAL if self.usual and constant == "plastic_viscosity" else super().source(constant)
+    @property
+    def every(self) -> str:
+        """All of the measurements, in a word or two."""
+        return "both" if len(self.measured) == 2 else "all three"
 
     def told(self) -> str:
         """Does it explain the measurements, and how far from them is it? In one sentence."""
-        every, none = ("both", "neither") if len(self.measured) == 2 else ("all three", "not all three")
+        c, phi, eta = map(short, self.constants.values())
+        mix = f"{c} Pa and {phi} degrees at {eta} Pa s"
         if self.explains:
-            return f"with internal friction one mix does {every}: {self.constants}"
+            return f"with internal friction one mix does {self.every}: {mix}"
         if self.near:
-            return f"with internal friction {self.constants} does {every}, but its constants are not bounded"
+            return f"with internal friction {mix} does {self.every}, but its constants are not bounded"
         missed = " and ".join(f"the {NAMES[name]} by {apart(name, by)}" for name, by in self.missed.items())
-        return f"with internal friction {none}: the nearest, {self.constants}, misses {missed}"
+        return f"with internal friction not {self.every}: the nearest, {mix}, misses {missed}"
 
     def __str__(self):
         if not self.explains:
             return self.told()
-        lines = self.constant_lines(FRICTIONAL)
+        lines = self.constant_lines()
         if self.usual:
             lines[-1] = lines[-1].replace("as given", "a usual value, not measured")
         others = [f"{short(c)} Pa and {short(phi)} degrees at {eta:g}" for eta, (c, phi) in self.by_viscosity.items()]
@@ -201,24 +216,14 @@ class FrictionalMix(Found):
         return "\n".join([f"{self.told()}:", *(f"  {line}" for line in lines)])
 
 
-@dataclass(frozen=True)
-class Calibration(Found):
-    """What tests say of their mix: constants, the measures of the model there, the misfit in standard errors."""
+@dataclass(frozen=True, kw_only=True)
+class Calibration(Mix):
+    """What tests say of their mix, a Bingham mix. ``by_viscosity`` holds the best yield stresses [Pa]."""
 
-    yield_value: Constant
-    plastic_viscosity: Constant
-    measured: dict[str, tuple[float, float]]  # value and standard error, SI units
-    model: dict[str, float]
-    misfit: float  # chi squared
-    by_viscosity: dict[float, float]  # best yield stress [Pa] at plastic viscosities [Pa s] that fit
     # where no mix is near: of a constant what each measurement alone says, value and ends; with which other constant
     alone: dict[str, dict[str, tuple[float, float | None, float | None]]] = field(default_factory=dict)
     others: dict[str, float] = field(default_factory=dict)
     finer: dict[str, float] = field(default_factory=dict)  # the run that checked: finer minus table, ratio of times
-    # by measurement and constant: by which factor the constant's standard error would grow without it, and by how many
-    # of its own it changes with the constant's logarithm
-    worth: dict[str, dict[str, float]] = field(default_factory=dict)
-    sensitivities: dict[str, dict[str, float]] = field(default_factory=dict)
     friction: FrictionalMix | None = None  # of slump, slump flow and T500, where it was sought
 
     @property
@@ -229,32 +234,36 @@ class Calibration(Found):
     @property
     def at_the_edge(self) -> list[str]:
         """The constants whose best value is the first or the last of the table: what lies beyond was not looked at."""
-        return [name for name in CONSTANTS if getattr(self, name).at_the_edge]
+        return [name for name in BINGHAM if getattr(self, name).at_the_edge]
 
     @property
     def contradictory(self) -> bool:
         """Is no mix near the measurements?"""
         return self.misfit > CONTRADICTION
 
+    @property
+    def best(self) -> Mix:
+        """The mix that explains the measurements, or comes nearest to them."""
+        return self.friction if self.explained_by_friction else self
+
     def facts(self) -> dict:
         """Everything, JSON-ready."""
-        both = {name: getattr(self, name) for name in CONSTANTS}
-        both = {name: asdict(constant) | {"determined": constant.determined} for name, constant in both.items()}
-        return asdict(self) | both | {"contradictory": self.contradictory, "at_the_edge": self.at_the_edge}
+        facts = asdict(self) | {"contradictory": self.contradictory, "at_the_edge": self.at_the_edge}
+        for name in BINGHAM:
+            facts[name]["determined"] = getattr(self, name).determined
+        return facts | {"told": str(self), "mix": self.best.constants}
 
     def contradiction(self) -> str:
         """That no mix is near the measurements, with what each of them says alone and what to trust it for."""
         text = "no Bingham mix comes within three standard errors: the measurements contradict each other or the model"
-        said = [
-            f"at {short(self.others[other])} {CONSTANTS[other][1]} "
-            + ", ".join(
-                f"the {NAMES.get(name, name)}{' alone' * (name in NAMES)} says {Constant(*it, 0.0, 0.0).bounds(unit)}"
+        for constant, other in zip(BINGHAM, reversed(BINGHAM), strict=True):
+            said = [
+                f"the {NAMES.get(name, name)}{' alone' * (name in NAMES)} "
+                f"says {Constant(*it, 0.0, 0.0).bounds(WORDS[constant][1])}"
                 for name, it in self.alone.get(constant, {}).items()
-            )
-            for (constant, (_, unit)), other in zip(CONSTANTS.items(), reversed(CONSTANTS), strict=True)
-            if self.alone.get(constant)
-        ]
-        text = "; ".join([text, *said])
+            ]
+            if said:
+                text += f"; at {short(self.others[other])} {WORDS[other][1]} {', '.join(said)}"
         if not {"slump_m", "spread_m"} <= self.alone.get("yield_value", {}).keys():
             return text
         return (
@@ -263,19 +272,19 @@ class Calibration(Found):
         )
 
     def __str__(self):
-        lines = self.constant_lines(CONSTANTS)
+        lines = self.constant_lines()
         if self.by_viscosity and not self.plastic_viscosity.determined:
             pairs = ", ".join(f"{short(tau)} Pa at {eta:g}" for eta, tau in self.by_viscosity.items())
             lines.append(f"  yield stress by plastic viscosity: {pairs} Pa s")
         lines += self.measurement_lines()
         if self.finer:
             apart = ", ".join(
-                f"{NAMES[name]} " + (f"{1e3 * by:+.1f} mm" if name.endswith("_m") else f"{100.0 * (by - 1.0):+.1f} %")
+                f"{NAMES[name]} " + (f"{100.0 * (by - 1.0):+.1f} %" if is_time(name) else f"{1e3 * by:+.1f} mm")
                 for name, by in self.finer.items()
             )
             lines.append(f"the finer run      {apart} beside the table; the constants are corrected by it")
         if self.at_the_edge:
-            ends = [(CONSTANTS[name][0], getattr(self, name), CONSTANTS[name][1]) for name in self.at_the_edge]
+            ends = [(WORDS[name][0], getattr(self, name), WORDS[name][1]) for name in self.at_the_edge]
             ends = ", ".join(f"{word} {short(it.low)} to {short(it.high)} {unit}" for word, it, unit in ends)
             edge = f"the best fit lies at the edge of the table ({ends}): what is bounded is so within it only"
             lines.insert(0, edge)
@@ -288,17 +297,3 @@ class Calibration(Found):
         if self.contradictory:
             lines.insert(0, self.contradiction())
         return "\n".join(lines)
-
-
-def from_facts(kind: type, facts: dict | None):
-    """A Calibration or a FrictionalMix from its facts, through JSON or not; None of none."""
-    if facts is None:
-        return None
-    known = {each.name: facts[each.name] for each in fields(kind)}
-    for name in WORDS.keys() & known.keys():
-        if isinstance(known[name], dict):
-            known[name] = Constant(**{each.name: known[name][each.name] for each in fields(Constant)})
-    known["by_viscosity"] = {float(eta): found for eta, found in known["by_viscosity"].items()}
-    if "friction" in known:
-        known["friction"] = from_facts(FrictionalMix, known["friction"])
-    return kind(**known)

@@ -1,11 +1,9 @@
 """One case of a study: a scene with its parameters, the key by which it is known, and its run in this process."""
 
 import hashlib
-import io
 import json
 import math
 import threading
-from contextlib import redirect_stdout
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -16,11 +14,11 @@ from .. import __version__
 from ..io.history import row_of
 from ..io.run_folder import strict
 from ..problem import catalogue
-from ..problem.problem import Problem
 
 REACHED = 0.5  # spread [m] whose time is read, T500: EN 12350-8
 LOOK = 0.02, 0.05, 0.25  # between two looks at the spread: 0.02 s or 5 % of the time so far at least, 25 % at most
-_kept = None  # the Compiled of this process
+KEPT = ("stopped_by", "simulated_seconds", "steps", "volume_error", "volume_error_max")  # of the summary, in a row
+KEPT += ("cpu_seconds", "compile_seconds", "version")
 _one_at_a_time = threading.Lock()  # Taichi runs one Simulation at a time in a process
 
 
@@ -29,13 +27,8 @@ class Case:
     """A scene by name or file and the parameters given, JSON-ready. ``key`` is that of its result."""
 
     scene: str
-    given: tuple[tuple[str, object], ...]
+    parameters: dict[str, object]
     key: str
-
-    @property
-    def parameters(self) -> dict:
-        """The parameters given, by name."""
-        return dict(self.given)
 
 
 def case(scene: str, **parameters) -> Case:
@@ -51,7 +44,7 @@ def case(scene: str, **parameters) -> Case:
     files = [catalogue.locate(scene), *catalogue.names().values(), *named]
     contents = [hashlib.sha256(path.read_bytes()).hexdigest() for path in files]
     digest = hashlib.sha256(json.dumps([contents, full, code()], sort_keys=True).encode()).hexdigest()
-    return Case(catalogue.source(scene), tuple((name, full[name]) for name in parameters), digest[:16])
+    return Case(catalogue.source(scene), {name: full[name] for name in parameters}, digest[:16])
 
 
 @lru_cache
@@ -64,6 +57,12 @@ def code() -> str:
     return digest.hexdigest()
 
 
+def row_without_result(case: Case, status: str, reason) -> dict:
+    """The row of a case that gave no result; the reason on one line."""
+    words = " ".join(str(reason).split())
+    return {"key": case.key, "status": status, "reason": words, "scene": case.scene, **case.parameters}
+
+
 def run(case: Case) -> dict:
     """Compute a case to its end in this process: its row. What fails is a row with its reason. Taichi is started with
     one thread where it is not, and again, which drops every earlier Simulation, where its fields are used up.
@@ -71,7 +70,8 @@ def run(case: Case) -> dict:
     A row holds key, status ('done' or 'failed'), reason, the parameters, the scene's measures at the end, t500_s [s]
     where the spread came to 500 mm, what stopped the run, steps and seconds.
     """
-    row = {"key": case.key, "status": "done", "reason": "", "scene": case.scene, **case.parameters}
+    from .reuse import begin
+
     with _one_at_a_time:
         try:
             sim = begin(catalogue.build(case.scene, **case.parameters))
@@ -83,37 +83,16 @@ def run(case: Case) -> dict:
             sim.run()
             summary, measures = sim.summary(), sim.measures()
             if over_time:
-                measures |= over_time(
-                    {name: np.array([step.get(name, math.nan) for step in course]) for name in course[-1]}
-                )
+                columns = {name: np.array([step.get(name, math.nan) for step in course]) for name in course[-1]}
+                measures |= over_time(columns)
         except Exception as error:  # a study goes on, whatever a case does
-            return row | {"status": "failed", "reason": f"{type(error).__name__}: {' '.join(str(error).split())}"}
+            return row_without_result(case, "failed", f"{type(error).__name__}: {error}")
+    row = row_without_result(case, "done", "")
     filling = {name: summary[name] for name in ("filled_ratio", "void_m3") if name in summary}
     row |= {name: strict(float(value)) for name, value in (measures | filling).items()}
     if spread.watched:
         row["t500_s"] = spread.time
-    kept = ("stopped_by", "simulated_seconds", "steps", "volume_error", "volume_error_max")
-    kept += ("cpu_seconds", "compile_seconds", "version")
-    return row | {name: strict(summary[name]) for name in kept}
-
-
-def begin(scene):
-    """A Simulation of the scene, by kernels of this process where they fit. Starts Taichi where it is not."""
-    from ..runtime import backend
-    from .reuse import Compiled, shape_of
-
-    global _kept
-    problem = Problem(scene)
-    try:
-        backend.require_room()
-    except RuntimeError:  # not started, or full
-        _kept = None
-        with redirect_stdout(io.StringIO()):  # without Taichi's greeting
-            backend.init(threads=1)
-    if _kept is None or not _kept.whole or _kept.shape != shape_of(problem):
-        _kept = None
-        _kept = Compiled(problem)
-    return _kept.begin(problem)
+    return row | {name: strict(summary[name]) for name in KEPT}
 
 
 class Milestone:

@@ -9,10 +9,10 @@ from ..problem.labels import in_words, title, unit_of_measure
 from ..units import SceneError, unit_of
 from ..validation import read_reference
 from ..viz.plots import COLOURS, _figure, _save
-from .calibrate import emulator_of
-from .emulator import DENSITY
-from .labels import measures, spelled
+from .emulator import DENSITY, emulator_of
+from .mixes import pairs
 from .require import fills
+from .results import measures, spelled
 
 VISCOSITIES = (20.0, 50.0, 200.0)  # of the engine's curves [Pa s]
 FORMULAS = {  # column of the reference, who, and the slumps [mm] for which it was made
@@ -22,6 +22,17 @@ FORMULAS = {  # column of the reference, who, and the slumps [mm] for which it w
     "s_Roussel_mm": ("Roussel 2006", (50.0, 250.0)),
     "s_schowalter_mm": ("static column, Murata 1984, Christensen", (0.0, 300.0)),
 }
+GREY = {"color": "#777f88", "lw": 1.3}  # of formulas
+
+
+def ticked(axis, low: float, high: float, least=()) -> None:
+    """Ticks at 1, 2 and 5 times powers of ten between two ends of a logarithmic axis; where there are fewer than three
+    of these, and values ``least`` are given, at those."""
+    ticks = [k * 10.0**power for power in range(-6, 7) for k in (1, 2, 5) if low <= 1.01 * k * 10.0**power]
+    ticks = [tick for tick in ticks if 0.99 * tick <= high]
+    ticks = sorted(least) if least and len(ticks) < 3 else ticks
+    axis.set_ticks(ticks, [f"{tick:g}" for tick in ticks])
+    axis.set_ticks([], minor=True)
 
 
 def slump_chart(out, study=None) -> Path:
@@ -34,14 +45,13 @@ def slump_chart(out, study=None) -> Path:
         for axes, name in ((left, "slump_m"), (right, "spread_m")):
             axes.semilogx(yields, 100.0 * found[name], color=colour, lw=2.4, label=f"this engine, {eta:g} Pa s")
     formulas = read_reference("A_slump_vs_yield_abrams.csv")
-    tau = np.array([float(line["tau0_Pa"]) for line in formulas])
-    for (column, (who, (low, high))), style in zip(FORMULAS.items(), ("-", "--", "-.", ":", (0, (1, 3))), strict=True):
-        slump = np.array([float(line[column]) for line in formulas])
-        slump[(slump < low) | (slump > high)] = np.nan
-        left.semilogx(tau, 0.1 * slump, color="#777f88", ls=style, lw=1.3, label=who)
-    flow = np.array([float(line["SF_Coussot_mm"]) for line in formulas])
-    thin = tau <= 200.0
-    right.semilogx(tau[thin], 0.1 * flow[thin], color="#777f88", lw=1.3, label="thin layer at rest, Coussot 1996")
+    tau = column(formulas, "tau0_Pa")
+    for (name, (who, (low, high))), style in zip(FORMULAS.items(), ("-", "--", "-.", ":", (0, (1, 3))), strict=True):
+        slump = column(formulas, name)
+        made_for = (slump >= low) & (slump <= high)
+        left.semilogx(tau, np.where(made_for, 0.1 * slump, np.nan), ls=style, label=who, **GREY)
+    flow = np.where(tau <= 200.0, 0.1 * column(formulas, "SF_Coussot_mm"), np.nan)
+    right.semilogx(tau, flow, label="thin layer at rest, Coussot 1996", **GREY)
     inertial = read_reference("A_fe_inertial_slump_summary.csv")
     last = [r for r in inertial if r["model"] == "A" and r["eta_Pa_s"] == "50" and r["kind"].startswith("final")]
     still = [r for r in read_reference("A_fe_slump_abrams_final.csv") if "fine" not in r["run"]]
@@ -49,38 +59,33 @@ def slump_chart(out, study=None) -> Path:
         (last, "tau_Pa", ("mean20_mm", "spread_mm"), "o", "finite elements, 50 Pa s"),
         (still, "tau0_Pa", ("slump_mm", "spread_diam_mm"), "s", "finite elements without inertia"),
     ):
+        look = {"color": "black", "mfc": "white", "ms": 8, "mew": 1.6, "ls": "none", "label": label}
         for axes, name in zip((left, right), names, strict=True):
-            points = np.array([(float(r[x]), 0.1 * float(r[name])) for r in lines])
-            axes.semilogx(*points.T, marker, color="black", mfc="white", ms=8, mew=1.6, ls="none", label=label)
+            axes.semilogx(column(lines, x), 0.1 * column(lines, name), marker, **look)
     left.set(ylabel="slump [cm]", ylim=(0.0, 30.0), title="Slump of the cone, JIS A 1101 / EN 12350-2")
     right.set(ylabel="spread [cm]", ylim=(20.0, 75.0), title="Spread, EN 12350-8")
-    ticks = [t for t in (20, 30, 50, 100, 200, 300, 500, 1000, 2000) if yields[0] <= t <= 1.001 * yields[-1]]
     for axes in (left, right):
         axes.set(xlabel=f"yield stress [Pa] at {DENSITY:g} kg/m3", xlim=(yields[0], yields[-1]))
-        axes.set_xticks(ticks, [f"{t:g}" for t in ticks])
-        axes.minorticks_off()
+        ticked(axes.xaxis, yields[0], yields[-1])
         axes.legend(frameon=False, fontsize=9)
     return _save(figure, out)
+
+
+def column(lines, name) -> np.ndarray:
+    """A column of a reference table."""
+    return np.array([float(line[name]) for line in lines])
 
 
 def mixes_chart(rows, out) -> Path:
     """Slump flow against slump of a laboratory's mixes [cm], each joined with the mix of the model that is nearest."""
     figure, axes = _figure(8.0, 6.0)
-    for kind, colour in zip(dict.fromkeys(row["verdict"] for row in rows), COLOURS, strict=False):
-        shown = False
-        for row in (row for row in rows if row["verdict"] == kind):
-            if row.get("slump_m_missed") is None or row.get("spread_m_missed") is None:
-                continue
-            model = np.array([row["slump_m_model"], row["spread_m_model"]])
-            measured = model - [row["slump_m_missed"], row["spread_m_missed"]]
-            axes.plot(*100.0 * np.array([measured, model]).T, "-", color=colour, lw=0.8, alpha=0.6)
-            axes.plot(*100.0 * measured, "o", color=colour, ms=5, label=None if shown else f"{kind}, measured")
-            axes.plot(*100.0 * model, ".", color="black", ms=4)
-            shown = True
+    for kind, colour, _, measured, model in pairs(rows):
+        axes.plot(*np.stack([measured, model], 1).T, "-", color=colour, lw=0.8, alpha=0.6)
+        axes.plot(*measured.T, "o", color=colour, ms=5, label=f"{kind}, measured")
+        axes.plot(*model.T, ".", color="black", ms=4)
+        axes.legend(frameon=False)
     axes.set(xlabel="slump [cm]", ylabel="slump flow [cm]", title="Measured, and the nearest mix of the model (dots)")
     axes.grid(alpha=0.3)
-    if axes.get_legend_handles_labels()[0]:
-        axes.legend(frameon=False)
     return _save(figure, out)
 
 
@@ -88,34 +93,26 @@ def require_chart(borders, rows, wanted, out) -> Path:
     """Mixes that were run, yield stress against plastic viscosity, those that do and those that do not; the border
     between them, and lines of equal slump."""
     figure, axes = _figure(8.0, 5.4)
-    emulator, density = emulator_of(), rows[0].get("density") or DENSITY
-    yields, viscosities = (density * np.exp(axis) for axis in emulator.axes)
-    slump = 100.0 * emulator.at(*emulator.axes, grid=True)["slump_m"]
+    emulator = emulator_of()
     for does, marker, label in ((True, "o", "fills"), (False, "x", "does not")):
         some = [row for row in rows if fills(row, wanted) is does]
         x, y = ([row[name] for row in some] for name in ("plastic_viscosity", "yield_value"))
         axes.plot(x, y, marker, color=COLOURS[0 if does else 1], ms=8, ls="none", label=label)
-    found = [border for border in borders if border.fills_up_to and border.empty_from]
-    axes.plot(
-        [b.plastic_viscosity for b in found], [(b.fills_up_to * b.empty_from) ** 0.5 for b in found], "-", color="black"
-    )
+    found = [
+        (b.plastic_viscosity, (b.fills_up_to * b.empty_from) ** 0.5) for b in borders if b.fills_up_to and b.empty_from
+    ]
+    axes.plot(*np.array(found).reshape(-1, 2).T, "-", color="black")
     title = f"{rows[0]['scene']}: {wanted.filled:.0%} filled in {wanted.time:g} s"
-    axes.set(xscale="log", yscale="log", xlabel="plastic viscosity [Pa s]", ylabel="yield stress [Pa]", title=title)
     etas = [border.plastic_viscosity for border in borders]
     ends = (0.7 * min(etas), 1.4 * max(etas)), (0.8 * wanted.softest, 1.25 * wanted.stiffest)
+    axes.set(xscale="log", yscale="log", xlabel="plastic viscosity [Pa s]", ylabel="yield stress [Pa]", title=title)
     axes.set(xlim=ends[0], ylim=ends[1])
     for axis, (low, high) in zip((axes.xaxis, axes.yaxis), ends, strict=True):
-        ticks = [k * 10.0**power for power in range(-2, 5) for k in (1, 2, 5) if low <= k * 10.0**power <= high]
-        axis.set_ticks(ticks, [f"{tick:g}" for tick in ticks])
-        axis.set_ticks([], minor=True)
-    i, j = (
-        np.flatnonzero((at >= 0.9 * low) & (at <= 1.1 * high))
-        for at, (low, high) in zip((viscosities, yields), ends, strict=True)
-    )
-    if len(i) > 1 and len(j) > 1:
-        shown = slump[np.ix_(j, i)]
-        lines = axes.contour(viscosities[i], yields[j], shown, levels=np.arange(2.0, 30.0, 2.0), colors="#b9bfc6")
-        axes.clabel(lines, fmt="slump %g cm", fontsize=8)
+        ticked(axis, low, high)
+    yields, viscosities = (borders[0].density * np.exp(axis) for axis in emulator.axes)
+    slump = 100.0 * emulator.at(*emulator.axes, grid=True)["slump_m"]
+    lines = axes.contour(viscosities, yields, slump, levels=np.arange(2.0, 30.0, 2.0), colors="#b9bfc6")
+    axes.clabel(lines, fmt="slump %g cm", fontsize=8)
     axes.legend(frameon=False)
     return _save(figure, out)
 
@@ -132,6 +129,7 @@ def study_chart(rows, varied, out) -> Path:
         raise SceneError("chart: needs a case that is done, with a measure, and a parameter that is varied by numbers")
     unit = unit_of(catalogue.load(rows[0]["scene"]).parameters.model_fields[numbers[0]])
     x, others = numbers[0], [name for name in varied if name != numbers[0]]
+    known = sorted({row[x] for row in done})
     figure, panels = _figure(4.6 * len(names), 4.4, columns=len(names), squeeze=False)
     for axes, name in zip(panels[0], names, strict=True):
         factor, shown, _ = unit_of_measure(name)
@@ -140,18 +138,10 @@ def study_chart(rows, varied, out) -> Path:
             points = np.array(sorted(points), float)  # None becomes nan: a gap
             label = ", ".join(f"{in_words(other)} {spelled(value)}" for other, value in zip(others, kind, strict=True))
             axes.plot(points[:, 0], factor * points[:, 1], "o-", color=COLOURS[k % len(COLOURS)], label=label)
-        axes.set(
-            xlabel=in_words(x) + f" [{unit}]" * bool(unit),
-            ylabel=title(name) + f" [{shown}]" * bool(shown),
-        )
-        low, high = (end(row[x] for row in done) for end in (min, max))
-        if low > 0.0:
+        axes.set(xlabel=in_words(x) + f" [{unit}]" * bool(unit), ylabel=title(name) + f" [{shown}]" * bool(shown))
+        if known[0] > 0.0:
             axes.set_xscale("log")
-            steps = [k * 10.0**power for power in range(-6, 7) for k in (1, 2, 5)]
-            steps = [step for step in steps if 0.99 * low <= step <= 1.01 * high]
-            steps = steps if len(steps) > 2 else sorted({row[x] for row in done})
-            axes.set_xticks(steps, [f"{step:g}" for step in steps])
-            axes.minorticks_off()
+            ticked(axes.xaxis, known[0], known[-1], known)
     if others:
         panels[0][0].legend(frameon=False, fontsize=9)
     return _save(figure, out)

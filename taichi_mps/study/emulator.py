@@ -1,5 +1,6 @@
-"""What a test measures as a smooth function of two constants of a mix, through the cases of a study of its scene."""
+"""What a test measures as a smooth function of the constants of a mix, through the cases of a study of its scene."""
 
+from functools import lru_cache
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -8,19 +9,22 @@ import numpy as np
 from ..problem import catalogue
 from ..problem.materials import Bingham
 from ..units import SceneError
+from .calibration import BINGHAM, FRICTIONAL, WORDS, is_time
 from .case import REACHED
+from .results import read
 
+HERE = Path(__file__).parent
+"""Holds the package's own table of each test, slump.csv and so on; docs/howto/calibrate.md."""
+FRICTION = "internal_friction"  # the table of the standard cone over FRICTIONAL
 DENSITY = Bingham().density  # [kg/m3] of rows that name none: the default of scenes/slump.py
 SMOOTHING = 0.03  # of the thin plate: particles scatter the measures of soft mixes by millimetres from case to case
-MIX = "yield_value", "plastic_viscosity"
-NAMES = {"yield_value": "yield stresses", "plastic_viscosity": "plastic viscosities", "friction_angle": "angles"}
 MEASURED = {  # by the scene of a test: what is measured in it, and the column of a study that holds it
     "slump": {"slump_m": "slump_m", "spread_m": "spread_m", "t500_s": "t500_s"},
     "mini_cone": {"mini_cone_m": "spread_m"},
     "v_funnel": {"v_funnel_s": "flow_time_s"},
 }
 FEWEST = 6  # cases with a T500 from which on it is known
-NODES = 121, 61  # of the grid on which a fit looks first: yield stress, plastic viscosity
+NODES = 121, 61, 31  # of the grid on which a fit looks first: one number for each constant
 
 
 def positive(value) -> bool:
@@ -33,120 +37,128 @@ def scale(constant: str, density):
     return np.ones_like(density) if constant == "friction_angle" else density
 
 
-def is_time(name: str) -> bool:
-    """Is this a measured time? It goes by its logarithm, a length as it is."""
-    return name.endswith("_s")
+def emulator_of(table=None, test: str = "slump"):
+    """The emulator of a study's folder or table, by default the package's own of a test; made once, and again when the
+    table changes."""
+    path = Path(table) if table else HERE / f"{test}.csv"
+    file = path / "results.csv" if path.is_dir() else path
+    return _emulator(
+        path, FRICTIONAL if test == FRICTION else BINGHAM, file.stat().st_mtime_ns if file.is_file() else 0
+    )
+
+
+@lru_cache(maxsize=8)
+def _emulator(path: Path, constants: tuple[str, ...], changed: int):
+    return Emulator(read(path), constants)
 
 
 class Emulator:
-    """The measurements of a test, MEASURED, lengths [m] and times [s], for any yield stress and plastic viscosity, or
-    other two ``constants``, within a study of its scene; the slump's where the rows name no scene.
+    """The measurements of a test, MEASURED, lengths [m] and times [s], for any mix within a study of its scene; the
+    slump's where the rows name no scene.
 
-    By similarity they depend on the ratios of both constants to the density alone (``scale``). Between the cases a
-    thin-plate spline over the logarithms of these ratios; T500 is nan where the spread stays below 500 mm. ``scatter``
-    is the root mean square by which the surface misses a case that it was made without and, added in squares, cases at
-    a finer spacing than the first, which are no nodes; of lengths [m], of times the logarithm.
+    The mix is given by two or three ``constants``. By similarity the measurements depend on the ratios of these to the
+    density alone (``scale``). Over the logarithms of the first two ratios lies a thin-plate spline through the cases;
+    there is one for each value of the third, and between these values the measurements are linear in its logarithm.
+    T500 is nan where the spread stays below 500 mm. ``scatter`` is the root mean square by which the splines miss a
+    case that they were made without and, added in squares, cases that are no nodes: those with the role 'check', and
+    those of a finer spacing than the first; of lengths [m], of times the logarithm.
     """
 
-    def __init__(self, rows: list[dict], constants: tuple[str, str] = MIX):
+    def __init__(self, rows: list[dict], constants: tuple[str, ...] = BINGHAM):
         if not find_spec("scipy"):
             raise SceneError("calibrate and chart need scipy: pip install 'taichi-mps[calibrate]'")
-        scene = Path(str((rows[0] if rows else {}).get("scene") or "slump")).stem
-        if scene not in MEASURED:
-            raise SceneError(f"table: is a study of {scene}; must be one of {', '.join(MEASURED)}")
-        columns = MEASURED[scene]
-        needed = ["status", *constants, *(column for name, column in columns.items() if name != "t500_s")]
-        missing = [name for name in needed if name not in (rows[0] if rows else {})]
+        first = rows[0] if rows else {}
+        self.scene, self.constants = Path(str(first.get("scene") or "slump")).stem, constants
+        if self.scene not in MEASURED:
+            raise SceneError(f"table: is a study of {self.scene}; must be one of {', '.join(MEASURED)}")
+        self.columns = MEASURED[self.scene]
+        needed = ["status", *constants, *(column for name, column in self.columns.items() if name != "t500_s")]
+        missing = [name for name in needed if name not in first]
         if missing:
             raise SceneError(
-                f"table: has no column {', '.join(missing)}; must be a study of the {scene} over both constants"
+                f"table: has no column {', '.join(missing)}; must be a study of the {self.scene} over both constants"
             )
-        done = [
-            row for row in rows if row["status"] == "done" and all(map(positive, (row[name] for name in constants)))
-        ]
-        known = catalogue.load(scene).parameters.model_fields
-        finest = [row for row in done if (row.get("spacing") or 0.0) < (done[0].get("spacing") or 0.0)]
-        done = [row for row in done if row not in finest]
-        if min((len({row[name] for row in done}) for name in constants), default=0) < 3:
-            words = " and ".join(f"3 {NAMES[name]}" for name in constants)
+        done = [row for row in rows if row["status"] == "done" and all(positive(row[name]) for name in constants)]
+        checks = [row for row in done if row.get("role") == "check" or spacing(row) < spacing(done[0])]
+        nodes = [row for row in done if row not in checks]
+        if min((len({row[name] for row in nodes}) for name in constants), default=0) < 3:
+            words = " and ".join(f"3 values of {WORDS[name][0]}" for name in constants)
             raise SceneError(f"table: must hold done cases of at least {words}")
-        self.constants = constants
-        self.scene, self.usual = scene, {name: field.default for name, field in known.items()}  # usual: of the scene
-        self.settings = {name: done[0][name] for name in known if done[0].get(name) is not None}  # of the test
+        known = catalogue.load(self.scene).parameters.model_fields
+        self.usual = {name: field.default for name, field in known.items()}  # of the scene
+        self.settings = {name: nodes[0][name] for name in known if nodes[0].get(name) is not None}  # of the test
         self.spacing = self.settings.get("spacing", 0.01)  # [m]
-        self.points = self._points(done, known)  # of the cases, (n, 2)
+        self.points = self.place(nodes)  # of the cases, (n, constants)
         self.low, self.high = self.points.min(0), self.points.max(0)
-        self.axes = [np.linspace(*ends) for ends in zip(self.low, self.high, NODES, strict=True)]
-        self.splines, self.scatter = {}, {}
-        for name, column in columns.items():
-            values = self.values(name, column, done)
-            if np.isfinite(values).sum() >= FEWEST:
-                self.splines[name], scatter = self._surface(values)
-                self.scatter[name] = scatter
-            elif name != "t500_s":
-                raise SceneError(f"table: column {column} holds fewer than {FEWEST} numbers; must hold that many")
-        for name in self.splines if finest else ():
-            missed = self.splines[name](*self._points(finest, known).T, grid=False)
-            missed -= self.values(name, columns[name], finest)
-            self.scatter[name] = float(np.hypot(self.scatter[name], np.sqrt(np.nanmean(missed**2))))
+        self.axes = [np.linspace(*ends) for ends in zip(self.low, self.high, NODES, strict=False)]
+        third = self.points[:, 2] if len(constants) == 3 else np.zeros(len(nodes))
+        self.thirds, self.planes, self.scatter = np.unique(third), [], {}
+        for value in self.thirds:
+            plane = [row for row, at in zip(nodes, third, strict=True) if at == value]
+            self.planes.append(self.splines(plane))
+        for name, each in self.missed(checks).items():
+            of_planes = np.mean([scatter**2 for _, scatter in (plane[name] for plane in self.planes)])
+            self.scatter[name] = float(np.sqrt(of_planes + (np.nanmean(each**2) if len(each) else 0.0)))
 
-    def _points(self, rows, known):
-        """Logarithms of the constants over their scales, (n, 2)."""
-        constants = np.array([[row[name] for name in self.constants] for row in rows], float)
-        density = np.array([row.get("density") or known["density"].default for row in rows])
-        return np.log(constants / np.column_stack([scale(name, density) for name in self.constants]))
+    def place(self, rows) -> np.ndarray:
+        """Logarithms of the constants over their scales, (n, constants)."""
+        density = np.array([row.get("density") or self.usual["density"] for row in rows])
+        return np.log(
+            np.column_stack(
+                [np.array([row[name] for row in rows], float) / scale(name, density) for name in self.constants]
+            )
+        )
 
-    @staticmethod
-    def values(name, column, rows):
-        """A column as the spline has it, nan where a row holds no number."""
+    def values(self, name, rows) -> np.ndarray:
+        """A measurement of these rows as the splines have it, (n,); nan where a row holds no number."""
+        column = self.columns[name]
         values = np.array([row[column] if positive(row.get(column)) else np.nan for row in rows], float)
         return np.log(values) if is_time(name) else values
 
-    def _surface(self, values):
-        """A bicubic through a thin plate on a fine grid, the same within 1e-5 and much cheaper; and the root mean
-        square by which the plate misses a case that it was made without."""
+    def splines(self, rows) -> dict:
+        """Of each measurement a bicubic through a thin plate on a fine grid, the same within 1e-5 and much cheaper; and
+        the root mean square by which the plate misses a case that it was made without."""
         from scipy.interpolate import RBFInterpolator, RectBivariateSpline
 
-        points, values = self.points[np.isfinite(values)], values[np.isfinite(values)]
-        grid = np.stack(np.meshgrid(*self.axes, indexing="ij"), -1).reshape(-1, 2)
-        plate = RBFInterpolator(points, values, smoothing=SMOOTHING)
-        hat = RBFInterpolator(points, np.eye(len(points)), smoothing=SMOOTHING)(points)
-        missed = (values - hat @ values) / (1.0 - np.diag(hat))
-        return RectBivariateSpline(*self.axes, plate(grid).reshape(NODES)), float(np.sqrt(np.mean(missed**2)))
+        found, every = {}, self.place(rows)[:, :2]
+        grid = np.stack(np.meshgrid(*self.axes[:2], indexing="ij"), -1).reshape(-1, 2)
+        for name, column in self.columns.items():
+            values = self.values(name, rows)
+            points, values = every[np.isfinite(values)], values[np.isfinite(values)]
+            if len(values) >= FEWEST:
+                plate = RBFInterpolator(points, values, smoothing=SMOOTHING)
+                hat = RBFInterpolator(points, np.eye(len(points)), smoothing=SMOOTHING)(points)
+                missed = (values - hat @ values) / (1.0 - np.diag(hat))
+                spline = RectBivariateSpline(*self.axes[:2], plate(grid).reshape(NODES[:2]))
+                found[name] = spline, float(np.sqrt(np.mean(missed**2)))
+            elif name != "t500_s":
+                raise SceneError(f"table: column {column} holds fewer than {FEWEST} numbers; must hold that many")
+        return found
 
-    def at(self, yields, viscosities, grid=False) -> dict[str, np.ndarray]:
-        """The measurements at pairs of logarithms of yield stress and plastic viscosity over the density, (n,) each;
-        with ``grid`` at all combinations of two ascending sequences."""
-        return as_measured(self.surfaces(yields, viscosities, grid), self.scene)
+    def missed(self, checks) -> dict[str, np.ndarray]:
+        """By how much each measurement is above these rows, of times the logarithm; nan where one has no T500."""
+        found = self.at(*self.place(checks).T)
+        return {
+            name: (np.log(found[name]) if is_time(name) else found[name]) - self.values(name, checks)
+            for name in self.planes[0]
+        }
 
-    def surfaces(self, yields, viscosities, grid=False) -> dict[str, np.ndarray]:
-        """The same as the splines have it: times by their logarithm, and T500 everywhere."""
-        return {name: spline(yields, viscosities, grid=grid) for name, spline in self.splines.items()}
+    def at(self, first, second, third=0.0, grid=False) -> dict[str, np.ndarray]:
+        """The measurements at logarithms of the constants over their scales, (n,) each; with ``grid`` at all
+        combinations of ascending sequences."""
+        found = dict.fromkeys(self.planes[0], 0.0)
+        for plane, one in zip(self.planes, np.eye(len(self.planes)), strict=True):
+            weight = np.interp(third, self.thirds, one)
+            if weight.any():
+                for name, (spline, _) in plane.items():
+                    value = spline(first, second, grid=grid)
+                    found[name] = found[name] + weight * (value[..., None] if grid and np.ndim(third) else value)
+        found = {name: np.exp(value) if is_time(name) else value for name, value in found.items()}
+        if "t500_s" in self.columns:
+            found["t500_s"] = np.where(found["spread_m"] >= REACHED, found.get("t500_s", np.nan), np.nan)
+        return found
 
 
-def as_measured(surfaces: dict[str, np.ndarray], scene: str) -> dict[str, np.ndarray]:
-    """Lengths [m] and times [s] of a test from ``Emulator.surfaces``; T500 nan where the spread stays below 500 mm."""
-    found = {name: np.exp(value) if is_time(name) else value for name, value in surfaces.items()}
-    if scene == "slump":
-        spread = found["spread_m"]
-        time = found.get("t500_s", np.full(spread.shape, np.nan))
-        found["t500_s"] = np.where(spread >= REACHED, time, np.nan)
-    return found
-
-
-class Together:
-    """Several tests of one mix as one emulator, over the constants that all their tables hold."""
-
-    def __init__(self, emulators: list[Emulator]):
-        self.emulators, self.usual = emulators, emulators[0].usual
-        self.low = np.max([each.low for each in emulators], 0)
-        self.high = np.min([each.high for each in emulators], 0)
-        if np.any(self.low >= self.high):
-            names = " and ".join(each.scene for each in emulators)
-            raise SceneError(f"table: those of {names} have no mix in common; must be studies that overlap")
-        self.axes = [np.linspace(*ends) for ends in zip(self.low, self.high, NODES, strict=True)]
-        self.scatter = {name: value for each in emulators for name, value in each.scatter.items()}
-
-    def at(self, yields, viscosities, grid=False) -> dict[str, np.ndarray]:
-        """The measurements of all tests; arguments as of Emulator.at."""
-        return {name: value for each in self.emulators for name, value in each.at(yields, viscosities, grid).items()}
+def spacing(row) -> float:
+    """The spacing of a row [m], 0 where it names none."""
+    return row.get("spacing") or 0.0

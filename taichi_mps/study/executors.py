@@ -2,12 +2,12 @@
 
 import multiprocessing
 import os
+import re
 import signal
 import threading
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from importlib.util import find_spec
-from urllib.parse import parse_qsl, urlsplit
 
 from ..units import SceneError
 from .slurm import slurm
@@ -43,12 +43,14 @@ def _live_with_the_parent():
 @contextmanager
 def dask(address: str):
     """The workers of a running scheduler: dask worker ADDRESS --nworkers N --nthreads 1."""
+    if not find_spec("distributed"):
+        raise SceneError(f"executor = {address}: needs distributed: pip install 'taichi-mps[cluster]'")
     from distributed import Client
 
     try:
-        client = Client(f"tcp://{address}", timeout=10, set_as_default=False)
+        client = Client(address.replace("dask://", "tcp://"), timeout=10, set_as_default=False)
     except OSError as error:
-        raise SceneError(f"executor = dask://{address}: no scheduler answers there ({error})") from None
+        raise SceneError(f"executor = {address}: no scheduler answers there ({error})") from None
     with client:
         yield client.get_executor(pure=False)
 
@@ -56,22 +58,11 @@ def dask(address: str):
 def named(text: str, workers: int | None, folder):
     """A context manager that opens the executor of an address for a study's folder, and how many cases to hand it at
     once (None: all)."""
-    parts = urlsplit(text)
-    if parts.scheme == "dask" and not find_spec("distributed"):
-        raise SceneError(f"executor = {text}: needs distributed: pip install 'taichi-mps[cluster]'")
     if text == "local":
         workers = workers or os.cpu_count() or 1
         return lambda: processes(workers), workers
-    if parts.scheme == "dask" and has_port(parts):
-        return lambda: dask(parts.netloc), workers
-    if parts.scheme == "slurm" and parts.netloc:
-        return lambda: slurm(text, parts.netloc, dict(parse_qsl(parts.query)), folder), workers
+    if re.fullmatch(r"dask://[^\s/]+:\d{1,5}", text):
+        return lambda: dask(text), workers
+    if re.match(r"slurm://[^\s/?]", text):
+        return lambda: slurm(text, folder, workers), workers
     raise SceneError(f"executor = {text}: must be {KINDS}")
-
-
-def has_port(parts) -> bool:
-    """Does an address name a host and a port?"""
-    try:
-        return bool(parts.hostname and parts.port)
-    except ValueError:  # no number, or none of a port
-        return False

@@ -1,12 +1,10 @@
-"""The Bingham constants that fit what was measured, with intervals, and which measurement determines which constant."""
-
-from dataclasses import replace
+"""The constants of a mix that fit what was measured, with intervals, and which measurement determines which."""
 
 import numpy as np
 
 from ..units import SceneError
-from .calibration import CONSTANTS, Calibration, Constant
-from .emulator import Emulator, Together, is_time
+from .calibration import BINGHAM, Calibration, Constant, FrictionalMix, is_time
+from .emulator import NODES, Emulator, scale
 
 RISE = 3.841  # of chi squared, one degree of freedom, 95 %
 ZOOMS = 2  # onto where the misfit is near its least
@@ -16,26 +14,35 @@ STEP = 0.01  # of the logarithm of a constant, between two points that tell a se
 
 
 class LeastSquares:
-    """Measurements beside those of an emulator, over their standard errors, with the emulator's scatter among them.
+    """Measurements beside those of emulators, over their standard errors, with the emulators' scatter among them.
 
-    measured: {name: (value, standard error)}, lengths [m] and times [s]; ``correction`` is added to the emulator's
-    lengths and multiplies its times.
+    emulators: of several tests of one mix, over the constants that all of them hold; measured: {name: (value, standard
+    error)}, lengths [m] and times [s]; ``correction`` is added to lengths of the emulators and multiplies times.
     """
 
-    def __init__(self, emulator: Emulator | Together, measured: dict, correction: dict):
-        self.emulator, self.measured, self.correction = emulator, measured, correction
+    def __init__(self, emulators: list[Emulator], measured: dict, density: float, correction: dict):
+        self.emulators, self.measured, self.correction = emulators, measured, correction
+        self.constants = emulators[0].constants
+        self.low = np.max([each.low for each in emulators], 0)
+        self.high = np.min([each.high for each in emulators], 0)
+        if np.any(self.low >= self.high):
+            names = " and ".join(each.scene for each in emulators)
+            raise SceneError(f"table: those of {names} have no mix in common; must be studies that overlap")
+        self.axes = [np.linspace(*ends) for ends in zip(self.low, self.high, NODES, strict=False)]
+        self.scales = np.array([float(scale(name, density)) for name in self.constants])
         self.errors = {}
         for name, (value, error) in measured.items():
-            scatter = emulator.scatter.get(name, 0.0) * (value if is_time(name) else 1.0)
-            self.errors[name] = float(np.hypot(error, scatter))
+            scatter = next((each.scatter[name] for each in emulators if name in each.scatter), 0.0)
+            self.errors[name] = float(np.hypot(error, scatter * (value if is_time(name) else 1.0)))
 
     def model(self, *point, grid=False) -> dict[str, np.ndarray]:
-        """The corrected measurements of the emulator at logarithms of the constants over the density."""
-        correction = self.correction
-        return {
-            name: value * correction.get(name, 1.0) if is_time(name) else value + correction.get(name, 0.0)
-            for name, value in self.emulator.at(*point, grid=grid).items()
-        }
+        """The corrected measurements at logarithms of the constants over their scales."""
+        found = {}
+        for emulator in self.emulators:
+            for name, value in emulator.at(*point, grid=grid).items():
+                correction = self.correction.get(name, 1.0 if is_time(name) else 0.0)
+                found[name] = value * correction if is_time(name) else value + correction
+        return found
 
     def residuals(self, *point, grid=False) -> np.ndarray:
         """Of the model over the errors, a row a measurement; nan where a mix has none, as of T500."""
@@ -50,39 +57,54 @@ class LeastSquares:
         """Derivatives of the residuals by the logarithms of the ``free`` constants, (measurements, constants)."""
         slopes = np.zeros((len(self.measured), len(free)))
         for column, k in enumerate(free):
-            ends = np.clip(point[k] + STEP * np.array([-0.5, 0.5]), self.emulator.low[k], self.emulator.high[k])
+            ends = np.clip(point[k] + STEP * np.array([-0.5, 0.5]), self.low[k], self.high[k])
             sides = np.array([np.where(np.arange(len(point)) == k, end, point) for end in ends])
             slopes[:, column] = np.diff(self.residuals(*sides.T), axis=1)[:, 0] / np.diff(ends)
         return np.nan_to_num(slopes)
 
-    def worth(self, point, free) -> np.ndarray:
+    def worth(self, slopes, free) -> np.ndarray:
         """By which factor the standard error of each constant would grow without each measurement, (measurements,
         constants): with J of ``sensitivities`` the covariance is (JT J + P)^-1, where P, 12 over the squared length of
         the table, is what the table alone says of the constants."""
-        slopes = self.sensitivities(point, free)
-        before = np.diag(12.0 / (self.emulator.high - self.emulator.low)[free] ** 2)
+        before = np.diag(12.0 / (self.high - self.low)[free] ** 2)
         without = [before + slopes.T @ slopes - np.outer(row, row) for row in slopes]
         whole = np.diag(np.linalg.inv(before + slopes.T @ slopes))
         return np.sqrt([np.diag(np.linalg.inv(part)) / whole for part in without])
 
-    def by_name(self, table, free, constants=tuple(CONSTANTS)) -> dict[str, dict[str, float]]:
-        """Such a table by the names of measurements and constants."""
-        names = [constants[k] for k in free]
-        return {key: dict(zip(names, row, strict=True)) for key, row in zip(self.measured, table.tolist(), strict=True)}
+    def by_name(self, table, free) -> dict[str, dict[str, float]]:
+        """A table (measurements, free constants) by their names."""
+        names = [self.constants[k] for k in free]
+        return {
+            test: dict(zip(names, row, strict=True)) for test, row in zip(self.measured, table.tolist(), strict=True)
+        }
+
+    def pairs(self, axes, viscosities, least) -> dict[float, float]:
+        """The best yield stress [Pa] at each of these plastic viscosities [Pa s] that fits, by viscosity."""
+        found = {}
+        for eta in viscosities:
+            point = np.log(eta / self.scales[1])
+            if axes[1][0] <= point <= axes[1][-1]:
+                fits = self.misfit((axes[0], np.array([point])))[:, 0]
+                if fits.min() - least <= RISE:
+                    found[eta] = float(self.scales[0] * np.exp(axes[0][fits.argmin()]))
+        return found
 
 
-def fit(emulator: Emulator | Together, measured: dict, density: float, correction=None, known=None) -> Calibration:
-    """The constants that fit ``measured``, {name: (value, standard error)}, or those that are not ``known``,
-    {yield_value: [Pa], plastic_viscosity: [Pa s]}.
+def fit(
+    emulators: list[Emulator], measured: dict, density: float, correction=None, known=None
+) -> Calibration | FrictionalMix:
+    """The constants that fit ``measured``, {name: (value, standard error)}, or those that are not ``known``, {name of
+    the constant: value in SI units}: a Calibration, or a FrictionalMix of emulators over its constants.
 
     The least squares of all measurements over their errors, and the interval of each constant in which the least
-    squares over the other rise by no more than 3.84 (profile likelihood): it needs no derivative, so it stays true
+    squares over the others rise by no more than 3.84 (profile likelihood): it needs no derivative, so it stays true
     where the measurements say nothing of a constant. ``correction`` as of LeastSquares.
     """
-    squares, known = LeastSquares(emulator, measured, correction or {}), known or {}
+    squares, known = LeastSquares(emulators, measured, density, correction or {}), known or {}
+    names, scales = squares.constants, squares.scales
     axes = [
-        np.log([known[name] / density]) if name in known else axis
-        for name, axis in zip(CONSTANTS, emulator.axes, strict=True)
+        np.log([known[name] / each]) if name in known else axis
+        for name, each, axis in zip(names, scales, squares.axes, strict=True)
     ]
     chi2 = squares.misfit(axes)
     if not np.isfinite(chi2).any():
@@ -90,30 +112,36 @@ def fit(emulator: Emulator | Together, measured: dict, density: float, correctio
     axes, chi2 = zoomed(squares, axes, chi2)
     free = [k for k, axis in enumerate(axes) if len(axis) > 1]
     point, least = polished(squares, axes, chi2, free)
-    looked, along = [density * np.exp(axis[[0, -1]]) for axis in emulator.axes], {}
-    if len(free) == 2:
-        # open where, at the best yield stress of the table, a softer or stiffer mix would fit better
-        ends = np.isclose(axes[0][chi2.argmin(0)][:, None], emulator.axes[0][[0, -1]]).any(1)
-        intervals = (
-            interval(axes[0], profile(chi2, 0) - least, density),
-            interval(axes[1], profile(chi2, 1) - least, density, ends),
-        )
-        along = pairs(squares, axes, VISCOSITIES, density, least)
-        if None in intervals[1] and along:  # any of these is as good: the one of a usual mix
-            usual = min(along, key=lambda eta: abs(np.log(eta / emulator.usual["plastic_viscosity"])))
-            point = np.log(np.array([along[usual], usual]) / density)
-        if len(along) < FEW:
-            along = pairs(squares, axes, closer(axes[1], chi2.min(0) - least, density), density, least)
-    else:
-        intervals = [interval(axis, profile(chi2, k) - least, density) for k, axis in enumerate(axes)]
-    constants = [
-        Constant(*[known[name]] * 5) if name in known else Constant(float(value), *ends, *reach.tolist())
-        for name, value, ends, reach in zip(CONSTANTS, density * np.exp(point), intervals, looked, strict=True)
+    paired = names == BINGHAM and len(free) == 2
+    # open where, at the best yield stress of the table, a softer or stiffer mix would fit better
+    open_at = np.isclose(axes[0][chi2.argmin(0)][:, None], squares.axes[0][[0, -1]]).any(1) if paired else None
+    intervals = [
+        interval(axis, profile(chi2, k) - least, scales[k], open_at if k == 1 else None) for k, axis in enumerate(axes)
     ]
-    model = {name: float(value) for name, value in squares.model(*point).items()}
-    found = Calibration(*constants, measured, model, float(least), along)
-    told = {"worth": squares.worth, "sensitivities": squares.sensitivities}
-    return replace(found, **{key: squares.by_name(of(point, free), free) for key, of in told.items()})
+    along = squares.pairs(axes, VISCOSITIES, least) if paired else {}
+    if None in intervals[1] and along:  # any of these is as good: the one of a usual mix
+        usual = min(along, key=lambda eta: abs(np.log(eta / emulators[0].usual["plastic_viscosity"])))
+        point = np.log(np.array([along[usual], usual]) / scales)
+    if paired and len(along) < FEW:
+        along = squares.pairs(axes, closer(axes[1], chi2.min(0) - least, scales[1]), least)
+    constants = {
+        name: Constant(*[known[name]] * 5) if name in known else Constant(float(best), *ends, *reach.tolist())
+        for name, best, ends, reach in zip(
+            names, scales * np.exp(point), intervals, (scales * np.exp([squares.low, squares.high])).T, strict=True
+        )
+    }
+    slopes = squares.sensitivities(point, free)
+    return (Calibration if names == BINGHAM else FrictionalMix)(
+        **constants,
+        density=float(density),
+        measured=measured,
+        errors=squares.errors,
+        model={name: float(value) for name, value in squares.model(*point).items()},
+        misfit=float(least),
+        by_viscosity=along,
+        sensitivities=squares.by_name(slopes, free),
+        worth=squares.by_name(squares.worth(slopes, free), free),
+    )
 
 
 def zoomed(squares: LeastSquares, axes, chi2):
@@ -144,29 +172,16 @@ def polished(squares: LeastSquares, axes, chi2, free):
         start[free] = values
         return np.nan_to_num(squares.residuals(*start), nan=1e3)
 
-    low, high = squares.emulator.low[free], squares.emulator.high[free]
-    box = np.maximum(point[free] - step, low), np.minimum(point[free] + step, high)
+    box = np.maximum(point[free] - step, squares.low[free]), np.minimum(point[free] + step, squares.high[free])
     found = least_squares(near, point[free], bounds=box, x_scale=step)
     if 2.0 * found.cost < least:
         point[free], least = found.x, 2.0 * found.cost
     return point, least
 
 
-def pairs(squares: LeastSquares, axes, viscosities, density, least) -> dict[float, float]:
-    """The best yield stress [Pa] at each of these plastic viscosities [Pa s] that fits, by viscosity."""
-    found = {}
-    for eta in viscosities:
-        point = np.log(eta / density)
-        if axes[1][0] <= point <= axes[1][-1]:
-            fits = squares.misfit((axes[0], np.array([point])))[:, 0]
-            if fits.min() - least <= RISE:
-                found[eta] = float(density * np.exp(axes[0][fits.argmin()]))
-    return found
-
-
-def closer(axis, rise, density) -> list[float]:
+def closer(axis, rise, scale) -> list[float]:
     """Five plastic viscosities of two figures [Pa s] over what fits of an axis."""
-    ends = density * np.exp(axis[rise <= max(RISE, rise.min())][[0, -1]])
+    ends = scale * np.exp(axis[rise <= max(RISE, rise.min())][[0, -1]])
     return [float(f"{eta:.2g}") for eta in np.geomspace(*ends, 5)]
 
 
@@ -183,7 +198,7 @@ def around(axis, inside):
     return np.linspace(axis[max(first - 1, 0)], axis[min(last + 1, len(axis) - 1)], len(axis))
 
 
-def interval(axis, rise, density, open_at=None):
+def interval(axis, rise, scale, open_at=None):
     """The ends of {rise <= RISE} along an axis as constants; None where it reaches the axis' end, or a node at which it
     is open whether something beyond the table would fit better."""
     inside = np.flatnonzero(rise <= max(RISE, rise.min()))
@@ -194,5 +209,5 @@ def interval(axis, rise, density, open_at=None):
             continue
         inner, outer = np.sqrt(max(rise[last], 0.0)), np.sqrt(rise[beyond])  # the root of the rise is about linear
         part = min(1.0, max(0.0, (RISE**0.5 - inner) / (outer - inner))) if np.isfinite(outer) else 0.5
-        ends.append(float(density * np.exp(axis[last] + part * (axis[beyond] - axis[last]))))
+        ends.append(float(scale * np.exp(axis[last] + part * (axis[beyond] - axis[last]))))
     return ends

@@ -1,20 +1,29 @@
-"""A laboratory's list of measured mixes: one calibration each, and a table."""
+"""A laboratory's list of measured mixes: one calibration each, a table of the results, and a page that opens from the
+disk without a network."""
 
 import csv
+import json
+import os
 from collections import Counter
 from concurrent.futures import BrokenExecutor
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from itertools import zip_longest
 from pathlib import Path
+from string import Template
 
-from ..units import SceneError, suggestion
-from .calibrate import calibrate
-from .calibration import CONE, CONSTANTS, FRICTIONAL, NAMES, Calibration, apart, short
-from .emulator import is_time
+import numpy as np
+
+from .. import __version__
+from ..io.run_folder import strict
+from ..report import page
+from ..report.words import safe
+from ..units import SceneError
+from ..viz.plots import COLOURS
+from .calibrate import CONE, calibrate
+from .calibration import BINGHAM, NAMES, WORDS, Calibration, apart, is_time, short
 from .executors import named
-from .measurements import Measurements
+from .measurements import measurements_of, stands, without_slump
 
-TESTS = "slump", "spread", "t500", "mini_cone", "v_funnel"  # columns, of which a list has one at least
 EXPLAINED, BOUNDED, WITH_FRICTION = "explained", "bounded", "explained with internal friction"
 TWO_ANSWERS, FAR, REFUSED = "two answers", "not explained", "refused"
 MEANING = {  # of a verdict
@@ -27,86 +36,46 @@ MEANING = {  # of a verdict
     FAR: "no mix comes so near, or the yield stress is not bounded",
     REFUSED: "the measurement cannot be used, for the reason given",
 }
+HERE = Path(__file__).parent
+FOUND = ["yield stress", "by", "plastic viscosity", "by", "friction angle", "comes out as", "reason"]  # of the page
+LAYOUT = {
+    "margin": {"t": 10},
+    "xaxis": {"title": {"text": "slump [cm]"}},
+    "yaxis": {"title": {"text": "slump flow [cm]"}},
+}
+ABOUT = (
+    "Intervals are of 95 %, by the errors of the measurements and of the model's tables. 'By' names the measurement "
+    "without which the constant is least certain, 'usual' that it was not measured. The model: a Bingham mix, with "
+    "internal friction where an angle stands, that sticks to floor and funnel; mould and flap gone at once. taichi-mps "
+    "{version}, calibrate --table."
+)
 
 
-def read_list(path) -> list[dict[str, str]]:
-    """The rows of a list as text: a CSV file whose columns are measurements, `slump [cm]` or `slump` in SI units, and
-    any others, which are kept. SceneError for what is no such list."""
-    try:
-        text = Path(path).read_text(encoding="utf-8-sig")
-    except (OSError, ValueError) as error:
-        raise SceneError(f"table = {path}: cannot be read ({getattr(error, 'strerror', None) or error})") from None
-    lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
-    rows = list(csv.DictReader(lines, strict=True))
-    columns = [heading(name)[0] for name in (rows[0] if rows else {}) if name]
-    if not set(TESTS) & set(columns):
-        near = next((hint for name in columns if (hint := suggestion(name, Measurements.model_fields))), "")
-        raise SceneError(
-            f"table = {path}: has no column {', '.join(TESTS)}{near}; must be a CSV file with a line for each mix, "
-            "and the unit in the column's name: slump [cm]"
-        )
-    return rows
-
-
-def heading(column) -> tuple[str, str]:
-    """Name and unit of a column, of ``Mini-cone [cm]`` mini_cone and cm."""
-    name, _, unit = str(column or "").partition("[")
-    return name.strip().lower().replace("-", "_").replace(" ", "_"), unit.strip().rstrip("]")
-
-
-def measurements_of(row: dict[str, str]) -> dict[str, str]:
-    """Those of a row, with the units of their columns."""
-    found = {}
-    for column, value in row.items():
-        name, unit = heading(column)
-        if name in Measurements.model_fields and value and value.strip():
-            found[name] = f"{value.strip()} {unit}".strip()
-    return found
-
-
-def without_slump(measured: dict[str, str]) -> dict[str, str]:
-    """Of a mix that stands only that it does: its slump is less than its own error, and its spread is the mould's."""
-    error = Measurements(**measured | {"slump": "1"}).slump_error
-    return {name: value for name, value in measured.items() if name in ("rho", "plastic_viscosity", "slump_error")} | {
-        "slump": str(error)
-    }
-
-
-def is_zero(measured: str) -> bool:
-    """Is this measurement a zero, with its unit or without?"""
-    with suppress(ValueError):
-        return float(measured.partition(" ")[0]) == 0.0
-    return False
-
-
+# ---- the results -----------------------------------------------------------------------------------------------
 def one(row: dict[str, str], study=None) -> dict:
     """A row with what was found of it; verdict and reason in words."""
     measured = measurements_of(row)
     try:
-        stands = is_zero(measured.get("slump", ""))
-        found = calibrate(**(without_slump(measured) if stands else measured), study=study, check=False)
+        found = calibrate(**(without_slump(measured) if stands(measured) else measured), study=study, check=False)
     except (SceneError, ValueError) as error:
         return {**row, "verdict": REFUSED, "reason": " ".join(str(error).split())}
-    if stands:
+    if stands(measured):
         least = found.yield_value.lower
         known = {"yield_value_lower": least, "verdict": BOUNDED}
         return {**row, **known, "reason": f"it stands: its yield stress is more than {short(least)} Pa"}
-    return {**row, **columns_of(found), "verdict": verdict(found), "reason": reason(found)}
+    return {**row, **columns_of(found), **judged(found)}
 
 
 def columns_of(found: Calibration) -> dict:
     """What a result table keeps of a calibration, SI units; empty where it has none. Where internal friction explains
     it, constants and model are those of that mix."""
-    mix, names = (found.friction, FRICTIONAL) if found.explained_by_friction else (found, CONSTANTS)
-    kept = {}
-    for name in names:
+    mix, kept = found.best, {}
+    for name in mix.names:
         constant = getattr(mix, name)
-        kept |= {f"{name}_found": constant.value if constant.determined or constant.low == constant.high else None}
+        kept |= {f"{name}_found": constant.value if constant.determined else None}
         kept |= {f"{name}_lower": constant.lower, f"{name}_upper": constant.upper}
         kept[f"{name}_from"] = mix.source(name)
-    for name in NAMES:
-        if name not in found.measured and name not in CONE:
-            continue
+    for name in (name for name in NAMES if name in found.measured or name in CONE):
         constant = "plastic_viscosity" if is_time(name) else "yield_value"
         said = found.alone.get(constant, {}).get(name, (None,))
         kept[f"{constant}_by_{name.rpartition('_')[0]}"] = said[0]
@@ -114,73 +83,59 @@ def columns_of(found: Calibration) -> dict:
     return kept
 
 
-def verdict(found: Calibration) -> str:
-    """How a mix came out."""
+def judged(found: Calibration) -> dict[str, str]:
+    """How a mix came out, and why no single Bingham mix explains it; no reason where one does."""
+    friction = found.friction
+    tried = f"; {friction.told()}" if friction else ""
     if found.near and found.yield_value.bounded and not found.contradictory:
-        return EXPLAINED if found.yield_value.determined else BOUNDED
-    if found.explained_by_friction:
-        return WITH_FRICTION
-    return TWO_ANSWERS if two_answers(found) else FAR
-
-
-def two_answers(found: Calibration) -> bool:
-    """Does each of several measurements, or a rheometer, say another value of the same constant?"""
-    return any(len(said) > 1 for said in found.alone.values())
-
-
-def reason(found: Calibration) -> str:
-    """Why no single mix explains it; empty where one does."""
-    if verdict(found) in (EXPLAINED, BOUNDED):
-        return ""
-    if found.explained_by_friction:
-        both = "both" if len(found.measured) == 2 else "all three"
-        return f"no Bingham mix does {both}; {found.friction.told()}: {found.friction.command}"
-    tried = f"; {found.friction.told()}" if found.friction else ""
-    if two_answers(found):
-        return found.contradiction() + tried
-    far = [f"{NAMES[name]} {apart(name, by)}" for name, by in found.missed.items()]
-    return f"the nearest mix misses: {', '.join(far)}{tried}"
+        verdict, reason = EXPLAINED if found.yield_value.determined else BOUNDED, ""
+    elif found.explained_by_friction:
+        verdict, reason = WITH_FRICTION, f"no Bingham mix does {friction.every}{tried}: {friction.command}"
+    elif any(len(said) > 1 for said in found.alone.values()):
+        verdict, reason = TWO_ANSWERS, found.contradiction() + tried
+    else:
+        far = [f"{NAMES[name]} {apart(name, by)}" for name, by in found.missed.items()]
+        verdict, reason = FAR, f"the nearest mix misses: {', '.join(far)}{tried}"
+    return {"verdict": verdict, "reason": reason}
 
 
 def calibrate_list(rows: list[dict[str, str]], study=None, watch=None, executor=None, workers=None) -> list[dict]:
     """Every row with what was found of it, in their order; ``watch(row, number)`` is told of each. Some 0.05
-    CPU-seconds a row: they are computed in this process, unless an ``executor`` is named, as of ``of_workers``."""
-    found = []
-    here = (one(row, study) for row in rows)
-    for number, row in enumerate(of_workers(rows, study, executor, workers) if executor else here, 1):
-        found.append(row)
-        if watch:
-            watch(row, number)
-    return found
-
-
-def of_workers(rows, study, executor: str, workers: int | None):
-    """Each row with what was found of it, by 'local' (processes of this machine, as many as ``workers``, the number of
-    CPUs by default) or 'dask://HOST:PORT'. What a worker does not bring to an end is computed here."""
-    if executor.startswith("slurm:"):
+    CPU-seconds a row: they are computed in this process, unless ``executor`` is 'local' (processes of this machine, as
+    many as ``workers``, the number of CPUs by default) or 'dask://HOST:PORT'. What a worker does not bring to an end is
+    computed here."""
+    if executor and executor.startswith("slurm:"):
         raise SceneError(f"executor = {executor}: a mix takes a tenth of a second; must be local or dask://HOST:PORT")
-    if workers and executor != "local":
+    if executor and workers and executor != "local":
         raise SceneError(f"workers = {workers}: are processes of this machine; must be left out with {executor}")
-    opened, _ = named(executor, workers, None)
+    opened = named(executor, workers, None)[0] if executor else nullcontext
+    found, futures = [], []
     with opened() as pool:
-        futures = []
         with suppress(BrokenExecutor):
-            for row in rows:
+            for row in rows if pool else ():
                 futures.append(pool.submit(one, row, study))
         for row, future in zip_longest(rows, futures):
             try:
-                yield future.result() if future else one(row, study)
+                found.append(future.result() if future else one(row, study))
             except Exception:  # of the executor; what is wrong with a mix is in its row
-                yield one(row, study)
+                found.append(one(row, study))
+            if watch:
+                watch(found[-1], len(found))
+    return found
+
+
+def counted(rows: list[dict]) -> list[tuple[int, str, str]]:
+    """How many mixes came out how, and what that means."""
+    count = Counter(row["verdict"] for row in rows)
+    return [(count[name], name, MEANING[name]) for name in MEANING if count[name]]
 
 
 def tally(rows: list[dict]) -> str:
     """How many mixes came out how, a line each with what that means."""
-    count = Counter(row["verdict"] for row in rows)
-    return "\n".join(f"{count[name]:4d} {name}: {MEANING[name]}" for name in MEANING if count[name])
+    return "\n".join(f"{count:4d} {name}: {meaning}" for count, name, meaning in counted(rows))
 
 
-def write(rows: list[dict], path) -> Path:
+def write(rows: list[dict], path) -> None:
     """The table of results, CSV."""
     names = list(dict.fromkeys(name for row in rows for name in row if name))
     with open(path, "w", encoding="utf-8", newline="") as file:
@@ -188,4 +143,94 @@ def write(rows: list[dict], path) -> Path:
         table.writeheader()
         for row in rows:
             table.writerow({name: f"{v:.5g}" if isinstance(v, float) else v for name, v in row.items()})
-    return Path(path)
+
+
+# ---- the page --------------------------------------------------------------------------------------------------
+def write_page(rows: list[dict], columns: list[str], out, source) -> Path:
+    """The page of the rows that ``calibrate_list`` found of a list, a file ``source`` of these ``columns``; its path.
+    SceneError where plotly is missing."""
+    out = Path(out)
+    script = page.library()
+    drawn = json.dumps({"traces": traces(rows, columns), "layout": LAYOUT}, allow_nan=False, separators=(",", ":"))
+    text = Template((HERE / "mixes.html").read_text(encoding="utf-8")).substitute(
+        title=safe(f"{Path(source).name}: mixes calibrated"),
+        lead=safe(lead(rows)),
+        tally=table(["mixes", "come out as", ""], counted(rows)),
+        mixes=table([*columns, *FOUND], [[*(row[name] or "" for name in columns), *cells(row)] for row in rows]),
+        about=safe(ABOUT.format(version=__version__)),
+        data=drawn.replace("<", "\\u003c"),
+        style=(page.HERE / "page.css").read_text(encoding="utf-8"),
+        library=script,
+    )
+    partial = out.with_suffix(".partial")
+    partial.write_text(text, encoding="utf-8")
+    os.replace(partial, out)
+    return out
+
+
+def table(head: list[str], rows: list) -> str:
+    """Texts as a table."""
+    lines = [f"<tr>{''.join(f'<td>{safe(cell)}</td>' for cell in row)}</tr>" for row in rows]
+    top = "".join(f'<th scope="col">{safe(cell)}</th>' for cell in head)
+    return f"<table>\n<thead><tr>{top}</tr></thead>\n<tbody>\n{chr(10).join(lines)}\n</tbody>\n</table>"
+
+
+def lead(rows) -> str:
+    """How many there are, and how many one mix of the model explains or bounds."""
+    count = Counter(row["verdict"] for row in rows)
+    text = f"{len(rows)} mixes; one Bingham mix explains or bounds {count[EXPLAINED] + count[BOUNDED]} of them"
+    return text + f", one with internal friction {count[WITH_FRICTION]} more" * bool(count[WITH_FRICTION]) + "."
+
+
+def cells(row: dict) -> list[str]:
+    """What was found of a row, in the words of FOUND."""
+    if row["verdict"] in (TWO_ANSWERS, REFUSED):  # the nearest mix of a contradiction is nobody's
+        return [*[""] * 5, row["verdict"], row["reason"]]
+    constants = [text for name in BINGHAM for text in (interval(row, name), row.get(f"{name}_from", ""))]
+    angle = interval(row, "friction_angle") if row["verdict"] == WITH_FRICTION else ""
+    return [*constants, angle, row["verdict"], row["reason"]]
+
+
+def interval(row: dict, name: str) -> str:
+    """A constant of a row with its interval or its bound."""
+    value, lower, upper = (row.get(f"{name}_{end}") for end in ("found", "lower", "upper"))
+    unit = WORDS[name][1]
+    if value is None:
+        known = [f"at {word} {short(end)} {unit}" for word, end in (("least", lower), ("most", upper)) if end]
+        return ", ".join(known) or "not determined"
+    return f"{short(value)} {unit}" + f" ({short(lower)} to {short(upper)})" * (lower != upper)
+
+
+def pairs(rows: list[dict]):
+    """Of each verdict its colour, its rows with slump and slump flow, and these lengths [cm], (n, 2), as measured and
+    of the nearest mix."""
+    for kind, colour in zip(MEANING, COLOURS, strict=False):
+        here = [row for row in rows if row["verdict"] == kind]
+        here = [row for row in here if all(row.get(f"{name}_missed") is not None for name in CONE)]
+        if here:
+            model, missed = (
+                100.0 * np.array([[row[f"{name}_{what}"] for name in CONE] for row in here])
+                for what in ("model", "missed")
+            )
+            yield kind, colour, here, model - missed, model
+
+
+def traces(rows: list[dict], columns: list[str]) -> list[dict]:
+    """Of Plotly: slump flow against slump [cm], measured and of the nearest mix, those of a verdict together."""
+    drawn = []
+    for kind, colour, here, measured, model in pairs(rows):
+        gaps = np.full_like(model, np.nan)
+        names = [", ".join(str(row[name]) for name in columns if row[name]) for row in here]
+        shown = {"showlegend": True, "hoverinfo": "text", "text": [safe(name) for name in names]}
+        shared = {"type": "scatter", "legendgroup": kind, "showlegend": False, "hoverinfo": "skip", "mode": "markers"}
+        for points, look in (
+            (
+                np.hstack([measured, model, gaps]).reshape(-1, 2),
+                {"mode": "lines", "line": {"color": colour, "width": 1}},
+            ),
+            (model, {"marker": {"color": "#262a30", "size": 4}}),
+            (measured, shown | {"marker": {"color": colour, "size": 8}, "name": f"{kind}, measured"}),
+        ):
+            x, y = strict(points.T.tolist())
+            drawn.append(shared | {"x": x, "y": y} | look)
+    return drawn

@@ -6,19 +6,17 @@ softer mix presses more on the form, so where a pressure is bounded it is that o
 """
 
 import math
-from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from pydantic import Field
 
 from ..problem import catalogue
-from ..units import Checked, Duration, Ratio, SceneError, YieldValue, _real, in_unit
-from .calibrate import emulator_of
+from ..units import Checked, Duration, Ratio, SceneError, YieldValue, _real
 from .case import case
 from .case import run as run_case
-from .emulator import DENSITY
-from .sweep import carry_out, values
+from .emulator import DENSITY, emulator_of
+from .sweep import carry_out, cases
 
 MOST_ROUNDS = 30
 FILLED = "filled_ratio"
@@ -48,47 +46,44 @@ class Border:
     missing: float | None = None  # share of the form that ``empty_from`` leaves empty; nan if its run failed
     pressure: float | None = None  # [Pa] on the form by ``fills_up_to``, where it is bounded
     allowed: float | None = None  # bound of it [Pa]
+    density: float = DENSITY  # [kg/m3]
 
-    def slumps(self, density: float) -> list[tuple[float, float] | None]:
+    @property
+    def slumps_m(self) -> list[tuple[float, float] | None]:
         """Slump and slump flow [m] of the stiffest mix that fills, and of the softest that does not; None beyond the
         table of the slump test."""
-        emulator, found = emulator_of(), []
-        for tau_y in (self.fills_up_to, self.empty_from):
-            at = None if tau_y is None else np.log(np.array([tau_y, self.plastic_viscosity]) / density)
-            if at is None or np.any(at < emulator.low) or np.any(at > emulator.high):
-                found.append(None)
-                continue
-            measures = emulator.at(*at)
-            found.append((float(measures["slump_m"]), float(measures["spread_m"])))
-        return found
+        return [self.slump_of(self.fills_up_to), self.slump_of(self.empty_from)]
 
-    def told(self, density: float) -> str:
-        """In a sentence."""
+    def slump_of(self, tau_y: float | None) -> tuple[float, float] | None:
+        """Slump and slump flow [m] of a yield stress; None of none, and beyond the table."""
+        emulator, at = emulator_of(), np.log(np.array([tau_y or math.inf, self.plastic_viscosity]) / self.density)
+        if np.any(at < emulator.low) or np.any(at > emulator.high):
+            return None
+        measures = emulator.at(*at)
+        return float(measures["slump_m"]), float(measures["spread_m"])
+
+    def __str__(self):
         head = f"plastic viscosity {self.plastic_viscosity:g} Pa s: "
         if self.fills_up_to is None:
-            return head + f"no mix does{self.shortfall(f'{self.empty_from:g} Pa')}"
-        order, short = self.slumps(density)
+            return f"{head}no mix does{self.shortfall(f'{self.empty_from:g} Pa')}"
         if self.pressure is not None and self.pressure > self.allowed:
             presses = f"{1e-3 * self.pressure:.3g} kPa, over {1e-3 * self.allowed:.3g}"
-            return (
-                head
-                + f"no mix does: up to {self.fills_up_to:.3g} Pa fill it, which press with {presses}, softer ones more"
-            )
-        text = head + f"fills up to {self.fills_up_to:.3g} Pa"
+            mix = f"up to {self.fills_up_to:.3g} Pa fill it"
+            return f"{head}no mix does: {mix}, which press with {presses}, softer ones more"
+        order, less = self.slumps_m
+        text = f"{head}fills up to {self.fills_up_to:.3g} Pa"
         if order:
             text += f"; order a slump of {100 * order[0]:.1f} cm, a slump flow of {100 * order[1]:.0f} cm, or more"
         if self.empty_from is None:
-            return text + "; nothing stiffer was looked at"
-        apart = f" (slump {100 * short[0]:.1f} cm)" if short else ""
+            return f"{text}; nothing stiffer was looked at"
+        apart = f" (slump {100 * less[0]:.1f} cm)" if less else ""
         return text + self.shortfall(f"{self.empty_from:.3g} Pa{apart}")
 
     def shortfall(self, mix: str) -> str:
         """What is wrong with the mix that does not, called so; nothing where it was not run itself."""
         if self.missing is None:
             return ""
-        return (
-            f"; {mix} leave {self.missing:.1%} empty" if math.isfinite(self.missing) else f"; the run of {mix} failed"
-        )
+        return f"; the run of {mix} failed" if math.isnan(self.missing) else f"; {mix} leave {self.missing:.1%} empty"
 
 
 def fills(row: dict, wanted: Wanted) -> bool:
@@ -104,14 +99,13 @@ def pressure_of(row: dict) -> float:
     return max(pressures)
 
 
-def known(mixes: dict, tau_y: float, eta: float) -> bool | None:
-    """What runs, {(yield stress, plastic viscosity): whether it fills}, say of a mix: what a stiffer one
-    fills, a softer one fills, too. None where they say nothing."""
-    if any(full and tau_y <= t and eta <= e for (t, e), full in mixes.items()):
-        return True
-    if any(not full and tau_y >= t and eta >= e for (t, e), full in mixes.items()):
-        return False
-    return None
+def bracket(mixes: dict, eta: float, low: float, high: float) -> tuple[float | None, float | None]:
+    """The largest yield stress known to fill at a plastic viscosity, and the smallest known not to, from the runs
+    {(yield stress, plastic viscosity): whether it fills}: what a stiffer mix fills, a softer one fills, too."""
+    full = max((tau_y for (tau_y, e), fills in mixes.items() if fills and e >= eta), default=None)
+    least = min((tau_y for (tau_y, e), fills in mixes.items() if not fills and e <= eta), default=math.inf)
+    looked = {low, high, *(tau_y for tau_y, _ in mixes)}
+    return full, min((tau_y for tau_y in looked if tau_y >= least and tau_y > (full or 0.0)), default=None)
 
 
 def next_mixes(mixes: dict, viscosities, low: float, high: float, within: float) -> list[tuple[float, float]]:
@@ -120,21 +114,13 @@ def next_mixes(mixes: dict, viscosities, low: float, high: float, within: float)
     wanted = []
     for eta in viscosities:
         full, short = bracket(mixes, eta, low, high)
-        if full is None and short is None or full is None and short > low:
+        if full is None and short != low:
             wanted.append((low, eta))
         elif full is not None and short is None and full < high:
             wanted.append((high, eta))
         elif full is not None and short is not None and short > full * (1.0 + within):
             wanted.append((float(f"{math.sqrt(full * short):.4g}"), eta))
     return wanted
-
-
-def bracket(mixes: dict, eta: float, low: float, high: float) -> tuple[float | None, float | None]:
-    """The largest yield stress known to do at a plastic viscosity, and the smallest known not to."""
-    looked = sorted({low, high, *(tau_y for tau_y, _ in mixes)})
-    full = [tau_y for tau_y in looked if known(mixes, tau_y, eta) is True]
-    short = [tau_y for tau_y in looked if known(mixes, tau_y, eta) is False]
-    return max(full, default=None), min(short, default=None)
 
 
 def require(scene: str, wanted: Wanted, out, executor="local", workers=None, watch=None, run=run_case, **parameters):
@@ -145,7 +131,8 @@ def require(scene: str, wanted: Wanted, out, executor="local", workers=None, wat
     keywords = catalogue.load(scene).parameters.model_fields
     usual = {"fill_ratio": 1.0} | ({"measure_pressure": True} if wanted.pressure is not None else {})
     parameters = {name: value for name, value in usual.items() if name in keywords} | parameters
-    form = catalogue.build(scene, **parameters | {"until": wanted.time})
+    parameters["until"] = wanted.time
+    form = catalogue.build(scene, **parameters)
     if form.cavity is None:
         raise SceneError(f"scene {form.name}: has no cavity to fill; must be a form, such as wall")
     poured = form.parameters.get("fill_ratio", 1.0)
@@ -155,45 +142,25 @@ def require(scene: str, wanted: Wanted, out, executor="local", workers=None, wat
         )
     if wanted.pressure is not None and form.parameters.get("measure_pressure") is False:
         raise SceneError(f"pressure = {wanted.pressure:g} Pa: measure_pressure = False; must be True, or left out")
-    viscosities = sorted(map(number, values(wanted.plastic_viscosity, "plastic_viscosity")))
-    planned, mixes = {}, {}
-
-    def carried_out(ahead):
-        """Whether each mix so far fills, and the rows of all, once those ahead have been run, too."""
-        for tau_y, eta in ahead:
-            mix = {"yield_value": tau_y, "plastic_viscosity": eta}
-            planned.setdefault((tau_y, eta), case(scene, **parameters | mix | {"until": wanted.time}))
-        rows = carry_out(list(planned.values()), out, run, executor, workers, watch)
-        return {mix: fills(row, wanted) for mix, row in zip(planned, rows, strict=True)}, rows
-
+    given = cases(scene, plastic_viscosity=wanted.plastic_viscosity)
+    viscosities = sorted(each.parameters["plastic_viscosity"] for each in given)
+    planned, mixes, rows = {}, {}, []
+    look = wanted.softest, wanted.stiffest
     for _ in range(MOST_ROUNDS):
-        ahead = next_mixes(mixes, viscosities, wanted.softest, wanted.stiffest, wanted.within)
+        ahead = next_mixes(mixes, viscosities, *look, wanted.within)
+        ends = {eta: bracket(mixes, eta, *look) for eta in viscosities}
+        if not ahead and wanted.pressure is not None:  # asked of its own run also where others told that a mix fills
+            ahead = [(full, eta) for eta, (full, _) in ends.items() if full is not None and (full, eta) not in planned]
         if not ahead:
             break
-        mixes, rows = carried_out(ahead)
-    ends = {eta: bracket(mixes, eta, wanted.softest, wanted.stiffest) for eta in viscosities}
-    if wanted.pressure is not None:  # by its own run also where others told that a mix fills
-        mixes, rows = carried_out([(full, eta) for eta, (full, _) in ends.items() if full is not None])
+        for tau_y, eta in ahead:
+            planned[tau_y, eta] = case(scene, **parameters, yield_value=tau_y, plastic_viscosity=eta)
+        rows = carry_out(list(planned.values()), out, run, executor, workers, watch)
+        mixes = {mix: fills(row, wanted) for mix, row in zip(planned, rows, strict=True)}
     borders, by_mix = [], dict(zip(planned, rows, strict=True))
     for eta, (full, short) in ends.items():
         missing = 1.0 - by_mix[short, eta].get(FILLED, math.nan) if (short, eta) in by_mix else None
-        border = Border(eta, full, short, missing)
-        if wanted.pressure is not None and full is not None:
-            border = replace(border, pressure=pressure_of(by_mix[full, eta]), allowed=wanted.pressure)
-        borders.append(border)
+        pressure = None if wanted.pressure is None or full is None else pressure_of(by_mix[full, eta])
+        density = rows[0].get("density") or DENSITY
+        borders.append(Border(eta, full, short, missing, pressure, pressure and wanted.pressure, density))
     return borders, rows
-
-
-def number(text: str) -> float:
-    """A plastic viscosity [Pa s]."""
-    value = in_unit("Pa s", text)
-    with suppress(ValueError):
-        value = float(value)
-    if not isinstance(value, float) or not 0.0 < value < math.inf:
-        raise SceneError(f"plastic_viscosity = {text}: must be numbers above 0 Pa s, 10,30,100")
-    return value
-
-
-def density_of(rows) -> float:
-    """Density [kg/m3] of the mixes of a study."""
-    return rows[0].get("density") or DENSITY

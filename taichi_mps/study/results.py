@@ -7,58 +7,42 @@
 import csv
 import json
 import os
-from contextlib import ExitStack, suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from ..io.lock import locked
+from ..problem.labels import is_measure
 from ..units import SceneError
 
 LOCK = "study.lock"
+JOURNAL = "journal.jsonl"
+TABLE = "results.csv"
 
 
 class Results:
-    """Rows by key. Use it in a ``with``: one study at a time may write to a folder."""
+    """Rows by key, of an open journal."""
 
-    def __init__(self, folder):
-        self.folder = Path(folder)
-        self.journal, self.table = self.folder / "journal.jsonl", self.folder / "results.csv"
+    def __init__(self, folder: Path, file):
+        self.file, self.table = file, folder / TABLE
         self.rows: dict[str, dict] = {}
-        self._file = self._opened = None
-
-    def __enter__(self):
-        there = {path.name for path in self.folder.iterdir()} if self.folder.is_dir() else set()
-        if there - {LOCK} and self.journal.name not in there:
-            raise SceneError(f"out = {self.folder}: holds other files and no study; must be a new or a study's folder")
-        with ExitStack() as opened:
-            opened.enter_context(locked(self.folder / LOCK, "another study, process"))
-            self._file = opened.enter_context(open(self.journal, "a+b"))
-            self._read()
-            self._opened = opened.pop_all()
-        return self
-
-    def __exit__(self, *_):
-        self._opened.close()
-
-    def _read(self) -> None:
-        """The rows of the journal, which stays open for more."""
-        self._file.seek(0)
-        whole = self._file.read()
+        file.seek(0)
+        whole = file.read()
         end = whole.rfind(b"\n") + 1  # what stands after the last end of line was cut off by the end of a process
-        self._file.truncate(end)
+        file.truncate(end)
         for number, line in enumerate(whole[:end].splitlines(), 1):
             try:
                 row = json.loads(line)
                 self.rows[row["key"]], _ = row, row["status"]
             except (ValueError, TypeError, KeyError):
                 raise SceneError(
-                    f"{self.journal}: line {number} is no row; delete it to compute its case anew"
+                    f"{folder / JOURNAL}: line {number} is no row; delete it to compute its case anew"
                 ) from None
 
     def add(self, row: dict) -> None:
         """Keep a row for good."""
-        self._file.write(json.dumps(row).encode() + b"\n")
-        self._file.flush()
-        os.fsync(self._file.fileno())
+        self.file.write(json.dumps(row).encode() + b"\n")
+        self.file.flush()
+        os.fsync(self.file.fileno())
         self.rows[row["key"]] = row
 
     def write(self, rows: list[dict]) -> None:
@@ -73,26 +57,30 @@ class Results:
             lines.writerows(rows)
         os.replace(fresh, self.table)
         with suppress(ImportError):
-            import pyarrow
+            import pyarrow.csv
             import pyarrow.parquet
 
-            full = {name: uniform([row.get(name) for row in rows]) for name in columns}
-            pyarrow.parquet.write_table(pyarrow.table(full), fresh)
+            kinds = pyarrow.csv.ConvertOptions(strings_can_be_null=True)
+            pyarrow.parquet.write_table(pyarrow.csv.read_csv(self.table, convert_options=kinds), fresh)
             os.replace(fresh, self.table.with_suffix(".parquet"))
 
 
-def uniform(values: list) -> list:
-    """A column of one kind, as Parquet has them: text where some is text, numbers as float."""
-    if any(isinstance(value, str) for value in values):
-        return [None if value is None else str(value) for value in values]
-    return [float(value) if isinstance(value, int) else value for value in values]
+@contextmanager
+def opened(folder):
+    """The results of a study's folder, made if need be; one study at a time may write there."""
+    folder = Path(folder)
+    there = {path.name for path in folder.iterdir()} if folder.is_dir() else set()
+    if there - {LOCK} and JOURNAL not in there:
+        raise SceneError(f"out = {folder}: holds other files and no study; must be a new or a study's folder")
+    with locked(folder / LOCK, "another study, process"), open(folder / JOURNAL, "a+b") as file:
+        yield Results(folder, file)
 
 
 def read(path) -> list[dict]:
     """The rows of a results.csv or of a study's folder; lines that begin with # are remarks. Numbers as float, nothing
     as None."""
     path = Path(path)
-    path = path / "results.csv" if path.is_dir() else path
+    path = path / TABLE if path.is_dir() else path
     if not path.is_file():
         raise SceneError(f"table = {path}: no such file; must be a study's folder or its results.csv")
     with open(path, newline="", encoding="utf-8", errors="replace") as file:
@@ -108,3 +96,14 @@ def number(text: str):
         return float(text)
     except ValueError:
         return text or None
+
+
+def spelled(value) -> str:
+    """A value of a parameter as text."""
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def measures(rows) -> list[str]:
+    """The columns that are results of the scene and have a unit."""
+    names = dict.fromkeys(name for row in rows for name in row)
+    return [name for name in names if is_measure(name)]

@@ -5,49 +5,68 @@ from fields (terms/constants.py says which), so another mix of the same law is o
 """
 
 import hashlib
+import io
+import json
+from contextlib import redirect_stdout
 from dataclasses import fields, is_dataclass
 
 import numpy as np
 
 from ..problem.materials import Bingham
 from ..problem.problem import Problem
-from ..runtime.backend import require_room, ti
+from ..problem.scene import Scene
+from ..runtime.backend import init, require_room, session
 from ..simulation.simulation import Simulation
 from ..terms.constants import FIELDS_OF_A_MIX
 
 # of a scene: read at every step or at the end, by no kernel; the material has its own entry
 FREE = ("material", "until", "parameters", "measure", "over_time", "check", "outline")
+_kept: dict = {}  # of this process: the Simulation, its shape, and its scheme and state when it was made
+
+
+def begin(scene: Scene) -> Simulation:
+    """A Simulation of the scene, by kernels of this process where they fit; the one handed out before is over. Starts
+    Taichi with one thread where it is not, and again where its fields are used up."""
+    problem = Problem(scene)
+    shape = shape_of(problem)
+    try:
+        require_room()
+    except RuntimeError:  # not started, or full
+        _kept.clear()
+        with redirect_stdout(io.StringIO()):  # without Taichi's greeting
+            init(threads=1)
+    sim = _kept.get("sim")
+    # its scheme is another one once it was made anew for a longer neighbour list
+    if not sim or _kept["shape"] != shape or sim.session is not session() or sim.scheme is not _kept["scheme"]:
+        sim = None
+        _kept.clear()
+        sim = Simulation(problem)
+        _kept.update(sim=sim, shape=shape, scheme=sim.scheme, beginning=sim.state())
+    require_room()
+    sim.restart(problem, _kept["beginning"])
+    return sim
 
 
 def shape_of(problem: Problem) -> bytes:
-    """What of a problem is compiled: all of the scene but FREE, all of the numerics, and what kernels do not read from
-    fields of the mix. Problems of one shape share their kernels."""
+    """A digest of what of a problem is compiled: all of the scene but FREE, all of the numerics, and what kernels do
+    not read from fields of the mix. Problems of one shape share their kernels."""
     scene = problem.scene
     bare = [getattr(scene, field.name) for field in fields(scene) if field.name not in FREE]
     mixes = [scene.mix_of(inlet) for inlet in scene.inlets]  # one may be that of the scene
     rubs = any(wall.friction for wall in scene.walls)  # friction keeps the viscosity of the fluid, too
     material = compiled_numbers(scene.material), scene.material.plastic_viscosity if rubs else None
-    return digest(bare, problem.scheme, repr(problem.numerics), problem.law, material, mixes)
+    parts = bare, problem.scheme, repr(problem.numerics), problem.law, material, mixes
+    return hashlib.sha256(json.dumps(parts, default=described).encode()).digest()
 
 
-def digest(*parts) -> bytes:
-    """A digest of numbers, texts, arrays, and of records and rows of these. Of a function the text that compiles it is
-    not known, so only the same object is equal to it."""
-    total = hashlib.sha256()
-    for part in parts:
-        if isinstance(part, np.ndarray):
-            words = [str(part.dtype).encode(), str(part.shape).encode(), np.ascontiguousarray(part).tobytes()]
-        elif is_dataclass(part):
-            words = [type(part).__name__.encode(), digest(*(getattr(part, field.name) for field in fields(part)))]
-        elif isinstance(part, list | tuple):
-            words = [b"row", str(len(part)).encode(), *(digest(item) for item in part)]
-        elif callable(part):
-            words = [str(id(part)).encode()]
-        else:
-            words = [type(part).__name__.encode(), repr(part).encode()]
-        for word in words:
-            total.update(len(word).to_bytes(8, "little") + word)
-    return total.digest()
+def described(part):
+    """An array, a record or anything else that JSON does not know. Of a function the text that compiles it is not
+    known, so only the same object is equal to it."""
+    if isinstance(part, np.ndarray):
+        return [str(part.dtype), part.shape, part.tobytes().hex()]
+    if is_dataclass(part):
+        return [type(part).__name__, *(getattr(part, field.name) for field in fields(part))]
+    return id(part) if callable(part) else [type(part).__name__, repr(part)]
 
 
 def compiled_numbers(material) -> str:
@@ -56,25 +75,3 @@ def compiled_numbers(material) -> str:
         return repr(material)
     compiled = [name for name in type(material).model_fields if name not in FIELDS_OF_A_MIX]
     return repr((type(material).__name__, {name: getattr(material, name) for name in compiled}))
-
-
-class Compiled:
-    """One Simulation for all problems of one shape, of the scheme ``implicit``."""
-
-    def __init__(self, problem: Problem):
-        self.shape = shape_of(problem)
-        self.program = ti.lang.impl.get_runtime().prog
-        self.sim = Simulation(problem)
-        self.scheme = self.sim.scheme
-        self.beginning = self.sim.state()
-
-    @property
-    def whole(self) -> bool:
-        """False once the Simulation has made its scheme anew, for a longer neighbour list, or Taichi was restarted."""
-        return self.sim.scheme is self.scheme and self.program is ti.lang.impl.get_runtime().prog
-
-    def begin(self, problem: Problem) -> Simulation:
-        """The Simulation of a problem of this shape, at its start; the one handed out before is over."""
-        require_room()
-        self.sim.restart(problem, self.beginning)
-        return self.sim

@@ -1,56 +1,57 @@
 """Slurm: one job for each case. Jobs outlive a study that is killed; the next one finds them again.
 
-A job is a command line with its case in it (job.py), and its result a JSON file: nothing that lies in a folder is run.
-That is why jobs are not given by a library: those for Python keep functions and results as pickles, which are code.
+A job is a command line, which only the study writes, with its case in it (``main``), and its result a JSON file:
+nothing that lies in a folder is run. That is why jobs are not given by a library: those for Python keep functions and
+results as pickles, which are code.
 """
 
 import getpass
+import importlib
 import json
+import math
 import os
 import shlex
 import subprocess
 import sys
 import threading
-from concurrent.futures import Executor, Future
+from concurrent.futures import CancelledError, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
+from dataclasses import asdict
 from pathlib import Path
 from time import monotonic
+from urllib.parse import parse_qsl, urlsplit
 
+from ..io.run_folder import strict
 from ..units import SceneError, plain
+from .case import Case
 
 FOLDER = "slurm-jobs"  # in the study's folder, which all nodes must see: numbers, logs and results of the jobs
 LOOK, ASK = 1.0, 20.0  # [s] from look to look for results, and from question to question to Slurm
 MINUTES = 60.0  # of a job, where no timeout_min is given
+MOST_JOBS = 1000  # at once, where --workers does not say how many: each has a thread that waits for it
 
 
 @contextmanager
-def slurm(text: str, partition: str, settings: dict, folder):
-    """An executor of Slurm jobs in a partition, or with the partition 'local' of processes of this machine.
-
-    settings: timeout_min, mem_gb, and other options of sbatch by their names (account, qos, constraint, ...).
-    """
-    settings = dict(settings)
+def slurm(text: str, folder, workers: int | None):
+    """An executor of jobs by its address, slurm://PARTITION?timeout_min=60, or with the partition 'local' of processes
+    of this machine. After ? stand timeout_min, mem_gb, and other options of sbatch (account, qos, constraint, ...)."""
+    parts = urlsplit(text)
+    settings = {"cpus_per_task": 1, "timeout_min": MINUTES, "partition": parts.netloc, **dict(parse_qsl(parts.query))}
     try:
-        minutes = float(settings.pop("timeout_min", MINUTES))
+        settings["time"] = max(1, round(float(settings.pop("timeout_min"))))
         if "mem_gb" in settings:
             settings["mem"] = f"{round(1024 * float(settings.pop('mem_gb')))}M"
-        if not 0.0 < minutes < float("inf"):
-            raise ValueError(minutes)
     except (ValueError, OverflowError):
-        raise SceneError(f"executor = {text}: timeout_min and mem_gb must be numbers above 0") from None
-    cluster = Processes() if partition == "local" else Slurm({"partition": partition, **settings}, minutes)
-    jobs = Jobs(cluster, text, Path(folder) / FOLDER, minutes)
-    try:
+        raise SceneError(f"executor = {text}: timeout_min and mem_gb must be numbers") from None
+    cluster = Processes() if parts.netloc == "local" else Slurm(settings)
+    with Jobs(cluster, text, Path(folder) / FOLDER, workers or MOST_JOBS) as jobs:
         yield jobs
-    finally:
-        jobs.shutdown()
 
 
 class Slurm:
     """Jobs by the commands of Slurm. ``options`` of sbatch by name."""
 
-    def __init__(self, options: dict, minutes: float):
-        options = {"cpus_per_task": 1, "time": max(1, round(minutes))} | options
+    def __init__(self, options: dict):
         self.options = [f"--{name.replace('_', '-')}={value}" for name, value in options.items()]
 
     def submit(self, command: list[str], name: str, log: Path) -> str:
@@ -63,18 +64,10 @@ class Slurm:
 
     def queued(self) -> set[str] | None:
         """The numbers of this user's jobs that wait or run; None where Slurm does not answer."""
+        command = ["squeue", "--noheader", "--format", "%i", "--user", getpass.getuser()]
         with suppress(OSError, subprocess.SubprocessError):
-            command = ["squeue", "--noheader", "--format", "%i", "--user", getpass.getuser()]
             return set(subprocess.run(command, capture_output=True, text=True, check=True, timeout=60).stdout.split())
         return None
-
-    def last_state(self, number: str) -> str:
-        """What Slurm says of a job that is over: CANCELLED, TIMEOUT, OUT_OF_MEMORY, ...; it forgets after minutes."""
-        with suppress(OSError, subprocess.SubprocessError):
-            command = ["scontrol", "--oneliner", "show", "job", number]
-            words = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60).stdout.split()
-            return next((w.removeprefix("JobState=") for w in words if w.startswith("JobState=")), "no longer known")
-        return "no longer known"
 
     def cancel(self, number: str) -> None:
         """End a job."""
@@ -97,122 +90,98 @@ class Processes:
         self.made[str(job.pid)] = job
         return str(job.pid)
 
-    def queued(self) -> set[str] | None:
+    def queued(self) -> set[str]:
         """The numbers of those that run."""
-        return {number for number, job in self.made.items() if job.poll() is None}
-
-    def last_state(self, number: str) -> str:
-        """How a process ended."""
-        return f"exit {self.made[number].returncode}" if number in self.made else "no longer known"
+        return {number for number, job in list(self.made.items()) if job.poll() is None}
 
     def cancel(self, number: str) -> None:
-        """End a process, if it is still one of ours."""
-        if number in self.made:
-            self.made[number].kill()
+        """End a process."""
+        self.made[number].kill()
 
 
-class Jobs(Executor):
-    """Jobs of a cluster as concurrent.futures. A job that is twice not among those that wait or run and has no result
-    is dead."""
+class Jobs(ThreadPoolExecutor):
+    """An executor with a job for each call and a thread that waits for it: it looks for its result every
+    ``look_every`` [s], and asks the cluster every ``ask_every`` [s] which jobs there are. A job that is not among them
+    for as long and has no result is dead."""
 
-    def __init__(self, cluster, text: str, folder, minutes=MINUTES, look_every=LOOK, ask_every=ASK):
-        self.cluster, self.text, self.minutes = cluster, text, minutes
-        self.folder = Path(folder).absolute()
+    def __init__(self, cluster, text: str, folder, most=MOST_JOBS, look_every=LOOK, ask_every=ASK):
+        super().__init__(most)
+        self.cluster, self.text, self.folder = cluster, text, Path(folder).absolute()
         self.look_every, self.ask_every = look_every, ask_every
-        self.flying: dict[str, tuple[Future, str]] = {}  # by the key of the case: its future and the number of its job
-        self.over = threading.Event()
-        self.there = None  # what was queued when the study went on, asked once
-        self.thread = threading.Thread(target=self._watch, daemon=True)
-        self.thread.start()
+        self.over, self.turn = threading.Event(), threading.Lock()
+        self.asked, self.there = -math.inf, None  # when the cluster was asked, and its answer
 
-    def submit(self, function, case, /):
-        """The future of a case: of the job that runs it already, or of a new one."""
-        self.folder.mkdir(parents=True, exist_ok=True)
-        future = Future()
-        self.flying[case.key] = future, self._earlier(case) or self._new(function, case)
-        return future
+    def submit(self, function, case: Case, /):
+        """The future row of a case: of the job that runs it already, or of a new one."""
+        return super().submit(self.job, function, case)
 
-    def file(self, key: str, kind: str) -> Path:
-        """A file of a case: 'job' has the number of its job, 'log' what that printed, 'json' its result."""
-        return self.folder / f"{key}.{kind}"
-
-    def _earlier(self, case) -> str | None:
-        """The job that a study which did not come to its end gave for the case, if it has a result or still runs."""
-        try:
-            number = self.file(case.key, "job").read_text()
-        except OSError:
-            return None
-        if self.file(case.key, "json").exists():
-            with suppress(RuntimeError):
-                return row_of(self.file(case.key, "json"), case.key, number) and number
-            return None
-        if self.there is None:
-            self.there = self.cluster.queued()
-        return number if self.there is None or number in self.there else None  # what is over, _watch will find
-
-    def _new(self, function, case) -> str:
-        from .job import words
-
-        self.file(case.key, "json").unlink(missing_ok=True)
-        command = [sys.executable, "-m", "taichi_mps.study.job"]
-        command += words(function, case, self.file(case.key, "json"), self.minutes)
-        try:
-            number = self.cluster.submit(command, case.key, self.file(case.key, "log"))
-        except OSError as error:  # no such partition, too many jobs for this user, no space, no sbatch, ...
-            many = f"; after {len(self.flying)} jobs, --workers bounds how many there are at once" * bool(self.flying)
-            raise SceneError(f"executor = {self.text}: {error}{many}") from None
-        self.file(case.key, "job").write_text(number)
-        return number
-
-    def _watch(self):
-        asked, missing = monotonic(), set()
-        while not self.over.wait(self.look_every):
-            with suppress(OSError):  # a disk that does not answer may do so later
-                for key in [key for key in list(self.flying) if self.file(key, "json").exists()]:
-                    self._deliver(key, *self.flying.pop(key))
-            if monotonic() - asked > self.ask_every:
-                asked, there = monotonic(), self.cluster.queued()
-                gone = {
-                    key for key, (_, number) in list(self.flying.items()) if there is not None and number not in there
-                }
-                for key in gone & missing:
-                    future, number = self.flying.pop(key)
-                    state = self.cluster.last_state(number)
-                    why = (
-                        f"{self.text}: job {number} ended without a result ({state}){last_words(self.file(key, 'log'))}"
-                    )
-                    future.set_exception(RuntimeError(why))
-                missing = gone
-
-    def _deliver(self, key, future, number):
-        try:
-            future.set_result(row_of(self.file(key, "json"), key, number))
-        except RuntimeError as error:  # of the job: whoever waits shall know
-            future.set_exception(error)
-
-    def shutdown(self, wait=True, *, cancel_futures=False):
-        """Whatever is still to come is not wanted any more."""
+    def shutdown(self, wait=True, *, cancel_futures=True):
+        """Cancel what has no result yet."""
         self.over.set()
-        self.thread.join()
-        for key, (_, number) in self.flying.items():
-            self.cluster.cancel(number)
-            self.file(key, "job").unlink(missing_ok=True)
+        super().shutdown(wait, cancel_futures=cancel_futures)
+
+    def file(self, case: Case, kind: str) -> Path:
+        """A file of a case: 'job' has the number of its job, 'log' what that printed, 'json' its result."""
+        return self.folder / f"{case.key}.{kind}"
+
+    def job(self, function, case: Case) -> dict:
+        """The row of a case, by the job of a study that did not come to its end or by a new one; RuntimeError with its
+        last words where it leaves none."""
+        number = self.earlier(case) or self.new(function, case)
+        seen = monotonic()
+        while not self.file(case, "json").exists():
+            if self.over.wait(self.look_every):
+                self.cluster.cancel(number)
+                self.file(case, "job").unlink(missing_ok=True)
+                raise CancelledError
+            if self.is_there(number):
+                seen = monotonic()
+            elif monotonic() - seen > self.ask_every:
+                last = last_words(self.file(case, "log"))
+                raise RuntimeError(f"{self.text}: job {number} ended without a result{last}")
+        return row_of(self.file(case, "json"), case.key, number)
+
+    def is_there(self, number: str) -> bool:
+        """Does a job wait or run, as far as is known?"""
+        with self.turn:
+            if monotonic() - self.asked > self.ask_every:
+                self.asked, self.there = monotonic(), self.cluster.queued()
+            return self.there is None or number in self.there
+
+    def earlier(self, case: Case) -> str | None:
+        """The number of the job that an earlier study gave for the case, if it has a result or still runs."""
+        with suppress(OSError, RuntimeError):
+            number = self.file(case, "job").read_text()
+            if self.file(case, "json").exists():
+                row_of(self.file(case, "json"), case.key, number)
+                return number
+            return number if self.is_there(number) else None
+        return None
+
+    def new(self, function, case: Case) -> str:
+        """The number of a new job."""
+        self.folder.mkdir(parents=True, exist_ok=True)
+        result = self.file(case, "json")
+        result.unlink(missing_ok=True)
+        words = f"{function.__module__}:{function.__qualname__}", json.dumps(asdict(case)), str(result)
+        try:
+            with self.turn:
+                number = self.cluster.submit([sys.executable, "-m", __name__, *words], case.key, self.file(case, "log"))
+        except OSError as error:  # no such partition, too many jobs for this user, no space, no sbatch, ...
+            bound = "--workers bounds how many jobs there are at once"
+            raise SceneError(f"executor = {self.text}: {error}; {bound}") from None
+        self.file(case, "job").write_text(number)
+        return number
 
 
 def row_of(path: Path, key: str, number: str) -> dict:
-    """The row that a job has left; RuntimeError with its last words if it did not come to the end of its case."""
-    try:
+    """The row that a job has left; RuntimeError for what is none of this case."""
+    with suppress(OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
         row = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError):
-        row = None
-    kinds = str, int, float, bool, type(None)
-    if not isinstance(row, dict) or not all(isinstance(value, kinds) for value in row.values()):
-        raise RuntimeError(f"job {number}: {path} is no result")
-    if "error" in row:
-        raise RuntimeError(f"job {number}: {plain(row['error'])}")
-    if row.get("key") != key or not isinstance(row.get("status"), str):
-        raise RuntimeError(f"job {number}: {path} is the result of another case")
-    return row
+        kinds = str, int, float, bool, type(None)
+        if row["key"] == key and isinstance(row["status"], str) and all(isinstance(v, kinds) for v in row.values()):
+            return row
+    raise RuntimeError(f"job {number}: {path} is no result of this case")
 
 
 def last_words(log: Path) -> str:
@@ -221,3 +190,16 @@ def last_words(log: Path) -> str:
         lines = log.read_bytes()[-4096:].decode(errors="replace").strip().splitlines()
         return f": {plain(lines[-1])}" if lines else ""
     return ""
+
+
+def main(function: str, told: str, result: str) -> None:
+    """A job: compute a case by a function MODULE:NAME and write its row, whole or not at all."""
+    module, name = function.split(":")
+    row = getattr(importlib.import_module(module), name)(Case(**json.loads(told)))
+    partial = Path(f"{result}.{os.getpid()}.part")
+    partial.write_text(json.dumps(strict(row)), encoding="utf-8")
+    os.replace(partial, result)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

@@ -3,19 +3,21 @@
 import math
 from collections import deque
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, wait
-from contextlib import contextmanager
+from contextlib import nullcontext, suppress
 from itertools import product
 from pathlib import Path
 from time import monotonic
+
+import numpy as np
 
 from ..problem import catalogue
 from ..problem.accuracy import choose
 from ..problem.materials import Bingham
 from ..units import SceneError
-from .case import Case, case
+from .case import Case, case, row_without_result
 from .case import run as run_case
 from .executors import named
-from .results import Results
+from .results import opened
 
 ACCURACY = 0.005  # of the slump [m], by which model and spacing are chosen where the scene can and nothing is given
 LOST = "lost"  # status of a case that its executor did not bring to an end; computed again when the study is resumed
@@ -28,20 +30,18 @@ def values(text: str, key: str = "values") -> list[str]:
     ':linear' in equal steps."""
     if ":" not in text:
         return [word.strip() for word in text.split(",")]
-    words = text.split(":")
     try:
-        low, high, count = float(words[0]), float(words[1]), int(words[2])
-        linear = words[3:] == ["linear"]
-        if words[3:] and not linear or not count >= 2 or not math.isfinite(high - low):
+        low, high, count, *steps = text.split(":")
+        low, high, count = float(low), float(high), int(count)
+        if steps not in ([], ["linear"]) or count < 2 or not math.isfinite(high - low):
             raise ValueError
-    except (ValueError, IndexError):
+    except ValueError:
         raise SceneError(f"{key} = {text}: must be a list, 20,50,100, or first:last:number[:linear]") from None
-    if not linear and min(low, high) <= 0.0:
+    if not steps and min(low, high) <= 0.0:
         raise SceneError(f"{key} = {text}: equal ratios need values above 0; must be, or add :linear")
     if count > MOST_CASES:
         raise SceneError(f"{key} = {text}: must be at most {MOST_CASES} values")
-    parts = [k / (count - 1) for k in range(count)]
-    points = [low + s * (high - low) if linear else low * (high / low) ** s for s in parts]
+    points = np.linspace(low, high, count) if steps else np.geomspace(low, high, count)
     return [f"{point:.4g}" for point in points]
 
 
@@ -89,10 +89,10 @@ def carry_out(planned: list[Case], out, run=run_case, executor="local", workers=
     ``run`` is a function of a module, which the workers import; it gives a row, a dict with the key of its case.
     """
     if isinstance(executor, Executor):
-        opened, room = (lambda: as_it_is(executor)), None
+        start, room = (lambda: nullcontext(executor)), None
     else:
-        opened, room = named(executor, workers, out)
-    with Results(out) as results:
+        start, room = named(executor, workers, out)
+    with opened(out) as results:
         written = monotonic()
 
         def rows():
@@ -113,57 +113,44 @@ def carry_out(planned: list[Case], out, run=run_case, executor="local", workers=
         if watch:
             watch(rows(), len(planned))
         try:
-            for suspect in together(left, run, opened, room, finished):
-                if together([suspect], run, opened, 1, finished):
-                    finished(without_row(suspect, LOST, "its process died, beside others and alone"))
+            for suspect in together(left, run, start, room, finished):
+                if together([suspect], run, start, 1, finished):
+                    finished(row_without_result(suspect, LOST, "its process died, beside others and alone"))
         finally:
             results.write(rows())
         return rows()
 
 
-@contextmanager
-def as_it_is(executor):
-    """An executor that its owner closes."""
-    yield executor
-
-
 def shape(case: Case) -> str:
     """All parameters but the material's: cases that share it share their kernels."""
-    return str([(name, value) for name, value in case.given if name not in Bingham.model_fields])
+    return str([(name, value) for name, value in case.parameters.items() if name not in Bingham.model_fields])
 
 
-def together(planned, run, opened, room, finished) -> list[Case]:
+def together(planned, run, start, room, finished) -> list[Case]:
     """Compute cases side by side, at most ``room`` at once; returns those in whose time a process died. It took the
     others with it, so which of them it was is not known."""
     waiting, suspects = deque(planned), []
     while waiting:
-        before = len(waiting)
-        with opened() as executor:
-            flying, broken = {}, False
-            while flying or (waiting and not broken):
-                try:
-                    while waiting and not broken and (room is None or len(flying) < room):
-                        flying[executor.submit(run, waiting[0])] = waiting[0]
-                        waiting.popleft()
-                except BrokenExecutor:
-                    broken = True
+        flying = {}
+        with start() as executor, suppress(BrokenExecutor):
+            while waiting or flying:
+                while waiting and (room is None or len(flying) < room):
+                    flying[executor.submit(run, waiting[0])] = waiting[0]
+                    waiting.popleft()
                 for future in wait(flying, return_when=FIRST_COMPLETED).done:
-                    it = flying.pop(future)
-                    try:
-                        row = future.result()
-                    except BrokenExecutor:
-                        broken = True
-                        suspects.append(it)
-                        continue
-                    except Exception as error:  # of the executor; what goes wrong in a case is in its row
-                        why = " ".join(str(error).split()) or "given up by the executor"
-                        row = without_row(it, LOST, f"{type(error).__name__}: {why}")
-                    finished(row)
-        if len(waiting) == before:  # an executor that was broken when it came
+                    finished(row_of(future, flying[future]))
+                    del flying[future]
+        if waiting and not flying:  # an executor that was broken when it came
             return [*suspects, *waiting]
+        suspects += flying.values()
     return suspects
 
 
-def without_row(case: Case, status: str, reason: str) -> dict:
-    """The row of a case that gave none."""
-    return {"key": case.key, "status": status, "reason": reason, "scene": case.scene, **case.parameters}
+def row_of(future, case: Case) -> dict:
+    """The row of a case that is over; BrokenExecutor where a process died."""
+    try:
+        return future.result()
+    except (BrokenExecutor, SceneError):  # SceneError: of the address of the executor
+        raise
+    except Exception as error:  # of the executor; what goes wrong in a case is in its row
+        return row_without_result(case, LOST, f"{type(error).__name__}: {str(error) or 'given up by the executor'}")

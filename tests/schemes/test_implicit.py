@@ -13,7 +13,7 @@ import pytest
 
 import taichi_mps as mps
 from taichi_mps.problem import catalogue
-from taichi_mps.study import case as cases
+from taichi_mps.study.reuse import begin
 from taichi_mps.validation import flows
 from taichi_mps.validation.scheme import simulate
 
@@ -96,7 +96,7 @@ def test_closed_forms_agree_with_the_reference_table():
 
 def film(across, until=1.0, **keywords):
     """On 10 degrees after ``until``, with the kernels of the film before where they fit: use it before the next."""
-    sim = cases.begin(catalogue.build("film", spacing=DEPTH / across, **keywords))
+    sim = begin(catalogue.build("film", spacing=DEPTH / across, **keywords))
     sim.run(until=until)
     return sim
 

@@ -1,17 +1,150 @@
-"""Calibration with a known plastic viscosity: the slump alone gives the yield stress."""
+"""Calibration: known constants come back within their intervals, from any tests; what no mix has is refused."""
+
+import json
+import math
 
 import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.study.calibrate import calibrate, emulator_of
+from taichi_mps.cli.main import main
+from taichi_mps.problem.rest_shapes import spread_at_rest
+from taichi_mps.study.calibrate import calibrate, emulators_of
+from taichi_mps.study.emulator import HERE, Emulator, emulator_of
+from taichi_mps.study.fit import fit
+from taichi_mps.study.measurements import TESTS
+
+pytest.importorskip("scipy")
 
 DENSITY = 2300.0
+TRUE = {"yield_value": 60.0, "plastic_viscosity": 30.0}
+ERRORS = {"slump_m": 0.005, "spread_m": 0.01, "t500_s": 0.2}
 
 
-def slump(yield_value, plastic_viscosity):
-    """Of the package's own table [m]."""
-    return float(emulator_of().at(np.log(yield_value / DENSITY), np.log(plastic_viscosity / DENSITY))["slump_m"])
+def measures(names, yield_value, plastic_viscosity):
+    """What the tables of the package say of a mix, without errors."""
+    found, mix = {}, np.log(np.array([yield_value, plastic_viscosity]) / DENSITY)
+    for emulator in emulators_of(dict.fromkeys(names)).values():
+        found |= emulator.at(*mix)
+    return {name: float(found[name]) for name in names}
+
+
+def holds(constant, true):
+    return (constant.lower or 0.0) <= true <= (constant.upper or math.inf)
+
+
+# ---- a test of closed form -------------------------------------------------------------------------------------
+def closed_form(tau, eta):
+    """A slump test that behaves like the real one; the spread of a stiff mix does not reach 500 mm."""
+    slump = 0.29 / (1.0 + (tau / 800.0) ** 1.3) - 0.004 * np.log(eta / 50.0)
+    spread = 0.2 + 0.5 / (1.0 + (tau / 150.0) ** 0.8) - 0.004 * np.log(eta / 50.0)
+    return slump, spread, np.where(spread >= 0.5, 0.25 + eta / 50.0 * (1.0 + tau / 40.0), np.nan)
+
+
+def table_of(yields, viscosities):
+    """The rows of a study of it."""
+    rows = []
+    for tau in np.geomspace(20.0, 2000.0, yields):
+        for eta in np.geomspace(5.0, 1000.0, viscosities):
+            values = [None if np.isnan(value) else float(value) for value in closed_form(tau, eta)]
+            mix = {"status": "done", "yield_value": float(tau), "plastic_viscosity": float(eta)}
+            rows.append(mix | dict(zip(ERRORS, values, strict=True)))
+    return rows
+
+
+@pytest.fixture(scope="module")
+def table():
+    return [Emulator(table_of(16, 9))]
+
+
+def draw(random, tau, eta, names):
+    """A measurement with its errors."""
+    exact = dict(zip(ERRORS, closed_form(tau, eta), strict=True))
+    return {name: (exact[name] + ERRORS[name] * random.standard_normal(), ERRORS[name]) for name in names}
+
+
+def test_the_intervals_hold_the_known_constants_as_often_as_they_say(table):
+    random, held = np.random.default_rng(1), []
+    for _ in range(300):
+        tau, eta = random.uniform(35.0, 70.0), random.uniform(40.0, 200.0)
+        found = fit(table, draw(random, tau, eta, ERRORS), DENSITY)
+        held.append([holds(found.yield_value, tau), holds(found.plastic_viscosity, eta)])
+    assert np.all(np.abs(np.mean(held, 0) - 0.95) < 0.03), np.mean(held, 0)  # 0.03: 2.4 standard errors of 300 draws
+
+
+def test_a_stiff_mix_tells_its_yield_value_alone(table):
+    random, held = np.random.default_rng(2), []
+    for _ in range(100):
+        tau = random.uniform(300.0, 1200.0)
+        found = fit(table, draw(random, tau, 50.0, ("slump_m", "spread_m")), DENSITY)
+        held.append(found.yield_value.lower <= tau <= found.yield_value.upper)
+        assert not found.plastic_viscosity.determined
+    assert np.mean(held) > 0.93
+    assert "plastic viscosity  not determined by these measurements" in str(found)
+
+
+def test_better_measurements_give_narrower_intervals_around_the_constants(table):
+    exact = dict(zip(ERRORS, map(float, closed_form(50.0, 80.0)), strict=True))
+    wide, narrow = (
+        fit(table, {name: (value, scale * ERRORS[name]) for name, value in exact.items()}, DENSITY)
+        for scale in (1.0, 0.1)
+    )
+    for name, true in (("yield_value", 50.0), ("plastic_viscosity", 80.0)):
+        few, many = getattr(narrow, name), getattr(wide, name)
+        assert many.lower < few.lower < true < few.upper < many.upper and few.value == pytest.approx(true, rel=0.02)
+        assert np.log(few.upper / few.lower) < 0.5 * np.log(many.upper / many.lower)
+
+
+def test_constants_go_with_the_density(table):
+    measured = draw(np.random.default_rng(3), 50.0, 80.0, ERRORS)
+    light, heavy = (fit(table, measured, rho) for rho in (1150.0, 2300.0))
+    for name in ("yield_value", "plastic_viscosity"):
+        for end in ("value", "lower", "upper"):
+            one, two = (getattr(getattr(found, name), end) for found in (light, heavy))
+            assert two == pytest.approx(2.0 * one, rel=1e-9)
+
+
+def test_a_mix_beyond_the_table_is_said_to_be_so(table):
+    """2000 Pa are its end. 4000 Pa slump less than anything in it, and least of that where the viscosity is high, which
+    says nothing of the viscosity."""
+    stiff, known = (fit(table, {"slump_m": (float(closed_form(tau, 50.0)[0]), 0.001)}, DENSITY) for tau in (4e3, 1e3))
+    assert stiff.at_the_edge[0] == "yield_value" and "edge of the table (yield stress 20 to 2000 Pa" in str(stiff)
+    assert stiff.plastic_viscosity.lower is None and stiff.plastic_viscosity.upper is None
+    assert not known.at_the_edge and "edge" not in str(known)
+
+
+def test_rows_of_a_table_without_numbers_do_not_count():
+    rows = table_of(3, 3)
+    bad = [rows[0] | {"yield_value": value} for value in (None, "stiff", -1.0)]
+    assert len(Emulator(rows + bad).points) == 9
+    with pytest.raises(mps.SceneError, match="column slump_m holds fewer than 6 numbers"):
+        Emulator([row | {"slump_m": None} for row in rows[:4]] + rows[4:])
+    with pytest.raises(mps.SceneError, match="no column plastic_viscosity, slump_m"):
+        Emulator([{"status": "done", "yield_value": 300.0, "spread_m": 0.3}])
+    with pytest.raises(mps.SceneError, match="at least 3 values of yield stress"):
+        Emulator(rows[:3])
+
+
+def test_finer_cases_of_a_table_are_its_error_and_no_nodes():
+    rows, off = [row | {"scene": "mini_cone", "spacing": 0.002} for row in table_of(5, 4)], 0.003
+    plain = Emulator(rows)
+    finer = rows[7] | {"spacing": 0.001, "spread_m": float(plain.at(*plain.points[7])["mini_cone_m"]) + off}
+    finer = Emulator([*rows, finer])
+    assert finer.scatter["mini_cone_m"] == pytest.approx(math.hypot(plain.scatter["mini_cone_m"], off), rel=1e-6)
+    assert len(finer.points) == len(rows)
+
+
+# ---- the tables of the package ---------------------------------------------------------------------------------
+@pytest.mark.parametrize(
+    ("tau", "slump", "spread"), [(300, 0.2173, 0.3511), (500, 0.1799, 0.3193), (1000, 0.1015, 0.2656)]
+)
+def test_the_table_of_the_package_finds_the_yield_value_of_the_finite_elements(tau, slump, spread, capsys):
+    assert main(["calibrate", "--slump", str(slump), "--spread", str(spread), "--no-check", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["yield_value"]["lower"] < tau < found["yield_value"]["upper"]
+    assert found["by_viscosity"]["50.0"] == pytest.approx(tau, rel=0.06)  # 10 mm: a slump 2 to 4 mm too small
+    assert not found["plastic_viscosity"]["determined"] and not found["contradictory"]
+    assert found["mix"]["yield_value"] == found["yield_value"]["value"] and "slump flow" in found["told"]
 
 
 @pytest.mark.parametrize("plastic_viscosity", [20.0, 50.0, 200.0])
@@ -19,19 +152,17 @@ def slump(yield_value, plastic_viscosity):
 def test_the_slump_gives_the_yield_stress_back_with_the_error_of_the_ruler(yield_value, plastic_viscosity):
     """The interval is 1.96 standard errors of the slump over its slope, which is nearly straight over so little; the
     table's own scatter widens it."""
-    measured, error = slump(yield_value, plastic_viscosity), 0.005
-    found = calibrate(
-        slump=measured, slump_error=error, rho=DENSITY, plastic_viscosity=plastic_viscosity, check=False
-    ).yield_value
-    assert found.value == pytest.approx(yield_value, rel=2e-3)
-    slope = (slump(1.01 * yield_value, plastic_viscosity) - slump(0.99 * yield_value, plastic_viscosity)) / (
-        0.02 * yield_value
+    less, slump, more = (
+        measures(["slump_m"], factor * yield_value, plastic_viscosity)["slump_m"] for factor in (0.99, 1.0, 1.01)
     )
-    wide = 1.96 * np.hypot(error, emulator_of().scatter["slump_m"]) / abs(slope)
+    known = {"rho": DENSITY, "plastic_viscosity": plastic_viscosity}
+    found = calibrate(slump=slump, slump_error=0.005, **known, check=False).yield_value
+    assert found.value == pytest.approx(yield_value, rel=2e-3)
+    wide = 1.96 * np.hypot(0.005, emulator_of().scatter["slump_m"]) / abs(more - less) * 0.02 * yield_value
     assert found.upper - found.lower == pytest.approx(2.0 * wide, rel=0.1)
 
 
-def test_it_says_more_than_with_an_unknown_one():
+def test_a_known_viscosity_says_more_than_an_unknown_one():
     free = calibrate(slump=0.18, check=False)
     known = calibrate(slump=0.18, plastic_viscosity="50 Pa s", check=False)
     assert not free.plastic_viscosity.determined and known.plastic_viscosity.value == 50.0
@@ -39,6 +170,116 @@ def test_it_says_more_than_with_an_unknown_one():
     assert "50 Pa s, as given" in str(known) and known.facts()["plastic_viscosity"]["determined"]
 
 
-def test_what_the_table_does_not_cover_is_refused():
-    with pytest.raises(mps.SceneError, match="plastic_viscosity = 5000 Pa s: must be 10 to 1000 Pa s, what the table"):
-        calibrate(slump=0.18, plastic_viscosity=5000.0)
+@pytest.mark.parametrize(
+    ("names", "known"),
+    [
+        (("mini_cone_m", "v_funnel_s"), ()),
+        (("spread_m", "v_funnel_s"), ()),
+        (("spread_m", "t500_s", "mini_cone_m", "v_funnel_s"), ()),
+        (("v_funnel_s",), ("yield_value",)),
+        (("mini_cone_m",), ("plastic_viscosity",)),
+        (("mini_cone_m", "v_funnel_s"), ("yield_value", "plastic_viscosity")),
+    ],
+)
+def test_a_mix_put_through_the_tables_comes_back_within_its_interval(names, known):
+    exact = {TESTS[name]: value for name, value in measures(names, **TRUE).items()}
+    found = calibrate(**exact, **{name: TRUE[name] for name in known}, check=False)
+    for name, true in TRUE.items():
+        constant = getattr(found, name)
+        assert constant.value == pytest.approx(true, rel=1e-3 if name in known else 0.05)
+        assert constant.lower <= true <= constant.upper and (constant.lower < constant.upper) == (name not in known)
+    assert not found.contradictory and found.misfit < 0.01
+
+
+def test_the_intervals_of_two_tests_hold_a_known_mix():
+    """At least as often as they say: the errors of the tables widen them, and are not drawn here."""
+    random, held = np.random.default_rng(4), []
+    names = "mini_cone_m", "v_funnel_s"
+    tables = list(emulators_of(dict.fromkeys(names)).values())
+    for _ in range(60):
+        mix = {"yield_value": random.uniform(30.0, 90.0), "plastic_viscosity": random.uniform(12.0, 50.0)}
+        errors = {
+            name: (value, 0.002 if name == "mini_cone_m" else 0.1 * value)
+            for name, value in measures(names, **mix).items()
+        }
+        measured = {name: (value + error * random.standard_normal(), error) for name, (value, error) in errors.items()}
+        found = fit(tables, measured, DENSITY)
+        held.append([holds(getattr(found, name), true) for name, true in mix.items()])
+    assert np.all(np.mean(held, 0) > 0.95 - 2.4 * math.sqrt(0.95 * 0.05 / 60))  # 2.4 standard errors of so many draws
+
+
+def test_it_says_which_constant_each_test_determines():
+    exact = {TESTS[name]: value for name, value in measures(("mini_cone_m", "v_funnel_s"), **TRUE).items()}
+    both, cone = calibrate(**exact, check=False), calibrate(mini_cone=exact["mini_cone"], check=False)
+    assert both.source("yield_value") == "mini-cone spread" and both.source("plastic_viscosity") == "V-funnel time"
+    lines = {line.split("  ")[0]: line for line in str(both).splitlines()}
+    assert "determines the yield stress" in lines["mini-cone spread"]
+    assert "determines the plastic viscosity" in lines["V-funnel time"]
+    assert "yield stress (" not in lines["V-funnel time"]
+    assert cone.source("plastic_viscosity") == "" and not cone.plastic_viscosity.determined
+    assert both.facts()["worth"]["v_funnel_s"]["plastic_viscosity"] > 2.0
+
+
+def test_cones_of_one_shape_are_alike():
+    """Kantro's cone is the standard one, 5.24 times smaller: over the height it spreads alike where tau/(rho g H) and
+    eta/(rho sqrt(g H^3)) are the same."""
+    small, large = emulator_of(test="mini_cone"), emulator_of()
+    ratio = 0.0572 / 0.3
+    yields, viscosities = np.log(np.geomspace(60.0, 1000.0, 9) / DENSITY), np.log(np.full(9, 100.0) / DENSITY)
+    mini = small.at(yields + np.log(ratio), viscosities + 1.5 * np.log(ratio))["mini_cone_m"]
+    apart = mini / ratio - large.at(yields, viscosities)["spread_m"]
+    error = math.hypot(small.scatter["mini_cone_m"] / ratio, large.scatter["spread_m"])
+    assert np.sqrt(np.mean(apart**2)) < 2.0 * error
+
+
+@pytest.mark.parametrize("yield_value", [9.0, 14.0, 20.0])
+def test_a_mini_cone_alone_finds_the_yield_stress_of_the_closed_form(yield_value):
+    """Roussel and Coussot's spread at rest, without inertia; the error of the form, two standard errors, is a depth at
+    either end (scenes/mini_cone.py)."""
+    volume = math.pi / 12.0 * 0.0572 * (0.0381**2 + 0.0381 * 0.019 + 0.019**2)
+    spread = spread_at_rest(volume, 1900.0, yield_value)
+    depth = math.sqrt(yield_value * spread / (1900.0 * 9.81))
+    found = calibrate(mini_cone=spread, mini_cone_error=depth, rho=1900.0, plastic_viscosity=10.0, check=False)
+    assert holds(found.yield_value, yield_value) and found.yield_value.upper < 5.0 * yield_value
+
+
+def test_contradictions_are_one_sentence_with_both_answers():
+    """Each alone at the plastic viscosity that was found or, where none is determined, at a usual one."""
+    tests = {"slump": 0.15, "mini_cone": 0.1}
+    found = calibrate(**tests, check=False)
+    assert not found.plastic_viscosity.determined and found.others["plastic_viscosity"] == 50.0
+    for test, value in tests.items():
+        one = calibrate(**{test: value}, plastic_viscosity=50.0, check=False).yield_value
+        assert found.alone["yield_value"][f"{test}_m"][0] == pytest.approx(one.value, rel=1e-6)
+    first = str(found).splitlines()[0]
+    for text in ("contradict each other", "the slump alone says", "the mini-cone spread alone"):
+        assert text in first
+    assert "Trust" not in first  # of slump and slump flow only
+    known = calibrate(slump=0.25, yield_value=400.0, plastic_viscosity=50.0, check=False)
+    assert "the rheometer says 400 Pa, the slump alone says" in str(known).splitlines()[0]
+    late = calibrate(v_funnel=10.0, yield_value=50.0, plastic_viscosity=10.0, check=False)
+    assert "the rheometer says 10 Pa s, the V-funnel time alone says" in str(late).splitlines()[0]
+
+
+@pytest.mark.parametrize(
+    ("told", "said"),
+    [
+        ({}, "give at least one of --slump, --spread, --t500, --mini-cone, --v-funnel"),
+        ({"yield_value": 60.0}, "give at least one of --slump"),
+        ({"slump": 21}, "slump = 21 m: must be less than 0.3 m"),
+        ({"slump": 0.2, "spread": 0.2}, r"leaves room for 4\.8 l at most, and the mould holds 5\.5 l"),
+        ({"spread": 0.15}, "spread = 0.15 m: must be more than 0.2 m, the base of the cone"),
+        ({"spread": 0.38, "t500": 3.2}, "never spread to 0.5 m"),
+        ({"mini_cone": 50.0}, "mini_cone = 50 m: must be less than 0.572 m"),
+        ({"mini_cone": 0.02}, "mini_cone = 0.02 m: must be more than 0.0381 m, the base of the cone"),
+        ({"mini_cone": 0.09, "mini_cone_error": 0.1}, "mini_cone_error = 0.1 m: must be less than 0.0572 m"),
+        # the tapered part through the outlet at sqrt(2 g H)
+        ({"v_funnel": 0.1, "mini_cone": 0.095}, r"v_funnel = 0.1 s: must be more than 0\.585 s"),
+        ({"v_funnel": 5.0, "yield_value": 5000.0}, "yield_value = 5000 Pa: must be 10 to 120 Pa, what the table"),
+        ({"slump": 0.18, "plastic_viscosity": 5000.0}, "plastic_viscosity = 5000 Pa s: must be 10 to 1000 Pa s"),
+        ({"slump": 0.2, "study": str(HERE / "v_funnel.csv")}, "is one of v_funnel, which was not measured; must be of"),
+    ],
+)
+def test_bad_input_is_refused(told, said):
+    with pytest.raises(mps.SceneError, match=said):
+        calibrate(**told, check=False)

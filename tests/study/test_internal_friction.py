@@ -1,17 +1,14 @@
 """Mixes with internal friction: known ones come back, a Bingham pair stays one, what nobody explains stays so."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from taichi_mps.cli.main import main
-from taichi_mps.study.calibrate import calibrate, emulator_of
-from taichi_mps.study.calibration import Calibration, from_facts
-from taichi_mps.study.emulator import Together
+from taichi_mps.study.calibrate import calibrate, frictional_mix
+from taichi_mps.study.emulator import FRICTION, HERE, emulator_of
 from taichi_mps.study.fit import fit
-from taichi_mps.study.internal_friction import TABLE, frictional_mix, own_table
 from taichi_mps.study.mixes import TWO_ANSWERS, WITH_FRICTION, calibrate_list, tally
 from taichi_mps.study.results import read
 
@@ -19,14 +16,15 @@ pytest.importorskip("scipy")
 
 DENSITY = 2300.0
 CONSTANTS = "yield_value", "friction_angle", "plastic_viscosity"
-CHECKS = [row for row in read(TABLE) if row["role"] == "check" and row["t500_s"]]  # no nodes of the table
+ALL = "slump", "spread", "t500"
+CHECKS = [row for row in read(HERE / f"{FRICTION}.csv") if row["role"] == "check" and row["t500_s"]]  # no nodes
 
 
-def cone(yield_value, friction_angle, plastic_viscosity=50.0, density=DENSITY, tests=("slump", "spread")):
+def cone(yield_value, friction_angle, plastic_viscosity=50.0, tests=("slump", "spread")):
     """What the table says of a mix: lengths [m], times [s]."""
-    found = own_table().at(np.log(yield_value / density), np.log(friction_angle), np.log(plastic_viscosity / density))
-    columns = {"slump": "slump_m", "spread": "spread_m", "t500": "t500_s"}
-    return {test: float(found[columns[test]]) for test in tests}
+    mix = np.log([yield_value / DENSITY, friction_angle, plastic_viscosity / DENSITY])
+    found = emulator_of(test=FRICTION).at(*mix)
+    return {test: float(found["t500_s" if test == "t500" else f"{test}_m"]) for test in tests}
 
 
 def holds(constant, true):
@@ -54,11 +52,8 @@ def test_the_intervals_hold_a_known_mix():
     random, held = np.random.default_rng(5), []
     for _ in range(40):
         c, phi = random.uniform(20.0, 60.0), random.uniform(8.0, 22.0)
-        drawn = {
-            name: value + error * random.standard_normal()
-            for (name, value), error in zip(cone(c, phi).items(), (0.005, 0.01), strict=True)
-        }
-        measured = {"slump_m": (drawn["slump"], 0.005), "spread_m": (drawn["spread"], 0.01)}
+        exact, errors = cone(c, phi), {"slump": 0.005, "spread": 0.01}
+        measured = {f"{test}_m": (exact[test] + e * random.standard_normal(), e) for test, e in errors.items()}
         mix = frictional_mix(measured, DENSITY, {"plastic_viscosity": 50.0})
         held.append([holds(mix.yield_value, c), holds(mix.friction_angle, phi)])
     assert np.all(np.mean(held, 0) > 0.95 - 2.4 * (0.95 * 0.05 / 40) ** 0.5)  # 2.4 standard errors of so many draws
@@ -80,31 +75,29 @@ def test_a_known_yield_stress_leaves_the_angle():
     assert found.source("yield_value") == "rheometer"
 
 
-def test_a_bingham_pair_stays_one():
-    """No friction is sought, nothing of it is told, and the answer is that of the Bingham table alone, bit for bit."""
+def test_the_bingham_answer_is_bit_for_bit_that_of_its_table():
+    """Where it explains the measurements no friction is sought, nothing of it is told."""
     at = emulator_of().at(np.log(400.0 / DENSITY), np.log(50.0 / DENSITY))
-    found = calibrate(slump=float(at["slump_m"]), spread=float(at["spread_m"]), check=False)
-    assert found.friction is None and not found.contradictory and "friction" not in str(found)
-    assert repr(found) == repr(fit(Together([emulator_of()]), found.measured, DENSITY))  # its T500 is nan
-
-
-def test_the_bingham_answer_of_a_contradiction_is_bit_for_bit_that_of_its_table():
-    found = calibrate(**cone(25.0, 15.0), check=False)
-    table = fit(Together([emulator_of()]), found.measured, DENSITY)
-    assert found.friction and repr(replace(found, friction=None, alone={}, others={})) == repr(table)
+    pair = calibrate(slump=float(at["slump_m"]), spread=float(at["spread_m"]), check=False)
+    assert pair.friction is None and not pair.contradictory and "friction" not in str(pair)
+    rubs = calibrate(**cone(25.0, 15.0), check=False)
+    assert rubs.friction
+    for found in (pair, rubs):
+        table = fit([emulator_of()], found.measured, DENSITY)
+        assert repr(replace(found, friction=None, alone={}, others={})) == repr(table)  # its T500 may be nan
 
 
 def test_what_nobody_explains_is_told_with_the_nearest():
     found = calibrate(slump="15cm", spread="60cm", check=False)
     assert found.contradictory and not found.friction.near and not found.explained_by_friction
     far = max(abs(by) for by in found.friction.missed.values())
-    assert far > 0.01 and "with internal friction neither: the nearest" in str(found)
+    assert far > 0.01 and "with internal friction not both: the nearest" in str(found)
 
 
 def test_slump_flow_and_t500_give_three_constants_back():
     """A mix between the nodes."""
     true = dict(zip(CONSTANTS, (12.0, 14.0, 80.0), strict=True))
-    found = calibrate(**cone(**true, tests=("slump", "spread", "t500")), check=False)
+    found = calibrate(**cone(**true, tests=ALL), check=False)
     mix = found.friction
     assert found.explained_by_friction and mix.plastic_viscosity.determined and mix.by_viscosity == {}
     for name, value in true.items():
@@ -121,10 +114,9 @@ def test_mixes_that_were_run_are_in_their_intervals(row):
 
 
 def test_a_known_viscosity_leaves_t500_as_a_third_measurement():
-    tests = cone(25.0, 15.0, tests=("slump", "spread", "t500"))
     with_it, without = (
-        calibrate(**some, plastic_viscosity=50.0, check=False).friction
-        for some in (tests, {name: tests[name] for name in ("slump", "spread")})
+        calibrate(**cone(25.0, 15.0, tests=tests), plastic_viscosity=50.0, check=False).friction
+        for tests in (ALL, ALL[:2])
     )
     assert with_it.friction_angle.value == pytest.approx(15.0, rel=1e-2) and with_it.worth["t500_s"]
     widths = [it.friction_angle.upper - it.friction_angle.lower for it in (with_it, without)]
@@ -152,17 +144,13 @@ def test_another_test_that_contradicts_is_not_explained():
 
 
 def test_a_list_counts_them_apart():
-    known, timed = cone(25.0, 15.0), cone(12.0, 14.0, 80.0, tests=("slump", "spread", "t500"))
-    rows = [
-        {"mix": name, **{key: str(value) for key, value in pair.items()}}
-        for name, pair in (("rubs", known), ("timed", timed), ("nobody", {"slump": 0.15, "spread": 0.6}))
-    ]
-    rubs, timed, nobody = calibrate_list(rows)
+    mixes = cone(25.0, 15.0), cone(12.0, 14.0, 80.0, tests=ALL), {"slump": 0.15, "spread": 0.6}
+    rubs, timed, nobody = calibrate_list([{key: str(value) for key, value in mix.items()} for mix in mixes])
     assert rubs["verdict"] == timed["verdict"] == WITH_FRICTION and nobody["verdict"] == TWO_ANSWERS
     assert rubs["friction_angle_lower"] < 15.0 < rubs["friction_angle_upper"]
     assert rubs["plastic_viscosity_from"] == "usual" and "--friction-angle 15" in rubs["reason"]
     assert timed["plastic_viscosity_from"] == "T500" and abs(timed["t500_s_missed"]) < 0.1
-    assert "with internal friction neither" in nobody["reason"]
+    assert "with internal friction not both" in nobody["reason"]
     assert f"2 {WITH_FRICTION}" in tally([rubs, timed, nobody])
 
 
@@ -173,9 +161,3 @@ def test_the_command_told_computes_the_measured_slump(capsys):
     line = next(line for line in capsys.readouterr().out.splitlines() if "to run it" in line)
     words = line.split("taichi-mps ")[1].split()
     assert main([*words, "--forecast"]) == 0
-
-
-def test_facts_come_back_from_json():
-    found = calibrate(**cone(60.0, 15.0), check=False)
-    again = from_facts(Calibration, json.loads(json.dumps(found.facts())))
-    assert str(again) == str(found) and again.friction.command == found.friction.command

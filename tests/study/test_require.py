@@ -1,12 +1,15 @@
 """Which slump to order: the border of mixes that fill a form, found with few runs, kept, and told as a slump."""
 
+import json
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
 import taichi_mps as mps
+from taichi_mps.cli import study as commands
+from taichi_mps.cli.main import main
 from taichi_mps.study.chart import require_chart
-from taichi_mps.study.require import Border, Wanted, bracket, known, next_mixes, require
+from taichi_mps.study.require import Border, Wanted, bracket, next_mixes, require
 
 LOW, HIGH, WITHIN = 10.0, 1000.0, 0.1
 VISCOSITIES = (10.0, 20.0, 50.0, 100.0)
@@ -37,16 +40,19 @@ def test_the_border_is_found_with_fewer_runs_than_a_map_has_points():
     assert len(mixes) <= 32
 
 
-def test_what_a_stiffer_mix_does_a_softer_one_does_too():
-    mixes = {(100.0, 50.0): True, (400.0, 50.0): False}
-    assert known(mixes, 90.0, 20.0) and known(mixes, 100.0, 50.0)
-    assert known(mixes, 500.0, 50.0) is False and known(mixes, 400.0, 80.0) is False
-    assert known(mixes, 200.0, 50.0) is None and known(mixes, 90.0, 80.0) is None and known(mixes, 500.0, 20.0) is None
+@pytest.mark.parametrize(
+    ("eta", "full", "short"), [(20.0, 100.0, HIGH), (50.0, 100.0, 400.0), (80.0, None, 400.0), (10.0, 100.0, HIGH)]
+)
+def test_what_a_stiffer_mix_does_a_softer_one_does_too(eta, full, short):
+    """At 50 Pa s 100 Pa fill and 400 Pa do not; 1000 Pa do not at 10 Pa s either."""
+    mixes = {(100.0, 50.0): True, (400.0, 50.0): False, (HIGH, 10.0): False}
+    assert bracket(mixes, eta, LOW, HIGH) == (full, short)
 
 
-def study(folder, calls, wanted, **settings):
+def study(folder, wanted, calls=None, **settings):
     def counted(case):
-        calls.append(case.key)
+        if calls is not None:
+            calls.append(case.key)
         return run(case)
 
     with ThreadPoolExecutor(2) as executor:
@@ -55,61 +61,67 @@ def study(folder, calls, wanted, **settings):
 
 def test_a_study_is_kept_and_tells_a_slump_to_order(tmp_path):
     wanted, calls = Wanted(plastic_viscosity="20,50", time=20.0), []
-    borders, rows = study(tmp_path / "study", calls, wanted)
+    borders, rows = study(tmp_path / "study", wanted, calls)
     assert len(set(calls)) == len(calls) == len(rows)
     for border in borders:
         assert border.fills_up_to <= limit(border.plastic_viscosity) < border.empty_from <= 1.2 * border.fills_up_to
         assert border.missing == pytest.approx(0.1)
-        (slump, flow), (less, _) = border.slumps(2300.0)
+        (slump, flow), (less, _) = border.slumps_m
         assert 0.0 < less < slump < 0.3 < flow
-        assert f"order a slump of {100 * slump:.1f} cm" in border.told(2300.0)
+        assert f"order a slump of {100 * slump:.1f} cm" in str(border)
     chart = require_chart(borders, rows, wanted, tmp_path / "chart.png")
     assert chart.read_bytes().startswith(b"\x89PNG")
-    again, same = study(tmp_path / "study", calls, wanted)
+    again, same = study(tmp_path / "study", wanted, calls)
     assert again == borders and same == rows and len(set(calls)) == len(calls)
 
 
-def test_ends_of_what_is_looked_at_and_a_bound_of_the_pressure(tmp_path):
-    soft, _ = study(tmp_path / "soft", [], Wanted(plastic_viscosity="20", stiffest=50.0))
-    assert (soft[0].fills_up_to, soft[0].empty_from) == (50.0, None) and "nothing stiffer was looked at" in soft[
-        0
-    ].told(2300.0)
-    stiff, _ = study(tmp_path / "stiff", [], Wanted(plastic_viscosity="20", softest=500.0))
-    assert (stiff[0].fills_up_to, stiff[0].empty_from) == (None, 500.0) and "no mix does; 500 Pa leave" in stiff[
-        0
-    ].told(2300.0)
-    for bound, fine in ((7000.0, False), (9000.0, True)):
-        found, rows = study(tmp_path / f"{bound}", [], Wanted(plastic_viscosity="20,50", pressure=bound))
-        for border in found:
-            assert (
-                border.fills_up_to <= limit(border.plastic_viscosity) < border.empty_from and border.pressure == 8000.0
-            )
-            assert ("no mix does" in border.told(2300.0)) is not fine
-        assert all(row["measure_pressure"] for row in rows)
-    assert Border(20.0, 5.0, None).slumps(2300.0) == [None, None], "softer than the table of the slump test"
+def test_ends_of_what_is_looked_at(tmp_path):
+    (soft,), _ = study(tmp_path / "soft", Wanted(plastic_viscosity="20", stiffest=50.0))
+    assert (soft.fills_up_to, soft.empty_from) == (50.0, None) and "nothing stiffer was looked at" in str(soft)
+    (stiff,), _ = study(tmp_path / "stiff", Wanted(plastic_viscosity="20", softest=500.0))
+    assert (stiff.fills_up_to, stiff.empty_from) == (None, 500.0) and "no mix does; 500 Pa leave" in str(stiff)
+    assert Border(20.0, 5.0, None).slumps_m == [None, None], "softer than the table of the slump test"
+    assert str(Border(20.0, None, 10.0, float("nan"))).endswith("no mix does; the run of 10 Pa failed")
 
 
-def test_what_is_no_form_or_is_not_poured_full_is_refused(tmp_path):
-    with pytest.raises(mps.SceneError, match="scene slump: has no cavity to fill"):
-        require("slump", Wanted(), tmp_path / "study")
-    with pytest.raises(mps.SceneError, match="filled = 0.99: of the form only fill_ratio = 0.95 is poured"):
-        study(tmp_path / "study", [], Wanted(), fill_ratio=0.95)
-    with pytest.raises(mps.SceneError, match="pressure = 7000 Pa: measure_pressure = False; must be"):
-        study(tmp_path / "study", [], Wanted(pressure=7000.0), measure_pressure=False)
+@pytest.mark.parametrize(("bound", "fine"), [(7000.0, False), (9000.0, True)])
+def test_a_bound_of_the_pressure(tmp_path, bound, fine):
+    found, rows = study(tmp_path, Wanted(plastic_viscosity="20,50", pressure=bound))
+    for border in found:
+        assert border.fills_up_to <= limit(border.plastic_viscosity) < border.empty_from and border.pressure == 8000.0
+        assert ("no mix does" in str(border)) is not fine
+    assert all(row["measure_pressure"] for row in rows)
 
 
-def test_a_run_that_failed_is_said_to_have_failed():
-    assert Border(20.0, None, 10.0, float("nan")).told(2300.0).endswith("no mix does; the run of 10 Pa failed")
+def test_the_command_gives_borders_and_slumps(tmp_path, monkeypatch, capsys):
+    border = Border(20.0, 200.0, 220.0, 0.1)
+    told = []
+
+    def found(scene, wanted, folder, executor, workers, watch, **parameters):
+        told.append((scene, wanted.time, executor, workers, parameters))
+        return [border], [{"scene": "wall", "status": "done", "yield_value": 200.0, "plastic_viscosity": 20.0,
+                           "filled_ratio": 1.0}]  # fmt: skip
+
+    monkeypatch.setattr(commands, "require", found)
+    words = ["require", "wall", "--time", "20s", "--workers", "2", "--spacing", "25mm", "--out", str(tmp_path)]
+    assert main(words) == 0 and str(border) in capsys.readouterr().out
+    assert main([*words, "--json"]) == 0
+    (facts,) = json.loads(capsys.readouterr().out)
+    assert facts["fills_up_to"] == 200.0 and facts["slumps_m"] == [list(pair) for pair in border.slumps_m]
+    assert told[0] == ("wall", 20.0, "local", 2, {"spacing": "25mm"}) and (tmp_path / "require.png").is_file()
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    ("settings", "wanted", "message"),
     [
-        ({"softest": 100.0, "stiffest": 50.0}, "softest = 100 Pa: must be less than stiffest = 50 Pa"),
-        ({"filled": 1.2}, "filled = 1.2: must be less than or equal to 1"),
-        ({"plastic_viscosity": "thin"}, "plastic_viscosity"),
+        ({"scene": "slump"}, {}, "scene slump: has no cavity to fill"),
+        ({"fill_ratio": 0.95}, {}, "filled = 0.99: of the form only fill_ratio = 0.95 is poured"),
+        ({"measure_pressure": False}, {"pressure": 7e3}, "pressure = 7000 Pa: measure_pressure = False; must be"),
+        ({}, {"softest": 100.0, "stiffest": 50.0}, "softest = 100 Pa: must be less than stiffest = 50 Pa"),
+        ({}, {"filled": 1.2}, "filled = 1.2: must be less than or equal to 1"),
+        ({}, {"plastic_viscosity": "thin"}, "plastic_viscosity = thin"),
     ],
 )
-def test_what_cannot_be_wanted_is_refused(tmp_path, change, message):
+def test_what_cannot_be_wanted_is_refused(tmp_path, settings, wanted, message):
     with pytest.raises(mps.SceneError, match=message):
-        study(tmp_path / "study", [], Wanted(**change))
+        study(tmp_path / "study", Wanted(**wanted), **settings)

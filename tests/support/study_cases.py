@@ -5,62 +5,66 @@ import signal
 import time
 from pathlib import Path
 
+from taichi_mps.study.case import Case
 
-def note(case) -> int:
-    """Write down that a case is run; how often it has been."""
+
+def planned(count: int, notes) -> list[Case]:
+    """``count`` cases that take their notes in a folder."""
+    return [Case("none", {"number": k, "notes": str(notes)}, f"case{k}") for k in range(count)]
+
+
+def runs(notes) -> dict[str, int]:
+    """How often each case was run."""
+    return {path.name: path.stat().st_size for path in sorted(notes.iterdir())}
+
+
+def first(case, number: int = 2) -> bool:
+    """Write down that a case is run; is it the first run of the case of this number?"""
     with open(Path(case.parameters["notes"]) / case.key, "a+", encoding="utf-8") as file:
         file.write("x")
         file.flush()
-        return file.tell()
+        return file.tell() == 1 and case.parameters["number"] == number
 
 
-def row(case) -> dict:
-    return {"key": case.key, "status": "done", "reason": "", "number": case.parameters["number"]}
+def row(case, status="done") -> dict:
+    return {"key": case.key, "status": status, "reason": "", "number": case.parameters["number"]}
 
 
 def plain(case):
-    note(case)
+    first(case)
     return row(case)
 
 
 def fails_at_two(case):
-    note(case)
-    return row(case) | ({"status": "failed", "reason": "it is two"} if case.parameters["number"] == 2 else {})
+    return row(case, "failed" if first(case) else "done")
 
 
 def raises_at_two_at_first(case):
-    if note(case) == 1 and case.parameters["number"] == 2:
+    if first(case):
         raise OSError("the disk is gone")
     return row(case)
 
 
 def dies_at_two(case):
-    note(case)
+    first(case)
     if case.parameters["number"] == 2:
         os.kill(os.getpid(), signal.SIGKILL)
     return row(case)
 
 
 def kills_its_process_at_first(case):
-    if note(case) == 1 and case.parameters["number"] == 2:
+    if first(case):
         os.kill(os.getpid(), signal.SIGKILL)
     return row(case)
 
 
 def kills_the_study_at_first(case):
-    if note(case) == 1 and case.parameters["number"] == 5:
+    if first(case, 5):
         os.kill(os.getppid(), signal.SIGKILL)
     return row(case)
 
 
-def planned(count: int, notes) -> list:
-    """``count`` cases that take their notes in a folder."""
-    from taichi_mps.study.case import Case
-
-    return [Case("none", (("number", k), ("notes", str(notes))), f"case{k}") for k in range(count)]
-
-
 def waits_at_two_at_first(case):
-    if note(case) == 1 and case.parameters["number"] == 2:
+    if first(case):
         time.sleep(600.0)
     return row(case)

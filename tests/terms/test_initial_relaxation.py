@@ -7,7 +7,7 @@ import pytest
 
 import taichi_mps as mps
 from taichi_mps.problem import catalogue
-from taichi_mps.study import case as cases
+from taichi_mps.study.reuse import begin
 from taichi_mps.terms.shifting import is_uneven
 
 SPACING = 0.02
@@ -30,7 +30,7 @@ def block(jitter=0.0, dimension=2, yield_value=3000.0, **of_scene):
         until=0.3,
         **of_scene,
     )
-    return fluid, cases.begin(scene)
+    return fluid, begin(scene)
 
 
 def relaxed(sim):
