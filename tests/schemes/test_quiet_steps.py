@@ -91,7 +91,7 @@ def test_a_cone_that_creeps_to_rest_does_not_know_how_long_its_steps_are():
     """100 Pa: at 2 s slump within a tenth of a spacing, spread within a fifth, with two thirds of the steps, none of
     them longer than the rule. A step that is given does not grow; later on it creeps on beyond the rest (I8)."""
     usual, ends = constants().max_time_step, []
-    for sim in (cases.begin(cone()), mps.Simulation(cone(), mps.Implicit(max_time_step=usual))):
+    for sim in (begin(cone()), mps.Simulation(cone(), mps.Implicit(max_time_step=usual))):
         reports = []
         sim.each_step(lambda sim, reports=reports: reports.append(sim.report))
         sim.run(until=2.0)
