@@ -51,6 +51,11 @@ class RunFolder:
         self.report = self.path / REPORT
 
     @property
+    def ours(self) -> bool:
+        """Is there a run in the folder?"""
+        return json_of(self.path / MARK).get("made_by") == "taichi_mps"
+
+    @property
     def pictures(self) -> list[Path]:
         """The pictures that the run has made, in their order."""
         return sorted(path for path in self.frames.glob("frame_*.png") if PICTURES.fullmatch(path.name))
@@ -65,7 +70,7 @@ class RunFolder:
             raise SceneError(f"out = {path}: is a file; must be a folder") from None
         except (OSError, ValueError) as error:
             raise self.not_writable(error) from None
-        if there and json_of(path / MARK).get("made_by") != "taichi_mps":
+        if there and not self.ours:
             raise SceneError(f"out = {path}: holds other files and no run; must be a new or empty folder")
         if there and not overwrite:
             done = json_of(self.summary).get("stopped_by")
