@@ -2,21 +2,18 @@
 disk without a network."""
 
 import csv
-import json
-import os
 from collections import Counter
 from concurrent.futures import BrokenExecutor
 from contextlib import nullcontext, suppress
 from itertools import zip_longest
 from pathlib import Path
-from string import Template
 
 import numpy as np
 
 from .. import __version__
 from ..io.run_folder import strict
-from ..report import page
-from ..report.words import safe
+from ..report.page import publish
+from ..report.words import safe, table
 from ..units import SceneError
 from ..viz.plots import COLOURS
 from .calibrate import CONE, calibrate
@@ -139,40 +136,27 @@ def write(rows: list[dict], path) -> None:
     """The table of results, CSV."""
     names = list(dict.fromkeys(name for row in rows for name in row if name))
     with open(path, "w", encoding="utf-8", newline="") as file:
-        table = csv.DictWriter(file, names, restval="", extrasaction="ignore")
-        table.writeheader()
+        lines = csv.DictWriter(file, names, restval="", extrasaction="ignore")
+        lines.writeheader()
         for row in rows:
-            table.writerow({name: f"{v:.5g}" if isinstance(v, float) else v for name, v in row.items()})
+            lines.writerow({name: f"{v:.5g}" if isinstance(v, float) else v for name, v in row.items()})
 
 
 # ---- the page --------------------------------------------------------------------------------------------------
 def write_page(rows: list[dict], columns: list[str], out, source) -> Path:
     """The page of the rows that ``calibrate_list`` found of a list, a file ``source`` of these ``columns``; its path.
     SceneError where plotly is missing."""
-    out = Path(out)
-    script = page.library()
-    drawn = json.dumps({"traces": traces(rows, columns), "layout": LAYOUT}, allow_nan=False, separators=(",", ":"))
-    text = Template((HERE / "mixes.html").read_text(encoding="utf-8")).substitute(
+    found = [[*(row[name] or "" for name in columns), *cells(row)] for row in rows]
+    return publish(
+        HERE / "mixes.html",
+        Path(out),
+        {"traces": traces(rows, columns), "layout": LAYOUT},
         title=safe(f"{Path(source).name}: mixes calibrated"),
         lead=safe(lead(rows)),
-        tally=table(["mixes", "come out as", ""], counted(rows)),
-        mixes=table([*columns, *FOUND], [[*(row[name] or "" for name in columns), *cells(row)] for row in rows]),
+        tally=table(counted(rows), ["mixes", "come out as", ""]),
+        mixes=table(found, [*columns, *FOUND]),
         about=safe(ABOUT.format(version=__version__)),
-        data=drawn.replace("<", "\\u003c"),
-        style=(page.HERE / "page.css").read_text(encoding="utf-8"),
-        library=script,
     )
-    partial = out.with_suffix(".partial")
-    partial.write_text(text, encoding="utf-8")
-    os.replace(partial, out)
-    return out
-
-
-def table(head: list[str], rows: list) -> str:
-    """Texts as a table."""
-    lines = [f"<tr>{''.join(f'<td>{safe(cell)}</td>' for cell in row)}</tr>" for row in rows]
-    top = "".join(f'<th scope="col">{safe(cell)}</th>' for cell in head)
-    return f"<table>\n<thead><tr>{top}</tr></thead>\n<tbody>\n{chr(10).join(lines)}\n</tbody>\n</table>"
 
 
 def lead(rows) -> str:

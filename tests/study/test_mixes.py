@@ -119,7 +119,7 @@ def test_the_page_and_the_chart_join_each_mix_with_its_model(found, rows, tmp_pa
     pytest.importorskip("plotly")
     page = mixes.write_page(found, list(rows[0]), tmp_path / "mixes.html", "mixes.csv").read_text()
     traces = json.loads(re.search(r'id="data">(.*?)</script>', page)[1])["traces"]
-    assert "<td>&lt;b&gt;stands&lt;/b&gt;</td>" in page and "<b>stands" not in page
+    assert ">&lt;b&gt;stands&lt;/b&gt;<" in page and "<b>stands" not in page
     assert [trace["mode"] for trace in traces] == ["lines", "markers", "markers"] * 2
     lines, model, measured = traces[:3]
     assert measured["x"] == pytest.approx([17.99, 10.15]) and measured["y"] == pytest.approx([31.93, 26.56])
@@ -137,7 +137,7 @@ def test_the_page_has_every_mix_and_opens_without_a_network(found, rows, tmp_pat
         tab.on("request", lambda request: asked.append(request.url))
         tab.goto(path.as_uri())
         tab.evaluate("ready")
-        lines = [line.locator("td").all_inner_texts() for line in tab.locator(".wide tbody tr").all()]
+        lines = [line.locator("th, td").all_inner_texts() for line in tab.locator(".wide tr").all()[1:]]
         assert tab.locator("#chart .scatterlayer .trace").count() > 0
     assert wrong == [] and asked and all(url.startswith(("file:", "data:", "blob:")) for url in asked)
     assert [line[0] for line in lines] == [row["mix"] for row in rows]
