@@ -96,10 +96,11 @@ class Walls:
             self.c = ti.field(real(), (capacity, len(self.faces)))  # pull of each face on each particle [1/m]
         self.moving = any(wall.speed > 0.0 for wall in walls)
         self.travelling = any(surface.moves for surface in self.surfaces)
-        self.bows = not rings and any(surface.no_slip for surface in self.surfaces)
-        if self.bows:
-            self.bow = ti.Vector.field(dimension, real(), capacity)  # l0/4 of the curvature of the velocity there [1/s]
-            self.bowed = ti.field(ti.i32, ())  # 1 where that is known, in a full vessel
+        self.carry_curvature = not rings and any(surface.no_slip for surface in self.surfaces)
+        if self.carry_curvature:
+            # l0/4 of the curvature of the velocity at each particle [1/s]
+            self.velocity_curvature = ti.Vector.field(dimension, real(), capacity)
+            self.curvature_known = ti.field(ti.i32, ())  # 1 where that is known, in a full vessel
         self.separating = tuple(surface for surface in self.surfaces if surface.separates)
         if self.separating:
             self.sides = ti.field(real(), (capacity, len(self.separating)))  # signed distance from each of them [m]
@@ -206,16 +207,17 @@ class Walls:
         return total
 
     @ti.func
-    def bow_term(self, i, x, face: ti.template() = None):
+    def curvature_term(self, i, x, face: ti.template() = None):
         """What the ghosts of no-slip walls add to gradient_term, and to drag_term, where the velocity is curved along
-        them [m/s 1/m]: they go on with the curvature of the fluid, z times ``bow`` less than the mirrored velocity."""
+        them [m/s 1/m]: they go on with the curvature of the fluid, z ``velocity_curvature`` less than the mirrored
+        velocity."""
         total = ti.Matrix.zero(float, self.dimension, self.dimension)
         drag = ti.Vector.zero(float, self.dimension)
-        if ti.static(self.bows):
+        if ti.static(self.carry_curvature):
             for f, wall in ti.static(self.chosen(face, "no_slip")):
-                if self.bowed[None] == 1 and self.c[i, f] > 0.0:
+                if self.curvature_known[None] == 1 and self.c[i, f] > 0.0:
                     z, n, _velocity, _curvature = wall.face(i, x, self.slots[f])
-                    along = self.c[i, f] * (self.bow[i] - n * n.dot(self.bow[i]))
+                    along = self.c[i, f] * (self.velocity_curvature[i] - n * n.dot(self.velocity_curvature[i]))
                     total -= ti.max(z, self.closest) * along.outer_product(n)
                     drag += along
         return total, drag

@@ -237,12 +237,12 @@ class Gradient:
         return self.tensor(i, self.slope(i, u, motion) @ self.B[i], u)
 
     @ti.func
-    def bow(self, i):
+    def curvature_correction(self, i):
         """What is added to the gradient [1/s] where the velocity is curved along the walls of a full vessel."""
         G = ti.Matrix.zero(float, self.tensors, self.tensors)
-        if ti.static(self.walls.bows):  # noqa: SIM102  (a compiled choice stays apart)
-            if self.walls.bowed[None] == 1:
-                term, _drag = self.walls.bow_term(i, self.particles.x[i])
+        if ti.static(self.walls.carry_curvature):  # noqa: SIM102  (a compiled choice stays apart)
+            if self.walls.curvature_known[None] == 1:
+                term, _drag = self.walls.curvature_term(i, self.particles.x[i])
                 G += term @ self.B[i]
         return G
 
@@ -260,7 +260,7 @@ class Gradient:
 
     @ti.func
     def spread_stress(self, i, T):
-        """Flux matrix P_i = V_i T_i B_i [N m] of the stress T [Pa] of i; keeps its hoop force for ``PairSums.force``."""
+        """Flux matrix P_i = V_i T_i B_i [N m] of the stress T [Pa] of i; keeps its hoop force for PairSums.force."""
         if ti.static(self.axisymmetric):
             carries = ti.cast(self.B[i][0, 0] > 0.0, float)
             self.hoop[i] = carries * self.particles.volume(i) * T[2, 2] / ti.cast(self.particles.x[i][0], float)

@@ -103,13 +103,13 @@ class DeferredCorrection:
         for _ in range(1):
             self.part[None], self.most[None] = part, HUGE
             if ti.static(self.averages):  # noqa: SIM102  (a compiled choice stays apart)
-                if self.walls.bowed[None] == 1:
+                if self.walls.curvature_known[None] == 1:
                     self.most[None] = 0.5 * self.resistance.flowing()
         for i in range(self.particles.count[None]):
             self.gather_bonds(i, part, self.most[None])
-        if ti.static(self.walls.bows):
+        if ti.static(self.walls.carry_curvature):
             for i in range(self.particles.count[None]):
-                if self.walls.bowed[None] == 1:
+                if self.walls.curvature_known[None] == 1:
                     self.add_walls(i)
 
     @ti.func
@@ -138,7 +138,7 @@ class DeferredCorrection:
     def add_walls(self, i):
         """What the mirrored ghosts of a full vessel leave where the velocity is curved along the walls: none of it is
         resisted."""
-        slopes, _drag = self.walls.bow_term(i, self.particles.x[i])
+        slopes, _drag = self.walls.curvature_term(i, self.particles.x[i])
         push = self.push_of_walls(i)
         for a in ti.static(range(self.dimension)):
             self.sums[i][self.dimension, a] += push[a]
@@ -148,7 +148,7 @@ class DeferredCorrection:
     @ti.func
     def push_of_walls(self, i, face: ti.template() = None):
         """The force [N] on particle i among it."""
-        _slopes, drag = self.walls.bow_term(i, self.particles.x[i], face)
+        _slopes, drag = self.walls.curvature_term(i, self.particles.x[i], face)
         return -self.part[None] * self.resistance.h[i] * drag
 
     @ti.func

@@ -204,8 +204,8 @@ class MomentumSource:
             T = -(self.pressure.p[i] + self.constants.bulk[None] * self.constraint.divergence[i]) * I
             T += self.stress.known_part(i)
             flux, push = self.correction.force(i)
-            if ti.static(self.walls.bows):
-                G = self.gradient.bow(i)
+            if ti.static(self.walls.carry_curvature):
+                G = self.gradient.curvature_correction(i)
                 T += self.stress.viscous(i, G) + self.constants.bulk[None] * G.trace() * I
                 flux -= self.operator.resistance.h[i] * G
             self.sums.set_flux(i, self.gradient.spread_stress(i, T) + flux)

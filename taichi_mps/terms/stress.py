@@ -34,7 +34,7 @@ class StrainRate:
         """Fit the velocity around each particle."""
         for i in range(self.particles.count[None]):
             G, residual = self.gradient.fit(i, self.particles.u, 1.0)
-            G += self.gradient.bow(i)
+            G += self.gradient.curvature_correction(i)
             for a, c in ti.static(ti.ndrange(self.dimension, self.dimension)):
                 self.G[i][c, a] = G[a, c]
             self.rate[i], self.residual[i] = shear_rate(G), residual
@@ -65,7 +65,7 @@ class SolvedRate:
                 u[i] = self.particles.u[i]
         self.sums.gather_jumps(u)
         for i in range(self.particles.count[None]):
-            G = self.sums.velocity_gradient(i, u, 1.0) + self.gradient.bow(i)
+            G = self.sums.velocity_gradient(i, u, 1.0) + self.gradient.curvature_correction(i)
             self.G[i] = G
             self.particles.shear_rate[i] = shear_rate(G)
 
@@ -92,7 +92,7 @@ class Stress:
         self.mu = ti.field(real(), particles.capacity)  # viscosity of the implicit part of the stress [Pa s]
         self.yielded = ti.field(ti.i32, particles.capacity)  # 1 where the material flows
         # in a full vessel: by how much the stress differs over what the gradient of a particle sees [Pa]
-        self.averages = fluid.walls.bows and self.law == "bingham" and self.mixes == 1 and not self.has_curve
+        self.averages = fluid.walls.carry_curvature and self.law == "bingham" and self.mixes == 1 and not self.has_curve
         self.spread = ti.field(real(), particles.capacity) if self.averages else None
         self.fluidity = None  # shear rate of its own mix over the stress [1/(Pa s)], where there are several
         if self.mixes > 1:
@@ -270,7 +270,7 @@ class Stress:
                 if self.constants.mix(i) == k:
                     self.particles.structure[i] += dt * growth_of(self.own_rate(i), self.structure(i))
             if ti.static(self.law == "bingham"):
-                G = self.gradient.velocity_gradient(i, u, 1.0) + self.gradient.bow(i)
+                G = self.gradient.velocity_gradient(i, u, 1.0) + self.gradient.curvature_correction(i)
                 W = 0.5 * (G - G.transpose())
                 stress = self.particles.stress[i]
                 self.particles.stress[i] = stress + dt * (W @ stress - stress @ W)

@@ -34,7 +34,7 @@ class WallStress:
         self.gradient, self.neighbors, self.walls, self.g = fluid.gradient, fluid.neighbors, fluid.walls, fluid.g
         self.constants, self.strain_rate, self.pressure, self.stress = constants, strain_rate, pressure, stress
         d = self.dimension = particles.dimension
-        self.in_full_vessels = fluid.walls.bows
+        self.in_full_vessels = fluid.walls.carry_curvature
         self.drive = ti.Vector.field(d, real(), particles.capacity)  # rho g - grad p [N/m3]
         self.weight = ti.field(real(), particles.capacity)  # of the excess [-]
         self.fit = ti.Matrix.field(d, d, real(), particles.capacity)  # inverse of the moment without walls [-]
@@ -64,7 +64,7 @@ class WallStress:
                 self.fit[i] = self.gradient.inverse(M, self.gradient.full_weight(i))
         if ti.static(self.in_full_vessels):
             for _ in range(1):
-                self.walls.bowed[None] = self.pressure.full[None]
+                self.walls.curvature_known[None] = self.pressure.full[None]
             if ti.static(self.stress.averages):
                 for i in range(self.particles.count[None]):
                     self.stress.spread[i] = self.spread(i) if self.pressure.full[None] == 1 else 0.0
@@ -98,7 +98,7 @@ class WallStress:
     @ti.func
     def set_drive(self, i):
         """Drive along the walls, weight of the excess and curvature of the velocity of particle i."""
-        self.walls.bow[i] = ti.Vector.zero(float, self.dimension)
+        self.walls.velocity_curvature[i] = ti.Vector.zero(float, self.dimension)
         self.drive[i] = ti.Vector.zero(float, self.dimension)
         if self.gradient.B[i][0, 0] > 0.0 and self.near(i):
             self.drive[i] = self.constants.density[self.constants.mix(i)] * self.g - self.slope(i)
@@ -118,7 +118,7 @@ class WallStress:
                         borne = k * size * self.gradient.spacing / ti.max(2.0 * self.half(i), 1e-12)
                         bent = ti.max(0.0, ti.min(1.0, borne))
             curvature = -share * (1.0 - bent) * self.drive[i] / ti.max(self.stress.slope(i), 1e-12)
-            self.walls.bow[i] = 0.25 * self.gradient.spacing * curvature
+            self.walls.velocity_curvature[i] = 0.25 * self.gradient.spacing * curvature
 
     @ti.func
     def spread(self, i):
