@@ -10,7 +10,7 @@ from taichi_mps.linear.pcg import CONVERGED
 from taichi_mps.problem import catalogue
 from taichi_mps.schemes.scheme import Speeds
 from taichi_mps.simulation.simulation import Simulation
-from taichi_mps.validation.flows import profile
+from taichi_mps.validation.flows import l2, profile
 from tests.support import inside
 
 REFERENCE = Path(__file__).parents[1] / "reference"
@@ -245,10 +245,6 @@ def film(cells, depth, material, force, seconds):
     return rows["x"][fluid, 1], rows["u"][fluid, 0], simulation
 
 
-def relative_error(u, exact):
-    return np.sqrt(np.mean((u - exact) ** 2) / np.mean(exact**2))
-
-
 def test_newtonian_film_converges_with_first_order():
     """The walls' zero velocity sits half a spacing behind the wall: the film is as exact as on a depth of l0/2 more, to
     (l0/H)^2 and what is left of the start-up after 0.25 s; so it is 14 % off at 10 across, and half of that at 20."""
@@ -259,8 +255,8 @@ def test_newtonian_film_converges_with_first_order():
         behind = 0.5 * depth / cells
         shifted = profile(y + behind, force, eta, 0.0, depth + behind)
         left = np.exp(-eta / 2300.0 * (0.5 * np.pi / (depth + behind)) ** 2 * time)
-        assert relative_error(u, shifted) < left + cells**-2.0
-        errors.append(relative_error(u, profile(y, force, eta, 0.0, depth)))
+        assert l2(u, shifted) < left + cells**-2.0
+        errors.append(l2(u, profile(y, force, eta, 0.0, depth)))
         assert simulation.scheme.viscosity.Lambda.to_numpy().max() == 0.0  # no yield code ran
     assert errors[0] == pytest.approx(0.1404, abs=0.015) and errors[1] < 0.6 * errors[0]
 
@@ -275,7 +271,7 @@ def test_bi_viscosity_film():
     )
     cells = 10
     y, u, simulation = film(cells, depth, material, force, 0.25)
-    assert relative_error(u, profile(y, force, eta, tau_y, depth, knee_rate)) < 1.0 / cells
+    assert l2(u, profile(y, force, eta, tau_y, depth, knee_rate)) < 1.0 / cells
     rows, knee = simulation.particles.read(), depth - (tau_y + eta * knee_rate) / force  # its height
     flowing, spacing = rows["shear_rate"][rows["kind"] == 0] >= knee_rate, depth / cells
     assert np.all(flowing[y < knee - spacing]) and not np.any(flowing[y > knee + spacing])
