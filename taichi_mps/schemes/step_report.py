@@ -34,13 +34,13 @@ class StepReport:
 
 
 class DivergedError(RuntimeError):
-    """The run left the range where its numbers mean anything; carries the last report and the limit crossed."""
+    """The run left the range where its numbers mean anything; carries the last report and what stopped it."""
 
     stopped_by = "diverged"
 
-    def __init__(self, message: str, report: StepReport | None):
+    def __init__(self, message: str, report: StepReport | None, stopped_by: str | None = None):
         super().__init__(message)
-        self.report = report
+        self.report, self.stopped_by = report, stopped_by or self.stopped_by
 
 
 class DomainError(DivergedError):
@@ -51,7 +51,3 @@ class DomainError(DivergedError):
 
 class UnmeasuredError(DivergedError):
     """A run came to its end, ``stopped_by`` as it says, and a result that it was made for is no number."""
-
-    def __init__(self, message: str, report: StepReport | None, stopped_by: str):
-        super().__init__(message, report)
-        self.stopped_by = stopped_by
