@@ -51,7 +51,7 @@ class Shifting:
                 if self.gradient.neighbour_count[i] >= INSIDE * self.gradient.full:
                     part = ti.max(0.0, ti.min(1.0, -TENSION * self.particles.p[i] * dt / whole)) * (thin / whole) ** 2
                 self.tension[i] = part
-            tension = 1.0 - pressure.p[i] / ti.max(stress.size(i, stress.mu[i]), 1e-9)
+            tension = 1.0 - pressure.p[i] / ti.max(stress.shear_stress_magnitude(i, stress.mu[i]), 1e-9)
             viscous = (1.0 - thin / whole) * (1 - pressure.full[None])  # a full closed box is kept out of tension
             self.stretched[i] = viscous * ti.max(0.0, ti.min(1.0, tension))
 

@@ -143,7 +143,7 @@ class Stress:
         return T
 
     @ti.func
-    def size(self, i, mu):
+    def shear_stress_magnitude(self, i, mu):
         """Shear stress [Pa] of particle i: of a true yield stress by the stress it carries, else by a viscosity ``mu``
         [Pa s] and its shear rate."""
         size = mu * self.particles.shear_rate[i]

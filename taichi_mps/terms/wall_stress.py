@@ -78,7 +78,7 @@ class WallStress:
             for i in range(self.rows()):
                 if self.near(i):
                     half = self.half(i)
-                    size = self.stress.size(i, self.stress.mu[i])
+                    size = self.stress.shear_stress_magnitude(i, self.stress.mu[i])
                     s = size + self.weight[i] * half - self.stress.yield_stress(i)
                     self.weight[i] = self.acts(i, ti.max(0.0, s) / ti.max(2.0 * half, 1e-12), size)
 
@@ -102,7 +102,7 @@ class WallStress:
         self.drive[i] = ti.Vector.zero(float, self.dimension)
         if self.gradient.B[i][0, 0] > 0.0 and self.near(i):
             self.drive[i] = self.constants.density[self.constants.mix(i)] * self.g - self.slope(i)
-            size = self.stress.size(i, self.stress.viscosity(i, self.particles.shear_rate[i]))
+            size = self.stress.shear_stress_magnitude(i, self.stress.viscosity(i, self.particles.shear_rate[i]))
             over = ti.max(0.0, size - self.stress.yield_stress(i))
             self.weight[i] = self.acts(i, ti.sqrt(over / ti.max(self.half(i), 1e-12)), size)
             share = self.weight[i]
@@ -125,10 +125,10 @@ class WallStress:
         """By how much [Pa] the shear stress differs over a spacing to both sides of particle i, to a wall at most."""
         spread = ti.cast(0.0, float)
         if self.gradient.B[i][0, 0] > 0.0:
-            N, size = ti.Vector.zero(float, self.dimension), self.stress.size(i, self.stress.mu[i])
+            N, size = ti.Vector.zero(float, self.dimension), self.stress.shear_stress_magnitude(i, self.stress.mu[i])
             for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
                 j = self.neighbors.column[k]
-                N += (self.stress.size(j, self.stress.mu[j]) - size) * self.gradient.b[k]
+                N += (self.stress.shear_stress_magnitude(j, self.stress.mu[j]) - size) * self.gradient.b[k]
             reach, fit = self.gradient.spacing, self.gradient.B[i]
             if self.near(i):
                 fit = self.fit[i]
