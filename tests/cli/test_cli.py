@@ -1,5 +1,6 @@
 """The command line, end to end: real runs of small scenes in processes of their own, and every kind of bad input."""
 
+import io
 import json
 import os
 import random
@@ -8,15 +9,16 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from typing import get_args
+from types import SimpleNamespace
 
 import h5py
 import numpy as np
 import pytest
+from rich.console import Console
 
 import taichi_mps as mps
+from taichi_mps.cli import console, options
 from taichi_mps.cli import main as cli
-from taichi_mps.cli import options
 from taichi_mps.cli import run as running
 from taichi_mps.io import checkpoint
 from taichi_mps.io.history import read_history
@@ -44,10 +46,10 @@ def scene(spacing: Length = 0.05, until: Duration = 0.1, rise: Position = 0.0, s
 EMPTY = BLOB.replace("fluid=x,", "fluid=x[:0],")
 
 
-def start(folder, *words, **environment):
+def start(folder, *words):
     """A process of the command line whose output goes to out.txt and err.txt in ``folder``."""
     folder.mkdir(parents=True, exist_ok=True)
-    variables = {**os.environ, "PYTHONPATH": str(ROOT), **environment}
+    variables = {**os.environ, "PYTHONPATH": str(ROOT)}
     with open(folder / "out.txt", "w") as out, open(folder / "err.txt", "w") as err:
         command = [sys.executable, *map(str, words)]
         return subprocess.Popen(command, stdout=out, stderr=err, stdin=subprocess.DEVNULL, env=variables, cwd=folder)
@@ -56,6 +58,11 @@ def start(folder, *words, **environment):
 def finish(process, folder):
     code = process.wait(timeout=120)
     return code, (folder / "out.txt").read_text(), (folder / "err.txt").read_text()
+
+
+def done(folder, *words):
+    """(exit code, stdout, stderr) of a process of the command line."""
+    return finish(start(folder, *words), folder)
 
 
 @pytest.fixture(scope="module")
@@ -70,7 +77,7 @@ def whole(work):
     """A run to 0.1 s, its exit code, stdout and stderr."""
     here = work / "whole"
     words = ["-m", "taichi_mps", "run", work / "blob.py", "--every", "0.05", "--out", "run", "--json"]
-    return here / "run", *finish(start(here, *words), here)
+    return here / "run", *done(here, *words)
 
 
 def test_a_run_leaves_a_whole_folder_and_prints_only_json(whole):
@@ -118,7 +125,7 @@ def test_a_run_killed_at_random_steps_goes_on_bit_for_bit(work, whole):
     words = [work / "blob.py", "--every", "0.05", "--until", until, "--threads", "1", "--quiet", "--out", "run"]
     if kills > 2:
         reference = work / "reference" / "run"
-        code, _, err = finish(start(reference.parent, "-c", UNSEEN, "run", *words), reference.parent)
+        code, _, err = done(reference.parent, "-c", UNSEEN, "run", *words)
         assert code == 0, err
     steps = len(read_history(reference / "history.csv")["time_s"]) - 1
     folder, seen, command = RunFolder(here / "run"), 0, ["run", *words]
@@ -137,7 +144,7 @@ def test_a_run_killed_at_random_steps_goes_on_bit_for_bit(work, whole):
         assert saved.header["time"] >= times[max(0, len(times) - 4)] - 1e-12, "steps were lost"
         seen = len(times) - 1
         command = ["resume", "run", "--scene", work / "blob.py", "--quiet"]
-    code, _, err = finish(start(here, "-c", UNSEEN, *command), here)
+    code, _, err = done(here, "-c", UNSEEN, *command)
     assert code == 0, err
     assert folder.history.read_bytes() == (reference / "history.csv").read_bytes()
     states = [checkpoint.read(path / "checkpoint.h5").state for path in (reference, folder.path)]
@@ -149,40 +156,26 @@ def test_a_run_killed_at_random_steps_goes_on_bit_for_bit(work, whole):
     assert not [key for key in first if not np.array_equal(first[key], second[key])]
 
 
-def test_ctrl_c_writes_a_checkpoint_that_resumes(work):
-    here = work / "interrupted"
-    words = ["-m", "taichi_mps", "run", work / "blob.py", "--until", "500", "--every", "0.5", "--out", "run"]
-    process = start(here, *words, FORCE_COLOR="1", COLUMNS="160")
-    history, deadline = here / "run" / "history.csv", time.monotonic() + 90
-    shown = "of at most 500 s", " %, ", " left", "front "  # by the progress on a terminal, some time after the start
-    while not (
-        history.is_file()
-        and len(history.read_text().splitlines()) > 20
-        and all(word in (here / "err.txt").read_text() for word in shown)
-    ):
-        assert process.poll() is None and time.monotonic() < deadline, (here / "err.txt").read_text()
-        time.sleep(0.1)
-    process.send_signal(signal.SIGINT)
-    code, _, err = finish(process, here)
-    assert code == 130, err
-    assert not any(word in err for word in ("dt ", "iterations"))
-    folder = RunFolder(here / "run")
-    summary = folder.read_summary()
-    assert summary["stopped_by"] == "interrupted"
-    reached = checkpoint.read(folder.checkpoint).header["time"]
-    assert reached == pytest.approx(summary["simulated_seconds"])
-    resume = ["-m", "taichi_mps", "resume", "run", "--scene", work / "blob.py", "--until", reached + 0.02, "--json"]
-    code, out, err = finish(start(here, *resume), here)
-    assert code == 0, err
-    assert json.loads(out)["simulated_seconds"] == pytest.approx(reached + 0.02)
-    times = read_history(folder.history)["time_s"]
-    assert (times[1:] > times[:-1]).all()
+@pytest.mark.parametrize("verbose", [False, True])
+def test_the_line_on_a_terminal_says_how_far_a_run_has_come(monkeypatch, verbose):
+    shown, steps = io.StringIO(), []
+    terminal = Console(file=shown, force_terminal=True, width=160)
+    monkeypatch.setattr(console, "Console", lambda **_: terminal)
+    report = SimpleNamespace(dt=0.01, dt_limit="Courant", viscous_iterations=6, pressure_iterations=40)
+    scene, rest = SimpleNamespace(until=500.0), SimpleNamespace(expected=lambda sim: None)
+    sim = SimpleNamespace(time=0.0, scene=scene, rest=rest, report=report, each_step=steps.append)
+    recorder = SimpleNamespace(measures={"front_m": 0.3})
+    with console.progress(sim, recorder, options.Run(verbose=verbose)):
+        sim.time = 250.0
+        steps[0](sim)
+    assert all(word in shown.getvalue() for word in ("250.00 of at most 500 s", "50 %", " left", "front 30.0 cm"))
+    assert ("dt 10.00 ms (Courant), iterations 6/40" in shown.getvalue()) == verbose
 
 
 def test_a_divergence_exits_3_and_names_the_file_to_resume_from(work):
     here = work / "diverged"
     words = ["-m", "taichi_mps", "run", work / "blob.py", "--rise", "80", "--every", "0.005", "--out", "run", "--quiet"]
-    code, out, err = finish(start(here, *words), here)
+    code, out, err = done(here, *words)
     assert (code, out) == (3, "")
     assert "resume" in err.splitlines()[-1] and str(Path("run") / "checkpoint.h5") in err.splitlines()[-1]
     summary = RunFolder(here / "run").read_summary()
@@ -196,14 +189,12 @@ def test_a_divergence_exits_3_and_names_the_file_to_resume_from(work):
 def test_a_scene_file_runs_alone_and_the_pictures_can_be_drawn_again(work):
     here = work / "alone"
     words = [ROOT / "scenes" / "slump.py", "--yield-value", "300", "--spacing", "0.05", "--until", "0.02"]
-    code, out, err = finish(start(here, *words, "--every", "0.01"), here)
+    code, out, err = done(here, *words, "--every", "0.01")
     assert code == 0, err
     folder = here / "renders" / "slump"
     assert RunFolder(folder).read_summary()["parameters"]["yield_value"] == 300.0
-    words = ["-m", "taichi_mps", "render", folder, "--view", "speed", "--json"]
-    code, out, err = finish(start(here, *words), here)
-    assert code == 0, err
-    assert json.loads(out)["pictures"] == 3
+    code, out, err = done(here, "-m", "taichi_mps", "render", folder, "--view", "speed", "--json")
+    assert code == 0 and json.loads(out)["pictures"] == 3, err
     assert len(list((folder / "frames-speed").glob("*.png"))) == 3
     assert (folder / "animation-speed.gif").is_file()
 
@@ -316,7 +307,7 @@ def test_bad_input_is_one_clear_line_exit_2_and_nothing_written(words, message, 
 
 def test_help_lists_every_keyword_with_unit_and_default_without_taichi(tmp_path):
     program = "import sys, taichi_mps as mps; code = mps.main(['run', 'slump', '--help']); "
-    code, out, err = finish(start(tmp_path, "-c", program + "sys.exit(code or 'taichi' in sys.modules)"), tmp_path)
+    code, out, err = done(tmp_path, "-c", program + "sys.exit(code or 'taichi' in sys.modules)")
     assert code == 0, err
     for name, field in catalogue.load("slump").parameters.model_fields.items():
         told = " ".join(out.split(f"\n  --{name.replace('_', '-')} ")[1].split("\n  --")[0].split())
@@ -324,11 +315,6 @@ def test_help_lists_every_keyword_with_unit_and_default_without_taichi(tmp_path)
         assert not isinstance(field.default, float) or f"default {field.default:g} {unit_of(field)}" in told
     for option in ("--scheme", "--every", "--out", "--arch", "--threads", "--precision", "--walls", "--quiet"):
         assert option in out
-
-
-def test_the_views_offered_are_those_that_can_be_drawn():
-    text = (ROOT / "taichi_mps" / "viz" / "render.py").read_text()
-    assert all(f'"{view}"' in text for view in get_args(options.VIEWS))
 
 
 def test_scenes_and_info(capsys):

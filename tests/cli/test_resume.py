@@ -6,7 +6,7 @@ from taichi_mps.cli import main as cli
 from taichi_mps.cli.run import rounded
 from taichi_mps.io import checkpoint
 from taichi_mps.io.recorder import Recorder
-from taichi_mps.io.run_folder import MARK, RunFolder
+from taichi_mps.io.run_folder import RunFolder
 from taichi_mps.problem import catalogue
 from tests.support.recorded import Falling
 
@@ -25,16 +25,3 @@ def test_a_resumed_run_goes_on_with_the_interval_that_was_chosen_for_it(tmp_path
     monkeypatch.setattr(cli, "carry_out", lambda sim, folder, options, *rest, **more: found.append(options.every) or 0)
     assert cli.main(["resume", str(folder.path), *words]) == 0
     assert found == [every]
-
-
-def test_a_killed_run_of_a_version_without_marks_goes_on(tmp_path, monkeypatch):
-    """It has a checkpoint, and neither a mark nor a summary."""
-    folder = RunFolder(tmp_path / "run")
-    folder.create()
-    Recorder(folder, Falling(catalogue.build("slump", spacing=0.05)), 0.1, "slump", {"every": 0.1})
-    (folder.path / MARK).unlink()
-    folder.summary.unlink(missing_ok=True)
-    monkeypatch.setattr(cli, "start", lambda options: None)
-    monkeypatch.setattr(checkpoint.Checkpoint, "resume", lambda state, problem, profile: problem)
-    monkeypatch.setattr(cli, "carry_out", lambda *rest, **more: 0)
-    assert cli.main(["resume", str(folder.path)]) == 0
