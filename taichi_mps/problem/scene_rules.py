@@ -53,6 +53,7 @@ def numbers(scene) -> dict:
     """What was given as numbers, checked for shape and range: fluid (n, d) and velocity (n, d) as arrays, gravity (d,)
     and periodic (d,) as tuples, spacing and until as floats."""
     poured = scene.inlets and (scene.fluid is None or np.size(scene.fluid) == 0)
+    require(poured or np.size(scene.fluid) > 0, "fluid: the geometry is empty; it must hold at least one particle")
     fluid = np.zeros((0, len(scene.inlets[0].centre))) if poured else finite("fluid", scene.fluid, "m", dimensions=2)
     n, d = fluid.shape
     require(d in (2, 3), f"fluid: positions have {d} coordinates; must have 2 or 3")

@@ -20,6 +20,10 @@ class Imagined(mps.Bingham):
     imagined_angle: ImaginedAngle = Field(0.0, description="angle that nobody has measured")
 
 
+class Looked(Checked):
+    softest: YieldValue = Field(10.0, gt=0.0)
+
+
 @mps.checked
 def made_up(material: Imagined = Imagined(imagined_angle=12.0, yield_value=40.0), spacing: Length = 0.1):  # noqa: B008
     """The material and the spacing."""
@@ -37,14 +41,8 @@ def test_a_number_of_the_mix_is_an_option_with_its_unit_range_help_and_the_defau
     angle = fields["imagined_angle"]
     assert (unit_of(angle), angle.default, angle.description) == ("deg", 12.0, "angle that nobody has measured")
     assert (default(angle), allowed(angle)) == ("default 12 deg", "(0 to below 45)")
+    assert allowed(Looked.model_fields["softest"]) == "(above 0 to 1e+06)", "the narrower of two lower bounds"
     assert fields["yield_value"].default == 40.0 and fields["plastic_viscosity"].default == 50.0
-
-
-def test_the_narrower_of_two_lower_bounds_is_said():
-    class Looked(Checked):
-        softest: YieldValue = Field(10.0, gt=0.0)
-
-    assert allowed(Looked.model_fields["softest"]) == "(above 0 to 1e+06)"
 
 
 def test_options_are_flat_and_the_function_is_given_the_material():
@@ -82,22 +80,22 @@ def test_an_option_that_stands_twice_is_an_error_of_the_scene():
             """Nothing."""
 
 
+LAWS = {
+    mps.Bingham: {"plastic_viscosity": 33.0, "critical_strain_rate": 0.01},
+    mps.HerschelBulkley: {"consistency": 33.0, "flow_index": 1.4, "structuration": 0.5, "destructuration": 0.01},
+}
+
+
+@pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("name", catalogue.names())
-def test_every_scene_takes_every_number_of_the_mix(name):
+def test_every_scene_takes_every_number_of_the_mix(name, law):
     fields = catalogue.load(name).parameters.model_fields
     assert set(mps.Concrete.model_fields) <= set(fields)
     assert all(fields[key].description == field.description for key, field in mps.Concrete.model_fields.items())
-    given = {"density": 2100.0, "plastic_viscosity": 33.0, "yield_value": 44.0, "critical_strain_rate": 0.01}
+    given = {"density": 2100.0, "yield_value": 44.0, **LAWS[law]}
     scene = catalogue.build(name, **given)
-    assert scene.material == mps.Bingham(**given) and given.items() <= scene.parameters.items()
-
-
-@pytest.mark.parametrize("name", catalogue.names())
-def test_every_scene_takes_herschel_bulkley_and_thixotropy(name):
-    given = {"yield_value": 44.0, "consistency": 33.0, "flow_index": 1.4, "structuration": 0.5, "destructuration": 0.01}
-    scene = catalogue.build(name, **given)
-    assert scene.material == mps.HerschelBulkley(density=scene.material.density, **given) and scene.material.ages
-    assert given.items() <= scene.parameters.items()
+    assert scene.material == law(**given) and given.items() <= scene.parameters.items()
+    assert scene.material.ages == (law is mps.HerschelBulkley)
 
 
 def test_the_parameters_of_an_old_checkpoint_or_sweep_are_taken():
