@@ -76,11 +76,10 @@ def size_options(name: str, dice: random.Random) -> list[str]:
 
 def value_of(field, dice: random.Random) -> str:
     """A value for a field of a scene: often one in its range, sometimes one that is none."""
-    if dice.random() < 0.08:
-        return dice.choice(HOSTILE)
     default = field.default if isinstance(field.default, float | int) and field.default else 10.0 ** dice.uniform(-3, 3)
     value = float(default) * 10.0 ** dice.gauss(0.0, 0.3)
-    return str(round(value)) if isinstance(default, int) else f"{value:.4g}"
+    sound = str(round(value)) if isinstance(default, int) else f"{value:.4g}"
+    return dice.choice(HOSTILE) if dice.random() < 0.08 else sound
 
 
 def options(name: str, dice: random.Random) -> list[str]:
@@ -105,7 +104,7 @@ def random_options(dice, folder, bases) -> Trial:
 
 
 LAW = '''"""A block of a fluid with a law of its own."""
-import taichi_mps as mps
+{taichi}import taichi_mps as mps
 from taichi_mps.units import Duration, Length
 
 def law({arguments}):
@@ -149,17 +148,11 @@ MEASURES = (
 
 
 def random_law(dice, folder, bases) -> Trial:
-    y = dice.choice([0.0, 50.0, 300.0, -1.0])
-    text = LAW.replace("{measure}", dice.choice(MEASURES)).replace("{body}", dice.choice(BODIES))
-    text = text.replace("{arguments}", dice.choice(["rate, structure"] * 4 + ["rate", "rate, structure, more", ""]))
-    text = (
-        text.replace("{yield_value}", f"{y}")
-        .replace("{y}", f"{y}")
-        .replace("{reach}", f"{dice.uniform(0.04, 0.5):.3f}")
-    )
-    if "ti." in text:
-        text = text.replace("import taichi_mps as mps", "import taichi as ti\nimport taichi_mps as mps")
-    (folder / "own.py").write_text(text)
+    y, body = dice.choice([0.0, 50.0, 300.0, -1.0]), dice.choice(BODIES)
+    parts = {"measure": dice.choice(MEASURES), "body": body.format(y=y), "yield_value": y}
+    parts |= {"arguments": dice.choice(["rate, structure"] * 4 + ["rate", "rate, structure, more", ""])}
+    parts |= {"reach": round(dice.uniform(0.04, 0.5), 3), "taichi": "import taichi as ti\n" * ("ti." in body)}
+    (folder / "own.py").write_text(LAW.format(**parts))
     return Trial("law", [["run", f"{folder}/own.py", "--threads=1", "--out", f"{folder}/run"]])
 
 
@@ -194,10 +187,8 @@ def random_mesh(dice, folder, bases) -> Trial:
     rows = [struct.pack("<12fH", 0, 0, 0, *(v for point in three for v in point), 0) for three in triangles]
     data = bytearray(b"mesh".ljust(80) + struct.pack("<I", len(rows)) + b"".join(rows))
     (folder / "mesh.stl").write_bytes(damaged(data, dice) if dice.random() < 0.6 else data)
-    text = SOLID.replace("{cell}", dice.choice(["0.02", "0.015", "1e-9", "0.5"]))
-    text = text.replace("{reach}", dice.choice(["0.15", "0.15", "0.01"])).replace(
-        "{scale}", dice.choice(["1.0"] * 4 + ["1e-3"])
-    )
+    choices = {"cell": ["0.02", "0.015", "1e-9", "0.5"], "reach": ["0.15", "0.15", "0.01"], "scale": [1.0] * 4 + [1e-3]}
+    text = SOLID.format(**{name: dice.choice(words) for name, words in choices.items()})
     (folder / "own.py").write_text(text)
     return Trial("mesh", [["run", f"{folder}/own.py", "--threads=1", "--out", f"{folder}/run"]])
 
@@ -364,12 +355,11 @@ def out_of(words) -> str:
 
 def base_runs(folder: Path) -> list[Path]:
     """Finished small runs, of which copies are damaged."""
-    bases = [folder / "rings", folder / "plane"]
+    scenes = {"rings": ["slump", "--model=axisymmetric", "--spacing=0.02"], "plane": ["film", "--spacing=0.02"]}
     short = ["--until=0.02", "--every=0.01", "--threads=1", "--quiet"]
-    for base, scene in zip(
-        bases, (["slump", "--model=axisymmetric", "--spacing=0.02"], ["film", "--spacing=0.02"]), strict=True
-    ):
-        code, _, err, _ = run(["run", *scene, *short, "--out", str(base)])
+    bases = [folder / name for name in scenes]
+    for base in bases:
+        code, _, err, _ = run(["run", *scenes[base.name], *short, "--out", str(base)])
         if code != 0:
             raise RuntimeError(err)
     return bases

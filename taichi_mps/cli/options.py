@@ -73,6 +73,7 @@ class Parser(argparse.ArgumentParser):
         super().__init__(
             formatter_class=lambda prog: argparse.HelpFormatter(prog, max_help_position=42, width=112), **settings
         )
+        self._negative_number_matcher = re.compile(r"-([\d.]|inf|nan)")  # argparse's own knows neither -1e3 nor -3cm
         self.groups = defaultdict(self.add_argument_group, {name: self.add_argument_group(name) for name in GROUPS})
 
     def error(self, message):
@@ -103,7 +104,7 @@ class Parser(argparse.ArgumentParser):
 
     def parse(self, argv):
         """Namespace; an option that does not exist is refused with the nearest one that does."""
-        arguments, unknown = self.parse_known_args(joined(argv))
+        arguments, unknown = self.parse_known_args(argv)
         for word in unknown:
             flag = word.split("=", 1)[0]
             if not flag.startswith("-"):
@@ -121,7 +122,7 @@ def scene_of(command, argv, model) -> argparse.Namespace:
     first = Parser(command, add_help=False)
     first.add_argument("scene", nargs="?")
     first.options(model, command)
-    known, others = first.parse_known_args(joined(argv))
+    known, others = first.parse_known_args(argv)
     if not known.scene and not {"-h", "--help"} & set(argv):
         raise SceneError(f"{command}: name a scene: {', '.join(catalogue.names())}, or a Python file")
     for word in (known.scene, *others):
@@ -130,18 +131,6 @@ def scene_of(command, argv, model) -> argparse.Namespace:
             known.scene = word
             break
     return known
-
-
-def joined(argv) -> list[str]:
-    """``--key -1e3`` or ``-3cm`` as ``--key=-1e3``, which argparse would take for an option."""
-    words = []
-    for word in argv:
-        negative = re.match(r"-([\d.]|inf|nan)", word)
-        if negative and words and words[-1].startswith("--") and "=" not in words[-1]:
-            words[-1] += f"={word}"
-        else:
-            words.append(word)
-    return words
 
 
 def choices(field) -> list[str]:

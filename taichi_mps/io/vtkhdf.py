@@ -21,6 +21,14 @@ BYTES, ROOM = 64, 1 << 20  # of a particle in an output, and of all else that a 
 FORMAT = "v110", "v110"  # of HDF5: its structure is checksummed; without that damage can make it read for ever
 CHECKED = {"fletcher32": True, "chunks": True}  # an array that HDF5 checks when it is read
 OF_PARTICLES = "VTKHDF/Points", "VTKHDF/PointData/"  # datasets with a row for each particle of an output
+FIELDS = {  # of a Snapshot, {name: (name in the file, type)}
+    "p": ("pressure", np.float32),
+    "shear_rate": ("shear_rate", np.float32),
+    "yielded": ("yielded", bool),
+    "density_ratio": ("density_ratio", np.float32),
+    "size": ("size", float),
+    "mix": ("mix", np.int32),
+}
 PARTS = ("Vertices", "Lines", "Strips", "Polygons")  # order of the columns of Steps/CellOffsets
 
 
@@ -192,21 +200,22 @@ class Trajectory:
             axes = [0, 2] if scene.dimension == 2 else [0, 1, 2]
             low, high = np.array(scene.domain, float)
             room = high - low  # a particle leaves the domain by less than that before the run ends
+            usual = {"size": np.full(n, scene.spacing), "mix": np.zeros(n, np.int32)}
             for k, (instant, points, data) in enumerate(stored(file, chosen)):
-                x = points[:, axes].astype(float)
-                sound = x.shape == (n, len(axes)) and np.all((x > low - room) & (x < high + room))
-                sound &= all(values.shape == ((n, 3) if name == "velocity" else (n,)) for name, values in data.items())
-                sizes = data.get("size", np.full(n, scene.spacing)) / scene.spacing  # thin rings moved far outward
-                sound &= sizes.any() and np.all((sizes == 0.0) | ((sizes > 0.01) & (sizes < 100.0)))
-                sound &= np.all(np.isin(data.get("mix", 0), np.arange(len(scene.materials))))
-                if not sound:
+                data = usual | data
+                if points.shape != (n, 3) or any(
+                    values.shape != ((n, 3) if name == "velocity" else (n,)) for name, values in data.items()
+                ):
                     raise ValueError(f"output {k} is not whole")
-                there = data["size"] > 0.0 if "size" in data else slice(None)
-                x, data = x[there], {name: rows[there] for name, rows in data.items()}
-                values = data["pressure"], data["shear_rate"], data["yielded"].astype(bool), data["density_ratio"]
-                size = data["size"].astype(float) if "size" in data else None
-                u, mix = data["velocity"][:, axes], data["mix"].astype(np.int32) if "mix" in data else None
-                yield Replay(scene, Snapshot(instant, scene.spacing, x, u, *values, wall, size, mix))
+                x, sizes = points[:, axes].astype(float), data["size"] / scene.spacing
+                thin = (sizes == 0.0) | ((sizes > 0.01) & (sizes < 100.0))  # rings moved far outward are
+                known = sizes.any() and np.all(thin) and np.all(np.isin(data["mix"], range(len(scene.materials))))
+                if not known or not np.all((x > low - room) & (x < high + room)):
+                    raise ValueError(f"output {k} is not one of this scene")
+                there = sizes > 0.0
+                fields = {key: data[name][there].astype(kind) for key, (name, kind) in FIELDS.items()}
+                u = data["velocity"][there][:, axes]
+                yield Replay(scene, Snapshot(instant, scene.spacing, x[there], u, wall_x=wall, **fields))
 
 
 @dataclass(frozen=True)

@@ -29,8 +29,17 @@ def listens(process):
     return int(re.search(r"SigCgt:\s*(\w+)", status)[1], 16) >> (signal.SIGTERM - 1) & 1
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-@pytest.mark.parametrize("moment", ["imports", "start", "steps"])
+@pytest.mark.parametrize(
+    ("moment", "number"),
+    [
+        ("imports", signal.SIGTERM),
+        ("imports", signal.SIGINT),
+        ("start", signal.SIGTERM),
+        pytest.param("start", signal.SIGINT, marks=pytest.mark.slow),
+        pytest.param("steps", signal.SIGTERM, marks=pytest.mark.slow),
+        ("steps", signal.SIGINT),
+    ],
+)
 def test_a_signal(tmp_path, number, moment):
     run = program(tmp_path, *RUN)
     if moment == "imports":
@@ -63,6 +72,7 @@ sys.exit(main(sys.argv[1:]))
 """
 
 
+@pytest.mark.slow
 def test_a_signal_that_an_import_swallowed_still_stops_the_run(tmp_path):
     variables = os.environ | {"PYTHONPATH": str(ROOT)}
     result = subprocess.run([sys.executable, "-c", SWALLOWED, *RUN], cwd=tmp_path, timeout=120, env=variables)
@@ -71,7 +81,8 @@ def test_a_signal_that_an_import_swallowed_still_stops_the_run(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "words", [["scenes"], ["--help"], ["run", "slump", "--help"], ["info"], ["info", "--json"], RUN]
+    "words",
+    [["scenes"], ["--help"], ["run", "slump", "--help"], ["info", "--json"], pytest.param(RUN, marks=pytest.mark.slow)],
 )
 def test_a_closed_pipe(tmp_path, words):
     if words is RUN:
