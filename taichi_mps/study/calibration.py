@@ -60,11 +60,6 @@ class Constant:
         """Do they bound it on one side at least?"""
         return self.lower is not None or self.upper is not None
 
-    @property
-    def at_the_edge(self) -> bool:
-        """Is it bounded on one side only, with the best value at an end of the table?"""
-        return (self.lower is None) != (self.upper is None) and not 1.01 * self.low < self.value < 0.99 * self.high
-
     def bounds(self, unit: str) -> str:
         """The value, or the bound where it has only one."""
         if self.determined:
@@ -79,10 +74,12 @@ class Constant:
             return f"{short(self.value)} {unit}, as given"
         if self.determined:
             return f"{short(self.value)} {unit}, 95 %: {short(self.lower)} to {short(self.upper)} {unit}"
-        ends = f"by these measurements (looked for from {short(self.low)} to {short(self.high)} {unit})"
-        if not self.bounded:
-            return f"not determined {ends}"
-        return f"{self.bounds(unit)} (95 %), not determined further {ends}"
+        known = f"{self.bounds(unit)} (95 %), not determined further" if self.bounded else "not determined"
+        return f"{known} by these measurements (looked for from {self.ends(unit)})"
+
+    def ends(self, unit: str) -> str:
+        """The first and the last of the table."""
+        return f"{short(self.low)} to {short(self.high)} {unit}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,7 +118,7 @@ class Mix:
 
     def determines(self, name: str) -> str:
         """Which of the constants that are bounded a measurement determines, in words."""
-        worth = self.worth.get(name, {})
+        worth = self.worth[name]
         sensed = [constant for constant in worth if self.senses(name, constant)]
         bounded = [it for it in sensed if getattr(self, it).bounded]
         needed = [it for it in bounded if worth[it] >= TOLD]
@@ -158,7 +155,7 @@ class Mix:
         for name, (value, error) in self.measured.items():
             factor, unit = (1.0, "s") if is_time(name) else (100.0, "cm")
             found = f"{factor * value:.2f} +- {factor * error:.2f} {unit}, of the model {factor * self.model[name]:.2f}"
-            found += f"; determines {self.determines(name)}" * bool(self.worth.get(name))
+            found += f"; determines {self.determines(name)}" * bool(self.worth[name])
             lines.append(f"{NAMES[name]:18} {found}")
         return lines
 
@@ -233,8 +230,10 @@ class Calibration(Mix):
 
     @property
     def at_the_edge(self) -> list[str]:
-        """The constants whose best value is the first or the last of the table: what lies beyond was not looked at."""
-        return [name for name in BINGHAM if getattr(self, name).at_the_edge]
+        """The constants that are bounded on one side only, with the best value at an end of the table: what lies beyond
+        was not looked at."""
+        open_ones = {name: getattr(self, name) for name in BINGHAM if not getattr(self, name).determined}
+        return [name for name, it in open_ones.items() if it.bounded and not 1.01 * it.low < it.value < 0.99 * it.high]
 
     @property
     def contradictory(self) -> bool:
@@ -284,10 +283,12 @@ class Calibration(Mix):
             )
             lines.append(f"the finer run      {apart} beside the table; the constants are corrected by it")
         if self.at_the_edge:
-            ends = [(WORDS[name][0], getattr(self, name), WORDS[name][1]) for name in self.at_the_edge]
-            ends = ", ".join(f"{word} {short(it.low)} to {short(it.high)} {unit}" for word, it, unit in ends)
-            edge = f"the best fit lies at the edge of the table ({ends}): what is bounded is so within it only"
-            lines.insert(0, edge)
+            ends = ", ".join(
+                f"{WORDS[name][0]} {getattr(self, name).ends(WORDS[name][1])}" for name in self.at_the_edge
+            )
+            lines.insert(
+                0, f"the best fit lies at the edge of the table ({ends}): what is bounded is so within it only"
+            )
         if self.friction:
             *first, last = [NAMES[name] for name in self.friction.measured]
             unused = [NAMES[name] for name in self.measured if name not in self.friction.measured]

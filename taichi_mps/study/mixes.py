@@ -152,18 +152,11 @@ def write_page(rows: list[dict], columns: list[str], out, source) -> Path:
         Path(out),
         {"traces": traces(rows, columns), "layout": LAYOUT},
         title=safe(f"{Path(source).name}: mixes calibrated"),
-        lead=safe(lead(rows)),
+        lead=f"{len(rows)} mixes",
         tally=table(counted(rows), ["mixes", "come out as", ""]),
         mixes=table(found, [*columns, *FOUND]),
         about=safe(ABOUT.format(version=__version__)),
     )
-
-
-def lead(rows) -> str:
-    """How many there are, and how many one mix of the model explains or bounds."""
-    count = Counter(row["verdict"] for row in rows)
-    text = f"{len(rows)} mixes; one Bingham mix explains or bounds {count[EXPLAINED] + count[BOUNDED]} of them"
-    return text + f", one with internal friction {count[WITH_FRICTION]} more" * bool(count[WITH_FRICTION]) + "."
 
 
 def cells(row: dict) -> list[str]:

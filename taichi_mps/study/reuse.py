@@ -54,8 +54,19 @@ def shape_of(problem: Problem) -> bytes:
     bare = [getattr(scene, field.name) for field in fields(scene) if field.name not in FREE]
     mixes = [scene.mix_of(inlet) for inlet in scene.inlets]  # one may be that of the scene
     rubs = any(wall.friction for wall in scene.walls)  # friction keeps the viscosity of the fluid, too
-    material = compiled_numbers(scene.material), scene.material.plastic_viscosity if rubs else None
-    parts = bare, problem.scheme, repr(problem.numerics), problem.law, material, mixes
+    material = scene.material
+    numbers = material.model_dump(exclude=set(FIELDS_OF_A_MIX)) if isinstance(material, Bingham) else repr(material)
+    viscosity = material.plastic_viscosity if rubs else None
+    parts = (
+        bare,
+        problem.scheme,
+        repr(problem.numerics),
+        problem.law,
+        type(material).__name__,
+        numbers,
+        viscosity,
+        mixes,
+    )
     return hashlib.sha256(json.dumps(parts, default=described).encode()).digest()
 
 
@@ -67,11 +78,3 @@ def described(part):
     if is_dataclass(part):
         return [type(part).__name__, *(getattr(part, field.name) for field in fields(part))]
     return id(part) if callable(part) else [type(part).__name__, repr(part)]
-
-
-def compiled_numbers(material) -> str:
-    """What of a material is compiled in: of a Bingham mix all but FIELDS_OF_A_MIX, of a flow curve all."""
-    if not isinstance(material, Bingham):
-        return repr(material)
-    compiled = [name for name in type(material).model_fields if name not in FIELDS_OF_A_MIX]
-    return repr((type(material).__name__, {name: getattr(material, name) for name in compiled}))

@@ -113,28 +113,12 @@ def test_mixes_that_were_run_are_in_their_intervals(row):
     assert mix.explains and all(holds(getattr(mix, name), row[name]) for name in CONSTANTS)
 
 
-def test_a_known_viscosity_leaves_t500_as_a_third_measurement():
-    with_it, without = (
-        calibrate(**cone(25.0, 15.0, tests=tests), plastic_viscosity=50.0, check=False).friction
-        for tests in (ALL, ALL[:2])
-    )
-    assert with_it.friction_angle.value == pytest.approx(15.0, rel=1e-2) and with_it.worth["t500_s"]
-    widths = [it.friction_angle.upper - it.friction_angle.lower for it in (with_it, without)]
-    assert widths[0] < widths[1]
-
-
 @pytest.mark.parametrize("t500", ["1s", "200s"])
 def test_a_t500_that_contradicts_is_not_explained(t500):
     found = calibrate(**cone(25.0, 15.0), t500=t500, check=False)
     assert not found.friction.near and not found.explained_by_friction
     assert "not all three" in str(found) and "the T500 by" in str(found)
-
-
-def test_mixes_that_do_not_reach_500_mm_have_no_t500():
-    """Near it the nearest one does, whatever else it misses."""
-    found = calibrate(slump="20cm", spread="49cm", t500=20, check=False)
-    assert found.friction.model["spread_m"] >= 0.5 and np.isfinite(found.friction.missed["t500_s"])
-    assert np.isnan(cone(200.0, 15.0, tests=("t500",))["t500"])
+    assert np.isnan(cone(200.0, 15.0, tests=("t500",))["t500"])  # does not reach 500 mm
 
 
 def test_another_test_that_contradicts_is_not_explained():
