@@ -1,0 +1,152 @@
+"""How near the tests come to their bounds: the suite as it is and in five variants that only rounding sets apart.
+
+    python -m tests.bounds                            # all of the suite; the table in benchmarks/results/bounds.md
+    python -m tests.bounds tests/terms -m "not long"  # some, with the options of pytest
+
+An assertion `value < bound`, `value == approx(...)` or an allclose of NumPy is as near as value/bound (of
+approx: deviation/tolerance). A bound is told where rounding moves the value by more than a tenth of the room that is
+left, and the worst leaves less than a factor of three. Tests that fail in a variant are named.
+"""
+
+import json
+import os
+import re
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGE = ROOT / "benchmarks/results/bounds.md"
+VARIANTS = {  # and their environment
+    "as it is": {},
+    "no fast_math": {},
+    "no speed patches": {"TAICHI_MPS_WORKAROUNDS": "0"},
+    "Quadrants": {"TAICHI_MPS_KERNELS": "quadrants"},
+    "moved by 1e-6 l0": {},
+    "order reversed": {},
+}
+FACTOR, PART = 3.0, 0.1  # room that the worst leaves; what rounding moves, over the room that is left
+PLAIN = re.compile(r"np\.float\d+\(([^()]*)\)")
+ARITHMETIC = re.compile(r"[-+*/().\de ]+")
+seen: dict[str, float] = {}  # nearness of each assertion, the largest of its calls
+
+
+# ---- in the tests -------------------------------------------------------------------------------------------------
+def nearness(text: str) -> float | None:
+    """Value over bound of a comparison as pytest writes it; None of others and of a bound that is not positive."""
+    parts = re.split(r" (<=?|>=?|==|±) ", PLAIN.sub(r"\1", text.split("\n")[0]))
+    if not all(ARITHMETIC.fullmatch(part) for part in parts[::2]):
+        return None
+    numbers = [float(eval(part)) for part in parts[::2]]
+    if parts[1::2] == ["==", "±"]:
+        small, large = abs(numbers[0] - numbers[1]), numbers[2]
+    elif len(parts) == 3 and parts[1] != "==":
+        small, large = numbers if "<" in parts[1] else numbers[::-1]
+    else:
+        return None
+    return max(0.0, small) / large if large > 0.0 else None
+
+
+def note(name: str, near: float | None) -> None:
+    if near is not None:
+        seen[name] = max(near, seen.get(name, 0.0))
+
+
+def pytest_assertion_pass(item, lineno, orig, expl):
+    note(f"{item.nodeid} `{orig}`", nearness(expl))
+
+
+def noted(compare):
+    """An allclose of NumPy that notes how near it comes."""
+
+    def close(a, b, rtol, atol, **others):
+        with np.errstate(all="ignore"):
+            near = np.abs(np.subtract(a, b, dtype=float)) / (atol + rtol * np.abs(b))
+        test = os.environ.get("PYTEST_CURRENT_TEST", "").split(" ")[0]
+        note(f"{test} `allclose, line {sys._getframe(2).f_lineno}`", float(np.nanmax(near, initial=0.0)))
+        return compare(a, b, rtol=rtol, atol=atol, **others)
+
+    return close
+
+
+def pytest_configure(config):
+    """Make the variant of this process."""
+    allclose, assert_allclose = noted(np.allclose), noted(np.testing.assert_allclose)
+    np.allclose = lambda a, b, rtol=1e-5, atol=1e-8, **others: allclose(a, b, rtol, atol, **others)
+    np.testing.assert_allclose = lambda a, b, rtol=1e-7, atol=0.0, **o: assert_allclose(a, b, rtol, atol, **o)
+    variant = os.environ["BOUNDS_VARIANT"]
+    if variant == "no fast_math":
+        from taichi_mps.runtime.backend import ti
+
+        start = ti.init
+        ti.init = lambda **settings: start(**(settings | {"fast_math": False}))
+    if variant == "moved by 1e-6 l0":
+        from taichi_mps.schemes import scheme
+
+        initial_state = scheme.initial_state
+        scheme.initial_state = lambda problem: moved(initial_state(problem), problem.scene.spacing)
+    if variant == "order reversed":
+        from taichi_mps.particles.particles import Particles
+
+        load, read = Particles.load, Particles.read
+        Particles.load = lambda self, state: load(self, renumbered(self, state))
+        Particles.read = lambda self: renumbered(self, read(self))
+
+
+def moved(state: dict, spacing: float) -> dict:
+    aside = np.random.default_rng(1).uniform(-1e-6, 1e-6, state["x"].shape) * spacing
+    return state | {"x": state["x"] + aside * (state["kind"] == 0)[:, None]}
+
+
+def renumbered(particles, state: dict) -> dict:
+    """The particles of the start numbered from the last to the first: cells sum them up in this order."""
+    if not hasattr(particles, "number_at_start"):
+        particles.number_at_start = len(state["id"])
+    last = particles.number_at_start - 1
+    return state | {"id": np.where(state["id"] <= last, last - state["id"], state["id"])}
+
+
+def pytest_sessionfinish(session):
+    Path(os.environ["BOUNDS_FOLDER"], f"{os.getpid()}.json").write_text(json.dumps(seen), encoding="utf-8")
+
+
+# ---- all variants -------------------------------------------------------------------------------------------------
+def run(variant: str, words: list[str]) -> tuple[dict[str, float], list[str]]:
+    """Nearness of each assertion and the tests that failed, of a run of pytest in a variant."""
+    with tempfile.TemporaryDirectory() as folder:
+        place = os.environ | VARIANTS[variant] | {"BOUNDS_VARIANT": variant, "BOUNDS_FOLDER": folder}
+        options = ["-p", "tests.bounds", "-o", "enable_assertion_pass_hook=true", "-o", "verbosity_assertions=2"]
+        command = [sys.executable, "-m", "pytest", "-q", *options, *words]
+        done = subprocess.run(command, cwd=ROOT, env=place, stdout=subprocess.PIPE, text=True)
+        near: dict[str, float] = {}
+        for file in Path(folder).glob("*.json"):
+            for name, value in json.loads(file.read_text(encoding="utf-8")).items():
+                near[name] = max(value, near.get(name, 0.0))
+    return near, re.findall(r"^(?:FAILED|ERROR) (\S+)", done.stdout, re.M)
+
+
+def main() -> int:
+    results = {variant: run(variant, sys.argv[1:]) for variant in VARIANTS}
+    lines = ["# Bounds that rounding can reach", "", "By `python -m tests.bounds`: value over bound.", ""]
+    lines += ["| test | " + " | ".join(VARIANTS) + " |", "|---|" + "---|" * len(VARIANTS)]
+    told = 0
+    for name in dict.fromkeys(name for near, _ in results.values() for name in near):
+        values = [near.get(name) for near, _ in results.values()]
+        known = [value for value in values if value is not None]
+        worst, least = max(known), min(known)
+        if worst * FACTOR > 1.0 and worst - least > PART * (1.0 - worst):
+            told += 1
+            lines.append(f"| {name} | " + " | ".join("-" if v is None else f"{v:.2g}" for v in values) + " |")
+    failed = [f"- {variant}: {test}" for variant, (_, tests) in results.items() for test in tests]
+    number = len(set().union(*(near for near, _ in results.values())))
+    lines += ["", f"{told} of {number} bounds are told; failed:" + " none" * (not failed), "", *failed]
+    PAGE.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    print(PAGE.read_text(encoding="utf-8"))
+    return int(bool(told or failed))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
