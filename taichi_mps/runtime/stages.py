@@ -223,11 +223,11 @@ def nothing(*_) -> None:
 
 
 class NoOp:
-    """No-op: a term that a scene has no need of. The ``stages`` that a step calls do nothing; ``known`` is what else is
-    read of it."""
+    """No-op: a term that a scene has no need of. The ``stages`` that a step calls do nothing; ``members`` is what else
+    is read of it."""
 
-    def __init__(self, *stages: str, **known):
-        vars(self).update(dict.fromkeys(stages, nothing) | known)
+    def __init__(self, *stages: str, **members):
+        vars(self).update(dict.fromkeys(stages, nothing) | members)
 
 
 # ---- decorators -----------------------------------------------------------------------------------------------------

@@ -41,7 +41,7 @@ class Implicit(Scheme):
         constants = self.constants = Constants(self.particles, problem)
         sums = PairSums(self.particles, self.gradient, walls)
         # which terms the scene needs: the stages of the others do nothing
-        bi_viscosity, mixes = problem.law == "bi-viscosity", len(problem.materials)
+        bi_viscosity, several = problem.law == "bi-viscosity", len(problem.materials) > 1
         holds = any(not wall.slip for wall in walls.surfaces)
         directions = free_directions(scene, problem.numerics.walls)
         drifts = directions.any()
@@ -49,7 +49,7 @@ class Implicit(Scheme):
 
         self.pressure = Pressure(fluid, constants)
         self.strain_rate, self.solved_rate = StrainRate(fluid, sums), SolvedRate(fluid, sums)
-        self.interface = Interface(fluid, constants) if mixes > 1 else NoOp("find", "gather")
+        self.interface = Interface(fluid, constants) if several else NoOp("find", "gather")
         self.stress = Stress(
             fluid,
             constants,
@@ -59,16 +59,16 @@ class Implicit(Scheme):
             pressure=self.pressure,
             problem=problem,
         )
-        known = {"strain_rate": self.strain_rate, "pressure": self.pressure}  # at the start of the step
-        self.resistance = HourglassResistance(fluid, constants, **known, stress=self.stress)
+        at_start = {"strain_rate": self.strain_rate, "pressure": self.pressure}  # of the step
+        self.resistance = HourglassResistance(fluid, constants, **at_start, stress=self.stress)
         self.correction = DeferredCorrection(
             fluid, sums, self.strain_rate, self.resistance, averages=self.stress.averages
         )
         self.wall_stress = NoOp("start", "update", force=no_force)
         if holds:
-            self.wall_stress = WallStress(fluid, constants, **known, stress=self.stress)
+            self.wall_stress = WallStress(fluid, constants, **at_start, stress=self.stress)
         self.shifting = Shifting(fluid, tears=problem.law == "newtonian")
-        self.constraint = VolumeConstraint(fluid, constants, **known, shifting=self.shifting)
+        self.constraint = VolumeConstraint(fluid, constants, **at_start, shifting=self.shifting)
         self.operator = MomentumOperator(fluid, sums, constants, stress=self.stress, resistance=self.resistance)
         self.source = MomentumSource(
             self.operator,
