@@ -10,7 +10,6 @@ from asyncio.subprocess import DEVNULL, PIPE
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..io.history import newest
 from ..io.run_folder import RunFolder, next_free
 
 PATIENCE = 10.0  # [s] for a run to end well after Ctrl-C
@@ -39,10 +38,6 @@ class Job:
         """Will it never run again?"""
         return self.state not in ("waiting", "running")
 
-    def progress(self) -> dict[str, float]:
-        """The newest row of the run's history.csv, nothing before its first step."""
-        return newest(self.folder.history) if self.folder else {}
-
     def stop(self) -> None:
         """Leave it out if it waits; if it runs, let it finish its step and its folder, as Ctrl-C does."""
         if self.state == "waiting":
@@ -56,27 +51,6 @@ class Job:
         if self.process and self.process.returncode is None:
             self.process.send_signal(number)
 
-    async def carry_out(self, folder: Path) -> None:
-        """Run to the end; a run goes into the next free folder of its scene in ``folder``."""
-        self.state, words = "running", self.words
-        if self.scene:
-            self.folder = RunFolder(next_free(folder / self.scene))
-            words = [*words, f"--out={self.folder.path}"]
-        words = sys.executable, "-m", "taichi_mps", *words
-        try:  # in a session of its own: Ctrl-C in the terminal of the server reaches it once, by the server
-            self.process = await asyncio.create_subprocess_exec(
-                *words, stdin=DEVNULL, stdout=PIPE, stderr=PIPE, start_new_session=True
-            )
-        except OSError as error:  # no process more, no memory
-            self.state, self.said = "failed", str(error)
-            return
-        if self.stopping:  # was asked for while the process was made
-            self.send(signal.SIGINT)
-        self.output, lines = (text.decode("utf-8", "replace").strip() for text in await self.process.communicate())
-        self.said = "\n".join(line[len(NAME) :] for line in lines.splitlines() if line.startswith(NAME))
-        code = self.process.returncode
-        self.state = "done" if code == 0 else "stopped" if self.stopping or code in BY_SIGNAL else "failed"
-
 
 class Queue:
     """Jobs one at a time, in the order in which they came; shared by all pages."""
@@ -89,14 +63,33 @@ class Queue:
     def add(self, job: Job) -> Job:
         """Put it at the end, and start it when its turn comes."""
         self.jobs.append(job)
-        job.task = asyncio.create_task(self.wait_and_run(job))
+        job.task = asyncio.create_task(self.carry_out(job))
         return job
 
-    async def wait_and_run(self, job: Job) -> None:
-        """Carry a job out when its turn comes, unless it was stopped before."""
+    async def carry_out(self, job: Job) -> None:
+        """Wait for the turn of a job and run it to the end, unless it was stopped before; a run goes into the next free
+        folder of its scene."""
         async with self.turn:
-            if not job.over:
-                await job.carry_out(self.folder)
+            if job.over:
+                return
+            job.state, words = "running", job.words
+            if job.scene:
+                job.folder = RunFolder(next_free(self.folder / job.scene))
+                words = [*words, f"--out={job.folder.path}"]
+            words = sys.executable, "-m", "taichi_mps", *words
+            try:  # in a session of its own: Ctrl-C in the terminal of the server reaches it once, by the server
+                job.process = await asyncio.create_subprocess_exec(
+                    *words, stdin=DEVNULL, stdout=PIPE, stderr=PIPE, start_new_session=True
+                )
+            except OSError as error:  # no process more, no memory
+                job.state, job.said = "failed", str(error)
+                return
+            if job.stopping:  # was asked for while the process was made
+                job.send(signal.SIGINT)
+            job.output, lines = (text.decode("utf-8", "replace").strip() for text in await job.process.communicate())
+            job.said = "\n".join(line[len(NAME) :] for line in lines.splitlines() if line.startswith(NAME))
+            code = job.process.returncode
+            job.state = "done" if code == 0 else "stopped" if job.stopping or code in BY_SIGNAL else "failed"
 
     async def close(self) -> None:
         """Stop all, and wait until their processes are gone."""

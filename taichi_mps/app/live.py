@@ -2,6 +2,7 @@
 
 from nicegui import ui
 
+from ..io.history import newest
 from ..report.sentences import measured, measures
 from .jobs import Job, Queue
 from .results import newest_picture, show_run, url
@@ -53,13 +54,11 @@ class Live:
 
     def update(self, job: Job) -> None:
         """How far the job is that runs."""
-        row = job.progress()
-        if not row:
-            return
-        if row["time_s"] > 0.0:
+        row = newest(job.folder.history) if job.folder else {}
+        if row.get("time_s"):
             self.bar.value = min(1.0, row["time_s"] / job.until)
             self.status.text = f"{row['time_s']:.2f} s of at most {job.until:g} s. {measured(measures(row))}"
-        if picture := newest_picture(job.folder):
+        if row and (picture := newest_picture(job.folder)):
             self.picture.set_source(url(job.folder, f"frames/{picture.name}"))
 
     def ended_job(self, job: Job) -> None:

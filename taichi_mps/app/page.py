@@ -112,9 +112,10 @@ class Page:
         self.questions += 1
         number, words = self.questions, [self.scene, *(option(*given) for given in self.form.values.items())]
         try:
-            until, lines, wrong = await asyncio.wait_for(run.cpu_bound(forecast, words), PATIENCE)
+            found = await asyncio.wait_for(run.cpu_bound(forecast, words), PATIENCE)
         except (asyncio.TimeoutError, BrokenProcessPool):  # the process was killed for want of memory
-            until, lines, wrong = 0.0, [], TOO_LONG
+            found = None
+        until, lines, wrong = found or (0.0, [], TOO_LONG)
         if number == self.questions and not self.wrong.is_deleted:
             self.wrong.text = wrong
             self.form.mark(wrong)

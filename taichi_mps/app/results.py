@@ -66,17 +66,12 @@ def show_run(folder: RunFolder) -> None:
             ui.label(plain(summary["error"])).classes("text-negative")
     moving = folder.animation if folder.animation.is_file() else newest_picture(folder)
     if moving:
-        ui.image(url(folder, str(moving.relative_to(folder.path)))).classes("w-full max-w-3xl").props(
-            "no-spinner no-transition"
-        )
+        image(url(folder, str(moving.relative_to(folder.path))))
     if summary:
         table(["result", "", "what it is"], rows(summary))
-    curves, course, filling = ((folder.path / name).is_file() for name in PLOTS)
-    for name in [PLOTS[0]] * curves + [PLOTS[2]] * filling:
-        image(url(folder, name))
-    if course:
-        with ui.expansion("Course of the computation").classes("w-full").props("dense"):
-            image(url(folder, PLOTS[1]))
+    for name in PLOTS:
+        if (folder.path / name).is_file():
+            image(url(folder, name))
     with ui.row().classes("gap-4"):
         for name, words in SAVED.items():
             if (folder.path / name).is_file():
@@ -130,8 +125,7 @@ class Results:
         summary = summary_of(self.folder(name))
         if not summary:
             return {"name": name, "end": NO_SUMMARY}
-        words = {"test": summary["scene"], "mix": mixes(summary)}
-        words |= {"found": measured(summary), "end": end_of(summary)}
+        words = {"test": summary["scene"], "mix": mixes(summary), "found": measured(summary), "end": end_of(summary)}
         return {"name": name} | {key: plain(text) for key, text in words.items()}
 
     @ui.refreshable_method

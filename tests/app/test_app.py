@@ -1,15 +1,13 @@
 """The page, end to end: a server of its own, a headless Chromium, runs of a few seconds."""
 
+import http.client
 import json
 import os
 import re
 import signal
-import socket
 import subprocess
 import sys
 import time
-import urllib.error
-import urllib.request
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -180,24 +178,21 @@ def test_a_bad_value_is_one_line_and_a_calibration_fills_the_form(tmp_path):
         assert tab.wrong == []
 
 
+FOREIGN = "http://evil.example", "null", "https://127.0.0.1"
+
+
 def answer(port, path="/", **headers):
-    """Status of a request with these headers."""
-    request = urllib.request.Request(f"http://127.0.0.1:{port}{path}", headers=headers)
-    try:
-        with urllib.request.urlopen(request, timeout=20) as reply:
-            return reply.status
-    except urllib.error.HTTPError as error:
-        return error.code
+    """The answer to a request with these headers."""
+    line = http.client.HTTPConnection("127.0.0.1", port, timeout=20)
+    line.request("GET", path, headers=headers)
+    return line.getresponse()
 
 
 def upgrade(port, origin):
-    """First line of the answer to a websocket of this origin."""
-    with socket.create_connection(("127.0.0.1", port), timeout=20) as line:
-        key = "Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA=="
-        path = "/_nicegui_ws/socket.io/?EIO=4&transport=websocket"
-        head = f"GET {path} HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nConnection: Upgrade\r\nUpgrade: websocket"
-        line.sendall(f"{head}\r\n{key}\r\nOrigin: {origin}\r\n\r\n".encode())
-        return line.recv(4096).split(b"\r\n")[0].decode()
+    """Status of the answer to a websocket of this origin."""
+    key = {"Sec-WebSocket-Version": "13", "Sec-WebSocket-Key": "AAAAAAAAAAAAAAAAAAAAAA=="}
+    key |= {"Connection": "Upgrade", "Upgrade": "websocket", "Origin": origin}
+    return answer(port, "/_nicegui_ws/socket.io/?EIO=4&transport=websocket", **key).status
 
 
 def test_only_this_machine_and_its_own_page_are_served(tmp_path):
@@ -211,21 +206,24 @@ def test_only_this_machine_and_its_own_page_are_served(tmp_path):
     (run / "frames").mkdir()
     (run / "frames" / "frame_00000.png").write_bytes(b"")
     with serving(tmp_path) as (port, server):
-        assert answer(port) == answer(port, Host=f"localhost:{port}") == 200
-        assert answer(port, Origin=f"http://127.0.0.1:{port}") == 200
-        for host in ("evil.example", f"evil.example:{port}", "127.0.0.1", f"127.0.0.1:{port + 1}"):
-            assert answer(port, Host=host) == 403
-        for origin in ("http://evil.example", "null", f"https://127.0.0.1:{port}"):
-            assert answer(port, Origin=origin) == 403
-            assert upgrade(port, origin).split()[1] == "403"
-        assert upgrade(port, f"http://127.0.0.1:{port}").split()[1] == "101"
+        own, others = (
+            f"127.0.0.1:{port}",
+            ("evil.example", f"evil.example:{port}", "127.0.0.1", f"127.0.0.1:{port + 1}"),
+        )
+        for headers in ({}, {"Host": f"localhost:{port}"}, {"Origin": f"http://{own}"}):
+            assert answer(port, **headers).status == 200
+        for headers in [{"Host": host} for host in others] + [{"Origin": origin} for origin in FOREIGN]:
+            assert answer(port, **headers).status == 403
+        assert [upgrade(port, origin) for origin in (*FOREIGN, f"http://{own}")] == [403, 403, 403, 101]
 
-        with urllib.request.urlopen(f"http://127.0.0.1:{port}/runs/run/report.html", timeout=20) as reply:
-            assert reply.headers["Content-Disposition"] == 'attachment; filename="run-report.html"'  # not run here
-        assert answer(port, "/runs/run/summary.json") == answer(port, "/runs/run/frames/frame_00000.png") == 200
-        others = "run/checkpoint.h5", "run/../secret.json", "..%2Fsecret.json/x", "%2e%2e/summary.json", "./secret.json"
-        for path in (*others, "run/frame_00000.png", "run/history.csv"):
-            assert answer(port, f"/runs/{path}") == 404, path
+        report = answer(port, "/runs/run/report.html")
+        assert (
+            report.status == 200 and report.headers["Content-Disposition"] == 'attachment; filename="run-report.html"'
+        )
+        shown = {f"run/{name}": 200 for name in ("summary.json", "frames/frame_00000.png")}
+        kept = "run/checkpoint.h5", "run/../secret.json", "..%2Fsecret.json/x", "%2e%2e/summary.json", "./secret.json"
+        shown |= dict.fromkeys((*kept, "run/frame_00000.png", "run/history.csv"), 404)
+        assert {path: answer(port, f"/runs/{path}").status for path in shown} == shown
 
         listening = Path(f"/proc/{server.pid}/net/tcp").read_text() + Path(f"/proc/{server.pid}/net/tcp6").read_text()
         bound = re.findall(rf"\b(\w+):{port:04X} 0+:0000 0A", listening)
