@@ -22,14 +22,7 @@ def cylinder_torque(turn, inner, outer, shear_rate):
         stress = np.geomspace(wall * (inner / outer) ** 2, wall, 1000)
         return np.trapezoid(shear_rate(stress) / (2.0 * stress), stress)
 
-    high = 1.0
-    while speed(high) < turn:
-        high *= 2.0
-    low = 0.0
-    for _ in range(50):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if speed(middle) < turn else (low, middle)
-    return 2.0 * np.pi * inner**2 * high
+    return 2.0 * np.pi * inner**2 * mps.rest_shapes.root(lambda wall: speed(wall) - turn, 0.0)
 
 
 def shear_rate_of(material):

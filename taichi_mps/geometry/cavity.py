@@ -38,8 +38,9 @@ class Cavity:
     @cached_property
     def shape(self) -> tuple[int, ...]:
         """Number of cells along each axis."""
-        size = np.subtract(self.high, self.low)
-        return tuple(int(n) for n in np.maximum(1, np.round(size / (0.5 * self.spacing))))
+        return tuple(
+            np.maximum(1, np.rint(np.subtract(self.high, self.low) / (0.5 * self.spacing))).astype(int).tolist()
+        )
 
     @cached_property
     def cell(self) -> np.ndarray:
@@ -53,33 +54,22 @@ class Cavity:
     @cached_property
     def cells(self) -> np.ndarray:
         """True where a cell is part of the cavity, (nx, ..., nz)."""
-        axes = [self.middles(axis) for axis in range(len(self.shape))]
+        axes = map(self.middles, range(len(self.shape)))
         x = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, len(self.shape))
-        room = np.full(len(x), True)
-        for wall in self.walls:
-            room &= wall.distance(x) > 0.0
-        return room.reshape(self.shape)
+        room = np.all([wall.distance(x) > 0.0 for wall in self.walls], axis=0)
+        return np.broadcast_to(room, len(x)).reshape(self.shape)
 
     def filled(self, s) -> np.ndarray:
         """True where a cell of the cavity is filled at a snapshot, (nx, ..., nz)."""
-        d = len(self.shape)
-        radius = 0.5 * np.sqrt(d) * self.spacing * (1.0 + 1e-6)
+        low, radius = np.array(self.low), 0.5 * np.sqrt(len(self.shape)) * self.spacing * (1.0 + 1e-6)
         wide = np.ceil(radius / self.cell).astype(int)  # cells around that of a particle that may be within the radius
-        first = np.floor((s.x - self.low) / self.cell).astype(int) - wide
-        near = np.all((first + 2 * wide >= 0) & (first < self.shape), axis=1)
-        x, first = s.x[near], first[near]
-        padded = np.zeros(np.array(self.shape) + 4 * wide, bool)  # so that all cells around a particle are there
-        distance2, index = 0.0, 0
-        for axis in range(d):
-            k = first[:, axis, None] + np.arange(2 * wide[axis] + 1)
-            away = (self.low[axis] + self.cell[axis] * (k + 0.5) - x[:, axis, None]) ** 2
-            step = int(np.prod(padded.shape[axis + 1 :]))
-            widen = (slice(None), *(None,) * axis, slice(None), *(None,) * (d - 1 - axis))
-            distance2 = distance2 + away[widen]
-            index = index + (step * (k + 2 * wide[axis]))[widen]
-        padded.reshape(-1)[index[distance2 <= radius**2]] = True
-        inner = tuple(slice(2 * w, 2 * w + n) for w, n in zip(wide, self.shape, strict=True))
-        return padded[inner] & self.cells
+        own, filled = np.floor((s.x - low) / self.cell).astype(int), np.zeros(self.shape, bool)
+        for step in np.ndindex(*(2 * wide + 1)):
+            k = own + (step - wide)
+            there = ((low + self.cell * (k + 0.5) - s.x) ** 2).sum(1) <= radius**2
+            there &= np.all((k >= 0) & (k < self.shape), axis=1)
+            filled[tuple(k[there].T)] = True
+        return filled & self.cells
 
     def by_height(self, s) -> tuple[np.ndarray, np.ndarray]:
         """Heights [m] of the layers of cells and the filled fraction of each [-]; nan where it is all wall."""

@@ -3,7 +3,7 @@
 import re
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import product
+from itertools import combinations, product
 from pathlib import Path
 
 import numpy as np
@@ -124,26 +124,20 @@ class Solid:
     def section(self, y: float = 0.0, time: float = 0.0) -> list[np.ndarray]:
         """Where the distance is zero at a time [s], as short lines (2, d) [m]; of a solid in 3-D its section at this y
         [m]."""
-        values, low = self.values, np.array(self.low, float)
-        if values.ndim == 3:
-            x, z = (np.arange(lo, hi + self.cell, self.cell) for lo, hi in np.transpose(self.reach(time))[[0, 2]])
-            nodes = np.stack(np.meshgrid(x, [y], z, indexing="ij"), -1).reshape(-1, 3)
-            values = np.minimum(self.distance(nodes, time), self.cell).reshape(len(x), len(z))
-            low, time = np.array([x[0], y, z[0]]), None
-        lines = []
-        corners = ((0, 0), (1, 0), (1, 1), (0, 1))
-        sides = np.stack([values[a : a + values.shape[0] - 1, b : b + values.shape[1] - 1] < 0.0 for a, b in corners])
-        for i, j in np.argwhere(sides.any(0) & ~sides.all(0)):
+        x, z = (np.arange(lo, hi + self.cell, self.cell) for lo, hi in np.transpose(self.reach(time))[[0, -1]])
+        nodes = np.stack(np.meshgrid(x, z, indexing="ij"), -1).reshape(-1, 2)
+        placed = nodes if len(self.low) == 2 else np.insert(nodes, 1, y, axis=1)
+        values = np.minimum(self.distance(placed, time), self.cell).reshape(len(x), len(z))
+        corners, lines = ((0, 0), (1, 0), (1, 1), (0, 1)), []
+        sides = np.stack([values[a : a + len(x) - 1, b : b + len(z) - 1] < 0.0 for a, b in corners])
+        for cell in np.argwhere(sides.any(0) & ~sides.all(0)):
             found = []
-            for a, b in zip(corners, (*corners[1:], corners[0]), strict=True):
-                p, q = np.array(a) + (i, j), np.array(b) + (i, j)
+            for p, q in zip(cell + corners, cell + np.roll(corners, -1, axis=0), strict=True):
                 u, v = values[tuple(p)], values[tuple(q)]
                 if (u < 0.0) != (v < 0.0):
-                    found.append(low[[0, -1]] + self.cell * (p + (q - p) * u / (u - v)))
-            for pair in zip(found[::2], found[1::2], strict=True):
-                line = np.array(pair)
-                lines.append(self.placed(line, time) if self.values.ndim == 2 else np.insert(line, 1, y, axis=1))
-        return lines
+                    found.append((x[0], z[0]) + self.cell * (p + (q - p) * u / (u - v)))
+            lines += [np.array(pair) for pair in zip(found[::2], found[1::2], strict=True)]
+        return lines if len(self.low) == 2 else [np.insert(line, 1, y, axis=1) for line in lines]
 
     @cached_property
     def thickness(self) -> float:
@@ -163,14 +157,12 @@ class Solid:
     @cached_property
     def steepest(self) -> float:
         """Largest slope of the distance between nodes [-]: along each axis it is linear there, so it is at a node."""
-        square = np.zeros(self.values.shape)
+        square = 0.0
         for axis in range(self.values.ndim):
-            slope = np.abs(np.diff(self.values, axis=axis)) / self.cell
-            both = (
-                np.pad(slope, [(side, 1 - side) if a == axis else (0, 0) for a in range(square.ndim)])
-                for side in (0, 1)
-            )
-            square += np.maximum(*both) ** 2
+            slope = np.abs(np.diff(np.moveaxis(self.values, axis, 0), axis=0)) / self.cell
+            ends = np.zeros_like(slope[:1])
+            both = np.maximum(np.concatenate([slope, ends]), np.concatenate([ends, slope]))
+            square = square + np.moveaxis(both, 0, axis) ** 2
         return float(np.sqrt(square.max()))
 
     @property
@@ -322,34 +314,30 @@ def write_bars(path, ends, radius: float, sides: int = 12) -> Path:
     import meshio
 
     ends = np.asarray(ends, float)
-    for k, (start, end) in enumerate(ends):
-        along = end - start
-        for other in range(k + 1, len(ends)):
-            o, b = ends[other, 0], ends[other, 1] - ends[other, 0]
-            x = start + np.linspace(0.0, 1.0, 2 + int(4 * np.linalg.norm(along) / radius))[:, None] * along
-            t = np.clip((x - o) @ b / (b @ b), 0.0, 1.0)
-            gap = float(np.linalg.norm(x - o - t[:, None] * b, axis=1).min()) - 2.0 * radius
-            if gap < 0.1 * radius:
-                raise SceneError(
-                    f"radius = {radius:g} m: bars {k} and {other} leave a gap of {gap:.3g} m; must be at least a tenth "
-                    f"of it, {0.1 * radius:.3g} m"
-                )
+    for (k, (start, end)), (other, (first, last)) in combinations(enumerate(ends), 2):
+        along, beside = end - start, last - first
+        x = start + np.linspace(0.0, 1.0, 2 + int(4 * np.linalg.norm(along) / radius))[:, None] * along - first
+        t = np.clip(x @ beside / (beside @ beside), 0.0, 1.0)
+        gap = float(np.linalg.norm(x - t[:, None] * beside, axis=1).min()) - 2.0 * radius
+        if gap < 0.1 * radius:
+            raise SceneError(
+                f"radius = {radius:g} m: bars {k} and {other} leave a gap of {gap:.3g} m; must be at least a tenth "
+                f"of it, {0.1 * radius:.3g} m"
+            )
     turn = 2.0 * np.pi * np.arange(sides) / sides
     outer = radius * np.sqrt(2.0 * np.pi / (sides * np.sin(2.0 * np.pi / sides)))
-    points, triangles = [], []
+    k, n = np.arange(sides), (np.arange(sides) + 1) % sides
+    middle = np.full(sides, 2 * sides)
+    faces = ((k, n, sides + n), (k, sides + n, sides + k), (middle, n, k), (middle + 1, sides + k, sides + n))
+    triangles, points = np.concatenate([np.stack(face, 1) for face in faces]), []
     for start, end in ends:
         along = (end - start) / np.linalg.norm(end - start)
         first = np.cross(along, np.eye(3)[np.argmin(np.abs(along))])
         first /= np.linalg.norm(first)
         rim = outer * (np.outer(np.cos(turn), first) + np.outer(np.sin(turn), np.cross(along, first)))
-        base = len(points) * (2 * sides + 2)
         points.append(np.vstack([start + rim, end + rim, start, end]))
-        k = np.arange(sides)
-        n = (k + 1) % sides
-        middle = np.full(sides, 2 * sides)
-        faces = ((k, n, sides + n), (k, sides + n, sides + k), (middle, n, k), (middle + 1, sides + k, sides + n))
-        triangles += [base + np.stack(face, 1) for face in faces]
+    every = (2 * sides + 2) * np.arange(len(ends))[:, None, None] + triangles
     path = Path(path)
     options = {"binary": True} if path.suffix.lower() == ".stl" else {}
-    meshio.write(path, meshio.Mesh(np.vstack(points), [("triangle", np.vstack(triangles).astype(np.int32))]), **options)
+    meshio.write(path, meshio.Mesh(np.vstack(points), [("triangle", np.int32(every).reshape(-1, 3))]), **options)
     return path

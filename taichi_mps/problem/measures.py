@@ -10,6 +10,8 @@ from .loads import Load
 
 HOLE = (0.75, 1.0)  # radius of a ring over its size: below, its particles cover the axis; above, another one fits in
 
+SCALARS = "p", "shear_rate", "yielded", "density_ratio", "size", "mix"  # of each particle
+
 
 @dataclass(frozen=True)
 class Snapshot:
@@ -55,11 +57,14 @@ class Measured:
         except Exception as error:  # of code of the user's
             self._tell("", f"{type(error).__name__}: {' '.join(str(error).split())}")
             return {}
-        arrays = {name: array_of(value) for name, value in found.items()}
-        for name, array in arrays.items():
-            if array.shape != () or array.dtype.kind != "f":
-                self._tell(name, f"{name} = {said(found[name], '')} is no number")
-        return {name: float(a) for name, a in arrays.items() if a.shape == () and a.dtype.kind == "f"}
+        numbers = {}
+        for name, value in found.items():
+            array = array_of(value)
+            if array.shape == () and array.dtype.kind == "f":
+                numbers[name] = float(array)
+            else:
+                self._tell(name, f"{name} = {said(value, '')} is no number")
+        return numbers
 
     def _tell(self, what, wrong):
         if what not in self._told:
@@ -84,18 +89,9 @@ def revolved(s: Snapshot) -> Snapshot:
     def turned(v):
         return np.column_stack([v[ring, :1] * across, v[ring, 1]])
 
-    fields = (s.p, s.shear_rate, s.yielded, s.density_ratio)
-    return Snapshot(
-        s.time,
-        s.spacing,
-        turned(s.x),
-        turned(s.u),
-        *(f[ring] for f in fields),
-        np.zeros((0, 3)),
-        s.size[ring],
-        s.mix[ring],
-        {name: load.revolved(ring, around, across) for name, load in s.loads.items()},
-    )
+    loads = {name: load.revolved(ring, around, across) for name, load in s.loads.items()}
+    fields = {name: getattr(s, name)[ring] for name in SCALARS}
+    return replace(s, x=turned(s.x), u=turned(s.u), wall_x=np.zeros((0, 3)), loads=loads, **fields)
 
 
 def still(x, spacing: float) -> Snapshot:
@@ -121,14 +117,10 @@ def reflected(vectors, normal, point=None):
 def mirrored(s: Snapshot, point, normal) -> Snapshot:
     """The snapshot and, after it and in the same order, its image at the plane through ``point`` [m] with this unit
     normal; pressure, shear rate, density ratio and the yielded flag are those of the particle itself."""
-    twice = {
-        name: np.tile(getattr(s, name), 2) for name in ("p", "shear_rate", "yielded", "density_ratio", "size", "mix")
-    }
-    twice["x"] = np.vstack([s.x, reflected(s.x, normal, point)])
-    twice["u"] = np.vstack([s.u, reflected(s.u, normal)])
-    twice["wall_x"] = np.vstack([s.wall_x, reflected(s.wall_x, normal, point)])
-    twice["loads"] = {name: load.mirrored(point, normal) for name, load in s.loads.items()}
-    return replace(s, **twice)
+    twice = {name: np.tile(getattr(s, name), 2) for name in SCALARS}
+    twice |= {name: np.vstack([x, reflected(x, normal, point)]) for name, x in (("x", s.x), ("wall_x", s.wall_x))}
+    loads = {name: load.mirrored(point, normal) for name, load in s.loads.items()}
+    return replace(s, u=np.vstack([s.u, reflected(s.u, normal)]), loads=loads, **twice)
 
 
 def surface(s: Snapshot, points) -> np.ndarray:
@@ -149,25 +141,24 @@ def surface(s: Snapshot, points) -> np.ndarray:
     return heights
 
 
-def mean_of(heights) -> float:
-    """Mean [m] of those that are not nan; nan if all are."""
-    heights = heights[np.isfinite(heights)]
-    return float(heights.mean()) if len(heights) else float("nan")
+def over(s: Snapshot, low, high) -> tuple[np.ndarray, np.ndarray]:
+    """Horizontal places (k, d-1) [m], 0.4 spacings apart, between two of them, and the heights (k,) of the surface."""
+    ticks = [np.arange(a, b + 1e-12, 0.4 * s.spacing) for a, b in zip(low, high, strict=True)]
+    points = np.stack(np.meshgrid(*ticks), -1).reshape(-1, len(ticks))
+    return points, surface(s, points)
 
 
 def top_height(s: Snapshot, radius: float) -> float:
     """Mean height [m] of the surface (particle + half its size) within ``radius`` [m] of the axis; nan if none."""
-    ticks = np.arange(-radius, radius + 1e-12, 0.4 * s.spacing)
-    points = np.stack(np.meshgrid(ticks, ticks), -1).reshape(-1, 2)
-    return mean_of(surface(s, points[np.hypot(points[:, 0], points[:, 1]) <= radius]))
+    points, heights = over(s, (-radius, -radius), (radius, radius))
+    heights = heights[(np.hypot(points[:, 0], points[:, 1]) <= radius) & np.isfinite(heights)]
+    return float(heights.mean()) if len(heights) else float("nan")
 
 
 def level(s: Snapshot, low, high) -> float:
     """Mean height [m] of the surface between two horizontal places (d-1,) [m]; 0 where there is nothing. As one reads
     a level: what hangs on the walls beside does not count."""
-    ticks = [np.arange(a, b + 1e-12, 0.4 * s.spacing) for a, b in zip(low, high, strict=True)]
-    points = np.stack(np.meshgrid(*ticks), -1).reshape(-1, len(ticks))
-    return float(np.nan_to_num(surface(s, points)).mean())
+    return float(np.nan_to_num(over(s, low, high)[1]).mean())
 
 
 def standing_level(s: Snapshot, low, high) -> float:
@@ -241,10 +232,8 @@ def clearance(s: Snapshot, walls) -> float:
 
 def time_of(time, values, level: float) -> float:
     """First time [s] at which the values (n,) of a history reach a level, linear between two; nan if they do not."""
-    time, values = np.asarray(time, float), np.asarray(values, float)
-    k = int(np.argmax(values >= level))
-    if not values[k] >= level:
+    time, reached = np.asarray(time, float), np.flatnonzero(np.asarray(values, float) >= level)
+    if not len(reached):
         return float("nan")
-    if k == 0:
-        return float(time[0])
-    return float(np.interp(level, values[k - 1 : k + 1], time[k - 1 : k + 1]))
+    last = slice(max(0, reached[0] - 1), reached[0] + 1)
+    return float(np.interp(level, values[last], time[last]))

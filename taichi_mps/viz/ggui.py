@@ -62,4 +62,4 @@ class Ggui:
         self.canvas.set_background_color(PAPER)
         self.canvas.scene(self.scene)
         image = np.flipud(self.window.get_image_buffer_as_numpy().transpose(1, 0, 2))[..., :3]
-        return (image * 255 + 0.5).clip(0, 255).astype(np.uint8), None
+        return (image * 255 + 0.5).clip(0, 255).astype(np.uint8), np.full(image.shape[:2], np.inf)

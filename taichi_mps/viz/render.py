@@ -7,6 +7,7 @@ plane y = 0, z up.
 
 import sys
 from functools import cache
+from itertools import cycle
 from pathlib import Path
 
 import imageio.v3 as iio
@@ -95,21 +96,17 @@ class Renderer:
         head = np.linalg.norm(scene.gravity_vector) * np.ptp(scene.reach[:, -1])  # g H
         moved = [wall.speed for wall in scene.walls]
         moved += [] if scene.velocity is None else [np.linalg.norm(scene.velocity, axis=1).max()]
-        highest = {
-            "speed": max([0.5 * np.sqrt(2.0 * head), *moved]),
-            "pressure": 1e-3 * max(m.density for m in scene.materials) * head,
-        }
+        heaviest = max(m.density for m in scene.materials)
+        highest = {"speed": max([0.5 * np.sqrt(2.0 * head), *moved]), "pressure": 1e-3 * heaviest * head}
         top = float(highest.get(view, 10.0)) or 1.0
-        return 0.0, min(
-            v for v in (d * 10.0 ** np.floor(np.log10(top)) for d in (1, 1.5, 2, 3, 4, 5, 6, 8, 10)) if v > 0.97 * top
-        )
+        round_ones = np.array((1, 1.5, 2, 3, 4, 5, 6, 8, 10)) * 10.0 ** np.floor(np.log10(top))
+        return 0.0, float(round_ones[round_ones > 0.97 * top][0])
 
     def colours(self, snapshot):
         """Colours (n, 3) in 0..1 of the particles, or of the vertices of the surface, in this view."""
-        if self.view == "concrete" and not self.beads:
-            return np.tile(CONCRETE, (len(snapshot.x), 1))
-        if self.view == "concrete":
-            return CONCRETE * (0.94 + 0.12 * np.modf(0.618034 * np.arange(len(snapshot.x)))[0])[:, None]
+        if self.view == "concrete":  # beads beside each other differ a little
+            bright = 0.94 + 0.12 * np.modf(0.618034 * np.arange(len(snapshot.x)))[0]
+            return CONCRETE * (bright if self.beads else np.ones(len(bright)))[:, None]
         if self.view == "yielded":
             return np.where(np.asarray(snapshot.yielded, bool)[:, None], FLOWING, RIGID)
         if self.view == "mix":
@@ -133,8 +130,7 @@ class Renderer:
         pen = ImageDraw.Draw(image)
         self._rulers(pen)
         self._titles(pen, snapshot, measures or {})
-        if self.view != "concrete":
-            self._legend(image, pen)
+        self._legend(image, pen)
         return np.asarray(image)
 
     def _write(self, pen, at, text, size=17, colour=INK, anchor="la"):
@@ -178,14 +174,10 @@ class Renderer:
             length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(corner[:, :2], axis=0), axis=1))])
             at = np.arange(0.0, length[-1], image.height / 180)
             point = np.stack([np.interp(at, length, corner[:, k]) for k in range(3)], -1)
-            j, i = point[:, :2].astype(int).T
-            seen = (i >= 0) & (j >= 0) & (i < image.height) & (j < image.width)
-            if depth is not None:
-                near = depth[np.clip(i, 0, image.height - 1), np.clip(j, 0, image.width - 1)]
-                seen &= point[:, 2] < near + 1.5 * self.scene.spacing
-            for k in range(len(at) - 1):
-                if k % 3 < 2 and seen[k]:
-                    pens[1].line([tuple(p) for p in 2 * point[k : k + 2, :2]], fill=255, width=width)
+            j, i = np.clip(point[:, :2].astype(int), 0, np.array(image.size) - 1).T
+            seen = point[:-1, 2] < depth[i, j][:-1] + 1.5 * self.scene.spacing
+            for k in np.flatnonzero(seen & (np.arange(len(seen)) % 3 < 2)):
+                pens[1].line([tuple(p) for p in 2 * point[k : k + 2, :2]], fill=255, width=width)
         for mask, colour in zip(masks, (FAINT, MOULD), strict=True):
             if box := mask.getbbox():
                 left, top, right, bottom = (2 * (edge // 2 + k) for edge, k in zip(box, (0, 0, 1, 1), strict=True))
@@ -195,18 +187,17 @@ class Renderer:
     def _legend(self, image, pen):
         unit, (low, high) = self.camera.height / 720, self.limits
         x, y, wide, tall = (round(v * unit) for v in (image.width / unit - 105, 150, 20, 300))
-        keys = {
-            "yielded": (("flowing", FLOWING), ("below the yield stress", RIGID)),
-            "mix": [
-                (f"{m.yield_value:g} Pa, {m.plastic_viscosity:g} Pa s", MIXES[k % len(MIXES)])
-                for k, m in enumerate(self.scene.materials)
-            ],
-        }
-        if self.view in keys:
-            for k, (name, colour) in enumerate(keys[self.view]):
-                top = round((28 + 30 * k) * unit)
-                pen.rectangle((x + 57 * unit, top, x + 77 * unit, top + wide), fill=tuple(int(255 * c) for c in colour))
-                self._write(pen, (x + 48 * unit, top + 0.5 * wide), name, 16, INK, "rm")
+        keys = []
+        if self.view == "yielded":
+            keys = [("flowing", FLOWING), ("below the yield stress", RIGID)]
+        elif self.view == "mix":
+            mixes = [f"{m.yield_value:g} Pa, {m.plastic_viscosity:g} Pa s" for m in self.scene.materials]
+            keys = zip(mixes, cycle(MIXES), strict=False)
+        for k, (name, colour) in enumerate(keys):
+            top = round((28 + 30 * k) * unit)
+            pen.rectangle((x + 57 * unit, top, x + 77 * unit, top + wide), fill=tuple(int(255 * c) for c in colour))
+            self._write(pen, (x + 48 * unit, top + 0.5 * wide), name, 16, INK, "rm")
+        if self.view not in FIELDS:
             return
         bar = (255 * viridis(np.linspace(1, 0, tall))[:, None] + 0.5).astype(np.uint8)
         image.paste(Image.fromarray(np.repeat(bar, wide, 1)), (x, y))
@@ -257,10 +248,7 @@ def gif(frames, out, fps=10, width=640):
             size = (width, round(width * picture.height / picture.width))
             pictures.append(picture.convert("RGB").resize(size, Image.Resampling.BOX))
     sample = pictures[:: max(1, len(pictures) // 4)]
-    sheet, palette = (
-        Image.fromarray(np.concatenate([np.asarray(picture)[::2, ::2] for picture in sample])),
-        Image.new("P", (1, 1)),
-    )
+    sheet, palette = Image.fromarray(np.concatenate([np.asarray(p)[::2, ::2] for p in sample])), Image.new("P", (1, 1))
     common, rare = sheet.quantize(208), sheet.quantize(48, Image.Quantize.MAXCOVERAGE)  # smooth greys, thin red lines
     palette.putpalette(common.getpalette()[: 3 * 208] + rare.getpalette()[: 3 * 48])
     pictures = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]

@@ -9,7 +9,6 @@ import taichi_mps as mps
 from taichi_mps.problem import catalogue
 from taichi_mps.problem.problem import Problem
 from taichi_mps.simulation.pouring import Pouring
-from tests.support.limit_analysis import column_height
 
 PATH = ((1.0, 0.0, 0.0), (3.0, 0.4, 0.0), (4.0, 0.4, 0.1))
 HOSE = mps.Inlet((0.01, 0.4), (0.0, -1.0), 0.04, rate=0.04, volume=0.2, path=PATH)
@@ -87,6 +86,7 @@ def test_a_height_that_is_none_is_refused():
         catalogue.build("printing", model="path", layer_height=0.012)
 
 
+@pytest.mark.slow
 def test_a_nozzle_that_goes_to_and_fro_lays_even_layers():
     """What stands on each part of the path is the section of the nozzle times the layers, as high everywhere."""
     scene = catalogue.build("printing", model="path", layers=2, layer_time=0.5, length=0.1)
@@ -129,12 +129,13 @@ def test_a_printed_wall_fails_at_twice_its_yield_stress(structuration):
     assert 2.0 * tau_y / spare < failed and stood < 1.01 * (2.0 * tau_y + 0.25 * weight * width) / spare
 
 
+@pytest.mark.slow
 def test_a_printed_column_fails_between_its_bounds():
-    """Between rho g H = sqrt(3) tau_y, what each of its sections bears, and the mechanism of least resistance, 9.6 mm
-    more here. A foot that is 1 % wider bears 2 % more."""
-    tau_y, width, weight = 1000.0, 0.04, 2300.0 * 9.81
-    failed, stood = failure_height(model="column", yield_value=tau_y, layers=10, layer_time=0.5)
-    assert 3.0**0.5 * tau_y / weight < failed and stood < 1.01**2 * column_height(0.5 * width, tau_y / weight)
+    """Between rho g H = sqrt(3) tau_y, 76.8 mm, what each of its sections bears, and the mechanism of least resistance,
+    86.4 mm: velocities u_r = -r phi_z, u_z = 2 phi + r phi_r of cubic B-splines phi(r, z), 5 across and 20 along, that
+    rest on the floor and are rigid above. A foot that is 1 % wider bears 2 % more."""
+    failed, stood = failure_height(model="column", yield_value=1000.0, layers=10, layer_time=0.5)
+    assert failed > 3.0**0.5 * 1000.0 / (2300.0 * 9.81) and stood < 1.01**2 * 0.08637
 
 
 @pytest.mark.parametrize(("hose", "ends"), [("rising", {0.0}), ("moving", {0.0, 0.84})])

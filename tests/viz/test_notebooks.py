@@ -35,17 +35,13 @@ def run(path):
         last = body.pop() if isinstance(body[-1], ast.Expr) else None
         exec(compile(ast.Module(body, []), name, "exec"), space)
         shown.append(eval(compile(ast.Expression(last.value), name, "eval"), space) if last else None)
-        if isinstance(shown[-1], Figure):
+        if isinstance(shown[-1], Figure):  # which has one, too
             continue
         if hasattr(shown[-1], "_repr_png_"):
             shown[-1] = iio.imread(io.BytesIO(shown[-1]._repr_png_()))
         elif hasattr(shown[-1], "_repr_html_"):
             shown[-1] = shown[-1]._repr_html_()
     return space, shown
-
-
-def test_there_are_three():
-    assert [path.stem for path in BOOKS] == ["1_first_slump", "2_kernels_by_hand", "3_comparing_schemes"]
 
 
 def test_the_first_slump_is_that_of_the_finite_elements_in_five_cells():
@@ -56,6 +52,7 @@ def test_the_first_slump_is_that_of_the_finite_elements_in_five_cells():
     assert isinstance(figure, Figure)
 
 
+@pytest.mark.slow
 def test_kernels_by_hand_leave_the_simulation_as_it_was():
     space, shown = run(BOOKS[1])
     assert abs(np.median(space["density"]) - 1.0) < 0.1

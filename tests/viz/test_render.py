@@ -136,11 +136,8 @@ def test_field_views_show_the_colour_of_the_map(body, view, field, full):
             state = snapshot(body, **{field: value})
         else:
             state = replace(snapshot(body), u=np.tile((0.0, 0.0, -value), (len(body.fluid), 1)))
-        expected = render.viridis(share)
-        np.testing.assert_allclose(renderer.colours(state), np.tile(expected, (len(body.fluid), 1)), atol=1e-6)
-        pixels = renderer.draw(state)
-        seen = np.median(pixels[80:120, 140:170].reshape(-1, 3), axis=0)  # on the cone; shaded, but of the same hue
-        np.testing.assert_allclose(seen / seen.max(), expected / expected.max(), atol=0.05)
+        expected = np.tile(render.viridis(share), (len(body.fluid), 1))
+        np.testing.assert_allclose(renderer.colours(state), expected, atol=1e-6)
 
 
 def test_viridis_is_that_of_matplotlib():
