@@ -33,21 +33,21 @@ def array_of(value) -> np.ndarray:
 def finite(key, value, unit, shape=None, dimensions=None) -> np.ndarray:
     """The value as an array of finite numbers; SceneError if it is none, or not of this shape or number of axes."""
     array = array_of(value)
-    if array.dtype.kind == "O":
-        raise SceneError(f"{key} = {said(value, '')}: must be numbers [{unit}]")
+    require(array.dtype.kind != "O", f"{key} = {said(value, '')}: must be numbers [{unit}]")
     if (shape is not None and array.shape != shape) or (dimensions is not None and array.ndim != dimensions):
         wanted = f"shape {shape}" if shape is not None else f"{dimensions} axes"
         raise SceneError(f"{key}: has the shape {array.shape}; must be numbers [{unit}] of {wanted}")
-    if not np.all(np.isfinite(array)):
-        raise SceneError(f"{key}: a value is not a finite number; all must be finite [{unit}]")
+    require(np.all(np.isfinite(array)), f"{key}: a value is not a finite number; all must be finite [{unit}]")
     return array
 
 
 def positive(key, value, unit="m") -> None:
     """SceneError unless the value is one finite number above 0."""
     array = array_of(value)
-    if array.shape != () or array.dtype.kind == "O" or not 0.0 < array < np.inf:
-        raise SceneError(f"{key} = {said(value, unit)}: must be greater than 0 {unit}")
+    require(
+        array.shape == () and array.dtype.kind != "O" and 0.0 < array < np.inf,
+        f"{key} = {said(value, unit)}: must be greater than 0 {unit}",
+    )
 
 
 def given(record, wanted: dict):
@@ -74,18 +74,15 @@ def check_numbers(record, units: dict) -> None:
     """SceneError unless these keys of a record, {key: unit}, are finite numbers or None by default."""
     for key, unit, value in given(record, units):
         array = array_of(value)
-        if array.shape != () or array.dtype.kind == "O":
-            raise SceneError(f"{key} = {said(value, unit)}: must be a number")
-        if not np.isfinite(array):
-            raise SceneError(f"{key} = {said(value, unit)}: must be finite")
+        require(array.shape == () and array.dtype.kind != "O", f"{key} = {said(value, unit)}: must be a number")
+        require(np.isfinite(array), f"{key} = {said(value, unit)}: must be finite")
 
 
 def check_kinds(record, kinds: dict) -> None:
     """SceneError unless these keys of a record, {key: (type or types, in words)}, are of these types or None by
     default."""
     for key, (kind, words), value in given(record, kinds):
-        if not isinstance(value, kind):
-            raise SceneError(f"{key} = {said(value, '')}: must be {words}")
+        require(isinstance(value, kind), f"{key} = {said(value, '')}: must be {words}")
 
 
 def said(value, unit) -> str:

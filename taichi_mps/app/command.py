@@ -6,7 +6,7 @@ from pydantic import Field
 
 from ..cli.options import Parser, given
 from ..cli.run import DONE
-from ..units import Checked, SceneError
+from ..units import Checked, require
 
 PORT = 8100
 
@@ -25,8 +25,7 @@ def app(argv) -> int:
     parser.add_argument("--no-browser", action="store_true", help="do not open the browser")
     arguments = parser.parse(argv)
     options = App(**given(arguments, App))
-    if not find_spec("nicegui"):
-        raise SceneError("app needs nicegui: pip install 'taichi-mps[app]'")
+    require(find_spec("nicegui"), "app needs nicegui: pip install 'taichi-mps[app]'")
     from .server import serve
 
     serve(options.port, options.folder, not arguments.no_browser)

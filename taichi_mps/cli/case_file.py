@@ -5,7 +5,7 @@ from pathlib import Path
 from ..problem import catalogue
 from ..problem.labels import what_it_is
 from ..problem.numerics import NUMERICS, Implicit
-from ..units import SceneError, suggestion, unit_of
+from ..units import SceneError, require, suggestion, unit_of
 from .options import GROUPS, Run, group_of
 
 SECTIONS = [group.split()[0] for group in GROUPS]
@@ -61,25 +61,30 @@ def words(path: Path) -> list[str]:
     except TOMLKitError as error:
         raise SceneError(f"case = {path}: is no TOML: {error}") from None
     source = case.pop("scene", None)
-    if not isinstance(source, str):
-        raise SceneError(f"case = {path}: scene is missing; must be one of {', '.join(catalogue.names())}, or a file")
+    require(
+        isinstance(source, str),
+        f"case = {path}: scene is missing; must be one of {', '.join(catalogue.names())}, or a file",
+    )
     if source.endswith(".py"):
         source = str(path.parent / source)
     function = catalogue.load(source)
     given: dict = {}
     for section, keys in case.items():
-        if section not in SECTIONS or not isinstance(keys, dict):
-            raise SceneError(f"case = {path}: unknown section '{section}'{suggestion(section, SECTIONS)}")
+        require(
+            section in SECTIONS and isinstance(keys, dict),
+            f"case = {path}: unknown section '{section}'{suggestion(section, SECTIONS)}",
+        )
         if twice := sorted(given.keys() & keys.keys()):
             raise SceneError(f"case = {path}: {twice[0]} is given twice")
         given |= keys
     known = keywords(function, NUMERICS.get(str(given.get("scheme")), Implicit))
     options = []
     for name, value in given.items():
-        if name not in known:
-            raise SceneError(f"case = {path}: unknown key '{name}'{suggestion(name, known)}")
-        if not isinstance(value, str | int | float):
-            raise SceneError(f"case = {path}: {name} = {value}: must be a number, a text or true or false")
+        require(name in known, f"case = {path}: unknown key '{name}'{suggestion(name, known)}")
+        require(
+            isinstance(value, str | int | float),
+            f"case = {path}: {name} = {value}: must be a number, a text or true or false",
+        )
         flag = f"--{name.replace('_', '-')}"
         if not isinstance(value, bool):
             options.append(f"{flag}={value}")

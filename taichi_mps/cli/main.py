@@ -21,7 +21,7 @@ from ..io.vtkhdf import Trajectory
 from ..problem import catalogue
 from ..problem.numerics import NUMERICS, Implicit
 from ..problem.problem import Problem
-from ..units import Checked, SceneError, plain, suggestion
+from ..units import Checked, SceneError, plain, require, suggestion
 from .case_file import expanded
 from .case_file import text as case_text
 from .console import curves, redraw
@@ -163,8 +163,7 @@ def plot(arguments) -> int:
     """draw the curves of one or more runs"""
     folders = [RunFolder(path) for path in arguments.run]
     runs = {str(folder.path): read_history(folder.history) for folder in folders}
-    if not find_spec("matplotlib"):
-        raise SceneError("plot needs matplotlib: pip install 'taichi-mps[plots]'")
+    require(find_spec("matplotlib"), "plot needs matplotlib: pip install 'taichi-mps[plots]'")
     from ..viz.plots import slump_curve
 
     if len(folders) == 1 and arguments.out is None:
@@ -302,8 +301,7 @@ def main(argv=None, more=None) -> int:
         if argv[0] == "--version":
             print(__version__)
             return DONE
-        if argv[0] not in commands:
-            raise SceneError(f"unknown command '{argv[0]}'{suggestion(argv[0], commands)}")
+        require(argv[0] in commands, f"unknown command '{argv[0]}'{suggestion(argv[0], commands)}")
         with warnings.catch_warnings():
             warnings.showwarning = lambda message, *_: print(f"taichi-mps: {plain(message)}", file=sys.stderr)
             return commands[argv[0]](argv[1:])

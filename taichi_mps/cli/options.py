@@ -12,7 +12,7 @@ from ..problem import catalogue
 from ..problem.labels import what_it_is
 from ..problem.materials import Concrete
 from ..problem.numerics import NUMERICS
-from ..units import Checked, Count, Duration, SceneError, suggestion, unit_of
+from ..units import Checked, Count, Duration, SceneError, require, suggestion, unit_of
 
 GROUPS = "mix", "test", "accuracy and cost", "output", "expert"  # of the options of a run, as --help has them
 MIX = set(Concrete.model_fields)
@@ -87,8 +87,10 @@ class Parser(argparse.ArgumentParser):
             if name in leave_out:
                 continue
             flag = "--" + name.replace("_", "-")
-            if flag in self._option_string_actions:
-                raise SceneError(f"scene keyword '{name}' has the name of an option of run; rename it")
+            require(
+                flag not in self._option_string_actions,
+                f"scene keyword '{name}' has the name of an option of run; rename it",
+            )
             told = " ".join(filter(None, (default(field), allowed(field))))
             text = ", ".join(filter(None, (field.description or what_it_is(name), told)))
             settings = {"dest": name, "help": text}
@@ -107,10 +109,10 @@ class Parser(argparse.ArgumentParser):
         arguments, unknown = self.parse_known_args(argv)
         for word in unknown:
             flag = word.split("=", 1)[0]
-            if not flag.startswith("-"):
-                raise SceneError(f"unexpected argument '{word}'")
-            if flag in MEASURED:
-                raise SceneError(f"{flag} is a result; 'taichi-mps calibrate {word}' finds the mix that has it")
+            require(flag.startswith("-"), f"unexpected argument '{word}'")
+            require(
+                flag not in MEASURED, f"{flag} is a result; 'taichi-mps calibrate {word}' finds the mix that has it"
+            )
             known = set(self._option_string_actions) - {"--help"}
             raise SceneError(f"unknown option {flag}{suggestion(flag, known)}")
         return arguments
@@ -123,8 +125,10 @@ def scene_of(command, argv, model) -> argparse.Namespace:
     first.add_argument("scene", nargs="?")
     first.options(model, command)
     known, others = first.parse_known_args(argv)
-    if not known.scene and not {"-h", "--help"} & set(argv):
-        raise SceneError(f"{command}: name a scene: {', '.join(catalogue.names())}, or a Python file")
+    require(
+        known.scene or {"-h", "--help"} & set(argv),
+        f"{command}: name a scene: {', '.join(catalogue.names())}, or a Python file",
+    )
     for word in (known.scene, *others):
         with suppress(SceneError):
             catalogue.locate(word or "")

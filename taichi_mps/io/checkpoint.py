@@ -21,7 +21,7 @@ from ..problem import catalogue
 from ..problem.numerics import NUMERICS
 from ..problem.problem import Problem
 from ..problem.scene import Scene
-from ..units import SceneError
+from ..units import SceneError, require
 from . import untrusted_hdf5 as outside
 from .checksum import BEFORE
 
@@ -90,33 +90,37 @@ class Checkpoint:
         if until is not None and "until" in keywords:
             keywords["until"] = until
         scene = catalogue.rebuild(self.header["source"], keywords, scene_file)
-        if self.header["problem"] not in (None, digest(scene, LAWS)):
-            raise SceneError(
-                f"checkpoint: scene {self.header['source']} has another material, gravity or wall than when it was "
-                "written; must be the same, or handed over: restore(path, scene)"
-            )
+        require(
+            self.header["problem"] in (None, digest(scene, LAWS)),
+            f"checkpoint: scene {self.header['source']} has another material, gravity or wall than when it was "
+            "written; must be the same, or handed over: restore(path, scene)",
+        )
         return scene
 
     def admit(self, scene: Scene) -> Problem:
         """The scene with the numerics of the run; SceneError unless it can be computed and the state is one of its
         particles."""
-        if self.header["fluid"] not in (None, digest(scene, PARTICLES)):
-            raise SceneError(
-                f"checkpoint: scene {self.header['source']} no longer makes the particles that it was written with"
-            )
+        require(
+            self.header["fluid"] in (None, digest(scene, PARTICLES)),
+            f"checkpoint: scene {self.header['source']} no longer makes the particles that it was written with",
+        )
         problem = Problem(scene, self.numerics)
         for key, value in self.state.items():
-            if isinstance(value, np.ndarray) and not np.all(np.isfinite(value)):
-                raise SceneError(f"checkpoint: a value of {key} is not a finite number")
-        mix, mixes = np.asarray(self.state.get("mix", 0)), len(scene.materials)
-        if not np.all((mix >= 0) & (mix < mixes)):  # a kernel would read beyond the mixes
-            raise SceneError(f"checkpoint: mix: must be from 0 to {mixes - 1}, the mixes of the scene")
-        layers, poured = [inlet.layers(scene.spacing) for inlet in scene.inlets], self.state.get("pouring", [])
-        if not isinstance(poured, list) or len(poured) != len(layers) or not all(map(possible, poured, layers)):
-            raise SceneError(
-                f"checkpoint: pouring = {poured!r:.60}: must be a number of layers and a delay for each inlet of the "
-                f"scene; they have {layers} layers"
+            require(
+                not isinstance(value, np.ndarray) or np.all(np.isfinite(value)),
+                f"checkpoint: a value of {key} is not a finite number",
             )
+        mix, mixes = np.asarray(self.state.get("mix", 0)), len(scene.materials)
+        require(
+            np.all((mix >= 0) & (mix < mixes)),
+            f"checkpoint: mix: must be from 0 to {mixes - 1}, the mixes of the scene",  # a kernel would read beyond
+        )
+        layers, poured = [inlet.layers(scene.spacing) for inlet in scene.inlets], self.state.get("pouring", [])
+        require(
+            isinstance(poured, list) and len(poured) == len(layers) and all(map(possible, poured, layers)),
+            f"checkpoint: pouring = {poured!r:.60}: must be a number of layers and a delay for each inlet of the "
+            f"scene; they have {layers} layers",
+        )
         return problem
 
     @property
@@ -137,11 +141,9 @@ class Checkpoint:
         for pouring, (entered, _) in zip(sim.pouring, self.state.get("pouring", []), strict=True):
             rows += (entered - pouring.entered) * len(pouring.layer)
         for key, array in sim.particles.read().items():
-            if key not in self.state:
-                raise SceneError(f"checkpoint: has no {key}: {BEFORE}")
+            require(key in self.state, f"checkpoint: has no {key}: {BEFORE}")
             found, right = np.shape(self.state[key]), (rows, *array.shape[1:])
-            if found != right:
-                raise SceneError(f"checkpoint: {key} has the shape {found}; must have {right}")
+            require(found == right, f"checkpoint: {key} has the shape {found}; must have {right}")
         try:
             sim.load(self.state)
         except (TypeError, KeyError) as error:
@@ -181,8 +183,7 @@ def read_good(path) -> tuple[Checkpoint, str]:
 def read(path) -> Checkpoint:
     """Read and verify; SceneError naming the file if it is missing, foreign, damaged or of another version."""
     path = Path(path)
-    if not path.is_file():
-        raise SceneError(f"checkpoint {path}: no such file")
+    require(path.is_file(), f"checkpoint {path}: no such file")
     try:
         content = path.read_bytes()
     except OSError as error:
@@ -192,8 +193,10 @@ def read(path) -> Checkpoint:
     if not OLDEST <= version <= VERSION:
         known = BEFORE if version < OLDEST else f"this program reads {VERSION}"
         raise SceneError(f"checkpoint {path}: of format {version}, {known}")
-    if not found or found[2].decode() != hashlib.sha256(content[LABEL:]).hexdigest():
-        raise SceneError(f"checkpoint {path}: damaged, or not a checkpoint of taichi_mps (its checksum is wrong)")
+    require(
+        found and found[2].decode() == hashlib.sha256(content[LABEL:]).hexdigest(),
+        f"checkpoint {path}: damaged, or not a checkpoint of taichi_mps (its checksum is wrong)",
+    )
     with outside.opened(path, "checkpoint") as file:
         state = outside.own(file, "state")
         arrays = {key: outside.numbers(state, key) for key in state}

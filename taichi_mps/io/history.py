@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..units import SceneError
+from ..units import SceneError, require
 from .checksum import BEFORE, crc32
 
 MEANING = {
@@ -113,24 +113,25 @@ def read_rows(path) -> list[dict[str, str]]:
         reason = BEFORE if names.startswith("time_s,dt_s,") else "damaged or no history of a run"
         raise SceneError(f"{path}: {reason}")
     torn = rows.pop() if rows else ""  # a process killed while it wrote leaves one, shorter than a whole one
-    if len(torn.rpartition(",")[2]) > len(checksum("", "")):
-        raise SceneError(f"{path}: damaged, its last row is not what was written")
+    require(
+        len(torn.rpartition(",")[2]) <= len(checksum("", "")), f"{path}: damaged, its last row is not what was written"
+    )
     cells = [columns]
     for k, row in enumerate(rows, 1):
         text, _, found = row.rpartition(",")
-        if found != checksum(columns, text):
-            raise SceneError(f"{path}: damaged, row {k} is not what was written")
+        require(found == checksum(columns, text), f"{path}: damaged, row {k} is not what was written")
         cells.append(text)
     table = list(csv.DictReader(cells))
-    if missing := set(COLUMNS) - set(columns.split(",")):
-        raise SceneError(f"{path}: damaged or no history of a run; must have the columns {', '.join(sorted(missing))}")
+    require(
+        set(COLUMNS) <= set(columns.split(",")),
+        f"{path}: damaged or no history of a run; must have the columns {', '.join(COLUMNS)}",
+    )
     return table
 
 
 def read_history(path) -> dict[str, np.ndarray]:
     """Columns of a history.csv as arrays."""
-    if not Path(path).is_file():
-        raise SceneError(f"run = {Path(path).parent}: holds no history.csv; must be the folder of a run")
+    require(Path(path).is_file(), f"run = {Path(path).parent}: holds no history.csv; must be the folder of a run")
     rows = read_rows(path)
     return {key: np.array([number(row[key]) for row in rows]) for key in (rows[0] if rows else COLUMNS)}
 

@@ -4,7 +4,7 @@ import time
 
 import numpy as np
 
-from ..units import SceneError
+from ..units import require
 from . import checkpoint
 from .history import History, read_history, row_of
 from .run_folder import RunFolder, strict
@@ -26,11 +26,11 @@ class Recorder:
         self.trajectory = Trajectory(folder.trajectory)
         self.measures = sim.measures()  # of the last step
         resumed = sim.steps > 0 and folder.trajectory.is_file()
-        if sim.steps > 0 and not resumed and folder.pictures:
-            raise SceneError(
-                f"run = {folder.path}: run.h5 is gone, by whose outputs the pictures in frames/ are numbered; move the "
-                "pictures elsewhere, then resume"
-            )
+        require(
+            sim.steps == 0 or resumed or not folder.pictures,
+            f"run = {folder.path}: run.h5 is gone, by whose outputs the pictures in frames/ are numbered; move the "
+            "pictures elsewhere, then resume",
+        )
         self.history = History(folder.history, self.measures, kept=sim.time if sim.steps > 0 else None)
         if resumed:
             if sim.time < sim.scene.until - 1e-9:  # of a run at its end the last output stays

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from .. import __version__
-from ..units import SceneError
+from ..units import SceneError, require
 from . import checksum, lock
 from .history import read_rows
 from .vtkhdf import Trajectory
@@ -70,8 +70,7 @@ class RunFolder:
             raise SceneError(f"out = {path}: is a file; must be a folder") from None
         except (OSError, ValueError) as error:
             raise self.not_writable(error) from None
-        if there and not self.ours:
-            raise SceneError(f"out = {path}: holds other files and no run; must be a new or empty folder")
+        require(not there or self.ours, f"out = {path}: holds other files and no run; must be a new or empty folder")
         if there and not overwrite:
             done = json_of(self.summary).get("stopped_by")
             other = "" if done in ("rest", "time", "unyielded") else f"'taichi-mps resume {path}' goes on with it, "
@@ -81,11 +80,12 @@ class RunFolder:
     def check_writable(self) -> None:
         """Refuse a path whose folder does not let us write, or whose pictures lie elsewhere."""
         path = self.path
-        if self.frames.is_symlink():
-            raise SceneError(f"out = {path}: its frames lie elsewhere; must be another folder")
+        require(not self.frames.is_symlink(), f"out = {path}: its frames lie elsewhere; must be another folder")
         parent = next(folder for folder in (path.absolute(), *path.absolute().parents) if folder.exists())
-        if not parent.is_dir() or not os.access(parent, os.W_OK | os.X_OK):
-            raise SceneError(f"out = {path}: cannot be written, {parent} does not allow it; choose another folder")
+        require(
+            parent.is_dir() and os.access(parent, os.W_OK | os.X_OK),
+            f"out = {path}: cannot be written, {parent} does not allow it; choose another folder",
+        )
 
     def create(self, overwrite: bool = False) -> None:
         """Make the folder, empty of what an earlier run wrote; SceneError when that is impossible."""
@@ -114,13 +114,10 @@ class RunFolder:
 
     def read_summary(self) -> dict:
         """summary.json; SceneError where it is missing or damaged."""
-        if not self.summary.is_file():
-            raise SceneError(f"run = {self.path}: holds no summary.json; must be the folder of a run")
+        require(self.summary.is_file(), f"run = {self.path}: holds no summary.json; must be the folder of a run")
         facts = json_of(self.summary)
-        if facts and SUM not in facts:
-            raise SceneError(f"run = {self.path}: its summary.json was {checksum.BEFORE}")
-        if facts.pop(SUM, None) != checksum.of_facts(facts):
-            raise SceneError(f"run = {self.path}: its summary.json is damaged")
+        require(not facts or SUM in facts, f"run = {self.path}: its summary.json was {checksum.BEFORE}")
+        require(facts.pop(SUM, None) == checksum.of_facts(facts), f"run = {self.path}: its summary.json is damaged")
         return facts
 
     def verify(self) -> None:
@@ -144,8 +141,7 @@ def next_free(path) -> Path:
 
 def empty_of_pictures(folder: Path) -> None:
     """Make a folder for pictures, or remove those that a run made there; not where it is a link to another one."""
-    if folder.is_symlink():
-        raise SceneError(f"{folder}: is a link to another folder; must be a folder, or nothing")
+    require(not folder.is_symlink(), f"{folder}: is a link to another folder; must be a folder, or nothing")
     folder.mkdir(exist_ok=True)
     for picture in folder.iterdir():
         if PICTURES.fullmatch(picture.name):

@@ -14,7 +14,7 @@ import numpy as np
 from ..problem import catalogue
 from ..problem.measures import Snapshot, embed
 from ..problem.scene import Scene
-from ..units import SceneError
+from ..units import SceneError, require
 from . import untrusted_hdf5 as outside
 
 BYTES, ROOM = 64, 1 << 20  # of a particle in an output, and of all else that a file may need
@@ -160,8 +160,7 @@ class Trajectory:
     def whole(self, scene_file=None):
         """``replay``, once all of it has been read: a file without outputs or with damage anywhere is refused before
         anything is made of it."""
-        if not sum(1 for _ in self.replay(scene_file)):
-            raise SceneError(f"run = {self.path.parent}: run.h5 holds no output yet")
+        require(sum(1 for _ in self.replay(scene_file)), f"run = {self.path.parent}: run.h5 holds no output yet")
         return self.replay(scene_file)
 
     def origin(self) -> tuple[str, dict, float]:
@@ -177,8 +176,7 @@ class Trajectory:
             return instants(file)
 
     def _opened(self):
-        if not self.path.is_file():
-            raise SceneError(f"run = {self.path.parent}: holds no run.h5; must be the folder of a run")
+        require(self.path.is_file(), f"run = {self.path.parent}: holds no run.h5; must be the folder of a run")
         return outside.opened(self.path, "run")
 
     def replay(self, scene_file=None, scene=None, chosen=None):
@@ -193,8 +191,10 @@ class Trajectory:
         with self._opened() as file:
             n = int(outside.numbers(outside.own(file, "VTKHDF"), "NumberOfPoints")[0])
             wall = outside.numbers(outside.own(file, "taichi_mps"), "wall_x")
-            if n != len(scene.fluid) and not scene.inlets:
-                raise SceneError(f"run {self.path}: has {n} particles, its scene makes {len(scene.fluid)}")
+            require(
+                n == len(scene.fluid) or scene.inlets,
+                f"run {self.path}: has {n} particles, its scene makes {len(scene.fluid)}",
+            )
             if wall.ndim != 2 or wall.shape[1] != scene.dimension:
                 raise ValueError("wall_x does not hold positions")
             axes = [0, 2] if scene.dimension == 2 else [0, 1, 2]

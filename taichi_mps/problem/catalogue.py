@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..units import SceneError, suggestion
+from ..units import SceneError, require, suggestion
 from .accuracy import Mix, choose
 from .materials import Bingham
 from .scene import Scene
@@ -51,8 +51,7 @@ def locate(name: str) -> Path:
     path = Path(name)
     if path.suffix == ".py" and path.is_file():
         return path.resolve()
-    if path.suffix == ".py":
-        raise SceneError(f"scene = {name}: no such file{suggestion(path.stem, known)}")
+    require(path.suffix != ".py", f"scene = {name}: no such file{suggestion(path.stem, known)}")
     raise SceneError(f"unknown scene '{name}'{suggestion(name, known) or ';'} known are {', '.join(known) or 'none'}")
 
 
@@ -74,8 +73,7 @@ def load(name: str):
     except Exception as error:
         raise SceneError(f"scene file {path} cannot be loaded: {type(error).__name__}: {error}") from error
     function = getattr(module, "scene", None)
-    if not hasattr(function, "parameters"):
-        raise SceneError(f"scene file {path} has no function 'scene' decorated with @checked")
+    require(hasattr(function, "parameters"), f"scene file {path} has no function 'scene' decorated with @checked")
     return function
 
 
@@ -90,8 +88,7 @@ def build(name: str, /, **keywords) -> Scene:
         raise
     except Exception as error:
         raise SceneError(f"scene {name} cannot be made: {type(error).__name__}: {error}") from error
-    if not isinstance(scene, Scene):
-        raise SceneError(f"scene {name}: its function returns {type(scene).__name__}; must return a Scene")
+    require(isinstance(scene, Scene), f"scene {name}: its function returns {type(scene).__name__}; must return a Scene")
     if getattr(valid, "accuracy", None) is not None and not {"model", "spacing"} <= set(keywords):
         mix = of_material(scene.material, valid.height)
         fixed = {key: getattr(valid, key) for key in ("model", "spacing") if key in keywords}
@@ -106,10 +103,11 @@ def build(name: str, /, **keywords) -> Scene:
 def rebuild(source: str, parameters: dict, scene_file=None) -> Scene:
     """The Scene of a run folder. A folder may come from anybody, so the scene file it names, which is code, is run only
     if the caller names it, too; a built-in scene is taken by its name."""
-    if not isinstance(parameters, dict):
-        raise SceneError(f"scene = {source}: its parameters are damaged")
-    if scene_file is None and source not in names():
-        raise SceneError(f"scene = {source}: is code of yours, and run only if you name it again: --scene {source}")
+    require(isinstance(parameters, dict), f"scene = {source}: its parameters are damaged")
+    require(
+        scene_file is not None or source in names(),
+        f"scene = {source}: is code of yours, and run only if you name it again: --scene {source}",
+    )
     return build(source if scene_file is None else scene_file, **parameters)
 
 

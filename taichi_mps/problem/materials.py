@@ -19,11 +19,11 @@ from ..units import (
     Duration,
     FlowIndex,
     Ratio,
-    SceneError,
     Structuration,
     Viscosity,
     YieldValue,
     checked,
+    require,
     said,
     unit_of,
 )
@@ -125,11 +125,11 @@ class Bingham(Material):
 
     @model_validator(mode="after")
     def _has_one_kind_of_yield_stress_and_a_low_knee(self):
-        if self.friction_angle > 0.0 and self.critical_strain_rate is not None:
-            raise SceneError(
-                f"friction_angle = {self.friction_angle:g} deg: needs a true yield stress; critical_strain_rate must "
-                "be left out"
-            )
+        require(
+            self.friction_angle == 0.0 or self.critical_strain_rate is None,
+            f"friction_angle = {self.friction_angle:g} deg: needs a true yield stress; critical_strain_rate must "
+            "be left out",
+        )
         excess = self.knee_stress - self.yield_value
         if self.yields and excess > (HIGH_KNEE + 1e-9) * self.yield_value:
             largest = HIGH_KNEE * self.yield_value / (2.0 * self.plastic_viscosity)
@@ -176,11 +176,11 @@ class HerschelBulkley(Material):
 
     @model_validator(mode="after")
     def _has_what_grows(self):
-        if self.structuration > 0.0 and not self.yields:
-            raise SceneError(
-                f"structuration = {self.structuration:g} Pa/s: needs a yield stress to grow; yield_value must be above "
-                "0 Pa"
-            )
+        require(
+            self.structuration == 0.0 or self.yields,
+            f"structuration = {self.structuration:g} Pa/s: needs a yield stress to grow; yield_value must be above "
+            "0 Pa",
+        )
         return self
 
     @property
@@ -224,9 +224,8 @@ class Concrete(Bingham):
             return Bingham(**told)
         for key in ("friction_angle", "critical_strain_rate"):
             value, unit = told.pop(key), unit_of(cls.model_fields[key])
-            if value != usual[key]:
-                only = f"is of Bingham's law alone; must not be given with {' and '.join(others)}"
-                raise SceneError(f"{key} = {said(value, unit)}: {only}")
+            only = f"is of Bingham's law alone; must not be given with {' and '.join(others)}"
+            require(value == usual[key], f"{key} = {said(value, unit)}: {only}")
         viscosity = told.pop("plastic_viscosity")
         if curve["consistency"] is None:
             curve["consistency"] = viscosity
@@ -249,6 +248,5 @@ def rational_critical_strain_rate(
     body that has come to rest is at its yield stress whatever they are. Keywords only; SceneError for a fluid without
     yield stress.
     """
-    if yield_value == 0.0:
-        raise SceneError("yield_value = 0 Pa: a fluid without yield stress has no critical strain rate")
+    require(yield_value > 0.0, "yield_value = 0 Pa: a fluid without yield stress has no critical strain rate")
     return error * min(yield_value / (2.0 * plastic_viscosity), 1.0 / time)
