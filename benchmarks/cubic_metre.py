@@ -2,7 +2,6 @@
 
     python benchmarks/cubic_metre.py run small_32 small_25 small_20   # by name, see CASES; each in a process of its own
     python benchmarks/cubic_metre.py run cubic_metre_quick            # the whole, one CPU-hour; cubic_metre: 1.5
-    python benchmarks/cubic_metre.py filled cubic_metre_15            # ten steps of the form two thirds full
     python benchmarks/cubic_metre.py draw        # the chart, and the table of costs that a forecast reads
 
 A case goes on from its last checkpoint where it was stopped or killed; --until cuts it short, and a later call without
@@ -12,11 +11,8 @@ first step, which compiles. What was found of a case stands in benchmarks/result
 """
 
 import argparse
-import csv
-import dataclasses
 import json
 import os
-import platform
 import resource
 import signal
 import subprocess
@@ -25,11 +21,9 @@ import time
 from pathlib import Path
 
 import numpy as np
+import points
 
-ROOT = Path(__file__).resolve().parents[1]
-RESULTS, CHART = ROOT / "benchmarks/results/cubic_metre.json", ROOT / "docs/figures/cubic_metre.png"
-FILLED = ROOT / "benchmarks/results/cubic_metre_filled.json"
-RUNS = ROOT / "renders/cubic_metre"
+RESULTS, RUNS = points.RESULTS / "cubic_metre.json", points.ROOT / "renders/cubic_metre"
 WALL = {"width": 0.2, "bar_diameter": 0.01, "cover": 0.025, "hose": "moving", "hose_diameter": 0.1}
 CASES = {
     "small_32": {"length": 1.0, "height": 0.6, "spacing": 0.032},
@@ -45,15 +39,10 @@ CASES = {
     "check_high": {"length": 0.8, "height": 1.1, "spacing": 0.028},
     "check_fine": {"length": 1.4, "height": 0.45, "spacing": 0.025},
 }
-CHECKS = (
-    "check_low",
-    "check_high",
-    "check_fine",
-    "cubic_metre_quick",
-)  # not for the table that a forecast reads but for its error
+# not for the table that a forecast reads but for its error
+CHECKS = "check_low", "check_high", "check_fine", "cubic_metre_quick"
 EVERY, OUTPUTS = 0.25, 170  # between two outputs [s], twice that where they would be more than so many
 FIELDS = "time_s", "steps", "particles", "cpu_s"
-FULL, WARM, TIMED = 2.0 / 3.0, 3, 10  # of ``filled``: part of the height, steps before and in the measurement
 FEWEST = 100  # particles from which on the cost of a step is read; before, it is the splash of the first layers
 
 
@@ -85,16 +74,13 @@ def compute(name: str, until: float | None, threads: int) -> None:
         stopped_by = sim.run(until)
     except mps.DivergedError as failure:
         stopped_by, error = failure.stopped_by, str(failure)
-    costs.close()
     whole = stopped_by == "rest" or sim.time >= problem.scene.until - 1e-6
     ends = sim.measures()
     level = 0.5 * (ends["near_m"] + ends["far_m"])
     pressures = pressure_on_the_side(sim.snapshot(), CASES[name], problem.scene.material.density, level)
     found = measured(recorder.finish(stopped_by, error), costs.rows, CASES[name], whole)
     found |= {"threads_of_the_last_call": threads, "pressure_on_the_side_Pa": pressures}
-    known = json.loads(RESULTS.read_text()) if RESULTS.is_file() else {}
-    known[name] = found
-    RESULTS.write_text(json.dumps(known, indent=1, sort_keys=True) + "\n", encoding="utf-8")
+    write(points.load("cubic_metre") | {name: found})
     print(json.dumps({name: {key: value for key, value in found.items() if key != "by_particles"}}))
 
 
@@ -113,13 +99,10 @@ class Costs:
     """Rows of FIELDS, one at each output, in a file that goes on with the run."""
 
     def __init__(self, path: Path, sim):
-        kept = [row for row in rows_of(path) if row[1] <= sim.steps] if sim.steps else []
-        self.before = kept[-1][3] if kept else 0.0
-        self.rows, self.compiling = kept, None
+        before = np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2).tolist() if sim.steps else []
+        self.path, self.rows = path, [row for row in before if row[1] <= sim.steps]
+        self.before, self.compiling = self.rows[-1][3] if self.rows else 0.0, None
         sim.each_step(self.first)
-        with open(path, "w", newline="", encoding="utf-8") as file:
-            csv.writer(file).writerows([FIELDS, *kept])
-        self.file = open(path, "a", newline="", encoding="utf-8")  # noqa: SIM115  (open as long as the run goes on)
 
     def first(self, sim) -> None:
         """What the first step of this call took, which compiles, also where it goes on from a checkpoint."""
@@ -129,57 +112,10 @@ class Costs:
     def note(self, sim) -> None:
         """A row, at most one a step."""
         spent = self.before + sim.cpu_seconds - (self.compiling or 0.0)
-        row = [round(sim.time, 9), sim.steps, sim.fluid_particles, round(spent, 4)]
-        if not self.rows or self.rows[-1][1] < row[1]:
-            self.rows.append(row)
-            csv.writer(self.file).writerow(row)
-            self.file.flush()
-
-    def close(self) -> None:
-        self.file.close()
-
-
-def rows_of(path: Path) -> list[list[float]]:
-    """Whole rows of a file of costs."""
-    if not path.is_file():
-        return []
-    lines = path.read_text(encoding="utf-8").splitlines()[1:]
-    return [list(map(float, line.split(","))) for line in lines if line.count(",") == len(FIELDS) - 1]
-
-
-def filled(name: str) -> None:
-    """Time ten steps of a case whose form is two thirds full from the start, into which a hose above it pours; from
-    their cost a particle and step and the steps of the whole follows what the whole takes."""
-    import taichi_mps as mps
-    from taichi_mps.problem.problem import Problem
-    from taichi_mps.simulation.forecast import cost_of
-    from taichi_mps.simulation.simulation import Simulation
-
-    mps.init(threads=1)
-    empty = problem_of(CASES[name] | {"hose": "above"})
-    scene, spacing = empty.scene, empty.scene.spacing
-    size = WALL["width"] * np.array([0.0, 0.5, 0.0]) + [CASES[name]["length"], 0.0, FULL * CASES[name]["height"]]
-    places = np.meshgrid(*(np.arange(0.5 * spacing, length, spacing) for length in size), indexing="ij")
-    places = np.stack(places, -1).reshape(-1, 3)
-    bars = next(wall for wall in scene.walls if wall.name == "bars")
-    fluid = places[bars.distance(places) > 0.5 * spacing]
-    sim = Simulation(Problem(dataclasses.replace(scene, fluid=fluid), empty.numerics))
-    begin = 0.0
-    for step in range(WARM + TIMED):
-        if step == WARM:
-            begin = sim.cpu_seconds
-        sim.step()
-    whole, microseconds = cost_of(problem_of(CASES[name])), 1e6 * (sim.cpu_seconds - begin) / TIMED / len(fluid)
-    found = {
-        "particles": len(fluid),
-        "us_per_particle_and_step": microseconds,
-        "peak_bytes": 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss,
-        "particles_of_the_whole": sum(inlet.layers(spacing) * len(scene.inlet_layer(inlet)) for inlet in scene.inlets),
-        "steps_of_the_whole": whole.steps,
-        "cpu_hours_of_the_whole": 1e-6 * microseconds * whole.particle_steps / 3600.0,
-    }
-    print(json.dumps(found))
-    FILLED.write_text(json.dumps({name: found}, indent=1) + "\n", encoding="utf-8")
+        if not self.rows or self.rows[-1][1] < sim.steps:
+            self.rows.append([round(sim.time, 9), sim.steps, sim.fluid_particles, round(spent, 4)])
+            lines = [",".join(map(str, row)) for row in (FIELDS, *self.rows)]
+            self.path.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
 def pressure_on_the_side(snapshot, case: dict, density: float, level: float) -> list[list[float]]:
@@ -222,7 +158,7 @@ def measured(summary: dict, rows, case: dict, whole: bool) -> dict:
         "peak_bytes": 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss,
         "process_cpu_s": time.process_time(),  # of the last call, with compiling and files
         "by_particles": by_particles(mean[counted], did[counted], spent[counted]),
-        "machine": platform.processor() or platform.machine(),
+        "machine": points.facts(),
         "forecast": forecast(case, None if whole else summary["simulated_seconds"]),
     }
     return found | {"bytes_per_particle": found["peak_bytes"] / summary["fluid_particles"]}
@@ -249,19 +185,21 @@ def forecast(case: dict, until: float | None) -> dict:
     return told | ({"ends_s": problem.scene.until, "steps": cost.steps, "cpu_s": cost.cpu_seconds} if cost else {})
 
 
+def write(known: dict) -> None:
+    RESULTS.write_text(json.dumps(known, indent=1, sort_keys=True) + "\n", encoding="utf-8")
+
+
 def draw() -> None:
     """The table of costs that a forecast reads, the forecasts with it, and the chart."""
     from taichi_mps.simulation.forecast import MEASURED
 
-    known = json.loads(RESULTS.read_text())
-    bins = {}
+    known, bins = points.load("cubic_metre"), {}
     for longer in (False, True):  # longer steps iterate more: they tell of sizes only that nothing else tells of
         found = {}
         for name, case in known.items():
-            for particles, steps, seconds in case["by_particles"] * (
-                name not in CHECKS and ("courant_number" in case["case"]) == longer
-            ):
-                found.setdefault(int(np.floor(6.0 * np.log10(particles))), []).append((particles, steps, seconds))
+            if name not in CHECKS and ("courant_number" in case["case"]) == longer:
+                for row in case["by_particles"]:
+                    found.setdefault(int(np.floor(6.0 * np.log10(row[0]))), []).append(row)
         bins = found | bins
     lines = [
         "# CPU-s of a step of implicit in space, by the number of particles: mean of pours into walls, one thread.",
@@ -275,7 +213,7 @@ def draw() -> None:
     for case in known.values():
         own = {key: value for key, value in case["case"].items() if key not in WALL}
         case["forecast"] = forecast(own, None if case["whole"] else case["simulated_s"])
-    RESULTS.write_text(json.dumps(known, indent=1, sort_keys=True) + "\n", encoding="utf-8")
+    write(known)
     for name, case in known.items():
         told = case["forecast"]
         print(
@@ -291,12 +229,7 @@ def draw() -> None:
 def chart(known: dict) -> None:
     """Memory a particle, cost a particle and step, and cost a placed litre, over the size; open: a part of a pour,
     crosses: forecasts."""
-    import matplotlib
-
-    matplotlib.use("agg")
-    from matplotlib import pyplot as plt
-
-    figure, axes = plt.subplots(1, 3, figsize=(11.0, 3.6), layout="constrained")
+    figure, axes = points.pyplot().subplots(1, 3, figsize=(11.0, 3.6), layout="constrained")
     for number, spacing in enumerate(sorted({case["case"]["spacing"] for case in known.values()})):
         for k, case in enumerate(case for case in known.values() if case["case"]["spacing"] == spacing):
             size, told = case["particles_computed"], case["forecast"]
@@ -313,20 +246,18 @@ def chart(known: dict) -> None:
         axis.set_ylim(0.0, 1.1 * axis.get_ylim()[1])
         axis.grid(alpha=0.3)
     axes[0].legend()
-    figure.savefig(CHART, dpi=130)
+    figure.savefig(points.FIGURES / "cubic_metre.png", dpi=130)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=("run", "filled", "draw", "compute"))
+    parser.add_argument("what", choices=("run", "draw", "compute"))
     parser.add_argument("names", nargs="*", choices=(*CASES, []))
     parser.add_argument("--until", type=float, help="time at which to stop for now [s]")
     parser.add_argument("--threads", type=int, default=1)
     arguments = parser.parse_args()
     if arguments.what == "draw":
         draw()
-    elif arguments.what == "filled":
-        filled(arguments.names[0])
     elif arguments.what == "compute":
         compute(arguments.names[0], arguments.until, arguments.threads)
     else:
