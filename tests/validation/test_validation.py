@@ -214,7 +214,7 @@ def test_defaults_are_the_papers_and_a_cap_only_shortens_the_step(papers):
 
 
 def test_walls_that_move_or_that_no_lattice_can_follow_are_refused(papers):
-    with pytest.raises(mps.SceneError, match="a wall of scene channel moves"):
+    with pytest.raises(mps.SceneError, match="scene channel has a wall that moves"):
         simulate(channel(wall_speed=1.0))
     with pytest.raises(mps.SceneError, match="describes its walls as surfaces only"):
         simulate(replace(channel(), walls=(mps.Plane((0.0, 0.0), (0.6, 0.8)),)))
