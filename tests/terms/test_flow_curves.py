@@ -120,13 +120,3 @@ def test_a_thixotropic_film_follows_its_closed_form():
     error = np.linalg.norm(s.u[:, 0] - u) / np.linalg.norm(u)
     assert error < 0.01, error
     assert structure.max() > 0.3 > 0.1 > structure.min()  # both parts of the law count
-
-
-def test_what_cannot_be_is_refused():
-    with pytest.raises(mps.SceneError, match="flow_index = 0.0: must be greater than or equal to 0.1"):
-        mps.HerschelBulkley(flow_index=0.0)
-    with pytest.raises(mps.SceneError, match="shear_stress"):
-        mps.FlowCurve(density=DENSITY)
-    scene, _ = film(mps.HerschelBulkley(), 10)
-    with pytest.raises(mps.SceneError, match="HerschelBulkley: must be Bingham with the scheme semi-implicit"):
-        mps.Simulation(replace(scene, wall_particles=scene.fluid), mps.SemiImplicit())

@@ -97,21 +97,16 @@ def test_a_fill_that_goes_through_periodic_sides_is_relaxed_through_them():
     """A box without a wall or a surface: moved by a third of it, the same fill is relaxed in the same way."""
     size, material = 10 * SPACING, mps.Bingham(density=2300.0, plastic_viscosity=50.0, yield_value=100.0)
     lattice = mps.fill(mps.Box((0.0, 0.0), (size, size)), SPACING)
-    fluid = (lattice + 0.3 * SPACING * np.random.default_rng(1).uniform(-1.0, 1.0, lattice.shape)) % size
-    ends = []
+    fluid = lattice + 0.3 * SPACING * np.random.default_rng(1).uniform(-1.0, 1.0, lattice.shape)
+    domain = ((0.0, 0.0), (size, size))
+    sim = mps.Simulation(
+        mps.Scene("box", material, SPACING, lattice, domain, periodic=(True, True), gravity=(0.0, 0.0))
+    )
+    start, ends = sim.state(), []
     for shift in (0.0, size / 3.0):
-        scene = mps.Scene(
-            name="box",
-            material=material,
-            spacing=SPACING,
-            fluid=(fluid + shift) % size,
-            domain=((0.0, 0.0), (size, size)),
-            periodic=(True, True),
-            gravity=(0.0, 0.0),
-            until=0.1,
-        )
+        sim.load(start | {"x": (fluid + shift) % size})
         with pytest.warns(UserWarning, match="unevenly filled"):
-            ends.append((relaxed(mps.Simulation(scene)) - shift + 0.5 * SPACING) % size)
+            ends.append((relaxed(sim) - shift + 0.5 * SPACING) % size)
     apart = np.abs(ends[1] - ends[0])
     apart = np.minimum(apart, size - apart)
     assert np.sqrt((apart**2).mean()) < 0.05 * SPACING  # e(x) follows from the place

@@ -71,10 +71,10 @@ def film(law, growth=None):
 @pytest.mark.parametrize(
     ("law", "growth", "message"),
     [
-        (of_the_rate_alone, None, r"shear_stress\(rate\): must take two numbers, \(rate, structure\)"),
-        (of_three, None, r"shear_stress\(rate, structure, temperature\): must take two numbers"),
-        (ti.func(of_the_rate_alone), None, r"shear_stress\(rate\): must take two numbers"),
-        (sound, of_the_rate_alone, r"growth\(rate\): must take two numbers"),
+        (of_the_rate_alone, None, r"shear_stress = of_the_rate_alone: must take two numbers, \(rate, structure\)"),
+        (of_three, None, "shear_stress = of_three: must take two numbers"),
+        (ti.func(of_the_rate_alone), None, "shear_stress = of_the_rate_alone: must take two numbers"),
+        (sound, of_the_rate_alone, "growth = of_the_rate_alone: must take two numbers"),
         (nowhere, None, "shear_stress = nowhere: is nan Pa at a shear rate of 0 1/s and a structure of 0; must be fin"),
         (infinite, None, "shear_stress = infinite: is inf Pa at a shear rate of 0 1/s"),
         (above_a_rate, None, r"shear_stress = above_a_rate: is nan Pa at a shear rate of 1\d\d 1/s"),
