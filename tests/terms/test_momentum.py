@@ -18,30 +18,23 @@ def mixed():
     return np.vstack([x, lines]), np.concatenate([kinds, np.full(5, FLUID)])
 
 
-@pytest.fixture(scope="module")
-def plain():
-    return System(cloud((6, 5)))
+SLIP = mps.Plane((0.0, -0.33), (0.0, 1.0), slip=True), mps.Plane((-0.29, 0.0), (1.0, 0.0), slip=True)
+SYSTEMS = {
+    "plain": lambda: System(cloud((6, 5))),
+    "with walls": lambda: System(*mixed()),
+    "no slip": lambda: System(cloud((5, 6)), planes=(FLOOR,)),
+    "slip": lambda: System(cloud((5, 6)), planes=SLIP),
+}
 
 
-@pytest.fixture(scope="module")
-def with_walls():
-    return System(*mixed())
-
-
-@pytest.fixture(scope="module")
-def no_slip():
-    return System(cloud((5, 6)), planes=(FLOOR,))
-
-
-@pytest.fixture(scope="module")
-def slip():
-    planes = (mps.Plane((0.0, -0.33), (0.0, 1.0), slip=True), mps.Plane((-0.29, 0.0), (1.0, 0.0), slip=True))
-    return System(cloud((5, 6)), planes=planes)
-
-
-@pytest.fixture(params=["plain", "with_walls", "no_slip", "slip"])
+@pytest.fixture(scope="module", params=SYSTEMS)
 def system(request):
-    return request.getfixturevalue(request.param)
+    return SYSTEMS[request.param]()
+
+
+def on(*names):
+    """Run a test on these systems."""
+    return pytest.mark.parametrize("system", names, indirect=True)
 
 
 def test_matrix_is_symmetric_positive_definite(system):
@@ -63,42 +56,45 @@ def test_product_is_that_of_the_dense_matrix(system):
     assert not np.any(Ax[~system.unknown])
 
 
-@pytest.mark.parametrize("case", ["plain", "with_walls", "no_slip"])
-def test_block_jacobi_is_the_inverse_of_the_diagonal_blocks(case, request):
-    system = request.getfixturevalue(case)
+@on("plain", "with walls", "no slip")
+def test_block_jacobi_is_the_inverse_of_the_diagonal_blocks(system):
     _, blocks = system.dense()
     inverse = system.inverse_diagonal()
     assert np.allclose(inverse[system.unknown] @ blocks, np.eye(system.dimension), atol=1e-9)
     assert not np.any(inverse[~system.unknown])  # a zero block marks a row that is not an unknown
 
 
-def test_rigid_motion_meets_no_resistance(plain):
-    assert plain.healthy.all()
-    spin = np.stack([-plain.x[:, 1], plain.x[:, 0]], 1)
-    for u in (np.tile([0.3, -2.0], (len(plain.x), 1)), spin, 5.0 * spin + [1.0, 2.0]):
-        assert np.abs(plain.multiply(u) - MASS_RATE * u).max() < 1e-9 * BULK * L0
+@on("plain")
+def test_rigid_motion_meets_no_resistance(system):
+    assert system.healthy.all()
+    spin = np.stack([-system.x[:, 1], system.x[:, 0]], 1)
+    for u in (np.tile([0.3, -2.0], (len(system.x), 1)), spin, 5.0 * spin + [1.0, 2.0]):
+        assert np.abs(system.multiply(u) - MASS_RATE * u).max() < 1e-9 * BULK * L0
 
 
-def test_translation_meets_no_resistance_however_few_the_neighbours(with_walls):
-    apart = np.linalg.norm(with_walls.x, axis=1) > 1.0
+@on("with walls")
+def test_translation_meets_no_resistance_however_few_the_neighbours(system):
+    apart = np.linalg.norm(system.x, axis=1) > 1.0
     u = np.where(apart[:, None], [1.0, 2.0, -3.0], 0.0)
     assert apart.sum() == 5
-    assert np.abs(with_walls.multiply(u) - MASS_RATE * u).max() < 1e-9 * BULK * L0
+    assert np.abs(system.multiply(u) - MASS_RATE * u).max() < 1e-9 * BULK * L0
 
 
-def test_expansion_is_resisted_by_the_bulk_and_shear_by_the_viscosity(plain):
+@on("plain")
+def test_expansion_is_resisted_by_the_bulk_and_shear_by_the_viscosity(system):
     """Work u.A u - m/dt u.u of a linear field = V sum (2 mu D':D' + K (div u)^2): H does not see affine motion."""
     for A in (np.diag([1.0, 1.0]), np.array([[0.0, 2.0], [0.0, 0.0]]), np.array([[0.7, -0.4], [1.1, 0.2]])):
-        u = plain.x @ A.T
+        u = system.x @ A.T
         D = 0.5 * (A + A.T) - 0.5 * np.trace(A) * np.eye(2)
-        work = (u * (plain.multiply(u) - MASS_RATE * u)).sum()
-        expected = plain.volume * (2.0 * plain.mu * (D**2).sum() + BULK * np.trace(A) ** 2).sum()
+        work = (u * (system.multiply(u) - MASS_RATE * u)).sum()
+        expected = system.volume * (2.0 * system.mu * (D**2).sum() + BULK * np.trace(A) ** 2).sum()
         assert work == pytest.approx(expected, rel=1e-9)
 
 
-def test_moving_wall_drags_the_fluid(no_slip):
+@on("no slip")
+def test_moving_wall_drags_the_fluid(system):
     """The wall's own motion acts like A applied to u - u_wall: the fluid moving with the wall feels nothing."""
-    push = no_slip.push_of_moving_walls()
-    u = np.tile(FLOOR.velocity, (len(no_slip.x), 1))
+    push = system.push_of_moving_walls()
+    u = np.tile(FLOOR.velocity, (len(system.x), 1))
     assert push.sum(0) @ FLOOR.velocity > 0.0
-    assert np.abs(no_slip.multiply(u) - MASS_RATE * u - push).max() < 1e-9 * np.abs(push).max()
+    assert np.abs(system.multiply(u) - MASS_RATE * u - push).max() < 1e-9 * np.abs(push).max()
