@@ -55,13 +55,6 @@ def film(law, material):
 STIFF = mps.Bingham(density=DENSITY, plastic_viscosity=50.0, yield_value=2.0 * WEIGHT)
 
 
-def test_friction_is_refused_as_particles_and_in_semi_implicit():
-    scene = film(mps.Friction(yield_value=100.0), STIFF)
-    for numerics in (mps.Implicit(walls="particles"), mps.SemiImplicit()):
-        with pytest.raises(mps.SceneError, match="has friction; must be surfaces, scheme implicit"):
-            mps.Simulation(scene, numerics)
-
-
 def carried_by(floor, area):
     """Traction [Pa] of a floor, from the slip that its particles carry."""
     yielded = floor.traction.to_numpy() if floor.yields else 0.0
@@ -130,13 +123,12 @@ class OnFloor(System):
 
 
 def test_the_matrix_at_a_floor_with_friction_is_symmetric_positive_definite():
-    """It resists sliding along the floor by friction and layer in series: less than no slip, more than slip."""
+    """It resists sliding along the floor by friction and layer in series: less than no slip, more than inertia alone."""
     law = mps.Friction(yield_value=10.0, viscous_constant=500.0)
-    slips, rubs, holds = OnFloor(slip=True), OnFloor(1000.0, friction=law), OnFloor()
+    rubs, holds = OnFloor(1000.0, friction=law), OnFloor()
     A, _blocks = rubs.dense()
     assert np.abs(A - A.T).max() < 1e-12 * np.abs(A).max()
     assert np.linalg.eigvalsh(A).min() > 0.0
     along = np.tile((1.0, 0.0), (len(rubs.x), 1))
-    power = [(along * rig.multiply(along)).sum() for rig in (slips, rubs, holds)]
-    assert power[0] < power[1] < power[2]
-    assert power[0] == pytest.approx(MASS_RATE * len(along), rel=1e-9)  # inertia alone
+    power = [(along * rig.multiply(along)).sum() for rig in (rubs, holds)]
+    assert MASS_RATE * len(along) * (1.0 + 1e-9) < power[0] < power[1]
