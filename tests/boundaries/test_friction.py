@@ -123,7 +123,7 @@ class OnFloor(System):
 
 
 def test_the_matrix_at_a_floor_with_friction_is_symmetric_positive_definite():
-    """It resists sliding along the floor by friction and layer in series: less than no slip, more than inertia alone."""
+    """It resists sliding along the floor by friction and layer in series: more than inertia, less than no slip."""
     law = mps.Friction(yield_value=10.0, viscous_constant=500.0)
     rubs, holds = OnFloor(1000.0, friction=law), OnFloor()
     A, _blocks = rubs.dense()
