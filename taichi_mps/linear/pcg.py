@@ -10,7 +10,7 @@ iterative solution of Ax = b with successive right-hand sides, Computer Methods 
 
 from ..runtime.backend import double_field, ti
 from ..runtime.stages import flush, sequence, stage, team_stage
-from ..runtime.thread_team import begins, first, last, regroup, takes_part, wait
+from ..runtime.thread_team import begins, first, last, leads, regroup, takes_part, wait
 from .vectors import Jacobi, Vectors
 
 HUGE = 1e38  # not (|s| < HUGE) finds NaN and infinity, also under fast_math
@@ -98,8 +98,7 @@ class PCG:
     @stage("find alpha")
     def find_alpha(self):
         """alpha = (r, z)/(p, A p); 0 where the matrix turns out not to be positive definite."""
-        ti.loop_config(serialize=True)
-        for _ in range(first(1), last(1)):
+        if leads():
             self.alpha[None] = 0.0
             if not (ti.abs(self.pq[None]) < HUGE):
                 self.status[None] = BROKEN
@@ -112,8 +111,7 @@ class PCG:
     @stage("find beta")
     def find_beta(self):
         """beta = (r, z) new/old; the end of an iteration."""
-        ti.loop_config(serialize=True)
-        for _ in range(first(1), last(1)):
+        if leads():
             if self.status[None] == RUNNING:
                 self.iterations[None] += 1
                 self.beta[None] = self.rz_new[None] / self.rz[None]
@@ -160,8 +158,7 @@ class PCG:
     @stage("bound")
     def bound_reference(self, most: ti.f64):
         """The reference is (b, M^-1 b), at most ``most``."""
-        ti.loop_config(serialize=True)
-        for _ in range(first(1), last(1)):
+        if leads():
             self.reference[None] = ti.min(self.rz[None], most)
         wait()
 
@@ -189,8 +186,7 @@ class PCG:
     @stage("best step")
     def find_best_step(self):
         """alpha = (p, r)/(p, A p), 0 to 1: A p of a tiny change is rounding, and must not be blown up."""
-        ti.loop_config(serialize=True)
-        for _ in range(first(1), last(1)):
+        if leads():
             best = self.rz[None] / self.pq[None] if self.pq[None] > 0.0 else 0.0
             self.alpha[None] = ti.max(0.0, ti.min(1.0, best))
         wait()
@@ -199,8 +195,7 @@ class PCG:
     @stage("set target")
     def set_target(self, tolerance: ti.f64, reduction: ti.f64, enough: ti.f64):
         """What (r, z) has to come to."""
-        ti.loop_config(serialize=True)
-        for _ in range(first(1), last(1)):
+        if leads():
             self.status[None], self.iterations[None] = RUNNING, 0
             if self.reference[None] == 0.0:
                 self.reference[None] = self.rz[None]

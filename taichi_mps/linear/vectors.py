@@ -2,7 +2,7 @@
 
 from ..runtime.backend import double_field, real, ti
 from ..runtime.stages import flush, sequence, stage
-from ..runtime.thread_team import first, last, wait
+from ..runtime.thread_team import first, last, leads, wait
 
 BLOCK = 1024  # rows per partial sum: a dot product has the same bits with any number of threads
 
@@ -33,8 +33,7 @@ class Vectors:
                 s += ti.cast(a[i].dot(b[i]), ti.f64)
             self.partial[k] = s
         wait()
-        ti.loop_config(serialize=True)
-        for _ in range(first(1), last(1)):
+        if leads():
             s = ti.cast(0.0, ti.f64)
             for k in range(blocks):
                 s += self.partial[k]

@@ -123,7 +123,7 @@ class ActiveSet:
                 k = self.bins.linear(c)
                 if self.ring[k] == RINGS:
                     for offset in ti.grouped(ti.ndrange(*((-1, 2),) * self.bins.dimension)):
-                        other = self.bins.beside(c, offset)
+                        other = self.bins.linear(c + offset)
                         if other >= 0 and self.ring[other] == ring - 1:
                             self.ring[k] = ring
 
@@ -134,7 +134,7 @@ class ActiveSet:
             k = self.bins.linear(c)
             self.near_buried[k] = 0
             for offset in ti.grouped(ti.ndrange(*((-1, 2),) * self.bins.dimension)):
-                other = self.bins.beside(c, offset)
+                other = self.bins.linear(c + offset)
                 if other >= 0 and self.ring[other] >= RINGS - 1:  # noqa: SIM102  (a kernel evaluates both sides)
                     if self.bins.cell_start[other + 1] > self.bins.cell_start[other]:
                         self.near_buried[k] = 1

@@ -42,8 +42,6 @@ class Bins:
         self.periodic = tuple(periodic)
         self.reach = reach
         shape = np.maximum(1, np.floor(size / reach).astype(int))
-        if any(p and s < 3 for p, s in zip(periodic, shape, strict=True)):
-            raise ValueError(f"domain = {size} m: a periodic side must be at least three effective radii long")
         self.shape = tuple(int(s) for s in shape)
         self.cells = int(np.prod(shape))
         vector = ti.types.vector(self.dimension, ti.f64)
@@ -61,15 +59,8 @@ class Bins:
 
     @ti.func
     def linear(self, c):
-        k = c[0]
-        for a in ti.static(range(1, self.dimension)):
-            k = k * self.shape[a] + c[a]
-        return k
-
-    @ti.func
-    def beside(self, c, offset):
-        """Linear cell at an offset from cell c, wrapped along periodic axes; -1 outside."""
-        return wrapped_number(c + offset, self.shape, self.periodic)
+        """Number of the cell at a place, wrapped along periodic axes; -1 outside."""
+        return wrapped_number(c, self.shape, self.periodic)
 
     @ti.func
     def displacement(self, xi, xj):

@@ -6,8 +6,8 @@ others are as far: a third of a microsecond. A thread that has not come yet is n
 at the next round.
 
 Loops of what a team may go through run from ``first(n)`` to ``last(n)`` instead of from 0 to n, and are followed by
-``wait()``; a loop over one turn is done by one member. Outside a team ``first(n)`` is 0, ``last(n)`` is n, and nobody
-waits. So an algorithm is written once, and does not know who carries it out.
+``wait()``; what one member does alone stands under ``if leads()``. Outside a team ``first(n)`` is 0, ``last(n)`` is n,
+and nobody waits. So an algorithm is written once, and does not know who carries it out.
 """
 
 from types import SimpleNamespace
@@ -88,6 +88,10 @@ class ThreadTeam:
         return member < self.size[None]
 
     @ti.func
+    def is_led_by(self, member):
+        return member == 0
+
+    @ti.func
     def founded_by(self, member):
         return member < self.founders[None]
 
@@ -162,6 +166,7 @@ def _of_member(method, alone):
 
 first = _of_member("first_turn", lambda n: 0)  # of n turns that are done here
 last = _of_member("last_turn", lambda n: n)  # the turn after the last one that is done here
+leads = _of_member("is_led_by", lambda: True)  # whether the thread does what one alone has to do
 begins = _of_member("founded_by", lambda: True)  # whether the thread is here from the beginning, or joined late
 takes_part = _of_member("has_member", lambda: True)  # whether the thread is of the team in this round
 _meet = _of_member("meet", lambda _ends_round: None)

@@ -1,10 +1,5 @@
 """Conjugate gradients: known solutions, where they start, how they end, and the same bits however they are launched."""
 
-import os
-import subprocess
-import sys
-from pathlib import Path
-
 import numpy as np
 import pyamg
 import pytest
@@ -143,19 +138,18 @@ def test_what_the_tolerance_is_relative_to_can_be_bounded():
     assert strict.residual <= 1e-3
 
 
-@LAUNCHES
-def test_statuses(launch):
+def test_statuses():
     indefinite = BlockOperator(np.array([[1.0, 3.0], [3.0, 1.0]]), 1)
     broken = spd(8)
     broken[2, 3] = broken[3, 2] = np.nan
     broken = BlockOperator(broken, 1)
     poisson = sparse_matrix(pyamg.gallery.poisson((100,), format="csr"))
-    x, report = solve(indefinite, np.array([1.0, -1.0]), launch=launch)
+    x, report = solve(indefinite, np.array([1.0, -1.0]))
     assert report.status == "indefinite" and not report.converged and np.all(np.isfinite(x))
-    x, report = solve(broken, np.ones(8), launch=launch)
+    x, report = solve(broken, np.ones(8))
     assert report.status == "broken" and np.all(np.isfinite(x))
-    assert solve(poisson, np.full(100, np.inf), launch=launch)[1].status == "broken"
-    x, report = solve(poisson, np.ones(100), limit=7, launch=launch)
+    assert solve(poisson, np.full(100, np.inf))[1].status == "broken"
+    x, report = solve(poisson, np.ones(100), limit=7)
     assert (report.status, report.iterations) == ("limit", 7)
 
 
@@ -186,37 +180,3 @@ def test_one_kernel_does_what_many_do():
         for y, other in others:
             np.testing.assert_array_equal(y, x)
             assert other == first
-
-
-CHILD = """
-import hashlib, sys
-import numpy as np, pyamg
-from taichi_mps.runtime import backend
-backend.init("cpu", sys.argv[2], int(sys.argv[1]))
-from tests.support.linear import LAUNCHED, solve, with_levels
-a, levels, matrix = with_levels(pyamg.gallery.poisson((20, 20, 20), format="csr"), (20, 20, 20), 2)
-b = np.random.default_rng(0).standard_normal(8000)
-for use in (None, levels):
-    x, report = solve(a, b, preconditioner=use, tolerance=1e-5, launch=LAUNCHED)
-    error = np.linalg.norm(b - matrix @ x) / np.linalg.norm(b)
-    print(report.status, report.iterations, error < 1e-4, hashlib.sha256(x.tobytes()).hexdigest())
-"""
-
-
-def run_child(threads, precision):
-    child = subprocess.run(
-        [sys.executable, "-c", CHILD, str(threads), precision],
-        capture_output=True,
-        text=True,
-        env={**os.environ, "PYTHONPATH": str(Path(__file__).resolve().parents[2])},
-    )
-    assert child.returncode == 0, child.stderr
-    return [line for line in child.stdout.splitlines() if line.startswith(("converged", "limit"))]
-
-
-@pytest.mark.long  # simulation/test_reproducible.py does it for a whole run
-@pytest.mark.parametrize("precision", ["f32", "f64"])
-def test_same_bits_with_one_and_two_threads(precision):
-    one, two = run_child(1, precision), run_child(2, precision)
-    assert one == two
-    assert len(one) == 2 and all(line.split()[0] == "converged" and line.split()[2] == "True" for line in one)

@@ -11,8 +11,6 @@ from tests.support.rigs import lists, particles
 RE, CAPACITY = 0.105, 240
 DOMAINS = {  # name: low corner, high corner, periodic
     "2-D": ((-0.5, 0.0), (0.5, 0.8), (False, False)),
-    "2-D periodic": ((-0.5, 0.0), (0.5, 0.8), (True, False)),
-    "2-D periodic upwards": ((-0.5, 0.0), (0.5, 0.8), (False, True)),
     "2-D periodic, 3 cells": ((-0.5, 0.0), (-0.18, 0.32), (True, True)),
     "3-D": ((0.0, -0.2, 0.0), (0.4, 0.2, 0.7), (False, False, False)),
     "3-D periodic": ((0.0, -0.2, 0.0), (0.4, 0.2, 0.7), (True, True, False)),
@@ -137,10 +135,3 @@ def test_list_is_full_at_its_capacity_and_not_before():
     message = f"{len(expected)} neighbour pairs do not fit into pair_capacity = {len(expected) - 1}"
     with pytest.raises(CapacityError, match=message):
         short.search()
-
-
-def test_bins_refuse_a_short_period():
-    one = particles(np.zeros((1, 2)))
-    for high, periodic in (((0.3, 1.0), (True, False)), ((1.0, 0.3), (False, True))):
-        with pytest.raises(ValueError, match="three effective radii"):
-            lists(one, ((0.0, 0.0), high), periodic, radius=RE)

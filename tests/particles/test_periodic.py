@@ -36,6 +36,7 @@ def test_a_body_that_fills_space_goes_on_uniformly(dimension):
     assert np.abs(s.p).max() < 1e-3 * 1000.0  # rho U^2
 
 
+@pytest.mark.slow
 def test_a_shear_wave_decays_across_the_last_axis():
     """u_x = sin(2 pi y) decays as exp(-4 pi^2 nu t); momentum stays zero."""
     sim = box(2, 24, lambda x: 0.1 * np.sin(2 * np.pi * x[:, 1:]) * (1.0, 0.0))

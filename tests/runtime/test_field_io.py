@@ -1,5 +1,7 @@
 """Fields put in and read back together: the same numbers, whatever their shapes and types."""
 
+import warnings
+
 import numpy as np
 import pytest
 
@@ -41,3 +43,12 @@ def test_what_is_not_named_and_rows_beyond_become_zero_and_one_number_is_for_all
     assert now["number"].tolist() == [3, 3, 0, 0, 0]
     assert now["place"].tolist() == [[0.1, 0.1]] * 2 + [[0.0, 0.0]] * 3
     assert not now["stress"].any() and not now["share"].any()
+
+
+def test_many_fields_are_unrolled_without_a_warning():
+    """More than the 32 from which on Taichi warns."""
+    wide = FieldIO({f"a{k}": ti.field(ti.f64, 2) for k in range(33)}, 2)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        wide.load({"a32": [1.0, 2.0]}, 2)
+        assert wide.read(2)["a32"].tolist() == [1.0, 2.0]
