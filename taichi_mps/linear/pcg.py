@@ -111,12 +111,11 @@ class PCG:
     @stage("find beta")
     def find_beta(self):
         """beta = (r, z) new/old; the end of an iteration."""
-        if leads():
-            if self.status[None] == RUNNING:
-                self.iterations[None] += 1
-                self.beta[None] = self.rz_new[None] / self.rz[None]
-                self.rz[None] = self.rz_new[None]
-                self.judge()
+        if leads() and self.status[None] == RUNNING:
+            self.iterations[None] += 1
+            self.beta[None] = self.rz_new[None] / self.rz[None]
+            self.rz[None] = self.rz_new[None]
+            self.judge()
         wait()
 
     # ---- where it starts ------------------------------------------------------------------------------------

@@ -1,6 +1,5 @@
 """What the kernel language does wrong, slowly or aloud is kept from the user, and no bit depends on the speed patch."""
 
-import math
 import os
 import subprocess
 import sys
@@ -73,20 +72,6 @@ def test_an_f64_field_in_memory_of_its_own_holds_its_numbers(shape):
     assert np.all(before.to_numpy() == 1.5) and np.all(after.to_numpy() == 2.5)
 
 
-@ti.kernel
-def sines(angles: ti.types.ndarray(ti.f64, 1), out: ti.types.ndarray(ti.f64, 1)):
-    for i in range(angles.shape[0]):
-        out[i] = workarounds.sine_by_f32(angles[i])
-
-
-def test_sine_by_f32_is_that_of_the_angle_less_whole_turns():
-    """So that an angle of many turns keeps the accuracy of f32."""
-    angles = np.linspace(-1e6, 1e6, 1001)
-    out = np.zeros_like(angles)
-    sines(angles, out)
-    assert out == pytest.approx([math.sin(angle) for angle in angles], abs=2e-6)
-
-
 # ---- silence and speed ----------------------------------------------------------------------------------------------
 def test_import_says_nothing():
     done = child("import taichi_mps.runtime.backend")
@@ -145,13 +130,6 @@ def ends(path, precision, **environment):
     return np.load(path)
 
 
-@only_taichi
-@pytest.mark.slow
-def test_the_speed_patch_changes_no_bit(tmp_path):
-    on, off = (ends(tmp_path / f"{switch}.npz", "f32", TAICHI_MPS_WORKAROUNDS=switch) for switch in "10")
-    assert len(on) == 6 and all(np.array_equal(on[name], off[name]) for name in on)
-
-
 @pytest.mark.slow
 @pytest.mark.skipif(
     not all(map(find_spec, workarounds.LANGUAGES)), reason="one language is installed: pip install .[quadrants]"
@@ -170,13 +148,6 @@ def test_both_languages_compute_the_same(tmp_path):
 
 
 # ---- which language -------------------------------------------------------------------------------------------------
-def test_a_language_that_is_none_is_refused():
-    code = "import taichi_mps.runtime.backend"
-    place = {**os.environ, "PYTHONPATH": str(ROOT), "TAICHI_MPS_KERNELS": "fortran"}
-    done = subprocess.run([sys.executable, "-c", code], env=place, cwd=ROOT, capture_output=True, text=True)
-    assert done.stderr.splitlines()[-1].endswith("TAICHI_MPS_KERNELS = fortran: must be taichi or quadrants")
-
-
 @pytest.mark.parametrize(
     ("asked", "here", "chosen"),
     [
@@ -185,6 +156,7 @@ def test_a_language_that_is_none_is_refused():
         ("quadrants", ("taichi", "quadrants"), "quadrants"),
         ("", (), "TAICHI_MPS_KERNELS = taichi: is not installed"),
         ("quadrants", ("taichi",), "TAICHI_MPS_KERNELS = quadrants: is not installed"),
+        ("fortran", ("taichi",), "TAICHI_MPS_KERNELS = fortran: must be taichi or quadrants"),
     ],
 )
 def test_taichi_is_the_language_where_it_is_installed_else_quadrants(monkeypatch, asked, here, chosen):

@@ -10,7 +10,6 @@ from taichi_mps.linear.cell_multigrid import CellMultigrid
 from taichi_mps.linear.csr import SparseMatrix
 from taichi_mps.linear.node_multigrid import NodeMultigrid
 from taichi_mps.linear.pcg import HUGE, PCG, STATUS
-from taichi_mps.linear.vectors import Jacobi
 from taichi_mps.particles.neighbors import Bins, NeighborList
 from taichi_mps.particles.particles import Particles
 from taichi_mps.runtime.backend import real, ti
@@ -48,12 +47,6 @@ class BlockOperator:
                         s += self.dense[i * self.components + a, j * self.components + b] * x[j][b]
                 y[i][a] = s if ti.abs(self.inverse_diagonal[i]).sum() > 0 else 0.0
         wait()
-
-
-class ByOperation(Jacobi):
-    """Jacobi, whose solve is launched operation by operation."""
-
-    fits_in_a_kernel = False
 
 
 def spd(n, seed=0):
