@@ -22,8 +22,9 @@ def simulate(scene: mps.Scene, max_time_step: float | None = None):
     steps. The paper's scheme gets its wall particles where the scene has nothing but planes normal to axes."""
     numerics = NUMERICS[Setting.scheme]
     caps = [step for step in (numerics().max_time_step, max_time_step) if step is not None]
-    bare = scene.walls and scene.wall_particles is None
-    if Setting.scheme == "semi-implicit" and bare and all(map(is_normal_to_an_axis, scene.walls)):
+    normals = [wall.normal if isinstance(wall, mps.Plane) else () for wall in scene.walls]
+    lattices = scene.walls and all(np.count_nonzero(normal) == 1 for normal in normals)
+    if Setting.scheme == "semi-implicit" and lattices and scene.wall_particles is None:
         scene = with_wall_particles(scene)
     sim = mps.Simulation(scene, numerics(max_time_step=min(caps, default=None)))
     if Setting.budget is not None:
@@ -64,10 +65,6 @@ def stop_beyond_budget(sim) -> None:
         raise TimeoutError(
             f"at t = {sim.time:.3g} s: {Setting.budget:g} CPU-s spent ({hours:.2g} CPU-h for each simulated second)"
         )
-
-
-def is_normal_to_an_axis(wall) -> bool:
-    return isinstance(wall, mps.Plane) and np.count_nonzero(wall.normal) == 1
 
 
 def with_wall_particles(scene: mps.Scene) -> mps.Scene:

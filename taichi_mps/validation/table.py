@@ -119,18 +119,13 @@ def markdown(results: dict[str, dict], others: dict[str, dict] | None = None) ->
     others = others or {}
     head = ["case", "reference", "quantity", "measured", "target", "", "CPU-s"]
     head += ["semi-implicit", "CPU-s"] if others else []
-    lines = [line(head), "|" + "---|" * len(head)]
+    lines = [head, ["---"] * len(head)]
     for name in ROWS:
         if name in results or name in others:
-            lines += [line(cells[: len(head)]) for cells in cells_of(results.get(name), others.get(name))]
-    lines.append("\n" + count(results))
-    if others:
-        lines.append(f"\nScheme `semi-implicit`: {count(others)}")
-    return "\n".join(lines)
-
-
-def line(cells: list[str]) -> str:
-    return "| " + " | ".join(cells) + " |"
+            lines += cells_of(results.get(name), others.get(name))
+    text = "\n".join("| " + " | ".join(cells[: len(head)]) + " |" for cells in lines)
+    below = f"\n\nScheme `semi-implicit`: {count(others)}" if others else ""
+    return f"{text}\n\n{count(results)}{below}"
 
 
 def cells_of(result: dict | None, other: dict | None):
@@ -176,12 +171,10 @@ def written(item: dict, key: str) -> str:
 
 def count(results: dict[str, dict]) -> str:
     """How many numbers meet their target, and how many rows have ended early."""
-    numbers = [item for result in results.values() for item in result["numbers"]]
-    errors = [result["error"] for result in results.values() if result["error"]]
-    refused = sum(error.startswith("not run") for error in errors)
-    text = f"{sum(item['met'] for item in numbers)} of {len(numbers)} numbers meet their target; "
-    text += f"{len(errors) - refused} rows failed"
-    return text + (f"; {refused} were not run." if refused else ".")
+    met = [item["met"] for result in results.values() for item in result["numbers"]]
+    refused = [result["error"].startswith("not run") for result in results.values() if result["error"]]
+    text = f"{sum(met)} of {len(met)} numbers meet their target; {len(refused) - sum(refused)} rows failed"
+    return text + (f"; {sum(refused)} were not run." if any(refused) else ".")
 
 
 def insert(page: Path, text: str) -> None:
