@@ -26,17 +26,18 @@ def _splat(centres: Rows, radius: ti.f32, focal: ti.f32, keys: Keys):
             top, bottom = 0.5 * rows + scale * (y * z - tall), 0.5 * rows + scale * (y * z + tall)
             i0, i1 = ti.max(0, ti.cast(ti.floor(top), ti.i32)), ti.min(rows, ti.cast(ti.ceil(bottom), ti.i32))
             j0, j1 = ti.max(0, ti.cast(ti.floor(left), ti.i32)), ti.min(columns, ti.cast(ti.ceil(right), ti.i32))
+            front = ti.cast(ti.bit_cast(ti.cast(z - radius, ti.f32), ti.u32), ti.u64) << 32  # no key of it is smaller
             for i in range(i0, i1):
                 for j in range(j0, j1):
-                    dx, dy = (j + 0.5 - 0.5 * columns) / focal, (i + 0.5 - 0.5 * rows) / focal
-                    dd = dx * dx + dy * dy + 1.0
-                    t = (x * dx + y * dy + z) / dd
-                    qx, qy, qz = x - t * dx, y - t * dy, z - t
-                    inside = r2 - qx * qx - qy * qy - qz * qz
-                    if inside > 0.0:
-                        depth = ti.cast(t - ti.sqrt(inside / dd), ti.f32)
-                        key = (ti.cast(ti.bit_cast(depth, ti.u32), ti.u64) << 32) | ti.cast(k, ti.u64)
-                        if key < keys[i, j]:
+                    if front < keys[i, j]:
+                        dx, dy = (j + 0.5 - 0.5 * columns) / focal, (i + 0.5 - 0.5 * rows) / focal
+                        dd = dx * dx + dy * dy + 1.0
+                        t = (x * dx + y * dy + z) / dd
+                        qx, qy, qz = x - t * dx, y - t * dy, z - t
+                        inside = r2 - qx * qx - qy * qy - qz * qz
+                        if inside > 0.0:
+                            depth = ti.cast(t - ti.sqrt(inside / dd), ti.f32)
+                            key = (ti.cast(ti.bit_cast(depth, ti.u32), ti.u64) << 32) | ti.cast(k, ti.u64)
                             ti.atomic_min(keys[i, j], key)
 
 
