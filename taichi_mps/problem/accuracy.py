@@ -117,25 +117,20 @@ def at_mix(rows: list[Measured], mix: Mix) -> Measured | None:
 
 
 def expected(model: str, spacing: float, mix: Mix, rows: list[Measured] | None = None) -> Measured | None:
-    """For a model, a spacing over H and a mix: between the two measured spacings beside it, linear in its logarithm.
-    None outside of what was measured."""
+    """For a model, a spacing over H and a mix: between the two measured spacings beside it, linear in its logarithm,
+    and what another run may be off besides, for its last digits are chance. None outside of what was measured."""
     rows = sorted(row for row in (measured() if rows is None else rows) if row.model == model)
-    found = [at_mix(list(some), mix) for _, some in groupby(rows, key=itemgetter(0, 1))]  # model and spacing
+    found = [at_mix(list(some), mix) for _, some in groupby(rows, key=itemgetter(0, 1))]
     finer = [it for it in found if it and it.spacing <= spacing * (1.0 + 1e-6)]
     coarser = [it for it in found if it and it.spacing >= spacing * (1.0 - 1e-6)]
     if not finer or not coarser:
         return None
     fine, coarse = finer[-1], coarser[0]
-    if fine is coarse:
-        return fine
-    part = math.log(spacing / fine.spacing) / math.log(coarse.spacing / fine.spacing)
-    return mean([fine, coarse], [1.0 - part, part])._replace(spacing=spacing, **mix._asdict())
-
-
-def with_scatter(row: Measured) -> Measured:
-    """With what another run may be off besides, for its last digits are chance."""
+    spacing = min(max(spacing, fine.spacing), coarse.spacing)  # numbers in the file are rounded
+    part = math.log(spacing / fine.spacing) / math.log(coarse.spacing / fine.spacing) if spacing > fine.spacing else 0.0
+    row = mean([fine, coarse], [1.0 - part, part])
     slump, reach = row.slump + OFF_THE_MEAN * row.slump_scatter, row.reach + OFF_THE_MEAN * row.reach_scatter
-    return row._replace(slump=slump, reach=reach)
+    return row._replace(spacing=spacing, slump=slump, reach=reach, **mix._asdict())
 
 
 def nearest(mix: Mix) -> Mix:
@@ -144,8 +139,8 @@ def nearest(mix: Mix) -> Mix:
 
 
 def of_run(summary: dict) -> tuple[Mix, float, Measured | None] | None:
-    """Mix and height [m] of a run, from its summary, and the errors to expect, scatter included, None where no such
-    mix was measured. In all None for another run than those that were measured: the scheme implicit, a cone as the
+    """Mix and height [m] of a run, from its summary, and the errors to expect, None where no such mix was
+    measured. In all None for another run than those that were measured: the scheme implicit, a cone as the
     standard's at any scale, gone at once, one Bingham mix."""
     given, mixes = summary.get("parameters", {}), summary.get("materials") or []
     walls = summary.get("numerics", {}).get("walls", "surfaces")
@@ -159,8 +154,7 @@ def of_run(summary: dict) -> tuple[Mix, float, Measured | None] | None:
     if any(not math.isclose(given.get(key, 0.0), part * height, rel_tol=1e-6) for key, part in STANDARD.items()):
         return None
     mix = Mix.of(mix["yield_value"], mix["plastic_viscosity"], mix["density"], height)
-    row = expected(given.get("model"), given.get("spacing", 0.0) / height, mix)
-    return mix, height, row and with_scatter(row)
+    return mix, height, expected(given.get("model"), given.get("spacing", 0.0) / height, mix)
 
 
 # ---- a choice --------------------------------------------------------------------------------------------------

@@ -130,8 +130,7 @@ def charts(history: dict) -> list[dict]:
         if of_scene(key) and np.isfinite(values).any():
             factor, unit, _ = unit_of_measure(key)
             curves.setdefault(unit, []).append(curve(title(key), time[kept], factor * values[kept]))
-    if "flowing_fraction" in history:  # earlier runs have none
-        curves["%"] = [curve("share flowing", time[kept], 100.0 * history["flowing_fraction"][kept])]
+    curves["%"] = [curve("share flowing", time[kept], 100.0 * history["flowing_fraction"][kept])]
     return [{"unit": unit, "curves": some} for unit, some in curves.items()]
 
 

@@ -36,18 +36,15 @@ def shown(value, unit: str) -> str:
     return f"{value:.6g} {unit.strip('-')}".rstrip()
 
 
-def command(source: str, summary: dict, every: float | None) -> str:
+def command(source: str, summary: dict, every: float) -> str:
     """The words after taichi-mps that compute the same again. What has its default is left out, but for the interval of
     the outputs [s], at which steps end, too; of a scene file only the name is told, not the folder."""
     usual = {key: field.default for key, field in fields_of(source).items()}
-    options = summary.get("parameters", {}) | {"every": every, "scheme": summary.get("scheme", "implicit")}
-    if summary.get("stopped_by") == "time":
+    usual |= NUMERICS[summary["scheme"]]().model_dump() | USUAL
+    options = summary["parameters"] | {"every": every, "scheme": summary["scheme"]} | summary["numerics"]
+    options |= {key: summary["backend"][key] for key in ("arch", "precision")}
+    if summary["stopped_by"] == "time":
         options["until"] = float(f"{summary['simulated_seconds']:.9g}")
-    if options["scheme"] in NUMERICS:
-        usual |= NUMERICS[options["scheme"]]().model_dump()
-        options |= summary.get("numerics", {})
-    usual |= USUAL
-    options |= {key: value for key, value in (summary.get("backend") or {}).items() if key in usual}
     given = {key: value for key, value in options.items() if value not in (None, "") and key not in LEFT_OUT}
     told = [option(key, value) for key, value in given.items()
             if (value != usual[key] if key in usual else value is not False)]  # fmt: skip

@@ -140,12 +140,11 @@ def rows(summary) -> list[tuple[str, str, str]]:
 
 def numerics(summary) -> list[tuple[str, str]]:
     """What only those ask who know the method."""
-    end, most = (summary.get(key) or 0.0 for key in ("volume_error", "volume_error_max"))
     facts = {
         "steps": f"{summary['steps']} in {summary['simulated_seconds']:.3f} s",
         "particles": f"{summary['fluid_particles']} fluid, {summary['wall_particles']} wall",
         "scheme": summary["scheme"],
-        "left out": f"{summary.get('left_out', 0.0):.0%} of the particles, which stood still, mean of all steps",
-        "volume error": f"{end:.2%} at the end, at most {most:.2%}",
+        "left out": f"{summary['left_out']:.0%} of the particles, which stood still, mean of all steps",
+        "volume error": f"{summary['volume_error']:.2%} at the end, at most {summary['volume_error_max']:.2%}",
     } | summary.get("numerics", {})
     return [(in_words(key), str(value)) for key, value in facts.items()]

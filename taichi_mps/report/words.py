@@ -91,7 +91,7 @@ def expected(summary: dict) -> str:
             f"{2e3 * height * row.reach:.0f} mm",
             f"{row.volume:.1%}",
         )
-        for row in map(accuracy.with_scatter, filter(None, found))
+        for row in filter(None, found)
     ]
     head = "particle size", "slump within", "diameter within", "volume within"
     return f"{text}\n<p>Of this mix, by the model {safe(error.model)}, are to be expected:</p>\n{table(rows, head)}"
@@ -99,7 +99,5 @@ def expected(summary: dict) -> str:
 
 def versions(run) -> str:
     """What has computed it and what has made the page."""
-    backend = run.summary.get("backend") or {}
-    on = ", ".join(str(backend[key]) for key in ("arch", "precision") if key in backend)
-    computed = f"Computed by taichi_mps {run.summary['version']}{f' ({on})' if on else ''}. " if run.ended else ""
-    return f"{computed}Page made by taichi_mps {__version__} with plotly.js."
+    computed = "Computed by taichi_mps {version} ({backend[arch]}, {backend[precision]}). "
+    return f"{computed.format(**run.summary) if run.ended else ''}Page made by taichi_mps {__version__} with plotly.js."

@@ -96,7 +96,7 @@ def test_two_tabs_run_watch_stop_and_compare(tmp_path):
     with serving(tmp_path) as (port, server), chromium() as browser:
         one, two = Tab(browser, port), Tab(browser, port, width=390)
         one.set(yield_value="500 ", spacing="20 mm")
-        error = accuracy.with_scatter(accuracy.expected("full", 0.02 / 0.3, accuracy.Mix.of(500.0, 50.0)))
+        error = accuracy.expected("full", 0.02 / 0.3, accuracy.Mix.of(500.0, 50.0))
         told = one.forecast("particles of 20 mm, model full")
         assert f"Expect the slump within {300.0 * error.slump:.1f} mm" in told
         one.press("run")

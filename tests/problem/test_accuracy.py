@@ -28,7 +28,10 @@ ROWS = [linear(spacing, mix) for spacing in (0.02, 0.05) for mix in CORNERS]
 @pytest.mark.parametrize("spacing", [0.02, 0.03, 0.05])
 def test_between_what_was_measured_it_is_linear(mix, spacing):
     found, exact = expected("quarter", spacing, mix, ROWS), linear(spacing, mix)
-    np.testing.assert_allclose(found[1:], exact[1:], rtol=1e-9)
+    slump, reach = (
+        getattr(exact, k) + accuracy.OFF_THE_MEAN * getattr(exact, f"{k}_scatter") for k in ("slump", "reach")
+    )
+    np.testing.assert_allclose(found[1:], exact._replace(slump=slump, reach=reach)[1:], rtol=1e-9)
 
 
 @pytest.mark.parametrize(
