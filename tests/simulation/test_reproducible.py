@@ -29,7 +29,8 @@ def steps(sim, count):
 start = backend.ti.init
 backend.ti.init = lambda **settings: start(**(settings | {"fast_math": False}))
 mps.init(precision=sys.argv[1], threads=int(sys.argv[2]))
-sim = mps.Simulation(catalogue.build("slump", spacing=0.0095))  # 6,400 particles: a team of threads, grids of nodes
+sim = mps.Simulation(catalogue.build("slump", model=sys.argv[3], spacing=float(sys.argv[4])))
+assert sim.fluid_particles > 6000  # a team of threads, grids of nodes
 start = bits(sim)
 steps(sim, 4)
 saved = sim.state()
@@ -43,10 +44,22 @@ print(start, end, again)
 """
 
 
-@pytest.mark.parametrize("precision", ["f32", pytest.param("f64", marks=pytest.mark.long)])
-def test_same_bits_with_any_number_of_threads_and_from_a_saved_state(precision):
+@pytest.mark.parametrize(
+    ("precision", "model", "spacing"),
+    [
+        ("f32", "axisymmetric", "0.0019"),
+        pytest.param("f32", "full", "0.0095", marks=pytest.mark.slow),
+        pytest.param("f64", "full", "0.0095", marks=pytest.mark.long),
+    ],
+)
+def test_same_bits_with_any_number_of_threads_and_from_a_saved_state(precision, model, spacing):
     runs = [
-        subprocess.Popen([sys.executable, "-c", RUN, precision, threads], cwd=ROOT, text=True, stdout=subprocess.PIPE)
+        subprocess.Popen(
+            [sys.executable, "-c", RUN, precision, threads, model, spacing],
+            cwd=ROOT,
+            text=True,
+            stdout=subprocess.PIPE,
+        )
         for threads in ("1", "2")
     ]
     outputs = [run.communicate(timeout=300)[0].split() for run in runs]

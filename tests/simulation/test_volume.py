@@ -74,7 +74,7 @@ def test_a_stretched_body_keeps_its_volume(until, tolerance):
     assert a * b / start == pytest.approx(1.0, abs=tolerance)
 
 
-@pytest.mark.long  # schemes/test_where_methods_fail.py spins one, too
+@pytest.mark.long
 def test_a_spinning_disc_keeps_its_angular_momentum():
     """Forces at the middle of the step have no torque there: a fifth of a turn, w dt up to 0.02."""
     x = ball(2, 0.125)
