@@ -116,13 +116,9 @@ class Results:
             self.show.refresh()
         self.there, self.drawn = there, drawn
 
-    def folder(self, name: str) -> RunFolder:
-        """That of a run of this name."""
-        return RunFolder(self.queue.folder / name)
-
     def row(self, name: str) -> dict[str, str]:
         """A run in the table."""
-        summary = summary_of(self.folder(name))
+        summary = summary_of(RunFolder(self.queue.folder / name))
         if not summary:
             return {"name": name, "end": NO_SUMMARY}
         words = {"test": summary["scene"], "mix": mixes(summary), "found": measured(summary), "end": end_of(summary)}
@@ -131,7 +127,7 @@ class Results:
     @ui.refreshable_method
     def show(self) -> None:
         """What is chosen."""
-        chosen = [self.folder(row["name"]) for row in self.table.selected]
+        chosen = [RunFolder(self.queue.folder / row["name"]) for row in self.table.selected]
         if len(chosen) == 1:
             show_run(chosen[0])
         elif chosen:
@@ -167,15 +163,16 @@ def beside(summaries: list[dict]) -> list[tuple[str, ...]]:
 
 
 def curves(folders: list[RunFolder]) -> None:
-    """The slump curves of runs in one chart, here, or why there is none."""
+    """The slump curves of those runs that have one in one chart, here."""
     shown = {"legend": {}, "tooltip": {"trigger": "axis"}, "series": []}
     shown |= {"xAxis": {"type": "value", "name": "time [s]"}, "yAxis": {"type": "value", "name": "slump [cm]"}}
     try:
         for folder in folders:
             history = read_history(folder.history)
             points = np.stack([history["time_s"], 100.0 * history["slump_m"]], 1)
-            data = points[np.isfinite(points[:, 1])].tolist()
-            shown["series"].append({"name": folder.path.name, "type": "line", "showSymbol": False, "data": data})
-        ui.echart(shown).props('data-part="curves"')
+            if data := points[np.isfinite(points[:, 1])].tolist():
+                shown["series"].append({"name": folder.path.name, "type": "line", "showSymbol": False, "data": data})
+        if shown["series"]:
+            ui.echart(shown).props('data-part="curves"')
     except SceneError as error:
         ui.label(plain(error))
