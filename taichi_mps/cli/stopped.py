@@ -1,6 +1,7 @@
 """A signal that ends the program is an exception from its first moment on, so that nothing is left half made."""
 
 import signal
+import sys
 
 SIGNALS = signal.SIGINT, signal.SIGTERM
 came: list[int] = []  # numbers of those that came before a run listened itself
@@ -23,3 +24,5 @@ def listen() -> None:
 
     for number in SIGNALS:
         signal.signal(number, stop)
+    told = sys.unraisablehook  # a callback of the import system swallows it and would say so; ``came`` knows
+    sys.unraisablehook = lambda lost: None if isinstance(lost.exc_value, Stopped) else told(lost)
