@@ -3,7 +3,7 @@
 import os
 import subprocess
 import sys
-import threading
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
 
@@ -28,20 +28,9 @@ def steps(sim, count):
 
 def in_threads(*calls):
     """What calls return or raise, each in a thread of its own, all at once."""
-    results = [None] * len(calls)
-
-    def work(k):
-        try:
-            results[k] = calls[k]()
-        except Exception as error:
-            results[k] = error
-
-    threads = [threading.Thread(target=work, args=(k,)) for k in range(len(calls))]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    return results
+    with ThreadPoolExecutor(len(calls)) as pool:
+        futures = [pool.submit(call) for call in calls]
+    return [future.exception() or future.result() for future in futures]
 
 
 def test_two_simulations_take_turns_or_step_at_once_and_do_not_mix():
