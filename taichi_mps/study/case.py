@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 
-from .. import __version__
 from ..io.history import row_of
 from ..io.run_folder import strict
 from ..problem import catalogue
@@ -49,12 +48,9 @@ def case(scene: str, **parameters) -> Case:
 
 @lru_cache
 def code() -> str:
-    """A digest of the package's modules, but for those of studies: between two versions the numerics change, too."""
-    digest = hashlib.sha256(__version__.encode())
-    for path in sorted(catalogue.PACKAGE.rglob("*.py")):
-        if path.parent.name != "study":
-            digest.update(path.read_bytes())
-    return digest.hexdigest()
+    """A digest of the package's modules, but for those of studies: with another code the numerics may change, too."""
+    files = [path for path in sorted(catalogue.PACKAGE.rglob("*.py")) if path.parent.name != "study"]
+    return hashlib.sha256(b"".join(path.read_bytes() for path in files)).hexdigest()
 
 
 def row_without_result(case: Case, status: str, reason) -> dict:

@@ -102,17 +102,23 @@ def require_chart(borders, rows, wanted, out) -> Path:
         (b.plastic_viscosity, (b.fills_up_to * b.empty_from) ** 0.5) for b in borders if b.fills_up_to and b.empty_from
     ]
     axes.plot(*np.array(found).reshape(-1, 2).T, "-", color="black")
-    title = f"{rows[0]['scene']}: {wanted.filled:.0%} filled in {wanted.time:g} s"
+    name = f"{rows[0]['scene']}: {wanted.filled:.0%} filled in {wanted.time:g} s"
     etas = [border.plastic_viscosity for border in borders]
     ends = (0.7 * min(etas), 1.4 * max(etas)), (0.8 * wanted.softest, 1.25 * wanted.stiffest)
-    axes.set(xscale="log", yscale="log", xlabel="plastic viscosity [Pa s]", ylabel="yield stress [Pa]", title=title)
+    axes.set(xscale="log", yscale="log", xlabel="plastic viscosity [Pa s]", ylabel="yield stress [Pa]", title=name)
     axes.set(xlim=ends[0], ylim=ends[1])
     for axis, (low, high) in zip((axes.xaxis, axes.yaxis), ends, strict=True):
         ticked(axis, low, high)
-    yields, viscosities = (borders[0].density * np.exp(axis) for axis in emulator.axes)
-    slump = 100.0 * emulator.at(*emulator.axes, grid=True)["slump_m"]
-    lines = axes.contour(viscosities, yields, slump, levels=np.arange(2.0, 30.0, 2.0), colors="#b9bfc6")
-    axes.clabel(lines, fmt="slump %g cm", fontsize=8)
+    density = borders[0].density
+    shown = [
+        np.unique(np.clip(np.log(np.geomspace(*end, 60) / density), low, high))
+        for end, low, high in zip(reversed(ends), emulator.low, emulator.high, strict=True)
+    ]
+    if min(map(len, shown)) > 1:
+        yields, viscosities = (density * np.exp(axis) for axis in shown)
+        slump = 100.0 * emulator.at(*shown, grid=True)["slump_m"]
+        lines = axes.contour(viscosities, yields, slump, levels=np.arange(2.0, 30.0, 2.0), colors="#b9bfc6")
+        axes.clabel(lines, fmt="slump %g cm", fontsize=8)
     axes.legend(frameon=False)
     return _save(figure, out)
 

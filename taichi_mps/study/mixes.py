@@ -1,7 +1,6 @@
 """A laboratory's list of measured mixes: one calibration each, a table of the results, and a page that opens from the
 disk without a network."""
 
-import csv
 from collections import Counter
 from concurrent.futures import BrokenExecutor
 from contextlib import nullcontext, suppress
@@ -16,6 +15,7 @@ from ..report.page import publish
 from ..report.words import safe, table
 from ..units import SceneError
 from ..viz.plots import COLOURS
+from . import results
 from .calibrate import CONE, calibrate
 from .calibration import BINGHAM, NAMES, WORDS, Calibration, apart, is_time, short
 from .executors import named
@@ -133,13 +133,9 @@ def tally(rows: list[dict]) -> str:
 
 
 def write(rows: list[dict], path) -> None:
-    """The table of results, CSV."""
-    names = list(dict.fromkeys(name for row in rows for name in row if name))
-    with open(path, "w", encoding="utf-8", newline="") as file:
-        lines = csv.DictWriter(file, names, restval="", extrasaction="ignore")
-        lines.writeheader()
-        for row in rows:
-            lines.writerow({name: f"{v:.5g}" if isinstance(v, float) else v for name, v in row.items()})
+    """The table of results, CSV, numbers with five figures."""
+    rounded = [{name: f"{v:.5g}" if isinstance(v, float) else v for name, v in row.items()} for row in rows]
+    results.write(rounded, path)
 
 
 # ---- the page --------------------------------------------------------------------------------------------------

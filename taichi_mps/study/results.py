@@ -47,14 +47,10 @@ class Results:
 
     def write(self, rows: list[dict]) -> None:
         """Make the table of these rows anew, whole or not at all."""
-        columns = list(dict.fromkeys(name for row in rows for name in row))
-        if not columns:
+        if not rows:
             return
         fresh = self.table.with_suffix(".part")
-        with open(fresh, "w", newline="", encoding="utf-8") as file:
-            lines = csv.DictWriter(file, columns, restval="")
-            lines.writeheader()
-            lines.writerows(rows)
+        write(rows, fresh)
         os.replace(fresh, self.table)
         with suppress(ImportError):
             import pyarrow.csv
@@ -74,6 +70,15 @@ def opened(folder):
         raise SceneError(f"out = {folder}: holds other files and no study; must be a new or a study's folder")
     with locked(folder / LOCK, "another study, process"), open(folder / JOURNAL, "a+b") as file:
         yield Results(folder, file)
+
+
+def write(rows: list[dict], path) -> None:
+    """A table of rows as CSV, one column for each name in any of them."""
+    columns = list(dict.fromkeys(name for row in rows for name in row if name))
+    with open(path, "w", newline="", encoding="utf-8") as file:
+        lines = csv.DictWriter(file, columns, restval="", extrasaction="ignore")
+        lines.writeheader()
+        lines.writerows(rows)
 
 
 def read(path) -> list[dict]:

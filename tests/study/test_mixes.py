@@ -126,6 +126,7 @@ def test_the_page_and_the_chart_join_each_mix_with_its_model(found, rows, tmp_pa
     assert lines["x"] == [measured["x"][0], model["x"][0], None, measured["x"][1], model["x"][1], None]
 
 
+@pytest.mark.slow
 @needs_chromium
 def test_the_page_has_every_mix_and_opens_without_a_network(found, rows, tmp_path):
     pytest.importorskip("plotly")

@@ -147,6 +147,7 @@ def test_a_study_that_is_killed_goes_on_where_it_was(tmp_path, notes):
     assert all(study_cases.runs(notes)[key] == 1 for key in before) and len(read(tmp_path / "s")) == 9
 
 
+@pytest.mark.slow
 def test_dask_two_workers_one_killed(tmp_path, notes):
     distributed = pytest.importorskip("distributed", reason="needs distributed: pip install 'taichi-mps[cluster]'")
     settings = {"n_workers": 2, "threads_per_worker": 1, "processes": True, "dashboard_address": None}
