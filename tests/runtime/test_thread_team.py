@@ -98,7 +98,7 @@ def test_a_team_solves_bit_for_bit_as_one_thread():
     a = pyamg.gallery.poisson((70, 70), format="csr")
     b = np.random.default_rng(3).standard_normal(4900)
     (x, report), (y, other) = (
-        solve(sparse_matrix(a), b, launch={"rows": rows}, team=who)
+        solve(sparse_matrix(a), b, launch={"rows": rows, "team": who})
         for rows, who in ((4900, team.ThreadTeam(3)), (1, None))
     )
     assert report.converged and report.iterations == other.iterations > 50

@@ -12,7 +12,7 @@ from taichi_mps.linear.node_multigrid import NodeMultigrid
 from taichi_mps.linear.pcg import HUGE, PCG, STATUS
 from taichi_mps.particles.neighbors import Bins, NeighborList
 from taichi_mps.particles.particles import Particles
-from taichi_mps.runtime.backend import real, ti
+from taichi_mps.runtime.backend import constant_fields, real, ti
 from taichi_mps.runtime.stages import Execution, stage
 from taichi_mps.runtime.thread_team import first, last, wait
 
@@ -26,12 +26,10 @@ class BlockOperator:
 
     def __init__(self, dense, components, masked=()):
         self.components, self.rows = components, len(dense) // components
-        inverse = np.zeros((self.rows, components, components))
-        for i in range(self.rows):
-            block = slice(i * components, (i + 1) * components)
-            inverse[i] = 0.0 if i in masked else np.linalg.inv(dense[block, block])
-        self.dense = ti.field(real(), dense.shape)
-        self.dense.from_numpy(dense)
+        all_rows = range(self.rows)
+        inverse = np.linalg.inv(dense.reshape(2 * (self.rows, components))[all_rows, :, all_rows])
+        inverse[list(masked)] = 0.0
+        (self.dense,) = constant_fields(dense)
         self.inverse_diagonal = ti.Matrix.field(components, components, real(), self.rows)
         self.inverse_diagonal.from_numpy(inverse)
         self.count = ti.field(ti.i32, ())
@@ -59,10 +57,9 @@ def sparse_matrix(matrix, capacity=None):
     """A SparseMatrix with the entries of a SciPy matrix."""
     rows, diagonal = matrix.shape[0], matrix.diagonal()
     capacity, pairs = capacity or rows, (matrix - sp.diags(diagonal)).tocsr()
-    a = SparseMatrix(capacity, pairs.nnz)
+    lists = constant_fields(np.pad(pairs.indptr, (0, capacity - rows), mode="edge"), pairs.indices)
+    a = SparseMatrix(capacity, pairs.nnz, *lists)
     a.count[None] = rows
-    a.row_start.from_numpy(np.pad(pairs.indptr, (0, capacity - rows), mode="edge"))
-    a.column.from_numpy(pairs.indices)
     a.value.from_numpy(pairs.data)
     set_diagonal(a, np.ascontiguousarray(diagonal, float))
     return a
@@ -87,17 +84,16 @@ class Report:
         return self.status == "converged"
 
 
-def solve(operator, b, components=1, tolerance=1e-10, x=0.0, preconditioner=None, launch=None, team=None, **options):
+def solve(operator, b, components=1, tolerance=1e-10, x=0.0, preconditioner=None, launch=None, **options):
     """(x, report) of A x = b; an operator keeps one solver for each preconditioner, which is compiled once. Options:
     limit, most, again, reduction, enough of PCG.solve."""
     capacity = operator.inverse_diagonal.shape[0]
     launch = launch or (FUSED if getattr(preconditioner, "fits_in_a_kernel", True) else LAUNCHED)
     solvers = operator.__dict__.setdefault("solvers", {})
-    key = id(preconditioner), launch["rows"], id(team)
+    key = preconditioner, *launch.values()
     if key not in solvers:
-        execution = Execution(launch["rows"], team=team)
-        solvers[key] = PCG(capacity, components, operator, preconditioner), execution, preconditioner, team
-    solver, execution = solvers[key][:2]
+        solvers[key] = PCG(capacity, components, operator, preconditioner), Execution(**launch)
+    solver, execution = solvers[key]
     for field, values in ((solver.b, b), (solver.x, np.broadcast_to(x, b.size))):
         padded = np.zeros(capacity * components)
         padded[: b.size] = values
@@ -131,11 +127,7 @@ def with_levels(matrix, points, per_cell, kind=Always):
     order, cell, shape = by_cell(points, per_cell)
     matrix = matrix.tocsr()[order][:, order].tocsr()
     a = sparse_matrix(matrix)
-    cell_start = ti.field(ti.i32, int(np.prod(shape)) + 1)
-    cell_start.from_numpy(np.searchsorted(cell, np.arange(np.prod(shape) + 1)).astype(np.int32))
-    cell_of = ti.field(ti.i32, len(cell))
-    cell_of.from_numpy(cell.astype(np.int32))
-    levels = kind(a, cell_start, cell_of, shape)
+    levels = kind(a, *constant_fields(np.searchsorted(cell, np.arange(np.prod(shape) + 1)), cell), shape)
     levels.build()
     return a, levels, matrix
 
