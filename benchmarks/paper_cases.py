@@ -9,6 +9,7 @@ Reference curves: tests/reference/fe_inertial_slump_history.csv (own finite elem
 
 import subprocess
 import sys
+from itertools import cycle
 
 import numpy as np
 import points
@@ -138,6 +139,25 @@ def table(names, pi_c):
     return points.table(head, lines)
 
 
+def marks_and_lines(marks, lines, out, **settings):
+    """Marks {label: (x, y)}, and lines of the same kind in the colour of the marks of their label, or grey; settings:
+    of the axes, those of matplotlib."""
+    from taichi_mps.viz import plots
+
+    figure, axes = plots._figure(7.0, 4.8)
+    colour, grey = plots._colours(marks), cycle(("--", ":", "-."))
+    for label, pair in lines.items():
+        if label in marks:
+            axes.plot(*pair, "-", color=colour[label])
+        else:
+            axes.plot(*pair, next(grey), color="#555b63", label=label)
+    for label, pair in marks.items():
+        axes.plot(*pair, "o", ms=5, color=colour[label], mec="white", mew=0.5, label=label, rasterized=True)
+    axes.set(**settings)
+    axes.legend(loc="best", frameon=False)
+    plots._save(figure, out)
+
+
 def draw():
     """Figures 4-10 of the paper, drawn with its scheme beside ``implicit`` and finite elements, and the tables."""
     import imageio.v3 as imageio
@@ -163,7 +183,7 @@ def draw():
     known["Roussel (2006), 50-250 mm"] = np.array([empirical, slumps])[:, (slumps > 0.05) & (slumps < 0.25)]
     ends, known = ({name: (t, 100.0 * slump) for name, (t, slump) in found.items()} for found in (ends, known))
     axes = {"xlabel": "yield stress [Pa]", "ylabel": "slump [cm]", "xlim": (0.0, None), "ylim": (26.0, 0.0)}
-    plots.points_and_lines(ends, known, points.FIGURES / "paper_fig4.png", **axes)
+    marks_and_lines(ends, known, points.FIGURES / "paper_fig4.png", **axes)
     for figure, cases in (("paper_fig6", (1, 2, 3)), ("paper_fig10", (4, 5))):
         samples, laws, rate = {}, {}, np.logspace(-2, 1.5, 200)
         for k in cases:
@@ -173,7 +193,7 @@ def draw():
                 rates = np.concatenate([np.array(v) for v in source["shear_rate_quantiles"].values()])
                 samples[label] = (rates, apparent_viscosity(rates, eta, tau_y, 0.1, np.maximum))
         axes = {"xscale": "log", "yscale": "log", "xlabel": "shear rate [1/s]", "ylabel": "viscosity [Pa s]"}
-        plots.points_and_lines(samples, laws, points.FIGURES / f"{figure}.png", **axes)
+        marks_and_lines(samples, laws, points.FIGURES / f"{figure}.png", **axes)
     for figure, name in (("paper_fig7", paper_scheme(1)), ("paper_fig8", paper_scheme(3))):
         frames = [sorted((FRAMES / name / f"t{t:.1f}").glob("*.png"))[-1:] for t in PICTURES]
         pictures = [imageio.imread(file)[::2, ::2] for found in frames for file in found]

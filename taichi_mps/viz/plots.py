@@ -47,29 +47,9 @@ def _save(figure, out):
     return out
 
 
-def _columns(rows):
-    """Columns as arrays, of a dict of columns or a list of rows."""
-    if not hasattr(rows, "keys"):
-        rows = {key: [row[key] for row in rows] for key in rows[0]}
-    return {key: np.atleast_1d(np.asarray(values, float)) for key, values in rows.items()}
-
-
 def _colours(labels):
     """A colour for each of some labels, in their order."""
     return dict(zip(dict.fromkeys(labels), cycle(COLOURS), strict=False))
-
-
-def _label_ends(axes, ends):
-    """Write a label right of the last point of each curve (x, y, text, colour), pushed apart where they would touch."""
-    place = axes.transAxes.inverted().transform
-    heights = [place(axes.transData.transform(end[:2]))[1] for end in ends]
-    order = np.argsort(heights, kind="stable")
-    steps = 0.05 * np.arange(len(ends))
-    pushed = np.maximum.accumulate(np.array(heights)[order] - steps) + steps
-    pushed -= max(0.0, pushed.max(initial=0.0) - 1.0)
-    for k, height in zip(order, pushed, strict=True):
-        text, colour = ends[k][2:]
-        axes.annotate(text, (1.01, height), xycoords="axes fraction", color=colour, va="center", annotation_clip=False)
 
 
 def slump_curve(histories, out, references=None, log_time=False):
@@ -78,43 +58,22 @@ def slump_curve(histories, out, references=None, log_time=False):
     references: {label: (time [s], slump [m])}, dashed and, where the label is that of a run, in its colour.
     """
     figure, axes = _figure(8.0, 4.8)
-    runs, references = {label: _columns(rows) for label, rows in histories.items()}, references or {}
-    colour, ends = _colours([*runs, *references]), []
-    curves = [(label, "-", run["time_s"], run["slump_m"]) for label, run in runs.items()]
-    curves += [(label, "--", *points) for label, points in references.items()]
-    for label, style, *points in curves:
-        t, slump = (np.atleast_1d(np.asarray(column, float)) for column in points)
+    references = references or {}
+    colour = _colours([*histories, *references])
+    curves = [(label, "-", label, run["time_s"], run["slump_m"]) for label, run in histories.items()]
+    curves += [(label, "--", f"{label}, reference", *points) for label, points in references.items()]
+    for label, style, name, *points in curves:
+        t, slump = np.array(points, float)
         keep = np.isfinite(slump) & ((t > 0) | (not log_time))
         t, slump = t[keep], 100.0 * slump[keep]
-        axes.plot(t, slump, style, color=colour[label], marker="o" if style == "--" and len(t) < 3 else None)
-        if len(t) and (style == "-" or label not in runs):
-            ends.append((t[-1], slump[-1], plain(label).replace("$", r"\$"), colour[label]))  # $ begins a formula
+        name = " " + plain(name).replace("$", r"\$")  # $ begins a formula, and with _ in front it would be left out
+        axes.plot(t, slump, style, color=colour[label], label=name, marker="o" if len(t) < 3 else None)
     axes.margins(x=0.0)
     axes.set_xscale("log" if log_time else "linear")
-    if not log_time:
-        axes.set_xlim(left=0.0)
-    axes.set(xlabel="time [s]", ylabel="slump [cm]", ylim=(max(axes.get_ylim()[1], 1.0), min(axes.get_ylim()[0], 0.0)))
-    if references:
-        handles = [axes.plot([], [], style, color="#555b63")[0] for style in ("-", "--")]
-        axes.legend(handles, ["computed", "reference"], loc="lower left" if log_time else "upper right", frameon=False)
-    _label_ends(axes, ends)
-    return _save(figure, out)
-
-
-def points_and_lines(points, lines, out, **settings):
-    """Points {label: (x, y)}, and lines of the same kind in the colour of the points of their label, or grey; settings:
-    of the axes, those of matplotlib."""
-    figure, axes = _figure(7.0, 4.8)
-    colour, grey = _colours(points), cycle(("--", ":", "-."))
-    for label, pair in lines.items():
-        known = label in points
-        axes.plot(
-            *pair, "-" if known else next(grey), color=colour.get(label, "#555b63"), label=None if known else label
-        )
-    for label, pair in points.items():
-        axes.plot(*pair, "o", ms=5, color=colour[label], mec="white", mew=0.5, label=label, rasterized=True)
-    axes.set(**settings)
-    axes.legend(loc="best", frameon=False)
+    low, high = axes.get_ylim()
+    axes.set(xlabel="time [s]", ylabel="slump [cm]", ylim=(max(high, 1.0), min(low, 0.0)))
+    axes.set_xlim(left=None if log_time else 0.0)
+    figure.legend(loc="outside right upper", frameon=False)
     return _save(figure, out)
 
 
@@ -136,11 +95,10 @@ def panels_of(columns, numerics=False) -> list:
 def history(rows, out, numerics=False):
     """What history.csv holds against time: slump and spread or what else is measured, the largest speed, and the share
     that flows (where the viscous stress is over 5 % of the yield stress); numerics: time step, iterations, errors."""
-    columns = {key: values for key, values in _columns(rows).items() if np.isfinite(values).any()} if len(rows) else {}
-    panels = panels_of(columns, numerics)
+    panels = panels_of({key: values for key, values in rows.items() if np.isfinite(values).any()}, numerics)
     if not panels:
         raise SceneError("history.csv: holds no numbers to draw; must hold a step of a run")
-    t, below = columns["time_s"], 0.6  # [inches] for the label of the time
+    t, below = rows["time_s"], 0.6  # [inches] for the label of the time
     tall = 1.9 * len(panels) + below
     figure, axes = _figure(7.5, tall, len(panels), sharex=True, squeeze=False, layout=None)
     figure.subplots_adjust(left=0.09, right=0.97, top=1.0 - 0.35 / tall, bottom=below / tall, hspace=0.35)
@@ -179,26 +137,29 @@ def convergence(series, panels, out):
         lines = {curve: np.array(sorted(points)) for curve, points in curves[quantity].items()}
         colour, every = _colours(lines), np.concatenate(list(lines.values()))
         panel.set(xscale="log", yscale="log", xlabel=label, title=quantity)
-        _order_guides(panel, every, sign)
+        ends, top = np.sort([every[:, 0].min(), every[:, 0].max()])[::-sign], 1.3 * every[:, 1].max()
+        for order in (1.0, 1.5):  # thin, from above the largest error at the coarsest spacing to the finest
+            lowest = top * (ends[1] / ends[0]) ** (sign * order)
+            panel.plot(ends, (top, lowest), color="#9aa1a9", lw=1.0, ls="--", zorder=1)
+            panel.annotate(
+                f"order {order:g}",
+                (ends[1], lowest),
+                (-6 * sign, -3),
+                textcoords="offset points",
+                color="#6b727a",
+                fontsize=10,
+                ha="right" if sign < 0 else "left",
+                va="top",
+                zorder=1,
+            )
         for curve, points in lines.items():
-            panel.plot(*points.T, "o-", color=colour[curve], ms=6, mec="white", mew=0.8)
+            panel.plot(*points.T, "o-", color=colour[curve], ms=6, mec="white", mew=0.8, label=curve)
         panel.set_xticks(np.unique(every[:, 0]), [f"{x:g}" for x in np.unique(every[:, 0])], minor=False)
         panel.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
         panel.yaxis.set_major_formatter("{x:g}")
         panel.tick_params(which="minor", left=False, bottom=False, labelleft=False, labelbottom=False)
-        _label_ends(panel, [(*points[-1], curve, colour[curve]) for curve, points in lines.items()])
+        panel.legend(loc="best", fontsize=10, frameon=False)
     return _save(figure, out)
-
-
-def _order_guides(axes, points, sign):
-    """Thin lines of the orders 1 and 1.5 from above the largest error at the coarsest spacing to the finest."""
-    coarse, fine = np.sort([points[:, 0].min(), points[:, 0].max()])[::-sign]
-    top = 1.3 * points[:, 1].max()
-    for order in (1.0, 1.5):
-        end = top * (fine / coarse) ** (sign * order)
-        axes.plot([coarse, fine], [top, end], color="#9aa1a9", lw=1.0, ls="--", zorder=1)
-        axes.annotate(f"order {order:g}", (fine, end), (-6 * sign, -3), textcoords="offset points", color="#6b727a",
-                      fontsize=10, ha="right" if sign < 0 else "left", va="top", zorder=1)  # fmt: skip
 
 
 def filling(cavity, s, out):

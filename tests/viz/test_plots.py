@@ -26,44 +26,25 @@ def size(path):
         return picture.size
 
 
-def test_slump_curve_points_downwards_in_cm(tmp_path, figures):
+@pytest.mark.parametrize("log_time", [False, True])
+def test_slump_curve_points_downwards_in_cm(tmp_path, figures, log_time):
     runs = {
         "case #1": {"time_s": TIME, "slump_m": SLUMP},
-        "case #2": {"time_s": TIME[:20], "slump_m": 0.5 * SLUMP[:20]},
+        "_2": {"time_s": TIME[:20], "slump_m": 0.5 * SLUMP[:20]},
     }
-    out = plots.slump_curve(
-        runs, tmp_path / "new" / "slump.png", {"case #1": (TIME, 1.1 * SLUMP), "test": ([4], [0.1])}
-    )
+    known = {"case #1": (TIME, 1.1 * SLUMP), "test": ([4], [0.1])}
+    out = plots.slump_curve(runs, tmp_path / "new" / "slump.png", known, log_time)
     assert size(out) == (1200, 720)
     (axes,) = figures[0].axes
     bottom, top = axes.get_ylim()
     assert bottom > 100 * 1.1 * SLUMP.max() and top <= 0.0
-    assert axes.get_xlim() == (0.0, 4.0)
+    assert axes.get_xscale() == ("log" if log_time else "linear") and axes.get_xlim()[1] == pytest.approx(4.0)
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("time [s]", "slump [cm]")
-    assert {text.get_text() for text in axes.texts} == {"case #1", "case #2", "test"}
-    np.testing.assert_allclose(axes.lines[0].get_ydata(), 100 * SLUMP)
-
-
-def test_labels_of_close_curves_do_not_touch_and_a_logarithmic_time_axis_leaves_out_zero(tmp_path, figures):
-    runs = {f"case {k}": {"time_s": TIME, "slump_m": (1 + 0.001 * k) * SLUMP} for k in range(5)}
-    plots.slump_curve(runs, tmp_path / "slump.png", log_time=True)
-    (axes,) = figures[0].axes
-    assert axes.get_xscale() == "log" and len(axes.lines[0].get_xdata()) == 49
-    heights = sorted(text.xy[1] for text in figures[0].axes[0].texts)
-    assert np.diff(heights).min() > 0.049 and heights[-1] <= 1.0
-
-
-def test_points_and_lines_of_a_label_share_their_colour(tmp_path, figures):
-    rate = np.geomspace(1e-3, 1e2, 30)
-    law = (rate, 50.0 + 300.0 / np.maximum(rate, 0.2))
-    lines = {"300 Pa": law, "theory": law}
-    out = plots.points_and_lines({"300 Pa": law}, lines, tmp_path / "a.png", xscale="log", ylim=(2000.0, 0.0))
-    assert size(out) == (1050, 720)
-    (axes,) = figures[0].axes
-    same, theory, points = axes.lines
-    assert same.get_color() == points.get_color() != theory.get_color() and theory.get_linestyle() == "--"
-    assert axes.get_xscale() == "log" and axes.get_ylim() == (2000.0, 0.0)
-    assert axes.get_xlim()[0] <= 1e-3 and axes.get_xlim()[1] >= 1e2
+    shown = [text.get_text().strip() for text in figures[0].legends[0].texts]
+    assert shown == ["case #1", "_2", "case #1, reference", "test, reference"]
+    first, _, same, _ = axes.lines
+    assert first.get_color() == same.get_color() and same.get_linestyle() == "--"
+    np.testing.assert_allclose(first.get_ydata(), 100 * SLUMP[int(log_time) :])  # there is no time 0 of a logarithm
 
 
 def test_history_draws_a_panel_for_each_quantity_that_has_numbers(tmp_path, figures):
@@ -95,10 +76,6 @@ def test_history_draws_a_panel_for_each_quantity_that_has_numbers(tmp_path, figu
     assert titles[5:] == ["time step [ms]", "iterations", "volume error [%]"]
 
 
-def test_history_takes_a_list_of_rows_and_a_single_row(tmp_path):
-    assert size(plots.history([{"time_s": 0.0, "slump_m": 0.0, "dt_s": 0.01}], tmp_path / "history.png"))[0] == 1125
-
-
 def test_convergence_has_a_panel_for_each_error_and_guides_of_its_orders(tmp_path, figures):
     panels = {"L2": ("across", -1), "slump": ("spacing [mm]", 1), "nothing": ("x", 1)}
     series = [
@@ -117,7 +94,7 @@ def test_convergence_has_a_panel_for_each_error_and_guides_of_its_orders(tmp_pat
             (x0, x1), (y0, y1) = guide.get_data()
             assert abs(np.log(y1 / y0) / np.log(x1 / x0)) == pytest.approx(order)
             assert (y1 < y0) == (x1 > x0 if axes is films else x1 < x0)  # finer is better
-        assert {text.get_text() for text in axes.texts} == {"order 1", "order 1.5", name}
+        assert [text.get_text() for text in (*axes.texts, *axes.get_legend().texts)] == ["order 1", "order 1.5", name]
     with pytest.raises(ValueError, match="no result"):
         plots.convergence([], panels, tmp_path / "none.png")
 
