@@ -39,7 +39,8 @@ def main():
     for part, budget in BUDGETS.items():
         found = [counts(path) for path in files(ROOT / part)]
         statements, functions, lines = (sum(column) for column in zip(*found, strict=True))
-        print(f"{part:12}{statements:11}{budget:8}{len(found):7}{statements / functions:12.2f}{statements / lines:8.3f}")
+        means = f"{statements / functions:12.2f}{statements / lines:8.3f}"
+        print(f"{part:12}{statements:11}{budget:8}{len(found):7}{means}")
 
 
 if __name__ == "__main__":
