@@ -4,12 +4,12 @@ import csv
 import io
 import math
 import os
+import zlib
 from pathlib import Path
 
 import numpy as np
 
-from ..units import SceneError, require
-from .checksum import BEFORE, crc32
+from ..units import require
 
 MEANING = {
     "time_s": "time at the end of the step [s]",
@@ -43,16 +43,16 @@ class History:
     their own at the end; one that comes later, or is there no more, keeps its column, nan where it is missing.
     """
 
-    def __init__(self, path, measures: dict, kept: float | None = None):
-        rows = [] if kept is None or not Path(path).is_file() else read_rows(path)
+    def __init__(self, path, kept: float | None = None):
+        self.path = Path(path)
+        rows = [] if kept is None or not self.path.is_file() else read_rows(path)
         rows = [row for row in rows if number(row["time_s"]) <= kept * (1 + 1e-8)]  # of nine digits
         self.empty = not rows
-        self.path, self.columns = Path(path), ()
-        self._begin((*COLUMNS, *measures, *(rows[0] if rows else ())), rows)
+        self._begin(rows[0] if rows else COLUMNS, rows)
 
     def _begin(self, columns, rows):
-        """Write the file anew with these columns, those of before included, and go on behind these rows."""
-        self.columns = tuple(key for key in dict.fromkeys((*self.columns, *columns)) if key != "slump_max_m")
+        """Write the file anew with these columns, and go on behind these rows."""
+        self.columns = tuple(dict.fromkeys(columns))
         partial = self.path.with_suffix(".partial")  # a run killed just now keeps the rows that it had
         self.file = open(partial, "w", newline="", encoding="utf-8")  # noqa: SIM115  (closed in close)
         self.names = line(self.columns)
@@ -68,9 +68,9 @@ class History:
 
     def add(self, row: dict) -> None:
         """Write a row and flush it."""
-        if set(row) - {*self.columns, "slump_max_m"}:
+        if set(row) - set(self.columns):
             self.close()
-            self._begin(row, read_rows(self.path))
+            self._begin((*self.columns, *row), read_rows(self.path))
         self._write({key: f"{v:.9g}" if isinstance(v, float) else v for key, v in row.items()})
         self.file.flush()
 
@@ -81,6 +81,7 @@ class History:
 
 def row_of(sim, measures: dict) -> dict:
     """Row of history.csv of a simulation now; before the first step there is no report, and little to say."""
+    measures = {key: value for key, value in measures.items() if key != "slump_max_m"}  # the summary's alone
     keys = [key for key in COLUMNS if key not in MEASURED]
     if sim.report is not None:
         return measures | {key: getattr(sim.report, REPORTED.get(key, key)) for key in keys}
@@ -97,36 +98,29 @@ def line(values) -> str:
     return text.getvalue()
 
 
+def crc32(*texts: str) -> str:
+    """CRC-32 of texts one after the other, with which a change of what was written is noticed."""
+    return f"{zlib.crc32(''.join(texts).encode('utf-8', 'surrogatepass')):08x}"
+
+
 def checksum(names: str, row: str) -> str:
     """The last cell of a row."""
-    return f"{SUM}:{crc32(names, row):08x}"
+    return f"{SUM}:{crc32(names, row)}"
 
 
 def read_rows(path) -> list[dict[str, str]]:
     """Rows of a history.csv as text; SceneError for another file, or one that is not as it was written."""
-    try:
-        names, *rows = Path(path).read_bytes().decode("utf-8").split("\n")
-    except UnicodeError:
-        raise SceneError(f"{path}: damaged or no history of a run (it is no text)") from None
+    names, *rows = Path(path).read_bytes().decode("utf-8", "replace").split("\n")
     columns, _, last = names.rpartition(",")
-    if last != SUM:
-        reason = BEFORE if names.startswith("time_s,dt_s,") else "damaged or no history of a run"
-        raise SceneError(f"{path}: {reason}")
+    known = last == SUM and set(COLUMNS) <= set(columns.split(","))
+    require(known, f"{path}: damaged or no history of a run; must have the columns {', '.join(COLUMNS)}, {SUM}")
     torn = rows.pop() if rows else ""  # a process killed while it wrote leaves one, shorter than a whole one
-    require(
-        len(torn.rpartition(",")[2]) <= len(checksum("", "")), f"{path}: damaged, its last row is not what was written"
-    )
-    cells = [columns]
-    for k, row in enumerate(rows, 1):
-        text, _, found = row.rpartition(",")
-        require(found == checksum(columns, text), f"{path}: damaged, row {k} is not what was written")
-        cells.append(text)
-    table = list(csv.DictReader(cells))
-    require(
-        set(COLUMNS) <= set(columns.split(",")),
-        f"{path}: damaged or no history of a run; must have the columns {', '.join(COLUMNS)}",
-    )
-    return table
+    cells = [row.rpartition(",") for row in rows]
+    wrong = next((k for k, (text, _, found) in enumerate(cells, 1) if found != checksum(columns, text)), None)
+    if len(torn.rpartition(",")[2]) > len(checksum("", "")):
+        wrong = wrong or len(rows) + 1
+    require(wrong is None, f"{path}: damaged, row {wrong} is not what was written")
+    return list(csv.DictReader([columns, *(text for text, _, _ in cells)]))
 
 
 def read_history(path) -> dict[str, np.ndarray]:

@@ -14,24 +14,12 @@ PATIENCE = 0.2  # [s] for which the lock is tried: its last holder may be about 
 
 
 @contextmanager
-def held(folder):
+def held(folder, name: str = NAME, who: str = "process"):
     """Keep others from writing into a folder meanwhile, made if need be; SceneError that names who writes there
     already. Nobody is hindered to read. A folder that was made for this and stayed empty is removed."""
     folder = Path(folder)
-    made = [path for path in (folder, *folder.parents) if not path.exists()]
-    try:
-        with locked(folder / NAME):
-            yield
-    finally:
-        with suppress(OSError):  # the first that is not empty ends it
-            for path in made:
-                path.rmdir()
-
-
-@contextmanager
-def locked(path, who="process"):
-    """The lock that this file is, with the name of this process in it; SceneError where another has it."""
-    folder, lock = path.parent, FileLock(path)
+    path, made = folder / name, [new for new in (folder, *folder.parents) if not new.exists()]
+    lock = FileLock(path)
     try:
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -48,11 +36,13 @@ def locked(path, who="process"):
             lock.acquire(timeout=0)  # had already, unless a signal came into the first try
             path.unlink()
         lock.release(force=True)
+        with suppress(OSError):  # the first that is not empty ends it
+            for new in made:
+                new.rmdir()
 
 
 def holder(path) -> str:
     """Who wrote the text of a lock, as one line."""
-    try:
+    with suppress(OSError):
         return " ".join(path.read_text(errors="replace")[:200].split()) or "another process"
-    except OSError:
-        return "another process"
+    return "another process"

@@ -31,7 +31,7 @@ class Recorder:
             f"run = {folder.path}: run.h5 is gone, by whose outputs the pictures in frames/ are numbered; move the "
             "pictures elsewhere, then resume",
         )
-        self.history = History(folder.history, self.measures, kept=sim.time if sim.steps > 0 else None)
+        self.history = History(folder.history, kept=sim.time if sim.steps > 0 else None)
         if resumed:
             if sim.time < sim.scene.until - 1e-9:  # of a run at its end the last output stays
                 outputs = self.trajectory.cut(sim.time, every)

@@ -1,17 +1,17 @@
 """The run folder: history.csv, run.h5, summary.json and checkpoint.h5, written while a run goes on."""
 
 import json
-import math
 import os
 import re
+from itertools import chain, count
 from pathlib import Path
 
 import numpy as np
 
 from .. import __version__
 from ..units import SceneError, require
-from . import checksum, lock
-from .history import read_rows
+from . import lock
+from .history import crc32, read_rows
 from .vtkhdf import Trajectory
 
 SUM = "crc32"  # of the summary: checksum of all else in it
@@ -108,7 +108,7 @@ class RunFolder:
         """Write summary.json whole or not at all; numbers that are not finite become null."""
         partial = self.summary.with_suffix(".partial")
         facts = strict(summary)
-        facts |= {SUM: checksum.of_facts(facts)}
+        facts |= {SUM: of_facts(facts)}
         partial.write_text(json.dumps(facts, indent=2, allow_nan=False) + "\n", encoding="utf-8")
         os.replace(partial, self.summary)
 
@@ -116,8 +116,7 @@ class RunFolder:
         """summary.json; SceneError where it is missing or damaged."""
         require(self.summary.is_file(), f"run = {self.path}: holds no summary.json; must be the folder of a run")
         facts = json_of(self.summary)
-        require(not facts or SUM in facts, f"run = {self.path}: its summary.json was {checksum.BEFORE}")
-        require(facts.pop(SUM, None) == checksum.of_facts(facts), f"run = {self.path}: its summary.json is damaged")
+        require(facts.pop(SUM, None) == of_facts(facts), f"run = {self.path}: its summary.json is damaged")
         return facts
 
     def verify(self) -> None:
@@ -132,11 +131,9 @@ class RunFolder:
 
 def next_free(path) -> Path:
     """The path if nothing is there, else the first of path-2, path-3, ... where nothing is."""
-    path, number = Path(path), 2
-    free = path
-    while free.exists() or free.is_symlink():
-        free, number = path.with_name(f"{path.name}-{number}"), number + 1
-    return free
+    path = Path(path)
+    others = (path.with_name(f"{path.name}-{number}") for number in count(2))
+    return next(free for free in chain([path], others) if not os.path.lexists(free))
 
 
 def empty_of_pictures(folder: Path) -> None:
@@ -157,11 +154,11 @@ def json_of(path: Path) -> dict:
     return facts if isinstance(facts, dict) else {}
 
 
+def of_facts(facts: dict) -> str:
+    """Checksum of a JSON object."""
+    return crc32(json.dumps(facts, sort_keys=True))
+
+
 def strict(value):
-    """The same for JSON: plain types, null for a number that is not finite."""
-    if isinstance(value, dict):
-        return {str(key): strict(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [strict(item) for item in value]
-    value = value.item() if isinstance(value, np.generic) else value
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+    """The value for JSON: plain types, null for a number that is not finite."""
+    return json.loads(json.dumps(value, default=np.generic.item), parse_constant=lambda _: None)

@@ -8,7 +8,6 @@ import numpy as np
 from ..units import SceneError
 
 DAMAGE = (OSError, LookupError, ValueError, TypeError, AttributeError, RuntimeError, MemoryError)
-MOST_TEXT = 1 << 24  # bytes of one text
 
 
 @contextmanager
@@ -38,10 +37,10 @@ def own(group, name: str):
     return group[name]
 
 
-def numbers(group, name: str, kinds: str = "fiub", rows=()) -> np.ndarray:
+def numbers(group, name: str, rows=()) -> np.ndarray:
     """Array of numbers, or rows of it. Refuses what claims to hold more than is stored in the file, before reading."""
     dataset = own(group, name)
-    if not isinstance(dataset, h5py.Dataset) or dataset.dtype.kind not in kinds:
+    if not isinstance(dataset, h5py.Dataset) or dataset.dtype.kind not in "fiub":
         raise ValueError(f"{name} does not hold numbers")
     stored, room = dataset.id.get_storage_size(), dataset.dtype.itemsize * dataset.size
     if room > stored:
@@ -57,6 +56,6 @@ def text(group, name: str) -> str:
         dataset = own(group, name)
         value = dataset[()] if dataset.shape == () else None  # an array may claim more than fits into memory
     value = value.decode("utf-8", "surrogateescape") if isinstance(value, bytes) else value
-    if not isinstance(value, str) or len(value) > MOST_TEXT:
+    if not isinstance(value, str):
         raise ValueError(f"{name} is not a text")
     return value

@@ -21,13 +21,13 @@ BYTES, ROOM = 64, 1 << 20  # of a particle in an output, and of all else that a 
 FORMAT = "v110", "v110"  # of HDF5: its structure is checksummed; without that damage can make it read for ever
 CHECKED = {"fletcher32": True, "chunks": True}  # an array that HDF5 checks when it is read
 OF_PARTICLES = "VTKHDF/Points", "VTKHDF/PointData/"  # datasets with a row for each particle of an output
-FIELDS = {  # of a Snapshot, {name: (name in the file, type)}
-    "p": ("pressure", np.float32),
-    "shear_rate": ("shear_rate", np.float32),
-    "yielded": ("yielded", bool),
-    "density_ratio": ("density_ratio", np.float32),
-    "size": ("size", float),
-    "mix": ("mix", np.int32),
+FIELDS = {  # scalars of a Snapshot, {name: (name in the file, type in the file, type)}
+    "yielded": ("yielded", np.uint8, bool),
+    "mix": ("mix", np.uint8, np.int32),
+    "p": ("pressure", np.float32, np.float32),
+    "shear_rate": ("shear_rate", np.float32, np.float32),
+    "density_ratio": ("density_ratio", np.float32, np.float32),
+    "size": ("size", np.float32, float),
 }
 PARTS = ("Vertices", "Lines", "Strips", "Polygons")  # order of the columns of Steps/CellOffsets
 
@@ -78,9 +78,8 @@ class Trajectory:
                 file.create_dataset(name, (0, *shape), rows.dtype, **CHECKED | room)
             root["Steps"].attrs["NSteps"] = 0
             told = {"source": source, "parameters": json.dumps(scene.parameters)}
-            for name, text in told.items():  # of fixed length, which HDF5 checks, too
-                own.attrs[name] = np.bytes_(text.encode("utf-8", "surrogateescape"))
-            own.attrs.update(dimension=s.x.shape[1], every=every)
+            texts = {name: np.bytes_(text.encode("utf-8", "surrogateescape")) for name, text in told.items()}
+            own.attrs.update(texts, dimension=s.x.shape[1], every=every)  # of fixed length, which HDF5 checks, too
             own.create_dataset("wall_x", data=s.wall_x, **CHECKED if s.wall_x.size else {})
             if inlets:
                 own.create_dataset("mouth", data=np.array(inlets[0].centre, float), **CHECKED)
@@ -213,7 +212,7 @@ class Trajectory:
                 if not known or not np.all((x > low - room) & (x < high + room)):
                     raise ValueError(f"output {k} is not one of this scene")
                 there = sizes > 0.0
-                fields = {key: data[name][there].astype(kind) for key, (name, kind) in FIELDS.items()}
+                fields = {key: data[name][there].astype(kind) for key, (name, _, kind) in FIELDS.items()}
                 u = data["velocity"][there][:, axes]
                 yield Replay(scene, Snapshot(instant, scene.spacing, x[there], u, wall_x=wall, **fields))
 
@@ -276,7 +275,9 @@ def add(file, s: Snapshot) -> int | None:
     if len(s.x) < n:
         s = waiting(s, n, own["mouth"][()])
     for name, rows in output(s, k, n, root["PointData"]).items():
-        put(file[name], k * n if name.startswith(OF_PARTICLES) else k, rows)
+        first = k * n if name.startswith(OF_PARTICLES) else k
+        file[name].resize(first + len(rows), axis=0)
+        file[name][first:] = rows
     steps.attrs["NSteps"] = k + 1
     return k
 
@@ -297,11 +298,10 @@ def output(s: Snapshot, k: int, n: int, fields) -> dict[str, np.ndarray]:
 
 def waiting(s: Snapshot, n: int, mouth) -> Snapshot:
     """The snapshot with all n particles: those to come are at the mouth of the inlet [m] and have no size."""
-    names = ("x", "u", "p", "shear_rate", "yielded", "density_ratio", "size", "mix")
-    rows = {name: getattr(s, name) for name in names}
+    rows = {name: getattr(s, name) for name in ("x", "u", *FIELDS)}
     more = {name: np.zeros((n - len(s.x), *values.shape[1:]), values.dtype) for name, values in rows.items()}
-    more["x"] = more["x"] + mouth
-    return replace(s, **{name: np.concatenate([rows[name], more[name]]) for name in names})
+    more["x"] += mouth
+    return replace(s, **{name: np.concatenate([values, more[name]]) for name, values in rows.items()})
 
 
 def single(x):
@@ -312,16 +312,5 @@ def single(x):
 def point_data(s: Snapshot) -> dict[str, np.ndarray]:
     """velocity [m/s], pressure [Pa], shear_rate [1/s], yielded 0 or 1, density_ratio [-], size [m] and mix of every
     particle."""
-    scalars = {"pressure": s.p, "shear_rate": s.shear_rate, "density_ratio": s.density_ratio, "size": s.size}
-    return {
-        "velocity": single(s.u),
-        "yielded": s.yielded.astype(np.uint8),
-        "mix": s.mix.astype(np.uint8),
-        **{name: np.asarray(values, np.float32) for name, values in scalars.items()},
-    }
-
-
-def put(dataset, first, rows):
-    """Write rows from row ``first`` on and end the dataset there."""
-    dataset.resize(first + len(rows), axis=0)
-    dataset[first:] = rows
+    scalars = {name: np.asarray(getattr(s, key), kind) for key, (name, kind, _) in FIELDS.items()}
+    return {"velocity": single(s.u), **scalars}

@@ -1,6 +1,5 @@
 """A run for other programs: one .vtu file an output by meshio, and the .pvd that gives them their times."""
 
-import os
 import re
 from pathlib import Path
 
@@ -11,7 +10,7 @@ from ..units import SceneError
 from ..viz.smooth_surface import smooth_surface
 from .vtkhdf import point_data, single
 
-OWN = re.compile(r"output_\d{5,}\.vtu|run\.(pvd|partial)")  # what is written here
+OWN = re.compile(r"output_\d{5,}\.vtu|run\.pvd")  # what is written here
 
 
 def vtu(outputs, folder, whole: bool = False, smooth: bool = False) -> int:
@@ -19,12 +18,12 @@ def vtu(outputs, folder, whole: bool = False, smooth: bool = False) -> int:
 
     outputs: those of ``Trajectory.replay``; with ``whole`` the body of which they are the computed part; with
     ``smooth`` the surface of the whole body as triangles instead of its particles. Points with the fields of run.h5;
-    a plane scene lies at y = 0. Returns how many; the .pvd is written anew with each.
+    a plane scene lies at y = 0. Returns how many.
     """
     folder = Path(folder)
     if others := [path.name for path in folder.glob("*") if not OWN.fullmatch(path.name)]:
         raise SceneError(f"out = {folder}: holds other files, such as {others[0]}; must be a new or empty folder")
-    index, lines = folder / "run.pvd", []
+    lines = []
     for number, output in enumerate(outputs):
         s = output.scene.unfold(output.snapshot()) if whole or smooth else output.snapshot()
         cells = [("vertex", np.arange(len(s.x))[:, None])]
@@ -39,9 +38,7 @@ def vtu(outputs, folder, whole: bool = False, smooth: bool = False) -> int:
         mesh = meshio.Mesh(single(s.x), cells, point_data=point_data(s))
         meshio.write(folder / name, mesh, file_format="vtu")
         lines.append(f'    <DataSet timestep="{s.time!r}" part="0" file="{name}"/>')
-        text = ['<?xml version="1.0"?>', '<VTKFile type="Collection" version="0.1" byte_order="LittleEndian">']
-        text += ["  <Collection>", *lines, "  </Collection>", "</VTKFile>", ""]
-        partial = index.with_suffix(".partial")
-        partial.write_text("\n".join(text), encoding="utf-8")
-        os.replace(partial, index)
+    begin = ['<?xml version="1.0"?>', '<VTKFile type="Collection" version="0.1" byte_order="LittleEndian">']
+    text = [*begin, "  <Collection>", *lines, "  </Collection>", "</VTKFile>", ""]
+    (folder / "run.pvd").write_text("\n".join(text), encoding="utf-8")
     return len(lines)

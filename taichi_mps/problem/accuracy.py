@@ -76,19 +76,6 @@ def measured() -> list[Measured]:
     return [Measured(model, *map(float, numbers)) for model, *numbers in csv.reader(lines[1:])]
 
 
-def write(rows: list[Measured]) -> None:
-    """Write the file that ``measured`` reads, errors and costs shortened to three digits."""
-    lines = [
-        "# Errors of the slump cone beside finite elements with inertia, over its height; spread: of half of it.",
-        "# Written by `python benchmarks/models.py draw`; yield_number tau_y/(rho g H), viscosity_number",
-        "# eta/(rho sqrt(g H^3)), slump and volume: the largest at any time, CPU-s: of one thread, to rest. Means of",
-        "# five runs, whose particles start 1e-6 spacings aside, and the standard deviations of one.",
-        ",".join(Measured._fields),
-        *(",".join([*map(str, row[:4]), *(f"{number:.3g}" for number in row[4:])]) for row in rows),
-    ]
-    MEASURED.write_text("\n".join(lines) + "\n", encoding="utf-8")
-
-
 # ---- between what was measured ---------------------------------------------------------------------------------
 def place(mix) -> tuple[float, float]:
     """Where a mix lies between others: the logarithms of its numbers."""

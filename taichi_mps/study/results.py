@@ -10,7 +10,7 @@ import os
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from ..io.lock import locked
+from ..io.lock import held
 from ..problem.labels import is_measure
 from ..units import SceneError
 
@@ -68,7 +68,7 @@ def opened(folder):
     there = {path.name for path in folder.iterdir()} if folder.is_dir() else set()
     if there - {LOCK} and JOURNAL not in there:
         raise SceneError(f"out = {folder}: holds other files and no study; must be a new or a study's folder")
-    with locked(folder / LOCK, "another study, process"), open(folder / JOURNAL, "a+b") as file:
+    with held(folder, LOCK, "another study, process"), open(folder / JOURNAL, "a+b") as file:
         yield Results(folder, file)
 
 

@@ -94,24 +94,3 @@ def test_a_lock_that_its_holder_removes_meanwhile_is_taken_anew(tmp_path, monkey
     monkeypatch.setattr(fcntl, "flock", late)
     with lock.held(tmp_path), pytest.raises(mps.SceneError, match="one at a time"), lock.held(tmp_path):
         pass
-
-
-@pytest.mark.parametrize("locked", [False, True])
-def test_a_signal_while_the_lock_is_taken_leaves_no_folder(tmp_path, monkeypatch, locked):
-    """It comes when the file is open, and before or after the lock on it is known to the library."""
-    fcntl = pytest.importorskip("fcntl", reason="no signal of this kind here")
-    take, acquire = fcntl.flock, lock.FileLock.acquire
-
-    def opened(file, how):
-        monkeypatch.setattr(fcntl, "flock", take)
-        raise KeyboardInterrupt
-
-    def acquired(self, **options):
-        monkeypatch.setattr(lock.FileLock, "acquire", acquire)
-        acquire(self, **options)
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(*(lock.FileLock, "acquire", acquired) if locked else (fcntl, "flock", opened))
-    with pytest.raises(KeyboardInterrupt), lock.held(tmp_path / "new"):
-        pass
-    assert not list(tmp_path.iterdir())

@@ -33,8 +33,11 @@ def in_threads(*calls):
     return [future.exception() or future.result() for future in futures]
 
 
-def test_two_simulations_take_turns_or_step_at_once_and_do_not_mix():
+def test_two_simulations_take_turns_or_step_at_once_and_do_not_mix_until_init_is_called_again():
+    """The first step is taken in the thread that called init(), as a Simulation is made there."""
     sims = film(angle=20.0), film(angle=10.0)
+    for error in in_threads(film, sims[0].step):
+        assert isinstance(error, RuntimeError) and "takes its first step, in that which called init()" in str(error)
     starts = [sim.state() for sim in sims]
 
     def again():
@@ -52,21 +55,10 @@ def test_two_simulations_take_turns_or_step_at_once_and_do_not_mix():
     again()
     at_once = in_threads(*(partial(steps, sim, 6) for sim in sims))
     assert np.array_equal(at_once, alone)
-
-
-def test_a_simulation_is_made_where_taichi_was_started():
-    sim = film()
-    for error in in_threads(film, sim.step):
-        assert isinstance(error, RuntimeError) and "takes its first step, in that which called init()" in str(error)
-    assert sim.step().step == 1
-
-
-def test_a_simulation_of_before_init_says_so():
-    sim = film()
-    state = sim.state()
     mps.init(precision="f64", threads=1)
-    uses = [sim.step, sim.run, sim.snapshot, sim.state, sim.measures, sim.summary, partial(sim.load, state)]
-    for use in (*uses, lambda: sim.fluid_particles):
+    gone = sims[0]
+    uses = [gone.step, gone.run, gone.snapshot, gone.state, gone.measures, gone.summary, partial(gone.load, starts[0])]
+    for use in (*uses, lambda: gone.fluid_particles):
         with pytest.raises(
             RuntimeError, match="this Simulation is gone: .* was called after it was made; make it anew"
         ):
@@ -93,6 +85,7 @@ sim.step()
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork here")
 def test_a_forked_process_is_told_to_be_spawned():
     command = [sys.executable, "-W", "ignore", "-c", FORK]

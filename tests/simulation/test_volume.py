@@ -137,6 +137,7 @@ def test_a_body_of_which_every_particle_has_a_twin_has_lost_half_of_its_volume(d
         sim.step()
 
 
+@pytest.mark.slow
 def test_all_that_a_hole_in_a_full_closed_box_lacks_is_wanted():
     """Nothing in it can be a void: one particle of 16 x 16 is missing, 12 % of the packing around it, and all move as
     u_x = y. A step that strains little takes a twentieth of it, times its strain over 0.02; elsewhere only the mean."""
