@@ -57,8 +57,8 @@ def test_two_simulations_take_turns_or_step_at_once_and_do_not_mix_until_init_is
     assert np.array_equal(at_once, alone)
     mps.init(precision="f64", threads=1)
     gone = sims[0]
-    uses = [gone.step, gone.run, gone.snapshot, gone.state, gone.measures, gone.summary, partial(gone.load, starts[0])]
-    for use in (*uses, lambda: gone.fluid_particles):
+    uses = [gone.step, gone.snapshot, gone.state, gone.measures, gone.summary, lambda: gone.fluid_particles]
+    for use in (*uses, partial(gone.run, until=1.0), partial(gone.load, starts[0])):
         with pytest.raises(
             RuntimeError, match="this Simulation is gone: .* was called after it was made; make it anew"
         ):
