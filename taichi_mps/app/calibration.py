@@ -5,8 +5,8 @@ import json
 from nicegui import ui
 
 from ..report.inputs import option
+from ..study.calibrate import Measurements
 from ..study.calibration import WORDS, short
-from ..study.measurements import Measurements
 from .form import Form
 from .jobs import Job, Queue
 

@@ -14,7 +14,6 @@ from ..problem import catalogue
 from ..problem.accuracy import choose
 from ..problem.labels import in_words, title, written
 from ..study import calibrate
-from ..study.measurements import Measurements, read_list
 from ..study.require import Wanted, require
 from ..study.results import measures, spelled
 from ..study.sweep import ACCURACY, LOST, cases, sweep
@@ -185,11 +184,11 @@ def calibrate_command(argv) -> int:
         "mini-cone, V-funnel or rheometer, in any combination, with 95 % intervals by the errors of the measurements; "
         "cones are checked by one finer run.",
     )
-    parser.options(Measurements, "measurements")
+    parser.options(calibrate.Measurements, "measurements")
     parser.options(Lookup, "answer")
     parser.add_argument("--json", action="store_true", help="print the result as JSON")
     arguments = parser.parse(argv)
-    told, options = given(arguments, Measurements), Lookup(**given(arguments, Lookup))
+    told, options = given(arguments, calibrate.Measurements), Lookup(**given(arguments, Lookup))
     if options.table:
         return calibrate_table(options, told, arguments.json)
     for name in ("out", "executor", "workers"):
@@ -212,7 +211,7 @@ def calibrate_table(options: Lookup, told: dict, as_json: bool) -> int:
         raise SceneError(f"{next(iter(told))}: stands in the table's own columns; must be left out")
     if out.exists():
         raise SceneError(f"out = {out}: is there already; must be a new file, it is not overwritten")
-    rows = read_list(path)
+    rows = mixes.read_list(path)
 
     def watch(row, number):
         if sys.stderr.isatty():

@@ -3,19 +3,63 @@
 from dataclasses import replace
 
 import numpy as np
+from pydantic import Field
 
+from ..problem.accuracy import GRAVITY
 from ..problem.materials import Bingham
-from ..units import SceneError, checked
-from .calibration import BINGHAM, FRICTIONAL, RHEOMETER, Calibration, FrictionalMix, is_time
-from .case import case, run
-from .emulator import FRICTION, MEASURED, Emulator, emulator_of, scale
+from ..units import Checked, Density, Duration, Length, SceneError, Viscosity, YieldValue, checked, unit_of
+from .calibration import BINGHAM, FRICTIONAL, RHEOMETER, WORDS, Calibration, FrictionalMix, is_time, short
+from .case import REACHED, case, run
+from .emulator import DENSITY, FRICTION, MEASURED, Emulator, emulator_of, scale
 from .fit import fit
-from .measurements import Measurements, check_known, check_tests
 
 CHECKED = "slump", "mini_cone"  # tests that a finer run checks; a V-funnel at half the spacing takes too long
 CONE = "slump_m", "spread_m"  # without which no mix with internal friction is sought
 OTHERS = 20.0, 200.0  # other plastic viscosities [Pa s] at which such a mix is sought where it was not measured
 BEYOND = 0.1  # of the logarithm of a plastic viscosity outside of its table, for which the end of the table does
+LARGEST = 10.0  # spread of a cone over its height
+TESTS = {  # what is measured of a mix, by its name in emulator.MEASURED
+    "slump_m": "slump",
+    "spread_m": "spread",
+    "t500_s": "t500",
+    "mini_cone_m": "mini_cone",
+    "v_funnel_s": "v_funnel",
+}
+
+
+class Measurements(Checked):
+    """What was measured of a mix, and how well: lengths [m], times [s], density [kg/m3], constants in SI units."""
+
+    slump: Length | None = Field(None, description="slump")
+    spread: Length | None = Field(None, description="diameter of the spread, mean of two")
+    t500: Duration | None = Field(None, description="time to a spread of 500 mm")
+    mini_cone: Length | None = Field(None, description="spread of the mini-cone (Kantro, 57.2 mm high)")
+    v_funnel: Duration | None = Field(None, description="time in which the V-funnel runs empty")
+    yield_value: YieldValue | None = Field(None, description="yield stress, if known, of a rheometer")
+    plastic_viscosity: Viscosity | None = Field(None, description="plastic viscosity, if known, of a rheometer")
+    rho: Density = Field(DENSITY, description="density")
+    slump_error: Length = Field(0.005, description="standard error of the slump")
+    spread_error: Length = Field(0.01, description="standard error of the spread")
+    t500_error: Duration = Field(0.2, description="standard error of the time")
+    mini_cone_error: Length = Field(0.002, description="standard error of the spread of the mini-cone")
+    v_funnel_error: Duration | None = Field(None, description="standard error of the time, by default a tenth of it")
+
+    def error(self, test: str) -> float:
+        """Standard error of a measurement, SI units."""
+        given = getattr(self, f"{test}_error")
+        return 0.1 * self.v_funnel if given is None else given
+
+    def measured(self) -> dict[str, tuple[float, float]]:
+        """Value and standard error of each measurement, by its name in TESTS. SceneError where there is none."""
+        found = {name: getattr(self, test) for name, test in TESTS.items()}
+        found = {name: (value, self.error(TESTS[name])) for name, value in found.items() if value is not None}
+        if not found:
+            raise SceneError("calibrate: give at least one of --slump, --spread, --t500, --mini-cone, --v-funnel")
+        return found
+
+    def known(self) -> dict[str, float]:
+        """The constants of the mix that are given, SI units."""
+        return {name: getattr(self, name) for name in BINGHAM if getattr(self, name) is not None}
 
 
 def emulators_of(measured: dict, study=None) -> dict[str, Emulator]:
@@ -115,3 +159,68 @@ def frictional_mix(measured: dict, density: float, known: dict) -> FrictionalMix
     best = next(iter(near), usual)
     others = {eta: (mix.yield_value.value, mix.friction_angle.value) for eta, mix in near.items() if eta != best}
     return replace(mixes[best], usual=True, by_viscosity=others)
+
+
+# ---- what cannot be ---------------------------------------------------------------------------------------------
+def check_tests(test: Measurements, emulators: dict[str, Emulator]) -> None:
+    """SceneError for measurements that no mix has, by the sizes of cones and funnel that the tables, by scene, are of;
+    by more than three standard errors, where an error may be the reason."""
+    if test.t500 and test.spread and test.spread + 3.0 * test.spread_error < REACHED:
+        raise SceneError(
+            f"t500 = {test.t500:g} s: with spread = {test.spread:g} m it never spread to 0.5 m; leave one of them out"
+        )
+    limits = []  # key, least and most that it can be, and what the least is
+    for scene, keys in {"slump": ("slump", "spread"), "mini_cone": ("mini_cone",)}.items():
+        for key in keys if scene in emulators else ():
+            height, base, _ = sizes(emulators[scene])
+            ends = (0.0, height) if key == "slump" else (base, LARGEST * height)
+            limits += [(key, *ends, "the base of the cone"), (f"{key}_error", 0.0, height, "")]
+    if "v_funnel" in emulators:
+        why = "in which the funnel would run empty at the speed of a free fall through its height"
+        limits += [("v_funnel", shortest(emulators["v_funnel"]), np.inf, why)]
+    for key, least, most, why in limits:
+        value, unit = getattr(test, key), unit_of(Measurements.model_fields[key])
+        if value is not None and value >= most:
+            raise SceneError(
+                f"{key} = {value:g} {unit}: must be less than {most:g} {unit}; 21cm and 5mm are lengths, too"
+            )
+        if value and least and value + 3.0 * test.error(key) < least:
+            raise SceneError(f"{key} = {value:g} {unit}: must be more than {least:.3g} {unit}, {why}")
+    if "slump" in emulators and test.slump and test.spread:
+        check_room(emulators["slump"], test)
+
+
+def shortest(funnel: Emulator) -> float:
+    """Time [s] in which no fluid can leave the tapered part of the funnel that a table is of, by its energy."""
+    top, outlet, taper, spout = sizes(funnel, ("top", "outlet", "taper", "spout"))
+    fastest = np.sqrt(2.0 * GRAVITY * (taper + spout))
+    return 0.5 * (top + outlet) * taper / (outlet * fastest)
+
+
+def sizes(test: Emulator, names=("height", "base_diameter", "top_diameter")) -> tuple[float, ...]:
+    """Lengths [m] of the cone or the funnel that a table is of."""
+    return tuple(test.settings.get(key, test.usual[key]) for key in names)
+
+
+def check_room(cone: Emulator, test: Measurements) -> None:
+    """SceneError where even with three standard errors a cylinder around the body holds less than the mould."""
+    height, base, top = sizes(cone)
+    mould = np.pi / 12.0 * height * (base**2 + base * top + top**2)
+    widest, least = test.spread + 3.0 * test.spread_error, max(0.0, test.slump - 3.0 * test.slump_error)
+    room = np.pi / 4.0 * widest**2 * (height - least)
+    if room < mould:
+        raise SceneError(
+            f"slump = {test.slump:g} m with spread = {test.spread:g} m: leaves room for {1e3 * room:.1f} l at most, "
+            f"and the mould holds {1e3 * mould:.1f} l; one of them must be misread"
+        )
+
+
+def check_known(known: dict[str, float], emulators: list[Emulator], density: float) -> None:
+    """SceneError for a known constant that the tables do not reach."""
+    for k, name in enumerate(BINGHAM):
+        ends = max(each.low[k] for each in emulators), min(each.high[k] for each in emulators)
+        (low, high), unit = density * np.exp(ends), WORDS[name][1]
+        if name in known and not low <= known[name] <= high:
+            raise SceneError(
+                f"{name} = {known[name]:g} {unit}: must be {short(low)} to {short(high)} {unit}, what the table covers"
+            )

@@ -1,6 +1,7 @@
 """A laboratory's list of measured mixes: one calibration each, a table of the results, and a page that opens from the
 disk without a network."""
 
+import csv
 from collections import Counter
 from concurrent.futures import BrokenExecutor
 from contextlib import nullcontext, suppress
@@ -13,13 +14,12 @@ from .. import __version__
 from ..io.run_folder import strict
 from ..report.page import publish
 from ..report.words import safe, table
-from ..units import SceneError
+from ..units import SceneError, suggestion
 from ..viz.plots import COLOURS
 from . import results
-from .calibrate import CONE, calibrate
+from .calibrate import CONE, TESTS, Measurements, calibrate
 from .calibration import BINGHAM, NAMES, WORDS, Calibration, apart, is_time, short
-from .executors import named
-from .measurements import measurements_of, stands, without_slump
+from .sweep import named
 
 EXPLAINED, BOUNDED, WITH_FRICTION = "explained", "bounded", "explained with internal friction"
 TWO_ANSWERS, FAR, REFUSED = "two answers", "not explained", "refused"
@@ -46,6 +46,56 @@ ABOUT = (
     "internal friction where an angle stands, that sticks to floor and funnel; mould and flap gone at once. taichi-mps "
     "{version}, calibrate --table."
 )
+
+
+# ---- the list --------------------------------------------------------------------------------------------------
+def read_list(path) -> list[dict[str, str]]:
+    """The rows of a list as text: a CSV file whose columns are measurements, `slump [cm]` or `slump` in SI units, and
+    any others, which are kept. SceneError for what is no such list."""
+    try:
+        text = Path(path).read_text(encoding="utf-8-sig")
+    except (OSError, ValueError) as error:
+        raise SceneError(f"table = {path}: cannot be read ({getattr(error, 'strerror', None) or error})") from None
+    lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
+    rows = list(csv.DictReader(lines, strict=True))
+    columns = [heading(name)[0] for name in (rows[0] if rows else {}) if name]
+    if not set(TESTS.values()) & set(columns):
+        near = next((hint for name in columns if (hint := suggestion(name, Measurements.model_fields))), "")
+        raise SceneError(
+            f"table = {path}: has no column {', '.join(TESTS.values())}{near}; must be a CSV file with a line for each "
+            "mix, and the unit in the column's name: slump [cm]"
+        )
+    return rows
+
+
+def heading(column) -> tuple[str, str]:
+    """Name and unit of a column, of ``Mini-cone [cm]`` mini_cone and cm."""
+    name, _, unit = str(column or "").partition("[")
+    return name.strip().lower().replace("-", "_").replace(" ", "_"), unit.strip().rstrip("]")
+
+
+def measurements_of(row: dict[str, str]) -> dict[str, str]:
+    """Those of a row, with the units of their columns."""
+    found = {}
+    for column, value in row.items():
+        name, unit = heading(column)
+        if name in Measurements.model_fields and value and value.strip():
+            found[name] = f"{value.strip()} {unit}".strip()
+    return found
+
+
+def stands(measured: dict[str, str]) -> bool:
+    """Is the slump of a row of a list zero, with its unit or without?"""
+    with suppress(ValueError):
+        return float(measured.get("slump", "").partition(" ")[0]) == 0.0
+    return False
+
+
+def without_slump(measured: dict[str, str]) -> dict[str, str]:
+    """Of a mix that stands only that it does: its slump is less than its own error, and its spread is the mould's."""
+    error = Measurements(**measured | {"slump": "1"}).slump_error
+    kept = {name: value for name, value in measured.items() if name in ("rho", "plastic_viscosity", "slump_error")}
+    return kept | {"slump": str(error)}
 
 
 # ---- the results -----------------------------------------------------------------------------------------------

@@ -10,12 +10,13 @@ import importlib
 import json
 import math
 import os
+import re
 import shlex
 import subprocess
 import sys
 import threading
 from concurrent.futures import CancelledError, ThreadPoolExecutor
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 from time import monotonic
@@ -31,7 +32,6 @@ MINUTES = 60.0  # of a job, where no timeout_min is given
 MOST_JOBS = 1000  # at once, where --workers does not say how many: each has a thread that waits for it
 
 
-@contextmanager
 def slurm(text: str, folder, workers: int | None):
     """An executor of jobs by its address, slurm://PARTITION?timeout_min=60, or with the partition 'local' of processes
     of this machine. After ? stand timeout_min, mem_gb, and other options of sbatch (account, qos, constraint, ...)."""
@@ -43,9 +43,15 @@ def slurm(text: str, folder, workers: int | None):
             settings["mem"] = f"{round(1024 * float(settings.pop('mem_gb')))}M"
     except (ValueError, OverflowError):
         raise SceneError(f"executor = {text}: timeout_min and mem_gb must be numbers") from None
-    cluster = Processes() if parts.netloc == "local" else Slurm(settings)
-    with Jobs(cluster, text, Path(folder) / FOLDER, workers or MOST_JOBS) as jobs:
-        yield jobs
+    cluster = Processes(60.0 * settings["time"]) if parts.netloc == "local" else Slurm(settings)
+    return Jobs(cluster, text, Path(folder) / FOLDER, workers or MOST_JOBS)
+
+
+def answer(*command: str) -> str | None:
+    """What a program prints; None where there is none, it fails, or it does not answer within a minute."""
+    with suppress(OSError, subprocess.SubprocessError):
+        return subprocess.run(command, capture_output=True, text=True, check=True, timeout=60).stdout
+    return None
 
 
 class Slurm:
@@ -64,22 +70,25 @@ class Slurm:
 
     def queued(self) -> set[str] | None:
         """The numbers of this user's jobs that wait or run; None where Slurm does not answer."""
-        command = ["squeue", "--noheader", "--format", "%i", "--user", getpass.getuser()]
-        with suppress(OSError, subprocess.SubprocessError):
-            return set(subprocess.run(command, capture_output=True, text=True, check=True, timeout=60).stdout.split())
-        return None
+        there = answer("squeue", "--noheader", "--format", "%i", "--user", getpass.getuser())
+        return None if there is None else set(there.split())
+
+    def state(self, number: str) -> str:
+        """Slurm's word for a job that is over: CANCELLED, TIMEOUT, OUT_OF_MEMORY, ...; it forgets it after minutes."""
+        known = re.search(r"JobState=(\w+)", answer("scontrol", "show", "job", number) or "")
+        return known[1] if known else "no longer known"
 
     def cancel(self, number: str) -> None:
         """End a job."""
-        with suppress(OSError):
-            subprocess.run(["scancel", number], capture_output=True)
+        answer("scancel", number)
 
 
 class Processes:
-    """Jobs as processes of this machine, to try a study before it goes to a cluster."""
+    """Jobs as processes of this machine, to try a study before it goes to a cluster; a job is ended after ``seconds``,
+    as Slurm does."""
 
-    def __init__(self):
-        self.made: dict[str, subprocess.Popen] = {}
+    def __init__(self, seconds: float):
+        self.seconds, self.made = seconds, {}  # of each number the process, and when its time is up
 
     def submit(self, command: list[str], name: str, log: Path) -> str:
         """The number of a new process."""
@@ -87,27 +96,34 @@ class Processes:
             job = subprocess.Popen(
                 command, stdin=subprocess.DEVNULL, stdout=out, stderr=out, start_new_session=os.name == "posix"
             )
-        self.made[str(job.pid)] = job
+        self.made[str(job.pid)] = job, monotonic() + self.seconds
         return str(job.pid)
 
     def queued(self) -> set[str]:
         """The numbers of those that run."""
-        return {number for number, job in list(self.made.items()) if job.poll() is None}
+        for job, end in list(self.made.values()):
+            if monotonic() > end:
+                job.kill()
+        return {number for number, (job, _) in list(self.made.items()) if job.poll() is None}
+
+    def state(self, number: str) -> str:
+        """How a process ended."""
+        job, end = self.made[number]
+        return "TIMEOUT" if monotonic() > end else f"exit {job.poll()}"
 
     def cancel(self, number: str) -> None:
         """End a process."""
-        self.made[number].kill()
+        self.made[number][0].kill()
 
 
 class Jobs(ThreadPoolExecutor):
-    """An executor with a job for each call and a thread that waits for it: it looks for its result every
-    ``look_every`` [s], and asks the cluster every ``ask_every`` [s] which jobs there are. A job that is not among them
-    for as long and has no result is dead."""
+    """An executor with a job for each call and a thread that waits for it: it looks for its result every LOOK
+    seconds, and asks the cluster every ASK seconds which jobs there are. A job that is not among them for as long and
+    has no result is dead."""
 
-    def __init__(self, cluster, text: str, folder, most=MOST_JOBS, look_every=LOOK, ask_every=ASK):
+    def __init__(self, cluster, text: str, folder, most=MOST_JOBS):
         super().__init__(most)
         self.cluster, self.text, self.folder = cluster, text, Path(folder).absolute()
-        self.look_every, self.ask_every = look_every, ask_every
         self.over, self.turn = threading.Event(), threading.Lock()
         self.asked, self.there = -math.inf, None  # when the cluster was asked, and its answer
 
@@ -130,21 +146,21 @@ class Jobs(ThreadPoolExecutor):
         number = self.earlier(case) or self.new(function, case)
         seen = monotonic()
         while not self.file(case, "json").exists():
-            if self.over.wait(self.look_every):
+            if self.over.wait(LOOK):
                 self.cluster.cancel(number)
                 self.file(case, "job").unlink(missing_ok=True)
                 raise CancelledError
             if self.is_there(number):
                 seen = monotonic()
-            elif monotonic() - seen > self.ask_every:
-                last = last_words(self.file(case, "log"))
-                raise RuntimeError(f"{self.text}: job {number} ended without a result{last}")
+            elif monotonic() - seen > ASK:
+                how = f"({self.cluster.state(number)}){last_words(self.file(case, 'log'))}"
+                raise RuntimeError(f"{self.text}: job {number} ended without a result {how}")
         return row_of(self.file(case, "json"), case.key, number)
 
     def is_there(self, number: str) -> bool:
         """Does a job wait or run, as far as is known?"""
         with self.turn:
-            if monotonic() - self.asked > self.ask_every:
+            if monotonic() - self.asked > ASK:
                 self.asked, self.there = monotonic(), self.cluster.queued()
             return self.there is None or number in self.there
 

@@ -1,9 +1,15 @@
 """A sweep: a scene at every combination of some values, in parallel; what fails is a row, what is done stays done."""
 
 import math
+import multiprocessing
+import os
+import re
+import signal
+import threading
 from collections import deque
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, wait
-from contextlib import nullcontext, suppress
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, ProcessPoolExecutor, wait
+from contextlib import contextmanager, nullcontext, suppress
+from importlib.util import find_spec
 from itertools import product
 from pathlib import Path
 from time import monotonic
@@ -16,12 +22,13 @@ from ..problem.materials import Bingham
 from ..units import SceneError
 from .case import Case, case, row_without_result
 from .case import run as run_case
-from .executors import named
 from .results import opened
+from .slurm import slurm
 
 ACCURACY = 0.005  # of the slump [m], by which model and spacing are chosen where the scene can and nothing is given
 LOST = "lost"  # status of a case that its executor did not bring to an end; computed again when the study is resumed
 MOST_CASES = 100_000  # of a study
+KINDS = "dask://HOST:PORT, slurm://PARTITION?timeout_min=60 or local"  # of executors
 TABLE_EVERY = 2.0  # [s] between two tables of an unfinished study; the journal has every row at once
 
 
@@ -154,3 +161,57 @@ def row_of(future, case: Case) -> dict:
         raise
     except Exception as error:  # of the executor; what goes wrong in a case is in its row
         return row_without_result(case, LOST, f"{type(error).__name__}: {str(error) or 'given up by the executor'}")
+
+
+# ---- executors: processes of this machine, the workers of Dask, Slurm (slurm.py) -------------------------------
+@contextmanager
+def processes(workers: int):
+    """Processes of this machine, each with one thread; none survives this one."""
+    pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), initializer=_live_with_the_parent)
+    try:
+        yield pool
+        pool.shutdown()
+    except BaseException:
+        for process in list((pool._processes or {}).values()):  # 3.14 has terminate_workers for this
+            process.terminate()
+        pool.shutdown(wait=False, cancel_futures=True)
+        raise
+
+
+def _live_with_the_parent():
+    """Ctrl-C is the parent's to answer; when the parent is killed, this process ends, too."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+    def watch():
+        multiprocessing.parent_process().join()
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
+@contextmanager
+def dask(address: str):
+    """The workers of a running scheduler: dask worker ADDRESS --nworkers N --nthreads 1."""
+    if not find_spec("distributed"):
+        raise SceneError(f"executor = {address}: needs distributed: pip install 'taichi-mps[cluster]'")
+    from distributed import Client
+
+    try:
+        client = Client(address.replace("dask://", "tcp://"), timeout=10, set_as_default=False)
+    except OSError as error:
+        raise SceneError(f"executor = {address}: no scheduler answers there ({error})") from None
+    with client:
+        yield client.get_executor(pure=False)
+
+
+def named(text: str, workers: int | None, folder):
+    """A context manager that opens the executor of an address for a study's folder, and how many cases to hand it at
+    once (None: all)."""
+    if text == "local":
+        workers = workers or os.cpu_count() or 1
+        return lambda: processes(workers), workers
+    if re.fullmatch(r"dask://[^\s/]+:\d{1,5}", text):
+        return lambda: dask(text), workers
+    if re.match(r"slurm://[^\s/?]", text):
+        return lambda: slurm(text, folder, workers), workers
+    raise SceneError(f"executor = {text}: must be {KINDS}")

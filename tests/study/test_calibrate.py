@@ -9,10 +9,9 @@ import pytest
 import taichi_mps as mps
 from taichi_mps.cli.main import main
 from taichi_mps.problem.rest_shapes import spread_at_rest
-from taichi_mps.study.calibrate import calibrate, emulators_of
+from taichi_mps.study.calibrate import TESTS, calibrate, emulators_of
 from taichi_mps.study.emulator import HERE, Emulator, emulator_of
 from taichi_mps.study.fit import fit
-from taichi_mps.study.measurements import TESTS
 
 pytest.importorskip("scipy")
 

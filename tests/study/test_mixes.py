@@ -11,8 +11,7 @@ import taichi_mps as mps
 from taichi_mps.cli.main import main
 from taichi_mps.study import mixes
 from taichi_mps.study.calibrate import calibrate
-from taichi_mps.study.measurements import read_list
-from taichi_mps.study.mixes import BOUNDED, EXPLAINED, REFUSED, TWO_ANSWERS, calibrate_list, tally
+from taichi_mps.study.mixes import BOUNDED, EXPLAINED, REFUSED, TWO_ANSWERS, calibrate_list, read_list, tally
 from tests.support.browser import chromium, needs_chromium
 
 pytest.importorskip("scipy")

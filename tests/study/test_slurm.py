@@ -6,13 +6,13 @@ import pickle
 import shutil
 import stat
 import subprocess
-import time
 from pathlib import Path
+from threading import Semaphore
 
 import pytest
 
 from taichi_mps.study import slurm
-from taichi_mps.study.slurm import Jobs, main, row_of
+from taichi_mps.study.slurm import Jobs, Processes, main, row_of
 from taichi_mps.study.sweep import LOST, carry_out
 from taichi_mps.units import SceneError
 from tests.support import study_cases
@@ -26,7 +26,7 @@ class Cluster:
 
     def __init__(self, waiting=(), dies=(), most=100):
         self.waiting, self.dies, self.most = waiting, list(dies), most
-        self.given, self.queue, self.cancelled = [], set(), []
+        self.given, self.queue, self.cancelled, self.waits = [], set(), [], Semaphore(0)
 
     def submit(self, command, name, log):
         if len(self.given) == self.most:
@@ -35,6 +35,7 @@ class Cluster:
         self.given.append(command[3:])
         if number in self.waiting:
             self.queue.add(job)
+            self.waits.release()
         elif number in self.dies:
             self.dies.remove(number)
             log.write_text("out of \x1b[31mmemory\n")
@@ -45,24 +46,24 @@ class Cluster:
     def queued(self):
         return set(self.queue)
 
+    def state(self, number):
+        return "OUT_OF_MEMORY"
+
     def cancel(self, number):
         self.cancelled.append(number)
 
 
 def jobs(cluster, folder):
-    return Jobs(cluster, "slurm://here", folder / "slurm-jobs", look_every=0.01, ask_every=0.05)
-
-
-def wait_for(condition):
-    end = time.monotonic() + 20.0
-    while not condition():
-        assert time.monotonic() < end
-        time.sleep(0.01)
+    return Jobs(cluster, "slurm://here", folder / "slurm-jobs")
 
 
 @pytest.fixture
-def notes(tmp_path):
+def notes(tmp_path, monkeypatch):
+    """Of the cases, which look for results and ask for jobs more often, and are found by processes."""
     (tmp_path / "notes").mkdir()
+    monkeypatch.setattr(slurm, "LOOK", 0.01)
+    monkeypatch.setattr(slurm, "ASK", 0.3)
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
     return tmp_path / "notes"
 
 
@@ -72,7 +73,7 @@ def test_a_job_that_dies_without_a_word_is_a_row_with_its_reason(tmp_path, notes
         with jobs(cluster, tmp_path) as executor:
             rows = carry_out(planned, tmp_path / "s", study_cases.plain, executor)
         assert [row["status"] for row in rows] == ["done", "done", status, "done"] and len(cluster.given) == count
-        assert status != LOST or rows[2]["reason"].endswith(r" ended without a result: out of \x1b[31mmemory")
+        assert status != LOST or rows[2]["reason"].endswith(r" without a result (OUT_OF_MEMORY): out of \x1b[31mmemory")
     assert not cluster.cancelled
 
 
@@ -95,7 +96,7 @@ def test_an_interrupted_study_cancels_its_jobs_and_gives_them_anew(tmp_path, not
     for count in (1, 2):
         with jobs(cluster, tmp_path) as executor:
             executor.submit(study_cases.plain, case)
-            wait_for(lambda count=count: len(cluster.given) == count)
+            assert cluster.waits.acquire(timeout=20.0)
         assert cluster.cancelled == [f"case0:{k}" for k in range(count)] and len(cluster.given) == count
 
 
@@ -118,22 +119,33 @@ class Trap:
         return os.mkdir, (str(self.path),)
 
 
-def test_planted_files_are_not_run(tmp_path, notes, monkeypatch):
-    """In the folder of the jobs lie pickles by all names that it has and submitit's had, as a job and as a result."""
+def test_jobs_of_this_machine_run_nothing_that_lies_in_their_folder(tmp_path, notes):
+    """There lie pickles by all names that it has and submitit's had, as a job and as a result."""
     folder, sprung = tmp_path / "s" / "slurm-jobs", tmp_path / "sprung"
     folder.mkdir(parents=True)
     (tmp_path / "s" / "journal.jsonl").touch()
-    planned = study_cases.planned(2, notes)
+    planned = study_cases.planned(3, notes)
     names = [f"{case.key}.{kind}" for case in planned for kind in ("json", "log", "pkl", "sh")]
     names += [f"{job}{end}" for job in (7, "7_0") for end in ("_0_result.pkl", "_result.pkl", "_submitted.pkl")]
     for name in names:
         (folder / name).write_bytes(pickle.dumps(Trap(sprung)))
     for case in planned:
         (folder / f"{case.key}.job").write_text("7")
-    monkeypatch.setenv("PYTHONPATH", str(ROOT))
-    rows = carry_out(planned, tmp_path / "s", study_cases.plain, "slurm://local?timeout_min=1")
-    assert [(row["status"], row["number"]) for row in rows] == [("done", 0), ("done", 1)]
-    assert not sprung.exists()
+    first, again = (
+        carry_out(planned, tmp_path / "s", study_cases.raises_at_two_at_first, "slurm://local") for _ in range(2)
+    )
+    assert [row["status"] for row in first] == ["done", "done", LOST]
+    assert first[2]["reason"].endswith(" without a result (exit 1): OSError: the disk is gone")
+    assert [row["number"] for row in again] == [0, 1, 2] and not sprung.exists()
+
+
+def test_a_job_of_this_machine_ends_when_its_time_is_up(tmp_path, notes):
+    (case,) = study_cases.planned(3, notes)[2:]
+    with Jobs(Processes(seconds=0.0), "slurm://local", tmp_path / "jobs") as executor:
+        error = executor.submit(study_cases.waits_at_two_at_first, case).exception(20)
+    assert "ended without a result (TIMEOUT)" in str(error)
+    with pytest.raises(SceneError, match="timeout_min and mem_gb must be numbers"):
+        slurm.slurm("slurm://local?timeout_min=soon", tmp_path, None)
 
 
 @pytest.mark.parametrize(
@@ -163,20 +175,7 @@ def test_nothing_in_the_package_runs_data():
     assert [name for name in found if name != ("slurm.py", "pickle")] == []  # its docstring says why there are none
 
 
-# ---- jobs -----------------------------------------------------------------------------------------------------------
-def test_jobs_of_this_machine(tmp_path, notes, monkeypatch):
-    monkeypatch.setenv("PYTHONPATH", str(ROOT))
-    monkeypatch.setattr(Jobs.__init__, "__defaults__", (slurm.MOST_JOBS, 0.1, 0.2))
-    planned = study_cases.planned(3, notes)
-    first, again = (
-        carry_out(planned, tmp_path / "s", study_cases.raises_at_two_at_first, "slurm://local") for _ in range(2)
-    )
-    assert [row["status"] for row in first] == ["done", "done", LOST] and "the disk is gone" in first[2]["reason"]
-    assert [row["status"] for row in again] == ["done"] * 3
-    with pytest.raises(SceneError, match="timeout_min and mem_gb must be numbers"):
-        carry_out(planned, tmp_path / "t", study_cases.plain, "slurm://local?timeout_min=soon")
-
-
+# ---- the commands of Slurm ----------------------------------------------------------------------------------------
 def command_of(folder, name, text):
     """A program in the way of the real one."""
     path = folder / name
@@ -187,27 +186,27 @@ def command_of(folder, name, text):
 def test_what_slurm_is_told(tmp_path, monkeypatch):
     command_of(tmp_path, "sbatch", f'printf "%s\\n" "$@" > {tmp_path}/told; echo "41;here"')
     command_of(tmp_path, "squeue", "echo 41; echo 42")
+    command_of(tmp_path, "scontrol", "echo '   JobState=TIMEOUT Reason=None'")
     monkeypatch.setenv("PATH", f"{tmp_path}{os.pathsep}{os.environ['PATH']}")
-    with slurm.slurm("slurm://short?timeout_min=5&mem_gb=2&account=me&nodes_per_x=1", tmp_path, None) as executor:
-        cluster = executor.cluster
+    cluster = slurm.slurm("slurm://short?timeout_min=5&mem_gb=2&account=me&nodes_per_x=1", tmp_path, None).cluster
     assert cluster.submit(["python", "it's", "a b"], "case", tmp_path / "log") == "41"
     told = (tmp_path / "told").read_text().splitlines()
     assert {"--partition=short", "--mem=2048M", "--account=me", "--nodes-per-x=1", "--time=5"} <= set(told)
     assert told[-1] == "--wrap=python 'it'\"'\"'s' 'a b'"
-    assert cluster.queued() == {"41", "42"}
+    assert cluster.queued() == {"41", "42"} and cluster.state("41") == "TIMEOUT"
     command_of(tmp_path, "sbatch", "echo 'sbatch: error: no such partition' >&2; exit 1")
-    command_of(tmp_path, "squeue", "exit 1")
+    for name in ("squeue", "scontrol"):
+        command_of(tmp_path, name, "exit 1")
     with pytest.raises(OSError, match="no such partition"):
         cluster.submit(["python"], "case", tmp_path / "log")
-    assert cluster.queued() is None
+    assert cluster.queued() is None and cluster.state("41") == "no longer known"
 
 
 @pytest.mark.long
-def test_a_real_slurm_whose_job_is_cancelled(tmp_path, notes, monkeypatch):
+def test_a_real_slurm_whose_job_is_cancelled(tmp_path, notes):
     asked = shutil.which("sinfo") and subprocess.run(["sinfo", "-h", "-o", "%R"], capture_output=True, text=True)
     if not asked or asked.returncode or not asked.stdout.split():
         pytest.skip("needs a Slurm cluster: sinfo names no partition")
-    monkeypatch.setenv("PYTHONPATH", str(ROOT))
     address, out = f"slurm://{asked.stdout.split()[0]}?timeout_min=5&mem_gb=1", tmp_path / "s"
 
     def cancel(rows, total):
@@ -216,7 +215,7 @@ def test_a_real_slurm_whose_job_is_cancelled(tmp_path, notes, monkeypatch):
 
     planned = study_cases.planned(4, notes)
     rows = carry_out(planned, out, study_cases.waits_at_two_at_first, address, watch=cancel)
-    assert [row["status"] for row in rows] == ["done", "done", LOST, "done"] and "CANCELLED" in rows[2]["reason"]
+    assert [row["status"] for row in rows] == ["done", "done", LOST, "done"] and "(CANCELLED)" in rows[2]["reason"]
     rows = carry_out(planned, out, study_cases.waits_at_two_at_first, address)
     assert [row["number"] for row in rows] == [0, 1, 2, 3] and {row["status"] for row in rows} == {"done"}
     assert [*study_cases.runs(notes).values()] == [1, 1, 2, 1]
