@@ -1,4 +1,4 @@
-"""Calibration: known constants come back within their intervals, from any tests; what no mix has is refused."""
+"""Calibration: known constants come back within their intervals, by any tests; what no mix has is refused."""
 
 import json
 import math
@@ -9,9 +9,12 @@ import pytest
 import taichi_mps as mps
 from taichi_mps.cli.main import main
 from taichi_mps.problem.rest_shapes import spread_at_rest
-from taichi_mps.study.calibrate import TESTS, calibrate, emulators_of
-from taichi_mps.study.emulator import HERE, Emulator, emulator_of
+from taichi_mps.study.calibrate import TESTS, calibrate, emulators_of, frictional_mix
+from taichi_mps.study.calibration import FRICTIONAL
+from taichi_mps.study.emulator import FRICTION, HERE, Emulator, emulator_of
 from taichi_mps.study.fit import fit
+from taichi_mps.study.mixes import TWO_ANSWERS, WITH_FRICTION, calibrate_list, tally
+from taichi_mps.study.results import read
 
 pytest.importorskip("scipy")
 
@@ -21,15 +24,37 @@ ERRORS = {"slump_m": 0.005, "spread_m": 0.01, "t500_s": 0.2}
 
 
 def measures(names, yield_value, plastic_viscosity):
-    """What the tables of the package say of a mix, without errors."""
+    """What the tables of the package say of a Bingham mix, without errors."""
     found, mix = {}, np.log(np.array([yield_value, plastic_viscosity]) / DENSITY)
     for emulator in emulators_of(dict.fromkeys(names)).values():
         found |= emulator.at(*mix)
-    return {name: float(found[name]) for name in names}
+    return {TESTS[name]: float(found[name]) for name in names}
+
+
+def cone(yield_value, friction_angle, plastic_viscosity=50.0, names=("slump_m", "spread_m")):
+    """What the table of mixes with internal friction says of one."""
+    mix = np.log([yield_value / DENSITY, friction_angle, plastic_viscosity / DENSITY])
+    found = emulator_of(test=FRICTION).at(*mix)
+    return {TESTS[name]: float(found[name]) for name in names}
 
 
 def holds(constant, true):
+    """Is a constant within its interval?"""
     return (constant.lower or 0.0) <= true <= (constant.upper or math.inf)
+
+
+def held(draws, seed, ranges, exact, find):
+    """How often the intervals hold the constants, by ``find(measurements)`` of mixes drawn from ``ranges``, whose
+    ``exact(**mix)`` {name: (value, standard error)} gets an error."""
+    random, count = np.random.default_rng(seed), []
+    for _ in range(draws):
+        mix = {name: random.uniform(*ends) for name, ends in ranges.items()}
+        told = {
+            name: (value + error * random.standard_normal(), error) for name, (value, error) in exact(**mix).items()
+        }
+        found = find(told)
+        count.append([holds(getattr(found, name), true) for name, true in mix.items()])
+    return np.mean(count, 0)
 
 
 # ---- a test of closed form -------------------------------------------------------------------------------------
@@ -57,14 +82,13 @@ def table():
 
 
 def test_the_intervals_hold_the_known_constants_as_often_as_they_say(table):
-    random, held = np.random.default_rng(1), []
-    for _ in range(300):
-        tau, eta = random.uniform(35.0, 70.0), random.uniform(40.0, 200.0)
-        exact = zip(ERRORS.items(), closed_form(tau, eta), strict=True)
-        measured = {name: (value + error * random.standard_normal(), error) for (name, error), value in exact}
-        found = fit(table, measured, DENSITY)
-        held.append([holds(found.yield_value, tau), holds(found.plastic_viscosity, eta)])
-    assert np.all(np.abs(np.mean(held, 0) - 0.95) < 0.03), np.mean(held, 0)  # 0.03: 2.4 standard errors of 300 draws
+    def exact(yield_value, plastic_viscosity):
+        values = closed_form(yield_value, plastic_viscosity)
+        return {name: (value, error) for (name, error), value in zip(ERRORS.items(), values, strict=True)}
+
+    ranges = {"yield_value": (35.0, 70.0), "plastic_viscosity": (40.0, 200.0)}
+    often = held(300, 1, ranges, exact, lambda told: fit(table, told, DENSITY))
+    assert np.all(np.abs(often - 0.95) < 0.03), often  # 0.03: 2.4 standard errors of 300 draws
 
 
 def test_a_mix_beyond_the_table_is_said_to_be_so(table):
@@ -110,21 +134,6 @@ def test_the_table_of_the_package_finds_the_yield_value_of_the_finite_elements(t
     assert found["mix"]["yield_value"] == found["yield_value"]["value"] and "slump flow" in found["told"]
 
 
-@pytest.mark.parametrize("plastic_viscosity", [20.0, 50.0, 200.0])
-@pytest.mark.parametrize("yield_value", [300.0, 600.0])
-def test_the_slump_gives_the_yield_stress_back_with_the_error_of_the_ruler(yield_value, plastic_viscosity):
-    """The interval is 1.96 standard errors of the slump over its slope, which is nearly straight over so little; the
-    table's own scatter widens it."""
-    less, slump, more = (
-        measures(["slump_m"], factor * yield_value, plastic_viscosity)["slump_m"] for factor in (0.99, 1.0, 1.01)
-    )
-    known = {"rho": DENSITY, "plastic_viscosity": plastic_viscosity}
-    found = calibrate(slump=slump, slump_error=0.005, **known, check=False).yield_value
-    assert found.value == pytest.approx(yield_value, rel=2e-3)
-    wide = 1.96 * np.hypot(0.005, emulator_of().scatter["slump_m"]) / abs(more - less) * 0.02 * yield_value
-    assert found.upper - found.lower == pytest.approx(2.0 * wide, rel=0.1)
-
-
 @pytest.mark.parametrize(
     ("names", "known"),
     [
@@ -137,8 +146,7 @@ def test_the_slump_gives_the_yield_stress_back_with_the_error_of_the_ruler(yield
     ],
 )
 def test_a_mix_put_through_the_tables_comes_back_within_its_interval(names, known):
-    exact = {TESTS[name]: value for name, value in measures(names, **TRUE).items()}
-    found = calibrate(**exact, **{name: TRUE[name] for name in known}, check=False)
+    found = calibrate(**measures(names, **TRUE), **{name: TRUE[name] for name in known}, check=False)
     for name, true in TRUE.items():
         constant = getattr(found, name)
         assert constant.value == pytest.approx(true, rel=1e-3 if name in known else 0.05)
@@ -148,23 +156,20 @@ def test_a_mix_put_through_the_tables_comes_back_within_its_interval(names, know
 
 def test_the_intervals_of_two_tests_hold_a_known_mix():
     """At least as often as they say: the errors of the tables widen them, and are not drawn here."""
-    random, held = np.random.default_rng(4), []
     names = "mini_cone_m", "v_funnel_s"
+
+    def exact(**mix):
+        cone, funnel = measures(names, **mix).values()
+        return dict(zip(names, ((cone, 0.002), (funnel, 0.1 * funnel)), strict=True))
+
     tables = list(emulators_of(dict.fromkeys(names)).values())
-    for _ in range(60):
-        mix = {"yield_value": random.uniform(30.0, 90.0), "plastic_viscosity": random.uniform(12.0, 50.0)}
-        errors = {
-            name: (value, 0.002 if name == "mini_cone_m" else 0.1 * value)
-            for name, value in measures(names, **mix).items()
-        }
-        measured = {name: (value + error * random.standard_normal(), error) for name, (value, error) in errors.items()}
-        found = fit(tables, measured, DENSITY)
-        held.append([holds(getattr(found, name), true) for name, true in mix.items()])
-    assert np.all(np.mean(held, 0) > 0.95 - 2.4 * math.sqrt(0.95 * 0.05 / 60))  # 2.4 standard errors of so many draws
+    ranges = {"yield_value": (30.0, 90.0), "plastic_viscosity": (12.0, 50.0)}
+    often = held(60, 4, ranges, exact, lambda told: fit(tables, told, DENSITY))
+    assert np.all(often > 0.95 - 2.4 * math.sqrt(0.95 * 0.05 / 60))  # 2.4 standard errors of so many draws
 
 
 def test_it_says_which_constant_each_test_determines():
-    exact = {TESTS[name]: value for name, value in measures(("mini_cone_m", "v_funnel_s"), **TRUE).items()}
+    exact = measures(("mini_cone_m", "v_funnel_s"), **TRUE)
     both, cone = calibrate(**exact, check=False), calibrate(mini_cone=exact["mini_cone"], check=False)
     assert both.source("yield_value") == "mini-cone spread" and both.source("plastic_viscosity") == "V-funnel time"
     lines = {line.split("  ")[0]: line for line in str(both).splitlines()}
@@ -216,6 +221,110 @@ def test_contradictions_are_one_sentence_with_both_answers():
     assert "the rheometer says 10 Pa s, the V-funnel time alone says" in str(late).splitlines()[0]
 
 
+# ---- mixes with internal friction ------------------------------------------------------------------------------
+@pytest.mark.parametrize("plastic_viscosity", [20.0, 50.0, 120.0])
+@pytest.mark.parametrize(("yield_value", "friction_angle"), [(60.0, 12.0), (40.0, 17.0), (25.0, 12.0)])
+def test_a_known_mix_with_friction_comes_back_within_its_interval(yield_value, friction_angle, plastic_viscosity):
+    exact = cone(yield_value, friction_angle, plastic_viscosity)
+    found = calibrate(**exact, plastic_viscosity=plastic_viscosity, check=False)
+    mix = found.friction
+    assert found.explained_by_friction and mix.source("plastic_viscosity") == "rheometer"
+    assert all(abs(by) < 2e-3 for by in mix.missed.values())
+    for name, true in (("yield_value", yield_value), ("friction_angle", friction_angle)):
+        assert holds(getattr(mix, name), true)
+        if plastic_viscosity == 50.0:  # the others scatter by what rings do: more than one mix is as near
+            assert getattr(mix, name).value == pytest.approx(true, rel=1e-3)
+
+
+def test_the_intervals_hold_a_known_mix_with_friction():
+    """At least as often as they say: the error of the table widens them, and is not drawn here."""
+
+    def exact(**mix):
+        slump, spread = cone(**mix).values()
+        return {"slump_m": (slump, 0.005), "spread_m": (spread, 0.01)}
+
+    ranges = {"yield_value": (20.0, 60.0), "friction_angle": (8.0, 22.0)}
+    often = held(40, 5, ranges, exact, lambda told: frictional_mix(told, DENSITY, {"plastic_viscosity": 50.0}))
+    assert np.all(often > 0.95 - 2.4 * (0.95 * 0.05 / 40) ** 0.5)  # 2.4 standard errors of so many draws
+
+
+def test_the_density_scales_the_yield_stress_and_no_angle():
+    light, heavy = (
+        calibrate(**cone(60.0, 15.0), rho=rho, plastic_viscosity=50.0 * rho / DENSITY, check=False).friction
+        for rho in (DENSITY, 2.0 * DENSITY)
+    )
+    assert heavy.yield_value.value == pytest.approx(2.0 * light.yield_value.value, rel=1e-3)
+    assert heavy.friction_angle.value == pytest.approx(light.friction_angle.value, rel=1e-3)
+
+
+def test_a_known_yield_stress_leaves_the_angle():
+    found = calibrate(**cone(60.0, 15.0), yield_value=60.0, check=False).friction
+    assert found.yield_value.lower == found.yield_value.upper == 60.0 and found.source("yield_value") == "rheometer"
+    assert found.friction_angle.value == pytest.approx(15.0, rel=1e-2)
+
+
+def test_no_friction_is_sought_where_a_bingham_mix_is_near():
+    pair = calibrate(**measures(("slump_m", "spread_m"), 400.0, 50.0), check=False)
+    assert pair.friction is None and not pair.contradictory and "friction" not in str(pair)
+
+
+@pytest.mark.parametrize(
+    ("mix", "told", "said"),
+    [
+        (None, {"slump": "15cm", "spread": "60cm"}, "with internal friction not both: the nearest"),
+        ((25.0, 15.0), {"t500": "1s"}, "not all three"),
+        ((25.0, 15.0), {"t500": "200s"}, "and the T500 by"),
+        ((60.0, 15.0), {"mini_cone": "15cm"}, "of slump and slump flow alone, not of mini-cone spread"),
+    ],
+)
+def test_what_nobody_explains_is_told_with_the_nearest(mix, told, said):
+    found = calibrate(**(cone(*mix) if mix else {}) | told, check=False)
+    assert not found.explained_by_friction and found.friction.explains == ("mini_cone" in told) and said in str(found)
+
+
+def test_slump_flow_and_t500_give_three_constants_back():
+    """A mix between the nodes."""
+    true = dict(zip(FRICTIONAL, (12.0, 14.0, 80.0), strict=True))
+    found = calibrate(**cone(**true, names=ERRORS), check=False)
+    mix = found.friction
+    assert found.explained_by_friction and mix.plastic_viscosity.determined and mix.by_viscosity == {}
+    for name, value in true.items():
+        assert getattr(mix, name).value == pytest.approx(value, rel=0.03) and holds(getattr(mix, name), value)
+    assert mix.source("plastic_viscosity") == "T500" and "one mix does all three" in str(found)
+
+
+@pytest.mark.parametrize(
+    "row",
+    [row for row in read(HERE / f"{FRICTION}.csv") if row["role"] == "check" and row["t500_s"]],  # no nodes
+    ids=lambda row: " ".join(f"{row[name]:g}" for name in FRICTIONAL),
+)
+def test_mixes_that_were_run_are_in_their_intervals(row):
+    """As the engine computed them: three of another viscosity than the nodes, two at a finer spacing."""
+    mix = frictional_mix({name: (row[name], error) for name, error in ERRORS.items()}, DENSITY, {})
+    assert mix.explains and all(holds(getattr(mix, name), row[name]) for name in FRICTIONAL)
+
+
+def test_a_list_counts_mixes_with_friction_apart():
+    mixes = cone(25.0, 15.0), cone(12.0, 14.0, 80.0, names=ERRORS), {"slump": 0.15, "spread": 0.6}
+    rubs, timed, nobody = calibrate_list([{key: str(value) for key, value in mix.items()} for mix in mixes])
+    assert rubs["verdict"] == timed["verdict"] == WITH_FRICTION and nobody["verdict"] == TWO_ANSWERS
+    assert rubs["friction_angle_lower"] < 15.0 < rubs["friction_angle_upper"]
+    assert rubs["plastic_viscosity_from"] == "usual" and "--friction-angle 15" in rubs["reason"]
+    assert timed["plastic_viscosity_from"] == "T500" and abs(timed["t500_s_missed"]) < 0.1
+    assert "with internal friction not both" in nobody["reason"]
+    assert f"2 {WITH_FRICTION}" in tally([rubs, timed, nobody])
+
+
+def test_the_command_told_computes_the_measured_slump(capsys):
+    """The run that is told is one of the scene: its words are options of run."""
+    known = cone(60.0, 15.0)
+    assert main(["calibrate", "--no-check", *(f"--{name}={value}" for name, value in known.items())]) == 0
+    line = next(line for line in capsys.readouterr().out.splitlines() if "to run it" in line)
+    words = line.split("taichi-mps ")[1].split()
+    assert main([*words, "--forecast"]) == 0
+
+
+# ---- bad input ------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize(
     ("told", "said"),
     [

@@ -53,19 +53,9 @@ def test_each_line_gets_its_verdict(found):
     for row, exact in zip(found, (500.0, 1000.0), strict=False):
         assert row["yield_value_lower"] <= exact <= row["yield_value_upper"] and row["reason"] == ""
         assert abs(row["slump_m_missed"]) <= 0.01 and abs(row["spread_m_missed"]) <= 0.02
-
-
-def test_two_answers_are_those_of_each_length_alone(found):
-    far = found[2]
-    for key, alone in (("slump", {"slump": "15cm"}), ("spread", {"spread": "600mm"})):
-        told = calibrate(**alone, plastic_viscosity=50.0, check=False).yield_value
-        assert far[f"yield_value_by_{key}"] == pytest.approx(told.value, rel=0.05)
-    assert far["yield_value_by_slump"] > 3.0 * far["yield_value_by_spread"]
+    far, stands, misread = found[2:5]
+    assert far["yield_value_by_slump"] > 3.0 * far["yield_value_by_spread"] > 0.0
     assert "the slump alone says" in far["reason"] and "Trust that of the slump for how high" in far["reason"]
-
-
-def test_one_that_stands_is_bounded_and_one_without_room_is_refused(found):
-    stands, misread = found[3:5]
     assert stands["yield_value_lower"] > 1000.0 and "its yield stress is more than" in stands["reason"]
     assert "leaves room for 4.8 l at most" in misread["reason"]
 

@@ -105,16 +105,6 @@ def test_finished_cases_are_not_run_again(tmp_path, notes):
     assert [row["number"] for row in table] == [0, 1, 2, 3, 4, 5] and table[2]["status"] == "failed"
 
 
-def test_what_an_executor_lost_is_computed_when_the_study_goes_on(tmp_path, notes):
-    with ThreadPoolExecutor(1) as threads:
-        first, again = (
-            carry_out(study_cases.planned(4, notes), tmp_path / "s", study_cases.raises_at_two_at_first, threads)
-            for _ in range(2)
-        )
-    assert (first[2]["status"], first[2]["reason"]) == (LOST, "OSError: the disk is gone")
-    assert numbers(again) == [0, 1, 2, 3] and [*study_cases.runs(notes).values()] == [1, 1, 2, 1]
-
-
 def test_a_broken_executor_loses_the_cases_and_ends(tmp_path, notes):
     with ThreadPoolExecutor(1, initializer=int, initargs=("no number",)) as threads:
         rows = carry_out(study_cases.planned(3, notes), tmp_path / "s", study_cases.plain, threads)
