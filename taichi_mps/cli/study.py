@@ -14,10 +14,12 @@ from ..problem import catalogue
 from ..problem.accuracy import choose
 from ..problem.labels import in_words, title, written
 from ..study import calibrate
+from ..study.calibrate import Measurements
 from ..study.require import Wanted, require
 from ..study.results import measures, spelled
 from ..study.sweep import ACCURACY, LOST, cases, sweep
 from ..units import Checked, Count, SceneError, plain
+from ..units import require as check
 from .options import Parser, Workers, given, scene_of
 from .run import DONE
 
@@ -98,8 +100,7 @@ def outcome(row) -> str:
 
 def need_matplotlib() -> None:
     """SceneError where no chart can be drawn."""
-    if not find_spec("matplotlib"):
-        raise SceneError("chart needs matplotlib: pip install 'taichi-mps[plots]'")
+    check(find_spec("matplotlib"), "chart needs matplotlib: pip install 'taichi-mps[plots]'")
 
 
 # ---- sweep -----------------------------------------------------------------------------------------------------
@@ -116,8 +117,8 @@ def sweep_command(argv) -> int:
     folder = Path(options.out or Path("studies") / Path(arguments.scene).stem)
     planned = cases(arguments.scene, **varied)
     differing = [name for name in planned[0].parameters if len({str(case.parameters[name]) for case in planned}) > 1]
-    if options.chart and not any(isinstance(planned[0].parameters[name], int | float) for name in differing):
-        raise SceneError("chart: needs a parameter that is varied by numbers; must be a list or first:last:number")
+    drawn = not options.chart or any(isinstance(planned[0].parameters[name], int | float) for name in differing)
+    check(drawn, "chart: needs a parameter that is varied by numbers; must be a list or first:last:number")
     if "model" in planned[0].parameters and "model" not in varied:
         print(f"taichi-mps: accuracy = {1e3 * ACCURACY:g} mm: {choose(ACCURACY)}", file=sys.stderr)
     watch = watching(differing, options.quiet or arguments.json)
@@ -184,16 +185,16 @@ def calibrate_command(argv) -> int:
         "mini-cone, V-funnel or rheometer, in any combination, with 95 % intervals by the errors of the measurements; "
         "cones are checked by one finer run.",
     )
-    parser.options(calibrate.Measurements, "measurements")
+    parser.options(Measurements, "measurements")
     parser.options(Lookup, "answer")
     parser.add_argument("--json", action="store_true", help="print the result as JSON")
     arguments = parser.parse(argv)
-    told, options = given(arguments, calibrate.Measurements), Lookup(**given(arguments, Lookup))
+    told, options = given(arguments, Measurements), Lookup(**given(arguments, Lookup))
     if options.table:
         return calibrate_table(options, told, arguments.json)
     for name in ("out", "executor", "workers"):
-        if getattr(options, name):
-            raise SceneError(f"{name} = {getattr(options, name)}: belongs to --table; must be left out")
+        value = getattr(options, name)
+        check(not value, f"{name} = {value}: belongs to --table; must be left out")
     result = calibrate.calibrate(**told, study=options.study, check=options.check)
     print(json.dumps(strict(result.facts())) if arguments.json else result)
     return DONE
@@ -205,12 +206,10 @@ def calibrate_table(options: Lookup, told: dict, as_json: bool) -> int:
 
     path = Path(options.table)
     out = Path(options.out or path.with_name(f"{path.stem}-calibrated.csv"))
-    if path.is_dir():
-        raise SceneError(f"table = {path}: is a folder; a study is named by --study, a list of mixes is a CSV file")
-    if told:
-        raise SceneError(f"{next(iter(told))}: stands in the table's own columns; must be left out")
-    if out.exists():
-        raise SceneError(f"out = {out}: is there already; must be a new file, it is not overwritten")
+    folder = f"table = {path}: is a folder; a study is named by --study, a list of mixes is a CSV file"
+    check(not path.is_dir(), folder)
+    check(not told, f"{next(iter(told), '')}: stands in the table's own columns; must be left out")
+    check(not out.exists(), f"out = {out}: is there already; must be a new file, it is not overwritten")
     rows = mixes.read_list(path)
 
     def watch(row, number):

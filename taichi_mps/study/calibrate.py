@@ -7,7 +7,7 @@ from pydantic import Field
 
 from ..problem.accuracy import GRAVITY
 from ..problem.materials import Bingham
-from ..units import Checked, Density, Duration, Length, SceneError, Viscosity, YieldValue, checked, unit_of
+from ..units import Checked, Density, Duration, Length, SceneError, Viscosity, YieldValue, checked, require, unit_of
 from .calibration import BINGHAM, FRICTIONAL, RHEOMETER, WORDS, Calibration, FrictionalMix, is_time, short
 from .case import REACHED, case, run
 from .emulator import DENSITY, FRICTION, MEASURED, Emulator, emulator_of, scale
@@ -53,8 +53,7 @@ class Measurements(Checked):
         """Value and standard error of each measurement, by its name in TESTS. SceneError where there is none."""
         found = {name: getattr(self, test) for name, test in TESTS.items()}
         found = {name: (value, self.error(TESTS[name])) for name, value in found.items() if value is not None}
-        if not found:
-            raise SceneError("calibrate: give at least one of --slump, --spread, --t500, --mini-cone, --v-funnel")
+        require(found, "calibrate: give at least one of --slump, --spread, --t500, --mini-cone, --v-funnel")
         return found
 
     def known(self) -> dict[str, float]:
@@ -122,8 +121,7 @@ def difference(emulators: dict[str, Emulator], found: Calibration) -> dict:
     for scene in (scene for scene in CHECKED if scene in emulators):
         emulator = emulators[scene]
         row = run(case(scene, **emulator.settings | mix | {"spacing": 0.5 * emulator.spacing}))
-        if row["status"] == "failed":
-            raise SceneError(f"the finer run failed: {row['reason']}")
+        require(row["status"] == "done", f"the finer run failed: {row['reason']}")
         table = emulator.at(*np.log(np.array(list(found.constants.values())) / found.density))
         for name, column in MEASURED[scene].items():
             value = float(table[name])

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..problem import catalogue
 from ..problem.materials import Bingham
-from ..units import SceneError
+from ..units import require
 from .calibration import BINGHAM, FRICTIONAL, WORDS, is_time
 from .case import REACHED
 from .results import read
@@ -65,25 +65,20 @@ class Emulator:
     """
 
     def __init__(self, rows: list[dict], constants: tuple[str, ...] = BINGHAM):
-        if not find_spec("scipy"):
-            raise SceneError("calibrate and chart need scipy: pip install 'taichi-mps[calibrate]'")
+        require(find_spec("scipy"), "calibrate and chart need scipy: pip install 'taichi-mps[calibrate]'")
         first = rows[0] if rows else {}
         self.scene, self.constants = Path(str(first.get("scene") or "slump")).stem, constants
-        if self.scene not in MEASURED:
-            raise SceneError(f"table: is a study of {self.scene}; must be one of {', '.join(MEASURED)}")
+        require(self.scene in MEASURED, f"table: is a study of {self.scene}; must be one of {', '.join(MEASURED)}")
         self.columns = MEASURED[self.scene]
         needed = ["status", *constants, *(column for name, column in self.columns.items() if name != "t500_s")]
-        missing = [name for name in needed if name not in first]
-        if missing:
-            raise SceneError(
-                f"table: has no column {', '.join(missing)}; must be a study of the {self.scene} over both constants"
-            )
+        missing = ", ".join(name for name in needed if name not in first)
+        require(not missing, f"table: has no column {missing}; must be a study of the {self.scene} over both constants")
         done = [row for row in rows if row["status"] == "done" and all(positive(row[name]) for name in constants)]
         checks = [row for row in done if row.get("role") == "check" or spacing(row) < spacing(done[0])]
         nodes = [row for row in done if row not in checks]
-        if min((len({row[name] for row in nodes}) for name in constants), default=0) < 3:
-            words = " and ".join(f"3 values of {WORDS[name][0]}" for name in constants)
-            raise SceneError(f"table: must hold done cases of at least {words}")
+        words = " and ".join(f"3 values of {WORDS[name][0]}" for name in constants)
+        enough = all(len({row[name] for row in nodes}) >= 3 for name in constants)
+        require(enough, f"table: must hold done cases of at least {words}")
         known = catalogue.load(self.scene).parameters.model_fields
         self.usual = {name: field.default for name, field in known.items()}  # of the scene
         self.settings = {name: nodes[0][name] for name in known if nodes[0].get(name) is not None}  # of the test
@@ -131,8 +126,9 @@ class Emulator:
                 missed = (values - hat @ values) / (1.0 - np.diag(hat))
                 spline = RectBivariateSpline(*self.axes[:2], plate(grid).reshape(NODES[:2]))
                 found[name] = spline, float(np.sqrt(np.mean(missed**2)))
-            elif name != "t500_s":
-                raise SceneError(f"table: column {column} holds fewer than {FEWEST} numbers; must hold that many")
+            else:
+                few = f"table: column {column} holds fewer than {FEWEST} numbers; must hold that many"
+                require(name == "t500_s", few)
         return found
 
     def missed(self, checks) -> dict[str, np.ndarray]:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..units import SceneError
+from ..units import require
 from .calibration import BINGHAM, Calibration, Constant, FrictionalMix, is_time
 from .emulator import NODES, Emulator, scale
 
@@ -25,9 +25,9 @@ class LeastSquares:
         self.constants = emulators[0].constants
         self.low = np.max([each.low for each in emulators], 0)
         self.high = np.min([each.high for each in emulators], 0)
-        if np.any(self.low >= self.high):
-            names = " and ".join(each.scene for each in emulators)
-            raise SceneError(f"table: those of {names} have no mix in common; must be studies that overlap")
+        names = " and ".join(each.scene for each in emulators)
+        apart = f"table: those of {names} have no mix in common; must be studies that overlap"
+        require(np.all(self.low < self.high), apart)
         self.axes = [np.linspace(*ends) for ends in zip(self.low, self.high, NODES, strict=False)]
         self.scales = np.array([float(scale(name, density)) for name in self.constants])
         self.errors = {}
@@ -107,8 +107,7 @@ def fit(
         for name, each, axis in zip(names, scales, squares.axes, strict=True)
     ]
     chi2 = squares.misfit(axes)
-    if not np.isfinite(chi2).any():
-        raise SceneError("t500: no mix of the table spreads to 500 mm")
+    require(np.isfinite(chi2).any(), "t500: no mix of the table spreads to 500 mm")
     axes, chi2 = zoomed(squares, axes, chi2)
     free = [k for k, axis in enumerate(axes) if len(axis) > 1]
     point, least = polished(squares, axes, chi2, free)

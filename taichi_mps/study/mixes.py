@@ -14,7 +14,7 @@ from .. import __version__
 from ..io.run_folder import strict
 from ..report.page import publish
 from ..report.words import safe, table
-from ..units import SceneError, suggestion
+from ..units import SceneError, require, suggestion
 from ..viz.plots import COLOURS
 from . import results
 from .calibrate import CONE, TESTS, Measurements, calibrate
@@ -151,10 +151,10 @@ def calibrate_list(rows: list[dict[str, str]], study=None, watch=None, executor=
     CPU-seconds a row: they are computed in this process, unless ``executor`` is 'local' (processes of this machine, as
     many as ``workers``, the number of CPUs by default) or 'dask://HOST:PORT'. What a worker does not bring to an end is
     computed here."""
-    if executor and executor.startswith("slurm:"):
-        raise SceneError(f"executor = {executor}: a mix takes a tenth of a second; must be local or dask://HOST:PORT")
-    if executor and workers and executor != "local":
-        raise SceneError(f"workers = {workers}: are processes of this machine; must be left out with {executor}")
+    slow = f"executor = {executor}: a mix takes a tenth of a second; must be local or dask://HOST:PORT"
+    require(not (executor or "").startswith("slurm:"), slow)
+    elsewhere = f"workers = {workers}: are processes of this machine; must be left out with {executor}"
+    require(not workers or executor in (None, "local"), elsewhere)
     opened = named(executor, workers, None)[0] if executor else nullcontext
     found, futures = [], []
     with opened() as pool:

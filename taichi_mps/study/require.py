@@ -12,7 +12,8 @@ import numpy as np
 from pydantic import Field
 
 from ..problem import catalogue
-from ..units import Checked, Duration, Ratio, SceneError, YieldValue, _real
+from ..units import Checked, Duration, Ratio, YieldValue, _real
+from ..units import require as check
 from .case import case
 from .case import run as run_case
 from .emulator import DENSITY, emulator_of
@@ -94,8 +95,7 @@ def fills(row: dict, wanted: Wanted) -> bool:
 def pressure_of(row: dict) -> float:
     """The largest pressure [Pa] on the form at the end of a run."""
     pressures = [value for name, value in row.items() if name.startswith(PRESSURE)]
-    if not pressures:
-        raise SceneError(f"pressure: scene {row['scene']} measures none, {PRESSURE}...; must be one that does, as wall")
+    check(pressures, f"pressure: scene {row['scene']} measures none, {PRESSURE}...; must be one that does, as wall")
     return max(pressures)
 
 
@@ -126,22 +126,20 @@ def next_mixes(mixes: dict, viscosities, low: float, high: float, within: float)
 def require(scene: str, wanted: Wanted, out, executor="local", workers=None, watch=None, run=run_case, **parameters):
     """The borders of all plastic viscosities, and the rows of the runs that found them, which the folder ``out`` keeps
     and does not compute again."""
-    if wanted.softest >= wanted.stiffest:
-        raise SceneError(f"softest = {wanted.softest:g} Pa: must be less than stiffest = {wanted.stiffest:g} Pa")
+    ends = wanted.softest, wanted.stiffest
+    check(ends[0] < ends[1], "softest = {:g} Pa: must be less than stiffest = {:g} Pa".format(*ends))
     keywords = catalogue.load(scene).parameters.model_fields
     usual = {"fill_ratio": 1.0} | ({"measure_pressure": True} if wanted.pressure is not None else {})
     parameters = {name: value for name, value in usual.items() if name in keywords} | parameters
     parameters["until"] = wanted.time
     form = catalogue.build(scene, **parameters)
-    if form.cavity is None:
-        raise SceneError(f"scene {form.name}: has no cavity to fill; must be a form, such as wall")
+    check(form.cavity is not None, f"scene {form.name}: has no cavity to fill; must be a form, such as wall")
     poured = form.parameters.get("fill_ratio", 1.0)
-    if poured < wanted.filled:
-        raise SceneError(
-            f"filled = {wanted.filled:g}: of the form only fill_ratio = {poured:g} is poured; must be at most that"
-        )
-    if wanted.pressure is not None and form.parameters.get("measure_pressure") is False:
-        raise SceneError(f"pressure = {wanted.pressure:g} Pa: measure_pressure = False; must be True, or left out")
+    less = f"filled = {wanted.filled:g}: of the form only fill_ratio = {poured:g} is poured; must be at most that"
+    check(poured >= wanted.filled, less)
+    if wanted.pressure is not None:
+        measured = form.parameters.get("measure_pressure") is not False
+        check(measured, f"pressure = {wanted.pressure:g} Pa: measure_pressure = False; must be True, or left out")
     given = cases(scene, plastic_viscosity=wanted.plastic_viscosity)
     viscosities = sorted(each.parameters["plastic_viscosity"] for each in given)
     planned, mixes, rows = {}, {}, []

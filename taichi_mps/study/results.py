@@ -12,7 +12,7 @@ from pathlib import Path
 
 from ..io.lock import held
 from ..problem.labels import is_measure
-from ..units import SceneError
+from ..units import SceneError, require
 
 LOCK = "study.lock"
 JOURNAL = "journal.jsonl"
@@ -66,8 +66,8 @@ def opened(folder):
     """The results of a study's folder, made if need be; one study at a time may write there."""
     folder = Path(folder)
     there = {path.name for path in folder.iterdir()} if folder.is_dir() else set()
-    if there - {LOCK} and JOURNAL not in there:
-        raise SceneError(f"out = {folder}: holds other files and no study; must be a new or a study's folder")
+    foreign = there - {LOCK} and JOURNAL not in there
+    require(not foreign, f"out = {folder}: holds other files and no study; must be a new or a study's folder")
     with held(folder, LOCK, "another study, process"), open(folder / JOURNAL, "a+b") as file:
         yield Results(folder, file)
 
@@ -86,12 +86,11 @@ def read(path) -> list[dict]:
     as None."""
     path = Path(path)
     path = path / TABLE if path.is_dir() else path
-    if not path.is_file():
-        raise SceneError(f"table = {path}: no such file; must be a study's folder or its results.csv")
+    require(path.is_file(), f"table = {path}: no such file; must be a study's folder or its results.csv")
     with open(path, newline="", encoding="utf-8", errors="replace") as file:
         lines = csv.DictReader(line for line in file if not line.startswith("#"))
-        if "status" not in (lines.fieldnames or ()):
-            raise SceneError(f"table = {path}: has no column status; must be a study's folder or its results.csv")
+        none = f"table = {path}: has no column status; must be a study's folder or its results.csv"
+        require("status" in (lines.fieldnames or ()), none)
         return [{name: number(row[name] or "") for name in lines.fieldnames} for row in lines]
 
 

@@ -19,7 +19,7 @@ import numpy as np
 from ..problem import catalogue
 from ..problem.accuracy import choose
 from ..problem.materials import Bingham
-from ..units import SceneError
+from ..units import SceneError, require
 from .case import Case, case, row_without_result
 from .case import run as run_case
 from .results import opened
@@ -44,10 +44,9 @@ def values(text: str, key: str = "values") -> list[str]:
             raise ValueError
     except ValueError:
         raise SceneError(f"{key} = {text}: must be a list, 20,50,100, or first:last:number[:linear]") from None
-    if not steps and min(low, high) <= 0.0:
-        raise SceneError(f"{key} = {text}: equal ratios need values above 0; must be, or add :linear")
-    if count > MOST_CASES:
-        raise SceneError(f"{key} = {text}: must be at most {MOST_CASES} values")
+    above = steps or min(low, high) > 0.0
+    require(above, f"{key} = {text}: equal ratios need values above 0; must be, or add :linear")
+    require(count <= MOST_CASES, f"{key} = {text}: must be at most {MOST_CASES} values")
     points = np.linspace(low, high, count) if steps else np.geomspace(low, high, count)
     return [f"{point:.4g}" for point in points]
 
@@ -61,8 +60,7 @@ def cases(scene: str, **parameters) -> list[Case]:
         choice = choose(ACCURACY)
         given |= {"model": [choice.model], "spacing": [choice.spacing]}
     count = math.prod(len(choices) for choices in given.values())
-    if count > MOST_CASES:
-        raise SceneError(f"{', '.join(given)}: make {count:.3g} cases; must be at most {MOST_CASES}")
+    require(count <= MOST_CASES, f"{', '.join(given)}: make {count:.3g} cases; must be at most {MOST_CASES}")
     found = [case(scene, **dict(zip(given, combination, strict=True))) for combination in product(*given.values())]
     return list({c.key: c for c in found}.values())
 
@@ -192,8 +190,7 @@ def _live_with_the_parent():
 @contextmanager
 def dask(address: str):
     """The workers of a running scheduler: dask worker ADDRESS --nworkers N --nthreads 1."""
-    if not find_spec("distributed"):
-        raise SceneError(f"executor = {address}: needs distributed: pip install 'taichi-mps[cluster]'")
+    require(find_spec("distributed"), f"executor = {address}: needs distributed: pip install 'taichi-mps[cluster]'")
     from distributed import Client
 
     try:
@@ -212,6 +209,5 @@ def named(text: str, workers: int | None, folder):
         return lambda: processes(workers), workers
     if re.fullmatch(r"dask://[^\s/]+:\d{1,5}", text):
         return lambda: dask(text), workers
-    if re.match(r"slurm://[^\s/?]", text):
-        return lambda: slurm(text, folder, workers), workers
-    raise SceneError(f"executor = {text}: must be {KINDS}")
+    require(re.match(r"slurm://[^\s/?]", text), f"executor = {text}: must be {KINDS}")
+    return lambda: slurm(text, folder, workers), workers
