@@ -17,7 +17,7 @@ from taichi_mps.io import vtkhdf
 from taichi_mps.io import vtu as export
 from taichi_mps.problem import catalogue
 from taichi_mps.problem.measures import still
-from taichi_mps.viz import ggui, painter, render
+from taichi_mps.viz import painter, render
 from taichi_mps.viz.beads import Beads
 from taichi_mps.viz.camera import Camera
 from taichi_mps.viz.painter import Mesh, Painter
@@ -28,10 +28,8 @@ RED, GREEN = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
 
 
 def snapshot(scene, **changes):
-    n = len(scene.fluid)
-    return replace(
-        still(scene.fluid, scene.spacing), **{key: np.broadcast_to(value, (n,)) for key, value in changes.items()}
-    )
+    start = still(scene.fluid, scene.spacing)
+    return replace(start, **{key: np.broadcast_to(value, getattr(start, key).shape) for key, value in changes.items()})
 
 
 @pytest.fixture(scope="module")
@@ -98,10 +96,15 @@ def test_the_nearest_of_two_overlapping_spheres_wins_whatever_their_order(camera
         assert tuple(pixels[row, column]) == (0, 255, 0)
 
 
-def test_a_sphere_behind_or_around_the_eye_is_left_out(camera):
+NOTHING = np.zeros((0, 3))
+
+
+@pytest.mark.parametrize("body", [None, Mesh(NOTHING, NOTHING, NOTHING, np.zeros((0, 3), int))])
+def test_spheres_behind_or_around_the_eye_are_left_out_and_a_mesh_may_have_no_triangles(camera, body):
     eye = camera[0].eye
-    pixels, _ = draw(camera, [eye, eye - (0.0, 1.0, 0.0)], [RED, RED], 0.3)
-    assert np.ptp(pixels.reshape(-1, 3), axis=0).max() == 0
+    body = body or Beads(np.array([eye, eye - (0.0, 1.0, 0.0)]), np.array([RED, RED]), 0.3)
+    pixels, depth = Painter(*camera, 0.3, relief=0.0).draw(body)
+    assert np.ptp(pixels.reshape(-1, 3), axis=0).max() == 0 and depth.min() > 1e8
 
 
 def test_the_camera_frames_its_points():
@@ -126,18 +129,21 @@ def test_the_body_is_grey_with_a_shadow_on_a_light_floor(body):
 
 
 @pytest.mark.parametrize(
-    ("view", "field", "full"), [("speed", None, 1.0), ("pressure", "p", 1e3), ("shear-rate", "shear_rate", 1.0)]
+    ("view", "changes", "colour"),
+    [
+        ("concrete", {}, render.CONCRETE),
+        ("speed", {"u": (0.0, 0.0, -1.0)}, render.viridis(0.25)),
+        ("pressure", {"p": 2e3}, render.viridis(0.5)),
+        ("shear-rate", {"shear_rate": 4.0}, render.viridis(1.0)),
+        ("yielded", {"yielded": True}, render.FLOWING),
+        ("yielded", {"yielded": False}, render.RIGID),
+        ("mix", {"mix": 5}, render.MIXES[1]),
+    ],
 )
-def test_field_views_show_the_colour_of_the_map(body, view, field, full):
+def test_views_show_the_colours_of_their_values(body, view, changes, colour):
     renderer = render.Renderer(body, view=view, limits=(0.0, 4.0), **SIZE)
-    for share in (0.0, 0.25, 0.5, 1.0):
-        value = 4.0 * full * share
-        if field:
-            state = snapshot(body, **{field: value})
-        else:
-            state = replace(snapshot(body), u=np.tile((0.0, 0.0, -value), (len(body.fluid), 1)))
-        expected = np.tile(render.viridis(share), (len(body.fluid), 1))
-        np.testing.assert_allclose(renderer.colours(state), expected, atol=1e-6)
+    found = renderer.colours(snapshot(body, **changes))
+    np.testing.assert_allclose(found, np.tile(colour, (len(body.fluid), 1)), atol=1e-6)
 
 
 def test_viridis_is_that_of_matplotlib():
@@ -149,15 +155,6 @@ def test_viridis_is_that_of_matplotlib():
     np.testing.assert_array_equal(render.viridis(np.nan), [0.5, 0.5, 0.5])
 
 
-def test_yielded_view_has_two_colours(body):
-    renderer = render.Renderer(body, view="yielded", **SIZE)
-    flowing = body.fluid[:, 0] > 0
-    colours = renderer.colours(snapshot(body, yielded=flowing))
-    np.testing.assert_array_equal(colours[flowing], np.tile(render.FLOWING, (flowing.sum(), 1)))
-    np.testing.assert_array_equal(colours[~flowing], np.tile(render.RIGID, ((~flowing).sum(), 1)))
-    assert renderer.draw(snapshot(body, yielded=flowing)).shape == (180, 320, 3)
-
-
 def test_ranges_come_from_the_scene(body):
     head = 9.81 * 0.27
     for view, expected in (("speed", 0.5 * np.sqrt(2 * head)), ("pressure", 2.3 * head), ("shear-rate", 10.0)):
@@ -166,15 +163,7 @@ def test_ranges_come_from_the_scene(body):
 
 
 def test_a_two_dimensional_scene_is_drawn_in_its_plane_between_its_walls():
-    scene = mps.Scene(
-        name="dam break",
-        material=mps.Newtonian(),
-        spacing=0.02,
-        fluid=mps.fill(mps.Box((0.0, 0.0), (0.2, 0.4)), 0.02),
-        walls=tuple(mps.Plane(*w) for w in (((0, 0), (0, 1)), ((0, 0), (1, 0)), ((0.8, 0), (-1, 0)))),
-        domain=((-0.1, -0.1), (0.9, 0.9)),
-        outline=(np.array([(0.2, 0.0), (0.2, 0.4)]),),
-    )
+    scene = catalogue.build("dam_break", spacing=0.02, column_width=0.2)
     renderer = render.Renderer(scene, **SIZE)
     np.testing.assert_allclose(renderer.low, (0.0, 0.0, 0.0), atol=1e-12)
     np.testing.assert_allclose(renderer.high, (0.8, 0.0, 0.4))
@@ -212,41 +201,25 @@ def test_png_numbers_its_pictures_and_gif_reads_them(body, tmp_path):
         render.gif(tmp_path, tmp_path / "none.gif")
 
 
-def test_ggui_without_vulkan_says_so_in_one_line_and_draws_in_software(body, monkeypatch, capsys):
-    def refuse(*_, **__):
-        raise RuntimeError("Vulkan must be available\nfor GGUI")
-
-    monkeypatch.setattr(ggui.Ggui, "shared", None)
-    monkeypatch.setattr(ggui.ti.ui, "Window", refuse)
-    renderer = render.Renderer(body, backend="ggui", **SIZE)
-    expected = (
-        "ggui: no hidden window can be made here (Vulkan must be available for GGUI); drawing in software instead\n"
-    )
-    assert capsys.readouterr().err == expected
-    software = render.Renderer(body, beads=True, **SIZE).draw(snapshot(body))
-    assert np.array_equal(renderer.draw(snapshot(body)), software)
-
-
 # ---- triangles and the smooth surface ----------------------------------------------------------------------------
 BALL = 0.3
 
 
-def ball(centre, across=96):
-    """Points, unit normals and triangles of a sphere, of rings from pole to pole."""
-    polar, around = np.meshgrid(np.linspace(0, np.pi, across // 2 + 1), np.arange(across) * 2 * np.pi / across)
-    normals = np.stack([np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar)], -1)
-    i, j = np.meshgrid(np.arange(across), np.arange(across // 2))
-    a, b = i * (across // 2 + 1) + j, (i + 1) % across * (across // 2 + 1) + j
-    triangles = np.concatenate([np.stack([a, b, a + 1], -1), np.stack([b, b + 1, a + 1], -1)]).reshape(-1, 3)
-    normals = normals.reshape(-1, 3)
-    return np.asarray(centre) + BALL * normals, normals, triangles
+def triangles_of(rows, columns):
+    """Triangles (m, 3) between the points of a grid, two in each of its cells."""
+    k = np.arange(rows * columns).reshape(rows, columns)
+    a, b, c, d = (part.ravel() for part in (k[:-1, :-1], k[:-1, 1:], k[1:, 1:], k[1:, :-1]))
+    return np.concatenate([np.stack([a, b, c], -1), np.stack([a, c, d], -1)])
 
 
 def test_a_ball_of_triangles_is_drawn_as_a_sphere(camera):
     centre, colour = np.array([(0.4, 0.1, -0.2)]), np.array([(0.7, 0.5, 0.3)])
     floor = -0.8
-    points, normals, triangles = ball(centre[0])
-    bodies = Beads(centre, colour, BALL), Mesh(points, np.tile(colour, (len(points), 1)), normals, triangles)
+    polar, around = np.meshgrid(np.linspace(0.0, np.pi, 49), np.linspace(0.0, 2.0 * np.pi, 97))
+    normals = np.stack([np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar)], -1)
+    normals = normals.reshape(-1, 3)
+    mesh = Mesh(centre + BALL * normals, np.tile(colour, (len(normals), 1)), normals, triangles_of(97, 49))
+    bodies = Beads(centre, colour, BALL), mesh
     (sphere, far), (mesh, near) = (Painter(*camera, BALL, floor).draw(body) for body in bodies)
     assert 0.02 < (far < 1e8).mean() < 0.5
     differ = (far < 1e8) != (near < 1e8)
@@ -261,11 +234,8 @@ def test_a_ball_of_triangles_is_drawn_as_a_sphere(camera):
 def test_triangles_that_share_edges_leave_no_hole_and_cover_their_area(camera):
     x, z = np.meshgrid(np.linspace(-0.5, 0.7, 41), np.linspace(-0.6, 0.4, 37))
     points = np.stack([x, 0 * x, z], -1).reshape(-1, 3)
-    i, j = np.meshgrid(np.arange(36), np.arange(40), indexing="ij")
-    a = 41 * i + j
-    triangles = np.concatenate([np.stack([a, a + 1, a + 42], -1), np.stack([a, a + 42, a + 41], -1)]).reshape(-1, 3)
     shades = (points[:, :1] + 0.5) / 1.2 * np.ones(3)  # dark at the left, light at the right
-    mesh = Mesh(points, shades, np.tile((0, -1.0, 0), (len(x) * 41, 1)), triangles)
+    mesh = Mesh(points, shades, np.tile((0, -1.0, 0), (len(points), 1)), triangles_of(37, 41))
     pixels, depth = Painter(*camera, 0.1, relief=0.0).draw(mesh)
     (left, bottom), (right, top) = camera[0].project(points[[0, -1]])[:, :2]
     rows, columns = (np.arange(round(low) + 1, round(high) - 1) for low, high in ((top, bottom), (left, right)))
@@ -274,12 +244,6 @@ def test_triangles_that_share_edges_leave_no_hole_and_cover_their_area(camera):
     assert (depth < 1e8).sum() == pytest.approx((right - left) * (bottom - top), rel=0.01)
     shown = pixels[rows[len(rows) // 2], columns].mean(-1)
     np.testing.assert_allclose(shown, 255 * (columns + 0.5 - left) / (right - left), atol=2)
-
-
-def test_a_mesh_without_triangles_is_an_empty_picture(camera):
-    none = np.zeros((0, 3))
-    pixels, depth = Painter(*camera, 0.1).draw(Mesh(none, none, none, np.zeros((0, 3), int)))
-    assert np.ptp(pixels.reshape(-1, 3), axis=0).max() == 0 and depth.min() > 1e8
 
 
 def test_without_the_library_of_surfaces_particles_are_drawn(body, tmp_path, monkeypatch, capsys):
