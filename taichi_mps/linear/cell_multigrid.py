@@ -10,8 +10,7 @@ from itertools import product
 import numpy as np
 
 from ..runtime.backend import constant_fields, double_field, ti
-from .csr import SparseMatrix
-from .vectors import Multigrid
+from .vectors import Multigrid, SparseMatrix
 
 
 def number(place, shape) -> np.ndarray:

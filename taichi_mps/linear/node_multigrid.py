@@ -9,7 +9,6 @@ from ..runtime.backend import real, ti
 from ..runtime.stages import sequence, stage
 from ..runtime.thread_team import first, last, wait
 from .node_operators import NodeOperators
-from .vectors import Multigrid
 
 SWEEPS = 3  # degree of the Chebyshev polynomial; odd
 LOWEST = 1.0 / 16.0  # share of the spectrum of D^-1 A below which the next grid corrects
@@ -17,7 +16,7 @@ LAST = 3  # times that the last grid, which has no next one, is smoothed after; 
 
 
 @ti.data_oriented
-class NodeMultigrid(NodeOperators, Multigrid):
+class NodeMultigrid(NodeOperators):
     """M^-1 = D^-1 + P_0 (w D_0^-1 + I C_1 I^T) P_0^T.
 
     P_0 is linear interpolation from the nodes of grid 0 to the particles, I from grid 1 to grid 0, and D_0 are the
@@ -40,8 +39,7 @@ class NodeMultigrid(NodeOperators, Multigrid):
     fits_in_a_kernel = True
 
     def __init__(self, operator, bins):
-        Multigrid.__init__(self, operator)
-        NodeOperators.__init__(self, operator, bins)
+        super().__init__(operator, bins)
         d = self.dimension
         self.weight = 2.0 / 2**d  # of grid 0
         most = min(bins.cells, bins.particles.capacity)  # cells that hold particles

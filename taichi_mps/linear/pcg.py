@@ -29,7 +29,8 @@ class PCG:
         apply(x, y)        stage, y = A x, zero in rows that are no unknowns
         inverse_diagonal   matrix field: inverse of the diagonal blocks; a zero block marks a row that is no unknown:
                            its x is left as it is, its residual and direction are zero
-    preconditioner M: build() for the operator as it is now, and the stage apply(r, z), z = M^-1 r; Jacobi by default.
+    preconditioner M: the stage apply(r, z), z = M^-1 r, and build() for the operator as it is now, which whoever solves
+    calls first; Jacobi by default.
 
     Fields: ``b`` right-hand side; ``x`` initial guess in, solution out; of the last solve ``status``,
     ``iterations``, and (r, z) in ``rz`` beside its ``reference``.
@@ -47,10 +48,6 @@ class PCG:
         self.status = ti.field(ti.i32, ())
         self.iterations = ti.field(ti.i32, ())
 
-    def prepare(self) -> None:
-        """Build the preconditioner for the operator as it is now."""
-        self.M.build()
-
     # ---- the solve ------------------------------------------------------------------------------------------
     @team_stage("guess")
     def take_guess(self):
@@ -58,7 +55,7 @@ class PCG:
         self.A.apply(self.x, self.q)
 
     @sequence("solve")
-    def solve(self, tolerance, limit, most, again, reduction, enough):
+    def solve(self, tolerance: ti.f64, limit: ti.i32, most: ti.f64, again: ti.i32, reduction: ti.f64, enough: ti.f64):
         """Improve x, whose guess was taken, until sqrt((r, z)) <= tolerance sqrt(min((b, M^-1 b), most)), in at most
         ``limit`` iterations.
 
@@ -72,7 +69,7 @@ class PCG:
         return self.iterations[None]
 
     @team_stage("iterate")
-    def iterate(self, limit, tolerance, reduction, enough):
+    def iterate(self, limit: ti.i32, tolerance: ti.f64, reduction: ti.f64, enough: ti.f64):
         """Saad's algorithm 9.1 from line 2 on; a thread that joins late goes on with the iterations."""
         if begins():
             self.set_target(tolerance, reduction, enough)
@@ -120,7 +117,7 @@ class PCG:
 
     # ---- where it starts ------------------------------------------------------------------------------------
     @sequence("start")
-    def start(self, most, again):
+    def start(self, most: ti.f64, again: ti.i32):
         """Line 1: r = b - A x and z = M^-1 r; and the reference, min((b, M^-1 b), most)."""
         if again != 0:
             self.go_on()
@@ -129,8 +126,7 @@ class PCG:
         for part in range(again, 2):  # r is first the right-hand side, then the residual
             self.precondition()
             if part == 0:
-                self.bound_reference(most)
-                self.subtract_product()
+                self.subtract_product(most)
 
     @team_stage("precondition")
     def precondition(self):
@@ -147,18 +143,13 @@ class PCG:
         wait()
 
     @stage("residual")
-    def subtract_product(self):
-        """r = b - q, with q = A x; where the solve begins."""
+    def subtract_product(self, most: ti.f64):
+        """r = b - q, with q = A x; where the solve begins. The reference is (b, M^-1 b), at most ``most``."""
+        if leads():
+            self.reference[None] = ti.min(self.rz[None], most)
         for i in range(first(self.A.count[None]), last(self.A.count[None])):
             self.r[i] = self.vectors.masked(i, self.b[i] - self.q[i])
             self.first_x[i], self.first_r[i] = self.x[i], self.r[i]
-        wait()
-
-    @stage("bound")
-    def bound_reference(self, most: ti.f64):
-        """The reference is (b, M^-1 b), at most ``most``."""
-        if leads():
-            self.reference[None] = ti.min(self.rz[None], most)
         wait()
 
     @team_stage("go on")

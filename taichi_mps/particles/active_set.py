@@ -161,16 +161,15 @@ class ActiveSet:
             if self.particles.kind[i] >= STANDING:
                 self.particles.u[i] = ti.zero(self.particles.u[i])
                 self.particles.a[i] = ti.zero(self.particles.a[i])
+        total, rows = self.particles.count[None], self.bins.cell_start[self.bins.cells]
+        self.particles.count[None], self.particles.aside[None] = rows, total - rows
+        kept = rows
         ti.loop_config(serialize=True)
-        for _ in range(1):
-            total, rows = self.particles.count[None], self.bins.cell_start[self.bins.cells]
-            self.particles.count[None], self.particles.aside[None] = rows, total - rows
-            kept = rows
-            for i in range(rows):
-                if self.particles.kind[i] == BURIED:
-                    for field, twin in ti.static(self.particles.twins):
-                        twin[kept] = field[i]
-                    kept += 1
+        for i in range(rows):
+            if self.particles.kind[i] == BURIED:
+                for field, twin in ti.static(self.particles.twins):
+                    twin[kept] = field[i]
+                kept += 1
 
     @stage("active set")
     def find_reactivated(self):

@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..runtime.backend import double_field, ti
-from ..runtime.stages import few, flush, one_thread, stage
+from ..runtime.stages import flush, one_thread, stage
 from .particles import ASIDE, DUMMY, FLUID, WALL
 
 NEARLY_FULL = 0.8  # of the room for pairs: in one step their number does not grow by a quarter
@@ -139,7 +139,7 @@ class NeighborList:
         self.particles = bins.particles
         self.pair_capacity, self.skin = int(pair_capacity), skin
         self.leaves_out_walls = skin > 0.0 and self.particles.has_walls
-        self.one_thread = few(self.particles.capacity) or one_thread()
+        self.one_thread = one_thread(self.particles.capacity)
         self.row_start = ti.field(ti.i32, bins.particles.capacity + 1)  # first pair of each particle
         self.column = ti.field(ti.i32, self.pair_capacity)  # neighbour's row of each pair
         self.pairs = ti.field(ti.i32, ())  # number of pairs, also of those that do not fit

@@ -15,7 +15,8 @@ FONTS = "MPLCONFIGDIR"
 def provide(language: str) -> None:
     """Before the kernel language is imported: see to it that it and matplotlib find a folder; children of this process
     inherit it. What the user has set stays."""
-    home = home_of_user()
+    home = Path(os.path.expanduser("~"))
+    home = home if home.is_absolute() else Path("/nonexistent")  # where it is unknown
     if os.environ.get(KERNELS[language]) and os.environ.get("HOME"):
         return
     if os.name == "posix":
@@ -34,14 +35,6 @@ def remove(folder: str, language: str) -> None:
     if language in sys.modules:
         sys.modules[language].reset()
     shutil.rmtree(folder, ignore_errors=True)
-
-
-def home_of_user() -> Path:
-    """Home folder of the user; /nonexistent where it is unknown."""
-    try:
-        return Path.home()
-    except (RuntimeError, KeyError):
-        return Path("/nonexistent")
 
 
 def writable(folder: Path) -> bool:

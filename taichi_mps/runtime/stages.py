@@ -16,6 +16,8 @@ A method becomes a stage by a decorator:
     @stage("gradient")        kernel code: a kernel, or a part of the one that calls it
     @sequence("solve")        calls of stages, with loops and choices, in words that Python and a kernel both understand
     @team_stage("solve")      the same for a team: loops from first(n) to last(n), rounds that end with regroup()
+
+Numbers that it is given are annotated with their types; what is not annotated is an object.
 """
 
 import functools
@@ -24,7 +26,7 @@ import time
 from contextlib import contextmanager
 
 from .backend import for_kernels, real, started, ti
-from .thread_team import ThreadTeam, enter, leave
+from .thread_team import ThreadTeam, enter
 from .workarounds import compiled_plainly
 
 OPTIMISED = 1000
@@ -36,14 +38,9 @@ MOST_NUMBERS = 8  # that the stages of one kernel may be given in all
 TURN = object()  # the number of the present turn of ``repeat``
 
 
-def one_thread() -> bool:
-    """Whether Taichi has one thread of the processor."""
-    return started()["arch"] == "cpu" and started()["threads"] == 1
-
-
-def few(rows: int) -> bool:
-    """Whether so many rows are work for one thread of the processor, whatever the number of threads."""
-    return started()["arch"] == "cpu" and rows < FEW
+def one_thread(rows: int) -> bool:
+    """Whether so many rows are work for one thread of the processor, or there is but one."""
+    return started()["arch"] == "cpu" and (started()["threads"] == 1 or rows < FEW)
 
 
 # ---- what is launched -----------------------------------------------------------------------------------------------
@@ -56,49 +53,35 @@ class Call:
 
     def __call__(self, turn, *numbers):
         bound = []
-        for argument, slot, kind in zip(self.arguments, self.slots, self.stage.kinds(self.arguments), strict=True):
+        for argument, slot, kind in zip(self.arguments, self.slots, self.stage.kinds, strict=True):
             value = turn if argument is TURN else argument if slot is None else numbers[slot]
             bound.append(value if kind is None else ti.cast(value, real() if kind is float else kind))
         return self.stage.part(*bound)
 
 
-def fused(calls):
-    """A kernel of one thread: calls one after the other, some times."""
+def kernel_of(calls, alone: bool, team: ThreadTeam | None):
+    """A kernel of calls one after the other: by a team, for ``whole`` rows; ``whole`` times by one thread ``alone``;
+    else by all threads."""
 
     @ti.kernel
-    def run(times: ti.i32, a: ti.f64, b: ti.f64, c: ti.f64, d: ti.f64, e: ti.f64, f: ti.f64, g: ti.f64, h: ti.f64):
-        ti.loop_config(serialize=True)
-        for turn in range(times):
+    def run(whole: ti.i32, a: ti.f64, b: ti.f64, c: ti.f64, d: ti.f64, e: ti.f64, f: ti.f64, g: ti.f64, h: ti.f64):
+        if ti.static(bool(team)):
+            team.open(whole)
+            for turn in range(team.turns):
+                member = team.join(turn)
+                if member >= 0:
+                    enter(team, member)
+                    for call in ti.static(calls):
+                        call(0, a, b, c, d, e, f, g, h)
+                    team.close()
+        elif ti.static(alone):
+            ti.loop_config(serialize=True)
+            for turn in range(whole):
+                for call in ti.static(calls):
+                    call(turn, a, b, c, d, e, f, g, h)
+        else:
             for call in ti.static(calls):
-                call(turn, a, b, c, d, e, f, g, h)
-
-    return run
-
-
-def grouped(calls):
-    """A kernel of all threads: calls one after the other."""
-
-    @ti.kernel
-    def run(turn: ti.i32, a: ti.f64, b: ti.f64, c: ti.f64, d: ti.f64, e: ti.f64, f: ti.f64, g: ti.f64, h: ti.f64):
-        for call in ti.static(calls):
-            call(turn, a, b, c, d, e, f, g, h)
-
-    return run
-
-
-def by_team(team, call):
-    """A kernel in which a team of threads goes through a call, for so many rows."""
-
-    @ti.kernel
-    def run(rows: ti.i32, a: ti.f64, b: ti.f64, c: ti.f64, d: ti.f64, e: ti.f64, f: ti.f64, g: ti.f64, h: ti.f64):
-        team.open(rows)
-        for turn in range(team.turns):
-            member = team.join(turn)
-            if member >= 0:
-                enter(team, member)
                 call(0, a, b, c, d, e, f, g, h)
-                leave()
-                team.close()
 
     return run
 
@@ -108,7 +91,7 @@ class Execution:
 
     def __init__(self, rows: int, timed: bool = False, team: ThreadTeam | None = None):
         self.rows, self.timed, self._team = rows, timed, team
-        self.fuses = few(rows)
+        self.fuses = started()["arch"] == "cpu" and rows < FEW
         self.spent: dict[str, list] = {}  # wall seconds and calls of each stage; of a solve its iterations
         self._kernels: dict = {}  # by the keys of their calls
         self._waiting: list[tuple] = []  # stages and arguments of the kernel that comes next
@@ -130,7 +113,7 @@ class Execution:
         """Launch a stage, or keep it for the kernel that is launched next."""
         if self.timed and not self._timing:
             return self._timed_launch(stage, arguments)
-        if not self.timed and (self.fuses or isinstance(stage, Kernel)):
+        if not self.timed and (self.fuses or stage.kind == "kernel"):
             return self._waiting.append((stage, arguments))
         return stage.launch(self, arguments)
 
@@ -151,28 +134,27 @@ class Execution:
         calls, self._waiting = self._waiting, []
         while calls:
             with compiled_plainly(self.fuses and self.rows < OPTIMISED):
-                calls = self._start(fused if self.fuses else grouped, calls, times)
+                calls = self._start(calls, times, self.fuses)
 
     def go_through(self, stage, arguments):
         """A stage by all threads in a team; on a GPU, or where it is not to be compiled as a whole, part by part."""
         if started()["arch"] != "cpu" or not arguments[0].fits_in_a_kernel:
             stage.function(*arguments)
             return
-        alone = self._team is None and (one_thread() or few(self.rows))
+        alone = self._team is None and one_thread(self.rows)
         if self._team is None and not alone:
             self._team = ThreadTeam(started()["threads"])
         self.flush()
-        make = fused if alone else lambda calls: by_team(self._team, calls[0])
-        self._start(make, [(stage, arguments)], 1 if alone else self.rows)
+        self._start([(stage, arguments)], 1 if alone else self.rows, alone, self._team)
 
-    def _start(self, make, calls, whole: int) -> list:
+    def _start(self, calls, whole: int, alone: bool, team: ThreadTeam | None = None) -> list:
         """Launch a kernel of as many calls as it can be given the numbers of, made once for the same stages and
         objects; and the calls that are left. A number that several stages are given, the time step above all, is handed
         over once."""
         key, numbers, made = (), [], []
         for stage, arguments in calls:
             known, slots = list(numbers), []
-            for argument, kind in zip(arguments, stage.kinds(arguments), strict=True):
+            for argument, kind in zip(arguments, stage.kinds, strict=True):
                 slot = None
                 if kind is not None and argument is not TURN:
                     same = (k for k, number in enumerate(known) if number is argument and type(number) is float)
@@ -185,10 +167,10 @@ class Execution:
             key, numbers = (*key, id(stage), *objects), known
             made.append(Call(stage, arguments, slots))
         left = calls[len(made) :]
-        if not made or (left and make is fused and whole > 1):
+        if not made or (left and alone and whole > 1):
             raise ValueError(f"stage {left[0][0].name}: more than {MOST_NUMBERS} numbers for one kernel")
         if key not in self._kernels:
-            self._kernels[key] = make(made)
+            self._kernels[key] = kernel_of(made, alone, team)
         self._kernels[key](whole, *map(float, numbers), *[0.0] * (MOST_NUMBERS - len(numbers)))
         return left
 
@@ -196,13 +178,11 @@ class Execution:
 _current: Execution | None = None
 
 
+@for_kernels
 def flush() -> None:
     """Before Python looks at a field: launch what waits. Nothing inside a kernel."""
     if _current and not ti.lang.impl.inside_kernel():
         _current.flush()
-
-
-for_kernels(flush)
 
 
 def repeat(times: int):
@@ -231,67 +211,40 @@ class NoOp:
 
 
 # ---- decorators -----------------------------------------------------------------------------------------------------
-class Kernel:
-    """A stage of kernel code."""
+class Stage:
+    """A method that is a kernel, or a sequence of calls of stages, through which a team may go."""
 
-    def __init__(self, name, function):
-        self.name = name
+    def __init__(self, kind, name, function):
+        self.kind, self.name = kind, name
         function.__annotations__["self"] = ti.template()
-        self.kernel, self.part = ti.kernel(function), ti.func(function)
-        kinds = [parameter.annotation for parameter in inspect.signature(function).parameters.values()]
-        self._kinds = [None if isinstance(kind, ti.template) else kind for kind in kinds]
+        types = [parameter.annotation for parameter in inspect.signature(function).parameters.values()]
+        # of each argument None for an object, else the type of a number
+        self.kinds = [
+            None if kind is inspect.Parameter.empty or isinstance(kind, ti.template) else kind for kind in types
+        ]
+        self.part, self.function = ti.func(function), ti.kernel(function) if kind == "kernel" else function
 
-    def kinds(self, _arguments):
-        """Of each argument: None for an object, else the type of a number."""
-        return self._kinds
-
-    def launch(self, _execution, arguments):
-        return self.kernel(*arguments)
-
-
-class Sequence:
-    """A stage made of calls of stages."""
-
-    def __init__(self, name, function):
-        self.name, self.function, self.part = name, function, ti.func(function)
-
-    def kinds(self, arguments):
-        """Of each argument: None for an object, else the type of a number."""
-        found = []
-        for argument in arguments:
-            whole = argument is TURN or isinstance(argument, int)
-            found.append(ti.i32 if whole else ti.f64 if isinstance(argument, float) else None)
-        return found
-
-    def launch(self, _execution, arguments):
+    def launch(self, execution, arguments):
+        if execution and self.kind == "team":
+            return execution.go_through(self, arguments)
         return self.function(*arguments)
 
 
-class TeamStage(Sequence):
-    """A sequence that a team can go through."""
-
-    def launch(self, execution, arguments):
-        return execution.go_through(self, arguments) if execution else self.function(*arguments)
-
-
-def _decorator(kind):
+def _decorator(kind, name: str):
     """Makes a method one that is launched where Python calls it, and a part of any kernel that calls it."""
 
-    def named(name: str):
-        def decorate(function):
-            stage = kind(name, function)
+    def decorate(function):
+        stage = Stage(kind, name, function)
 
-            @functools.wraps(function)
-            def call(*arguments):
-                if ti.lang.impl.inside_kernel():
-                    return stage.part(*arguments)
-                return _current.launch(stage, arguments) if _current else stage.launch(None, arguments)
+        @functools.wraps(function)
+        def call(*arguments):
+            if ti.lang.impl.inside_kernel():
+                return stage.part(*arguments)
+            return _current.launch(stage, arguments) if _current else stage.launch(None, arguments)
 
-            return for_kernels(call, stage.part)
+        return for_kernels(call, stage.part)
 
-        return decorate
-
-    return named
+    return decorate
 
 
-stage, sequence, team_stage = (_decorator(kind) for kind in (Kernel, Sequence, TeamStage))
+stage, sequence, team_stage = (functools.partial(_decorator, kind) for kind in ("kernel", "sequence", "team"))

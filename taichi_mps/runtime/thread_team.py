@@ -37,7 +37,7 @@ class ThreadTeam:
         for turn in range(team.turns):
             member = team.join(turn)
             if member >= 0:
-                enter(team, member); [the work: rounds, each ended by regroup()]; leave()
+                enter(team, member); [the work: rounds, each ended by regroup()]
                 team.close()
 
     A member does those turns of a loop over n that lie from ``first`` to ``last``, then it waits. How many they are
@@ -47,13 +47,18 @@ class ThreadTeam:
 
     def __init__(self, threads: int):
         self.threads, self.turns = threads, TURNS * threads
-        numbers = [ti.field(ti.i32, ()) for _ in range(10)]
-        self.most, self.joined, self.size = numbers[:3]  # threads wanted; those that have come; members of this round
-        self.admitted = numbers[3]  # those who may begin; CLOSED after the last round
-        self.here, self.met = numbers[4:6]  # members who wait, and how often all have met
-        self.patience, self.late = numbers[6:8]  # looks that a wait should not exceed, and waits that did
-        self.rest = numbers[8]  # kernels yet in which one thread works alone
-        self.founders = numbers[9]  # members of the first round, 0 before
+        (
+            self.most,  # threads wanted
+            self.joined,  # those that have come
+            self.size,  # members of this round
+            self.admitted,  # those who may begin; CLOSED after the last round
+            self.here,  # members who wait
+            self.met,  # how often all have met
+            self.patience,  # looks that a wait should not exceed
+            self.late,  # waits that did
+            self.rest,  # kernels yet in which one thread works alone
+            self.founders,  # members of the first round, 0 before
+        ) = (ti.field(ti.i32, ()) for _ in range(10))
 
     @ti.func
     def open(self, rows):
@@ -135,31 +140,21 @@ class ThreadTeam:
 _here = SimpleNamespace(kernel=None, team=None, member=None)
 
 
-def _team():
-    """The team of the kernel that is being compiled, None elsewhere."""
-    kernel = compiled_now()
-    return _here.team if kernel and kernel is _here.kernel else None
-
-
 @for_kernels
 def enter(team, member):
     """From here on the kernel that is being compiled is gone through by the members of a team."""
     _here.kernel, _here.team, _here.member = compiled_now(), team, member
 
 
-@for_kernels
-def leave():
-    """The team's work ends here."""
-    _here.kernel = _here.team = _here.member = None
-
-
-def _of_member(method, alone):
+def _of_member(method, alone, *more):
     """What kernels call: the method of the team with the member that goes on there, or what one thread alone does."""
 
     @for_kernels
     def call(*arguments):
-        team = _team()
-        return getattr(team, method)(_here.member, *arguments) if team else alone(*arguments)
+        kernel = compiled_now()
+        if kernel is None or kernel is not _here.kernel:
+            return alone(*arguments)
+        return getattr(_here.team, method)(_here.member, *more, *arguments)
 
     return call
 
@@ -169,16 +164,7 @@ last = _of_member("last_turn", lambda n: n)  # the turn after the last one that 
 leads = _of_member("is_led_by", lambda: True)  # whether the thread does what one alone has to do
 begins = _of_member("founded_by", lambda: True)  # whether the thread is here from the beginning, or joined late
 takes_part = _of_member("has_member", lambda: True)  # whether the thread is of the team in this round
-_meet = _of_member("meet", lambda _ends_round: None)
-
-
-@for_kernels
-def wait():
-    """Until the whole team has done its part."""
-    _meet(False)
-
-
-@for_kernels
-def regroup():
-    """The end of a round: who has come meanwhile takes part in the next one."""
-    _meet(True)
+wait = _of_member("meet", lambda: None, False)  # until the whole team has done its part
+regroup = _of_member(
+    "meet", lambda: None, True
+)  # the end of a round: who has come meanwhile takes part in the next one

@@ -248,11 +248,11 @@ class VelocitySolve:
 
     def prepare(self) -> None:
         """The preconditioner of the operator as it is now, and what residuals are compared with."""
-        self.solver.prepare()
+        self.solver.M.build()
         self.operator.set_reference()
 
     @sequence("solve")
-    def solve(self, k, iterations, tolerance):
+    def solve(self, k: ti.i32, iterations: ti.i32, tolerance: ti.f64):
         """Velocity of the present right-hand side in iteration k of a step."""
         again, reduction, enough = 0, REDUCTION, 0.0
         flush()

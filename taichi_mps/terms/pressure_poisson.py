@@ -10,8 +10,8 @@ sets them to zero (S2; Koshizuka, Nobe, Oka, International Journal for Numerical
 """
 
 from ..linear.cell_multigrid import CellMultigrid
-from ..linear.csr import SparseMatrix
 from ..linear.pcg import HUGE, PCG
+from ..linear.vectors import SparseMatrix
 from ..particles.particles import DUMMY, FLUID
 from ..runtime.backend import ti
 from ..runtime.stages import flush, stage
@@ -73,7 +73,7 @@ class PressurePoisson:
         self.assemble(dt, self.solver.b, self.solver.x)
         self.balance(self.solver.b)
         flush()
-        self.solver.prepare()
+        self.solver.M.build()
         self.solver.take_guess()
         self.solver.solve(tolerance, MOST_ITERATIONS, HUGE, 0, 1.0, 0.0)
         self.store(self.solver.x)

@@ -1,9 +1,12 @@
-"""Grids of nodes: a symmetric positive definite preconditioner, the same answer, iterations that hardly grow."""
+"""Grids of nodes: a symmetric positive definite preconditioner, the same answer, iterations that hardly grow; operators
+of known energy, and inverses of blocks however small."""
 
 import numpy as np
 import pytest
 
+import taichi_mps as mps
 from taichi_mps.linear.node_multigrid import NodeMultigrid
+from taichi_mps.runtime.backend import ti
 from tests.support.linear import REACH, Nodes, Springs, applied, solve
 
 
@@ -78,3 +81,48 @@ def test_with_few_rows_it_is_jacobi():
     D = springs.inverse_diagonal.to_numpy()
     expected = np.einsum("iab,ib->ia", D, v.reshape(-1, 2)).ravel()
     np.testing.assert_allclose(applied(grids, v, 2)[0], expected, rtol=1e-12, atol=1e-14)
+
+
+# ---- operators on the grids ---------------------------------------------------------------------------------------
+def energy(levels, grid, motion):
+    """u.A u of the operator on a grid, of a motion (2,) or a linear one (2, 2) with u = motion x."""
+    first, shape = levels.first[grid], tuple(levels.shape[grid])
+    x = np.indices(shape).reshape(2, -1).T * np.array(levels.bins.cell_size) * np.array(levels.stride[grid])
+    u = np.zeros((2, levels.nodes, 2))
+    u[0, first : first + len(x)] = x @ motion.T if motion.ndim == 2 else motion
+    levels.z.from_numpy(u)
+    for field in (levels.b, levels.rest):
+        field.fill(0.0)
+    levels.leave(grid)
+    return -(u[0] * levels.rest.to_numpy()).sum()
+
+
+def test_the_operators_of_all_grids_have_the_energy_of_linear_fields():
+    """Shape functions reproduce them: a constant has the energy of the masses, G x that of the elastic body."""
+    springs, levels = made(24)
+    G = np.array([[0.3, -1.1], [0.4, 0.8]])
+    strain = springs.shear * (np.sum(G * G) + np.sum(G * G.T) + np.trace(G) ** 2)  # mu = lambda
+    assert levels.grids >= 4
+    for mass in (0.7, 0.0):
+        springs.mass[None] = mass
+        levels.build()
+        for grid in range(1, levels.grids):
+            for u in np.array([[1.0, 0.0], [0.3, -2.0]]):
+                assert energy(levels, grid, u) == pytest.approx(24 * 24 * mass * u @ u, rel=1e-9, abs=1e-9)
+            assert mass > 0.0 or energy(levels, grid, G) == pytest.approx(24 * 24 * strain, rel=1e-9)
+
+
+@ti.kernel
+def inverse_of(levels: ti.template(), size: float) -> ti.types.matrix(2, 2, ti.f32):
+    levels.invert(0, size * ti.Matrix([[0.6, 0.2], [0.2, 0.4]]))
+    return levels.inverse[0]
+
+
+def test_a_node_that_particles_hardly_touch_has_an_inverse_in_single_precision():
+    """Its block may be so small that the determinant is not a number of f32; last, as it starts Taichi anew."""
+    mps.init(arch="cpu", precision="f32")
+    _, levels = made(24)
+    for size in (1e-25, 1.0, 1e6):
+        found = np.array(inverse_of(levels, size).to_numpy()) * size
+        np.testing.assert_allclose(found, np.linalg.inv([[0.6001, 0.2], [0.2, 0.4001]]), rtol=1e-5)
+    assert np.all(inverse_of(levels, 1e-38).to_numpy() == 0.0)  # as good as no particle there

@@ -37,14 +37,14 @@ class Numbers:
             self.x[i] /= by[i]
 
     @sequence("both")
-    def both(self, amount, factor):
+    def both(self, amount: ti.f64, factor: ti.f64):
         self.add(amount)
         if factor != 1:
             self.multiply(factor, 2)
         return 3
 
     @team_stage("shared")
-    def shared(self, amount):
+    def shared(self, amount: ti.f64):
         for i in range(first(4), last(4)):
             self.x[i] -= amount
         wait()

@@ -1,15 +1,15 @@
 """Systems of known solution, the solver on them, and the ways in which its stages are launched."""
 
-from dataclasses import dataclass
+from types import SimpleNamespace
 
 import numpy as np
 import scipy.sparse as sp
 
 import taichi_mps as mps
 from taichi_mps.linear.cell_multigrid import CellMultigrid
-from taichi_mps.linear.csr import SparseMatrix
 from taichi_mps.linear.node_multigrid import NodeMultigrid
 from taichi_mps.linear.pcg import HUGE, PCG, STATUS
+from taichi_mps.linear.vectors import SparseMatrix
 from taichi_mps.particles.neighbors import Bins, NeighborList
 from taichi_mps.particles.particles import Particles
 from taichi_mps.runtime.backend import constant_fields, real, ti
@@ -71,21 +71,9 @@ def set_diagonal(a: ti.template(), diagonal: ti.types.ndarray(ti.f64, 1)):
         a.set_diagonal(i, ti.cast(diagonal[i], float))
 
 
-@dataclass
-class Report:
-    """How a solve ended."""
-
-    status: str  # one of STATUS
-    iterations: int
-    residual: float  # sqrt((r, z)/reference) at the end [-]
-
-    @property
-    def converged(self) -> bool:
-        return self.status == "converged"
-
-
 def solve(operator, b, components=1, tolerance=1e-10, x=0.0, preconditioner=None, launch=None, **options):
-    """(x, report) of A x = b; an operator keeps one solver for each preconditioner, which is compiled once. Options:
+    """(x, report) of A x = b; an operator keeps one solver for each preconditioner, which is compiled once. The report:
+    ``status``, whether ``converged``, ``iterations`` and ``residual``, sqrt((r, z)/reference) at the end. Options:
     limit, most, again, reduction, enough of PCG.solve."""
     capacity = operator.inverse_diagonal.shape[0]
     launch = launch or (FUSED if getattr(preconditioner, "fits_in_a_kernel", True) else LAUNCHED)
@@ -95,25 +83,16 @@ def solve(operator, b, components=1, tolerance=1e-10, x=0.0, preconditioner=None
         solvers[key] = PCG(capacity, components, operator, preconditioner), Execution(**launch)
     solver, execution = solvers[key]
     for field, values in ((solver.b, b), (solver.x, np.broadcast_to(x, b.size))):
-        padded = np.zeros(capacity * components)
-        padded[: b.size] = values
+        padded = np.pad(values, (0, capacity * components - b.size))
         field.from_numpy(padded.reshape(capacity, components))
     given = {"limit": 1000, "most": HUGE, "again": 0, "reduction": 1.0, "enough": 0.0} | options
     with execution.active():
         solver.take_guess()
         solver.solve(tolerance, *given.values())
+    status, iterations = STATUS[solver.status[None]], solver.iterations[None]
     residual = np.sqrt(abs(solver.rz[None]) / (abs(solver.reference[None]) or 1.0))
-    report = Report(STATUS[solver.status[None]], solver.iterations[None], residual)
+    report = SimpleNamespace(status=status, converged=status == "converged", iterations=iterations, residual=residual)
     return solver.x.to_numpy().ravel()[: b.size], report
-
-
-def by_cell(points, per_cell):
-    """Row order and sorted cells of a grid of ``points``, ``per_cell`` along each side."""
-    axes = [np.arange(n) // per_cell for n in points]
-    shape = tuple(int(a[-1]) + 1 for a in axes)
-    cell = np.ravel_multi_index(np.meshgrid(*axes, indexing="ij"), shape).ravel()
-    order = np.argsort(cell, kind="stable")
-    return order, cell[order], shape
 
 
 class Always(CellMultigrid):
@@ -123,26 +102,26 @@ class Always(CellMultigrid):
 
 
 def with_levels(matrix, points, per_cell, kind=Always):
-    """Matrix of a grid of points, reordered by cell: (SparseMatrix, its levels, the SciPy matrix)."""
-    order, cell, shape = by_cell(points, per_cell)
-    matrix = matrix.tocsr()[order][:, order].tocsr()
+    """Matrix of a grid of points, reordered by cells of ``per_cell`` points along each side: (SparseMatrix, its levels,
+    the SciPy matrix, the cells of its rows)."""
+    axes = [np.arange(n) // per_cell for n in points]
+    shape = tuple(int(a[-1]) + 1 for a in axes)
+    cell = np.ravel_multi_index(np.meshgrid(*axes, indexing="ij"), shape).ravel()
+    order = np.argsort(cell, kind="stable")
+    matrix, cell = matrix.tocsr()[order][:, order].tocsr(), cell[order]
     a = sparse_matrix(matrix)
     levels = kind(a, *constant_fields(np.searchsorted(cell, np.arange(np.prod(shape) + 1)), cell), shape)
     levels.build()
-    return a, levels, matrix
+    return a, levels, matrix, cell
 
 
-def applied(preconditioner, vectors, components=1):
-    """M^-1 v for each row of ``vectors``."""
-    fields = preconditioner.__dict__.setdefault("fields_of_a_test", {})
-    rows = vectors.shape[1] // components
-    if rows not in fields:
-        fields[rows] = [ti.Vector.field(components, real(), rows) for _ in range(2)]
-    r, z = fields[rows]
+def applied(operator, vectors, components=1):
+    """A v of an operator, or M^-1 v of a preconditioner, for each row of ``vectors``."""
+    r, z = (ti.Vector.field(components, real(), vectors.shape[1] // components) for _ in range(2))
     result = []
     for v in vectors:
-        r.from_numpy(v.reshape(rows, components))
-        preconditioner.apply(r, z)
+        r.from_numpy(v.reshape(-1, components))
+        operator.apply(r, z)
         result.append(z.to_numpy().ravel())
     return np.array(result)
 
