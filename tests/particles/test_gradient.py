@@ -43,15 +43,14 @@ def rig(request):
     return request.getfixturevalue(request.param)
 
 
-def linear(rig, seed=4):
-    rng = np.random.default_rng(seed)
+def linear(rig):
+    rng = np.random.default_rng(4)
     A = rng.standard_normal((rig.dimension, rig.dimension))
     return A, rig.x @ A.T + rng.standard_normal(rig.dimension)
 
 
-def random_fields(rig, seed=5):
-    rng = np.random.default_rng(seed)
-    n, d = rig.x.shape
+def random_fields(rig):
+    rng, (n, d) = np.random.default_rng(5), rig.x.shape
     return rng.standard_normal((n, d)), rng.standard_normal((n, d, d))
 
 
@@ -99,18 +98,14 @@ def test_linear_field_along_a_slip_wall_is_exact(walled):
 
 
 def test_force_is_the_negative_adjoint_of_the_gradient(rig):
+    """Without walls it conserves momentum."""
     u, T = random_fields(rig)
-    work = (u * rig.forces(T)).sum()
+    F = rig.forces(T)
+    assert rig.planes or np.abs(F.sum(0)).max() < ROUNDING * np.abs(F).sum()
+    work = (u * F).sum()
     dissipation = rig.volume * (T * rig.gradients(u)).sum()
-    assert abs(work + dissipation) < ROUNDING * np.abs(u * rig.F.to_numpy()).sum()
+    assert abs(work + dissipation) < ROUNDING * np.abs(u * F).sum()
     assert abs(work) > 1e-6
-
-
-@pytest.mark.parametrize("case", ["plain", "cube"])
-def test_forces_conserve_linear_momentum(case, request):
-    rig = request.getfixturevalue(case)
-    F = rig.forces(random_fields(rig)[1])
-    assert np.abs(F.sum(0)).max() < ROUNDING * np.abs(F).sum()
 
 
 def test_forces_of_symmetric_stresses_conserve_angular_momentum(rig):

@@ -39,10 +39,6 @@ def full_lattice(dimension, weight=mps_weight):
     return r[near], size[near], weight(size[near] / RE)
 
 
-def ghosts(dimension, entries, k, weight=mps_weight):
-    return dict(zip(GHOST_SUMS, ghost_table(dimension, 1.0, RE, entries, weight=weight)[k], strict=True))
-
-
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_the_smooth_weight_by_hand(dimension):
     """w/r^2 is Wendland's kernel, of 4, 4 and 4 neighbours in two, 6, 12, 8 and 6 in three dimensions."""
@@ -58,12 +54,17 @@ def test_the_smooth_weight_by_hand(dimension):
 @pytest.mark.parametrize("dimension", [2, 3])
 @pytest.mark.parametrize("layer", [0, 1])
 def test_ghosts_complete_the_lattice(dimension, layer, weight):
-    """A particle at z = l0/2 or 3 l0/2 has, with the ghosts, exactly the neighbourhood of the interior."""
-    sums = ghosts(dimension, 22, 5 + 10 * layer, weight)  # z = 2.1 k/21 = 0.5, 1.5
+    """A particle at z = l0/2 or 3 l0/2 has, with the ghosts, exactly the neighbourhood of the interior. In the
+    tangential moment ghosts at depth d count 1 + d/z times: they carry -(d/z) times the velocity of the particle."""
+    z = layer + 0.5
+    row = ghost_table(dimension, 1.0, RE, 22, weight=weight)[int(10 * z)]  # at z = 2.1 k/21
+    sums = dict(zip(GHOST_SUMS, row, strict=True))
     lattice = lattice_sums(dimension, 1.0, RE, weight)
     r, size, w = full_lattice(dimension, weight)
-    real = r[:, -1] > -layer - 0.5
+    real = r[:, -1] > -z
     normal, e = r[:, -1], r[:, -1] / size
+    tangential = (w / size**2 * r[:, 0] ** 2 * -normal / z)[~real].sum()
+    assert sums["tangential"] == pytest.approx(tangential, rel=1e-13)
     near = np.maximum(0.0, 1.0 - size / 1.5)
     assert real.sum() + sums["neighbours"] == lattice.neighbours
     assert w[real].sum() + sums["n"] == pytest.approx(lattice.n0, rel=1e-13)
@@ -100,16 +101,6 @@ def test_packing_of_other_lattices_of_the_same_density(basis):
     for kernel, within in ((PACKING, 4e-3), (PACKING_IN_PLANE, 6e-4))[: 4 - d]:  # rings have the first, too
         expected = lattice_sums(d, 1.0, RE, smooth_weight, kernel).packing
         assert kernel(q[q < 1.0]).sum() == pytest.approx(expected, rel=within)
-
-
-@pytest.mark.parametrize("dimension", [2, 3])
-def test_tangential_moment_at_the_first_layer(dimension):
-    """Ghosts at depth d carry -(d/z) times the velocity at the particle's height: weight t^2 (1 + d/z)."""
-    r, size, w = full_lattice(dimension)
-    behind = r[:, -1] < -0.5
-    depth = -r[behind, -1] - 0.5
-    expected = ((w / size**2 * r[:, 0] ** 2)[behind] * (1.0 + depth / 0.5)).sum()
-    assert ghosts(dimension, 22, 5)["tangential"] == pytest.approx(expected, rel=1e-13)
 
 
 def test_ghost_sums_scale_with_the_spacing_and_vanish_far_from_the_wall():
