@@ -96,11 +96,10 @@ PARTS = 2000  # of the time, in each of which steps are equally long
 
 @dataclass(frozen=True)
 class Cost:
-    """What a pour takes to the time limit: number of steps, the sum of the particles that are there over all steps, and
-    CPU seconds of one thread without the start of the program."""
+    """What a pour takes to the time limit: number of steps, and CPU seconds of one thread without the start of the
+    program."""
 
     steps: float
-    particle_steps: float
     cpu_seconds: float
 
 
@@ -122,8 +121,7 @@ def cost_of(problem: Problem) -> Cost | None:
     step = np.minimum(step, numerics.courant_number * scene.spacing / np.maximum(speed, 1e-9))
     steps = scene.until / PARTS / step
     by_passes = 1.0 + OF_PASSES * (numerics.passes / PASSES - 1.0)
-    seconds = by_passes * seconds_of_a_step(particles, *measured())
-    return Cost(float(steps.sum()), float(steps @ particles), float(steps @ seconds))
+    return Cost(float(steps.sum()), float(steps @ (by_passes * seconds_of_a_step(particles))))
 
 
 def landing_speed(problem: Problem, pour: Pouring, time, level):
@@ -154,13 +152,9 @@ def own_step(problem: Problem, quiet: bool = False) -> float:
     )
 
 
-def measured() -> np.ndarray:
-    """Numbers of particles, rising, and the CPU seconds that a step with so many took, (2, n)."""
-    return np.loadtxt(MEASURED, delimiter=",").T
-
-
-def seconds_of_a_step(particles, known, seconds):
-    """CPU seconds of a step: between the known numbers of particles by a power of them, below as of the fewest, above
-    in proportion."""
+def seconds_of_a_step(particles):
+    """CPU seconds of a step: between the measured numbers of particles by a power of them, below as of the fewest,
+    above in proportion."""
+    known, seconds = np.loadtxt(MEASURED, delimiter=",").T
     within = np.exp(np.interp(np.log(np.maximum(particles, 1.0)), np.log(known), np.log(seconds)))
     return within * np.maximum(1.0, particles / known[-1])

@@ -35,7 +35,12 @@ def summary(sim) -> dict:
         "backend": backend.started(),
         "version": __version__,
     }
-    return facts | (expected_errors(facts) if SLUMP in measures else {})
+    found = accuracy.of_run(facts) if SLUMP in measures else None
+    if found:
+        _, height, error = found  # None beyond the measured ones
+        facts["slump_expected_error_m"] = height * error.slump if error else None
+        facts["spread_expected_error_m"] = 2.0 * height * error.reach if error else None
+    return facts
 
 
 def described(problem) -> dict:
@@ -48,17 +53,6 @@ def described(problem) -> dict:
         "numerics": problem.numerics.model_dump(),
     }
     return facts | ({"thin_solids_m": problem.thin_solids} if problem.thin_solids else {})
-
-
-def expected_errors(facts: dict) -> dict:
-    """The errors of slump and spread [m] to expect of a run, by the measured ones around it; None beyond those, and
-    nothing where no such runs were measured."""
-    found = accuracy.of_run(facts)
-    if not found:
-        return {}
-    _, height, error = found
-    both = (height * error.slump, 2.0 * height * error.reach) if error else (None, None)
-    return {"slump_expected_error_m": both[0], "spread_expected_error_m": both[1]}
 
 
 def judge(sim) -> None:

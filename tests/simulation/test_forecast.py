@@ -121,20 +121,18 @@ def test_steps_are_those_of_a_jet_that_falls_to_a_rising_level():
     assert cost_of(Problem(catalogue.build("slump"))) is None  # not poured
 
 
-def test_particles_grow_at_the_rate_and_cost_what_was_measured(monkeypatch):
+def test_particles_grow_at_the_rate_and_cost_what_was_measured(monkeypatch, tmp_path):
+    """Between measured sizes a power of them, and beyond the largest in proportion."""
+    monkeypatch.setattr(forecast, "MEASURED", tmp_path / "cost.csv")
+    (tmp_path / "cost.csv").write_text("100, 1e-3\n10000, 4e-2\n")
+    told = forecast.seconds_of_a_step(np.array([1.0, 100.0, 1000.0, 10_000.0, 50_000.0]))
+    assert told == pytest.approx([1e-3, 1e-3, (1e-3 * 4e-2) ** 0.5, 4e-2, 2e-1])
+    (tmp_path / "cost.csv").write_text("1, 3e-6\n1e6, 3\n")  # 3 us each
     dt, after = 1e-5, 4.0
-    monkeypatch.setattr(forecast, "measured", lambda: (np.array([1.0, 1e6]), np.array([3e-6, 3.0])))  # 3 us each
     found = cost_of(Problem(poured(until=FULL + after), mps.Implicit(max_time_step=dt)))
     particles = VOLUME / L0**3
     assert found.steps == pytest.approx((FULL + after) / dt)
-    assert found.particle_steps == pytest.approx((0.5 * particles * FULL + particles * after) / dt, rel=0.01)
-    assert found.cpu_seconds == pytest.approx(3e-6 * found.particle_steps)
-
-
-def test_between_measured_sizes_it_is_a_power_and_beyond_them_in_proportion():
-    known = np.array([100.0, 10_000.0]), np.array([1e-3, 4e-2])
-    told = forecast.seconds_of_a_step(np.array([1.0, 100.0, 1000.0, 10_000.0, 50_000.0]), *known)
-    assert told == pytest.approx([1e-3, 1e-3, (1e-3 * 4e-2) ** 0.5, 4e-2, 2e-1])
+    assert found.cpu_seconds == pytest.approx(3e-6 * (0.5 * particles * FULL + particles * after) / dt, rel=0.01)
 
 
 @pytest.mark.slow
