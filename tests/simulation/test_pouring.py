@@ -132,10 +132,6 @@ def test_a_buried_mouth_holds_the_layers_back(scene):
     assert np.allclose(layer, scene.inlet_layer(HOSE) - (0.0, 0.05 * L0)) and pouring.entered == 2
     assert not pouring.due(2.2 * pouring.interval) and pouring.due(2.26 * pouring.interval)
     assert pouring.volume == pytest.approx(8 * L0**2)
-    later = Pouring(scene, replace(HOSE, start=0.5))
-    assert later.entered == 0 and not later.due(0.499) and later.due(0.5)
-    assert np.allclose(later.enter(0.5, buried - (0.0, 0.1)), scene.inlet_layer(HOSE))
-    assert not later.due(0.499 + later.interval) and later.due(0.501 + later.interval)
 
 
 def test_a_layer_has_the_area_that_its_speed_is_taken_from():
