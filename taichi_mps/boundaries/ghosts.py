@@ -43,6 +43,21 @@ def vectors(values: np.ndarray):
     return field
 
 
+@ti.func
+def bilinear(table: ti.template(), name: ti.template(), row, column):
+    """One of GHOST_SUMS between the rows and columns of a table, or between the columns of its only row."""
+    c = ti.static(GHOST_SUMS.index(name))
+    k = ti.min(ti.cast(column, ti.i32), table.shape[1] - 2)
+    f = column - k
+    value = table[0, k][c] * (1.0 - f) + table[0, k + 1][c] * f
+    if ti.static(table.shape[0] > 1):
+        a = ti.max(0, ti.min(ti.cast(row, ti.i32), table.shape[0] - 2))
+        g = ti.max(0.0, ti.min(1.0, row - a))
+        value = (table[a, k][c] * (1.0 - f) + table[a, k + 1][c] * f) * (1.0 - g)
+        value += (table[a + 1, k][c] * (1.0 - f) + table[a + 1, k + 1][c] * f) * g
+    return value
+
+
 @ti.data_oriented
 class GhostSums:
     """GHOST_SUMS of a particle at the distance z [m] from a wall. ``rings``: also where ghosts stand closer than the
@@ -70,10 +85,8 @@ class GhostSums:
         self.flat = vectors(tables[0])  # GHOST_SUMS at a size and z = re k/(entries - 1)
         self.bend = vectors((tables[1] - tables[2]) / (2.0 * bent))  # their derivative by the curvature [m]
         if corners:
-            self.corner = vectors(
-                corner_table(dimension, spacing, effective_radius, **kernels)
-            )  # fraction that is left
-            self.corner_entries = self.corner.shape[0]
+            left = corner_table(dimension, spacing, effective_radius, **kernels)
+            self.corner = vectors(left.swapaxes(0, 1))  # fraction that is left, by the distances across and from it
         self.wedges = bool(meet.any())
         if self.wedges:
             cosines = np.linspace(-1.0, 1.0, COSINES)
@@ -87,33 +100,17 @@ class GhostSums:
 
     @ti.func
     def interpolate(self, table: ti.template(), name: ti.template(), z, ratio):
-        """Entry of one of GHOST_SUMS in a table at distance z [m] for a particle of this cross-section
-        ratio, linear between two; zero beyond the effective radius."""
-        s = ti.max(z, self.closest) / self.effective_radius * (self.entries - 1)
-        k = ti.min(ti.cast(s, ti.i32), self.entries - 2)
-        f = s - k
-        c = ti.static(GHOST_SUMS.index(name))
-        value = table[0, k][c] * (1.0 - f) + table[0, k + 1][c] * f
-        if ti.static(len(self.sizes) > 1):
-            s = (ti.sqrt(ratio) - FINEST) / (COARSEST - FINEST) * (SIZES - 1)
-            a = ti.max(0, ti.min(ti.cast(s, ti.i32), SIZES - 2))
-            g = ti.max(0.0, ti.min(1.0, s - a))
-            value = (table[a, k][c] * (1.0 - f) + table[a, k + 1][c] * f) * (1.0 - g)
-            value += (table[a + 1, k][c] * (1.0 - f) + table[a + 1, k + 1][c] * f) * g
-        return value
+        """Entry of one of GHOST_SUMS in a table at distance z [m] for a particle of this cross-section ratio."""
+        row = ti.cast(0.0, float)
+        if ti.static(self.rings):
+            row = (ti.sqrt(ratio) - FINEST) / (COARSEST - FINEST) * (SIZES - 1)
+        return bilinear(table, name, row, ti.max(z, self.closest) / self.effective_radius * (self.entries - 1))
 
     @ti.func
     def left(self, name: ti.template(), z, across):
         """Fraction of a ghost sum at distance z [m] from a wall whose ghosts end at another ``across`` [m] away."""
-        scale = (self.corner_entries - 1) / self.effective_radius
-        s, t = ti.max(z, self.closest) * scale, ti.max(across, self.closest) * scale
-        k = ti.min(ti.cast(s, ti.i32), self.corner_entries - 2)
-        m = ti.min(ti.cast(t, ti.i32), self.corner_entries - 2)
-        f, g = s - k, t - m
-        c = ti.static(GHOST_SUMS.index(name))
-        near = self.corner[k, m][c] * (1.0 - f) + self.corner[k + 1, m][c] * f
-        far = self.corner[k, m + 1][c] * (1.0 - f) + self.corner[k + 1, m + 1][c] * f
-        return near * (1.0 - g) + far * g
+        scale = (self.corner.shape[0] - 1) / self.effective_radius
+        return bilinear(self.corner, name, ti.max(across, self.closest) * scale, ti.max(z, self.closest) * scale)
 
     @ti.func
     def left_at_angle(self, z, across, cosine):
@@ -145,10 +142,10 @@ class GhostSums:
             if ti.static(name == "inward" or (before if name in COUNTED else mirror)):
                 across, _n, _velocity, _curvature = other.nearest(x)
                 if across < self.effective_radius:
-                    value *= 1.0 - (1.0 - self.left(name, z, across)) * other.acts(i, x, across)
+                    value *= 1.0 - (1.0 - self.left(name, z, across)) * other.weight(i, x, across)
         if ti.static(self.wedges):
             value *= self.remains[i, f][ti.static(GHOST_SUMS.index(name))]
-        value *= wall.acts(i, x, z)
+        value *= wall.weight(i, x, z)
         if ti.static(self.rings and name in OF_PAIRS):  # the circle where the wall is, of no length on the axis
             depth, n, _velocity, _curvature = wall.nearest(x)
             value *= ti.max(0.0, ti.cast(x[0], float) - n[0] * depth) / self.spacing

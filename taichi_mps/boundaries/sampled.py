@@ -1,12 +1,14 @@
-"""A solid as a point sees it: a signed distance on a grid, which may travel and turn, and the faces of inner edges."""
+"""A solid as a point sees it: a signed distance on a grid, which may travel and turn, and the faces of inner edges,
+in front of which its nodes stand (concave_edges.py)."""
 
 import numpy as np
 
-from ..geometry.concave_edges import inner_edges
+from ..geometry.concave_edges import BEYOND, TURN, inner_edges
 from ..runtime.backend import real, ti
-from .face_search import search_faces
 from .ghosts import vectors
 from .surfaces import FAR, Surface
+
+SAME = 1e-9  # cells: a foot is not nearer by less
 
 
 @ti.data_oriented
@@ -113,25 +115,7 @@ class Sampled(Surface):
     @ti.func
     def sample(self, x):
         """Distance [m] and its gradient [-]; FAR beyond the grid."""
-        place = self.offset(x) / self.cell
-        z, slope = ti.cast(FAR, float), ti.Vector.unit(self.dimension, 0, float)
-        if (place >= 0.0).all() and (place <= ti.Vector(self.shape) - 1).all():
-            z, slope = ti.cast(0.0, float), ti.Vector.zero(float, self.dimension)
-            k = ti.min(ti.cast(place, ti.i32), ti.Vector(self.shape) - 2)
-            f = ti.cast(place - k, float)
-            for corner in ti.static(ti.ndrange(*((2,) * self.dimension))):
-                value = self.values[k + ti.Vector(corner)]
-                weight = ti.cast(1.0, float)
-                for a in ti.static(range(self.dimension)):
-                    weight *= f[a] if corner[a] else 1.0 - f[a]
-                z += weight * value
-                for a in ti.static(range(self.dimension)):
-                    rise = ti.cast(1.0 if corner[a] else -1.0, float)
-                    for b in ti.static(range(self.dimension)):
-                        if ti.static(a != b):
-                            rise *= f[b] if corner[b] else 1.0 - f[b]
-                    slope[a] += rise * value / self.cell
-        return z, slope
+        return linear(self.values, real(), ti.Vector(self.shape), self.offset(x) / self.cell, self.cell, FAR)
 
     @ti.func
     def signed(self, x):
@@ -152,3 +136,93 @@ class Sampled(Surface):
             way = ti.cast(self.motion(x) * (k * reach / self.speed), ti.f64)
             near = near or self.signed(x - way) < reach
         return near
+
+
+@ti.func
+def linear(values: ti.template(), kind: ti.template(), shape, place, cell, beyond):
+    """Distance [m] at a place in nodes of a grid of this shape, linear between nodes, and its gradient [-], of the type
+    ``kind``; the distance ``beyond`` outside."""
+    z, slope = ti.cast(beyond, kind), ti.Vector.unit(place.n, 0, kind)
+    if (place >= 0.0).all() and (place <= shape - 1).all():
+        z, slope = ti.cast(0.0, kind), ti.Vector.zero(kind, place.n)
+        first = ti.min(ti.cast(place, ti.i32), shape - 2)
+        f = ti.cast(place - first, kind)
+        for corner in ti.static(ti.ndrange(*((2,) * place.n))):
+            value = values[first + ti.Vector(corner)]
+            z += share(f, corner, -1) * value
+            for a in ti.static(range(place.n)):
+                slope[a] += (1.0 if corner[a] else -1.0) * share(f, corner, a) * value / cell
+    return z, slope
+
+
+@ti.func
+def share(f, corner: ti.template(), but: ti.template()):
+    """Product of what a corner of a cell has of a place, at the fractions f of the cell, along all axes ``but`` one."""
+    part = ti.one(f[0])
+    for a in ti.static(range(f.n)):
+        if ti.static(a != but):
+            part *= f[a] if corner[a] else 1.0 - f[a]
+    return part
+
+
+# ---- the faces of inner edges ---------------------------------------------------------------------------------------
+def search_faces(values, cell, normal, clean, nodes, steps, reach) -> np.ndarray:
+    """Table (n, d, 1 + d) as of inner_edges for nodes (n, d) of a grid with these ``values`` [m] every ``cell`` [m]:
+    each face is that of a ``clean`` node one of the ``steps`` (k, d) away, which stands in front of one face, of this
+    ``normal``."""
+    d = values.ndim
+    table = np.zeros((len(nodes), d, 1 + d))
+    table[:, :, 0] = np.inf
+    steps = np.vstack([np.zeros((1, d)), steps])
+    whole = (np.ascontiguousarray(part, dtype=np.int32) for part in (clean, nodes, steps))
+    _search(d, np.ascontiguousarray(values), normal, *whole, table, cell, reach)
+    return table
+
+
+@ti.kernel
+def _search(
+    d: ti.template(),
+    values: ti.types.ndarray(ti.f64),
+    normals: ti.types.ndarray(ti.f64),
+    clean: ti.types.ndarray(ti.i32),
+    nodes: ti.types.ndarray(ti.i32, 2),
+    steps: ti.types.ndarray(ti.i32, 2),
+    table: ti.types.ndarray(ti.f64, 3),
+    cell: ti.f64,
+    reach: ti.f64,
+):
+    shape = ti.Vector([values.shape[a] for a in ti.static(range(d))])
+    for i in range(nodes.shape[0]):
+        node = ti.Vector([nodes[i, a] for a in ti.static(range(d))])
+        normal, foot = ti.Matrix.zero(ti.f64, d, d), ti.Matrix.zero(ti.f64, d, d)  # of each face, foot from here
+        seeks = True
+        for face in ti.static(range(d)):
+            best = ti.cast(np.inf, ti.f64)  # of a face, the foot that is nearest along it
+            for s in range(steps.shape[0]):
+                if not seeks or best <= SAME * cell:
+                    break
+                step = ti.Vector([steps[s, a] for a in ti.static(range(d))])
+                at = node + step
+                if (at >= 0).all() and (at < shape).all() and clean[at] == 1:
+                    m = ti.Vector([normals[at, a] for a in ti.static(range(d))])
+                    way = step * cell
+                    along = m.dot(way)
+                    distance = values[at] - along  # of the node from that face
+                    # of the foot of the place from that of the node, along the face
+                    aside = ti.sqrt(ti.max(0.0, way.norm_sqr() - along**2))
+                    p = way - values[at] * m  # foot of that place, from the node
+                    sought = distance > -cell and distance < reach + d**0.5 * cell and aside < best - SAME * cell
+                    for other in ti.static(range(face)):
+                        n = ti.Vector([normal[other, a] for a in ti.static(range(d))])
+                        apart = p - ti.Vector([foot[other, a] for a in ti.static(range(d))])
+                        # of an inner edge: across an outer one they turn away from each other
+                        facing = (n - m).dot(apart) > 0.4 * apart.norm()
+                        sought = sought and m.dot(n) < TURN and facing
+                    if sought:
+                        depth, _slope = linear(values, ti.f64, shape, node - distance * m / cell, cell, np.inf)
+                        if depth < 0.25 * cell and depth > -BEYOND * reach:  # it is there, or ends at the edge
+                            best, table[i, face, 0] = aside, distance
+                            for a in ti.static(range(d)):
+                                normal[face, a], foot[face, a], table[i, face, 1 + a] = m[a], p[a], m[a]
+            seeks = seeks and (face == 0 or best < np.inf)  # without a second face there is no third one
+

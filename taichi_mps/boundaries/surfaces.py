@@ -88,14 +88,6 @@ class Surface:
         return z < reach + ahead and velocity.norm_sqr() > 0.0
 
     @ti.func
-    def acts(self, i, x, z):
-        """``weight`` of a wall that has one, 1 of any other."""
-        acts = ti.cast(1.0, float)
-        if ti.static(self.thin or self.unilateral):
-            acts = self.weight(i, x, z)
-        return acts
-
-    @ti.func
     def weight(self, i, x, z):
         """How much of a wall acts on particle i at x, at the distance z, 0 to 1. A thin one fades out over a spacing
         beyond its edge, where the other side comes in view; a unilateral one within the first gap that opens, and

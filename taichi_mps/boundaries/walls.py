@@ -149,7 +149,7 @@ class Walls:
         if ti.static(self.ghosts.wedges):
             for f, wall in ti.static(enumerate(self.faces)):
                 z, n, _velocity, _curvature = wall.face(i, x, self.slots[f])
-                self.ghosts.set_face(i, f, z, n, wall.acts(i, x, z))
+                self.ghosts.set_face(i, f, z, n, wall.weight(i, x, z))
             self.ghosts.divide_corners(i)
         counts = ti.Vector.zero(float, 3)
         surface_normal = ti.Vector.zero(float, self.dimension)
@@ -264,7 +264,7 @@ class Walls:
         for f, wall in ti.static(self.chosen(None, "has_friction")):
             if self.c[i, f] > 0.0:
                 z, n, velocity, _curvature = wall.face(i, x, self.slots[f])
-                acts = wall.acts(i, x, z)
+                acts = wall.weight(i, x, z)
                 cBn = self.c[i, f] * (B @ n)
                 wall.friction.set_area(i, n, ti.max(z, self.closest), volume, cBn, ratio, acts, self.ghosts.second)
                 wall.friction.start(i, n, u - velocity, mu)

@@ -20,7 +20,7 @@ def inner_edges(values, cell: float, reach: float, faces_at):
     """Faces within ``reach`` [m] of the nodes beside inner edges, from distances [m] at the nodes of a grid, positive
     in the fluid. Returns for each node its row in the table, -1 where the nearest face is all, and the table (rows,
     faces, 1 + d): distance [m] and normal of each face at the node; where there are fewer faces the distance is
-    infinite. ``faces_at`` is the search (boundaries/face_search.py)."""
+    infinite. ``faces_at`` is the search (boundaries/sampled.py)."""
     values = np.asarray(values, float)
     d, steps = values.ndim, probes(values.ndim, reach / cell)
     halo = max(int(np.abs(steps).max()), int(np.ceil(0.75 * reach / cell))) + 2

@@ -154,10 +154,7 @@ class DeferredCorrection:
     @ti.func
     def force(self, i):
         """Flux matrix [N m] of particle i, to be added to that of its stress, and the force of its bonds [N]."""
-        flux = ti.Matrix.zero(float, self.dimension, self.dimension)
         push = ti.Vector.zero(float, self.dimension)
         for a in ti.static(range(self.dimension)):
             push[a] = self.sums[i][self.dimension, a]
-            for c in ti.static(range(self.dimension)):
-                flux[a, c] = self.sums[i][c, a]
-        return flux @ self.gradient.B[i], push
+        return self.gradient.in_plane(self.sums[i].transpose()) @ self.gradient.B[i], push

@@ -42,10 +42,7 @@ class StrainRate:
     @ti.func
     def velocity_gradient(self, i):
         """The gradient (t, t) at particle i of the velocity at the start of the step [1/s]."""
-        G = ti.Matrix.zero(float, self.dimension, self.dimension)
-        for a, c in ti.static(ti.ndrange(self.dimension, self.dimension)):
-            G[a, c] = self.G[i][c, a]
-        return self.gradient.tensor(i, G, self.particles.u)
+        return self.gradient.tensor(i, self.gradient.in_plane(self.G[i].transpose()), self.particles.u)
 
 
 @ti.data_oriented

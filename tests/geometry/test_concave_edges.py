@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.boundaries.face_search import search_faces
+from taichi_mps.boundaries.sampled import search_faces
 from taichi_mps.boundaries.surfaces import FAR
 from taichi_mps.geometry.concave_edges import inner_edges
 from taichi_mps.geometry.solid import polygon_distance
