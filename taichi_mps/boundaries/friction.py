@@ -27,7 +27,7 @@ class FrictionalSlip:
         self.yields = law.yield_value > 0.0
         self.slip, self.traction = slip, traction  # u_s [m/s]; yield part of the traction [Pa]
         self.spacing, self.depth, self.eta = spacing, DEPTH * spacing, plastic_viscosity
-        self.penalty = ti.field(real(), ())  # r [Pa s/m]
+        self.penalty = ti.field(real(), ())  # r [Pa s/m]; 0 without a yield value
         self.stick = ti.field(real(), capacity)  # s [-]
         self.area = ti.field(real(), capacity)  # of the wall that belongs to the particle [m2]
         self.thickness = ti.field(real(), capacity)  # of the layer beneath the particle [m]
@@ -49,10 +49,7 @@ class FrictionalSlip:
     @ti.func
     def resistance(self):
         """R [Pa s/m]."""
-        R = ti.cast(self.constant, float)
-        if ti.static(self.yields):
-            R += self.penalty[None]
-        return R
+        return ti.cast(self.constant, float) + self.penalty[None]
 
     @ti.func
     def drag(self, i, n, v, motion):

@@ -225,4 +225,3 @@ def _search(
                             for a in ti.static(range(d)):
                                 normal[face, a], foot[face, a], table[i, face, 1 + a] = m[a], p[a], m[a]
             seeks = seeks and (face == 0 or best < np.inf)  # without a second face there is no third one
-

@@ -113,7 +113,7 @@ class Walls:
     def set_friction_penalty(self, inertia: float) -> None:
         """Penalty of the walls' friction for a step of rho/dt = ``inertia`` [kg/(m3 s)]."""
         for _, wall in self.chosen(None, "has_friction"):
-            wall.friction.penalty[None] = inertia * wall.friction.depth
+            wall.friction.penalty[None] = inertia * wall.friction.depth * wall.friction.yields
 
     def place(self, time: float) -> None:
         """Put the walls that travel where they are at this time [s]."""

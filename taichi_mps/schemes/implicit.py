@@ -9,6 +9,7 @@ import warnings
 
 from ..particles.active_set import EVERY, ActiveSet
 from ..particles.pair_sums import PairSums
+from ..particles.particles import Carried
 from ..runtime.field_io import FieldIO
 from ..runtime.stages import FEW, NoOp, repeat
 from ..terms.constants import Constants
@@ -17,8 +18,9 @@ from ..terms.interface import Interface
 from ..terms.momentum import MomentumOperator, MomentumSource, VelocitySolve
 from ..terms.motion import MomentumDrift, Motion, Standstill, free_directions
 from ..terms.pressure import STRAIN, Pressure, VolumeConstraint
+from ..terms.rheology import growth
 from ..terms.shifting import SHIFTS, Shifting, is_uneven
-from ..terms.stress import SolvedRate, StrainRate, Stress
+from ..terms.stress import SolvedRate, StrainRate, Stress, given
 from ..terms.wall_loads import WallFriction, WallLoads
 from ..terms.wall_stress import WallStress, no_force
 from .diagnostics import Diagnostics
@@ -35,8 +37,7 @@ class Implicit(Scheme):
     REMEDY = "lower max_time_step or courant_number, or use precision f64"
 
     def __init__(self, problem, to_come: int, pairs_per_particle: float):
-        carried = Motion.carried(problem) | Constants.carried(problem) | Stress.carried(problem)
-        super().__init__(problem, carried, to_come, pairs_per_particle)
+        super().__init__(problem, carried(problem), to_come, pairs_per_particle)
         scene, fluid, walls, capacity = problem.scene, self.base, self.walls, self.particles.capacity
         constants = self.constants = Constants(self.particles, problem)
         sums = PairSums(self.particles, self.gradient, walls)
@@ -81,21 +82,23 @@ class Implicit(Scheme):
         # in a step the matrix changes with a viscosity that depends on the velocity, and with the friction of walls
         self.assembles_again = bi_viscosity
         self.velocity = VelocitySolve(self.operator, continues=not (bi_viscosity or walls.have_friction))
-        solved = {  # what the fluid gives to the walls at the new velocity
+        solved = {  # gravity and constants, and what the fluid gives to the walls at the new velocity
+            "g": fluid.g,
+            "constants": constants,
             "pressure": self.pressure,
             "stress": self.stress,
             "resistance": self.resistance,
             "solved_rate": self.solved_rate,
         }
-        self.friction = WallFriction(fluid, constants, **solved) if walls.have_friction else NoOp("start", "update")
+        self.friction = WallFriction(fluid, **solved) if walls.have_friction else NoOp("start", "update")
         self.wall_loads = NoOp("find", read=lambda _count: {})
         if problem.wall_loads:
             first = len(walls.surfaces) - len(scene.walls)  # the axis of rings comes before the walls of the scene
             measured = [first + k for k in scene.measured_walls.values()]
             others = {"correction": self.correction, "wall_stress": self.wall_stress}
-            self.wall_loads = WallLoads(fluid, constants, **solved, **others, measured=measured)
+            self.wall_loads = WallLoads(fluid, measured, **solved, **others)
         self.momentum_drift = MomentumDrift(fluid, constants, directions) if drifts else NoOp("restore")
-        self.motion = Motion(fluid, self.shifting)
+        self.motion = Motion(fluid, g=fluid.g, shifting=self.shifting)
         self.active_set = NoOp(
             "end_step",
             "load",
@@ -241,6 +244,22 @@ class Implicit(Scheme):
         self.wall_loads.up_to_date = False
         self.first = state["first"]
         self.active_set.load(state)
+
+
+def carried(problem) -> dict[str, Carried]:
+    """What the particles carry from step to step, by the law and the mixes of a problem."""
+    fields = {"a": Carried("acceleration of the last step", "m/s2", "vector")}
+    several = len(problem.materials) > 1
+    if several:
+        fields["mix"] = Carried("number of the mix", "-", "integer")
+    if problem.law == "bingham":
+        fields["stress"] = Carried("deviatoric stress, at most tau_y where rigid", "Pa", "tensor")
+        fields["plastic_rate"] = Carried("deviatoric rate q of the yield law", "1/s", "tensor")
+        if several:
+            fields["fluidity"] = Carried("shear rate of the particle's own mix over its stress", "1/(Pa s)")
+    if given(growth(material) for material in problem.materials):
+        fields["structure"] = Carried("structure of a thixotropic material", "-")
+    return fields
 
 
 def may_stand(problem, particles, walls) -> bool:

@@ -1,11 +1,11 @@
 """The numbers of a scene that the kernels of ``implicit`` read: the constants of its mixes, and the scales of time,
-rate and pressure that follow. They stand in fields, so another material is other entries, not another compilation."""
+rate and pressure that follow. They stand in fields, so another material is other entries, not another compilation.
+And what all terms have in common."""
 
 import math
 
 import numpy as np
 
-from ..particles.particles import Carried
 from ..problem.materials import FLOWS
 from ..runtime.backend import real, ti
 from ..runtime.stages import flush
@@ -67,6 +67,16 @@ def longest_step(
     )
 
 
+class Term:
+    """A term of the equations, which works on the particles, fits and walls of a Discretisation, ``fluid``. ``others``:
+    the constants and the terms that it reads, which become attributes of these names."""
+
+    def __init__(self, fluid, **others):
+        self.particles, self.gradient, self.neighbors = fluid.particles, fluid.gradient, fluid.neighbors
+        self.walls, self.dimension, self.capacity = fluid.walls, fluid.particles.dimension, fluid.particles.capacity
+        vars(self).update(others)
+
+
 @ti.data_oriented
 class Constants:
     """Constants of each mix and scales of the scene: a field for each of OF_A_MIX and OF_THE_SCENE."""
@@ -77,11 +87,6 @@ class Constants:
         self.of_scene = [ti.field(real(), ()) for _ in OF_THE_SCENE]
         vars(self).update(zip((*OF_A_MIX, *OF_THE_SCENE), self.of_mix + self.of_scene, strict=True))
         self.set_problem(problem)
-
-    @staticmethod
-    def carried(problem) -> dict[str, Carried]:
-        """What the particles carry for it: the number of their mix, where there are several."""
-        return {"mix": Carried("number of the mix", "-", "integer")} if len(problem.materials) > 1 else {}
 
     def set_problem(self, problem) -> None:
         """The numbers of the mixes of a problem of the same law and geometry, which is as high and as fast as it will

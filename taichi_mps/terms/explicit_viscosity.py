@@ -23,19 +23,19 @@ from ..particles.particles import DUMMY, FLUID
 from ..problem.materials import FLOWS
 from ..runtime.backend import double_field, real, ti
 from ..runtime.stages import flush, stage
+from .constants import Term
 from .rheology import magnitude
 
 BLOCK = 1024  # particles per partial sum: the same bits with any number of threads
 
 
 @ti.data_oriented
-class ExplicitViscosity:
+class ExplicitViscosity(Term):
     """Intermediate velocity u* of all fluid particles; ``newtonian`` fluids compile no yield code."""
 
     def __init__(self, fluid, material):
-        particles = self.particles = fluid.particles
-        d, capacity = particles.dimension, particles.capacity
-        self.gradient, self.neighbors, self.dimension, self.g = fluid.gradient, fluid.neighbors, d, fluid.g
+        super().__init__(fluid, g=fluid.g)
+        d, capacity = self.dimension, self.capacity
         self.newtonian = material.newtonian
         self.density, self.eta, self.tau_y = material.density, material.plastic_viscosity, material.yield_value
         self.pi_c = 0.1 if material.critical_strain_rate is None else material.critical_strain_rate

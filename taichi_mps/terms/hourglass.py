@@ -23,6 +23,7 @@ plastic viscosity alone, for the yield stress does not grow with the rate.
 
 from ..runtime.backend import real, ti
 from ..runtime.stages import stage
+from .constants import Term
 
 BOND_DISSIPATION = 0.6  # c: bond-associated dissipation gives 1/2 (shear) to 2/3 (along the bond), docs/equations.md
 SETTLING = 2.0  # h >= 2 p dt: what the pressure pushes apart goes no further than to its place in a step
@@ -34,15 +35,14 @@ EDGE = 4.0  # at the edge of a plug a quarter of the bonds carry all of this mot
 
 
 @ti.data_oriented
-class HourglassResistance:
+class HourglassResistance(Term):
     """Resistance of every particle to motion that its velocity gradient does not see."""
 
     def __init__(self, fluid, constants, strain_rate, pressure, stress):
-        self.particles, self.gradient, self.constants = fluid.particles, fluid.gradient, constants
-        self.strain_rate, self.pressure, self.stress = strain_rate, pressure, stress
-        self.law, self.in_space = stress.law, self.particles.dimension == 3
+        super().__init__(fluid, constants=constants, strain_rate=strain_rate, pressure=pressure, stress=stress)
+        self.law, self.in_space = stress.law, self.dimension == 3
         # that of a thin fluid, all of it [Pa s], and 2 V/n0 times all of it [N s m]
-        self.thin, self.whole, self.h = (ti.field(real(), self.particles.capacity) for _ in range(3))
+        self.thin, self.whole, self.h = (ti.field(real(), self.capacity) for _ in range(3))
 
     @stage("prepare")
     def set(self, dt: float, first: ti.i32):
@@ -82,18 +82,17 @@ class HourglassResistance:
 
 
 @ti.data_oriented
-class DeferredCorrection:
+class DeferredCorrection(Term):
     """The correction for the velocity at the start of a step; its loop over pairs is written as in pair_sums.py.
     ``averages``: in a full vessel the law is averaged (I31), so only what flows resists what is left."""
 
     def __init__(self, fluid, sums, strain_rate, resistance, averages: bool = False):
-        self.particles, self.gradient, self.walls, self.pair_sums = fluid.particles, fluid.gradient, fluid.walls, sums
-        self.strain_rate, self.resistance, self.averages = strain_rate, resistance, averages
-        self.neighbors, self.dimension, self.lanes = fluid.neighbors, self.particles.dimension, sums.lanes
+        super().__init__(fluid, pair_sums=sums, strain_rate=strain_rate, resistance=resistance)
+        self.averages, self.lanes = averages, sums.lanes
         self.part = ti.field(real(), ())  # of it that is taken back [-]
         self.most = ti.field(real(), ())  # resistance h_i h_j/(h_i + h_j) at most [N s m]
         # transpose of the flux before it meets B [N], and last the force of the bonds [N]
-        self.sums = ti.Matrix.field(self.dimension + 1, self.lanes, real(), self.particles.capacity)
+        self.sums = ti.Matrix.field(self.dimension + 1, self.lanes, real(), self.capacity)
 
     @stage("correction")
     def gather(self, part: float):

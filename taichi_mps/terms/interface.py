@@ -13,19 +13,18 @@ of the particle's own law.
 
 from ..runtime.backend import real, ti
 from ..runtime.stages import stage
+from .constants import Term
 
 
 @ti.data_oriented
-class Interface:
+class Interface(Term):
     """Normal, share of the other mixes and their fluidity, of every particle."""
 
     def __init__(self, fluid, constants):
-        particles = self.particles = fluid.particles
-        self.gradient, self.neighbors, self.constants = fluid.gradient, fluid.neighbors, constants
-        self.dimension, self.tensors = particles.dimension, particles.tensor_dimension
-        self.normal = ti.Vector.field(self.dimension, real(), particles.capacity)  # towards the other mixes [-]
-        self.share = ti.field(real(), particles.capacity)  # c: of the gradient along it [-]; 0: no other mix is near
-        self.fluidity = ti.field(real(), particles.capacity)  # psi: that of the others, by their shares [1/(Pa s)]
+        super().__init__(fluid, constants=constants, tensors=fluid.particles.tensor_dimension)
+        self.normal = ti.Vector.field(self.dimension, real(), self.capacity)  # towards the other mixes [-]
+        self.share = ti.field(real(), self.capacity)  # c: of the gradient along it [-]; 0: no other mix is near
+        self.fluidity = ti.field(real(), self.capacity)  # psi: that of the others, by their shares [1/(Pa s)]
 
     @ti.func
     def other(self, i, k):

@@ -14,6 +14,7 @@ from ..particles.particles import FLUID
 from ..runtime.backend import double_field, real, ti
 from ..runtime.stages import flush, nothing, sequence, stage
 from ..runtime.thread_team import first, last, wait
+from .constants import Term
 
 EARLY = 10.0  # only the last solve of a step goes down to the tolerance: the others to ten times that
 # To what a solve reduces its first residual, in the last and in the other iterations: a velocity that just passes would
@@ -24,7 +25,7 @@ BLOCK = 64  # particles whose sums over pairs are stored before they are used; s
 
 
 @ti.data_oriented
-class MomentumOperator:
+class MomentumOperator(Term):
     """The matrix, for the conjugate gradients: one row of d velocity components per particle, walls masked.
 
     The loops over blocks count particles, for Taichi gives a thread 512 turns of a loop or more: 512 blocks would stay
@@ -32,14 +33,11 @@ class MomentumOperator:
     """
 
     def __init__(self, fluid, sums, constants, stress, resistance):
-        particles = self.particles = fluid.particles
-        self.gradient, self.neighbors, self.walls, self.sums = fluid.gradient, fluid.neighbors, fluid.walls, sums
-        self.constants, self.stress, self.resistance, self.count = constants, stress, resistance, particles.count
-        d = self.dimension = particles.dimension
-        self.tensors = particles.tensor_dimension
-        self.inertia = ti.field(real(), particles.capacity)  # rho/dt [kg/(m3 s)]
+        super().__init__(fluid, sums=sums, constants=constants, stress=stress, resistance=resistance)
+        self.count, self.tensors, d = self.particles.count, self.particles.tensor_dimension, self.dimension
+        self.inertia = ti.field(real(), self.capacity)  # rho/dt [kg/(m3 s)]
         # block Jacobi [s/kg], 0: no unknown; and inertia and walls, for coarse levels [kg/s]
-        self.inverse_diagonal, self.local = (ti.Matrix.field(d, d, real(), particles.capacity) for _ in range(2))
+        self.inverse_diagonal, self.local = (ti.Matrix.field(d, d, real(), self.capacity) for _ in range(2))
         self.reference = double_field()  # drive . M^-1 drive over all particles [W]
 
     @ti.func
@@ -180,14 +178,13 @@ class MomentumOperator:
 
 
 @ti.data_oriented
-class MomentumSource:
+class MomentumSource(Term):
     """The right-hand side of the system: inertia, gravity, pressure, the known part of the stress, and walls."""
 
     def __init__(self, operator, pressure, constraint, correction, wall_stress, gravity):
-        self.operator, self.pressure, self.constraint, self.g = operator, pressure, constraint, gravity
-        self.correction, self.wall_stress, self.sums = correction, wall_stress, operator.sums
-        self.particles, self.gradient, self.walls = operator.particles, operator.gradient, operator.walls
-        self.constants, self.stress, self.dimension = operator.constants, operator.stress, operator.dimension
+        super().__init__(operator, sums=operator.sums, constants=operator.constants, stress=operator.stress, g=gravity)
+        self.operator, self.pressure, self.constraint = operator, pressure, constraint
+        self.correction, self.wall_stress = correction, wall_stress
         walls_act = self.walls.moving or self.walls.have_friction
         self.subtract_wall_motion = operator.subtract_wall_motion if walls_act else nothing
 

@@ -4,26 +4,18 @@ momentum the solver's tolerance adds (I25); and which of them stand still (I30).
 import numpy as np
 
 from ..geometry.walls import Plane
-from ..particles.particles import FLUID, Carried
+from ..particles.particles import FLUID
 from ..runtime.backend import real, ti
 from ..runtime.stages import stage
+from .constants import Term
 from .rheology import magnitude
 
 SHOWS = 1e-3  # way over the height of the body that shows, in the time of the run
 
 
 @ti.data_oriented
-class Motion:
+class Motion(Term):
     """Drift of the fluid particles, kept in front of the walls."""
-
-    def __init__(self, fluid, shifting):
-        self.particles, self.walls, self.g, self.shifting = fluid.particles, fluid.walls, fluid.g, shifting
-        self.dimension = fluid.particles.dimension
-
-    @staticmethod
-    def carried(_problem) -> dict[str, Carried]:
-        """What the particles carry for this term."""
-        return {"a": Carried("acceleration of the last step", "m/s2", "vector")}
 
     @stage("drift")
     def drift(self, dt: float):
@@ -71,7 +63,7 @@ def free_directions(scene, walls: str) -> np.ndarray:
 
 
 @ti.data_oriented
-class MomentumDrift:
+class MomentumDrift(Term):
     """Removes the momentum that the solver's tolerance adds along the ``directions`` (a projector) that no wall holds.
 
     On a frictionless floor nothing but inertia resists a common motion of all particles. It weighs so little in the
@@ -79,8 +71,8 @@ class MomentumDrift:
     """
 
     def __init__(self, fluid, constants, directions: np.ndarray):
-        d = fluid.particles.dimension
-        self.particles, self.constants, self.dimension = fluid.particles, constants, d
+        super().__init__(fluid, constants=constants)
+        d = self.dimension
         self.directions = ti.types.matrix(d, d, ti.f64)(directions)
         self.g = ti.types.vector(d, ti.f64)(fluid.gravity)
         self.excess = ti.Vector.field(d, real(), ())  # velocity that all particles have too much [m/s]
@@ -103,7 +95,7 @@ class MomentumDrift:
 
 
 @ti.data_oriented
-class Standstill:
+class Standstill(Term):
     """Whether a particle may be left out of the steps to come: it moves so slowly that it would not show in the whole
     run. Its stress does not tell: what has flowed and stopped stays on its yield surface, where it stopped.
 
@@ -111,8 +103,7 @@ class Standstill:
     """
 
     def __init__(self, fluid, constants, stress, pressure, problem, ahead: float):
-        self.particles, self.walls, self.constants, self.ahead = fluid.particles, fluid.walls, constants, ahead
-        self.stress, self.pressure = stress, pressure
+        super().__init__(fluid, constants=constants, stress=stress, pressure=pressure, ahead=ahead)
         self.slowest = SHOWS * problem.height / max(problem.scene.until, problem.fall_time)  # [m/s]
         self.slowest_rate = self.slowest / problem.scene.spacing  # [1/s]
 

@@ -3,6 +3,7 @@ divergence that the flow is to have, which takes back a part of what the packing
 
 from ..runtime.backend import real, ti
 from ..runtime.stages import stage
+from .constants import Term
 
 SMOOTHING = 0.6  # weight of the neighbours' mean in the pressure
 READING = 0.75  # the same in a snapshot, twice
@@ -18,14 +19,13 @@ STRAIN = 0.02  # in a step, from which on packing error and shift act fully
 
 
 @ti.data_oriented
-class Pressure:
+class Pressure(Term):
     """Smoothed pressure ``p`` [Pa] of every particle; zero where it carries no stress."""
 
     def __init__(self, fluid, constants):
-        self.particles, self.gradient, self.neighbors = fluid.particles, fluid.gradient, fluid.neighbors
-        self.constants, self.g = constants, fluid.g
-        self.p = ti.field(real(), fluid.particles.capacity)  # [Pa]
-        self.once = ti.field(real(), fluid.particles.capacity)  # half-way to the pressure that is read [Pa]
+        super().__init__(fluid, constants=constants, g=fluid.g)
+        self.p = ti.field(real(), self.capacity)  # [Pa]
+        self.once = ti.field(real(), self.capacity)  # half-way to the pressure that is read [Pa]
         self.full = ti.field(ti.i32, ())  # 1 in a closed box without a free surface
 
     @ti.func
@@ -131,14 +131,13 @@ class Pressure:
 
 
 @ti.data_oriented
-class VolumeConstraint:
+class VolumeConstraint(Term):
     """Wanted divergence of every particle."""
 
     def __init__(self, fluid, constants, strain_rate, pressure, shifting):
-        self.particles, self.gradient, self.constants = fluid.particles, fluid.gradient, constants
-        self.strain_rate, self.pressure, self.shifting = strain_rate, pressure, shifting
+        super().__init__(fluid, constants=constants, strain_rate=strain_rate, pressure=pressure, shifting=shifting)
         self.refill, self.spacing = RING_REFILL if self.particles.axisymmetric else REFILL, fluid.gradient.spacing
-        self.divergence = ti.field(real(), self.particles.capacity)  # s [1/s]
+        self.divergence = ti.field(real(), self.capacity)  # s [1/s]
 
     @stage("prepare")
     def set(self, dt: float):

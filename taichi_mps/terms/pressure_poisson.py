@@ -15,6 +15,7 @@ from ..linear.vectors import SparseMatrix
 from ..particles.particles import DUMMY, FLUID
 from ..runtime.backend import ti
 from ..runtime.stages import flush, stage
+from .constants import Term
 
 MOST_ITERATIONS = 2000  # of a solve
 FREE_SURFACE = 0.97  # n*/n0 below which a particle lies on the free surface
@@ -23,7 +24,7 @@ DENSITY_RATE, DENSITY_PART = 200.0, 0.2
 
 
 @ti.data_oriented
-class PressurePoisson:
+class PressurePoisson(Term):
     """Pressure P^{k+1} at r*, from ``gradient`` built there.
 
     source 'density': eq 19, the paper's. The whole density error is removed in one step, so velocities of l0/dt times
@@ -41,25 +42,18 @@ class PressurePoisson:
     """
 
     def __init__(self, fluid, density: float, numerics):
-        particles = self.particles = fluid.particles
-        self.gradient, self.neighbors, self.density, self.n0 = (
-            fluid.gradient,
-            fluid.neighbors,
-            density,
-            fluid.lattice.n0,
-        )
-        self.dimension = particles.dimension
+        super().__init__(fluid, density=density, n0=fluid.lattice.n0)
         self.scale = fluid.lattice.lam * self.n0 / (2.0 * self.dimension)  # of the Laplacian, eq 12 [m2]
         self.mixed, self.gradient_form = numerics.source == "mixed", numerics.gradient
         self.keeps_negative = numerics.literal
         neighbors, bins = self.neighbors, self.neighbors.bins
         self.matrix = SparseMatrix(
-            particles.capacity, neighbors.pair_capacity, neighbors.row_start, neighbors.column, particles.count
+            self.capacity, neighbors.pair_capacity, neighbors.row_start, neighbors.column, self.particles.count
         )
         levels = None
-        if particles.capacity >= CellMultigrid.PAY_FROM:
+        if self.capacity >= CellMultigrid.PAY_FROM:
             levels = CellMultigrid(self.matrix, bins.cell_start, bins.cell_of, bins.shape)
-        self.solver = PCG(particles.capacity, 1, self.matrix, levels)
+        self.solver = PCG(self.capacity, 1, self.matrix, levels)
 
     def weigh(self) -> None:
         """What the present positions make of the pairs; the conservative gradient takes the fits, too."""

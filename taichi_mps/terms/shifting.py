@@ -6,6 +6,7 @@ import numpy as np
 from ..particles.particles import FLUID
 from ..runtime.backend import real, sine, ti
 from ..runtime.stages import flush, stage
+from .constants import Term
 
 # Way towards even spacing in a step, and that of what is viscous or has a yield stress in tension: at a surface that is
 # stretched, of twice its shear stress, which bundles its columns at the rate 1.7 T/h, 5.7 per strain; in steps that
@@ -25,19 +26,18 @@ DISTANCE, RESTITUTION = 0.5, 0.2  # of collisions: over the spacing; over the ap
 
 
 @ti.data_oriented
-class Shifting:
+class Shifting(Term):
     """Small displacements that keep the particles evenly spread where the material deforms and, if it has no yield
     stress (``tears``), where it is in tension."""
 
     def __init__(self, fluid, tears: bool):
-        particles = self.particles = fluid.particles
-        self.gradient, self.walls, self.tears, self.spacing = fluid.gradient, fluid.walls, tears, fluid.gradient.spacing
-        self.shift = ti.Vector.field(particles.dimension, real(), particles.capacity)  # displacement [m]
+        super().__init__(fluid, tears=tears, spacing=fluid.gradient.spacing)
+        self.shift = ti.Vector.field(self.dimension, real(), self.capacity)  # displacement [m]
         # tension over the shear stress, 1 at most, times the part of what is viscous in the hourglass resistance [-]
-        self.stretched = ti.field(real(), particles.capacity)
+        self.stretched = ti.field(real(), self.capacity)
         if tears:
-            self.tension = ti.field(real(), particles.capacity)  # part of the shift that tension calls for [-]
-            self.mean = ti.Vector.field(particles.dimension, real(), particles.capacity)  # mean shift of neighbours [m]
+            self.tension = ti.field(real(), self.capacity)  # part of the shift that tension calls for [-]
+            self.mean = ti.Vector.field(self.dimension, real(), self.capacity)  # mean shift of neighbours [m]
 
     @stage("prepare")
     def set_tension(self, dt: float, resistance: ti.template(), pressure: ti.template(), stress: ti.template()):
@@ -70,16 +70,16 @@ class Shifting:
         surface, at most 0.05 l0, and 0.05 (0.85 l0 - r) between closer pairs; all of it times
         min(1, shear_rate dt/strain), ``least`` at least, the sum at least times ``tension``. s is the size of a
         ring (gradient.py), e(x) ``uneven``; a is 0.1, of what is viscous and in tension up to 0.4."""
-        d = ti.static(self.particles.dimension)
+        d = ti.static(self.dimension)
         for i in range(self.particles.count[None]):
             self.shift[i] = ti.Vector.zero(float, d)
             if self.particles.kind[i] == FLUID:
                 x = self.particles.x[i]
                 l0 = self.spacing * ti.sqrt(self.gradient.cross_section_ratio(i))  # of rings as thin as this one
                 near, apart = ti.Vector.zero(float, d), ti.Vector.zero(float, d)
-                for k in range(self.gradient.neighbors.row_start[i], self.gradient.neighbors.row_start[i + 1]):
-                    j = self.gradient.neighbors.column[k]
-                    r_ij = ti.cast(self.gradient.neighbors.bins.displacement(x, self.particles.x[j]), float)
+                for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
+                    j = self.neighbors.column[k]
+                    r_ij = ti.cast(self.neighbors.bins.displacement(x, self.particles.x[j]), float)
                     r = ti.max(r_ij.norm(), 1e-3 * l0)
                     e = r_ij / r
                     if ti.static(len(self.walls.separating) > 0):
@@ -119,7 +119,7 @@ class Shifting:
         """shift -= (1 - min(1, shear_rate dt/strain)) times its mean over the particle and its neighbours, with
         Wendland's kernel (w/r^2 times re^2) as weight: what hardly deforms must not be carried by the shift, for what
         is carried up flows down, which stirs."""
-        neighbors, re2 = self.gradient.neighbors, self.gradient.effective_radius**2
+        neighbors, re2 = self.neighbors, self.gradient.effective_radius**2
         for i in range(self.particles.count[None]):
             total, weight = self.shift[i], ti.cast(1.0, float)
             for k in range(neighbors.row_start[i], neighbors.row_start[i + 1]):
@@ -139,7 +139,7 @@ class Shifting:
     def uneven(self, x):
         """Numbers between -1 and 1 that look random but follow from the place x [m] alone: a run is repeated and
         resumed bit for bit."""
-        d = ti.static(self.particles.dimension)
+        d = ti.static(self.dimension)
         phase = ti.cast(0.5, ti.f64)
         for a in ti.static(range(d)):
             phase += (12.9898, 78.233, 37.719)[a] * x[a] / self.spacing
@@ -183,7 +183,7 @@ def is_uneven(fluid) -> bool:
 
 
 @ti.data_oriented
-class Collisions:
+class Collisions(Term):
     """Impulses between particles that meet: a piece of MPS practice that the paper does not mention (S3).
 
     Where two particles nearer than DISTANCE l0 approach each other, each gets half of the impulse that leaves them with
@@ -196,17 +196,16 @@ class Collisions:
     """
 
     def __init__(self, fluid):
-        particles = self.particles = fluid.particles
-        self.gradient, self.neighbors = fluid.gradient, fluid.neighbors
+        super().__init__(fluid)
         self.near2 = (DISTANCE * fluid.gradient.spacing) ** 2
         self.half_impulse = 0.5 * (1.0 + RESTITUTION)
-        self.change = ti.Vector.field(particles.dimension, real(), particles.capacity)  # of the velocity [m/s]
+        self.change = ti.Vector.field(self.dimension, real(), self.capacity)  # of the velocity [m/s]
 
     @stage("collisions")
     def apply(self, u: ti.template()):
         """Change the velocities u [m/s] of fluid particles; the pairs are those of the last ``gradient``."""
         for i in range(self.particles.count[None]):
-            change = ti.Vector.zero(float, self.particles.dimension)
+            change = ti.Vector.zero(float, self.dimension)
             if self.particles.kind[i] == FLUID:
                 for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
                     b, w_r2 = self.gradient.b[k], self.gradient.weight_r2[k]

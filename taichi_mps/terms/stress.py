@@ -1,9 +1,10 @@
 """Strain rate and stress of the implicit scheme: the velocity gradient, what the yield law makes of it, and the
 viscosities of the matrix (I5, I6)."""
 
-from ..particles.particles import FLUID, Carried
+from ..particles.particles import FLUID
 from ..runtime.backend import real, ti
 from ..runtime.stages import stage
+from .constants import Term
 from .rheology import (
     bi_viscosity,
     curve_mapping,
@@ -18,16 +19,15 @@ from .rheology import (
 
 
 @ti.data_oriented
-class StrainRate:
+class StrainRate(Term):
     """Velocity gradient, shear rate and residual of the fit (gradient.py) of the velocity that particles carry."""
 
     def __init__(self, fluid, sums):
-        self.particles, self.gradient, self.dimension = fluid.particles, fluid.gradient, fluid.particles.dimension
-        capacity = fluid.particles.capacity
+        super().__init__(fluid)
         # transpose of the velocity gradient in the plane [1/s]; lanes as in pair_sums.py
-        self.G = ti.Matrix.field(self.dimension, sums.lanes, real(), capacity)
-        self.rate = ti.field(real(), capacity)  # shear rate sqrt(2 D:D) [1/s]
-        self.residual = ti.field(real(), capacity)  # (1/n0) sum (w/r^2) |u_j - u_i - G_i r_ij|^2 [1/s2]
+        self.G = ti.Matrix.field(self.dimension, sums.lanes, real(), self.capacity)
+        self.rate = ti.field(real(), self.capacity)  # shear rate sqrt(2 D:D) [1/s]
+        self.residual = ti.field(real(), self.capacity)  # (1/n0) sum (w/r^2) |u_j - u_i - G_i r_ij|^2 [1/s2]
 
     @stage("prepare")
     def evaluate(self):
@@ -46,13 +46,13 @@ class StrainRate:
 
 
 @ti.data_oriented
-class SolvedRate:
+class SolvedRate(Term):
     """Velocity gradient of the velocity that the system was solved for."""
 
     def __init__(self, fluid, sums):
-        self.particles, self.gradient, self.sums = fluid.particles, fluid.gradient, sums
+        super().__init__(fluid, sums=sums)
         t = self.particles.tensor_dimension
-        self.G = ti.Matrix.field(t, t, real(), self.particles.capacity)  # velocity gradient [1/s]
+        self.G = ti.Matrix.field(t, t, real(), self.capacity)  # velocity gradient [1/s]
 
     @stage("stress")
     def update(self, u: ti.template()):
@@ -73,41 +73,27 @@ class SolvedRate:
 
 
 @ti.data_oriented
-class Stress:
+class Stress(Term):
     """Stress of every particle from the velocity, and its viscosities; its law is that of the problem."""
 
     def __init__(self, fluid, constants, interface, strain_rate, solved_rate, pressure, problem):
-        particles = self.particles = fluid.particles
-        self.gradient, self.constants, self.interface, self.pressure = fluid.gradient, constants, interface, pressure
+        super().__init__(fluid, constants=constants, interface=interface, pressure=pressure)
         self.strain_rate, self.solved_rate = strain_rate, solved_rate  # at the start of the step, of the new velocity
-        self.law, self.mixes, self.tensors = problem.law, len(problem.materials), particles.tensor_dimension
+        self.law, self.mixes, self.tensors = problem.law, len(problem.materials), self.particles.tensor_dimension
         self.has_friction = any(getattr(material, "friction_coefficient", 0.0) for material in problem.materials)
         # (number of the mix, function) of what has a flow curve of its own, and of what is thixotropic
         self.curves = given(flow_curve(material) for material in problem.materials)
         self.growths = given(growth(material) for material in problem.materials)
         self.has_curve, self.has_growth = bool(self.curves), bool(self.growths)
-        self.mu = ti.field(real(), particles.capacity)  # viscosity of the implicit part of the stress [Pa s]
-        self.yielded = ti.field(ti.i32, particles.capacity)  # 1 where the material flows
+        self.mu = ti.field(real(), self.capacity)  # viscosity of the implicit part of the stress [Pa s]
+        self.yielded = ti.field(ti.i32, self.capacity)  # 1 where the material flows
         # in a full vessel: by how much the stress differs over what the gradient of a particle sees [Pa]
         self.averages = fluid.walls.carry_curvature and self.law == "bingham" and self.mixes == 1 and not self.has_curve
-        self.spread = ti.field(real(), particles.capacity) if self.averages else None
+        self.spread = ti.field(real(), self.capacity) if self.averages else None
         self.fluidity = None  # shear rate of its own mix over the stress [1/(Pa s)], where there are several
         if self.mixes > 1:
             carried = self.law == "bingham"
-            self.fluidity = particles.fluidity if carried else ti.field(real(), particles.capacity)
-
-    @staticmethod
-    def carried(problem) -> dict[str, Carried]:
-        """What the particles carry for this term."""
-        fields = {}
-        if problem.law == "bingham":
-            fields["stress"] = Carried("deviatoric stress, at most tau_y where rigid", "Pa", "tensor")
-            fields["plastic_rate"] = Carried("deviatoric rate q of the yield law", "1/s", "tensor")
-            if len(problem.materials) > 1:
-                fields["fluidity"] = Carried("shear rate of the particle's own mix over its stress", "1/(Pa s)")
-        if given(growth(material) for material in problem.materials):
-            fields["structure"] = Carried("structure of a thixotropic material", "-")
-        return fields
+            self.fluidity = self.particles.fluidity if carried else ti.field(real(), self.capacity)
 
     @stage("prepare")
     def set_viscosity(self):

@@ -16,16 +16,13 @@ import numpy as np
 from ..runtime.backend import real, ti
 from ..runtime.field_io import FieldIO
 from ..runtime.stages import stage
+from .constants import Term
 
 
 @ti.data_oriented
-class WallFriction:
-    """Friction of the walls (boundaries/friction.py): the slip at the start of a step, and after each iteration."""
-
-    def __init__(self, fluid, constants, pressure, stress, resistance, solved_rate):
-        self.particles, self.gradient, self.walls, self.g = fluid.particles, fluid.gradient, fluid.walls, fluid.g
-        self.constants, self.pressure, self.stress = constants, pressure, stress
-        self.resistance, self.solved_rate = resistance, solved_rate
+class WallFriction(Term):
+    """Friction of the walls (boundaries/friction.py): the slip at the start of a step, and after each iteration. It
+    reads gravity g, constants, pressure, stress, resistance and solved_rate."""
 
     def start(self, dt):
         """Penalty and slip at the start of a step of dt [s]."""
@@ -57,18 +54,15 @@ class WallFriction:
 
 
 @ti.data_oriented
-class WallLoads:
+class WallLoads(Term):
     """What every particle gives to the walls of the numbers ``measured``: force [N], and torque about the wall's point
-    [N m]. ``up_to_date``: whether they belong to the state that the particles are in."""
+    [N m]. ``up_to_date``: whether they belong to the state that the particles are in. It reads what WallFriction does,
+    and correction and wall_stress."""
 
-    def __init__(self, fluid, constants, pressure, stress, resistance, solved_rate, correction, wall_stress, measured):
-        self.particles, self.gradient, self.walls, self.g = fluid.particles, fluid.gradient, fluid.walls, fluid.g
-        self.constants, self.pressure, self.stress = constants, pressure, stress
-        self.resistance, self.solved_rate = resistance, solved_rate
-        self.correction, self.wall_stress = correction, wall_stress
+    def __init__(self, fluid, measured, **others):
+        super().__init__(fluid, **others)
         self.numbers, self.up_to_date = measured, False
-        d, capacity = self.particles.dimension, self.particles.capacity
-        self.dimension, axes = d, 1 if d == 2 else 3
+        d, capacity, axes = self.dimension, self.capacity, 1 if self.dimension == 2 else 3
         self.forces = [ti.Vector.field(d, real(), capacity) for _ in measured]  # [N]
         self.torques = [ti.Vector.field(axes, real(), capacity) for _ in measured]  # [N m]
         fields = {f"force_{k}": field for k, field in enumerate(self.forces)}

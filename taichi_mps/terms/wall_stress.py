@@ -15,6 +15,7 @@ thin layers.
 
 from ..runtime.backend import real, ti
 from ..runtime.stages import stage
+from .constants import Term
 
 
 @ti.func
@@ -24,20 +25,19 @@ def no_force(i, face: ti.template() = None):
 
 
 @ti.data_oriented
-class WallStress:
+class WallStress(Term):
     """Stress along the walls; where the vessel is full also the drive along them, the weight of the excess of shear
     stress that acts, and the curvature of the velocity, of every particle in reach of a no-slip wall; and the spread of
     the stress of all."""
 
     def __init__(self, fluid, constants, strain_rate, pressure, stress):
-        particles = self.particles = fluid.particles
-        self.gradient, self.neighbors, self.walls, self.g = fluid.gradient, fluid.neighbors, fluid.walls, fluid.g
-        self.constants, self.strain_rate, self.pressure, self.stress = constants, strain_rate, pressure, stress
-        d = self.dimension = particles.dimension
-        self.in_full_vessels = fluid.walls.carry_curvature
-        self.drive = ti.Vector.field(d, real(), particles.capacity)  # rho g - grad p [N/m3]
-        self.weight = ti.field(real(), particles.capacity)  # of the excess [-]
-        self.fit = ti.Matrix.field(d, d, real(), particles.capacity)  # inverse of the moment without walls [-]
+        super().__init__(
+            fluid, constants=constants, g=fluid.g, strain_rate=strain_rate, pressure=pressure, stress=stress
+        )
+        d, self.in_full_vessels = self.dimension, fluid.walls.carry_curvature
+        self.drive = ti.Vector.field(d, real(), self.capacity)  # rho g - grad p [N/m3]
+        self.weight = ti.field(real(), self.capacity)  # of the excess [-]
+        self.fit = ti.Matrix.field(d, d, real(), self.capacity)  # inverse of the moment without walls [-]
 
     @ti.func
     def force(self, i, face: ti.template() = None):
@@ -141,11 +141,6 @@ class WallStress:
         return spread
 
     @ti.func
-    def half(self, i):
-        """f l0/2 [Pa]."""
-        return 0.5 * self.gradient.spacing * self.along(i)
-
-    @ti.func
     def acts(self, i, s, size):
         """Weight of the excess, s over f l0: never more than doubles the stress of the first row, its ``size`` [Pa]."""
         weight = ti.cast(1.0, float)
@@ -163,14 +158,14 @@ class WallStress:
         return near
 
     @ti.func
-    def along(self, i):
-        """Largest part [N/m3] of the drive of particle i along a no-slip wall in reach."""
+    def half(self, i):
+        """f l0/2 [Pa], f the largest part [N/m3] of the drive of particle i along a no-slip wall in reach."""
         most = ti.cast(0.0, float)
         for f, wall in ti.static(self.walls.chosen(None, "no_slip")):
             if self.walls.c[i, f] > 0.0:
                 _z, n, _velocity, _curvature = wall.face(i, self.particles.x[i], self.walls.slots[f])
                 most = ti.max(most, (self.drive[i] - n * n.dot(self.drive[i])).norm())
-        return most
+        return 0.5 * self.gradient.spacing * most
 
     @ti.func
     def excess(self, i, face: ti.template() = None):
