@@ -9,8 +9,10 @@ both schemes, and ``box``, soft concrete (50 Pa, 5 Pa s) on a no-slip floor betw
 - a closed box without surface: test_semi_implicit.py::test_a_closed_box_without_surface_can_be_solved (literal),
   simulation/test_volume.py::test_no_void_opens_below_the_lid_of_a_full_box (default)
 - the noise of the literal scheme in a still pool: test_semi_implicit.py::test_a_still_pool_stays_bounded
+- a free disc that keeps its rotation by default: simulation/test_volume.py; a square patch in rotation, to 2 rad, and
+  the disc by the paper's scheme: rows square_patch, square_patch_fine, rotating_disc (validation/test_validation.py)
 - at full size, with either scheme: rows still_pool_* (100 s of rest), column_* (about the critical height), slump_100
-  (a moving front; literal: ends at 0.07 s), square_patch and rotating_disc of ``taichi-mps validate``
+  (a moving front; literal: ends at 0.07 s) of ``taichi-mps validate``
 """
 
 import math
@@ -25,7 +27,6 @@ from taichi_mps.problem.problem import Problem
 from taichi_mps.schemes.scheme import Speeds
 from tests.support.inside import find
 
-REFERENCE = Path(mps.__file__).parent / "validation" / "reference"
 TORQUE = Path(__file__).parents[1] / "reference" / "C_rotating_disc_laplacian_torque.csv"
 LITERAL, DEFAULT = mps.SemiImplicit(literal=True), mps.Implicit()
 WIDE = 0.05  # spacing of the free bodies [m]
@@ -136,10 +137,9 @@ def test_a_viscosity_ratio_of_a_million_costs_the_literal_scheme_its_step(box_de
     assert min(box_default.scheme.time_step_limits(slow).values()) > 1e7 * dt
 
 
-def test_a_spinning_disc(free_default, free_literal):
-    """R = 10 l0. The Laplacian brakes rigid rotation by 4 nu/R^2, on a lattice by 3.68; its torque is the table's. By
-    default an eighth of a turn loses less than a tenth of that."""
-    radius, nu = 10 * WIDE, 1e-3
+def test_a_spinning_disc(free_literal):
+    """R = 10 l0. The Laplacian brakes rigid rotation by 4 nu/R^2, on a lattice by 3.68; its torque is the table's."""
+    radius = 10 * WIDE
     x = mps.lattice((-0.6, -0.6), (0.6, 0.6), WIDE, offset=0.0) + (0.2 * WIDE, 0.1 * WIDE)
     x = x[np.hypot(*x.T) < radius]
     find(start(free_literal, x, spin(x)))
@@ -149,9 +149,6 @@ def test_a_spinning_disc(free_default, free_literal):
     table = np.genfromtxt(TORQUE, delimiter=",", skip_header=2)
     known = float(table[table[:, 0] == 10.0, 2][0])
     assert torque / (x**2).sum() * radius**2 == pytest.approx(known, rel=0.02)
-    s = run(start(free_default, x, spin(x)), 0.8)
-    lost = 1.0 - angular_momentum(s.x, s.u) / (x**2).sum()
-    assert abs(lost) < 0.1 * 0.8 * -known * nu / radius**2
 
 
 # ---- tension and impact ---------------------------------------------------------------------------------------
@@ -176,22 +173,6 @@ def test_the_literal_scheme_clumps_and_explodes(free_literal, body):
         run(start(free_literal, x, u), 0.5)
     assert error.value.report.kinetic_energy > 2.0 * 0.5 * 1000.0 * WIDE**2 * (u**2).sum()
     assert closest(free_literal.snapshot().x) < 0.5 * WIDE
-
-
-def test_the_square_patch_survives_to_two_radians(free_default):
-    """To omega t = 2 at L = 20 l0: waist, arms and angular momentum beside the boundary elements. The validation table
-    has 12 % at 40 l0."""
-    x, u = square_patch()
-    s = run(start(free_default, x, u), 2.0)
-    lines = (REFERENCE / "C_square_patch_bem.csv").read_text(encoding="utf-8").splitlines()
-    table = np.genfromtxt([line for line in lines if line[0] != "#"], delimiter=",", names=True)
-    exact = table[np.argmin(np.abs(table["wt"] - 2.0))]
-    r, sector = np.hypot(*s.x.T), np.floor((np.arctan2(s.x[:, 1], s.x[:, 0]) / (2 * np.pi) + 0.5) * 36).astype(int) % 36
-    reach = np.array([r[sector == k].max() + 0.5 * WIDE for k in range(36)])  # no sector is empty: it is in one piece
-    assert reach.max() == pytest.approx(exact["r_max_N240"], rel=0.2)
-    assert reach.min() == pytest.approx(exact["r_min_N240"], rel=0.2)
-    assert angular_momentum(s.x, s.u) == pytest.approx(angular_momentum(x, u), rel=0.01)
-    assert closest(s.x) > 0.5 * WIDE
 
 
 def test_the_shift_grows_with_tension(free_default):
@@ -244,6 +225,29 @@ def test_two_blocks_meet_without_a_clump(free_default):
     assert (s.u**2).sum() < (u**2).sum()
     assert s.x[:, 1].max() > 0.4 and np.abs(s.x[:, 0]).max() < 0.4  # from 0.225 and 0.475
     assert abs(free_default.report.volume_error) < 0.03 and closest(s.x) > 0.5 * WIDE
+
+
+@pytest.mark.slow
+def test_stirred_water_comes_to_rest():
+    """10 x 10 particles of water that turn at 0.1 m/s at first: with the resistance of what moves throughout they went
+    on for ever at some cm/s, with 3e-5 of the energy M g H; below 1e-6 is at rest."""
+    depth, l0 = 0.2, 0.02
+    x = box((0.0, 0.0), (depth, depth), l0)
+    sin, cos = np.sin(np.pi * x / depth), np.cos(np.pi * x / depth)
+    u = 0.1 * np.column_stack([sin[:, 0] * cos[:, 1], -cos[:, 0] * sin[:, 1]])
+    walls = mps.box_planes((0.0, 0.0), (depth, depth), slip=True)
+    domain = ((-0.1, -0.1), (depth + 0.1, depth + 0.1))
+    water = mps.Newtonian(density=1000.0, viscosity=1e-3)
+    sim, energy = mps.Simulation(mps.Scene("water", water, l0, x, domain, velocity=u, walls=walls)), []
+    sim.each_step(lambda s: energy.append(s.report.kinetic_energy))
+    sim.run(until=0.5)
+    assert energy[-1] > 0.3 * energy[0]  # what moves is not held
+    sim.run(until=9.0)
+    energy.clear()
+    s = run(sim, 10.0)
+    assert np.mean(energy) < 1e-6 * 1000.0 * 9.81 * depth**3
+    assert 2.0 * s.x[:, 1].mean() == pytest.approx(depth, abs=0.1 * l0)
+    assert np.sqrt(np.mean((s.p - 1000.0 * 9.81 * (depth - s.x[:, 1])) ** 2)) < 0.02 * 1000.0 * 9.81 * depth
 
 
 # ---- soft concrete in a box -----------------------------------------------------------------------------------
