@@ -7,7 +7,7 @@ import pytest
 
 from taichi_mps.runtime import backend
 from taichi_mps.runtime.backend import ti
-from taichi_mps.runtime.workarounds import sine_by_f32
+from taichi_mps.runtime.workarounds import in_own_memory, sine_by_f32
 
 
 @pytest.mark.parametrize(("precision", "kind"), [("f32", np.float32), ("f64", np.float64)])
@@ -16,10 +16,10 @@ def test_fields_have_the_precision_that_was_asked_for_and_double_ones_f64(precis
     assert backend.started() == {"arch": "cpu", "precision": precision, "threads": 1}
     assert ti.field(backend.real(), 3).to_numpy().dtype == kind
     for shape, components in (((), None), (3, None), ((2, 3), None), (3, 2)):
-        field = backend.double_field(shape, components)
-        numbers = np.full_like(field.to_numpy(), 0.1, float)
-        field.from_numpy(numbers)
-        assert field.to_numpy().dtype == np.float64 and np.array_equal(field.to_numpy(), numbers)
+        for field in (backend.double_field(shape, components), in_own_memory(ti.field(ti.f64), shape)):
+            numbers = np.full_like(field.to_numpy(), 0.1, float)
+            field.from_numpy(numbers)
+            assert field.to_numpy().dtype == np.float64 and np.array_equal(field.to_numpy(), numbers)
     backend.init(arch="cpu", precision="f64", threads=1)
 
 

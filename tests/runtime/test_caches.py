@@ -1,22 +1,19 @@
 """Without a home, or with one that cannot be written, runs and sweeps come to their end."""
 
 import os
-import subprocess
-import sys
-from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).resolve().parents[2]
+from tests.support.child import child
+
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="HOME is not what Taichi asks for there")
 SHORT = ["--spacing=0.02", "--until=0.002", "--quiet"]
 
 
-def child(home, folder, *words):
+def at(home, folder, *words):
     """Exit code, and lines of errors, of Python with another HOME; None: without one."""
-    variables = {k: v for k, v in os.environ.items() if k not in ("HOME", "TI_OFFLINE_CACHE_FILE_PATH", "MPLCONFIGDIR")}
-    variables |= {"PYTHONPATH": str(ROOT), "TMPDIR": str(folder)} | ({} if home is None else {"HOME": home})
-    done = subprocess.run([sys.executable, *words], cwd=folder, env=variables, capture_output=True, text=True)
+    unset = {"TI_OFFLINE_CACHE_FILE_PATH": None, "MPLCONFIGDIR": None}
+    done = child(*words, cwd=folder, HOME=home, TMPDIR=str(folder), **unset)
     return done.returncode, done.stderr.splitlines()
 
 
@@ -24,21 +21,21 @@ def child(home, folder, *words):
 def test_a_process_compiles_and_leaves_nothing_behind(home, tmp_path):
     code = "import taichi_mps as mps; mps.init(); mps.runtime.backend.ti.field(float, 3).fill(1.0)"
     one_line = [f"taichi-mps: {home} cannot be written, so compiled kernels are not kept for the next run"]
-    assert child(home, tmp_path, "-c", code) == (0, [] if home is None else one_line)
+    assert at(home, tmp_path, "-c", code) == (0, [] if home is None else one_line)
     assert not list(tmp_path.iterdir()), "the temporary folder is still there"
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("home", [None, "/dev/null"])
 def test_a_run_and_a_sweep_come_to_their_end(home, tmp_path):
-    code, _ = child(home, tmp_path, "-m", "taichi_mps", "run", "film", *SHORT, "--threads=1", "--out=run")
+    code, _ = at(home, tmp_path, "-m", "taichi_mps", "run", "film", *SHORT, "--threads=1", "--out=run")
     assert code == 0 and (tmp_path / "run" / "summary.json").is_file()
-    code, said = child(home, tmp_path, "-m", "taichi_mps", "sweep", "film", *SHORT, "--angle=10", "--workers=1")
+    code, said = at(home, tmp_path, "-m", "taichi_mps", "sweep", "film", *SHORT, "--angle=10", "--workers=1")
     assert code == 0 and "done" in (tmp_path / "studies" / "film" / "results.csv").read_text()
     assert sum("cannot be written" in line for line in said) == (home is not None)
 
 
 def test_a_sweep_in_which_a_case_fails_says_which(tmp_path):
     words = ["sweep", "film", *SHORT, "--angle=10,20", "--depth=1e-9", "--workers=1"]
-    code, said = child(os.environ["HOME"], tmp_path, "-m", "taichi_mps", *words)
+    code, said = at(os.environ["HOME"], tmp_path, "-m", "taichi_mps", *words)
     assert code == 1 and len(said) == 2 and all("failed: angle = " in line for line in said), said

@@ -1,11 +1,11 @@
 """Where a run computes: on the device that was asked for, or not at all, and with the numbers of the processor."""
 
 import json
-import subprocess
-import sys
 
 import numpy as np
 import pytest
+
+from tests.support.child import child
 
 ASK = """
 import sys
@@ -36,15 +36,14 @@ print(json.dumps({"time": sim.time, "spacing": s.spacing, "x": s.x.tolist(), "u"
 """
 
 
-def child(code, *arguments):
-    made = subprocess.run([sys.executable, "-c", code, *arguments], capture_output=True, text=True)
-    assert made.returncode == 0, made.stderr
-    return made.stdout.strip().splitlines()
+def said(code, *arguments):
+    """Lines that code prints in a process of its own."""
+    return child("-c", code, *arguments).stdout.strip().splitlines()
 
 
 @pytest.mark.parametrize("arch", ["cuda", "vulkan"])
 def test_a_device_that_is_not_here_is_refused_and_not_replaced_by_the_processor(arch):
-    lines = child(ASK, arch)
+    lines = said(ASK, arch)
     refused = [f"arch = {arch}: no such device is found here; must be one that this machine has, such as cpu"]
     assert lines[-1] == f"on {arch}" or lines[-2:] == [*refused, "not started"]
 
@@ -61,9 +60,9 @@ def test_a_device_that_is_not_here_is_refused_and_not_replaced_by_the_processor(
     ],
 )
 def test_vulkan_computes_what_the_processor_computes(scene, keywords, scheme):
-    if child(ASK, "vulkan")[-1] != "on vulkan":
+    if said(ASK, "vulkan")[-1] != "on vulkan":
         pytest.skip("no Vulkan device here; Mesa's lavapipe is one in software")
-    runs = [json.loads(child(RUN, arch, scene, json.dumps(keywords), scheme)[-1]) for arch in ("cpu", "vulkan")]
+    runs = [json.loads(said(RUN, arch, scene, json.dumps(keywords), scheme)[-1]) for arch in ("cpu", "vulkan")]
     ours, theirs = ({name: np.array(run[name]) for name in "xup"} for run in runs)
     assert runs[0]["time"] == pytest.approx(runs[1]["time"], rel=1e-3)
     difference = {name: np.sqrt(((ours[name] - theirs[name]) ** 2).mean()) for name in "xup"}

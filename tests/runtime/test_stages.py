@@ -51,12 +51,6 @@ class Numbers:
             self.x[i] -= amount
         wait()
 
-    @ti.kernel
-    def add_often(self, times: ti.i32):
-        ti.loop_config(serialize=True)
-        for k in range(times):
-            self.add(k)
-
     def work(self):
         """(((x + 0.1) * 3^2 + 0.1) * 2^2 - 0.7) / 4, and 0 + 1 + 2 times 10 added in a loop."""
         tenth, fours = 0.1, ti.field(ti.f64, 4)
@@ -72,13 +66,6 @@ class Numbers:
             self.divide(fours)
         flush()
         return self.x.to_numpy()
-
-
-def test_a_stage_is_a_kernel_in_python_and_a_part_of_one_in_a_kernel():
-    numbers = Numbers()
-    numbers.add(5)
-    numbers.add_often(4)
-    assert numbers.x.to_numpy().tolist() == [i + 1 + 5 + 0 + 1 + 2 + 3 for i in range(4)]
 
 
 @pytest.mark.parametrize("way", [*WAYS, "at once"])

@@ -1,28 +1,15 @@
 """What the kernel language does wrong, slowly or aloud is kept from the user, and no bit depends on the speed patch."""
 
-import os
-import subprocess
-import sys
 from importlib.util import find_spec
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from taichi_mps.runtime import backend, workarounds
 from taichi_mps.runtime.backend import ti
+from tests.support.child import child
 
-ROOT = Path(__file__).resolve().parents[2]
 only_taichi = pytest.mark.skipif(workarounds.LANGUAGE != "taichi", reason="a patch of Taichi")
-
-
-def child(code, *arguments, **environment):
-    """What a process of its own prints; environment: with these variables, without those that are None."""
-    place = {**os.environ, "PYTHONPATH": str(ROOT), **environment}
-    place = {name: value for name, value in place.items() if value is not None}
-    done = subprocess.run([sys.executable, "-c", code, *arguments], env=place, cwd=ROOT, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    return done
 
 
 # ---- vector locals --------------------------------------------------------------------------------------------------
@@ -59,23 +46,10 @@ def test_fields_are_refused_before_the_tree_that_kills_the_process(monkeypatch):
     backend.require_room()
 
 
-@pytest.mark.parametrize("shape", [(), 3, (2, 3)])
-def test_an_f64_field_in_memory_of_its_own_holds_its_numbers(shape):
-    """Beside one of an odd number of f32. That it was else overwritten shows on Vulkan alone: test_devices.py."""
-    before, trees = ti.field(ti.f32, 5), ti.lang.impl.get_runtime().prog.get_snode_tree_size()
-    field = workarounds.in_own_memory(ti.field(ti.f64), shape)
-    after = ti.field(ti.f32, 5)
-    for part, number in ((before, 1.5), (field, 0.1), (after, 2.5)):
-        part.fill(number)
-    assert ti.lang.impl.get_runtime().prog.get_snode_tree_size() > trees
-    assert np.all(field.to_numpy() == 0.1) and field.shape == (shape if isinstance(shape, tuple) else (shape,))
-    assert np.all(before.to_numpy() == 1.5) and np.all(after.to_numpy() == 2.5)
-
-
 # ---- silence and speed ----------------------------------------------------------------------------------------------
 def test_import_says_nothing():
-    done = child("import taichi_mps.runtime.backend")
-    assert done.stdout == done.stderr == ""
+    done = child("-c", "import taichi_mps.runtime.backend")
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
 @ti.kernel
@@ -99,7 +73,7 @@ print(ASTTransformerContext.get_pos_info.__module__.startswith("taichi_mps"))
 @only_taichi
 @pytest.mark.parametrize("switch", [None, "0"])
 def test_the_speed_patch_is_left_out_where_it_is_switched_off(switch):
-    assert child(PATCHED, TAICHI_MPS_WORKAROUNDS=switch).stdout.strip() == str(switch is None)
+    assert child("-c", PATCHED, TAICHI_MPS_WORKAROUNDS=switch).stdout.strip() == str(switch is None)
 
 
 RUN = """
@@ -111,7 +85,7 @@ from taichi_mps.problem import catalogue
 from taichi_mps.terms import shifting
 shifting.UNEVENNESS = 0.0  # its look of chance takes the last bits of positions
 with redirect_stdout(io.StringIO()):
-    mps.init("cpu", sys.argv[1], 1)
+    mps.init("cpu", "f64", 1)
 found = {}
 for name, spacing, scheme in (("slump", 0.025, mps.Implicit()), ("film", 0.01, mps.SemiImplicit())):
     sim = mps.Simulation(catalogue.load(name)(spacing=spacing), scheme)
@@ -120,14 +94,8 @@ for name, spacing, scheme in (("slump", 0.025, mps.Implicit()), ("film", 0.01, m
     state = sim.state()
     order = np.argsort(state["id"])
     found.update({f"{name} {key}": state[key][order] for key in ("x", "u", "p")})
-np.savez(sys.argv[2], **found)
+np.savez(sys.argv[1], **found)
 """
-
-
-def ends(path, precision, **environment):
-    """Positions, velocities and pressures after ten steps of either scheme in a process of its own."""
-    child(RUN, precision, str(path), **environment)
-    return np.load(path)
 
 
 @pytest.mark.slow
@@ -136,7 +104,9 @@ def ends(path, precision, **environment):
 )
 def test_both_languages_compute_the_same(tmp_path):
     """To rounding where pressure is solved for to it; in the implicit scheme to the tolerance of its solve."""
-    ours, theirs = (ends(tmp_path / f"{name}.npz", "f64", TAICHI_MPS_KERNELS=name) for name in workarounds.LANGUAGES)
+    for name in workarounds.LANGUAGES:
+        child("-c", RUN, str(tmp_path / f"{name}.npz"), TAICHI_MPS_KERNELS=name)
+    ours, theirs = (np.load(tmp_path / f"{name}.npz") for name in workarounds.LANGUAGES)
     for name, tolerance in (
         ("slump x", 1e-6),
         ("slump u", 1e-4),
