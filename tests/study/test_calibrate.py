@@ -8,7 +8,6 @@ import pytest
 
 import taichi_mps as mps
 from taichi_mps.cli.main import main
-from taichi_mps.problem.rest_shapes import spread_at_rest
 from taichi_mps.study.calibrate import TESTS, calibrate, emulators_of, frictional_mix
 from taichi_mps.study.calibration import FRICTIONAL
 from taichi_mps.study.emulator import FRICTION, HERE, Emulator, emulator_of
@@ -190,17 +189,6 @@ def test_cones_of_one_shape_are_alike():
     apart = mini / ratio - large.at(yields, viscosities)["spread_m"]
     error = math.hypot(small.scatter["mini_cone_m"] / ratio, large.scatter["spread_m"])
     assert np.sqrt(np.mean(apart**2)) < 2.0 * error
-
-
-@pytest.mark.parametrize("yield_value", [9.0, 14.0, 20.0])
-def test_a_mini_cone_alone_finds_the_yield_stress_of_the_closed_form(yield_value):
-    """Roussel and Coussot's spread at rest, without inertia; the error of the form, two standard errors, is a depth at
-    either end (scenes/mini_cone.py)."""
-    volume = math.pi / 12.0 * 0.0572 * (0.0381**2 + 0.0381 * 0.019 + 0.019**2)
-    spread = spread_at_rest(volume, 1900.0, yield_value)
-    depth = math.sqrt(yield_value * spread / (1900.0 * 9.81))
-    found = calibrate(mini_cone=spread, mini_cone_error=depth, rho=1900.0, plastic_viscosity=10.0, check=False)
-    assert holds(found.yield_value, yield_value) and found.yield_value.upper < 5.0 * yield_value
 
 
 def test_contradictions_are_one_sentence_with_both_answers():

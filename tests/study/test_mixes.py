@@ -130,9 +130,8 @@ def test_the_page_has_every_mix_and_opens_without_a_network(found, rows, tmp_pat
         lines = [line.locator("th, td").all_inner_texts() for line in tab.locator(".wide tr").all()[1:]]
         assert tab.locator("#chart .scatterlayer .trace").count() > 0
     assert wrong == [] and asked and all(url.startswith(("file:", "data:", "blob:")) for url in asked)
-    assert [line[0] for line in lines] == [row["mix"] for row in rows]
-    assert [line[-2:] for line in lines] == [[row["verdict"], row["reason"]] for row in found]
-    assert lines[0][5] == "slump" and lines[0][4].startswith(f"{found[0]['yield_value_found']:.3g} Pa (")
+    told = [(row["mix"], row["verdict"], row["reason"]) for row in found]
+    assert [(line[0], *line[-2:]) for line in lines] == told and lines[0][5] == "slump"
 
 
 @pytest.mark.parametrize(

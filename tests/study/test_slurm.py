@@ -2,7 +2,6 @@
 that lies in their folder is run."""
 
 import os
-import pickle
 import shutil
 import stat
 import subprocess
@@ -109,34 +108,20 @@ def test_what_sbatch_refuses_is_said(tmp_path, notes):
 
 
 # ---- data is never run ----------------------------------------------------------------------------------------------
-class Trap:
-    """Unpickled, it makes a file."""
-
-    def __init__(self, path):
-        self.path = path
-
-    def __reduce__(self):
-        return os.mkdir, (str(self.path),)
-
-
-def test_jobs_of_this_machine_run_nothing_that_lies_in_their_folder(tmp_path, notes):
-    """There lie pickles by all names that it has and submitit's had, as a job and as a result."""
-    folder, sprung = tmp_path / "s" / "slurm-jobs", tmp_path / "sprung"
+def test_jobs_of_this_machine_go_by_nothing_that_lies_in_their_folder(tmp_path, notes):
+    """There lie jobs, results and logs of somebody else."""
+    folder, planned = tmp_path / "s" / "slurm-jobs", study_cases.planned(3, notes)
     folder.mkdir(parents=True)
     (tmp_path / "s" / "journal.jsonl").touch()
-    planned = study_cases.planned(3, notes)
-    names = [f"{case.key}.{kind}" for case in planned for kind in ("json", "log", "pkl", "sh")]
-    names += [f"{job}{end}" for job in (7, "7_0") for end in ("_0_result.pkl", "_result.pkl", "_submitted.pkl")]
-    for name in names:
-        (folder / name).write_bytes(pickle.dumps(Trap(sprung)))
     for case in planned:
-        (folder / f"{case.key}.job").write_text("7")
+        for kind in ("json", "log", "job"):
+            (folder / f"{case.key}.{kind}").write_text("7")
     first, again = (
         carry_out(planned, tmp_path / "s", study_cases.raises_at_two_at_first, "slurm://local") for _ in range(2)
     )
     assert [row["status"] for row in first] == ["done", "done", LOST]
     assert first[2]["reason"].endswith(" without a result (exit 1): OSError: the disk is gone")
-    assert [row["number"] for row in again] == [0, 1, 2] and not sprung.exists()
+    assert [row["number"] for row in again] == [0, 1, 2]
 
 
 def test_a_job_of_this_machine_ends_when_its_time_is_up(tmp_path, notes):

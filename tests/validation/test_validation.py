@@ -113,15 +113,11 @@ def result(*numbers, error=None, case="film"):
 SLUMP, VOLUME = ("slump at rest", 1.0, 5.0, "mm", True), ("volume", 2.0, 0.5, "%", False)
 
 
-def test_table_counts_misses_and_failures(tmp_path):
+def test_table_counts_misses_and_failures():
     text = table.markdown({"couette": result(VOLUME), "slump_100": result(case="cone", error="diverged at t = 1 s")})
     assert "| film | exact | volume | 2 % | <= 0.5 % | **missed** | 1 |\n" in text
     assert "| cone | exact | - | - | - | **failed**: diverged at t = 1 s | 1 |\n" in text
     assert "0 of 1 numbers meet their target; 1 rows failed" in text and "semi-implicit" not in text
-    page = tmp_path / "page.md"
-    page.write_text(f"before\n{table.BEGIN}\nold\n{table.END}\nafter\n")
-    table.insert(page, text)
-    assert page.read_text() == f"before\n{table.BEGIN}\n\n{text}\n\n{table.END}\nafter\n"
 
 
 def test_both_schemes_stand_side_by_side():
@@ -156,11 +152,13 @@ def test_a_page_gets_the_convergence_of_all_kept_results(tmp_path, monkeypatch):
     drawn, page = [], tmp_path / "page.md"
     monkeypatch.setattr(table, "run_apart", run)
     monkeypatch.setattr(plots, "_save", lambda figure, out: drawn.append((figure, out)))
-    page.write_text(f"{table.BEGIN}\n{table.END}\n")
+    page.write_text(f"before\n{table.BEGIN}\nold\n{table.END}\nafter\n")
     for name, (_, y) in points.items():
         assert main(["validate", name, "--out", str(tmp_path / "out"), "--page", str(page)]) == (y > 5.0)
     figure, out = drawn[-1]
-    assert out == tmp_path / "figures" / "convergence.png" and page.read_text().count("| slump |") == 2
+    text = page.read_text()
+    assert out == tmp_path / "figures" / "convergence.png" and text.count("| slump |") == 2 and "old" not in text
+    assert text.startswith(f"before\n{table.BEGIN}\n\n|") and text.endswith(f"\n\n{table.END}\nafter\n")
     np.testing.assert_array_equal(figure.axes[0].lines[-1].get_xydata(), sorted(points.values()))
 
 
