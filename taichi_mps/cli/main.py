@@ -140,7 +140,7 @@ def resume(arguments) -> int:
     if remark:
         print(f"taichi-mps: {remark}", file=sys.stderr)
     options = Run(**{**state.header["settings"], **given(arguments, Run, leave_out=KEPT)})
-    folder.check_writable()
+    folder.check_frames()
     with lock.held(folder.path):
         scene = state.scene(options.until, arguments.scene)
         problem = state.admit(replace(scene, until=options.until or scene.until))

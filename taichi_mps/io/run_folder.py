@@ -61,8 +61,8 @@ class RunFolder:
         return sorted(path for path in self.frames.glob("frame_*.png") if PICTURES.fullmatch(path.name))
 
     def check(self, overwrite: bool = False) -> None:
-        """Refuse, before anything is computed, a path that is a file, somebody else's folder, or not writable; and one
-        that holds a run, unless that may be overwritten."""
+        """Refuse, before anything is computed, a path that is a file or somebody else's folder; and one that holds a
+        run, unless that may be overwritten. Whether it can be written is found out by who locks it."""
         path = self.path
         try:
             there = {item.name for item in path.iterdir()} - {lock.NAME} if path.exists() else set()
@@ -75,17 +75,11 @@ class RunFolder:
             done = json_of(self.summary).get("stopped_by")
             other = "" if done in ("rest", "time", "unyielded") else f"'taichi-mps resume {path}' goes on with it, "
             raise SceneError(f"out = {path}: holds a run already; {other}--overwrite replaces it")
-        self.check_writable()
+        self.check_frames()
 
-    def check_writable(self) -> None:
-        """Refuse a path whose folder does not let us write, or whose pictures lie elsewhere."""
-        path = self.path
-        require(not self.frames.is_symlink(), f"out = {path}: its frames lie elsewhere; must be another folder")
-        parent = next(folder for folder in (path.absolute(), *path.absolute().parents) if folder.exists())
-        require(
-            parent.is_dir() and os.access(parent, os.W_OK | os.X_OK),
-            f"out = {path}: cannot be written, {parent} does not allow it; choose another folder",
-        )
+    def check_frames(self) -> None:
+        """Refuse a folder whose pictures lie elsewhere."""
+        require(not self.frames.is_symlink(), f"out = {self.path}: its frames lie elsewhere; must be another folder")
 
     def create(self, overwrite: bool = False) -> None:
         """Make the folder, empty of what an earlier run wrote; SceneError when that is impossible."""
