@@ -53,7 +53,9 @@ class Simulation:
         self._wall_speed = max((wall.speed for wall in scene.walls), default=0.0)
         height = float(np.linalg.norm(np.subtract(*scene.domain)))  # of a fall through the whole domain [m]
         fall = math.sqrt(2.0 * float(np.linalg.norm(scene.gravity_vector)) * height)
-        self._expected_speed = fall + self.problem.speed or math.inf  # of what falls or was thrown, at most [m/s]
+        thrown = 0.0 if scene.velocity is None else float(np.linalg.norm(scene.velocity, axis=1).max())
+        jet = max((pouring.speed for pouring in self.pouring), default=0.0)
+        self._expected_speed = fall + self._wall_speed + thrown + jet or math.inf  # of all together, at most [m/s]
         self._volume = float(scene.volumes.sum())  # of the fluid that is there [m3]
         self.rest = Rest()
 
