@@ -90,7 +90,9 @@ def build(name: str, /, **keywords) -> Scene:
         raise SceneError(f"scene {name} cannot be made: {type(error).__name__}: {error}") from error
     require(isinstance(scene, Scene), f"scene {name}: its function returns {type(scene).__name__}; must return a Scene")
     if getattr(valid, "accuracy", None) is not None and not {"model", "spacing"} <= set(keywords):
-        mix = of_material(scene.material, valid.height)
+        mix, material = None, scene.material
+        if type(material) is Bingham and material.yields:  # of such mixes the errors were measured
+            mix = Mix.of(material.yield_value, material.plastic_viscosity, material.density, valid.height)
         fixed = {key: getattr(valid, key) for key in ("model", "spacing") if key in keywords}
         if getattr(valid, "lift_speed", None):  # a lifted mould needs the whole cone
             fixed["model"] = "full"
@@ -111,19 +113,11 @@ def rebuild(source: str, parameters: dict, scene_file=None) -> Scene:
     return build(source if scene_file is None else scene_file, **parameters)
 
 
-def of_material(material, height: float) -> Mix | None:
-    """The numbers of a mix in a cone of that height [m], if it is one of those whose errors were measured."""
-    if type(material) is not Bingham or not material.yields:
-        return None
-    return Mix.of(material.yield_value, material.plastic_viscosity, material.density, height)
-
-
 def slump_cone(material: Bingham | None = None, **keywords) -> Scene:
     """The slump test with a material and the keywords of scenes/slump.py (spacing [m], until [s], ...)."""
     known = load("slump").parameters.model_fields
     given = material.model_dump() if material else {}
-    twice = sorted(set(given) & set(keywords))
-    if twice:
-        raise SceneError(f"{twice[0]} = {keywords[twice[0]]}: already given by the material")
+    for key, value in keywords.items():
+        require(key not in given, f"{key} = {value}: already given by the material")
     scene = build("slump", **{key: value for key, value in given.items() if key in known}, **keywords)
     return replace(scene, material=material) if material else scene

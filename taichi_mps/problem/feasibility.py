@@ -34,17 +34,17 @@ def values_have_their_types(problem):
 # ---- what the scheme can compute -----------------------------------------------------------------------------------
 def the_scheme_has_the_laws(problem):
     """The paper's scheme has Bingham's law alone, without friction."""
+    material = problem.scene.material
     if problem.scheme == "semi-implicit":
-        law = type(problem.scene.material).__name__
         require(
-            isinstance(problem.scene.material, Bingham),
-            f"scene {problem.scene.name}: material {law}: must be Bingham with the scheme semi-implicit; implicit "
-            "takes any flow curve",
+            isinstance(material, Bingham),
+            f"scene {problem.scene.name}: material {type(material).__name__}: must be Bingham with the scheme "
+            "semi-implicit; implicit takes any flow curve",
         )
-        angle = max(getattr(material, "friction_angle", 0.0) for material in problem.materials)
         require(
-            angle == 0.0,
-            f"friction_angle = {angle:g} deg: the scheme semi-implicit has none; must be 0, or scheme implicit",
+            material.friction_angle == 0.0,
+            f"friction_angle = {material.friction_angle:g} deg: the scheme semi-implicit has none; must be 0, or "
+            "scheme implicit",
         )
 
 
@@ -128,8 +128,8 @@ def inlets_are_plausible(problem):
 
 def particles_are_apart(problem):
     scene, x = problem.scene, problem.scene.initial
-    low, size = np.array(scene.domain[0], float), extent(problem)
-    images = np.where(scene.periodic, low + np.mod(x - low, size), x)  # what lies on both ends lies there twice
+    low, high = np.array(scene.domain, float)
+    images = np.where(scene.periodic, low + np.mod(x - low, high - low), x)  # what lies on both ends lies there twice
     doubles = len(x) - len(counted(images, 1e-3 * scene.spacing)[1])
     require(doubles == 0, f"fluid: {doubles} of {len(x)} particles lie on others; all must be apart")
 
@@ -154,7 +154,8 @@ def walls_lie_where_the_fluid_is(problem):
 def grid_fits(problem):
     """The binning grid has to fit into memory, and along a periodic axis no particle may meet the same neighbour on
     both sides."""
-    size, across, radius = extent(problem), sides(problem), problem.effective_radius
+    size, radius = np.subtract(*problem.scene.domain[::-1]), problem.effective_radius
+    across = sides(problem)
     cells = np.prod(across)
     require(
         cells <= MOST_CELLS,
@@ -197,11 +198,6 @@ RULES = (
 )
 
 
-def extent(problem) -> np.ndarray:
-    """Sides (d,) [m] of the domain."""
-    return np.subtract(problem.scene.domain[1], problem.scene.domain[0])
-
-
 def sides(problem) -> np.ndarray:
     """Cells (d,) of an effective radius, at least, along the sides of the domain."""
-    return np.maximum(1.0, np.floor(extent(problem) / problem.effective_radius))
+    return np.maximum(1.0, np.floor(np.subtract(*problem.scene.domain[::-1]) / problem.effective_radius))

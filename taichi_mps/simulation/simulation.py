@@ -19,11 +19,10 @@ from ..schemes.semi_implicit import SemiImplicit
 from ..schemes.step_report import DivergedError, DomainError, StepReport
 from ..terms.rheology import OwnLaw
 from ..units import INSTANT, finite, positive, require
-from .edge import crossing
 from .forecast import pairs_of, require_memory
 from .pouring import Pouring
 from .rest import Rest
-from .snapshot import snapshot
+from .snapshot import crossing, snapshot
 from .summary import judge, summary
 
 SCHEMES = {"implicit": Implicit, "semi-implicit": SemiImplicit}
@@ -82,25 +81,26 @@ class Simulation:
     def step(self, until: float | None = None) -> StepReport:
         """One time step, at most to ``until`` [s]."""
         cpu = time.process_time()
-        self._require_later(until)
+        if until is not None:
+            left = finite("until", until, "s", shape=()) - self.time
+            require(
+                left >= 0.999 * INSTANT,
+                f"until = {until} s: must be later than the present time, {self.time:.9g} s, by {INSTANT:g} s at least",
+            )
         if not self._compiled:
             require_thread()
         jet = self._pour()
         dt, limit = self._choose_time_step(jet, until)
         report = self._advance(dt, limit == "output")
         self.time, self.steps = self.time + dt, self.steps + 1
-        self.report = self._complete(report, limit)
+        worst = self.report.volume_error_max if self.report else 0.0
+        if self.scheme.diagnostics.enclosed > LEAST_ENCLOSED:
+            worst = max(worst, abs(report.volume_error))
+        self.report = replace(report, step=self.steps, time=self.time, dt_limit=limit, volume_error_max=worst)
         self._require_sound()
         self.rest.observe(report.moving_speed, self.time)
         self._count_seconds(cpu)
         return self.report
-
-    def _require_later(self, until):
-        later = until is None or finite("until", until, "s", shape=()) - self.time >= 0.999 * INSTANT
-        require(
-            later,
-            f"until = {until} s: must be later than the present time, {self.time:.9g} s, by {INSTANT:g} s at least",
-        )
 
     def _pour(self) -> float:
         """Let in what is due. The speed [m/s] of the fastest jet."""
@@ -153,13 +153,6 @@ class Simulation:
             self._build()
             self.load(start)
             return self._advance(dt, is_read)
-
-    def _complete(self, report, limit) -> StepReport:
-        """The report of a step, with what is known of the run."""
-        worst = self.report.volume_error_max if self.report else 0.0
-        if self.scheme.diagnostics.enclosed > LEAST_ENCLOSED:
-            worst = max(worst, abs(report.volume_error))
-        return replace(report, step=self.steps, time=self.time, dt_limit=limit, volume_error_max=worst)
 
     def _require_sound(self):
         """DivergedError where the numbers mean nothing any more."""

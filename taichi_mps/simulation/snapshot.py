@@ -1,10 +1,10 @@
-"""What can be read of the fluid at one moment."""
+"""What can be read of the fluid at one moment, and which edge of the domain it has crossed."""
 
 import numpy as np
 
 from ..geometry.walls import Plane
 from ..particles.particles import FLUID
-from ..problem.loads import Load
+from ..problem.loads import AXES, Load
 from ..problem.measures import Snapshot
 
 
@@ -52,3 +52,24 @@ def loads(scene, rows, order) -> dict[str, Load]:
 def ring_sizes(rows, spacing: float):
     """Side [m] of the cross-section of rings; that of one on the axis as if it were half a spacing from it."""
     return np.sqrt(rows["ring"] / (2.0 * np.pi * np.maximum(rows["x"][:, 0], 0.5 * spacing)))
+
+
+def crossing(rows: dict, scene) -> tuple[str, float] | None:
+    """Of rows ``x`` (n, d) [m] and ``u`` (n, d) [m/s]: the edge of a scene's domain that most of those outside have
+    crossed, with what enlarges it, in one line, and the largest of their speeds [m/s]. None where none is outside or
+    one is no number."""
+    x, (low, high) = rows["x"], np.array(scene.domain, float)
+    bounded = ~np.array(scene.periodic)
+    beyond = np.stack([(x < low) & bounded, (x > high) & bounded], axis=-1)  # (n, d, 2)
+    if not np.all(np.isfinite(x)) or not beyond.any():
+        return None
+    axis, end = np.unravel_index(beyond.sum(0).argmax(), (scene.dimension, 2))
+    axes = "rz" if scene.axisymmetric else AXES[scene.dimension]
+    out = beyond[:, axis, end]
+    speed = float(np.linalg.norm(rows["u"][out], axis=1).max())
+    remedy = scene.enlarged_by if scene.enlarged_by in scene.parameters else "the domain of the scene"
+    return (
+        f"{out.sum()} particles left the domain beyond {axes[axis]} = {scene.domain[end][axis]:.4g} m, its "
+        f"{('lower', 'upper')[end]} end, at up to {speed:.3g} m/s; enlarge {remedy}",
+        speed,
+    )

@@ -7,10 +7,7 @@ import pytest
 
 import taichi_mps as mps
 from taichi_mps.problem import catalogue
-from taichi_mps.runtime.backend import ti
-from tests.support.rigs import L0, cloud
-from tests.support.rigs import Rig as Cloud
-from tests.support.rigs import walls as seen
+from tests.support.rigs import L0, Probe, Rig, cloud
 
 UP = (0.0, 0.0, 1.0)
 SHEET = mps.Cylinder((0.0, 0.0, -0.2), 0.32, axis=UP, slope=-0.2, length=0.4, thin=True)  # both rims in the cloud
@@ -40,32 +37,12 @@ def test_fluid_behind_a_thin_wall_is_not_felt():
     u = np.random.default_rng(4).standard_normal(x.shape)
     seen = []
     for given, velocity in ((x, u), (x[inside], u[inside])):
-        rig = Cloud(given, planes=(SHEET,))
+        rig = Rig(given, planes=(SHEET,))
         number = rig.particles.read()["id"]  # of each row
         fields = (rig.gradients(velocity[number]), *(getattr(rig.gradient, f).to_numpy() for f in FITTED))
         seen.append([field[np.argsort(number)] for field in fields])
     for all_around, alone in zip(*seen, strict=True):
         assert np.allclose(all_around[inside], alone, rtol=1e-12, atol=1e-12)
-
-
-@ti.data_oriented
-class Mover:
-    def __init__(self, walls, count, d):
-        self.walls = seen(walls, d)
-        self.x, self.move, self.y = (ti.Vector.field(d, ti.f64, count) for _ in range(3))
-        self.weight = ti.field(ti.f64, count)
-
-    @ti.kernel
-    def go(self):
-        for i in self.x:
-            self.y[i] = self.walls.outside(self.x[i], self.move[i])
-            self.weight[i] = self.walls.surfaces[0].weight(i, self.x[i], 0.0)
-
-    def __call__(self, x, move):
-        self.x.from_numpy(np.ascontiguousarray(x))
-        self.move.from_numpy(np.ascontiguousarray(move))
-        self.go()
-        return self.y.to_numpy()
 
 
 def test_nothing_passes_through_a_thin_wall_and_all_may_pass_its_rim():
@@ -74,12 +51,9 @@ def test_nothing_passes_through_a_thin_wall_and_all_may_pass_its_rim():
     mould = replace(SHEET, velocity=0.25)
     x = rng.uniform(-0.45, 0.45, (4000, 3))
     x = x[mould.distance(x) > 0.1 * L0]
-    mover = Mover((mould,), len(x), 3)
     time = 0.4
-    mover.walls.place(time)
-    place = x + (0.0, 0.0, 0.25 * time)
-    move = rng.uniform(-0.5, 0.5, x.shape) * L0
-    there = mover(place, move)
+    place, move = x + (0.0, 0.0, 0.25 * time), rng.uniform(-0.5, 0.5, x.shape) * L0
+    there = Probe((mould,), place, move, time).end.to_numpy()
     past = ~np.isfinite(mould.distance(there, time))
     assert np.array_equal(there[past], (place + move)[past])
 
@@ -98,12 +72,11 @@ def test_nothing_passes_through_a_thin_wall_and_all_may_pass_its_rim():
 
 
 def test_a_rim_fades_over_one_spacing():
-    flat = replace(SHEET, slope=0.0)
     z = np.array([0.0, 0.19, 0.2, 0.225, 0.25, 0.299, 0.31, -0.25, -0.35])
     x = np.column_stack([np.full_like(z, 0.25), 0.0 * z, z])
-    mover = Mover((flat,), len(x), 3)
-    mover(x, 0.0 * x)
-    assert mover.weight.to_numpy() == pytest.approx([1.0, 1.0, 1.0, 0.75, 0.5, 0.01, 0.0, 0.5, 0.0], abs=1e-12)
+    assert Probe((replace(SHEET, slope=0.0),), x).weight.to_numpy() == pytest.approx(
+        [1.0, 1.0, 1.0, 0.75, 0.5, 0.01, 0.0, 0.5, 0.0], abs=1e-12
+    )
 
 
 @pytest.mark.parametrize(
@@ -112,7 +85,7 @@ def test_a_rim_fades_over_one_spacing():
 def test_force_at_a_thin_wall_is_the_negative_transpose_of_the_gradient(slip):
     x = cloud((6, 6, 6))
     x = x[SHEET.distance(x) > 0.1 * L0]
-    rig = Cloud(x, planes=(replace(SHEET, slip=slip),))
+    rig = Rig(x, planes=(replace(SHEET, slip=slip),))
     rng = np.random.default_rng(6)
     u, T = rng.standard_normal(x.shape), rng.standard_normal((len(x), 3, 3))
     power = (u * rig.forces(T)).sum()
@@ -122,10 +95,8 @@ def test_force_at_a_thin_wall_is_the_negative_transpose_of_the_gradient(slip):
 def moved(walls, until, velocity=(0.0, 0.0)):
     """Displacements (n, 2) [m] of a block that would stand, between walls, until a time [s]."""
     x = mps.fill(mps.Box((0.0, 0.0), (1.0, 0.5)), L0)
-    stiff = mps.Bingham(plastic_viscosity=50.0, yield_value=20000.0)
-    domain = ((-1.0, -1.0), (2.0, 2.0))
-    scene = mps.Scene("block", stiff, L0, x, domain, walls=walls, velocity=np.tile(velocity, (len(x), 1)))
-    sim = mps.Simulation(scene)
+    given = {"domain": ((-1.0, -1.0), (2.0, 2.0)), "walls": walls, "velocity": np.tile(velocity, (len(x), 1))}
+    sim = mps.Simulation(mps.Scene("block", mps.Bingham(yield_value=20000.0), L0, x, **given))
     sim.run(until=until)
     return sim.snapshot().x - x
 

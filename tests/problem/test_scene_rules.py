@@ -83,7 +83,17 @@ def test_a_scene_that_cannot_be_is_not_made(changes, message):
         mps.Scene(**parts() | changes)
 
 
-@pytest.mark.parametrize("changes", [{}, WHERE, poured(), poured((MIRROR,), centre=(0.9, 1.5)), {"axisymmetric": True}])
+SOUND = [
+    {},
+    WHERE,
+    poured(),
+    poured((MIRROR,), centre=(0.9, 1.5)),
+    poured(centre=(0.2, 0.3), start=1.0),  # in the fluid, but not yet open
+    {"axisymmetric": True},
+]
+
+
+@pytest.mark.parametrize("changes", SOUND)
 def test_a_sound_scene_is_made(changes):
     assert Problem(mps.Scene(**parts(**changes)))
 

@@ -3,13 +3,14 @@
 import math
 import warnings
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import taichi_mps as mps
 from taichi_mps.problem import catalogue
-from tests.support.scenes import parts
+from tests.support.scenes import hose, parts
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -145,6 +146,14 @@ def test_the_room_of_an_ordinary_mix_is_that_of_before(yield_value, model):
     assert catalogue.build("slump", spacing=0.02, model=model, floor_radius=0.5).domain[1][0] == 0.75
 
 
+def test_of_what_falls_moves_and_is_poured_the_speeds_together_bound_a_run():
+    """Beyond ten times that sum a run has diverged, and what leaves the domain faster than it is an instability."""
+    floor = replace(parts()["walls"][0], velocity=(2.0, 0.0))
+    scene = mps.Scene(**parts(walls=(floor,), velocity=np.tile((0.0, -3.0), (25, 1)), inlets=(hose(),)))
+    fall = math.sqrt(2.0 * 9.81 * 3.0 * math.sqrt(2.0))  # through the diagonal of the domain
+    assert mps.Simulation(scene)._expected_speed == pytest.approx(fall + 2.0 + 3.0 + hose().speed(0.1), rel=1e-12)
+
+
 # ---- time ------------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize("until", [1e-300, 1e-12])
 def test_a_step_shorter_than_an_instant_is_refused_and_one_of_it_is_taken(block, until):
@@ -157,3 +166,13 @@ def test_a_step_shorter_than_an_instant_is_refused_and_one_of_it_is_taken(block,
     with pytest.raises(mps.SceneError, match="every = 1e-300 s: must be at least 1e-09 s"):
         sim.every(1e-300, print)
     assert sim.run(until=until) == "time" and sim.steps == 1
+
+
+def test_a_step_ends_where_a_hose_opens(block, monkeypatch):
+    """Else long steps of a stiff mix would carry the first layer far in front of the mouth."""
+    sim, ends = begun(block), []
+    hoses = [SimpleNamespace(entered=0, delay=0.0, next=opens, pour=lambda *_: 0.0) for opens in (0.0123, 0.0345)]
+    monkeypatch.setattr(sim, "pouring", hoses)
+    sim.each_step(lambda sim: ends.append(sim.time))
+    sim.run(until=0.05)
+    assert {0.0123, 0.0345} <= {round(end, 12) for end in ends}

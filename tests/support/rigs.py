@@ -1,13 +1,11 @@
 """Inner objects on given particles: the only place where tests put particles, lists, walls and systems together."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 import taichi_mps as mps
 from taichi_mps.boundaries import walls as boundaries
 from taichi_mps.particles.gradient import Gradient
-from taichi_mps.particles.kernels import LatticeSums, lattice_sums, mps_weight
+from taichi_mps.particles.kernels import lattice_sums, mps_weight
 from taichi_mps.particles.neighbors import Bins, NeighborList
 from taichi_mps.particles.pair_sums import PairSums
 from taichi_mps.particles.particles import FLUID, Carried, Particles
@@ -49,45 +47,49 @@ def walls(planes, dimension, capacity=1, of=None, rings=False, weight=mps_weight
     return boundaries.Walls(planes, dimension, L0, RE, capacity, rings=rings, particles=of, weight=weight)
 
 
-@dataclass
-class Neighbourhood:
-    """Particles with all that is found of them before a step: lists, walls, fits."""
+@ti.data_oriented
+class Probe:
+    """What kernels see of walls at points x (n, d) [m] and a time [s]: of the first wall its distance, normal,
+    velocity, curvature and weight, of all of them where a ``move`` [m] ends."""
 
-    particles: Particles
-    neighbors: NeighborList
-    walls: boundaries.Walls
-    gradient: Gradient
-    lattice: LatticeSums
+    def __init__(self, planes, x, move=0.0, time=0.0):
+        n, d = x.shape
+        self.walls = walls(planes, d)
+        self.walls.place(time)
+        self.first = self.walls.surfaces[0]
+        self.x, self.move, self.normal, self.velocity, self.end = (ti.Vector.field(d, ti.f64, n) for _ in range(5))
+        self.z, self.curvature, self.weight = (ti.field(ti.f64, n) for _ in range(3))
+        self.x.from_numpy(x)
+        self.move.from_numpy(np.broadcast_to(move, x.shape).copy())
+        self._look()
 
-
-def neighbourhood(x, kinds=None, planes=(), rings=None, weight=mps_weight, domain=None, periodic=None):
-    """A Neighbourhood of particles at x (n, d) [m] and spacing L0, found at these places. ``rings``: their volumes [m3]
-    in an axisymmetric scene."""
-    d = x.shape[1]
-    volumes = np.full(len(x), L0**d) if rings is None else rings
-    carried = {name: field.shape for name, field in boundaries.carried(planes).items()}
-    of = particles(x, kinds, volumes, rings is not None, **carried)
-    neighbors = lists(of, domain or ((-2.0,) * d, (2.0,) * d), periodic)
-    seen = walls(planes, d, len(x), of, rings is not None, weight)
-    lattice = lattice_sums(d, L0, RE, weight)
-    gradient = Gradient(neighbors, seen, lattice, L0)
-    neighbors.search()
-    gradient.build()
-    return Neighbourhood(of, neighbors, seen, gradient, lattice)
+    @ti.kernel
+    def _look(self):
+        for i in self.x:
+            self.z[i], self.normal[i], self.velocity[i], self.curvature[i] = self.first.nearest(self.x[i])
+            self.weight[i] = self.first.weight(i, self.x[i], 0.0)
+            self.end[i] = self.walls.outside(self.x[i], self.move[i])
 
 
 @ti.data_oriented
 class Rig:
-    """Particles at given places, with kernels for the gradient of ``u`` and the force of the stresses ``T``."""
+    """Particles at given places with all that is found of them before a step (lists, walls, fits), and kernels for the
+    gradient of ``u`` and the force of the stresses ``T``."""
 
-    def __init__(self, x, kinds=None, planes=(), rings=None, weight=mps_weight):
-        """``rings``: their volumes [m3] in an axisymmetric scene."""
+    def __init__(self, x, kinds=None, planes=(), rings=None, weight=mps_weight, domain=None, periodic=None):
+        """x (n, d) [m] at the spacing L0; ``rings``: their volumes [m3] in an axisymmetric scene."""
         d = x.shape[1]
         t = d if rings is None else 3
         self.dimension, self.volume, self.planes = d, L0**d, planes
-        found = neighbourhood(x, kinds, planes, rings, weight)
-        self.particles, self.neighbors, self.walls = found.particles, found.neighbors, found.walls
-        self.gradient = found.gradient
+        volumes = np.full(len(x), L0**d) if rings is None else rings
+        carried = {name: field.shape for name, field in boundaries.carried(planes).items()}
+        self.particles = particles(x, kinds, volumes, rings is not None, **carried)
+        self.neighbors = lists(self.particles, domain or ((-2.0,) * d, (2.0,) * d), periodic)
+        self.walls = walls(planes, d, len(x), self.particles, rings is not None, weight)
+        self.lattice = lattice_sums(d, L0, RE, weight)
+        self.gradient = Gradient(self.neighbors, self.walls, self.lattice, L0)
+        self.neighbors.search()
+        self.gradient.build()
         self.u, self.F = (ti.Vector.field(d, ti.f64, len(x)) for _ in range(2))
         self.left = ti.field(ti.f64, len(x))
         self.G, self.T = (ti.Matrix.field(t, t, ti.f64, len(x)) for _ in range(2))
@@ -98,7 +100,7 @@ class Rig:
         size = np.linalg.norm(r, axis=-1) + 9.0 * np.eye(len(x))
         self.weight_r2 = weight(np.minimum(1.0, size / RE)) / size**2
         moment = np.einsum("ij,ija,ijb->iab", self.weight_r2, r, r)
-        self.healthy = np.linalg.det(moment) > 0.05 * (found.lattice.n0 / d) ** d  # not nearly flat: not stiffened
+        self.healthy = np.linalg.det(moment) > 0.05 * (self.lattice.n0 / d) ** d  # not nearly flat: not stiffened
         self.healthy &= self.gradient.B.to_numpy()[:, 0, 0] > 0.0
 
     @ti.kernel

@@ -7,8 +7,6 @@ import pytest
 
 import taichi_mps as mps
 from taichi_mps.problem import catalogue
-from taichi_mps.runtime.backend import ti
-from taichi_mps.terms.rheology import curve_mapping, flow_curve, return_mapping
 
 DEPTH, DENSITY = 0.1, 2300.0
 
@@ -30,36 +28,6 @@ def stress_of(rate, structure):
 
 def growth_of(rate, structure):
     return 2.0  # 1/s
-
-
-@ti.data_oriented
-class Mapping:
-    """Both mappings on a list of trial stresses."""
-
-    def __init__(self, material, mu_r):
-        self.curve, self.material, self.mu_r = flow_curve(material), material, mu_r
-        self.out = ti.Vector.field(4, ti.f64, 64)
-
-    @ti.func
-    def shear_stress(self, i, rate):
-        return ti.cast(self.curve(rate, 0.0), float)
-
-    @ti.kernel
-    def run(self):
-        for k in range(64):
-            size = 20.0 * k
-            trial = ti.Matrix([[0.6 * size, 0.8 * size], [0.8 * size, -0.6 * size]])
-            a, _, rate_a = curve_mapping(self, k, trial, self.mu_r)
-            b, _, rate_b = return_mapping(trial, 50.0, 300.0, self.mu_r)
-            self.out[k] = ti.Vector([a[0, 1], rate_a, b[0, 1], rate_b])
-
-
-def test_the_mapping_of_a_straight_curve_is_that_of_bingham():
-    mapping = Mapping(mps.HerschelBulkley(yield_value=300.0, consistency=50.0, flow_index=1.0), 400.0)
-    mapping.run()
-    out = mapping.out.to_numpy()
-    np.testing.assert_allclose(out[:, :2], out[:, 2:], rtol=2e-5, atol=1e-3)
-    assert (out[:, 1] == 0.0).sum() == 16  # up to 300 Pa, where the trial is 0, 20, ... Pa
 
 
 @pytest.mark.long

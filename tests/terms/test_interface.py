@@ -1,4 +1,4 @@
-"""Where two mixes meet: shares on a lattice, stress across and along, and the mapping of two laws in series."""
+"""Where two mixes meet: shares on a lattice, stress across and along; the mappings of a law, alone and in series."""
 
 from dataclasses import replace
 
@@ -8,7 +8,7 @@ import pytest
 import taichi_mps as mps
 from taichi_mps.problem import catalogue
 from taichi_mps.runtime.backend import ti
-from taichi_mps.terms.rheology import return_mapping, series_mapping
+from taichi_mps.terms.rheology import curve_mapping, flow_curve, return_mapping, series_mapping
 
 LOWER, UPPER, SPACING = mps.Newtonian(2300.0, 200.0), mps.Newtonian(2300.0, 20.0), 0.01
 
@@ -24,10 +24,8 @@ def scheme():
     domain = ((left, bottom), (right, top + 2 * SPACING))
     scene = replace(scene, material=LOWER, inlets=(hose,), domain=domain, check=None, measure=None)
     sim = mps.Simulation(scene)
-    state = sim.state()
-    state["mix"] = (state["x"][:, 1] > 0.05).astype(np.int32)
-    sim.load(state)
-    scheme = sim.scheme
+    state, scheme = sim.state(), sim.scheme
+    sim.load(state | {"mix": (state["x"][:, 1] > 0.05).astype(np.int32)})
     with sim.execution.active():
         scheme.neighbors.search()
         scheme.gradient.build()
@@ -91,16 +89,19 @@ def test_shear_across_goes_through_both_and_stretching_along_through_each(scheme
 
 
 @ti.data_oriented
-class Series:
-    """The mapping of Bingham's law, 300 Pa and 50 Pa s, in series with another fluid, on a list of trial stresses."""
+class Mappings:
+    """On a list of trial stresses the mappings of Bingham's law, 300 Pa and 50 Pa s: as a flow curve in series with
+    another fluid, as one alone, and by the closed form."""
 
     def __init__(self, share, others):
         self.share, self.others = share, others
-        self.out = ti.Vector.field(6, ti.f64, 64)
+        self.curve = flow_curve(mps.HerschelBulkley(yield_value=300.0, consistency=50.0))
+        self.series, self.alone, self.closed = (ti.Vector.field(5, ti.f64, 64) for _ in range(3))
+        self.run()
 
     @ti.func
     def shear_stress(self, i, rate):
-        return 300.0 + 50.0 * rate
+        return ti.cast(self.curve(rate, 0.0), float)
 
     @ti.kernel
     def run(self):
@@ -109,24 +110,26 @@ class Series:
             trial = ti.Matrix([[0.6 * size, 0.8 * size], [0.8 * size, -0.6 * size]])
             across = ti.Matrix([[0.0, 0.8 * size], [0.8 * size, 0.0]])
             T, q, rate = series_mapping(self, k, trial, across, 400.0, self.share, self.others)
-            S, _, alone = return_mapping(trial, 50.0, 300.0, 400.0)
-            self.out[k] = ti.Vector([T[0, 0], T[0, 1], q[0, 0], q[0, 1], rate, alone])
+            self.series[k] = ti.Vector([T[0, 0], T[0, 1], q[0, 0], q[0, 1], rate])
+            T, q, rate = curve_mapping(self, k, trial, 400.0)
+            self.alone[k] = ti.Vector([T[0, 0], T[0, 1], q[0, 0], q[0, 1], rate])
+            T, q, rate = return_mapping(trial, 50.0, 300.0, 400.0)
+            self.closed[k] = ti.Vector([T[0, 0], T[0, 1], q[0, 0], q[0, 1], rate])
 
 
-def test_a_law_alone_is_mapped_as_ever():
-    series = Series(0.0, 0.0)
-    series.run()
-    out = series.out.to_numpy()
-    np.testing.assert_allclose(out[:, 4], out[:, 5], rtol=2e-5, atol=1e-5)
+def test_the_mapping_of_a_straight_curve_is_that_of_bingham():
+    found = Mappings(0.0, 0.0)
+    closed = found.closed.to_numpy()
+    for curve in (found.alone, found.series):
+        np.testing.assert_allclose(curve.to_numpy(), closed, rtol=2e-5, atol=1e-5)
+    assert (closed[:, 4] == 0.0).sum() == 16  # up to 300 Pa, where the trial is 0, 20, ... Pa
 
 
 def test_two_laws_in_series_share_the_shear_across():
     """q across = [(1 - c) phi + psi] T/2, q along = phi T/2, phi = rate/|T|, |T| = 300 + 50 rate; and T + 2 mu_r q is
     the trial."""
     share, others = 0.25, 0.004
-    series = Series(share, others)
-    series.run()
-    along, across, q_along, q_across, rate, _ = series.out.to_numpy().T
+    along, across, q_along, q_across, rate = Mappings(share, others).series.to_numpy().T
     size = np.hypot(along, across)
     phi = np.where(rate > 0.0, rate / np.maximum(size, 1e-9), 0.0)
     np.testing.assert_allclose(size[rate > 0.0], 300.0 + 50.0 * rate[rate > 0.0], rtol=1e-4)
