@@ -218,18 +218,15 @@ class Concrete(Bingham):
         usual = {name: field.default for name, field in cls.model_fields.items()}
         told = usual | numbers
         others = [key for key in ("consistency", "flow_index", "structuration") if told[key] != usual[key]]
-        curve = {key: told.pop(key) for key in ("consistency", "flow_index", "structuration", "destructuration")}
-        HerschelBulkley(destructuration=curve["destructuration"])  # in its range, also where it plays no part
-        if not others:
-            return Bingham(**told)
+        HerschelBulkley(destructuration=told["destructuration"])  # in its range, also where it plays no part
+        law = HerschelBulkley if others else Bingham
         for key in ("friction_angle", "critical_strain_rate"):
-            value, unit = told.pop(key), unit_of(cls.model_fields[key])
+            value = said(told[key], unit_of(cls.model_fields[key]))
             only = f"is of Bingham's law alone; must not be given with {' and '.join(others)}"
-            require(value == usual[key], f"{key} = {said(value, unit)}: {only}")
-        viscosity = told.pop("plastic_viscosity")
-        if curve["consistency"] is None:
-            curve["consistency"] = viscosity
-        return HerschelBulkley(**told, **curve)
+            require(not others or told[key] == usual[key], f"{key} = {value}: {only}")
+        if told["consistency"] is None:
+            told["consistency"] = told["plastic_viscosity"]
+        return law(**{key: value for key, value in told.items() if key in law.model_fields or key not in usual})
 
 
 def Newtonian(density: float = 1000.0, viscosity: float = 1e-3) -> Bingham:  # noqa: N802

@@ -138,14 +138,6 @@ def test_a_thin_mix_stays_on_the_floor_of_the_slump_test(viscosity, reaches):
     assert reaches < sim.snapshot().x[:, 0].max() < sim.scene.domain[1][0]
 
 
-@pytest.mark.parametrize("yield_value", [20.0, 100.0, 300.0, 1000.0])
-@pytest.mark.parametrize("model", ["axisymmetric", "quarter"])
-def test_the_room_of_an_ordinary_mix_is_that_of_before(yield_value, model):
-    scene = catalogue.build("slump", yield_value=yield_value, plastic_viscosity=20.0, spacing=0.02, model=model)
-    assert scene.domain[1][0] == 1.5 * 0.37
-    assert catalogue.build("slump", spacing=0.02, model=model, floor_radius=0.5).domain[1][0] == 0.75
-
-
 def test_of_what_falls_moves_and_is_poured_the_speeds_together_bound_a_run():
     """Beyond ten times that sum a run has diverged, and what leaves the domain faster than it is an instability."""
     floor = replace(parts()["walls"][0], velocity=(2.0, 0.0))

@@ -19,11 +19,13 @@ def mixed():
 
 
 SLIP = mps.Plane((0.0, -0.33), (0.0, 1.0), slip=True), mps.Plane((-0.29, 0.0), (1.0, 0.0), slip=True)
+MIRROR = mps.Plane((0.0, 0.0), (1.0, 0.0), mirror=True)
 SYSTEMS = {
     "plain": lambda: System(cloud((6, 5))),
     "with walls": lambda: System(*mixed()),
     "no slip": lambda: System(cloud((5, 6)), planes=(FLOOR,)),
     "slip": lambda: System(cloud((5, 6)), planes=SLIP),
+    "mirror": lambda: System(cloud((5, 5)) + 0.3, planes=(mps.Plane((0.0, 0.0), (0.0, 1.0)), MIRROR)),
 }
 
 

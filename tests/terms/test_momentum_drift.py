@@ -10,7 +10,7 @@ from taichi_mps.terms.motion import free_directions
 
 SPACING = 0.01
 FLOOR = mps.Plane((0.0, 0.0), (0.0, 1.0), slip=True)
-PLAIN = {"dimension": 2, "axisymmetric": False, "inlets": (), "wall_particles": None}
+NONE = [[0, 0], [0, 0]]
 
 
 def test_a_block_that_collapses_on_a_frictionless_floor_stays_where_it_is():
@@ -36,29 +36,32 @@ def test_a_block_that_collapses_on_a_frictionless_floor_stays_where_it_is():
     assert s.x[:, 0].mean() == pytest.approx(x[:, 0].mean() + 0.01 * s.time, abs=0.02 * SPACING)
 
 
+PARTICLES = {"wall_particles": np.zeros((1, 2))}
+
+
 @pytest.mark.parametrize(
-    "walls, free",
+    ("walls", "free", "what"),
     [
-        ((), [[1, 0], [0, 1]]),
-        ((FLOOR,), [[1, 0], [0, 0]]),
-        ((mps.Plane((0.0, 0.0), (-0.6, 0.8), slip=True),), [[0.64, 0.48], [0.48, 0.36]]),
-        ((FLOOR, mps.Plane((-0.2, 0.0), (1.0, 0.0), mirror=True)), [[0, 0], [0, 0]]),
-        ((mps.Plane((0.0, 0.0), (0.0, 1.0)),), [[0, 0], [0, 0]]),
-        ((mps.Plane((0.0, 0.0), (0.0, 1.0), friction=mps.Friction(yield_value=10.0)),), [[0, 0], [0, 0]]),
-        ((FLOOR, mps.Cylinder((0.0, 0.05), radius=1.0, slip=True)), [[0, 0], [0, 0]]),
+        ((), [[1, 0], [0, 1]], {}),
+        ((FLOOR,), [[1, 0], [0, 0]], {}),
+        ((mps.Plane((0.0, 0.0), (-0.6, 0.8), slip=True),), [[0.64, 0.48], [0.48, 0.36]], {}),
+        ((FLOOR, mps.Plane((-0.2, 0.0), (1.0, 0.0), mirror=True)), NONE, {}),
+        ((mps.Plane((0.0, 0.0), (0.0, 1.0)),), NONE, {}),
+        ((mps.Plane((0.0, 0.0), (0.0, 1.0), friction=mps.Friction(yield_value=10.0)),), NONE, {}),
+        ((FLOOR, mps.Cylinder((0.0, 0.05), radius=1.0, slip=True)), NONE, {}),
+        ((), NONE, {"axisymmetric": True}),
+        ((), NONE, {"inlets": (None,)}),  # an inlet pushes
+        ((), NONE, PARTICLES | {"represented": "particles"}),
+        ((FLOOR,), [[1, 0], [0, 0]], PARTICLES),  # which are not used
     ],
 )
-def test_directions_along_all_walls_with_slip_are_free(walls, free):
-    assert free_directions(SimpleNamespace(walls=walls, **PLAIN), "surfaces") == pytest.approx(
-        np.array(free, float), abs=1e-12
-    )
-
-
-@pytest.mark.parametrize("what", [{"axisymmetric": True}, {"inlets": (None,)}, {"wall_particles": np.zeros((1, 2))}])
-def test_what_an_inlet_pushes_and_what_stands_on_wall_particles_is_not_free(what):
-    assert not free_directions(SimpleNamespace(walls=(), **(PLAIN | what)), "particles").any()
-
-
-def test_wall_particles_that_are_not_used_hold_nothing():
-    scene = SimpleNamespace(walls=(FLOOR,), **(PLAIN | {"wall_particles": np.zeros((1, 2))}))
-    assert free_directions(scene, "surfaces") == pytest.approx(np.diag([1.0, 0.0]))
+def test_directions_along_all_walls_with_slip_are_free(walls, free, what):
+    scene = {
+        "dimension": 2,
+        "axisymmetric": False,
+        "inlets": (),
+        "wall_particles": None,
+        "represented": "surfaces",
+    } | what
+    found = free_directions(SimpleNamespace(walls=walls, **scene), scene["represented"])
+    assert found == pytest.approx(np.array(free, float), abs=1e-12)
