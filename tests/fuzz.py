@@ -20,6 +20,7 @@ import tempfile
 import time
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -31,6 +32,7 @@ ROOT = Path(__file__).resolve().parents[1]
 # [CPU-s] after which a run is asked to stop, and that it may take to do so; a busy machine may take BUSY times as long
 LONGEST, PATIENCE, BUSY = 60.0, 120.0, 6.0
 ENDS = {0: "done", 2: "refused", 3: "diverged", 130: "stopped", 143: "stopped"}
+MEASURED = "slump_m", "spread_m", "front_m"  # in a summary
 HOSTILE = (
     "nan",
     "inf",
@@ -185,7 +187,7 @@ def random_mesh(dice, folder, bases) -> Trial:
     if dice.random() < 0.2:
         triangles.pop(dice.randrange(12))
     rows = [struct.pack("<12fH", 0, 0, 0, *(v for point in three for v in point), 0) for three in triangles]
-    data = bytearray(b"mesh".ljust(80) + struct.pack("<I", len(rows)) + b"".join(rows))
+    data = b"mesh".ljust(80) + struct.pack("<I", len(rows)) + b"".join(rows)
     (folder / "mesh.stl").write_bytes(damaged(data, dice) if dice.random() < 0.6 else data)
     choices = {"cell": ["0.02", "0.015", "1e-9", "0.5"], "reach": ["0.15", "0.15", "0.01"], "scale": [1.0] * 4 + [1e-3]}
     text = SOLID.format(**{name: dice.choice(words) for name, words in choices.items()})
@@ -193,19 +195,13 @@ def random_mesh(dice, folder, bases) -> Trial:
     return Trial("mesh", [["run", f"{folder}/own.py", "--threads=1", "--out", f"{folder}/run"]])
 
 
-def damaged(data: bytearray, dice: random.Random) -> bytes:
-    """A file with bytes flipped, cut short, emptied, or replaced by noise."""
-    how = dice.choice(["flip", "flip", "flip", "cut", "empty", "noise", "zeros"])
-    if how == "flip" and data:
-        for _ in range(dice.choice([1, 1, 3, 20])):
-            data[dice.randrange(len(data))] ^= 1 << dice.randrange(8)
-    elif how == "cut":
-        del data[dice.randrange(len(data) + 1) :]
-    elif how in ("noise", "zeros") and data:
-        start = dice.randrange(len(data))
-        length = min(len(data) - start, dice.randint(1, 4096))
-        data[start : start + length] = dice.randbytes(length) if how == "noise" else bytes(length)
-    return b"" if how == "empty" else bytes(data)
+def damaged(data: bytes, dice: random.Random) -> bytes:
+    """A file in which a byte, a block or all that follows is noise, zeros or cut out, at up to three places."""
+    for _ in range(dice.choice([1, 1, 1, 3])):
+        start, length = dice.randrange(len(data) + 1), dice.choice([1, 1, 1, 4, 4096, len(data)])
+        piece = dice.choice([dice.randbytes(length), dice.randbytes(length), bytes(length), b""])
+        data = data[:start] + piece + data[start + length :]
+    return data
 
 
 def random_damage(dice, folder, bases) -> Trial:
@@ -213,13 +209,12 @@ def random_damage(dice, folder, bases) -> Trial:
     shutil.copytree(dice.choice(bases), run)
     for name in dice.sample(["run.h5", "history.csv", "summary.json", "checkpoint.h5"], dice.choice([1, 1, 2])):
         path = run / name
-        if dice.random() < 0.1:
-            path.unlink()
-        elif dice.random() < 0.05:
-            path.unlink()
+        data = damaged(path.read_bytes(), dice)
+        path.unlink()
+        if dice.random() < 0.05:
             path.symlink_to(folder / "nowhere")
-        else:
-            path.write_bytes(damaged(bytearray(path.read_bytes()), dice))
+        elif dice.random() < 0.9:
+            path.write_bytes(data)
     reading = [["info"], ["info", "--json"], ["plot"], ["export"], ["render"], ["render", "--view=speed"], ["resume"]]
     commands = [[words[0], f"{run}", *words[1:]] for words in dice.sample(reading, 3)]
     return Trial("damaged run", commands)
@@ -235,24 +230,16 @@ def random_signal(dice, folder, bases) -> Trial:
 
 
 def random_folder(dice, folder, bases) -> Trial:
-    out = folder / dice.choice(["run", "ü\nb", "-x", "a" * 300, os.fsdecode(b"r\xff\xfe"), "a/b/c"])
-    kind, theirs = dice.choice(["file", "theirs", "link", "run", "none"]), folder / "theirs"
-    theirs.mkdir()
+    theirs = folder / "theirs"
+    (theirs / "frames").mkdir(parents=True)
     (theirs / "history.csv").write_text("day,weather\n1,rain\n")
-    (theirs / "frames").mkdir()
     (theirs / "frames" / "holiday.png").write_bytes(b"png")
-    try:
+    name = dice.choice(["run", "ü\nb", "-x", "a" * 300, os.fsdecode(b"r\xff\xfe"), "a/b/c", "theirs", "theirs"])
+    out, base = folder / name, dice.choice(bases)
+    there = [lambda: out.write_text("mine"), lambda: out.symlink_to(theirs), lambda: shutil.copytree(base, out)]
+    with suppress(OSError):  # of a name that is too long, and of what is there
         out.parent.mkdir(parents=True, exist_ok=True)
-        if kind == "file":
-            out.write_text("mine")
-        elif kind == "theirs":
-            out = theirs
-        elif kind == "link":
-            out.symlink_to(theirs)
-        elif kind == "run":
-            shutil.copytree(dice.choice(bases), out)
-    except OSError:
-        pass
+        dice.choice([*there, lambda: None])()
     words = ["run", "slump", "--model=axisymmetric", "--spacing=0.025", "--until=0.01", "--threads=1", f"--out={out}"]
     return Trial("folder", [words + ["--overwrite"] * (dice.random() < 0.3)])
 
@@ -316,16 +303,6 @@ def judge(code, err, sent) -> tuple[str, str | None]:
     return end, None
 
 
-def not_numbers(folder: Path) -> list[str]:
-    """Keys of the measures in a summary that are no numbers."""
-    try:
-        facts = json.loads((folder / "summary.json").read_text())
-    except (OSError, ValueError):
-        return ["summary.json"]
-    keys = ("slump_m", "spread_m", "front_m")
-    return [key for key in keys if key in facts and not isinstance(facts[key], float | int)]
-
-
 def try_out(number: int, seed: int, bases, show=False) -> Trial:
     """Trial ``number`` of a seed, done."""
     dice = random.Random(f"{seed}-{number}")
@@ -338,8 +315,11 @@ def try_out(number: int, seed: int, bases, show=False) -> Trial:
             trial.seen.append(end)
             if show:
                 print(words, code, out, err, sep="\n")
-            if not failure and end == "done" and words[0] == "run" and (wrong := not_numbers(Path(out_of(words)))):
-                failure = f"done, but not a number in the summary: {', '.join(wrong)}"
+            summary = folder / "run" / "summary.json"
+            if not failure and end == "done" and words[0] == "run" and summary.is_file():
+                facts = json.loads(summary.read_text())
+                wrong = [key for key in MEASURED if not isinstance(facts.get(key, 0.0), float | int)]
+                failure = f"done, but not a number in the summary: {', '.join(wrong)}" if wrong else None
             if not failure and (folder / "theirs").exists() and not (folder / "theirs/frames/holiday.png").exists():
                 failure = "somebody's picture was removed"
             if failure:
@@ -348,21 +328,14 @@ def try_out(number: int, seed: int, bases, show=False) -> Trial:
     return trial
 
 
-def out_of(words) -> str:
-    """The run folder that a command names."""
-    return next((w.removeprefix("--out=") for w in words if w.startswith("--out=")), words[-1])
-
-
 def base_runs(folder: Path) -> list[Path]:
     """Finished small runs, of which copies are damaged."""
-    scenes = {"rings": ["slump", "--model=axisymmetric", "--spacing=0.02"], "plane": ["film", "--spacing=0.02"]}
-    short = ["--until=0.02", "--every=0.01", "--threads=1", "--quiet"]
-    bases = [folder / name for name in scenes]
-    for base in bases:
-        code, _, err, _ = run(["run", *scenes[base.name], *short, "--out", str(base)])
+    short = ["--spacing=0.02", "--until=0.02", "--every=0.01", "--threads=1", "--quiet"]
+    for name, *options in (["slump", "--model=axisymmetric"], ["film"]):
+        code, _, err, _ = run(["run", name, *options, *short, "--out", str(folder / name)])
         if code != 0:
             raise RuntimeError(err)
-    return bases
+    return sorted(folder.iterdir())
 
 
 def main(argv=None) -> int:
@@ -370,7 +343,6 @@ def main(argv=None) -> int:
     parser.add_argument("--minutes", type=float, default=2.0, help="wall-clock time, default 2")
     parser.add_argument("--workers", type=int, default=os.cpu_count(), help="trials at once, default one a processor")
     parser.add_argument("--seed", type=int, default=1, help="default 1")
-    parser.add_argument("--first", type=int, default=0, help="number of the first trial, default 0")
     parser.add_argument("--only", type=int, help="repeat this trial and show what it prints")
     parser.add_argument("--out", type=Path, help="write the counts as a Markdown table")
     chosen = parser.parse_args(argv)
@@ -389,9 +361,7 @@ def main(argv=None) -> int:
             return None
 
         with ThreadPoolExecutor(chosen.workers) as pool:
-            numbers = range(chosen.first, chosen.first + math.ceil(1000 * chosen.minutes))
-            for done in filter(None, pool.map(work, numbers)):
-                number, trial = done
+            for number, trial in filter(None, pool.map(work, range(math.ceil(1000 * chosen.minutes)))):
                 ended.update((trial.kind, end) for end in trial.seen)
                 if trial.failure:
                     failures.append(f"trial {number} ({trial.kind}): {trial.failure}")

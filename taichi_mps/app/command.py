@@ -4,8 +4,7 @@ from importlib.util import find_spec
 
 from pydantic import Field
 
-from ..cli.options import Parser, given
-from ..cli.run import DONE
+from ..cli.options import DONE, command, given
 from ..units import Checked, require
 
 PORT = 8100
@@ -18,12 +17,13 @@ class App(Checked):
     folder: str = Field("renders", description="folder of the runs")
 
 
-def app(argv) -> int:
+@command(
+    "A page in the browser of this machine: set up, watch and compare runs.",
+    {"--no-browser": {"action": "store_true", "help": "do not open the browser"}},
+    {App: ("output",)},
+)
+def app(arguments) -> int:
     """a page in the browser to set up, watch and compare runs"""
-    parser = Parser("app", description="A page in the browser of this machine: set up, watch and compare runs.")
-    parser.options(App, "output")
-    parser.add_argument("--no-browser", action="store_true", help="do not open the browser")
-    arguments = parser.parse(argv)
     options = App(**given(arguments, App))
     require(find_spec("nicegui"), "app needs nicegui: pip install 'taichi-mps[app]'")
     from .server import serve

@@ -7,7 +7,6 @@ from contextlib import redirect_stderr
 
 from ..cli.main import planned
 from ..cli.run import forecast as lines_of
-from ..problem.problem import Problem
 from ..units import SceneError, plain
 
 
@@ -17,12 +16,11 @@ def forecast(words: list[str]) -> tuple[float, list[str], str]:
     try:
         with warnings.catch_warnings(record=True) as warned, redirect_stderr(io.StringIO()):
             warnings.simplefilter("always")
-            _, options, scene, numerics = planned("run", words)
-            problem = Problem(scene, numerics)
+            _, options, problem = planned("run", words)
             lines = lines_of(problem, options.precision)
             from ..simulation.forecast import pairs_of, require_memory
 
-            require_memory(problem, pairs_of(scene), options.precision)
+            require_memory(problem, pairs_of(problem.scene), options.precision)
     except SceneError as error:
         return 0.0, [], plain(" ".join(str(error).split()))
-    return scene.until, lines + list(dict.fromkeys(str(item.message) for item in warned)), ""
+    return problem.scene.until, lines + list(dict.fromkeys(str(item.message) for item in warned)), ""

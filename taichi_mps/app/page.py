@@ -17,8 +17,7 @@ from .calibration import Calibrate
 from .forecast import forecast
 from .form import Form
 from .jobs import Job, Queue
-from .live import Live
-from .results import Results
+from .results import Live, Results
 
 FIRST = ("yield_value", "plastic_viscosity", "density", "spacing", "model", "accuracy")  # of their groups
 OPEN = ("mix", "accuracy and cost")  # groups that are shown at first

@@ -5,6 +5,7 @@ from pathlib import Path
 from ..problem import catalogue
 from ..problem.labels import what_it_is
 from ..problem.numerics import NUMERICS, Implicit
+from ..report.inputs import option
 from ..units import SceneError, require, suggestion, unit_of
 from .options import GROUPS, Run, group_of
 
@@ -13,17 +14,17 @@ NOT_OF_A_CASE = {"out", "overwrite", "quiet", "verbose", "profile"}  # of one ru
 TITLE = "A case of taichi-mps: taichi-mps run case.toml. A number may have a unit of its own, in quotes: '0.5 kPa'."
 
 
-def text(source: str, scene, numerics, settings: dict) -> str:
-    """The case file of a scene from a ``source``, with its numerics and the options of its run."""
+def text(source: str, problem, settings: dict) -> str:
+    """The case file of a problem whose scene comes from a ``source``, with the options of its run."""
     import tomlkit
 
     document = tomlkit.document()
     document.add(tomlkit.comment(TITLE))
     document.add("scene", tomlkit.item(source))
     tables = {name: tomlkit.table() for name in SECTIONS}
-    known = keywords(catalogue.load(source), type(numerics))
-    given = {name: value for name, value in scene.parameters.items() if value is not None}
-    values = {**numerics.model_dump(), **settings, **given}
+    known = keywords(catalogue.load(source), type(problem.numerics))
+    given = {name: value for name, value in problem.scene.parameters.items() if value is not None}
+    values = {**problem.numerics.model_dump(), **settings, **given}
     for name, (model, field) in known.items():
         table = tables[group_of(name, model).split()[0]]
         unit = unit_of(field).strip("-")
@@ -85,13 +86,8 @@ def words(path: Path) -> list[str]:
             isinstance(value, str | int | float),
             f"case = {path}: {name} = {value}: must be a number, a text or true or false",
         )
-        flag = f"--{name.replace('_', '-')}"
-        if not isinstance(value, bool):
-            options.append(f"{flag}={value}")
-        elif value:
-            options.append(flag)
-        elif known[name][1].default:
-            options.append(f"--no-{flag[2:]}")
+        if not isinstance(value, bool) or value != known[name][1].default:  # a switch that is off has no option
+            options.append(option(name, value))
     return [source, *options]
 
 

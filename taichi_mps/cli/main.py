@@ -1,14 +1,12 @@
 """The command line: one function a command, see COMMANDS. Taichi is imported when a run starts."""
 
 import argparse
-import json
 import os
 import platform
 import signal
 import sys
 import warnings
 from dataclasses import replace
-from functools import wraps
 from importlib import metadata
 from importlib.util import find_spec
 from pathlib import Path
@@ -21,69 +19,34 @@ from ..io.vtkhdf import Trajectory
 from ..problem import catalogue
 from ..problem.numerics import NUMERICS, Implicit
 from ..problem.problem import Problem
-from ..units import Checked, SceneError, plain, require, suggestion
+from ..units import SceneError, plain, require, suggestion
 from .case_file import expanded
 from .case_file import text as case_text
 from .console import curves, redraw
-from .options import Parser, Pictures, Run, Table, given, scene_of
-from .run import BAD_INPUT, DONE, carry_out, forecast, start
+from .options import BAD_INPUT, DONE, JSON, Pictures, Run, Table, command, given, of_scene, tell
+from .run import carry_out, forecast, start
 from .study import COMMANDS as STUDY
 
-WITHOUT_REST = (
-    5.0  # time limit [s] of a scene without one, by the scheme in which a body does not come to rest by itself
-)
+WITHOUT_REST = 5.0  # time limit [s] of a scene without one, by the scheme without coming to rest
 MISSED = 1  # what validate returns where not all is as it should be
-RUN = {"run": {"help": "run folder"}}
+RUN = {"run": {"help": "run folder"}} | JSON
 SCENE = {"--scene": {"help": "the Python file of the scene, where it is not a built-in one"}}
 KEPT = ["scheme", "precision", "out", "overwrite"]  # by a run that goes on
 
 
-def command(description: str, arguments: dict, models: dict | None = None):
-    """Decorator: a function of parsed ``arguments``, {name: settings of argparse}, and of the options of ``models``,
-    {model: (heading, fields left out)}, becomes the command of its name, a function of words. ``--json`` has each."""
-
-    def of(function):
-        @wraps(function)
-        def answer(argv) -> int:
-            parser = Parser(function.__name__, description=description)
-            for name, settings in arguments.items():
-                parser.add_argument(name, **settings)
-            for model, placed in (models or {}).items():
-                parser.options(model, *placed)
-            parser.add_argument("--json", action="store_true", help="print the result as JSON")
-            return function(parser.parse(argv))
-
-        return answer
-
-    return of
-
-
-def tell(arguments, facts, text: str) -> int:
-    """Print the facts as JSON, if asked, or else the text; DONE."""
-    print(json.dumps(facts) if arguments.json else plain(text))
-    return DONE
-
-
 # ---- commands ---------------------------------------------------------------------------------------------------
-def planned(command, argv):
-    """What a command line asks to be computed: arguments, options of the run, scene and numerics."""
+def planned(name, argv):
+    """What the command line of run or new asks to be computed: arguments, options of the run, problem."""
     argv = expanded(argv)
-    known = scene_of(command, argv, Run)
-    numerics = NUMERICS.get(known.scheme, Implicit)
-    function = catalogue.load(known.scene) if known.scene else None
-    parameters = function.parameters if function else Checked
+    known, function, parser = of_scene(name, argv, Run, "SCENE|CASE.toml")
+    numerics, parameters = NUMERICS.get(known.scheme, Implicit), function.parameters
     own_until = parameters.model_fields.get("until")
-
-    told = (function.__doc__ or "").strip() if function else COMMANDS[command].__doc__
-    parser = Parser(command, "SCENE|CASE.toml", description=told)
-    parser.add_argument("scene", help=f"name ({', '.join(catalogue.names())}), Python file or case file")
     for model, left_out in ((parameters, ()), (numerics, ()), (Run, ["until"] if own_until else ())):
         parser.options(model, leave_out=left_out)
-    if command == "run":
-        more = {"--json": ("output", "print the result as JSON")}
-        more["--forecast"] = "accuracy and cost", "tell size, memory and processor time of the run, and end"
-        for flag, (group, text) in more.items():
-            parser.groups[group].add_argument(flag, action="store_true", help=text)
+    if name == "run":
+        parser.groups["output"].add_argument("--json", **JSON["--json"])
+        told = "tell size, memory and processor time of the run, and end"
+        parser.groups["accuracy and cost"].add_argument("--forecast", action="store_true", help=told)
     arguments = parser.parse(argv)
 
     options = Run(**given(arguments, Run))
@@ -93,21 +56,20 @@ def planned(command, argv):
     scene = catalogue.build(arguments.scene, **keywords)
     if options.until:
         scene = replace(scene, until=options.until)
-    return arguments, options, scene, numerics(**given(arguments, numerics))
+    return arguments, options, Problem(scene, numerics(**given(arguments, numerics)))
 
 
 def run(argv) -> int:
     """compute a scene or a case"""
-    arguments, options, scene, numerics = planned("run", argv)
+    arguments, options, problem = planned("run", argv)
     if arguments.forecast:
-        lines = forecast(Problem(scene, numerics), options.precision)
+        lines = forecast(problem, options.precision)
         return tell(arguments, {"forecast": lines}, "\n".join(lines))
-    usual = Path("renders") / scene.name
+    usual = Path("renders") / problem.scene.name
     folder = RunFolder(options.out or (usual if options.overwrite else next_free(usual)))
     if not options.out and folder.path != usual:
         print(f"taichi-mps: {plain(usual)} is taken; this run goes to {plain(folder.path)}", file=sys.stderr)
     folder.check(options.overwrite)
-    problem = Problem(scene, numerics)
     with lock.held(folder.path):
         start(options)
         from ..simulation.simulation import Simulation
@@ -120,15 +82,14 @@ def run(argv) -> int:
 
 def new(argv) -> int:
     """print a case file, to be changed and run"""
-    arguments, options, scene, numerics = planned("new", argv)
-    Problem(scene, numerics)
-    print(case_text(catalogue.source(arguments.scene), scene, numerics, options.model_dump()), end="")
+    arguments, options, problem = planned("new", argv)
+    print(case_text(catalogue.source(arguments.scene), problem, options.model_dump()), end="")
     return DONE
 
 
 @command(
     "Continue a run from its checkpoint.",
-    {"run": {"help": "run folder, or the checkpoint file in it"}, **SCENE},
+    {"run": {"help": "run folder, or the checkpoint file in it"}, **SCENE, **JSON},
     {Run: (None, KEPT)},
 )
 def resume(arguments) -> int:
@@ -157,6 +118,7 @@ def resume(arguments) -> int:
         "run": {"nargs": "+", "help": "run folder"},
         "--out": {"help": "picture of the compared slump curves, slump.png by default"},
         "--verbose": {"action": "store_true", "help": "the numerics in history.png, too"},
+        **JSON,
     },
 )
 def plot(arguments) -> int:
@@ -230,7 +192,7 @@ def export(arguments) -> int:
     return tell(arguments, {"pvd": str(index), "outputs": count}, f"{count} outputs: {index}")
 
 
-@command("The built-in scenes; 'taichi-mps run SCENE --help' lists their keywords.", {})
+@command("The built-in scenes; 'taichi-mps run SCENE --help' lists their keywords.", JSON)
 def scenes(arguments) -> int:
     """list the scenes"""
     told = catalogue.describe()
@@ -239,7 +201,7 @@ def scenes(arguments) -> int:
     return tell(arguments, facts, "\n".join(f"{name:{width}}  {text}" for name, text in told.items()))
 
 
-@command("The installation, or the summary of a run.", {"run": {"nargs": "?", "help": "run folder"}})
+@command("The installation, or the summary of a run.", {"run": {"nargs": "?", "help": "run folder"}} | JSON)
 def info(arguments) -> int:
     """describe the installation, or a run"""
     if arguments.run:
@@ -250,16 +212,8 @@ def info(arguments) -> int:
         packages = ("taichi", "numpy", "h5py", "pydantic", "matplotlib")
         facts = {"version": __version__, "python": platform.python_version(), "platform": platform.platform()}
         facts |= {"cpus": os.cpu_count(), "scenes": str(catalogue.folder())}
-        facts |= {name: version_of(name) for name in packages}
+        facts |= {name: metadata.version(name) if find_spec(name) else None for name in packages}
     return tell(arguments, facts, "\n".join(f"{key:18} {value}" for key, value in facts.items()))
-
-
-def version_of(package: str) -> str | None:
-    """Version of an installed package; None where it is not installed."""
-    try:
-        return metadata.version(package)
-    except metadata.PackageNotFoundError:
-        return None
 
 
 @command(
@@ -269,6 +223,7 @@ def version_of(package: str) -> str | None:
         "--quick": {"action": "store_true", "help": "only the rows of a few seconds"},
         "--out": {"default": "renders/validation", "help": "folder for table.md and a JSON file a row"},
         "--page": {"help": "Markdown page with the marks of the table, to write it into"},
+        **JSON,
     },
     {Table: ("table",)},
 )

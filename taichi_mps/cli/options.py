@@ -1,18 +1,21 @@
 """Options of the command line made from pydantic models: unit, allowed range and default in --help."""
 
 import argparse
+import json
 import re
 from collections import defaultdict
 from contextlib import suppress
+from functools import wraps
 from typing import Literal, get_args, get_origin
 
 from pydantic import Field
 
+from ..io.run_folder import strict
 from ..problem import catalogue
 from ..problem.labels import what_it_is
 from ..problem.materials import Concrete
 from ..problem.numerics import NUMERICS
-from ..units import Checked, Count, Duration, SceneError, require, suggestion, unit_of
+from ..units import Checked, Count, Duration, SceneError, checked, plain, require, suggestion, unit_of
 
 GROUPS = "mix", "test", "accuracy and cost", "output", "expert"  # of the options of a run, as --help has them
 MIX = set(Concrete.model_fields)
@@ -22,6 +25,35 @@ MEASURED = {"--slump", "--spread", "--t500"}  # results, which some take for opt
 
 SCHEMES = Literal["implicit", "semi-implicit"]
 VIEWS = Literal["concrete", "speed", "pressure", "shear-rate", "yielded", "mix"]
+
+
+DONE, BAD_INPUT, DIVERGED = 0, 2, 3  # what a command returns; ended by a signal: 128 and its number
+JSON = {"--json": {"action": "store_true", "help": "print the result as JSON"}}
+
+
+def command(description: str, arguments: dict, models: dict | None = None):
+    """Decorator: a function of parsed ``arguments``, {name: settings of argparse}, and of the options of ``models``,
+    {model: (heading, fields left out)}, becomes the command of its name, a function of words."""
+
+    def of(function):
+        @wraps(function)
+        def answer(argv) -> int:
+            parser = Parser(function.__name__, description=description)
+            for name, settings in arguments.items():
+                parser.add_argument(name, **settings)
+            for model, placed in (models or {}).items():
+                parser.options(model, *placed)
+            return function(parser.parse(argv))
+
+        return answer
+
+    return of
+
+
+def tell(arguments, facts, text) -> int:
+    """Print the facts as JSON, if asked, or else the text; DONE."""
+    print(json.dumps(strict(facts)) if arguments.json else plain(text))
+    return DONE
 
 
 class Pictures(Checked):
@@ -118,23 +150,29 @@ class Parser(argparse.ArgumentParser):
         return arguments
 
 
-def scene_of(command, argv, model) -> argparse.Namespace:
-    """The scene that a command line names, ``scene``, and the options of ``model`` in it, before those of the scene are
-    known: with these before it, the first word that is a scene."""
+@checked
+def unnamed():
+    """Each scene has options of its own, which stand here when it is named."""
+
+
+def of_scene(command, argv, model, what, description=None):
+    """The options of ``model`` in a command line and the ``scene`` that it names, known before those of the scene are:
+    with these before it, the first word that is a scene; the function of the scene; a parser that has its name."""
     first = Parser(command, add_help=False)
     first.add_argument("scene", nargs="?")
     first.options(model, command)
     known, others = first.parse_known_args(argv)
-    require(
-        known.scene or {"-h", "--help"} & set(argv),
-        f"{command}: name a scene: {', '.join(catalogue.names())}, or a Python file",
-    )
+    names = f"{', '.join(catalogue.names())}, or a Python file"
+    require(known.scene or {"-h", "--help"} & set(argv), f"{command}: name a scene: {names}")
     for word in (known.scene, *others):
         with suppress(SceneError):
             catalogue.locate(word or "")
             known.scene = word
             break
-    return known
+    function = catalogue.load(known.scene) if known.scene else unnamed
+    parser = Parser(command, what, description=description or (function.__doc__ or "").strip())
+    parser.add_argument("scene", help=f"name: {names}{' or case file' * ('CASE' in what)}")
+    return known, function, parser
 
 
 def choices(field) -> list[str]:

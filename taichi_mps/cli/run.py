@@ -12,10 +12,10 @@ from contextlib import contextmanager, redirect_stdout
 from ..units import plain
 from . import case_file
 from .console import Painter, curves, progress, report, result
+from .options import DIVERGED, DONE
 from .stopped import SIGNALS, Stopped, came
 
 OUTPUTS_OF_A_FALL = 0.3  # interval of the outputs over sqrt(H/g): what comes to rest falls much faster than it creeps
-DONE, BAD_INPUT, DIVERGED = 0, 2, 3  # what a command returns; ended by a signal: 128 and its number
 
 
 def start(options) -> None:
@@ -50,7 +50,7 @@ def carry_out(sim, folder, options, source, as_json, resumed=False) -> int:
     with interruptible(sim) as signals:
         if not resumed:
             folder.create(options.overwrite)
-        case = case_file.text(source, sim.scene, sim.numerics, settings | {"until": until})
+        case = case_file.text(source, sim.problem, settings | {"until": until})
         folder.case.write_text(case, encoding="utf-8")
         recorder = Recorder(folder, sim, every, source, settings, painter.draw)
         try:

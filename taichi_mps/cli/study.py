@@ -1,6 +1,5 @@
 """The commands sweep, require, calibrate and chart of the command line."""
 
-import json
 import sys
 from collections import Counter
 from dataclasses import asdict
@@ -9,21 +8,19 @@ from pathlib import Path
 
 from pydantic import Field
 
-from ..io.run_folder import strict
-from ..problem import catalogue
 from ..problem.accuracy import choose
 from ..problem.labels import in_words, title, written
-from ..study import calibrate
+from ..study import calibrate as one_mix
 from ..study.calibrate import Measurements
-from ..study.require import Wanted, require
+from ..study.require import Wanted
+from ..study.require import require as find_borders
 from ..study.results import measures, spelled
 from ..study.sweep import ACCURACY, LOST, cases, sweep
-from ..units import Checked, Count, SceneError, plain
-from ..units import require as check
-from .options import Parser, Workers, given, scene_of
-from .run import DONE
+from ..units import Checked, Count, SceneError, plain, require
+from .options import DONE, JSON, Workers, command, given, of_scene, tell
 
 NOT_ALL_DONE = 1  # what sweep returns where a case gave no result
+NEEDS = "chart needs matplotlib: pip install 'taichi-mps[plots]'"
 MOST_SHOWN = 10  # cases without a result that are named
 MIX = {"yield_value", "plastic_viscosity", "until"}  # of a form: what require looks for
 
@@ -65,15 +62,11 @@ class Lookup(Checked):
 
 def parsed(command, argv, what, options, leave_out=(), **models):
     """Arguments of a command that takes a scene, and the scene's function; ``models``: more options by their title."""
-    known = scene_of(command, argv, next(iter(models.values()), options))
-    function = catalogue.load(known.scene) if known.scene else None
-    parser = Parser(command, "SCENE", description=what)
-    parser.add_argument("scene", help=f"name ({', '.join(catalogue.names())}) or Python file")
-    parser.add_argument("--json", action="store_true", help="print the result as JSON")
+    _, function, parser = of_scene(command, argv, next(iter(models.values()), options), "SCENE", what)
+    parser.add_argument("--json", **JSON["--json"])
     for name, model in models.items():
         parser.options(model, name)
-    if function:
-        parser.options(function.parameters, leave_out=leave_out)
+    parser.options(function.parameters, leave_out=leave_out)
     parser.options(options, "study")
     return parser.parse(argv), function
 
@@ -98,11 +91,6 @@ def outcome(row) -> str:
     return ", ".join(f"{title(name)} {written(name, row[name])}" for name in measures([row]) if row[name] is not None)
 
 
-def need_matplotlib() -> None:
-    """SceneError where no chart can be drawn."""
-    check(find_spec("matplotlib"), "chart needs matplotlib: pip install 'taichi-mps[plots]'")
-
-
 # ---- sweep -----------------------------------------------------------------------------------------------------
 def sweep_command(argv) -> int:
     """compute a scene at many values of its parameters"""
@@ -112,21 +100,21 @@ def sweep_command(argv) -> int:
     )
     arguments, function = parsed("sweep", argv, what, Sweep)
     options, varied = Sweep(**given(arguments, Sweep)), given(arguments, function.parameters)
-    if options.chart:
-        need_matplotlib()
+    require(not options.chart or find_spec("matplotlib"), NEEDS)
     folder = Path(options.out or Path("studies") / Path(arguments.scene).stem)
     planned = cases(arguments.scene, **varied)
     differing = [name for name in planned[0].parameters if len({str(case.parameters[name]) for case in planned}) > 1]
-    drawn = not options.chart or any(isinstance(planned[0].parameters[name], int | float) for name in differing)
-    check(drawn, "chart: needs a parameter that is varied by numbers; must be a list or first:last:number")
+    drawable = any(isinstance(planned[0].parameters[name], int | float) for name in differing)
+    require(
+        drawable or not options.chart,
+        "chart: needs a parameter that is varied by numbers; must be a list or first:last:number",
+    )
     if "model" in planned[0].parameters and "model" not in varied:
         print(f"taichi-mps: accuracy = {1e3 * ACCURACY:g} mm: {choose(ACCURACY)}", file=sys.stderr)
     watch = watching(differing, options.quiet or arguments.json)
     rows = sweep(arguments.scene, folder, options.executor, options.workers, watch, **varied)
-    if arguments.json:
-        print(json.dumps(strict(rows)))
-    elif not options.quiet:
-        print(f"{tally(rows)}: {folder / 'results.csv'}")
+    if arguments.json or not options.quiet:
+        tell(arguments, rows, f"{tally(rows)}: {folder / 'results.csv'}")
     if options.chart:
         from ..study.chart import study_chart
 
@@ -163,12 +151,11 @@ def require_command(argv) -> int:
     folder = Path(options.out or Path("studies") / f"require-{Path(arguments.scene).stem}")
     parameters = given(arguments, function.parameters, leave_out=MIX)
     watch = watching(["yield_value", "plastic_viscosity"], options.quiet or arguments.json)
-    borders, rows = require(arguments.scene, wanted, folder, options.executor, options.workers, watch, **parameters)
-    if arguments.json:
-        print(json.dumps(strict([asdict(border) | {"slumps_m": border.slumps_m} for border in borders])))
-    else:
-        print(*borders, sep="\n")
-        print(f"{len(rows)} run{'s' * (len(rows) > 1)}: {plain(folder)}")
+    borders, rows = find_borders(
+        arguments.scene, wanted, folder, options.executor, options.workers, watch, **parameters
+    )
+    facts = [asdict(border) | {"slumps_m": border.slumps_m} for border in borders]
+    tell(arguments, facts, "\n".join([*map(str, borders), f"{len(rows)} run{'s' * (len(rows) > 1)}: {folder}"]))
     if find_spec("matplotlib"):
         from ..study.chart import require_chart
 
@@ -177,39 +164,37 @@ def require_command(argv) -> int:
 
 
 # ---- calibrate -------------------------------------------------------------------------------------------------
-def calibrate_command(argv) -> int:
+@command(
+    "Yield stress and plastic viscosity of a mix from its slump test (standard cone, 300 mm), mini-cone, V-funnel or "
+    "rheometer, in any combination, with 95 % intervals by the errors of the measurements; cones are checked by one "
+    "finer run.",
+    JSON,
+    {Measurements: ("measurements",), Lookup: ("answer",)},
+)
+def calibrate(arguments) -> int:
     """find the Bingham constants of a mix from its tests"""
-    parser = Parser(
-        "calibrate",
-        description="Yield stress and plastic viscosity of a mix from its slump test (standard cone, 300 mm), "
-        "mini-cone, V-funnel or rheometer, in any combination, with 95 % intervals by the errors of the measurements; "
-        "cones are checked by one finer run.",
-    )
-    parser.options(Measurements, "measurements")
-    parser.options(Lookup, "answer")
-    parser.add_argument("--json", action="store_true", help="print the result as JSON")
-    arguments = parser.parse(argv)
     told, options = given(arguments, Measurements), Lookup(**given(arguments, Lookup))
     if options.table:
-        return calibrate_table(options, told, arguments.json)
+        return calibrate_table(arguments, options, told)
     for name in ("out", "executor", "workers"):
         value = getattr(options, name)
-        check(not value, f"{name} = {value}: belongs to --table; must be left out")
-    result = calibrate.calibrate(**told, study=options.study, check=options.check)
-    print(json.dumps(strict(result.facts())) if arguments.json else result)
-    return DONE
+        require(not value, f"{name} = {value}: belongs to --table; must be left out")
+    result = one_mix.calibrate(**told, study=options.study, check=options.check)
+    return tell(arguments, result.facts(), result)
 
 
-def calibrate_table(options: Lookup, told: dict, as_json: bool) -> int:
+def calibrate_table(arguments, options: Lookup, told: dict) -> int:
     """One calibration for each line of a laboratory's list."""
     from ..study import mixes
 
     path = Path(options.table)
     out = Path(options.out or path.with_name(f"{path.stem}-calibrated.csv"))
-    folder = f"table = {path}: is a folder; a study is named by --study, a list of mixes is a CSV file"
-    check(not path.is_dir(), folder)
-    check(not told, f"{next(iter(told), '')}: stands in the table's own columns; must be left out")
-    check(not out.exists(), f"out = {out}: is there already; must be a new file, it is not overwritten")
+    require(
+        not path.is_dir(),
+        f"table = {path}: is a folder; a study is named by --study, a list of mixes is a CSV file",
+    )
+    require(not told, f"{next(iter(told), '')}: stands in the table's own columns; must be left out")
+    require(not out.exists(), f"out = {out}: is there already; must be a new file, it is not overwritten")
     rows = mixes.read_list(path)
 
     def watch(row, number):
@@ -218,11 +203,7 @@ def calibrate_table(options: Lookup, told: dict, as_json: bool) -> int:
 
     found = mixes.calibrate_list(rows, options.study, watch, options.executor, options.workers)
     mixes.write(found, out)
-    if as_json:
-        print(json.dumps(strict(found)))
-    else:
-        print(mixes.tally(found))
-        print(f"Every mix with its constants and reasons: {plain(out)}")
+    tell(arguments, found, f"{mixes.tally(found)}\nEvery mix with its constants and reasons: {out}")
     if find_spec("matplotlib"):
         from ..study.chart import mixes_chart
 
@@ -236,26 +217,21 @@ def calibrate_table(options: Lookup, told: dict, as_json: bool) -> int:
 
 
 # ---- chart -----------------------------------------------------------------------------------------------------
-def chart_command(argv) -> int:
+@command(
+    "Slump and spread against yield stress for the wall, with formulas and finite elements.",
+    {
+        "study": {"nargs": "?", "help": "folder of a sweep of the slump; the package's own study by default"},
+        "--out": {"default": "slump_chart.png", "help": "picture, slump_chart.png by default"},
+        **JSON,
+    },
+)
+def chart(arguments) -> int:
     """draw slump and spread against yield stress"""
-    parser = Parser(
-        "chart", description="Slump and spread against yield stress for the wall, with formulas and finite elements."
-    )
-    parser.add_argument("study", nargs="?", help="folder of a sweep of the slump; the package's own study by default")
-    parser.add_argument("--out", default="slump_chart.png", help="picture, slump_chart.png by default")
-    parser.add_argument("--json", action="store_true", help="print the name of the picture as JSON")
-    arguments = parser.parse(argv)
-    need_matplotlib()
+    require(find_spec("matplotlib"), NEEDS)
     from ..study.chart import slump_chart
 
     made = slump_chart(arguments.out, arguments.study)
-    print(json.dumps({"picture": str(made)}) if arguments.json else made)
-    return DONE
+    return tell(arguments, {"picture": str(made)}, made)
 
 
-COMMANDS = {
-    "sweep": sweep_command,
-    "calibrate": calibrate_command,
-    "chart": chart_command,
-    "require": require_command,
-}
+COMMANDS = {"sweep": sweep_command, "calibrate": calibrate, "chart": chart, "require": require_command}

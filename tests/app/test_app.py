@@ -188,23 +188,19 @@ def answer(port, path="/", **headers):
     return line.getresponse()
 
 
-def upgrade(port, origin):
-    """Status of the answer to a websocket of this origin."""
-    key = {"Sec-WebSocket-Version": "13", "Sec-WebSocket-Key": "AAAAAAAAAAAAAAAAAAAAAA=="}
-    key |= {"Connection": "Upgrade", "Upgrade": "websocket", "Origin": origin}
-    return answer(port, "/_nicegui_ws/socket.io/?EIO=4&transport=websocket", **key).status
+SOCKET = "/_nicegui_ws/socket.io/?EIO=4&transport=websocket"
+UPGRADE = {"Sec-WebSocket-Version": "13", "Sec-WebSocket-Key": "AAAAAAAAAAAAAAAAAAAAAA=="}
+UPGRADE |= {"Connection": "Upgrade", "Upgrade": "websocket"}
+OUTSIDE = "run/checkpoint.h5", "run/../secret.json", "..%2Fsecret.json/x", "%2e%2e/summary.json", "./secret.json"
 
 
 def test_only_this_machine_and_its_own_page_are_served(tmp_path):
     run = tmp_path / "run"
-    run.mkdir()
-    (tmp_path / "secret.json").write_text("{}")
-    for name in ("summary.json", "checkpoint.h5", "taichi_mps.json"):
+    (run / "frames").mkdir(parents=True)
+    for name in ("summary.json", "checkpoint.h5", "taichi_mps.json", "report.html", "frames/frame_00000.png"):
         (run / name).write_text(json.dumps({"made_by": "taichi_mps"}))
-    (run / "report.html").write_text("<script>alert(1)</script>")
+    (tmp_path / "secret.json").write_text("{}")
     (run / "history.csv").symlink_to(tmp_path / "secret.json")
-    (run / "frames").mkdir()
-    (run / "frames" / "frame_00000.png").write_bytes(b"")
     with serving(tmp_path) as (port, server):
         own, others = (
             f"127.0.0.1:{port}",
@@ -214,21 +210,17 @@ def test_only_this_machine_and_its_own_page_are_served(tmp_path):
             assert answer(port, **headers).status == 200
         for headers in [{"Host": host} for host in others] + [{"Origin": origin} for origin in FOREIGN]:
             assert answer(port, **headers).status == 403
-        assert [upgrade(port, origin) for origin in (*FOREIGN, f"http://{own}")] == [403, 403, 403, 101]
+        sockets = [answer(port, SOCKET, **UPGRADE, Origin=origin).status for origin in (*FOREIGN, f"http://{own}")]
+        assert sockets == [403, 403, 403, 101]
 
         report = answer(port, "/runs/run/report.html")
-        assert (
-            report.status == 200 and report.headers["Content-Disposition"] == 'attachment; filename="run-report.html"'
-        )
+        assert (report.status, report.headers["Content-Disposition"]) == (200, 'attachment; filename="run-report.html"')
         shown = {f"run/{name}": 200 for name in ("summary.json", "frames/frame_00000.png")}
-        kept = "run/checkpoint.h5", "run/../secret.json", "..%2Fsecret.json/x", "%2e%2e/summary.json", "./secret.json"
-        shown |= dict.fromkeys((*kept, "run/frame_00000.png", "run/history.csv"), 404)
+        shown |= dict.fromkeys((*OUTSIDE, "run/frame_00000.png", "run/history.csv"), 404)
         assert {path: answer(port, f"/runs/{path}").status for path in shown} == shown
 
         listening = Path(f"/proc/{server.pid}/net/tcp").read_text() + Path(f"/proc/{server.pid}/net/tcp6").read_text()
-        bound = re.findall(rf"\b(\w+):{port:04X} 0+:0000 0A", listening)
-        assert bound == ["0100007F"]  # 127.0.0.1 alone
-
+        assert re.findall(rf"\b(\w+):{port:04X} 0+:0000 0A", listening) == ["0100007F"]  # 127.0.0.1 alone
         assert mps.main(["app", "--no-browser", "--port", str(port)]) == 2  # taken
     assert not (tmp_path / ".nicegui").exists()
 
