@@ -102,7 +102,7 @@ def test_the_command_gives_borders_and_slumps(tmp_path, monkeypatch, capsys):
         return [border], [{"scene": "wall", "status": "done", "yield_value": 200.0, "plastic_viscosity": 20.0,
                            "filled_ratio": 1.0}]  # fmt: skip
 
-    monkeypatch.setattr(commands, "require", found)
+    monkeypatch.setattr(commands, "find_borders", found)
     words = ["require", "wall", "--time", "20s", "--workers", "2", "--spacing", "25mm", "--out", str(tmp_path)]
     assert main(words) == 0 and str(border) in capsys.readouterr().out
     assert main([*words, "--json"]) == 0
