@@ -206,11 +206,11 @@ def check_room(cone: Emulator, test: Measurements) -> None:
     mould = np.pi / 12.0 * height * (base**2 + base * top + top**2)
     widest, least = test.spread + 3.0 * test.spread_error, max(0.0, test.slump - 3.0 * test.slump_error)
     room = np.pi / 4.0 * widest**2 * (height - least)
-    if room < mould:
-        raise SceneError(
-            f"slump = {test.slump:g} m with spread = {test.spread:g} m: leaves room for {1e3 * room:.1f} l at most, "
-            f"and the mould holds {1e3 * mould:.1f} l; one of them must be misread"
-        )
+    require(
+        room >= mould,
+        f"slump = {test.slump:g} m with spread = {test.spread:g} m: leaves room for {1e3 * room:.1f} l at most, "
+        f"and the mould holds {1e3 * mould:.1f} l; one of them must be misread",
+    )
 
 
 def check_known(known: dict[str, float], emulators: list[Emulator], density: float) -> None:

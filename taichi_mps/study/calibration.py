@@ -8,7 +8,6 @@ CONTRADICTION = 9.0  # a misfit of three standard errors
 NAMES = {"slump_m": "slump", "spread_m": "slump flow", "t500_s": "T500"}
 NAMES |= {"mini_cone_m": "mini-cone spread", "v_funnel_s": "V-funnel time"}
 RHEOMETER = "rheometer"  # who says a constant that is known
-USUAL = "usual"  # who says one that is taken as of a usual mix
 WORDS = {  # of the constants of a mix
     "yield_value": ("yield stress", "Pa"),
     "plastic_viscosity": ("plastic viscosity", "Pa s"),
@@ -135,7 +134,7 @@ class Mix:
         it is known, 'usual' where it is taken as of a usual mix, and '' where it has no bound."""
         it = getattr(self, constant)
         if it.low == it.high:
-            return USUAL if self.usual and constant == "plastic_viscosity" else RHEOMETER
+            return "usual" if self.usual and constant == "plastic_viscosity" else RHEOMETER
         named = [name for name in self.worth if self.senses(name, constant)]
         bounded = named and it.bounded
         return NAMES[max(named, key=lambda name: self.worth[name][constant])] if bounded else ""

@@ -19,7 +19,7 @@ from ..viz.plots import COLOURS
 from . import results
 from .calibrate import CONE, TESTS, Measurements, calibrate
 from .calibration import BINGHAM, NAMES, WORDS, Calibration, apart, is_time, short
-from .sweep import named
+from .sweep import executor_of
 
 EXPLAINED, BOUNDED, WITH_FRICTION = "explained", "bounded", "explained with internal friction"
 TWO_ANSWERS, FAR, REFUSED = "two answers", "not explained", "refused"
@@ -33,7 +33,6 @@ MEANING = {  # of a verdict
     FAR: "no mix comes so near, or the yield stress is not bounded",
     REFUSED: "the measurement cannot be used, for the reason given",
 }
-HERE = Path(__file__).parent
 FOUND = ["yield stress", "by", "plastic viscosity", "by", "friction angle", "comes out as", "reason"]  # of the page
 LAYOUT = {
     "margin": {"t": 10},
@@ -155,7 +154,7 @@ def calibrate_list(rows: list[dict[str, str]], study=None, watch=None, executor=
     require(not (executor or "").startswith("slurm:"), slow)
     elsewhere = f"workers = {workers}: are processes of this machine; must be left out with {executor}"
     require(not workers or executor in (None, "local"), elsewhere)
-    opened = named(executor, workers, None)[0] if executor else nullcontext
+    opened = executor_of(executor, workers, None)[0] if executor else nullcontext
     found, futures = [], []
     with opened() as pool:
         with suppress(BrokenExecutor):
@@ -194,7 +193,7 @@ def write_page(rows: list[dict], columns: list[str], out, source) -> Path:
     SceneError where plotly is missing."""
     found = [[*(row[name] or "" for name in columns), *cells(row)] for row in rows]
     return publish(
-        HERE / "mixes.html",
+        Path(__file__).with_name("mixes.html"),
         Path(out),
         {"traces": traces(rows, columns), "layout": LAYOUT},
         title=safe(f"{Path(source).name}: mixes calibrated"),

@@ -168,10 +168,9 @@ class Jobs(ThreadPoolExecutor):
         """The number of the job that an earlier study gave for the case, if it has a result or still runs."""
         with suppress(OSError, RuntimeError):
             number = self.file(case, "job").read_text()
-            if self.file(case, "json").exists():
-                row_of(self.file(case, "json"), case.key, number)
-                return number
-            return number if self.is_there(number) else None
+            result = self.file(case, "json")
+            known = row_of(result, case.key, number) if result.exists() else self.is_there(number)
+            return number if known else None
         return None
 
     def new(self, function, case: Case) -> str:

@@ -28,7 +28,6 @@ from .slurm import slurm
 ACCURACY = 0.005  # of the slump [m], by which model and spacing are chosen where the scene can and nothing is given
 LOST = "lost"  # status of a case that its executor did not bring to an end; computed again when the study is resumed
 MOST_CASES = 100_000  # of a study
-KINDS = "dask://HOST:PORT, slurm://PARTITION?timeout_min=60 or local"  # of executors
 TABLE_EVERY = 2.0  # [s] between two tables of an unfinished study; the journal has every row at once
 
 
@@ -93,10 +92,7 @@ def carry_out(planned: list[Case], out, run=run_case, executor="local", workers=
 
     ``run`` is a function of a module, which the workers import; it gives a row, a dict with the key of its case.
     """
-    if isinstance(executor, Executor):
-        start, room = (lambda: nullcontext(executor)), None
-    else:
-        start, room = named(executor, workers, out)
+    start, room = executor_of(executor, workers, out)
     with opened(out) as results:
         written = monotonic()
 
@@ -113,8 +109,7 @@ def carry_out(planned: list[Case], out, run=run_case, executor="local", workers=
                 watch(rows(), len(planned))
 
         results.rows = {key: row for key, row in results.rows.items() if row["status"] != LOST}
-        left = {c.key: c for c in planned if c.key not in results.rows}
-        left = sorted(left.values(), key=shape)  # compiled once for all
+        left = sorted((c for c in planned if c.key not in results.rows), key=shape)  # compiled once for all
         if watch:
             watch(rows(), len(planned))
         try:
@@ -201,13 +196,16 @@ def dask(address: str):
         yield client.get_executor(pure=False)
 
 
-def named(text: str, workers: int | None, folder):
-    """A context manager that opens the executor of an address for a study's folder, and how many cases to hand it at
-    once (None: all)."""
+def executor_of(text: str | Executor, workers: int | None, folder):
+    """A context manager that opens the executor of an address, or a given one, for a study's folder, and how many cases
+    to hand it at once (None: all)."""
+    if isinstance(text, Executor):
+        return lambda: nullcontext(text), None
     if text == "local":
         workers = workers or os.cpu_count() or 1
         return lambda: processes(workers), workers
     if re.fullmatch(r"dask://[^\s/]+:\d{1,5}", text):
         return lambda: dask(text), workers
-    require(re.match(r"slurm://[^\s/?]", text), f"executor = {text}: must be {KINDS}")
+    kinds = "dask://HOST:PORT, slurm://PARTITION?timeout_min=60 or local"
+    require(re.match(r"slurm://[^\s/?]", text), f"executor = {text}: must be {kinds}")
     return lambda: slurm(text, folder, workers), workers

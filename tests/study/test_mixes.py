@@ -64,7 +64,7 @@ def test_each_line_gets_its_verdict(found):
 def test_workers_find_what_one_process_finds(rows, found, broken, monkeypatch):
     """Also where they are broken before the first row."""
     pool = ThreadPoolExecutor(2, initializer=int, initargs=("no number",) * broken)
-    monkeypatch.setattr(mixes, "named", lambda *_: (lambda: pool, None))
+    monkeypatch.setattr(mixes, "executor_of", lambda *_: (lambda: pool, None))
     assert calibrate_list(rows, executor="local") == found
 
 
