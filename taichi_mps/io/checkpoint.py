@@ -103,7 +103,7 @@ class Checkpoint:
             self.header["fluid"] in (None, digest(scene, PARTICLES)),
             f"checkpoint: scene {self.header['source']} no longer makes the particles that it was written with",
         )
-        problem = Problem(scene, self.numerics)
+        problem = Problem(scene, NUMERICS[self.header["scheme"]](**self.header["numerics"]))
         for key, value in self.state.items():
             require(
                 not isinstance(value, np.ndarray) or np.all(np.isfinite(value)),
@@ -121,11 +121,6 @@ class Checkpoint:
             f"scene; they have {layers} layers",
         )
         return problem
-
-    @property
-    def numerics(self):
-        """Numerics of the run."""
-        return NUMERICS[self.header["scheme"]](**self.header["numerics"])
 
     def resume(self, problem: Problem, profile: bool = False):
         """A Simulation that continues from here, of a problem that was admitted. Taichi must be started
