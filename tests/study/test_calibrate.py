@@ -80,6 +80,7 @@ def table():
     return [Emulator(table_of(16, 9))]
 
 
+@pytest.mark.slow
 def test_the_intervals_hold_the_known_constants_as_often_as_they_say(table):
     def exact(yield_value, plastic_viscosity):
         values = closed_form(yield_value, plastic_viscosity)
