@@ -101,6 +101,7 @@ def sampled(corners, **keywords):
     return mps.Solid.of(lambda x: -polygon_distance(x, corners), (-0.8,) * 2, (0.8,) * 2, CELL, **keywords)
 
 
+BALL = mps.Solid.of(BARE["ball"], (-0.6,) * 3, (0.6,) * 3, CELL)
 SIDES = np.roll(TANK, -1, axis=0) - TANK
 NORMALS = np.column_stack([-SIDES[:, 1], SIDES[:, 0]]) / np.linalg.norm(SIDES, axis=1)[:, None]
 PLANES = tuple(mps.Plane(tuple(p), tuple(n)) for p, n in zip(TANK, NORMALS, strict=True))
@@ -161,12 +162,13 @@ def test_a_tank_with_friction_pushes_with_all_its_faces(rigged, monkeypatch):
     assert found < 0.2 * alone
 
 
-def test_force_is_the_negative_transpose_of_the_gradient_at_any_angle():
-    bay = sampled(BAY)
-    x = cloud((10, 10))
-    rig = Rig(x[bay.distance(x) > 0.1 * L0], planes=(bay,))
-    z = rig.gradient.walls.surfaces[0].z.to_numpy()
-    assert (np.sum(z < 0.9 * REACH, axis=1) == 2).sum() > 3 and z[:, 1].max() == FAR
-    rng = np.random.default_rng(6)
-    u, T = rng.standard_normal(rig.x.shape), rng.standard_normal((len(rig.x), 2, 2))
+@pytest.mark.parametrize("solid", [sampled(BAY), BALL], ids=["bay", "ball"])
+def test_force_is_the_negative_transpose_of_the_gradient_at_any_angle(solid):
+    x = cloud((10, 10) if solid is not BALL else (6, 6, 6))
+    rig = Rig(x[solid.distance(x) > 0.1 * L0], planes=(solid,))
+    if solid is not BALL:  # some particles are before two of its faces
+        z = rig.gradient.walls.surfaces[0].z.to_numpy()
+        assert (np.sum(z < 0.9 * REACH, axis=1) == 2).sum() > 3 and z[:, 1].max() == FAR
+    rng, d = np.random.default_rng(6), rig.x.shape[1]
+    u, T = rng.standard_normal(rig.x.shape), rng.standard_normal((len(rig.x), d, d))
     assert (u * rig.forces(T)).sum() == pytest.approx(-rig.volume * (T * rig.gradients(u)).sum(), rel=1e-10)
