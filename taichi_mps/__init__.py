@@ -8,10 +8,9 @@ __version__ = "0.1.0"
 _PUBLIC = {
     "__main__": ["main"],
     "geometry.cavity": ["Cavity"],
-    "geometry.friction": ["Friction"],
     "geometry.shapes": ["Box", "Cone", "fill", "fill_rings", "lattice", "rings", "shell"],
     "geometry.solid": ["Solid", "polygon_distance", "write_bars"],
-    "geometry.walls": ["Cylinder", "Plane", "behind", "box_planes"],
+    "geometry.walls": ["Cylinder", "Friction", "Plane", "behind", "box_planes"],
     "particles.neighbors": ["CapacityError"],
     "problem.catalogue": ["slump_cone"],
     "problem.inlet": ["Inlet"],

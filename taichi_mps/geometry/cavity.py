@@ -5,7 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ..units import SceneError, check_vectors, positive
+from ..units import check_vectors, positive, require
 
 
 @dataclass(frozen=True)
@@ -27,13 +27,10 @@ class Cavity:
         check_vectors(self, "a cavity", {"low": "m", "high": "m"})
         positive("spacing", self.spacing)
         size = np.subtract(self.high, self.low)
-        if not np.all(size >= 0.5 * self.spacing):
-            raise SceneError(
-                f"cavity from {self.low} to {self.high} m: must be at least half a spacing long, "
-                f"{0.5 * self.spacing:g} m, along each axis"
-            )
-        if not self.cells.any():
-            raise SceneError(f"cavity from {self.low} to {self.high} m: lies in the walls; must hold some room")
+        form = f"cavity from {self.low} to {self.high} m"
+        least = f"{0.5 * self.spacing:g} m, along each axis"
+        require(np.all(size >= 0.5 * self.spacing), f"{form}: must be at least half a spacing long, {least}")
+        require(self.cells.any(), f"{form}: lies in the walls; must hold some room")
 
     @cached_property
     def shape(self) -> tuple[int, ...]:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..runtime.memory import admit
-from ..units import SceneError, check_numbers, check_vectors, finite, positive
+from ..units import check_numbers, check_vectors, finite, positive, require
 
 MOST_POINTS = 1e8  # of one lattice
 MANY_POINTS = 1e6  # from here on a lattice is admitted first
@@ -21,8 +21,8 @@ class Box:
 
     def __post_init__(self):
         check_vectors(self, "a box", {"low": "m", "high": "m"})
-        if not np.all(np.less(self.low, self.high)):
-            raise SceneError(f"high = {self.high} m of a box: must be above low = {self.low} m along each axis")
+        above = np.all(np.less(self.low, self.high))
+        require(above, f"high = {self.high} m of a box: must be above low = {self.low} m along each axis")
 
     def contains(self, x):
         """Are points x (n, d) [m] inside? (n,)"""
@@ -50,10 +50,9 @@ class Cone:
     def __post_init__(self):
         check_numbers(self, {"base_radius": "m", "top_radius": "m", "height": "m"})
         for key in ("base_radius", "top_radius"):
-            if getattr(self, key) < 0.0:
-                raise SceneError(f"{key} = {getattr(self, key):g} m: must be at least 0 m")
-        if not self.volume > 0.0:
-            raise SceneError(f"height = {self.height:g} m: must be greater than 0 m, and one radius of a cone, too")
+            require(getattr(self, key) >= 0.0, f"{key} = {getattr(self, key):g} m: must be at least 0 m")
+        wrong = f"height = {self.height:g} m: must be greater than 0 m, and one radius of a cone, too"
+        require(self.volume > 0.0, wrong)
 
     def contains(self, x):
         """Are points x (n, 3) [m] inside? (n,)"""
@@ -82,10 +81,8 @@ def lattice(low, high, spacing, offset=0.5):
     offsets = np.broadcast_to(offset, low.shape)
     with np.errstate(over="ignore"):  # of a spacing next to nothing
         points = float(np.prod(np.maximum(high - low, 0.0) / spacing))
-    if points > MOST_POINTS:
-        raise SceneError(
-            f"spacing = {spacing:g} m: fills the box with {points:.2g} particles; at most {MOST_POINTS:.2g}"
-        )
+    many = f"spacing = {spacing:g} m: fills the box with {points:.2g} particles; at most {MOST_POINTS:.2g}"
+    require(points <= MOST_POINTS, many)
     if points > MANY_POINTS:
         admit(POINT * points, f"spacing = {spacing:g} m: {points:.2g} particles of a lattice take")
     axes = [
@@ -100,11 +97,11 @@ def rings(inner_radius, outer_radius, spacing):
     circles, without the steps that a square lattice has there."""
     positive("spacing", spacing)
     count = round((outer_radius - inner_radius) / spacing)
-    if count < 1 or inner_radius < 0.0:
-        raise SceneError(
-            f"rings from {inner_radius:g} to {outer_radius:g} m: the inner radius must be at least 0 m and the outer "
-            f"one greater by a spacing of {spacing:g} m"
-        )
+    require(
+        count >= 1 and inner_radius >= 0.0,
+        f"rings from {inner_radius:g} to {outer_radius:g} m: the inner radius must be at least 0 m and the outer one "
+        f"greater by a spacing of {spacing:g} m",
+    )
     width = (outer_radius - inner_radius) / count
     points = []
     for k in range(count):
@@ -133,8 +130,7 @@ def fill_rings(solid, spacing):
     low, high = solid.bounds
     x = lattice((0.0, low[2]), (high[0] + spacing, high[2]), spacing)
     x = x[solid.contains(np.insert(x, 1, 0.0, axis=1))]
-    if len(x) == 0:
-        raise SceneError(f"spacing = {spacing:g} m: no ring fits into the body; use a smaller spacing")
+    require(len(x), f"spacing = {spacing:g} m: no ring fits into the body; use a smaller spacing")
     return x
 
 
@@ -148,22 +144,20 @@ def fill(solid, spacing, mirrors=()):
     positive("spacing", spacing)
     low, high = solid.bounds
     size = high - low
-    if np.any(size < 0.999 * spacing):
-        raise SceneError(
-            f"spacing = {spacing:g} m: larger than the body, whose smallest side is {size.min():.4g} m; "
-            f"must be at most {size.min():.4g} m"
-        )
-    candidates = []
+    require(
+        np.all(size >= 0.999 * spacing),
+        f"spacing = {spacing:g} m: larger than the body, whose smallest side is {size.min():.4g} m; must be at most "
+        f"{size.min():.4g} m",
+    )
     for mirror in mirrors:
-        if np.count_nonzero(np.abs(mirror.normal) > 1e-9) != 1:
-            raise SceneError(f"mirrors: normal = {mirror.normal}: must be along an axis")
-    for centred in (False,) if mirrors else (False, True):
+        along = np.count_nonzero(np.abs(mirror.normal) > 1e-9) == 1
+        require(along, f"mirrors: normal = {mirror.normal}: must be along an axis")
+    candidates = []
+    for centred in (0.0,) if mirrors else (0.0, 0.5):
         lo = low.copy()
-        for axis in range(len(low) - 1):
-            half = spacing * (np.ceil(0.5 * size[axis] / spacing) + (0.5 if centred else 0.0))
-            lo[axis] = 0.5 * (low[axis] + high[axis]) - half
-        if isinstance(solid, Box):
-            lo = low.copy()
+        if not isinstance(solid, Box):
+            half = spacing * (np.ceil(0.5 * size / spacing) + centred)
+            lo[:-1] = (0.5 * (low + high) - half)[:-1]
         for mirror in mirrors:
             axis = int(np.argmax(np.abs(mirror.normal)))
             lo[axis] = mirror.point[axis] - spacing * np.ceil((mirror.point[axis] - low[axis]) / spacing - 1e-9)
@@ -172,6 +166,5 @@ def fill(solid, spacing, mirrors=()):
     best = min(candidates, key=lambda x: abs(len(x) * spacing ** len(low) - solid.volume))
     for mirror in mirrors:
         best = best[mirror.distance(best) > 0.0]
-    if len(best) == 0:
-        raise SceneError(f"spacing = {spacing:g} m: no particle fits into the body; use a smaller spacing")
+    require(len(best), f"spacing = {spacing:g} m: no particle fits into the body; use a smaller spacing")
     return best

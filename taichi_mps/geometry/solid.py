@@ -8,10 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ..units import SceneError, array_of, check_numbers, check_vectors, finite, positive
+from ..units import SceneError, array_of, check_numbers, check_vectors, finite, positive, require
 from .concave_edges import interpolate
-from .friction import Friction
-from .walls import check_surface, spin
+from .walls import Friction, check_surface, spin
 
 MOST_NODES = 5e7  # of one grid: 400 MB of distances
 AT_ONCE = 2e6  # nodes that a distance is asked for
@@ -42,28 +41,25 @@ class Solid:
 
     def __post_init__(self):
         check_surface(self)
-        check_vectors(self, "a solid", {"low": "m", "velocity": "m/s", "pivot": "m"})
+        check_vectors(self, "a solid", {"low": "m", "velocity": "m/s", "pivot": "m", "axis": ""})
         check_numbers(self, {"angular_velocity": "rad/s"})
-        check_vectors(self, "a solid", {"low": "m", "axis": ""})
-        if self.angular_velocity and (self.pivot is None or bool(np.any(self.unit_axis)) != (len(self.low) == 3)):
-            turning = f"angular_velocity = {self.angular_velocity:g} rad/s of a solid"
-            raise SceneError(f"{turning}: needs a pivot, and an axis in 3-D only")
+        turns = self.pivot is not None and bool(np.any(self.unit_axis)) == (len(self.low) == 3)
+        turning = f"angular_velocity = {self.angular_velocity:g} rad/s of a solid"
+        require(turns or not self.angular_velocity, f"{turning}: needs a pivot, and an axis in 3-D only")
         values = array_of(self.values)
-        if values.ndim != len(self.low) or min(values.shape) < 2:
-            raise SceneError(f"values of shape {values.shape}: must be a grid of two nodes or more along {self.low}")
+        is_grid = values.ndim == len(self.low) and min(values.shape) >= 2
+        require(is_grid, f"values of shape {values.shape}: must be a grid of two nodes or more along {self.low}")
         positive("cell", self.cell)
-        if not np.all(np.isfinite(values)):
-            raise SceneError("values: a distance is not a finite number; all must be finite [m]")
-        if not np.any(values < 0.0):
-            raise SceneError(
-                f"cell = {self.cell:g} m: no node of the grid lies inside the solid; must be at most half of its "
-                "thickness, and the distance negative inside"
-            )
+        finite_ones = np.all(np.isfinite(values))
+        require(finite_ones, "values: a distance is not a finite number; all must be finite [m]")
+        require(
+            np.any(values < 0.0),
+            f"cell = {self.cell:g} m: no node of the grid lies inside the solid; must be at most half of its "
+            "thickness, and the distance negative inside",
+        )
         steepest = max(float(np.abs(np.diff(values, axis=axis)).max()) for axis in range(values.ndim)) / self.cell
-        if steepest > 1.5:
-            raise SceneError(
-                f"values: the distance changes by {steepest:.3g} m per metre; a distance changes by at most 1"
-            )
+        change = f"values: the distance changes by {steepest:.3g} m per metre; a distance changes by at most 1"
+        require(steepest <= 1.5, change)
         object.__setattr__(self, "values", values)
 
     @classmethod
@@ -73,13 +69,12 @@ class Solid:
         positive("cell", cell)
         low = finite("low", low, "m", dimensions=1)
         high = finite("high", high, "m", shape=low.shape)
-        if np.any(high - low < cell):
-            raise SceneError(f"cell = {cell:g} m: must be greater than 0 m and fit between {low} and {high} m")
+        fits = f"cell = {cell:g} m: must be greater than 0 m and fit between {low} and {high} m"
+        require(np.all(high - low >= cell), fits)
         with np.errstate(over="ignore"):  # of a cell next to nothing
             shape = np.ceil((high - low) / cell - 1e-9) + 1.0
             needed = float(np.prod(shape))
-        if needed > MOST_NODES:
-            raise SceneError(f"cell = {cell:g} m: needs {needed:.2g} nodes; at most {MOST_NODES:.2g}")
+        require(needed <= MOST_NODES, f"cell = {cell:g} m: needs {needed:.2g} nodes; at most {MOST_NODES:.2g}")
         shape = shape.astype(int)
         ticks = [lo + cell * np.arange(n) for lo, n in zip(low, shape, strict=True)]
         across, values = max(1, int(AT_ONCE / np.prod(shape[1:]))), []
@@ -248,8 +243,7 @@ def read_mesh(path, scale=1.0):
     import meshio
 
     path = Path(path)
-    if not path.is_file():
-        raise SceneError(f"mesh {path}: no such file")
+    require(path.is_file(), f"mesh {path}: no such file")
     if path.suffix.lower() == ".ply":
         check_ply(path)
     try:
@@ -260,29 +254,25 @@ def read_mesh(path, scale=1.0):
         )
     except (Exception, SystemExit) as error:  # meshio leaves the program for a file that it cannot read
         raise SceneError(f"mesh {path}: cannot be read as STL, OBJ or PLY ({type(error).__name__})") from None
-    if not len(faces):
-        raise SceneError(f"mesh {path}: holds no triangles")
-    if (
-        np.shape(mesh.points)[1:] != (3,)
-        or faces.dtype.kind not in "iu"
-        or not 0 <= faces.min() <= faces.max() < len(mesh.points)
-    ):
-        raise SceneError(f"mesh {path}: damaged; a triangle names a point that is not there")
+    require(len(faces), f"mesh {path}: holds no triangles")
+    known = faces.dtype.kind in "iu" and 0 <= faces.min() <= faces.max() < len(mesh.points)
+    whole = known and np.shape(mesh.points)[1:] == (3,)
+    require(whole, f"mesh {path}: damaged; a triangle names a point that is not there")
     points, renumbered = np.unique(np.asarray(mesh.points, float) * scale, axis=0, return_inverse=True)
     triangles = renumbered.reshape(-1)[faces]  # STL repeats each corner
     size = np.ptp(points, axis=0)
-    if not np.all(np.isfinite(points)) or size.min() <= 0.0 or size.max() > 100.0:
-        raise SceneError(
-            f"mesh {path}: {' x '.join(f'{s:.4g}' for s in size)} m; must have a volume and be at most 100 m long "
-            f"(scale = {scale:g}; 0.001 for a file in mm)"
-        )
+    require(
+        np.all(np.isfinite(points)) and size.min() > 0.0 and size.max() <= 100.0,
+        f"mesh {path}: {' x '.join(f'{s:.4g}' for s in size)} m; must have a volume and be at most 100 m long "
+        f"(scale = {scale:g}; 0.001 for a file in mm)",
+    )
     edges = np.vstack([triangles[:, [a, b]] for a, b in ((0, 1), (1, 2), (2, 0))])
     there, back = ({tuple(edge) for edge in e.tolist()} for e in (edges, edges[:, ::-1]))
-    if len(there) < len(edges) or there != back:
-        raise SceneError(
-            f"mesh {path}: {len(there ^ back) // 2} of its edges belong to one triangle only, or two triangles face "
-            "against each other; must be closed"
-        )
+    require(
+        len(there) == len(edges) and there == back,
+        f"mesh {path}: {len(there ^ back) // 2} of its edges belong to one triangle only, or two triangles face "
+        "against each other; must be closed",
+    )
     corners = points[triangles]
     if np.einsum("ij,ij->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) < 0.0:  # six times the volume
         triangles = triangles[:, ::-1]
@@ -294,8 +284,8 @@ def check_ply(path):
     content = path.read_bytes()
     end = re.search(rb"^[ \t]*end_header[ \t\r]*$", content, re.M)
     counts = re.findall(rb"element \w+ (\d+)", content[: end.start()]) if end else [b"0"]
-    if not end or any(len(count) > 18 or int(count) > len(content) for count in counts):
-        raise SceneError(f"mesh {path}: damaged; its header has no end, or promises more than the file holds")
+    held = end and all(len(count) <= 18 and int(count) <= len(content) for count in counts)
+    require(held, f"mesh {path}: damaged; its header has no end, or promises more than the file holds")
 
 
 def mesh_distance(x, points, triangles):
@@ -319,11 +309,9 @@ def write_bars(path, ends, radius: float, sides: int = 12) -> Path:
         x = start + np.linspace(0.0, 1.0, 2 + int(4 * np.linalg.norm(along) / radius))[:, None] * along - first
         t = np.clip(x @ beside / (beside @ beside), 0.0, 1.0)
         gap = float(np.linalg.norm(x - t[:, None] * beside, axis=1).min()) - 2.0 * radius
-        if gap < 0.1 * radius:
-            raise SceneError(
-                f"radius = {radius:g} m: bars {k} and {other} leave a gap of {gap:.3g} m; must be at least a tenth "
-                f"of it, {0.1 * radius:.3g} m"
-            )
+        least = f"a tenth of it, {0.1 * radius:.3g} m"
+        left = f"radius = {radius:g} m: bars {k} and {other} leave a gap of {gap:.3g} m"
+        require(gap >= 0.1 * radius, f"{left}; must be at least {least}")
     turn = 2.0 * np.pi * np.arange(sides) / sides
     outer = radius * np.sqrt(2.0 * np.pi / (sides * np.sin(2.0 * np.pi / sides)))
     k, n = np.arange(sides), (np.arange(sides) + 1) % sides

@@ -1,23 +1,40 @@
-"""Walls: planes, circles, cylinders and mantles of cones. Plain NumPy."""
+"""Walls: planes, circles, cylinders and mantles of cones, and the friction on them. Plain NumPy."""
 
 from dataclasses import dataclass
 
 import numpy as np
+from pydantic import Field, model_validator
 
-from ..units import SceneError, array_of, check_kinds, check_numbers, check_vectors
-from .friction import Friction
+from ..units import Checked, ViscousConstant, YieldValue, array_of, check_kinds, check_numbers, check_vectors, require
 from .shapes import Box
+
+
+class Friction(Checked):
+    """Friction between the fluid and a wall, as a tribometer measures it. The wall holds the fluid up to the yield
+    stress of the interface, ``yield_value`` [Pa]; beyond, it slips against that stress plus
+    ``viscous_constant`` [Pa s/m] times the slip velocity. Without a yield stress this is Navier's slip, with the slip
+    length viscosity/viscous_constant.
+    """
+
+    yield_value: YieldValue = Field(0.0, description="yield stress of the interface")
+    viscous_constant: ViscousConstant = Field(0.0, description="viscous resistance of the interface")
+
+    @model_validator(mode="after")
+    def _holds_something(self):
+        if self.yield_value == 0.0 and self.viscous_constant == 0.0:
+            raise ValueError("no friction at all; must be slip = True of the wall, not Friction()")
+        return self
 
 
 def check_surface(wall):
     """SceneError unless a wall has either friction or slip, a name that is a word, and what is no number its type."""
     check_kinds(wall, {"friction": (Friction, "Friction(...)"), "name": (str, "text")})
-    if wall.name and not wall.name.isidentifier():
-        raise SceneError(f"name = {wall.name!r} of a wall: must be one word of letters, digits and _")
+    named = not wall.name or wall.name.isidentifier()
+    require(named, f"name = {wall.name!r} of a wall: must be one word of letters, digits and _")
     flags = [key for key in ("slip", "loose", "mirror", "inside") if hasattr(wall, key)]
     check_kinds(wall, {key: (bool | np.bool_, "True or False") for key in flags})
-    if wall.friction is not None and wall.slip:
-        raise SceneError(f"slip = True with friction = {wall.friction}: a wall has one of them; must be left out")
+    both = f"slip = True with friction = {wall.friction}: a wall has one of them; must be left out"
+    require(wall.friction is None or not wall.slip, both)
 
 
 def spin(turns: float, unit_axis, d: int) -> np.ndarray:
@@ -51,16 +68,15 @@ class Plane:
     def __post_init__(self):
         check_surface(self)
         check_vectors(self, "a plane", {"point": "m", "normal": "", "velocity": "m/s"})
-        if not abs(np.linalg.norm(self.normal) - 1.0) <= 1e-6:
-            kind = "mirror plane" if self.mirror else "plane"
-            raise SceneError(f"normal = {self.normal} of a {kind}: must have the length 1")
-        if not self.mirror:
-            return
-        if self.friction is not None:
-            raise SceneError(f"friction = {self.friction} of a mirror plane: nothing rubs there; must be left out")
-        if self.velocity is not None:
-            raise SceneError(f"velocity = {self.velocity} m/s: a mirror plane cannot move; must be left out")
-        object.__setattr__(self, "slip", True)
+        kind = "mirror plane" if self.mirror else "plane"
+        unit = abs(np.linalg.norm(self.normal) - 1.0) <= 1e-6
+        require(unit, f"normal = {self.normal} of a {kind}: must have the length 1")
+        if self.mirror:
+            rubs = f"friction = {self.friction} of a mirror plane: nothing rubs there; must be left out"
+            require(self.friction is None, rubs)
+            moves = f"velocity = {self.velocity} m/s: a mirror plane cannot move; must be left out"
+            require(self.velocity is None, moves)
+            object.__setattr__(self, "slip", True)
 
     @property
     def travel(self):
@@ -111,21 +127,20 @@ class Cylinder:
         check_numbers(self, units)
         d = len(self.point)
         given = array_of([] if self.axis is None else self.axis)
-        if given.shape != ((3,) if d == 3 else (0,)) or not np.all(np.isfinite(given)) or (d == 3 and not given.any()):
-            raise SceneError(f"axis = {self.axis}: must be a direction of 3 numbers in 3-D and None in 2-D")
-        if d == 2 and (self.velocity or self.slope or self.length):
-            raise SceneError(
-                f"velocity = {self.velocity:g} m/s, slope = {self.slope:g}, length = {self.length} m: a circle has no "
-                "axis; must be left out in 2-D"
-            )
-        if self.slope and self.length is None:
-            raise SceneError(f"slope = {self.slope:g}: needs a length; a cone that goes on has no radius at its tip")
-        if self.thin and self.length is None:
-            raise SceneError("thin = True: needs a length; what is thin must end somewhere")
-        if self.length is not None and not self.length > 0.0:
-            raise SceneError(f"length = {self.length:g} m: must be greater than 0 m")
-        if not self.smallest_radius > 0.0:
-            raise SceneError(f"radius = {self.smallest_radius:g} m: must be greater than 0 m")
+        is_direction = given.shape == (3,) and np.all(np.isfinite(given)) and given.any()
+        wrong = f"axis = {self.axis}: must be a direction of 3 numbers in 3-D and None in 2-D"
+        require(is_direction if d == 3 else given.shape == (0,), wrong)
+        require(
+            d == 3 or not (self.velocity or self.slope or self.length),
+            f"velocity = {self.velocity:g} m/s, slope = {self.slope:g}, length = {self.length} m: a circle has no "
+            "axis; must be left out in 2-D",
+        )
+        endless = self.length is None
+        tip = f"slope = {self.slope:g}: needs a length; a cone that goes on has no radius at its tip"
+        require(not (self.slope and endless), tip)
+        require(not (self.thin and endless), "thin = True: needs a length; what is thin must end somewhere")
+        for key, value in {"length": 1.0 if endless else self.length, "radius": self.smallest_radius}.items():
+            require(value > 0.0, f"{key} = {value:g} m: must be greater than 0 m")
 
     @property
     def smallest_radius(self):

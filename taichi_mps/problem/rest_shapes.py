@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 
-from ..units import SceneError, finite, positive
+from ..units import finite, positive, require
 
 
 def spread_at_rest(volume: float, density: float, yield_value: float, gravity: float = 9.81) -> float:
@@ -93,8 +93,8 @@ def must_come_to_rest(yield_value, density, gravity):
     """SceneError unless density [kg/m3], gravity [m/s2] and yield stress [Pa] are above 0."""
     positive("density", density, "kg/m3")
     positive("gravity", gravity, "m/s2")
-    if finite("yield_value", yield_value, "Pa", shape=()) <= 0.0:
-        raise SceneError(f"yield_value = {yield_value:g} Pa: without one nothing comes to rest; must be above 0 Pa")
+    flows = finite("yield_value", yield_value, "Pa", shape=()) <= 0.0
+    require(not flows, f"yield_value = {yield_value:g} Pa: without one nothing comes to rest; must be above 0 Pa")
 
 
 def root(function, low):

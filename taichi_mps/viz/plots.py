@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from ..problem.labels import is_measure, title, unit_of_measure
-from ..units import SceneError, plain
+from ..units import plain, require
 
 COLOURS = ("#1f5f99", "#d1662a", "#2e8b57", "#8f4f9f", "#b8323f", "#7a6a35", "#4b8ea8", "#555b63")
 STYLE = {
@@ -96,8 +96,7 @@ def history(rows, out, numerics=False):
     """What history.csv holds against time: slump and spread or what else is measured, the largest speed, and the share
     that flows (where the viscous stress is over 5 % of the yield stress); numerics: time step, iterations, errors."""
     panels = panels_of({key: values for key, values in rows.items() if np.isfinite(values).any()}, numerics)
-    if not panels:
-        raise SceneError("history.csv: holds no numbers to draw; must hold a step of a run")
+    require(panels, "history.csv: holds no numbers to draw; must hold a step of a run")
     t, below = rows["time_s"], 0.6  # [inches] for the label of the time
     tall = 1.9 * len(panels) + below
     figure, axes = _figure(7.5, tall, len(panels), sharex=True, squeeze=False, layout=None)

@@ -15,9 +15,8 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from ..problem.measures import embed
-from ..units import SceneError
-from .camera import Camera
-from .painter import Mesh, Painter
+from ..units import SceneError, require
+from .painter import Camera, Mesh, Painter
 from .smooth_surface import CUBE_OF_PICTURES, check, smooth_surface
 from .stage import stage, wall_lines
 
@@ -59,10 +58,8 @@ class Renderer:
     def __init__(
         self, scene, width=1280, height=720, view="concrete", backend="software", limits=None, beside=(), beads=False
     ):
-        if view not in VIEWS:
-            raise SceneError(f"view = {view}: must be one of {', '.join(VIEWS)}")
-        if backend not in ("software", "ggui"):
-            raise SceneError(f"backend = {backend}: must be software or ggui")
+        require(view in VIEWS, f"view = {view}: must be one of {', '.join(VIEWS)}")
+        require(backend in ("software", "ggui"), f"backend = {backend}: must be software or ggui")
         self.scene, self.view = scene, view
         self.beads = beads or backend == "ggui" or (scene.dimension == 2 and not scene.axisymmetric)
         if not self.beads:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..problem.measures import Snapshot
-from ..units import SceneError
+from ..units import SceneError, require
 
 CUBE, SMOOTHING = 0.3, 15  # side of the cells of a surface over l0; smoothing iterations of its mesh
 CUBE_OF_PICTURES = 0.6  # which takes a fifth of the time and is as smooth
@@ -16,8 +16,7 @@ FIELDS = ("u", "p", "shear_rate", "yielded", "density_ratio")
 
 def check(dimension: int) -> None:
     """SceneError where no surface can be made: of a body in the plane, or without pysplashsurf."""
-    if dimension != 3:
-        raise SceneError("surface: the scene is a plane one; must have three dimensions")
+    require(dimension == 3, "surface: the scene is a plane one; must have three dimensions")
     try:
         from pysplashsurf import MeshWithData  # noqa: F401  (0.12 and older have none)
     except ImportError:
@@ -37,8 +36,7 @@ def smooth_surface(s: Snapshot, cube: float = CUBE, fields=FIELDS) -> tuple[Snap
     import pysplashsurf
 
     size = np.ptp(s.x, axis=0).max() / (cube * s.spacing) if len(s.x) else 0.0
-    if not size < MOST_CELLS:
-        raise SceneError(f"surface: the body is {size:.2g} cells long; must be at most {MOST_CELLS:g}")
+    require(size < MOST_CELLS, f"surface: the body is {size:.2g} cells long; must be at most {MOST_CELLS:g}")
     real = np.float64 if cube == CUBE else np.float32  # takes a quarter less, and a picture has no finer points
     given = {name: np.ascontiguousarray(getattr(s, name), real) for name in fields}
     mixes = np.arange(s.mix.max(initial=0) + 1) if s.mix.any() else ()

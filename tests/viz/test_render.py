@@ -19,8 +19,7 @@ from taichi_mps.problem import catalogue
 from taichi_mps.problem.measures import still
 from taichi_mps.viz import painter, render
 from taichi_mps.viz.beads import Beads
-from taichi_mps.viz.camera import Camera
-from taichi_mps.viz.painter import Mesh, Painter
+from taichi_mps.viz.painter import Camera, Mesh, Painter
 
 ROOT = Path(__file__).resolve().parents[2]
 SIZE = {"width": 320, "height": 180}
