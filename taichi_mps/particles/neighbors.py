@@ -48,7 +48,7 @@ class Bins:
         self.low, self.cell_size, self.size = vector(low), vector(size / shape), vector(size)
         self.cell_start = ti.field(ti.i32, self.cells + 2)  # first row of each cell; one more of what is aside
         self.cell_of = ti.field(ti.i32, particles.capacity)  # linear cell of each row
-        self._fill = ti.field(ti.i32, self.cells + 1)  # rows already put into each cell
+        self._fill = ti.field(ti.i32, self.cells + 2)  # rows already put into each cell
         self.lost = ti.field(ti.i32, ())  # particles outside the domain or not finite
 
     @ti.func
@@ -77,9 +77,7 @@ class Bins:
         lost."""
         self.lost[None] = 0
         for k in range(self.cells + 2):
-            self.cell_start[k] = 0
-        for k in range(self.cells + 1):
-            self._fill[k] = 0
+            self.cell_start[k], self._fill[k] = 0, 0
         for i in range(self.particles.count[None]):
             x = self.particles.x[i]
             outside = 0
