@@ -76,7 +76,7 @@ class Particles:
         others = [field for pair in self.twins if pair[0] is not self.x for field in pair]
         for field in (*others, self.source_row):
             ti.root.dense(ti.i, self.capacity).place(field)
-        self.rows, self._positions = FieldIO(self.carried, self.capacity), FieldIO({"x": self.x}, self.capacity)
+        self.rows = FieldIO(self.carried, self.capacity)
         self.load({**start, "id": np.arange(n)} | ({"ring": volumes} if axisymmetric else {}))
 
     def load(self, state: dict) -> None:
@@ -94,10 +94,6 @@ class Particles:
         """All carried fields (n, ...), in the order of the rows."""
         self.recall()
         return self.rows.read(self.count[None])
-
-    def positions(self) -> np.ndarray:
-        """Positions (n, d) [m] of all particles, in the order of the rows; those aside stay there."""
-        return self._positions.read(self.number)["x"]
 
     def append(self, positions, velocity, mix: int = 0) -> None:
         """Fluid particles of a mix at positions (m, d) [m] with a velocity (d,) [m/s], numbered on; all else of them is

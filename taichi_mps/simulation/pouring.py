@@ -44,7 +44,7 @@ class Pouring:
         its first layer and after the step of its last one."""
         done = self.done
         if self.due(time):
-            layer = self.enter(time, particles.positions())
+            layer = self.enter(time, particles.x.to_numpy()[: particles.number])
             if layer is not None:
                 particles.append(layer, self.inlet.velocity(self.spacing, time), self.mix)
         return self.speed if self.entered and not done else 0.0
