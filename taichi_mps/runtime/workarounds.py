@@ -3,7 +3,7 @@
 The engine is written for Taichi 1.7.4, which has no wheel for Python 3.14 and gets no more releases. Where it is not
 installed the engine runs on Quadrants, its maintained fork; TAICHI_MPS_KERNELS=taichi or quadrants chooses.
 
-Each workaround says why it is there and when it can go; tests/runtime/test_workarounds.py holds each. Cures of wrong
+Each workaround says why it is there and when it can go; tests/runtime holds each. Cures of wrong
 results are always on. The speed patch reaches into Taichi's internals, and no bit of a result depends on it:
 TAICHI_MPS_WORKAROUNDS=0 leaves it out, and so does a version that it was not written for.
 """
