@@ -61,13 +61,12 @@ class FrictionalSlip:
 
     @ti.func
     def set_bond(self, i, z):
-        """Keeps and returns ``bond``, the part of its velocity that a particle at z [m] loses in the layer beneath."""
+        """Keeps ``bond``, the part of its velocity that a particle at z [m] loses in the layer beneath."""
         t = self.constant * self.slip[i]
         if ti.static(self.yields):
             t += self.traction[i]
         size, sheared = t.norm(), self.eta / z * self.slip[i].norm()
         self.bond[i] = size / (size + sheared) if sheared > 0.0 else 1.0
-        return self.bond[i]
 
     @ti.func
     def set_area(self, i, n, z, volume, cBn, ratio, acts, second):

@@ -165,9 +165,9 @@ class Walls:
                 self.c[i, f] = self.ghosts.lookup("pull", i, wall, f, x, z, curvature, ratio)
                 moment += self.c[i, f] * ti.max(z, self.closest) * normal
                 if ti.static(not wall.slip):
-                    t = self.ghosts.lookup("tangential", i, wall, f, x, z, curvature, ratio)
                     if ti.static(wall.has_friction):
-                        t *= wall.friction.set_bond(i, ti.max(z, self.closest))
+                        wall.friction.set_bond(i, ti.max(z, self.closest))
+                    t = self.tangential(i, wall, f, x, z, curvature, ratio)
                     moment += t * (ti.Matrix.identity(float, self.dimension) - normal)
         return counts, moment, surface_normal
 
