@@ -115,7 +115,7 @@ class Sampled(Surface):
     @ti.func
     def sample(self, x):
         """Distance [m] and its gradient [-]; FAR beyond the grid."""
-        return linear(self.values, real(), ti.Vector(self.shape), self.offset(x) / self.cell, self.cell, FAR)
+        return linear(self.values, float, ti.Vector(self.shape), self.offset(x) / self.cell, self.cell, FAR)
 
     @ti.func
     def signed(self, x):
