@@ -113,7 +113,11 @@ def read_rows(path) -> list[dict[str, str]]:
     names, *rows = Path(path).read_bytes().decode("utf-8", "replace").split("\n")
     columns, _, last = names.rpartition(",")
     known = last == SUM and set(COLUMNS) <= set(columns.split(","))
-    require(known, f"{path}: damaged or no history of a run; must have the columns {', '.join(COLUMNS)}, {SUM}")
+    require(
+        known,
+        f"{path}: damaged or no history of a run; must have the columns {', '.join(COLUMNS)}, {SUM}, without which "
+        "only version 0.1.0 reads it (commit 068d274)",
+    )
     torn = rows.pop() if rows else ""  # a process killed while it wrote leaves one, shorter than a whole one
     cells = [row.rpartition(",") for row in rows]
     wrong = next((k for k, (text, _, found) in enumerate(cells, 1) if found != checksum(columns, text)), None)
