@@ -142,10 +142,14 @@ class GhostSums:
             if ti.static(name == "inward" or (before if name in COUNTED else mirror)):
                 across, _n, _velocity, _curvature = other.nearest(x)
                 if across < self.effective_radius:
-                    value *= 1.0 - (1.0 - self.left(name, z, across)) * other.weight(i, x, across)
+                    cut = 1.0 - self.left(name, z, across)
+                    if ti.static(other.thin or other.unilateral):
+                        cut *= other.weight(i, x, across)
+                    value *= 1.0 - cut
         if ti.static(self.wedges):
             value *= self.remains[i, f][ti.static(GHOST_SUMS.index(name))]
-        value *= wall.weight(i, x, z)
+        if ti.static(wall.thin or wall.unilateral):
+            value *= wall.weight(i, x, z)
         if ti.static(self.rings and name in OF_PAIRS):  # the circle where the wall is, of no length on the axis
             depth, n, _velocity, _curvature = wall.nearest(x)
             value *= ti.max(0.0, ti.cast(x[0], float) - n[0] * depth) / self.spacing
