@@ -27,7 +27,7 @@ from contextlib import contextmanager
 
 from .backend import for_kernels, real, started, ti
 from .thread_team import ThreadTeam, enter
-from .workarounds import compiled_plainly
+from .workarounds import compiled_plainly, launch_directly
 
 OPTIMISED = 1000
 """Rows from which on a fused kernel is optimised: 6 s more to compile, once, for an eighth less of each run."""
@@ -165,12 +165,12 @@ class Execution:
                 break
             objects = [id(argument) if slot is None else slot for argument, slot in zip(arguments, slots, strict=True)]
             key, numbers = (*key, id(stage), *objects), known
-            made.append(Call(stage, arguments, slots))
+            made.append((stage, arguments, slots))
         left = calls[len(made) :]
         if not made or (left and alone and whole > 1):
             raise ValueError(f"stage {left[0][0].name}: more than {MOST_NUMBERS} numbers for one kernel")
         if key not in self._kernels:
-            self._kernels[key] = kernel_of(made, alone, team)
+            self._kernels[key] = launch_directly(kernel_of([Call(*call) for call in made], alone, team))
         self._kernels[key](whole, *map(float, numbers), *[0.0] * (MOST_NUMBERS - len(numbers)))
         return left
 
