@@ -57,7 +57,7 @@ def test_kernels_by_hand_leave_the_simulation_as_it_was():
     space, shown = run(BOOKS[1])
     assert abs(np.median(space["density"]) - 1.0) < 0.1
     assert np.abs(space["rate"][space["inside"]] / (0.5 * 12**0.5) - 1.0).max() < 1e-3
-    assert space["report"].converged and space["report"].iterations > 3
+    assert space["residual"] <= 1e-5 and space["iterations"] > 3
     assert space["speed"].max() > 0.0
     sim, after = space["sim"], space["sim"].snapshot().x
     sim.load(space["saved"])
