@@ -73,7 +73,8 @@ def slump_curve(histories, out, references=None, log_time=False):
     low, high = axes.get_ylim()
     axes.set(xlabel="time [s]", ylabel="slump [cm]", ylim=(max(high, 1.0), min(low, 0.0)))
     axes.set_xlim(left=None if log_time else 0.0)
-    figure.legend(loc="outside right upper", frameon=False)
+    if len(curves) > 1:
+        figure.legend(loc="outside right upper", frameon=False)
     return _save(figure, out)
 
 
