@@ -40,7 +40,10 @@ def nearness(text: str) -> float | None:
     parts = re.split(r" (<=?|>=?|==|±) ", PLAIN.sub(r"\1", text.split("\n")[0]))
     if not all(ARITHMETIC.fullmatch(part) for part in parts[::2]):
         return None
-    numbers = [float(eval(part)) for part in parts[::2]]
+    try:
+        numbers = [float(eval(part)) for part in parts[::2]]
+    except SyntaxError:  # one of several lines
+        return None
     if parts[1::2] == ["==", "±"]:
         small, large = abs(numbers[0] - numbers[1]), numbers[2]
     elif len(parts) == 3 and parts[1] != "==":
@@ -125,7 +128,7 @@ def run(variant: str, words: list[str]) -> tuple[dict[str, float], list[str]]:
         for file in Path(folder).glob("*.json"):
             for name, value in json.loads(file.read_text(encoding="utf-8")).items():
                 near[name] = max(value, near.get(name, 0.0))
-    return near, re.findall(r"^(?:FAILED|ERROR) (\S+)", done.stdout, re.M)
+    return near, re.findall(r"^(?:FAILED|ERROR) (.+?)(?: - |$)", done.stdout, re.M)
 
 
 def main() -> int:
