@@ -10,12 +10,36 @@ from ..units import check_vectors, positive, require
 
 @dataclass(frozen=True)
 class Cavity:
-    """The room that concrete is to fill: cells of half a spacing between two corners, those whose middle is in front of
-    all walls.
+    """Form that concrete is to fill, as a grid of cells in front of all walls.
 
-    A cell is filled if the middle of a particle is within half the diagonal of a particle's square or cube: a lattice
-    then fills all of its cells, and a void is a place where a ball of this radius finds no middle of a particle. At a
-    surface up to 0.37 spacings (3-D; 0.21 in 2-D) too much are counted. The voids are those of the computed part.
+    Parameters
+    ----------
+    low, high : tuple of float, length d
+        Corners [m]; the last coordinate of ``high`` is the level to which the form is filled.
+    walls : tuple of Plane, Cylinder or Solid
+        Walls of the form.
+    spacing : float
+        Particle size [m].
+
+    Raises
+    ------
+    SceneError
+        If the cavity is shorter than half a spacing, or lies in the walls.
+
+    Notes
+    -----
+    Cells are half a spacing wide. A cell is filled if a particle's centre is within half the diagonal of a particle's
+    square or cube, so that a full lattice fills all cells and a void is a place where a ball of that radius finds no
+    centre. At a surface up to 0.37 spacings too much (0.21 in two dimensions) are counted. Voids are those of the
+    computed part.
+
+    Examples
+    --------
+    >>> import taichi_mps as mps
+    >>> form = mps.Cavity((0.0, 0.0), (0.2, 0.1), mps.box_planes((0.0, 0.0), (0.2, 0.1)), 0.02)
+    >>> body = mps.measure.still(mps.lattice((0.0, 0.0), (0.2, 0.05), 0.02), 0.02)
+    >>> round(form.report(body)["filled_ratio"], 2)
+    0.6
     """
 
     low: tuple[float, ...]  # [m]
@@ -41,23 +65,45 @@ class Cavity:
 
     @cached_property
     def cell(self) -> np.ndarray:
-        """Sides (d,) of a cell [m]: half a spacing, or what divides the cavity evenly."""
+        """Sides of a cell [m], shape (d,): about half a spacing."""
         return np.subtract(self.high, self.low) / self.shape
 
     def middles(self, axis: int) -> np.ndarray:
-        """Middles [m] of the cells along an axis."""
+        """Return the centres of the cells along an axis.
+
+        Parameters
+        ----------
+        axis : int
+            Number of the axis.
+
+        Returns
+        -------
+        ndarray, shape (k,)
+            Coordinates [m].
+        """
         return self.low[axis] + self.cell[axis] * (np.arange(self.shape[axis]) + 0.5)
 
     @cached_property
     def cells(self) -> np.ndarray:
-        """True where a cell is part of the cavity, (nx, ..., nz)."""
+        """True where a cell is part of the cavity, shape (nx, ..., nz)."""
         axes = map(self.middles, range(len(self.shape)))
         x = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, len(self.shape))
         room = np.all([wall.distance(x) > 0.0 for wall in self.walls], axis=0)
         return np.broadcast_to(room, len(x)).reshape(self.shape)
 
     def filled(self, s) -> np.ndarray:
-        """True where a cell of the cavity is filled at a snapshot, (nx, ..., nz)."""
+        """Tell which cells of the cavity are filled.
+
+        Parameters
+        ----------
+        s : Snapshot
+            Fluid.
+
+        Returns
+        -------
+        ndarray of bool, shape (nx, ..., nz)
+            True where a cell is filled.
+        """
         low, radius = np.array(self.low), 0.5 * np.sqrt(len(self.shape)) * self.spacing * (1.0 + 1e-6)
         wide = np.ceil(radius / self.cell).astype(int)  # cells around that of a particle that may be within the radius
         own, filled = np.floor((s.x - low) / self.cell).astype(int), np.zeros(self.shape, bool)
@@ -69,14 +115,38 @@ class Cavity:
         return filled & self.cells
 
     def by_height(self, s) -> tuple[np.ndarray, np.ndarray]:
-        """Heights [m] of the layers of cells and the filled fraction of each [-]; nan where it is all wall."""
+        """Return the filled fraction of each layer of cells.
+
+        Parameters
+        ----------
+        s : Snapshot
+            Fluid.
+
+        Returns
+        -------
+        heights : ndarray, shape (nz,)
+            Centres of the layers [m].
+        fractions : ndarray, shape (nz,)
+            Filled fraction [-], nan where a layer is all wall.
+        """
         rest = tuple(range(len(self.shape) - 1))
         room, filled = self.cells.sum(rest), self.filled(s).sum(rest)
         return self.middles(len(rest)), np.where(room > 0, filled / np.maximum(room, 1), np.nan)
 
     def report(self, s) -> dict:
-        """filled_ratio [-]; void_m3 (m2 in 2-D) and void_centre [m], None if there is no void; filled_by_height: pairs
-        of by_height, without what is all wall."""
+        """Summarize how the cavity is filled.
+
+        Parameters
+        ----------
+        s : Snapshot
+            Fluid.
+
+        Returns
+        -------
+        dict
+            ``filled_ratio`` [-]; ``void_m3``, volume of the voids (m2 in two dimensions); ``void_centre`` [m], None
+            without a void; ``filled_by_height``, pairs of height [m] and filled fraction [-].
+        """
         void = self.cells & ~self.filled(s)
         places = np.argwhere(void)
         centre = np.array(self.low) + self.cell * (places.mean(0) + 0.5) if len(places) else None

@@ -14,7 +14,24 @@ POINT = 90  # bytes of a point while a body is cut out of the lattice
 
 @dataclass(frozen=True)
 class Box:
-    """Axis-parallel box (rectangle in 2-D) between two corners [m]."""
+    """Axis-parallel box, in two dimensions a rectangle, between two corners.
+
+    Parameters
+    ----------
+    low, high : tuple of float, length d
+        Lowest and highest corner [m], d = 2 or 3.
+
+    Raises
+    ------
+    SceneError
+        If ``high`` is not above ``low`` along each axis.
+
+    Examples
+    --------
+    >>> import taichi_mps as mps
+    >>> mps.Box((0.0, 0.0), (0.5, 0.2)).volume
+    0.1
+    """
 
     low: tuple[float, ...]
     high: tuple[float, ...]
@@ -25,23 +42,54 @@ class Box:
         require(above, f"high = {self.high} m of a box: must be above low = {self.low} m along each axis")
 
     def contains(self, x):
-        """Are points x (n, d) [m] inside? (n,)"""
+        """Tell which points are inside.
+
+        Parameters
+        ----------
+        x : ndarray, shape (n, d)
+            Points [m].
+
+        Returns
+        -------
+        ndarray of bool, shape (n,)
+            True inside, False on the surface and outside.
+        """
         return np.all((x > self.low) & (x < self.high), axis=1)
 
     @property
     def bounds(self):
-        """Corners (d,), (d,) [m] of the box around it."""
+        """Lowest and highest corner [m] of the enclosing box, each of shape (d,)."""
         return np.array(self.low, float), np.array(self.high, float)
 
     @property
     def volume(self):
-        """[m3]; in 2-D [m2]."""
+        """Volume [m3], in two dimensions the area [m2]."""
         return float(np.prod(np.subtract(self.high, self.low)))
 
 
 @dataclass(frozen=True)
 class Cone:
-    """Truncated cone on z = 0 around the z axis: radii [m] at the base and the top, height [m]."""
+    """Truncated cone around the z axis, standing on z = 0.
+
+    Parameters
+    ----------
+    base_radius, top_radius : float
+        Radii at the base and at the top [m]; one of them may be 0.
+    height : float
+        Height [m].
+
+    Raises
+    ------
+    SceneError
+        If a radius is negative or the cone has no volume.
+
+    Examples
+    --------
+    >>> import taichi_mps as mps
+    >>> cone = mps.Cone(base_radius=0.1, top_radius=0.05, height=0.3)
+    >>> round(1e3 * cone.volume, 3)  # litres
+    5.498
+    """
 
     base_radius: float
     top_radius: float
@@ -55,26 +103,62 @@ class Cone:
         require(self.volume > 0.0, wrong)
 
     def contains(self, x):
-        """Are points x (n, 3) [m] inside? (n,)"""
+        """Tell which points are inside.
+
+        Parameters
+        ----------
+        x : ndarray, shape (n, 3)
+            Points [m].
+
+        Returns
+        -------
+        ndarray of bool, shape (n,)
+            True inside, False on the surface and outside.
+        """
         radius = self.base_radius + (self.top_radius - self.base_radius) * x[:, 2] / self.height
         return (x[:, 2] > 0) & (x[:, 2] < self.height) & (np.hypot(x[:, 0], x[:, 1]) < radius)
 
     @property
     def bounds(self):
-        """Corners (3,), (3,) [m] of the box around it."""
+        """Lowest and highest corner [m] of the enclosing box, each of shape (3,)."""
         r = max(self.base_radius, self.top_radius)
         return np.array([-r, -r, 0.0]), np.array([r, r, self.height])
 
     @property
     def volume(self):
-        """[m3]"""
+        """Volume [m3]."""
         a, b = self.base_radius, self.top_radius
         return np.pi * self.height / 3.0 * (a * a + a * b + b * b)
 
 
 def lattice(low, high, spacing, offset=0.5):
-    """Points of a cubic lattice [m] in a box between two corners (d,) [m], (n, d); ``offset`` of the first point in
-    spacings [m], per axis or one."""
+    """Return the points of a cubic lattice in a box.
+
+    Parameters
+    ----------
+    low, high : array_like, shape (d,)
+        Lowest and highest corner of the box [m].
+    spacing : float
+        Distance between neighbouring points [m].
+    offset : float or array_like of shape (d,), optional
+        Distance of the first point from ``low``, in spacings [-], for all axes or for each.
+
+    Returns
+    -------
+    ndarray, shape (n, d)
+        Positions [m]; the last coordinate varies fastest.
+
+    Raises
+    ------
+    SceneError
+        If the spacing is not positive, or there would be more points than memory or 1e8.
+
+    Examples
+    --------
+    >>> import taichi_mps as mps
+    >>> mps.lattice((0.0, 0.0), (0.2, 0.1), 0.1).round(3).tolist()
+    [[0.05, 0.05], [0.15, 0.05]]
+    """
     positive("spacing", spacing)
     low = finite("low", low, "m", dimensions=1)
     high = finite("high", high, "m", shape=low.shape)
@@ -93,8 +177,35 @@ def lattice(low, high, spacing, offset=0.5):
 
 
 def rings(inner_radius, outer_radius, spacing):
-    """Points (n, 2) [m] on circles about the origin, a spacing apart: a disc (inner radius 0) or what is between two
-    circles, without the steps that a square lattice has there."""
+    """Return points on concentric circles about the origin, a spacing apart.
+
+    Parameters
+    ----------
+    inner_radius, outer_radius : float
+        Radii between which the circles lie [m]; a disc has the inner radius 0.
+    spacing : float
+        Wanted distance of circles, and of points along a circle [m].
+
+    Returns
+    -------
+    ndarray, shape (n, 2)
+        Positions [m].
+
+    Raises
+    ------
+    SceneError
+        If the radii are not at least a spacing apart.
+
+    Notes
+    -----
+    Unlike a square lattice, circles follow a round wall without steps.
+
+    Examples
+    --------
+    >>> import taichi_mps as mps
+    >>> mps.rings(0.0, 0.1, 0.02).shape
+    (78, 2)
+    """
     positive("spacing", spacing)
     count = round((outer_radius - inner_radius) / spacing)
     require(
@@ -113,7 +224,28 @@ def rings(inner_radius, outer_radius, spacing):
 
 
 def shell(low, high, spacing, layers=3):
-    """Wall particles [m], (m, d): ``layers`` around a box that is open at the top (last axis), its corners (d,) [m]."""
+    """Return wall particles in layers around a box that is open at the top.
+
+    Parameters
+    ----------
+    low, high : array_like, shape (d,)
+        Lowest and highest corner of the inside of the box [m]; the last axis points up.
+    spacing : float
+        Distance between particles [m].
+    layers : int, optional
+        Number of layers.
+
+    Returns
+    -------
+    ndarray, shape (m, d)
+        Positions [m].
+
+    Examples
+    --------
+    >>> import taichi_mps as mps
+    >>> mps.shell((0.0, 0.0), (0.3, 0.1), 0.1, layers=1).shape
+    (7, 2)
+    """
     positive("spacing", spacing)
     low, high = np.asarray(low, float), np.asarray(high, float)
     thick = layers * spacing
@@ -124,8 +256,32 @@ def shell(low, high, spacing, layers=3):
 
 
 def fill_rings(solid, spacing):
-    """Positions (n, 2) [m] (r, z) of the rings of a solid around the z axis, one per spacing^2, half a spacing from the
-    axis and the base: those whose middle lies in the solid."""
+    """Fill a body of revolution with rings, for an axisymmetric scene.
+
+    Parameters
+    ----------
+    solid : Cone or object with ``bounds`` and ``contains``
+        Body around the z axis [m].
+    spacing : float
+        Particle size [m].
+
+    Returns
+    -------
+    ndarray, shape (n, 2)
+        Positions (r, z) of the rings [m], one for each spacing squared of the section, the first half a spacing from
+        the axis and from the base.
+
+    Raises
+    ------
+    SceneError
+        If no ring fits into the body.
+
+    Examples
+    --------
+    >>> import taichi_mps as mps
+    >>> mps.fill_rings(mps.Cone(0.1, 0.1, 0.2), 0.1).round(3).tolist()
+    [[0.05, 0.05], [0.05, 0.15]]
+    """
     positive("spacing", spacing)
     low, high = solid.bounds
     x = lattice((0.0, low[2]), (high[0] + spacing, high[2]), spacing)
@@ -135,11 +291,37 @@ def fill_rings(solid, spacing):
 
 
 def fill(solid, spacing, mirrors=()):
-    """Positions (n, d) [m] of the particles of a solid, one per spacing^d.
+    """Fill a body with particles on a lattice.
 
-    Particles start half a spacing inside the lower faces. Of the lattices that keep the mirror symmetry of
-    the solid (a particle or an edge on the middle) the one nearest to the solid's volume is taken. With ``mirrors``,
-    planes across axes, it is the one with an edge on the middle and on these planes, and only what is in front of them.
+    Parameters
+    ----------
+    solid : Box, Cone or object with ``bounds``, ``contains`` and ``volume``
+        Body to fill [m].
+    spacing : float
+        Particle size l0 [m].
+    mirrors : sequence of Plane, optional
+        Mirror planes across axes; only what lies in front of them is filled, with the edge of the lattice on them.
+
+    Returns
+    -------
+    ndarray, shape (n, d)
+        Positions [m], one for each volume l0^d of the body.
+
+    Raises
+    ------
+    SceneError
+        If the spacing is larger than the body, or a mirror is not across an axis.
+
+    Notes
+    -----
+    Particles start half a spacing above the lower faces. Of the lattices that keep the mirror symmetry of the body,
+    with a particle or an edge in the middle, the one whose volume is nearest to that of the body is taken.
+
+    Examples
+    --------
+    >>> import taichi_mps as mps
+    >>> len(mps.fill(mps.Box((0.0, 0.0, 0.0), (0.1, 0.1, 0.2)), 0.02))
+    250
     """
     positive("spacing", spacing)
     low, high = solid.bounds

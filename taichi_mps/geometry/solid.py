@@ -18,12 +18,53 @@ AT_ONCE = 2e6  # nodes that a distance is asked for
 
 @dataclass(frozen=True)
 class Solid:
-    """Wall: where the distance [m], linear between the nodes of a grid, is negative. ``values`` are the distances at
-    the nodes, positive in the fluid; ``low`` is the first node and ``cell`` the step of the grid [m]. Beyond the grid
-    there is no wall. ``velocity`` [m/s] carries the solid along; it turns with ``angular_velocity`` [rad/s] about the
-    ``axis`` through ``pivot`` [m], in two dimensions, where it has no axis, counter-clockwise. ``slip`` leaves the
-    tangential motion free, ``friction`` resists it. A ``loose`` wall is unilateral: it pushes and does not pull. Fluid
-    on two sides of the wall does not feel the other through it.
+    """Wall of any shape, given by its signed distance on a grid.
+
+    Parameters
+    ----------
+    values : ndarray, shape (nx, ..., nz)
+        Signed distance at the nodes [m], positive in the fluid; linear in between. Beyond the grid there is no wall.
+    low : tuple of float, length d
+        First node [m].
+    cell : float
+        Distance between nodes [m].
+    velocity : tuple of float, length d, optional
+        Translation [m/s].
+    slip : bool, optional
+        Leave the tangential motion of the fluid free.
+    loose : bool, optional
+        Unilateral contact: the wall pushes and does not pull.
+    friction : Friction, optional
+        Resistance to the tangential motion, between no slip and slip.
+    name : str, optional
+        Name in the measured wall loads.
+    angular_velocity : float, optional
+        Rotation about the axis through ``pivot`` [rad/s], in two dimensions counter-clockwise.
+    pivot : tuple of float, length d, optional
+        Point of the axis at 0 s [m].
+    axis : tuple of float, length 3, optional
+        Direction of the axis [-]; None in two dimensions.
+
+    Raises
+    ------
+    SceneError
+        If the values are no distance (slope above 1.5), none is negative, or a rotation has no pivot.
+
+    See Also
+    --------
+    Solid.of : sample a function.
+    Solid.from_mesh : read a closed triangle mesh.
+
+    Notes
+    -----
+    Fluid on two sides of the wall does not feel the other through it.
+
+    Examples
+    --------
+    >>> import numpy as np, taichi_mps as mps
+    >>> ball = mps.Solid.of(lambda x: np.linalg.norm(x, axis=1) - 0.1, (-0.2, -0.2), (0.2, 0.2), cell=0.01)
+    >>> ball.distance(np.array([[0.15, 0.0]])).round(4).tolist()
+    [0.05]
     """
 
     values: np.ndarray
@@ -64,8 +105,29 @@ class Solid:
 
     @classmethod
     def of(cls, distance, low, high, cell, **keywords):
-        """Solid of a function ``distance(points)`` of points (n, d) [m], positive in the fluid, sampled every ``cell``
-        [m] between two corners."""
+        """Sample a signed distance function on a grid.
+
+        Parameters
+        ----------
+        distance : callable
+            Function of points, shape (n, d) [m], that gives signed distances, shape (n,) [m], positive in the fluid.
+        low, high : array_like, shape (d,)
+            Corners of the grid [m]; it reaches an effective radius beyond the solid where fluid may come.
+        cell : float
+            Distance between nodes [m], half of the particle size or less.
+        **keywords
+            Other parameters of ``Solid``, such as ``velocity`` or ``friction``.
+
+        Returns
+        -------
+        Solid
+            Wall.
+
+        Raises
+        ------
+        SceneError
+            If the grid has too many nodes or no node lies inside the solid.
+        """
         positive("cell", cell)
         low = finite("low", low, "m", dimensions=1)
         high = finite("high", high, "m", shape=low.shape)
@@ -85,9 +147,26 @@ class Solid:
 
     @classmethod
     def prism(cls, corners, cell, reach, along=None, **keywords):
-        """Solid whose section in the (x, z) plane is a convex polygon, corners (k, 2) [m] counter-clockwise: a plate, a
-        gate, the side of a funnel. Its grid goes ``reach`` [m] beyond it and, in 3-D, from one y to another, ``along``
-        [m]; there it has no ends."""
+        """Make a solid whose section in the (x, z) plane is a convex polygon: a plate, a gate.
+
+        Parameters
+        ----------
+        corners : array_like, shape (k, 2)
+            Corners (x, z) [m], counter-clockwise.
+        cell : float
+            Distance between nodes [m].
+        reach : float
+            How far the grid goes beyond the polygon [m].
+        along : tuple of float, length 2, optional
+            In three dimensions the lowest and highest y of the grid [m]; the prism has no ends there.
+        **keywords
+            Other parameters of ``Solid``.
+
+        Returns
+        -------
+        Solid
+            Wall, in two dimensions without ``along``.
+        """
         low, high = np.min(corners, axis=0) - reach, np.max(corners, axis=0) + reach
         if along is None:
             return cls.of(lambda x: polygon_distance(x, corners), low, high, cell, **keywords)
@@ -96,8 +175,28 @@ class Solid:
 
     @classmethod
     def bars(cls, places, radius, upright, cell, reach, **keywords):
-        """Solid of upright round bars of this radius [m] at places (k, 2) [m], from one z to another, ``upright`` [m];
-        its grid goes ``reach`` [m] beyond them to the sides."""
+        """Make a solid of upright round bars.
+
+        Parameters
+        ----------
+        places : array_like, shape (k, 2)
+            Axes (x, y) of the bars [m].
+        radius : float
+            Radius of a bar [m].
+        upright : tuple of float, length 2
+            Lowest and highest z of the grid [m].
+        cell : float
+            Distance between nodes [m].
+        reach : float
+            How far the grid goes beyond the bars to the sides [m].
+        **keywords
+            Other parameters of ``Solid``.
+
+        Returns
+        -------
+        Solid
+            Wall.
+        """
         places = np.asarray(places, float)
         low = [*(places.min(0) - radius - reach), upright[0]]
         high = [*(places.max(0) + radius + reach), upright[1]]
@@ -109,16 +208,53 @@ class Solid:
 
     @classmethod
     def from_mesh(cls, path, cell, reach, inside=False, scale=1.0, **keywords):
-        """Solid of a closed triangle mesh (STL, OBJ, PLY), its coordinates times ``scale`` in metres, sampled every
-        ``cell`` [m] up to ``reach`` [m] around it, an effective radius at least. ``inside``: the fluid is inside."""
+        """Make a solid from a closed triangle mesh (extra ``cad``).
+
+        Parameters
+        ----------
+        path : path-like
+            STL, OBJ or PLY file.
+        cell : float
+            Distance between nodes [m].
+        reach : float
+            How far the grid goes beyond the mesh [m], at least an effective radius.
+        inside : bool, optional
+            Whether the fluid is inside.
+        scale : float, optional
+            Metres for one unit of the file, 0.001 for a file in millimetres.
+        **keywords
+            Other parameters of ``Solid``.
+
+        Returns
+        -------
+        Solid
+            Wall.
+
+        Raises
+        ------
+        SceneError
+            If the file is missing, damaged, not closed, or longer than 100 m.
+        """
         points, triangles = read_mesh(path, scale)
         side = -1.0 if inside else 1.0
         low, high = points.min(0) - reach, points.max(0) + reach
         return cls.of(lambda x: side * mesh_distance(x, points, triangles), low, high, cell, **keywords)
 
     def section(self, y: float = 0.0, time: float = 0.0) -> list[np.ndarray]:
-        """Where the distance is zero at a time [s], as short lines (2, d) [m]; of a solid in 3-D its section at this y
-        [m]."""
+        """Return where the distance is zero, as short line segments.
+
+        Parameters
+        ----------
+        y : float, optional
+            Position of the section of a solid in three dimensions [m].
+        time : float, optional
+            Time at which the wall is looked at [s].
+
+        Returns
+        -------
+        list of ndarray, shape (2, d)
+            End points of the segments [m].
+        """
         x, z = (np.arange(lo, hi + self.cell, self.cell) for lo, hi in np.transpose(self.reach(time))[[0, -1]])
         nodes = np.stack(np.meshgrid(x, z, indexing="ij"), -1).reshape(-1, 2)
         placed = nodes if len(self.low) == 2 else np.insert(nodes, 1, y, axis=1)
@@ -136,8 +272,11 @@ class Solid:
 
     @cached_property
     def thickness(self) -> float:
-        """Of its thickest part [m], about: the depths of two nodes side by side and their distance, where it gets
-        shallower beyond both, or else twice the depth of the deepest node."""
+        """Estimated thickness of the thickest part [m].
+
+        The largest sum of the depths of two neighbouring nodes and their distance, where the depth falls beyond both;
+        at least twice the depth of the deepest node.
+        """
         depth, inside, found = -self.values, np.argwhere(self.values < 0.0), [-2.0 * float(self.values.min())]
         for way in product((0, 1), (-1, 0, 1), (-1, 0, 1)):
             way = np.array(way[-depth.ndim :])
@@ -151,7 +290,7 @@ class Solid:
 
     @cached_property
     def steepest(self) -> float:
-        """Largest slope of the distance between nodes [-]: along each axis it is linear there, so it is at a node."""
+        """Largest slope of the distance between nodes [-]."""
         square = 0.0
         for axis in range(self.values.ndim):
             slope = np.abs(np.diff(np.moveaxis(self.values, axis, 0), axis=0)) / self.cell
@@ -162,72 +301,139 @@ class Solid:
 
     @property
     def point(self):
-        """The first node [m]."""
+        """First node [m]."""
         return self.low
 
     @property
     def high(self) -> tuple[float, ...]:
-        """The last node [m]."""
+        """Last node [m]."""
         return tuple(np.array(self.low) + self.cell * (np.array(self.values.shape) - 1))
 
     @property
     def travel(self):
-        """Velocity [m/s] at which the place of the wall changes."""
+        """Velocity of translation [m/s], shape (d,)."""
         return np.zeros(len(self.low)) if self.velocity is None else np.array(self.velocity, float)
 
     @property
     def unit_axis(self):
-        """Unit vector (d,) along the axis; zero where there is none."""
+        """Unit vector along the axis, shape (d,); zero where there is none."""
         axis = np.zeros(len(self.low)) if self.axis is None else np.array(self.axis, float)
         return axis / (np.linalg.norm(axis) or 1.0)
 
     @property
     def centre(self):
-        """The pivot, or the first node [m]."""
+        """Pivot, or the first node where there is none [m], shape (d,)."""
         return np.array(self.low if self.pivot is None else self.pivot, float)
 
     @property
     def spin(self):
-        """Gradient (d, d) of its velocity [1/s]."""
+        """Gradient of the velocity of rotation [1/s], shape (d, d)."""
         return spin(self.angular_velocity, self.unit_axis, len(self.low))
 
     def turned(self, time) -> np.ndarray:
-        """Rotation (d, d) from 0 s to a time [s]."""
+        """Return the rotation from 0 s to a time.
+
+        Parameters
+        ----------
+        time : float
+            Time [s].
+
+        Returns
+        -------
+        ndarray, shape (d, d)
+            Rotation matrix [-].
+        """
         if not self.angular_velocity:
             return np.eye(len(self.low))
         angle, K = self.angular_velocity * time, self.spin / self.angular_velocity
         return np.eye(len(K)) + np.sin(angle) * K + (1.0 - np.cos(angle)) * K @ K
 
     def placed(self, x, time) -> np.ndarray:
-        """Where points (n, d) [m] of the solid at 0 s are at a time [s]."""
+        """Move points of the solid with it.
+
+        Parameters
+        ----------
+        x : ndarray, shape (n, d)
+            Positions at 0 s [m].
+        time : float
+            Time [s].
+
+        Returns
+        -------
+        ndarray, shape (n, d)
+            Positions at that time [m].
+        """
         return (x - self.centre) @ self.turned(time).T + self.centre + time * self.travel
 
     def reach(self, time) -> tuple[np.ndarray, np.ndarray]:
-        """Low and high corner (d,) [m] of the room that its grid takes up at a time [s]."""
+        """Return the box that encloses the grid at a time.
+
+        Parameters
+        ----------
+        time : float
+            Time [s].
+
+        Returns
+        -------
+        low, high : ndarray, shape (d,)
+            Corners [m].
+        """
         corners = self.placed(self.corners, time)
         return corners.min(0), corners.max(0)
 
     @property
     def corners(self) -> np.ndarray:
-        """Those of the grid, (2^d, d) [m]."""
+        """Corners of the grid [m], shape (2^d, d)."""
         ends = zip(self.low, self.high, strict=True)
         return np.stack(np.meshgrid(*ends, indexing="ij"), -1).reshape(-1, len(self.low))
 
     @property
     def speed(self):
-        """Largest speed [m/s] of the wall."""
+        """Largest speed of the wall [m/s]."""
         corners = self.corners
         return float(np.linalg.norm(self.travel + (corners - self.centre) @ self.spin.T, axis=1).max())
 
     def distance(self, x, time=0.0):
-        """Signed distance [m] of points (n, d) at a time [s], positive in the fluid; infinite beyond the grid."""
+        """Return the signed distance of points from the wall.
+
+        Parameters
+        ----------
+        x : ndarray, shape (n, d)
+            Points [m].
+        time : float, optional
+            Time at which the wall is looked at [s].
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            Distance [m], positive in the fluid; infinite beyond the grid.
+        """
         arm = (x - self.centre - time * self.travel) @ self.turned(time)
         return interpolate(self.values, (arm + self.centre - np.array(self.low)) / self.cell)
 
 
 def polygon_distance(x, corners):
-    """Signed distance [m] of points (n, 2) from a convex polygon with these corners (k, 2) [m], counter-clockwise;
-    positive outside. A cross-section: of a plate, a gate, the wall of a funnel."""
+    """Return the signed distance of points from a convex polygon.
+
+    Parameters
+    ----------
+    x : ndarray, shape (n, 2)
+        Points [m].
+    corners : array_like, shape (k, 2)
+        Corners [m], counter-clockwise.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Distance [m], positive outside.
+
+    Examples
+    --------
+    >>> import numpy as np, taichi_mps as mps
+    >>> square = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)]
+    >>> mps.polygon_distance(np.array([[0.5, 0.75], [2.0, 0.5]]), square).tolist()
+    [-0.25, 1.0]
+    """
     corners = np.asarray(corners, float)
     nearest, inside = np.full(len(x), np.inf), np.full(len(x), True)
     for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
@@ -239,7 +445,27 @@ def polygon_distance(x, corners):
 
 
 def read_mesh(path, scale=1.0):
-    """Points (n, 3) [m] and triangles (m, 3) of a closed surface; SceneError naming the file and what is wrong."""
+    """Read a closed triangle mesh.
+
+    Parameters
+    ----------
+    path : path-like
+        STL, OBJ or PLY file.
+    scale : float, optional
+        Metres for one unit of the file.
+
+    Returns
+    -------
+    points : ndarray, shape (n, 3)
+        Vertices [m].
+    triangles : ndarray of int, shape (m, 3)
+        Rows of ``points``, counter-clockwise seen from outside.
+
+    Raises
+    ------
+    SceneError
+        If the file cannot be read, or its surface is not closed.
+    """
     import meshio
 
     path = Path(path)
@@ -280,7 +506,18 @@ def read_mesh(path, scale=1.0):
 
 
 def check_ply(path):
-    """Refuse a header without end, which meshio would read for ever, and one that promises more than the file holds."""
+    """Refuse a PLY file whose header has no end or promises more than the file holds.
+
+    Parameters
+    ----------
+    path : Path
+        File.
+
+    Raises
+    ------
+    SceneError
+        If the header is damaged.
+    """
     content = path.read_bytes()
     end = re.search(rb"^[ \t]*end_header[ \t\r]*$", content, re.M)
     counts = re.findall(rb"element \w+ (\d+)", content[: end.start()]) if end else [b"0"]
@@ -289,7 +526,27 @@ def check_ply(path):
 
 
 def mesh_distance(x, points, triangles):
-    """Signed distance [m] of places (n, 3) from a closed surface, negative inside, by libigl (extra ``cad``)."""
+    """Return the signed distance of points from a closed surface, by libigl (extra ``cad``).
+
+    Parameters
+    ----------
+    x : ndarray, shape (n, 3)
+        Points [m].
+    points : ndarray, shape (k, 3)
+        Vertices [m].
+    triangles : ndarray of int, shape (m, 3)
+        Rows of ``points``.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Distance [m], negative inside.
+
+    Raises
+    ------
+    SceneError
+        If libigl is not installed.
+    """
     try:
         import igl
     except ImportError:
@@ -298,9 +555,37 @@ def mesh_distance(x, points, triangles):
 
 
 def write_bars(path, ends, radius: float, sides: int = 12) -> Path:
-    """Write round bars between two ends each, (k, 2, 3) [m], as a closed triangle mesh (STL, OBJ, PLY by the suffix):
-    prisms with the cross-section of the round bar. SceneError if two overlap: of a surface inside another no distance
-    is known; bars that cross lie one behind the other."""
+    """Write round bars as a closed triangle mesh.
+
+    Parameters
+    ----------
+    path : path-like
+        STL, OBJ or PLY file, by its suffix.
+    ends : array_like, shape (k, 2, 3)
+        End points of the bars [m].
+    radius : float
+        Radius of a bar [m].
+    sides : int, optional
+        Sides of the prisms, which have the cross-section of the round bar.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    SceneError
+        If two bars are nearer to each other than a tenth of the radius: bars that cross lie one behind the other.
+
+    Examples
+    --------
+    >>> import tempfile, pathlib, taichi_mps as mps
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     file = mps.write_bars(pathlib.Path(folder) / "bars.stl", [[(0, 0, 0), (0, 0, 0.5)]], radius=0.01)
+    ...     file.stat().st_size
+    2484
+    """
     import meshio
 
     ends = np.asarray(ends, float)

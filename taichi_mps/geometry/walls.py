@@ -10,10 +10,26 @@ from .shapes import Box
 
 
 class Friction(Checked):
-    """Friction between the fluid and a wall, as a tribometer measures it. The wall holds the fluid up to the yield
-    stress of the interface, ``yield_value`` [Pa]; beyond, it slips against that stress plus
-    ``viscous_constant`` [Pa s/m] times the slip velocity. Without a yield stress this is Navier's slip, with the slip
-    length viscosity/viscous_constant.
+    """Friction between the fluid and a wall, as a tribometer measures it.
+
+    Without a yield stress this is Navier's slip, with the slip length viscosity/``viscous_constant``. The parameters
+    are the fields below.
+
+    Raises
+    ------
+    SceneError
+        If both numbers are 0: that is a wall with ``slip=True``.
+
+    Notes
+    -----
+    The wall holds the fluid up to the yield stress of the interface tau_0; beyond, it slips at the velocity v against
+    the stress tau_0 + k v (eq I23).
+
+    Examples
+    --------
+    >>> import taichi_mps as mps
+    >>> oiled = mps.Friction(yield_value=20.0, viscous_constant=100.0)
+    >>> floor = mps.Plane((0.0, 0.0), (0.0, 1.0), friction=oiled)
     """
 
     yield_value: YieldValue = Field(0.0, description="yield stress of the interface")
@@ -27,7 +43,18 @@ class Friction(Checked):
 
 
 def check_surface(wall):
-    """SceneError unless a wall has either friction or slip, a name that is a word, and what is no number its type."""
+    """Refuse a wall with both friction and slip, or with a name, flag or friction of the wrong type.
+
+    Parameters
+    ----------
+    wall : Plane, Cylinder or Solid
+        Wall to check.
+
+    Raises
+    ------
+    SceneError
+        For the first key that is wrong.
+    """
     check_kinds(wall, {"friction": (Friction, "Friction(...)"), "name": (str, "text")})
     named = not wall.name or wall.name.isidentifier()
     require(named, f"name = {wall.name!r} of a wall: must be one word of letters, digits and _")
@@ -38,21 +65,60 @@ def check_surface(wall):
 
 
 def spin(turns: float, unit_axis, d: int) -> np.ndarray:
-    """Gradient (d, d) of the velocity of what turns with ``turns`` [rad/s] about a unit vector (3,), in two dimensions
-    counter-clockwise [1/s]."""
+    """Return the velocity gradient of a rigid rotation.
+
+    Parameters
+    ----------
+    turns : float
+        Angular velocity [rad/s], in two dimensions counter-clockwise.
+    unit_axis : array_like, shape (3,)
+        Unit vector along the axis; not read in two dimensions.
+    d : int
+        Number of dimensions.
+
+    Returns
+    -------
+    ndarray, shape (d, d)
+        Gradient W [1/s]: the velocity is W x.
+    """
     x, y, z = unit_axis if d == 3 else (0.0, 0.0, 1.0)
     return turns * np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])[:d, :d]
 
 
 @dataclass(frozen=True)
 class Plane:
-    """Wall: the half-space behind the plane through ``point`` with unit ``normal`` into the fluid.
+    """Wall that fills the half-space behind a plane.
 
-    ``velocity`` [m/s] moves the wall, in its own plane or out of it; ``slip`` leaves the tangential motion free. A
-    ``loose`` wall is unilateral: it pushes, and the fluid parts from it where it would have to pull. ``friction``
-    resists the tangential motion, between no slip and slip.
-    ``mirror`` makes it a plane of symmetry: a slip wall to the fluid, while measures and pictures show what lies behind
-    it, too.
+    Parameters
+    ----------
+    point : tuple of float, length d
+        Point of the plane [m].
+    normal : tuple of float, length d
+        Unit normal into the fluid [-].
+    velocity : tuple of float, length d, optional
+        Velocity of the wall [m/s], in its own plane or out of it; at rest by default.
+    slip : bool, optional
+        Leave the tangential motion of the fluid free.
+    loose : bool, optional
+        Unilateral contact: the wall pushes, and the fluid parts from it where it would have to pull.
+    mirror : bool, optional
+        Plane of symmetry: a slip wall to the fluid, while measures and pictures show what lies behind it, too.
+    friction : Friction, optional
+        Resistance to the tangential motion, between no slip and slip.
+    name : str, optional
+        Name in the measured wall loads; ``wall_0``, ``wall_1``, ... by default.
+
+    Raises
+    ------
+    SceneError
+        If the normal is no unit vector, or two keys contradict each other.
+
+    Examples
+    --------
+    >>> import taichi_mps as mps
+    >>> floor = mps.Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+    >>> floor.distance([[0.3, 0.0, 0.25]]).tolist()
+    [0.25]
     """
 
     point: tuple[float, ...]
@@ -80,30 +146,77 @@ class Plane:
 
     @property
     def travel(self):
-        """Velocity [m/s] at which the place of the wall changes; zero for a wall that moves in its own plane."""
+        """Velocity at which the wall changes its position [m/s], shape (d,); zero if it moves in its own plane."""
         velocity = np.zeros(len(self.point)) if self.velocity is None else np.array(self.velocity, float)
         return velocity if abs(velocity @ np.array(self.normal)) > 1e-9 * np.linalg.norm(velocity) else 0.0 * velocity
 
     def distance(self, x, time=0.0):
-        """Signed distance [m] of points (n, d) at a time [s], positive in the fluid."""
+        """Return the signed distance of points from the wall.
+
+        Parameters
+        ----------
+        x : array_like, shape (n, d)
+            Points [m].
+        time : float, optional
+            Time at which the wall is looked at [s].
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            Distance [m], positive in the fluid.
+        """
         return (x - np.array(self.point) - time * self.travel) @ np.array(self.normal)
 
     @property
     def speed(self):
-        """Largest speed [m/s] of the wall."""
+        """Largest speed of the wall [m/s]."""
         return float(np.linalg.norm(self.velocity or 0.0))
 
 
 @dataclass(frozen=True)
 class Cylinder:
-    """Wall: a circle (2-D, no axis), or a cylinder around the line through ``point`` along ``axis``, with the fluid
-    inside or outside. It turns about its axis with ``angular_velocity`` [rad/s], counter-clockwise seen against the
-    axis, and moves along it with ``velocity`` [m/s], its ends too; ``slip`` leaves the tangential motion free,
-    ``friction`` resists it.
+    """Wall that is a cylinder, the mantle of a truncated cone, or in two dimensions a circle.
 
-    With a ``length`` [m] the wall ends at ``point`` and this far along the axis; its radius grows by ``slope`` per
-    metre between them: the mantle of a truncated cone, a funnel. It may be a ``thin`` sheet that has fluid on both
-    sides, a mould that is lifted; they do not feel each other through it. A ``loose`` wall is unilateral.
+    Parameters
+    ----------
+    point : tuple of float, length d
+        Point of the axis [m], at the first end of a wall with a length; in two dimensions the centre.
+    radius : float
+        Radius at ``point`` [m].
+    axis : tuple of float, length 3, optional
+        Direction of the axis [-]; None in two dimensions.
+    inside : bool, optional
+        Whether the fluid is inside.
+    angular_velocity : float, optional
+        Rotation about the axis [rad/s], counter-clockwise seen against the axis.
+    velocity : float, optional
+        Velocity along the axis [m/s].
+    slip : bool, optional
+        Leave the tangential motion of the fluid free.
+    slope : float, optional
+        Change of the radius along the axis [-]: a funnel or a slump cone.
+    length : float, optional
+        Length along the axis [m]; endless by default.
+    loose : bool, optional
+        Unilateral contact: the wall pushes and does not pull.
+    thin : bool, optional
+        Thin sheet with fluid on both sides, which do not feel each other through it: a mould that is lifted.
+    friction : Friction, optional
+        Resistance to the tangential motion, between no slip and slip.
+    name : str, optional
+        Name in the measured wall loads.
+
+    Raises
+    ------
+    SceneError
+        If a radius is not positive, a sloped or thin wall has no length, or a circle has an axis.
+
+    Examples
+    --------
+    >>> import taichi_mps as mps
+    >>> pipe = mps.Cylinder((0.0, 0.0, 0.0), radius=0.1, axis=(0.0, 0.0, 1.0))
+    >>> pipe.distance([[0.04, 0.0, 1.0]]).round(3).tolist()
+    [0.06]
     """
 
     point: tuple[float, ...]
@@ -144,29 +257,29 @@ class Cylinder:
 
     @property
     def smallest_radius(self):
-        """At the narrower end [m]."""
+        """Radius at the narrower end [m]."""
         return self.radius + min(0.0, self.slope * (self.length or 0.0))
 
     @property
     def unit_axis(self):
-        """Unit vector along the axis; zero, a vector of the plane, in 2-D."""
+        """Unit vector along the axis, shape (d,); zero in two dimensions."""
         axis = np.zeros(len(self.point)) if self.axis is None else np.array(self.axis, float)
         return axis / (np.linalg.norm(axis) or 1.0)
 
     @property
     def speed(self):
-        """Largest speed [m/s] of the wall."""
+        """Largest speed of the wall [m/s]."""
         largest = self.radius + max(0.0, self.slope * (self.length or 0.0))
         return float(np.hypot(self.angular_velocity * largest, self.velocity))
 
     @property
     def travel(self):
-        """Velocity [m/s] at which the place of the wall changes; zero for one without ends."""
+        """Velocity at which the position of the wall changes [m/s], shape (d,); zero for one without ends."""
         return self.velocity * self.unit_axis if self.length is not None else 0.0 * self.unit_axis
 
     @property
     def circles(self):
-        """Polylines (k, d) [m] to draw: the circle at ``point``, and that at the other end."""
+        """Outlines to draw: the circles at the ends as arrays of shape (k, d) [m]."""
         angle = np.linspace(0.0, 2.0 * np.pi, 73)
         across = np.eye(2) if len(self.point) == 2 else np.linalg.svd(self.unit_axis[None])[2][1:]
         unit = np.stack([np.cos(angle), np.sin(angle)], -1) @ across
@@ -174,8 +287,20 @@ class Cylinder:
         return [np.array(self.point) + s * self.unit_axis + (self.radius + self.slope * s) * unit for s in ends]
 
     def distance(self, x, time=0.0):
-        """Signed distance [m] of points (n, d) from the wall at a time [s], positive in the fluid (from a thin wall on
-        both sides); infinite beyond its ends."""
+        """Return the signed distance of points from the wall.
+
+        Parameters
+        ----------
+        x : array_like, shape (n, d)
+            Points [m].
+        time : float, optional
+            Time at which the wall is looked at [s].
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            Distance [m], positive in the fluid, from a thin wall on both sides; infinite beyond its ends.
+        """
         offset = x - np.array(self.point) - time * self.travel
         s = offset @ self.unit_axis
         r = np.linalg.norm(offset - np.outer(s, self.unit_axis), axis=1)
@@ -188,7 +313,29 @@ class Cylinder:
 
 
 def box_planes(low, high, slip=False, friction=None):
-    """The walls of a box that is open at the top (last axis), its corners (d,) [m]."""
+    """Return the walls of a box that is open at the top.
+
+    Parameters
+    ----------
+    low, high : array_like, shape (d,)
+        Lowest and highest corner [m]; the last axis points up.
+    slip : bool, optional
+        Leave the tangential motion of the fluid free.
+    friction : Friction, optional
+        Resistance to the tangential motion.
+
+    Returns
+    -------
+    tuple of Plane
+        Floor, walls at ``low``, walls at ``high``.
+
+    Examples
+    --------
+    >>> import taichi_mps as mps
+    >>> floor, left, right = mps.box_planes((0.0, 0.0), (0.4, 0.2))
+    >>> left.distance([[0.1, 0.05]]).tolist(), right.distance([[0.1, 0.05]]).round(3).tolist()
+    ([0.1], [0.3])
+    """
     corners = Box(low, high)
     low, high = (tuple(map(float, corner)) for corner in (corners.low, corners.high))
     d = len(low)
@@ -201,7 +348,28 @@ def box_planes(low, high, slip=False, friction=None):
 
 
 def behind(walls, x, thick):
-    """Those of the positions x, (n, d) [m], that lie behind a wall, but none deeper than ``thick`` [m]: places of wall
-    particles, (m, d) [m]."""
+    """Return the positions that lie behind a wall, as places of wall particles.
+
+    Parameters
+    ----------
+    walls : sequence of Plane, Cylinder or Solid
+        Walls.
+    x : ndarray, shape (n, d)
+        Candidates [m], such as a ``lattice``.
+    thick : float
+        Largest depth behind a wall [m].
+
+    Returns
+    -------
+    ndarray, shape (m, d)
+        Those of ``x`` behind a wall and not deeper than ``thick`` [m].
+
+    Examples
+    --------
+    >>> import taichi_mps as mps
+    >>> floor = mps.Plane((0.0, 0.0), (0.0, 1.0))
+    >>> mps.behind([floor], mps.lattice((0.0, -0.3), (0.1, 0.1), 0.1), 0.2).round(3).tolist()
+    [[0.05, -0.15], [0.05, -0.05]]
+    """
     depth = np.max([-wall.distance(x) for wall in walls], axis=0)
     return x[(depth > 0.0) & (depth < thick)]

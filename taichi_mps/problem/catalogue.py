@@ -17,34 +17,102 @@ PACKAGE = Path(__file__).resolve().parents[1]
 
 
 def folder() -> Path:
-    """Folder of the built-in scenes: inside an installed package, next to the package in a checkout."""
+    """Return the folder of the built-in scenes.
+
+    Returns
+    -------
+    Path
+        Inside an installed package, next to the package in a checkout.
+    """
     inside = PACKAGE / "scenes"
     return inside if inside.is_dir() else PACKAGE.parent / "scenes"
 
 
 def names() -> dict[str, Path]:
-    """The built-in scenes, name -> file."""
+    """Return the built-in scenes.
+
+    Returns
+    -------
+    dict of str to Path
+        File of each scene by its name.
+
+    Examples
+    --------
+    >>> import taichi_mps as mps
+    >>> "slump" in mps.catalogue.names()
+    True
+    """
     return {path.stem: path for path in sorted(folder().glob("*.py")) if not path.stem.startswith("_")}
 
 
 def docstring(path: Path) -> str:
-    """Docstring of a file, which is read without being run."""
+    """Return the docstring of a Python file, which is read without being run.
+
+    Parameters
+    ----------
+    path : Path
+        File.
+
+    Returns
+    -------
+    str
+        Docstring, '' where there is none.
+    """
     return ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
 
 
 def describe() -> dict[str, str]:
-    """The built-in scenes, name -> first line of the docstring."""
+    """Return the first line of the docstring of each built-in scene.
+
+    Returns
+    -------
+    dict of str to str
+        Descriptions by name.
+    """
     return {name: docstring(path).split("\n", 1)[0] for name, path in names().items()}
 
 
 def run_time(name: str) -> str:
-    """What a built-in scene says of its run time, '' where it says nothing; reads the file without running it."""
+    """Return what a built-in scene says of its run time.
+
+    Parameters
+    ----------
+    name : str
+        Name of the scene.
+
+    Returns
+    -------
+    str
+        Text after 'Run time:' in its docstring, '' where there is none.
+    """
     text = docstring(names()[name])
     return next((line.removeprefix("Run time: ") for line in text.splitlines() if line.startswith("Run time: ")), "")
 
 
 def locate(name: str) -> Path:
-    """File of a scene given by name ('slump') or by path ('scenes/slump.py')."""
+    """Find the file of a scene.
+
+    Parameters
+    ----------
+    name : str
+        Name of a built-in scene ('slump') or path of a Python file ('scenes/slump.py').
+
+    Returns
+    -------
+    Path
+        File.
+
+    Raises
+    ------
+    SceneError
+        If there is no such scene; names a similar one.
+
+    Examples
+    --------
+    >>> import taichi_mps as mps
+    >>> mps.catalogue.locate("slump").name
+    'slump.py'
+    """
     known = names()
     if str(name) in known:
         return known[str(name)]
@@ -56,13 +124,40 @@ def locate(name: str) -> Path:
 
 
 def source(name: str) -> str:
-    """What a checkpoint keeps to find the scene again: the name of a built-in scene, else the file's full path."""
+    """Return what a checkpoint keeps to find a scene again.
+
+    Parameters
+    ----------
+    name : str
+        Name or path of the scene.
+
+    Returns
+    -------
+    str
+        Name of a built-in scene, else the full path of the file.
+    """
     path = locate(name)
     return path.stem if names().get(path.stem) == path else str(path)
 
 
 def load(name: str):
-    """The scene function of a name or a file; its ``parameters`` is the pydantic model of its keywords."""
+    """Import the function of a scene.
+
+    Parameters
+    ----------
+    name : str
+        Name of a built-in scene or path of a Python file.
+
+    Returns
+    -------
+    callable
+        Function ``scene`` of the file; its ``parameters`` is the pydantic model of its keywords.
+
+    Raises
+    ------
+    SceneError
+        If the file is missing, cannot be run, or has no such function.
+    """
     path = locate(name)
     spec = importlib.util.spec_from_file_location(f"scene_{path.stem}", path)
     module = importlib.util.module_from_spec(spec)
@@ -78,7 +173,31 @@ def load(name: str):
 
 
 def build(name: str, /, **keywords) -> Scene:
-    """The Scene of a name or a file, with every keyword it was made from in ``parameters``."""
+    """Make a scene from its name or file and its keywords.
+
+    Parameters
+    ----------
+    name : str
+        Name of a built-in scene or path of a Python file.
+    **keywords
+        Keywords of the scene's function, such as ``spacing`` [m] and ``until`` [s]; a number or text with a unit.
+
+    Returns
+    -------
+    Scene
+        Scene with every keyword in ``parameters``.
+
+    Raises
+    ------
+    SceneError
+        If a keyword is unknown or out of range, or the scene cannot be made.
+
+    Examples
+    --------
+    >>> import taichi_mps as mps
+    >>> mps.catalogue.build("slump", spacing="3 cm").spacing
+    0.03
+    """
     function = load(name)
     valid = function.parameters(**keywords)
     try:
@@ -103,8 +222,28 @@ def build(name: str, /, **keywords) -> Scene:
 
 
 def rebuild(source: str, parameters: dict, scene_file=None) -> Scene:
-    """The Scene of a run folder. A folder may come from anybody, so the scene file it names, which is code, is run only
-    if the caller names it, too; a built-in scene is taken by its name."""
+    """Make the scene of a run folder again.
+
+    Parameters
+    ----------
+    source : str
+        What ``source`` gave when the run was made.
+    parameters : dict
+        Keywords of the scene's function.
+    scene_file : path-like, optional
+        File of a scene that is not built in. A run folder may come from anybody, so code that it names is run only if
+        the caller names it, too.
+
+    Returns
+    -------
+    Scene
+        Scene.
+
+    Raises
+    ------
+    SceneError
+        If the parameters are damaged, or the scene is not built in and ``scene_file`` is not given.
+    """
     require(isinstance(parameters, dict), f"scene = {source}: its parameters are damaged")
     require(
         scene_file is not None or source in names(),
@@ -114,7 +253,32 @@ def rebuild(source: str, parameters: dict, scene_file=None) -> Scene:
 
 
 def slump_cone(material: Bingham | None = None, **keywords) -> Scene:
-    """The slump test with a material and the keywords of scenes/slump.py (spacing [m], until [s], ...)."""
+    """Make the slump test of a material.
+
+    Parameters
+    ----------
+    material : Bingham, optional
+        Mix, the scene's own by default.
+    **keywords
+        Keywords of scenes/slump.py, such as ``spacing`` [m], ``model`` and ``until`` [s].
+
+    Returns
+    -------
+    Scene
+        Standard cone, 300 mm high, on a rough floor.
+
+    Raises
+    ------
+    SceneError
+        If a keyword is unknown, out of range, or a number of the given material.
+
+    Examples
+    --------
+    >>> import taichi_mps as mps
+    >>> scene = mps.slump_cone(mps.Bingham(yield_value=500.0), model="axisymmetric", spacing=0.02)
+    >>> scene.material.yield_value, scene.dimension
+    (500.0, 2)
+    """
     known = load("slump").parameters.model_fields
     given = material.model_dump() if material else {}
     for key, value in keywords.items():

@@ -14,16 +14,47 @@ ROOM = 0.6  # distance from what is there in spacings below which a layer cannot
 
 @dataclass(frozen=True)
 class Inlet:
-    """Mouth of a round hose (a slot in 2-D) around ``centre``, from which concrete comes along ``direction`` at a
-    ``rate`` from the time ``start`` on until the ``volume`` is in; in 2-D both are per metre of depth. With
-    a ``height`` the mouth is a rectangle, 2 ``radius`` wide and as high along the most upright direction across.
+    """Mouth of a hose or chute from which concrete enters, layer by layer.
 
-    Particles enter in layers of a lattice across the hose, a spacing apart: a layer begins to leave when its front is
-    on the mouth. The speed follows from the rate and the area of a layer, so the rate is met whatever the spacing.
-    Below the mouth they move as the fluid does. A mouth that is buried holds the next layer back until there is room.
+    Parameters
+    ----------
+    centre : tuple of float, length d
+        Centre of the mouth at the time 0 of the path [m].
+    direction : tuple of float, length d
+        Direction of the jet [-], of any length.
+    radius : float
+        Radius of the mouth, half of its width in two dimensions [m].
+    rate : float
+        Flow rate [m3/s], in two dimensions per metre of depth [m2/s].
+    volume : float
+        Volume that enters [m3], in two dimensions [m2].
+    start : float, optional
+        Time at which it opens [s].
+    material : Material, optional
+        Mix, that of the scene by default.
+    path : sequence of tuple, length 1 + d, optional
+        Rows of a time [s] and the displacement of the mouth from ``centre`` then [m]; linear in between, at rest before
+        the first and after the last row.
+    height : float, optional
+        Height of a rectangular mouth, 2 ``radius`` wide, in three dimensions [m]; round by default.
 
-    A nozzle that moves has a ``path``: rows of a time [s] and the displacement of the mouth from ``centre`` [m] then,
-    straight and steady in between, at rest before the first and after the last. What leaves it moves with it, too.
+    Raises
+    ------
+    SceneError
+        If a number is out of range, or the times of the path do not grow.
+
+    Notes
+    -----
+    Particles enter in lattice layers across the mouth, a spacing apart. The speed follows from the rate and the area of
+    a layer, so the rate is met whatever the spacing. A mouth that is buried holds the next layer back until there is
+    room.
+
+    Examples
+    --------
+    >>> import taichi_mps as mps
+    >>> hose = mps.Inlet((0.0, 0.0, 1.0), (0.0, 0.0, -1.0), radius=0.05, rate=0.002, volume=0.1)
+    >>> round(hose.speed(0.01), 3), hose.layers(0.01)  # m/s, -
+    (0.25, 1250)
     """
 
     centre: tuple[float, ...]  # [m]
@@ -59,16 +90,43 @@ class Inlet:
             object.__setattr__(self, "path", tuple(map(tuple, path.tolist())))
 
     def within(self, time: float) -> "Inlet":
-        """The inlet with all numbers of its mix, for a run of this time [s]."""
+        """Return the inlet with all numbers of its mix, for a run of a given length.
+
+        Parameters
+        ----------
+        time : float
+            Length of the run [s].
+
+        Returns
+        -------
+        Inlet
+            Inlet whose mix has no number left to choose.
+        """
         return self if self.material is None else replace(self, material=self.material.within(time))
 
     @property
     def unit_direction(self) -> np.ndarray:
-        """Direction (d,) of the hose, of length 1."""
+        """Unit vector along the jet, shape (d,)."""
         return np.array(self.direction, float) / np.linalg.norm(self.direction)
 
     def layer(self, spacing: float) -> np.ndarray:
-        """Places (m, d) [m] of a layer of particles that begins to leave; an edge of their lattice is on the axis."""
+        """Return the positions of a layer of particles that begins to leave the mouth.
+
+        Parameters
+        ----------
+        spacing : float
+            Particle size [m].
+
+        Returns
+        -------
+        ndarray, shape (m, d)
+            Positions [m].
+
+        Raises
+        ------
+        SceneError
+            If the mouth is narrower than three spacings or wider than 2000.
+        """
         radius, height = f"inlet: radius = {self.radius:g} m", f"inlet: height = {self.height} m"
         least = spacing * (1.0 - 1e-9)
         require(self.radius >= 1.5 * least, f"{radius}: must be at least 1.5 spacings, {1.5 * spacing:g} m")
@@ -95,20 +153,55 @@ class Inlet:
         return np.array(self.centre, float) - 0.5 * spacing * along + offset @ np.array(across)
 
     def layer_volume(self, spacing: float) -> float:
-        """Volume [m3] of one layer."""
+        """Return the volume of one layer.
+
+        Parameters
+        ----------
+        spacing : float
+            Particle size [m].
+
+        Returns
+        -------
+        float
+            Volume [m3], in two dimensions [m2].
+        """
         return len(self.layer(spacing)) * spacing ** len(self.centre)
 
     def speed(self, spacing: float) -> float:
-        """Speed [m/s] in the hose: a spacing in the time in which the rate fills a layer."""
+        """Return the speed of the jet relative to the nozzle.
+
+        Parameters
+        ----------
+        spacing : float
+            Particle size [m].
+
+        Returns
+        -------
+        float
+            Speed [m/s]: a spacing in the time in which the rate fills a layer.
+        """
         return spacing * self.rate / self.layer_volume(spacing)
 
     @property
     def turns(self) -> np.ndarray:
-        """Rows of a time [s] and the displacement of the nozzle from its centre then [m], (k, 1 + d)."""
+        """Rows of a time [s] and the displacement of the nozzle then [m], shape (k, 1 + d)."""
         return np.zeros((1, 1 + len(self.centre))) if self.path is None else np.array(self.path, float)
 
     def velocity(self, spacing: float, time: float = 0.0) -> np.ndarray:
-        """Velocity (d,) [m/s] in the hose at a time [s], with that of the nozzle."""
+        """Return the velocity of the jet, that of the nozzle included.
+
+        Parameters
+        ----------
+        spacing : float
+            Particle size [m].
+        time : float, optional
+            Time [s].
+
+        Returns
+        -------
+        ndarray, shape (d,)
+            Velocity [m/s].
+        """
         rows, jet = self.turns, self.speed(spacing) * self.unit_direction
         k = np.searchsorted(rows[:, 0], time, side="right")
         if k in (0, len(rows)):  # before the first turn, or after the last
@@ -116,22 +209,70 @@ class Inlet:
         return jet + (rows[k, 1:] - rows[k - 1, 1:]) / (rows[k, 0] - rows[k - 1, 0])
 
     def displacement(self, time: float) -> np.ndarray:
-        """Of the nozzle from its centre at a time [s], (d,) [m]."""
+        """Return the displacement of the nozzle from its centre.
+
+        Parameters
+        ----------
+        time : float
+            Time [s].
+
+        Returns
+        -------
+        ndarray, shape (d,)
+            Displacement [m].
+        """
         at, *along = self.turns.T
         return np.array([np.interp(time, at, values) for values in along])
 
     def fastest(self, spacing: float) -> np.ndarray:
-        """The velocity (d,) [m/s] in the hose when it is largest."""
+        """Return the velocity of the jet when it is largest.
+
+        Parameters
+        ----------
+        spacing : float
+            Particle size [m].
+
+        Returns
+        -------
+        ndarray, shape (d,)
+            Velocity [m/s].
+        """
         velocities = np.array([self.velocity(spacing, time) for time in self.turns[:, 0]])  # at rest after the last
         return velocities[np.linalg.norm(velocities, axis=1).argmax()]
 
     def layers(self, spacing: float) -> int:
-        """Number of layers, the nearest to the volume and one at least."""
+        """Return the number of layers.
+
+        Parameters
+        ----------
+        spacing : float
+            Particle size [m].
+
+        Returns
+        -------
+        int
+            Number nearest to the volume, at least 1.
+        """
         return max(1, round(self.volume / self.layer_volume(spacing)))
 
 
 def buried(layer: np.ndarray, x: np.ndarray, spacing: float) -> bool:
-    """Whether a layer (m, d) [m] of particles has no room among those that are there, x (n, d) [m]."""
+    """Tell whether a layer of particles has no room among those that are there.
+
+    Parameters
+    ----------
+    layer : ndarray, shape (m, d)
+        Positions of the layer [m].
+    x : ndarray, shape (n, d)
+        Positions of the particles that are there [m].
+    spacing : float
+        Particle size [m].
+
+    Returns
+    -------
+    bool
+        True where two are nearer than 0.6 spacings.
+    """
     reach = ROOM * spacing
     near = x[np.all((x > layer.min(0) - reach) & (x < layer.max(0) + reach), axis=1)]
     return bool(np.any(((near[:, None, :] - layer[None]) ** 2).sum(-1) < reach**2))

@@ -15,7 +15,42 @@ SCALARS = "p", "shear_rate", "yielded", "density_ratio", "size", "mix"  # of eac
 
 @dataclass(frozen=True)
 class Snapshot:
-    """The fluid at one instant, ordered by persistent particle id. n particles, d dimensions."""
+    """Fluid at one instant, ordered by persistent particle number: n particles, d dimensions.
+
+    Parameters
+    ----------
+    time : float
+        Time [s].
+    spacing : float
+        Particle size l0 [m].
+    x : ndarray, shape (n, d)
+        Positions [m].
+    u : ndarray, shape (n, d)
+        Velocities [m/s].
+    p : ndarray, shape (n,)
+        Pressure [Pa], of the scheme ``implicit`` averaged over the neighbours.
+    shear_rate : ndarray, shape (n,)
+        sqrt(2 D:D) [1/s].
+    yielded : ndarray of bool, shape (n,)
+        Whether the particle flows.
+    density_ratio : ndarray, shape (n,)
+        Particle number density over n0 [-].
+    wall_x : ndarray, shape (m, d)
+        Wall particles [m]; empty where walls are surfaces.
+    size : ndarray, shape (n,), optional
+        Side of each particle's square or cube [m], l0 by default.
+    mix : ndarray of int, shape (n,), optional
+        Number of the mix, 0 by default.
+    loads : dict of str to Load, optional
+        Force and torque on the walls by name, where they are asked for.
+
+    Examples
+    --------
+    >>> import taichi_mps as mps
+    >>> body = mps.measure.still([[0.0, 0.0, 0.01], [0.02, 0.0, 0.01]], spacing=0.02)
+    >>> body.x.shape, body.speed.tolist()
+    ((2, 3), [0.0, 0.0])
+    """
 
     time: float  # [s]
     spacing: float  # l0 [m]
@@ -38,18 +73,39 @@ class Snapshot:
 
     @property
     def speed(self):
-        """Speed [m/s] of each particle, (n,)."""
+        """Speed of each particle [m/s], shape (n,)."""
         return np.linalg.norm(self.u, axis=1)
 
 
 class Measured:
-    """A function of a scene that measures, ``key`` of the scene: what it gives, {name: float}, without what is no
-    number, and nothing where it raises, for a mistake there must not cost the run. A warning says so the first time."""
+    """Function of a scene that measures, guarded so that its mistakes do not cost the run.
+
+    A result that is no number is left out; where the function raises, all are. A warning says so the first time.
+
+    Parameters
+    ----------
+    key : str
+        Key of the scene, ``measure`` or ``over_time``.
+    function : callable
+        Function that gives {name: float}.
+    """
 
     def __init__(self, key: str, function):
         self.key, self.function, self._told = key, function, set()
 
     def __call__(self, *given) -> dict[str, float]:
+        """Call the function and keep the results that are numbers.
+
+        Parameters
+        ----------
+        *given
+            Arguments of the function.
+
+        Returns
+        -------
+        dict of str to float
+            Results.
+        """
         try:
             found = self.function(*given)
             if not isinstance(found, dict):
@@ -75,9 +131,19 @@ class Measured:
 
 
 def revolved(s: Snapshot) -> Snapshot:
-    """The body of which ``s`` is the axisymmetric model (r, z): every ring as particles a size apart around the z axis,
-    each ring turned by the golden angle against the one before. A ring with a hole that no other fits into has a
-    particle on the axis, too: the fluid is whole there."""
+    """Revolve an axisymmetric snapshot (r, z) into the whole body.
+
+    Parameters
+    ----------
+    s : Snapshot
+        Rings in two dimensions.
+
+    Returns
+    -------
+    Snapshot
+        Particles in three dimensions, a size apart around the z axis; each ring turned by the golden angle against the
+        one before. A ring whose hole fits no other has a particle on the axis, too.
+    """
     r = s.x[:, 0]
     around = np.maximum(1, np.round(2.0 * np.pi * r / s.size)).astype(int)
     count = around + ((HOLE[0] * s.size < r) & (r < HOLE[1] * s.size))
@@ -95,28 +161,87 @@ def revolved(s: Snapshot) -> Snapshot:
 
 
 def still(x, spacing: float) -> Snapshot:
-    """A snapshot of points (n, d) [m] at rest, without pressure."""
+    """Make a snapshot of points at rest, without pressure.
+
+    Parameters
+    ----------
+    x : array_like, shape (n, d)
+        Positions [m].
+    spacing : float
+        Particle size [m].
+
+    Returns
+    -------
+    Snapshot
+        Body at 0 s, unyielded.
+    """
     x = np.asarray(x, float)
     zero = np.zeros(len(x))
     return Snapshot(0.0, spacing, x, 0.0 * x, zero, zero, zero > 0.0, zero + 1.0, np.zeros((0, x.shape[1])))
 
 
 def embed(x) -> np.ndarray:
-    """Vectors (n, 3) of vectors (n, d): a two-dimensional scene lies in the plane y = 0."""
+    """Embed vectors of a two-dimensional scene in the plane y = 0.
+
+    Parameters
+    ----------
+    x : array_like, shape (n, d)
+        Vectors, d = 2 (x, z) or 3.
+
+    Returns
+    -------
+    ndarray, shape (n, 3)
+        Vectors in three dimensions.
+
+    Examples
+    --------
+    >>> import taichi_mps as mps
+    >>> mps.measure.embed([[1.0, 2.0]]).tolist()
+    [[1.0, 0.0, 2.0]]
+    """
     x = np.asarray(x, float)
     return x if x.shape[1] == 3 else np.insert(x, 1, 0.0, axis=1)
 
 
 def reflected(vectors, normal, point=None):
-    """Mirror images (n, d) of vectors at a plane with this unit normal; of positions [m] with a ``point`` of it [m]."""
+    """Reflect vectors or positions at a plane.
+
+    Parameters
+    ----------
+    vectors : ndarray, shape (n, d)
+        Vectors, or positions [m].
+    normal : array_like, shape (d,)
+        Unit normal of the plane.
+    point : array_like, shape (d,), optional
+        Point of the plane, for positions [m].
+
+    Returns
+    -------
+    ndarray, shape (n, d)
+        Images.
+    """
     normal = np.asarray(normal, float)
     origin = 0.0 if point is None else np.asarray(point, float)
     return vectors - 2.0 * np.outer((vectors - origin) @ normal, normal)
 
 
 def mirrored(s: Snapshot, point, normal) -> Snapshot:
-    """The snapshot and, after it and in the same order, its image at the plane through ``point`` [m] with this unit
-    normal; pressure, shear rate, density ratio and the yielded flag are those of the particle itself."""
+    """Complete a snapshot by its image at a plane.
+
+    Parameters
+    ----------
+    s : Snapshot
+        Half of a body.
+    point : array_like, shape (d,)
+        Point of the plane [m].
+    normal : array_like, shape (d,)
+        Unit normal of the plane.
+
+    Returns
+    -------
+    Snapshot
+        The particles and, after them and in the same order, their images; scalars are those of the particle itself.
+    """
     twice = {name: np.tile(getattr(s, name), 2) for name in SCALARS}
     twice |= {name: np.vstack([x, reflected(x, normal, point)]) for name, x in (("x", s.x), ("wall_x", s.wall_x))}
     loads = {name: load.mirrored(point, normal) for name, load in s.loads.items()}
@@ -124,8 +249,27 @@ def mirrored(s: Snapshot, point, normal) -> Snapshot:
 
 
 def surface(s: Snapshot, points) -> np.ndarray:
-    """Height (k,) [m] of the surface at horizontal places (k, d-1) [m]: of the highest particle within 0.75 spacings,
-    and half its size; nan where there is none."""
+    """Return the height of the surface at horizontal places.
+
+    Parameters
+    ----------
+    s : Snapshot
+        Fluid.
+    points : array_like, shape (k, d - 1)
+        Horizontal places [m].
+
+    Returns
+    -------
+    ndarray, shape (k,)
+        Height of the highest particle within 0.75 spacings plus half its size [m]; nan where there is none.
+
+    Examples
+    --------
+    >>> import taichi_mps as mps
+    >>> body = mps.measure.still(mps.lattice((0.0, 0.0), (0.2, 0.1), 0.02), 0.02)
+    >>> mps.measure.surface(body, [[0.1]]).round(3).tolist()
+    [0.1]
+    """
     points = np.asarray(points, float)
     low, high = points.min(0) - s.spacing, points.max(0) + s.spacing
     close = np.all((s.x[:, :-1] > low) & (s.x[:, :-1] < high), axis=1)
@@ -142,28 +286,103 @@ def surface(s: Snapshot, points) -> np.ndarray:
 
 
 def over(s: Snapshot, low, high) -> tuple[np.ndarray, np.ndarray]:
-    """Horizontal places (k, d-1) [m], 0.4 spacings apart, between two of them, and the heights (k,) of the surface."""
+    """Sample the surface between two horizontal places.
+
+    Parameters
+    ----------
+    s : Snapshot
+        Fluid.
+    low, high : array_like, shape (d - 1,)
+        Lowest and highest place [m].
+
+    Returns
+    -------
+    points : ndarray, shape (k, d - 1)
+        Horizontal places, 0.4 spacings apart [m].
+    heights : ndarray, shape (k,)
+        Heights of the surface [m], nan where there is none.
+    """
     ticks = [np.arange(a, b + 1e-12, 0.4 * s.spacing) for a, b in zip(low, high, strict=True)]
     points = np.stack(np.meshgrid(*ticks), -1).reshape(-1, len(ticks))
     return points, surface(s, points)
 
 
 def top_height(s: Snapshot, radius: float) -> float:
-    """Mean height [m] of the surface (particle + half its size) within ``radius`` [m] of the axis; nan if none."""
+    """Return the mean height of the surface around the axis.
+
+    Parameters
+    ----------
+    s : Snapshot
+        Fluid in three dimensions.
+    radius : float
+        Radius of the disc around the z axis [m].
+
+    Returns
+    -------
+    float
+        Height [m], nan if there is nothing.
+
+    Examples
+    --------
+    >>> import taichi_mps as mps
+    >>> cone = mps.measure.still(mps.fill(mps.Cone(0.1, 0.05, 0.3), 0.02), 0.02)
+    >>> round(mps.measure.top_height(cone, 0.02), 3)
+    0.3
+    """
     points, heights = over(s, (-radius, -radius), (radius, radius))
     heights = heights[(np.hypot(points[:, 0], points[:, 1]) <= radius) & np.isfinite(heights)]
     return float(heights.mean()) if len(heights) else float("nan")
 
 
 def level(s: Snapshot, low, high) -> float:
-    """Mean height [m] of the surface between two horizontal places (d-1,) [m]; 0 where there is nothing. As one reads
-    a level: what hangs on the walls beside does not count."""
+    """Return the mean height of the surface, as one reads a level.
+
+    Parameters
+    ----------
+    s : Snapshot
+        Fluid.
+    low, high : array_like, shape (d - 1,)
+        Horizontal places between which it is read [m].
+
+    Returns
+    -------
+    float
+        Mean height [m]; 0 where there is nothing.
+
+    Examples
+    --------
+    >>> import taichi_mps as mps
+    >>> body = mps.measure.still(mps.lattice((0.0, 0.0), (0.2, 0.1), 0.02), 0.02)
+    >>> round(mps.measure.level(body, [0.02], [0.18]), 3)
+    0.1
+    """
     return float(np.nan_to_num(over(s, low, high)[1]).mean())
 
 
 def standing_level(s: Snapshot, low, high) -> float:
-    """Level [m] between two horizontal places (d-1,) [m] as a rule set on the floor reads it: of what stands there
-    without a gap. Drops that hang on a wall or fly, more than half a spacing clear above it, do not count."""
+    """Return the level of what stands on the floor without a gap.
+
+    Parameters
+    ----------
+    s : Snapshot
+        Fluid.
+    low, high : array_like, shape (d - 1,)
+        Horizontal places between which it is read [m].
+
+    Returns
+    -------
+    float
+        Mean height [m], as a ruler set on the floor reads it: drops that fly or hang on a wall more than half a spacing
+        clear above it do not count.
+
+    Examples
+    --------
+    >>> import numpy as np, taichi_mps as mps
+    >>> body = mps.lattice((0.0, 0.0), (0.2, 0.1), 0.02)
+    >>> with_drop = mps.measure.still(np.vstack([body, [[0.1, 0.3]]]), 0.02)
+    >>> round(mps.measure.standing_level(with_drop, [0.02], [0.18]), 3)
+    0.1
+    """
     x = s.x[:, :-1]
     near = np.all((x > np.subtract(low, s.spacing)) & (x < np.add(high, s.spacing)), axis=1)
     heights = np.sort(s.x[near, -1])
@@ -173,11 +392,30 @@ def standing_level(s: Snapshot, low, high) -> float:
 
 
 def spread(s: Snapshot) -> float:
-    """Diameter [m] of the widest layer: the mean over all directions.
+    """Return the slump flow: the mean diameter of the widest layer.
 
-    A layer one particle thick has, in a sector one particle wide, one particle to each spacing of depth: whatever their
-    order, the outermost one lies half a spacing inside of the edge, in the mean. In thicker layers and wider sectors it
-    is the one that stands out most, by up to 0.7 l0 of the diameter. A rim thinner than a particle is read too short.
+    Parameters
+    ----------
+    s : Snapshot
+        Whole body in three dimensions, around the z axis.
+
+    Returns
+    -------
+    float
+        Diameter [m], mean over all directions.
+
+    Notes
+    -----
+    A layer one particle thick has, in a sector one particle wide, one particle to each spacing of depth, so the
+    outermost one lies half a spacing inside of the edge, in the mean. In thicker layers and wider sectors it is the one
+    that stands out most, by up to 0.7 l0 of the diameter. A rim thinner than a particle is read too short.
+
+    Examples
+    --------
+    >>> import taichi_mps as mps
+    >>> cone = mps.measure.still(mps.fill(mps.Cone(0.1, 0.05, 0.3), 0.01), 0.01)
+    >>> abs(mps.measure.spread(cone) - 0.2) < 0.01
+    True
     """
     r, angle = np.hypot(s.x[:, 0], s.x[:, 1]), np.arctan2(s.x[:, 1], s.x[:, 0])
     radius = np.quantile(r, 0.99)  # a stray particle does not set it
@@ -195,7 +433,29 @@ def spread(s: Snapshot) -> float:
 
 
 def slump(s: Snapshot, height: float, axis_radius: float = 0.02) -> dict[str, float]:
-    """slump_m at the axis, slump_max_m of the highest point, spread_m [m] for a body of that initial height [m]."""
+    """Return slump and slump flow of a body.
+
+    Parameters
+    ----------
+    s : Snapshot
+        Whole body in three dimensions, around the z axis.
+    height : float
+        Height of the body before the test [m].
+    axis_radius : float, optional
+        Radius around the axis within which the top is read [m].
+
+    Returns
+    -------
+    dict
+        ``slump_m`` at the axis, ``slump_max_m`` of the highest point and the slump flow ``spread_m`` [m].
+
+    Examples
+    --------
+    >>> import taichi_mps as mps
+    >>> cone = mps.measure.still(mps.fill(mps.Cone(0.1, 0.05, 0.3), 0.02), 0.02)
+    >>> sorted(mps.measure.slump(cone, height=0.3))
+    ['slump_m', 'slump_max_m', 'spread_m']
+    """
     return {
         "slump_m": height - top_height(s, axis_radius),
         "slump_max_m": height - float((s.x[:, 2] + 0.5 * s.size).max()),
@@ -204,7 +464,25 @@ def slump(s: Snapshot, height: float, axis_radius: float = 0.02) -> dict[str, fl
 
 
 def front(s: Snapshot) -> dict[str, float]:
-    """front_m: the farthest reach along x [m]; height_m: the highest point [m] (last axis)."""
+    """Return how far and how high a body reaches.
+
+    Parameters
+    ----------
+    s : Snapshot
+        Fluid.
+
+    Returns
+    -------
+    dict
+        ``front_m``, the farthest reach along x [m]; ``height_m``, the highest point [m].
+
+    Examples
+    --------
+    >>> import taichi_mps as mps
+    >>> body = mps.measure.still(mps.lattice((0.0, 0.0), (0.2, 0.1), 0.02), 0.02)
+    >>> {name: round(value, 3) for name, value in mps.measure.front(body).items()}
+    {'front_m': 0.2, 'height_m': 0.1}
+    """
     return {
         "front_m": float(s.x[:, 0].max() + 0.5 * s.spacing),
         "height_m": float(s.x[:, -1].max() + 0.5 * s.spacing),
@@ -212,26 +490,109 @@ def front(s: Snapshot) -> dict[str, float]:
 
 
 def depth(s: Snapshot, where, area: float) -> float:
-    """Mean depth [m] of the fluid over a part of the floor: the volume of the particles ``where`` is True, over the
-    area [m2] (a length [m] in 2-D). Free of the choice of a surface; exact for a body without voids."""
+    """Return the mean depth of the fluid over a part of the floor.
+
+    Parameters
+    ----------
+    s : Snapshot
+        Fluid.
+    where : ndarray of bool, shape (n,)
+        Which particles count.
+    area : float
+        Area of that part [m2], in two dimensions its length [m].
+
+    Returns
+    -------
+    float
+        Volume of the particles over the area [m]; exact for a body without voids.
+
+    Examples
+    --------
+    >>> import taichi_mps as mps
+    >>> body = mps.measure.still(mps.lattice((0.0, 0.0), (0.2, 0.1), 0.02), 0.02)
+    >>> round(mps.measure.depth(body, body.x[:, 0] < 0.1, 0.1), 3)
+    0.1
+    """
     return float((s.size[where] ** s.x.shape[1]).sum() / area)
 
 
 def by_height(s: Snapshot, values, edges) -> np.ndarray:
-    """The sums (k,) of what particles have, ``values`` (n,), in layers between the heights ``edges`` (k + 1,) [m]; each
-    is spread evenly over the size of its particle."""
+    """Sum a quantity of the particles in horizontal layers.
+
+    Parameters
+    ----------
+    s : Snapshot
+        Fluid.
+    values : ndarray, shape (n,)
+        Quantity of each particle, spread evenly over its size.
+    edges : ndarray, shape (k + 1,)
+        Heights between the layers [m].
+
+    Returns
+    -------
+    ndarray, shape (k,)
+        Sum of each layer, in the unit of ``values``.
+
+    Examples
+    --------
+    >>> import numpy as np, taichi_mps as mps
+    >>> body = mps.measure.still([[0.0, 0.01], [0.0, 0.03]], 0.02)
+    >>> mps.measure.by_height(body, np.ones(2), np.array([0.0, 0.03, 0.04])).round(3).tolist()
+    [1.5, 0.5]
+    """
     low, high = s.x[:, -1, None] - 0.5 * s.size[:, None], s.x[:, -1, None] + 0.5 * s.size[:, None]
     shared = np.maximum(0.0, np.minimum(high, edges[1:]) - np.maximum(low, edges[:-1]))
     return values @ (shared / s.size[:, None])
 
 
 def clearance(s: Snapshot, walls) -> float:
-    """Distance [m] of the particle that is nearest to any of the walls; negative if one is behind a wall."""
+    """Return the distance of the particle nearest to any wall.
+
+    Parameters
+    ----------
+    s : Snapshot
+        Fluid.
+    walls : sequence of Plane, Cylinder or Solid
+        Walls.
+
+    Returns
+    -------
+    float
+        Distance [m], negative if a particle is behind a wall.
+
+    Examples
+    --------
+    >>> import taichi_mps as mps
+    >>> body = mps.measure.still([[0.0, 0.01], [0.0, 0.03]], 0.02)
+    >>> mps.measure.clearance(body, [mps.Plane((0.0, 0.0), (0.0, 1.0))])
+    0.01
+    """
     return min(float(wall.distance(s.x, s.time).min()) for wall in walls)
 
 
 def time_of(time, values, level: float) -> float:
-    """First time [s] at which the values (n,) of a history reach a level, linear between two; nan if they do not."""
+    """Return the first time at which a history reaches a level.
+
+    Parameters
+    ----------
+    time : array_like, shape (n,)
+        Times [s].
+    values : array_like, shape (n,)
+        Values at these times.
+    level : float
+        Level, in the unit of ``values``.
+
+    Returns
+    -------
+    float
+        Time [s], linear between two values; nan if the level is not reached.
+
+    Examples
+    --------
+    >>> import taichi_mps as mps
+    >>> mps.measure.time_of([0.0, 1.0, 2.0], [0.2, 0.4, 0.6], 0.5)
+    1.5
+    """
     time, reached = np.asarray(time, float), np.flatnonzero(np.asarray(values, float) >= level)
     if not len(reached):
         return float("nan")

@@ -11,11 +11,26 @@ RADIUS = "effective radius r_e over the spacing: farther particles are no neighb
 
 
 class Implicit(Checked):
-    """Numerics of the default scheme: implicit viscosity, pressure and yield stress together.
+    """Numerics of the default scheme: viscosity, pressure and yield stress implicit, in one system.
 
-    ``passes`` is the number of augmented-Lagrangian (Uzawa) iterations of a step: each solves for the velocity and then
-    corrects stress and pressure. The last solve stops at ``tolerance``, those before at ten times that.
-    ``sleep``: whether what stands still is left out of the steps (the active set, particles/active_set.py).
+    The parameters are the fields below.
+
+    Raises
+    ------
+    SceneError
+        If a number is out of range.
+
+    Notes
+    -----
+    A step has ``passes`` augmented-Lagrangian (Uzawa) iterations, the outer iterations; each solves for the velocity
+    and then corrects stress and pressure (eqs I5-I7). The last solve stops at ``tolerance``, those before at ten times
+    that.
+
+    Examples
+    --------
+    >>> import taichi_mps as mps
+    >>> mps.Implicit(passes=3).tolerance
+    0.003
     """
 
     scheme: ClassVar[str] = "implicit"
@@ -34,13 +49,26 @@ class Implicit(Checked):
 
 
 class SemiImplicit(Checked):
-    """Numerics of Tomiyama et al. (2009): explicit viscosity, semi-implicit pressure; the numbers are the paper's.
+    """Numerics of Tomiyama et al. (2009): explicit viscosity, semi-implicit pressure.
 
-    By default with what the practice of MPS adds (S1-S5); ``literal``: its equations alone, with neither collisions nor
-    shift, and with negative pressures. Each form has its ``source``, the right-hand side of the pressure equation (the
-    deviation of the particle number density, alone or mixed with the divergence), and its ``gradient`` of the pressure
-    (less the smallest around a particle, the paper's, or one that conserves momentum); either can be given.
-    ``picard_tolerance`` and ``picard_limit`` stop the direct (Picard) iterations of the apparent viscosity.
+    The parameters are the fields below; their defaults are the paper's numbers.
+
+    Raises
+    ------
+    SceneError
+        If a number is out of range.
+
+    Notes
+    -----
+    By default the scheme has what the practice of MPS adds (S1-S5). With ``literal`` it is the paper's equations
+    (1)-(29) alone, with neither collisions nor shift and with negative pressures. Each form has its ``source`` of the
+    pressure equation and its ``gradient`` of the pressure; either can be given by itself.
+
+    Examples
+    --------
+    >>> import taichi_mps as mps
+    >>> mps.SemiImplicit().source, mps.SemiImplicit(literal=True).source
+    ('mixed', 'density')
     """
 
     scheme: ClassVar[str] = "semi-implicit"
@@ -66,7 +94,7 @@ class SemiImplicit(Checked):
     @model_validator(mode="before")
     @classmethod
     def _complete(cls, values):
-        """A form is a named set of source and gradient, of which each can be given by itself."""
+        """Set source and gradient of the form, where they are not given."""
         form = FORMS[bool(values.get("literal"))]
         return values | {key: form[key] for key in form if values.get(key) is None}
 

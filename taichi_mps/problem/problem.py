@@ -15,12 +15,32 @@ WEIGHTLESS = 0.1  # of a scene without weight: its gravity over U^2/H, or [m/s2]
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """A scene with its numerics (``Implicit()`` by default): the one gate to a computation.
+    """Scene with its numerics, checked once before anything is allocated.
 
-    There are two stages, each a list of small rules. A ``Scene`` checks itself when it is made (``scene_rules``), so
-    that a wrong one is refused where it stands. A Problem adds what needs the scheme, and what wrong units or a wrong
-    origin would show (``feasibility``). SceneError names the first rule that is broken, in one line with key, value and
-    what is allowed, before anything is allocated. Behind it nothing is checked again.
+    Parameters
+    ----------
+    scene : Scene
+        What is to be computed.
+    numerics : Implicit or SemiImplicit, optional
+        How it is computed, ``Implicit()`` by default.
+
+    Raises
+    ------
+    SceneError
+        For the first rule that is broken, in one line with key, value and what is allowed.
+
+    Notes
+    -----
+    A ``Scene`` checks itself when it is made (``scene_rules``). A Problem adds the rules that need the scheme, and
+    those that reveal wrong units or a wrong origin (``feasibility``). Behind it nothing is checked again.
+
+    Examples
+    --------
+    >>> import taichi_mps as mps
+    >>> from taichi_mps.problem.problem import Problem
+    >>> problem = Problem(mps.slump_cone(spacing=0.03))
+    >>> problem.scheme, problem.law, problem.rests
+    ('implicit', 'bingham', True)
     """
 
     scene: Scene
@@ -34,28 +54,30 @@ class Problem:
 
     @property
     def scheme(self) -> str:
-        """'implicit' or 'semi-implicit'."""
+        """Name of the scheme, 'implicit' or 'semi-implicit'."""
         return self.numerics.scheme
 
     @property
     def effective_radius(self) -> float:
-        """r_e [m]: farther particles are no neighbours."""
+        """Effective radius r_e [m]: farther particles are no neighbours."""
         return self.numerics.effective_radius_ratio * self.scene.spacing
 
     @property
     def wall_particles(self) -> bool:
-        """Are the walls computed as particles, as in the paper? Else as surfaces."""
+        """Whether walls are computed as particles, as in the paper, and not as surfaces."""
         return self.numerics.walls == "particles" and self.scene.wall_particles is not None
 
     @cached_property
     def materials(self) -> tuple:
-        """The mixes: that of the scene first, then others that inlets bring."""
+        """Mixes: that of the scene first, then others that inlets bring."""
         return self.scene.materials
 
     @cached_property
     def law(self) -> str:
-        """'newtonian', 'bingham' (a true yield stress) or 'bi-viscosity' (a critical strain rate is given), of all
-        mixes; a flow curve has a true yield stress."""
+        """Law of all mixes: 'newtonian', 'bingham' (a true yield stress) or 'bi-viscosity'.
+
+        A critical strain rate makes it 'bi-viscosity'; a flow curve has a true yield stress.
+        """
         yielding = [material for material in self.materials if not material.newtonian]
         if not yielding:
             return "newtonian"
@@ -63,36 +85,35 @@ class Problem:
 
     @property
     def wall_loads(self) -> bool:
-        """Are force and torque on the walls computed?"""
+        """Whether force and torque on the walls are computed."""
         return self.scene.wall_loads or getattr(self.numerics, "wall_loads", False)
 
     @property
     def rests(self) -> bool:
-        """Does it come to rest? Only a true yield stress of every mix brings a body to rest."""
+        """Whether every mix has a true yield stress, without which nothing comes to rest."""
         return all(material.rests for material in self.materials)
 
     @cached_property
     def height(self) -> float:
-        """Height of the fluid [m], as high as it will be."""
+        """Largest height of the fluid to expect [m]."""
         return float(np.ptp(self.scene.expected.fluid[:, -1])) + self.scene.spacing
 
     @cached_property
     def speed(self) -> float:
-        """Largest speed [m/s] that is given: of the fluid at first, or of a wall."""
+        """Largest speed that is given, of the fluid at 0 s or of a wall [m/s]."""
         velocity = self.scene.expected.velocity
         fluid = [float((velocity**2).sum(1).max() ** 0.5)] if velocity is not None else []
         return max(fluid + [wall.speed for wall in self.scene.expected.walls] + [0.0])
 
     @cached_property
     def gravity(self) -> float:
-        """Gravity [m/s2] of the scales of the scene; without weight by what moves."""
+        """Gravity of the scales of the scene [m/s2]; without weight from the speed and the height."""
         weight = float((self.scene.expected.gravity_vector**2).sum() ** 0.5)
         return max(weight, WEIGHTLESS * self.speed**2 / self.height) or WEIGHTLESS
 
     @property
     def thin_solids(self) -> dict[str, float]:
-        """Thickness [m] of the solids at rest, by their names or numbers among the walls, that are thinner than a
-        particle; none where walls are particles."""
+        """Thickness of the solids at rest that are thinner than a particle [m], by name; none of wall particles."""
         if self.numerics.walls == "particles":
             return {}
         solids = zip(self.scene.wall_names, self.scene.walls, strict=True)
@@ -101,5 +122,5 @@ class Problem:
 
     @property
     def fall_time(self) -> float:
-        """sqrt(H/g) [s], in which the body would fall half of its height."""
+        """Time sqrt(H/g) [s] in which the body would fall half of its height."""
         return (self.height / self.gravity) ** 0.5

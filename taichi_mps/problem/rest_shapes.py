@@ -1,5 +1,7 @@
-"""Shapes in which a yield-stress fluid comes to rest, without inertia: closed forms to judge test methods by. And how
-far a column of it flows with inertia, by a model of one number, to make room for it."""
+"""Closed forms of a yield-stress fluid at rest, to judge test methods by.
+
+Without inertia; ``radius_of_flow`` estimates by a model of one number how far a column flows with inertia.
+"""
 
 import math
 
@@ -9,10 +11,41 @@ from ..units import finite, positive, require
 
 
 def spread_at_rest(volume: float, density: float, yield_value: float, gravity: float = 9.81) -> float:
-    """Diameter [m] of a thin round cake of this volume [m3]: R^5 = 225 rho g V^2/(128 pi^2 tau_y).
+    """Return the slump flow of a thin round cake at rest.
 
-    Roussel and Coussot (2005), J. Rheol. 49, 705. It holds for bodies much wider than high: of the slump cone it is 10,
-    12, 20 and 32 % too wide at 50, 100, 300 and 1000 Pa, by finite elements without inertia."""
+    Parameters
+    ----------
+    volume : float
+        Volume [m3].
+    density : float
+        Density [kg/m3].
+    yield_value : float
+        Yield stress [Pa].
+    gravity : float, optional
+        Gravity [m/s2].
+
+    Returns
+    -------
+    float
+        Diameter [m].
+
+    Raises
+    ------
+    SceneError
+        If a number is not positive.
+
+    Notes
+    -----
+    R^5 = 225 rho g V^2/(128 pi^2 tau_y), Roussel and Coussot (2005), J. Rheol. 49, 705. It holds for bodies much wider
+    than high: of the slump cone it is 10, 12, 20 and 32 % too wide at 50, 100, 300 and 1000 Pa, by finite elements
+    without inertia.
+
+    Examples
+    --------
+    >>> import taichi_mps as mps
+    >>> round(mps.rest_shapes.spread_at_rest(volume=0.0055, density=2300.0, yield_value=50.0), 3)
+    0.6
+    """
     must_come_to_rest(yield_value, density, gravity)
     positive("volume", volume, "m3")
     return 2.0 * (225.0 * density * gravity * volume**2 / (128.0 * math.pi**2 * yield_value)) ** 0.2
@@ -21,22 +54,59 @@ def spread_at_rest(volume: float, density: float, yield_value: float, gravity: f
 def channel_at_rest(
     area, density, yield_value, width=None, length=math.inf, normal_stress=False, gravity=9.81, points=201
 ):
-    """Depth at rest in a level channel that is closed at x = 0 and ``length`` [m]: x and h (k,) [m] of a fluid of this
-    volume over the width, ``area`` [m2], from the back wall to the front or the far wall.
+    """Return the profile of a fluid at rest in a level channel that is closed at x = 0.
 
-    With a = tau_y/(rho g), the yield stress on the floor and, with a ``width`` b [m], on both sides, a thin layer has
+    Parameters
+    ----------
+    area : float
+        Volume over the width of the channel [m2].
+    density : float
+        Density [kg/m3].
+    yield_value : float
+        Yield stress [Pa].
+    width : float, optional
+        Width b between side walls to which the fluid sticks [m]; no side walls by default.
+    length : float, optional
+        Length of the channel, closed at its far end [m]; endless by default.
+    normal_stress : bool, optional
+        Add the mean of the plastic normal stress over the depth.
+    gravity : float, optional
+        Gravity [m/s2].
+    points : int, optional
+        Number k of points of the profile.
+
+    Returns
+    -------
+    x, h : ndarray, shape (k,)
+        Distance from the back wall and depth [m], from the back wall to the front or the far wall.
+
+    Raises
+    ------
+    SceneError
+        If a number is not positive.
+
+    Notes
+    -----
+    With a = tau_y/(rho g), the yield stress on the floor and on both sides, a thin layer has
 
         h dh/dx = -a (1 + 2 h/b)
 
     Roussel (2007), Cem. Concr. Res. 37, 1298 (LCPC box); Nguyen, Roussel and Coussot (2006), Cem. Concr. Res. 36, 1789
-    (L-box). With ``normal_stress`` the mean of the plastic normal stress over the depth is added:
+    (L-box). With ``normal_stress``
 
         (h - pi a/2) dh/dx = -a (1 + 2 h/b),   h = pi a at the front
 
-    Without side walls this is within 3 % of finite elements of blocks with tau_y/(rho g H) = 0.05 and 0.1, where
-    the thin layer reaches 18 and 28 % too far. Inertia carries the front farther and levels the surface. Before a far
-    wall the flow is pressed together, and the normal stress changes its sign: slow flows rest there up to pi a steeper
-    than the thin layer, end to end."""
+    Without side walls this is within 3 % of finite elements of blocks with tau_y/(rho g H) = 0.05 and 0.1, where the
+    thin layer reaches 18 and 28 % too far. Inertia carries the front farther and levels the surface. Before a far wall
+    the normal stress changes its sign: slow flows rest there up to pi a steeper than the thin layer, end to end.
+
+    Examples
+    --------
+    >>> import taichi_mps as mps
+    >>> x, h = mps.rest_shapes.channel_at_rest(area=0.04, density=2300.0, yield_value=100.0)
+    >>> round(float(x[-1]), 2), round(float(h[0]), 3)  # front, depth at the back wall
+    (0.74, 0.081)
+    """
     must_come_to_rest(yield_value, density, gravity)
     positive("area", area, "m2")
     a = yield_value / (density * gravity)
@@ -67,14 +137,47 @@ def channel_at_rest(
 
 
 def radius_of_flow(volume, height, density, yield_value, plastic_viscosity, time=5.0, gravity=9.81):
-    """Radius [m] to which a round column of this volume [m3] and height [m] flows within a time [s], without spray.
+    """Return the radius to which a round column flows within a time, without spray.
 
+    Parameters
+    ----------
+    volume : float
+        Volume [m3].
+    height : float
+        Height of the column [m].
+    density : float
+        Density [kg/m3].
+    yield_value : float
+        Yield stress [Pa].
+    plastic_viscosity : float
+        Plastic viscosity [Pa s].
+    time : float, optional
+        Time [s].
+    gravity : float, optional
+        Gravity [m/s2].
+
+    Returns
+    -------
+    float
+        Radius [m].
+
+    Notes
+    -----
     A cake of depth h = V/(pi R^2) with the radial velocity U r/R: its kinetic energy rho V U^2/4, its potential energy
-    rho g V h/2 and what a sheared thin layer dissipates on the floor, tau_y and 3 eta u/h by u, give
+    rho g V h/2 and the dissipation of a sheared thin layer on the floor give
 
         rho V/2 dU/dt = rho g V h/R - 2 pi/3 R^2 tau_y - 3 pi/2 R^2 eta U/h
 
-    At rest this is Roussel's and Coussot's R within 3 %, slow and viscous Huppert's (1982), J. Fluid Mech. 121, 43."""
+    At rest this is Roussel's and Coussot's radius within 3 %, slow and viscous Huppert's (1982), J. Fluid Mech. 121,
+    43.
+
+    Examples
+    --------
+    >>> import taichi_mps as mps
+    >>> column = dict(volume=0.0055, height=0.3, density=2300.0, plastic_viscosity=50.0)
+    >>> 0.2 < mps.rest_shapes.radius_of_flow(yield_value=100.0, **column) < 0.35
+    True
+    """
     radius, speed, now = math.sqrt(volume / (math.pi * height)), 0.0, 0.0
     while now < time:
         depth = volume / (math.pi * radius**2)
@@ -90,7 +193,22 @@ def radius_of_flow(volume, height, density, yield_value, plastic_viscosity, time
 
 
 def must_come_to_rest(yield_value, density, gravity):
-    """SceneError unless density [kg/m3], gravity [m/s2] and yield stress [Pa] are above 0."""
+    """Refuse numbers of a fluid that does not come to rest.
+
+    Parameters
+    ----------
+    yield_value : float
+        Yield stress [Pa].
+    density : float
+        Density [kg/m3].
+    gravity : float
+        Gravity [m/s2].
+
+    Raises
+    ------
+    SceneError
+        If one is not positive.
+    """
     positive("density", density, "kg/m3")
     positive("gravity", gravity, "m/s2")
     flows = finite("yield_value", yield_value, "Pa", shape=()) <= 0.0
@@ -98,7 +216,20 @@ def must_come_to_rest(yield_value, density, gravity):
 
 
 def root(function, low):
-    """Root of a growing function of a depth [m], above ``low``."""
+    """Find the root of a growing function of a depth by bisection.
+
+    Parameters
+    ----------
+    function : callable
+        Function of a depth [m].
+    low : float
+        Lower bound [m].
+
+    Returns
+    -------
+    float
+        Depth [m].
+    """
     high = low + 1e-3
     while function(high) < 0.0:
         high *= 2.0

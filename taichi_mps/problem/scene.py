@@ -17,12 +17,76 @@ from .scene_rules import RULES, numbers, values_have_their_types
 
 @dataclass(frozen=True)
 class Scene:
-    """A body of fluid, its walls and its inlets. Lengths [m], d = 2 or 3 dimensions, gravity along the last axis unless
-    given.
+    """Everything that defines what is to be computed: a body of fluid, its walls and its inlets.
 
-    ``axisymmetric``: the two coordinates are (r, z), each particle is a ring around the z axis. A scene that cannot be
-    is refused when it is made: SceneError by the first rule of ``scene_rules`` that it breaks. What it needs of a
-    scheme is checked by ``Problem``.
+    Coordinates have d = 2 or 3 dimensions, gravity acts along the last axis unless given. A scene is immutable and free
+    of Taichi; how it is computed is said by the numerics, ``Implicit`` or ``SemiImplicit``.
+
+    Parameters
+    ----------
+    name : str
+        Name of the scene and of the folder of its results.
+    material : Material
+        Mix of the fluid.
+    spacing : float
+        Particle size l0 [m].
+    fluid : ndarray, shape (n, d), or None
+        Positions of the particles at 0 s [m]; may be None with an inlet that opens at 0 s.
+    domain : tuple of two tuples of float, length d
+        Lowest and highest corner [m]; leaving it ends the run.
+    walls : tuple of Plane, Cylinder or Solid, optional
+        Walls as surfaces.
+    wall_particles : ndarray, shape (m, d), optional
+        Walls as particles, for the scheme ``semi-implicit`` [m].
+    velocity : ndarray, shape (n, d), optional
+        Velocity at 0 s [m/s], zero by default.
+    gravity : tuple of float, length d, optional
+        Gravity [m/s2], 9.81 down the last axis by default.
+    periodic : tuple of bool, length d, optional
+        Whether an axis is periodic; none is by default.
+    axisymmetric : bool, optional
+        Whether coordinates are (r, z) and particles rings around the z axis.
+    until : float, optional
+        Time limit [s].
+    stop_at_rest : bool, optional
+        Whether the run ends when the fluid has come to rest.
+    inlets : tuple of Inlet, optional
+        Where concrete enters, scheme ``implicit``.
+    cavity : Cavity, optional
+        Form that is to be filled, for the report.
+    measure : callable, optional
+        ``measure(snapshot)`` gives results of the whole body, {name: float}.
+    check : callable, optional
+        ``check(snapshot, measures)`` raises AssertionError when the result is wrong.
+    over_time : callable, optional
+        ``over_time(history)`` gives results from the columns of history.csv, {name: float}.
+    enlarged_by : str, optional
+        Keyword of the scene's function that enlarges the domain.
+    wall_loads : bool, optional
+        Whether ``measure`` reads the loads on the walls.
+    outline : tuple of ndarray, shape (k, d), optional
+        Polylines to draw [m].
+    parameters : dict, optional
+        Keywords that the scene was made from, for the summary.
+
+    Raises
+    ------
+    SceneError
+        For the first rule that the scene breaks. What it needs of a scheme is checked by ``Problem``.
+
+    Examples
+    --------
+    >>> import taichi_mps as mps
+    >>> scene = mps.Scene(
+    ...     name="heap",
+    ...     material=mps.Bingham(yield_value=100.0, plastic_viscosity=20.0),
+    ...     spacing=0.02,
+    ...     fluid=mps.fill(mps.Box((-0.1, 0.0), (0.1, 0.2)), 0.02),
+    ...     domain=((-0.5, -0.1), (0.5, 0.3)),
+    ...     walls=(mps.Plane((0.0, 0.0), (0.0, 1.0)),),
+    ... )
+    >>> scene.dimension, len(scene.fluid)
+    (2, 100)
     """
 
     name: str
@@ -63,7 +127,18 @@ class Scene:
             rule(self)
 
     def inlet_layer(self, inlet: Inlet) -> np.ndarray:
-        """Places (m, d) [m] of the particles of a layer at the inlet that are in front of all mirror planes."""
+        """Return the positions of a layer at an inlet that are in front of all mirror planes.
+
+        Parameters
+        ----------
+        inlet : Inlet
+            Inlet of this scene.
+
+        Returns
+        -------
+        ndarray, shape (m, d)
+            Positions [m].
+        """
         layer = inlet.layer(self.spacing)
         for mirror in self.mirrors:
             layer = layer[mirror.distance(layer) > 0.0]
@@ -71,8 +146,11 @@ class Scene:
 
     @property
     def start(self) -> dict[str, np.ndarray]:
-        """What is there at t = 0, the fluid and the first layers of the inlets: positions ``x`` (n, d) [m], velocities
-        ``u`` (n, d) [m/s] and the numbers ``mix`` (n,) of the mixes in ``materials``."""
+        """Fluid and first layers of the inlets at 0 s.
+
+        Positions ``x`` [m], shape (n, d), velocities ``u`` [m/s], shape (n, d), and numbers ``mix`` in ``materials``,
+        shape (n,).
+        """
         u = np.zeros_like(self.fluid) if self.velocity is None else self.velocity
         parts = [(self.fluid, u, np.zeros(len(u), int))]
         for inlet in self.inlets:
@@ -85,23 +163,36 @@ class Scene:
 
     @property
     def initial(self) -> np.ndarray:
-        """Positions (n, d) [m] of all that is there at t = 0."""
+        """Positions of all particles at 0 s [m], shape (n, d)."""
         return self.start["x"]
 
     @property
     def materials(self) -> tuple:
-        """The mixes: ``material`` and the others that inlets bring."""
+        """Mixes: ``material`` first, then others that inlets bring."""
         others = [inlet.material for inlet in self.inlets if inlet.material not in (None, self.material)]
         return (self.material, *dict.fromkeys(others))
 
     def mix_of(self, inlet: Inlet) -> int:
-        """Number in ``materials`` of the mix that an inlet brings."""
+        """Return the number of the mix that an inlet brings.
+
+        Parameters
+        ----------
+        inlet : Inlet
+            Inlet of this scene.
+
+        Returns
+        -------
+        int
+            Number in ``materials``.
+        """
         return 0 if inlet.material is None else self.materials.index(inlet.material)
 
     @property
     def reach(self) -> np.ndarray:
-        """Points (n, d) [m] that say how far the fluid extends: the fluid, and a layer at each inlet, there and on the
-        floor."""
+        """Points that tell how far the fluid extends [m], shape (n, d).
+
+        The fluid, and a layer at each inlet, at its mouth and on the floor.
+        """
         floors = [wall.point[-1] for wall in self.walls if isinstance(wall, Plane) and wall.normal[-1] > 0.99]
         bottom = max([self.domain[0][-1], *(z + 0.5 * self.spacing for z in floors)])
         points = [self.fluid]
@@ -119,7 +210,10 @@ class Scene:
 
     @cached_property
     def expected(self) -> "Scene":
-        """The scene, without inlets as high and as fast as it will be: that from which a scheme takes its constants."""
+        """Scene without inlets whose fluid is as high and as fast as this one will be.
+
+        A scheme takes its constants from it.
+        """
         if not self.inlets:
             return self
         jet = max((inlet.fastest(self.spacing) for inlet in self.inlets), key=np.linalg.norm)
@@ -130,7 +224,7 @@ class Scene:
 
     @property
     def mirrors(self) -> tuple[Plane, ...]:
-        """The planes of symmetry among the walls."""
+        """Planes of symmetry among the walls."""
         return tuple(wall for wall in self.walls if isinstance(wall, Plane) and wall.mirror)
 
     @property
@@ -140,33 +234,54 @@ class Scene:
 
     @property
     def measured_walls(self) -> dict[str, int]:
-        """The numbers of the walls whose loads can be measured, by name."""
+        """Numbers of the walls whose loads can be measured, by name."""
         return {name: k for k, name in enumerate(self.wall_names) if self.walls[k] not in self.mirrors}
 
     def unfold(self, snapshot: Snapshot) -> Snapshot:
-        """The whole body of which a snapshot of this scene is the computed part: completed behind the mirror planes,
-        revolved about the axis. What is measured and shown."""
+        """Complete the computed part to the whole body, for measures and pictures.
+
+        Parameters
+        ----------
+        snapshot : Snapshot
+            Computed part: half of a body, or a section of rings.
+
+        Returns
+        -------
+        Snapshot
+            Whole body, mirrored at the planes of symmetry and revolved about the axis.
+        """
         for plane in self.mirrors:
             snapshot = mirrored(snapshot, plane.point, plane.normal)
         return revolved(snapshot) if self.axisymmetric else snapshot
 
     @property
     def dimension(self) -> int:
-        """d: 2 or 3 coordinates."""
+        """Number d of coordinates, 2 or 3."""
         return self.fluid.shape[1]
 
     @property
     def volumes(self) -> np.ndarray:
-        """Volume of each fluid particle [m3], (n,): l0^d, 2 pi r l0^2 of a ring; per metre of depth in 2-D [m2]."""
+        """Volume of each fluid particle [m3], shape (n,); in two dimensions [m2]."""
         return self.volumes_at(self.fluid)
 
     def volumes_at(self, x) -> np.ndarray:
-        """Volumes (n,) [m3] of particles that start at x (n, d) [m]."""
+        """Return the volumes of particles that start at given positions.
+
+        Parameters
+        ----------
+        x : ndarray, shape (n, d)
+            Positions [m].
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            l0^d [m3], in two dimensions [m2]; 2 pi r l0^2 of rings.
+        """
         if self.axisymmetric:
             return 2.0 * np.pi * x[:, 0] * self.spacing**2
         return np.full(len(x), self.spacing**self.dimension)
 
     @property
     def gravity_vector(self) -> np.ndarray:
-        """Gravity (d,) [m/s2]."""
+        """Gravity [m/s2], shape (d,)."""
         return np.array(self.gravity)
