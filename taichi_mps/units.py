@@ -2,13 +2,13 @@
 
 import difflib
 import inspect
-import re
-from fractions import Fraction
-from functools import cache, partial, wraps
+from functools import partial, wraps
 from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 import numpy as np
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, create_model
+
+from .spelling import LONGEST, in_unit, without_unit
 
 
 class SceneError(ValueError):
@@ -108,32 +108,6 @@ class Unit(str):
         return self
 
 
-NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d{1,3})?"
-NUMBER_AND_UNIT = re.compile(rf"\s*({NUMBER})\s*(?![eE][-+]?\d)([a-zA-Z%°µ][^*]{{0,19}}|1/[a-z]+)\s*")
-
-
-@cache
-def registry():
-    """Units by their names (pint), exact. Read when a number first comes with a unit."""
-    import pint
-
-    return pint.UnitRegistry(non_int_type=Fraction)
-
-
-def in_unit(unit: str, value):
-    """A number as text with its unit, '0.5 kPa', '5mm', '12 l/s', in ``unit``; anything else as it is. ValueError for
-    a unit of another kind."""
-    found = NUMBER_AND_UNIT.fullmatch(value) if isinstance(value, str) else None
-    if not found:
-        return value
-    number, given = found.groups()
-    try:
-        units = [re.sub(r"(?<=[a-zA-Z])(\d)", r"^\1", text).replace("·", " ") for text in (given, unit.strip("-"))]
-        return float((Fraction(number) * registry().parse_units(units[0])).to(units[1]).magnitude)
-    except Exception:  # pint has many of its own
-        raise ValueError(f"must be a number{f' in {unit} or a unit of that kind' * bool(unit.strip('-'))}") from None
-
-
 def _real(unit, hint="", **bounds):
     in_ours = BeforeValidator(partial(in_unit, unit))
     return Annotated[float, Field(allow_inf_nan=False, **bounds), Unit(unit, hint), in_ours]
@@ -216,8 +190,9 @@ def explain(error: ValidationError, model: type[BaseModel]) -> str:
             allowed = "must be a number" + f" [{unit}]" * bool(unit)
         if kind.startswith(("greater", "less")):
             allowed += f" {unit}" * bool(unit) + f" ({known.hint})" * bool(known.hint)
-        with_unit = isinstance(item["input"], str) and NUMBER_AND_UNIT.fullmatch(item["input"])
-        shown = " ".join(str(item["input"]).split()) + f" {unit}" * bool(unit and not with_unit)  # on one line
+        shown = " ".join(str(item["input"]).split())[:LONGEST] or "''"  # on one line
+        if not isinstance(item["input"], str) or without_unit(item["input"]) or kind == "finite_number":
+            shown += f" {unit}" * bool(unit)
         if kind == "extra_forbidden":
             lines.append(f"unknown key '{key}'{suggestion(key, model.model_fields)}")
         elif kind == "missing":

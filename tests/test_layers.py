@@ -22,7 +22,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "taichi_mps"
 SETTINGS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 LAYERS = SETTINGS["tool"]["taichi-mps"]["layers"]
-LOOSE = {"__init__", "__main__", "units", "quantity"}  # all else lives in a room
+LOOSE = {"__init__", "__main__", "spelling", "units", "quantity"}  # all else lives in a room
 SHARED_TERMS = {"terms.rheology", "terms.constants"}
 
 

@@ -21,6 +21,6 @@ def forecast(words: list[str]) -> tuple[float, list[str], str]:
             from ..simulation.forecast import pairs_of, require_memory
 
             require_memory(problem, pairs_of(problem.scene), options.precision)
-    except SceneError as error:
+    except (SceneError, ImportError) as error:  # ImportError: pint, which numbers with a unit need
         return 0.0, [], plain(" ".join(str(error).split()))
     return problem.scene.until, lines + list(dict.fromkeys(str(item.message) for item in warned)), ""

@@ -262,7 +262,7 @@ def main(argv=None, more=None) -> int:
             return commands[argv[0]](argv[1:])
     except BrokenPipeError:
         raise
-    except (SceneError, OSError) as error:  # or the disk is full, a file belongs to somebody else
+    except (SceneError, OSError, ImportError) as error:  # or the disk is full, a file belongs to somebody else
         text = " ".join(str(error).split()) if isinstance(error, SceneError) else error
         print(f"taichi-mps: {plain(text)}", file=sys.stderr)
         return BAD_INPUT

@@ -1,0 +1,202 @@
+"""Numbers and units as people write them: '200,5', 'Pas', 'kg m-3', 'U/min', superscripts, full-width letters."""
+
+import re
+import unicodedata
+from fractions import Fraction
+from functools import cache
+
+LONGEST = 100  # characters of a number with its unit
+
+# The units that are known, in the language of pint: name = value = symbol = alias. What has more than one size (ton,
+# gallon, grad) is not known. An angle is no number, and so no percentage; a rotation of 1/min is one turn a minute.
+UNITS = """
+mega- = 1e6 = M-
+kilo- = 1e3 = k-
+hecto- = 1e2 = h-
+deca- = 10 = da-
+deci- = 1e-1 = d-
+centi- = 1e-2 = c-
+milli- = 1e-3 = m-
+micro- = 1e-6 = u- = mu-
+nano- = 1e-9 = n-
+meter = [length] = m = metre = M
+millimeter_ = millimeter = MM
+centimeter_ = centimeter = CM = Cm
+inch = 0.0254 meter = in = inches
+foot = 12 inch = ft = feet
+yard = 3 foot = yd
+thou = 0.001 inch
+mile = 5280 foot = mi
+second = [time] = s = sec = Sec = SEC = sekunde = sekunden
+minute = 60 second = min = Min = MIN = minuten
+hour = 60 minute = h = hr = Hr = std = stunde = stunden
+day = 24 hour = d
+hertz = 1 / second = Hz = HZ = hz
+gram = [mass] = g = gm
+kilogram_ = kilogram = Kg = KG = kgs = Kgs
+tonne = 1000 kilogram = t = to = metric_ton
+pound = 0.45359237 kilogram = lb
+ounce = pound / 16 = oz
+newton = kilogram * meter / second ** 2 = N
+joule = newton * meter = J
+kilonewton_ = kilonewton = KN
+gram_force = 0.00980665 newton = gf
+kilogram_force = 9.80665 newton = kp = kilopond
+pound_force = 4.4482216152605 newton = lbf
+kip = 1000 pound_force
+dyne = 1e-5 newton = dyn
+pascal = newton / meter ** 2 = Pa
+kilopascal_ = kilopascal = kpa = KPa = KPA = Kpa
+megapascal_ = megapascal = Mpa
+bar = 1e5 pascal = Bar = BAR
+atmosphere = 101325 pascal = atm
+technical_atmosphere = kilogram_force / centimeter ** 2 = at
+torr = atmosphere / 760 = Torr = mmHg
+pound_force_per_square_inch = pound_force / inch ** 2 = psi = PSI
+kip_per_square_inch = kip / inch ** 2 = ksi
+pound_force_per_square_foot = pound_force / foot ** 2 = psf
+pound_per_cubic_foot = pound / foot ** 3 = pcf
+poise = 0.1 pascal * second = P = Ps
+stokes = 1e-4 meter ** 2 / second = St
+centipoise_ = centipoise = cps = cp = CP = CPS
+second_to_the_n = [time_to_the_n] = sn
+liter = 1e-3 meter ** 3 = l = L = litre = ltr = Ltr
+cubic_centimeter = centimeter ** 3 = cc = ccm
+cubic_meter = meter ** 3 = cbm = cum
+liter_a_minute = liter / minute = lpm = LPM
+turn = [angle] = rev = revolution = cycle = U = Umdr = umdrehung = umdrehungen = r = tr = tour = giri
+turn_a_minute = turn / minute = rpm = RPM = Rpm = Upm = UPM = upm
+turn_a_second = turn / second = rps
+degree = turn / 360 = deg = Deg
+radian = 0.15915494309189533576888376337251436 turn = rad = Rad
+gon = turn / 400
+percent = 0.01
+permille = 0.001
+ppm = 1e-6
+"""
+
+SPACES = "\u00a0\u2007\u2009\u202f"  # that hold the digits of one number together
+ALIKE = {"-": "\u2010\u2011\u2012\u2013\u2014\u2015\u2212", "*": "·•∙⋅×∗‧・", "/": "⁄∕÷", "'": "′’‘´`ʹ", '"': "″”“„ʺ"}
+ALIKE |= {"°": "º˚", "u": "µμ", "": "{}\u00ad\u200b\u200c\u200d\u200e\u200f\u2060\ufeff"}
+ALIKE = {ord(character): to for to, others in ALIKE.items() for character in others}
+
+NUMBER = re.compile(
+    r"([-+]?)(\d+(?:[.,'_]\d+)*[.,]?|[.,]\d+)(?:[eE]([-+]?\d{1,3})(?!\d)|\s*[x*]\s*10\^([-+]?\d{1,3}))?"
+)
+
+SPELLINGS = [  # of units, one after the other; in the end names, '^' before a digit, '*', '/' and brackets are left
+    (r"%", " percent "),
+    (r"‰", " permille "),
+    (r"°", " degree "),
+    (r"\"|''", " inch "),
+    (r"'", " foot "),
+    (r"\bper\b", "/"),
+    (r"(?:\b|(?<=Pa))s\s*\^?\s*n\b", " sn"),
+    (r"\b(?:[A-Z][a-z]{3,}|[A-Z]{4,})\b", lambda word: word[0].lower()),
+    (r"\*\*", "^"),
+    (r"\^\s*\(\s*([-+]?\w)\s*\)", r"^\1"),
+    (r"(?<=[a-zA-Z])\s*\^\s*\+?(?=-?\d)", "^"),
+    (r"(?<=[a-zA-Z])\^?(-?\d)", r"^\1 "),
+    (r"(?<=[a-zA-Z])-(?=[a-zA-Z])|\.(?!\d)", " "),
+    (r"\b(\w{0,2}Pa|\w{0,2}N)(s?)(m?)\b", r"\1 \2 \3"),  # Pas, Ns/m2, Nm-2
+    (r"\bkgm\b", "kg m"),
+    (r"\b(?:cubic|cu) +(\w+)", r"\1^3"),
+    (r"\b(?:square|sq) +(\w+)", r"\1^2"),
+    (r"[\s*]*/[\s*]*", "/"),
+    (r"[\s*]+(?=\))|(?<=\()[\s*]+", ""),
+    (r"^\(([^()]*)\)$", r"\1"),
+    (r"^/", "1/"),
+]
+FACTOR = r"[a-zA-Z_]+(?:\^-?[1-9])?"
+UNIT = re.compile(rf"(?:1/)?\(?{FACTOR}\)?(?:[*/]\(?{FACTOR}\)?)*|")  # what pint may see: it evaluates what it is given
+
+
+class AmbiguousError(ValueError):
+    """Digits that are one number to some and another to others."""
+
+
+@cache
+def registry():
+    """Units by their names (pint), exact. Read when a number first comes with a unit."""
+    try:
+        import pint
+
+        return pint.UnitRegistry(UNITS.splitlines(), non_int_type=Fraction)
+    except Exception as error:  # an old one fails in many ways
+        told = f"a number with a unit needs pint, which cannot be loaded here ({error})"
+        raise ImportError(f"{told}: pip install --upgrade pint, or leave the units away") from error
+
+
+def tidy(text: str) -> str:
+    """A text in plain characters: superscripts as '^2', one kind of minus, dot, quotation mark and space."""
+    text = re.sub(rf"(?<=\d)[{SPACES}](?=\d{{3}}(?!\d))", "_", text)
+    text = re.sub("[⁰¹²³⁴-⁹⁺⁻ⁿ]+", r"^\g<0>", text).translate(ALIKE)
+    return unicodedata.normalize("NFKC", text).translate(ALIKE).strip()
+
+
+def decimal(digits: str) -> str:
+    """Digits with points, commas, apostrophes or underscores as digits with a decimal point. ValueError for what is no
+    number, or two: 1,000."""
+    marks = re.sub(r"\d", "", digits)
+    whole, mark, part = digits, "", ""
+    if marks[-1:] in tuple(".,") and marks.count(marks[-1]) == 1:
+        whole, mark, part = digits.rpartition(marks[-1])
+    if marks == "," and re.fullmatch(r"[1-9]\d{0,2},\d{3}", digits):
+        raise AmbiguousError(f"is {whole}.{part} or {whole}{part}; must be written without a comma")
+    grouped = re.fullmatch(r"\d*|[1-9]\d{0,2}(?:([.,'_])\d{3})(?:\1\d{3})*", whole)
+    if not grouped or (mark == "," and not part):
+        raise ValueError("no number")
+    return re.sub(r"\D", "", whole) + f".{part}" * bool(part)
+
+
+def canonical(unit: str) -> str:
+    """A unit as pint writes it; ValueError for what is none."""
+    unit = tidy(unit).strip(" []-")
+    for pattern, to in SPELLINGS:
+        unit = re.sub(pattern, to, unit)
+    unit = re.sub(r"[\s*]+", "*", unit.strip(" *"))
+    if not UNIT.fullmatch(unit):
+        raise ValueError("no unit")
+    return unit
+
+
+def converted(number: Fraction, given: str, unit: str) -> float:
+    """A number of the unit ``given`` in another, of the same kind; ValueError, or an error of pint, for one of another
+    kind, in each way to read it: ms is m s to some, and what follows a solidus, as in kg/m s, is below it or not."""
+    known, given = registry(), canonical(given)
+    ours = known.parse_units(canonical(unit))
+    spelled = given, re.sub(r"\bms\b", "m*s", given)
+    for text in (*spelled, *(f"{text})".replace("/", "/(", 1) for text in spelled if "/" in text)):
+        found = number * known.parse_units(text)
+        if ours.dimensionality == known.turn_a_minute.dimensionality and found.check("1 / [time]"):
+            found = found * known.turn
+        if found.dimensionality == ours.dimensionality:
+            return float(found.to(ours).magnitude)
+    raise ValueError("of another kind")
+
+
+def without_unit(text: str) -> bool:
+    """Whether a text is a number alone."""
+    return bool(NUMBER.fullmatch(tidy(text[:LONGEST])))
+
+
+def in_unit(unit: str, value):
+    """A number as text, with its unit or without, '0.5 kPa', '5mm', '200,5', in ``unit``: as a number, or as text that
+    Python reads where it has no other unit. Anything else as it is. ValueError for a unit of another kind, and for
+    digits that are two numbers, 1,000."""
+    unit = unit.strip("-")
+    found = NUMBER.match(tidy(value)) if isinstance(value, str) and len(value) <= LONGEST else None
+    if not found:
+        return value
+    try:
+        sign, digits, exponent, power = found.groups()
+        number = sign + decimal(digits) + f"e{exponent or power}" * bool(exponent or power)
+        given = found.string[found.end() :].strip()
+        return number if given in ("", unit) else converted(Fraction(number), given, unit)
+    except (AmbiguousError, ImportError):
+        raise
+    except OverflowError:
+        return float("inf")
+    except Exception:  # pint has many of its own
+        kind = f"in {unit} or a unit of that kind" if unit else "without a unit, or in %"
+        raise ValueError(f"must be a number {kind}") from None
