@@ -3,6 +3,7 @@
 import difflib
 import inspect
 from functools import partial, wraps
+from pathlib import Path
 from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -19,6 +20,19 @@ def require(holds, message: str) -> None:
     """SceneError with this message unless what is required holds."""
     if not holds:
         raise SceneError(message)
+
+
+def ordinary(told: str, path, most: float) -> Path:
+    """The path of an ordinary file of at most ``most`` bytes, which can be read to its end; SceneError that begins with
+    ``told`` for what is none: a folder, a pipe, a device, a file that is larger than it may be."""
+    path = Path(path)
+    try:
+        size = path.stat().st_size
+    except (OSError, ValueError) as error:
+        raise SceneError(f"{told}: cannot be read ({getattr(error, 'strerror', None) or error})") from None
+    require(path.is_file(), f"{told}: is a folder, a pipe or a device; must be a file")
+    require(size <= most, f"{told}: has {1e-6 * size:.4g} MB; must have at most {1e-6 * most:g} MB")
+    return path
 
 
 def array_of(value) -> np.ndarray:

@@ -6,11 +6,12 @@ from ..problem import catalogue
 from ..problem.labels import what_it_is
 from ..problem.numerics import NUMERICS, Implicit
 from ..report.inputs import option
-from ..units import SceneError, require, suggestion, unit_of
+from ..units import SceneError, ordinary, require, suggestion, unit_of
 from .options import GROUPS, Run, group_of
 
 SECTIONS = [group.split()[0] for group in GROUPS]
 NOT_OF_A_CASE = {"out", "overwrite", "quiet", "verbose", "profile"}  # of one run, not of what is computed
+MOST_BYTES = 1e5  # a second to read; a case has some 5e3
 TITLE = "A case of taichi-mps: taichi-mps run case.toml. A number may have a unit of its own, in quotes: '0.5 kPa'."
 
 
@@ -56,7 +57,7 @@ def words(path: Path) -> list[str]:
     from tomlkit.exceptions import TOMLKitError
 
     try:
-        case = tomlkit.parse(path.read_text(encoding="utf-8")).unwrap()
+        case = tomlkit.parse(ordinary(f"case = {path}", path, MOST_BYTES).read_text(encoding="utf-8")).unwrap()
     except (OSError, UnicodeError) as error:
         raise SceneError(f"case = {path}: cannot be read ({getattr(error, 'strerror', None) or error})") from None
     except TOMLKitError as error:

@@ -21,13 +21,14 @@ from ..problem import catalogue
 from ..problem.numerics import NUMERICS
 from ..problem.problem import Problem
 from ..problem.scene import Scene
-from ..units import SceneError, require
+from ..units import SceneError, ordinary, require
 from . import untrusted_hdf5 as outside
 
 FORMAT = "taichi_mps checkpoint"
 VERSION = 7
 OLDEST = 6  # version that is read, too; its digests, made by another rule, are not compared
 LABEL = 512  # bytes of the user block
+MOST_BYTES = 2e10  # some 1e8 particles
 LARGE = 1_000_000  # numbers of an array from which on a part of it stands for all
 PARTICLES = "spacing", "fluid", "domain", "wall_particles", "inlets"  # of a scene: what the arrays of a state depend on
 LAWS = "materials", "gravity_vector", "walls"  # what no state shows
@@ -109,6 +110,13 @@ class Checkpoint:
                 not isinstance(value, np.ndarray) or np.all(np.isfinite(value)),
                 f"checkpoint: a value of {key} is not a finite number",
             )
+        low, high = np.array(scene.domain, float)
+        beyond = np.any(np.abs(self.state["x"] - 0.5 * (low + high)) > 1.5 * (high - low), axis=1)
+        require(
+            not beyond.any(),  # one that leaves the domain ends the run before it comes so far
+            f"checkpoint: a particle lies at {self.state['x'][np.argmax(beyond)]} m; must be in the domain, from {low} "
+            f"to {high} m",
+        )
         mix, mixes = np.asarray(self.state.get("mix", 0)), len(scene.materials)
         require(
             np.all((mix >= 0) & (mix < mixes)),
@@ -172,18 +180,19 @@ def read_good(path) -> tuple[Checkpoint, str]:
 
 def read(path) -> Checkpoint:
     """Read and verify; SceneError naming the file if it is missing, foreign, damaged or of another version."""
-    path = Path(path)
-    require(path.is_file(), f"checkpoint {path}: no such file")
+    path, content = ordinary(f"checkpoint {path}", path, MOST_BYTES), hashlib.sha256()
     try:
-        content = path.read_bytes()
+        with open(path, "rb") as file:
+            found = re.match(rf"{FORMAT} (\d+) sha256 (\w+)\n".encode(), file.read(LABEL))
+            for part in iter(lambda: file.read(LARGE) if found else b"", b""):
+                content.update(part)
     except OSError as error:
         raise SceneError(f"checkpoint {path}: cannot be read ({error.strerror})") from None
-    found = re.match(rf"{FORMAT} (\d+) sha256 (\w+)\n".encode(), content)
     version = int(found[1]) if found else VERSION
     if not OLDEST <= version <= VERSION:
         raise SceneError(f"checkpoint {path}: of format {version}, this program reads {OLDEST} to {VERSION}")
     require(
-        found and found[2].decode() == hashlib.sha256(content[LABEL:]).hexdigest(),
+        found and found[2].decode() == content.hexdigest(),
         f"checkpoint {path}: damaged, or not a checkpoint of taichi_mps (its checksum is wrong)",
     )
     with outside.opened(path, "checkpoint") as file:

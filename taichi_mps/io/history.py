@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..units import require
+from ..units import ordinary, require
 
 MEANING = {
     "time_s": "time at the end of the step [s]",
@@ -33,6 +33,7 @@ MEASURED = ("slump_m", "spread_m")  # columns of the scene's measures, in every 
 REPORTED = {"time_s": "time", "dt_s": "dt", "max_speed_m_s": "max_speed", "kinetic_energy_J": "kinetic_energy"}
 SUM = "crc32"  # last column: checksum of the line of the names and of the row before it, as text "crc32:..."
 COLUMNS = tuple(MEANING)  # of every run; more by the measures of the scene
+MOST_BYTES = 3e8  # a million rows, in seconds
 TAIL = 1 << 14  # [bytes] in which the last row of a file lies
 
 
@@ -110,7 +111,7 @@ def checksum(names: str, row: str) -> str:
 
 def read_rows(path) -> list[dict[str, str]]:
     """Rows of a history.csv as text; SceneError for another file, or one that is not as it was written."""
-    names, *rows = Path(path).read_bytes().decode("utf-8", "replace").split("\n")
+    names, *rows = ordinary(str(path), path, MOST_BYTES).read_bytes().decode("utf-8", "replace").split("\n")
     columns, _, last = names.rpartition(",")
     known = last == SUM and set(COLUMNS) <= set(columns.split(","))
     require(

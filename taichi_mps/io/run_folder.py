@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from .. import __version__
-from ..units import SceneError, require
+from ..units import SceneError, ordinary, require
 from . import lock
 from .history import crc32, read_rows
 from .vtkhdf import Trajectory
@@ -142,7 +142,7 @@ def empty_of_pictures(folder: Path) -> None:
 def json_of(path: Path) -> dict:
     """The object in a JSON file; empty where there is none, or another thing."""
     try:
-        facts = json.loads(path.read_text(encoding="utf-8"))
+        facts = json.loads(ordinary(path.name, path, 1e8).read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):
         return {}
     return facts if isinstance(facts, dict) else {}

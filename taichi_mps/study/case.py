@@ -13,6 +13,7 @@ import numpy as np
 from ..io.history import row_of
 from ..io.run_folder import strict
 from ..problem import catalogue
+from ..units import ordinary
 
 REACHED = 0.5  # spread [m] whose time is read, T500: EN 12350-8
 LOOK = 0.02, 0.05, 0.25  # between two looks at the spread: 0.02 s or 5 % of the time so far at least, 25 % at most
@@ -41,7 +42,7 @@ def case(scene: str, **parameters) -> Case:
     full = valid.model_dump(mode="json")
     named = [Path(value) for value in full.values() if isinstance(value, str) and value and Path(value).is_file()]
     files = [catalogue.locate(scene), *catalogue.names().values(), *named]
-    contents = [hashlib.sha256(path.read_bytes()).hexdigest() for path in files]
+    contents = [hashlib.sha256(ordinary(f"file {path}", path, 1e9).read_bytes()).hexdigest() for path in files]
     digest = hashlib.sha256(json.dumps([contents, full, code()], sort_keys=True).encode()).hexdigest()
     return Case(catalogue.source(scene), {name: full[name] for name in parameters}, digest[:16])
 

@@ -14,13 +14,14 @@ from .. import __version__
 from ..io.run_folder import strict
 from ..report.page import publish
 from ..report.words import safe, table
-from ..units import SceneError, require, suggestion
+from ..units import SceneError, ordinary, require, suggestion
 from ..viz.plots import COLOURS
 from . import results
 from .calibrate import CONE, TESTS, Measurements, calibrate
 from .calibration import BINGHAM, NAMES, WORDS, Calibration, apart, is_time, short
 from .sweep import executor_of
 
+MOST_ROWS = 100_000  # some two hours
 EXPLAINED, BOUNDED, WITH_FRICTION = "explained", "bounded", "explained with internal friction"
 TWO_ANSWERS, FAR, REFUSED = "two answers", "not explained", "refused"
 MEANING = {  # of a verdict
@@ -52,10 +53,11 @@ def read_list(path) -> list[dict[str, str]]:
     """The rows of a list as text: a CSV file whose columns are measurements, `slump [cm]` or `slump` in SI units, and
     any others, which are kept. SceneError for what is no such list."""
     try:
-        text = Path(path).read_text(encoding="utf-8-sig")
+        text = ordinary(f"table = {path}", path, 1e8).read_text(encoding="utf-8-sig")
     except (OSError, ValueError) as error:
         raise SceneError(f"table = {path}: cannot be read ({getattr(error, 'strerror', None) or error})") from None
     lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
+    require(len(lines) <= MOST_ROWS, f"table = {path}: has {len(lines)} lines; must have at most {MOST_ROWS}")
     rows = list(csv.DictReader(lines, strict=True))
     columns = [heading(name)[0] for name in (rows[0] if rows else {}) if name]
     if not set(TESTS.values()) & set(columns):

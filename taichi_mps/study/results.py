@@ -12,7 +12,7 @@ from pathlib import Path
 
 from ..io.lock import held
 from ..problem.labels import is_measure
-from ..units import SceneError, require
+from ..units import SceneError, ordinary, require
 
 LOCK = "study.lock"
 JOURNAL = "journal.jsonl"
@@ -86,7 +86,7 @@ def read(path) -> list[dict]:
     as None."""
     path = Path(path)
     path = path / TABLE if path.is_dir() else path
-    require(path.is_file(), f"table = {path}: no such file; must be a study's folder or its results.csv")
+    path = ordinary(f"table = {path}", path, 1e8)
     with open(path, newline="", encoding="utf-8", errors="replace") as file:
         lines = csv.DictReader(line for line in file if not line.startswith("#"))
         none = f"table = {path}: has no column status; must be a study's folder or its results.csv"

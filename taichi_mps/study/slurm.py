@@ -28,6 +28,7 @@ from .case import Case
 
 FOLDER = "slurm-jobs"  # in the study's folder, which all nodes must see: numbers, logs and results of the jobs
 LOOK, ASK = 1.0, 20.0  # [s] from look to look for results, and from question to question to Slurm
+ANSWER = 60.0  # [s] in which a program of Slurm must answer
 MINUTES = 60.0  # of a job, where no timeout_min is given
 MOST_JOBS = 1000  # at once, where --workers does not say how many: each has a thread that waits for it
 
@@ -48,9 +49,9 @@ def slurm(text: str, folder, workers: int | None):
 
 
 def answer(*command: str) -> str | None:
-    """What a program prints; None where there is none, it fails, or it does not answer within a minute."""
+    """What a program prints; None where there is none, it fails, or it does not answer in time."""
     with suppress(OSError, subprocess.SubprocessError):
-        return subprocess.run(command, capture_output=True, text=True, check=True, timeout=60).stdout
+        return subprocess.run(command, capture_output=True, text=True, check=True, timeout=ANSWER).stdout
     return None
 
 
@@ -63,7 +64,11 @@ class Slurm:
     def submit(self, command: list[str], name: str, log: Path) -> str:
         """The number of a new job; OSError with what sbatch says where it gives none."""
         told = ["--parsable", f"--job-name={name}", f"--output={log}", "--open-mode=append", *self.options]
-        made = subprocess.run(["sbatch", *told, f"--wrap={shlex.join(command)}"], capture_output=True, text=True)
+        words = ["sbatch", *told, f"--wrap={shlex.join(command)}"]
+        try:
+            made = subprocess.run(words, capture_output=True, text=True, timeout=ANSWER)
+        except subprocess.TimeoutExpired:
+            raise OSError(f"sbatch did not answer within {ANSWER:g} s") from None
         if made.returncode:
             raise OSError((made.stderr.strip().splitlines() or ["sbatch: no job"])[-1])
         return made.stdout.strip().split(";")[0]
@@ -126,6 +131,7 @@ class Jobs(ThreadPoolExecutor):
         self.cluster, self.text, self.folder = cluster, text, Path(folder).absolute()
         self.over, self.turn = threading.Event(), threading.Lock()
         self.asked, self.there = -math.inf, None  # when the cluster was asked, and its answer
+        self.refused: SceneError | None = None  # why it gave no job; it is not asked for another one
 
     def submit(self, function, case: Case, /):
         """The future row of a case: of the job that runs it already, or of a new one."""
@@ -179,12 +185,15 @@ class Jobs(ThreadPoolExecutor):
         result = self.file(case, "json")
         result.unlink(missing_ok=True)
         words = f"{function.__module__}:{function.__qualname__}", json.dumps(asdict(case)), str(result)
-        try:
-            with self.turn:
+        with self.turn:
+            if self.refused:
+                raise self.refused
+            try:
                 number = self.cluster.submit([sys.executable, "-m", __name__, *words], case.key, self.file(case, "log"))
-        except OSError as error:  # no such partition, too many jobs for this user, no space, no sbatch, ...
-            bound = "--workers bounds how many jobs there are at once"
-            raise SceneError(f"executor = {self.text}: {error}; {bound}") from None
+            except OSError as error:  # no such partition, too many jobs for this user, no space, no sbatch, ...
+                bound = "--workers bounds how many jobs there are at once"
+                self.refused = SceneError(f"executor = {self.text}: {error}; {bound}")
+                raise self.refused from None
         self.file(case, "job").write_text(number)
         return number
 

@@ -107,6 +107,17 @@ def test_what_sbatch_refuses_is_said(tmp_path, notes):
     assert len(cluster.cancelled) == 2
 
 
+def test_an_sbatch_that_never_answers_is_asked_once(tmp_path, notes, monkeypatch):
+    (tmp_path / "sbatch").write_text("#!/bin/sh\necho . >> asked\nexec sleep 60\n")
+    (tmp_path / "sbatch").chmod(0o755)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PATH", f"{tmp_path}:/usr/bin:/bin")
+    monkeypatch.setattr(slurm, "ANSWER", 0.5)
+    with pytest.raises(SceneError, match=r"slurm://here: sbatch did not answer within 0.5 s"):
+        carry_out(study_cases.planned(3, notes), tmp_path / "s", study_cases.plain, "slurm://here")
+    assert (tmp_path / "asked").read_text() == ".\n"
+
+
 # ---- data is never run ----------------------------------------------------------------------------------------------
 def test_jobs_of_this_machine_go_by_nothing_that_lies_in_their_folder(tmp_path, notes):
     """There lie jobs, results and logs of somebody else."""

@@ -1,0 +1,74 @@
+"""Proves that what cannot be read to its end in seconds is refused in one line: files too large, pipes, devices,
+folders, lists too long, a checkpoint of particles that are nowhere. No SceneError names another file."""
+
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from taichi_mps.cli import case_file
+from taichi_mps.io import checkpoint
+from taichi_mps.io.history import read_history
+from taichi_mps.problem import catalogue
+from taichi_mps.study import case, mixes, results
+from taichi_mps.units import SceneError
+
+
+def sparse(path):
+    with open(path, "wb") as file:
+        file.truncate(200 * 10**9)
+
+
+BAD = {  # what stands where a file should: how it is made, what is said of it
+    "too large": (sparse, r"has 2e\+05 MB; must have at most"),
+    "a pipe": (os.mkfifo, "is a folder, a pipe or a device; must be a file"),
+    "a device": (lambda path: path.symlink_to("/dev/zero"), "is a folder, a pipe or a device; must be a file"),
+    "a folder": (Path.mkdir, "is a folder, a pipe or a device; must be a file"),
+}
+READERS = {
+    "case": case_file.words,
+    "list": mixes.read_list,
+    "checkpoint": checkpoint.read,
+    "history": read_history,
+    "results": results.read,
+}
+
+
+@pytest.mark.parametrize("bad", BAD)
+@pytest.mark.parametrize("name", READERS)
+def test_a_file_without_end_is_refused_unread(tmp_path, name, bad):
+    make, message = BAD[bad]
+    path = tmp_path / "file.stl"
+    make(path)
+    others = "|holds no history.csv; must be the folder of a run|results.csv: cannot be read"
+    with pytest.raises(SceneError, match=message + others * (bad != "too large")) as refused:
+        READERS[name](path)
+    assert str(tmp_path) in str(refused.value) and "\n" not in str(refused.value)
+
+
+def test_the_digest_of_a_case_reads_no_file_without_end(tmp_path):
+    sparse(tmp_path / "bars.stl")
+    with pytest.raises(SceneError, match="bars.stl: has 2e"):
+        case.case("wall", rebar=str(tmp_path / "bars.stl"))
+
+
+def test_a_list_is_as_long_as_it_can_be_computed(tmp_path):
+    path = tmp_path / "list.csv"
+    path.write_text("slump\n" + 100_000 * "0.2\n")
+    with pytest.raises(SceneError, match="table = .*list.csv: has 100001 lines; must have at most 100000"):
+        mixes.read_list(path)
+
+
+def test_a_checkpoint_holds_particles_of_its_domain():
+    """One that leaves the domain ends the run: in a checkpoint it may be beyond the edge, and no domain away."""
+    scene = catalogue.build("slump", spacing=0.05)
+    x = np.array(scene.fluid)
+    header = {"source": "slump", "parameters": {}, "scheme": "implicit", "numerics": {}, "fluid": None, "problem": None}
+    x[0] = 1.5 * np.array(scene.domain[1])
+    checkpoint.Checkpoint(header, {"x": x}).admit(scene)
+    for far in (3.0, 1e300):
+        x[0, 0] = far
+        with pytest.raises(SceneError, match=r"checkpoint: a particle lies at \[.*\] m; must be in the domain, from"):
+            checkpoint.Checkpoint(header, {"x": x}).admit(replace(scene))
