@@ -46,7 +46,7 @@ def run_case(name):
 
     def count(s):
         r = s.report
-        steps.append((r.viscous_iterations, r.pressure_iterations, r.dt, abs(r.volume_error), r.dt_limit))
+        steps.append((r.outer_iterations, r.solver_iterations, r.dt, abs(r.volume_error), r.dt_limit))
 
     def picture(s):
         if wanted and any(abs(s.time - t) < 1e-6 for t in PICTURES):

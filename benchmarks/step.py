@@ -40,7 +40,7 @@ def measure(particles: int, threads: int, arch: str) -> dict:
     walls, iterations = [], []
     for _ in range(8 if particles < 500_000 else 4):
         begin = time.perf_counter()
-        iterations.append(sim.step().pressure_iterations)
+        iterations.append(sim.step().solver_iterations)
         walls.append(time.perf_counter() - begin)
     found = {"particles": len(sim.scene.fluid), "threads": threads, "walls": walls, "stages": sim.profile()}
     return found | {"mean": float(np.mean(walls)), "iterations": float(np.mean(iterations))}

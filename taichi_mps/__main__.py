@@ -8,7 +8,25 @@ CLOSED_PIPE = 141  # as a shell has it of a program that SIGPIPE ended
 
 
 def main(argv=None) -> int:
-    """Run a command line and return its exit code, see ``cli.main.main``."""
+    """Run a command line, as the program ``taichi-mps`` does.
+
+    Parameters
+    ----------
+    argv : sequence of str, optional
+        Command and its options, by default those of this process.
+
+    Returns
+    -------
+    int
+        Exit code: 0 done, 2 bad input, 3 diverged, 130 interrupted; see ``cli.main.main``.
+
+    Examples
+    --------
+    >>> import taichi_mps as mps
+    >>> mps.main(["--version"]) == 0
+    0.2.0
+    True
+    """
     from .app.command import app
     from .cli.main import main as answer
 
@@ -16,7 +34,7 @@ def main(argv=None) -> int:
 
 
 def entry() -> None:
-    """The program. Signals are listened to before anything else is imported, which takes the longest of a start."""
+    """Run the program, listening to signals before anything else is imported, which takes the longest of a start."""
     try:
         listen()
         code = main()

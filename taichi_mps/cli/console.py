@@ -83,8 +83,8 @@ def progress(sim, recorder, options):
             text = f"{sim.time:.2f} of {'about' if end < until else 'at most'} {end:.3g} s{moved}"
             if options.verbose:
                 r = sim.report
-                text += f"  dt {1e3 * r.dt:.2f} ms ({r.dt_limit}), iterations {r.viscous_iterations}"
-                text += f"/{r.pressure_iterations}"
+                text += f"  dt {1e3 * r.dt:.2f} ms ({r.dt_limit}), iterations {r.outer_iterations}"
+                text += f"/{r.solver_iterations}"
             bar.update(task, completed=share, description=text, left=f", {in_time(left)} left")
 
         sim.each_step(show)

@@ -21,6 +21,7 @@ from ..problem import catalogue
 from ..problem.numerics import NUMERICS
 from ..problem.problem import Problem
 from ..problem.scene import Scene
+from ..schemes.step_report import OLD_NAMES
 from ..units import SceneError, ordinary, require
 from . import untrusted_hdf5 as outside
 
@@ -39,15 +40,37 @@ SCALARS = {"time", "steps", "last_dt", "rest", "report"}
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """``header``: source, parameters, scheme, numerics, time [s], fluid, problem, settings; ``state``: that of
-    Simulation."""
+    """Content of a checkpoint: how a run was made, and the state from which it continues.
+
+    Parameters
+    ----------
+    header : dict
+        source, parameters, scheme, numerics, time [s], fluid, problem and settings.
+    state : dict
+        What ``Simulation.state`` returned.
+    """
 
     header: dict
     state: dict
 
     @classmethod
     def of(cls, sim, source: str | None = None, settings: dict | None = None) -> "Checkpoint":
-        """Copy of a simulation now; ``source`` is the scene's name or file, ``settings`` the run's own options."""
+        """Copy a simulation now.
+
+        Parameters
+        ----------
+        sim : Simulation
+            Simulation.
+        source : str, optional
+            Name or file of its scene, the scene's own name by default.
+        settings : dict, optional
+            Options of the run.
+
+        Returns
+        -------
+        Checkpoint
+            Copy.
+        """
         header = {
             "source": source or sim.scene.name,
             "parameters": dict(sim.scene.parameters),
@@ -61,7 +84,18 @@ class Checkpoint:
         return cls(header, sim.state())
 
     def write(self, path) -> Path:
-        """Write atomically; the file that was there becomes ``<stem>.previous.h5``."""
+        """Write a file, whole or not at all.
+
+        Parameters
+        ----------
+        path : path-like
+            File; one that was there becomes ``<stem>.previous.h5``.
+
+        Returns
+        -------
+        Path
+            The file.
+        """
         path = Path(path)
         arrays = {key: value for key, value in self.state.items() if isinstance(value, np.ndarray)}
         scalars = {key: value for key, value in self.state.items() if key not in arrays}
@@ -83,9 +117,25 @@ class Checkpoint:
         return path
 
     def scene(self, until: float | None = None, scene_file=None) -> Scene:
-        """The scene, built anew from its source and parameters; ``until`` [s] replaces its end. A scene that is not a
-        built-in one is made by the code of ``scene_file``, which the caller must name. SceneError if what is built has
-        another material, gravity or wall than the run had."""
+        """Make the scene again.
+
+        Parameters
+        ----------
+        until : float, optional
+            Time limit [s], instead of the one it had.
+        scene_file : path-like, optional
+            File of a scene that is not built in, which is code that the caller must name.
+
+        Returns
+        -------
+        Scene
+            Scene.
+
+        Raises
+        ------
+        SceneError
+            If it has another material, gravity or wall than the run had.
+        """
         keywords = dict(self.header["parameters"])
         if until is not None and "until" in keywords:
             keywords["until"] = until
@@ -98,8 +148,23 @@ class Checkpoint:
         return scene
 
     def admit(self, scene: Scene) -> Problem:
-        """The scene with the numerics of the run; SceneError unless it can be computed and the state is one of its
-        particles."""
+        """Join a scene with the numerics of the run.
+
+        Parameters
+        ----------
+        scene : Scene
+            Scene.
+
+        Returns
+        -------
+        Problem
+            Problem that the state belongs to.
+
+        Raises
+        ------
+        SceneError
+            If it cannot be computed, or the state is not one of its particles.
+        """
         require(
             self.header["fluid"] in (None, digest(scene, PARTICLES)),
             f"checkpoint: scene {self.header['source']} no longer makes the particles that it was written with",
@@ -131,8 +196,25 @@ class Checkpoint:
         return problem
 
     def resume(self, problem: Problem, profile: bool = False):
-        """A Simulation that continues from here, of a problem that was admitted. Taichi must be started
-        (``taichi_mps.init``)."""
+        """Make a Simulation that continues from here; Taichi must be started (``init``).
+
+        Parameters
+        ----------
+        problem : Problem
+            What ``admit`` returned.
+        profile : bool, optional
+            Whether to time the stages of a step.
+
+        Returns
+        -------
+        Simulation
+            Simulation at the time of the checkpoint.
+
+        Raises
+        ------
+        SceneError
+            If the state is not one of this version.
+        """
         from ..simulation.simulation import Simulation
 
         sim = Simulation(problem, profile=profile)
@@ -150,25 +232,109 @@ class Checkpoint:
 
 
 def save(sim, path) -> Path:
-    """Write a checkpoint of the simulation. A scene that is not just a built-in one with its keywords must be handed to
-    ``restore`` again."""
+    """Write a checkpoint of a simulation.
+
+    Parameters
+    ----------
+    sim : Simulation
+        Simulation. A scene that is not just a built-in one with its keywords must be handed to ``restore`` again.
+    path : path-like
+        File; one that was there becomes ``<stem>.previous.h5``.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Examples
+    --------
+    >>> import tempfile, taichi_mps as mps
+    >>> mps.init(threads=1)
+    [Taichi] Starting on arch=...
+    >>> sim = mps.Simulation(mps.slump_cone(model="axisymmetric", spacing=0.05))
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     file = mps.checkpoint.save(sim, f"{folder}/start.h5")
+    ...     mps.checkpoint.restore(file).time
+    0.0
+    """
     return Checkpoint.of(sim).write(path)
 
 
 def restore(path, scene: Scene | None = None):
-    """Simulation that continues from the checkpoint file, or from the previous one when that file is damaged."""
+    """Make a Simulation that continues from a checkpoint, or from the previous one when that file is damaged.
+
+    Parameters
+    ----------
+    path : path-like
+        File.
+    scene : Scene, optional
+        Scene of the run, where it is not a built-in one with its keywords.
+
+    Returns
+    -------
+    Simulation
+        Simulation at the time of the checkpoint.
+
+    Raises
+    ------
+    SceneError
+        If the file is missing, damaged or of another scene.
+
+    Examples
+    --------
+    >>> import taichi_mps as mps
+    >>> mps.checkpoint.restore("nowhere.h5")
+    Traceback (most recent call last):
+        ...
+    taichi_mps.units.SceneError: checkpoint nowhere.h5: no such file
+    """
     state, _ = read_good(path)
     return state.resume(state.admit(scene or state.scene()))
 
 
 def previous(path) -> Path:
-    """Where the checkpoint before this one is kept."""
+    """Return where the checkpoint before this one is kept.
+
+    Parameters
+    ----------
+    path : path-like
+        Checkpoint.
+
+    Returns
+    -------
+    Path
+        File.
+
+    Examples
+    --------
+    >>> import taichi_mps as mps
+    >>> mps.checkpoint.previous("checkpoint.h5").name
+    'checkpoint.previous.h5'
+    """
     path = Path(path)
     return path.with_name(f"{path.stem}.previous{path.suffix}")
 
 
 def read_good(path) -> tuple[Checkpoint, str]:
-    """The newest good checkpoint and a remark, '' unless the previous one had to be used."""
+    """Read the newest good checkpoint.
+
+    Parameters
+    ----------
+    path : path-like
+        File.
+
+    Returns
+    -------
+    checkpoint : Checkpoint
+        Content.
+    remark : str
+        '' unless the previous one had to be used.
+
+    Raises
+    ------
+    SceneError
+        If neither can be read.
+    """
     try:
         return read(path), ""
     except SceneError as error:
@@ -179,7 +345,23 @@ def read_good(path) -> tuple[Checkpoint, str]:
 
 
 def read(path) -> Checkpoint:
-    """Read and verify; SceneError naming the file if it is missing, foreign, damaged or of another version."""
+    """Read and verify a checkpoint.
+
+    Parameters
+    ----------
+    path : path-like
+        File.
+
+    Returns
+    -------
+    Checkpoint
+        Content.
+
+    Raises
+    ------
+    SceneError
+        If the file is missing, foreign, damaged or of another version.
+    """
     path, content = ordinary(f"checkpoint {path}", path, MOST_BYTES), hashlib.sha256()
     try:
         with open(path, "rb") as file:
@@ -200,19 +382,36 @@ def read(path) -> Checkpoint:
         arrays = {key: outside.numbers(state, key) for key in state}
         header = json.loads(outside.text(file, "header"))
         scalars = header.pop("scalars")
+        new = {old: name for name, old in OLD_NAMES.items()}
         for key, kind in HEADER.items():
             if not isinstance(header[key], kind):
                 raise ValueError(f"{key} is wrong")
         if header["scheme"] not in NUMERICS or SCALARS - set(scalars) or set(scalars) & set(arrays):
             raise ValueError("scheme or state is wrong")
+        if isinstance(scalars["report"], dict):
+            scalars["report"] = {new.get(name, name): value for name, value in scalars["report"].items()}
         unknown = {"fluid": None, "problem": None} if version < VERSION else {}
         return Checkpoint(header | unknown, {**arrays, **scalars})
 
 
 def digest(scene: Scene, keys) -> str:
-    """sha256 of these attributes of a scene: of records without their names and without numbers that are the usual
-    ones, so that a checkpoint stays good when they get another one; of functions by their names; of large arrays a
-    part."""
+    """Return the sha256 of attributes of a scene.
+
+    Names of records and numbers that are the usual ones do not count, so that a checkpoint stays good when records get
+    another number. Functions count by their names, large arrays by a part.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene.
+    keys : sequence of str
+        Attributes.
+
+    Returns
+    -------
+    str
+        Hexadecimal digits.
+    """
     total = hashlib.sha256()
 
     def take(value):
@@ -238,14 +437,42 @@ def digest(scene: Scene, keys) -> str:
 
 
 def given(record, name: str, usual) -> tuple:
-    """(name, value) of a field of a record, () where it is the usual one or no number."""
+    """Return a field of a record as (name, value).
+
+    Parameters
+    ----------
+    record : object
+        Record.
+    name : str
+        Field.
+    usual : object
+        Default of the field.
+
+    Returns
+    -------
+    tuple
+        Empty where the value is the default, or the field a name.
+    """
     value = getattr(record, name)
     left_out = name == "name" or (not isinstance(value, np.ndarray) and value == usual)
     return () if left_out else (name, value)
 
 
 def possible(poured, layers: int) -> bool:
-    """Is this what an inlet of so many layers can have poured: [layers, delay in s]?"""
+    """Tell whether an inlet can have poured this.
+
+    Parameters
+    ----------
+    poured : object
+        [layers, delay in s].
+    layers : int
+        Number of layers of the inlet.
+
+    Returns
+    -------
+    bool
+        True if it can.
+    """
     return (
         isinstance(poured, list)
         and [type(number) for number in poured] in ([int, float], [int, int])

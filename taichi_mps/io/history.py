@@ -1,4 +1,4 @@
-"""history.csv: one row a step."""
+"""History of a run, history.csv: one row a step."""
 
 import csv
 import io
@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..schemes.step_report import OLD_NAMES
 from ..units import ordinary, require
 
 MEANING = {
@@ -22,10 +23,12 @@ MEANING = {
     "stands near it the solver leaves some on either side",
     "flowing_fraction": "share of the volume that flows [-]: where the viscous part of the stress is over 5 % of the "
     "yield stress; 0 of a body that stands. Of a fluid without yield stress what is sheared at all",
-    "viscous_iterations": "augmented-Lagrangian (Uzawa) iterations of implicit, direct (Picard) iterations of the "
+    "outer_iterations": "augmented-Lagrangian (Uzawa) iterations of implicit, direct (Picard) iterations of the "
     "viscosity of semi-implicit, in the step [-]",
-    "pressure_iterations": "iterations of the linear solver in the step [-]: of the velocity solves of implicit, "
-    "whatever the name says, and of the pressure of semi-implicit",
+    "solver_iterations": "iterations of the linear solver in the step [-]: of the velocity solves of implicit, of the "
+    "pressure of semi-implicit",
+    "viscous_iterations": "outer_iterations by its old name, until 0.3",
+    "pressure_iterations": "solver_iterations by its old name, until 0.3",
     "volume_error": "change of the volume of what has a full neighbourhood, from the packing [-]",
     "volume_error_max": "largest size of it so far [-]",
 }
@@ -38,10 +41,17 @@ TAIL = 1 << 14  # [bytes] in which the last row of a file lies
 
 
 class History:
-    """history.csv, one row a step, written as it goes.
+    """Writer of history.csv, one row a step, flushed as it goes.
 
-    ``kept``: continue an existing file up to that time [s]. Measures other than slump and spread get columns of
-    their own at the end; one that comes later, or is there no more, keeps its column, nan where it is missing.
+    Measures other than slump and slump flow get columns of their own at the end; one that comes later, or is there no
+    more, keeps its column, nan where it is missing.
+
+    Parameters
+    ----------
+    path : path-like
+        File.
+    kept : float, optional
+        Continue an existing file up to this time [s]; a new file by default.
     """
 
     def __init__(self, path, kept: float | None = None):
@@ -68,7 +78,13 @@ class History:
         self.file.write(f"{text},{checksum(self.names, text)}\n")
 
     def add(self, row: dict) -> None:
-        """Write a row and flush it."""
+        """Write a row and flush it.
+
+        Parameters
+        ----------
+        row : dict of str to float
+            Values by column.
+        """
         if set(row) - set(self.columns):
             self.close()
             self._begin((*self.columns, *row), read_rows(self.path))
@@ -76,12 +92,25 @@ class History:
         self.file.flush()
 
     def close(self) -> None:
-        """Write no more."""
+        """Close the file."""
         self.file.close()
 
 
 def row_of(sim, measures: dict) -> dict:
-    """Row of history.csv of a simulation now; before the first step there is no report, and little to say."""
+    """Return the row of history.csv of a simulation now.
+
+    Parameters
+    ----------
+    sim : Simulation
+        Simulation; before its first step there is no report, and little to say.
+    measures : dict of str to float
+        Results by name.
+
+    Returns
+    -------
+    dict of str to float
+        Values by column.
+    """
     measures = {key: value for key, value in measures.items() if key != "slump_max_m"}  # the summary's alone
     keys = [key for key in COLUMNS if key not in MEASURED]
     if sim.report is not None:
@@ -93,27 +122,78 @@ def row_of(sim, measures: dict) -> dict:
 
 
 def line(values) -> str:
-    """Values as a line of a table, without its end."""
+    """Format values as a line of a table, without its end.
+
+    Parameters
+    ----------
+    values : iterable
+        Values.
+
+    Returns
+    -------
+    str
+        Line of a CSV file.
+    """
     text = io.StringIO()
     csv.writer(text, lineterminator="").writerow(values)
     return text.getvalue()
 
 
 def crc32(*texts: str) -> str:
-    """CRC-32 of texts one after the other, with which a change of what was written is noticed."""
+    """Return the CRC-32 of texts one after the other, by which a change of what was written is noticed.
+
+    Parameters
+    ----------
+    *texts : str
+        Texts.
+
+    Returns
+    -------
+    str
+        Eight hexadecimal digits.
+    """
     return f"{zlib.crc32(''.join(texts).encode('utf-8', 'surrogatepass')):08x}"
 
 
 def checksum(names: str, row: str) -> str:
-    """The last cell of a row."""
+    """Return the last cell of a row.
+
+    Parameters
+    ----------
+    names : str
+        Line of the names of the columns.
+    row : str
+        Row without its last cell.
+
+    Returns
+    -------
+    str
+        Checksum of both.
+    """
     return f"{SUM}:{crc32(names, row)}"
 
 
 def read_rows(path) -> list[dict[str, str]]:
-    """Rows of a history.csv as text; SceneError for another file, or one that is not as it was written."""
+    """Read the rows of a history.csv as text.
+
+    Parameters
+    ----------
+    path : path-like
+        File.
+
+    Returns
+    -------
+    list of dict of str to str
+        Cells by column; columns that were named otherwise before 0.2 under both names.
+
+    Raises
+    ------
+    SceneError
+        For another file, or one that is not as it was written.
+    """
     names, *rows = ordinary(str(path), path, MOST_BYTES).read_bytes().decode("utf-8", "replace").split("\n")
     columns, _, last = names.rpartition(",")
-    known = last == SUM and set(COLUMNS) <= set(columns.split(","))
+    known = last == SUM and set(COLUMNS) - OLD_NAMES.keys() <= set(columns.split(","))
     require(
         known,
         f"{path}: damaged or no history of a run; must have the columns {', '.join(COLUMNS)}, {SUM}, without which "
@@ -125,19 +205,54 @@ def read_rows(path) -> list[dict[str, str]]:
     if len(torn.rpartition(",")[2]) > len(checksum("", "")):
         wrong = wrong or len(rows) + 1
     require(wrong is None, f"{path}: damaged, row {wrong} is not what was written")
-    return list(csv.DictReader([columns, *(text for text, _, _ in cells)]))
+    found = list(csv.DictReader([columns, *(text for text, _, _ in cells)]))
+    return [row | {new: row[old] for new, old in OLD_NAMES.items() if new not in row} for row in found]
 
 
 def read_history(path) -> dict[str, np.ndarray]:
-    """Columns of a history.csv as arrays."""
+    """Read the columns of a history.csv.
+
+    Parameters
+    ----------
+    path : path-like
+        File.
+
+    Returns
+    -------
+    dict of str to ndarray, shape (n,)
+        Values of each step by column.
+
+    Raises
+    ------
+    SceneError
+        If the file is missing, damaged, or no history.
+
+    Examples
+    --------
+    >>> from taichi_mps.io.history import read_history
+    >>> read_history("nowhere/history.csv")
+    Traceback (most recent call last):
+        ...
+    taichi_mps.units.SceneError: run = nowhere: holds no history.csv; must be the folder of a run
+    """
     require(Path(path).is_file(), f"run = {Path(path).parent}: holds no history.csv; must be the folder of a run")
     rows = read_rows(path)
     return {key: np.array([number(row[key]) for row in rows]) for key in (rows[0] if rows else COLUMNS)}
 
 
 def newest(path) -> dict[str, float]:
-    """The last whole row of a history.csv that is being written, without reading those before it and unchecked; empty
-    before there is one."""
+    """Read the last whole row of a history.csv that is being written, unchecked.
+
+    Parameters
+    ----------
+    path : path-like
+        File.
+
+    Returns
+    -------
+    dict of str to float
+        Values by column; empty before there is a row.
+    """
     try:
         with open(path, "rb") as file:
             names = file.readline().decode().strip().split(",")
@@ -151,7 +266,18 @@ def newest(path) -> dict[str, float]:
 
 
 def number(text) -> float:
-    """The number that a text of a table is, nan where it is none."""
+    """Convert a cell of a table to a number.
+
+    Parameters
+    ----------
+    text : str
+        Cell.
+
+    Returns
+    -------
+    float
+        Number, nan where it is none.
+    """
     try:
         return float(text)
     except (TypeError, ValueError):

@@ -1,4 +1,4 @@
-"""The run folder: history.csv, run.h5, summary.json and checkpoint.h5, written while a run goes on."""
+"""Folder of a run: history.csv, run.h5, summary.json and checkpoint.h5, written while a run goes on."""
 
 import json
 import os
@@ -37,7 +37,21 @@ PICTURES = re.compile(r"frame_\d{5,}\.png")
 
 
 class RunFolder:
-    """Paths of one run. Nothing is written before ``create``; only files that a run makes are ever removed."""
+    """Paths of the files of one run.
+
+    Nothing is written before ``create``; only files that a run makes are ever removed.
+
+    Parameters
+    ----------
+    path : path-like
+        Folder.
+
+    Examples
+    --------
+    >>> from taichi_mps.io.run_folder import RunFolder
+    >>> RunFolder("renders/slump").history.name
+    'history.csv'
+    """
 
     def __init__(self, path):
         self.path = Path(path)
@@ -52,17 +66,27 @@ class RunFolder:
 
     @property
     def ours(self) -> bool:
-        """Is there a run in the folder?"""
+        """Whether there is a run in the folder."""
         return json_of(self.path / MARK).get("made_by") == "taichi_mps"
 
     @property
     def pictures(self) -> list[Path]:
-        """The pictures that the run has made, in their order."""
+        """Pictures that the run has made, in their order."""
         return sorted(path for path in self.frames.glob("frame_*.png") if PICTURES.fullmatch(path.name))
 
     def check(self, overwrite: bool = False) -> None:
-        """Refuse, before anything is computed, a path that is a file or somebody else's folder; and one that holds a
-        run, unless that may be overwritten. Whether it can be written is found out by who locks it."""
+        """Refuse a path that is no place for a run, before anything is computed.
+
+        Parameters
+        ----------
+        overwrite : bool, optional
+            Whether a run that is there may be replaced.
+
+        Raises
+        ------
+        SceneError
+            If the path is a file, somebody else's folder, or holds a run that may not be replaced.
+        """
         path = self.path
         try:
             there = {item.name for item in path.iterdir()} - {lock.NAME} if path.exists() else set()
@@ -78,11 +102,28 @@ class RunFolder:
         self.check_frames()
 
     def check_frames(self) -> None:
-        """Refuse a folder whose pictures lie elsewhere."""
+        """Refuse a folder whose pictures lie elsewhere.
+
+        Raises
+        ------
+        SceneError
+            If ``frames`` is a link.
+        """
         require(not self.frames.is_symlink(), f"out = {self.path}: its frames lie elsewhere; must be another folder")
 
     def create(self, overwrite: bool = False) -> None:
-        """Make the folder, empty of what an earlier run wrote; SceneError when that is impossible."""
+        """Make the folder, empty of what an earlier run wrote.
+
+        Parameters
+        ----------
+        overwrite : bool, optional
+            Whether a run that is there may be replaced.
+
+        Raises
+        ------
+        SceneError
+            If that is impossible.
+        """
         self.check(overwrite)
         try:
             self.path.mkdir(parents=True, exist_ok=True)
@@ -94,12 +135,29 @@ class RunFolder:
             raise self.not_writable(error) from None
 
     def not_writable(self, error) -> SceneError:
-        """What is wrong with the path."""
+        """Return an error that names what is wrong with the path.
+
+        Parameters
+        ----------
+        error : Exception
+            What writing raised.
+
+        Returns
+        -------
+        SceneError
+            Error to raise.
+        """
         reason = getattr(error, "strerror", None) or error
         return SceneError(f"out = {self.path}: cannot be written ({reason}); choose another folder")
 
     def write_summary(self, summary: dict) -> None:
-        """Write summary.json whole or not at all; numbers that are not finite become null."""
+        """Write summary.json whole or not at all; numbers that are not finite become null.
+
+        Parameters
+        ----------
+        summary : dict
+            What ``Simulation.summary`` returned, and how the run ended.
+        """
         partial = self.summary.with_suffix(".partial")
         facts = strict(summary)
         facts |= {SUM: of_facts(facts)}
@@ -107,14 +165,31 @@ class RunFolder:
         os.replace(partial, self.summary)
 
     def read_summary(self) -> dict:
-        """summary.json; SceneError where it is missing or damaged."""
+        """Read summary.json.
+
+        Returns
+        -------
+        dict
+            Results and settings of the run.
+
+        Raises
+        ------
+        SceneError
+            If the file is missing or damaged.
+        """
         require(self.summary.is_file(), f"run = {self.path}: holds no summary.json; must be the folder of a run")
         facts = json_of(self.summary)
         require(facts.pop(SUM, None) == of_facts(facts), f"run = {self.path}: its summary.json is damaged")
         return facts
 
     def verify(self) -> None:
-        """SceneError that names what of a run is not as it was written: a summary, a history, outputs."""
+        """Check that summary, history and outputs are as they were written.
+
+        Raises
+        ------
+        SceneError
+            For the first file that is not.
+        """
         if self.summary.is_file():
             self.read_summary()
         if self.history.is_file():
@@ -124,14 +199,36 @@ class RunFolder:
 
 
 def next_free(path) -> Path:
-    """The path if nothing is there, else the first of path-2, path-3, ... where nothing is."""
+    """Return a path where nothing is.
+
+    Parameters
+    ----------
+    path : path-like
+        Wanted path.
+
+    Returns
+    -------
+    Path
+        The path, or the first of path-2, path-3, ... where nothing is.
+    """
     path = Path(path)
     others = (path.with_name(f"{path.name}-{number}") for number in count(2))
     return next(free for free in chain([path], others) if not os.path.lexists(free))
 
 
 def empty_of_pictures(folder: Path) -> None:
-    """Make a folder for pictures, or remove those that a run made there; not where it is a link to another one."""
+    """Make a folder for pictures, or remove those that a run made there.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder.
+
+    Raises
+    ------
+    SceneError
+        If it is a link to another folder.
+    """
     require(not folder.is_symlink(), f"{folder}: is a link to another folder; must be a folder, or nothing")
     folder.mkdir(exist_ok=True)
     for picture in folder.iterdir():
@@ -140,7 +237,18 @@ def empty_of_pictures(folder: Path) -> None:
 
 
 def json_of(path: Path) -> dict:
-    """The object in a JSON file; empty where there is none, or another thing."""
+    """Read the object in a JSON file.
+
+    Parameters
+    ----------
+    path : Path
+        File.
+
+    Returns
+    -------
+    dict
+        Object; empty where there is none.
+    """
     try:
         facts = json.loads(ordinary(path.name, path, 1e8).read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):
@@ -149,10 +257,32 @@ def json_of(path: Path) -> dict:
 
 
 def of_facts(facts: dict) -> str:
-    """Checksum of a JSON object."""
+    """Return the checksum of a JSON object.
+
+    Parameters
+    ----------
+    facts : dict
+        Object.
+
+    Returns
+    -------
+    str
+        CRC-32 of its text, in hexadecimal digits.
+    """
     return crc32(json.dumps(facts, sort_keys=True))
 
 
 def strict(value):
-    """The value for JSON: plain types, null for a number that is not finite."""
+    """Convert a value for JSON: plain types, null for a number that is not finite.
+
+    Parameters
+    ----------
+    value : object
+        Value, with NumPy scalars and nan.
+
+    Returns
+    -------
+    object
+        Value that JSON can hold.
+    """
     return json.loads(json.dumps(value, default=np.generic.item), parse_constant=lambda _: None)

@@ -1,4 +1,4 @@
-"""run.h5: the outputs of a run as temporal VTKHDF PolyData, written as it goes and read back."""
+"""Outputs of a run, run.h5: temporal VTKHDF PolyData, written as it goes and read back."""
 
 import errno
 import json
@@ -33,16 +33,31 @@ PARTS = ("Vertices", "Lines", "Strips", "Polygons")  # order of the columns of S
 
 
 class Trajectory:
-    """run.h5: the fluid at every output as temporal VTKHDF PolyData, for ParaView >= 5.12, pyvista and VTK >= 9.3.
+    """Outputs of a run in run.h5, for ParaView >= 5.12, pyvista and VTK >= 9.3.
 
+    Parameters
+    ----------
+    path : path-like
+        File.
+
+    Notes
+    -----
     The number of particles is constant (those that an inlet has yet to add wait at its mouth, with size 0), so one part
-    and one set of vertices serve all steps: step k has its points at row k n. What was computed is kept: half the
-    section of an axisymmetric body, with the size of its rings, or the part between mirror planes. Group ``taichi_mps``
-    holds what VTK does not need: how the scene was made, the wall particles and the mouth of the first inlet.
+    and one set of vertices serve all steps: step k has its points at row k n. The file holds the computed part: half
+    the section of an axisymmetric body, with the size of its rings, or the part between mirror planes. Group
+    ``taichi_mps`` holds how the scene was made, the wall particles and the mouth of the first inlet.
 
-    HDF5 leaves a damaged file behind when it is killed while it writes. So there are two files while a run goes on:
-    outputs are added to the twin, which then takes the place of run.h5 in one step. Whoever reads run.h5, and whenever
-    the run is killed, finds a whole file up to the last output.
+    HDF5 leaves a damaged file behind when it is killed while it writes. So outputs are added to a second file, which
+    then takes the place of run.h5 in one step: whoever reads run.h5, and whenever the run is killed, finds a whole file
+    up to the last output.
+
+    Examples
+    --------
+    >>> from taichi_mps.io.vtkhdf import Trajectory
+    >>> Trajectory("nowhere/run.h5").times()
+    Traceback (most recent call last):
+        ...
+    taichi_mps.units.SceneError: run = nowhere: holds no run.h5; must be the folder of a run
     """
 
     def __init__(self, path):
@@ -51,7 +66,22 @@ class Trajectory:
         self.missing: list[Snapshot] | None = None  # what the twin lacks of run.h5; None where there is no twin
 
     def create(self, sim, source: str, every: float) -> None:
-        """Begin a file without outputs, for one every ``every`` [s]."""
+        """Begin a file without outputs.
+
+        Parameters
+        ----------
+        sim : Simulation
+            Simulation whose outputs it will hold.
+        source : str
+            Name or file of the scene.
+        every : float
+            Time between outputs [s].
+
+        Raises
+        ------
+        OSError
+            If the disk is full.
+        """
         s, scene, inlets = sim.snapshot(), sim.scene, sim.scene.inlets
         n = sim.particles.capacity if inlets else len(s.x)
         self.close()
@@ -86,7 +116,18 @@ class Trajectory:
         os.replace(self.twins[0], self.path)
 
     def append(self, s: Snapshot) -> int | None:
-        """Add a snapshot; its number, or None if it is not later than the last one."""
+        """Add a snapshot.
+
+        Parameters
+        ----------
+        s : Snapshot
+            Computed part of the fluid.
+
+        Returns
+        -------
+        int or None
+            Number of the output; None if it is not later than the last one.
+        """
         if self.missing is not None:
             try:
                 number = self._extend([*self.missing, s])
@@ -111,7 +152,7 @@ class Trajectory:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(self.path))
 
     def _exchange(self) -> bool:
-        """The twin becomes run.h5, and run.h5 the twin: False, and no twin, where the disk has no links."""
+        """Exchange run.h5 and its twin; False, and no twin, where the disk has no links."""
         with suppress(OSError):
             os.link(self.path, self.twins[1])
         os.replace(self.twins[0], self.path)
@@ -119,15 +160,26 @@ class Trajectory:
         return self.twins[0].exists()
 
     def close(self) -> None:
-        """Remove the twin: this run, or one that was killed, writes no more."""
+        """Remove the second file: this run, or one that was killed, writes no more."""
         self.missing = None
         for twin in self.twins:
             twin.unlink(missing_ok=True)
 
     def cut(self, last: float, every: float) -> int:
-        """Forget the outputs after the time ``last`` [s], and the last one that is left if it is not a multiple of the
-        interval so far, for then an end of the run has made it; go on with the interval ``every`` [s]. Returns how many
-        are left."""
+        """Forget the outputs after a time, to continue from there.
+
+        Parameters
+        ----------
+        last : float
+            Time of the last output to keep [s]; that one is forgotten, too, if an end of the run had made it.
+        every : float
+            Time between outputs from now on [s].
+
+        Returns
+        -------
+        int
+            How many are left.
+        """
         self.close()
         self.check()
         shutil.copyfile(self.path, self.twins[0])
@@ -150,27 +202,63 @@ class Trajectory:
         return k
 
     def check(self) -> None:
-        """SceneError unless all outputs are as they were written."""
+        """Check that all outputs are as they were written.
+
+        Raises
+        ------
+        SceneError
+            If one is not.
+        """
         self.origin()
         with self._opened() as file:
             for _ in stored(file):
                 pass
 
     def whole(self, scene_file=None):
-        """``replay``, once all of it has been read: a file without outputs or with damage anywhere is refused before
-        anything is made of it."""
+        """Return ``replay`` after all of the file has been read and checked.
+
+        Parameters
+        ----------
+        scene_file : path-like, optional
+            File of a scene that is not built in.
+
+        Returns
+        -------
+        iterator of Replay
+            Outputs.
+
+        Raises
+        ------
+        SceneError
+            If the file is damaged or holds no output.
+        """
         require(sum(1 for _ in self.replay(scene_file)), f"run = {self.path.parent}: run.h5 holds no output yet")
         return self.replay(scene_file)
 
     def origin(self) -> tuple[str, dict, float]:
-        """How the scene was made: name or file of its function, and the keywords; and the interval of the outputs
-        [s]."""
+        """Return how the scene was made.
+
+        Returns
+        -------
+        source : str
+            Name or file of its function.
+        parameters : dict
+            Keywords.
+        every : float
+            Time between outputs [s].
+        """
         with self._opened() as file:
             own = outside.own(file, "taichi_mps")
             return outside.text(own, "source"), json.loads(outside.text(own, "parameters")), float(own.attrs["every"])
 
     def times(self) -> np.ndarray:
-        """Times [s] of the outputs."""
+        """Return the times of the outputs.
+
+        Returns
+        -------
+        ndarray, shape (k,)
+            Times [s].
+        """
         with self._opened() as file:
             return instants(file)
 
@@ -179,9 +267,27 @@ class Trajectory:
         return outside.opened(self.path, "run")
 
     def replay(self, scene_file=None, scene=None, chosen=None):
-        """The outputs one by one, each with what a picture needs of a Simulation: scene, time, snapshot, measures.
-        A scene that is not a built-in one is made by the code of ``scene_file``, which the caller must name, or given
-        as ``scene``. ``chosen``: numbers of the outputs to read, all by default."""
+        """Read the outputs one by one, each with what a picture needs of a Simulation.
+
+        Parameters
+        ----------
+        scene_file : path-like, optional
+            File of a scene that is not built in, which is code that the caller must name.
+        scene : Scene, optional
+            Scene, instead of making it again.
+        chosen : sequence of int, optional
+            Numbers of the outputs to read, all by default.
+
+        Yields
+        ------
+        Replay
+            Scene, time, snapshot and measures.
+
+        Raises
+        ------
+        SceneError
+            If the file is damaged, or belongs to another scene.
+        """
         source, parameters, _ = self.origin()
         try:
             scene = scene or catalogue.rebuild(source, parameters, scene_file)
@@ -219,27 +325,63 @@ class Trajectory:
 
 @dataclass(frozen=True)
 class Replay:
-    """One output of a run, read back."""
+    """One output of a run, read back; a picture takes it in place of a Simulation.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene of the run.
+    state : Snapshot
+        Fluid at this output.
+    """
 
     scene: Scene
     state: Snapshot
 
     @property
     def time(self) -> float:
-        """[s]"""
+        """Time of the output [s]."""
         return self.state.time
 
     def snapshot(self) -> Snapshot:
-        """The particles at this output."""
+        """Return the fluid at this output.
+
+        Returns
+        -------
+        Snapshot
+            Computed part.
+        """
         return self.state
 
     def measures(self) -> dict[str, float]:
-        """The scene's measures of the whole body at this output."""
+        """Return what the scene measures of the whole body at this output.
+
+        Returns
+        -------
+        dict of str to float
+            Results by name.
+        """
         return self.scene.measure(self.scene.unfold(self.state)) if self.scene.measure else {}
 
 
 def instants(file) -> np.ndarray:
-    """Times [s] of the outputs; ValueError where they do not rise."""
+    """Return the times of the outputs in an open file.
+
+    Parameters
+    ----------
+    file : h5py.File
+        File.
+
+    Returns
+    -------
+    ndarray, shape (k,)
+        Times [s].
+
+    Raises
+    ------
+    ValueError
+        If they do not rise.
+    """
     steps = outside.own(outside.own(file, "VTKHDF"), "Steps")
     count = int(steps.attrs["NSteps"])
     found = outside.numbers(steps, "Values")[:count]
@@ -249,7 +391,20 @@ def instants(file) -> np.ndarray:
 
 
 def stored(file, chosen=None):
-    """(time [s], points, fields by name) of each output, or of the ``chosen`` ones, as stored."""
+    """Read outputs as they are stored.
+
+    Parameters
+    ----------
+    file : h5py.File
+        File.
+    chosen : sequence of int, optional
+        Numbers of the outputs, all by default.
+
+    Yields
+    ------
+    tuple
+        Time [s], points [m], fields by name.
+    """
     root = outside.own(file, "VTKHDF")
     fields, times = outside.own(root, "PointData"), instants(file)
     n = int(outside.numbers(root, "NumberOfPoints")[0])
@@ -261,12 +416,38 @@ def stored(file, chosen=None):
 
 
 def due(time, every: float):
-    """Is this time [s] a multiple of the interval of the outputs [s]?"""
+    """Tell whether times are multiples of the interval of the outputs.
+
+    Parameters
+    ----------
+    time : float or ndarray
+        Times [s].
+    every : float
+        Interval [s].
+
+    Returns
+    -------
+    bool or ndarray of bool
+        True for a multiple.
+    """
     return np.abs(time / every - np.round(time / every)) < 1e-6
 
 
 def add(file, s: Snapshot) -> int | None:
-    """Add a snapshot; its number, or None if it is not later than the last one."""
+    """Add a snapshot to an open file.
+
+    Parameters
+    ----------
+    file : h5py.File
+        File.
+    s : Snapshot
+        Fluid.
+
+    Returns
+    -------
+    int or None
+        Number of the output; None if it is not later than the last one.
+    """
     root, own = file["VTKHDF"], file["taichi_mps"]
     steps, n = root["Steps"], int(root["NumberOfPoints"][0])
     k = int(steps.attrs["NSteps"])
@@ -283,8 +464,24 @@ def add(file, s: Snapshot) -> int | None:
 
 
 def output(s: Snapshot, k: int, n: int, fields) -> dict[str, np.ndarray]:
-    """What output k of n particles adds to a file with these fields: {dataset: rows}, n rows to what is of particles,
-    one to what is of outputs."""
+    """Return what an output adds to a file.
+
+    Parameters
+    ----------
+    s : Snapshot
+        Fluid.
+    k : int
+        Number of the output.
+    n : int
+        Number of particles.
+    fields : container of str
+        Names of the fields that the file has.
+
+    Returns
+    -------
+    dict of str to ndarray
+        Rows by dataset: n rows of particles, one row of outputs.
+    """
     points, data = single(s.x), {name: rows for name, rows in point_data(s).items() if name in fields}
     first = dict.fromkeys(["PointOffsets", *(f"PointDataOffsets/{name}" for name in data)], np.array([k * n]))
     steps = first | {"Values": np.array([s.time], float), "NumberOfParts": np.array([1]), "PartOffsets": np.array([0])}
@@ -297,7 +494,22 @@ def output(s: Snapshot, k: int, n: int, fields) -> dict[str, np.ndarray]:
 
 
 def waiting(s: Snapshot, n: int, mouth) -> Snapshot:
-    """The snapshot with all n particles: those to come are at the mouth of the inlet [m] and have no size."""
+    """Complete a snapshot by the particles that an inlet has yet to add.
+
+    Parameters
+    ----------
+    s : Snapshot
+        Fluid.
+    n : int
+        Number of particles of the whole run.
+    mouth : ndarray, shape (d,)
+        Where they wait, with no size [m].
+
+    Returns
+    -------
+    Snapshot
+        Fluid of n particles.
+    """
     rows = {name: getattr(s, name) for name in ("x", "u", *FIELDS)}
     more = {name: np.zeros((n - len(s.x), *values.shape[1:]), values.dtype) for name, values in rows.items()}
     more["x"] += mouth
@@ -305,12 +517,33 @@ def waiting(s: Snapshot, n: int, mouth) -> Snapshot:
 
 
 def single(x):
-    """Vectors (n, 3) in single precision of vectors (n, d)."""
+    """Embed vectors in three dimensions, in single precision.
+
+    Parameters
+    ----------
+    x : ndarray, shape (n, d)
+        Vectors.
+
+    Returns
+    -------
+    ndarray of float32, shape (n, 3)
+        Vectors.
+    """
     return embed(x).astype(np.float32)
 
 
 def point_data(s: Snapshot) -> dict[str, np.ndarray]:
-    """velocity [m/s], pressure [Pa], shear_rate [1/s], yielded 0 or 1, density_ratio [-], size [m] and mix of every
-    particle."""
+    """Return the fields of every particle, as run.h5 names them.
+
+    Parameters
+    ----------
+    s : Snapshot
+        Fluid.
+
+    Returns
+    -------
+    dict of str to ndarray
+        velocity [m/s], pressure [Pa], shear_rate [1/s], yielded (0 or 1), density_ratio [-], size [m] and mix.
+    """
     scalars = {name: np.asarray(getattr(s, key), kind) for key, (name, kind, _) in FIELDS.items()}
     return {"velocity": single(s.u), **scalars}

@@ -1,4 +1,4 @@
-"""A run for other programs: one .vtu file an output by meshio, and the .pvd that gives them their times."""
+"""Run for other programs: one .vtu file an output by meshio, and the .pvd that gives them their times."""
 
 import re
 from pathlib import Path
@@ -14,11 +14,41 @@ OWN = re.compile(r"output_\d{5,}\.vtu|run\.pvd")  # what is written here
 
 
 def vtu(outputs, folder, whole: bool = False, smooth: bool = False) -> int:
-    """Write folder/output_00000.vtu, ... and folder/run.pvd, which opens all of them with their times [s].
+    """Write a run as output_00000.vtu, ... and run.pvd, which opens all of them with their times.
 
-    outputs: those of ``Trajectory.replay``; with ``whole`` the body of which they are the computed part; with
-    ``smooth`` the surface of the whole body as triangles instead of its particles. Points with the fields of run.h5;
-    a plane scene lies at y = 0. Returns how many.
+    Parameters
+    ----------
+    outputs : iterable of Replay
+        Outputs, as ``Trajectory.whole`` gives them.
+    folder : path-like
+        New or empty folder.
+    whole : bool, optional
+        Write the whole body of which the outputs are the computed part.
+    smooth : bool, optional
+        Write the surface of the whole body as triangles instead of its particles.
+
+    Returns
+    -------
+    int
+        How many files.
+
+    Raises
+    ------
+    SceneError
+        If the folder holds other files or cannot be written.
+
+    Examples
+    --------
+    >>> import tempfile, pathlib, taichi_mps as mps
+    >>> from taichi_mps.io.vtkhdf import Replay
+    >>> from taichi_mps.io.vtu import vtu
+    >>> scene = mps.slump_cone(model="axisymmetric", spacing=0.05)
+    >>> outputs = [Replay(scene, mps.measure.still(scene.fluid, scene.spacing))]
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     vtu(outputs, folder, whole=True)
+    ...     sorted(path.name for path in pathlib.Path(folder).iterdir())
+    1
+    ['output_00000.vtu', 'run.pvd']
     """
     folder = Path(folder)
     if others := [path.name for path in folder.glob("*") if not OWN.fullmatch(path.name)]:

@@ -10,7 +10,14 @@ NEARLY_FULL = 0.8  # of the room for pairs: in one step their number does not gr
 
 
 class CapacityError(RuntimeError):
-    """A neighbour list is full; the message names the number that was needed."""
+    """Error of a neighbour list that is full; the message names the number of pairs that was needed.
+
+    Examples
+    --------
+    >>> import taichi_mps as mps
+    >>> issubclass(mps.CapacityError, RuntimeError)
+    True
+    """
 
 
 class EscapedError(RuntimeError):

@@ -45,7 +45,7 @@ _one_at_a_time = threading.RLock()
 
 @dataclass(frozen=True, eq=False)
 class Session:
-    """From one ``init`` to the next: what was made in it is of this process, and gone with it."""
+    """What belongs to one call of ``init``: gone with the next one, and of this process alone."""
 
     settings: dict  # arch, precision, threads
     process: int
@@ -56,14 +56,39 @@ _session: Session | None = None
 
 
 def init(arch: str = "cpu", precision: str = "f32", threads: int | None = None, debug: bool = False) -> None:
-    """Start Taichi; call once before a Simulation. Calling again drops every earlier Simulation: it says so when used.
+    """Start Taichi; call it once before a ``Simulation``.
 
-    A process may hold several Simulations, which take turns. They are made, and take their first step, in the thread
-    that called init; then any thread may step and read them, one at a time: others wait. Taichi does not survive a
-    fork: start processes by 'spawn'.
+    Parameters
+    ----------
+    arch : {'cpu', 'cuda', 'vulkan'}, optional
+        Where to compute.
+    precision : {'f32', 'f64'}, optional
+        Floating-point type of the solver's fields; positions are always f64.
+    threads : int, optional
+        CPU threads, by default all that this process may use.
+    debug : bool, optional
+        Whether Taichi checks bounds of its fields, which is slow.
 
-    arch: cpu, cuda or vulkan; precision of the solver's fields: f32 or f64 (positions are always f64);
-    threads: CPU threads, by default all that this process may use. Raises SceneError for anything else.
+    Raises
+    ------
+    SceneError
+        For another value, or a device that is not found here.
+    RuntimeError
+        In a process that was forked after Taichi had been started.
+
+    Notes
+    -----
+    Calling it again drops every earlier Simulation, which says so when used. A process may hold several Simulations.
+    They are made, and take their first step, in the thread that called ``init``; then any thread may step and read
+    them, one at a time. Taichi does not survive a fork: start processes by ``multiprocessing.get_context("spawn")``.
+
+    Examples
+    --------
+    >>> import taichi_mps as mps
+    >>> mps.init(arch="abacus")
+    Traceback (most recent call last):
+        ...
+    taichi_mps.units.SceneError: arch = abacus: must be one of cpu, cuda, vulkan
     """
     architectures = {"cpu": ti.cpu, "cuda": ti.cuda, "vulkan": ti.vulkan}
     if not isinstance(arch, str) or arch not in architectures:
@@ -97,7 +122,18 @@ def init(arch: str = "cpu", precision: str = "f32", threads: int | None = None, 
 
 
 def session() -> Session:
-    """The present one; RuntimeError where init was forgotten, or in a forked process."""
+    """Return what was made since the last ``init``.
+
+    Returns
+    -------
+    Session
+        Settings, process and thread.
+
+    Raises
+    ------
+    RuntimeError
+        Where ``init`` was forgotten, or in a forked process.
+    """
     if _session is None:
         raise RuntimeError("Taichi is not started: call taichi_mps.init() before making a Simulation")
     if _session.process != os.getpid():
@@ -106,12 +142,29 @@ def session() -> Session:
 
 
 def started() -> dict:
-    """Settings of the running backend: arch, precision, threads."""
+    """Return the settings of the running backend.
+
+    Returns
+    -------
+    dict
+        arch, precision and threads.
+    """
     return dict(session().settings)
 
 
 def in_session(method):
-    """A method of an object with a ``session``, which must be the present one; threads take turns."""
+    """Guard a method of an object with a ``session``: it must be the present one, and threads take turns.
+
+    Parameters
+    ----------
+    method : callable
+        Method.
+
+    Returns
+    -------
+    callable
+        Guarded method.
+    """
 
     @functools.wraps(method)
     def guarded(self, *arguments, **keywords):
@@ -126,7 +179,13 @@ def in_session(method):
 
 
 def require_thread() -> None:
-    """Refuse new fields in another thread than that of init."""
+    """Refuse new fields in another thread than that of ``init``.
+
+    Raises
+    ------
+    RuntimeError
+        In another thread.
+    """
     if session().thread != threading.get_ident():
         raise RuntimeError(
             "Taichi was started in another thread: a Simulation is made, and takes its first step, in that which "
@@ -135,8 +194,13 @@ def require_thread() -> None:
 
 
 def require_room() -> None:
-    """Refuse new fields in another thread, and when those of this process are nearly as many as Taichi holds: the 513th
-    tree of fields kills the process. Until the language raises an error instead."""
+    """Refuse new fields when Taichi can hold no more of them: the 513th tree of fields kills the process.
+
+    Raises
+    ------
+    RuntimeError
+        When those of this process are nearly as many, or in another thread than that of ``init``.
+    """
     require_thread()
     used = ti.lang.impl.get_runtime().prog.get_snode_tree_size()
     if used > MOST_TREES - TREES_OF_A_SIMULATION:
@@ -147,14 +211,39 @@ def require_room() -> None:
 
 
 def double_field(shape=(), components=None):
-    """Field of f64, or of vectors of them."""
+    """Return a field of f64, or of vectors of them.
+
+    Parameters
+    ----------
+    shape : tuple of int or int, optional
+        Shape.
+    components : int, optional
+        Components of a vector; scalars by default.
+
+    Returns
+    -------
+    ti.Field
+        Field.
+    """
     make = ti.field if components is None else functools.partial(ti.Vector.field, components)
     return in_own_memory(make(ti.f64), shape) if started()["arch"] == "vulkan" else make(ti.f64, shape)
 
 
 def constant_fields(*tables, vectors: bool = False) -> list:
-    """Fields that hold these arrays: of i8, of i32 for other integers, and of the solver's type; with ``vectors`` the
-    last axis is that of the components of vectors."""
+    """Return fields that hold these arrays.
+
+    Parameters
+    ----------
+    *tables : ndarray
+        Arrays; of int8 they stay so, of other integers they become i32, of real numbers the solver's type.
+    vectors : bool, optional
+        Whether the last axis is that of the components of vectors.
+
+    Returns
+    -------
+    list of ti.Field
+        Fields.
+    """
     fields = []
     for table in tables:
         kind = ti.i8 if table.dtype == np.int8 else ti.i32 if table.dtype.kind == "i" else real()
@@ -168,11 +257,28 @@ def constant_fields(*tables, vectors: bool = False) -> list:
 
 
 def real():
-    """Floating-point type of the solver's fields: ti.f32 or ti.f64."""
+    """Return the floating-point type of the solver's fields.
+
+    Returns
+    -------
+    type
+        ti.f32 or ti.f64.
+    """
     return ti.f64 if started()["precision"] == "f64" else ti.f32
 
 
 @ti.func
 def sine(angle):
-    """Sine [-] of an angle [rad] in f64."""
+    """Return the sine of an angle in f64.
+
+    Parameters
+    ----------
+    angle : float
+        Angle [rad].
+
+    Returns
+    -------
+    float
+        Sine [-].
+    """
     return sine_by_f32(angle) if ti.static(started()["arch"] == "vulkan") else ti.sin(angle)

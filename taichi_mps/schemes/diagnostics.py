@@ -70,8 +70,8 @@ class Diagnostics:
             kinetic_energy=0.5 * energy,
             unyielded_fraction=unyielded / count,
             flowing_fraction=flowing / whole if whole else 0.0,
-            viscous_iterations=iterations,
-            pressure_iterations=int(solves),
+            outer_iterations=iterations,
+            solver_iterations=int(solves),
             residual=abs(ratio) ** 0.5,
             volume_error=volume / packing - 1.0 if volume else 0.0,
         )

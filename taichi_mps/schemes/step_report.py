@@ -3,10 +3,58 @@
 import math
 from dataclasses import asdict, dataclass
 
+OLD_NAMES = {"outer_iterations": "viscous_iterations", "solver_iterations": "pressure_iterations"}  # until 0.3
+
 
 @dataclass(frozen=True)
 class StepReport:
-    """What one step did."""
+    """What one time step did, as ``Simulation.step`` returns it.
+
+    Parameters
+    ----------
+    step : int
+        Number of the step.
+    time : float
+        Time at its end [s].
+    dt : float
+        Length [s].
+    dt_limit : str
+        What bounded it: Courant, diffusion, growth, maximum, first or output.
+    max_speed : float
+        Largest speed of a particle [m/s].
+    mean_speed : float
+        Root mean square of the speed [m/s].
+    moving_speed : float
+        Speed of what moves, sqrt(sum V u^4/sum V u^2) [m/s].
+    acceleration : float
+        Root mean square of the change of velocity over dt [m/s2]; not computed by ``semi-implicit``.
+    kinetic_energy : float
+        Kinetic energy of the computed part [J], in two dimensions [J/m].
+    unyielded_fraction : float
+        Fraction of the fluid particles below the yield stress [-].
+    outer_iterations : int
+        Augmented-Lagrangian (Uzawa) iterations of ``implicit``, direct (Picard) iterations of the viscosity of
+        ``semi-implicit``.
+    solver_iterations : int
+        Iterations of the linear solver, for the velocity (``implicit``) or the pressure (``semi-implicit``).
+    residual : float
+        Relative residual of the last solve [-].
+    volume_error : float
+        Packing of the particles with a full neighbourhood over its mean, less 1 [-].
+    flowing_fraction : float, optional
+        Fraction of the volume where the viscous stress is over 5 % of the yield stress [-].
+    volume_error_max : float, optional
+        Largest magnitude of ``volume_error`` in the run so far [-].
+
+    Examples
+    --------
+    >>> import taichi_mps as mps
+    >>> numbers = dict.fromkeys(("time", "dt", "max_speed", "mean_speed", "moving_speed", "acceleration"), 0.0)
+    >>> numbers |= dict.fromkeys(("kinetic_energy", "unyielded_fraction", "residual", "volume_error"), 0.0)
+    >>> report = mps.StepReport(step=1, dt_limit="Courant", outer_iterations=6, solver_iterations=40, **numbers)
+    >>> report.outer_iterations
+    6
+    """
 
     step: int
     time: float  # at the end of the step [s]
@@ -18,12 +66,22 @@ class StepReport:
     acceleration: float  # change of velocity over dt, root mean square [m/s2]; not computed by semi-implicit
     kinetic_energy: float  # [J]
     unyielded_fraction: float  # of the fluid particles [-]
-    viscous_iterations: int  # augmented-Lagrangian (implicit) or direct ones for the viscosity (semi-implicit)
-    pressure_iterations: int  # of the linear solver: of the velocity (implicit), of the pressure (semi-implicit)
+    outer_iterations: int
+    solver_iterations: int
     residual: float  # relative, of the last solve
     volume_error: float  # full over mean packing, less 1, of the particles with a full neighbourhood [-]
     flowing_fraction: float = math.nan  # of the volume: where the viscous stress is over 5 % of the yield stress [-]
     volume_error_max: float = 0.0  # largest size of it in the run so far [-]
+
+    @property
+    def viscous_iterations(self) -> int:
+        """Old name of ``outer_iterations``, until 0.3."""
+        return self.outer_iterations
+
+    @property
+    def pressure_iterations(self) -> int:
+        """Old name of ``solver_iterations``, until 0.3."""
+        return self.solver_iterations
 
     def _repr_html_(self):
         rows = "".join(
@@ -34,7 +92,24 @@ class StepReport:
 
 
 class DivergedError(RuntimeError):
-    """The run left the range where its numbers mean anything; carries the last report and what stopped it."""
+    """Error of a run whose numbers mean nothing any more.
+
+    Parameters
+    ----------
+    message : str
+        What happened, when, and what helps.
+    report : StepReport or None
+        Last good step.
+    stopped_by : str, optional
+        What stopped the run, 'diverged' by default.
+
+    Examples
+    --------
+    >>> import taichi_mps as mps
+    >>> error = mps.DivergedError("diverged at t = 0.1 s", report=None)
+    >>> error.stopped_by
+    'diverged'
+    """
 
     stopped_by = "diverged"
 
@@ -44,10 +119,26 @@ class DivergedError(RuntimeError):
 
 
 class DomainError(DivergedError):
-    """The fluid has reached an edge of the domain: says which, and what enlarges it."""
+    """Error of a run whose fluid has reached an edge of the domain.
+
+    The message says which edge, and what enlarges the domain.
+
+    Examples
+    --------
+    >>> import taichi_mps as mps
+    >>> mps.DomainError("left at x", report=None).stopped_by
+    'edge of the domain'
+    """
 
     stopped_by = "edge of the domain"
 
 
 class UnmeasuredError(DivergedError):
-    """A run came to its end, ``stopped_by`` as it says, and a result that it was made for is no number."""
+    """Error of a run that came to its end without a number for a result that it was made for.
+
+    Examples
+    --------
+    >>> import taichi_mps as mps
+    >>> mps.UnmeasuredError("slump_m is nan", report=None, stopped_by="rest").stopped_by
+    'rest'
+    """

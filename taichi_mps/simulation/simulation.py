@@ -1,4 +1,4 @@
-"""Simulation: owns the time, takes steps, calls the callbacks, and knows when to stop."""
+"""Simulation: it owns the time, takes steps, calls the callbacks, and knows when to stop."""
 
 import math
 import time
@@ -31,10 +31,37 @@ RUNAWAY = 10.0  # speed over that of what falls or was thrown beyond which a run
 
 
 class Simulation:
-    """A scene in motion: ``step``, ``run``, ``every``, ``snapshot``, ``summary``.
+    """Scene in motion: it takes time steps, calls back, and knows when to stop.
 
-    ``scene`` with its ``numerics`` (Implicit() by default), or a Problem that has both; ``profile``: time the stages.
-    SceneError for what cannot be computed, before anything is allocated.
+    Parameters
+    ----------
+    scene : Scene or Problem
+        What is to be computed.
+    numerics : Implicit or SemiImplicit, optional
+        How it is computed, ``Implicit()`` by default; None with a Problem.
+    profile : bool, optional
+        Whether to time the stages of a step.
+
+    Raises
+    ------
+    SceneError
+        For what cannot be computed or does not fit into memory, before anything is allocated.
+    RuntimeError
+        If ``init`` was not called.
+
+    Examples
+    --------
+    >>> import taichi_mps as mps
+    >>> mps.init(threads=1)
+    [Taichi] Starting on arch=...
+    >>> sim = mps.Simulation(mps.slump_cone(model="axisymmetric", spacing=0.05, until=0.02))
+    >>> sim.run()
+    'time'
+    >>> report = sim.report
+    >>> report.step == sim.steps, 0.0 < report.max_speed < 0.3
+    (True, True)
+    >>> sorted(sim.measures())
+    ['slump_m', 'slump_max_m', 'spread_m']
     """
 
     def __init__(self, scene: Scene | Problem, numerics=None, profile: bool = False):
@@ -59,14 +86,14 @@ class Simulation:
         self.rest = Rest()
 
     def _begin(self, problem: Problem):
-        """Before the first step of a problem: no callbacks, and the clocks at zero."""
+        """Set a problem before its first step: no callbacks, and the clocks at zero."""
         self.problem, self.scene, self.numerics = problem, problem.scene, problem.numerics
         self._schedules, self._each_step, self.stopped_by = [], [], None
         self._clock = time.process_time(), time.perf_counter()
         self.compile_seconds = self.cpu_seconds = self.wall_seconds = 0.0
 
     def _build(self):
-        """Allocate: the scheme with its particles, and how its stages are launched."""
+        """Allocate the scheme with its particles, and how its stages are launched."""
         require_room()
         require_memory(self.problem, self._pairs_per_particle)
         to_come = sum(pouring.to_come for pouring in self.pouring)
@@ -79,7 +106,27 @@ class Simulation:
     # ---- stepping -------------------------------------------------------------------------------------------
     @in_session
     def step(self, until: float | None = None) -> StepReport:
-        """One time step, at most to ``until`` [s]."""
+        """Take one time step.
+
+        Parameters
+        ----------
+        until : float, optional
+            Time not to be passed [s].
+
+        Returns
+        -------
+        StepReport
+            What the step did.
+
+        Raises
+        ------
+        SceneError
+            If ``until`` is not later than the present time.
+        DivergedError
+            If the numbers mean nothing any more.
+        DomainError
+            If the fluid has reached an edge of the domain.
+        """
         cpu = time.process_time()
         if until is not None:
             left = finite("until", until, "s", shape=()) - self.time
@@ -103,14 +150,14 @@ class Simulation:
         return self.report
 
     def _pour(self) -> float:
-        """Let in what is due. The speed [m/s] of the fastest jet."""
+        """Let in what is due; return the speed [m/s] of the fastest jet."""
         jets = [pouring.pour(self.time, self.particles) for pouring in self.pouring]
         if jets:
             self._volume = self.fluid_particles * self.particles.usual_volume
         return max(jets, default=0.0)
 
     def _limits(self, jet) -> dict[str, float]:
-        """What bounds the next step [s], by name, beside a jet of this speed [m/s]."""
+        """Return what bounds the next step [s], by name, beside a jet of this speed [m/s]."""
         if self.report:
             speed, acceleration = self.report.max_speed, self.report.acceleration
         else:
@@ -121,7 +168,7 @@ class Simulation:
         return limits
 
     def _choose_time_step(self, jet, until) -> tuple[float, str]:
-        """The next step [s], not past ``until`` [s] or the opening of an inlet, and what bounds it."""
+        """Return the next step [s], not past ``until`` [s] or the opening of an inlet, and what bounds it."""
         limits = self._limits(jet)
         name = min(limits, key=limits.get)
         dt = self._last_dt = limits[name]
@@ -133,8 +180,11 @@ class Simulation:
         return (0.5 * left, "output") if left < 2 * dt else (dt, name)
 
     def _advance(self, dt, is_read) -> StepReport:
-        """A step of the scheme. Where the neighbour list turns out too short, it goes back to the start of the step,
-        makes it longer, and takes the step again."""
+        """Take a step of the scheme.
+
+        Where the neighbour list turns out too short, go back to the start of the step, make it longer, and take the
+        step again.
+        """
         start = self.state() if self.neighbors.nearly_full else None
         try:
             with self.execution.active():
@@ -155,7 +205,7 @@ class Simulation:
             return self._advance(dt, is_read)
 
     def _require_sound(self):
-        """DivergedError where the numbers mean nothing any more."""
+        """Raise DivergedError where the numbers mean nothing any more."""
         runaway = RUNAWAY * self._expected_speed
         failure = self.scheme.diagnostics.failure(self.report, runaway, self._volume)
         if failure:
@@ -189,33 +239,81 @@ class Simulation:
         return self.scheme.taken_by_all
 
     def profile(self) -> list[tuple[str, float, int]]:
-        """(stage, wall seconds, calls; of a solve its iterations) since the first step, when made with profile=True."""
+        """Return the time that each stage took since the first step, of a Simulation made with ``profile=True``.
+
+        Returns
+        -------
+        list of tuple
+            Name, wall-clock time [s] and calls of each stage, of a solve its iterations.
+        """
         return [(name, seconds, calls) for name, (seconds, calls) in self.execution.spent.items()]
 
     # ---- running --------------------------------------------------------------------------------------------
     def every(self, interval: float, callback) -> None:
-        """Call callback(simulation) at t = 0, every ``interval`` [s] and at the end."""
+        """Call a function at regular times: at 0 s, after each interval and at the end.
+
+        Parameters
+        ----------
+        interval : float
+            Time between calls [s].
+        callback : callable
+            Function of this Simulation.
+
+        Raises
+        ------
+        SceneError
+            If the interval is not positive.
+        """
         positive("every", interval, "s")
         require(interval >= INSTANT, f"every = {interval:g} s: must be at least {INSTANT:g} s")
         self._schedules.append([interval, callback, -1])
 
     def each_step(self, callback) -> None:
-        """Call callback(simulation) after every step."""
+        """Call a function after every step.
+
+        Parameters
+        ----------
+        callback : callable
+            Function of this Simulation.
+        """
         self._each_step.append(callback)
 
     @property
     def watched(self) -> bool:
-        """Whether anybody has asked for outputs; else nothing is measured."""
+        """Whether any callback is registered; else nothing is measured."""
         return bool(self._schedules or self._each_step)
 
     def interrupt(self) -> None:
-        """Ask run() to stop after the step in progress."""
+        """Ask ``run`` to stop after the step in progress."""
         self._interrupted = True
 
     def run(self, until: float | None = None) -> str:
-        """Step until ``until`` [s] (the scene's by default) or rest; returns what stopped it. DivergedError where the
-        numbers mean nothing any more, DomainError at an edge of the domain, UnmeasuredError for a slump of no number;
-        a warning where the volume was not kept."""
+        """Step until a time or rest.
+
+        Parameters
+        ----------
+        until : float, optional
+            Time limit [s], the scene's by default.
+
+        Returns
+        -------
+        str
+            What stopped it: 'time', 'rest', 'unyielded' or 'interrupted'.
+
+        Raises
+        ------
+        DivergedError
+            If the numbers mean nothing any more.
+        DomainError
+            If the fluid has reached an edge of the domain.
+        UnmeasuredError
+            If the slump is no number at the end.
+
+        Warns
+        -----
+        UserWarning
+            If the volume was not kept.
+        """
         until = float(finite("until", self.scene.until if until is None else until, "s", shape=()))
         self.stopped_by = None
         self._call_schedules()
@@ -234,8 +332,11 @@ class Simulation:
         return self.stopped_by
 
     def _next_due(self, interval) -> float:
-        """The next time [s] at which a step must end for a callback: a multiple of its interval, and where steps have
-        grown longer than that, of 2, 4, 8 ... intervals, so that it does not shorten them."""
+        """Return the next time [s] at which a step must end for a callback.
+
+        A multiple of its interval, and where steps have grown longer than that, of 2, 4, 8 ... intervals, so that it
+        does not shorten them.
+        """
         pace = min(self._limits(0.0).values()) if self.report and not self.pouring else 0.0
         stride = interval * 2.0 ** max(0, math.floor(math.log2(pace / interval))) if pace > interval else interval
         return stride * (math.floor(self.time / stride + 1e-6) + 1)
@@ -263,11 +364,23 @@ class Simulation:
     # ---- reading --------------------------------------------------------------------------------------------
     @in_session
     def snapshot(self) -> Snapshot:
-        """The computed fluid now, ordered by id; ``scene.unfold`` completes it where the scene is part of a body."""
+        """Return the computed fluid now, ordered by particle number.
+
+        Returns
+        -------
+        Snapshot
+            Computed part; ``scene.unfold`` completes it to the whole body.
+        """
         return snapshot(self)
 
     def measures(self) -> dict[str, float]:
-        """The scene's measures of the whole body now (slump_m, spread_m, ...), and loads on the walls if asked for."""
+        """Return what the scene measures of the whole body now.
+
+        Returns
+        -------
+        dict of str to float
+            Results such as ``slump_m`` and ``spread_m``, and loads on the walls if asked for.
+        """
         if not (self.scene.measure or self.problem.wall_loads):
             return {}
         whole = self.scene.unfold(self.snapshot())
@@ -276,12 +389,24 @@ class Simulation:
 
     @in_session
     def summary(self) -> dict:
-        """Everything that describes the run, JSON-ready."""
+        """Return everything that describes the run.
+
+        Returns
+        -------
+        dict
+            Content of summary.json, JSON-ready.
+        """
         return summary(self)
 
     @in_session
     def state(self) -> dict:
-        """All that is needed to continue bit for bit: arrays by row and plain scalars."""
+        """Return all that is needed to continue bit for bit.
+
+        Returns
+        -------
+        dict
+            Arrays by row, and scalars.
+        """
         report = asdict(self.report) if self.report else None
         if self.neighbors.skin > 0.0:  # who goes on from here has no list either
             self.neighbors.forget()
@@ -298,15 +423,32 @@ class Simulation:
 
     @in_session
     def restart(self, problem: Problem, state: dict) -> None:
-        """Begin another problem, which differs in its materials' numbers only, from a state(): what is compiled stays.
-        Schedules and callbacks are forgotten."""
+        """Begin another problem from a state, without compiling anew.
+
+        Parameters
+        ----------
+        problem : Problem
+            Problem that differs in the numbers of its materials only.
+        state : dict
+            What ``state`` returned.
+
+        Notes
+        -----
+        Callbacks are forgotten.
+        """
         self._begin(problem)
         self.scheme.set_problem(problem)
         self.load(state)
 
     @in_session
     def load(self, state: dict) -> None:
-        """Continue from a state()."""
+        """Continue from a state.
+
+        Parameters
+        ----------
+        state : dict
+            What ``state`` returned.
+        """
         self.particles.load({name: state[name] for name in self.particles.carried})
         self.time, self.steps, self._last_dt = state["time"], state["steps"], state["last_dt"]
         self.report = StepReport(**state["report"]) if state["report"] else None

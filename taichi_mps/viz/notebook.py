@@ -1,15 +1,15 @@
-"""What a notebook shows of a Simulation: its picture."""
+"""Simulation of a notebook, which shows its picture."""
 
 import io
 
 from ..simulation import simulation
 
 
-class Simulation(simulation.Simulation):
+class Simulation(simulation.Simulation):  # noqa: D101  (its docstring is that of its base)
     __doc__ = simulation.Simulation.__doc__
 
     def _repr_png_(self) -> bytes:
-        """The picture of now, as PNG."""
+        """Return the picture of now, as PNG."""
         import imageio.v3 as iio
 
         from .render import Renderer

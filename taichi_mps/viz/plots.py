@@ -22,7 +22,7 @@ FLOWS = "share of the concrete that flows [%]: viscous stress over 5 % of the yi
 ALWAYS = ("largest speed [m/s]", [("max_speed_m_s", 1.0, "")]), (FLOWS, [("flowing_fraction", 100.0, "")])
 NUMERICS = (  # title of a panel, and its columns of history.csv with factor and name
     ("time step [ms]", (("dt_s", 1e3, ""),)),
-    ("iterations", (("viscous_iterations", 1.0, "viscous"), ("pressure_iterations", 1.0, "pressure"))),
+    ("iterations", (("outer_iterations", 1.0, "outer"), ("solver_iterations", 1.0, "of the solver"))),
     ("volume error [%]", (("volume_error", 100.0, ""),)),
     ("below the yield stress, by number [%]", (("unyielded_fraction", 100.0, ""),)),
 )

@@ -1,4 +1,4 @@
-"""Pictures of a run. Layer 4: it reads scenes and snapshots, the numerics never see it.
+"""Pictures of a run, from scenes and snapshots; the numerics never see them.
 
 The painter draws the smooth surface of the body or, on request and of scenes in the plane, its particles, their shadow
 and the floor. Pillow writes rulers, the lifted mould and the measures over it. Two-dimensional scenes are drawn in the
@@ -40,19 +40,56 @@ VIRIDIS = np.array(
 
 
 def viridis(t):
-    """Colours (n, 3) in 0..1 of values in 0..1; beyond the ends the end colours, nan is grey."""
+    """Return colours of the map viridis.
+
+    Parameters
+    ----------
+    t : array_like, shape (n,)
+        Values; beyond 0 and 1 the end colours, nan is grey.
+
+    Returns
+    -------
+    ndarray, shape (n, 3)
+        Red, green and blue, 0 to 1.
+    """
     t = np.asarray(t, float)
     colours = np.stack([np.interp(t, np.linspace(0, 1, 9), VIRIDIS[:, k] / 255.0) for k in range(3)], -1)
     return np.where(np.isnan(t)[..., None], 0.5, colours)
 
 
 class Renderer:
-    """Pictures of one run; camera, rulers and the range of the colours are fixed.
+    """Pictures of one run, with fixed camera, rulers and range of the colours.
 
-    view: one of VIEWS; backend: software, or ggui where Vulkan is there (else one line on stderr, and software);
-    limits: (low, high) of the colour bar in its unit, by default from the scene; beside: scenes shown beside it,
-    with the same camera and range; beads: the particles instead of the smooth surface of the body, as always of a
-    scene in the plane and by ggui.
+    Parameters
+    ----------
+    scene : Scene
+        Scene of the run.
+    width, height : int, optional
+        Size of a picture [pixels].
+    view : str, optional
+        What is shown: 'concrete', 'speed', 'pressure', 'shear-rate', 'yielded' or 'mix'.
+    backend : {'software', 'ggui'}, optional
+        What draws; ggui needs Vulkan, without it software draws and one line on stderr says so.
+    limits : tuple of float, length 2, optional
+        Ends of the colour bar in its unit, by default from the scene.
+    beside : sequence of Scene, optional
+        Scenes shown beside it, with the same camera and range.
+    beads : bool, optional
+        Show the particles and not the smooth surface of the body, as always of a scene in the plane and by ggui.
+
+    Raises
+    ------
+    SceneError
+        For an unknown view or backend.
+
+    Examples
+    --------
+    >>> import taichi_mps as mps
+    >>> from taichi_mps.viz.render import Renderer
+    >>> scene = mps.slump_cone(model="axisymmetric", spacing=0.05)
+    >>> body = mps.measure.still(scene.fluid, scene.spacing)
+    >>> Renderer(scene, width=320, height=180, view="yielded").colours(body).shape == body.x.shape[:1] + (3,)
+    True
     """
 
     def __init__(
@@ -100,7 +137,18 @@ class Renderer:
         return 0.0, float(round_ones[round_ones > 0.97 * top][0])
 
     def colours(self, snapshot):
-        """Colours (n, 3) in 0..1 of the particles, or of the vertices of the surface, in this view."""
+        """Return the colours of the particles, or of the vertices of the surface, in this view.
+
+        Parameters
+        ----------
+        snapshot : Snapshot
+            Fluid.
+
+        Returns
+        -------
+        ndarray, shape (n, 3)
+            Red, green and blue, 0 to 1.
+        """
         if self.view == "concrete":  # beads beside each other differ a little
             bright = 0.94 + 0.12 * np.modf(0.618034 * np.arange(len(snapshot.x)))[0]
             return CONCRETE * (bright if self.beads else np.ones(len(bright)))[:, None]
@@ -112,7 +160,20 @@ class Renderer:
         return viridis((np.asarray(FIELDS[self.view][0](snapshot), float) - low) / (high - low))
 
     def draw(self, snapshot, measures=None):
-        """The picture, (h, w, 3) uint8, of the whole body of which the snapshot is the computed part."""
+        """Draw the whole body.
+
+        Parameters
+        ----------
+        snapshot : Snapshot
+            Computed part of the body.
+        measures : dict of str to float, optional
+            Results to write into the picture.
+
+        Returns
+        -------
+        ndarray of uint8, shape (height, width, 3)
+            Picture.
+        """
         snapshot = self.scene.unfold(snapshot)
         if self.beads:
             from .beads import Beads
@@ -207,17 +268,64 @@ class Renderer:
 
 @cache
 def font(size):
-    """The font that ships with Pillow."""
+    """Return the font that ships with Pillow.
+
+    Parameters
+    ----------
+    size : float
+        Size [pixels].
+
+    Returns
+    -------
+    ImageFont
+        Font.
+    """
     return ImageFont.load_default(size)
 
 
 def save(picture, path):
-    """Write a picture, (h, w, 3) uint8, as PNG."""
+    """Write a picture as PNG.
+
+    Parameters
+    ----------
+    picture : ndarray of uint8, shape (height, width, 3)
+        Picture.
+    path : path-like
+        File.
+    """
     iio.imwrite(path, picture, compress_level=1)
 
 
 def png(folder, view="concrete", **options):
-    """Callback of a simulation that writes folder/frame_00000.png, ... (speed_00000.png, ... for the view speed)."""
+    """Return a callback of a Simulation that writes numbered pictures.
+
+    Parameters
+    ----------
+    folder : path-like
+        Folder of the pictures, frame_00000.png, ... (speed_00000.png, ... for the view 'speed').
+    view : str, optional
+        What is shown, see ``Renderer``.
+    **options
+        Other parameters of ``Renderer``.
+
+    Returns
+    -------
+    callable
+        Function of a Simulation, for ``Simulation.every``.
+
+    Examples
+    --------
+    >>> import tempfile, pathlib, types, taichi_mps as mps
+    >>> mps.init(threads=1)
+    [Taichi] Starting on arch=...
+    >>> scene = mps.slump_cone(model="axisymmetric", spacing=0.05)
+    >>> body = mps.measure.still(scene.fluid, scene.spacing)
+    >>> sim = types.SimpleNamespace(scene=scene, snapshot=lambda: body, measures=dict)  # in place of a Simulation
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     mps.png(folder, width=320, height=180, beads=True)(sim)
+    ...     sorted(path.name for path in pathlib.Path(folder).iterdir())
+    ['frame_00000.png']
+    """
     folder, count, renderer = Path(folder), 0, None
 
     def write(sim):
@@ -233,7 +341,36 @@ def png(folder, view="concrete", **options):
 
 
 def gif(frames, out, fps=10, width=640):
-    """Animated GIF of a folder of pictures (its frame_*.png, or else all), or of a list of files."""
+    """Write an animated GIF.
+
+    Parameters
+    ----------
+    frames : path-like or sequence of path-like
+        Folder of pictures (its frame_*.png, or else all PNG), or pictures.
+    out : path-like
+        File.
+    fps : float, optional
+        Pictures a second [1/s].
+    width : int, optional
+        Width [pixels].
+
+    Raises
+    ------
+    FileNotFoundError
+        If there are no pictures.
+
+    Examples
+    --------
+    >>> import tempfile, pathlib, numpy as np, taichi_mps as mps
+    >>> from taichi_mps.viz.render import save
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     for k in range(2):
+    ...         save(np.full((90, 160, 3), 100 * k, np.uint8), f"{folder}/frame_{k}.png")
+    ...     out = pathlib.Path(folder) / "run.gif"
+    ...     mps.gif(folder, out, width=80)
+    ...     out.stat().st_size > 0
+    True
+    """
     paths = [Path(frames)] if isinstance(frames, str | Path) else list(frames)
     if len(paths) == 1 and Path(paths[0]).is_dir():
         paths = sorted(Path(paths[0]).glob("frame_*.png")) or sorted(Path(paths[0]).glob("*.png"))

@@ -152,7 +152,7 @@ def test_the_line_on_a_terminal_says_how_far_a_run_has_come(monkeypatch, verbose
     shown, steps = io.StringIO(), []
     terminal = Console(file=shown, force_terminal=True, width=160)
     monkeypatch.setattr(console, "Console", lambda **_: terminal)
-    report = SimpleNamespace(dt=0.01, dt_limit="Courant", viscous_iterations=6, pressure_iterations=40)
+    report = SimpleNamespace(dt=0.01, dt_limit="Courant", outer_iterations=6, solver_iterations=40)
     scene, rest = SimpleNamespace(until=500.0), SimpleNamespace(expected=lambda sim: None)
     sim = SimpleNamespace(time=0.0, scene=scene, rest=rest, report=report, each_step=steps.append)
     recorder = SimpleNamespace(measures={"front_m": 0.3})

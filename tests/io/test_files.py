@@ -22,6 +22,7 @@ from taichi_mps.io.run_folder import RunFolder, empty_of_pictures, next_free
 from taichi_mps.io.vtkhdf import Trajectory
 from taichi_mps.problem import catalogue
 from taichi_mps.problem.measures import still
+from taichi_mps.schemes.step_report import OLD_NAMES
 from taichi_mps.viz import film
 from taichi_mps.viz.smooth_surface import smooth_surface
 from tests.support.recorded import Falling, recorded
@@ -61,6 +62,8 @@ def test_history_has_the_documented_columns_and_one_row_a_step(run):
     run.recorder.finish("time")
     rows = read_history(run.folder.history)
     assert tuple(rows) == COLUMNS
+    for name, old in OLD_NAMES.items():  # both names until 0.3
+        np.testing.assert_array_equal(rows[name], rows[old])
     np.testing.assert_allclose(rows["time_s"], np.arange(4) * 0.01)
     assert rows["slump_m"][-1] == pytest.approx(run.sim.measures()["slump_m"], rel=1e-6)
 

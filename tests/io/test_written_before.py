@@ -17,6 +17,7 @@ from taichi_mps.io import checkpoint
 from taichi_mps.io.history import read_history
 from taichi_mps.io.run_folder import RunFolder
 from taichi_mps.io.vtkhdf import Trajectory
+from taichi_mps.schemes.step_report import OLD_NAMES, StepReport
 
 WRITTEN = Path(__file__).parent / "written_by_068d274"
 
@@ -47,6 +48,8 @@ def test_every_file_is_read(folder):
     folder.verify()
     summary, history = folder.read_summary(), read_history(folder.history)
     *_, last = Trajectory(folder.trajectory).whole()
+    for name, old in OLD_NAMES.items():
+        np.testing.assert_array_equal(history[name], history[old])
     assert last.time == history["time_s"][-1] == summary["simulated_seconds"] == 0.05
     assert last.measures()["slump_m"] == pytest.approx(summary["slump_m"], abs=1e-6)
     _, options, problem = planned("run", [str(folder.case)])
@@ -54,6 +57,7 @@ def test_every_file_is_read(folder):
     for name, kind in (("checkpoint.h5", mps.Implicit), ("checkpoint_semi_implicit.h5", mps.SemiImplicit)):
         state = checkpoint.read(folder.path / name)
         assert state.admit(state.scene()).numerics == kind()
+        assert StepReport(**state.state["report"]).outer_iterations > 0
     assert Trajectory(folder.trajectory).cut(0.03, 0.02) == 2
 
 

@@ -301,7 +301,7 @@ def test_direct_iteration_and_unyielded_decision_of_a_slump():
     assert first.dt == 1e-3 and first.dt_limit == "first"
     for _ in range(10):
         report = simulation.step()
-        assert 1 <= report.viscous_iterations <= 20
+        assert 1 <= report.outer_iterations <= 20
         assert simulation.scheme.viscosity.error[None] <= 0.05
         snapshot = simulation.snapshot()
         assert np.array_equal(snapshot.yielded, snapshot.shear_rate >= 2 * 0.1)
