@@ -1,17 +1,17 @@
 """The documentation is true: its code runs, the functions and tests it names exist, its links lead somewhere."""
 
 import ast
-import os
 import re
 import shlex
 import shutil
-import subprocess
 import sys
 from importlib import import_module
 from importlib.util import find_spec, module_from_spec, spec_from_file_location
 from pathlib import Path
 
 import pytest
+
+from tests.support.child import child
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -91,25 +91,19 @@ def files_of_the_pages(folder):
                 (folder / file[1]).write_text(text, encoding="utf-8")
 
 
-def run(words, folder):
-    """A process in a folder, that finds the package; its result."""
-    path = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
-    settings = dict(cwd=folder, env={**os.environ, "PYTHONPATH": path}, capture_output=True, text=True, timeout=600)
-    return subprocess.run([sys.executable, *map(str, words)], **settings)
+def script(page):
+    """All Python blocks of a page but files, in order, as one script."""
+    return "".join(text for text in BLOCK.findall(page.read_text(encoding="utf-8")) if not FILE.match(text))
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("page", sorted((DOCS / "howto").glob("*.md")), ids=name_of)
+@pytest.mark.parametrize("page", [page for page in SITE if page.parent.name == "howto" and script(page)], ids=name_of)
 def test_python_blocks_run(page, tmp_path):
-    """All Python blocks of a how-to, in order, as one script."""
-    blocks = [text for text in BLOCK.findall(page.read_text(encoding="utf-8")) if not FILE.match(text)]
-    if not blocks:
-        pytest.skip("no Python on this page")
     files_of_the_pages(tmp_path)
-    script = "".join(blocks)
-    assert script.count("mps.init(") <= 1, "a second init would drop the simulations of the blocks before"
-    (tmp_path / "page.py").write_text(script, encoding="utf-8")
-    run(["page.py"], tmp_path)
+    assert script(page).count("mps.init(") <= 1, "a second init would drop the simulations of the blocks before"
+    (tmp_path / "page.py").write_text(script(page), encoding="utf-8")
+    done = child("page.py", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
 
 
 # ---- commands -------------------------------------------------------------------------------------------------------
@@ -202,7 +196,7 @@ def test_commands_run(page, tmp_path):
     files_of_the_pages(tmp_path)
     for program, *words in commands(page.read_text(encoding="utf-8"), captions=False):
         if program == "taichi-mps" and (words := shortened(words)):
-            result = run(["-m", "taichi_mps", *words], tmp_path)
+            result = child("-m", "taichi_mps", *words, cwd=tmp_path)
             assert result.returncode == 0, f"{words}\n{result.stdout}{result.stderr}"
 
 
@@ -222,8 +216,7 @@ def test_the_site_is_built_offline_without_a_warning(tmp_path):
     shutil.copytree(DOCS, tmp_path / "docs")
     shutil.copytree(PACKAGE, tmp_path / "taichi_mps", ignore=shutil.ignore_patterns("__pycache__"))
     shutil.copy(ROOT / "mkdocs.yml", tmp_path)
-    command = [sys.executable, "-m", "zensical", "build", "--strict"]
-    result = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=300)
+    result = child("-m", "zensical", "build", "--strict", cwd=tmp_path)
     assert result.returncode == 0, result.stdout + result.stderr
     site = tmp_path / "build" / "site"
     pages = {path.relative_to(site).as_posix(): path.read_text(encoding="utf-8") for path in site.rglob("*.html")}

@@ -6,12 +6,13 @@ all may import the constitutive law and the constants.
 
 import ast
 import re
-import subprocess
 import sys
 from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
+
+from tests.support.child import child
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -94,8 +95,9 @@ def test_no_import_circles():
 def test_the_package_itself_reads_nothing_at_its_import():
     """So that a signal is listened to before the long part of the start."""
     script = "import sys, taichi_mps.__main__; print([m for m in sys.modules if 'taichi_mps.' in m or m == 'numpy'])"
-    result = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=True)
-    assert result.stdout.strip() == str(["taichi_mps.cli", "taichi_mps.cli.stopped", "taichi_mps.__main__"])
+    assert child("-c", script).stdout.strip() == str(
+        ["taichi_mps.cli", "taichi_mps.cli.stopped", "taichi_mps.__main__"]
+    )
 
 
 @pytest.mark.parametrize("name", [*MODULES, *(f"../scenes/{p.name}" for p in sorted((ROOT / "scenes").glob("*.py")))])
@@ -128,5 +130,4 @@ def test_import_is_instant():
         "[catalogue.load(n) for n in catalogue.names()];"
         "print(sorted({'taichi', 'h5py', 'matplotlib', 'meshio', 'imageio'} & set(sys.modules)))"
     )
-    result = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
-    assert result.stdout.strip() == "[]"
+    assert child("-c", code).stdout.strip() == "[]"

@@ -14,7 +14,6 @@ sys.path.append(str(PEERS))
 
 import cases  # noqa: E402
 import compare  # noqa: E402
-import openfoam_slump as openfoam  # noqa: E402
 
 SLUMP = next(case for case in cases.CASES if case.name == "slump_full_500Pa_10mm")
 DAM = next(case for case in cases.CASES if case.kind == "dam")
@@ -35,37 +34,6 @@ def test_a_peer_that_is_not_installed_is_skipped_by_name(monkeypatch, tmp_path, 
     assert compare.installed(["newton"]) == []  # begun, but not finished
     (tmp_path / "newton" / "installed").touch()
     assert compare.installed(["newton"]) == ["newton"]
-
-
-def test_a_run_that_fails_is_a_failure_and_has_no_figures(monkeypatch):
-    monkeypatch.setattr(compare, "command", lambda *_: [sys.executable, "-c", "raise SystemExit('broken')"])
-    row = compare.measure(SLUMP, SLUMP.runs[1], 60.0)
-    assert row["failed"] == "broken (exit status 1)" and "cpu_seconds" not in row
-    monkeypatch.setattr(compare, "command", lambda *_: [sys.executable, "-c", "import time; time.sleep(60)"])
-    assert compare.measure(SLUMP, SLUMP.runs[1], 0.2)["failed"] == "not done in 0.2 s (exit status 124)"
-
-
-def test_runs_are_told_by_their_mean_and_scatter_and_by_a_failure():
-    rows = [
-        {
-            "label": "a",
-            "steps": 10 + k,
-            "cpu_seconds": 1.0 + k,
-            "slump_errors_m": [k, -3.0 - k],
-            "worst_slump_error_m": w,
-        }
-        for k, w in enumerate((-3.0, -4.0, -5.0))
-    ]
-    found = compare.together(rows)
-    assert (found["label"], found["runs"], found["steps"], found["cpu_seconds"]) == ("a", 3, 11, 2.0)
-    assert found["worst_slump_error_m"] == -4.0 and found["worst_slump_error_m_scatter"] == pytest.approx(1.0)
-    assert compare.together([*rows, {"label": "a", "failed": "broken"}])["failed"] == "broken"
-
-
-def test_all_of_a_case_stands_aside_by_a_millionth_of_a_spacing():
-    for case, key in ((SLUMP, "fluid"), (DAM, "aside")):
-        first, second, third = (np.array(case.data(case.runs[-1], seed)[key]) for seed in (0, 1, 2))
-        assert 0.0 < np.abs(second - first).max() <= 1.01e-6 * case.spacing and np.any(third != second)
 
 
 def test_slump_from_particles_and_from_a_peer_that_gives_it():
@@ -97,26 +65,6 @@ def test_front_of_the_dam_break():
     assert found["front_error_no_delay"] < 1e-12 and found["gate_delay"] == 0.0
     assert early["gate_delay"] == pytest.approx(0.2) and early["front_error"] < 1e-12
     assert early["front_error_no_delay"] > 0.05
-
-
-def test_openfoam_files_and_the_surface_in_them(tmp_path):
-    case = {**cases.CONE, **cases.MIX, "spacing": 0.01, "until": 1.0, "yield_value": 500.0}
-    case["settings"] = {"rate": 0.02, "courant": 0.5, "max_dt": 0.002, "krylov": True}
-    nr, nz = openfoam.write(case, tmp_path)
-    alpha = openfoam.read_alpha((tmp_path / "0/alpha.concrete").read_text(encoding="utf-8"), nr, nz)
-    r = (np.arange(nr) + 0.5) * 0.01
-    volume = 2.0 * np.pi * 0.01**2 * float((alpha * r).sum())
-    assert volume == pytest.approx(np.pi * 0.3 / 3 * (0.1**2 + 0.1 * 0.05 + 0.05**2), rel=2e-3)
-    slump, spread = openfoam.measured(alpha, 0.01, 0.3)
-    assert abs(slump) < 1e-9 and abs(spread - 0.2) < 0.002
-    alpha[:] = 0.0
-    alpha[:10, :12] = 1.0
-    alpha[10, :12] = 0.25  # the surface stands where 0.5 lies between the centres at 95 and 105 mm
-    slump, spread = openfoam.measured(alpha, 0.01, 0.3)
-    assert slump == pytest.approx(0.3 - (0.095 + 0.01 * 2 / 3)) and spread == pytest.approx(2 * 0.12)
-    assert "nu0 10.89" in (tmp_path / "constant/transportProperties").read_text(encoding="utf-8")
-    with pytest.raises(ValueError, match="3 cells"):
-        openfoam.read_alpha("internalField nonuniform List<scalar> 3(0 1 0);", nr, nz)
 
 
 def test_a_case_is_plain_numbers():

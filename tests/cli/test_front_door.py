@@ -343,6 +343,15 @@ def test_a_resume_that_is_refused_or_not_yet_begun_leaves_a_damaged_checkpoint(r
         assert {path.name: path.read_bytes() for path in run.path.iterdir() if path.is_file()} == before
 
 
+@pytest.mark.parametrize(("words", "every"), [([], 0.01), (["--every", "0.5"], 0.5)])
+def test_a_resumed_run_keeps_its_interval_unless_another_is_given(run, monkeypatch, words, every):
+    found = []
+    monkeypatch.setattr(cli, "start", lambda options: None)
+    monkeypatch.setattr(checkpoint.Checkpoint, "resume", lambda *_, **__: None)
+    monkeypatch.setattr(cli, "carry_out", lambda sim, folder, options, *_, **__: found.append(options.every) or 0)
+    assert mps.main(["resume", str(run.path), *words]) == 0 and found == [every]
+
+
 JSON = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
     lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3),

@@ -64,13 +64,12 @@ def cycle(A, P, C):
     return np.linalg.solve(A, I - left)
 
 
-def test_the_cycle_is_that_of_dense_matrices_with_galerkin_operators():
+@pytest.mark.parametrize("n", [(22, 10), (9, 7, 6)], ids=["2-D", "3-D"])
+def test_the_cycle_is_that_of_dense_matrices_with_galerkin_operators(n):
     """Across a periodic side too; to sqrt(eps), by which the last level is kept away from singular. So M is symmetric,
     and the eigenvalues of M A lie in (0, 2)."""
-    n = 22, 10
-    ring, line = sp.lil_matrix(pyamg.gallery.poisson((n[0],))), pyamg.gallery.poisson((n[1],))
-    ring[0, -1] = ring[-1, 0] = -1.0
-    a = sp.kron(ring, sp.identity(n[1])) + sp.kron(sp.identity(n[0]), line)
+    a, side = sp.lil_matrix(pyamg.gallery.poisson(n)), np.arange(np.prod(n[1:]))
+    a[side, side - len(side)] = a[side - len(side), side] = -1.0
     _, levels, matrix, cell = with_levels(a, n, 2, kind=Deep)
     A, P = matrix.toarray(), np.eye(np.prod(levels.shape))[cell]
     M = cycle(A, P, correction(P.T @ A @ P, levels.shape))

@@ -57,6 +57,14 @@ def test_masked_rows_keep_their_values_and_act_as_dirichlet_values():
     np.testing.assert_allclose(x[free], expected, rtol=0, atol=1e-9 * np.abs(expected).max())
 
 
+def test_the_error_in_the_energy_norm_falls_from_step_to_step():
+    a = pyamg.gallery.poisson((30, 30), format="csr")
+    exact = np.random.default_rng(5).standard_normal(900)
+    operator = sparse_matrix(a)
+    errors = [exact - solve(operator, a @ exact, tolerance=0.0, limit=steps)[0] for steps in range(0, 60, 6)]
+    assert np.all(np.diff([error @ (a @ error) for error in errors]) < 0.0)
+
+
 # ---- where a solve starts ---------------------------------------------------------------------------------------
 @LAUNCHES
 def test_a_solve_goes_on_from_the_last_one(launch):

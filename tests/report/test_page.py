@@ -2,12 +2,9 @@
 
 import base64
 import html
-import os
 import re
 import shlex
 import shutil
-import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -24,17 +21,16 @@ from taichi_mps.problem.labels import written
 from taichi_mps.problem.measures import still
 from taichi_mps.report import drawings, inputs, page, sentences
 from tests.support.browser import chromium, needs_chromium, opened
+from tests.support.child import child
 from tests.support.scenes import parts
 
-ROOT = Path(__file__).resolve().parents[2]
 EYE = "Object.values(view.layout.scene.camera.eye)"
 WORDS = "run slump --model quarter --spacing 0.02 --yield-value 500.0 --every 0.05 --until 0.4"
 
 
 def computed(folder, *words) -> RunFolder:
     """The folder of a run by the command line, in a process of its own."""
-    command = [sys.executable, "-m", "taichi_mps", *words, "--out", str(folder), "--quiet"]
-    subprocess.run(command, env=os.environ | {"PYTHONPATH": str(ROOT)}, check=True, timeout=600)
+    child("-m", "taichi_mps", *words, "--out", str(folder), "--quiet")
     return RunFolder(folder)
 
 

@@ -24,7 +24,8 @@ except SceneError as error:
 RUN = """
 import json, sys
 import taichi_mps as mps
-from taichi_mps import backend, catalogue, shifting
+from taichi_mps import backend, catalogue
+from taichi_mps.terms import shifting
 shifting.UNEVENNESS = 0.0  # e(x) looks random because it takes rounding 40,000 times: another device, other numbers
 backend.init(arch=sys.argv[1])
 scheme = {"implicit": mps.Implicit(), "semi-implicit": mps.SemiImplicit(source="mixed", gradient="conservative")}

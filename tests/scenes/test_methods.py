@@ -171,30 +171,6 @@ def test_boxes_judge_levels_and_volume_at_rest(name, keywords, h1, h2, holds):
         scene.check(body, measures)
 
 
-@pytest.mark.long
-def test_a_slow_l_box_rests_between_the_closed_forms():
-    """Without bars and inertia, in the plane: the levels of a thin layer at rest differ by 12.5 mm. What is stretched
-    behind the gate and pressed together at the far wall has a normal stress S_xx - S_zz of 2 sqrt(tau_y^2 - S_xz^2) and
-    less that; with S_xz linear over the depth its mean is +-pi/2 tau_y, whose change holds pi tau_y/(rho g) = 5.6 mm
-    more. Half a spacing is the error of a level."""
-    vessel = {"column_height": 0.6, "channel_length": 0.6, "model": "plane"}
-    scene = catalogue.build("l_flow", **vessel, yield_value=40.0, plastic_viscosity=120.0, until=30.0)
-    sim = mps.Simulation(scene)
-    sim.run()
-    s = sim.snapshot()
-    h1, h2 = (measure.standing_level(s, (end - 0.025,), (end,)) for end in (0.1, 0.7))
-    at, h = rest_shapes.channel_at_rest(0.06, 2300.0, 40.0, None, 0.7)
-    thin = -np.diff(np.interp([0.0875, 0.6875], at, h))[0]
-    assert thin == pytest.approx(0.0125, abs=1e-4)
-    assert thin < h1 - h2 < thin + math.pi * 40.0 / (2300.0 * 9.81) + 0.5 * scene.spacing
-    stress = sim.particles.carried["stress"].to_numpy()[: len(s.x)]
-    place = sim.particles.read()["x"]
-    for low, high, sign in ((0.05, 0.15, 1.0), (0.6, 0.7, -1.0)):
-        part = (place[:, 0] > low) & (place[:, 0] < high)
-        normal = (stress[part, 0, 0] - stress[part, 1, 1]).mean() / 40.0
-        assert sign * normal == pytest.approx(0.5 * math.pi, abs=0.4)
-
-
 def test_times_of_the_flow():
     history = {"time_s": np.array([0.0, 0.2, 0.6]), "flow_m": np.array([0.0, 0.05, 0.15])}
     found = catalogue.build("l_flow").over_time(history)

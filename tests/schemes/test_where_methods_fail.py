@@ -252,7 +252,6 @@ def test_stirred_water_comes_to_rest():
 
 # ---- soft concrete in a box -----------------------------------------------------------------------------------
 BODIES = {  # in spacings: low and high corner; velocity [m/s]
-    "pool": ((0, 0), (72, 8), (0.0, 0.0)),
     "column": ((30, 0), (35, 5), (0.0, 0.0)),  # tau_y = 0.355 rho g H, above finite elements' critical 0.30 to 0.35
     "front": ((18, 0), (54, 18), (0.0, 0.0)),
     "thrown": ((2, 2), (14, 14), (-1.0, -1.0)),  # into the corner
@@ -268,17 +267,13 @@ def body_of(name):
     return x, np.tile(u, (len(x), 1))
 
 
-@pytest.mark.parametrize("body", [pytest.param("pool", marks=pytest.mark.slow), "column"])
-def test_what_must_stand_stands(box_default, body):
-    """A pool, and a column of few particles below its critical height, for half a second: twelve times the pool's
-    sqrt(H/g), and ever stiller: what the solver's tolerance leaves, up to 1.2e-7 m/s seen."""
-    x, _ = body_of(body)
+def test_what_must_stand_stands(box_default):
+    """A column of few particles below its critical height, for half a second; ever stiller, so that it would take ten
+    seconds more to go another hundredth of a spacing. Pools: rows still_pool_* of the validation table."""
+    x, _ = body_of("column")
     s = run(start(box_default, x), 0.5)
     assert np.abs(s.x - x).max() < 0.01 * FINE
-    assert s.speed.max() < 4e-7
-    if body == "pool":  # whose weight is pressure, not stress, though its yield value is 0.22 rho g H
-        weight = DENSITY * 9.81 * (8 * FINE - s.x[:, 1])
-        assert np.sqrt(np.mean((s.p - weight) ** 2)) < 0.01 * DENSITY * 9.81 * 8 * FINE
+    assert s.speed.max() * 10.0 < 0.01 * FINE
 
 
 @pytest.mark.slow

@@ -3,7 +3,6 @@ of a pour beside integrals in closed form, and their cost beside measured pours.
 
 import json
 import re
-import subprocess
 import sys
 from pathlib import Path
 
@@ -16,6 +15,7 @@ from taichi_mps.problem.problem import Problem
 from taichi_mps.runtime import memory
 from taichi_mps.simulation import forecast
 from taichi_mps.simulation.forecast import LANDS, cost_of, memory_of, pairs_of
+from tests.support.child import child
 
 MEASURED = json.loads((Path(__file__).resolve().parents[2] / "benchmarks/results/cubic_metre.json").read_text())
 L0, SIDE, MOUTH, RATE, VOLUME, G = 0.02, 0.4, 2.0, 0.012, 0.192, 9.81
@@ -43,8 +43,7 @@ print(run.returncode, resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)
 def test_the_memory_is_within_a_fifth_of_the_peak_of_a_run(scene, keywords, numerics, until, tmp_path):
     options = [f"--{key}={value}" for key, value in keywords.items()]
     options += [f"--scheme={numerics.scheme}", f"--until={until}", f"--every={until}", f"--out={tmp_path / 'run'}"]
-    command = [sys.executable, "-c", RUN, scene, *options]
-    code, peak = subprocess.run(command, capture_output=True, text=True, check=True).stdout.split()
+    code, peak = child("-c", RUN, scene, *options).stdout.split()
     problem = Problem(catalogue.build(scene, **keywords), numerics)
     single, double = (memory_of(problem, pairs_of(problem.scene), precision) for precision in ("f32", "f64"))
     assert code == "0" and single == pytest.approx(1e3 * int(peak), rel=0.2)

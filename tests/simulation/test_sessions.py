@@ -1,19 +1,15 @@
 """Processes, threads, several Simulations, and init called again: it works, or one clear error says what does."""
 
 import os
-import subprocess
-import sys
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 import taichi_mps as mps
 from taichi_mps.problem import catalogue
-
-ROOT = Path(__file__).resolve().parents[2]
+from tests.support.child import child
 
 
 def film(**keywords):
@@ -88,7 +84,6 @@ sim.step()
 @pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork here")
 def test_a_forked_process_is_told_to_be_spawned():
-    command = [sys.executable, "-W", "ignore", "-c", FORK]
-    ran = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=100)
+    ran = child("-W", "ignore", "-c", FORK)
     said = [line for line in ran.stdout.splitlines() if line.startswith("Taichi was started before this process was")]
     assert ran.returncode == 0 and len(said) == 3, ran.stderr

@@ -1,8 +1,11 @@
 """A small scene that obeys every rule."""
 
+from dataclasses import replace
+
 import numpy as np
 
 import taichi_mps as mps
+from taichi_mps.problem import catalogue
 
 
 def parts(d=2, **changes) -> dict:
@@ -23,3 +26,14 @@ def hose(**changes) -> mps.Inlet:
     """A sound inlet above the block, in the plane."""
     sound = {"centre": (0.2, 1.5), "direction": (0.0, -1.0), "radius": 0.3, "rate": 0.1, "volume": 0.3}
     return mps.Inlet(**sound | changes)
+
+
+def two_mixes(lower, upper, **changes) -> mps.Scene:
+    """The scene film, ten rows of ``lower``, and a hose of ``upper`` that opens long after the end."""
+    spacing = 0.01
+    scene = catalogue.build("film", spacing=spacing)
+    (left, bottom), (right, top) = scene.domain
+    hose = mps.Inlet((0.5 * (left + right), top), (0.0, -1.0), 2 * spacing, 1e-3, 4 * spacing**2, 100.0, upper)
+    domain = ((left, bottom), (right, top + 2 * spacing))
+    given = {"material": lower, "inlets": (hose,), "domain": domain, "check": None, "measure": None}
+    return replace(scene, **given | changes)

@@ -1,14 +1,12 @@
 """Where two mixes meet: shares on a lattice, stress across and along; the mappings of a law, alone and in series."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.problem import catalogue
 from taichi_mps.runtime.backend import ti
 from taichi_mps.terms.rheology import curve_mapping, flow_curve, return_mapping, series_mapping
+from tests.support.scenes import two_mixes
 
 LOWER, UPPER, SPACING = mps.Newtonian(2300.0, 200.0), mps.Newtonian(2300.0, 20.0), 0.01
 
@@ -17,13 +15,7 @@ LOWER, UPPER, SPACING = mps.Newtonian(2300.0, 200.0), mps.Newtonian(2300.0, 20.0
 def scheme():
     """The scheme of a film of ten rows, the five upper ones of UPPER, whose terms look at a lattice."""
     mps.init(arch="cpu", precision="f64")
-    scene = catalogue.build("film", spacing=SPACING)
-    (left, bottom), (right, top) = scene.domain
-    mouth = (0.5 * (left + right), top)
-    hose = mps.Inlet(mouth, (0.0, -1.0), 2 * SPACING, 1e-3, 4 * SPACING**2, 100.0, UPPER)
-    domain = ((left, bottom), (right, top + 2 * SPACING))
-    scene = replace(scene, material=LOWER, inlets=(hose,), domain=domain, check=None, measure=None)
-    sim = mps.Simulation(scene)
+    sim = mps.Simulation(two_mixes(LOWER, UPPER))
     state, scheme = sim.state(), sim.scheme
     sim.load(state | {"mix": (state["x"][:, 1] > 0.05).astype(np.int32)})
     with sim.execution.active():

@@ -1,8 +1,11 @@
 """What rows read off particles comes back from known fields; the closed forms are those of the references."""
 
+import runpy
+
 import numpy as np
 import pytest
 
+from taichi_mps.problem import catalogue
 from taichi_mps.validation import columns, curved, flows
 from taichi_mps.validation.vortices import fitted, stream_function
 
@@ -53,11 +56,14 @@ def test_the_references_of_the_bingham_cavity_agree_on_two_grids():
 
 
 def test_closed_forms_are_those_of_the_references():
-    """The bi-viscous channel, and pipe and circular Couette flow of 50 Pa s."""
+    """The bi-viscous channel, the film of the scene, and pipe and circular Couette flow of 50 Pa s."""
     known = columns("B_poiseuille_bingham_biviscosity.csv")
-    for eta, tau_y, knee_rate, weight, y, _, u, *_ in zip(*known.values(), strict=True):
-        ours = flows.profile(np.array(0.05 - abs(y)), weight, eta, tau_y, 0.05, knee_rate)
-        assert ours == pytest.approx(u, rel=1e-4, abs=1e-9)
+    film_velocity = runpy.run_path(str(catalogue.names()["film"]))["film_velocity"]
+    for eta, tau_y, knee_rate, weight, y, bingham, bi_viscosity, *_ in zip(*known.values(), strict=True):
+        height = np.array(0.05 - abs(y))  # the table measures from the surface of a film 0.05 m deep
+        ours = flows.profile(height, weight, eta, tau_y, 0.05, knee_rate)
+        assert ours == pytest.approx(bi_viscosity, rel=1e-4, abs=1e-9)
+        assert film_velocity(height, 0.05, weight, eta, tau_y) == pytest.approx(bingham, rel=1e-4, abs=1e-9)
     for tau_y, push in ((100.0, 8000.0), (100.0, 20000.0)):
         known = columns("B_pipe_buckingham_reiner.csv", **{"mu_Pas": curved.ETA, "ty_Pa": tau_y, "G_Pa/m": push})
         assert curved.pipe_profile(known["r_m"], push, tau_y) == pytest.approx(known["u_m/s"], abs=1e-6)

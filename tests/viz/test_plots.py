@@ -76,29 +76,6 @@ def test_history_draws_a_panel_for_each_quantity_that_has_numbers(tmp_path, figu
     assert titles[5:] == ["time step [ms]", "iterations", "volume error [%]"]
 
 
-def test_convergence_has_a_panel_for_each_error_and_guides_of_its_orders(tmp_path, figures):
-    panels = {"L2": ("across", -1), "slump": ("spacing [mm]", 1), "nothing": ("x", 1)}
-    series = [
-        {"quantity": "L2", "curve": "film", "x": (10, 20, 40), "y": (0.04, 0.02, 0.01)},
-        {"quantity": "slump", "curve": "500 Pa", "x": (20.0,), "y": (8.0,)},
-        {"quantity": "slump", "curve": "500 Pa", "x": (5.0, 10.0), "y": (1.0, 3.0)},
-    ]
-    out = plots.convergence(series, panels, tmp_path / "convergence.png")
-    assert size(out) == (1980, 720)
-    films, cones = figures[0].axes
-    for axes, name, x in ((films, "film", [10, 20, 40]), (cones, "500 Pa", [5, 10, 20])):
-        assert axes.get_xscale() == axes.get_yscale() == "log"
-        first, second, line = axes.lines
-        np.testing.assert_array_equal(line.get_xdata(), x)  # the points of two rows are one curve
-        for guide, order in ((first, 1.0), (second, 1.5)):
-            (x0, x1), (y0, y1) = guide.get_data()
-            assert abs(np.log(y1 / y0) / np.log(x1 / x0)) == pytest.approx(order)
-            assert (y1 < y0) == (x1 > x0 if axes is films else x1 < x0)  # finer is better
-        assert [text.get_text() for text in (*axes.texts, *axes.get_legend().texts)] == ["order 1", "order 1.5", name]
-    with pytest.raises(ValueError, match="no result"):
-        plots.convergence([], panels, tmp_path / "none.png")
-
-
 def test_missing_matplotlib_is_said_clearly(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     with pytest.raises(ImportError, match=r"pip install 'taichi-mps\[plots\]'"):

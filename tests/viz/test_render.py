@@ -1,10 +1,7 @@
 """Pictures: geometry of the projection, colours, determinism, files and the fallback of the ggui backend."""
 
-import os
-import subprocess
 import sys
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 
 import imageio.v3 as iio
@@ -20,8 +17,8 @@ from taichi_mps.problem.measures import still
 from taichi_mps.viz import painter, render
 from taichi_mps.viz.beads import Beads
 from taichi_mps.viz.painter import Camera, Mesh, Painter
+from tests.support.child import child
 
-ROOT = Path(__file__).resolve().parents[2]
 SIZE = {"width": 320, "height": 180}
 RED, GREEN = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
 
@@ -307,12 +304,8 @@ print(renderer.painter.name, picture.shape, picture.dtype, int(np.ptp(picture)) 
 @pytest.mark.parametrize("driver", [True, False])
 def test_ggui_in_a_process_of_its_own_leaves_no_litter(tmp_path, driver):
     """With the machine's own Vulkan driver, if any, and without one."""
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    if not driver:
-        environment |= {"VK_ICD_FILENAMES": "/nowhere", "VK_DRIVER_FILES": "/nowhere"}
-    done = subprocess.run(
-        [sys.executable, "-c", SCRIPT], cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=120
-    )
+    hidden = {} if driver else {"VK_ICD_FILENAMES": "/nowhere", "VK_DRIVER_FILES": "/nowhere"}
+    done = child("-c", SCRIPT, cwd=tmp_path, **hidden)
     assert done.returncode == 0, done.stderr
     painter, _, picture = done.stdout.strip().splitlines()[-1].partition(" ")
     assert picture == "(180, 320, 3) uint8 True"
