@@ -81,13 +81,14 @@ ALIKE |= {"°": "º˚", "u": "µμ", "": "{}\u00ad\u200b\u200c\u200d\u200e\u200f
 ALIKE = {ord(character): to for to, others in ALIKE.items() for character in others}
 
 NUMBER = re.compile(
-    r"([-+]?)(\d+(?:[.,'_]\d+)*[.,]?|[.,]\d+)(?:[eE]([-+]?\d{1,3})(?!\d)|\s*[x*]\s*10\^([-+]?\d{1,3}))?"
+    r"(?a)([-+]?)(\d+(?:[.,'_]\d+)*[.,]?|[.,]\d+)(?:[eE]([-+]?\d{1,3})(?!\d)|\s*[x*]\s*10\^([-+]?\d{1,3}))?"
 )
 
 SPELLINGS = [  # of units, one after the other; in the end names, '^' before a digit, '*', '/' and brackets are left
     (r"%", " percent "),
     (r"‰", " permille "),
     (r"°", " degree "),
+    (r"\b(?:pa|PA)(s?)\b", r"Pa\1"),
     (r"\"|''", " inch "),
     (r"'", " foot "),
     (r"\bper\b", "/"),
@@ -146,7 +147,7 @@ def decimal(digits: str) -> str:
     grouped = re.fullmatch(r"\d*|[1-9]\d{0,2}(?:([.,'_])\d{3})(?:\1\d{3})*", whole)
     if not grouped or (mark == "," and not part):
         raise ValueError("no number")
-    return re.sub(r"\D", "", whole) + f".{part}" * bool(part)
+    return (re.sub(r"\D", "", whole) or "0") + f".{part}" * bool(part)
 
 
 def canonical(unit: str) -> str:

@@ -100,9 +100,9 @@ def check_kinds(record, kinds: dict) -> None:
 
 
 def said(value, unit) -> str:
-    """A value as it was given, on one line, and its unit."""
+    """A value as it was given, on one line, and its unit; a text may have one of its own."""
     text = f"{value:g}" if isinstance(value, float) else " ".join(str(value).split())[:60]
-    return f"{text} {unit}".rstrip()
+    return text if isinstance(value, str) else f"{text} {unit}".rstrip()
 
 
 def plain(text) -> str:

@@ -3,6 +3,7 @@
 import math
 import re
 import sys
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from hypothesis import strategies as st
 
 import taichi_mps as mps
 from taichi_mps import spelling
+from taichi_mps.cli import study
 from taichi_mps.problem import catalogue
 from taichi_mps.problem.problem import Problem
 from taichi_mps.runtime import backend
@@ -244,3 +246,41 @@ def test_without_pint_it_is_pint_that_is_named(monkeypatch):
     assert sample(spacing="0,5", plastic_viscosity="20 Pa s") == (0.5, 20.0, 3)
     with pytest.raises(ImportError, match="a number with a unit needs pint, which cannot be loaded here"):
         sample(spacing="5 mm")
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["new", "film", "--consistency", "20 Pa s^n", "--spacing=1,25 mm"], "\nconsistency = 20.0 "),
+        (["new", "vane", "--speed", "10 1/min"], "\nspeed = 10.0 "),
+        (["new", "film.toml"], "\nyield_value = 20.5 "),
+        (["new", "pair.py", "--at", "0,5"], "taichi-mps: at: 2 values: 0, 5 m\n"),
+        (["new", "pair.toml"], "taichi-mps: at: 2 values: 0.05, 5 m\n"),
+        (["sweep", "film", "--yield-value", "200,5"], "taichi-mps: yield_value: 2 values: 200, 5 Pa\n"),
+        (["sweep", "film", "--yield-value", "0,5:50:9"], "yield_value: 9 values: 0.5, 0.8891, 1.581, ..., 50 Pa\n"),
+        (["require", "wall", "--plastic-viscosity", "10,5"], "plastic_viscosity: 2 values: 10, 5 Pa s\n"),
+        (
+            ["new", "film", "--friction-angle", "10 %"],
+            "friction_angle = 10 %: must be a number in deg or a unit of that",
+        ),
+        (
+            ["new", "film", "--yield-value", "1,000"],
+            "yield_value = 1,000 Pa: is 1.000 or 1000; must be written without",
+        ),
+        (["new", "film", "--yield-value", "ü" * 9999], "ü: must be a number [Pa]\n"),
+    ],
+)
+def test_the_command_line_reads_one_number_or_a_list(tmp_path, monkeypatch, capsys, words, told):
+    monkeypatch.chdir(tmp_path)
+    for name in ("sweep", "find_borders"):
+        monkeypatch.setattr(study, name, Mock(side_effect=SceneError("computes nothing")))
+    (tmp_path / "pair.py").write_text(
+        "import taichi_mps as mps\nfrom taichi_mps.units import Position\n@mps.checked\n"
+        "def scene(at: tuple[Position, Position] = (0.0, 0.0)) -> mps.Scene:\n"
+        "    return mps.Scene('x', mps.Bingham(), 0.1, [at], ((-9, -9), (9, 9)), until=1.0)\n"
+    )
+    (tmp_path / "pair.toml").write_text("scene = 'pair.py'\n[test]\nat = ['5 cm', 5]\n")
+    (tmp_path / "film.toml").write_text("scene = 'film'\n[mix]\nyield_value = '20,5'\n")
+    mps.main(words)
+    out, err = capsys.readouterr()
+    assert told in out + err

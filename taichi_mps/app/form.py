@@ -8,7 +8,7 @@ from nicegui import ui
 from ..cli.options import allowed, choices
 from ..problem.labels import in_words, what_it_is
 from ..report.inputs import shown
-from ..units import in_unit, unit_of
+from ..units import in_unit, unit_of, without_unit
 
 USUAL = {  # of fresh concrete, SI units: the ends of sliders; a text may say any other
     "yield_value": (10.0, 2000.0),
@@ -65,7 +65,7 @@ class Form:
     def said(self, name: str) -> str:
         """A field that was set, in words."""
         value = self.values[name]
-        unit = self.units[name] if str(value).replace(".", "", 1).isdigit() else ""
+        unit = self.units[name] if without_unit(str(value)) else ""
         return f"{in_words(name)} {value} {unit}".rstrip()
 
     def mark(self, line: str) -> None:
@@ -84,7 +84,7 @@ def add_slider(text: ui.input, name: str, unit: str, low: float, high: float) ->
         text.value = bare(float(f"{low * (high / low) ** event.args:.2g}"), unit)
 
     def follow():
-        with suppress(ValueError):  # no number yet
+        with suppress(ValueError, ImportError):  # no number yet, or a unit and no pint
             value = float(in_unit(unit, text.value or ""))
             slider.value = min(1.0, log(max(value, low) / low) / log(high / low))
 

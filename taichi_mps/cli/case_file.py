@@ -7,7 +7,7 @@ from ..problem.labels import what_it_is
 from ..problem.numerics import NUMERICS, Implicit
 from ..report.inputs import option
 from ..units import SceneError, ordinary, require, suggestion, unit_of
-from .options import GROUPS, Run, group_of
+from .options import GROUPS, Run, group_of, is_tuple
 
 SECTIONS = [group.split()[0] for group in GROUPS]
 NOT_OF_A_CASE = {"out", "overwrite", "quiet", "verbose", "profile"}  # of one run, not of what is computed
@@ -84,12 +84,17 @@ def words(path: Path) -> list[str]:
     for name, value in given.items():
         require(name in known, f"case = {path}: unknown key '{name}'{suggestion(name, known)}")
         require(
-            isinstance(value, str | int | float),
+            isinstance(value, str | int | float) or is_list(value, known[name][1]),
             f"case = {path}: {name} = {value}: must be a number, a text or true or false",
         )
         if not isinstance(value, bool) or value != known[name][1].default:  # a switch that is off has no option
             options.append(option(name, value))
     return [source, *options]
+
+
+def is_list(value, field) -> bool:
+    """Whether a value is the list of numbers, or of texts without a comma, that a field of several numbers takes."""
+    return is_tuple(field) and isinstance(value, list) and not any("," in str(item) for item in value)
 
 
 def expanded(argv) -> list[str]:

@@ -23,7 +23,7 @@ from ..units import SceneError, plain, require, suggestion
 from .case_file import expanded
 from .case_file import text as case_text
 from .console import curves, redraw
-from .options import BAD_INPUT, DONE, JSON, Pictures, Run, Table, command, given, of_scene, tell
+from .options import BAD_INPUT, DONE, JSON, Pictures, Run, Table, command, given, is_tuple, of_scene, read_back, tell
 from .run import carry_out, forecast, start
 from .study import COMMANDS as STUDY
 
@@ -54,6 +54,8 @@ def planned(name, argv):
     if options.scheme == "semi-implicit" and own_until and own_until.default is None:
         keywords.setdefault("until", WITHOUT_REST)
     scene = catalogue.build(arguments.scene, **keywords)
+    for key in (key for key in keywords if is_tuple(parameters.model_fields[key])):
+        read_back(key, scene.parameters[key], parameters.model_fields[key])
     if options.until:
         scene = replace(scene, until=options.until)
     return arguments, options, Problem(scene, numerics(**given(arguments, numerics)))

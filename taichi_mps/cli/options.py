@@ -3,6 +3,7 @@
 import argparse
 import json
 import re
+import sys
 from collections import defaultdict
 from contextlib import suppress
 from functools import wraps
@@ -28,6 +29,7 @@ VIEWS = Literal["concrete", "speed", "pressure", "shear-rate", "yielded", "mix"]
 
 
 DONE, BAD_INPUT, DIVERGED = 0, 2, 3  # what a command returns; ended by a signal: 128 and its number
+MOST_READ_BACK = 8  # values of a list that are told one by one
 JSON = {"--json": {"action": "store_true", "help": "print the result as JSON"}}
 
 
@@ -105,7 +107,7 @@ class Parser(argparse.ArgumentParser):
         super().__init__(
             formatter_class=lambda prog: argparse.HelpFormatter(prog, max_help_position=42, width=112), **settings
         )
-        self._negative_number_matcher = re.compile(r"-([\d.]|inf|nan)")  # argparse's own knows neither -1e3 nor -3cm
+        self._negative_number_matcher = re.compile(r"-([\d.,]|inf|nan)")  # argparse's own knows neither -1e3 nor -3cm
         self.groups = defaultdict(self.add_argument_group, {name: self.add_argument_group(name) for name in GROUPS})
 
     def error(self, message):
@@ -211,11 +213,24 @@ def group_of(name: str, model) -> str:
     return "mix" if name in MIX else "test"
 
 
+def is_tuple(field) -> bool:
+    """Whether a field is several numbers, separated by commas on the command line."""
+    return get_origin(field.annotation) is tuple
+
+
+def read_back(name: str, values, field) -> None:
+    """Tell on stderr what the numbers between commas were read as."""
+    texts = [f"{value:g}" if isinstance(value, float) else str(value) for value in values]
+    shown = texts if len(texts) <= MOST_READ_BACK else [*texts[:3], "...", texts[-1]]
+    told = f"taichi-mps: {name}: {len(texts)} values: {', '.join(shown)} {unit_of(field).strip('-')}"
+    print(plain(told.rstrip()), file=sys.stderr)
+
+
 def given(arguments, model, leave_out=()) -> dict:
     """The options of a model that were given, as text; the model turns them into numbers."""
     values = {name: getattr(arguments, name, None) for name in model.model_fields if name not in leave_out}
     return {
-        name: value.split(",") if get_origin(model.model_fields[name].annotation) is tuple else value
+        name: value.split(",") if is_tuple(model.model_fields[name]) else value
         for name, value in values.items()
         if value is not None
     }

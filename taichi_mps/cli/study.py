@@ -17,7 +17,7 @@ from ..study.require import require as find_borders
 from ..study.results import measures, spelled
 from ..study.sweep import ACCURACY, LOST, cases, sweep
 from ..units import Checked, Count, SceneError, plain, require
-from .options import DONE, JSON, Workers, command, given, of_scene, tell
+from .options import DONE, JSON, Workers, command, given, of_scene, read_back, tell
 
 NOT_ALL_DONE = 1  # what sweep returns where a case gave no result
 NEEDS = "chart needs matplotlib: pip install 'taichi-mps[plots]'"
@@ -103,7 +103,7 @@ def sweep_command(argv) -> int:
     require(not options.chart or find_spec("matplotlib"), NEEDS)
     folder = Path(options.out or Path("studies") / Path(arguments.scene).stem)
     planned = cases(arguments.scene, **varied)
-    differing = [name for name in planned[0].parameters if len({str(case.parameters[name]) for case in planned}) > 1]
+    differing = told_lists(planned, function)
     drawable = any(isinstance(planned[0].parameters[name], int | float) for name in differing)
     require(
         drawable or not options.chart,
@@ -122,6 +122,17 @@ def sweep_command(argv) -> int:
     for line in not_done(rows, differing):
         print(f"taichi-mps: {plain(line)}", file=sys.stderr)
     return DONE if all(row["status"] == "done" for row in rows) else NOT_ALL_DONE
+
+
+def told_lists(planned, function) -> list[str]:
+    """The parameters in which the cases of a study differ; tells their values."""
+    values = {
+        name: {str(case.parameters[name]): case.parameters[name] for case in planned} for name in planned[0].parameters
+    }
+    differing = [name for name in values if len(values[name]) > 1]
+    for name in differing:
+        read_back(name, values[name].values(), function.parameters.model_fields[name])
+    return differing
 
 
 def not_done(rows, differing) -> list[str]:
@@ -150,6 +161,7 @@ def require_command(argv) -> int:
     wanted, options = Wanted(**given(arguments, Wanted)), Study(**given(arguments, Study))
     folder = Path(options.out or Path("studies") / f"require-{Path(arguments.scene).stem}")
     parameters = given(arguments, function.parameters, leave_out=MIX)
+    told_lists(cases(arguments.scene, plastic_viscosity=wanted.plastic_viscosity), function)
     watch = watching(["yield_value", "plastic_viscosity"], options.quiet or arguments.json)
     borders, rows = find_borders(
         arguments.scene, wanted, folder, options.executor, options.workers, watch, **parameters

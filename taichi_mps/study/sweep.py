@@ -19,7 +19,7 @@ import numpy as np
 from ..problem import catalogue
 from ..problem.accuracy import choose
 from ..problem.materials import Bingham
-from ..units import SceneError, require
+from ..units import SceneError, in_unit, require
 from .case import Case, case, row_without_result
 from .case import run as run_case
 from .results import opened
@@ -38,7 +38,7 @@ def values(text: str, key: str = "values") -> list[str]:
         return [word.strip() for word in text.split(",")]
     try:
         low, high, count, *steps = text.split(":")
-        low, high, count = float(low), float(high), int(count)
+        low, high, count = float(in_unit("", low)), float(in_unit("", high)), int(count)
         if steps not in ([], ["linear"]) or count < 2 or not math.isfinite(high - low):
             raise ValueError
     except ValueError:
