@@ -184,7 +184,7 @@ def read_rows(path) -> list[dict[str, str]]:
     Returns
     -------
     list of dict of str to str
-        Cells by column; columns that were named otherwise before 0.2 under both names.
+        Cells by column; those of an old file also under the names that columns have now.
 
     Raises
     ------

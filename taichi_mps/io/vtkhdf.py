@@ -333,6 +333,14 @@ class Replay:
         Scene of the run.
     state : Snapshot
         Fluid at this output.
+
+    Examples
+    --------
+    >>> import taichi_mps as mps
+    >>> from taichi_mps.io.vtkhdf import Replay
+    >>> scene = mps.slump_cone(model="axisymmetric", spacing=0.05)
+    >>> Replay(scene, mps.measure.still(scene.fluid, scene.spacing)).time
+    0.0
     """
 
     scene: Scene

@@ -1,4 +1,4 @@
-"""Snapshot of a run, and what a technologist measures on it. Plain NumPy."""
+"""Snapshot of a run, and what a technologist measures on it, in plain NumPy."""
 
 import warnings
 from dataclasses import dataclass, field, replace
@@ -88,6 +88,12 @@ class Measured:
         Key of the scene, ``measure`` or ``over_time``.
     function : callable
         Function that gives {name: float}.
+
+    Examples
+    --------
+    >>> from taichi_mps.problem.measures import Measured
+    >>> Measured("measure", lambda snapshot: {"width_m": 0.25})(None)
+    {'width_m': 0.25}
     """
 
     def __init__(self, key: str, function):
@@ -143,6 +149,13 @@ def revolved(s: Snapshot) -> Snapshot:
     Snapshot
         Particles in three dimensions, a size apart around the z axis; each ring turned by the golden angle against the
         one before. A ring whose hole fits no other has a particle on the axis, too.
+
+    Examples
+    --------
+    >>> import taichi_mps as mps
+    >>> ring = mps.measure.still([[0.1, 0.01]], 0.02)
+    >>> mps.measure.revolved(ring).x.shape  # 2 pi 0.1/0.02 particles
+    (31, 3)
     """
     r = s.x[:, 0]
     around = np.maximum(1, np.round(2.0 * np.pi * r / s.size)).astype(int)
@@ -219,6 +232,12 @@ def reflected(vectors, normal, point=None):
     -------
     ndarray, shape (n, d)
         Images.
+
+    Examples
+    --------
+    >>> import numpy as np, taichi_mps as mps
+    >>> mps.measure.reflected(np.array([[0.25, 0.5]]), (1.0, 0.0)).tolist()
+    [[-0.25, 0.5]]
     """
     normal = np.asarray(normal, float)
     origin = 0.0 if point is None else np.asarray(point, float)
@@ -241,6 +260,13 @@ def mirrored(s: Snapshot, point, normal) -> Snapshot:
     -------
     Snapshot
         The particles and, after them and in the same order, their images; scalars are those of the particle itself.
+
+    Examples
+    --------
+    >>> import taichi_mps as mps
+    >>> half = mps.measure.still([[0.25, 0.5]], 0.02)
+    >>> mps.measure.mirrored(half, (0.0, 0.0), (1.0, 0.0)).x.tolist()
+    [[0.25, 0.5], [-0.25, 0.5]]
     """
     twice = {name: np.tile(getattr(s, name), 2) for name in SCALARS}
     twice |= {name: np.vstack([x, reflected(x, normal, point)]) for name, x in (("x", s.x), ("wall_x", s.wall_x))}
@@ -301,6 +327,14 @@ def over(s: Snapshot, low, high) -> tuple[np.ndarray, np.ndarray]:
         Horizontal places, 0.4 spacings apart [m].
     heights : ndarray, shape (k,)
         Heights of the surface [m], nan where there is none.
+
+    Examples
+    --------
+    >>> import taichi_mps as mps
+    >>> body = mps.measure.still(mps.lattice((0.0, 0.0), (0.2, 0.1), 0.02), 0.02)
+    >>> points, heights = mps.measure.over(body, [0.05], [0.15])
+    >>> points.shape, float(heights.max().round(3))
+    ((13, 1), 0.1)
     """
     ticks = [np.arange(a, b + 1e-12, 0.4 * s.spacing) for a, b in zip(low, high, strict=True)]
     points = np.stack(np.meshgrid(*ticks), -1).reshape(-1, len(ticks))
