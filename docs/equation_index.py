@@ -1,4 +1,4 @@
-"""The index of functions and tests by equation, docs/equations.md, made anew; CONTRIBUTING says when.
+"""The index of functions and tests by equation, docs/equations.md, and the API pages to which its links lead.
 
     python docs/equation_index.py
 
@@ -19,6 +19,9 @@ else:
 DOCS = Path(__file__).resolve().parent
 ROOT = DOCS.parent
 THEORY = ["semi_implicit", "implicit", "walls", "steps"]
+OWN = {"functions": "Functions of the equations", "tests": "Tests of the equations"}  # pages written here
+NAME = re.compile(r"^::: taichi_mps\.(\S+)$", re.M)
+LINKED = re.compile(r"\(api/(\w+)\.md#([\w.]+)\)")
 HEAD = """---
 hide: [toc]
 ---
@@ -61,8 +64,27 @@ def docstrings(folder: Path):
                     yield path, name, ast.get_docstring(inner) or ""
 
 
-def index() -> str:
-    """The page."""
+def shown() -> dict[str, str]:
+    """Page of each name on the written pages of the API."""
+    pages = [path for path in (DOCS / "api").glob("*.md") if path.stem not in OWN]
+    return {name: path.stem for path in pages for name in NAME.findall(path.read_text(encoding="utf-8"))}
+
+
+def link(item: str, pages: dict[str, str]) -> str:
+    """Markdown of a function or test, with a link to where its docstring and source are shown."""
+    name = item.removesuffix(".py").replace(".py::", ".").replace("/", ".")
+    if name == item:
+        name, parts = f"taichi_mps.{item}", item.split(".")
+        over = [".".join(parts[:k]) for k in range(2, len(parts) + 1)] * (not re.search(r"\._", item))
+        page = next((pages[each] for each in over if each in pages), "functions")
+    else:
+        page = "tests"
+    return f"[`{item}`](api/{page}.md#{name})"
+
+
+def index() -> dict[Path, str]:
+    """The pages: the index, and functions and tests of it that have no page of the API."""
+    pages, linked = shown(), []
     known = tomllib.loads((DOCS / "equations.toml").read_text(encoding="utf-8"))
     code, tests = {}, {}
     for labels, entry in known.items():
@@ -80,10 +102,17 @@ def index() -> str:
     for page, labels in equations():
         title = ", ".join(f"({label})" for label in labels)
         cells = [list(dict.fromkeys(item for label in labels for item in of.get(label, []))) for of in (code, tests)]
-        cells = [" ".join(f"`{item}`" for item in cell) for cell in cells]
+        cells = [" ".join(link(item, pages) for item in cell) for cell in cells]
+        linked += LINKED.findall(" ".join(cells))
         lines.append(f"| [{title}](theory/{page}.md#eq-{labels[0].replace(' ', '-')}) | {cells[0]} | {cells[1]} |")
-    return HEAD + "\n".join(lines) + "\n\n</div>\n"
+    made = {DOCS / "equations.md": HEAD + "\n".join(lines) + "\n\n</div>\n"}
+    for page, title in OWN.items():
+        names = sorted({name for own, name in linked if own == page})
+        blocks = [f"::: {name}\n    options: {{show_source: true}}\n" for name in names]
+        made[DOCS / "api" / f"{page}.md"] = f"# {title}\n\n" + "\n".join(blocks)
+    return made
 
 
 if __name__ == "__main__":
-    (DOCS / "equations.md").write_text(index(), encoding="utf-8")
+    for path, text in index().items():
+        path.write_text(text, encoding="utf-8")

@@ -13,18 +13,31 @@ from .spelling import LONGEST, in_unit, without_unit
 
 
 class SceneError(ValueError):
-    """Bad input: names the key, the value with its unit and what is allowed. Raised before any allocation."""
+    """Error of bad input, raised before any allocation.
+
+    The message is one line that names the key, the value with its unit and what is allowed.
+
+    Examples
+    --------
+    >>> import taichi_mps as mps
+    >>> mps.Bingham(yield_value=-1.0)
+    Traceback (most recent call last):
+        ...
+    taichi_mps.units.SceneError: yield_value = -1.0 Pa: must be greater than or equal to 0 Pa
+    """
 
 
 def require(holds, message: str) -> None:
-    """SceneError with this message unless what is required holds."""
+    """Raise SceneError with this message unless what is required holds."""
     if not holds:
         raise SceneError(message)
 
 
 def ordinary(told: str, path, most: float) -> Path:
-    """The path of an ordinary file of at most ``most`` bytes, which can be read to its end; SceneError that begins with
-    ``told`` for what is none: a folder, a pipe, a device, a file that is larger than it may be."""
+    """Return the path of an ordinary file of at most ``most`` bytes, which can be read to its end.
+
+    SceneError that begins with ``told`` for a folder, a pipe, a device, or a file that is larger than it may be.
+    """
     path = Path(path)
     try:
         size = path.stat().st_size
@@ -36,7 +49,7 @@ def ordinary(told: str, path, most: float) -> Path:
 
 
 def array_of(value) -> np.ndarray:
-    """The value as an array of real numbers; an array of None, without axes, if it is none."""
+    """Return a value as an array of real numbers; an array of None, without axes, if it is none."""
     try:
         array = np.asarray(value)
     except ValueError:  # rows of different lengths
@@ -45,7 +58,10 @@ def array_of(value) -> np.ndarray:
 
 
 def finite(key, value, unit, shape=None, dimensions=None) -> np.ndarray:
-    """The value as an array of finite numbers; SceneError if it is none, or not of this shape or number of axes."""
+    """Return a value as an array of finite numbers.
+
+    SceneError if it is none, or not of this shape or number of axes.
+    """
     array = array_of(value)
     require(array.dtype.kind != "O", f"{key} = {said(value, '')}: must be numbers [{unit}]")
     if (shape is not None and array.shape != shape) or (dimensions is not None and array.ndim != dimensions):
@@ -56,7 +72,7 @@ def finite(key, value, unit, shape=None, dimensions=None) -> np.ndarray:
 
 
 def positive(key, value, unit="m") -> None:
-    """SceneError unless the value is one finite number above 0."""
+    """Raise SceneError unless a value is one finite number above 0."""
     array = array_of(value)
     require(
         array.shape == () and array.dtype.kind != "O" and 0.0 < array < np.inf,
@@ -65,7 +81,10 @@ def positive(key, value, unit="m") -> None:
 
 
 def given(record, wanted: dict):
-    """(key, what is wanted of it, value) of the keys of a record, but of those that are None by default and now."""
+    """Yield (key, what is wanted of it, value) of the keys of a record.
+
+    Keys that are None by default and now are left out.
+    """
     for key, what in wanted.items():
         value = getattr(record, key)
         if value is not None or type(record).__dataclass_fields__[key].default is not None:
@@ -73,8 +92,10 @@ def given(record, wanted: dict):
 
 
 def check_vectors(record, of: str, units: dict) -> None:
-    """SceneError unless these keys of a record, {key: unit}, have 2 or 3 finite numbers, all as many as the first; what
-    is None by default may be None. ``of`` says whose keys they are."""
+    """Raise SceneError unless keys of a record, {key: unit}, are vectors of 2 or 3 finite numbers.
+
+    All have as many as the first; what is None by default may be None. ``of`` says whose keys they are.
+    """
     shapes, wanted = ((2,), (3,)), "2 or 3"
     for key, unit, value in given(record, units):
         array = array_of(value)
@@ -85,7 +106,7 @@ def check_vectors(record, of: str, units: dict) -> None:
 
 
 def check_numbers(record, units: dict) -> None:
-    """SceneError unless these keys of a record, {key: unit}, are finite numbers or None by default."""
+    """Raise SceneError unless keys of a record, {key: unit}, are finite numbers or None by default."""
     for key, unit, value in given(record, units):
         array = array_of(value)
         require(array.shape == () and array.dtype.kind != "O", f"{key} = {said(value, unit)}: must be a number")
@@ -93,21 +114,22 @@ def check_numbers(record, units: dict) -> None:
 
 
 def check_kinds(record, kinds: dict) -> None:
-    """SceneError unless these keys of a record, {key: (type or types, in words)}, are of these types or None by
-    default."""
+    """Raise SceneError unless keys of a record, {key: (types, in words)}, are of these types or None by default."""
     for key, (kind, words), value in given(record, kinds):
         require(isinstance(value, kind), f"{key} = {said(value, '')}: must be {words}")
 
 
 def said(value, unit) -> str:
-    """A value as it was given, on one line, and its unit; a text may have one of its own."""
+    """Return a value as it was given, on one line, and its unit."""
     text = f"{value:g}" if isinstance(value, float) else " ".join(str(value).split())[:60]
     return text if isinstance(value, str) else f"{text} {unit}".rstrip()
 
 
 def plain(text) -> str:
-    """Text from outside as a terminal may have it: control characters, but for line ends, and what is no character
-    are shown as codes."""
+    """Return text from outside as a terminal may have it.
+
+    Control characters, but for line ends, and what is no character are shown as codes.
+    """
     whole = str(text).encode("utf-8", "backslashreplace").decode()
     shown = (c if c.isprintable() or c == "\n" else c.encode("unicode_escape").decode() for c in whole)
     return "".join(shown)
@@ -117,6 +139,7 @@ class Unit(str):
     """The unit of an annotated number, for messages and for --help; ``hint``: what one may have meant, in another."""
 
     def __new__(cls, unit, hint=""):
+        """Make the text with its hint."""
         self = super().__new__(cls, unit)
         self.hint = hint
         return self
@@ -131,7 +154,7 @@ INSTANT = 1e-9  # [s]: times closer to each other are one and the same, and no s
 
 
 def longer_than_an_instant(value: float) -> float:
-    """A duration [s] as it is; ValueError for one that no step can take."""
+    """Return a duration [s] as it is; ValueError for one that no step can take."""
     if value < INSTANT:
         raise ValueError(f"must be at least {INSTANT:g} s")
     return value
@@ -180,20 +203,23 @@ class Checked(BaseModel):
 
 
 def unit_of(field) -> Unit:
-    """Unit of a pydantic field, '' where it has none (a choice, a flag)."""
+    """Return the unit of a pydantic field, '' where it has none (a choice, a flag)."""
     kinds = [option for option in get_args(field.annotation) if get_origin(option) is Annotated]  # of 'Length | None'
     known = [*field.metadata, *(item for kind in kinds for item in get_args(kind)[1:])]
     return next((item for item in known if isinstance(item, Unit)), Unit(""))
 
 
 def suggestion(key, known) -> str:
-    """', did you mean ...?' or ''."""
+    """Return ', did you mean ...?' or ''."""
     close = difflib.get_close_matches(str(key), [str(name) for name in known], n=1)
     return f", did you mean '{close[0]}'?" if close else ""
 
 
 def explain(error: ValidationError, model: type[BaseModel]) -> str:
-    """Every violation as 'key = value unit: what is allowed', joined with '; '; alternatives of a key with 'or'."""
+    """Describe every violation as 'key = value unit: what is allowed'.
+
+    Violations are joined with '; ', alternatives of a key with 'or'.
+    """
     lines = []
     for item in error.errors():
         key, kind = str(item["loc"][0]) if item["loc"] else "", item["type"]
@@ -221,13 +247,43 @@ def explain(error: ValidationError, model: type[BaseModel]) -> str:
 
 
 def checked(function):
-    """Decorate a function of keywords: validate them against its annotations, refuse unknown ones by name.
+    """Decorate a function of keywords, such as that of a scene, so that it checks them.
 
+    Parameters
+    ----------
+    function : callable
+        Function whose keywords are annotated with quantities of this module.
+
+    Returns
+    -------
+    callable
+        Function that validates its keywords and refuses unknown ones by name. Its ``parameters`` is the pydantic model
+        of all keywords; ``at(parameters)`` is its value at parameters that were validated.
+
+    Raises
+    ------
+    TypeError
+        If two parameters declare the same keyword.
+
+    Notes
+    -----
     A parameter that is a ``Checked`` record, such as ``material: Bingham = Bingham(yield_value=40.0)``, stands for the
     fields of the record: each is a keyword with the record's own unit, range and help, and the value in the default is
-    its default. ``function.parameters`` is the pydantic model of all keywords, which are flat: from it come options,
-    the parameters of a sweep and those of a checkpoint. ``function.at(parameters)`` is the function's value at
-    parameters that were validated.
+    its default. Options of the command line, parameters of a sweep and those of a checkpoint come from it.
+
+    Examples
+    --------
+    >>> import taichi_mps as mps
+    >>> from taichi_mps.units import Length
+    >>> @mps.checked
+    ... def area(width: Length, height: Length = 0.5):
+    ...     return width * height
+    >>> area(width="20 cm")
+    0.1
+    >>> area(widht=0.2)
+    Traceback (most recent call last):
+        ...
+    taichi_mps.units.SceneError: width is missing [m]; unknown key 'widht', did you mean 'width'?
     """
     taken = inspect.signature(function).parameters
     kinds = {name: p.annotation for name, p in taken.items() if isinstance(p.annotation, type)}
@@ -258,8 +314,10 @@ def checked(function):
 
 
 def options_of(record: type[Checked], default) -> dict:
-    """The fields of a record as pydantic declares keywords, {name: (annotation, default)}, with the values of the
-    record ``default`` where there is one. A field that can only be None is none."""
+    """Return the fields of a record as pydantic declares keywords, {name: (annotation, default)}.
+
+    Values are those of the record ``default`` where there is one. A field that can only be None is left out.
+    """
     hints = get_type_hints(record, include_extras=True) | getattr(record, "options", {})
     fields = {name: field for name, field in record.model_fields.items() if field.annotation is not type(None)}
     values = {name: getattr(default, name, field.default) for name, field in fields.items()}

@@ -157,6 +157,12 @@ def load(name: str):
     ------
     SceneError
         If the file is missing, cannot be run, or has no such function.
+
+    Examples
+    --------
+    >>> import taichi_mps as mps
+    >>> "spacing" in mps.catalogue.load("slump").parameters.model_fields
+    True
     """
     path = locate(name)
     spec = importlib.util.spec_from_file_location(f"scene_{path.stem}", path)

@@ -187,6 +187,12 @@ def still(x, spacing: float) -> Snapshot:
     -------
     Snapshot
         Body at 0 s, unyielded.
+
+    Examples
+    --------
+    >>> import taichi_mps as mps
+    >>> mps.measure.still([[0.0, 0.01], [0.0, 0.03]], spacing=0.02).p.tolist()
+    [0.0, 0.0]
     """
     x = np.asarray(x, float)
     zero = np.zeros(len(x))
