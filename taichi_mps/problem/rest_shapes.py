@@ -208,6 +208,14 @@ def must_come_to_rest(yield_value, density, gravity):
     ------
     SceneError
         If one is not positive.
+
+    Examples
+    --------
+    >>> import taichi_mps as mps
+    >>> mps.rest_shapes.must_come_to_rest(0.0, 2300.0, 9.81)
+    Traceback (most recent call last):
+        ...
+    taichi_mps.units.SceneError: yield_value = 0 Pa: without one nothing comes to rest; must be above 0 Pa
     """
     positive("density", density, "kg/m3")
     positive("gravity", gravity, "m/s2")
@@ -229,6 +237,12 @@ def root(function, low):
     -------
     float
         Depth [m].
+
+    Examples
+    --------
+    >>> import taichi_mps as mps
+    >>> round(mps.rest_shapes.root(lambda h: h**2 - 0.25, 0.0), 6)
+    0.5
     """
     high = low + 1e-3
     while function(high) < 0.0:
