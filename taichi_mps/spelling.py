@@ -22,26 +22,28 @@ nano- = 1e-9 = n-
 meter = [length] = m = metre = M
 millimeter_ = millimeter = MM
 centimeter_ = centimeter = CM = Cm
+decimeter_ = decimeter = DM
 inch = 0.0254 meter = in = inches
 foot = 12 inch = ft = feet
 yard = 3 foot = yd
 thou = 0.001 inch
 mile = 5280 foot = mi
-second = [time] = s = sec = Sec = SEC = sekunde = sekunden
+second = [time] = s = S = sec = Sec = SEC = sek = Sek = sekunde = sekunden
 minute = 60 second = min = Min = MIN = minuten
-hour = 60 minute = h = hr = Hr = std = stunde = stunden
+hour = 60 minute = h = H = hr = Hr = std = Std = stunde = stunden
 day = 24 hour = d
 hertz = 1 / second = Hz = HZ = hz
-gram = [mass] = g = gm
+gram = [mass] = g = gm = G
 kilogram_ = kilogram = Kg = KG = kgs = Kgs
-tonne = 1000 kilogram = t = to = metric_ton
+tonne = 1000 kilogram = t = T = to = metric_ton
 pound = 0.45359237 kilogram = lb
 ounce = pound / 16 = oz
 newton = kilogram * meter / second ** 2 = N
 joule = newton * meter = J
-kilonewton_ = kilonewton = KN
+kilonewton_ = kilonewton = KN = Kn = kn
 gram_force = 0.00980665 newton = gf
 kilogram_force = 9.80665 newton = kp = kilopond
+tonne_force = 1000 kilogram_force = tf
 pound_force = 4.4482216152605 newton = lbf
 kip = 1000 pound_force
 dyne = 1e-5 newton = dyn
@@ -64,10 +66,10 @@ liter = 1e-3 meter ** 3 = l = L = litre = ltr = Ltr
 cubic_centimeter = centimeter ** 3 = cc = ccm
 cubic_meter = meter ** 3 = cbm = cum
 liter_a_minute = liter / minute = lpm = LPM
-turn = [angle] = rev = revolution = cycle = U = Umdr = umdrehung = umdrehungen = r = tr = tour = giri
+turn = [angle] = rev = revolution = cycle = U = Umdr = umdr = umdrehung = umdrehungen = r = tr = tour = giri
 turn_a_minute = turn / minute = rpm = RPM = Rpm = Upm = UPM = upm
 turn_a_second = turn / second = rps
-degree = turn / 360 = deg = Deg
+degree = turn / 360 = deg = Deg = DEG
 radian = 0.15915494309189533576888376337251436 turn = rad = Rad
 gon = turn / 400
 percent = 0.01
@@ -76,12 +78,19 @@ ppm = 1e-6
 """
 
 SPACES = "\u00a0\u2007\u2009\u202f"  # that hold the digits of one number together
-ALIKE = {"-": "\u2010\u2011\u2012\u2013\u2014\u2015\u2212", "*": "·•∙⋅×∗‧・", "/": "⁄∕÷", "'": "′’‘´`ʹ", '"': "″”“„ʺ"}
-ALIKE |= {"°": "º˚", "u": "µμ", "": "{}\u00ad\u200b\u200c\u200d\u200e\u200f\u2060\ufeff"}
+ALIKE = {
+    "-": "\u2010\u2011\u2012\u2013\u2014\u2015\u2212\u02d7",
+    "*": "·•∙⋅×∗‧・",
+    "/": "⁄∕÷",
+    "'": "′’‘´`ʹ",
+    '"': "″”“„ʺ",
+}
+ALIKE |= {"°": "º˚", "u": "µμ", "^": "ˆ", "": "{}"}
 ALIKE = {ord(character): to for to, others in ALIKE.items() for character in others}
 
 NUMBER = re.compile(
-    r"(?a)([-+]?)(\d+(?:[.,'_]\d+)*[.,]?|[.,]\d+)(?:[eE]([-+]?\d{1,3})(?!\d)|\s*[x*]\s*10\^([-+]?\d{1,3}))?"
+    r"(?a)([-+]?)(\d+(?:[.,'_]\d+)*[.,]?|[.,]\d+)"
+    r"(?:[eE]([-+]?\d{1,3})(?!\d)|\s*[xX*]\s*10(?:\^|\*\*)\(?([-+]?\d{1,3})\)?)?"
 )
 
 SPELLINGS = [  # of units, one after the other; in the end names, '^' before a digit, '*', '/' and brackets are left
@@ -92,14 +101,15 @@ SPELLINGS = [  # of units, one after the other; in the end names, '^' before a d
     (r"\"|''", " inch "),
     (r"'", " foot "),
     (r"\bper\b", "/"),
-    (r"(?:\b|(?<=Pa))s\s*\^?\s*n\b", " sn"),
-    (r"\b(?:[A-Z][a-z]{3,}|[A-Z]{4,})\b", lambda word: word[0].lower()),
     (r"\*\*", "^"),
     (r"\^\s*\(\s*([-+]?\w)\s*\)", r"^\1"),
+    (r"(?<=[a-zA-Z])-(?=[a-zA-Z])", " "),
+    (r"(?:\b|(?<=[aN]))s\s*\^?\s*n\b", " sn"),
+    (r"\b(?:[A-Z][a-z]{3,}|[A-Z]{4,})\b", lambda word: word[0].lower()),
     (r"(?<=[a-zA-Z])\s*\^\s*\+?(?=-?\d)", "^"),
     (r"(?<=[a-zA-Z])\^?(-?\d)", r"^\1 "),
-    (r"(?<=[a-zA-Z])-(?=[a-zA-Z])|\.(?!\d)", " "),
-    (r"\b(\w{0,2}Pa|\w{0,2}N)(s?)(m?)\b", r"\1 \2 \3"),  # Pas, Ns/m2, Nm-2
+    (r"\.(?!\d)", " "),
+    (r"\b(\w{0,2}Pa|\w{0,2}N)(s?)(m?)\b", lambda word: " ".join(filter(None, word.groups()))),  # Pas, Ns/m2, Nm-2
     (r"\bkgm\b", "kg m"),
     (r"\b(?:cubic|cu) +(\w+)", r"\1^3"),
     (r"\b(?:square|sq) +(\w+)", r"\1^2"),
@@ -132,7 +142,8 @@ def tidy(text: str) -> str:
     """A text in plain characters: superscripts as '^2', one kind of minus, dot, quotation mark and space."""
     text = re.sub(rf"(?<=\d)[{SPACES}](?=\d{{3}}(?!\d))", "_", text)
     text = re.sub("[⁰¹²³⁴-⁹⁺⁻ⁿ]+", r"^\g<0>", text).translate(ALIKE)
-    return unicodedata.normalize("NFKC", text).translate(ALIKE).strip()
+    text = unicodedata.normalize("NFKC", text).translate(ALIKE)
+    return "".join(c for c in text if unicodedata.category(c) != "Cf").strip()  # what is not seen
 
 
 def decimal(digits: str) -> str:

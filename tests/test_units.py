@@ -186,12 +186,13 @@ def test_any_value_inside_its_range_is_taken_and_kept(density, yield_value, rate
          "|43.2 m^3 h^-1"),
         ("m/s", 0.1, "100 mm/s|0.1 m s-1|0.1 m·s⁻¹|0.1 ms-1|6 m/min|0,36 km/h"),
         ("kg/m3", 2300.0, "2.3 t/m3|2,3 g/cm³|2.3 g/cc|2.3 kg/l|2300 kg m-3|2300 kg m^{-3}|2300 kgm-3|2300 Kg/m3"
-         "|2300 kg/cbm"),
+         "|2300 kg/cbm|2.3 T/M3|2.3 G/CM3|2300㎏/㎥"),
         ("Pa s", 0.3, "300 mPa s|300 mPa·s|300 mPas|300 mPa.s|300 cP|300 cps|3 dPa s|3 poise|0.3 kg/(m s)|0.3 kg/m·s"
          "|0.3 kg/ms"),
         ("Pa s", 50.0, "50 Pas|50 Pa-s|50 Pa*s|50 Ns/m2|50 Nsm-2|50 kg m-1 s-1|50 Pa ⋅ s|50 Pa s|5×10¹ Pa\u2009s"
-         "|50 ㎩·s|50 [Pa s]"),
-        ("Pa s^n", 20.0, "20 Pa s^n|20 Pa.s^n|20 Pa·sⁿ|20 Pasⁿ|0,02 kPa s^{n}|20 N s^n/m²"),
+         "|50 ㎩·s|50 [Pa s]|50 PA.S|50 pa-s|𝟓𝟎 𝑃𝑎·𝑠|50\u202aPa s\u202c|50 Ns·m−2|5*10**1 N.s.m-2"),
+        ("Pa s^n", 20.0, "20 Pa s^n|20 Pa.s^n|20 Pa·sⁿ|20 Pasⁿ|0,02 kPa s^{n}|20 Nsⁿ/m²|20 Pa*s**(n)|20 Pa-s^n"),
+        ("Pa/s", 0.5, "30 Pa/min|0.5 Pas⁻¹"),
         ("Pa s/m", 5.0, "5 Pa s/m|5 Pa/(m/s)|5 Pa·s·m⁻¹"),
         ("1/s", 0.1, "6 1/min|6 min^-1|6 min⁻¹|6/min|6 per minute|0.1 Hz|0.1 s-1|0.1 (1/s)|0,1 s^(-1)"),
         ("rpm", 30.0, "30 rpm|30 1/min|30 min^-1|30 min⁻¹|30 U/min|30 r/min|0.5 Hz|0,5 rev/s|0.5 s-1|180 °/s|30 RPM"
