@@ -19,7 +19,7 @@ from ..study.sweep import ACCURACY, LOST, cases, sweep
 from ..units import Checked, Count, SceneError, plain, require
 from .options import DONE, JSON, Workers, command, given, of_scene, read_back, tell
 
-NOT_ALL_DONE = 1  # what sweep returns where a case gave no result
+NOT_ALL_DONE = 1  # what sweep returns where a case gave no result, and calibrate --table where no mix did
 NEEDS = "chart needs matplotlib: pip install 'taichi-mps[plots]'"
 MOST_SHOWN = 10  # cases without a result that are named
 MIX = {"yield_value", "plastic_viscosity", "until"}  # of a form: what require looks for
@@ -139,8 +139,13 @@ def not_done(rows, differing) -> list[str]:
     """Which cases of a study gave no result, and why, a line each; of many the first ones."""
     left = [row for row in rows if row["status"] != "done"]
     names = [", ".join(f"{name} = {row.get(name)}" for name in differing) or row["key"] for row in left]
-    lines = [f"{row['status']}: {name}: {row['reason']}" for row, name in zip(left[:MOST_SHOWN], names, strict=False)]
-    return lines + [f"and {len(left) - MOST_SHOWN} more, see results.csv"] * (len(left) > MOST_SHOWN)
+    lines = [f"{row['status']}: {name}: {row['reason']}" for row, name in zip(left, names, strict=True)]
+    return some(lines, "results.csv")
+
+
+def some(lines: list[str], table) -> list[str]:
+    """The first of many lines, and where the others are."""
+    return lines[:MOST_SHOWN] + [f"and {len(lines) - MOST_SHOWN} more, see {table}"] * (len(lines) > MOST_SHOWN)
 
 
 def tally(rows) -> str:
@@ -208,6 +213,8 @@ def calibrate_table(arguments, options: Lookup, told: dict) -> int:
     require(not told, f"{next(iter(told), '')}: stands in the table's own columns; must be left out")
     require(not out.exists(), f"out = {out}: is there already; must be a new file, it is not overwritten")
     rows = mixes.read_list(path)
+    if others := mixes.unused(rows):
+        print(plain(f"taichi-mps: table = {path}: {others}"), file=sys.stderr)
 
     def watch(row, number):
         if sys.stderr.isatty():
@@ -225,7 +232,14 @@ def calibrate_table(arguments, options: Lookup, told: dict) -> int:
         print(f"Report: {plain(page)}", file=sys.stderr)
     except SceneError as error:  # without plotly: the table is there
         print(f"taichi-mps: {error}", file=sys.stderr)
-    return DONE
+    refused = [
+        f"{mixes.REFUSED}: {next(iter(row.values()))}: {row['reason']}"
+        for row in found
+        if row["verdict"] == mixes.REFUSED
+    ]
+    for line in some(refused, out):
+        print(plain(f"taichi-mps: {line}"), file=sys.stderr)
+    return NOT_ALL_DONE if len(refused) == len(found) else DONE
 
 
 # ---- chart -----------------------------------------------------------------------------------------------------

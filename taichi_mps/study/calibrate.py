@@ -8,9 +8,9 @@ from pydantic import Field
 from ..problem.accuracy import GRAVITY
 from ..problem.materials import Bingham
 from ..units import Checked, Density, Duration, Length, SceneError, Viscosity, YieldValue, checked, require, unit_of
-from .calibration import BINGHAM, FRICTIONAL, RHEOMETER, WORDS, Calibration, FrictionalMix, is_time, short
+from .calibration import BINGHAM, FRICTIONAL, RHEOMETER, Calibration, FrictionalMix, is_time
 from .case import REACHED, case, run
-from .emulator import DENSITY, FRICTION, MEASURED, Emulator, emulator_of, scale
+from .emulator import DENSITY, FRICTION, MEASURED, Emulator, covered, emulator_of, scale
 from .fit import fit
 
 CHECKED = "slump", "mini_cone"  # tests that a finer run checks; a V-funnel at half the spacing takes too long
@@ -88,9 +88,9 @@ def calibrate(test: Measurements, study: str | None = None, check: bool = True) 
     found = fit(tables, measured, test.rho, known=known)
     if check and (apart := difference(emulators, found)):
         found = replace(fit(tables, measured, test.rho, apart, known), finer=apart)
-    if study is None and (found.contradictory or not found.near):
+    if study is None and not (found.fits and found.near):
         found = replace(found, friction=frictional_mix(measured, test.rho, known))
-    return with_each_alone(emulators, found, known) if found.contradictory else found
+    return found if found.fits else with_each_alone(emulators, found, known)
 
 
 def with_each_alone(emulators: dict[str, Emulator], found: Calibration, known: dict) -> Calibration:
@@ -215,10 +215,7 @@ def check_room(cone: Emulator, test: Measurements) -> None:
 
 def check_known(known: dict[str, float], emulators: list[Emulator], density: float) -> None:
     """SceneError for a known constant that the tables do not reach."""
+    ends = np.max([each.low for each in emulators], 0), np.min([each.high for each in emulators], 0)
     for k, name in enumerate(BINGHAM):
-        ends = max(each.low[k] for each in emulators), min(each.high[k] for each in emulators)
-        (low, high), unit = density * np.exp(ends), WORDS[name][1]
-        if name in known and not low <= known[name] <= high:
-            raise SceneError(
-                f"{name} = {known[name]:g} {unit}: must be {short(low)} to {short(high)} {unit}, what the table covers"
-            )
+        if name in known:
+            covered([name], [end[k : k + 1] for end in ends], np.log([known[name] / density]), density)

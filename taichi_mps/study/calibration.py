@@ -4,6 +4,8 @@ import math
 from dataclasses import asdict, dataclass, field
 from typing import ClassVar
 
+import numpy as np
+
 CONTRADICTION = 9.0  # a misfit of three standard errors
 NAMES = {"slump_m": "slump", "spread_m": "slump flow", "t500_s": "T500"}
 NAMES |= {"mini_cone_m": "mini-cone spread", "v_funnel_s": "V-funnel time"}
@@ -23,6 +25,12 @@ TOLD = 1.1  # factor by which a constant must be less certain without a measurem
 def is_time(name: str) -> bool:
     """Is this a measured time? It goes by its logarithm, a length as it is."""
     return name.endswith("_s")
+
+
+def over(name: str, model, value):
+    """By how much the model is above a measurement, in its unit: of times the measured one by the logarithm of their
+    ratio, as they scatter."""
+    return value * np.log(model / value) if is_time(name) else model - value
 
 
 def short(value: float) -> str:
@@ -153,7 +161,9 @@ class Mix:
         lines = []
         for name, (value, error) in self.measured.items():
             factor, unit = (1.0, "s") if is_time(name) else (100.0, "cm")
-            found = f"{factor * value:.2f} +- {factor * error:.2f} {unit}, of the model {factor * self.model[name]:.2f}"
+            of_table = factor * math.sqrt(max(self.errors[name] ** 2 - error**2, 0.0))
+            found = f"{factor * value:.2f} +- {factor * error:.2f} {unit}"
+            found += f", of the model {factor * self.model[name]:.2f} +- {of_table:.2f}"
             found += f"; determines {self.determines(name)}" * bool(self.worth[name])
             lines.append(f"{NAMES[name]:18} {found}")
         return lines
@@ -170,8 +180,10 @@ class FrictionalMix(Mix):
     @property
     def near(self) -> bool:
         """Is it within NEAR of both lengths, and within three standard errors of T500?"""
-        late = [by / self.errors[name] for name, by in self.missed.items() if name not in NEAR]
-        return super().near and all(each**2 <= CONTRADICTION for each in late)
+        late = {
+            name: over(name, self.model[name], self.measured[name][0]) for name in self.measured.keys() - NEAR.keys()
+        }
+        return super().near and all((by / self.errors[name]) ** 2 <= CONTRADICTION for name, by in late.items())
 
     @property
     def explains(self) -> bool:
@@ -235,9 +247,20 @@ class Calibration(Mix):
         return [name for name, it in open_ones.items() if it.bounded and not 1.01 * it.low < it.value < 0.99 * it.high]
 
     @property
+    def fits(self) -> bool:
+        """Is the mix within three standard errors of the measurements?"""
+        return self.misfit <= CONTRADICTION
+
+    @property
     def contradictory(self) -> bool:
-        """Is no mix near the measurements?"""
-        return self.misfit > CONTRADICTION
+        """Is no mix near, of several measurements, or of one and a rheometer's constant of which it speaks?"""
+        several = len(self.measured) > 1 or any(len(said) > 1 for said in self.alone.values())
+        return several and not self.fits
+
+    def nearest(self) -> str:
+        """By how much the nearest mix misses each measurement."""
+        far = ", ".join(f"{NAMES[name]} {apart(name, by)}" for name, by in self.missed.items())
+        return f"the nearest mix misses: {far}"
 
     @property
     def best(self) -> Mix:
@@ -294,6 +317,8 @@ class Calibration(Mix):
             block = [str(self.friction)]
             block += [f"  of {', '.join(first)} and {last} alone, not of {' and '.join(unused)}"] * bool(unused)
             lines = [*block, "the nearest Bingham mix:", *lines] if self.contradictory else [*lines, *block]
-        if self.contradictory:
-            lines.insert(0, self.contradiction())
+        if not self.fits:
+            lines.insert(
+                0, self.contradiction() if self.contradictory else f"no mix of the table fits; {self.nearest()}"
+            )
         return "\n".join(lines)

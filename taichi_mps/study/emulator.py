@@ -8,8 +8,8 @@ import numpy as np
 
 from ..problem import catalogue
 from ..problem.materials import Bingham
-from ..units import require
-from .calibration import BINGHAM, FRICTIONAL, WORDS, is_time
+from ..units import SceneError, require
+from .calibration import BINGHAM, FRICTIONAL, WORDS, is_time, short
 from .case import REACHED
 from .results import read
 
@@ -23,6 +23,7 @@ MEASURED = {  # by the scene of a test: what is measured in it, and the column o
     "mini_cone": {"mini_cone_m": "spread_m"},
     "v_funnel": {"v_funnel_s": "flow_time_s"},
 }
+ROUNDING = 1e-6  # of a logarithm, by which a mix may lie outside of a table
 FEWEST = 6  # cases with a T500 from which on it is known
 NODES = 121, 61, 31  # of the grid on which a fit looks first: one number for each constant
 
@@ -59,9 +60,10 @@ class Emulator:
     The mix is given by two or three ``constants``. By similarity the measurements depend on the ratios of these to the
     density alone (``scale``). Over the logarithms of the first two ratios lies a thin-plate spline through the cases;
     there is one for each value of the third, and between these values the measurements are linear in its logarithm.
-    T500 is nan where the spread stays below 500 mm. ``scatter`` is the root mean square by which the splines miss a
-    case that they were made without and, added in squares, cases that are no nodes: those with the role 'check', and
-    those of a finer spacing than the first; of lengths [m], of times the logarithm.
+    T500 is nan where the spread stays below 500 mm. ``scatter`` is the root mean square over the table by which the
+    splines miss a case that they were made without and, added in squares, cases that are no nodes: those with the role
+    'check', and those of a finer spacing than the first; of lengths [m], of times the logarithm. ``scatter_at`` is that
+    of one mix.
     """
 
     def __init__(self, rows: list[dict], constants: tuple[str, ...] = BINGHAM):
@@ -87,13 +89,13 @@ class Emulator:
         self.low, self.high = self.points.min(0), self.points.max(0)
         self.axes = [np.linspace(*ends) for ends in zip(self.low, self.high, NODES, strict=False)]
         third = self.points[:, 2] if len(constants) == 3 else np.zeros(len(nodes))
-        self.thirds, self.planes, self.scatter = np.unique(third), [], {}
+        self.thirds, self.planes, self.scatter, self.of_cases = np.unique(third), [], {}, {}
         for value in self.thirds:
             plane = [row for row, at in zip(nodes, third, strict=True) if at == value]
             self.planes.append(self.splines(plane))
         for name, each in self.missed(checks).items():
-            of_planes = np.mean([scatter**2 for _, scatter in (plane[name] for plane in self.planes)])
-            self.scatter[name] = float(np.sqrt(of_planes + (np.nanmean(each**2) if len(each) else 0.0)))
+            self.of_cases[name] = np.mean([np.mean(plane[name][2] ** 2) for plane in self.planes])
+            self.scatter[name] = float(np.sqrt(self.of_cases[name] + (np.nanmean(each**2) if len(each) else 0.0)))
 
     def place(self, rows) -> np.ndarray:
         """Logarithms of the constants over their scales, (n, constants)."""
@@ -111,8 +113,8 @@ class Emulator:
         return np.log(values) if is_time(name) else values
 
     def splines(self, rows) -> dict:
-        """Of each measurement a bicubic through a thin plate on a fine grid, the same within 1e-5 and much cheaper; and
-        the root mean square by which the plate misses a case that it was made without."""
+        """Of each measurement a bicubic through a thin plate on a fine grid, the same within 1e-5 and much cheaper; the
+        first coordinate of its cases, and by how much the plate misses each of them where it was made without it."""
         from scipy.interpolate import RBFInterpolator, RectBivariateSpline
 
         found, every = {}, self.place(rows)[:, :2]
@@ -125,7 +127,7 @@ class Emulator:
                 hat = RBFInterpolator(points, np.eye(len(points)), smoothing=SMOOTHING)(points)
                 missed = (values - hat @ values) / (1.0 - np.diag(hat))
                 spline = RectBivariateSpline(*self.axes[:2], plate(grid).reshape(NODES[:2]))
-                found[name] = spline, float(np.sqrt(np.mean(missed**2)))
+                found[name] = spline, points[:, 0], missed
             else:
                 few = f"table: column {column} holds fewer than {FEWEST} numbers; must hold that many"
                 require(name == "t500_s", few)
@@ -139,20 +141,51 @@ class Emulator:
             for name in self.planes[0]
         }
 
-    def at(self, first, second, third=0.0, grid=False) -> dict[str, np.ndarray]:
+    def at(self, *point, grid=False) -> dict[str, np.ndarray]:
         """The measurements at logarithms of the constants over their scales, (n,) each; with ``grid`` at all
-        combinations of ascending sequences."""
+        combinations of ascending sequences. SceneError for a mix outside of the table."""
+        covered(self.constants, (self.low, self.high), point, self.usual["density"])
         found = dict.fromkeys(self.planes[0], 0.0)
-        for plane, one in zip(self.planes, np.eye(len(self.planes)), strict=True):
-            weight = np.interp(third, self.thirds, one)
-            if weight.any():
-                for name, (spline, _) in plane.items():
-                    value = spline(first, second, grid=grid)
-                    found[name] = found[name] + weight * (value[..., None] if grid and np.ndim(third) else value)
+        for plane, weight in self.weighted(*point[2:]):
+            for name, (spline, *_) in plane.items():
+                value = spline(*point[:2], grid=grid)
+                found[name] = found[name] + weight * (value[..., None] if grid and np.ndim(weight) else value)
         found = {name: np.exp(value) if is_time(name) else value for name, value in found.items()}
         if "t500_s" in self.columns:
             found["t500_s"] = np.where(found["spread_m"] >= REACHED, found.get("t500_s", np.nan), np.nan)
         return found
+
+    def weighted(self, third=0.0):
+        """The planes that count at values of the third constant, and their weights."""
+        for plane, one in zip(self.planes, np.eye(len(self.planes)), strict=True):
+            weight = np.interp(third, self.thirds, one)
+            if weight.any():
+                yield plane, weight
+
+    def scatter_at(self, *point) -> dict[str, float]:
+        """The scatter for one mix, as of ``at``: the mean square over the cases of its yield stress, between two of
+        them linear, in the ratio of that over the table to ``scatter``."""
+        squares = dict.fromkeys(self.scatter, 0.0)
+        for plane, weight in self.weighted(*point[2:]):
+            for name, (_, first, missed) in plane.items():
+                known, case = np.unique(first, return_inverse=True)
+                of_rows = np.bincount(case, missed**2) / np.bincount(case)
+                squares[name] += float(weight * np.interp(point[0], known, of_rows))
+        return {name: self.scatter[name] * (square / self.of_cases[name]) ** 0.5 for name, square in squares.items()}
+
+
+def covered(constants, ends, point, density) -> None:
+    """SceneError for a mix outside of a table, whose ``ends``, least and greatest, and the mix are logarithms of the
+    constants over their scales."""
+    for name, low, high, at in zip(constants, *ends, point, strict=False):
+        outside = np.extract((np.asarray(at) < low - ROUNDING) | (at > high + ROUNDING), at)
+        if outside.size:
+            value, low, high = (scale(name, density) * np.exp(each) for each in (outside[0], low, high))
+            unit = WORDS[name][1]
+            raise SceneError(
+                f"{name} = {value:g} {unit}: must be {short(low)} to {short(high)} {unit}, what the table covers at "
+                f"{density:g} kg/m3"
+            )
 
 
 def spacing(row) -> float:

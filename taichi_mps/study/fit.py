@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..units import require
-from .calibration import BINGHAM, Calibration, Constant, FrictionalMix, is_time
+from .calibration import BINGHAM, Calibration, Constant, FrictionalMix, is_time, over
 from .emulator import NODES, Emulator, scale
 
 RISE = 3.841  # of chi squared, one degree of freedom, 95 %
@@ -30,10 +30,15 @@ class LeastSquares:
         require(np.all(self.low < self.high), apart)
         self.axes = [np.linspace(*ends) for ends in zip(self.low, self.high, NODES, strict=False)]
         self.scales = np.array([float(scale(name, density)) for name in self.constants])
-        self.errors = {}
-        for name, (value, error) in measured.items():
-            scatter = next((each.scatter[name] for each in emulators if name in each.scatter), 0.0)
-            self.errors[name] = float(np.hypot(error, scatter * (value if is_time(name) else 1.0)))
+        self.weigh([each.scatter for each in emulators])
+
+    def weigh(self, scatters: list[dict]) -> None:
+        """Set the standard errors, with these scatters of the emulators."""
+        scatter = {name: value for each in scatters for name, value in each.items()}
+        self.errors = {
+            name: float(np.hypot(error, scatter.get(name, 0.0) * (value if is_time(name) else 1.0)))
+            for name, (value, error) in self.measured.items()
+        }
 
     def model(self, *point, grid=False) -> dict[str, np.ndarray]:
         """The corrected measurements at logarithms of the constants over their scales."""
@@ -47,7 +52,9 @@ class LeastSquares:
     def residuals(self, *point, grid=False) -> np.ndarray:
         """Of the model over the errors, a row a measurement; nan where a mix has none, as of T500."""
         model = self.model(*point, grid=grid)
-        return np.array([(model[name] - value) / self.errors[name] for name, (value, _) in self.measured.items()])
+        return np.array(
+            [over(name, model[name], value) / self.errors[name] for name, (value, _) in self.measured.items()]
+        )
 
     def misfit(self, axes) -> np.ndarray:
         """Chi squared at all combinations of the axes, one for each constant."""
@@ -103,12 +110,14 @@ def fit(
     squares, known = LeastSquares(emulators, measured, density, correction or {}), known or {}
     names, scales = squares.constants, squares.scales
     axes = [
-        np.log([known[name] / each]) if name in known else axis
+        np.clip(np.log([known[name] / each]), *axis[[0, -1]]) if name in known else axis
         for name, each, axis in zip(names, scales, squares.axes, strict=True)
     ]
     chi2 = squares.misfit(axes)
     require(np.isfinite(chi2).any(), "t500: no mix of the table spreads to 500 mm")
-    axes, chi2 = zoomed(squares, axes, chi2)
+    near = [axis[k] for axis, k in zip(axes, np.unravel_index(chi2.argmin(), chi2.shape), strict=True)]
+    squares.weigh([each.scatter_at(*near) for each in emulators])
+    axes, chi2 = zoomed(squares, axes, squares.misfit(axes))
     free = [k for k, axis in enumerate(axes) if len(axis) > 1]
     point, least = polished(squares, axes, chi2, free)
     paired = names == BINGHAM and len(free) == 2

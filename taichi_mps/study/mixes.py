@@ -1,7 +1,7 @@
 """A laboratory's list of measured mixes: one calibration each, a table of the results, and a page that opens from the
 disk without a network."""
 
-import csv
+import re
 from collections import Counter
 from concurrent.futures import BrokenExecutor
 from contextlib import nullcontext, suppress
@@ -14,14 +14,15 @@ from .. import __version__
 from ..io.run_folder import strict
 from ..report.page import publish
 from ..report.words import safe, table
-from ..units import SceneError, ordinary, require, suggestion
+from ..spelling import in_unit
+from ..units import SceneError, require
 from ..viz.plots import COLOURS
-from . import results
+from . import lists, results
 from .calibrate import CONE, TESTS, Measurements, calibrate
-from .calibration import BINGHAM, NAMES, WORDS, Calibration, apart, is_time, short
+from .calibration import BINGHAM, FRICTIONAL, NAMES, WORDS, Calibration, is_time, short
+from .columns import heading, hint
 from .sweep import executor_of
 
-MOST_ROWS = 100_000  # some two hours
 EXPLAINED, BOUNDED, WITH_FRICTION = "explained", "bounded", "explained with internal friction"
 TWO_ANSWERS, FAR, REFUSED = "two answers", "not explained", "refused"
 MEANING = {  # of a verdict
@@ -34,6 +35,10 @@ MEANING = {  # of a verdict
     FAR: "no mix comes so near, or the yield stress is not bounded",
     REFUSED: "the measurement cannot be used, for the reason given",
 }
+OURS = re.compile(  # the columns that a table of results adds
+    rf"(verdict|reason|({'|'.join(FRICTIONAL)})_(found|lower|upper|from|by_.+)|({'|'.join(NAMES)})_(model|missed))"
+    r"( \(given\))*"
+)
 FOUND = ["yield stress", "by", "plastic viscosity", "by", "friction angle", "comes out as", "reason"]  # of the page
 LAYOUT = {
     "margin": {"t": 10},
@@ -51,44 +56,48 @@ ABOUT = (
 # ---- the list --------------------------------------------------------------------------------------------------
 def read_list(path) -> list[dict[str, str]]:
     """The rows of a list as text: a CSV file whose columns are measurements, `slump [cm]` or `slump` in SI units, and
-    any others, which are kept. SceneError for what is no such list."""
-    try:
-        text = ordinary(f"table = {path}", path, 1e8).read_text(encoding="utf-8-sig")
-    except (OSError, ValueError) as error:
-        raise SceneError(f"table = {path}: cannot be read ({getattr(error, 'strerror', None) or error})") from None
-    lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
-    require(len(lines) <= MOST_ROWS, f"table = {path}: has {len(lines)} lines; must have at most {MOST_ROWS}")
-    rows = list(csv.DictReader(lines, strict=True))
-    columns = [heading(name)[0] for name in (rows[0] if rows else {}) if name]
-    if not set(TESTS.values()) & set(columns):
-        near = next((hint for name in columns if (hint := suggestion(name, Measurements.model_fields))), "")
-        raise SceneError(
-            f"table = {path}: has no column {', '.join(TESTS.values())}{near}; must be a CSV file with a line for each "
-            "mix, and the unit in the column's name: slump [cm]"
-        )
-    return rows
+    any others, which are kept; one with a name of the results is kept as `... (given)`. SceneError for what is no such
+    list."""
+    rows, fields = lists.read(path), {}
+    for column in (name for name in rows[0] if name):
+        try:
+            field, _ = heading(column)
+        except SceneError as error:
+            raise SceneError(f"table = {path}: {error}") from None
+        both = f"table = {path}: '{fields.get(field)}' and '{column}' are both {field}; must be one column"
+        require(field is None or field not in fields, both)
+        fields[field] = column
+    require(
+        fields.keys() & set(TESTS.values()),
+        f"table = {path}: has no column {', '.join(TESTS.values())}; must be a CSV file with a line for each mix "
+        f"and the unit in the column's name: slump [cm]; {unused(rows)}",
+    )
+    return [
+        {f"{name} (given)" if OURS.fullmatch(name or "") else name: cell for name, cell in row.items()} for row in rows
+    ]
 
 
-def heading(column) -> tuple[str, str]:
-    """Name and unit of a column, of ``Mini-cone [cm]`` mini_cone and cm."""
-    name, _, unit = str(column or "").partition("[")
-    return name.strip().lower().replace("-", "_").replace(" ", "_"), unit.strip().rstrip("]")
+def unused(rows: list[dict[str, str]]) -> str:
+    """The columns of a list that are no measurements, in words; empty where all are."""
+    others = [name for name in rows[0] if name and not heading(name)[0]]
+    words = ", ".join(f"'{name}'" if OURS.fullmatch(name) else hint(name) for name in others)
+    return f"not used, but kept: {words}" if others else ""
 
 
 def measurements_of(row: dict[str, str]) -> dict[str, str]:
-    """Those of a row, with the units of their columns."""
+    """Those of a row, with the units of their columns, or their own."""
     found = {}
     for column, value in row.items():
-        name, unit = heading(column)
-        if name in Measurements.model_fields and value and value.strip():
-            found[name] = f"{value.strip()} {unit}".strip()
+        field, unit = heading(column)
+        if field and value and value.strip():
+            found[field] = f"{value.strip()} {unit if value.strip()[-1].isdigit() else ''}".strip()
     return found
 
 
 def stands(measured: dict[str, str]) -> bool:
-    """Is the slump of a row of a list zero, with its unit or without?"""
+    """Is the slump of a row of a list zero?"""
     with suppress(ValueError):
-        return float(measured.get("slump", "").partition(" ")[0]) == 0.0
+        return float(in_unit("m", measured.get("slump", ""))) == 0.0
     return False
 
 
@@ -102,8 +111,11 @@ def without_slump(measured: dict[str, str]) -> dict[str, str]:
 # ---- the results -----------------------------------------------------------------------------------------------
 def one(row: dict[str, str], study=None) -> dict:
     """A row with what was found of it; verdict and reason in words."""
-    measured = measurements_of(row)
+    row, measured = dict(row), {}
     try:
+        require(lists.WRONG not in row, row.pop(lists.WRONG, ""))
+        measured = measurements_of(row)
+        require(measured.keys() & set(TESTS.values()), f"has no measurement, none of {', '.join(TESTS.values())}")
         found = calibrate(**(without_slump(measured) if stands(measured) else measured), study=study, check=False)
     except (SceneError, ValueError) as error:
         return {**row, "verdict": REFUSED, "reason": " ".join(str(error).split())}
@@ -135,15 +147,14 @@ def judged(found: Calibration) -> dict[str, str]:
     """How a mix came out, and why no single Bingham mix explains it; no reason where one does."""
     friction = found.friction
     tried = f"; {friction.told()}" if friction else ""
-    if found.near and found.yield_value.bounded and not found.contradictory:
+    if found.fits and found.near and found.yield_value.bounded:
         verdict, reason = EXPLAINED if found.yield_value.determined else BOUNDED, ""
     elif found.explained_by_friction:
         verdict, reason = WITH_FRICTION, f"no Bingham mix does {friction.every}{tried}: {friction.command}"
     elif any(len(said) > 1 for said in found.alone.values()):
         verdict, reason = TWO_ANSWERS, found.contradiction() + tried
     else:
-        far = [f"{NAMES[name]} {apart(name, by)}" for name, by in found.missed.items()]
-        verdict, reason = FAR, f"the nearest mix misses: {', '.join(far)}{tried}"
+        verdict, reason = FAR, found.nearest() + tried
     return {"verdict": verdict, "reason": reason}
 
 

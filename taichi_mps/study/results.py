@@ -12,7 +12,9 @@ from pathlib import Path
 
 from ..io.lock import held
 from ..problem.labels import is_measure
-from ..units import SceneError, ordinary, require
+from ..spelling import in_unit
+from ..units import SceneError, require
+from . import lists
 
 LOCK = "study.lock"
 JOURNAL = "journal.jsonl"
@@ -73,33 +75,38 @@ def opened(folder):
 
 
 def write(rows: list[dict], path) -> None:
-    """A table of rows as CSV, one column for each name in any of them."""
+    """A table of rows as CSV, one column for each name in any of them. Text that a spreadsheet would take for a formula
+    begins with an apostrophe."""
     columns = list(dict.fromkeys(name for row in rows for name in row if name))
     with open(path, "w", newline="", encoding="utf-8") as file:
-        lines = csv.DictWriter(file, columns, restval="", extrasaction="ignore")
-        lines.writeheader()
-        lines.writerows(rows)
+        lines = csv.writer(file)
+        lines.writerow(map(harmless, columns))
+        lines.writerows([harmless(row.get(name, "")) for name in columns] for row in rows)
+
+
+def harmless(value):
+    """A cell as it is; a text that is no number and begins as a formula with an apostrophe before it."""
+    formula = isinstance(value, str) and value.lstrip()[:1] in set("=+-@") and isinstance(number(value), str)
+    return f"'{value}" if formula else value
 
 
 def read(path) -> list[dict]:
-    """The rows of a results.csv or of a study's folder; lines that begin with # are remarks. Numbers as float, nothing
-    as None."""
+    """The rows of a results.csv or of a study's folder. Numbers as float, nothing as None."""
     path = Path(path)
     path = path / TABLE if path.is_dir() else path
-    path = ordinary(f"table = {path}", path, 1e8)
-    with open(path, newline="", encoding="utf-8", errors="replace") as file:
-        lines = csv.DictReader(line for line in file if not line.startswith("#"))
-        none = f"table = {path}: has no column status; must be a study's folder or its results.csv"
-        require("status" in (lines.fieldnames or ()), none)
-        return [{name: number(row[name] or "") for name in lines.fieldnames} for row in lines]
+    rows = lists.read(path)
+    wrong = next((row[lists.WRONG] for row in rows if lists.WRONG in row), None)
+    require(not wrong, f"table = {path}: {wrong}")
+    none = f"table = {path}: has no column status; must be a study's folder or its results.csv"
+    require("status" in rows[0], none)
+    return [{name: number(cell) for name, cell in row.items()} for row in rows]
 
 
 def number(text: str):
-    """A cell as float where it is one, None where it is empty."""
-    try:
-        return float(text)
-    except ValueError:
-        return text or None
+    """A cell as float where it is one, also with a decimal comma; None where it is empty."""
+    with suppress(ValueError):
+        return float(in_unit("", text))
+    return text or None
 
 
 def spelled(value) -> str:

@@ -91,6 +91,59 @@ def test_the_intervals_hold_the_known_constants_as_often_as_they_say(table):
     assert np.all(np.abs(often - 0.95) < 0.03), often  # 0.03: 2.4 standard errors of 300 draws
 
 
+def test_the_scatter_is_that_of_the_cases_of_a_like_yield_stress():
+    """Noise of 8 mm at 20 Pa that halves with each yield stress is told there, and the mean square of all is kept."""
+    random, rows = np.random.default_rng(0), table_of(16, 9)
+    yields = sorted({row["yield_value"] for row in rows})
+    noise = {tau: 0.008 * 0.5**k for k, tau in enumerate(yields)}
+    for row in rows:
+        row["spread_m"] += noise[row["yield_value"]] * random.choice([-1.0, 1.0])
+    emulator = Emulator(rows)
+    points = np.log(np.array([(tau, 50.0) for tau in yields]) / DENSITY)
+    found = np.array([emulator.scatter_at(*point)["spread_m"] for point in points])
+    assert np.sqrt(np.mean(found**2)) == pytest.approx(emulator.scatter["spread_m"], rel=1e-9)
+    assert 0.7 < found[0] / noise[yields[0]] < 2.0 and found[0] > 4.0 * found[4] > 8.0 * found[8]
+    between = emulator.scatter_at(*points[:2].mean(0))["spread_m"]
+    assert between == pytest.approx(np.sqrt(np.mean(found[:2] ** 2)), rel=1e-9)
+
+
+def test_soft_mixes_scatter_more_in_the_table_of_the_package():
+    """The errors of a fit are those at its mix: a slump flow of 30 Pa is 621 to 543 mm along the viscosity, up and
+    down, one of 300 Pa within 2 mm of a smooth curve."""
+    soft, stiff = (calibrate(spread=flow, plastic_viscosity=50.0, check=False) for flow in (0.585, 0.35))
+    of_table = [math.sqrt(mix.errors["spread_m"] ** 2 - 0.01**2) for mix in (soft, stiff)]
+    assert of_table[0] > 0.005 and of_table[1] < 0.002
+    assert f"{100.0 * of_table[0]:.2f}; determines" in str(soft)
+
+
+@pytest.mark.parametrize("test", ["slump", "mini_cone", "v_funnel", FRICTION])
+def test_no_mix_beyond_a_table_is_looked_up(test):
+    """At the ends of the table themselves it is; without a word it was that of the end."""
+    emulator = emulator_of(test=test)
+    for point in (emulator.low, emulator.high):
+        assert all(np.isfinite(value) or name == "t500_s" for name, value in emulator.at(*point).items())
+    for k, name in enumerate(emulator.constants):
+        for point, by in ((emulator.low, -0.01), (emulator.high, 0.01)):
+            outside = [point + by * (np.arange(len(point)) == k)]
+            with pytest.raises(mps.SceneError, match=f"^{name} = .*: must be .* to .*, what the table covers at "):
+                emulator.at(*np.array(outside).T)
+    axes = [np.linspace(low, high, 3) for low, high in zip(emulator.low, emulator.high, strict=True)]
+    with pytest.raises(mps.SceneError, match="plastic_viscosity = "):
+        emulator.at(*axes[:-1], axes[-1] + 0.1, grid=True)
+
+
+@pytest.mark.parametrize(
+    "told", [{"slump": 0.299}, {"slump": 0.29, "plastic_viscosity": 50.0}, {"spread": 0.8}, {"mini_cone": 0.2}]
+)
+def test_one_measurement_alone_contradicts_nothing(told):
+    """It is beyond the table, and how far is said."""
+    found = calibrate(**told, check=False)
+    name = f"{next(iter(told))}_m"
+    assert not found.fits and not found.contradictory and "contradict" not in str(found)
+    assert str(found).startswith("no mix of the table fits; the nearest mix misses: ")
+    assert f"{1e3 * found.missed[name]:+.0f} mm" in str(found).splitlines()[0] and found.missed[name] < -0.01
+
+
 def test_a_mix_beyond_the_table_is_said_to_be_so(table):
     """2000 Pa are its end. 4000 Pa slump less than anything in it, and least of that where the viscosity is high, which
     says nothing of the viscosity."""

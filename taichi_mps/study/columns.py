@@ -1,0 +1,85 @@
+"""The columns of a laboratory's list: which quantity of Measurements they hold, by the names that people write, and in
+which unit."""
+
+import re
+import unicodedata
+from functools import lru_cache
+
+from ..spelling import in_unit
+from ..units import SceneError, suggestion, unit_of
+from .calibrate import TESTS, Measurements
+
+# by field of Measurements, beside its own name: of EN 12350, JIS A 1101, 1150 and 1116, and common ones; letters alone
+NAMES = {
+    "slump": "setzmass affaissement zetmaat スランプ",
+    "spread": "slumpflow sf slumpflowsf slumpspread setzfliessmass étalement vloeimaat スランプフロー",
+    "t500": "t50 t50cm t500mm t500time slumpflowtime slumpflowtimet500 t500zeit 50cmフロー到達時間 500mmフロー到達時間 "
+    "フロー到達時間 スランプフロー到達時間",
+    "mini_cone": "minislumpflow minislumpspread miniconespread miniconeflow ミニスランプフロー",
+    "v_funnel": "tv vfunneltime vfunnelflowtime trichterauslaufzeit vtrichter v漏斗 v漏斗流下時間 vロート "
+    "vロート流下時間",
+    "yield_value": "yieldstress fliessgrenze 降伏値 降伏応力",
+    "plastic_viscosity": "plastischeviskosität 塑性粘度",
+    "rho": "density ρ unitweight rohdichte frischbetonrohdichte massevolumique volumiekemassa 密度 単位容積質量",
+}
+OTHER_TESTS = {  # names that are read as none of these, and of what they are
+    "ausbreitmass": "of the flow table (EN 12350-5), no slump flow",
+    "flowtable": "of the flow table (EN 12350-5), no slump flow",
+}
+BESIDE = {"value", "mean", "average", "avg", "measured", "test", "the", "of", "fresh", "concrete", "wert", "mittelwert"}
+BESIDE |= {"diameter", "平均"}  # words beside a name that change nothing
+STANDARD = re.compile(r"(?i)(en|din|jis|jsce|astm|iso|bs|nf)\b.*")  # in brackets, where a unit may stand, too
+UNITS = r"mm|cm|dm|m|in|inch|inches|ft|s|sec|min|kg/m\^?3|t/m\^?3|g/cm\^?3|kg/l|lb/ft\^?3|k?Pa|Pa[ .·*]?s"  # without
+OF_OTHERS = {"秒": "s", "sek": "s", "sek.": "s"}
+
+
+def key_of(text: str) -> str:
+    """A name without what people write in several ways: its letters and digits alone, in small ones."""
+    words = re.findall(r"[^\W_]+", unicodedata.normalize("NFKC", text).casefold())
+    return "".join(word for word in words if word not in BESIDE).removesuffix("値")
+
+
+FIELDS = {key_of(name): name for name in Measurements.model_fields}
+FIELDS |= {key_of(word): field for field, words in NAMES.items() for word in words.split()}
+FIELDS |= {f"{key}error": f"{field}_error" for key, field in FIELDS.items() if field in TESTS.values()}
+
+
+def is_name(text: str) -> bool:
+    """Whether a text in brackets is a name of ours or a word beside one, and no unit."""
+    return bool(re.search(r"\w", text)) and key_of(text) in ("", *FIELDS)
+
+
+@lru_cache(maxsize=256)
+def heading(column: str) -> tuple[str | None, str]:
+    """What a column holds, a field of Measurements, None for another; and its unit, empty where it names none.
+    SceneError for a unit of another kind."""
+    text = unicodedata.normalize("NFKC", column)
+    bare = re.sub(r"[\[(][^\])]*[\])]", " ", text).strip()
+    found = FIELDS.get(key_of(bare))
+    units = [unit.strip() for unit in re.findall(r"[\[(]([^\])]*)[\])]", text)]
+    units = [unit for unit in units if unit and not STANDARD.fullmatch(unit) and not is_name(unit)]
+    tail = re.fullmatch(rf"(.+?)(?:[\s,/_]|\s+in\s+)\s*({UNITS}|{'|'.join(map(re.escape, OF_OTHERS))})", bare, re.I)
+    if not found and tail:
+        found, units = FIELDS.get(key_of(tail[1])), [tail[2]]
+    if not found:
+        return None, ""
+    ours = unit_of(Measurements.model_fields[found])
+    if not units:
+        return found, ""
+    for unit in (OF_OTHERS.get(units[-1].lower(), units[-1]), units[-1].lower()):
+        try:
+            in_unit(ours, f"1 {unit}")
+            return found, unit
+        except ValueError:
+            continue
+    if key_of(bare) == "sf":  # silica fume
+        return None, ""
+    raise SceneError(f"column '{column}': its unit must be {ours} or one of that kind")
+
+
+def hint(column: str) -> str:
+    """A column that is none of ours, and what may have been meant or what it is."""
+    key = key_of(re.sub(r"[\[(].*", "", column))
+    near = suggestion(key, FIELDS.keys() - {key}).removeprefix(", ")
+    why = next((why for name, why in OTHER_TESTS.items() if key.startswith(name)), near)
+    return f"'{column}'" + f" ({why})" * bool(why)
