@@ -13,10 +13,10 @@ MOST_ROWS = 100_000  # some two hours of calibrations
 WRONG = None  # key of a row under which stands why its cells are none of the head's
 
 
-def read(path) -> list[dict[str, str]]:
+def read(path) -> tuple[list[dict[str, str]], bool]:
     """The rows of a CSV file as text by the names of its head, without those that hold nothing: commas, semicolons or
-    tabs between the cells, remarks (#) before the head. A row with more or fewer cells than the head says so under
-    WRONG. SceneError, with the line, for what is no such file."""
+    tabs between the cells, remarks (#) before the head; and whether a comma in them can only be a decimal one. A row
+    with more or fewer cells than the head says so under WRONG. SceneError, with the line, for what is no such file."""
     where = f"table = {path}: "
     try:
         text = decoded(ordinary(where[:-2], path, 1e8).read_bytes())
@@ -26,8 +26,8 @@ def read(path) -> list[dict[str, str]]:
         raise SceneError(f"{where}is no text in UTF-8, UTF-16, Shift-JIS or Windows-1252; must be a CSV file") from None
     lines = list(io.StringIO(text, newline=""))
     require(len(lines) <= MOST_ROWS, f"{where}has {len(lines)} lines; must have at most {MOST_ROWS}")
-    wrong = next((number for number, line in enumerate(lines, 1) if "\0" in line), None)
-    require(not wrong, f"{where}line {wrong} holds a NUL character; must be a CSV file, which is text")
+    line = text.count("\n", 0, text.find("\0")) + 1
+    require("\0" not in text, f"{where}line {line} holds a NUL character; must be a CSV file, which is text")
     skipped = next(
         (k for k, line in enumerate(lines) if line.strip(' ,;"\t\r\n') and not REMARK.match(line)), len(lines)
     )
@@ -53,19 +53,14 @@ def read(path) -> list[dict[str, str]]:
     names = [name or f"column {k}" for k, name in enumerate(head, 1)]
     twice = next((name for k, name in enumerate(names) if filled[k] and name in names[:k]), None)
     require(twice is None, f"{where}column '{twice}' stands there twice; must be once")
-    return [
-        {name: cell for name, cell, keep in zip(names, [*row, *[""] * len(head)], filled, strict=False) if keep}
-        | mismatch(number, row, head, delimiter)
-        for number, row in rows
-    ]
-
-
-def mismatch(number: int, row: list[str], head: list[str], delimiter: str) -> dict:
-    """What stands under WRONG of a row of a line."""
-    if len(row) == len(head):
-        return {}
-    text = f"line {number} has {len(row)} cells, the head has {len(head)}: {delimiter.join(row)}"
-    return {WRONG: text + "; a number with a decimal comma must be in quotes" * (delimiter == "," and len(row) > len(head))}
+    table, width = [], len(head)
+    for line, row in rows:
+        table.append({names[k]: cell for k, cell in enumerate([*row, *[""] * width][:width]) if filled[k]})
+        if len(row) != width:
+            table[-1][WRONG] = f"line {line} has {len(row)} cells, the head has {width}: {delimiter.join(row)}" + (
+                "; a number with a decimal comma must be in quotes" * (delimiter == "," and len(row) > width)
+            )
+    return table, delimiter == ";"
 
 
 def decoded(data: bytes) -> str:

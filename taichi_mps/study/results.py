@@ -12,7 +12,6 @@ from pathlib import Path
 
 from ..io.lock import held
 from ..problem.labels import is_measure
-from ..spelling import in_unit
 from ..units import SceneError, require
 from . import lists
 
@@ -94,7 +93,7 @@ def read(path) -> list[dict]:
     """The rows of a results.csv or of a study's folder. Numbers as float, nothing as None."""
     path = Path(path)
     path = path / TABLE if path.is_dir() else path
-    rows = lists.read(path)
+    rows, _ = lists.read(path)
     wrong = next((row[lists.WRONG] for row in rows if lists.WRONG in row), None)
     require(not wrong, f"table = {path}: {wrong}")
     none = f"table = {path}: has no column status; must be a study's folder or its results.csv"
@@ -105,7 +104,7 @@ def read(path) -> list[dict]:
 def number(text: str):
     """A cell as float where it is one, also with a decimal comma; None where it is empty."""
     with suppress(ValueError):
-        return float(in_unit("", text))
+        return float(text.replace(",", "."))
     return text or None
 
 

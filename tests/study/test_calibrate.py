@@ -153,6 +153,17 @@ def test_a_mix_beyond_the_table_is_said_to_be_so(table):
     assert not known.at_the_edge and "edge" not in str(known)
 
 
+def test_a_table_that_a_spreadsheet_saved_is_the_same(tmp_path):
+    """With semicolons and decimal commas; one cell too many is named by its line."""
+    text, path = (HERE / "v_funnel.csv").read_text(), tmp_path / "results.csv"
+    head = text.index("status")
+    path.write_text("\ufeff" + text[:head] + text[head:].replace(",", ";").replace(".", ","), encoding="utf-8")
+    assert read(path) == read(HERE / "v_funnel.csv")
+    path.write_text(text + "done,1,2\n")
+    with pytest.raises(mps.SceneError, match=f"line {text.count(chr(10)) + 1} has 3 cells, the head has 10: done,1,2"):
+        read(path)
+
+
 def test_rows_of_a_table_without_numbers_do_not_count():
     rows = table_of(3, 3)
     bad = [rows[0] | {"yield_value": value} for value in (None, "stiff", -1.0)]

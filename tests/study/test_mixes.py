@@ -201,7 +201,7 @@ ROWS = [(0.185, 0.321), (0.21, 0.344)]  # slump and slump flow [m] of the lists 
     [
         "mix,slump [cm],spread [cm]\nA,18.5,32.1\nB,21,34.4\n",
         'mix,slump [cm],spread [cm]\nA,"18,5","32,1"\nB,21,"34,4"\n',
-        "\ufeffmix;slump [cm];spread [cm]\nA;18,5;32,1\n\n;;\nB;21,0;34,4\n",
+        "\ufeffmix;slump [cm];spread [cm]\nA;18,5;32,1\n\n;;\nB;21,000;34,400\n",
         "mix\tslump [cm], mean\tspread [cm]\r\nA\t18,5\t32,1\r\nB\t21\t34,4\r\n".encode("utf-16"),
         "mix;Setzmaß [cm];Setzfließmaß [cm]\nfür Röhre;18,5;32,1\nB – neu;21;34,4\n".encode("cp1252"),
         "配合;スランプ（cm）;スランプフロー（cm）\r\n普通;18.5;32.1\r\nB;21;34.4\r\n".encode("cp932"),

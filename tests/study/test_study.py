@@ -152,7 +152,7 @@ def test_dask_two_workers_one_killed(tmp_path, notes):
 def test_one_study_at_a_time_and_no_foreign_folder(tmp_path):
     with opened(tmp_path / "s"), pytest.raises(SceneError, match="another study"), opened(tmp_path / "s"):
         pass
-    (tmp_path / "other.txt").write_text("mine")
+    (tmp_path / "other.txt").write_text("mine\nyours")
     with pytest.raises(SceneError, match="holds other files"), opened(tmp_path):
         pass
     for line in ("nonsense", '{"key": "b"}', '{"status": "done"}'):
