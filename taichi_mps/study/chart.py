@@ -40,7 +40,9 @@ def slump_chart(out, study=None) -> Path:
     emulator = emulator_of(study)
     figure, (left, right) = _figure(13.0, 6.6, columns=2)
     yields = np.exp(np.linspace(emulator.low[0], emulator.high[0], 200)) * DENSITY
-    for eta, colour in zip(VISCOSITIES, COLOURS, strict=False):
+    low, middle, high = DENSITY * np.exp([emulator.low[1], emulator.axes[1].mean(), emulator.high[1]])
+    shown = [eta for eta in VISCOSITIES if low <= eta <= high] or [float(f"{middle:.2g}")]
+    for eta, colour in zip(shown, COLOURS, strict=False):
         found = emulator.at(np.log(yields / DENSITY), np.full(len(yields), np.log(eta / DENSITY)))
         for axes, name in ((left, "slump_m"), (right, "spread_m")):
             axes.semilogx(yields, 100.0 * found[name], color=colour, lw=2.4, label=f"this engine, {eta:g} Pa s")
