@@ -62,7 +62,7 @@ def scene(
     mirrors = [mps.Plane((0.0,) * d, tuple(np.eye(d)[axis]), mirror=True) for axis in halves]
     walls = (mps.Plane((0.0,) * d, tuple(up), slip=floor == "smooth", name="floor"), *mirrors)
     # rho g H = threshold (tau_y + structuration t), with H = rise t
-    grown = THRESHOLD[model] * getattr(material, "structuration", 0.0) / rise
+    grown = THRESHOLD[model] * material.growth_at_rest / rise
     spare = material.density * 9.81 - grown
     limit = THRESHOLD[model] * material.yield_value / spare if spare > 0.0 else np.inf
     room = 5.0 * high + width

@@ -27,7 +27,7 @@ TO_REST, WITHOUT = 120.0, 5.0  # time limits [s] of what comes to rest by itself
 def floor_for(cone, material, until):
     """Radius [m] of a floor on which the mix stays until then [s]: half as far again as it flows in 30 sqrt(H/g), 5 s.
     Single particles of thin mixes roll twice as far as their body."""
-    numbers = material.density, material.yield_value, material.plastic_viscosity
+    numbers = material.density, material.yield_value, material.typical_slope
     time = min(until, 30.0 * (cone.height / 9.81) ** 0.5)
     far = mps.rest_shapes.radius_of_flow(cone.volume, cone.height, *numbers, time=time)
     usual = FLOOR * (cone.base_radius / BASE)

@@ -7,7 +7,16 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, create_model
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationError,
+    create_model,
+    model_validator,
+)
 
 from .spelling import LONGEST, in_unit, without_unit
 
@@ -201,16 +210,31 @@ class Checked(BaseModel):
     def __pydantic_init_subclass__(cls, **kwargs: Any) -> None:
         cls.__pydantic_validator__  # noqa: B018  (build now, so that a wrong declaration fails at import)
 
+    @classmethod
+    def told(cls, values: dict, default) -> "Checked":
+        """The record of these values, and of those of the record ``default``, if it is one."""
+        return cls(**(dict(default) if isinstance(default, Checked) else {}) | values)
 
-def unit_of(field) -> Unit:
-    """Return the unit of a pydantic field, '' where it has none (a choice, a flag)."""
+
+def notes(field) -> list:
+    """What the declaration of a pydantic field says beside its type: bounds, unit."""
     kinds = [option for option in get_args(field.annotation) if get_origin(option) is Annotated]  # of 'Length | None'
     known = [*field.metadata, *(item for kind in kinds for item in get_args(kind)[1:])]
-    return next((item for item in known if isinstance(item, Unit)), Unit(""))
+    return [note for item in known for note in getattr(item, "metadata", [item])]
+
+
+def unit_of(field) -> Unit:
+    """Unit of a pydantic field, '' where it has none (a choice, a flag)."""
+    return next((note for note in notes(field) if isinstance(note, Unit)), Unit(""))
+
+
+NUMBERS: dict[str, str] = {}  # of a mix, {name: its law}, as problem/materials.py declares them
 
 
 def suggestion(key, known) -> str:
-    """Return ', did you mean ...?' or ''."""
+    """', a number of the law ...' of a mix, ', did you mean ...?' or ''."""
+    if law := NUMBERS.get(str(key).lstrip("-").replace("-", "_")):
+        return f", a number of the law {law}; must be left out here"
     close = difflib.get_close_matches(str(key), [str(name) for name in known], n=1)
     return f", did you mean '{close[0]}'?" if close else ""
 
@@ -296,13 +320,23 @@ def checked(function):
         if twice := sorted(fields.keys() & new.keys()):
             raise TypeError(f"{function.__name__}: {twice[0]} is declared twice")
         fields |= new
-    model = create_model(function.__name__, __base__=Checked, **fields)
 
-    def at(parameters):
-        keywords = {name: getattr(parameters, name) for name in taken if name not in records}
+    def complete(parameters):
+        for name, record in records.items():
+            own = {key: getattr(parameters, key) for key in record.model_fields if key in fields}
+            given = {key: value for key, value in own.items() if key in parameters.model_fields_set}
+            made = dict(record.told(given, taken[name].default))
+            vars(parameters).update({key: made.get(key) for key in own})
+        return parameters
+
+    check = {"complete": model_validator(mode="after")(complete)}
+    model = create_model(function.__name__, __base__=Checked, __validators__=check, **fields)
+
+    def at(parameters, **made):
+        keywords = {name: getattr(parameters, name) for name in taken if name not in records} | made
         for name, record in records.items():
             values = {key: getattr(parameters, key) for key in record.model_fields if key in fields}
-            keywords[name] = record(**values)
+            keywords.setdefault(name, record.told(values, taken[name].default))
         return function(**keywords)
 
     @wraps(function)
@@ -320,5 +354,6 @@ def options_of(record: type[Checked], default) -> dict:
     """
     hints = get_type_hints(record, include_extras=True) | getattr(record, "options", {})
     fields = {name: field for name, field in record.model_fields.items() if field.annotation is not type(None)}
-    values = {name: getattr(default, name, field.default) for name, field in fields.items()}
+    usual = dict(default) if isinstance(default, Checked) else {name: field.default for name, field in fields.items()}
+    values = {name: usual.get(name) for name in fields}
     return {name: (hints[name], Field(values[name], description=field.description)) for name, field in fields.items()}

@@ -19,14 +19,17 @@ DEPTH = 2.0  # penalty r = rho/dt times this many spacings: a row or two gain u 
 
 @ti.data_oriented
 class FrictionalSlip:
-    """Friction of one wall by a material.Friction; ``slip`` and ``traction`` are carried by the particles."""
+    """Friction of one wall by a material.Friction; ``slip`` and ``traction`` are carried by the particles.
 
-    def __init__(self, law, slip, traction, spacing: float, plastic_viscosity: float):
+    ``slope`` [Pa s] of the fluid's flow curve, its ``typical_slope``, is that of the layer between particle and wall in
+    ``set_bond``: of Bingham's law the plastic viscosity."""
+
+    def __init__(self, law, slip, traction, spacing: float, slope: float):
         d, capacity = slip.n, slip.shape[0]
         self.yield_value, self.constant = law.yield_value, law.viscous_constant
         self.yields = law.yield_value > 0.0
         self.slip, self.traction = slip, traction  # u_s [m/s]; yield part of the traction [Pa]
-        self.spacing, self.depth, self.eta = spacing, DEPTH * spacing, plastic_viscosity
+        self.spacing, self.depth, self.eta = spacing, DEPTH * spacing, slope
         self.penalty = ti.field(real(), ())  # r [Pa s/m]; 0 without a yield value
         self.stick = ti.field(real(), capacity)  # s [-]
         self.area = ti.field(real(), capacity)  # of the wall that belongs to the particle [m2]

@@ -56,7 +56,7 @@ class Walls:
         capacity: int = 1,
         rings: bool = False,
         particles=None,
-        plastic_viscosity: float = 0.0,
+        slope: float = 0.0,
         weight=mps_weight,
         packing_kernel=PACKING,
     ):
@@ -69,7 +69,7 @@ class Walls:
         rough = [(wall, surface) for wall, surface in zip(walls, self.surfaces, strict=True) if wall.friction]
         for k, (wall, surface) in enumerate(rough):
             carried = particles.carried[f"slip_{k}"], particles.carried.get(f"traction_{k}")
-            surface.friction = FrictionalSlip(wall.friction, *carried, spacing, plastic_viscosity)
+            surface.friction = FrictionalSlip(wall.friction, *carried, spacing, slope)
         self.have_friction = bool(rough)
         for k, surface in enumerate(surface for surface in self.surfaces if surface.unilateral and particles):
             surface.releases, surface.particles = True, particles

@@ -6,7 +6,7 @@ from ..problem import catalogue
 from ..problem.labels import what_it_is
 from ..problem.numerics import NUMERICS, Implicit
 from ..report.inputs import option
-from ..units import SceneError, ordinary, require, suggestion, unit_of
+from ..units import NUMBERS, SceneError, ordinary, require, suggestion, unit_of
 from .options import GROUPS, Run, group_of, is_tuple
 
 SECTIONS = [group.split()[0] for group in GROUPS]
@@ -87,7 +87,8 @@ def words(path: Path) -> list[str]:
             isinstance(value, str | int | float) or is_list(value, known[name][1]),
             f"case = {path}: {name} = {value}: must be a number, a text or true or false",
         )
-        if not isinstance(value, bool) or value != known[name][1].default:  # a switch that is off has no option
+        # a switch that is off has no option, and a number of the mix at its default tells no law
+        if value != known[name][1].default or not (isinstance(value, bool) or name in NUMBERS):
             options.append(option(name, value))
     return [source, *options]
 

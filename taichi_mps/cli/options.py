@@ -16,7 +16,7 @@ from ..problem import catalogue
 from ..problem.labels import what_it_is
 from ..problem.materials import Concrete
 from ..problem.numerics import NUMERICS
-from ..units import Checked, Count, Duration, SceneError, checked, plain, require, suggestion, unit_of
+from ..units import Checked, Count, Duration, SceneError, checked, notes, plain, require, suggestion, unit_of
 
 GROUPS = "mix", "test", "accuracy and cost", "output", "expert"  # of the options of a run, as --help has them
 MIX = set(Concrete.model_fields)
@@ -186,7 +186,7 @@ def choices(field) -> list[str]:
 def allowed(field) -> str:
     """'(0 to 1e+06)' from the field's declaration; 'above 0' where the bound itself is not allowed."""
     marks = {"gt": "above {:g}", "ge": "{:g}", "lt": "to below {:g}", "le": "to {:g}"}
-    bounds = {mark: getattr(item, mark) for item in field.metadata for mark in marks if hasattr(item, mark)}
+    bounds = {mark: getattr(note, mark) for note in notes(field) for mark in marks if hasattr(note, mark)}
     if "gt" in bounds:  # one that a field sets beside that of its kind
         bounds.pop("ge", None)
     told = [text.format(bounds[mark]) for mark, text in marks.items() if mark in bounds]

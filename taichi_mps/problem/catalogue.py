@@ -10,7 +10,7 @@ import numpy as np
 
 from ..units import SceneError, require, suggestion
 from .accuracy import Mix, choose
-from .materials import Bingham
+from .materials import Bingham, Concrete, Material
 from .scene import Scene
 
 PACKAGE = Path(__file__).resolve().parents[1]
@@ -178,13 +178,15 @@ def load(name: str):
     return function
 
 
-def build(name: str, /, **keywords) -> Scene:
+def build(name: str, material: Material | None = None, /, **keywords) -> Scene:
     """Make a scene from its name or file and its keywords.
 
     Parameters
     ----------
     name : str
         Name of a built-in scene or path of a Python file.
+    material : Material, optional
+        Material instead of the numbers of one, for a scene that takes a material.
     **keywords
         Keywords of the scene's function, such as ``spacing`` [m] and ``until`` [s]; a number or text with a unit.
 
@@ -208,23 +210,25 @@ def build(name: str, /, **keywords) -> Scene:
     valid = function.parameters(**keywords)
     try:
         with np.errstate(all="ignore"):  # what overflows here is refused, by name
-            scene = function.at(valid)
+            scene = function.at(valid, **({"material": material} if material else {}))
     except SceneError:
         raise
     except Exception as error:
         raise SceneError(f"scene {name} cannot be made: {type(error).__name__}: {error}") from error
     require(isinstance(scene, Scene), f"scene {name}: its function returns {type(scene).__name__}; must return a Scene")
     if getattr(valid, "accuracy", None) is not None and not {"model", "spacing"} <= set(keywords):
-        mix, material = None, scene.material
-        if type(material) is Bingham and material.yields:  # of such mixes the errors were measured
-            mix = Mix.of(material.yield_value, material.plastic_viscosity, material.density, valid.height)
+        mix, law = None, scene.material
+        if type(law) is Bingham and law.yields:  # of such mixes the errors were measured
+            mix = Mix.of(law.yield_value, law.plastic_viscosity, law.density, valid.height)
         fixed = {key: getattr(valid, key) for key in ("model", "spacing") if key in keywords}
         if getattr(valid, "lift_speed", None):  # a lifted mould needs the whole cone
             fixed["model"] = "full"
         choice = choose(valid.accuracy, **fixed, mix=mix, height=valid.height)
         print(f"taichi-mps: accuracy = {1e3 * valid.accuracy:g} mm: {choice}", file=sys.stderr)
-        return build(name, **{**keywords, "model": choice.model, "spacing": choice.spacing})
-    return replace(scene, parameters=valid.model_dump(mode="json"))
+        return build(name, material, **{**keywords, "model": choice.model, "spacing": choice.spacing})
+    numbers = dict.fromkeys(Concrete.model_fields) | dict(material) if material else {}
+    told = {name: value for name, value in numbers.items() if name in Concrete.model_fields}
+    return replace(scene, parameters=valid.model_dump(mode="json") | told)
 
 
 def rebuild(source: str, parameters: dict, scene_file=None) -> Scene:
@@ -255,15 +259,17 @@ def rebuild(source: str, parameters: dict, scene_file=None) -> Scene:
         scene_file is not None or source in names(),
         f"scene = {source}: is code of yours, and run only if you name it again: --scene {source}",
     )
+    if parameters.get("consistency") is not None and "plastic_viscosity" in parameters:
+        parameters = parameters | {"plastic_viscosity": None}  # stood there without effect, before 0.3
     return build(source if scene_file is None else scene_file, **parameters)
 
 
-def slump_cone(material: Bingham | None = None, **keywords) -> Scene:
+def slump_cone(material: Material | None = None, **keywords) -> Scene:
     """Make the slump test of a material.
 
     Parameters
     ----------
-    material : Bingham, optional
+    material : Material, optional
         Mix, the scene's own by default.
     **keywords
         Keywords of scenes/slump.py, such as ``spacing`` [m], ``model`` and ``until`` [s].
@@ -285,9 +291,6 @@ def slump_cone(material: Bingham | None = None, **keywords) -> Scene:
     >>> scene.material.yield_value, scene.dimension
     (500.0, 2)
     """
-    known = load("slump").parameters.model_fields
-    given = material.model_dump() if material else {}
     for key, value in keywords.items():
-        require(key not in given, f"{key} = {value}: already given by the material")
-    scene = build("slump", **{key: value for key, value in given.items() if key in known}, **keywords)
-    return replace(scene, material=material) if material else scene
+        require(not material or key not in Concrete.model_fields, f"{key} = {value}: already given by the material")
+    return build("slump", material, **keywords)

@@ -5,7 +5,7 @@ in their order when it is made. Nothing has been allocated then. The rules of th
 """
 
 import inspect
-from itertools import product
+from itertools import chain
 
 import numpy as np
 
@@ -13,7 +13,6 @@ from ..geometry.solid import Solid
 from ..geometry.walls import Cylinder
 from ..units import DENSITY_HINT, HEAVIEST, LIGHTEST, SceneError, check_kinds, require
 from .inlet import FASTEST, buried
-from .materials import Bingham
 from .numerics import Implicit, SemiImplicit
 from .scene import Scene
 from .scene_rules import counted, point
@@ -33,30 +32,28 @@ def values_have_their_types(problem):
 
 # ---- what the scheme can compute -----------------------------------------------------------------------------------
 def the_scheme_has_the_laws(problem):
-    """The paper's scheme has Bingham's law alone, without friction."""
+    """The paper's scheme has a straight flow curve alone, Bingham's, without friction."""
     material = problem.scene.material
     if problem.scheme == "semi-implicit":
         require(
-            isinstance(material, Bingham),
+            bool(material.from_fields),
             f"scene {problem.scene.name}: material {type(material).__name__}: must be Bingham with the scheme "
             "semi-implicit; implicit takes any flow curve",
         )
         require(
-            material.friction_angle == 0.0,
+            material.straight,
             f"friction_angle = {material.friction_angle:g} deg: the scheme semi-implicit has none; must be 0, or "
             "scheme implicit",
         )
 
 
 def own_laws_take_rate_and_structure(problem):
-    for material, key in product(problem.materials, ("shear_stress", "growth")):
-        function = getattr(material, key, None)
-        if callable(function):
-            try:
-                inspect.signature(function).bind(0.0, 0.0)
-            except (TypeError, ValueError) as error:
-                name = f"{key} = {getattr(function, '__name__', function)}"
-                raise SceneError(f"material: {name}: must take two numbers, (rate, structure); {error}") from None
+    for key, function in chain.from_iterable(material.functions.items() for material in problem.materials):
+        try:
+            inspect.signature(function).bind(0.0, 0.0)
+        except (TypeError, ValueError) as error:
+            name = f"{key} = {getattr(function, '__name__', function)}"
+            raise SceneError(f"material: {name}: must take two numbers, (rate, structure); {error}") from None
 
 
 def walls_suit_the_scheme(problem):

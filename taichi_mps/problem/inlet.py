@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..units import check_vectors, finite, given, positive, require, said
-from .materials import LAWS, Material
+from .materials import MATERIALS, Material
 
 MOST_ACROSS = 1000  # spacings of a radius: three million particles a layer
 FASTEST = 100.0  # speed [m/s] in a hose, three times that of sprayed concrete
@@ -70,7 +70,7 @@ class Inlet:
     def __post_init__(self):
         check_vectors(self, "an inlet", {"centre": "m", "direction": ""})
         material = self.material is None or isinstance(self.material, Material)
-        require(material, f"inlet: material = {said(self.material, '')}: must be {LAWS}")
+        require(material, f"inlet: material = {said(self.material, '')}: must be {MATERIALS}")
         for key, unit, value in given(self, {"radius": "m", "rate": "m3/s", "volume": "m3", "height": "m"}):
             positive(f"inlet: {key}", value, unit)
         d = len(self.centre)

@@ -1,14 +1,19 @@
-"""Materials: what a technologist knows of the mix, in SI units. A number of the mix is declared here and nowhere else:
-its unit, its range and its help. A scene that takes a ``material`` has all of them as options (``units.checked``)."""
+"""Materials: what a technologist knows of the mix, in SI units, and the law by which it flows. A law is one class: its
+numbers, each declared here and nowhere else with unit, range and help, and what a scheme asks of it. A scene that takes
+``material: Concrete`` has the numbers of all LAWS as options (``units.checked``)."""
 
 import math
 import warnings
+from abc import abstractmethod
 from collections.abc import Callable
-from typing import ClassVar
+from types import NoneType
+from typing import ClassVar, get_type_hints
 
-from pydantic import Field, model_validator
+import numpy as np
+from pydantic import Field, create_model, model_validator
 
 from ..units import (
+    NUMBERS,
     Angle,
     AnyDensity,
     Checked,
@@ -27,51 +32,74 @@ from ..units import (
     said,
     unit_of,
 )
+from .labels import in_words
 
-LAWS = "Bingham, Newtonian, HerschelBulkley or FlowCurve"
 FLOWS = 0.05  # viscous part of the stress over the yield stress from which a material is said to flow [-]
 TYPICAL_RATE = 5.0  # shear rate of a slump test [1/s]
 HIGH_KNEE = 0.1  # fraction of the yield stress by which the knee stress may exceed it without a warning; the paper's #1
 
 
 class Material(Checked):
-    """What all materials have in common: a density, and, each in its own way, a yield stress ``yield_value`` [Pa], a
-    ``plastic_viscosity`` [Pa s] and a ``critical_strain_rate`` [1/s]. A number that is declared here is one of all."""
+    """What a scheme asks of a material, whatever its law.
+
+    A material has a ``density``, a ``yield_value`` [Pa], the ``critical_strain_rate`` [1/s] of a bi-viscosity law or
+    None, and:
+
+    - ``shear_stress(rate, structure)`` [Pa], its flow curve at a shear rate [1/s], which Taichi can compile;
+    - ``growth(rate, structure)`` [1/s], the rate of change of the structure, or None without thixotropy;
+    - ``typical_slope`` [Pa s] of the flow curve, the scale of the time step, of the penalty, of the hourglass
+      resistance and of the layer at a wall with friction. It does not set the stress.
+    """
 
     options: ClassVar[dict] = {"density": Density}  # scenes are under gravity: there is no fluid of 1 kg/m3
+    from_fields: ClassVar[tuple] = ()  # numbers that kernels read from fields; all others are compiled in
+    viscous: ClassVar[tuple] = ()  # options that may tell its viscous constant, the first one by its own name
+    straight: ClassVar[bool] = False  # whether the flow curve of the fresh mix is Bingham's
+    friction_coefficient: ClassVar[float] = 0.0  # yield stress by pressure [-]
+    growth_at_rest: ClassVar[float] = 0.0  # of the yield stress [Pa/s]
 
     density: AnyDensity = Field(2300.0, description="density of the mix")
 
     @property
     def yields(self) -> bool:
-        """Has it a yield stress above 0?"""
+        """Whether the yield stress is above 0."""
         return self.yield_value > 0.0
 
     @property
     def newtonian(self) -> bool:
-        """Is the plastic viscosity all of its law? So it is of Bingham's without a yield stress."""
-        return isinstance(self, Bingham) and not self.yields
+        """Whether the stress is proportional to the shear rate, by a number that kernels read from a field."""
+        return bool(self.from_fields) and not self.yields
 
     @property
     def rests(self) -> bool:
-        """Does it come to rest? Only what has a true yield stress does."""
+        """Whether the material comes to rest: only a true yield stress does that."""
         return self.yields and self.critical_strain_rate is None
 
     @property
     def ages(self) -> bool:
-        """Does its yield stress grow with time? That of a thixotropic one may."""
-        return getattr(self, "growth", None) is not None
+        """Whether the flow curve depends on a structure that changes with time (thixotropy)."""
+        return self.growth is not None
+
+    @property
+    def functions(self) -> dict[str, Callable]:
+        """The functions of the law that kernels compile, by their names."""
+        return {"shear_stress": self.shear_stress} | ({"growth": self.growth} if self.ages else {})
+
+    @property
+    def own(self) -> bool:
+        """Whether a function of the law is the user's, which may be anything."""
+        return any(getattr(function, "__module__", None) != __name__ for function in self.functions.values())
 
     def flows(self, rate):
-        """Is the viscous part of the stress at shear rates [1/s] more than FLOWS of the yield stress?"""
-        return self.plastic_viscosity * rate > FLOWS * self.yield_value
+        """Whether the viscous part of the stress at shear rates [1/s] is more than FLOWS of the yield stress."""
+        return self.typical_slope * rate > FLOWS * self.yield_value
 
     def within(self, time: float) -> "Material":
         """The material with all its numbers, for a run of this time [s]."""
         return self
 
     def facts(self) -> dict:
-        """All of it, JSON-ready: the law by its name, numbers in SI units, functions by their names."""
+        """All of the material, JSON-ready: the law by its name, numbers in SI units, functions by their names."""
         values = {name: getattr(self, name) for name in type(self).model_fields}
         named = {name: getattr(value, "__qualname__", str(value)) for name, value in values.items() if callable(value)}
         return {"law": type(self).__name__} | values | named
@@ -91,6 +119,10 @@ class Bingham(Material):
     stress.
     """
 
+    from_fields: ClassVar[tuple] = ("density", "plastic_viscosity", "yield_value", "critical_strain_rate")
+    viscous: ClassVar[tuple] = ("plastic_viscosity",)
+    growth: ClassVar[None] = None
+
     plastic_viscosity: Viscosity = Field(50.0, description="plastic viscosity of the mix")
     yield_value: YieldValue = Field(300.0, description="yield stress of the mix")
     critical_strain_rate: CriticalStrainRate | None = Field(
@@ -100,15 +132,39 @@ class Bingham(Material):
         0.0, description="internal friction: its tangent times the pressure adds to the yield stress"
     )
 
+    @classmethod
+    def __pydantic_init_subclass__(cls, **kwargs):
+        super().__pydantic_init_subclass__(**kwargs)
+        if "shear_stress" in vars(cls):  # kernels have Bingham's
+            raise TypeError(f"class {cls.__name__}: a law with a flow curve of its own must derive from mps.Law")
+
     @property
     def yields(self) -> bool:
-        """Has it a yield stress above 0, by itself or by friction?"""
+        """Whether there is a yield stress, by itself or by friction."""
         return self.yield_value > 0.0 or self.friction_angle > 0.0
 
     @property
     def friction_coefficient(self) -> float:
         """tan(friction_angle) [-]: yield stress by pressure."""
         return math.tan(math.radians(self.friction_angle))
+
+    @property
+    def straight(self) -> bool:
+        """Whether the flow curve is tau_y + eta rate, whatever the pressure."""
+        return self.friction_angle == 0.0
+
+    @property
+    def typical_slope(self) -> float:
+        """The plastic viscosity [Pa s]."""
+        return self.plastic_viscosity
+
+    def shear_stress(self, rate, structure):
+        """Shear stress [Pa] at a shear rate [1/s]."""
+        return self.yield_value + self.plastic_viscosity * rate
+
+    def shear_rate(self, stress):
+        """Shear rate [1/s] at a shear stress [Pa]."""
+        return np.maximum(0.0, stress - self.yield_value) / self.plastic_viscosity
 
     @property
     def knee_stress(self) -> float:
@@ -142,24 +198,48 @@ class Bingham(Material):
         return self
 
 
-class FlowCurve(Material):
-    """A fluid by its own flow curve: rigid below the yield stress, shear stress ``shear_stress`` above it.
+RENAMED = "plastic_viscosity of this law is typical_slope; the former name goes in version 0.3"
 
-    ``shear_stress(rate, structure)`` is a short function that Taichi can compile: the stress [Pa] at a shear rate
-    [1/s], not falling with it, and equal to the yield stress at rate 0. ``growth(rate, structure)``, if given, is the
-    rate of change [1/s] of ``structure``, a number that every particle carries and that is zero at the start:
-    thixotropy. ``plastic_viscosity`` [Pa s] is a typical slope of the curve; it sets the length of the steps and the
-    penalty of the iteration, not the answer. Scheme ``implicit`` only.
+
+def former_name(material: Material) -> float:
+    """The typical slope [Pa s] of a material that was asked for its plastic viscosity, with a warning."""
+    warnings.warn(RENAMED, DeprecationWarning, stacklevel=2)
+    return material.typical_slope
+
+
+class Law(Material):
+    """Base class of a law whose flow curve is compiled: derive from it for a law of your own.
+
+    A law declares its numbers as fields, ``yield_value`` [Pa] among them, and has the method ``shear_stress(self, rate,
+    structure)`` [Pa]: plain arithmetic of a shear rate [1/s] and of a structure [-], which is zero at the start; equal
+    to the yield stress at rate 0 and not falling with the rate. A method ``growth(self, rate, structure)``, the rate
+    of change of the structure [1/s], makes it thixotropic. Scheme ``implicit`` only.
+
+    Examples
+    --------
+    >>> class Thinning(mps.Law):
+    ...     yield_value: float = 40.0  # [Pa]
+    ...     consistency: float = 30.0
+    ...
+    ...     def shear_stress(self, rate, structure):
+    ...         return self.yield_value + self.consistency * rate**0.5
     """
 
-    yield_value: YieldValue = Field(0.0, description="yield stress of the mix")
-    plastic_viscosity: Viscosity = Field(50.0, description="typical slope of the flow curve")
-    shear_stress: Callable
-    growth: Callable | None = None
+    growth: ClassVar[Callable | None] = None
+
     critical_strain_rate: None = None
 
+    @abstractmethod
+    def shear_stress(self, rate, structure):
+        """Shear stress [Pa] at a shear rate [1/s] and a structure [-]."""
 
-class HerschelBulkley(Material):
+    @property
+    def typical_slope(self) -> float:
+        """Slope [Pa s] of the chord of the fresh flow curve up to TYPICAL_RATE."""
+        return (self.shear_stress(TYPICAL_RATE, 0.0) - self.shear_stress(0.0, 0.0)) / TYPICAL_RATE
+
+
+class HerschelBulkley(Law):
     """tau = (1 + lambda) tau_y + k rate^n: thickens (n > 1) or thins (n < 1) with the shear rate; rigid below the yield
     stress; thixotropic where ``structuration`` is above 0, else lambda = 0.
 
@@ -167,12 +247,15 @@ class HerschelBulkley(Material):
     by A = ``structuration`` [Pa/s]; flow undoes it within a strain of 1/alpha, alpha the ``destructuration`` [-].
     """
 
+    viscous: ClassVar[tuple] = ("consistency", "plastic_viscosity")
+
     yield_value: YieldValue = Field(300.0, description="yield stress of the mix")
-    consistency: Consistency = Field(50.0, description="k: stress over the yield stress at a shear rate of 1 1/s")
+    consistency: Consistency = Field(
+        50.0, description="k of tau_y + k rate^n, by default the number of the plastic viscosity"
+    )
     flow_index: FlowIndex = Field(1.0, description="n: exponent of the shear rate")
     structuration: Structuration = Field(0.0, description="growth of the yield stress at rest (thixotropy)")
     destructuration: Destructuration = Field(0.005, description="part of that growth undone by a strain of 1")
-    critical_strain_rate: None = None
 
     @model_validator(mode="after")
     def _has_what_grows(self):
@@ -181,52 +264,158 @@ class HerschelBulkley(Material):
             f"structuration = {self.structuration:g} Pa/s: needs a yield stress to grow; yield_value must be above "
             "0 Pa",
         )
+        require(
+            "structuration" in self.model_fields_set or not says("destructuration", self.destructuration),
+            f"destructuration = {self.destructuration:g}: undoes structuration, which must be given",
+        )
         return self
 
     @property
-    def plastic_viscosity(self) -> float:
-        """Slope [Pa s] of the chord of the curve up to TYPICAL_RATE: scale of the steps and of the penalty."""
-        return self.consistency * TYPICAL_RATE ** (self.flow_index - 1.0)
+    def ages(self) -> bool:
+        """Whether the yield stress grows at rest."""
+        return self.structuration > 0.0
 
     @property
-    def growth(self) -> Callable | None:
-        """d lambda/dt [1/s] at (rate [1/s], lambda [-]); None without thixotropy."""
-        if self.structuration == 0.0:
-            return None
-        at_rest, undone = self.structuration / self.yield_value, self.destructuration
+    def straight(self) -> bool:
+        """Whether n is 1."""
+        return self.flow_index == 1.0
 
-        def growth(rate, structure):
-            return at_rest - undone * rate * structure
+    @property
+    def growth_at_rest(self) -> float:
+        """A [Pa/s]."""
+        return self.structuration
 
-        return growth
+    @property
+    def typical_slope(self) -> float:
+        """Slope [Pa s] of the chord of the curve up to TYPICAL_RATE."""
+        return self.consistency * TYPICAL_RATE ** (self.flow_index - 1.0)
+
+    def shear_stress(self, rate, structure):
+        """Shear stress [Pa] at a shear rate [1/s] and a structure lambda [-]."""
+        return (1.0 + structure) * self.yield_value + self.consistency * max(rate, 1e-12) ** self.flow_index
+
+    def growth(self, rate, structure):
+        """d lambda/dt [1/s] at a shear rate [1/s] and a structure lambda [-]."""
+        return self.structuration / self.yield_value - self.destructuration * rate * structure
+
+    def shear_rate(self, stress):
+        """Shear rate [1/s] of the fresh mix at a shear stress [Pa]."""
+        return (np.maximum(0.0, stress - self.yield_value) / self.consistency) ** (1.0 / self.flow_index)
+
+    plastic_viscosity = property(former_name)
 
 
-class Concrete(Bingham):
-    """A mix as a scene is told of it: all numbers of Bingham's law, and those with which it is Herschel and Bulkley's,
-    or thixotropic. ``Concrete(...)`` makes the simplest law of these numbers, ``Bingham`` or ``HerschelBulkley``: a
-    scene that takes ``material: Concrete`` has all of them as options and is given that law."""
+class FlowCurve(Material):
+    """A fluid by its own flow curve: rigid below the yield stress, shear stress ``shear_stress`` above it.
 
-    consistency: Consistency | None = Field(
-        None, description="k of tau_y + k rate^n, by default the number of the plastic viscosity"
-    )
-    flow_index: FlowIndex = Field(1.0, description="n: exponent of the shear rate (Herschel-Bulkley)")
-    structuration: Structuration = HerschelBulkley.model_fields["structuration"]
-    destructuration: Destructuration = HerschelBulkley.model_fields["destructuration"]
+    ``shear_stress(rate, structure)`` is a short function that Taichi can compile: the stress [Pa] at a shear rate
+    [1/s], not falling with it, and equal to the yield stress at rate 0. ``growth(rate, structure)``, if given, is the
+    rate of change [1/s] of ``structure``, a number that every particle carries and that is zero at the start:
+    thixotropy. ``typical_slope`` [Pa s] of the curve sets the length of the steps and the penalty of the iteration, not
+    the answer; until 0.3 it may be called ``plastic_viscosity``. Scheme ``implicit`` only.
+    """
+
+    yield_value: YieldValue = Field(0.0, description="yield stress of the mix")
+    typical_slope: Viscosity = Field(50.0, description="typical slope of the flow curve")
+    shear_stress: Callable
+    growth: Callable | None = None
+    critical_strain_rate: None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _accept_former_name(cls, values):
+        if "plastic_viscosity" not in values:
+            return values
+        require("typical_slope" not in values, "plastic_viscosity: is the former name of typical_slope, given too")
+        warnings.warn(RENAMED, DeprecationWarning, stacklevel=4)
+        return {{"plastic_viscosity": "typical_slope"}.get(key, key): value for key, value in values.items()}
+
+    plastic_viscosity = property(former_name)
+
+    def facts(self) -> dict:
+        """All of the material, JSON-ready; the typical slope also by its name before 0.3."""
+        return super().facts() | {"plastic_viscosity": self.typical_slope}
+
+
+# ---- the law of the numbers that a scene is told ---------------------------------------------------------------------
+def numbers_of(law: type[Material]) -> dict:
+    """The numbers of a law, {name: pydantic field}."""
+    return {name: field for name, field in law.model_fields.items() if field.annotation is not NoneType}
+
+
+LAWS = (Bingham, HerschelBulkley)  # whose numbers are options of every scene, those of the first with their defaults
+OF_ALL = set.intersection(*(set(numbers_of(law)) for law in LAWS))
+MATERIALS = f"{', '.join(law.__name__ for law in LAWS)}, Newtonian, FlowCurve or another Law"
+
+
+def every_number() -> dict:
+    """The numbers of LAWS as pydantic declares fields."""
+    fields = {}
+    for law in LAWS:
+        hints = get_type_hints(law, include_extras=True)
+        for name, field in numbers_of(law).items():
+            kind, usual = hints[name], f", by default {field.default}" * (name not in law.viscous)
+            if law is not LAWS[0]:
+                field = Field(None, description=f"{field.description} ({law.__name__}{usual})")
+            fields.setdefault(name, (kind if name in OF_ALL else kind | None, field))
+    return fields
+
+
+class Concrete(create_model("Numbers", __base__=Material, **every_number())):
+    """A mix as a scene is told of it, by the numbers of all laws.
+
+    ``Concrete(...)`` makes the law that has the numbers given: ``Bingham`` or, by what only that has,
+    ``HerschelBulkley``. A scene that takes ``material: Concrete`` has all the numbers as options and is given
+    that law. SceneError for a number that the law has not.
+    """
 
     def __new__(cls, **numbers):
         """The law of these numbers."""
-        usual = {name: field.default for name, field in cls.model_fields.items()}
-        told = usual | numbers
-        others = [key for key in ("consistency", "flow_index", "structuration") if told[key] != usual[key]]
-        HerschelBulkley(destructuration=told["destructuration"])  # in its range, also where it plays no part
-        law = HerschelBulkley if others else Bingham
-        for key in ("friction_angle", "critical_strain_rate"):
-            value = said(told[key], unit_of(cls.model_fields[key]))
-            only = f"is of Bingham's law alone; must not be given with {' and '.join(others)}"
-            require(not others or told[key] == usual[key], f"{key} = {value}: {only}")
-        if told["consistency"] is None:
-            told["consistency"] = told["plastic_viscosity"]
-        return law(**{key: value for key, value in told.items() if key in law.model_fields or key not in usual})
+        return law_of(numbers, Bingham())
+
+    @classmethod
+    def told(cls, values, default) -> Material:
+        """The law of these values, and of the material ``default``, if it is one."""
+        return law_of(values, default if isinstance(default, Material) else Bingham())
+
+
+NUMBERS |= {name: law.__name__ for law in reversed(LAWS) for name in numbers_of(law) if name not in OF_ALL}
+
+
+def says(name: str, value) -> bool:
+    """Whether a number tells which law is meant. One at the default that its law declares does not, but for a viscous
+    constant, without which there is no law."""
+    law = next((law for law in LAWS if name in numbers_of(law)), None)
+    return law is None or name in law.viscous or value != law.model_fields[name].default
+
+
+def law_of(numbers: dict, usual: Material) -> Material:
+    """The material of these numbers, {name: value or None}, by the law that has most of them, that of ``usual`` before
+    others. What is not told is as of ``usual``. SceneError for a number that the law has not."""
+    told = {name: value for name, value in numbers.items() if value is not None}
+    meant = [name for name, value in told.items() if says(name, value)]
+    law = max((type(usual), *LAWS), key=lambda law: sum(name in (*numbers_of(law), *law.viscous) for name in meant))
+    known = numbers_of(law)
+    by = " and ".join(name for name in meant if name in known and name not in OF_ALL)
+    for name in (name for name in meant if name in NUMBERS and name not in known):
+        key = f"{name} = {said(told[name], unit_of(Concrete.model_fields[name]))}"
+        require(name in law.viscous, f"{key}: the law {law.__name__}, by {by}, has no such number; must be left out")
+        require(law.viscous[0] not in told, f"{key}: stands for {law.viscous[0]}, which is given; must be left out")
+    values = dict(usual) | told
+    for name in law.viscous[1:]:
+        if name in told or (law.viscous[0] not in values and name in values):
+            values[law.viscous[0]] = values[name]
+    unknown = told.keys() - Concrete.model_fields.keys()  # which the law refuses
+    return law(**{name: value for name, value in values.items() if name in known or name in unknown})
+
+
+def constants_of(facts: dict) -> dict[str, str]:
+    """The numbers that tell a mix, {name in words: value with unit}, from the facts of a material: yield stress first,
+    density last."""
+    names = ["yield_value", *(name for name in Concrete.model_fields if name in NUMBERS), "density"]
+    known = [name for name in names if isinstance(facts.get(name), float | int)]
+    told = [name for name in known if name not in NUMBERS or says(name, facts[name])]
+    return {in_words(name): said(float(facts[name]), unit_of(Concrete.model_fields[name])) for name in told}
 
 
 def Newtonian(density: float = 1000.0, viscosity: float = 1e-3) -> Bingham:  # noqa: N802

@@ -74,14 +74,14 @@ class Problem:
 
     @cached_property
     def law(self) -> str:
-        """Law of all mixes: 'newtonian', 'bingham' (a true yield stress) or 'bi-viscosity'.
+        """Law of all mixes: 'newtonian', 'yield-stress' (a true yield stress) or 'bi-viscosity'.
 
         A critical strain rate makes it 'bi-viscosity'; a flow curve has a true yield stress.
         """
         yielding = [material for material in self.materials if not material.newtonian]
         if not yielding:
             return "newtonian"
-        return "bingham" if yielding[0].critical_strain_rate is None else "bi-viscosity"
+        return "yield-stress" if yielding[0].critical_strain_rate is None else "bi-viscosity"
 
     @property
     def wall_loads(self) -> bool:

@@ -13,7 +13,7 @@ from ..geometry.solid import Solid
 from ..geometry.walls import Cylinder, Plane
 from ..units import INSTANT, SceneError, check_kinds, finite, given, require, said
 from .inlet import Inlet
-from .materials import LAWS, Material
+from .materials import MATERIALS, Material
 
 MOST_MIXES = 256  # numbers of mixes are bytes
 RIGHT = 1e-6  # cosine of an angle that counts as a right one
@@ -25,7 +25,7 @@ TEXT, FLAG, FUNCTION = (str, "text"), (bool | np.bool_, "True or False"), (Calla
 TYPES = {
     "name": TEXT,
     "enlarged_by": TEXT,
-    "material": (Material, LAWS),
+    "material": (Material, MATERIALS),
     "parameters": (dict, "a dict"),
     "cavity": (Cavity, "a Cavity"),
     "axisymmetric": FLAG,

@@ -6,17 +6,11 @@ from pathlib import Path
 from ..io.history import COLUMNS
 from ..problem import accuracy
 from ..problem.labels import ENDS, in_words, is_measure, meaning, title, written
+from ..problem.materials import constants_of
 from ..units import plain
 
 LEADING = "slump_m", "spread_m", "t500_s", "flow_m", "flow_time_s", "passing_ratio", "front_m", "filled_ratio"
 MEASURED = "slump_m", "spread_m"  # of the columns that every history has
-CONSTANTS = {
-    "yield_value": "Pa",
-    "plastic_viscosity": "Pa s",
-    "consistency": "Pa s^n",
-    "flow_index": "",
-    "density": "kg/m3",
-}
 NOT_RESULTS = "simulated_seconds", "wall_seconds", "cpu_seconds", "compile_seconds"
 
 
@@ -43,14 +37,9 @@ def ending(summary) -> str:
     """Why and when it ended, and of what mix."""
     reason = ENDS.get(summary["stopped_by"], str(summary["stopped_by"]))
     mixes = summary.get("materials") or []
-    mix = f" ({', '.join(of_mix(mixes[0]))})" if len(mixes) == 1 else f" ({len(mixes)} mixes)" * bool(mixes)
+    constants = ", ".join(f"{name} {value}" for name, value in constants_of(mixes[0] if mixes else {}).items())
+    mix = f" ({constants})" if len(mixes) == 1 else f" ({len(mixes)} mixes)" * bool(mixes)
     return f"{reason[0].upper()}{reason[1:]} after {summary['simulated_seconds']:.2f} s{plain(mix)}."
-
-
-def of_mix(facts) -> list[str]:
-    """The constants of a mix in words."""
-    known = [(in_words(key), key, unit) for key, unit in CONSTANTS.items() if isinstance(facts.get(key), float | int)]
-    return [f"{name} {facts[key]:g} {unit}".rstrip() for name, key, unit in known]
 
 
 def doubts(summary) -> list[str]:

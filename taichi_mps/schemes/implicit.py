@@ -18,9 +18,8 @@ from ..terms.interface import Interface
 from ..terms.momentum import MomentumOperator, MomentumSource, VelocitySolve
 from ..terms.motion import MomentumDrift, Motion, Standstill, free_directions
 from ..terms.pressure import STRAIN, Pressure, VolumeConstraint
-from ..terms.rheology import growth
 from ..terms.shifting import SHIFTS, Shifting, is_uneven
-from ..terms.stress import SolvedRate, StrainRate, Stress, given
+from ..terms.stress import SolvedRate, StrainRate, Stress
 from ..terms.wall_loads import WallFriction, WallLoads
 from ..terms.wall_stress import WallStress, no_force
 from .diagnostics import Diagnostics
@@ -252,12 +251,12 @@ def carried(problem) -> dict[str, Carried]:
     several = len(problem.materials) > 1
     if several:
         fields["mix"] = Carried("number of the mix", "-", "integer")
-    if problem.law == "bingham":
+    if problem.law == "yield-stress":
         fields["stress"] = Carried("deviatoric stress, at most tau_y where rigid", "Pa", "tensor")
         fields["plastic_rate"] = Carried("deviatoric rate q of the yield law", "1/s", "tensor")
         if several:
             fields["fluidity"] = Carried("shear rate of the particle's own mix over its stress", "1/(Pa s)")
-    if given(growth(material) for material in problem.materials):
+    if any(material.ages for material in problem.materials):
         fields["structure"] = Carried("structure of a thixotropic material", "-")
     return fields
 
@@ -268,5 +267,5 @@ def may_stand(problem, particles, walls) -> bool:
     if problem.numerics.sleep == "off" or (problem.numerics.sleep == "auto" and particles.capacity < FEW):
         return False
     loose = any(wall.unilateral for wall in walls.surfaces)
-    stands = problem.law == "bingham" and problem.rests and not particles.has_walls and not particles.axisymmetric
+    stands = problem.law == "yield-stress" and problem.rests and not particles.has_walls and not particles.axisymmetric
     return stands and not loose

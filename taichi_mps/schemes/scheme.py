@@ -90,7 +90,7 @@ class Discretisation:
             self.particles.capacity,
             rings=scene.axisymmetric,
             particles=self.particles,
-            plastic_viscosity=scene.material.plastic_viscosity,
+            slope=scene.material.typical_slope,
             weight=self.lattice.weight,
             packing_kernel=self.lattice.packing_kernel,
         )

@@ -148,7 +148,7 @@ def own_step(problem: Problem, quiet: bool = False) -> float:
     times = LONG if quiet and all(m.yields for m in problem.materials) else 1.0
     body = problem.gravity, problem.height, problem.scene.spacing
     return problem.numerics.max_time_step or min(
-        longest_step(m.plastic_viscosity / m.density, *body, times) for m in problem.materials
+        longest_step(m.typical_slope / m.density, *body, times) for m in problem.materials
     )
 
 

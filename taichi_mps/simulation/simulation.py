@@ -68,7 +68,7 @@ class Simulation:
         self.session = session()
         self._begin(scene if isinstance(scene, Problem) else Problem(scene, numerics))
         scene = self.scene
-        self._own_laws = [OwnLaw(m, k) for k, m in enumerate(scene.materials) if hasattr(m, "shear_stress")]
+        self._own_laws = [OwnLaw(m, k) for k, m in enumerate(scene.materials) if m.own]
         self._profile = profile
         self._pairs_per_particle = pairs_of(scene)
         self.pouring = tuple(Pouring(scene, inlet) for inlet in scene.inlets)

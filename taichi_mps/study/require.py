@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import Field
 
 from ..problem import catalogue
-from ..units import Checked, Duration, Ratio, YieldValue, _real
+from ..units import NUMBERS, Checked, Duration, Ratio, YieldValue, _real, said, unit_of
 from ..units import require as check
 from .case import case
 from .case import run as run_case
@@ -140,6 +140,12 @@ def require(scene: str, wanted: Wanted, out, executor="local", workers=None, wat
     if wanted.pressure is not None:
         measured = form.parameters.get("measure_pressure") is not False
         check(measured, f"pressure = {wanted.pressure:g} Pa: measure_pressure = False; must be True, or left out")
+    own = [name for name in parameters if name in NUMBERS]
+    numbers = ", ".join(f"{name} = {said(form.parameters[name], unit_of(keywords[name]))}" for name in own)
+    bingham = form.material.straight and not parameters.keys() & form.material.viscous
+    check(
+        bingham, f"{numbers}: the mixes that are looked for, and their slumps, are of Bingham's law; must be left out"
+    )
     given = cases(scene, plastic_viscosity=wanted.plastic_viscosity)
     viscosities = sorted(each.parameters["plastic_viscosity"] for each in given)
     planned, mixes, rows = {}, {}, []

@@ -1,7 +1,7 @@
 """A Simulation that is compiled once and run again with other materials.
 
 A Simulation compiles its kernels anew: 5 to 8 s for a cone that runs in half a second. They read the numbers of a mix
-from fields (terms/constants.py says which), so another mix of the same law is other entries.
+from fields (``from_fields`` of the law says which), so another mix of the same law is other entries.
 """
 
 import hashlib
@@ -12,12 +12,10 @@ from dataclasses import fields, is_dataclass
 
 import numpy as np
 
-from ..problem.materials import Bingham
 from ..problem.problem import Problem
 from ..problem.scene import Scene
 from ..runtime.backend import init, require_room, session
 from ..simulation.simulation import Simulation
-from ..terms.constants import FIELDS_OF_A_MIX
 
 # of a scene: read at every step or at the end, by no kernel; the material has its own entry
 FREE = ("material", "until", "parameters", "measure", "over_time", "check", "outline")
@@ -53,18 +51,18 @@ def shape_of(problem: Problem) -> bytes:
     scene = problem.scene
     bare = [getattr(scene, field.name) for field in fields(scene) if field.name not in FREE]
     mixes = [scene.mix_of(inlet) for inlet in scene.inlets]  # one may be that of the scene
-    rubs = any(wall.friction for wall in scene.walls)  # friction keeps the viscosity of the fluid, too
+    rubs = any(wall.friction for wall in scene.walls)  # friction keeps the slope of the flow curve, too
     material = scene.material
-    numbers = material.model_dump(exclude=set(FIELDS_OF_A_MIX)) if isinstance(material, Bingham) else repr(material)
-    viscosity = material.plastic_viscosity if rubs else None
+    numbers = material.model_dump(exclude=set(material.from_fields))
+    slope = material.typical_slope if rubs else None
     parts = (
         bare,
         problem.scheme,
         repr(problem.numerics),
         problem.law,
-        type(material).__name__,
+        type(material),
         numbers,
-        viscosity,
+        slope,
         mixes,
     )
     return hashlib.sha256(json.dumps(parts, default=described).encode()).digest()
@@ -77,4 +75,4 @@ def described(part):
         return [str(part.dtype), part.shape, part.tobytes().hex()]
     if is_dataclass(part):
         return [type(part).__name__, *(getattr(part, field.name) for field in fields(part))]
-    return id(part) if callable(part) else [type(part).__name__, repr(part)]
+    return id(part) if callable(part) else [id(type(part)), repr(part)]

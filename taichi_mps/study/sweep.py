@@ -122,8 +122,8 @@ def carry_out(planned: list[Case], out, run=run_case, executor="local", workers=
 
 
 def shape(case: Case) -> str:
-    """All parameters but the material's: cases that share it share their kernels."""
-    return str([(name, value) for name, value in case.parameters.items() if name not in Bingham.model_fields])
+    """All parameters but those that kernels read from fields: cases that share it share their kernels."""
+    return str([(name, value) for name, value in case.parameters.items() if name not in Bingham.from_fields])
 
 
 def together(planned, run, start, room, finished) -> list[Case]:

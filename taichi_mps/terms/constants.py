@@ -10,13 +10,9 @@ from ..problem.materials import FLOWS
 from ..runtime.backend import real, ti
 from ..runtime.stages import flush
 
-# What of a mix the kernels read from fields: a study compiles once for all values of these (study/reuse.py). Anything
-# else that a material has is compiled in.
-FIELDS_OF_A_MIX = ("density", "plastic_viscosity", "yield_value", "critical_strain_rate")
-
 OF_A_MIX = {
     "density": "density [kg/m3]",
-    "eta": "plastic viscosity [Pa s]",
+    "eta": "typical slope of the flow curve, the plastic viscosity of Bingham's law [Pa s]",
     "tau_y": "yield stress [Pa]",
     "pi_c": "critical strain rate [1/s]",
     "friction": "tangent of the angle of internal friction [-]",
@@ -97,7 +93,7 @@ class Constants:
         head = gravity * height + speed**2  # the pressure to expect, over the density [m2/s2]
         yields, given = all(m.yields for m in materials), numerics.max_time_step
         longest, quiet = (
-            min(longest_step(m.plastic_viscosity / m.density, gravity, height, scene.spacing, times) for m in materials)
+            min(longest_step(m.typical_slope / m.density, gravity, height, scene.spacing, times) for m in materials)
             for times in (1.0, LONG)
         )
         falls = yields and quiet > longest  # what yields falls, faster than its viscosity lets it flow
@@ -111,18 +107,17 @@ class Constants:
         step = self.natural_step = min(longest, courant_number * scene.spacing / speed) if speed else longest
         density = max(m.density for m in materials)
         inertia = density * height**2 * max(0.0, 1.0 / self.max_time_step - 1.0 / step)  # of shorter steps [Pa s]
-        frictions = [getattr(m, "friction_coefficient", 0.0) for m in materials]
+        frictions = [m.friction_coefficient for m in materials]
         # parts of mu_r of each mix, and of K [Pa s]; the latter and the plastic ones grow with the step
         self.viscous = [
-            max(PENALTY[0] * m.plastic_viscosity, PENALTY[2] * (m.plastic_viscosity * inertia) ** 0.5)
-            for m in materials
+            max(PENALTY[0] * m.typical_slope, PENALTY[2] * (m.typical_slope * inertia) ** 0.5) for m in materials
         ]
         heaviest = [f * m.density * gravity * height for f, m in zip(frictions, materials, strict=True)]  # yield stress
         self.plastic = [PENALTY[1] * (m.yield_value + most) * step for m, most in zip(materials, heaviest, strict=True)]
         self.stiff = STIFFNESS * density * head * min(step, self.max_time_step)
         self.values = {
             "density": [m.density for m in materials],
-            "eta": [m.plastic_viscosity for m in materials],
+            "eta": [m.typical_slope for m in materials],
             "tau_y": [m.yield_value for m in materials],
             "pi_c": [m.critical_strain_rate or 0.0 for m in materials],
             "friction": frictions,

@@ -1,6 +1,8 @@
 """Constitutive laws: apparent viscosity of the bi-viscosity Bingham law, the true yield law, and flow curves (eqs 1-3,
 5, 9); before a run and after its steps, a law of the user's own is checked."""
 
+from types import FunctionType, MethodType
+
 import numpy as np
 
 from ..particles.particles import FLUID
@@ -39,31 +41,25 @@ def apparent_viscosity(rate, plastic_viscosity, yield_value, critical_strain_rat
 
 @ti.func
 def bi_viscosity(rate, plastic_viscosity, yield_value, critical_strain_rate):
-    """The same inside a kernel; a Newtonian mix at rest has neither a yield stress nor a rate."""
+    """Apparent viscosity [Pa s] inside a kernel; a Newtonian mix at rest has neither a yield stress nor a rate."""
     return plastic_viscosity + yield_value / ti.max(rate, 2.0 * critical_strain_rate, 1e-12)
 
 
-def flow_curve(material):
-    """Shear stress [Pa] of a material at (shear rate [1/s], structure [-]) as a Taichi function; None for Bingham."""
-    function = getattr(material, "shear_stress", None)
-    if hasattr(material, "flow_index"):
-        tau_y, k, n = material.yield_value, material.consistency, material.flow_index
-
-        def function(rate, structure):
-            return (1.0 + structure) * tau_y + k * ti.max(rate, 1e-12) ** n
-
-    return compiled(function)
-
-
-def growth(material):
-    """Rate of change [1/s] of the structure of a material at (shear rate [1/s], structure [-]) as a Taichi function;
-    None for what is not thixotropic."""
-    return compiled(getattr(material, "growth", None))
-
-
 def compiled(function):
-    """A plain Python function made a Taichi function; None, or what is one already, as it is."""
-    return function if function is None or is_for_kernels(function) else ti.func(function)
+    """A plain Python function made a Taichi function, a method with its object compiled in; what is one already, as it
+    is."""
+    if not isinstance(function, MethodType):
+        return function if is_for_kernels(function) else ti.func(function)
+    law, method = function.__self__, function.__func__
+    plain = FunctionType(method.__code__, method.__globals__, method.__name__, None, method.__closure__)
+    plain.__annotations__ = {"self": ti.template()}
+    inner = ti.func(plain)
+
+    @ti.func
+    def bound(rate, structure):
+        return inner(law, rate, structure)
+
+    return bound
 
 
 @ti.func
@@ -173,17 +169,17 @@ def return_mapping(trial, plastic_viscosity, yield_value, mu_r, spread=0.0):
 # ---- a law of the user's own --------------------------------------------------------------------------------
 @ti.data_oriented
 class OwnLaw:
-    """The functions ``shear_stress`` and ``growth`` of a material, number ``mix`` of its scene, outside of any scheme.
+    """Flow curve and growth of a material, number ``mix`` of its scene, outside of any scheme.
 
     SceneError when made, before anything is allocated, for a function that Taichi cannot compile, or that gives over
     RATES and an untouched structure what is not finite, a negative stress, or one that falls.
     """
 
     def __init__(self, material, mix: int = 0):
-        self.mix, self.curve, self.growth = mix, compiled(material.shear_stress), growth(material)
-        self.has_growth = self.growth is not None
-        self._named = f"material: shear_stress = {name_of(material.shear_stress)}"
-        self._growth_named = f"growth = {name_of(material.growth)}"
+        names = {key: f"{key} = {name_of(function)}" for key, function in material.functions.items()}
+        self.mix, self.has_growth, self._named = mix, material.ages, f"material: {names['shear_stress']}"
+        self._growth_named = names.get("growth")
+        self.curve, self.growth = compiled(material.shear_stress), compiled(material.growth) if material.ages else None
         self._rows = None  # what is read of the particles, from the first step on
         try:
             stress, rise = self.evaluate(RATES, np.zeros_like(RATES))
@@ -245,4 +241,4 @@ class OwnLaw:
 
 def name_of(function) -> str:
     """The name by which a user knows a function."""
-    return getattr(function, "__name__", type(function).__name__)
+    return getattr(function, "__qualname__", type(function).__name__).split("<locals>.")[-1]

@@ -7,10 +7,9 @@ from ..runtime.stages import stage
 from .constants import Term
 from .rheology import (
     bi_viscosity,
+    compiled,
     curve_mapping,
     deviator,
-    flow_curve,
-    growth,
     magnitude,
     return_mapping,
     series_mapping,
@@ -80,19 +79,22 @@ class Stress(Term):
         super().__init__(fluid, constants=constants, interface=interface, pressure=pressure)
         self.strain_rate, self.solved_rate = strain_rate, solved_rate  # at the start of the step, of the new velocity
         self.law, self.mixes, self.tensors = problem.law, len(problem.materials), self.particles.tensor_dimension
-        self.has_friction = any(getattr(material, "friction_coefficient", 0.0) for material in problem.materials)
-        # (number of the mix, function) of what has a flow curve of its own, and of what is thixotropic
-        self.curves = given(flow_curve(material) for material in problem.materials)
-        self.growths = given(growth(material) for material in problem.materials)
+        materials = list(enumerate(problem.materials))
+        self.has_friction = any(material.friction_coefficient > 0.0 for _, material in materials)
+        # (number of the mix, function) of what has a compiled flow curve, and of what is thixotropic
+        self.curves = [(k, compiled(material.shear_stress)) for k, material in materials if not material.from_fields]
+        self.growths = [(k, compiled(material.growth)) for k, material in materials if material.ages]
         self.has_curve, self.has_growth = bool(self.curves), bool(self.growths)
         self.mu = ti.field(real(), self.capacity)  # viscosity of the implicit part of the stress [Pa s]
         self.yielded = ti.field(ti.i32, self.capacity)  # 1 where the material flows
         # in a full vessel: by how much the stress differs over what the gradient of a particle sees [Pa]
-        self.averages = fluid.walls.carry_curvature and self.law == "bingham" and self.mixes == 1 and not self.has_curve
+        self.averages = (
+            fluid.walls.carry_curvature and self.law == "yield-stress" and self.mixes == 1 and not self.has_curve
+        )
         self.spread = ti.field(real(), self.capacity) if self.averages else None
         self.fluidity = None  # shear rate of its own mix over the stress [1/(Pa s)], where there are several
         if self.mixes > 1:
-            carried = self.law == "bingham"
+            carried = self.law == "yield-stress"
             self.fluidity = self.particles.fluidity if carried else ti.field(real(), self.capacity)
 
     @stage("prepare")
@@ -100,7 +102,7 @@ class Stress(Term):
         """The viscosities of the matrix, for the shear rate at the start of the step."""
         for i in range(self.particles.count[None]):
             self.mu[i] = self.viscosity(i, self.strain_rate.rate[i])
-            if ti.static(self.mixes > 1 and self.law != "bingham"):
+            if ti.static(self.mixes > 1 and self.law != "yield-stress"):
                 self.fluidity[i] = 1.0 / self.mu[i]
 
     @ti.func
@@ -108,7 +110,7 @@ class Stress(Term):
         """Viscosity [Pa s] of the implicit part of the stress: apparent, or the penalty of a true yield stress."""
         m = self.constants.mix(i)
         mu = self.constants.eta[m]
-        if ti.static(self.law == "bingham"):
+        if ti.static(self.law == "yield-stress"):
             mu = self.constants.mu_r[m]
         elif ti.static(self.law == "bi-viscosity"):
             mu = bi_viscosity(rate, self.constants.eta[m], self.constants.tau_y[m], self.constants.pi_c[m])
@@ -119,7 +121,7 @@ class Stress(Term):
         """Implicit part of the stress [Pa] (t, t) of particle i for a velocity gradient [1/s]: 2 mu D, of a viscous
         fluid next to another mix with the shear across the interface in series (I27)."""
         T = 2.0 * self.mu[i] * deviator(G)
-        if ti.static(self.mixes > 1 and self.law != "bingham"):  # noqa: SIM102  (a compiled choice stays apart)
+        if ti.static(self.mixes > 1 and self.law != "yield-stress"):  # noqa: SIM102  (a compiled choice stays apart)
             if self.interface.share[i] > 0.0:
                 less = 1.0 - self.interface.viscosity(i, self.mu[i]) / self.mu[i]
                 T -= less * self.interface.across(i, T)
@@ -130,7 +132,7 @@ class Stress(Term):
         """Shear stress [Pa] of particle i: of a true yield stress by the stress it carries, else by a viscosity ``mu``
         [Pa s] and its shear rate."""
         size = mu * self.particles.shear_rate[i]
-        if ti.static(self.law == "bingham"):
+        if ti.static(self.law == "yield-stress"):
             size = magnitude(self.particles.stress[i])
         return size
 
@@ -171,7 +173,7 @@ class Stress(Term):
     def shear_stress(self, i, rate):
         """Shear stress [Pa] of the mix of particle i at a shear rate [1/s], by its flow curve."""
         m = self.constants.mix(i)
-        stress = self.yield_stress(i) + self.constants.eta[m] * rate
+        stress = self.yield_stress(i) + self.constants.eta[m] * rate  # Bingham's, whose numbers are fields
         for k, curve in ti.static(self.curves):
             if m == k:
                 stress = ti.cast(curve(rate, self.structure(i)), float)
@@ -190,7 +192,7 @@ class Stress(Term):
     def own_rate(self, i):
         """Shear rate [1/s] of the mix of particle i: next to another mix that of the gradient is of both."""
         rate = self.particles.shear_rate[i]
-        if ti.static(self.mixes > 1 and self.law == "bingham"):
+        if ti.static(self.mixes > 1 and self.law == "yield-stress"):
             rate = self.fluidity[i] * magnitude(self.particles.stress[i])
         return rate
 
@@ -198,7 +200,7 @@ class Stress(Term):
     def known_part(self, i):
         """The part of the stress [Pa] (t, t) that the matrix has not: stress - 2 mu_r q of a true yield stress."""
         T = ti.Matrix.zero(float, self.tensors, self.tensors)
-        if ti.static(self.law == "bingham"):
+        if ti.static(self.law == "yield-stress"):
             T = self.particles.stress[i] - 2.0 * self.mu[i] * self.particles.plastic_rate[i]
         return T
 
@@ -208,7 +210,7 @@ class Stress(Term):
         the iterations k of a step the body is still taken for a viscous one."""
         for i in range(self.particles.count[None]):
             rate = self.particles.shear_rate[i]
-            if ti.static(self.law == "bingham"):
+            if ti.static(self.law == "yield-stress"):
                 carries = ti.cast(self.gradient.B[i][0, 0] > 0.0, float)
                 D = deviator(self.solved_rate.velocity_gradient(i))
                 trial = self.particles.stress[i] + 2.0 * self.mu[i] * D
@@ -232,7 +234,7 @@ class Stress(Term):
         """Stress [Pa] (t, t) of particle i, pressure included: the one it carries, else that of a StrainRate or
         SolvedRate."""
         T = ti.Matrix.zero(float, self.tensors, self.tensors)
-        if ti.static(self.law == "bingham"):  # noqa: SIM108  (a compiled choice stays apart)
+        if ti.static(self.law == "yield-stress"):  # noqa: SIM108  (a compiled choice stays apart)
             T = self.particles.stress[i]
         else:
             T = self.viscous(i, rate.velocity_gradient(i))
@@ -252,13 +254,8 @@ class Stress(Term):
             for k, growth_of in ti.static(self.growths):
                 if self.constants.mix(i) == k:
                     self.particles.structure[i] += dt * growth_of(self.own_rate(i), self.structure(i))
-            if ti.static(self.law == "bingham"):
+            if ti.static(self.law == "yield-stress"):
                 G = self.gradient.velocity_gradient(i, u, 1.0) + self.gradient.curvature_correction(i)
                 W = 0.5 * (G - G.transpose())
                 stress = self.particles.stress[i]
                 self.particles.stress[i] = stress + dt * (W @ stress - stress @ W)
-
-
-def given(functions) -> list:
-    """(number, function) of those that there are."""
-    return [(k, function) for k, function in enumerate(functions) if function is not None]

@@ -14,6 +14,7 @@ import imageio.v3 as iio
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
+from ..problem.materials import constants_of
 from ..problem.measures import embed
 from ..units import SceneError, require
 from .painter import Camera, Mesh, Painter
@@ -195,10 +196,10 @@ class Renderer:
         pen.text(at, text, fill=colour, font=font(size * self.camera.height / 720), anchor=anchor)
 
     def _titles(self, pen, snapshot, measures):
-        mix, unit = self.scene.material, self.camera.height / 720
-        flow = f"yield stress {mix.yield_value:g} Pa   plastic " * (not mix.newtonian) + "viscosity "
-        flow += f"{mix.plastic_viscosity:g} Pa s   density {mix.density:g} kg/m3   "
-        flow += f"particle size {1e3 * self.scene.spacing:g} mm"
+        unit = self.camera.height / 720
+        mix = "   ".join(f"{name} {value}" for name, value in constants_of(self.scene.material.facts()).items())
+        mix = mix.removeprefix("yield stress 0 Pa   plastic ")
+        flow = f"{mix}   particle size {1e3 * self.scene.spacing:g} mm"
         self._write(pen, (28 * unit, 22 * unit), self.scene.name, 26)
         self._write(pen, (28 * unit, 58 * unit), flow, 16, FAINT)
         shown = [f"{name} {100 * measures[key]:.1f} cm" for key, name in MEASURES.items() if key in measures]
@@ -249,7 +250,7 @@ class Renderer:
         if self.view == "yielded":
             keys = [("flowing", FLOWING), ("below the yield stress", RIGID)]
         elif self.view == "mix":
-            mixes = [f"{m.yield_value:g} Pa, {m.plastic_viscosity:g} Pa s" for m in self.scene.materials]
+            mixes = [", ".join(list(constants_of(m.facts()).values())[:2]) for m in self.scene.materials]
             keys = zip(mixes, cycle(MIXES), strict=False)
         for k, (name, colour) in enumerate(keys):
             top = round((28 + 30 * k) * unit)

@@ -73,11 +73,11 @@ def test_a_problem_is_a_scene_and_numerics(arguments, message):
     ("material", "law", "rests"),
     [
         (mps.Newtonian(), "newtonian", False),
-        (mps.Bingham(yield_value=10.0, plastic_viscosity=50.0), "bingham", True),
-        (mps.Bingham(yield_value=1000.0, plastic_viscosity=1.0), "bingham", True),
+        (mps.Bingham(yield_value=10.0, plastic_viscosity=50.0), "yield-stress", True),
+        (mps.Bingham(yield_value=1000.0, plastic_viscosity=1.0), "yield-stress", True),
         (mps.Bingham(critical_strain_rate=0.1), "bi-viscosity", False),
-        (mps.HerschelBulkley(yield_value=100.0, consistency=100.0), "bingham", True),
-        (mps.HerschelBulkley(yield_value=0.0), "bingham", False),
+        (mps.HerschelBulkley(yield_value=100.0, consistency=100.0), "yield-stress", True),
+        (mps.HerschelBulkley(yield_value=0.0), "yield-stress", False),
     ],
 )
 def test_the_law_and_whether_it_rests_follow_from_the_material(material, law, rests):
@@ -89,7 +89,7 @@ def test_the_law_and_whether_it_rests_follow_from_the_material(material, law, re
 def test_the_law_of_mixes_is_that_of_those_that_yield():
     soft, stiff = mps.Newtonian(density=2000.0), mps.Bingham(yield_value=50.0, plastic_viscosity=50.0)
     problem = Problem(mps.Scene(**parts(material=soft, inlets=(hose(material=stiff),))))
-    assert problem.materials == (soft, stiff) and problem.law == "bingham" and not problem.rests
+    assert problem.materials == (soft, stiff) and problem.law == "yield-stress" and not problem.rests
 
 
 def test_walls_are_particles_where_the_scheme_or_the_user_wants_them_so_and_the_scene_has_them():

@@ -20,7 +20,7 @@ from taichi_mps.study.results import opened, read
 from taichi_mps.study.reuse import begin, shape_of
 from taichi_mps.study.sweep import ACCURACY, LOST, carry_out, values
 from taichi_mps.study.sweep import cases as combinations
-from taichi_mps.terms.constants import FIELDS_OF_A_MIX, longest_step
+from taichi_mps.terms.constants import longest_step
 from taichi_mps.units import SceneError
 from tests.support import study_cases
 
@@ -235,7 +235,7 @@ class Imagined(mps.Bingham):
 
 
 def test_what_is_compiled_in_is_in_the_key_of_what_is_compiled_once():
-    """A number of a mix shares the kernels only if terms/constants.py says that they read it from a field."""
+    """A number of a mix shares the kernels only if its law says that kernels read it from a field."""
     scene = catalogue.build("slump", spacing=0.05, model="axisymmetric")
 
     def key(numerics=None, kind=Imagined, **numbers):
@@ -249,7 +249,7 @@ def test_what_is_compiled_in_is_in_the_key_of_what_is_compiled_once():
     kinds += ({"kind": mps.HerschelBulkley}, {"kind": mps.HerschelBulkley, "yield_value": 40.0})  # compiled whole
     moved = replace(scene, fluid=scene.fluid + 1e-9)
     assert len({shape_of(Problem(moved)), *(key(**kind) for kind in kinds)}) == len(kinds) + 1
-    assert set(FIELDS_OF_A_MIX) <= set(mps.Bingham.model_fields)
+    assert set(mps.Bingham.from_fields) <= set(mps.Bingham.model_fields)
 
 
 @pytest.mark.parametrize(("end", "steps", "value"), [(1.0, 100, 0.5), (30.0, 3000, 0.85)])
