@@ -19,6 +19,7 @@ _PUBLIC = {
         "Concrete",
         "FlowCurve",
         "HerschelBulkley",
+        "Law",
         "Newtonian",
         "rational_critical_strain_rate",
     ],

@@ -212,19 +212,19 @@ class Checked(BaseModel):
 
     @classmethod
     def told(cls, values: dict, default) -> "Checked":
-        """The record of these values, and of those of the record ``default``, if it is one."""
+        """Make the record of these values, and of those of the record ``default``, if it is one."""
         return cls(**(dict(default) if isinstance(default, Checked) else {}) | values)
 
 
 def notes(field) -> list:
-    """What the declaration of a pydantic field says beside its type: bounds, unit."""
+    """List what the declaration of a pydantic field says beside its type: bounds, unit."""
     kinds = [option for option in get_args(field.annotation) if get_origin(option) is Annotated]  # of 'Length | None'
     known = [*field.metadata, *(item for kind in kinds for item in get_args(kind)[1:])]
     return [note for item in known for note in getattr(item, "metadata", [item])]
 
 
 def unit_of(field) -> Unit:
-    """Unit of a pydantic field, '' where it has none (a choice, a flag)."""
+    """Return the unit of a pydantic field, '' where it has none (a choice, a flag)."""
     return next((note for note in notes(field) if isinstance(note, Unit)), Unit(""))
 
 
@@ -232,7 +232,7 @@ NUMBERS: dict[str, str] = {}  # of a mix, {name: its law}, as problem/materials.
 
 
 def suggestion(key, known) -> str:
-    """', a number of the law ...' of a mix, ', did you mean ...?' or ''."""
+    """Return ', a number of the law ...' of a mix, ', did you mean ...?' or ''."""
     if law := NUMBERS.get(str(key).lstrip("-").replace("-", "_")):
         return f", a number of the law {law}; must be left out here"
     close = difflib.get_close_matches(str(key), [str(name) for name in known], n=1)
@@ -325,8 +325,9 @@ def checked(function):
         for name, record in records.items():
             own = {key: getattr(parameters, key) for key in record.model_fields if key in fields}
             given = {key: value for key, value in own.items() if key in parameters.model_fields_set}
-            made = dict(record.told(given, taken[name].default))
-            vars(parameters).update({key: made.get(key) for key in own})
+            made = record.told(given, taken[name].default)
+            others = own if type(made) is type(taken[name].default) else {}  # what the record has not
+            vars(parameters).update({key: dict(made).get(key, others.get(key)) for key in own})
         return parameters
 
     check = {"complete": model_validator(mode="after")(complete)}
@@ -355,5 +356,5 @@ def options_of(record: type[Checked], default) -> dict:
     hints = get_type_hints(record, include_extras=True) | getattr(record, "options", {})
     fields = {name: field for name, field in record.model_fields.items() if field.annotation is not type(None)}
     usual = dict(default) if isinstance(default, Checked) else {name: field.default for name, field in fields.items()}
-    values = {name: usual.get(name) for name in fields}
+    values = {name: usual.get(name, field.default) for name, field in fields.items()}
     return {name: (hints[name], Field(values[name], description=field.description)) for name, field in fields.items()}

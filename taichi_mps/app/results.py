@@ -10,8 +10,9 @@ from nicegui import ui
 from ..io.history import newest, read_history
 from ..io.run_folder import PLOTS, RunFolder
 from ..problem.labels import ENDS
+from ..problem.materials import mix_in_words
 from ..report import inputs
-from ..report.sentences import measured, measures, of_mix, rows, sentences
+from ..report.sentences import measured, measures, rows, sentences
 from ..units import SceneError, plain
 from .jobs import Job, Queue
 
@@ -43,7 +44,7 @@ def summary_of(folder: RunFolder) -> dict:
 
 def mixes(summary: dict) -> str:
     """The mixes of a run."""
-    return "; ".join(", ".join(of_mix(mix)) for mix in summary["materials"])
+    return "; ".join(mix_in_words(mix) for mix in summary["materials"])
 
 
 def given(summary: dict) -> dict[str, str]:

@@ -33,6 +33,7 @@ MOST_BYTES = 2e10  # some 1e8 particles
 LARGE = 1_000_000  # numbers of an array from which on a part of it stands for all
 PARTICLES = "spacing", "fluid", "domain", "wall_particles", "inlets"  # of a scene: what the arrays of a state depend on
 LAWS = "materials", "gravity_vector", "walls"  # what no state shows
+FORMER = {"typical_slope": "plastic_viscosity"}  # names by which digests know numbers of a law
 HEADER = {"source": str, "parameters": dict, "scheme": str, "numerics": dict, "time": float, "fluid": str}
 HEADER |= {"settings": dict, "problem": str}
 SCALARS = {"time", "steps", "last_dt", "rest", "report"}
@@ -455,7 +456,7 @@ def given(record, name: str, usual) -> tuple:
     """
     value = getattr(record, name)
     left_out = name == "name" or (not isinstance(value, np.ndarray) and value == usual)
-    return () if left_out else (name, value)
+    return () if left_out else (FORMER.get(name, name), value)
 
 
 def possible(poured, layers: int) -> bool:

@@ -349,15 +349,13 @@ MATERIALS = f"{', '.join(law.__name__ for law in LAWS)}, Newtonian, FlowCurve or
 
 
 def every_number() -> dict:
-    """The numbers of LAWS as pydantic declares fields."""
+    """The numbers of LAWS as pydantic declares fields: a viscous constant has no default, for it tells the law."""
     fields = {}
     for law in LAWS:
-        hints = get_type_hints(law, include_extras=True)
+        hints, whose = get_type_hints(law, include_extras=True), f" ({law.__name__})" * (law is not LAWS[0])
         for name, field in numbers_of(law).items():
-            kind, usual = hints[name], f", by default {field.default}" * (name not in law.viscous)
-            if law is not LAWS[0]:
-                field = Field(None, description=f"{field.description} ({law.__name__}{usual})")
-            fields.setdefault(name, (kind if name in OF_ALL else kind | None, field))
+            usual = Field(None if name in law.viscous else field.default, description=f"{field.description}{whose}")
+            fields.setdefault(name, (hints[name] if name in OF_ALL else hints[name] | None, usual))
     return fields
 
 
@@ -413,9 +411,15 @@ def constants_of(facts: dict) -> dict[str, str]:
     """The numbers that tell a mix, {name in words: value with unit}, from the facts of a material: yield stress first,
     density last."""
     names = ["yield_value", *(name for name in Concrete.model_fields if name in NUMBERS), "density"]
-    known = [name for name in names if isinstance(facts.get(name), float | int)]
-    told = [name for name in known if name not in NUMBERS or says(name, facts[name])]
-    return {in_words(name): said(float(facts[name]), unit_of(Concrete.model_fields[name])) for name in told}
+    known = {name: facts[name] for name in names if isinstance(facts.get(name), float | int)}
+    told = {name: value for name, value in known.items() if name not in NUMBERS or says(name, value)}
+    units = {name: unit_of(Concrete.model_fields[name]) for name in told}
+    return {in_words(name): said(float(value), units[name]) for name, value in told.items()}
+
+
+def mix_in_words(facts: dict) -> str:
+    """The numbers that tell a mix, on one line, from the facts of a material."""
+    return ", ".join(f"{name} {value}" for name, value in constants_of(facts).items())
 
 
 def Newtonian(density: float = 1000.0, viscosity: float = 1e-3) -> Bingham:  # noqa: N802

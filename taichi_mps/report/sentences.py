@@ -6,7 +6,7 @@ from pathlib import Path
 from ..io.history import COLUMNS
 from ..problem import accuracy
 from ..problem.labels import ENDS, in_words, is_measure, meaning, title, written
-from ..problem.materials import constants_of
+from ..problem.materials import mix_in_words
 from ..units import plain
 
 LEADING = "slump_m", "spread_m", "t500_s", "flow_m", "flow_time_s", "passing_ratio", "front_m", "filled_ratio"
@@ -37,8 +37,7 @@ def ending(summary) -> str:
     """Why and when it ended, and of what mix."""
     reason = ENDS.get(summary["stopped_by"], str(summary["stopped_by"]))
     mixes = summary.get("materials") or []
-    constants = ", ".join(f"{name} {value}" for name, value in constants_of(mixes[0] if mixes else {}).items())
-    mix = f" ({constants})" if len(mixes) == 1 else f" ({len(mixes)} mixes)" * bool(mixes)
+    mix = f" ({mix_in_words(mixes[0])})" if len(mixes) == 1 else f" ({len(mixes)} mixes)" * bool(mixes)
     return f"{reason[0].upper()}{reason[1:]} after {summary['simulated_seconds']:.2f} s{plain(mix)}."
 
 

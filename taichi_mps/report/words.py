@@ -6,7 +6,7 @@ from html import escape
 from .. import __version__
 from ..problem import accuracy
 from ..problem.labels import in_words
-from ..problem.materials import FLOWS
+from ..problem.materials import FLOWS, mix_in_words
 from ..units import plain
 from . import inputs, sentences
 
@@ -73,7 +73,7 @@ def given(run) -> list[tuple[str, str]]:
     parameters = run.summary.get("parameters", {})
     rows = inputs.rows(parameters, inputs.fields_of(run.source))
     mixes = [] if "yield_value" in parameters else run.summary.get("materials") or []
-    return rows + [(f"mix {k}", ", ".join(sentences.of_mix(mix))) for k, mix in enumerate(mixes, 1)]
+    return rows + [(f"mix {k}", mix_in_words(mix)) for k, mix in enumerate(mixes, 1)]
 
 
 def expected(summary: dict) -> str:

@@ -14,7 +14,7 @@ import imageio.v3 as iio
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from ..problem.materials import constants_of
+from ..problem.materials import constants_of, mix_in_words
 from ..problem.measures import embed
 from ..units import SceneError, require
 from .painter import Camera, Mesh, Painter
@@ -197,8 +197,7 @@ class Renderer:
 
     def _titles(self, pen, snapshot, measures):
         unit = self.camera.height / 720
-        mix = "   ".join(f"{name} {value}" for name, value in constants_of(self.scene.material.facts()).items())
-        mix = mix.removeprefix("yield stress 0 Pa   plastic ")
+        mix = mix_in_words(self.scene.material.facts()).removeprefix("yield stress 0 Pa, plastic ").replace(", ", "   ")
         flow = f"{mix}   particle size {1e3 * self.scene.spacing:g} mm"
         self._write(pen, (28 * unit, 22 * unit), self.scene.name, 26)
         self._write(pen, (28 * unit, 58 * unit), flow, 16, FAINT)

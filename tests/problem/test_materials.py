@@ -56,6 +56,7 @@ def test_a_rational_rate_is_a_number_once_the_time_is_known():
         ({"flow_index": 0.7, "plastic_viscosity": 20.0}, mps.HerschelBulkley(consistency=20.0, flow_index=0.7)),
         ({"flow_index": 0.7, "consistency": 30.0}, mps.HerschelBulkley(consistency=30.0, flow_index=0.7)),
         ({"structuration": 0.5}, mps.HerschelBulkley(structuration=0.5)),
+        ({"structuration": 0.0, "friction_angle": 10.0}, mps.Bingham(friction_angle=10.0)),
     ],
 )
 def test_what_a_scene_is_told_of_concrete_is_the_simplest_law(given, law):
@@ -73,13 +74,13 @@ def test_roussels_growth_of_the_yield_stress():
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({"flow_index": 1.3, "critical_strain_rate": 0.1}, "critical_strain_rate = 0.1 1/s: is of Bingham's law alone"),
         (
             {"structuration": 1.0, "yield_value": 0.0},
             "structuration = 1 Pa/s: needs a yield stress to grow;",
         ),
         ({"structuration": -1.0}, "structuration = -1.0 Pa/s: must be greater than or equal to 0 Pa/s"),
         ({"flow_index": 9.0}, "flow_index = 9.0: must be less than or equal to 4"),
+        ({"destructuration": 0.01}, "destructuration = 0.01: undoes structuration, which must be given"),
     ],
 )
 def test_laws_that_cannot_be_are_refused_in_one_line(given, message):

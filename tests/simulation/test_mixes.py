@@ -28,7 +28,7 @@ def exact(y, force, lower, upper):
 def rate_of(mix, tau):
     """Shear rate [1/s] of a mix at a shear stress [Pa]."""
     index = getattr(mix, "flow_index", 1.0)
-    viscous = getattr(mix, "consistency", mix.plastic_viscosity)
+    viscous = getattr(mix, mix.viscous[0])
     return (np.maximum(0.0, tau - mix.yield_value) / viscous) ** (1.0 / index)
 
 
@@ -54,7 +54,7 @@ def own_law(rate, structure):
     return 20.0 + 20.0 * rate
 
 
-OWN = mps.FlowCurve(yield_value=20.0, plastic_viscosity=20.0, shear_stress=own_law)
+OWN = mps.FlowCurve(yield_value=20.0, typical_slope=20.0, shear_stress=own_law)
 
 
 @pytest.mark.long

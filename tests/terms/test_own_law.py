@@ -52,7 +52,7 @@ def one(rate, structure):
 
 
 def film(law, growth=None):
-    material = mps.FlowCurve(density=2300.0, yield_value=40.0, plastic_viscosity=20.0, shear_stress=law, growth=growth)
+    material = mps.FlowCurve(density=2300.0, yield_value=40.0, typical_slope=20.0, shear_stress=law, growth=growth)
     return replace(catalogue.build("film", angle=15.0, spacing=0.02), material=material, check=None, measure=None)
 
 

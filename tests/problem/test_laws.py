@@ -1,0 +1,205 @@
+"""A law answers by its numbers, and a number that the chosen law has not is refused by name, wherever it is said."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import taichi_mps as mps
+from taichi_mps.app.forecast import forecast
+from taichi_mps.cli.main import main
+from taichi_mps.problem import catalogue
+from taichi_mps.problem.materials import LAWS, TYPICAL_RATE, numbers_of
+from taichi_mps.problem.problem import Problem
+from taichi_mps.study.reuse import shape_of
+from taichi_mps.study.sweep import cases
+from taichi_mps.units import YieldValue
+
+
+class Thinning(mps.Law):
+    """A law of somebody's own: tau_y + k sqrt(rate)."""
+
+    yield_value: YieldValue = 40.0
+    k: float = 30.0
+
+    def shear_stress(self, rate, structure):
+        return (1.0 + structure) * self.yield_value + self.k * rate**0.5
+
+
+class Building(Thinning):
+    """And thixotropic."""
+
+    def growth(self, rate, structure):
+        return 0.5 - rate * structure
+
+
+class Falling(Thinning):
+    def shear_stress(self, rate, structure):
+        return self.yield_value - self.k * rate
+
+
+def curve(rate, structure):
+    return 40.0 + 30.0 * rate
+
+
+# ---- what a law answers -------------------------------------------------------------------------------------------
+@pytest.mark.parametrize(
+    ("material", "at_4", "slope", "ages"),
+    [
+        (mps.Bingham(yield_value=40.0, plastic_viscosity=30.0), 160.0, 30.0, False),
+        (mps.HerschelBulkley(yield_value=40.0, consistency=30.0, flow_index=0.5), 100.0, 30.0 / 5.0**0.5, False),
+        (mps.HerschelBulkley(yield_value=40.0, consistency=30.0, structuration=0.5), 160.0, 30.0, True),
+        (mps.FlowCurve(yield_value=40.0, typical_slope=7.0, shear_stress=curve), 160.0, 7.0, False),
+        (Thinning(), 100.0, 30.0 / 5.0**0.5, False),
+        (Building(k=60.0), 160.0, 60.0 / 5.0**0.5, True),
+    ],
+    ids=lambda value: type(value).__name__ if isinstance(value, mps.Law) else None,
+)
+def test_stress_typical_slope_and_thixotropy_follow_from_the_numbers(material, at_4, slope, ages):
+    assert material.shear_stress(4.0, 0.0) == pytest.approx(at_4, rel=1e-14)
+    assert material.shear_stress(0.0, 0.0) == pytest.approx(material.yield_value, rel=1e-4)
+    assert material.typical_slope == pytest.approx(slope, rel=1e-12) and TYPICAL_RATE == 5.0
+    assert material.ages is ages and not material.newtonian and material.rests
+    assert ("growth" in material.functions) is ages
+
+
+@pytest.mark.parametrize("law", LAWS, ids=lambda law: law.__name__)
+def test_the_rate_at_the_stress_of_a_rate_is_that_rate(law):
+    numbers = {name: 0.7 for name in law.viscous[:1]} | {"flow_index": 0.6} if "flow_index" in numbers_of(law) else {}
+    material = law(yield_value=30.0, **numbers)
+    rates = np.array([1e-3, 0.5, 20.0])
+    stresses = np.array([material.shear_stress(rate, 0.0) for rate in rates])
+    np.testing.assert_allclose(material.shear_rate(stresses), rates, rtol=1e-9)
+    assert material.shear_rate(np.array([0.0, 29.0, 30.0])).tolist() == [0.0] * 3
+    assert np.all(np.diff(stresses) > 0.0)
+
+
+def test_a_class_of_ones_own_is_a_law_as_any(monkeypatch):
+    """Its curve and its growth are compiled with its numbers, tried, and named where they are none; it has a key of its
+    own among what is compiled once; as a parameter of a scene its numbers are keywords."""
+    from taichi_mps.terms.rheology import OwnLaw
+
+    mps.init(arch="cpu")
+    rates, structure = np.array([0.0, 1.0, 9.0]), np.array([0.0, 1.0, 2.0])
+    stress, growth = OwnLaw(Building(k=10.0)).evaluate(rates, structure)
+    np.testing.assert_allclose(stress, 40.0 * (1.0 + structure) + 10.0 * rates**0.5, rtol=1e-6)
+    np.testing.assert_allclose(growth, 0.5 - rates * structure, rtol=1e-6)
+    film = replace(catalogue.build("film", spacing=0.02), check=None, measure=None)
+    monkeypatch.setattr(mps.Simulation, "_build", lambda sim: pytest.fail("allocated"))
+    with pytest.raises(mps.SceneError, match="material: shear_stress = Falling.shear_stress: .*must"):
+        mps.Simulation(replace(film, material=Falling()))
+    mixes = Thinning(), Building(), Thinning(k=20.0), mps.FlowCurve(shear_stress=curve), mps.HerschelBulkley()
+    assert len({shape_of(Problem(replace(film, material=mix))) for mix in mixes}) == len(mixes)
+    assert all(mix.own is not isinstance(mix, mps.HerschelBulkley) for mix in mixes)
+
+    @mps.checked
+    def scene(material: Thinning = Thinning(k=20.0)):  # noqa: B008
+        return material
+
+    assert scene(yield_value="0.05 kPa") == Thinning(yield_value=50.0, k=20.0) and scene() == Thinning(k=20.0)
+
+
+@pytest.mark.parametrize(
+    ("members", "message"),
+    [
+        ((mps.Bingham, {"shear_stress": curve}), "a law with a flow curve of its own must derive from mps.Law"),
+        ((mps.Law, {}), "abstract"),
+    ],
+)
+def test_a_class_that_is_no_law_is_refused_where_it_is_made(members, message):
+    base, body = members
+    with pytest.raises(TypeError, match=message):
+        type("Mine", (base,), body)()
+
+
+# ---- refused by name ----------------------------------------------------------------------------------------------
+TWICE = "plastic_viscosity = {} Pa s: stands for consistency, which is given; must be left out"
+NEITHER = "flow_index = 0.5: the law Bingham, by friction_angle, has no such number; must be left out"
+BINGHAM = "the mixes that are looked for, and their slumps, are of Bingham's law; must be left out"
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("run slump --consistency 20 --flow-index 0.5 --plastic-viscosity 77", TWICE.format(77)),
+        ("run slump --consistency 20 --plastic-viscosity 50", TWICE.format(50)),
+        ("run slump --friction-angle 20 --flow-index 0.5", NEITHER),
+        ("run slump --destructuration 0.5", "destructuration = 0.5: undoes structuration, which must be given"),
+        ("new slump --friction-angle 20 --flow-index 0.5", NEITHER),
+        ("sweep slump --plastic-viscosity 20,50 --consistency 30", TWICE.format(20)),
+        ("sweep film --friction-angle 20 --flow-index 0.5,1", NEITHER),
+        ("require wall --consistency 20", f"consistency = 20 Pa s^n: {BINGHAM}"),
+        ("require wall --flow-index 0.5", f"flow_index = 0.5: {BINGHAM}"),
+        ("require wall --friction-angle 10", f"friction_angle = 10 deg: {BINGHAM}"),
+        ("calibrate --slump 0.2 --consistency 5", "unknown option --consistency, a number of the law HerschelBulkley"),
+        (
+            "run slump --scheme semi-implicit --consistency 5",
+            "material HerschelBulkley: must be Bingham with the scheme",
+        ),
+    ],
+)
+def test_the_command_line_refuses_a_number_that_the_law_has_not(words, message, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(words.split()) == 2
+    told = capsys.readouterr().err
+    assert message in told and told.count("\n") == 1 and not list(tmp_path.iterdir())
+    if words.startswith("run"):
+        assert message in forecast(words.split()[1:])[2], "the page"
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: mps.Concrete(consistency=20.0, plastic_viscosity=50.0), TWICE.format(50)),
+        (lambda: mps.slump_cone(consistency=20.0, plastic_viscosity=50.0), TWICE.format(50)),
+        (lambda: mps.slump_cone(mps.Bingham(), consistency=20.0), "consistency = 20.0: already given by the material"),
+        (lambda: cases("slump", plastic_viscosity=[20, 50], consistency=30), TWICE.format(20)),
+        (lambda: mps.Bingham(consistency=20.0), "unknown key 'consistency', a number of the law HerschelBulkley"),
+        (
+            lambda: mps.HerschelBulkley(plastic_viscosity=20.0),
+            "unknown key 'plastic_viscosity', a number of the law Bing",
+        ),
+    ],
+)
+def test_python_refuses_a_number_that_the_law_has_not(call, message):
+    with pytest.raises(mps.SceneError, match=f"^{message}"):
+        call()
+
+
+def test_a_case_file_has_the_numbers_of_its_law_and_takes_those_of_one_written_before(tmp_path, capsys):
+    """A case of before 0.3 has all numbers, those without effect at their defaults."""
+    case = tmp_path / "case.toml"
+    assert main(["new", "slump", "--consistency", "20", "--flow-index", "0.5"]) == 0
+    text = capsys.readouterr().out
+    assert "\nconsistency = 20.0" in text and "# plastic_viscosity = " in text and "# friction_angle = " in text
+    for mix, wrong in (("plastic_viscosity = 50.0\nconsistency = 20.0\nfriction_angle = 0.0\n", False),
+                       ("plastic_viscosity = 77.0\nconsistency = 20.0\n", True)):  # fmt: skip
+        case.write_text(
+            f"scene = 'slump'\n[mix]\n{mix}flow_index = 0.5\nstructuration = 0.0\ndestructuration = 0.005\n"
+        )
+        assert main(["run", str(case), "--forecast"]) == 2 * wrong
+        assert (TWICE.format(77) in capsys.readouterr().err) is wrong
+
+
+@pytest.mark.parametrize("numbers", [{}, {"consistency": 9.0}, {"structuration": 0.5}, {"flow_index": 1.0}])
+def test_parameters_are_the_numbers_of_the_law_and_make_the_same_scene_again(numbers):
+    scene = catalogue.build("l_flow", **numbers)
+    viscous = {law.viscous[0] for law in LAWS if scene.parameters[law.viscous[0]] is not None}
+    assert viscous == {scene.material.viscous[0]} and numbers.items() <= scene.parameters.items()
+    assert catalogue.rebuild("l_flow", json.loads(json.dumps(scene.parameters))).material == scene.material
+    before = scene.parameters | {"plastic_viscosity": 50.0}  # of a checkpoint of before 0.3
+    assert catalogue.rebuild("l_flow", before).material == scene.material
+
+
+# ---- former names -------------------------------------------------------------------------------------------------
+def test_the_typical_slope_is_known_by_its_former_name():
+    with pytest.warns(DeprecationWarning, match="plastic_viscosity of this law is typical_slope; .* version 0.3"):
+        old = mps.FlowCurve(shear_stress=curve, plastic_viscosity=20.0)
+    assert old == mps.FlowCurve(shear_stress=curve, typical_slope=20.0)
+    assert old.facts()["plastic_viscosity"] == old.facts()["typical_slope"] == 20.0
+    for material in (old, mps.HerschelBulkley(consistency=20.0)):
+        with pytest.warns(DeprecationWarning, match="typical_slope"):
+            assert material.plastic_viscosity == 20.0
+    with pytest.raises(mps.SceneError, match="plastic_viscosity: is the former name of typical_slope, given too"):
+        mps.FlowCurve(shear_stress=curve, typical_slope=20.0, plastic_viscosity=20.0)
