@@ -23,6 +23,7 @@ meter = [length] = m = metre = M
 millimeter_ = millimeter = MM
 centimeter_ = centimeter = CM = Cm
 decimeter_ = decimeter = DM
+micrometer_ = micrometer = micron
 inch = 0.0254 meter = in = inches
 foot = 12 inch = ft = feet
 yard = 3 foot = yd
@@ -32,6 +33,8 @@ second = [time] = s = S = sec = Sec = SEC = sek = Sek = sekunde = sekunden
 minute = 60 second = min = Min = MIN = minuten
 hour = 60 minute = h = H = hr = Hr = std = Std = stunde = stunden
 day = 24 hour = d
+mile_an_hour = mile / hour = mph
+kilometer_an_hour = kilometer / hour = kph = kmh
 hertz = 1 / second = Hz = HZ = hz
 gram = [mass] = g = gm = G
 kilogram_ = kilogram = Kg = KG = kgs = Kgs

@@ -252,7 +252,9 @@ def explain(error: ValidationError, model: type[BaseModel]) -> str:
         allowed = item["msg"].replace("Input should be", "must be").replace("Value error, ", "")
         if kind == "float_parsing":
             allowed = "must be a number" + f" [{unit}]" * bool(unit)
-        if kind.startswith(("greater", "less")):
+        elif kind == "too_long" or (kind == "missing" and len(item["loc"]) > 1):  # of a tuple
+            kind, allowed = "length", f"must be {len(get_args(model.model_fields[key].annotation))} values"
+        elif kind.startswith(("greater", "less")):
             allowed += f" {unit}" * bool(unit) + f" ({known.hint})" * bool(known.hint)
         shown = " ".join(str(item["input"]).split())[:LONGEST] or "''"  # on one line
         if not isinstance(item["input"], str) or without_unit(item["input"]) or kind == "finite_number":

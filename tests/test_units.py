@@ -256,6 +256,8 @@ def test_without_pint_it_is_pint_that_is_named(monkeypatch):
         (["new", "vane", "--speed", "10 1/min"], "\nspeed = 10.0 "),
         (["new", "film.toml"], "\nyield_value = 20.5 "),
         (["new", "pair.py", "--at", "0,5"], "taichi-mps: at: 2 values: 0, 5 m\n"),
+        (["new", "pair.py", "--at", "0,5,1"], "at = ['0', '5', '1'] m: must be 2 values\n"),
+        (["new", "pair.py", "--at", "5"], "at = ['5'] m: must be 2 values\n"),
         (["new", "pair.toml"], "taichi-mps: at: 2 values: 0.05, 5 m\n"),
         (["sweep", "film", "--yield-value", "200,5"], "taichi-mps: yield_value: 2 values: 200, 5 Pa\n"),
         (["sweep", "film", "--yield-value", "0,5:50:9"], "yield_value: 9 values: 0.5, 0.8891, 1.581, ..., 50 Pa\n"),

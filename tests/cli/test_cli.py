@@ -265,7 +265,7 @@ def test_a_scene_file_runs_alone_and_the_pictures_can_be_drawn_again(work):
         ("run broken.py", "broken.py cannot be loaded: SyntaxError"),
         ("run bare.py", "has no function 'scene'"),
         ("rnu slump", "unknown command 'rnu', did you mean 'run'?"),
-        ("resume nowhere", "checkpoint nowhere/checkpoint.h5: no such file"),
+        ("resume nowhere", "checkpoint nowhere/checkpoint.h5: cannot be read (No such file"),
         ("resume file", "checkpoint file: damaged, or not a checkpoint"),
         ("render nowhere", "run = nowhere: holds no run.h5"),
         ("plot nowhere", "run = nowhere: holds no history.csv"),
