@@ -60,25 +60,23 @@ class Recorder:
         self.next = now + (now - begin) / CHECKPOINT_COST
 
     def step(self, sim) -> None:
-        """After a step: a row of history.csv, and a checkpoint if one is due. No row where a part was left out of the
-        step, for to measure it all would have to take part."""
+        """After a step and its outputs: a row of history.csv, and a checkpoint if one is due. Neither where a part was
+        left out of the step, for to read it would bring that part back."""
         if sim.taken_by_all:
             self.measures = sim.measures()
             self.history.add(row_of(sim, self.measures))
-        if time.monotonic() > self.next and not due(sim.time, self.every):
-            self._save()
+            if time.monotonic() > self.next:
+                self._save()
 
-    def output(self, sim) -> None:
-        """At an output: the particles into run.h5, a picture, and a checkpoint if one is due."""
-        if sim.steps == self.begun and not due(sim.time, self.every):
+    def output(self, frame) -> None:
+        """A frame into run.h5, and its picture."""
+        if self.sim.steps == self.begun and not due(frame.time, self.every):
             return  # a run that goes on from between two outputs has none here
-        number = self.trajectory.append(sim.snapshot())
+        number = self.trajectory.append(frame.snapshot())
         if number is not None:
             self.good = self._checkpoint()
             if self.picture:
-                self.picture(number, sim)
-        if time.monotonic() > self.next:  # not before: an output needs fields of the step, which no checkpoint keeps
-            self._save()
+                self.picture(number, frame)
 
     def finish(self, stopped_by: str, error: str | None = None) -> dict:
         """Write the checkpoint (after a divergence the last good one), the last row and the summary; return it."""

@@ -5,7 +5,7 @@ import json
 import os
 import shutil
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -13,7 +13,7 @@ import numpy as np
 
 from ..problem import catalogue
 from ..problem.measures import Snapshot, embed
-from ..problem.scene import Scene
+from ..simulation.frame import Frame
 from ..units import SceneError, require
 from . import untrusted_hdf5 as outside
 
@@ -224,7 +224,7 @@ class Trajectory:
 
         Returns
         -------
-        iterator of Replay
+        iterator of Frame
             Outputs.
 
         Raises
@@ -267,7 +267,7 @@ class Trajectory:
         return outside.opened(self.path, "run")
 
     def replay(self, scene_file=None, scene=None, chosen=None):
-        """Read the outputs one by one, each with what a picture needs of a Simulation.
+        """Read the outputs one by one.
 
         Parameters
         ----------
@@ -280,7 +280,7 @@ class Trajectory:
 
         Yields
         ------
-        Replay
+        Frame
             Scene, time, snapshot and measures.
 
         Raises
@@ -320,56 +320,7 @@ class Trajectory:
                 there = sizes > 0.0
                 fields = {key: data[name][there].astype(kind) for key, (name, _, kind) in FIELDS.items()}
                 u = data["velocity"][there][:, axes]
-                yield Replay(scene, Snapshot(instant, scene.spacing, x[there], u, wall_x=wall, **fields))
-
-
-@dataclass(frozen=True)
-class Replay:
-    """One output of a run, read back; a picture takes it in place of a Simulation.
-
-    Parameters
-    ----------
-    scene : Scene
-        Scene of the run.
-    state : Snapshot
-        Fluid at this output.
-
-    Examples
-    --------
-    >>> import taichi_mps as mps
-    >>> from taichi_mps.io.vtkhdf import Replay
-    >>> scene = mps.slump_cone(model="axisymmetric", spacing=0.05)
-    >>> Replay(scene, mps.measure.still(scene.fluid, scene.spacing)).time
-    0.0
-    """
-
-    scene: Scene
-    state: Snapshot
-
-    @property
-    def time(self) -> float:
-        """Time of the output [s]."""
-        return self.state.time
-
-    def snapshot(self) -> Snapshot:
-        """Return the fluid at this output.
-
-        Returns
-        -------
-        Snapshot
-            Computed part.
-        """
-        return self.state
-
-    def measures(self) -> dict[str, float]:
-        """Return what the scene measures of the whole body at this output.
-
-        Returns
-        -------
-        dict of str to float
-            Results by name.
-        """
-        return self.scene.measure(self.scene.unfold(self.state)) if self.scene.measure else {}
+                yield Frame(scene, Snapshot(instant, scene.spacing, x[there], u, wall_x=wall, **fields))
 
 
 def instants(file) -> np.ndarray:

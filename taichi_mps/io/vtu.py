@@ -18,7 +18,7 @@ def vtu(outputs, folder, whole: bool = False, smooth: bool = False) -> int:
 
     Parameters
     ----------
-    outputs : iterable of Replay
+    outputs : iterable of Frame
         Outputs, as ``Trajectory.whole`` gives them.
     folder : path-like
         New or empty folder.
@@ -40,10 +40,10 @@ def vtu(outputs, folder, whole: bool = False, smooth: bool = False) -> int:
     Examples
     --------
     >>> import tempfile, pathlib, taichi_mps as mps
-    >>> from taichi_mps.io.vtkhdf import Replay
+    >>> from taichi_mps.simulation.frame import Frame
     >>> from taichi_mps.io.vtu import vtu
     >>> scene = mps.slump_cone(model="axisymmetric", spacing=0.05)
-    >>> outputs = [Replay(scene, mps.measure.still(scene.fluid, scene.spacing))]
+    >>> outputs = [Frame(scene, mps.measure.still(scene.fluid, scene.spacing))]
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     vtu(outputs, folder, whole=True)
     ...     sorted(path.name for path in pathlib.Path(folder).iterdir())

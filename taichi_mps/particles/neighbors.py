@@ -253,6 +253,11 @@ class NeighborList:
             if not (way.dot(way) <= (0.5 * self.skin) ** 2):  # a position that is no number, too
                 self.left[None] = 1
 
+    def state(self) -> dict:
+        """Where the particles were when the list was made [m], (n, d), which a list with a skin depends on."""
+        listed = self.skin > 0.0 and self._known
+        return {"listed_at": self.listed_at.to_numpy()[: self.particles.count[None]]} if listed else {}
+
     def forget(self) -> None:
         """The particles are elsewhere, so how many pairs there will be is not known: as many as fit, say."""
         self.pairs[None] = self.pair_capacity

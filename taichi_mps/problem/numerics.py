@@ -38,7 +38,9 @@ class Implicit(Checked):
 
     walls: Literal["surfaces", "particles"] = Field("surfaces", description="how walls are represented")
     courant_number: Ratio = Field(0.2, description=COURANT)
-    max_time_step: Duration | None = Field(None, description="longest step, by default what resolves the flow")
+    max_time_step: Duration | None = Field(
+        None, description="no step is longer; those that resolve the flow may be shorter"
+    )
     tolerance: Ratio = Field(3e-3, description="relative residual at which a velocity solve stops")
     passes: Count = Field(6, description="augmented-Lagrangian (Uzawa) iterations a step")
     effective_radius_ratio: RadiusRatio = Field(2.1, description=RADIUS)

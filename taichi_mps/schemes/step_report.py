@@ -59,7 +59,7 @@ class StepReport:
     step: int
     time: float  # at the end of the step [s]
     dt: float  # [s]
-    dt_limit: str  # what bounded dt: Courant, diffusion, growth, maximum, first or output
+    dt_limit: str  # what bounded dt: Courant, diffusion, growth, maximum, first or end (until, or a hose opens)
     max_speed: float  # [m/s]
     mean_speed: float  # root mean square [m/s]
     moving_speed: float  # of what moves: sqrt(sum V u^4/sum V u^2) [m/s]

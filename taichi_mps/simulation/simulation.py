@@ -7,7 +7,6 @@ from dataclasses import asdict, replace
 import numpy as np
 
 from ..particles.neighbors import CapacityError, EscapedError
-from ..problem.loads import measured
 from ..problem.measures import Snapshot
 from ..problem.problem import Problem
 from ..problem.scene import Scene
@@ -20,6 +19,7 @@ from ..schemes.step_report import DivergedError, DomainError, StepReport
 from ..terms.rheology import OwnLaw
 from ..units import INSTANT, finite, positive, require
 from .forecast import pairs_of, require_memory
+from .frame import Frame, between
 from .pouring import Pouring
 from .rest import Rest
 from .snapshot import crossing, snapshot
@@ -89,6 +89,7 @@ class Simulation:
         """Set a problem before its first step: no callbacks, and the clocks at zero."""
         self.problem, self.scene, self.numerics = problem, problem.scene, problem.numerics
         self._schedules, self._each_step, self.stopped_by = [], [], None
+        self._earlier = None  # the last whole state that outputs were asked of
         self._clock = time.process_time(), time.perf_counter()
         self.compile_seconds = self.cpu_seconds = self.wall_seconds = 0.0
 
@@ -128,26 +129,27 @@ class Simulation:
             If the fluid has reached an edge of the domain.
         """
         cpu = time.process_time()
-        if until is not None:
-            left = finite("until", until, "s", shape=()) - self.time
-            require(
-                left >= 0.999 * INSTANT,
-                f"until = {until} s: must be later than the present time, {self.time:.9g} s, by {INSTANT:g} s at least",
-            )
+        until = math.inf if until is None else self._later(until)
         if not self._compiled:
             require_thread()
-        jet = self._pour()
-        dt, limit = self._choose_time_step(jet, until)
-        report = self._advance(dt, limit == "output")
+        dt, limit = self._choose_time_step(self._pour(), until)
+        report = self._advance(dt, limit == "end")
         self.time, self.steps = self.time + dt, self.steps + 1
-        worst = self.report.volume_error_max if self.report else 0.0
-        if self.scheme.diagnostics.enclosed > LEAST_ENCLOSED:
-            worst = max(worst, abs(report.volume_error))
+        is_known = self.scheme.diagnostics.enclosed > LEAST_ENCLOSED
+        worst = max(self.report.volume_error_max if self.report else 0.0, is_known * abs(report.volume_error))
         self.report = replace(report, step=self.steps, time=self.time, dt_limit=limit, volume_error_max=worst)
         self._require_sound()
         self.rest.observe(report.moving_speed, self.time)
         self._count_seconds(cpu)
         return self.report
+
+    def _later(self, until) -> float:
+        """``until`` [s], a time at least an instant later than now."""
+        require(
+            finite("until", until, "s", shape=()) - self.time >= 0.999 * INSTANT,
+            f"until = {until} s: must be later than the present time, {self.time:.9g} s, by {INSTANT:g} s at least",
+        )
+        return until
 
     def _pour(self) -> float:
         """Let in what is due; return the speed [m/s] of the fastest jet."""
@@ -173,11 +175,11 @@ class Simulation:
         name = min(limits, key=limits.get)
         dt = self._last_dt = limits[name]
         openings = [pouring.next for pouring in self.pouring if not pouring.entered]
-        ends = [end for end in openings if end > self.time + INSTANT] + [math.inf if until is None else until]
+        ends = [end for end in openings if end > self.time + INSTANT] + [until]
         left = min(ends) - self.time
         if left < dt * (1 + 1e-9):
-            return left, "output"
-        return (0.5 * left, "output") if left < 2 * dt else (dt, name)
+            return left, "end"
+        return (0.5 * left, "end") if left < 2 * dt else (dt, name)
 
     def _advance(self, dt, is_read) -> StepReport:
         """Take a step of the scheme.
@@ -250,14 +252,17 @@ class Simulation:
 
     # ---- running --------------------------------------------------------------------------------------------
     def every(self, interval: float, callback) -> None:
-        """Call a function at regular times: at 0 s, after each interval and at the end.
+        """Call a function of a frame at regular times: at 0 s, at the multiples of an interval, and at the end.
+
+        Steps don't end for it: between the ends of two steps the frame is interpolated. A step that is longer than the
+        interval gives one frame, at the last multiple in it.
 
         Parameters
         ----------
         interval : float
-            Time between calls [s].
+            Time between frames [s].
         callback : callable
-            Function of this Simulation.
+            Function of a ``Frame``: time, snapshot(), measures() and report.
 
         Raises
         ------
@@ -316,39 +321,38 @@ class Simulation:
         """
         until = float(finite("until", self.scene.until if until is None else until, "s", shape=()))
         self.stopped_by = None
-        self._call_schedules()
+        self._output()
         if self.time >= until - INSTANT:
             self.stopped_by = "time"
         while self.stopped_by is None:
-            upcoming = min([until] + [self._next_due(interval) for interval, *_ in self._schedules])
-            self.step(max(upcoming, self.time + INSTANT))
+            self.step(until)
             self._why_stop(until)  # notes since when the body rests, which a checkpoint of this step must know
+            self._output()
             for callback in self._each_step:
                 callback(self)
             self.stopped_by = self._why_stop(until)
-            self._call_schedules(last=self.stopped_by is not None)
+        self._output(last=True)
         self._interrupted = False
         judge(self)
         return self.stopped_by
 
-    def _next_due(self, interval) -> float:
-        """Return the next time [s] at which a step must end for a callback.
-
-        A multiple of its interval, and where steps have grown longer than that, of 2, 4, 8 ... intervals, so that it
-        does not shorten them.
+    def _output(self, last=False):
+        """Call the schedules with what is due since the state before. Where a step left a part out, outputs wait for
+        one of all: to read them now would bring back what is left out.
         """
-        pace = min(self._limits(0.0).values()) if self.report and not self.pouring else 0.0
-        stride = interval * 2.0 ** max(0, math.floor(math.log2(pace / interval))) if pace > interval else interval
-        return stride * (math.floor(self.time / stride + 1e-6) + 1)
-
-    def _call_schedules(self, last=False):
+        if not self._schedules or not (self.taken_by_all or last):
+            return
+        now = Frame(self.scene, self.snapshot(), self.report)
         for schedule in self._schedules:
             interval, callback, done = schedule
-            due = math.floor(self.time / interval + 1e-6)
-            on_time = abs(self.time / interval - round(self.time / interval)) < 1e-6
-            if (due > done and on_time) or last:
-                schedule[2] = max(due, done)
-                callback(self)
+            number = math.floor(self.time / interval + 1e-6)
+            on_time = abs(self.time - number * interval) < INSTANT
+            schedule[2] = number
+            if number > done and (done >= 0 or on_time):
+                callback(now if on_time else between(self._earlier, now, number * interval))
+            if last and not on_time:
+                callback(now)
+        self._earlier = now
 
     def _why_stop(self, until) -> str | None:
         unyielded, at_rest = self.numerics.unyielded_stop, self.scene.stop_at_rest
@@ -381,11 +385,8 @@ class Simulation:
         dict of str to float
             Results such as ``slump_m`` and ``spread_m``, and loads on the walls if asked for.
         """
-        if not (self.scene.measure or self.problem.wall_loads):
-            return {}
-        whole = self.scene.unfold(self.snapshot())
-        found = self.scene.measure(whole) if self.scene.measure else {}
-        return found | measured(whole, self.scene.mirrors, self.scene.axisymmetric)
+        wanted = self.scene.measure or self.problem.wall_loads
+        return Frame(self.scene, self.snapshot(), self.report).measures() if wanted else {}
 
     @in_session
     def summary(self) -> dict:
@@ -408,10 +409,9 @@ class Simulation:
             Arrays by row, and scalars.
         """
         report = asdict(self.report) if self.report else None
-        if self.neighbors.skin > 0.0:  # who goes on from here has no list either
-            self.neighbors.forget()
         return {
             **self.particles.read(),
+            **self.neighbors.state(),
             "time": self.time,
             "steps": self.steps,
             "last_dt": self._last_dt,
@@ -449,7 +449,8 @@ class Simulation:
         state : dict
             What ``state`` returned.
         """
-        self.particles.load({name: state[name] for name in self.particles.carried})
+        carried = {name: state[name] for name in self.particles.carried}
+        self.particles.load(carried)
         self.time, self.steps, self._last_dt = state["time"], state["steps"], state["last_dt"]
         self.report = StepReport(**state["report"]) if state["report"] else None
         self.rest = Rest(**state["rest"])
@@ -457,4 +458,9 @@ class Simulation:
             pouring.entered, pouring.delay = carried
         self.walls.place(self.time)
         self.neighbors.forget()
+        if "listed_at" in state:  # the same pairs in the same order, or sums would be rounded otherwise
+            self.particles.load({**carried, "x": state["listed_at"]})
+            with self.execution.active():
+                self.neighbors.search()
+            self.particles.load(carried)
         self.scheme.load(state)

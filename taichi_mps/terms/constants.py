@@ -91,15 +91,15 @@ class Constants:
         self.materials = materials
         height, gravity, speed = problem.height, problem.gravity, problem.speed
         head = gravity * height + speed**2  # the pressure to expect, over the density [m2/s2]
-        yields, given = all(m.yields for m in materials), numerics.max_time_step
+        yields, self.limit = all(m.yields for m in materials), numerics.max_time_step or math.inf  # of any step [s]
         longest, quiet = (
             min(longest_step(m.typical_slope / m.density, gravity, height, scene.spacing, times) for m in materials)
             for times in (1.0, LONG)
         )
         falls = yields and quiet > longest  # what yields falls, faster than its viscosity lets it flow
-        self.max_time_step = given or longest  # [s]
-        self.quiet_step = quiet if falls and given is None else self.max_time_step  # longest step of a quiet flow [s]
-        self.creeps = yields and given is None  # what dies away then takes longer steps
+        self.max_time_step = min(longest, self.limit)  # of a flow that is not quiet [s]
+        self.quiet_step = quiet if falls else longest  # longest step of a quiet flow [s]
+        self.creeps = yields  # what dies away then takes longer steps
         # limits of what is quiet, and still: change of the velocity times the step [m], velocity [m/s]
         self.quiet, self.still = QUIET * scene.spacing, STILL * head**0.5
         # the step [s] of this scene at its defaults: it scales what must not depend on the steps taken
@@ -134,12 +134,12 @@ class Constants:
 
     def longest_at(self, speeds) -> float:
         """Longest step [s] at these ``Speeds``: max_time_step, or in a quiet flow sqrt(QUIET l0/acceleration), at most
-        quiet_step or, where it dies away, CREEP times the time of that."""
+        quiet_step or, where it dies away, CREEP times the time of that; never above the limit that was given."""
         longest = self.max_time_step
         if speeds.acceleration * longest**2 < self.quiet and speeds.speed > self.still:
             most = max(self.quiet_step, CREEP * speeds.decay * self.creeps)
             longest = max(longest, min(most, math.sqrt(self.quiet / max(speeds.acceleration, 1e-30))))
-        return longest
+        return min(longest, self.limit)
 
     def part_taken_back(self, dt: float) -> float:
         """Part of the hourglass resistance that is taken back in a step of dt [s]: all of it where steps follow the

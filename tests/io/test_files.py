@@ -23,6 +23,7 @@ from taichi_mps.io.vtkhdf import Trajectory
 from taichi_mps.problem import catalogue
 from taichi_mps.problem.measures import still
 from taichi_mps.schemes.step_report import OLD_NAMES
+from taichi_mps.simulation.frame import Frame
 from taichi_mps.viz import film
 from taichi_mps.viz.smooth_surface import smooth_surface
 from tests.support.recorded import Falling, recorded
@@ -254,7 +255,7 @@ def test_an_export_holds_every_output_with_its_time(tmp_path, plane):
         assert not rows[:, 1].any()
     assert mesh.cells[0].type == "vertex" and len(mesh.cells[0].data) == len(plane.fluid)
     body = still(mps.lattice((0.0, 0.0, 0.0), (0.4, 0.4, 0.4), 0.1), 0.1)
-    assert export.vtu([vtkhdf.Replay(plane, body)], tmp_path / "surface", smooth=True) == 1
+    assert export.vtu([Frame(plane, body)], tmp_path / "surface", smooth=True) == 1
     mesh = meshio.read(tmp_path / "surface" / "output_00000.vtu")
     assert mesh.cells[0].type == "triangle" and set(mesh.point_data) == set(vtkhdf.point_data(body))
     with pytest.raises(mps.SceneError, match="the body is .* cells long; must be at most 1e.06"):

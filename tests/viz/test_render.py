@@ -10,10 +10,10 @@ import pytest
 
 import taichi_mps as mps
 from taichi_mps.cli import console as show
-from taichi_mps.io import vtkhdf
 from taichi_mps.io import vtu as export
 from taichi_mps.problem import catalogue
 from taichi_mps.problem.measures import still
+from taichi_mps.simulation.frame import Frame
 from taichi_mps.viz import painter, render
 from taichi_mps.viz.beads import Beads
 from taichi_mps.viz.painter import Camera, Mesh, Painter
@@ -250,7 +250,7 @@ def test_without_the_library_of_surfaces_particles_are_drawn(body, tmp_path, mon
         "surface: needs pysplashsurf 0.13 or later: pip install 'pysplashsurf>=0.13'; drawing particles instead\n"
     )
     with pytest.raises(mps.SceneError, match="surface: needs pysplashsurf"):
-        export.vtu([vtkhdf.Replay(body, snapshot(body))], tmp_path / "vtu", smooth=True)
+        export.vtu([Frame(body, snapshot(body))], tmp_path / "vtu", smooth=True)
     plane = catalogue.build("dam_break", spacing=0.05)
     assert render.Renderer(plane, **SIZE).beads and not capsys.readouterr().err
     assert not list(tmp_path.iterdir())
@@ -258,7 +258,7 @@ def test_without_the_library_of_surfaces_particles_are_drawn(body, tmp_path, mon
 
 def test_pictures_that_cannot_be_made_are_refused_before_any_is(body, tmp_path, monkeypatch):
     replay, options = (
-        [vtkhdf.Replay(body, snapshot(body))],
+        [Frame(body, snapshot(body))],
         SimpleNamespace(view="concrete", renderer="software", beads=False),
     )
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)

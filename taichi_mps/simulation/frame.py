@@ -1,0 +1,81 @@
+"""A frame: a body at one instant, as the outputs of a run show it, computed or read back."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..problem.loads import measured
+from ..problem.measures import Snapshot
+from ..problem.scene import Scene
+from ..schemes.step_report import StepReport
+
+
+@dataclass(frozen=True)
+class Frame:
+    """Body of a scene at one instant.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene of the run.
+    state : Snapshot
+        Fluid at this instant.
+    report : StepReport, optional
+        What the step did in which it lies; None before the first one and of a frame that was read back.
+
+    Examples
+    --------
+    >>> import taichi_mps as mps
+    >>> from taichi_mps.simulation.frame import Frame
+    >>> scene = mps.slump_cone(model="axisymmetric", spacing=0.05)
+    >>> Frame(scene, mps.measure.still(scene.fluid, scene.spacing)).time
+    0.0
+    """
+
+    scene: Scene
+    state: Snapshot
+    report: StepReport | None = None
+
+    @property
+    def time(self) -> float:
+        """Time of the frame [s]."""
+        return self.state.time
+
+    def snapshot(self) -> Snapshot:
+        """Return the fluid at this instant.
+
+        Returns
+        -------
+        Snapshot
+            Computed part.
+        """
+        return self.state
+
+    def measures(self) -> dict[str, float]:
+        """Return what the scene measures of the whole body, and loads on the walls where they were asked for.
+
+        Returns
+        -------
+        dict of str to float
+            Results by name.
+        """
+        whole = self.scene.unfold(self.state)
+        found = self.scene.measure(whole) if self.scene.measure else {}
+        return found | measured(whole, self.scene.mirrors, self.scene.axisymmetric)
+
+
+def between(earlier: Frame, later: Frame, time: float) -> Frame:
+    """The frame at a ``time`` [s] between two: places and velocities by linear interpolation, all else as of the later.
+
+    Particles that came in since the earlier one have moved at their present velocity.
+    """
+    first, last, known = earlier.state, later.state, len(earlier.state.x)
+    back, span = time - last.time, last.time - first.time
+    way = np.vstack([last.x[:known] - first.x, span * last.u[known:]])
+    gain = np.vstack([last.u[:known] - first.u, 0.0 * last.u[known:]])
+    low, high = np.array(later.scene.domain, float)
+    way -= (
+        later.scene.periodic * (high - low) * np.round(way / (high - low))
+    )  # who left at one end came in at the other
+    part = back / span
+    return replace(later, state=replace(last, time=time, x=last.x + part * way, u=last.u + part * gain))

@@ -1,0 +1,146 @@
+"""Outputs steer nothing: a run has the same bits whatever is read of it and when; frames between two steps are
+interpolated; a run that was interrupted goes on with the same steps and the same frames."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import taichi_mps as mps
+from taichi_mps.io import checkpoint
+from taichi_mps.io.history import read_history
+from taichi_mps.io.recorder import Recorder
+from taichi_mps.io.run_folder import RunFolder
+from taichi_mps.io.vtkhdf import Trajectory
+from taichi_mps.problem import catalogue
+from taichi_mps.problem.measures import still
+from taichi_mps.problem.problem import Problem
+from taichi_mps.simulation.frame import Frame, between
+
+RINGS = {"model": "axisymmetric", "spacing": 0.02, "yield_value": 500.0}
+
+
+def bits(sim) -> bytes:
+    """All that particles carry."""
+    return b"".join(np.ascontiguousarray(rows).tobytes() for _, rows in sorted(sim.particles.read().items()))
+
+
+def with_outputs(sim, start, every) -> tuple:
+    """From a state to the end, with outputs every so many seconds: time, steps, reason of the end, bits, frames."""
+    frames = []
+    if sim.problem.scheme == "implicit":
+        sim.restart(sim.problem, start)
+    else:  # has no restart
+        sim = mps.Simulation(sim.problem)
+    if every:
+        sim.every(every, frames.append)
+    stopped_by = sim.run()
+    return (sim.time, sim.steps, stopped_by, bits(sim)), frames
+
+
+# ---- the same bits ---------------------------------------------------------------------------------------------
+@pytest.mark.parametrize(
+    ("scene", "numerics", "until"),
+    [
+        (RINGS, None, 5.0),
+        pytest.param({"model": "quarter", "spacing": 0.025, "yield_value": 500.0}, None, 5.0, marks=pytest.mark.slow),
+        pytest.param({"model": "quarter", "spacing": 0.025}, mps.Implicit(sleep="on"), 1.5, marks=pytest.mark.slow),
+        pytest.param({"spacing": 0.03}, mps.SemiImplicit(), 0.2, marks=pytest.mark.slow),
+    ],
+    ids=["rings", "quarter", "sleeping", "semi-implicit"],
+)
+def test_a_run_does_not_know_its_outputs(scene, numerics, until):
+    """Time of the end, steps and every bit, without outputs and with those of any interval."""
+    sim = mps.Simulation(catalogue.build("slump", until=until, **scene), numerics)
+    start = sim.state()
+    alone, _ = with_outputs(sim, start, None)
+    assert alone[2] == ("rest" if until == 5.0 else "time")
+    for every in (0.0073, 0.05, 1.0):
+        found, frames = with_outputs(sim, start, every)
+        assert found == alone, every
+        times = np.array([frame.time for frame in frames])
+        assert times[0] == 0.0 and times[-1] == alone[0] and np.all(np.diff(times) > 0.0)
+        np.testing.assert_allclose(times[:-1] / every, np.round(times[:-1] / every), atol=1e-9)
+    if sim.problem.scheme == "implicit":  # a limit that no step reaches switches nothing
+        sim.restart(Problem(sim.scene, sim.numerics.model_copy(update={"max_time_step": 10.0})), start)
+        assert with_outputs(sim, start, None)[0] == alone
+
+
+@pytest.mark.slow
+def test_a_plane_scene_does_not_know_its_outputs():
+    sim = mps.Simulation(catalogue.build("film", spacing=0.01, until=0.3))
+    start = sim.state()
+    alone, _ = with_outputs(sim, start, None)
+    assert [with_outputs(sim, start, every)[0] == alone for every in (0.011, 0.1)] == [True, True]
+
+
+# ---- frames ----------------------------------------------------------------------------------------------------
+def frame(time, x, u, **of_scene):
+    """A frame of points in a domain from 0 to 1 m."""
+    scene = SimpleNamespace(domain=((0.0, 0.0), (1.0, 1.0)), periodic=(False, False), **of_scene)
+    state = replace(still(x, 0.01), time=time, u=np.asarray(u, float))
+    return Frame(scene, state)
+
+
+def test_a_frame_between_two_steps_lies_on_the_line_between_them():
+    first = frame(1.0, [[0.2, 0.5], [0.4, 0.1]], [[1.0, 0.0], [0.0, 0.0]])
+    last = frame(3.0, [[0.6, 0.5], [0.4, 0.3]], [[3.0, 0.0], [0.0, 1.0]])
+    found = between(first, last, 1.5)
+    assert found.time == 1.5
+    np.testing.assert_allclose(found.snapshot().x, [[0.3, 0.5], [0.4, 0.15]])
+    np.testing.assert_allclose(found.snapshot().u, [[1.5, 0.0], [0.0, 0.25]])
+
+
+def test_what_came_in_since_moves_at_its_own_velocity():
+    first, last = (
+        frame(0.0, [[0.2, 0.5]], [[0.0, 0.0]]),
+        frame(0.1, [[0.2, 0.5], [0.3, 0.9]], [[0.0, 0.0], [0.0, -1.0]]),
+    )
+    np.testing.assert_allclose(between(first, last, 0.04).snapshot().x, [[0.2, 0.5], [0.3, 0.96]])
+
+
+def test_who_leaves_a_periodic_domain_at_one_end_does_not_cross_it_in_a_frame():
+    first, last = frame(0.0, [[0.98, 0.5]], [[1.0, 0.0]]), frame(0.1, [[0.08, 0.5]], [[1.0, 0.0]])
+    last.scene.periodic = (True, False)
+    assert between(first, last, 0.05).snapshot().x[0, 0] % 1.0 == pytest.approx(0.03)
+
+
+# ---- resume ----------------------------------------------------------------------------------------------------
+def recorded(folder, sim, stop_at=None):
+    """Run to the end, or interrupted after so many steps, with a folder of outputs every 15 ms."""
+    recorder = Recorder(folder, sim, 0.015, "slump", {"every": 0.015})
+    recorder.next = float("inf")
+    sim.each_step(lambda sim: sim.interrupt() if sim.steps == stop_at else None)
+    stopped_by = sim.run()
+    recorder.finish(stopped_by)
+    return stopped_by
+
+
+@pytest.mark.parametrize("scheme", ["implicit", pytest.param("semi-implicit", marks=pytest.mark.slow)])
+def test_an_interrupted_run_goes_on_with_the_same_steps_and_frames(tmp_path, scheme):
+    """Though it was interrupted between two outputs, of which the next lies in a step that begins in a checkpoint."""
+    rings = {"model": "axisymmetric", "spacing": 0.02} if scheme == "implicit" else {"spacing": 0.04}
+    scene = catalogue.build("slump", until=0.12, **rings)
+    numerics = mps.Implicit() if scheme == "implicit" else mps.SemiImplicit()
+    whole, parts = (RunFolder(tmp_path / name) for name in ("whole", "parts"))
+    for folder in (whole, parts):
+        folder.create(False)
+    sim = mps.Simulation(scene, numerics)
+    assert recorded(whole, sim) == "time"
+    end = bits(sim)
+    sim = mps.Simulation(scene, numerics)
+    assert recorded(parts, sim, stop_at=7) == "interrupted"
+    good = checkpoint.read(parts.checkpoint)
+    sim = good.resume(good.admit(scene))
+    assert recorded(parts, sim) == "time"
+    assert bits(sim) == end
+
+    outputs = [list(Trajectory(folder.trajectory).replay(scene=scene)) for folder in (whole, parts)]
+    assert [frame.time for frame in outputs[0]] == [frame.time for frame in outputs[1]]
+    for one, other in zip(*outputs, strict=True):
+        for name in ("x", "u", "p", "shear_rate", "yielded", "density_ratio"):
+            np.testing.assert_array_equal(getattr(one.state, name), getattr(other.state, name), err_msg=name)
+    rows = [read_history(folder.history) for folder in (whole, parts)]
+    for name, column in rows[0].items():
+        np.testing.assert_array_equal(column, rows[1][name], err_msg=name)
