@@ -50,6 +50,8 @@ def ordinary(told: str, path, most: float) -> Path:
     path = Path(path)
     try:
         size = path.stat().st_size
+    except FileNotFoundError:
+        raise SceneError(f"{told}: no such file") from None
     except (OSError, ValueError) as error:
         raise SceneError(f"{told}: cannot be read ({getattr(error, 'strerror', None) or error})") from None
     require(path.is_file(), f"{told}: is a folder, a pipe or a device; must be a file")

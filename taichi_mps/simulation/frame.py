@@ -65,7 +65,7 @@ class Frame:
 
 
 def between(earlier: Frame, later: Frame, time: float) -> Frame:
-    """The frame at a ``time`` [s] between two: places and velocities by linear interpolation, all else as of the later.
+    """Interpolate two frames at a ``time`` [s]: places and velocities on a line, all else as of the later one.
 
     Particles that came in since the earlier one have moved at their present velocity.
     """

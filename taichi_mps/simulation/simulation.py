@@ -337,8 +337,9 @@ class Simulation:
         return self.stopped_by
 
     def _output(self, last=False):
-        """Call the schedules with what is due since the state before. Where a step left a part out, outputs wait for
-        one of all: to read them now would bring back what is left out.
+        """Call the schedules with what is due since the state before.
+
+        Where a step left a part out, outputs wait for one of all: to read them now would bring back what is left out.
         """
         if not self._schedules or not (self.taken_by_all or last):
             return
