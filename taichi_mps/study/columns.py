@@ -3,10 +3,11 @@ which unit."""
 
 import re
 import unicodedata
+from contextlib import suppress
 from functools import lru_cache
 
 from ..spelling import in_unit
-from ..units import SceneError, suggestion, unit_of
+from ..units import require, suggestion, unit_of
 from .calibrate import TESTS, Measurements
 
 # by field of Measurements, beside its own name: of EN 12350, JIS A 1101, 1150 and 1116, and common ones; letters alone
@@ -28,9 +29,11 @@ OTHER_TESTS = {  # names that are read as none of these, and of what they are
 }
 BESIDE = {"value", "mean", "average", "avg", "measured", "test", "the", "of", "fresh", "concrete", "wert", "mittelwert"}
 BESIDE |= {"diameter", "平均"}  # words beside a name that change nothing
-STANDARD = re.compile(r"(?i)(en|din|jis|jsce|astm|iso|bs|nf)\b.*")  # in brackets, where a unit may stand, too
-UNITS = r"mm|cm|dm|m|in|inch|inches|ft|s|sec|min|kg/m\^?3|t/m\^?3|g/cm\^?3|kg/l|lb/ft\^?3|k?Pa|Pa[ .·*]?s"  # without
-OF_OTHERS = {"秒": "s", "sek": "s", "sek.": "s"}
+BRACKETS = re.compile(r"[\[(]([^\])]*)[\])]")
+STANDARD = re.compile(r"(?i)(en|din|jis|jsce|astm|iso|bs|nf)\b")  # in brackets
+ALIKE = {"秒": "s", "sek": "s", "sek.": "s", "s": "s", "pa": "Pa", "pa s": "Pa s", "t/m3": "t/m3", "g/cm3": "g/cm3"}
+UNITS = r"mm|cm|dm|m|in|inch|inches|ft|s|sec|min|kg/m\^?3|t/m\^?3|g/cm\^?3|kg/l|lb/ft\^?3|k?Pa|Pa[ .·*]?s|秒|sek\.?"
+TAIL = re.compile(rf"(?i)(.+?)(?:[\s,/_]|\s+in\s+)\s*({UNITS})")  # a name and a unit without brackets
 
 
 def key_of(text: str) -> str:
@@ -44,9 +47,10 @@ FIELDS |= {key_of(word): field for field, words in NAMES.items() for word in wor
 FIELDS |= {f"{key}error": f"{field}_error" for key, field in FIELDS.items() if field in TESTS.values()}
 
 
-def is_name(text: str) -> bool:
-    """Whether a text in brackets is a name of ours or a word beside one, and no unit."""
-    return bool(re.search(r"\w", text)) and key_of(text) in ("", *FIELDS)
+def is_unit(text: str) -> bool:
+    """Whether a text in brackets is meant as a unit: no standard, no name of ours and no word beside one."""
+    named = re.search(r"\w", text) and key_of(text) in ("", *FIELDS)
+    return bool(text) and not named and not STANDARD.match(text)
 
 
 @lru_cache(maxsize=256)
@@ -54,27 +58,19 @@ def heading(column: str) -> tuple[str | None, str]:
     """What a column holds, a field of Measurements, None for another; and its unit, empty where it names none.
     SceneError for a unit of another kind."""
     text = unicodedata.normalize("NFKC", column)
-    bare = re.sub(r"[\[(][^\])]*[\])]", " ", text).strip()
-    found = FIELDS.get(key_of(bare))
-    units = [unit.strip() for unit in re.findall(r"[\[(]([^\])]*)[\])]", text)]
-    units = [unit for unit in units if unit and not STANDARD.fullmatch(unit) and not is_name(unit)]
-    tail = re.fullmatch(rf"(.+?)(?:[\s,/_]|\s+in\s+)\s*({UNITS}|{'|'.join(map(re.escape, OF_OTHERS))})", bare, re.I)
-    if not found and tail:
+    bare, units = BRACKETS.sub(" ", text).strip(), [unit.strip() for unit in BRACKETS.findall(text)]
+    found, units = FIELDS.get(key_of(bare)), list(filter(is_unit, units))
+    if not found and (tail := TAIL.fullmatch(bare)):
         found, units = FIELDS.get(key_of(tail[1])), [tail[2]]
-    if not found:
-        return None, ""
-    ours = unit_of(Measurements.model_fields[found])
-    if not units:
+    if not found or not units:
         return found, ""
-    for unit in (OF_OTHERS.get(units[-1].lower(), units[-1]), units[-1].lower()):
-        try:
+    ours = unit_of(Measurements.model_fields[found])
+    for unit in (ALIKE.get(unit.lower(), unit) for unit in reversed(units)):
+        with suppress(ValueError):
             in_unit(ours, f"1 {unit}")
             return found, unit
-        except ValueError:
-            continue
-    if key_of(bare) == "sf":  # silica fume
-        return None, ""
-    raise SceneError(f"column '{column}': its unit must be {ours} or one of that kind")
+    require(key_of(bare) == "sf", f"column '{column}': its unit must be {ours} or one of that kind")
+    return None, ""  # silica fume
 
 
 def hint(column: str) -> str:

@@ -28,36 +28,37 @@ def read(path) -> tuple[list[dict[str, str]], bool]:
     require(len(lines) <= MOST_ROWS, f"{where}has {len(lines)} lines; must have at most {MOST_ROWS}")
     line = text.count("\n", 0, text.find("\0")) + 1
     require("\0" not in text, f"{where}line {line} holds a NUL character; must be a CSV file, which is text")
-    skipped = next(
-        (k for k, line in enumerate(lines) if line.strip(' ,;"\t\r\n') and not REMARK.match(line)), len(lines)
-    )
+    heads = (k for k, line in enumerate(lines) if re.search(r'[^\s,;"]', line) and not REMARK.match(line))
+    skipped = next(heads, len(lines))
     told = SEPARATOR.fullmatch(lines[skipped]) if lines[skipped:] else None
     skipped += bool(told)
-    require(lines[skipped:], f"{where}is empty; must be a CSV file with a head and rows")
-    first, found = skipped + 1, []
+    first, found, none = skipped + 1, [], f"{where}is empty; must be a CSV file with a head and rows"
+    require(lines[skipped:], none)
     try:
         cells = {sign: len(next(csv.reader(lines[skipped:], delimiter=sign))) for sign in "\t;,"}
         delimiter = told[1] if told else next((sign for sign in cells if cells[sign] > 1), ";")  # 18,5 is one cell
         reader = csv.reader(lines[skipped:], delimiter=delimiter, strict=True)
         for row in reader:
-            found += [(first, [cell.strip() for cell in row])]
+            found += [(first, [cell.strip() for cell in row])] if any(map(str.strip, row)) else []
             first = skipped + reader.line_num + 1
     except csv.Error as error:
         raise SceneError(
             f"{where}line {first} is no CSV ({error}); must be cells of at most {csv.field_size_limit()} characters, "
             "a quote in one written twice and the cell in quotes"
         ) from None
-    (_, head), *rows = [(number, row) for number, row in found if any(row)]
+    require(found, none)
+    (_, head), *rows = found
     require(rows, f"{where}has a head and no row; must have a line for each mix or case")
+    head, width, table = [" ".join(name.split()) for name in head], len(head), []
     filled = [name or any(row[k:] and row[k] for _, row in rows) for k, name in enumerate(head)]
     names = [name or f"column {k}" for k, name in enumerate(head, 1)]
     twice = next((name for k, name in enumerate(names) if filled[k] and name in names[:k]), None)
     require(twice is None, f"{where}column '{twice}' stands there twice; must be once")
-    table, width = [], len(head)
     for line, row in rows:
         table.append({names[k]: cell for k, cell in enumerate([*row, *[""] * width][:width]) if filled[k]})
         if len(row) != width:
-            table[-1][WRONG] = f"line {line} has {len(row)} cells, the head has {width}: {delimiter.join(row)}" + (
+            cells = " ".join(delimiter.join(row).split())
+            table[-1][WRONG] = f"line {line} has {len(row)} cells, the head has {width}: {cells}" + (
                 "; a number with a decimal comma must be in quotes" * (delimiter == "," and len(row) > width)
             )
     return table, delimiter == ";"

@@ -147,7 +147,7 @@ HEADS = {  # by field a cell, its value in SI units, and what people write above
     "slump": (
         "18,5",
         0.185,
-        "slump [cm]|Slump (cm)|SLUMP [CM]|slump_cm|slump, cm|slump in cm|Slump/cm|Slump value (cm)|Slump [cm] (mean)|"
+        "slump [cm]|Slump (cm)|SLUMP [CM]|slump_cm|slump, cm|slump in cm|Slump/cm|Slump value (cm)|Slump [cm] (lab 2)|"
         "Slump (EN 12350-2) [cm]|Setzmaß [cm]|SETZMASS (cm)|スランプ（cm）|ｽﾗﾝﾌﾟ(㎝)|スランプ値[cm]",
     ),
     "spread": (
