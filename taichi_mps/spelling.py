@@ -19,9 +19,9 @@ centi- = 1e-2 = c-
 milli- = 1e-3 = m-
 micro- = 1e-6 = u- = mu-
 nano- = 1e-9 = n-
-meter = [length] = m = metre = M
-millimeter_ = millimeter = MM
-centimeter_ = centimeter = CM = Cm
+meter = [length] = m = metre = M = mtr
+millimeter_ = millimeter = MM = mms
+centimeter_ = centimeter = CM = Cm = cms
 decimeter_ = decimeter = DM
 micrometer_ = micrometer = micron
 inch = 0.0254 meter = in = inches
@@ -36,7 +36,7 @@ day = 24 hour = d
 mile_an_hour = mile / hour = mph
 kilometer_an_hour = kilometer / hour = kph = kmh
 hertz = 1 / second = Hz = HZ = hz
-gram = [mass] = g = gm = G
+gram = [mass] = g = gm = gms = G
 kilogram_ = kilogram = Kg = KG = kgs = Kgs
 tonne = 1000 kilogram = t = T = to = metric_ton
 pound = 0.45359237 kilogram = lb
@@ -65,7 +65,7 @@ poise = 0.1 pascal * second = P = Ps
 stokes = 1e-4 meter ** 2 / second = St
 centipoise_ = centipoise = cps = cp = CP = CPS
 second_to_the_n = [time_to_the_n] = sn
-liter = 1e-3 meter ** 3 = l = L = litre = ltr = Ltr
+liter = 1e-3 meter ** 3 = l = L = litre = ltr = Ltr = lt
 cubic_centimeter = centimeter ** 3 = cc = ccm
 cubic_meter = meter ** 3 = cbm = cum
 liter_a_minute = liter / minute = lpm = LPM
@@ -115,14 +115,16 @@ SPELLINGS = [  # of units, one after the other; in the end names, '^' before a d
     (r"\b(\w{0,2}Pa|\w{0,2}N)(s?)(m?)\b", lambda word: " ".join(filter(None, word.groups()))),  # Pas, Ns/m2, Nm-2
     (r"\bkgm\b", "kg m"),
     (r"\b(?:cubic|cu) +(\w+)", r"\1^3"),
-    (r"\b(?:square|sq) +(\w+)", r"\1^2"),
+    (r"\b(?:square +|sq *)(\w+)", r"\1^2"),
     (r"[\s*]*/[\s*]*", "/"),
     (r"[\s*]+(?=\))|(?<=\()[\s*]+", ""),
     (r"^\(([^()]*)\)$", r"\1"),
     (r"^/", "1/"),
 ]
 FACTOR = r"[a-zA-Z_]+(?:\^-?[1-9])?"
-UNIT = re.compile(rf"(?:1/)?\(?{FACTOR}\)?(?:[*/]\(?{FACTOR}\)?)*|")  # what pint may see: it evaluates what it is given
+FACTORS = rf"{FACTOR}(?:[*/]{FACTOR})*"
+PART = rf"(?:{FACTOR}|\({FACTORS}\))"
+UNIT = re.compile(rf"(?:1/)?{PART}(?:[*/]{PART})*|")  # what pint may see: it evaluates what it is given
 
 
 class AmbiguousError(ValueError):
@@ -137,8 +139,13 @@ def registry():
 
         return pint.UnitRegistry(UNITS.splitlines(), non_int_type=Fraction)
     except Exception as error:  # an old one fails in many ways
-        told = f"a number with a unit needs pint, which cannot be loaded here ({error})"
-        raise ImportError(f"{told}: pip install --upgrade pint, or leave the units away") from error
+        raise pint_fails(error) from error
+
+
+def pint_fails(error) -> ImportError:
+    """What to raise where pint is absent or broken: neither is the fault of a number."""
+    told = f"a number with a unit needs pint, which fails here ({type(error).__name__}: {error})"
+    return ImportError(f"{told}: pip install --upgrade pint, or leave the units away")
 
 
 def tidy(text: str) -> str:
@@ -212,6 +219,8 @@ def in_unit(unit: str, value):
         raise
     except OverflowError:
         return float("inf")
-    except Exception:  # pint has many of its own
+    except Exception as error:
+        if not isinstance(error, ValueError) and not type(error).__module__.startswith("pint"):
+            raise pint_fails(error) from error
         kind = f"in {unit} or a unit of that kind" if unit else "without a unit, or in %"
         raise ValueError(f"must be a number {kind}") from None

@@ -241,12 +241,16 @@ def test_a_comma_that_may_be_either_is_refused_with_both_readings(text, readings
         sample(spacing=text)
 
 
-def test_without_pint_it_is_pint_that_is_named(monkeypatch):
-    monkeypatch.setitem(sys.modules, "pint", None)
+@pytest.mark.parametrize("module", [None, Mock(UnitRegistry=3), Mock(UnitRegistry=Mock(return_value=3))])
+def test_it_is_pint_that_is_named_where_pint_fails(monkeypatch, capsys, module):
+    monkeypatch.setitem(sys.modules, "pint", module)
     spelling.registry.cache_clear()
     assert sample(spacing="0,5", plastic_viscosity="20 Pa s") == (0.5, 20.0, 3)
-    with pytest.raises(ImportError, match="a number with a unit needs pint, which cannot be loaded here"):
+    with pytest.raises(ImportError, match="^a number with a unit needs pint, which fails here"):
         sample(spacing="5 mm")
+    assert mps.main(["new", "film", "--spacing", "5 mm"]) == 2
+    assert capsys.readouterr().err.startswith("taichi-mps: a number with a unit needs pint, which fails here")
+    spelling.registry.cache_clear()
 
 
 @pytest.mark.parametrize(
