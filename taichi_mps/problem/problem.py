@@ -40,7 +40,7 @@ class Problem:
     >>> from taichi_mps.problem.problem import Problem
     >>> problem = Problem(mps.slump_cone(spacing=0.03))
     >>> problem.scheme, problem.law, problem.rests
-    ('implicit', 'bingham', True)
+    ('implicit', 'yield-stress', True)
     """
 
     scene: Scene
