@@ -14,7 +14,7 @@ from .. import __version__
 from ..io.run_folder import strict
 from ..report.page import publish
 from ..report.words import safe, table
-from ..spelling import in_unit
+from ..spelling import in_unit, without_unit
 from ..units import SceneError, require
 from ..viz.plots import COLOURS
 from . import lists, results
@@ -60,10 +60,7 @@ def read_list(path) -> list[dict[str, str]]:
     list."""
     (rows, comma), fields = lists.read(path), {}
     for column in (name for name in rows[0] if name):
-        try:
-            field, _ = heading(column)
-        except SceneError as error:
-            raise SceneError(f"table = {path}: {error}") from None
+        field, _ = heading(column)
         both = f"table = {path}: '{fields.get(field)}' and '{column}' are both {field}; must be one column"
         require(field is None or field not in fields, both)
         fields |= {field: column} if field else {}
@@ -93,7 +90,7 @@ def measurements_of(row: dict[str, str]) -> dict[str, str]:
     for column, value in row.items():
         field, unit = heading(column)
         if field and value and value.strip():
-            found[field] = f"{value.strip()} {unit if value.strip()[-1].isdigit() else ''}".strip()
+            found[field] = f"{value} {unit * without_unit(value)}".strip()
     return found
 
 

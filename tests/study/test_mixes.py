@@ -214,7 +214,8 @@ ROWS = [(0.185, 0.321), (0.21, 0.344)]  # slump and slump flow [m] of the lists 
 )
 def test_a_list_is_read_as_a_spreadsheet_writes_it(tmp_path, text):
     rows = read_list(written(tmp_path, text))
-    measured = [Measurements(**measurements_of(row)) for row in rows]
+    measured = [Measurements(**measurements_of(row | {"Density (t/m3)": "2350 kg/m3"})) for row in rows]
+    assert {it.rho for it in measured} == {2350.0}
     assert [(it.slump, it.spread) for it in measured] == ROWS and lists.WRONG not in rows[0] | rows[1]
 
 
