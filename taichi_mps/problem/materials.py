@@ -362,9 +362,9 @@ def every_number() -> dict:
 class Concrete(create_model("Numbers", __base__=Material, **every_number())):
     """A mix as a scene is told of it, by the numbers of all laws.
 
-    ``Concrete(...)`` makes the law that has the numbers given: ``Bingham`` or, by what only that has,
-    ``HerschelBulkley``. A scene that takes ``material: Concrete`` has all the numbers as options and is given
-    that law. SceneError for a number that the law has not.
+    ``Concrete(...)`` makes the law that has the numbers given, ``Bingham`` where these are of several. A scene that
+    takes ``material: Concrete`` has all the numbers as options and is given that law. SceneError for a number that the
+    law has not.
     """
 
     def __new__(cls, **numbers):

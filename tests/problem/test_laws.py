@@ -66,8 +66,8 @@ def test_stress_typical_slope_and_thixotropy_follow_from_the_numbers(material, a
 
 @pytest.mark.parametrize("law", LAWS, ids=lambda law: law.__name__)
 def test_the_rate_at_the_stress_of_a_rate_is_that_rate(law):
-    numbers = {name: 0.7 for name in law.viscous[:1]} | {"flow_index": 0.6} if "flow_index" in numbers_of(law) else {}
-    material = law(yield_value=30.0, **numbers)
+    index = {"flow_index": 0.6} if "flow_index" in numbers_of(law) else {}
+    material = law(**{"yield_value": 30.0, law.viscous[0]: 0.7, **index})
     rates = np.array([1e-3, 0.5, 20.0])
     stresses = np.array([material.shear_stress(rate, 0.0) for rate in rates])
     np.testing.assert_allclose(material.shear_rate(stresses), rates, rtol=1e-9)

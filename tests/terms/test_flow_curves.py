@@ -1,5 +1,6 @@
 """Flow curves other than Bingham's: Herschel-Bulkley against its closed form, an own law that is thixotropic."""
 
+import runpy
 from dataclasses import replace
 
 import numpy as np
@@ -24,7 +25,7 @@ def growth_of(rate, structure):
     return 2.0  # 1/s
 
 
-@pytest.mark.long
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("numbers", "within"),
     [
@@ -33,13 +34,32 @@ def growth_of(rate, structure):
     ],
 )
 def test_film_of_a_law(numbers, within):
-    """So near to its closed form, which the scene knows, and clearly not that of Bingham's law."""
+    """So near to the exact profile, which the scene knows, and clearly not that of Bingham's law."""
     mix = {"density": DENSITY, "yield_value": 100.0, "spacing": DEPTH / 20}
     sim = mps.Simulation(catalogue.build("film", **mix, **numbers))
     sim.run(until=8.0)  # four times rho H^2 over the apparent viscosity on the floor, at n = 0.5
     error = sim.measures()["velocity_error"]
     bingham = catalogue.build("film", **mix, plastic_viscosity=60.0).measure(sim.snapshot())["velocity_error"]
     assert error < within and bingham > 3.0 * error, (error, bingham)
+
+
+@pytest.mark.parametrize(
+    ("law", "integral"),
+    [
+        (mps.Bingham(yield_value=100.0, plastic_viscosity=50.0), 400.0**2 / (2.0 * 50.0)),
+        (mps.HerschelBulkley(yield_value=100.0, consistency=50.0, flow_index=0.5), 400.0**3 / (3.0 * 50.0**2)),
+        (
+            mps.HerschelBulkley(yield_value=100.0, consistency=50.0, flow_index=1.6),
+            400.0**1.625 / (1.625 * 50.0**0.625),
+        ),
+    ],
+    ids=str,
+)
+def test_the_exact_film_of_the_scene_is_the_integral_of_the_shear_rate(law, integral):
+    """At its surface, over the weight of 5 kPa/m; at the floor 0."""
+    film_velocity = runpy.run_path(str(catalogue.names()["film"]))["film_velocity"]
+    u = film_velocity(np.array([0.0, DEPTH]), DEPTH, 5000.0, law)
+    np.testing.assert_allclose(u, [0.0, integral / 5000.0], rtol=1e-6, atol=1e-12)
 
 
 def test_a_thixotropic_law_of_ones_own_comes_to_rest():
