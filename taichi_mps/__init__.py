@@ -16,6 +16,7 @@ _PUBLIC = {
     "problem.inlet": ["Inlet"],
     "problem.materials": [
         "Bingham",
+        "Casson",
         "Concrete",
         "FlowCurve",
         "HerschelBulkley",

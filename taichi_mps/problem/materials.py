@@ -305,6 +305,26 @@ class HerschelBulkley(Law):
     plastic_viscosity = property(former_name)
 
 
+class Casson(Law):
+    """sqrt(tau) = sqrt(tau_y) + sqrt(eta_c rate): steep where it begins to flow, the ``casson_viscosity`` eta_c [Pa s]
+    far above the yield stress (Casson 1959, of printing inks)."""
+
+    viscous: ClassVar[tuple] = ("casson_viscosity",)
+
+    yield_value: YieldValue = Field(300.0, description="yield stress of the mix")
+    casson_viscosity: Viscosity = Field(
+        20.0, description="eta of sqrt(tau) = sqrt(tau_y) + sqrt(eta rate), at high shear rates"
+    )
+
+    def shear_stress(self, rate, structure):
+        """Shear stress [Pa] at a shear rate [1/s]."""
+        return (self.yield_value**0.5 + (self.casson_viscosity * rate) ** 0.5) ** 2
+
+    def shear_rate(self, stress):
+        """Shear rate [1/s] at a shear stress [Pa]."""
+        return np.maximum(0.0, np.sqrt(stress) - self.yield_value**0.5) ** 2 / self.casson_viscosity
+
+
 class FlowCurve(Material):
     """A fluid by its own flow curve: rigid below the yield stress, shear stress ``shear_stress`` above it.
 
@@ -343,7 +363,11 @@ def numbers_of(law: type[Material]) -> dict:
     return {name: field for name, field in law.model_fields.items() if field.annotation is not NoneType}
 
 
-LAWS = (Bingham, HerschelBulkley)  # whose numbers are options of every scene, those of the first with their defaults
+LAWS = (
+    Bingham,
+    HerschelBulkley,
+    Casson,
+)  # whose numbers are options of every scene, those of the first with their defaults
 OF_ALL = set.intersection(*(set(numbers_of(law)) for law in LAWS))
 MATERIALS = f"{', '.join(law.__name__ for law in LAWS)}, Newtonian, FlowCurve or another Law"
 

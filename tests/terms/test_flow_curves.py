@@ -31,6 +31,7 @@ def growth_of(rate, structure):
     [
         ({"consistency": 60.0, "flow_index": 0.5}, 0.03),
         ({"consistency": 60.0, "flow_index": 1.6}, 0.03),
+        ({"casson_viscosity": 20.0}, 0.01),
     ],
 )
 def test_film_of_a_law(numbers, within):
@@ -51,6 +52,10 @@ def test_film_of_a_law(numbers, within):
         (
             mps.HerschelBulkley(yield_value=100.0, consistency=50.0, flow_index=1.6),
             400.0**1.625 / (1.625 * 50.0**0.625),
+        ),
+        (
+            mps.Casson(yield_value=100.0, casson_viscosity=50.0),
+            ((500.0**2 - 100.0**2) / 2.0 - 40.0 / 3.0 * (500.0**1.5 - 100.0**1.5) + 100.0 * 400.0) / 50.0,
         ),
     ],
     ids=str,
