@@ -148,7 +148,7 @@ def pint_fails(error) -> ImportError:
     return ImportError(f"{told}: pip install --upgrade pint, or leave the units away")
 
 
-def tidy(text: str) -> str:
+def normalised(text: str) -> str:
     """A text in plain characters: superscripts as '^2', one kind of minus, dot, quotation mark and space."""
     text = re.sub(rf"(?<=\d)[{SPACES}](?=\d{{3}}(?!\d))", "_", text)
     text = re.sub("[⁰¹²³⁴-⁹⁺⁻ⁿ]+", r"^\g<0>", text).translate(ALIKE)
@@ -156,9 +156,11 @@ def tidy(text: str) -> str:
     return "".join(c for c in text if unicodedata.category(c) != "Cf").strip()  # what is not seen
 
 
-def decimal(digits: str) -> str:
-    """Digits with points, commas, apostrophes or underscores as digits with a decimal point. ValueError for what is no
-    number, or two: 1,000."""
+def decimal_point(digits: str) -> str:
+    """Return digits with points, commas, apostrophes or underscores as digits with a decimal point.
+
+    ValueError for what is no number, or two: 1,000.
+    """
     marks = re.sub(r"\d", "", digits)
     whole, mark, part = digits, "", ""
     if marks[-1:] in tuple(".,") and marks.count(marks[-1]) == 1:
@@ -173,7 +175,7 @@ def decimal(digits: str) -> str:
 
 def canonical(unit: str) -> str:
     """A unit as pint writes it; ValueError for what is none."""
-    unit = tidy(unit).strip(" []-")
+    unit = normalised(unit).strip(" []-")
     for pattern, to in SPELLINGS:
         unit = re.sub(pattern, to, unit)
     unit = re.sub(r"[\s*]+", "*", unit.strip(" *"))
@@ -199,7 +201,7 @@ def converted(number: Fraction, given: str, unit: str) -> float:
 
 def without_unit(text: str) -> bool:
     """Whether a text is a number alone."""
-    return bool(NUMBER.fullmatch(tidy(text[:LONGEST])))
+    return bool(NUMBER.fullmatch(normalised(text[:LONGEST])))
 
 
 def in_unit(unit: str, value):
@@ -207,12 +209,12 @@ def in_unit(unit: str, value):
     Python reads where it has no other unit. Anything else as it is. ValueError for a unit of another kind, and for
     digits that are two numbers, 1,000."""
     unit = unit.strip("-")
-    found = NUMBER.match(tidy(value)) if isinstance(value, str) and len(value) <= LONGEST else None
+    found = NUMBER.match(normalised(value)) if isinstance(value, str) and len(value) <= LONGEST else None
     if not found:
         return value
     try:
         sign, digits, exponent, power = found.groups()
-        number = sign + decimal(digits) + f"e{exponent or power}" * bool(exponent or power)
+        number = sign + decimal_point(digits) + f"e{exponent or power}" * bool(exponent or power)
         given = found.string[found.end() :].strip()
         return number if given in ("", unit) else converted(Fraction(number), given, unit)
     except (AmbiguousError, ImportError):

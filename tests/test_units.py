@@ -235,6 +235,28 @@ def test_a_unit_of_another_kind_is_refused(unit):
             in_unit(unit, text)
 
 
+@settings(max_examples=200, deadline=None)
+@given(st.floats(min_value=-1e9, max_value=1e9), st.sampled_from(["", " Pa", "Pa", " N m-2"]))
+def test_a_decimal_comma_and_groups_of_three_change_no_number(number, unit):
+    english, wanted = f"{number:,.2f}", float(f"{number:.2f}")
+    for text in (english, english.translate({44: 46, 46: 44}), english.replace(",", "'"), f"{number:.2f}"):
+        assert float(in_unit("Pa", text + unit)) == wanted
+
+
+@settings(max_examples=300, deadline=None)
+@given(
+    st.sampled_from(["Pa s", "m", "rpm", "deg", "-", "Pa s^n", "1/s"]),
+    st.lists(
+        st.sampled_from([*"1,.- /*()^²⁻s'\"%°nNx½", "Pa", "mm", "kg", "10", "e9", "per ", "min", "⁻¹"]), max_size=9
+    ),
+)
+def test_any_text_is_read_or_refused_in_words(unit, parts):
+    try:
+        in_unit(unit, "5" + "".join(parts))
+    except ValueError as error:
+        assert "must be" in str(error)
+
+
 @pytest.mark.parametrize(("text", "readings"), [("1,000", "1.000 or 1000"), ("-12,345 mm", "12.345 or 12345")])
 def test_a_comma_that_may_be_either_is_refused_with_both_readings(text, readings):
     with pytest.raises(SceneError, match=f"^spacing = {text}( m)?: is {readings}; must be written without a comma$"):

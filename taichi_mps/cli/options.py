@@ -219,7 +219,7 @@ def is_tuple(field) -> bool:
 
 
 def read_back(name: str, values, field) -> None:
-    """Tell on stderr what the numbers between commas were read as."""
+    """Print on stderr what the values between commas were read as."""
     texts = [f"{value:g}" if isinstance(value, float) else str(value) for value in values]
     shown = texts if len(texts) <= MOST_READ_BACK else [*texts[:3], "...", texts[-1]]
     told = f"taichi-mps: {name}: {len(texts)} values: {', '.join(shown)} {unit_of(field).strip('-')}"

@@ -103,7 +103,7 @@ def sweep_command(argv) -> int:
     require(not options.chart or find_spec("matplotlib"), NEEDS)
     folder = Path(options.out or Path("studies") / Path(arguments.scene).stem)
     planned = cases(arguments.scene, **varied)
-    differing = told_lists(planned, function)
+    differing = varied_parameters(planned, function)
     drawable = any(isinstance(planned[0].parameters[name], int | float) for name in differing)
     require(
         drawable or not options.chart,
@@ -124,8 +124,8 @@ def sweep_command(argv) -> int:
     return DONE if all(row["status"] == "done" for row in rows) else NOT_ALL_DONE
 
 
-def told_lists(planned, function) -> list[str]:
-    """The parameters in which the cases of a study differ; tells their values."""
+def varied_parameters(planned, function) -> list[str]:
+    """Names of the parameters in which the cases of a study differ; prints the values of each."""
     values = {
         name: {str(case.parameters[name]): case.parameters[name] for case in planned} for name in planned[0].parameters
     }
@@ -166,7 +166,7 @@ def require_command(argv) -> int:
     wanted, options = Wanted(**given(arguments, Wanted)), Study(**given(arguments, Study))
     folder = Path(options.out or Path("studies") / f"require-{Path(arguments.scene).stem}")
     parameters = given(arguments, function.parameters, leave_out=MIX)
-    told_lists(cases(arguments.scene, plastic_viscosity=wanted.plastic_viscosity), function)
+    varied_parameters(cases(arguments.scene, plastic_viscosity=wanted.plastic_viscosity), function)
     watch = watching(["yield_value", "plastic_viscosity"], options.quiet or arguments.json)
     borders, rows = find_borders(
         arguments.scene, wanted, folder, options.executor, options.workers, watch, **parameters
