@@ -10,10 +10,12 @@ left, and the worst leaves less than a factor of three. Tests that fail in a var
 
 import json
 import os
+import platform
 import re
 import subprocess
 import sys
 import tempfile
+from datetime import date
 from pathlib import Path
 
 import numpy as np
@@ -28,6 +30,8 @@ VARIANTS = {  # and their environment
     "moved by 1e-6 l0": {},
     "order reversed": {},
 }
+# what is about the order itself
+ORDERED = "tests/particles/test_neighbors.py::test_neighbours_are_those_of_brute_force_in_rows_ordered_by_cell_and_id"
 FACTOR, PART = 3.0, 0.1  # room that the worst leaves; what rounding moves, over the room that is left
 PLAIN = re.compile(r"np\.float\d+\(([^()]*)\)")
 ARITHMETIC = re.compile(r"[-+*/().\de ]+")
@@ -122,6 +126,7 @@ def run(variant: str, words: list[str]) -> tuple[dict[str, float], list[str]]:
     with tempfile.TemporaryDirectory() as folder:
         place = os.environ | VARIANTS[variant] | {"BOUNDS_VARIANT": variant, "BOUNDS_FOLDER": folder}
         options = ["-p", "tests.bounds", "-o", "enable_assertion_pass_hook=true", "-o", "verbosity_assertions=2"]
+        options += [f"--deselect={ORDERED}"] if variant == "order reversed" else []
         command = [sys.executable, "-m", "pytest", "-q", *options, *words]
         done = subprocess.run(command, cwd=ROOT, env=place, stdout=subprocess.PIPE, text=True)
         near: dict[str, float] = {}
@@ -133,7 +138,10 @@ def run(variant: str, words: list[str]) -> tuple[dict[str, float], list[str]]:
 
 def main() -> int:
     results = {variant: run(variant, sys.argv[1:]) for variant in VARIANTS}
-    lines = ["# Bounds that rounding can reach", "", "By `python -m tests.bounds`: value over bound.", ""]
+    commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], cwd=ROOT, stdout=subprocess.PIPE, text=True)
+    made = f"By `{' '.join(['python -m tests.bounds', *sys.argv[1:]])}` at commit {commit.stdout.strip()}"
+    made += f" on {date.today()}, {platform.processor() or platform.machine()}: value over bound."
+    lines = ["# Bounds that rounding can reach", "", made, ""]
     lines += ["| test | " + " | ".join(VARIANTS) + " |", "|---|" + "---|" * len(VARIANTS)]
     told = 0
     for name in dict.fromkeys(name for near, _ in results.values() for name in near):

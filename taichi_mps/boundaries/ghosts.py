@@ -6,7 +6,8 @@ from ..geometry.concave_edges import BEYOND
 from ..geometry.solid import Solid
 from ..geometry.walls import Cylinder, Plane
 from ..particles.kernels import GHOST_SUMS, corner_table, ghost_table, lattice_sums
-from ..runtime.backend import real, ti
+from ..runtime.backend import constant_fields, real, ti
+from .surfaces import CLOSEST
 
 FINEST, COARSEST, SIZES = 0.2, 1.5, 27  # sizes of rings in the tables, over the spacing
 COUNTED = "neighbours", "n", "packing"  # sums in which a ghost counts once
@@ -36,13 +37,6 @@ def wedges(walls, faces, mirrors) -> np.ndarray:
     return meet * (1 + (mirror[:, None] | mirror))
 
 
-def vectors(values: np.ndarray):
-    """Field of the vectors along the last axis of an array, which it holds."""
-    field = ti.Vector.field(values.shape[-1], real(), values.shape[:-1])
-    field.from_numpy(values)
-    return field
-
-
 @ti.func
 def bilinear(table: ti.template(), name: ti.template(), row, column):
     """One of GHOST_SUMS between the rows and columns of a table, or between the columns of its only row."""
@@ -66,7 +60,7 @@ class GhostSums:
     def __init__(self, dimension, spacing, effective_radius, kernels, rings, corners, meet, capacity):
         self.dimension, self.spacing, self.rings = dimension, spacing, rings
         self.reach, self.effective_radius = effective_radius - 0.5 * spacing, effective_radius
-        self.closest, self.entries = 0.1 * spacing, 256
+        self.closest, self.entries = CLOSEST * spacing, 256
         self.sizes = FINEST + (COARSEST - FINEST) * np.arange(SIZES) / (SIZES - 1) if rings else np.ones(1)
         bent = 0.1 / spacing  # curvature [1/m] of the arcs that give the slope of the sums
         tables = np.array(
@@ -82,18 +76,18 @@ class GhostSums:
         row = round(1.5 * spacing / effective_radius * (self.entries - 1))
         pull = tables[0, np.argmin(np.abs(self.sizes - 1.0)), row, GHOST_SUMS.index("pull")]
         self.second = float(pull) * spacing * dimension / n0  # part of a wall that the second row carries
-        self.flat = vectors(tables[0])  # GHOST_SUMS at a size and z = re k/(entries - 1)
-        self.bend = vectors((tables[1] - tables[2]) / (2.0 * bent))  # their derivative by the curvature [m]
+        # GHOST_SUMS at a size and z = re k/(entries - 1), and their derivative by the curvature [m]
+        self.flat, self.bend = constant_fields(tables[0], (tables[1] - tables[2]) / (2.0 * bent), vectors=True)
         if corners:
             left = corner_table(dimension, spacing, effective_radius, **kernels)
-            self.corner = vectors(left.swapaxes(0, 1))  # fraction that is left, by the distances across and from it
+            # fraction that is left, by the distances across and from it
+            (self.corner,) = constant_fields(left.swapaxes(0, 1), vectors=True)
         self.wedges = bool(meet.any())
         if self.wedges:
             cosines = np.linspace(-1.0, 1.0, COSINES)
             fractions = [corner_table(dimension, spacing, effective_radius, WEDGE, c, **kernels) for c in cosines]
-            self.wedge = vectors(np.array(fractions))
-            self.meet = ti.field(ti.i32, meet.shape)
-            self.meet.from_numpy(meet.astype(np.int32))
+            (self.wedge,) = constant_fields(np.array(fractions), vectors=True)
+            (self.meet,) = constant_fields(meet)
             each = (capacity, len(meet))
             self.before = ti.Vector.field(2 + dimension, real(), each)  # distance [m], weight, normal of each face
             self.remains = ti.Vector.field(len(GHOST_SUMS), real(), each)  # fraction of each sum behind it that is left

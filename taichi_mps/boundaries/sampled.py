@@ -4,8 +4,7 @@ in front of which its nodes stand (concave_edges.py)."""
 import numpy as np
 
 from ..geometry.concave_edges import BEYOND, TURN, inner_edges
-from ..runtime.backend import real, ti
-from .ghosts import vectors
+from ..runtime.backend import constant_fields, real, ti
 from .surfaces import FAR, Surface
 
 SAME = 1e-9  # cells: a foot is not nearer by less
@@ -19,8 +18,7 @@ class Sampled(Surface):
         super().__init__(wall, dimension, spacing, clock, capacity, effective_radius)
         self.separates, self.steepest = True, wall.steepest
         self.dimension, self.cell, self.shape = dimension, wall.cell, wall.values.shape
-        self.values = ti.field(real(), self.shape)
-        self.values.from_numpy(wall.values)
+        (self.values,) = constant_fields(wall.values)
         self.velocity = ti.types.vector(dimension, real())(wall.travel)
         self.turns, self.rate = wall.angular_velocity != 0.0, wall.angular_velocity
         self.moves = self.travels or self.turns
@@ -32,9 +30,10 @@ class Sampled(Surface):
         number, planes = inner_edges(wall.values, self.cell, self.reach, search_faces)
         self.faces = planes.shape[1]
         if self.faces > 1:
-            self.number = ti.field(ti.i32, self.shape)  # row of a node among the planes, -1: the nearest face is all
-            self.number.from_numpy(number)
-            self.planes = vectors(np.where(np.isinf(planes), FAR, planes))  # distance [m], normal
+            (self.number,) = constant_fields(number)  # row of a node among the planes, -1: the nearest face is all
+            (self.planes,) = constant_fields(
+                np.where(np.isinf(planes), FAR, planes), vectors=True
+            )  # distance [m], normal
         self.z = ti.field(real(), (capacity, self.faces))  # [m]
         self.n = ti.Vector.field(self.dimension, real(), (capacity, self.faces))
 

@@ -15,6 +15,7 @@ from ..geometry.walls import spin
 from ..runtime.backend import real, ti
 
 FAR = 1e9  # distance [m] from a wall that ends before the foot
+CLOSEST = 0.1  # distance from a wall within which no particle comes, over the spacing
 # spacings from a unilateral wall up to which it acts fully, and from which on not at all
 TOUCHING, RELEASED = 0.5, 0.55
 

@@ -13,18 +13,12 @@ to one particle and exactly adjoint to its gradient.
 A mirror plane is a slip wall whose ghosts end at the planes it meets: what lies behind both are ghosts of the other.
 """
 
-from ..geometry.solid import Solid
-from ..geometry.walls import Cylinder, Plane
 from ..particles.kernels import PACKING, mps_weight
 from ..particles.particles import Carried
-from ..runtime.backend import double_field, real, ti
-from ..runtime.stages import stage
+from ..runtime.backend import real, ti
 from .friction import FrictionalSlip
 from .ghosts import COUNTED, GhostSums, meeting, wedges
-from .sampled import Sampled
-from .surfaces import Flat, Round
-
-SURFACES = {Plane: Flat, Cylinder: Round, Solid: Sampled}
+from .standing import Standing
 
 
 def carried(walls) -> dict[str, Carried]:
@@ -41,8 +35,8 @@ def carried(walls) -> dict[str, Carried]:
 
 
 @ti.data_oriented
-class Walls:
-    """Static tuple of surfaces; every function sums over those within the effective radius of x [m].
+class Walls(Standing):
+    """What all walls add to a particle: every function sums over those within the effective radius of x [m].
 
     ``ratio`` is the cross-section of the particle at x over l0^2: 1, but for rings (gradient.py), behind whose walls
     the ghosts stand as close as they do."""
@@ -60,12 +54,7 @@ class Walls:
         weight=mps_weight,
         packing_kernel=PACKING,
     ):
-        self.dimension = dimension
-        self.effective_radius = effective_radius
-        self.clock = double_field()  # time [s] at which the walls stand
-        self.time = 0.0  # at which the present step begins [s]
-        seen = dimension, spacing, self.clock, capacity, effective_radius
-        self.surfaces = tuple(SURFACES[type(wall)](wall, *seen) for wall in walls)
+        super().__init__(walls, dimension, spacing, effective_radius, capacity)
         rough = [(wall, surface) for wall, surface in zip(walls, self.surfaces, strict=True) if wall.friction]
         for k, (wall, surface) in enumerate(rough):
             carried = particles.carried[f"slip_{k}"], particles.carried.get(f"traction_{k}")
@@ -91,19 +80,13 @@ class Walls:
         meet = wedges(walls, [k for k, _ in each], mirrors)
         kernels = {"weight": weight, "packing_kernel": packing_kernel}
         self.ghosts = GhostSums(dimension, spacing, effective_radius, kernels, rings, corners, meet, capacity)
-        self.closest = self.ghosts.closest
         if self.surfaces:
             self.c = ti.field(real(), (capacity, len(self.faces)))  # pull of each face on each particle [1/m]
-        self.moving = any(wall.speed > 0.0 for wall in walls)
-        self.travelling = any(surface.moves for surface in self.surfaces)
         self.carry_curvature = not rings and any(surface.no_slip for surface in self.surfaces)
         if self.carry_curvature:
             # l0/4 of the curvature of the velocity at each particle [1/s]
             self.velocity_curvature = ti.Vector.field(dimension, real(), capacity)
             self.curvature_known = ti.field(ti.i32, ())  # 1 where that is known, in a full vessel
-        self.separating = tuple(surface for surface in self.surfaces if surface.separates)
-        if self.separating:
-            self.sides = ti.field(real(), (capacity, len(self.separating)))  # signed distance from each of them [m]
 
     def chosen(self, face=None, kind=None):
         """(number, surface) of one face, or of all; of a ``kind``: only where this attribute of the surface is true."""
@@ -114,28 +97,6 @@ class Walls:
         """Penalty of the walls' friction for a step of rho/dt = ``inertia`` [kg/(m3 s)]."""
         for _, wall in self.chosen(None, "has_friction"):
             wall.friction.penalty[None] = inertia * wall.friction.depth * wall.friction.yields
-
-    def place(self, time: float) -> None:
-        """Put the walls that travel where they are at this time [s]."""
-        self.time = time
-        if self.travelling:
-            self.clock[None] = time
-
-    def move_to_middle(self, dt: float) -> None:
-        """Put the walls where they are in the middle of a step of dt [s]."""
-        if self.travelling:
-            self.set_clock(self.time + 0.5 * dt)
-
-    def move_to_end(self, dt: float) -> None:
-        """Put the walls where they are at the end of a step of dt [s], from its middle."""
-        if self.travelling:
-            self.set_clock(self.time + 0.5 * dt + 0.5 * dt)
-        self.time += dt
-
-    @stage("walls")
-    def set_clock(self, time: ti.f64):
-        """Put the walls that travel where they are at this time [s]."""
-        self.clock[None] = time
 
     @ti.func
     def moments(self, i, x, ratio):
@@ -327,25 +288,3 @@ class Walls:
             if z < self.effective_radius:
                 near -= n * self.ghosts.lookup("crowding", i, wall, f, x, z, curvature, ratio)
         return near
-
-    @ti.func
-    def set_sides(self, i, x):
-        """Keep the signed distances of particle i, at x [m], from the walls that separate."""
-        for s, wall in ti.static(enumerate(self.separating)):
-            self.sides[i, s] = wall.signed(x)
-
-    @ti.func
-    def between(self, i, j, x, y):
-        """Whether a thin wall or a solid stands between particles i and j, at x and y [m], whose sides are kept."""
-        hidden = False
-        for s, wall in ti.static(enumerate(self.separating)):
-            hidden = hidden or wall.between(x, y, self.sides[i, s], self.sides[j, s])
-        return hidden
-
-    @ti.func
-    def outside(self, x, move):
-        """x + move, kept out of the solids [m]: at least ``closest`` in front of every wall."""
-        y = x + move
-        for wall in ti.static(self.surfaces):
-            y = wall.out(x, y, self.closest)
-        return y

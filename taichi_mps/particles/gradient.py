@@ -13,7 +13,7 @@ neighbours and in the packing.
 
 import numpy as np
 
-from ..runtime.backend import real, ti
+from ..runtime.backend import constant_fields, real, ti
 from ..runtime.field_io import FieldIO
 from ..runtime.stages import stage
 from .kernels import ring_table
@@ -51,9 +51,9 @@ class Gradient:
             self.ratio = ti.field(real(), particles.capacity)  # cross-section of the ring over l0^2 [-]
             self.hoop = ti.field(real(), particles.capacity)  # V T_33/r of the stress that was spread last [N]
             ratios = THICKEST / ENTRIES * np.arange(1, ENTRIES + 1)
-            self.lattices = ti.Vector.field(2, real(), ENTRIES)  # n0 and packing [-] of a lattice with these ratios
             self.ring_sums = ring_table(spacing, self.effective_radius, ratios, self.weight)
-            self.lattices.from_numpy(self.ring_sums)
+            # n0 and packing [-] of a lattice with these ratios
+            (self.lattices,) = constant_fields(self.ring_sums, vectors=True)
         ratios = {"ratio": self.ratio} if self.axisymmetric else {}
         self.rows = FieldIO({"n": self.n, **ratios}, particles.capacity)
 

@@ -1,11 +1,8 @@
 """report.html, opened from the disk in a headless Chromium: what it shows is what the run folder holds."""
 
 import base64
-import html
-import re
 import shlex
 import shutil
-import time
 from pathlib import Path
 
 import numpy as np
@@ -179,22 +176,6 @@ def test_the_command_names_what_is_not_by_default(run):
     other |= {"numerics": mps.SemiImplicit(literal=True).model_dump(), "backend": {"precision": "f64", "arch": "cpu"}}
     known = "run block.py --side=0.5 --rise=0 --scheme=semi-implicit --literal --source=density --gradient=literal"
     assert inputs.command("/home/me/block.py", other, None) == f"{known} --precision=f64"
-
-
-@pytest.mark.long
-def test_the_command_repeats_the_run(run, tmp_path):
-    told = re.search("<pre>(.*)</pre>", run.report.read_text(encoding="utf-8"))[1]
-    again = computed(tmp_path / "again", *shlex.split(html.unescape(told))[1:]).read_summary()
-    assert again["slump_m"] == run.read_summary()["slump_m"]
-
-
-@pytest.mark.long
-def test_the_page_of_the_default_cone_is_small_and_quickly_made(tmp_path):
-    folder = computed(tmp_path / "run", "run", "slump")
-    assert folder.report.stat().st_size < 10_000_000
-    begun = time.process_time()
-    page.write(folder)
-    assert time.process_time() - begun < 0.5
 
 
 def filmed(run, room):

@@ -127,31 +127,6 @@ def test_a_step_with_an_active_set_is_that_of_all(both):
 
 
 @pytest.mark.slow
-def test_a_column_poured_layer_by_layer_carries_its_weight_at_the_foot_throughout():
-    """Between smooth walls the pressure at the foot is rho g h at any time, whoever sleeps."""
-    length, rate = 0.12, 0.06
-    inlet = mps.Inlet(
-        (0.5 * length, 0.0), (0.0, -1.0), 0.5 * length, rate, 0.072, path=((0.0, 0.0, 0.0), (1.2, 0.0, 0.6))
-    )
-    walls = [mps.Plane((0.0, 0.0), (0.0, 1.0), slip=True)]
-    walls += [mps.Plane((x, 0.0), (n, 0.0), slip=True) for x, n in ((0.0, 1.0), (length, -1.0))]
-    domain = (-L0, -L0), (length + L0, 1.0)
-    scene = mps.Scene("column", MIX, L0, None, domain, walls=tuple(walls), inlets=(inlet,), until=1.6)
-    sim, errors = mps.Simulation(scene, BOX[0]), []
-
-    def look(sim):
-        s = sim.snapshot()
-        if len(s.x) > 60:
-            weight = MIX.density * 9.81 * (len(s.x) * L0**2 / length - 0.5 * L0)
-            errors.append(s.p[s.x[:, 1] < L0].mean() / weight - 1.0)
-
-    sim.every(0.1, look)
-    sim.run()
-    assert sim.scheme.left_out > 0.05, "a part was left out"
-    assert len(errors) > 5 and np.abs(errors).max() < 0.05, errors
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("wall", ["plate", "side"])
 def test_what_a_wall_that_moves_comes_near_takes_part_and_the_far_end_does_not(wall):
     """A plate comes down at 0.3 m/s, from 0.25 m above a layer that stands when it is there; the left wall slides up at

@@ -1,4 +1,4 @@
-"""The default scheme against exact solutions: free fall, films on an incline.
+"""Free fall of both schemes, and the default one against films on an incline.
 
 Errors are relative L2 norms of what started from rest; their bounds are the targets of the validation table: 2 % at 20
 across, plug speeds within 5 % just above the yield value, 1e-6 m/s where a film must stand.
@@ -28,28 +28,31 @@ def groups(d):
     return np.vstack([x + 0.4 * k * np.eye(d)[0] for k, x in enumerate(sets)])
 
 
-@pytest.mark.parametrize("d", [2, 3], ids=["2-D Bingham", "3-D Newtonian"])
-def test_free_fall_is_exact(d):
-    """x = u0 t + g t^2/2 and u = u0 + g t to rounding, whatever the steps and whether or not the set carries stress,
-    which a fluid with a yield stress alone does; the acceleration is g."""
-    x, g, t = groups(d), np.array([0.0] * (d - 1) + [-9.81]), 0.2
-    scene = mps.Scene(
-        name="fall",
-        material=mps.Newtonian(viscosity=50.0) if d == 3 else mps.Bingham(),
-        spacing=L0,
-        fluid=x,
-        velocity=np.tile(START[:d], (len(x), 1)),
-        domain=((-1.0,) * d, (3.0,) * d),
-    )
-    sim = mps.Simulation(scene, mps.Implicit(tolerance=1e-12))
-    sim.run(until=t)
+@pytest.mark.parametrize(
+    ("d", "material", "numerics", "part"),
+    [
+        (2, mps.Bingham(), mps.Implicit(tolerance=1e-12), 0.5),
+        (3, mps.Newtonian(viscosity=50.0), mps.Implicit(tolerance=1e-12), 0.5),
+        (3, mps.Bingham(), mps.SemiImplicit(), 1.0),
+    ],
+    ids=["2-D Bingham", "3-D Newtonian", "semi-implicit"],
+)
+def test_free_fall_is_exact(d, material, numerics, part):
+    """To rounding, whatever the steps and whether or not the set carries stress, which a fluid with a yield stress
+    alone does: half of what a step gains counts in it, by the paper's scheme (eqs 18, 21) all of it."""
+    x, g = groups(d), np.array([0.0] * (d - 1) + [-9.81])
+    velocity, domain = np.tile(START[:d], (len(x), 1)), ((-1.0,) * d, (3.0,) * d)
+    sim = mps.Simulation(mps.Scene("fall", material, L0, x, domain, velocity=velocity), numerics)
+    u, away = START[:d], np.zeros(d)
+    while sim.time < 0.2:
+        dt = sim.step().dt
+        u, away = u + g * dt, away + (u + part * g * dt) * dt
     s = sim.snapshot()
-    assert s.time == pytest.approx(t, rel=1e-12) and sim.steps > 10
-    assert np.abs(s.u - START[:d] - g * t).max() < 1e-9
-    assert np.abs(s.x - x - START[:d] * t - 0.5 * g * t**2).max() < 1e-9
-    assert sim.report.acceleration == pytest.approx(9.81, rel=1e-9)
-    yields = scene.material.yield_value > 0.0
-    assert [name in sim.particles.carried for name in ("stress", "plastic_rate")] == [yields, yields]
+    assert sim.steps > 10 and np.abs(s.u - u).max() < 1e-9 and np.abs(s.x - x - away).max() < 1e-9
+    if numerics.scheme == "implicit":
+        assert sim.report.acceleration == pytest.approx(9.81, rel=1e-9)
+        carried = [name in sim.particles.carried for name in ("stress", "plastic_rate")]
+        assert carried == 2 * [material.yields]
 
 
 # ---- films ----------------------------------------------------------------------------------------------------
@@ -75,14 +78,17 @@ def test_bi_viscosity_film():
 
 
 def test_film_stands_below_its_yield_value_and_flows_above():
-    """20 across, after 2 s. At 1.05 of the yield value one row of particles is sheared: there the plug is too slow by
-    f l0^2/(6 eta) at most, what central differences on rows leave where only one of two rows flows."""
-    eta, speed = 50.0, {}
+    """20 across, after 2 s, in the mean of a second: it varies by a tenth as rows slide past each other. At 1.05 of the
+    yield value one row of particles is sheared: there the plug is too slow by f l0^2/(6 eta) at most, what central
+    differences on rows leave where only one of two rows flows."""
+    eta, slow = 50.0, {}
     for load in (0.95, 1.05, 1.2):
-        sim = film(20, 2.0, yield_value=WEIGHT * DEPTH / load, plastic_viscosity=eta)
-        speed[load] = sim.measures()["surface_speed_m_s"]
-        if load < 1.0:
-            assert sim.snapshot().speed.max() <= 1e-6
-    exact = {load: float(flows.profile(DEPTH, WEIGHT, eta, WEIGHT * DEPTH / load)) for load in (1.05, 1.2)}
-    assert exact[1.05] - WEIGHT * (DEPTH / 20) ** 2 / (6.0 * eta) <= speed[1.05] <= 1.05 * exact[1.05], (speed, exact)
-    assert speed[1.2] == pytest.approx(exact[1.2], rel=0.05)
+        sim, speeds = film(20, 2.0, yield_value=WEIGHT * DEPTH / load, plastic_viscosity=eta), []
+        sim.every(0.1, lambda sim, speeds=speeds: speeds.append(sim.measures()["surface_speed_m_s"]))
+        sim.run(until=3.0)
+        slow[load] = float(flows.profile(DEPTH, WEIGHT, eta, WEIGHT * DEPTH / load)) - np.mean(speeds)
+        assert load > 1.0 or sim.snapshot().speed.max() <= 1e-6
+    assert slow[1.05] <= WEIGHT * (DEPTH / 20) ** 2 / (6.0 * eta)
+    for load in (1.05, 1.2):
+        exact = float(flows.profile(DEPTH, WEIGHT, eta, WEIGHT * DEPTH / load))
+        assert (-slow[load] if load < 1.1 else abs(slow[load])) <= 0.05 * exact

@@ -39,30 +39,6 @@ def interior(x, cells, depth=2.4):
     return np.all((x > depth * L0) & (x < (cells - depth) * L0), axis=1)
 
 
-# ---- free fall ----------------------------------------------------------------------------------------------
-CLUSTERS = {
-    "one": [(0, 0, 0)],
-    "two": [(0, 0, 0), (1, 0, 0)],
-    "three": [(0, 0, 0), (1, 0, 0), (0, 1, 0)],
-    "collinear": [(k, 0, 0) for k in range(5)],
-    "coplanar": [(k, m, 0) for k in range(3) for m in range(3)],
-}
-
-
-def test_free_fall_is_exact():
-    clusters = [np.array(c, float) + [12.0 * k, 0.0, 0.0] for k, c in enumerate(CLUSTERS.values())]
-    start = L0 * np.concatenate(clusters)
-    simulation = Simulation(open_scene(start), mps.SemiImplicit())
-    speed, fall = 0.0, 0.0
-    for _ in range(10):
-        dt = simulation.step().dt
-        speed += 9.81 * dt
-        fall += speed * dt
-    snapshot = simulation.snapshot()
-    np.testing.assert_allclose(snapshot.u, np.tile([0.0, 0.0, -speed], (len(start), 1)), rtol=1e-12, atol=1e-15)
-    np.testing.assert_allclose(snapshot.x, start - [0.0, 0.0, fall], rtol=0, atol=1e-15)
-
-
 # ---- operators on the full lattice --------------------------------------------------------------------------
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_laplacian_is_exact_on_the_lattice(dimension):
