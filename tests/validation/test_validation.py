@@ -23,7 +23,7 @@ CHEAPEST = (  # of all rows that come to their end: 3 to 14 CPU-seconds each
     *(f"slump_500{name}" for name in ("_axisymmetric", "_quarter", "_coarse", "_fine_axisymmetric")),
     *(f"slump_1000{name}" for name in ("", "_axisymmetric", "_quarter", "_fine_axisymmetric")),
     *("film_viscosity_ratio", "film_bingham_05", "taylor_green", "elliptical_drop", "square_patch", "rotating_disc"),
-    "cessation_channel",
+    *("cessation_channel", "film_at_yield"),
     "square_patch_fine",  # tension tears what is not shifted back: a hole of 1.3 l0 opened at 60 across, none at 40
 )
 CHEAPEST_OF_THE_PAPERS = "dam_break_front", "square_patch", "elliptical_drop", "rotating_disc", "rotating_sphere"
