@@ -66,7 +66,7 @@ def read_list(path) -> list[dict[str, str]]:
         fields |= {field: column} if field else {}
     require(
         fields.keys() & set(TESTS.values()),
-        f"table = {path}: has no column {', '.join(TESTS.values())}; must be a CSV file with a line for each mix "
+        f"table = {path}: has no column {', '.join(NAMES.values())}; must be a CSV file with a line for each mix "
         f"and the unit in the column's name: slump [cm]; {unused(rows)}",
     )
     for column in fields.values() if comma else ():
@@ -115,7 +115,7 @@ def one(row: dict[str, str], study=None) -> dict:
     try:
         require(lists.WRONG not in row, row.pop(lists.WRONG, ""))
         measured = measurements_of(row)
-        require(measured.keys() & set(TESTS.values()), f"has no measurement, none of {', '.join(TESTS.values())}")
+        require(measured.keys() & set(TESTS.values()), f"has no measurement, none of {', '.join(NAMES.values())}")
         found = calibrate(**(without_slump(measured) if stands(measured) else measured), study=study, check=False)
     except (SceneError, ValueError) as error:
         return {**row, "verdict": REFUSED, "reason": " ".join(str(error).split())}

@@ -224,10 +224,10 @@ def test_a_list_is_read_as_a_spreadsheet_writes_it(tmp_path, text):
     [
         (
             "slmp,other\n1,2\n",
-            "has no column slump, spread, t500, mini_cone, v_funnel; .* 'slmp' \\(did you mean 'slump'",
+            "has no column slump, slump flow, T500, mini-cone .*, V-funnel time; .* 'slmp' \\(did you mean 'slump'",
         ),
         ("Ausbreitmaß [cm]\n55\n", r"'Ausbreitmaß \[cm\]' \(of the flow table \(EN 12350-5\), no slump flow"),
-        ("1;2\n3;4", "has no column slump.*not used, but kept: '1', '2'"),
+        ("1;2\n3;4", "has no column slump, .*not used, but kept: '1', '2'"),
         ("", "is empty; must be"),
         ("# nothing\n\n;;\n", "is empty; must be"),
         ("mix,slump [cm]\n\n,\n", "has a head and no row"),
@@ -261,7 +261,7 @@ def test_what_a_list_cannot_say_is_told_and_its_own_columns_are_kept(tmp_path, c
     assert "not used, but kept: 'mix', 'SF [kg/m3]', 'verdict (given)', 'reason (given)', 'yield_val" in told
     assert "refused: A: line 3 has 11 cells, the head has 10: A,180,320,3,5,30,,1,,,; a number with a decimal" in told
     assert "refused: A: line 4 has 2 cells, the head has 10" in told
-    assert "refused: #4: has no measurement, none of slump, spread" in told
+    assert "refused: #4: has no measurement, none of slump, slump flow" in told
     with open(tmp_path / "mixes-calibrated.csv", newline="", encoding="utf-8") as file:
         first, *_, last = rows = list(csv.DictReader(file))
     assert len(rows) == 4 and [row["verdict"] for row in rows] == [EXPLAINED, *[REFUSED] * 3]
