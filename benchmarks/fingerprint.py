@@ -137,7 +137,7 @@ def built_in(name: str, **keywords):
 
 
 def friction(model="full"):
-    """A coarse cone on a floor with a yield value and a viscous constant of its own."""
+    """A coarse cone on a floor with a yield stress and a viscous constant of its own."""
     import taichi_mps as mps
 
     scene = built_in("slump", spacing=0.02 if model == "full" else 0.01, model=model)

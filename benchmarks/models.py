@@ -1,6 +1,6 @@
 """The models of the slump test side by side: particles, CPU seconds, errors of slump and spread.
 
-    python benchmarks/models.py 100 300 500 1000   # yield values [Pa]: one JSON each in results/
+    python benchmarks/models.py 100 300 500 1000   # yield stresses [Pa]: one JSON each in results/
     python benchmarks/models.py 40,30 80,150       # with a plastic viscosity [Pa s], by default 50 Pa s
     python benchmarks/models.py draw               # docs/models.md, its chart, and what --accuracy chooses from
 

@@ -1,4 +1,4 @@
-"""Mixes from soft to viscous, to their rest, beside finite elements with inertia: slump, spread, times, cost.
+"""Mixes from soft to viscous, to their rest, beside finite elements with inertia: slump, slump flow, times, cost.
 
     python benchmarks/soft.py --model quarter --spacing 0.01   # benchmarks/results/soft_quarter_10mm.md
     python benchmarks/soft.py --model quarter --spacing 0.01 --perturbed 5   # means and scatter of five disturbed runs
@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 import points
 
-HEAD = ("mix", "slump 0.2 s", "slump 0.5 s", "slump at rest", "spread at rest", "T300", "T400", "T500")
+HEAD = ("mix", "slump 0.2 s", "slump 0.5 s", "slump at rest", "slump flow at rest", "T300", "T400", "T500")
 HEAD += ("rest [s]", "CPU-s", "CPU-s to 1 s")
 TIMES, WIDE = (0.2, 0.5), (300, 400, 500)  # of slumps [s], of spreads whose time is read [mm]
 
@@ -39,7 +39,7 @@ def run(scene) -> dict:
     sim.run()
     spent, (times, slumps, spreads) = time.process_time() - begin, np.array(rows).T
     found = {f"slump {at} s": np.interp(at, times, slumps) for at in TIMES}
-    found |= {"slump at rest": slumps[-1], "spread at rest": spreads[-1], "rest": sim.time}
+    found |= {"slump at rest": slumps[-1], "slump flow at rest": spreads[-1], "rest": sim.time}
     wide = np.maximum.accumulate(spreads)
     found |= {f"T{mm}": np.interp(1e-3 * mm, wide, times, right=np.nan) for mm in WIDE}
     return found | {"CPU-s": spent, "CPU-s to 1 s": first[0]}
@@ -57,7 +57,7 @@ def cells(mix, found, exact) -> list[str]:
     line = ["{:g} Pa, {:g} Pa s".format(*mix)]
     for key in ("slump 0.2 s", "slump 0.5 s", "slump at rest"):
         line.append(told(key, 1e3 * (mean[key] - exact[key]), 1e3, 2) + " mm")
-    for key in ("spread at rest", "T300", "T400", "T500"):
+    for key in ("slump flow at rest", "T300", "T400", "T500"):
         line.append(told(key, 100.0 * (mean[key] / exact[key] - 1.0), 100.0 / exact[key], 2) + " %")
     return line + [f"{mean['rest']:.1f}", f"{mean['CPU-s']:.2f}", f"{mean['CPU-s to 1 s']:.2f}"]
 
@@ -71,7 +71,7 @@ def references():
         known = columns("A_fe_inertial_soft.csv", yield_value_Pa=float(mix[0]), plastic_viscosity_Pa_s=float(mix[1]))
         at = dict(zip(known["time_s"], 1e-3 * known["mean20_mm"], strict=True))
         exact = {f"slump {t} s": at.get(t, np.nan) for t in TIMES} | {f"T{mm}": known[f"T{mm}_s"][-1] for mm in WIDE}
-        last = {"slump at rest": 1e-3 * known["mean20_mm"][-1], "spread at rest": 1e-3 * known["spread_mm"][-1]}
+        last = {"slump at rest": 1e-3 * known["mean20_mm"][-1], "slump flow at rest": 1e-3 * known["spread_mm"][-1]}
         yield mix, exact | last
 
 

@@ -22,7 +22,7 @@ import points
 
 LITERAL, PRACTICE, BI_VISCOSITY, BINGHAM = "literal", "semi-implicit", "bi-viscosity", "implicit"
 TITLES = {
-    BINGHAM: "implicit, true yield value",
+    BINGHAM: "implicit, true yield stress",
     BI_VISCOSITY: "implicit, bi-viscosity",
     PRACTICE: "semi-implicit",
     LITERAL: "semi-implicit, literal",
@@ -47,7 +47,7 @@ def all_points() -> dict[str, dict]:
         coarse, usual, _ = sizes
         found += [(k, flow, BINGHAM, size, 1.0) for k, size in enumerate(sizes)]
         found += [(3, flow, BINGHAM, usual, 4.0), (4, flow, BINGHAM, usual, 0.25)]
-        if flow != "dam":  # water has no yield value
+        if flow != "dam":  # water has no yield stress
             found += [(k, flow, BI_VISCOSITY, size, 1.0) for k, size in enumerate(sizes)]
         found += [(5, flow, LITERAL, coarse, 1.0), (5, flow, LITERAL, usual, 1.0)]
         found += [(6, flow, PRACTICE, coarse, 2.0), (7, flow, PRACTICE, coarse, 1.0), (8, flow, PRACTICE, usual, 1.0)]
@@ -80,7 +80,7 @@ def point(flow, scheme, size, step, budget=None) -> dict:
 
     import taichi_mps as mps
 
-    warnings.simplefilter("ignore")  # a knee stress above the yield value is what is measured here
+    warnings.simplefilter("ignore")  # a knee stress above the yield stress is what is measured here
     mps.init(threads=1)
     runs = [one_run(flow, scheme, size, step, budget or FLOWS[flow][2], 0)]
     while runs[-1]["error"] is not None and len(runs) < RUNS:

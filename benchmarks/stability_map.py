@@ -17,12 +17,12 @@ import numpy as np
 import points
 
 LITERAL, PRACTICE, BI_VISCOSITY, BINGHAM = "literal", "semi-implicit", "bi-viscosity", "Bingham"
-NEWTONIAN = "implicit"  # the default without yield value: no law to choose
+NEWTONIAN = "implicit"  # the default without yield stress: no law to choose
 TITLES = {
     LITERAL: "semi-implicit, literal",
     PRACTICE: "semi-implicit",
     BI_VISCOSITY: "implicit, bi-viscosity",
-    BINGHAM: "implicit, true yield value",
+    BINGHAM: "implicit, true yield stress",
     NEWTONIAN: "implicit",
 }
 DIFFUSION = (0.05, 0.4, 1.0, 10.0, 1000.0)
@@ -42,7 +42,7 @@ EXPLICIT_LIMIT = 0.514449  # exact, of the Laplacian in 2-D (C_mps_lattice_const
 
 
 def cells() -> dict[str, dict]:
-    """All cells by name: the planes of D and C without yield value and at Bn = 0.3, ratio 1000; then Bn and ratio at
+    """All cells by name: the planes of D and C without yield stress and at Bn = 0.3, ratio 1000; then Bn and ratio at
     C = 0.2."""
     plane = [(d, c, 0.0, 1.0, s) for c in COURANT for d in DIFFUSION for s in (LITERAL, PRACTICE, NEWTONIAN)]
     laws = (LITERAL, PRACTICE, BI_VISCOSITY, BINGHAM)
@@ -53,7 +53,7 @@ def cells() -> dict[str, dict]:
 
 
 def ratios(scheme) -> tuple[float, ...]:
-    return (1e3,) if scheme == BINGHAM else RATIOS  # of a true yield value there is none: one cell stands for all
+    return (1e3,) if scheme == BINGHAM else RATIOS  # of a true yield stress there is none: one cell stands for all
 
 
 def name(d, c, bn, ratio, scheme) -> str:
@@ -164,7 +164,7 @@ def draw() -> None:
 
 
 def draw_steps(found) -> None:
-    """Diffusion and Courant number, without and with a yield value."""
+    """Diffusion and Courant number, without and with a yield stress."""
     figure, axes = points.pyplot().subplots(2, 4, figsize=(13, 6.2), layout="constrained", sharex=True, sharey=True)
     rows = (0.0, 1.0, (LITERAL, PRACTICE, NEWTONIAN)), (0.3, 1e3, (LITERAL, PRACTICE, BI_VISCOSITY, BINGHAM))
     for line, (bn, ratio, schemes) in zip(axes, rows, strict=True):
@@ -197,7 +197,7 @@ def draw_yield(found) -> None:
         else:
             axis.set_xlabel("unyielded over plastic viscosity")
     axes[0].set_ylabel(r"Bingham number $\tau_y/\tau_{wall}$")
-    title = r"The same film at Courant number 0.2, $D = \nu\,\Delta t/l_0^2$: yield value and viscosity ratio"
+    title = r"The same film at Courant number 0.2, $D = \nu\,\Delta t/l_0^2$: yield stress and viscosity ratio"
     finish(figure, "stability_yield.png", title)
 
 

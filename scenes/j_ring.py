@@ -56,7 +56,7 @@ def scene(
         return {**cone.measure(s), "step_m": inside - outside}
 
     def over_time(history):
-        """Time to a spread of 500 mm."""
+        """Time to a slump flow of 500 mm."""
         return {"t500_s": mps.measure.time_of(history["time_s"], history["spread_m"], 0.5)}
 
     def check(s, measures):

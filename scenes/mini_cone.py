@@ -1,4 +1,4 @@
-"""Mini-cone (Kantro): the spread of a cement paste from a small cone.
+"""Mini-cone (Kantro): the slump flow of a cement paste from a small cone.
 
 Source: Kantro's mini-slump cone, diameters 19 and 38.1 mm, height 57.2 mm: from memory, fairly sure. The flow cone of
 JIS R 5201 is --base-diameter 0.1 --top-diameter 0.07 --height 0.06. There is no surface tension.

@@ -110,7 +110,7 @@ def scene(
             assert abs(measures["slump_m"] - slump) < max(spacing, 0.01), (measures, slump)
 
     def over_time(history):
-        """T500 of the slump flow test: time from the first lift to a spread of 500 mm."""
+        """T500 of the slump flow test: time from the first lift to a slump flow of 500 mm."""
         return {"t500_s": mps.measure.time_of(history["time_s"], history["spread_m"], 0.5)}
 
     if model == "axisymmetric":

@@ -15,7 +15,7 @@ PLACES = [
     (5, -24, "left"),
     (5, 24, "left"),
 ]  # [pt]
-SLUMP_HEAD = ["run", "particles or cells", "steps", "CPU-s", "whole process", "worst slump [mm]", "spread [%]"]
+SLUMP_HEAD = ["run", "particles or cells", "steps", "CPU-s", "whole process", "worst slump [mm]", "slump flow [%]"]
 DAM_HEAD = ["run", "particles", "steps", "CPU-s per s", "particle-steps per CPU-s", "front [%]", "front, no delay [%]"]
 
 

@@ -30,7 +30,7 @@ class FrictionalSlip:
         self.yields = law.yield_value > 0.0
         self.slip, self.traction = slip, traction  # u_s [m/s]; yield part of the traction [Pa]
         self.spacing, self.depth, self.eta = spacing, DEPTH * spacing, slope
-        self.penalty = ti.field(real(), ())  # r [Pa s/m]; 0 without a yield value
+        self.penalty = ti.field(real(), ())  # r [Pa s/m]; 0 without a yield stress
         self.stick = ti.field(real(), capacity)  # s [-]
         self.area = ti.field(real(), capacity)  # of the wall that belongs to the particle [m2]
         self.thickness = ti.field(real(), capacity)  # of the layer beneath the particle [m]

@@ -3,12 +3,13 @@
 from pathlib import Path
 
 from ..problem import catalogue
-from ..problem.labels import what_it_is
+from ..problem.labels import OPTIONS, what_it_is
 from ..problem.numerics import NUMERICS, Implicit
 from ..report.inputs import option
 from ..units import NUMBERS, SceneError, ordinary, require, suggestion, unit_of
 from .options import GROUPS, Run, group_of, is_tuple
 
+KEYS = {option.replace("-", "_"): key for key, option in OPTIONS.items()}  # by the names of options
 SECTIONS = [group.split()[0] for group in GROUPS]
 NOT_OF_A_CASE = {"out", "overwrite", "quiet", "verbose", "profile"}  # of one run, not of what is computed
 MOST_BYTES = 1e5  # a second to read; a case has some 5e3
@@ -81,15 +82,16 @@ def words(path: Path) -> list[str]:
         given |= keys
     known = keywords(function, NUMERICS.get(str(given.get("scheme")), Implicit))
     options = []
-    for name, value in given.items():
-        require(name in known, f"case = {path}: unknown key '{name}'{suggestion(name, known)}")
+    for told, value in given.items():
+        name = told if told in known else KEYS.get(told, told)
+        require(name in known, f"case = {path}: unknown key '{told}'{suggestion(told, known)}")
         require(
             isinstance(value, str | int | float) or is_list(value, known[name][1]),
             f"case = {path}: {name} = {value}: must be a number, a text or true or false",
         )
         # a switch that is off has no option, and a number of the mix at its default tells no law
         if value != known[name][1].default or not (isinstance(value, bool) or name in NUMBERS):
-            options.append(option(name, value))
+            options.append(option(name, value, known))
     return [source, *options]
 
 

@@ -13,7 +13,7 @@ from pydantic import Field
 
 from ..io.run_folder import strict
 from ..problem import catalogue
-from ..problem.labels import what_it_is
+from ..problem.labels import option_name, what_it_is
 from ..problem.materials import Concrete
 from ..problem.numerics import NUMERICS
 from ..units import Checked, Count, Duration, SceneError, checked, notes, plain, require, suggestion, unit_of
@@ -22,7 +22,7 @@ GROUPS = "mix", "test", "accuracy and cost", "output", "expert"  # of the option
 MIX = set(Concrete.model_fields)
 COST = {"spacing", "model", "accuracy", "threads", "budget"}
 EXPERT = {"critical_strain_rate", "scheme", "precision", "arch", "renderer", "profile"}
-MEASURED = {"--slump", "--spread", "--t500"}  # results, which some take for options
+MEASURED = {"--slump", "--slump-flow", "--spread", "--t500"}  # results, which some take for options
 
 SCHEMES = Literal["implicit", "semi-implicit"]
 VIEWS = Literal["concrete", "speed", "pressure", "shear-rate", "yielded", "mix"]
@@ -125,6 +125,7 @@ class Parser(argparse.ArgumentParser):
                 flag not in self._option_string_actions,
                 f"scene keyword '{name}' has the name of an option of run; rename it",
             )
+            flags = [option_name(name, model.model_fields), flag]
             told = " ".join(filter(None, (default(field), allowed(field))))
             text = ", ".join(filter(None, (field.description or what_it_is(name), told)))
             settings = {"dest": name, "help": text}
@@ -136,7 +137,7 @@ class Parser(argparse.ArgumentParser):
             else:
                 unit = unit_of(field).replace("-", "N").replace(" ", ".")
                 settings["metavar"] = "|".join([unit] * bool(unit) + choices(field)) or "X"
-            self.groups[title or group_of(name, model)].add_argument(flag, **settings)
+            self.groups[title or group_of(name, model)].add_argument(*dict.fromkeys(flags), **settings)
 
     def parse(self, argv):
         """Namespace; an option that does not exist is refused with the nearest one that does."""

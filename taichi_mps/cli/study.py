@@ -46,7 +46,7 @@ class Lookup(Checked):
     )
     check: bool = Field(True, description="compute the cones once more, finer; without it in a second")
     table: str | None = Field(
-        None, description="a laboratory's list, CSV: one mix a line, columns as slump [cm], spread [cm]"
+        None, description="a laboratory's list, CSV: one mix a line, columns as slump [cm], slump flow [cm]"
     )
     out: str | None = Field(
         None,
@@ -244,7 +244,7 @@ def calibrate_table(arguments, options: Lookup, told: dict) -> int:
 
 # ---- chart -----------------------------------------------------------------------------------------------------
 @command(
-    "Slump and spread against yield stress for the wall, with formulas and finite elements.",
+    "Slump and slump flow against yield stress for the wall, with formulas and finite elements.",
     {
         "study": {"nargs": "?", "help": "folder of a sweep of the slump; the package's own study by default"},
         "--out": {"default": "slump_chart.png", "help": "picture, slump_chart.png by default"},
@@ -252,7 +252,7 @@ def calibrate_table(arguments, options: Lookup, told: dict) -> int:
     },
 )
 def chart(arguments) -> int:
-    """draw slump and spread against yield stress"""
+    """draw slump and slump flow against yield stress"""
     require(find_spec("matplotlib"), NEEDS)
     from ..study.chart import slump_chart
 

@@ -53,7 +53,7 @@ class Measured(NamedTuple):
     yield_number: float
     viscosity_number: float
     slump: float  # largest error of the slump at any time, over H
-    reach: float  # error of half of the spread at rest, over H
+    reach: float  # error of half of the slump flow at rest, over H
     volume: float  # largest error of the volume at any time [-]
     cpu_seconds: float  # to rest, without compiling
     # standard deviations, over H, of runs whose particles start 1e-6 l0 aside, of slump and of half of the spread
@@ -150,7 +150,7 @@ class Choice:
 
     model: str
     spacing: float  # [m]
-    error: float  # largest error of the slump at any time, and of half of the spread at rest [m]
+    error: float  # largest error of the slump at any time, and of half of the slump flow at rest [m]
     volume_error: float  # largest at any time [-]
     cpu_seconds: float  # to rest, without compiling
     where: str  # for which mixes that was measured

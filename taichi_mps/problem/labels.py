@@ -24,6 +24,7 @@ KEYWORDS = {  # of many scenes: what they are
     "sides": "upright walls without friction (smooth) or to which concrete sticks (rough)",
 }
 WORDS = {"yield_value": "yield stress", "spacing": "particle size", "until": "time limit"}  # keys as people read them
+OPTIONS = {"yield_value": "yield-stress", "spread": "slump-flow", "spread_error": "slump-flow-error", "rho": "density"}
 ENDS = {  # why a run ended
     "rest": "concrete stopped flowing",
     "unyielded": "concrete stopped flowing",
@@ -35,10 +36,10 @@ ENDS = {  # why a run ended
 RESULTS = {  # key: (name, what it is)
     "slump_m": ("slump", "how far the middle of the top has sunk, as read with a ruler at the axis"),
     "slump_max_m": ("slump at the highest point", "less than the slump where a rim stands higher than the middle"),
-    "spread_m": ("slump-flow diameter", "mean of perpendicular diameters in all directions"),
+    "spread_m": ("slump flow", "mean of perpendicular diameters in all directions"),
     "slump_expected_error_m": ("error of the slump", "to be expected, by measured errors of mixes around this one"),
-    "spread_expected_error_m": ("error of the diameter", "to be expected likewise"),
-    "t500_s": ("T500", "time until the diameter is 500 mm"),
+    "spread_expected_error_m": ("error of the slump flow", "to be expected likewise"),
+    "t500_s": ("T500", "time until the slump flow is 50 cm"),
     "front_m": ("front", "farthest reach of the concrete, from the end of the vessel"),
     "height_m": ("height", "highest point of the fluid"),
     "flow_m": ("flow", "distance of the front from the gate"),
@@ -77,6 +78,12 @@ KINDS = {  # of results whose names tell where: what they are
     "hydrostatic_at_": "of a liquid as high as the concrete",
     "less_what_sides_bear_at_": "hydrostatic, less what rough sides may bear by the yield stress",
 }
+
+
+def option_name(key: str, others=()) -> str:
+    """Option of a keyword in the field's words, unless it is that of one of the other keywords."""
+    name = OPTIONS.get(key, key).replace("-", "_")
+    return "--" + (key if name in others else name).replace("_", "-")
 
 
 def what_it_is(key: str) -> str:

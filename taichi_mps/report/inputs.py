@@ -4,7 +4,7 @@ import shlex
 from pathlib import Path
 
 from ..problem import catalogue
-from ..problem.labels import in_words
+from ..problem.labels import in_words, option_name
 from ..problem.numerics import NUMERICS
 from ..units import unit_of
 
@@ -26,13 +26,13 @@ def rows(parameters: dict, fields: dict) -> list[tuple[str, str]]:
 
 
 def shown(value, unit: str) -> str:
-    """A value with its unit; lengths below 1 m in mm."""
+    """A value with its unit; lengths below 10 cm in mm, below 1 m in cm."""
     if isinstance(value, bool):
         return "yes" if value else "no"
     if not isinstance(value, float | int):
         return str(value)
     if unit == "m" and abs(value) < 1.0:
-        return f"{1e3 * value:.6g} mm"
+        return f"{1e3 * value:.6g} mm" if abs(value) < 0.1 else f"{1e2 * value:.6g} cm"
     return f"{value:.6g} {unit.strip('-')}".rstrip()
 
 
@@ -46,16 +46,16 @@ def command(source: str, summary: dict, every: float) -> str:
     if summary["stopped_by"] == "time":
         options["until"] = float(f"{summary['simulated_seconds']:.9g}")
     given = {key: value for key, value in options.items() if value not in (None, "") and key not in LEFT_OUT}
-    told = [option(key, value) for key, value in given.items()
+    told = [option(key, value, options) for key, value in given.items()
             if (value != usual[key] if key in usual else value is not False)]  # fmt: skip
     return shlex.join(["run", source if source in catalogue.names() else Path(source).name, *told])
 
 
-def option(key: str, value) -> str:
-    """An option of the command line."""
-    flag = key.replace("_", "-")
+def option(key: str, value, others=()) -> str:
+    """An option of the command line, beside other keywords."""
+    flag = option_name(key, others)
     if isinstance(value, bool):
-        return f"--{flag}" if value else f"--no-{flag}"
+        return flag if value else f"--no-{flag[2:]}"
     if isinstance(value, list | tuple):
         value = ",".join(map(str, value))
-    return f"--{flag}={f'{value!r}'.removesuffix('.0') if isinstance(value, float) else value}"
+    return f"{flag}={f'{value!r}'.removesuffix('.0') if isinstance(value, float) else value}"

@@ -31,17 +31,17 @@ class Measurements(Checked):
     """What was measured of a mix, and how well: lengths [m], times [s], density [kg/m3], constants in SI units."""
 
     slump: Length | None = Field(None, description="slump")
-    spread: Length | None = Field(None, description="diameter of the spread, mean of two")
-    t500: Duration | None = Field(None, description="time to a spread of 500 mm")
-    mini_cone: Length | None = Field(None, description="spread of the mini-cone (Kantro, 57.2 mm high)")
+    spread: Length | None = Field(None, description="slump flow, mean of two diameters")
+    t500: Duration | None = Field(None, description="time to a slump flow of 500 mm")
+    mini_cone: Length | None = Field(None, description="slump flow of the mini-cone (Kantro, 57.2 mm high)")
     v_funnel: Duration | None = Field(None, description="time in which the V-funnel runs empty")
     yield_value: YieldValue | None = Field(None, description="yield stress, if known, of a rheometer")
     plastic_viscosity: Viscosity | None = Field(None, description="plastic viscosity, if known, of a rheometer")
     rho: Density = Field(DENSITY, description="density")
     slump_error: Length = Field(0.005, description="standard error of the slump")
-    spread_error: Length = Field(0.01, description="standard error of the spread")
+    spread_error: Length = Field(0.01, description="standard error of the slump flow")
     t500_error: Duration = Field(0.2, description="standard error of the time")
-    mini_cone_error: Length = Field(0.002, description="standard error of the spread of the mini-cone")
+    mini_cone_error: Length = Field(0.002, description="standard error of the slump flow of the mini-cone")
     v_funnel_error: Duration | None = Field(None, description="standard error of the time, by default a tenth of it")
 
     def error(self, test: str) -> float:
@@ -53,7 +53,7 @@ class Measurements(Checked):
         """Value and standard error of each measurement, by its name in TESTS. SceneError where there is none."""
         found = {name: getattr(self, test) for name, test in TESTS.items()}
         found = {name: (value, self.error(TESTS[name])) for name, value in found.items() if value is not None}
-        require(found, "calibrate: give at least one of --slump, --spread, --t500, --mini-cone, --v-funnel")
+        require(found, "calibrate: give at least one of --slump, --slump-flow, --t500, --mini-cone, --v-funnel")
         return found
 
     def known(self) -> dict[str, float]:

@@ -8,7 +8,7 @@ import numpy as np
 
 CONTRADICTION = 9.0  # a misfit of three standard errors
 NAMES = {"slump_m": "slump", "spread_m": "slump flow", "t500_s": "T500"}
-NAMES |= {"mini_cone_m": "mini-cone spread", "v_funnel_s": "V-funnel time"}
+NAMES |= {"mini_cone_m": "mini-cone flow", "v_funnel_s": "V-funnel time"}
 RHEOMETER = "rheometer"  # who says a constant that is known
 WORDS = {  # of the constants of a mix
     "yield_value": ("yield stress", "Pa"),

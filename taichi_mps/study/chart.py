@@ -1,4 +1,4 @@
-"""Charts of studies. The one for the wall: slump and spread of the standard cone against yield stress."""
+"""Charts of studies. The one for the wall: slump and slump flow of the standard cone against yield stress."""
 
 from pathlib import Path
 
@@ -36,7 +36,7 @@ def ticked(axis, low: float, high: float, least=()) -> None:
 
 
 def slump_chart(out, study=None) -> Path:
-    """Slump and spread [cm] of the cone against yield stress [Pa], by a study, finite elements and formulas."""
+    """Slump and slump flow [cm] of the cone against yield stress [Pa], by a study, finite elements and formulas."""
     emulator = emulator_of(study)
     figure, (left, right) = _figure(13.0, 6.6, columns=2)
     yields = np.exp(np.linspace(emulator.low[0], emulator.high[0], 200)) * DENSITY
@@ -65,7 +65,7 @@ def slump_chart(out, study=None) -> Path:
         for axes, name in zip((left, right), names, strict=True):
             axes.semilogx(column(lines, x), 0.1 * column(lines, name), marker, **look)
     left.set(ylabel="slump [cm]", ylim=(0.0, 30.0), title="Slump of the cone, JIS A 1101 / EN 12350-2")
-    right.set(ylabel="spread [cm]", ylim=(20.0, 75.0), title="Spread, EN 12350-8")
+    right.set(ylabel="slump flow [cm]", ylim=(20.0, 75.0), title="Slump flow, EN 12350-8")
     for axes in (left, right):
         axes.set(xlabel=f"yield stress [Pa] at {DENSITY:g} kg/m3", xlim=(yields[0], yields[-1]))
         ticked(axes.xaxis, yields[0], yields[-1])

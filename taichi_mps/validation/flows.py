@@ -155,7 +155,7 @@ HALF = 0.5 * DEPTH  # of the channels [m]
 
 
 def channel(across):
-    """A Bingham channel whose wall stress is 1/0.3 of its yield value: the scene, and its exact velocity at y [m]."""
+    """A Bingham channel whose wall stress is 1/0.3 of its yield stress: the scene, and its exact velocity at y [m]."""
     eta, weight = 50.0, 8000.0
     tau_y = 0.3 * weight * HALF
     material = mps.Bingham(density=DENSITY, plastic_viscosity=eta, yield_value=tau_y)

@@ -1,4 +1,4 @@
-"""Bodies that slump under their own weight: the slump cone, the time to spread, a block in two dimensions.
+"""Bodies that slump under their own weight: the slump cone, the time to a slump flow, a block in two dimensions.
 
 The references are finite elements of a true Bingham material on a no-slip floor (own solutions; the comment lines
 of each CSV say how they were made). Slump is read over r < 20 mm and spread in all directions, by ``measure.slump``.
@@ -97,7 +97,7 @@ def collapse(tau_y, spacing=0.01, slump_target=5.0, model="full", until=5.0, pi_
     numbers += [
         Measured("slump, worst of t = 0.1, 0.2, 0.3, 0.5, 1 s", 1e3 * worst, slump_target, "mm"),
         Measured(f"slump {last}", 1e3 * end_error, slump_target, "mm"),
-        Measured(f"spread {last}", percent(found[-1, 1], np.interp(until, times, spread)), 3.0, "%"),
+        Measured(f"slump flow {last}", percent(found[-1, 1], np.interp(until, times, spread)), 3.0, "%"),
     ]
     if pi_c is None:
         away = shape_error(scene.unfold(sim.snapshot()), final_shape(tau_y))
@@ -123,13 +123,13 @@ def rational_slump():
 
 # ---- the cone without inertia ----------------------------------------------------------------------------------
 def slow_collapse(tau_y, reference):
-    """Rest slump and spread with eta = 1500 Pa s: Re = rho H sqrt(g H)/eta = 0.8, inertia hardly matters."""
+    """Rest slump and slump flow with eta = 1500 Pa s: Re = rho H sqrt(g H)/eta = 0.8, inertia hardly matters."""
     exact = columns("A_fe_slump_abrams_final.csv", run=reference)
     sim = run(mps.slump_cone(yield_value=tau_y, plastic_viscosity=1500.0, until=60.0))
     (slump, spread), last = slump_and_spread(sim), moment(sim)
     return [
         Measured(f"slump {last}", 1e3 * slump - exact["slump_mm"][0], 5.0, "mm"),
-        Measured(f"spread {last}", percent(1e3 * spread, exact["spread_diam_mm"][0]), 3.0, "%"),
+        Measured(f"slump flow {last}", percent(1e3 * spread, exact["spread_diam_mm"][0]), 3.0, "%"),
         Measured(f"volume {last}", 100.0 * sim.report.volume_error, 0.5, "%"),
     ]
 
@@ -143,7 +143,7 @@ def two_viscosities():
 
 
 def time_to_spread(spacing, model="full"):
-    """Time to a spread of 400 and 500 mm; the reference time is proportional to the viscosity."""
+    """Time to a slump flow of 400 and 500 mm; the reference time is proportional to the viscosity."""
     eta, known = 1000.0, columns("A_fe_slump_T500.csv", tau0_Pa=50.0)
     exact = dict(zip(known["D_mm"], known["t_s_mu100"] * eta / 100.0, strict=True))
     mix = {"yield_value": 50.0, "plastic_viscosity": eta}
@@ -159,7 +159,7 @@ def time_to_spread(spacing, model="full"):
     times, spreads = np.append(0.0, times), np.maximum.accumulate(np.append(0.2, spreads))
     for diameter in (400.0, 500.0):
         found = np.interp(1e-3 * diameter, spreads, times, right=np.nan)  # nan: never got there
-        yield Measured(f"time to a spread of {diameter:g} mm", percent(found, exact[diameter]), 5.0, "%")
+        yield Measured(f"time to a slump flow of {diameter:g} mm", percent(found, exact[diameter]), 5.0, "%")
 
 
 # ---- a block in two dimensions ---------------------------------------------------------------------------------

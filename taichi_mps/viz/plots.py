@@ -94,7 +94,7 @@ def panels_of(columns, numerics=False) -> list:
 
 
 def history(rows, out, numerics=False):
-    """What history.csv holds against time: slump and spread or what else is measured, the largest speed, and the share
+    """What history.csv holds against time: slump, slump flow or what else is measured, largest speed, and the share
     that flows (where the viscous stress is over 5 % of the yield stress); numerics: time step, iterations, errors."""
     panels = panels_of({key: values for key, values in rows.items() if np.isfinite(values).any()}, numerics)
     require(panels, "history.csv: holds no numbers to draw; must hold a step of a run")

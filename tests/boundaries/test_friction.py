@@ -75,7 +75,7 @@ def test_newtonian_film_slips_by_the_wall_stress_over_the_viscous_constant():
 
 @pytest.mark.long
 def test_a_plug_slips_on_a_yielding_floor_by_the_excess_over_its_viscous_constant():
-    """From rest, rho H du/dt = WEIGHT - yield value - k u: within 5 % on the way, where the step of a tenth of
+    """From rest, rho H du/dt = WEIGHT - yield stress - k u: within 5 % on the way, where the step of a tenth of
     rho H/k costs 1 % and the iterations lag, and within 1 % in the end."""
     yield_value = 0.5 * WEIGHT
     sim = mps.Simulation(film(mps.Friction(yield_value=yield_value, viscous_constant=ROUGHNESS), STIFF))

@@ -89,3 +89,8 @@ def test_new_prints_a_case(tmp_path, capsys):
     assert main(["new", "wall", "--rate=10 l/s"]) == 0
     path.write_text(capsys.readouterr().out, encoding="utf-8")
     assert planned("run", [str(path)])[2].scene.parameters["rate"] == 0.01
+
+
+def test_a_key_may_have_the_name_of_its_option(tmp_path):
+    (tmp_path / "case.toml").write_text('scene = "slump"\n[mix]\nyield_stress = "0.1 kPa"\n', encoding="utf-8")
+    assert planned("run", [str(tmp_path / "case.toml")])[2].scene.material.yield_value == 100.0

@@ -170,7 +170,7 @@ def test_a_killed_run_has_its_page(run, shown, tmp_path):
 def test_the_command_names_what_is_not_by_default(run):
     words = shlex.split(inputs.command("slump", run.read_summary(), 0.05))
     assert words[:2] == ["run", "slump"]
-    known = "--model=quarter --spacing=0.02 --yield-value=500 --until=0.4 --every=0.05"
+    known = "--model=quarter --spacing=0.02 --yield-stress=500 --until=0.4 --every=0.05"
     assert sorted(words[2:]) == sorted(known.split())
     other = {"parameters": {"side": 0.5, "far": None, "rise": 0.0}, "scheme": "semi-implicit", "stopped_by": "rest"}
     other |= {"numerics": mps.SemiImplicit(literal=True).model_dump(), "backend": {"precision": "f64", "arch": "cpu"}}

@@ -78,7 +78,7 @@ def test_bi_viscosity_film():
 
 
 def test_film_stands_below_its_yield_value_and_flows_above():
-    """20 across, after 2 s: 2 % where half of it is plug. Just above the yield value one or two rows are sheared, and
+    """20 across, after 2 s: 2 % where half of it is plug. Just above the yield stress one or two rows are sheared, and
     it is as fast as the discretisation makes it: row film_at_yield of the validation table."""
     stands = film(20, 2.0, yield_value=WEIGHT * DEPTH / 0.95, plastic_viscosity=100.0)
     assert stands.snapshot().speed.max() <= 1e-6

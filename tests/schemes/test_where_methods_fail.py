@@ -279,7 +279,7 @@ def test_what_must_stand_stands(box_default):
 
 @pytest.mark.slow
 def test_a_deep_pool_of_a_viscous_fluid_stands():
-    """30 layers of 50 Pa s without a yield value, pushed by twice the pressure that viscosity alone stops in a step:
+    """30 layers of 50 Pa s without a yield stress, pushed by twice the pressure that viscosity alone stops in a step:
     without more resistance to motion that the gradient does not see its lattice collapsed, by a tenth in 0.4 s."""
     depth, spacing = 0.3, 0.01
     size = (8 * spacing, depth)

@@ -82,7 +82,7 @@ def test_two_layers_of_any_law(lower, upper, error):
 
 @pytest.mark.long
 def test_a_newtonian_mix_at_rest_beside_one_with_a_critical_strain_rate():
-    """Neither a yield value nor a rate: its viscosity is eta."""
+    """Neither a yield stress nor a rate: its viscosity is eta."""
     water = mps.Newtonian(density=2000.0, viscosity=10.0)
     stiff = mps.Bingham(yield_value=100.0, plastic_viscosity=50.0, critical_strain_rate=0.1)
     sim = mps.Simulation(two_mixes(water, stiff))

@@ -235,9 +235,9 @@ def test_the_intervals_of_two_tests_hold_a_known_mix():
 def test_it_says_which_constant_each_test_determines():
     exact = measures(("mini_cone_m", "v_funnel_s"), **TRUE)
     both, cone = calibrate(**exact, check=False), calibrate(mini_cone=exact["mini_cone"], check=False)
-    assert both.source("yield_value") == "mini-cone spread" and both.source("plastic_viscosity") == "V-funnel time"
+    assert both.source("yield_value") == "mini-cone flow" and both.source("plastic_viscosity") == "V-funnel time"
     lines = {line.split("  ")[0]: line for line in str(both).splitlines()}
-    assert "determines the yield stress" in lines["mini-cone spread"]
+    assert "determines the yield stress" in lines["mini-cone flow"]
     assert "determines the plastic viscosity" in lines["V-funnel time"]
     assert "yield stress (" not in lines["V-funnel time"]
     assert cone.source("plastic_viscosity") == "" and not cone.plastic_viscosity.determined
@@ -265,7 +265,7 @@ def test_contradictions_are_one_sentence_with_both_answers():
         one = calibrate(**{test: value}, plastic_viscosity=50.0, check=False).yield_value
         assert found.alone["yield_value"][f"{test}_m"][0] == pytest.approx(one.value, rel=1e-6)
     first = str(found).splitlines()[0]
-    for text in ("contradict each other", "the slump alone says", "the mini-cone spread alone"):
+    for text in ("contradict each other", "the slump alone says", "the mini-cone flow alone"):
         assert text in first
     assert "Trust" not in first  # of slump and slump flow only
     known = calibrate(slump=0.25, yield_value=400.0, plastic_viscosity=50.0, check=False)
@@ -327,7 +327,7 @@ def test_no_friction_is_sought_where_a_bingham_mix_is_near():
         (None, {"slump": "15cm", "spread": "60cm"}, "with internal friction not both: the nearest"),
         ((25.0, 15.0), {"t500": "1s"}, "not all three"),
         ((25.0, 15.0), {"t500": "200s"}, "and the T500 by"),
-        ((60.0, 15.0), {"mini_cone": "15cm"}, "of slump and slump flow alone, not of mini-cone spread"),
+        ((60.0, 15.0), {"mini_cone": "15cm"}, "of slump and slump flow alone, not of mini-cone flow"),
     ],
 )
 def test_what_nobody_explains_is_told_with_the_nearest(mix, told, said):
@@ -381,7 +381,7 @@ def test_the_command_told_computes_the_measured_slump(capsys):
 @pytest.mark.parametrize(
     ("told", "said"),
     [
-        ({}, "give at least one of --slump, --spread, --t500, --mini-cone, --v-funnel"),
+        ({}, "give at least one of --slump, --slump-flow, --t500, --mini-cone, --v-funnel"),
         ({"yield_value": 60.0}, "give at least one of --slump"),
         ({"slump": 21}, "slump = 21 m: must be less than 0.3 m"),
         ({"slump": 0.2, "spread": 0.2}, r"leaves room for 4\.8 l at most, and the mould holds 5\.5 l"),

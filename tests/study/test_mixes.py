@@ -105,7 +105,7 @@ def test_the_command_writes_table_chart_and_page_and_overwrites_nothing(tmp_path
         both, known, none, word = csv.DictReader(file)
     assert float(both["yield_value_found"]) == pytest.approx(exact.yield_value.value, rel=1e-4)
     assert both["plastic_viscosity_from"] == known["plastic_viscosity_from"] == "V-funnel time"
-    assert (both["yield_value_from"], known["yield_value_from"]) == ("mini-cone spread", "rheometer")
+    assert (both["yield_value_from"], known["yield_value_from"]) == ("mini-cone flow", "rheometer")
     assert both["verdict"] == known["verdict"] == EXPLAINED and none["verdict"] == word["verdict"] == REFUSED
     assert "has no measurement" in none["reason"] and word["reason"].startswith("slump = soft")
     assert "2 explained" in capsys.readouterr().out

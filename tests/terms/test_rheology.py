@@ -56,7 +56,7 @@ def mapping_of(spread):
 
 
 def test_return_mapping_is_the_scalar_closed_form():
-    """|stress| = tau_y + eta g and |trial| = |stress| + mu_r g; rigid below the yield value."""
+    """|stress| = tau_y + eta g and |trial| = |stress| + mu_r g; rigid below the yield stress."""
     size, stress, q, rate = mapping_of(0.0)
     g = np.maximum(0.0, (size - TAU_Y) / (ETA + MU_R))
     assert np.allclose(rate, g, rtol=1e-12, atol=1e-12)
@@ -181,7 +181,7 @@ def test_a_high_knee_stress_warns():
     [(50.0, 100.0, 0.1), (50.0, 100.0 - 1e-10, 0.1), (50.0, 0.0, 0.1), (1500.0, 100.0, None), (1500.0, 100.0, 0.00333)],
 )
 def test_a_knee_stress_within_ten_per_cent_is_silent(eta, tau_y, pi_c):
-    """The paper's #1 has exactly 10 %; a Newtonian fluid and a true yield value have no knee."""
+    """The paper's #1 has exactly 10 %; a Newtonian fluid and a true yield stress have no knee."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         mps.Bingham(plastic_viscosity=eta, yield_value=tau_y, critical_strain_rate=pi_c)

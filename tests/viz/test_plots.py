@@ -61,7 +61,7 @@ def test_history_draws_a_panel_for_each_quantity_that_has_numbers(tmp_path, figu
     out = plots.history(rows, tmp_path / "history.png")
     titles = [axes.get_title(loc="left").partition(":")[0] for axes in figures[0].axes]
     assert titles == [
-        "slump and slump-flow diameter [cm]",
+        "slump and slump flow [cm]",
         "torque [N m]",
         "force floor z [N]",
         "largest speed [m/s]",
