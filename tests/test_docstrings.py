@@ -32,7 +32,7 @@ def public():
             yield name, item
 
 
-PUBLIC = {name: item for name, item in public() if "problem.materials" not in name}  # laws: to come
+PUBLIC = dict(public())
 MODULES = sorted({PUBLIC[name].__module__.removeprefix("taichi_mps.") for name in PUBLIC})
 
 

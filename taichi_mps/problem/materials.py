@@ -1,6 +1,8 @@
-"""Materials: what a technologist knows of the mix, in SI units, and the law by which it flows. A law is one class: its
-numbers, each declared here and nowhere else with unit, range and help, and what a scheme asks of it. A scene that takes
-``material: Concrete`` has the numbers of all LAWS as options (``units.checked``)."""
+"""Materials: what a technologist knows of the mix, in SI units, and the law by which it flows.
+
+A law is one class: its numbers, each declared here and nowhere else with unit, range and help, and what a scheme asks
+of it. A scene that takes ``material: Concrete`` has the numbers of all LAWS as options (``units.checked``).
+"""
 
 import math
 import warnings
@@ -40,8 +42,10 @@ HIGH_KNEE = 0.1  # fraction of the yield stress by which the knee stress may exc
 
 
 class Material(Checked):
-    """What a scheme asks of a material, whatever its law.
+    """Base class of all materials: what a scheme asks of one, whatever its law.
 
+    Notes
+    -----
     A material has a ``density``, a ``yield_value`` [Pa], the ``critical_strain_rate`` [1/s] of a bi-viscosity law or
     None, and:
 
@@ -49,6 +53,13 @@ class Material(Checked):
     - ``growth(rate, structure)`` [1/s], the rate of change of the structure, or None without thixotropy;
     - ``typical_slope`` [Pa s] of the flow curve, the scale of the time step, of the penalty, of the hourglass
       resistance and of the layer at a wall with friction. It does not set the stress.
+
+    Examples
+    --------
+    >>> import taichi_mps as mps
+    >>> from taichi_mps.problem.materials import Material
+    >>> isinstance(mps.Newtonian(), Material), mps.Newtonian().yields
+    (True, False)
     """
 
     options: ClassVar[dict] = {"density": Density}  # scenes are under gravity: there is no fluid of 1 kg/m3
@@ -91,32 +102,79 @@ class Material(Checked):
         return any(getattr(function, "__module__", None) != __name__ for function in self.functions.values())
 
     def flows(self, rate):
-        """Whether the viscous part of the stress at shear rates [1/s] is more than FLOWS of the yield stress."""
+        """Tell where the material flows: where the viscous part of the stress is over 5 % of the yield stress.
+
+        Parameters
+        ----------
+        rate : float or ndarray
+            Shear rates [1/s].
+
+        Returns
+        -------
+        bool or ndarray of bool
+            True where it flows.
+        """
         return self.typical_slope * rate > FLOWS * self.yield_value
 
     def within(self, time: float) -> "Material":
-        """The material with all its numbers, for a run of this time [s]."""
+        """Return the material with all its numbers, for a run of a given length.
+
+        Parameters
+        ----------
+        time : float
+            Length of the run [s].
+
+        Returns
+        -------
+        Material
+            Material with no number left to choose.
+        """
         return self
 
     def facts(self) -> dict:
-        """All of the material, JSON-ready: the law by its name, numbers in SI units, functions by their names."""
+        """Return all of the material, JSON-ready.
+
+        Returns
+        -------
+        dict
+            The law by its name, numbers in SI units, functions by their names.
+        """
         values = {name: getattr(self, name) for name in type(self).model_fields}
         named = {name: getattr(value, "__qualname__", str(value)) for name, value in values.items() if callable(value)}
         return {"law": type(self).__name__} | values | named
 
 
 class Bingham(Material):
-    """Fresh concrete: rigid below the yield stress, flowing with the plastic viscosity above it (eqs 1-3).
+    """Fresh concrete: rigid below the yield stress, flowing with the plastic viscosity above it.
 
-    With a ``friction_angle`` phi the yield stress is yield_value + p tan(phi), p >= 0 (Drucker and Prager 1952, without
-    dilation; scheme ``implicit``, a true yield stress).
+    The parameters are the fields below.
 
-    ``critical_strain_rate`` is the paper's pi_c [1/s] of the bi-viscosity law: below a shear rate of 2 pi_c the
-    material is a very viscous fluid. ``None`` means a true yield stress (scheme ``implicit`` only); the scheme
-    ``semi-implicit`` then takes the paper's 0.1 1/s. ``"rational"`` is the largest rate that is as good as a true yield
-    stress for the time of the scene (``rational_critical_strain_rate``). With ``yield_value = 0`` the fluid is
-    Newtonian and no code of a yield stress is compiled. Warns if the knee stress is more than HIGH_KNEE above the yield
-    stress.
+    Raises
+    ------
+    SceneError
+        If a number is out of range, or friction is given with a critical strain rate.
+
+    Warns
+    -----
+    UserWarning
+        If the knee stress of a bi-viscosity law is more than 10 % above the yield stress.
+
+    Notes
+    -----
+    The stress is tau_y + eta rate (eqs 1-3). With a ``friction_angle`` phi the yield stress is tau_y + p tan(phi), p >=
+    0 (Drucker and Prager 1952, without dilation; scheme ``implicit``, a true yield stress).
+
+    ``critical_strain_rate`` is the paper's pi_c of the bi-viscosity law: below a shear rate of 2 pi_c the material is a
+    very viscous fluid. None means a true yield stress (scheme ``implicit`` only); the scheme ``semi-implicit`` then
+    takes the paper's 0.1 1/s. ``"rational"`` is the largest rate that is as good as a true yield stress for the time of
+    the scene (``rational_critical_strain_rate``). With ``yield_value = 0`` the fluid is Newtonian.
+
+    Examples
+    --------
+    >>> import taichi_mps as mps
+    >>> mix = mps.Bingham(density=2350.0, plastic_viscosity=50.0, yield_value="0.5 kPa")
+    >>> mix.yield_value, mix.rests, mix.shear_stress(10.0, 0.0)
+    (500.0, True, 1000.0)
     """
 
     from_fields: ClassVar[tuple] = ("density", "plastic_viscosity", "yield_value", "critical_strain_rate")
@@ -145,7 +203,7 @@ class Bingham(Material):
 
     @property
     def friction_coefficient(self) -> float:
-        """tan(friction_angle) [-]: yield stress by pressure."""
+        """Tangent of the friction angle [-]: growth of the yield stress with the pressure."""
         return math.tan(math.radians(self.friction_angle))
 
     @property
@@ -155,15 +213,39 @@ class Bingham(Material):
 
     @property
     def typical_slope(self) -> float:
-        """The plastic viscosity [Pa s]."""
+        """Plastic viscosity [Pa s]."""
         return self.plastic_viscosity
 
     def shear_stress(self, rate, structure):
-        """Shear stress [Pa] at a shear rate [1/s]."""
+        """Return the shear stress.
+
+        Parameters
+        ----------
+        rate : float
+            Shear rate [1/s].
+        structure : float
+            Structure of a thixotropic law [-], here without influence.
+
+        Returns
+        -------
+        float
+            Shear stress [Pa].
+        """
         return self.yield_value + self.plastic_viscosity * rate
 
     def shear_rate(self, stress):
-        """Shear rate [1/s] at a shear stress [Pa]."""
+        """Return the shear rate of a stress.
+
+        Parameters
+        ----------
+        stress : float or ndarray
+            Shear stress [Pa].
+
+        Returns
+        -------
+        float or ndarray
+            Shear rate [1/s], 0 below the yield stress.
+        """
         return np.maximum(0.0, stress - self.yield_value) / self.plastic_viscosity
 
     @property
@@ -173,7 +255,18 @@ class Bingham(Material):
         return self.yield_value + (2.0 * self.plastic_viscosity * self.critical_strain_rate if known else 0.0)
 
     def within(self, time: float) -> "Bingham":
-        """The material with all its numbers: ``rational`` is the rate for a run of this time [s]."""
+        """Return the material with all its numbers, for a run of a given length.
+
+        Parameters
+        ----------
+        time : float
+            Length of the run [s], from which a ``rational`` critical strain rate follows.
+
+        Returns
+        -------
+        Bingham
+            Material with no number left to choose.
+        """
         if self.critical_strain_rate != "rational":
             return self
         mix = {"plastic_viscosity": self.plastic_viscosity, "yield_value": self.yield_value}
@@ -202,7 +295,7 @@ RENAMED = "plastic_viscosity of this law is typical_slope; the former name goes 
 
 
 def former_name(material: Material) -> float:
-    """The typical slope [Pa s] of a material that was asked for its plastic viscosity, with a warning."""
+    """Return the typical slope [Pa s] of a material that was asked for its plastic viscosity, with a warning."""
     warnings.warn(RENAMED, DeprecationWarning, stacklevel=2)
     return material.typical_slope
 
@@ -210,19 +303,24 @@ def former_name(material: Material) -> float:
 class Law(Material):
     """Base class of a law whose flow curve is compiled: derive from it for a law of your own.
 
+    Notes
+    -----
     A law declares its numbers as fields, ``yield_value`` [Pa] among them, and has the method ``shear_stress(self, rate,
     structure)`` [Pa]: plain arithmetic of a shear rate [1/s] and of a structure [-], which is zero at the start; equal
-    to the yield stress at rate 0 and not falling with the rate. A method ``growth(self, rate, structure)``, the rate
-    of change of the structure [1/s], makes it thixotropic. Scheme ``implicit`` only.
+    to the yield stress at rate 0 and not falling with the rate. A method ``growth(self, rate, structure)``, the rate of
+    change of the structure [1/s], makes it thixotropic. Scheme ``implicit`` only.
 
     Examples
     --------
+    >>> import taichi_mps as mps
     >>> class Thinning(mps.Law):
     ...     yield_value: float = 40.0  # [Pa]
     ...     consistency: float = 30.0
     ...
     ...     def shear_stress(self, rate, structure):
     ...         return self.yield_value + self.consistency * rate**0.5
+    >>> round(Thinning().typical_slope, 3)  # [Pa s]
+    13.416
     """
 
     growth: ClassVar[Callable | None] = None
@@ -231,20 +329,50 @@ class Law(Material):
 
     @abstractmethod
     def shear_stress(self, rate, structure):
-        """Shear stress [Pa] at a shear rate [1/s] and a structure [-]."""
+        """Return the shear stress.
+
+        Parameters
+        ----------
+        rate : float
+            Shear rate [1/s].
+        structure : float
+            Structure of a thixotropic law [-].
+
+        Returns
+        -------
+        float
+            Shear stress [Pa].
+        """
 
     @property
     def typical_slope(self) -> float:
-        """Slope [Pa s] of the chord of the fresh flow curve up to TYPICAL_RATE."""
+        """Slope of the chord of the fresh flow curve up to a shear rate of 5 1/s [Pa s]."""
         return (self.shear_stress(TYPICAL_RATE, 0.0) - self.shear_stress(0.0, 0.0)) / TYPICAL_RATE
 
 
 class HerschelBulkley(Law):
-    """tau = (1 + lambda) tau_y + k rate^n: thickens (n > 1) or thins (n < 1) with the shear rate; rigid below the yield
-    stress; thixotropic where ``structuration`` is above 0, else lambda = 0.
+    """Concrete that thickens or thins with the shear rate, and may be thixotropic.
 
-    Roussel (2006): d lambda/dt = A/tau_y - alpha rate lambda, lambda = 0 at the start. At rest the yield stress grows
-    by A = ``structuration`` [Pa/s]; flow undoes it within a strain of 1/alpha, alpha the ``destructuration`` [-].
+    The parameters are the fields below.
+
+    Raises
+    ------
+    SceneError
+        If a number is out of range, or a thixotropic mix has no yield stress.
+
+    Notes
+    -----
+    The stress is (1 + lambda) tau_y + k rate^n: n > 1 thickens, n < 1 thins; rigid below the yield stress. Without
+    ``structuration`` lambda is 0. Otherwise d lambda/dt = A/tau_y - alpha rate lambda, lambda = 0 at the start (Roussel
+    2006, Cem. Concr. Res. 36, 1797): at rest the yield stress grows by A = ``structuration`` [Pa/s], and flow undoes it
+    within a strain of 1/alpha, alpha the ``destructuration`` [-].
+
+    Examples
+    --------
+    >>> import taichi_mps as mps
+    >>> thickens = mps.HerschelBulkley(yield_value=60.0, consistency=20.0, flow_index=1.5)
+    >>> thickens.shear_stress(4.0, 0.0)
+    220.0
     """
 
     viscous: ClassVar[tuple] = ("consistency", "plastic_viscosity")
@@ -282,32 +410,87 @@ class HerschelBulkley(Law):
 
     @property
     def growth_at_rest(self) -> float:
-        """A [Pa/s]."""
+        """Growth A of the yield stress at rest [Pa/s]."""
         return self.structuration
 
     @property
     def typical_slope(self) -> float:
-        """Slope [Pa s] of the chord of the curve up to TYPICAL_RATE."""
+        """Slope of the chord of the curve up to a shear rate of 5 1/s [Pa s]."""
         return self.consistency * TYPICAL_RATE ** (self.flow_index - 1.0)
 
     def shear_stress(self, rate, structure):
-        """Shear stress [Pa] at a shear rate [1/s] and a structure lambda [-]."""
+        """Return the shear stress.
+
+        Parameters
+        ----------
+        rate : float
+            Shear rate [1/s].
+        structure : float
+            Structure lambda [-].
+
+        Returns
+        -------
+        float
+            Shear stress [Pa].
+        """
         return (1.0 + structure) * self.yield_value + self.consistency * max(rate, 1e-12) ** self.flow_index
 
     def growth(self, rate, structure):
-        """d lambda/dt [1/s] at a shear rate [1/s] and a structure lambda [-]."""
+        """Return the rate of change of the structure.
+
+        Parameters
+        ----------
+        rate : float
+            Shear rate [1/s].
+        structure : float
+            Structure lambda [-].
+
+        Returns
+        -------
+        float
+            d lambda/dt [1/s].
+        """
         return self.structuration / self.yield_value - self.destructuration * rate * structure
 
     def shear_rate(self, stress):
-        """Shear rate [1/s] of the fresh mix at a shear stress [Pa]."""
+        """Return the shear rate of a stress, of the fresh mix.
+
+        Parameters
+        ----------
+        stress : float or ndarray
+            Shear stress [Pa].
+
+        Returns
+        -------
+        float or ndarray
+            Shear rate [1/s], 0 below the yield stress.
+        """
         return (np.maximum(0.0, stress - self.yield_value) / self.consistency) ** (1.0 / self.flow_index)
 
     plastic_viscosity = property(former_name)
 
 
 class Casson(Law):
-    """sqrt(tau) = sqrt(tau_y) + sqrt(eta_c rate): steep where it begins to flow, the ``casson_viscosity`` eta_c [Pa s]
-    far above the yield stress (Casson 1959, of printing inks)."""
+    """Concrete by Casson's law: steep where it begins to flow.
+
+    The parameters are the fields below.
+
+    Raises
+    ------
+    SceneError
+        If a number is out of range.
+
+    Notes
+    -----
+    sqrt(tau) = sqrt(tau_y) + sqrt(eta_c rate) with the ``casson_viscosity`` eta_c, the slope far above the yield stress
+    (Casson 1959, of printing inks).
+
+    Examples
+    --------
+    >>> import taichi_mps as mps
+    >>> mps.Casson(yield_value=100.0, casson_viscosity=25.0).shear_stress(4.0, 0.0)
+    400.0
+    """
 
     viscous: ClassVar[tuple] = ("casson_viscosity",)
 
@@ -317,28 +500,62 @@ class Casson(Law):
     )
 
     def shear_stress(self, rate, structure):
-        """Shear stress [Pa] at a shear rate [1/s]."""
+        """Return the shear stress.
+
+        Parameters
+        ----------
+        rate : float
+            Shear rate [1/s].
+        structure : float
+            Structure of a thixotropic law [-], here without influence.
+
+        Returns
+        -------
+        float
+            Shear stress [Pa].
+        """
         return (self.yield_value**0.5 + (self.casson_viscosity * rate) ** 0.5) ** 2
 
     def shear_rate(self, stress):
-        """Shear rate [1/s] at a shear stress [Pa]."""
+        """Return the shear rate of a stress.
+
+        Parameters
+        ----------
+        stress : float or ndarray
+            Shear stress [Pa].
+
+        Returns
+        -------
+        float or ndarray
+            Shear rate [1/s], 0 below the yield stress.
+        """
         return np.maximum(0.0, np.sqrt(stress) - self.yield_value**0.5) ** 2 / self.casson_viscosity
 
 
 class FlowCurve(Material):
-    """A fluid by its own flow curve: rigid below the yield stress, shear stress ``shear_stress`` above it.
+    """Fluid by a flow curve given as a function: rigid below the yield stress.
 
+    Notes
+    -----
     ``shear_stress(rate, structure)`` is a short function that Taichi can compile: the stress [Pa] at a shear rate
     [1/s], not falling with it, and equal to the yield stress at rate 0. ``growth(rate, structure)``, if given, is the
     rate of change [1/s] of ``structure``, a number that every particle carries and that is zero at the start:
     thixotropy. ``typical_slope`` [Pa s] of the curve sets the length of the steps and the penalty of the iteration, not
     the answer; until 0.3 it may be called ``plastic_viscosity``. Scheme ``implicit`` only.
+
+    Examples
+    --------
+    >>> import taichi_mps as mps
+    >>> def stress(rate, structure):
+    ...     return 40.0 + 30.0 * rate**0.5
+    >>> mps.FlowCurve(yield_value=40.0, typical_slope=20.0, shear_stress=stress).shear_stress(4.0, 0.0)
+    100.0
     """
 
     yield_value: YieldValue = Field(0.0, description="yield stress of the mix")
     typical_slope: Viscosity = Field(50.0, description="typical slope of the flow curve")
-    shear_stress: Callable
-    growth: Callable | None = None
+    shear_stress: Callable = Field(description="stress at a shear rate [1/s] and a structure [-]")
+    growth: Callable | None = Field(None, description="rate of change of the structure, by default not thixotropic")
     critical_strain_rate: None = None
 
     @model_validator(mode="before")
@@ -353,13 +570,19 @@ class FlowCurve(Material):
     plastic_viscosity = property(former_name)
 
     def facts(self) -> dict:
-        """All of the material, JSON-ready; the typical slope also by its name before 0.3."""
+        """Return all of the material, JSON-ready; the typical slope also by its name before 0.3.
+
+        Returns
+        -------
+        dict
+            The law by its name, numbers in SI units, functions by their names.
+        """
         return super().facts() | {"plastic_viscosity": self.typical_slope}
 
 
 # ---- the law of the numbers that a scene is told ---------------------------------------------------------------------
 def numbers_of(law: type[Material]) -> dict:
-    """The numbers of a law, {name: pydantic field}."""
+    """Return the numbers of a law, {name: pydantic field}."""
     return {name: field for name, field in law.model_fields.items() if field.annotation is not NoneType}
 
 
@@ -373,7 +596,10 @@ MATERIALS = f"{', '.join(law.__name__ for law in LAWS)}, Newtonian, FlowCurve or
 
 
 def every_number() -> dict:
-    """The numbers of LAWS as pydantic declares fields: a viscous constant has no default, for it tells the law."""
+    """Return the numbers of LAWS as pydantic declares fields.
+
+    A viscous constant has no default, for it tells the law.
+    """
     fields = {}
     for law in LAWS:
         hints, whose = get_type_hints(law, include_extras=True), f" ({law.__name__})" * (law is not LAWS[0])
@@ -384,20 +610,49 @@ def every_number() -> dict:
 
 
 class Concrete(create_model("Numbers", __base__=Material, **every_number())):
-    """A mix as a scene is told of it, by the numbers of all laws.
+    """Mix as a scene is told of it, by the numbers of all laws.
 
+    The parameters are the fields below.
+
+    Raises
+    ------
+    SceneError
+        For a number out of range, or one that the law has not.
+
+    Notes
+    -----
     ``Concrete(...)`` makes the law that has the numbers given, ``Bingham`` where these are of several. A scene that
-    takes ``material: Concrete`` has all the numbers as options and is given that law. SceneError for a number that the
-    law has not.
+    takes ``material: Concrete`` has all the numbers as options and is given that law.
+
+    Examples
+    --------
+    >>> import taichi_mps as mps
+    >>> type(mps.Concrete(yield_value=60.0)).__name__
+    'Bingham'
+    >>> type(mps.Concrete(yield_value=60.0, consistency=20.0)).__name__
+    'HerschelBulkley'
     """
 
     def __new__(cls, **numbers):
-        """The law of these numbers."""
+        """Make the law of these numbers."""
         return law_of(numbers, Bingham())
 
     @classmethod
     def told(cls, values, default) -> Material:
-        """The law of these values, and of the material ``default``, if it is one."""
+        """Make the law of these values.
+
+        Parameters
+        ----------
+        values : dict
+            Numbers by name, None where not given.
+        default : Material or None
+            Material whose numbers stand for those that are not given.
+
+        Returns
+        -------
+        Material
+            Law that has the numbers given.
+        """
         return law_of(values, default if isinstance(default, Material) else Bingham())
 
 
@@ -405,15 +660,20 @@ NUMBERS |= {name: law.__name__ for law in reversed(LAWS) for name in numbers_of(
 
 
 def says(name: str, value) -> bool:
-    """Whether a number tells which law is meant. One at the default that its law declares does not, but for a viscous
-    constant, without which there is no law."""
+    """Tell whether a number says which law is meant.
+
+    One at the default that its law declares does not, but for a viscous constant, without which there is no law.
+    """
     law = next((law for law in LAWS if name in numbers_of(law)), None)
     return law is None or name in law.viscous or value != law.model_fields[name].default
 
 
 def law_of(numbers: dict, usual: Material) -> Material:
-    """The material of these numbers, {name: value or None}, by the law that has most of them, that of ``usual`` before
-    others. What is not told is as of ``usual``. SceneError for a number that the law has not."""
+    """Make the material of numbers, {name: value or None}, by the law that has most of them.
+
+    The law of ``usual`` comes before others; what is not told is as of ``usual``. SceneError for a number that the law
+    has not.
+    """
     told = {name: value for name, value in numbers.items() if value is not None}
     meant = [name for name, value in told.items() if says(name, value)]
     law = max((type(usual), *LAWS), key=lambda law: sum(name in (*numbers_of(law), *law.viscous) for name in meant))
@@ -432,8 +692,10 @@ def law_of(numbers: dict, usual: Material) -> Material:
 
 
 def constants_of(facts: dict) -> dict[str, str]:
-    """The numbers that tell a mix, {name in words: value with unit}, from the facts of a material: yield stress first,
-    density last."""
+    """Return the numbers that tell a mix, {name in words: value with unit}, from the facts of a material.
+
+    Yield stress first, density last.
+    """
     names = ["yield_value", *(name for name in Concrete.model_fields if name in NUMBERS), "density"]
     known = {name: facts[name] for name in names if isinstance(facts.get(name), float | int)}
     told = {name: value for name, value in known.items() if name not in NUMBERS or says(name, value)}
@@ -442,12 +704,32 @@ def constants_of(facts: dict) -> dict[str, str]:
 
 
 def mix_in_words(facts: dict) -> str:
-    """The numbers that tell a mix, on one line, from the facts of a material."""
+    """Return the numbers that tell a mix, on one line, from the facts of a material."""
     return ", ".join(f"{name} {value}" for name, value in constants_of(facts).items())
 
 
 def Newtonian(density: float = 1000.0, viscosity: float = 1e-3) -> Bingham:  # noqa: N802
-    """A fluid without yield stress: density [kg/m3], viscosity [Pa s]."""
+    """Make a fluid without yield stress.
+
+    Parameters
+    ----------
+    density : float, optional
+        Density [kg/m3].
+    viscosity : float, optional
+        Viscosity [Pa s].
+
+    Returns
+    -------
+    Bingham
+        Material with a yield stress of 0 Pa.
+
+    Examples
+    --------
+    >>> import taichi_mps as mps
+    >>> water = mps.Newtonian()
+    >>> water.density, water.plastic_viscosity
+    (1000.0, 0.001)
+    """
     return Bingham(density=density, plastic_viscosity=viscosity, yield_value=0.0)
 
 
@@ -455,12 +737,40 @@ def Newtonian(density: float = 1000.0, viscosity: float = 1e-3) -> Bingham:  # n
 def rational_critical_strain_rate(
     plastic_viscosity: Viscosity, yield_value: YieldValue, time: Duration = 5.0, error: Ratio = 0.01
 ) -> float:
-    """pi_c [1/s] of a bi-viscosity law that is as good as a true yield stress: min(e tau_y/(2 eta), e/T) (R3).
+    """Return the critical strain rate of a bi-viscosity law that is as good as a true yield stress.
 
-    The largest with which the knee stress is at most 1 + ``error`` times the yield stress (R1), and creep displaces a
-    body by at most ``error`` times its height within ``time`` [s] (R2). Neither the height nor gravity matters, since a
-    body that has come to rest is at its yield stress whatever they are. Keywords only; SceneError for a fluid without
-    yield stress.
+    Parameters
+    ----------
+    plastic_viscosity : float
+        Plastic viscosity eta [Pa s].
+    yield_value : float
+        Yield stress tau_y [Pa].
+    time : float, optional
+        Length T of the run [s].
+    error : float, optional
+        Relative error e of the knee stress and of the creep [-].
+
+    Returns
+    -------
+    float
+        pi_c [1/s].
+
+    Raises
+    ------
+    SceneError
+        For a fluid without yield stress.
+
+    Notes
+    -----
+    pi_c = min(e tau_y/(2 eta), e/T) (R3): the largest with which the knee stress is at most 1 + e times the yield
+    stress (R1), and creep displaces a body by at most e times its height within T (R2). Neither the height nor gravity
+    matters, since a body that has come to rest is at its yield stress whatever they are. Keywords only.
+
+    Examples
+    --------
+    >>> import taichi_mps as mps
+    >>> mps.rational_critical_strain_rate(plastic_viscosity=50.0, yield_value=300.0, time=5.0)
+    0.002
     """
     require(yield_value > 0.0, "yield_value = 0 Pa: a fluid without yield stress has no critical strain rate")
     return error * min(yield_value / (2.0 * plastic_viscosity), 1.0 / time)

@@ -77,7 +77,7 @@ def certainty(summary) -> str:
             "a run of half the particle size."
         )
     return (
-        f"Expect the slump within {1e3 * height * error.slump:.1f} mm and the slump-flow diameter within "
+        f"Expect the slump within {1e3 * height * error.slump:.1f} mm and the slump flow within "
         f"{2e3 * height * error.reach:.0f} mm of the exact flow of this mix: measured for mixes and particle sizes "
         "around this one, beside independent finite elements."
     )
