@@ -207,7 +207,7 @@ def test_of_many_particles_mirror_images_stay_together(run, monkeypatch):
     ("summary", "told"),
     [
         ({"torque_N_m": 0.5, "lag_s": None, "gap_m": 0.02, "depth_m": 0.3}, "Torque 0.5 N m, gap 2.0 cm."),
-        ({"torque_N_m": 0.5, "gap_m": 0.02, "spread_m": 0.6}, "Slump-flow diameter 60.0 cm."),
+        ({"torque_N_m": 0.5, "gap_m": 0.02, "spread_m": 0.6}, "Slump flow 60.0 cm."),
         ({"lag_s": None}, "Nothing was measured."),
     ],
 )
