@@ -59,7 +59,7 @@ def scene(
         )
     with tempfile.TemporaryDirectory() as folder:
         ends = curtain(length, height, bar_diameter, bar_distance, upright, level)
-        path = Path(rebar) if rebar else mps.write_bars(Path(folder) / "rebar.stl", ends, 0.5 * bar_diameter)
+        path = rebar or mps.write_bars(Path(folder) / "rebar.stl", ends, 0.5 * bar_diameter)
         cell, reach = min(0.5 * spacing, 0.4 * bar_diameter), 2.5 * spacing
         bars = mps.Solid.from_mesh(path, cell, reach, scale=rebar_scale if rebar else 1.0, name="bars")
     walls = (

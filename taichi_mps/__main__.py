@@ -41,6 +41,9 @@ def entry() -> None:
         sys.stdout.flush()
     except BrokenPipeError:  # whoever reads has gone; with a stdout Python would say so at the end
         code, sys.stdout = CLOSED_PIPE, None
+    except OSError as error:  # what was printed cannot be written, as on a full disk
+        print(f"taichi-mps: stdout: cannot be written ({error.strerror})", file=sys.stderr)
+        code, sys.stdout = 2, None
     except BaseException:  # what is being imported makes an error of its own of a signal
         if not came:
             raise

@@ -2,6 +2,7 @@
 
 import difflib
 import inspect
+import os
 from functools import partial, wraps
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
@@ -42,12 +43,21 @@ def require(holds, message: str) -> None:
         raise SceneError(message)
 
 
+def user_path(path) -> Path:
+    """Return the path that a user wrote, a leading ~ expanded to the home folder.
+
+    A path that still begins with ~, as ./~/x does, is made absolute, since some libraries expand it again.
+    """
+    found = Path(os.path.expanduser(path))
+    return found.absolute() if str(found).startswith("~") else found
+
+
 def ordinary(told: str, path, most: float) -> Path:
     """Return the path of an ordinary file of at most ``most`` bytes, which can be read to its end.
 
     SceneError that begins with ``told`` for a folder, a pipe, a device, or a file that is larger than it may be.
     """
-    path = Path(path)
+    path = user_path(path)
     try:
         size = path.stat().st_size
     except FileNotFoundError:

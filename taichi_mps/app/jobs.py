@@ -8,9 +8,9 @@ import signal
 import sys
 from asyncio.subprocess import DEVNULL, PIPE
 from dataclasses import dataclass
-from pathlib import Path
 
 from ..io.run_folder import RunFolder, next_free
+from ..units import user_path
 
 PATIENCE = 10.0  # [s] for a run to end well after Ctrl-C
 BY_SIGNAL = 128 + signal.SIGINT, 128 + signal.SIGTERM  # what a command returns that somebody else stopped
@@ -56,7 +56,7 @@ class Queue:
     """Jobs one at a time, in the order in which they came; shared by all pages."""
 
     def __init__(self, folder):
-        self.folder = Path(folder)
+        self.folder = user_path(folder)
         self.jobs: list[Job] = []
         self.turn = asyncio.Lock()  # of the job that runs; others get it in their order
 

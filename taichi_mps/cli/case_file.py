@@ -6,7 +6,7 @@ from ..problem import catalogue
 from ..problem.labels import OPTIONS, what_it_is
 from ..problem.numerics import NUMERICS, Implicit
 from ..report.inputs import option
-from ..units import NUMBERS, SceneError, ordinary, require, suggestion, unit_of
+from ..units import NUMBERS, SceneError, ordinary, require, suggestion, unit_of, user_path
 from .options import GROUPS, Run, group_of, is_tuple
 
 KEYS = {option.replace("-", "_"): key for key, option in OPTIONS.items()}  # by the names of options
@@ -69,7 +69,7 @@ def words(path: Path) -> list[str]:
         f"case = {path}: scene is missing; must be one of {', '.join(catalogue.names())}, or a file",
     )
     if source.endswith(".py"):
-        source = str(path.parent / source)
+        source = str(path.parent / user_path(source))
     function = catalogue.load(source)
     given: dict = {}
     for section, keys in case.items():
@@ -103,6 +103,6 @@ def is_list(value, field) -> bool:
 def expanded(argv) -> list[str]:
     """The command line with the first case file in it replaced by what it stands for; what follows it, counts."""
     for k, word in enumerate(argv):
-        if word.endswith(".toml") and not word.startswith("-") and (k == 0 or Path(word).is_file()):
-            return [*argv[:k], *words(Path(word)), *argv[k + 1 :]]
+        if word.endswith(".toml") and not word.startswith("-") and (k == 0 or user_path(word).is_file()):
+            return [*argv[:k], *words(user_path(word)), *argv[k + 1 :]]
     return list(argv)

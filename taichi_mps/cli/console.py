@@ -19,6 +19,8 @@ from ..problem.labels import title, written
 from ..report.sentences import LEADING, in_time, numerics, rows, sentences
 from ..units import SceneError, plain
 
+NARROWEST = 40  # columns of a result, whatever a terminal says of itself
+
 
 class Painter:
     """Draws frame_<number>.png of runs of these scenes side by side, as the options ask. ``seconds``: CPU time that
@@ -94,6 +96,7 @@ def progress(sim, recorder, options):
 def result(summary: dict, folder, verbose=False, stages=(), spent=None) -> None:
     """The result for a reader, on stdout: sentences, then each number and what it is; the numerics if asked."""
     console = Console(highlight=False)
+    console.width = max(console.width, NARROWEST)
     for sentence in sentences(summary, folder.path):
         console.print(sentence, markup=False)
     shown = Table(show_header=False, box=None)

@@ -19,7 +19,7 @@ from ..io.vtkhdf import Trajectory
 from ..problem import catalogue
 from ..problem.numerics import NUMERICS, Implicit
 from ..problem.problem import Problem
-from ..units import SceneError, plain, require, suggestion
+from ..units import INSTANT, SceneError, plain, require, suggestion, user_path
 from .case_file import expanded
 from .case_file import text as case_text
 from .console import curves, redraw
@@ -96,13 +96,20 @@ def new(argv) -> int:
 )
 def resume(arguments) -> int:
     """continue an interrupted run"""
-    path = Path(arguments.run)
+    path = user_path(arguments.run)
     folder = RunFolder(path.parent if path.is_file() else path)
+    require(
+        path.is_file() or folder.resumable or not folder.ours,
+        f"run = {folder.path}: ended before its first checkpoint; 'taichi-mps run' with --overwrite begins it anew",
+    )
     newest = path if path.is_file() else folder.checkpoint
     state, remark = checkpoint.read_good(newest)
     if remark:
         print(f"taichi-mps: {remark}", file=sys.stderr)
     options = Run(**{**state.header["settings"], **given(arguments, Run, leave_out=KEPT)})
+    passed = state.header["time"]
+    if arguments.until and options.until < passed - INSTANT:
+        raise SceneError(f"until = {options.until:g} s: {passed:g} s of the run have passed; must be longer")
     folder.check_frames()
     with lock.held(folder.path):
         scene = state.scene(options.until, arguments.scene)
@@ -188,7 +195,7 @@ def export(arguments) -> int:
     from ..io.vtu import vtu
 
     folder = RunFolder(arguments.run)
-    out = Path(arguments.out or folder.path / "vtu")
+    out = user_path(arguments.out or folder.path / "vtu")
     count = vtu(Trajectory(folder.trajectory).whole(arguments.scene), out, arguments.whole, arguments.surface)
     index = out / "run.pvd"
     return tell(arguments, {"pvd": str(index), "outputs": count}, f"{count} outputs: {index}")
@@ -235,11 +242,26 @@ def validate(arguments) -> int:
     from ..validation import table as validation
 
     names = arguments.rows, arguments.quick
-    text, results = validation.run_table(*names, Path(arguments.out), arguments.page, options.scheme, options.budget)
+    text, results = validation.run_table(
+        *names, user_path(arguments.out), arguments.page, options.scheme, options.budget
+    )
     tell(arguments, results, text)
     failed = any(result["error"] and not result["error"].startswith("not run") for result in results)
     missed = not all(item["met"] for result in results for item in result["numbers"])
     return MISSED if failed or missed else DONE
+
+
+def prepare_streams() -> None:
+    """Let a program without standard streams (>&-, pythonw) go on with the null device in their places, where otherwise
+    the next files would get their numbers; and show what an output's encoding lacks as codes."""
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        stream = getattr(sys, name)
+        if stream is None:
+            stream = open(os.devnull, mode, encoding="utf-8")  # noqa: SIM115
+            os.set_inheritable(stream.fileno(), True)
+            setattr(sys, name, stream)
+        elif mode == "w" and hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="backslashreplace")
 
 
 COMMANDS = {"run": run, "new": new, "resume": resume, "render": render, "export": export, "plot": plot}
@@ -249,6 +271,7 @@ COMMANDS |= {"report": report, "validate": validate} | STUDY | {"scenes": scenes
 def main(argv=None, more=None) -> int:
     """Run a command line, of COMMANDS and ``more``; 0 done, 2 bad input, 3 diverged, 130 and 143 ended by Ctrl-C and
     SIGTERM; of a sweep 1: a case failed. BrokenPipeError where nobody reads what it prints any more."""
+    prepare_streams()
     argv, commands = [str(word) for word in (sys.argv[1:] if argv is None else argv)], COMMANDS | (more or {})
     try:
         if not argv or argv[0] in ("-h", "--help"):
@@ -259,13 +282,14 @@ def main(argv=None, more=None) -> int:
             print(__version__)
             return DONE
         require(argv[0] in commands, f"unknown command '{argv[0]}'{suggestion(argv[0], commands)}")
-        with warnings.catch_warnings():
+        with warnings.catch_warnings():  # which are lines, and end no run, whatever PYTHONWARNINGS says
+            warnings.filters = [each for each in warnings.filters if each[0] != "error"]
             warnings.showwarning = lambda message, *_: print(f"taichi-mps: {plain(message)}", file=sys.stderr)
             return commands[argv[0]](argv[1:])
     except BrokenPipeError:
         raise
-    except (SceneError, OSError, ImportError) as error:  # or the disk is full, a file belongs to somebody else
-        text = " ".join(str(error).split()) if isinstance(error, SceneError) else error
+    except (SceneError, OSError, ImportError, MemoryError) as error:  # or the disk is full, memory has an end
+        text = error if isinstance(error, OSError) else " ".join(str(error).split()) or "out of memory"
         print(f"taichi-mps: {plain(text)}", file=sys.stderr)
         return BAD_INPUT
     except KeyboardInterrupt as stopped:

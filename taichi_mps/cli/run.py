@@ -9,6 +9,7 @@ import time
 import warnings
 from contextlib import contextmanager, redirect_stdout
 
+from ..io.run_folder import write_whole
 from ..units import plain
 from . import case_file
 from .console import Painter, curves, progress, report, result
@@ -51,7 +52,7 @@ def carry_out(sim, folder, options, source, as_json, resumed=False) -> int:
         if not resumed:
             folder.create(options.overwrite)
         case = case_file.text(source, sim.problem, settings | {"until": until})
-        folder.case.write_text(case, encoding="utf-8")
+        write_whole(folder.case, case)
         recorder = Recorder(folder, sim, every, source, settings, painter.draw)
         try:
             with progress(sim, recorder, options):

@@ -16,7 +16,7 @@ from ..study.require import Wanted
 from ..study.require import require as find_borders
 from ..study.results import measures, spelled
 from ..study.sweep import ACCURACY, LOST, cases, sweep
-from ..units import Checked, Count, SceneError, plain, require
+from ..units import Checked, Count, SceneError, plain, require, user_path
 from .options import DONE, JSON, Workers, command, given, of_scene, read_back, tell
 
 NOT_ALL_DONE = 1  # what sweep returns where a case gave no result, and calibrate --table where no mix did
@@ -101,7 +101,7 @@ def sweep_command(argv) -> int:
     arguments, function = parsed("sweep", argv, what, Sweep)
     options, varied = Sweep(**given(arguments, Sweep)), given(arguments, function.parameters)
     require(not options.chart or find_spec("matplotlib"), NEEDS)
-    folder = Path(options.out or Path("studies") / Path(arguments.scene).stem)
+    folder = user_path(options.out or Path("studies") / Path(arguments.scene).stem)
     planned = cases(arguments.scene, **varied)
     differing = varied_parameters(planned, function)
     drawable = any(isinstance(planned[0].parameters[name], int | float) for name in differing)
@@ -164,7 +164,7 @@ def require_command(argv) -> int:
     )
     arguments, function = parsed("require", argv, what, Study, MIX, wanted=Wanted)
     wanted, options = Wanted(**given(arguments, Wanted)), Study(**given(arguments, Study))
-    folder = Path(options.out or Path("studies") / f"require-{Path(arguments.scene).stem}")
+    folder = user_path(options.out or Path("studies") / f"require-{Path(arguments.scene).stem}")
     parameters = given(arguments, function.parameters, leave_out=MIX)
     varied_parameters(cases(arguments.scene, plastic_viscosity=wanted.plastic_viscosity), function)
     watch = watching(["yield_value", "plastic_viscosity"], options.quiet or arguments.json)
@@ -204,8 +204,8 @@ def calibrate_table(arguments, options: Lookup, told: dict) -> int:
     """One calibration for each line of a laboratory's list."""
     from ..study import mixes
 
-    path = Path(options.table)
-    out = Path(options.out or path.with_name(f"{path.stem}-calibrated.csv"))
+    path = user_path(options.table)
+    out = user_path(options.out or path.with_name(f"{path.stem}-calibrated.csv"))
     require(
         not path.is_dir(),
         f"table = {path}: is a folder; a study is named by --study, a list of mixes is a CSV file",

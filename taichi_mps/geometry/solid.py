@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..units import SceneError, array_of, check_numbers, check_vectors, finite, positive, require
+from ..units import SceneError, array_of, check_numbers, check_vectors, finite, positive, require, user_path
 from .concave_edges import interpolate
 from .walls import Friction, check_surface, spin
 
@@ -468,7 +468,7 @@ def read_mesh(path, scale=1.0):
     """
     import meshio
 
-    path = Path(path)
+    path = user_path(path)
     require(path.is_file(), f"mesh {path}: no such file")
     if path.suffix.lower() == ".ply":
         check_ply(path)
@@ -610,7 +610,7 @@ def write_bars(path, ends, radius: float, sides: int = 12) -> Path:
         rim = outer * (np.outer(np.cos(turn), first) + np.outer(np.sin(turn), np.cross(along, first)))
         points.append(np.vstack([start + rim, end + rim, start, end]))
     every = (2 * sides + 2) * np.arange(len(ends))[:, None, None] + triangles
-    path = Path(path)
+    path = user_path(path)
     options = {"binary": True} if path.suffix.lower() == ".stl" else {}
     meshio.write(path, meshio.Mesh(np.vstack(points), [("triangle", np.int32(every).reshape(-1, 3))]), **options)
     return path

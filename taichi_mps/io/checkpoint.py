@@ -22,7 +22,7 @@ from ..problem.numerics import NUMERICS
 from ..problem.problem import Problem
 from ..problem.scene import Scene
 from ..schemes.step_report import OLD_NAMES
-from ..units import SceneError, ordinary, require
+from ..units import SceneError, ordinary, require, user_path
 from . import untrusted_hdf5 as outside
 
 FORMAT = "taichi_mps checkpoint"
@@ -97,7 +97,7 @@ class Checkpoint:
         Path
             The file.
         """
-        path = Path(path)
+        path = user_path(path)
         arrays = {key: value for key, value in self.state.items() if isinstance(value, np.ndarray)}
         scalars = {key: value for key, value in self.state.items() if key not in arrays}
         whole = io.BytesIO()  # HDF5 kills the process where a disk is full when it closes a file
@@ -312,7 +312,7 @@ def previous(path) -> Path:
     >>> mps.checkpoint.previous("checkpoint.h5").name
     'checkpoint.previous.h5'
     """
-    path = Path(path)
+    path = user_path(path)
     return path.with_name(f"{path.stem}.previous{path.suffix}")
 
 

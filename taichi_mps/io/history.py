@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ..schemes.step_report import OLD_NAMES
-from ..units import ordinary, require
+from ..units import ordinary, require, user_path
 
 MEANING = {
     "time_s": "time at the end of the step [s]",
@@ -55,7 +55,7 @@ class History:
     """
 
     def __init__(self, path, kept: float | None = None):
-        self.path = Path(path)
+        self.path = user_path(path)
         rows = [] if kept is None or not self.path.is_file() else read_rows(path)
         rows = [row for row in rows if number(row["time_s"]) <= kept * (1 + 1e-8)]  # of nine digits
         self.empty = not rows

@@ -3,11 +3,10 @@
 import os
 import platform
 from contextlib import contextmanager, suppress
-from pathlib import Path
 
 from filelock import FileLock, Timeout
 
-from ..units import SceneError
+from ..units import SceneError, user_path
 
 NAME = "taichi_mps.lock"  # holds the process that writes, as text; of no meaning without the lock on it
 PATIENCE = 0.2  # [s] for which the lock is tried: its last holder may be about to remove the file
@@ -17,7 +16,7 @@ PATIENCE = 0.2  # [s] for which the lock is tried: its last holder may be about 
 def held(folder, name: str = NAME, who: str = "process"):
     """Keep others from writing into a folder meanwhile, made if need be; SceneError that names who writes there
     already. Nobody is hindered to read. A folder that was made for this and stayed empty is removed."""
-    folder = Path(folder)
+    folder = user_path(folder)
     path, made = folder / name, [new for new in (folder, *folder.parents) if not new.exists()]
     lock = FileLock(path)
     try:

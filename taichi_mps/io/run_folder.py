@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from .. import __version__
-from ..units import SceneError, ordinary, require
+from ..units import SceneError, ordinary, require, user_path
 from . import lock
 from .history import crc32, read_rows
 from .vtkhdf import Trajectory
@@ -54,7 +54,7 @@ class RunFolder:
     """
 
     def __init__(self, path):
-        self.path = Path(path)
+        self.path = user_path(path)
         self.frames = self.path / "frames"
         self.case = self.path / "case.toml"
         self.history = self.path / "history.csv"
@@ -68,6 +68,11 @@ class RunFolder:
     def ours(self) -> bool:
         """Whether there is a run in the folder."""
         return json_of(self.path / MARK).get("made_by") == "taichi_mps"
+
+    @property
+    def resumable(self) -> bool:
+        """Whether there is a checkpoint: a run that ended before its first one, as on a full disk, has none."""
+        return self.checkpoint.is_file() or self.checkpoint.with_name("checkpoint.previous.h5").is_file()
 
     @property
     def pictures(self) -> list[Path]:
@@ -96,8 +101,8 @@ class RunFolder:
             raise self.not_writable(error) from None
         require(not there or self.ours, f"out = {path}: holds other files and no run; must be a new or empty folder")
         if there and not overwrite:
-            done = json_of(self.summary).get("stopped_by")
-            other = "" if done in ("rest", "time", "unyielded") else f"'taichi-mps resume {path}' goes on with it, "
+            done = json_of(self.summary).get("stopped_by") in ("rest", "time", "unyielded")
+            other = f"'taichi-mps resume {path}' goes on with it, " if self.resumable and not done else ""
             raise SceneError(f"out = {path}: holds a run already; {other}--overwrite replaces it")
         self.check_frames()
 
@@ -127,7 +132,7 @@ class RunFolder:
         self.check(overwrite)
         try:
             self.path.mkdir(parents=True, exist_ok=True)
-            (self.path / MARK).write_text(json.dumps({"made_by": "taichi_mps", "version": __version__}) + "\n")
+            write_whole(self.path / MARK, json.dumps({"made_by": "taichi_mps", "version": __version__}) + "\n")
             for name in (*WRITTEN, *PLOTS, REPORT):
                 (self.path / name).unlink(missing_ok=True)
             empty_of_pictures(self.frames)
@@ -158,11 +163,9 @@ class RunFolder:
         summary : dict
             What ``Simulation.summary`` returned, and how the run ended.
         """
-        partial = self.summary.with_suffix(".partial")
         facts = strict(summary)
         facts |= {SUM: of_facts(facts)}
-        partial.write_text(json.dumps(facts, indent=2, allow_nan=False) + "\n", encoding="utf-8")
-        os.replace(partial, self.summary)
+        write_whole(self.summary, json.dumps(facts, indent=2, allow_nan=False) + "\n")
 
     def read_summary(self) -> dict:
         """Read summary.json.
@@ -211,9 +214,19 @@ def next_free(path) -> Path:
     Path
         The path, or the first of path-2, path-3, ... where nothing is.
     """
-    path = Path(path)
+    path = user_path(path)
     others = (path.with_name(f"{path.name}-{number}") for number in count(2))
     return next(free for free in chain([path], others) if not os.path.lexists(free))
+
+
+def write_whole(path: Path, text: str) -> None:
+    """Write a text file whole or not at all; the one that was there stays until then."""
+    partial = path.with_suffix(".partial")
+    try:
+        partial.write_text(text, encoding="utf-8")
+        os.replace(partial, path)
+    finally:
+        partial.unlink(missing_ok=True)
 
 
 def empty_of_pictures(folder: Path) -> None:

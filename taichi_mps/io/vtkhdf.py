@@ -6,7 +6,6 @@ import os
 import shutil
 from contextlib import suppress
 from dataclasses import replace
-from pathlib import Path
 
 import h5py
 import numpy as np
@@ -14,7 +13,7 @@ import numpy as np
 from ..problem import catalogue
 from ..problem.measures import Snapshot, embed
 from ..simulation.frame import Frame
-from ..units import SceneError, require
+from ..units import SceneError, require, user_path
 from . import untrusted_hdf5 as outside
 
 BYTES, ROOM = 64, 1 << 20  # of a particle in an output, and of all else that a file may need
@@ -61,7 +60,7 @@ class Trajectory:
     """
 
     def __init__(self, path):
-        self.path = Path(path)
+        self.path = user_path(path)
         self.twins = [self.path.with_suffix(f".twin{k}") for k in (1, 2)]
         self.missing: list[Snapshot] | None = None  # what the twin lacks of run.h5; None where there is no twin
 

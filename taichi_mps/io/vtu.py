@@ -1,12 +1,11 @@
 """Run for other programs: one .vtu file an output by meshio, and the .pvd that gives them their times."""
 
 import re
-from pathlib import Path
 
 import meshio
 import numpy as np
 
-from ..units import SceneError
+from ..units import SceneError, user_path
 from ..viz.smooth_surface import smooth_surface
 from .vtkhdf import point_data, single
 
@@ -50,7 +49,7 @@ def vtu(outputs, folder, whole: bool = False, smooth: bool = False) -> int:
     1
     ['output_00000.vtu', 'run.pvd']
     """
-    folder = Path(folder)
+    folder = user_path(folder)
     if others := [path.name for path in folder.glob("*") if not OWN.fullmatch(path.name)]:
         raise SceneError(f"out = {folder}: holds other files, such as {others[0]}; must be a new or empty folder")
     lines = []

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..units import SceneError, require, suggestion
+from ..units import SceneError, require, suggestion, user_path
 from .accuracy import Mix, choose
 from .materials import Bingham, Concrete, Material
 from .scene import Scene
@@ -116,7 +116,7 @@ def locate(name: str) -> Path:
     known = names()
     if str(name) in known:
         return known[str(name)]
-    path = Path(name)
+    path = user_path(name)
     if path.suffix == ".py" and path.is_file():
         return path.resolve()
     require(path.suffix != ".py", f"scene = {name}: no such file{suggestion(path.stem, known)}")

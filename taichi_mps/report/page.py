@@ -1,13 +1,12 @@
 """report.html: one page of a run, that opens from the disk without a network."""
 
 import json
-import os
 from importlib.util import find_spec
 from pathlib import Path
 from string import Template
 
 from ..io.history import read_history
-from ..io.run_folder import RunFolder
+from ..io.run_folder import RunFolder, write_whole
 from ..io.vtkhdf import Trajectory
 from ..problem import catalogue
 from ..problem.scene import Scene
@@ -65,9 +64,7 @@ def publish(template: Path, out: Path, data, **texts) -> Path:
         style=(HERE / "page.css").read_text(encoding="utf-8"),
         library=library(),
     )
-    partial = out.with_suffix(".partial")
-    partial.write_text(text, encoding="utf-8")
-    os.replace(partial, out)
+    write_whole(out, text)
     return out
 
 

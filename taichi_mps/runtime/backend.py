@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..units import SceneError
+from ..units import SceneError, require
+from .memory import left_of_limits, size
 from .workarounds import (
     OPTIONS,
     compiled_now,
@@ -35,6 +36,8 @@ __all__ = [
     "ti",
 ]
 
+ADDRESS_SPACE = 1.5e9  # [bytes] that init needs: 2^30 for the memory pool of Taichi, the rest measured with short runs
+OF_THREAD = 1e8  # [bytes] of address space, too: a stack, and what the C library sets aside for its allocations
 MOST_TREES, TREES_OF_A_SIMULATION = 512, 32  # measured 5 to 6 a Simulation, and 3 more for each solid with inner edges
 FORKED = (
     "Taichi was started before this process was forked, and does not survive that; start processes by "
@@ -104,6 +107,13 @@ def init(arch: str = "cpu", precision: str = "f32", threads: int | None = None, 
         raise SceneError("precision = f64: must be f32 on arch = vulkan, which has no sine or power of f64")
     if threads is None:
         threads = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    needed = ADDRESS_SPACE + threads * OF_THREAD
+    left = min(left_of_limits(), default=needed)
+    require(
+        _session or left >= needed,  # what was started before has the pool already
+        "memory: Taichi takes 1.07 GB of address space at once when it starts, and a run more; the limit of this "
+        f"process (ulimit -v, -d) leaves {size(max(0, left))}; must be at least {size(needed)}",
+    )
     ti.init(
         arch=architectures[arch],
         default_fp=ti.f64 if precision == "f64" else ti.f32,

@@ -8,26 +8,28 @@ import sys
 import tempfile
 from pathlib import Path
 
+from ..units import plain
+
 KERNELS = {"taichi": "TI_OFFLINE_CACHE_FILE_PATH", "quadrants": "QD_OFFLINE_CACHE_FILE_PATH"}
 FONTS = "MPLCONFIGDIR"
 
 
 def provide(language: str) -> None:
     """Before the kernel language is imported: see to it that it and matplotlib find a folder; children of this process
-    inherit it. What the user has set stays."""
+    inherit it. What the user has set stays where it can be written."""
     home = Path(os.path.expanduser("~"))
     home = home if home.is_absolute() else Path("/nonexistent")  # where it is unknown
-    if os.environ.get(KERNELS[language]) and os.environ.get("HOME"):
-        return
     if os.name == "posix":
         os.environ["HOME"] = str(home)
-    if writable(home / ".cache" / language):
+    chosen = os.environ.get(KERNELS[language])
+    if writable(Path(chosen) if chosen else home / ".cache" / language):
         return
     folder = tempfile.mkdtemp(prefix="taichi_mps-")
     atexit.register(remove, folder, language)
-    os.environ.setdefault(KERNELS[language], os.path.join(folder, "kernels"))
+    os.environ[KERNELS[language]] = os.path.join(folder, "kernels")
     os.environ.setdefault(FONTS, os.path.join(folder, "fonts"))
-    print(f"taichi-mps: {home} cannot be written, so compiled kernels are not kept for the next run", file=sys.stderr)
+    told = f"{plain(chosen or home)} cannot be written, so compiled kernels are not kept for the next run"
+    print(f"taichi-mps: {told}", file=sys.stderr)
 
 
 def remove(folder: str, language: str) -> None:

@@ -9,6 +9,7 @@ CONTROL_GROUPS = {  # by kind, of version 2 and 1: files of limit and use, and t
     "": ("memory.max", "memory.current", "inactive_file"),
     "memory": ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"),
 }
+OF_LIMITS = {"Max address space": 0, "Max data size": 5}  # of a process (ulimit -v, -d): column of what is used
 
 
 def memory(root: str = "/") -> int | None:
@@ -19,7 +20,17 @@ def memory(root: str = "/") -> int | None:
     if "MemAvailable:" not in machine:
         return None
     pages = int((root / "proc/self/statm").read_text().split()[1])
-    return min([machine["MemAvailable:"], *left_of_groups(root)]) + pages * os.sysconf("SC_PAGE_SIZE")
+    left = [machine["MemAvailable:"], *left_of_groups(root), *left_of_limits(root)]
+    return min(left) + pages * os.sysconf("SC_PAGE_SIZE")
+
+
+def left_of_limits(root: Path = Path("/")):
+    """Bytes that limits of the process itself leave to it, of its address space and its data."""
+    used = table(root / "proc/self/statm")
+    for words in table(root / "proc/self/limits"):
+        column = OF_LIMITS.get(" ".join(words[:3]))
+        if column is not None and words[3] != "unlimited":
+            yield int(words[3]) - int(used[0][column]) * os.sysconf("SC_PAGE_SIZE")
 
 
 def left_of_groups(root: Path):

@@ -6,14 +6,13 @@ import math
 import threading
 from dataclasses import dataclass
 from functools import lru_cache
-from pathlib import Path
 
 import numpy as np
 
 from ..io.history import row_of
 from ..io.run_folder import strict
 from ..problem import catalogue
-from ..units import ordinary
+from ..units import ordinary, user_path
 
 REACHED = 0.5  # spread [m] whose time is read, T500: EN 12350-8
 LOOK = 0.02, 0.05, 0.25  # between two looks at the spread: 0.02 s or 5 % of the time so far at least, 25 % at most
@@ -40,7 +39,8 @@ def case(scene: str, **parameters) -> Case:
     function = catalogue.load(scene)
     valid = function.parameters(**parameters)
     full = valid.model_dump(mode="json")
-    named = [Path(value) for value in full.values() if isinstance(value, str) and value and Path(value).is_file()]
+    texts = [user_path(value) for value in full.values() if isinstance(value, str) and value]
+    named = [path for path in texts if path.is_file()]
     files = [catalogue.locate(scene), *catalogue.names().values(), *named]
     contents = [hashlib.sha256(ordinary(f"file {path}", path, 1e9).read_bytes()).hexdigest() for path in files]
     digest = hashlib.sha256(json.dumps([contents, full, code()], sort_keys=True).encode()).hexdigest()

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..problem import catalogue
 from ..problem.materials import Bingham
-from ..units import SceneError, require
+from ..units import SceneError, require, user_path
 from .calibration import BINGHAM, FRICTIONAL, WORDS, is_time, short
 from .case import REACHED
 from .results import read
@@ -41,7 +41,7 @@ def scale(constant: str, density):
 def emulator_of(table=None, test: str = "slump"):
     """The emulator of a study's folder or table, by default the package's own of a test; made once, and again when the
     table changes."""
-    path = Path(table) if table else HERE / f"{test}.csv"
+    path = user_path(table) if table else HERE / f"{test}.csv"
     file = path / "results.csv" if path.is_dir() else path
     return _emulator(
         path, FRICTIONAL if test == FRICTION else BINGHAM, file.stat().st_mtime_ns if file.is_file() else 0

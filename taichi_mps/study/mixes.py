@@ -15,7 +15,7 @@ from ..io.run_folder import strict
 from ..report.page import publish
 from ..report.words import safe, table
 from ..spelling import in_unit, without_unit
-from ..units import SceneError, require
+from ..units import SceneError, require, user_path
 from ..viz.plots import COLOURS
 from . import lists, results
 from .calibrate import CONE, TESTS, Measurements, calibrate
@@ -207,7 +207,7 @@ def write_page(rows: list[dict], columns: list[str], out, source) -> Path:
     found = [[*(row[name] or "" for name in columns), *cells(row)] for row in rows]
     return publish(
         Path(__file__).with_name("mixes.html"),
-        Path(out),
+        user_path(out),
         {"traces": traces(rows, columns), "layout": LAYOUT},
         title=safe(f"{Path(source).name}: mixes calibrated"),
         lead=f"{len(rows)} mixes",

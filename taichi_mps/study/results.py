@@ -12,7 +12,7 @@ from pathlib import Path
 
 from ..io.lock import held
 from ..problem.labels import is_measure
-from ..units import SceneError, require
+from ..units import SceneError, require, user_path
 from . import lists
 
 LOCK = "study.lock"
@@ -65,7 +65,7 @@ class Results:
 @contextmanager
 def opened(folder):
     """The results of a study's folder, made if need be; one study at a time may write there."""
-    folder = Path(folder)
+    folder = user_path(folder)
     there = {path.name for path in folder.iterdir()} if folder.is_dir() else set()
     foreign = there - {LOCK} and JOURNAL not in there
     require(not foreign, f"out = {folder}: holds other files and no study; must be a new or a study's folder")
@@ -91,7 +91,7 @@ def harmless(value):
 
 def read(path) -> list[dict]:
     """The rows of a results.csv or of a study's folder. Numbers as float, nothing as None."""
-    path = Path(path)
+    path = user_path(path)
     path = path / TABLE if path.is_dir() else path
     rows, _ = lists.read(path)
     wrong = next((row[lists.WRONG] for row in rows if lists.WRONG in row), None)

@@ -23,7 +23,7 @@ from time import monotonic
 from urllib.parse import parse_qsl, urlsplit
 
 from ..io.run_folder import strict
-from ..units import SceneError, plain
+from ..units import SceneError, plain, user_path
 from .case import Case
 
 FOLDER = "slurm-jobs"  # in the study's folder, which all nodes must see: numbers, logs and results of the jobs
@@ -45,7 +45,7 @@ def slurm(text: str, folder, workers: int | None):
     except (ValueError, OverflowError):
         raise SceneError(f"executor = {text}: timeout_min and mem_gb must be numbers") from None
     cluster = Processes(60.0 * settings["time"]) if parts.netloc == "local" else Slurm(settings)
-    return Jobs(cluster, text, Path(folder) / FOLDER, workers or MOST_JOBS)
+    return Jobs(cluster, text, user_path(folder) / FOLDER, workers or MOST_JOBS)
 
 
 def answer(*command: str) -> str | None:
@@ -128,7 +128,7 @@ class Jobs(ThreadPoolExecutor):
 
     def __init__(self, cluster, text: str, folder, most=MOST_JOBS):
         super().__init__(most)
-        self.cluster, self.text, self.folder = cluster, text, Path(folder).absolute()
+        self.cluster, self.text, self.folder = cluster, text, user_path(folder).absolute()
         self.over, self.turn = threading.Event(), threading.Lock()
         self.asked, self.there = -math.inf, None  # when the cluster was asked, and its answer
         self.refused: SceneError | None = None  # why it gave no job; it is not asked for another one

@@ -9,7 +9,7 @@ from itertools import zip_longest
 from pathlib import Path
 
 from ..problem.numerics import NUMERICS
-from ..units import SceneError, suggestion
+from ..units import SceneError, suggestion, user_path
 from . import L2_ERROR, SLUMP_ERROR, Measured
 from .cases import ROWS
 from .scheme import Setting
@@ -67,7 +67,8 @@ def run_table(
     for name in names:
         if name not in ROWS:
             raise SceneError(f"unknown row '{name}'{suggestion(name, ROWS)}; rows: {', '.join(ROWS)}")
-    text = Path(page).read_text(encoding="utf-8") if page else BEGIN + END
+    page = page and user_path(page)
+    text = page.read_text(encoding="utf-8") if page else BEGIN + END
     if BEGIN not in text or END not in text:
         raise SceneError(f"page = {page}: must hold the lines {BEGIN} and {END}")
     folder.mkdir(parents=True, exist_ok=True)
@@ -81,8 +82,8 @@ def run_table(
     text = markdown(kept["implicit"], kept["semi-implicit"])
     (folder / "table.md").write_text(text + "\n", encoding="utf-8")
     if page:
-        insert(Path(page), text)
-        draw(kept["implicit"], Path(page).parent / "figures" / "convergence.png")
+        insert(page, text)
+        draw(kept["implicit"], page.parent / "figures" / "convergence.png")
     return text, list(kept[scheme].values())
 
 

@@ -1,12 +1,14 @@
 """Curves of runs as PNG files. Matplotlib is the optional extra ``plots``; each function returns the file's path."""
 
+import os
+import sys
+from contextlib import suppress
 from itertools import cycle
-from pathlib import Path
 
 import numpy as np
 
 from ..problem.labels import is_measure, title, unit_of_measure
-from ..units import plain, require
+from ..units import plain, require, user_path
 
 COLOURS = ("#1f5f99", "#d1662a", "#2e8b57", "#8f4f9f", "#b8323f", "#7a6a35", "#4b8ea8", "#555b63")
 STYLE = {
@@ -29,19 +31,27 @@ NUMERICS = (  # title of a panel, and its columns of history.csv with factor and
 
 
 def _figure(width, height, rows=1, columns=1, layout="constrained", **options):
-    """Figure and axes that need no display and no global state."""
+    """Figure and axes that need no display and no global state. A file is drawn by Agg, whatever MPLBACKEND says: where
+    it names a backend that is not installed, as the notebook of another environment does, matplotlib refuses to be
+    imported, so it is not shown the name before."""
+    backend = None if "matplotlib" in sys.modules else os.environ.pop("MPLBACKEND", None)
     try:
         import matplotlib
         from matplotlib.figure import Figure
     except ImportError:
         raise ImportError("plots need matplotlib: pip install 'taichi-mps[plots]'") from None
+    finally:
+        os.environ |= {"MPLBACKEND": backend} if backend else {}
+    if backend:
+        with suppress(ValueError):
+            matplotlib.rcParams["backend"] = backend
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(width, height), layout=layout)
         return figure, figure.subplots(rows, columns, **options)
 
 
 def _save(figure, out):
-    out = Path(out)
+    out = user_path(out)
     out.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(out, dpi=150, format="png")
     return out

@@ -16,7 +16,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from ..problem.materials import constants_of, mix_in_words
 from ..problem.measures import embed
-from ..units import SceneError, require
+from ..units import SceneError, require, user_path
 from .painter import Camera, Mesh, Painter
 from .smooth_surface import CUBE_OF_PICTURES, check, smooth_surface
 from .stage import stage, wall_lines
@@ -293,7 +293,7 @@ def save(picture, path):
     path : path-like
         File.
     """
-    iio.imwrite(path, picture, compress_level=1)
+    iio.imwrite(user_path(path), picture, compress_level=1)
 
 
 def png(folder, view="concrete", **options):
@@ -326,7 +326,7 @@ def png(folder, view="concrete", **options):
     ...     sorted(path.name for path in pathlib.Path(folder).iterdir())
     ['frame_00000.png']
     """
-    folder, count, renderer = Path(folder), 0, None
+    folder, count, renderer = user_path(folder), 0, None
 
     def write(sim):
         nonlocal count, renderer
@@ -371,9 +371,9 @@ def gif(frames, out, fps=10, width=640):
     ...     out.stat().st_size > 0
     True
     """
-    paths = [Path(frames)] if isinstance(frames, str | Path) else list(frames)
-    if len(paths) == 1 and Path(paths[0]).is_dir():
-        paths = sorted(Path(paths[0]).glob("frame_*.png")) or sorted(Path(paths[0]).glob("*.png"))
+    paths = [user_path(path) for path in ([frames] if isinstance(frames, str | Path) else frames)]
+    if len(paths) == 1 and paths[0].is_dir():
+        paths = sorted(paths[0].glob("frame_*.png")) or sorted(paths[0].glob("*.png"))
     if not paths:
         raise FileNotFoundError(f"gif: no pictures in {frames}")
     pictures = []
@@ -386,4 +386,5 @@ def gif(frames, out, fps=10, width=640):
     common, rare = sheet.quantize(208), sheet.quantize(48, Image.Quantize.MAXCOVERAGE)  # smooth greys, thin red lines
     palette.putpalette(common.getpalette()[: 3 * 208] + rare.getpalette()[: 3 * 48])
     pictures = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
-    pictures[0].save(out, save_all=True, append_images=pictures[1:], duration=round(1000 / fps), loop=0, optimize=True)
+    options = {"save_all": True, "duration": round(1000 / fps), "loop": 0, "optimize": True}
+    pictures[0].save(user_path(out), append_images=pictures[1:], **options)

@@ -1,0 +1,164 @@
+"""The program where it is started oddly: without streams, in another encoding or home, with little memory; each ends as
+it should, and says in one line what it cannot do."""
+
+import os
+import resource
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import taichi_mps as mps
+from taichi_mps.io.run_folder import RunFolder, write_whole
+from taichi_mps.problem import catalogue
+from taichi_mps.units import user_path
+from tests.support.recorded import recorded
+
+ROOT = Path(__file__).resolve().parents[2]
+RUN = ["run", "film", "--spacing=0.02", "--until=0.002", "--threads=1"]
+MAIN = [sys.executable, "-m", "taichi_mps"]
+ODD = {
+    "MPLBACKEND": "module://not_installed.backend_inline",
+    "PYTHONIOENCODING": "cp1252",
+    "PYTHONOPTIMIZE": "2",
+    "PYTHONWARNINGS": "error",
+    "PYTHONCOERCECLOCALE": "0",
+    "PYTHONUTF8": "0",
+    "LC_ALL": "C",
+    "COLUMNS": "1",
+    "TMPDIR": "/nonexistent",
+}
+
+
+@pytest.fixture(scope="module", autouse=True)
+def taichi():
+    """None is started."""
+
+
+def program(folder, words, **settings):
+    """What a command did, with these more variables."""
+    more = settings.pop("env", {})
+    cache = os.environ.get("TI_OFFLINE_CACHE_FILE_PATH") or os.path.expanduser("~/.cache/taichi/ticache")
+    variables = os.environ | {"PYTHONPATH": str(ROOT), "TI_OFFLINE_CACHE_FILE_PATH": cache} | more
+    return subprocess.run(words, cwd=folder, env=variables, timeout=120, **settings)
+
+
+def test_a_run_in_an_odd_environment(tmp_path):
+    words = [*MAIN, *RUN, "--out=~/型"]
+    done = program(tmp_path, words, env=ODD | {"HOME": str(tmp_path / "home")}, capture_output=True)
+    assert (done.returncode, done.stderr) == (0, b"")
+    folder = RunFolder(tmp_path / "home" / "型")
+    assert folder.report.is_file() and (folder.path / "history.png").is_file() and len(folder.pictures) == 2
+    assert b"home/\\udce5" in done.stdout.replace(b"\n", b"") and b"Time limit after" in done.stdout
+
+
+NO_STREAMS = """
+import os, sys
+import taichi_mps as mps
+places = [os.readlink(f"/proc/self/fd/{n}") for n in range(3) if mps.main(["--version"]) == 0]
+codes = [mps.main(words.split()) for words in sys.argv[2:]]
+open(sys.argv[1], "w").write(f"{codes} {places}")
+"""
+
+
+@pytest.mark.skipif(not Path("/proc/self/fd").exists(), reason="reads /proc of Linux")
+def test_without_standard_streams_commands_end_as_with_them_and_no_file_takes_their_place(tmp_path):
+    words = ["scenes", "calibrate --slump 20cm --no-check", "new slump", "info --json", "chart", "nope"]
+    command = ["sh", "-c", 'exec "$@" <&- >&- 2>&-', "sh", sys.executable, "-c", NO_STREAMS, "told", *words]
+    assert program(tmp_path, command).returncode == 0
+    assert (tmp_path / "told").read_text() == f"[0, 0, 0, 0, 0, 2] {['/dev/null'] * 3}"
+    assert program(tmp_path, ["sh", "-c", 'exec "$@" >&-', "sh", *MAIN, "--version"]).returncode == 0
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full of Linux")
+def test_output_that_cannot_be_written_is_one_line(tmp_path):
+    with open("/dev/full", "w") as full:
+        done = program(
+            tmp_path, [*MAIN, "--version"], stdout=full, stderr=subprocess.PIPE, env={"PYTHONUNBUFFERED": ""}
+        )
+    told = b"taichi-mps: stdout: cannot be written (No space left on device)\n"
+    assert (done.returncode, done.stderr) == (2, told)
+
+
+@pytest.mark.skipif(not Path("/proc/self/limits").exists(), reason="reads /proc of Linux")
+def test_a_limit_of_address_space_is_one_line(tmp_path):
+    def limited():
+        resource.setrlimit(resource.RLIMIT_AS, (1_000_000 * 1024,) * 2)
+
+    done = program(tmp_path, [*MAIN, *RUN], preexec_fn=limited, capture_output=True, text=True)
+    assert done.returncode == 2 and not list(tmp_path.iterdir())
+    assert (
+        done.stderr.startswith("taichi-mps: memory: Taichi takes 1.07 GB of address space")
+        and " (ulimit" in done.stderr
+    )
+    assert done.stderr.count("\n") == 1
+
+
+# ---- paths -----------------------------------------------------------------------------------------------------
+def test_a_path_with_a_tilde_lies_at_home_wherever_a_user_names_one(tmp_path, monkeypatch, capsys):
+    home, here = tmp_path / "home", tmp_path / "here"
+    for folder in (home, here):
+        folder.mkdir()
+    monkeypatch.chdir(here)
+    monkeypatch.setenv("HOME", str(home))
+    monkeypatch.setenv("USERPROFILE", str(home))
+    assert user_path("~/a") == home / "a" and user_path("a~") == Path("a~") and user_path("~") == home
+    assert user_path(user_path("./~/a")) == here / "~" / "a", "as with a shell"
+
+    scene = ROOT.joinpath("scenes", "film.py").read_text(encoding="utf-8")
+    (home / "own.py").write_text(scene, encoding="utf-8")
+    (home / "case.toml").write_text('scene = "~/own.py"\n', encoding="utf-8")
+    assert catalogue.source("~/own.py") == str(home / "own.py")
+    assert mps.main(["run", "~/case.toml", "--forecast"]) == 0
+    folder, _, recorder = recorded("~/run", catalogue.build("slump", spacing=0.05, until=1.0), 2)
+    recorder.finish("time")
+    for words in (["info", "~/run"], ["plot", "~/run"], ["plot", "~/run", "--out=~/curve.png"], ["export", "~/run"]):
+        assert mps.main(words) == 0, capsys.readouterr().err
+    mps.checkpoint.read_good("~/run/checkpoint.h5")
+    mps.write_bars("~/bars.stl", [[(0.0, 0.0, 0.0), (0.0, 0.0, 1.0)]], 0.01)
+    mps.gif("~/run/frames", "~/film.gif") if folder.pictures else None
+    (home / "mixes.csv").write_text("slump [cm],spread [cm]\n20,35\n", encoding="utf-8")
+    assert mps.main(["calibrate", "--table=~/mixes.csv"]) == 0
+    made = {"own.py", "case.toml", "run", "curve.png", "bars.stl", "mixes.csv", "mixes-calibrated.csv"}
+    assert made <= {path.name for path in home.iterdir()} and not list(here.iterdir())
+
+
+# ---- runs that end before they begin ---------------------------------------------------------------------------
+@pytest.fixture
+def run(tmp_path):
+    """The folder of a run of two steps to 0.02 s."""
+    folder, _, recorder = recorded(tmp_path / "run", catalogue.build("slump", spacing=0.05, until=1.0), 2)
+    recorder.finish("interrupted")
+    folder.case.write_text("until = 1.0", encoding="utf-8")
+    return folder
+
+
+def test_a_time_limit_that_has_passed_is_refused_and_the_case_stays(run, capsys):
+    assert mps.main(["resume", str(run.path), "--until", "10ms"]) == 2
+    assert capsys.readouterr().err == "taichi-mps: until = 0.01 s: 0.02 s of the run have passed; must be longer\n"
+    assert run.case.read_text(encoding="utf-8") == "until = 1.0"
+
+
+def test_a_run_that_ended_before_its_first_checkpoint_is_begun_anew(run, capsys):
+    for said, code in (("resume", 2), ("--overwrite replaces it", 2)):
+        assert mps.main(["run", "slump", f"--out={run.path}"]) == code
+        assert said in capsys.readouterr().err
+        for file in (run.checkpoint, run.checkpoint.with_name("checkpoint.previous.h5")):
+            file.unlink(missing_ok=True)
+    assert mps.main(["run", "slump", f"--out={run.path}"]) == 2
+    assert "resume" not in capsys.readouterr().err
+    assert mps.main(["resume", str(run.path)]) == 2
+    told = f"run = {run.path}: ended before its first checkpoint; 'taichi-mps run' with --overwrite begins it anew"
+    assert capsys.readouterr().err == f"taichi-mps: {told}\n"
+
+
+def test_what_cannot_be_written_whole_leaves_what_was_there(tmp_path, monkeypatch):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    write_whole(tmp_path / "case.toml", "before")
+    monkeypatch.setattr(os, "replace", full)
+    with pytest.raises(OSError, match="No space"):
+        write_whole(tmp_path / "case.toml", "after")
+    assert [(path.name, path.read_text(encoding="utf-8")) for path in tmp_path.iterdir()] == [("case.toml", "before")]
