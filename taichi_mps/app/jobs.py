@@ -35,7 +35,7 @@ class Job:
 
     @property
     def over(self) -> bool:
-        """Will it never run again?"""
+        """Whether the job has finished or was cancelled."""
         return self.state not in ("waiting", "running")
 
     def stop(self) -> None:

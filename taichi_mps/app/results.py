@@ -111,7 +111,7 @@ class Live:
 
     @ui.refreshable_method
     def jobs(self) -> None:
-        """All of it, anew."""
+        """Redraw the job list."""
         ended = [job for job in self.queue.jobs if job.over and (job.scene or job.state == "failed")]
         for job in [job for job in self.queue.jobs if not job.over] + ended[-1:]:
             with ui.card().classes("w-full").props(f'flat bordered data-job="{job.state}"'):

@@ -49,7 +49,7 @@ class OnlyHere:
             await PlainTextResponse("only for this machine", 403)(scope, receive, send)
 
     def allows(self, headers: Headers) -> bool:
-        """Was the request made to this machine by its own page, or by hand?"""
+        """Whether the request was made to this machine by its own page, or by hand."""
         return headers.get("host") in self.hosts and set(headers.getlist("origin")) <= self.origins
 
 

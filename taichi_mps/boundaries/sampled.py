@@ -129,7 +129,7 @@ class Sampled(Surface):
 
     @ti.func
     def drives_near(self, x, reach: ti.template(), ahead: ti.template()):
-        """As of any surface; its distance is known within ``reach`` only, so x is seen from where it comes to."""
+        """Whether the solid drives what is near x, though its distance is known within ``reach`` only."""
         near = False
         for k in ti.static(range(1 + int(np.ceil(ahead / reach)))):
             way = ti.cast(self.motion(x) * (k * reach / self.speed), ti.f64)

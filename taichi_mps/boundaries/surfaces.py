@@ -55,7 +55,7 @@ class Surface:
         return offset
 
     def frictionless(self):
-        """The same wall with slip instead of friction."""
+        """This wall with slip instead of friction."""
         other = copy(self)
         other.slip, other.holds, other.has_friction, other.friction = True, False, False, None
         return other
@@ -84,7 +84,7 @@ class Surface:
 
     @ti.func
     def drives_near(self, x, reach: ti.template(), ahead: ti.template()):
-        """Does it drive what is within reach [m] of it at x, or will be when it has moved ``ahead`` [m]?"""
+        """Whether the wall drives what is within reach [m] of it at x, or will be after ``ahead`` [m]."""
         z, _n, velocity, _curvature = self.nearest(x)
         return z < reach + ahead and velocity.norm_sqr() > 0.0
 

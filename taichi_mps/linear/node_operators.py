@@ -110,7 +110,7 @@ class NodeOperators(Multigrid):
 
     @ti.func
     def parents(self, place, grid):
-        """Of the node at a place: the place of its first parent on the next grid, and its distance from it, in nodes of
+        """Place of the first parent, on the next grid, of the node at a place, and its distance from it, in nodes of
         this grid: 0, or 1 along an axis where it stands between two parents."""
         halved = self.ratio[grid + 1] - 1
         return place >> halved, place & halved

@@ -1,4 +1,4 @@
-"""Of an iterative solver: vector operations, which alone know how rows are summed and masked; a sparse matrix in
+"""Vector operations of an iterative solver, which alone know how rows are summed and masked; a sparse matrix in
 compressed rows (CSR); the Jacobi preconditioner, and when coarse levels replace it."""
 
 from ..runtime.backend import double_field, real, ti

@@ -129,7 +129,7 @@ class ActiveSet:
 
     @stage("active set")
     def mark(self):
-        """Of each particle what it is in the steps to come, and of each cell whether active ones may enter it."""
+        """What each particle is in the steps to come, and whether active ones may enter each cell."""
         for c in ti.grouped(ti.ndrange(*self.bins.shape)):
             k = self.bins.linear(c)
             self.near_buried[k] = 0

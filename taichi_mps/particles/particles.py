@@ -87,7 +87,7 @@ class Particles:
 
     @property
     def number(self) -> int:
-        """Of particles that are there."""
+        """Number of particles that are there."""
         return self.count[None] + self.aside[None]
 
     def read(self) -> dict[str, np.ndarray]:

@@ -120,7 +120,7 @@ def channel_at_rest(
         return b * log, b * (h - b * log), b * (0.5 * h**2 - b * h + b**2 * log)
 
     def integral(h, power):
-        """Of h^power (h - shift)/(a (1 + 2 h/b)) from the front, where the depth is ``lip``, to the depth h."""
+        """Integral of h^power (h - shift)/(a (1 + 2 h/b)) from the front, of the depth ``lip``, to the depth h."""
         ends = [moments(h)[power + 1] - shift * moments(h)[power] for h in (h, lip)]
         return (ends[0] - ends[1]) / a
 

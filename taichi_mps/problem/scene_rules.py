@@ -154,7 +154,7 @@ def bodies_are_apart(scene):
 
 
 def rings_lie_around_the_axis(scene):
-    """Of an axisymmetric scene: coordinates (r, z), r above 0, gravity along z, not periodic along r."""
+    """An axisymmetric scene has coordinates (r, z), r above 0, gravity along z, not periodic along r."""
     if scene.axisymmetric:
         d, inmost, gravity = scene.dimension, scene.fluid[:, 0].min(), scene.gravity_vector
         require(d == 2, f"axisymmetric = True: the fluid has {d} coordinates; must have 2, (r, z)")
@@ -203,7 +203,7 @@ def point(x) -> str:
 
 
 def counted(x, side: float) -> tuple[np.ndarray, np.ndarray]:
-    """Of the points x (n, d) [m] in cells of this side [m]: the lower corners (m, d) [m] of those that hold any, a
+    """Cells of this side [m] that hold points x (n, d) [m]: their lower corners (m, d) [m], a
     twelfth of a side off the lowest point, where no lattice of few to a side has a plane; and how many each holds."""
     low = x.min(0) - side / 12.0
     cells = np.floor((x - low) / side).astype(np.int64)

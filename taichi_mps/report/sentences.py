@@ -55,7 +55,7 @@ def doubts(summary) -> list[str]:
 
 
 def thin_solids(summary) -> list[str]:
-    """Of each solid that is thinner than a particle, what becomes of its resistance: tests/boundaries/test_thin_bars.py
+    """Resistance of each solid that is thinner than a particle, in words: tests/boundaries/test_thin_bars.py
     holds it against the exact drag of an array of cylinders."""
     return [
         f"{name}: {1e3 * thickness:.2g} mm thick, thinner than a particle. Such a bar resists a viscous flow across it "
@@ -106,12 +106,12 @@ def measures(row: dict) -> dict:
 
 
 def of_scene(column: str) -> bool:
-    """Has a column of history.csv a measure of the scene?"""
+    """Whether a column of history.csv is a measure of the scene."""
     return is_measure(column) and (column in MEASURED or column not in COLUMNS)
 
 
 def is_result(key: str) -> bool:
-    """Does a summary hold a result of the scene under this key?"""
+    """Whether a summary holds a result of the scene under this key."""
     return is_measure(key) and key not in NOT_RESULTS
 
 

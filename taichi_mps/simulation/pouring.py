@@ -55,7 +55,7 @@ class Pouring:
         return self.start + self.entered * self.interval + self.delay
 
     def due(self, time: float) -> bool:
-        """Has a layer to enter at this time [s]?"""
+        """Whether a layer has to enter at this time [s]."""
         return not self.done and time >= self.next - INSTANT
 
     def enter(self, time: float, x: np.ndarray) -> np.ndarray | None:

@@ -35,7 +35,7 @@ class Rest:
             self.fold, self.speed, self.at = (now - self.at) / folds, speed, now
 
     def reached(self, sim) -> bool:
-        """Is there hardly a way left? What is left of an exponential decay is the speed times the time in which it
+        """Whether hardly a way is left. What is left of an exponential decay is the speed times the time in which it
         falls by e; where it falls slower than before, the time since the last fold counts, and where it has not fallen
         yet, sqrt(H/g). Never, where a mix has no true yield stress."""
         if not sim.problem.rests:
@@ -64,7 +64,7 @@ class Rest:
 
 
 def pushed(sim) -> bool:
-    """Does a wall that travels touch the fluid? What stands in a mould is at rest only once the mould is gone."""
+    """Whether a wall that travels touches the fluid. What stands in a mould is at rest only once the mould is gone."""
     walls = [wall for wall in sim.scene.walls if np.any(wall.travel)]
     x = sim.particles.read()["x"] if walls else None
     return any(np.abs(wall.distance(x, sim.time)).min() < sim.walls.effective_radius for wall in walls)

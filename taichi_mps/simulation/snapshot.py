@@ -33,7 +33,7 @@ def snapshot(sim) -> Snapshot:
 
 
 def loads(scene, rows, order) -> dict[str, Load]:
-    """Those of the last step on the walls, by name."""
+    """Loads of the last step on the walls, by name."""
     found = {}
     for k, (name, number) in enumerate(scene.measured_walls.items()):
         wall = scene.walls[number]
@@ -55,7 +55,7 @@ def ring_sizes(rows, spacing: float):
 
 
 def crossing(rows: dict, scene) -> tuple[str, float] | None:
-    """Of rows ``x`` (n, d) [m] and ``u`` (n, d) [m/s]: the edge of a scene's domain that most of those outside have
+    """From rows ``x`` (n, d) [m] and ``u`` (n, d) [m/s], the edge of a scene's domain that most of those outside have
     crossed, with what enlarges it, in one line, and the largest of their speeds [m/s]. None where none is outside or
     one is no number."""
     x, (low, high) = rows["x"], np.array(scene.domain, float)

@@ -62,7 +62,7 @@ class Measurements(Checked):
 
 
 def emulators_of(measured: dict, study=None) -> dict[str, Emulator]:
-    """Those of the tests that were measured, by scene; that of ``study`` in the place of the package's own."""
+    """Emulators of the tests that were measured, by scene; that of ``study`` in the place of the package's own."""
     scenes = [scene for scene, columns in MEASURED.items() if columns.keys() & measured.keys()]
     own = emulator_of(study) if study else None
     if own and own.scene not in scenes:

@@ -23,7 +23,7 @@ TOLD = 1.1  # factor by which a constant must be less certain without a measurem
 
 
 def is_time(name: str) -> bool:
-    """Is this a measured time? It goes by its logarithm, a length as it is."""
+    """Whether this is a measured time. It goes by its logarithm, a length as it is."""
     return name.endswith("_s")
 
 
@@ -120,7 +120,7 @@ class Mix:
 
     @property
     def near(self) -> bool:
-        """Is the model within NEAR of each length?"""
+        """Whether the model is within NEAR of each length."""
         return all(abs(by) <= NEAR[name] for name, by in self.missed.items() if name in NEAR)
 
     def determines(self, name: str) -> str:
@@ -179,7 +179,7 @@ class FrictionalMix(Mix):
 
     @property
     def near(self) -> bool:
-        """Is it within NEAR of both lengths, and within three standard errors of T500?"""
+        """Whether the mix is within NEAR of both lengths, and within three standard errors of T500."""
         late = {
             name: over(name, self.model[name], self.measured[name][0]) for name in self.measured.keys() - NEAR.keys()
         }
@@ -187,7 +187,7 @@ class FrictionalMix(Mix):
 
     @property
     def explains(self) -> bool:
-        """Is it near, and do the measurements bound yield stress and angle?"""
+        """Whether the mix is near, and the measurements bound yield stress and angle."""
         return self.near and self.yield_value.bounded and self.friction_angle.bounded
 
     @property
@@ -202,7 +202,7 @@ class FrictionalMix(Mix):
         return "both" if len(self.measured) == 2 else "all three"
 
     def told(self) -> str:
-        """Does it explain the measurements, and how far from them is it? In one sentence."""
+        """One sentence: whether the mix explains the measurements, and how far from them it is."""
         c, phi, eta = map(short, self.constants.values())
         mix = f"{c} Pa and {phi} degrees at {eta} Pa s"
         if self.explains:
@@ -236,7 +236,7 @@ class Calibration(Mix):
 
     @property
     def explained_by_friction(self) -> bool:
-        """Does a mix with internal friction explain all that was measured?"""
+        """Whether a mix with internal friction explains all that was measured."""
         return bool(self.friction and self.friction.explains and self.measured.keys() == self.friction.measured.keys())
 
     @property
@@ -248,12 +248,12 @@ class Calibration(Mix):
 
     @property
     def fits(self) -> bool:
-        """Is the mix within three standard errors of the measurements?"""
+        """Whether the mix is within three standard errors of the measurements."""
         return self.misfit <= CONTRADICTION
 
     @property
     def contradictory(self) -> bool:
-        """Is no mix near, of several measurements, or of one and a rheometer's constant of which it speaks?"""
+        """Whether no mix is near several measurements, or one and a rheometer's constant of which it speaks."""
         several = len(self.measured) > 1 or any(len(said) > 1 for said in self.alone.values())
         return several and not self.fits
 
@@ -275,7 +275,7 @@ class Calibration(Mix):
         return facts | {"told": str(self), "mix": self.best.constants}
 
     def contradiction(self) -> str:
-        """That no mix is near the measurements, with what each of them says alone and what to trust it for."""
+        """Sentence that no mix is near the measurements, with what each of them says alone and what to trust it for."""
         text = "no Bingham mix comes within three standard errors: the measurements contradict each other or the model"
         for constant, other in zip(BINGHAM, reversed(BINGHAM), strict=True):
             said = [

@@ -29,7 +29,7 @@ NODES = 121, 61, 31  # of the grid on which a fit looks first: one number for ea
 
 
 def positive(value) -> bool:
-    """Is this a number above 0?"""
+    """Whether this is a number above 0."""
     return isinstance(value, float | int) and 0.0 < value < np.inf
 
 
@@ -113,7 +113,7 @@ class Emulator:
         return np.log(values) if is_time(name) else values
 
     def splines(self, rows) -> dict:
-        """Of each measurement a bicubic through a thin plate on a fine grid, the same within 1e-5 and much cheaper; the
+        """For each measurement a bicubic through a thin plate on a fine grid, within 1e-5 and much cheaper; the
         first coordinate of its cases, and by how much the plate misses each of them where it was made without it."""
         from scipy.interpolate import RBFInterpolator, RectBivariateSpline
 

@@ -50,7 +50,7 @@ class LeastSquares:
         return found
 
     def residuals(self, *point, grid=False) -> np.ndarray:
-        """Of the model over the errors, a row a measurement; nan where a mix has none, as of T500."""
+        """Residuals of the model over the errors, a row a measurement; nan where a mix has none, as of T500."""
         model = self.model(*point, grid=grid)
         return np.array(
             [over(name, model[name], value) / self.errors[name] for name, (value, _) in self.measured.items()]

@@ -85,7 +85,7 @@ def unused(rows: list[dict[str, str]]) -> str:
 
 
 def measurements_of(row: dict[str, str]) -> dict[str, str]:
-    """Those of a row, with the units of their columns, or their own."""
+    """Measurements of a row, with the units of their columns, or their own."""
     found = {}
     for column, value in row.items():
         field, unit = heading(column)
@@ -95,14 +95,14 @@ def measurements_of(row: dict[str, str]) -> dict[str, str]:
 
 
 def stands(measured: dict[str, str]) -> bool:
-    """Is the slump of a row of a list zero?"""
+    """Whether the slump of a row of a list is zero."""
     with suppress(ValueError):
         return float(in_unit("m", measured.get("slump", ""))) == 0.0
     return False
 
 
 def without_slump(measured: dict[str, str]) -> dict[str, str]:
-    """Of a mix that stands only that it does: its slump is less than its own error, and its spread is the mould's."""
+    """Measurements of a mix that stands: a slump less than its own error, and no slump flow, which is the mould's."""
     error = Measurements(**measured | {"slump": "1"}).slump_error
     kept = {name: value for name, value in measured.items() if name in ("rho", "plastic_viscosity", "slump_error")}
     return kept | {"slump": str(error)}
@@ -237,7 +237,7 @@ def interval(row: dict, name: str) -> str:
 
 
 def pairs(rows: list[dict]):
-    """Of each verdict its colour, its rows with slump and slump flow, and these lengths [cm], (n, 2), as measured and
+    """Colour of each verdict, its rows with slump and slump flow, and these lengths [cm], (n, 2), as measured and
     of the nearest mix."""
     for kind, colour in zip(MEANING, COLOURS, strict=False):
         here = [row for row in rows if row["verdict"] == kind]
@@ -251,7 +251,7 @@ def pairs(rows: list[dict]):
 
 
 def traces(rows: list[dict], columns: list[str]) -> list[dict]:
-    """Of Plotly: slump flow against slump [cm], measured and of the nearest mix, those of a verdict together."""
+    """Traces of Plotly: slump flow against slump [cm], measured and of the nearest mix, those of a verdict together."""
     drawn = []
     for kind, colour, here, measured, model in pairs(rows):
         gaps = np.full_like(model, np.nan)

@@ -164,7 +164,7 @@ class Jobs(ThreadPoolExecutor):
         return row_of(self.file(case, "json"), case.key, number)
 
     def is_there(self, number: str) -> bool:
-        """Does a job wait or run, as far as is known?"""
+        """Whether a job waits or runs, as far as is known."""
         with self.turn:
             if monotonic() - self.asked > ASK:
                 self.asked, self.there = monotonic(), self.cluster.queued()

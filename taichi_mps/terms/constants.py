@@ -175,7 +175,7 @@ class Constants:
 
     @ti.func
     def flows(self, i, rate):
-        """Is the viscous part of the stress at a shear rate [1/s] more than FLOWS of the yield stress of particle i?"""
+        """Whether the viscous stress at a shear rate [1/s] is over FLOWS of the yield stress of particle i."""
         return self.eta[self.mix(i)] * rate > FLOWS * self.tau_y[self.mix(i)]
 
     @ti.func

@@ -159,7 +159,7 @@ class ExplicitViscosity(Term):
 
     @ti.func
     def flows(self, i, rate):
-        """Is the viscous part of the stress at a shear rate [1/s] more than FLOWS of the yield stress?"""
+        """Whether the viscous stress at a shear rate [1/s] is over FLOWS of the yield stress."""
         return self.eta * rate > FLOWS * self.tau_y
 
     @ti.func

@@ -109,7 +109,7 @@ class Standstill(Term):
 
     @ti.func
     def holds(self, i):
-        """Is particle i slow, no wall that moves near it, and the fluid no full closed box?"""
+        """Whether particle i is slow, no wall that moves is near it, and the fluid is no full closed box."""
         slow = self.particles.u[i].norm_sqr() < self.slowest**2 and self.pressure.full[None] == 0
         still = slow and self.particles.kind[i] == FLUID
         for wall in ti.static(self.walls.surfaces):

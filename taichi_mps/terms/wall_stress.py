@@ -84,7 +84,7 @@ class WallStress(Term):
 
     @ti.func
     def rows(self):
-        """Those of a full vessel, else none."""
+        """Number of rows of a full vessel, else 0."""
         return self.particles.count[None] * self.pressure.full[None]
 
     @ti.func

@@ -31,7 +31,7 @@ def still_pool(**keywords):
 
 
 def front_errors(times, front):
-    """Of the front [m] at these times [s] beside Martin and Moyce, whose column is COLUMN wide, up to near the wall:
+    """Errors of the front [m] at these times [s] beside Martin and Moyce, whose column is COLUMN wide, up to the wall:
     the largest relative error as a function of the delay of their gate [sqrt(a/2g)], the delay up to 0.3 with which it
     is least, and how many points were compared."""
     known = columns("C_dambreak_front_martin_moyce_koshizuka.csv", dataset="martin_moyce_a2.25in_n2=2")

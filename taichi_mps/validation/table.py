@@ -50,7 +50,7 @@ def result(name: str, error: str | None, numbers=(), series=(), cpu_seconds=0.0,
 
 
 def run_apart(name: str, scheme: str = "implicit", budget: float | None = None) -> dict:
-    """The same in a process of its own; a crash is a result with an error, not the end of the table."""
+    """Run a row in a process of its own; a crash is a result with an error, not the end of the table."""
     call = f"table.run_row({name!r}, {scheme!r}, {budget!r})"
     code = f"import json; from taichi_mps.validation import table; print(json.dumps({call}))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)

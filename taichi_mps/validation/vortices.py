@@ -101,7 +101,7 @@ def bingham_cavities(bingham_numbers, across=40):
 
 
 def vertex(values) -> float:
-    """Of the parabola through three values, in steps from the middle one."""
+    """Vertex of the parabola through three values, in steps from the middle one."""
     return 0.5 * (values[0] - values[2]) / (values[0] - 2 * values[1] + values[2])
 
 

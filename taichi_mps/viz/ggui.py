@@ -10,7 +10,7 @@ from .painter import PAPER, SUN
 
 
 class Ggui:
-    """The same by Taichi's GGUI in a hidden window: needs Vulkan, draws no shadows. RuntimeError where it cannot.
+    """Painter by Taichi's GGUI in a hidden window: needs Vulkan, draws no shadows. RuntimeError where it cannot.
 
     All share one window: Taichi 1.7.4 crashes when it closes a second one.
     """

@@ -17,7 +17,7 @@ COARSE = 4  # pixels along the side of a place for which the light on the floor 
 
 
 def expand(first, lengths):
-    """Of runs of whole numbers, of these first ones and lengths: the run of each number, and the numbers in turn."""
+    """Runs of whole numbers with these first ones and lengths: the run of each number, and the numbers in turn."""
     run = np.repeat(np.arange(len(lengths)), lengths)
     return run, np.arange(len(run)) + np.repeat(first - np.cumsum(lengths) + lengths, lengths)
 
