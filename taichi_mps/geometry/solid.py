@@ -1,15 +1,14 @@
 """Walls of any shape: a signed distance sampled on a grid, from a function or from a triangle mesh. Plain NumPy."""
 
-import re
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import combinations, product
-from pathlib import Path
+from itertools import product
 
 import numpy as np
 
-from ..units import SceneError, array_of, check_numbers, check_vectors, finite, positive, require, user_path
+from ..units import SceneError, array_of, check_numbers, check_vectors, finite, positive, require
 from .concave_edges import interpolate
+from .meshes import LONGEST, mesh_distance, read_mesh
 from .walls import Friction, check_surface, spin
 
 MOST_NODES = 5e7  # of one grid: 400 MB of distances
@@ -235,10 +234,16 @@ class Solid:
         SceneError
             If the file is missing, damaged, not closed, or longer than 100 m.
         """
-        points, triangles = read_mesh(path, scale)
+        positive("reach", reach)
+        positive("scale", scale, "")
+        points, triangles = read_mesh(path, scale, longest=min(100.0, LONGEST * reach))
         side = -1.0 if inside else 1.0
         low, high = points.min(0) - reach, points.max(0) + reach
-        return cls.of(lambda x: side * mesh_distance(x, points, triangles), low, high, cell, **keywords)
+        try:
+            return cls.of(lambda x: side * mesh_distance(x, points, triangles), low, high, cell, **keywords)
+        except SceneError as error:
+            size = " x ".join(f"{s:.4g}" for s in np.ptp(points, axis=0))
+            raise SceneError(f"mesh {path}, {size} m with scale = {scale:g}: {error}") from None
 
     def section(self, y: float = 0.0, time: float = 0.0) -> list[np.ndarray]:
         """Return where the distance is zero, as short line segments.
@@ -442,175 +447,3 @@ def polygon_distance(x, corners):
         nearest = np.minimum(nearest, np.linalg.norm(offset - np.outer(t, along), axis=1))
         inside &= along[0] * offset[:, 1] - along[1] * offset[:, 0] > 0.0
     return np.where(inside, -nearest, nearest)
-
-
-def read_mesh(path, scale=1.0):
-    """Read a closed triangle mesh.
-
-    Parameters
-    ----------
-    path : path-like
-        STL, OBJ or PLY file.
-    scale : float, optional
-        Metres for one unit of the file.
-
-    Returns
-    -------
-    points : ndarray, shape (n, 3)
-        Vertices [m].
-    triangles : ndarray of int, shape (m, 3)
-        Rows of ``points``, counter-clockwise seen from outside.
-
-    Raises
-    ------
-    SceneError
-        If the file cannot be read, or its surface is not closed.
-    """
-    import meshio
-
-    path = user_path(path)
-    require(path.is_file(), f"mesh {path}: no such file")
-    if path.suffix.lower() == ".ply":
-        check_ply(path)
-    try:
-        with np.errstate(over="ignore"):  # meshio takes the text of an STL file for a number first
-            mesh = meshio.read(path)
-        faces = np.vstack(
-            [np.zeros((0, 3), np.uint8), *(block.data for block in mesh.cells if block.type == "triangle")]
-        )
-    except (Exception, SystemExit) as error:  # meshio leaves the program for a file that it cannot read
-        raise SceneError(f"mesh {path}: cannot be read as STL, OBJ or PLY ({type(error).__name__})") from None
-    require(len(faces), f"mesh {path}: holds no triangles")
-    known = faces.dtype.kind in "iu" and 0 <= faces.min() <= faces.max() < len(mesh.points)
-    whole = known and np.shape(mesh.points)[1:] == (3,)
-    require(whole, f"mesh {path}: damaged; a triangle names a point that is not there")
-    points, renumbered = np.unique(np.asarray(mesh.points, float) * scale, axis=0, return_inverse=True)
-    triangles = renumbered.reshape(-1)[faces]  # STL repeats each corner
-    size = np.ptp(points, axis=0)
-    require(
-        np.all(np.isfinite(points)) and size.min() > 0.0 and size.max() <= 100.0,
-        f"mesh {path}: {' x '.join(f'{s:.4g}' for s in size)} m; must have a volume and be at most 100 m long "
-        f"(scale = {scale:g}; 0.001 for a file in mm)",
-    )
-    edges = np.vstack([triangles[:, [a, b]] for a, b in ((0, 1), (1, 2), (2, 0))])
-    there, back = ({tuple(edge) for edge in e.tolist()} for e in (edges, edges[:, ::-1]))
-    require(
-        len(there) == len(edges) and there == back,
-        f"mesh {path}: {len(there ^ back) // 2} of its edges belong to one triangle only, or two triangles face "
-        "against each other; must be closed",
-    )
-    corners = points[triangles]
-    if np.einsum("ij,ij->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) < 0.0:  # six times the volume
-        triangles = triangles[:, ::-1]
-    return points, triangles
-
-
-def check_ply(path):
-    """Refuse a PLY file whose header has no end or promises more than the file holds.
-
-    Parameters
-    ----------
-    path : Path
-        File.
-
-    Raises
-    ------
-    SceneError
-        If the header is damaged.
-    """
-    content = path.read_bytes()
-    end = re.search(rb"^[ \t]*end_header[ \t\r]*$", content, re.M)
-    counts = re.findall(rb"element \w+ (\d+)", content[: end.start()]) if end else [b"0"]
-    held = end and all(len(count) <= 18 and int(count) <= len(content) for count in counts)
-    require(held, f"mesh {path}: damaged; its header has no end, or promises more than the file holds")
-
-
-def mesh_distance(x, points, triangles):
-    """Return the signed distance of points from a closed surface, by libigl (extra ``cad``).
-
-    Parameters
-    ----------
-    x : ndarray, shape (n, 3)
-        Points [m].
-    points : ndarray, shape (k, 3)
-        Vertices [m].
-    triangles : ndarray of int, shape (m, 3)
-        Rows of ``points``.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        Distance [m], negative inside.
-
-    Raises
-    ------
-    SceneError
-        If libigl is not installed.
-    """
-    try:
-        import igl
-    except ImportError:
-        raise SceneError('a solid from a mesh needs libigl: pip install "taichi-mps[cad]"') from None
-    return igl.signed_distance(x, points, triangles.astype(np.int64), igl.SIGNED_DISTANCE_TYPE_PSEUDONORMAL)[0]
-
-
-def write_bars(path, ends, radius: float, sides: int = 12) -> Path:
-    """Write round bars as a closed triangle mesh.
-
-    Parameters
-    ----------
-    path : path-like
-        STL, OBJ or PLY file, by its suffix.
-    ends : array_like, shape (k, 2, 3)
-        End points of the bars [m].
-    radius : float
-        Radius of a bar [m].
-    sides : int, optional
-        Sides of the prisms, which have the cross-section of the round bar.
-
-    Returns
-    -------
-    Path
-        The file.
-
-    Raises
-    ------
-    SceneError
-        If two bars are nearer to each other than a tenth of the radius: bars that cross lie one behind the other.
-
-    Examples
-    --------
-    >>> import tempfile, pathlib, taichi_mps as mps
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     file = mps.write_bars(pathlib.Path(folder) / "bars.stl", [[(0, 0, 0), (0, 0, 0.5)]], radius=0.01)
-    ...     file.stat().st_size
-    2484
-    """
-    import meshio
-
-    ends = np.asarray(ends, float)
-    for (k, (start, end)), (other, (first, last)) in combinations(enumerate(ends), 2):
-        along, beside = end - start, last - first
-        x = start + np.linspace(0.0, 1.0, 2 + int(4 * np.linalg.norm(along) / radius))[:, None] * along - first
-        t = np.clip(x @ beside / (beside @ beside), 0.0, 1.0)
-        gap = float(np.linalg.norm(x - t[:, None] * beside, axis=1).min()) - 2.0 * radius
-        least = f"a tenth of it, {0.1 * radius:.3g} m"
-        left = f"radius = {radius:g} m: bars {k} and {other} leave a gap of {gap:.3g} m"
-        require(gap >= 0.1 * radius, f"{left}; must be at least {least}")
-    turn = 2.0 * np.pi * np.arange(sides) / sides
-    outer = radius * np.sqrt(2.0 * np.pi / (sides * np.sin(2.0 * np.pi / sides)))
-    k, n = np.arange(sides), (np.arange(sides) + 1) % sides
-    middle = np.full(sides, 2 * sides)
-    faces = ((k, n, sides + n), (k, sides + n, sides + k), (middle, n, k), (middle + 1, sides + k, sides + n))
-    triangles, points = np.concatenate([np.stack(face, 1) for face in faces]), []
-    for start, end in ends:
-        along = (end - start) / np.linalg.norm(end - start)
-        first = np.cross(along, np.eye(3)[np.argmin(np.abs(along))])
-        first /= np.linalg.norm(first)
-        rim = outer * (np.outer(np.cos(turn), first) + np.outer(np.sin(turn), np.cross(along, first)))
-        points.append(np.vstack([start + rim, end + rim, start, end]))
-    every = (2 * sides + 2) * np.arange(len(ends))[:, None, None] + triangles
-    path = user_path(path)
-    options = {"binary": True} if path.suffix.lower() == ".stl" else {}
-    meshio.write(path, meshio.Mesh(np.vstack(points), [("triangle", np.int32(every).reshape(-1, 3))]), **options)
-    return path

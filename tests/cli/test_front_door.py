@@ -27,7 +27,7 @@ import taichi_mps as mps
 from taichi_mps.cli import console, options
 from taichi_mps.cli import main as cli
 from taichi_mps.cli import study as commands
-from taichi_mps.geometry.solid import read_mesh
+from taichi_mps.geometry.meshes import read_mesh
 from taichi_mps.io import checkpoint
 from taichi_mps.io.run_folder import RunFolder
 from taichi_mps.io.vtkhdf import Trajectory

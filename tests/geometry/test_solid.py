@@ -7,7 +7,8 @@ import pytest
 
 import taichi_mps as mps
 from taichi_mps.boundaries.walls import Walls
-from taichi_mps.geometry.solid import mesh_distance, polygon_distance, read_mesh
+from taichi_mps.geometry.meshes import mesh_distance, read_mesh
+from taichi_mps.geometry.solid import polygon_distance
 from taichi_mps.runtime.backend import ti
 from taichi_mps.viz import render
 from tests.support.rigs import Rig as Cloud

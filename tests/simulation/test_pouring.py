@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.geometry.solid import read_mesh
+from taichi_mps.geometry.meshes import read_mesh
 from taichi_mps.io import checkpoint
 from taichi_mps.io.vtkhdf import Trajectory
 from taichi_mps.problem import catalogue

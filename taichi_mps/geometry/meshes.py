@@ -1,0 +1,283 @@
+"""Triangle meshes: read by trimesh, repaired, bodies united by manifold3d, distances by libigl (extra ``cad``)."""
+
+import re
+import warnings
+from pathlib import Path
+
+import numpy as np
+
+from ..units import SceneError, ordinary, require, user_path
+
+FORMATS = "stl", "obj", "ply"
+MOST_BYTES = 5e8  # ten million triangles
+ROUNDING = 1e-5  # of the largest coordinate: corners nearer than that are one; a text has six figures, 32 bits seven
+LONGEST = 500.0  # reaches of the grid: a longer mesh is one in millimetres, for a scene has some 100
+FOLD = 1e-3  # of the length: how far a surface may cross itself, as small fillets do
+
+
+def read_mesh(path, scale=1.0, longest=100.0):
+    """Read a triangle mesh of closed bodies and repair it, with a warning that says what was done.
+
+    Corners within rounding of each other become one where the surface is not closed without that; triangles without
+    area, or written twice, go; bodies that touch or overlap are united; a body that stands alone inside out is turned.
+
+    Parameters
+    ----------
+    path : path-like
+        STL, OBJ or PLY file.
+    scale : float, optional
+        Metres for one unit of the file.
+    longest : float, optional
+        How long it may be [m].
+
+    Returns
+    -------
+    points : ndarray, shape (n, 3)
+        Vertices [m].
+    triangles : ndarray of int, shape (m, 3)
+        Rows of ``points``, counter-clockwise seen from outside.
+
+    Raises
+    ------
+    SceneError
+        If the file cannot be read, its surface is not closed or crosses itself, or it has another size.
+    """
+    try:
+        import igl  # noqa: F401
+        import manifold3d  # noqa: F401
+        from trimesh.grouping import clusters
+    except ImportError as error:
+        raise SceneError(f'a solid from a mesh needs {error.name}: pip install "taichi-mps[cad]"') from None
+    corners, faces = corners_and_faces(path)
+    require(len(faces), f"mesh {path}: holds no triangles")
+    whole = 0 <= faces.min() <= faces.max() < len(corners)
+    require(whole, f"mesh {path}: damaged; a triangle names a point that is not there")
+    with np.errstate(over="ignore"):
+        corners = corners * scale
+    require(np.all(np.isfinite(corners)), f"mesh {path}: a coordinate is not a finite number [m]")
+    points, same = np.unique(corners, axis=0, return_inverse=True)
+    triangles = same.reshape(-1)[faces]  # STL repeats each corner
+    size, rounding, done = np.ptp(points, axis=0), ROUNDING * np.abs(points).max(), []
+    require(
+        size.min() > 0.0 and size.max() <= longest,
+        f"mesh {path}: {' x '.join(f'{s:.4g}' for s in size)} m; must have a volume and be at most {longest:.4g} m "
+        f"long (read with scale = {scale:g}; scale = 0.001 for a file in mm)",
+    )
+    kept = without_flat(triangles)
+    if len(open_edges(kept)):
+        first = np.arange(len(points))
+        for group in clusters(points, rounding):
+            first[group] = min(group)
+        done += [f"{np.sum(first != np.arange(len(first)))} corners merged with others within {rounding:.2g} m"]
+        kept = without_flat(first[triangles])
+    if len(edges := open_edges(kept)):
+        raise SceneError(
+            f"mesh {path}: {len(edges)} of its edges belong to one triangle only, or two triangles face against each "
+            f"other, the first {place(points[edges[0]].mean(axis=0))}; must be closed"
+        )
+    if len(kept) < len(triangles):
+        done += [f"{len(triangles) - len(kept)} triangles without area or written twice left out"]
+    points, kept, united_ones = united(path, points, kept, rounding)
+    middle = crossing(points, kept)
+    if middle is not None:
+        raise SceneError(f"mesh {path}: a body crosses itself {place(middle)}; must be made of bodies that do not")
+    if done + united_ones:
+        warnings.warn(f"mesh {path}: {'; '.join(done + united_ones)}", stacklevel=3)
+    return points, kept
+
+
+def corners_and_faces(path):
+    """Corners (n, 3) and triangles (m, 3) as a file has them; SceneError where it cannot be read."""
+    import trimesh
+
+    path = ordinary(f"mesh {path}", path, MOST_BYTES)
+    kind = path.suffix.lower()[1:]
+    require(kind in FORMATS, f"mesh {path}: must be a file .stl, .obj or .ply")
+    try:
+        with open(path, "rb") as file, warnings.catch_warnings():
+            warnings.filterwarnings("error", "string or file could not be read")  # NumPy gives what comes before
+            mesh = trimesh.load_mesh(file, file_type=kind, process=False, skip_materials=True)
+            return np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int64)
+    except Exception as error:
+        comma = re.search(rb"^[ \t]*(v|vertex)?[ \t]*[-+]?\d+,\d", path.read_bytes(), re.I | re.M)
+        why = "its numbers have a decimal comma; must have a point" if comma else type(error).__name__
+        raise SceneError(f"mesh {path}: cannot be read as STL, OBJ or PLY ({why})") from None
+
+
+def without_flat(triangles):
+    """Triangles but those with two equal corners; of several on the same corners one, none where as many face one way
+    as the other."""
+    way = np.prod(np.sign(triangles - np.roll(triangles, 1, axis=1)), axis=1)  # of the corners; 0: two are equal
+    group = np.unique(np.sort(triangles, axis=1), axis=0, return_inverse=True)[1].reshape(-1)
+    good = np.flatnonzero((way != 0) & (way == np.sign(np.bincount(group, way))[group]))
+    return triangles[np.sort(good[np.unique(group[good], return_index=True)[1]])]
+
+
+def open_edges(triangles):
+    """Edges (k, 2) along which not as many triangles go one way as the other."""
+    edges = np.vstack([triangles[:, [a, b]] for a, b in ((0, 1), (1, 2), (2, 0))])
+    names, group = np.unique(np.sort(edges, axis=1), axis=0, return_inverse=True)
+    return names[np.bincount(group.reshape(-1), np.sign(edges[:, 1] - edges[:, 0])) != 0.0]
+
+
+def place(point) -> str:
+    """Where a point (3,) [m] is, in words."""
+    return "at ({:.4g}, {:.4g}, {:.4g}) m".format(*np.round(point, 9) + 0.0)
+
+
+def united(path, points, triangles, rounding):
+    """Surface of all bodies together, less their cavities, which are bodies inside out within another, and in words
+    what had to be done to it; the surface as it is where that was nothing."""
+    bodies = sorted(body_of(points, triangles).decompose(), key=lambda body: -abs(body.volume()))
+    sign = [way for body in bodies if (way := np.sign(body.volume()))]
+    require(sign, f"mesh {path}: its bodies have no volume")
+    if sign[0] < 0.0:  # all of the file is inside out
+        triangles, sign = triangles[:, ::-1], [-way for way in sign]
+    bodies = [body if body.volume() > 0.0 else inverted(body) for body in bodies[: len(sign)]]
+    low, high = np.array([body.bounding_box() for body in bodies]).reshape(-1, 2, 3).swapaxes(0, 1)
+    touch, turned, overlaps = 0, 0, []
+    for k, body in enumerate(bodies):
+        within, before = 0.0, len(overlaps)
+        for other in np.flatnonzero(np.all((low[:k] <= high[k] + rounding) & (low[k] <= high[:k] + rounding), axis=1)):
+            common = bodies[other] ^ body
+            if common.volume() > (1.0 - 1e-6) * body.volume():
+                within += sign[other]
+            elif not common.is_empty():
+                overlaps.append(common)
+            else:
+                touch += bodies[other].min_gap(body, 2.0 * rounding) < rounding
+        if sign[k] < 0.0 and within == 0.0 and len(overlaps) == before:
+            sign[k], turned = 1.0, turned + 1
+        elif within + sign[k] not in (0.0, 1.0):
+            overlaps.append(body)
+    done = [f"{turned} of {len(bodies)} bodies inside out, turned"] * bool(turned)
+    if touch or overlaps:
+        deepest = max(map(depth_and_place, overlaps), default=None)
+        told = f", the deepest {deepest[0]:.3g} m {deepest[1]}" if deepest else ""
+        done += [f"{len(overlaps)} overlaps{told}, and {touch} contacts of {len(bodies)} bodies united"]
+    if not done:
+        return points, triangles, done
+    solid = bodies[0]
+    for way, body in zip(sign[1:], bodies[1:], strict=True):  # the largest first: what lies in a cavity comes after it
+        solid = solid + body if way > 0.0 else solid - body
+    return *surface_of(solid), done
+
+
+def body_of(points, triangles):
+    """Body of manifold3d with this surface."""
+    import manifold3d
+
+    return manifold3d.Manifold(manifold3d.Mesh64(points, np.array(triangles, np.uint64, order="C")))
+
+
+def surface_of(body):
+    """Vertices (n, 3) [m] and triangles (m, 3) of a body of manifold3d."""
+    mesh = body.to_mesh64()
+    return np.array(mesh.vert_properties[:, :3], order="C"), mesh.tri_verts.astype(np.int64)
+
+
+def inverted(body):
+    """Body with the same surface, which faces the other way."""
+    points, triangles = surface_of(body)
+    return body_of(points, triangles[:, ::-1])
+
+
+def normals(corners):
+    """Unit normals (..., 3) of triangles by their corners (..., 3, 3) [m]; zero of those that are next to no area."""
+    sides = corners - np.roll(corners, 1, axis=-2)
+    normal = np.cross(sides[..., 1, :], sides[..., 2, :])
+    size, least = np.linalg.norm(normal, axis=-1), 1e-6 * (sides**2).sum(-1).max(-1)
+    return np.where(size > least, 1.0, 0.0)[..., None] * normal / np.maximum(size, 1e-300)[..., None]
+
+
+def depth_and_place(body):
+    """Smallest width [m] of what two bodies have in common, across a face or along an axis, and where it is."""
+    points, triangles = surface_of(body)
+    across = np.vstack([np.eye(3), normals(points[triangles[:: 1 + len(triangles) // 200]])])
+    widths = np.ptp(points @ across.T, axis=0)
+    return widths[widths > 0.0].min(), place(points.mean(axis=0))
+
+
+def crossing(points, triangles):
+    """Place (3,) [m] where a surface crosses itself most; None where by no more than FOLD of its length."""
+    from igl.predicates import find_intersections
+
+    pairs = find_intersections(points, triangles, points, triangles)[1]
+    pairs = triangles[pairs[pairs[:, 0] < pairs[:, 1]]]
+    pairs = points[pairs[~np.any(pairs[:, 0, :, None] == pairs[:, 1, None, :], axis=(1, 2))]]
+    plane = normals(pairs)
+    height = np.einsum("kabi,kai->kab", pairs - pairs[:, ::-1, :1], plane[:, ::-1])  # of corners, above the other one
+    ahead, next_height = np.roll(pairs, -1, axis=2), np.roll(height, -1, axis=2)
+    cut = height * next_height < 0.0
+    share = np.where(cut, height / np.where(cut, height - next_height, 1.0), 0.0)
+    ends = pairs + share[..., None] * (ahead - pairs)  # where sides go through the plane of the other one
+    line = np.cross(plane[:, 0], plane[:, 1])
+    line /= np.maximum(np.linalg.norm(line, axis=1, keepdims=True), 1e-300)
+    along = np.einsum("kabi,ki->kab", ends - pairs[:, :1, :1], line)
+    first = np.where(cut, along, np.inf).min(2).max(1)
+    last = np.where(cut, along, -np.inf).max(2).min(1)
+    depth = np.minimum(np.minimum(height.max(2), -height.min(2)).min(1), last - first)
+    if depth.max(initial=0.0) <= FOLD * np.ptp(points, axis=0).max():
+        return None
+    k = depth.argmax()
+    return ends[k][cut[k]][0] + (0.5 * (first[k] + last[k]) - along[k][cut[k]][0]) * line[k]
+
+
+def mesh_distance(x, points, triangles):
+    """Signed distance (n,) [m] of points ``x`` (n, 3) [m] from a closed surface, negative inside, by libigl."""
+    import igl
+
+    triangles = np.ascontiguousarray(triangles, np.int64)
+    distance = igl.signed_distance(x, points, triangles, igl.SIGNED_DISTANCE_TYPE_PSEUDONORMAL)[0]
+    turns = igl.fast_winding_number(points, triangles, x)  # 1 inside; good also where a triangle has no area
+    clear = (np.abs(turns - 0.5) > 0.25) & (np.abs(distance) > ROUNDING * np.abs(points).max())
+    return np.where(clear & (distance * (0.5 - turns) < 0.0), -distance, distance)
+
+
+def write_bars(path, ends, radius: float, sides: int = 12) -> Path:
+    """Write round bars as a triangle mesh of closed bodies, which ``Solid.from_mesh`` unites where they overlap.
+
+    Parameters
+    ----------
+    path : path-like
+        STL, OBJ or PLY file, by its suffix.
+    ends : array_like, shape (k, 2, 3)
+        End points of the bars [m].
+    radius : float
+        Radius of a bar [m].
+    sides : int, optional
+        Sides of the prisms, which have the cross-section of the round bar.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Examples
+    --------
+    >>> import tempfile, pathlib, taichi_mps as mps
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     file = mps.write_bars(pathlib.Path(folder) / "bars.stl", [[(0, 0, 0), (0, 0, 0.5)]], radius=0.01)
+    ...     file.stat().st_size
+    2484
+    """
+    import meshio
+
+    ends = np.asarray(ends, float)
+    turn = 2.0 * np.pi * np.arange(sides) / sides
+    outer = radius * np.sqrt(2.0 * np.pi / (sides * np.sin(2.0 * np.pi / sides)))
+    k, n = np.arange(sides), (np.arange(sides) + 1) % sides
+    middle = np.full(sides, 2 * sides)
+    faces = ((k, n, sides + n), (k, sides + n, sides + k), (middle, n, k), (middle + 1, sides + k, sides + n))
+    triangles, points = np.concatenate([np.stack(face, 1) for face in faces]), []
+    for start, end in ends:
+        along = (end - start) / np.linalg.norm(end - start)
+        first = np.cross(along, np.eye(3)[np.argmin(np.abs(along))])
+        first /= np.linalg.norm(first)
+        rim = outer * (np.outer(np.cos(turn), first) + np.outer(np.sin(turn), np.cross(along, first)))
+        points.append(np.vstack([start + rim, end + rim, start, end]))
+    every = (2 * sides + 2) * np.arange(len(ends))[:, None, None] + triangles
+    path = user_path(path)
+    options = {"binary": True} if path.suffix.lower() == ".stl" else {}
+    meshio.write(path, meshio.Mesh(np.vstack(points), [("triangle", np.int32(every).reshape(-1, 3))]), **options)
+    return path
