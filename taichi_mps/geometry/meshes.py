@@ -78,9 +78,6 @@ def read_mesh(path, scale=1.0, longest=100.0):
     if len(kept) < len(triangles):
         done += [f"{len(triangles) - len(kept)} triangles without area or written twice left out"]
     points, kept, united_ones = united(path, points, kept, rounding)
-    middle = crossing(points, kept)
-    if middle is not None:
-        raise SceneError(f"mesh {path}: a body crosses itself {place(middle)}; must be made of bodies that do not")
     if done + united_ones:
         warnings.warn(f"mesh {path}: {'; '.join(done + united_ones)}", stacklevel=3)
     return points, kept
@@ -137,23 +134,25 @@ def united(path, points, triangles, rounding):
     low, high = np.array([body.bounding_box() for body in bodies]).reshape(-1, 2, 3).swapaxes(0, 1)
     touch, turned, overlaps = 0, 0, []
     for k, body in enumerate(bodies):
+        if (middle := crossing(*surface_of(body))) is not None:
+            raise SceneError(f"mesh {path}: a body crosses itself {place(middle)}; must be made of bodies that do not")
         within, before = 0.0, len(overlaps)
         for other in np.flatnonzero(np.all((low[:k] <= high[k] + rounding) & (low[k] <= high[:k] + rounding), axis=1)):
             common = bodies[other] ^ body
             if common.volume() > (1.0 - 1e-6) * body.volume():
                 within += sign[other]
-            elif not common.is_empty():
-                overlaps.append(common)
+            elif not common.is_empty() and (deep := depth_and_place(common))[0] > rounding:
+                overlaps.append(deep)
             else:
                 touch += bodies[other].min_gap(body, 2.0 * rounding) < rounding
-        if sign[k] < 0.0 and within == 0.0 and len(overlaps) == before:
-            sign[k], turned = 1.0, turned + 1
-        elif within + sign[k] not in (0.0, 1.0):
-            overlaps.append(body)
+        if len(overlaps) == before and within + sign[k] not in (0.0, 1.0):
+            if within:
+                overlaps.append(depth_and_place(body))
+            else:
+                sign[k], turned = 1.0, turned + 1
     done = [f"{turned} of {len(bodies)} bodies inside out, turned"] * bool(turned)
     if touch or overlaps:
-        deepest = max(map(depth_and_place, overlaps), default=None)
-        told = f", the deepest {deepest[0]:.3g} m {deepest[1]}" if deepest else ""
+        told = ", the deepest {:.3g} m {}".format(*max(overlaps)) if overlaps else ""
         done += [f"{len(overlaps)} overlaps{told}, and {touch} contacts of {len(bodies)} bodies united"]
     if not done:
         return points, triangles, done
@@ -193,9 +192,9 @@ def normals(corners):
 def depth_and_place(body):
     """Smallest width [m] of what two bodies have in common, across a face or along an axis, and where it is."""
     points, triangles = surface_of(body)
-    across = np.vstack([np.eye(3), normals(points[triangles[:: 1 + len(triangles) // 200]])])
-    widths = np.ptp(points @ across.T, axis=0)
-    return widths[widths > 0.0].min(), place(points.mean(axis=0))
+    normal = normals(points[triangles[:: 1 + len(triangles) // 200]])
+    across = np.vstack([np.eye(3), normal[normal.any(axis=1)]])
+    return np.ptp(points @ across.T, axis=0).min(), place(points.mean(axis=0))
 
 
 def crossing(points, triangles):

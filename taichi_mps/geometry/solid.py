@@ -1,8 +1,10 @@
 """Walls of any shape: a signed distance sampled on a grid, from a function or from a triangle mesh. Plain NumPy."""
 
+import sys
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
+from time import monotonic
 
 import numpy as np
 
@@ -12,7 +14,8 @@ from .meshes import LONGEST, mesh_distance, read_mesh
 from .walls import Friction, check_surface, spin
 
 MOST_NODES = 5e7  # of one grid: 400 MB of distances
-AT_ONCE = 2e6  # nodes that a distance is asked for
+AT_ONCE = 2e4  # nodes that a distance is asked for; some seconds of a mesh of 96,000 triangles
+SILENT = 5.0  # [s] after which it is said how far the distances are
 
 
 @dataclass(frozen=True)
@@ -138,8 +141,11 @@ class Solid:
         require(needed <= MOST_NODES, f"cell = {cell:g} m: needs {needed:.2g} nodes; at most {MOST_NODES:.2g}")
         shape = shape.astype(int)
         ticks = [lo + cell * np.arange(n) for lo, n in zip(low, shape, strict=True)]
-        across, values = max(1, int(AT_ONCE / np.prod(shape[1:]))), []
-        for first in range(0, shape[0], across):  # slabs, for the sake of memory
+        across, values, said = max(1, int(AT_ONCE / np.prod(shape[1:]))), [], monotonic()
+        for first in range(0, shape[0], across):  # slabs, for the sake of memory, and of who waits
+            if monotonic() - said > SILENT:
+                said, share = monotonic(), first / shape[0]
+                print(f"taichi-mps: {share:.0%} of the distances of a solid at {needed:.2g} nodes", file=sys.stderr)
             nodes = np.stack(np.meshgrid(ticks[0][first : first + across], *ticks[1:], indexing="ij"))
             values.append(np.asarray(distance(nodes.reshape(len(low), -1).T)).reshape(nodes.shape[1:]))
         return cls(np.concatenate(values), tuple(low), cell, **keywords)

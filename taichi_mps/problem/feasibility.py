@@ -134,6 +134,10 @@ def particles_are_apart(problem):
 def walls_lie_where_the_fluid_is(problem):
     scene, (low, high) = problem.scene, problem.scene.domain
     for wall in scene.walls:
+        if isinstance(wall, Solid):
+            size, room = (float(np.subtract(*ends).max()) for ends in ((wall.high, wall.low), (high, low)))
+            told = f"walls: a solid of {size:.3g} m in a domain of {room:.3g} m: must be at most 100 times as long"
+            require(size <= 100.0 * room, f"{told}; scale = 0.001 for a mesh in mm")
         depth = 0.0 if wall.thin else -float(np.min(wall.distance(scene.initial)))
         require(
             depth <= 0.5 * scene.spacing,

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from taichi_mps.cli import case_file
+from taichi_mps.geometry.meshes import read_mesh
 from taichi_mps.io import checkpoint
 from taichi_mps.io.history import read_history
 from taichi_mps.problem import catalogue
@@ -33,6 +34,7 @@ READERS = {
     "checkpoint": checkpoint.read,
     "history": read_history,
     "results": results.read,
+    "mesh": read_mesh,
 }
 
 

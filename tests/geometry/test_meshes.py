@@ -1,0 +1,226 @@
+"""Proves that a mesh as CAD writes it is repaired, its bodies united, and said so, or refused with file and place."""
+
+import re
+import warnings
+
+import numpy as np
+import pytest
+
+import taichi_mps as mps
+from taichi_mps.geometry import solid
+from taichi_mps.geometry.meshes import mesh_distance, read_mesh
+from taichi_mps.problem.problem import Problem
+
+for library in ("igl", "trimesh", "manifold3d"):
+    pytest.importorskip(library)
+
+CORNERS = np.array([[x, y, z] for x in (0.0, 1.0) for y in (0.0, 1.0) for z in (0.0, 1.0)])
+CUBE = np.array(
+    [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1], [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4]]
+    + [[1, 5, 7], [1, 7, 3]]
+)
+
+
+def box(low=(0.0, 0.0, 0.0), high=(1.0, 1.0, 1.0)):
+    """Triangles (12, 3, 3) of a box."""
+    return (np.array(low) + CORNERS * np.subtract(high, low))[CUBE]
+
+
+def inner(low, high):
+    """Triangles of a box inside out."""
+    return box(low, high)[:, ::-1]
+
+
+def stl(path, triangles):
+    """A binary STL file of triangles (n, 3, 3)."""
+    record = np.zeros(len(triangles), [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+    record["corners"] = triangles
+    path.write_bytes(bytes(80) + np.uint32(len(triangles)).tobytes() + record.tobytes())
+    return path
+
+
+def volume(points, triangles):
+    a, b, c = points[triangles].swapaxes(0, 1)
+    return np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0
+
+
+def told(path, **keywords):
+    """What is read of a mesh, and what is said of it."""
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        points, triangles = read_mesh(path, **keywords)
+    assert all(str(path) in str(line.message) for line in said)
+    return points, triangles, "; ".join(str(line.message) for line in said)
+
+
+def needle(cube):
+    """The cube with a triangle of three corners in a row on one of its edges."""
+    corner, far, other = cube[4]  # 0 4 5: its edge from 0 to 4 gets a corner in its middle
+    middle = 0.5 * (corner + far)
+    return np.vstack([cube[:4], [[corner, middle, other], [middle, far, other], [corner, far, middle]], cube[5:]])
+
+
+def by_a_rounding(cube):
+    """The cube, its corners moved by up to 2e-6, each triangle by another."""
+    return cube + np.random.default_rng(1).uniform(-2e-6, 2e-6, cube.shape)
+
+
+CAVE = (0.25,) * 3, (0.75,) * 3
+GRAIN = (0.4,) * 3, (0.6,) * 3
+SOLIDS = {  # triangles, volume of the solid, what is said
+    "a cube": (box(), 1.0, ""),
+    "inside out": (box()[:, ::-1], 1.0, ""),
+    "two equal corners": (np.vstack([box(), [CORNERS[[0, 0, 1]]]]), 1.0, "1 triangles without area or written twice"),
+    "three corners in a row": (needle(box()), 1.0, ""),
+    "every triangle twice": (np.repeat(box(), 2, axis=0), 1.0, "12 triangles without area or written twice left out"),
+    "some triangles twice": (np.vstack([box(), box()[2:5]]), 1.0, "3 triangles without area or written twice left out"),
+    "corners a rounding apart": (by_a_rounding(box()), 1.0, "corners merged with others within 1e-05 m"),
+    "an edge in common": (np.vstack([box(), box((1, 1, 0), (2, 2, 1))]), 2.0, "1 contacts of 2 bodies united"),
+    "a corner in common": (np.vstack([box(), box((1, 1, 1), (2, 2, 2))]), 2.0, "1 contacts of 2 bodies united"),
+    "a face in common": (np.vstack([box(), box((1, 0, 0), (2, 1, 1))]), 2.0, "4 triangles"),
+    "a part of a face": (np.vstack([box(), box((1, 0.2, 0.3), (1.5, 0.7, 0.8))]), 1.125, "1 contacts of 2 bodies"),
+    "overlap": (
+        np.vstack([box(), box((0.9, 0.2, 0.2), (1.9, 0.8, 0.8))]),
+        1.324,
+        r"1 overlaps, the deepest 0.1 m at \(0.95, 0.5, 0.5\) m, and 0 contacts of 2 bodies united",
+    ),
+    "one in another": (np.vstack([box(), box(*CAVE)]), 1.0, r"1 overlaps, the deepest 0.5 m at \(0.5, 0.5, 0.5\)"),
+    "the same body twice": (np.vstack([box(), box()[:, [1, 2, 0]] + 0.0]), 1.0, "written twice"),
+    "a cavity": (np.vstack([box(), inner(*CAVE)]), 0.875, ""),
+    "a cavity, all inside out": (np.vstack([inner((0,) * 3, (1,) * 3), box(*CAVE)]), 0.875, ""),
+    "a grain in a cavity": (np.vstack([box(*GRAIN), inner(*CAVE), box()]), 0.883, ""),
+    "a cavity that breaks out": (np.vstack([box(), inner((0.5, 0.2, 0.2), (1.5, 0.8, 0.8))]), 0.82, "1 overlaps"),
+    "one of two inside out": (
+        np.vstack([box(), inner((2, 0, 0), (2.5, 0.5, 0.5))]),
+        1.125,
+        "1 of 2 bodies inside out, turned",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", SOLIDS)
+def test_a_mesh_is_the_solid_that_was_meant(tmp_path, name):
+    """Its volume is exact, its distance negative in it; where nothing is wrong nothing is said."""
+    triangles, right, words = SOLIDS[name]
+    points, faces, said = told(stl(tmp_path / "mesh.stl", triangles))
+    assert volume(points, faces) == pytest.approx(right, rel=1e-5)
+    assert re.search(words, said) and bool(words) == bool(said), said
+    size = np.ptp(points, axis=0)
+    x = points.min(0) + np.random.default_rng(2).uniform(0.0, 1.0, (4000, 3)) * size
+    assert np.mean(mesh_distance(x, points, faces) < 0.0) == pytest.approx(right / np.prod(size), abs=0.03)
+
+
+def bars(overlap):
+    """Three square bars across three, 12 mm thick, that overlap by so many mm."""
+    along = [box((-100, p - 6, -6), (100, p + 6, 6)) for p in (-50, 0, 50)]
+    low, high = 6 - overlap, 18 - overlap
+    return np.vstack([*along, *(box((p - 6, -100, low), (p + 6, 100, high)) for p in (-50, 0, 50))])
+
+
+@pytest.mark.parametrize("overlap", [0.1, 0.5, 2.0, 12.0])
+def test_crossing_bars_are_united_however_little_they_overlap(tmp_path, overlap):
+    path = stl(tmp_path / "net.stl", bars(overlap))
+    points, faces, said = told(path, scale=1e-3)
+    assert volume(points, faces) == pytest.approx(1e-9 * (6 * 12 * 12 * 200 - 9 * 12 * 12 * overlap), rel=1e-6)
+    assert f"9 overlaps, the deepest {1e-3 * overlap:.3g} m at (" in said
+    for cell in (0.005, 0.008):
+        with pytest.warns(UserWarning, match="net.stl: 9 overlaps"):
+            net = mps.Solid.from_mesh(path, cell, 0.03, scale=1e-3)
+        assert net.distance(np.array([[0.0, 0.0, 1e-3 * (6.0 - 0.5 * overlap)]])) < 0.0
+
+
+def arrow():
+    """A tetrahedron that a corner of another one on the same corners goes through: one body that crosses itself."""
+    triangles = box()
+    return np.where(np.all(triangles == 0.0, axis=2, keepdims=True), (2.0, 0.5, 0.6), triangles)
+
+
+@pytest.mark.parametrize(
+    ("triangles", "message"),
+    [
+        (box()[:-1], r"3 of its edges .*, the first at \(0, 0.5, 1\) m; must be closed"),
+        (np.vstack([box()[:-1], box()[-1:, ::-1]]), "must be closed"),
+        (0.0 * box(), "must have a volume"),
+        (arrow(), r"a body crosses itself at \(1, 0\.\d+, 0\.\d+\) m; must be made of bodies that do not"),
+        (box() * np.nan, "a coordinate is not a finite number"),
+        (
+            40.0 * box(),
+            r"40 x 40 x 40 m; must have a volume and be at most 15 m long .*; scale = 0.001 for a file in mm",
+        ),
+        (0.004 * box(), r", 0.004 x 0.004 x 0.004 m with scale = 1: .* no node of the grid lies inside"),
+        (1e9 * box((0, 0, 0), (1e-7, 1e-7, 1e-10)), "must have a volume and be at most 15 m long"),
+    ],
+)
+def test_a_mesh_that_cannot_be_repaired_is_refused(tmp_path, triangles, message):
+    path = stl(tmp_path / "bad.stl", triangles)
+    with pytest.raises(mps.SceneError, match=f"mesh .*bad.stl.*{message}"), np.errstate(all="ignore"):
+        mps.Solid.from_mesh(path, cell=0.005, reach=0.03)
+
+
+def as_text(triangles):
+    """The text of an STL file."""
+    corners = "".join(
+        "facet normal 0 0 0\nouter loop\n"
+        + "".join("vertex {:e} {:e} {:e}\n".format(*corner) for corner in triangle)
+        + "endloop\nendfacet\n"
+        for triangle in triangles
+    )
+    return f"solid cube\n{corners}endsolid cube\n"
+
+
+def test_files_as_other_programs_write_them(tmp_path):
+    """A suffix and keywords in capitals, several solids in a file, faces of four corners; commas are named."""
+    text, quads = as_text(box()), [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    faces = "".join("f {} {} {} {}\n".format(*(corner + 1 for corner in quad)) for quad in quads)
+    good = {
+        "CUBE.STL": text.upper(),
+        "two.stl": as_text(box()[:6]) + as_text(box()[6:]),
+        "quads.obj": "".join("v {} {} {}\n".format(*corner) for corner in CORNERS) + faces,
+    }
+    for name, content in good.items():
+        (tmp_path / name).write_text(content)
+        points, triangles, said = told(tmp_path / name)
+        assert volume(points, triangles) == pytest.approx(1.0) and not said
+    commas = {"stl": text.replace(".", ","), "obj": good["quads.obj"].replace(".", ",")}
+    for suffix, content in commas.items():
+        (tmp_path / f"comma.{suffix}").write_text(content)
+        with pytest.raises(mps.SceneError, match=r"comma.*: cannot be read .* decimal comma; must have a point"):
+            read_mesh(tmp_path / f"comma.{suffix}")
+    (tmp_path / "cube.step").write_text(text)
+    with pytest.raises(mps.SceneError, match="must be a file .stl, .obj or .ply"):
+        read_mesh(tmp_path / "cube.step")
+
+
+def test_files_that_promise_more_than_they_hold(tmp_path):
+    """A header that counts 4e9 triangles, one without end, corners that are no numbers: refused."""
+    head = "ply\nformat {}\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\n"
+    bad = {
+        "a.stl": bytes(80) + np.uint32(4_000_000_000).tobytes() + bytes(500),
+        "b.ply": (head.format("ascii 1.0", 8) + 1000 * "comment\n").encode(),
+        "c.ply": (head.format("binary_little_endian 1.0", 4 * 10**12) + "end_header\n").encode() + bytes(500),
+        "d.obj": b"v nan 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 4 2\nf 2 4 3\nf 1 3 4\n",
+        "f.stl": b"no mesh",
+        "g.stl": b"",
+        "e.obj": b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 2000000000\n",
+    }
+    for name, content in bad.items():
+        (tmp_path / name).write_bytes(content)
+        with pytest.raises(mps.SceneError, match=f"mesh .*{name}: "):
+            read_mesh(tmp_path / name)
+
+
+def test_who_waits_for_a_mesh_is_told_how_far_it_is(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(solid, "SILENT", 0.0)
+    monkeypatch.setattr(solid, "AT_ONCE", 1000)
+    mps.Solid.from_mesh(stl(tmp_path / "cube.stl", box()), 0.05, 0.2)
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) > 10 and all("% of the distances of a solid at 2.4e+04 nodes" in line for line in lines)
+
+
+def test_a_solid_much_larger_than_its_domain_is_one_in_millimetres(tmp_path):
+    path = stl(tmp_path / "post.stl", box((100, 0, 0), (140, 40, 40)))
+    post = mps.Solid.from_mesh(path, cell=2.0, reach=1.0)  # a cell so large that the millimetres fit
+    fluid = mps.fill(mps.Box((0.0, 0.0, 0.0), (0.1, 0.1, 0.1)), 0.02)
+    scene = dict(name="post", material=mps.Bingham(), spacing=0.02, fluid=fluid, domain=((-0.1,) * 3, (0.3,) * 3))
+    with pytest.raises(mps.SceneError, match="a solid of 42 m in a domain of 0.4 m: .* scale = 0.001 for a mesh in mm"):
+        Problem(mps.Scene(walls=(post,), **scene), mps.Implicit())
