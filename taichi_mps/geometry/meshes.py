@@ -43,7 +43,7 @@ def read_mesh(path, scale=1.0, longest=100.0):
         If the file cannot be read, its surface is not closed or crosses itself, or it has another size.
     """
     try:
-        import igl  # noqa: F401
+        import igl.predicates  # noqa: F401
         import manifold3d  # noqa: F401
         from trimesh.grouping import clusters
     except ImportError as error:

@@ -44,7 +44,7 @@ def test_a_file_without_end_is_refused_unread(tmp_path, name, bad):
     make, message = BAD[bad]
     path = tmp_path / "file.stl"
     make(path)
-    others = "|holds no history.csv; must be the folder of a run|results.csv: cannot be read"
+    others = "|holds no history.csv; must be the folder of a run|results.csv: no such file"
     with pytest.raises(SceneError, match=message + others * (bad != "too large")) as refused:
         READERS[name](path)
     assert str(tmp_path) in str(refused.value) and "\n" not in str(refused.value)

@@ -142,7 +142,7 @@ def arrow():
         (np.vstack([box()[:-1], box()[-1:, ::-1]]), "must be closed"),
         (0.0 * box(), "must have a volume"),
         (arrow(), r"a body crosses itself at \(1, 0\.\d+, 0\.\d+\) m; must be made of bodies that do not"),
-        (box() * np.nan, "a coordinate is not a finite number"),
+        (box() * np.nan, ".* (not a finite number|damaged)"),
         (
             40.0 * box(),
             r"40 x 40 x 40 m; must have a volume and be at most 15 m long .*; scale = 0.001 for a file in mm",
