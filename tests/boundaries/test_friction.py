@@ -15,28 +15,6 @@ WEIGHT = DENSITY * G * float(np.sin(ANGLE)) * DEPTH  # traction [Pa] on the floo
 ROUGHNESS = 2000.0  # viscous constant [Pa s/m]
 
 
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: mps.Friction(yield_value=-1.0), "yield_value = -1.0 Pa: must be greater than or equal to 0 Pa"),
-        (lambda: mps.Friction(viscous_constant=np.nan), "viscous_constant = nan Pa s/m"),
-        (lambda: mps.Friction(), "no friction at all; must be slip = True"),
-        (
-            lambda: mps.Plane((0.0, 0.0), (1.0, 0.0), slip=True, friction=mps.Friction(yield_value=1.0)),
-            "slip = True with",
-        ),
-        (
-            lambda: mps.Plane((0.0, 0.0), (1.0, 0.0), mirror=True, friction=mps.Friction(yield_value=1.0)),
-            "of a mirror plane",
-        ),
-        (lambda: mps.Cylinder((0.0, 0.0), 1.0, slip=True, friction=mps.Friction(yield_value=1.0)), "slip = True with"),
-    ],
-)
-def test_an_impossible_friction_is_refused(make, message):
-    with pytest.raises(mps.SceneError, match=message):
-        make()
-
-
 def film(law, material):
     """A film on 10 degrees, 10 particles deep, periodic along the slope."""
     l0 = DEPTH / 10

@@ -82,6 +82,8 @@ def test_no_particle_starts_on_a_mirror_plane():
     assert box[:, 0].min() == pytest.approx(0.01) and box[:, 1].min() == pytest.approx(0.01)
     shifted = mps.fill(mps.Box((-0.15, 0.0), (0.15, 0.1)), 0.02, (replace(WEST, point=(0.055, 0.0)),))
     assert shifted[:, 0].min() == pytest.approx(0.065)
+    with pytest.raises(mps.SceneError, match="mirrors: normal = .*: must be along an axis"):
+        mps.fill(mps.Cone(0.1, 0.05, 0.3), 0.02, (TILTED,))
 
 
 # ---- the fit and the sums beside a plane ----------------------------------------------------------------------
@@ -145,20 +147,6 @@ def test_corners_count_every_neighbour_once(d, mirrors, tolerance):
     for name, size in (("n", None), ("packing", None), ("neighbour_count", None), ("surface_normal", 1.0)):
         of_whole, of_part = (getattr(r.gradient, name).to_numpy()[k] for r, k in zip((whole, part), rows, strict=True))
         assert np.abs((of_part - of_whole) / (size or of_whole))[beside].max() < tolerance, name
-
-
-# ---- refusals -------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: replace(WEST, velocity=(0.0, 1.0)), r"velocity = \(0.0, 1.0\) m/s: a mirror plane cannot move"),
-        (lambda: replace(WEST, normal=(2.0, 0.0)), r"normal = \(2.0, 0.0\) of a mirror plane: must have the length 1"),
-        (lambda: mps.fill(mps.Cone(0.1, 0.05, 0.3), 0.02, (TILTED,)), "mirrors: normal = .*: must be along an axis"),
-    ],
-)
-def test_what_is_no_plane_of_symmetry_is_refused(make, message):
-    with pytest.raises(mps.SceneError, match=message):
-        make()
 
 
 # ---- runs -----------------------------------------------------------------------------------------------------

@@ -222,22 +222,44 @@ def test_rings_fill_the_volume_and_keep_their_distance():
         assert r.min() == pytest.approx(inner + 0.5 * L0) and r.max() == pytest.approx(outer - 0.5 * L0)
 
 
+def plane(**keywords):
+    return mps.Plane((0.0, 0.0), **{"normal": (1.0, 0.0)} | keywords)
+
+
+def cylinder(**keywords):
+    return mps.Cylinder(**{"point": (0.0, 0.0, 0.0), "radius": 1.0, "axis": (0.0, 0.0, 1.0)} | keywords)
+
+
+RUBS = mps.Friction(yield_value=1.0)
+
+
 @pytest.mark.parametrize(
-    ("arguments", "message"),
+    ("make", "given", "message"),
     [
-        ({"radius": 0.0}, "radius = 0 m: must be greater than 0 m"),
-        ({"radius": float("nan")}, "radius = nan m: must be finite"),
-        ({"axis": None}, "axis = None"),
-        ({"axis": (0.0, 0.0, 0.0)}, "axis = "),
-        ({"point": (0.0, 0.0)}, "axis = "),
-        ({"point": (0.0, 0.0), "axis": None, "length": 1.0}, "length = 1.0 m: a circle has no axis"),
-        ({"slope": 0.1}, "slope = 0.1: needs a length"),
-        ({"slope": -2.0, "length": 1.0}, "radius = -1 m"),
-        ({"length": -1.0}, "length = -1 m"),
-        ({"thin": True}, "thin = True: needs a length"),
+        (mps.Friction, {"yield_value": -1.0}, "yield_value = -1.0 Pa: must be greater than or equal to 0 Pa"),
+        (mps.Friction, {"viscous_constant": np.nan}, "viscous_constant = nan Pa s/m"),
+        (mps.Friction, {}, "no friction at all; must be slip = True"),
+        (plane, {"slip": True, "friction": RUBS}, "slip = True with"),
+        (plane, {"mirror": True, "friction": RUBS}, "of a mirror plane"),
+        (plane, {"mirror": True, "velocity": (0.0, 1.0)}, r"velocity = \(0.0, 1.0\) m/s: a mirror plane cannot move"),
+        (
+            plane,
+            {"mirror": True, "normal": (2.0, 0.0)},
+            r"normal = \(2.0, 0.0\) of a mirror plane: must have the length",
+        ),
+        (cylinder, {"slip": True, "friction": RUBS}, "slip = True with"),
+        (cylinder, {"radius": 0.0}, "radius = 0 m: must be greater than 0 m"),
+        (cylinder, {"radius": float("nan")}, "radius = nan m: must be finite"),
+        (cylinder, {"axis": None}, "axis = None"),
+        (cylinder, {"axis": (0.0, 0.0, 0.0)}, "axis = "),
+        (cylinder, {"point": (0.0, 0.0)}, "axis = "),
+        (cylinder, {"point": (0.0, 0.0), "axis": None, "length": 1.0}, "length = 1.0 m: a circle has no axis"),
+        (cylinder, {"slope": 0.1}, "slope = 0.1: needs a length"),
+        (cylinder, {"slope": -2.0, "length": 1.0}, "radius = -1 m"),
+        (cylinder, {"length": -1.0}, "length = -1 m"),
+        (cylinder, {"thin": True}, "thin = True: needs a length"),
     ],
 )
-def test_an_impossible_cylinder_is_refused(arguments, message):
-    given = {"point": (0.0, 0.0, 0.0), "radius": 1.0, "axis": (0.0, 0.0, 1.0)} | arguments
+def test_an_impossible_wall_is_refused(make, given, message):
     with pytest.raises(mps.SceneError, match=message):
-        mps.Cylinder(**given)
+        make(**given)

@@ -10,7 +10,6 @@ import pytest
 import taichi_mps as mps
 from taichi_mps.problem import catalogue
 from taichi_mps.problem.measures import still
-from taichi_mps.problem.problem import Problem
 
 COARSE = {  # keywords that make a scene a matter of seconds; a new scene needs a line here
     "dam_break": {"spacing": 0.0146, "until": 0.25},
@@ -71,37 +70,6 @@ def test_scene_file_says_what_it_is(name):
     scene = catalogue.build(name, **COARSE.get(name, {}))
     assert scene.name == name and scene.measure is not None
     assert name in METHODS | POURED | {"vane"} or len(scene.wall_particles) > 0  # also for the paper's scheme
-
-
-# ---- scenes that cannot be -------------------------------------------------------------------------------------
-BLOCK = mps.lattice((0.0, 0.0), (0.2, 0.2), 0.02)
-FLOOR = mps.Plane((0.0, 0.0), (0.0, 1.0))
-
-
-@pytest.mark.parametrize(
-    "change, message",
-    [
-        ({"fluid": BLOCK - (0.0, 0.05)}, r"fluid: a particle lies 0.04 m behind a wall \(Plane\)"),
-        ({"fluid": np.vstack([BLOCK, BLOCK[:3]])}, "fluid: 3 of 103 particles lie on others"),
-        ({"walls": (), "wall_particles": BLOCK - (0.0, 0.2)}, "wall_particles: scene block has no walls"),
-        ({"axisymmetric": True, "gravity": (1.0, -9.81)}, "gravity = .* must be along z"),
-    ],
-)
-def test_a_scene_that_cannot_be_is_refused(change, message):
-    scene = mps.Scene("block", mps.Bingham(), 0.02, BLOCK, ((-0.5, -0.5), (0.5, 0.5)), walls=(FLOOR,))
-    Problem(scene, mps.Implicit())
-    with pytest.raises(mps.SceneError, match=message):
-        Problem(replace(scene, **change), mps.SemiImplicit() if "wall_particles" in change else mps.Implicit())
-
-
-def test_the_scales_of_a_scene_do_not_depend_on_its_courant_number():
-    scene = mps.Scene(
-        "block", mps.Bingham(), 0.02, BLOCK, ((-0.5, -0.5), (0.5, 0.5)), velocity=np.tile((5.0, 0.0), (len(BLOCK), 1))
-    )
-    steps = [
-        mps.Simulation(scene, mps.Implicit(courant_number=c)).scheme.constants.natural_step for c in (0.1, 0.2, 0.4)
-    ]
-    assert steps == pytest.approx([0.2 * 0.02 / 5.0] * 3)
 
 
 def test_a_vane_is_measured_without_loads_too_as_a_replay_has_none():

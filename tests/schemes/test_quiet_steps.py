@@ -3,6 +3,7 @@
 import math
 from itertools import pairwise
 
+import numpy as np
 import pytest
 
 import taichi_mps as mps
@@ -10,6 +11,7 @@ from taichi_mps.problem.problem import Problem
 from taichi_mps.schemes.scheme import Speeds
 from taichi_mps.study.reuse import begin
 from taichi_mps.terms.constants import CREEP, EARLY_ENOUGH, LONG, QUIET, STILL, Constants
+from tests.support.scenes import parts
 
 SPACING = 0.02
 
@@ -40,6 +42,12 @@ def test_the_step_grows_as_the_root_of_what_it_no_longer_changes(of_material):
         assert longest(found, part * edge) == pytest.approx(times * usual)
     still = STILL * (9.81 * 0.3) ** 0.5
     assert longest(found, 0.0, 1.01 * still) > longest(found, 0.0, 0.99 * still) == usual
+
+
+def test_the_step_that_scales_a_scene_does_not_depend_on_its_courant_number():
+    scene = mps.Scene(**parts(velocity=np.tile((5.0, 0.0), (25, 1))))
+    steps = [Constants(None, Problem(scene, mps.Implicit(courant_number=c))).natural_step for c in (0.1, 0.2, 0.4)]
+    assert steps == pytest.approx([0.2 * 0.1 / 5.0] * 3)
 
 
 def test_of_a_flow_that_dies_away_it_grows_with_the_time_of_that_up_to_the_same_root():
