@@ -28,11 +28,25 @@ TESTS = {  # what is measured of a mix, by its name in emulator.MEASURED
 
 
 class Measurements(Checked):
-    """What was measured of a mix, and how well: lengths [m], times [s], density [kg/m3], constants in SI units."""
+    """What was measured of a mix, and how well.
+
+    The parameters are the fields below: lengths [m], times [s], density [kg/m3], constants in SI units.
+
+    Raises
+    ------
+    SceneError
+        If a number is out of range.
+
+    Examples
+    --------
+    >>> from taichi_mps.study.calibrate import Measurements
+    >>> Measurements(slump="18 cm", spread=0.32).measured()["slump_m"]
+    (0.18, 0.005)
+    """
 
     slump: Length | None = Field(None, description="slump")
     spread: Length | None = Field(None, description="slump flow, mean of two diameters")
-    t500: Duration | None = Field(None, description="time to a slump flow of 500 mm")
+    t500: Duration | None = Field(None, description="time to a slump flow of 50 cm")
     mini_cone: Length | None = Field(None, description="slump flow of the mini-cone (Kantro, 57.2 mm high)")
     v_funnel: Duration | None = Field(None, description="time in which the V-funnel runs empty")
     yield_value: YieldValue | None = Field(None, description="yield stress, if known, of a rheometer")
@@ -45,19 +59,47 @@ class Measurements(Checked):
     v_funnel_error: Duration | None = Field(None, description="standard error of the time, by default a tenth of it")
 
     def error(self, test: str) -> float:
-        """Standard error of a measurement, SI units."""
+        """Return the standard error of a measurement.
+
+        Parameters
+        ----------
+        test : str
+            Name of its field.
+
+        Returns
+        -------
+        float
+            Standard error, SI units.
+        """
         given = getattr(self, f"{test}_error")
         return 0.1 * self.v_funnel if given is None else given
 
     def measured(self) -> dict[str, tuple[float, float]]:
-        """Value and standard error of each measurement, by its name in TESTS. SceneError where there is none."""
+        """Return value and standard error of each measurement.
+
+        Returns
+        -------
+        dict of str to tuple
+            Pairs in SI units, by the name of the result.
+
+        Raises
+        ------
+        SceneError
+            If nothing was measured.
+        """
         found = {name: getattr(self, test) for name, test in TESTS.items()}
         found = {name: (value, self.error(TESTS[name])) for name, value in found.items() if value is not None}
         require(found, "calibrate: give at least one of --slump, --slump-flow, --t500, --mini-cone, --v-funnel")
         return found
 
     def known(self) -> dict[str, float]:
-        """The constants of the mix that are given, SI units."""
+        """Return the constants of the mix that are given.
+
+        Returns
+        -------
+        dict of str to float
+            Constants, SI units.
+        """
         return {name: getattr(self, name) for name in BINGHAM if getattr(self, name) is not None}
 
 
@@ -72,13 +114,40 @@ def emulators_of(measured: dict, study=None) -> dict[str, Emulator]:
 
 @checked
 def calibrate(test: Measurements, study: str | None = None, check: bool = True) -> Calibration:
-    """Yield stress and plastic viscosity of a mix from what was measured of it, in any combination: the keywords are
-    those of ``Measurements``.
+    """Find yield stress and plastic viscosity of a mix from what was measured of it.
 
-    ``study`` is one of a test to look the answer up in, by default the package's own of each: of the standard cone
-    with the mould gone at once, of Kantro's mini-cone, and of the V-funnel. With ``check`` the cones are computed once
-    more at half the spacing with the constants found, and they are corrected by the difference. Where no Bingham mix is
-    near, one with internal friction is sought by slump, slump flow and T500, in a table of the standard cone.
+    Parameters
+    ----------
+    test : Measurements
+        Measurements in any combination; the keywords are the fields of ``Measurements``.
+    study : path-like, optional
+        Study of a test to look the answer up in, by default the package's own of each: of the standard cone with the
+        mould gone at once, of Kantro's mini-cone, and of the V-funnel.
+    check : bool, optional
+        Whether the cones are computed once more at half the spacing with the constants found, and corrected by the
+        difference.
+
+    Returns
+    -------
+    Calibration
+        Constants with their intervals; its text is what the command line prints.
+
+    Raises
+    ------
+    SceneError
+        For measurements that no mix has.
+
+    Notes
+    -----
+    Where no Bingham mix is near, one with internal friction is sought by slump, slump flow and T500, in a table of the
+    standard cone.
+
+    Examples
+    --------
+    >>> from taichi_mps.study.calibrate import calibrate
+    >>> found = calibrate(slump="18 cm", spread="32 cm", check=False)
+    >>> 400.0 < found.yield_value.value < 600.0  # [Pa]
+    True
     """
     measured, known = test.measured(), test.known()
     emulators = emulators_of(measured, study)
@@ -165,7 +234,7 @@ def check_tests(test: Measurements, emulators: dict[str, Emulator]) -> None:
     by more than three standard errors, where an error may be the reason."""
     if test.t500 and test.spread and test.spread + 3.0 * test.spread_error < REACHED:
         raise SceneError(
-            f"t500 = {test.t500:g} s: with spread = {test.spread:g} m it never spread to 0.5 m; leave one of them out"
+            f"t500 = {test.t500:g} s: with spread = {test.spread:g} m the slump flow never came to 50 cm; leave one of them out"
         )
     limits = []  # key, least and most that it can be, and what the least is
     for scene, keys in {"slump": ("slump", "spread"), "mini_cone": ("mini_cone",)}.items():

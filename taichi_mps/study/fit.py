@@ -114,7 +114,7 @@ def fit(
         for name, each, axis in zip(names, scales, squares.axes, strict=True)
     ]
     chi2 = squares.misfit(axes)
-    require(np.isfinite(chi2).any(), "t500: no mix of the table spreads to 500 mm")
+    require(np.isfinite(chi2).any(), "t500: no mix of the table reaches a slump flow of 50 cm")
     near = [axis[k] for axis, k in zip(axes, np.unravel_index(chi2.argmin(), chi2.shape), strict=True)]
     squares.weigh([each.scatter_at(*near) for each in emulators])
     axes, chi2 = zoomed(squares, axes, squares.misfit(axes))

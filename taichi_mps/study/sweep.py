@@ -74,13 +74,44 @@ def spelled(name, value) -> list:
 def sweep(
     scene: str, out=None, executor: str | Executor = "local", workers: int | None = None, watch=None, **parameters
 ):
-    """Compute a scene at every combination of parameters: the rows in their order, each a dict (``case.run``).
+    """Compute a scene at every combination of parameters.
 
-    Parameters are numbers, lists or text such as '50:1500:12' (``values``). The folder ``out``, by default
-    studies/SCENE, keeps every row; what it holds is not computed again. ``executor`` is 'local' (this machine's
-    processes, as many as ``workers``, the number of CPUs by default), 'dask://HOST:PORT', 'slurm://PARTITION' or a
-    concurrent.futures.Executor. ``watch(rows, total)`` is called with the rows so far. A script that calls this needs
-    ``if __name__ == "__main__":``, because its processes import it.
+    Parameters
+    ----------
+    scene : str
+        Name of a built-in scene or path of a Python file.
+    out : path-like, optional
+        Folder of the study, studies/SCENE by default; what it holds is not computed again.
+    executor : str or concurrent.futures.Executor, optional
+        'local' (processes of this machine), 'dask://HOST:PORT' or 'slurm://PARTITION'.
+    workers : int, optional
+        Cases at once; of this machine the number of CPUs by default.
+    watch : callable, optional
+        ``watch(rows, total)`` is called with the rows so far.
+    **parameters
+        Keywords of the scene: a number, a list, or text such as '50:1500:12' (12 values in equal ratios).
+
+    Returns
+    -------
+    list of dict
+        A row for each case, in the order of the combinations: its parameters, results and status.
+
+    Raises
+    ------
+    SceneError
+        If a parameter is unknown or out of range, before anything is computed.
+
+    Notes
+    -----
+    A script that calls this needs ``if __name__ == "__main__":``, because its processes import it.
+
+    Examples
+    --------
+    >>> from taichi_mps.study.sweep import sweep
+    >>> sweep("slump", yield_value="50:1500")
+    Traceback (most recent call last):
+        ...
+    taichi_mps.units.SceneError: yield_value = 50:1500: must be a list, 20,50,100, or first:last:number[:linear]
     """
     return carry_out(
         cases(scene, **parameters), out or Path("studies") / Path(scene).stem, run_case, executor, workers, watch
