@@ -234,7 +234,7 @@ def check_tests(test: Measurements, emulators: dict[str, Emulator]) -> None:
     by more than three standard errors, where an error may be the reason."""
     if test.t500 and test.spread and test.spread + 3.0 * test.spread_error < REACHED:
         raise SceneError(
-            f"t500 = {test.t500:g} s: with spread = {test.spread:g} m the slump flow never came to 50 cm; leave one of them out"
+            f"t500 = {test.t500:g} s: with spread = {test.spread:g} m it never came to 50 cm; leave one of them out"
         )
     limits = []  # key, least and most that it can be, and what the least is
     for scene, keys in {"slump": ("slump", "spread"), "mini_cone": ("mini_cone",)}.items():
