@@ -251,6 +251,14 @@ def test_the_words_of_the_pages_keep_their_budget(kind):
     assert sum(len(written(page)) for page in pages[kind]) <= BUDGETS[kind]
 
 
+def test_one_thing_has_one_word():
+    """The names of options and keys aside, in whose places the field has other words."""
+    other = re.compile(r"\byield values?\b|slump-flow diameter|(?:viscous|pressure) iterations", re.I)
+    scripts = [*PACKAGE.rglob("*.py"), *(ROOT / "scenes").glob("*.py")]
+    for path in (*PAGES, *scripts):
+        assert not other.findall(path.read_text(encoding="utf-8")), path
+
+
 def test_a_version_in_the_changelog_is_short():
     versions = re.split(r"^## ", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), flags=re.M)[1:]
     assert max(len(version.split()) for version in versions) <= MOST_OF_A_VERSION
