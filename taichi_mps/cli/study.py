@@ -182,7 +182,7 @@ def require_command(argv) -> int:
 
 # ---- calibrate -------------------------------------------------------------------------------------------------
 @command(
-    "Yield stress and plastic viscosity of a mix from its slump test (standard cone, 300 mm), mini-cone, V-funnel or "
+    "Yield stress and plastic viscosity of a mix from its slump test (standard cone, 30 cm), mini-cone, V-funnel or "
     "rheometer, in any combination, with 95 % intervals by the errors of the measurements; cones are checked by one "
     "finer run.",
     JSON,

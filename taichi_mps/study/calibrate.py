@@ -47,7 +47,7 @@ class Measurements(Checked):
     slump: Length | None = Field(None, description="slump")
     spread: Length | None = Field(None, description="slump flow, mean of two diameters")
     t500: Duration | None = Field(None, description="time to a slump flow of 50 cm")
-    mini_cone: Length | None = Field(None, description="slump flow of the mini-cone (Kantro, 57.2 mm high)")
+    mini_cone: Length | None = Field(None, description="slump flow of the mini-cone (Kantro, 5.72 cm high)")
     v_funnel: Duration | None = Field(None, description="time in which the V-funnel runs empty")
     yield_value: YieldValue | None = Field(None, description="yield stress, if known, of a rheometer")
     plastic_viscosity: Viscosity | None = Field(None, description="plastic viscosity, if known, of a rheometer")
