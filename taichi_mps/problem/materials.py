@@ -592,11 +592,8 @@ def numbers_of(law: type[Material]) -> dict:
     return {name: field for name, field in law.model_fields.items() if field.annotation is not NoneType}
 
 
-LAWS = (
-    Bingham,
-    HerschelBulkley,
-    Casson,
-)  # whose numbers are options of every scene, those of the first with their defaults
+# whose numbers are options of every scene; the first is the usual one
+LAWS = (Bingham, HerschelBulkley, Casson)
 OF_ALL = set.intersection(*(set(numbers_of(law)) for law in LAWS))
 MATERIALS = f"{', '.join(law.__name__ for law in LAWS)}, Newtonian, FlowCurve or another Law"
 
@@ -702,11 +699,12 @@ def constants_of(facts: dict) -> dict[str, str]:
 
     Yield stress first, density last.
     """
-    names = ["yield_value", *(name for name in Concrete.model_fields if name in NUMBERS), "density"]
+    slope = ("typical_slope", "plastic_viscosity") if "typical_slope" in facts else ()  # tell no mix
+    names = ["yield_value", *(name for name in facts if name not in (*OF_ALL, *slope)), "density"]
     known = {name: facts[name] for name in names if isinstance(facts.get(name), float | int)}
-    told = {name: value for name, value in known.items() if name not in NUMBERS or says(name, value)}
-    units = {name: unit_of(Concrete.model_fields[name]) for name in told}
-    return {in_words(name): said(float(value), units[name]) for name, value in told.items()}
+    told = {name: value for name, value in known.items() if name in OF_ALL or says(name, value)}
+    units = {name: unit_of(field) for name, field in Concrete.model_fields.items()}
+    return {in_words(name): said(float(value), units.get(name, "")) for name, value in told.items()}
 
 
 def mix_in_words(facts: dict) -> str:
