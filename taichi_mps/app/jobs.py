@@ -4,14 +4,20 @@ So Taichi is never started in the server, a run is stopped as on a terminal, and
 """
 
 import asyncio
+import math
+import os
+import re
 import signal
 import sys
 from asyncio.subprocess import DEVNULL, PIPE
+from contextlib import suppress
 from dataclasses import dataclass
 
-from ..io.run_folder import RunFolder, next_free
-from ..units import user_path
+from ..io import lock
+from ..io.run_folder import RunFolder, json_of, next_free
+from ..units import ordinary, plain, user_path
 
+LOOK = 0.5  # [s] between two looks at a run that was taken over
 PATIENCE = 10.0  # [s] for a run to end well after Ctrl-C
 BY_SIGNAL = 128 + signal.SIGINT, 128 + signal.SIGTERM  # what a command returns that somebody else stopped
 NAME = "taichi-mps: "  # with which the program begins what it says
@@ -31,6 +37,7 @@ class Job:
     output: str = ""  # on stdout, at the end
     stopping: bool = False
     process: asyncio.subprocess.Process | None = None
+    orphan: int | None = None  # process of a run that another server or a terminal began
     task: asyncio.Task | None = None
 
     @property
@@ -50,6 +57,16 @@ class Job:
         """Send a signal to the process, if there is one."""
         if self.process and self.process.returncode is None:
             self.process.send_signal(number)
+        elif self.orphan and self.orphan == lock.writer(self.folder.path):
+            os.kill(self.orphan, number)
+
+
+def until_of(folder: RunFolder) -> float:
+    """Time limit [s] that the case of a run names; infinite where it names none."""
+    with suppress(OSError, ValueError, TypeError):
+        text = ordinary("case", folder.case, 1e6).read_text(encoding="utf-8")
+        return float(re.search(r"^until = ([\d.e+-]+)", text, re.M)[1])
+    return math.inf
 
 
 class Queue:
@@ -59,6 +76,25 @@ class Queue:
         self.folder = user_path(folder)
         self.jobs: list[Job] = []
         self.turn = asyncio.Lock()  # of the job that runs; others get it in their order
+
+    def adopt(self) -> None:
+        """Take over the runs that are being written into the folder, as after the death of a server."""
+        for path in self.folder.glob("*"):
+            if process := lock.writer(path):
+                job = Job(
+                    f"{plain(path.name)}, begun elsewhere", ["run"], path.name, state="running", folder=RunFolder(path)
+                )
+                job.until, job.orphan = until_of(job.folder), process
+                job.task = asyncio.create_task(self.watch(job))
+                self.jobs.append(job)
+
+    async def watch(self, job: Job) -> None:
+        """Wait for the end of a run that was taken over."""
+        while lock.writer(job.folder.path) == job.orphan:
+            await asyncio.sleep(LOOK)
+        ended = json_of(job.folder.summary).get("stopped_by")
+        job.said = "it was cut off or diverged"
+        job.state = "failed" if ended in (None, "diverged") else "stopped" if ended == "interrupted" else "done"
 
     def add(self, job: Job) -> Job:
         """Put it at the end, and start it when its turn comes."""
@@ -70,6 +106,7 @@ class Queue:
         """Wait for the turn of a job and run it to the end, unless it was stopped before; a run goes into the next free
         folder of its scene."""
         async with self.turn:
+            await asyncio.gather(*(other.task for other in self.jobs if other.orphan))
             if job.over:
                 return
             job.state, words = "running", job.words
@@ -92,13 +129,14 @@ class Queue:
             job.state = "done" if code == 0 else "stopped" if job.stopping or code in BY_SIGNAL else "failed"
 
     async def close(self) -> None:
-        """Stop all, and wait until their processes are gone."""
-        for job in self.jobs:
+        """Stop all that was begun here, and wait until their processes are gone."""
+        own = [job for job in self.jobs if not job.orphan]
+        for job in own:
             job.stop()
-        if self.jobs:
-            await asyncio.wait([job.task for job in self.jobs], timeout=PATIENCE)
+        if own:
+            await asyncio.wait([job.task for job in own], timeout=PATIENCE)
 
     def kill(self) -> None:
         """End what is left at once."""
-        for job in self.jobs:
+        for job in [job for job in self.jobs if not job.orphan]:
             job.send(getattr(signal, "SIGKILL", signal.SIGTERM))  # Windows has no SIGKILL

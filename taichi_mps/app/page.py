@@ -33,7 +33,7 @@ def order(name: str) -> int:
 
 
 class Page:
-    """Everything of a tab; made when it is opened."""
+    """Everything of a tab; made when its browser has opened the connection back."""
 
     def __init__(self, queue: Queue):
         self.queue, self.scene, self.scheme, self.questions = queue, "slump", "implicit", 0

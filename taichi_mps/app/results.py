@@ -1,5 +1,8 @@
 """Runs: the one that goes on and those that wait; one of the folder with its results, or several beside each other."""
 
+import math
+import os
+from contextlib import contextmanager, suppress
 from itertools import chain
 from pathlib import Path
 from urllib.parse import quote
@@ -13,32 +16,56 @@ from ..problem.labels import ENDS
 from ..problem.materials import mix_in_words
 from ..report import inputs
 from ..report.sentences import measured, measures, rows, sentences
-from ..units import SceneError, plain
+from ..units import SceneError, ordinary, plain
 from .jobs import Job, Queue
 
 PNG_END = b"IEND\xaeB`\x82"  # of a picture that is written to its end
 NO_SUMMARY = "runs, was cut off, or is of an older version"
+MOST_LINES, MOST_LETTERS = 200, 1000  # of a table; of a text of a run folder
 SAVED = {"report.html": "report", "summary.json": "numbers", "history.csv": "curves", "case.toml": "case"}  # in words
 
 
 def url(folder: RunFolder, name: str) -> str:
     """Where the server has a file of a run; another one when the file was written anew."""
-    return f"/runs/{quote(folder.path.name, safe='')}/{quote(name)}?{(folder.path / name).stat().st_mtime_ns}"
+    run, file = (quote(os.fsencode(text), safe) for text, safe in ((folder.path.name, ""), (name, "/")))
+    return f"/runs/{run}/{file}?{(folder.path / name).stat().st_mtime_ns}"
 
 
 def newest_picture(folder: RunFolder) -> Path | None:
     """The last picture that is written to its end."""
-    return next((path for path in reversed(folder.pictures) if path.read_bytes().endswith(PNG_END)), None)
+    return next((path for path in reversed(folder.pictures) if written_to_its_end(path)), None)
+
+
+def written_to_its_end(path: Path) -> bool:
+    """Whether a file is a whole picture; no pipe or device is opened."""
+    with suppress(OSError, ValueError), open(ordinary("picture", path, math.inf), "rb") as file:
+        file.seek(-len(PNG_END), os.SEEK_END)
+        return file.read() == PNG_END
+    return False
+
+
+def text_of(value) -> str:
+    """Text of a run folder, which may come from anybody, as a page has room for it."""
+    return plain(value)[:MOST_LETTERS]
+
+
+@contextmanager
+def guarded():
+    """Part of a page that shows run folders, which may come from anybody: a line says so where that fails."""
+    try:
+        yield
+    except Exception as error:
+        ui.label(f"This cannot be shown: {text_of(error) or type(error).__name__}").classes("text-negative")
 
 
 def summary_of(folder: RunFolder) -> dict:
     """Its summary; empty for a run that goes on, was cut off, or says of itself what nobody can read."""
     try:
         summary = folder.read_summary()
-        for words in (sentences, rows, mixes, given):  # a folder may come from anybody
+        for words in (sentences, rows, mixes, given, end_of):
             words(summary)
         return summary
-    except (SceneError, KeyError, TypeError, ValueError, AttributeError):
+    except Exception:  # a folder may come from anybody
         return {}
 
 
@@ -52,6 +79,13 @@ def given(summary: dict) -> dict[str, str]:
     return dict(inputs.rows(summary["parameters"], inputs.fields_of(summary["scene"])))
 
 
+def written_at(path: Path) -> int:
+    """When a file was written last [ns]; 0 where there is none."""
+    with suppress(OSError):
+        return path.stat().st_mtime_ns
+    return 0
+
+
 def end_of(summary: dict) -> str:
     """Why a run ended."""
     return ENDS.get(summary["stopped_by"], "-")
@@ -62,9 +96,9 @@ def show_run(folder: RunFolder) -> None:
     summary = summary_of(folder)
     with ui.column().classes("w-full gap-1").props('data-part="sentences"'):
         for text in sentences(summary, folder.path) if summary else [f"It {NO_SUMMARY}."]:
-            ui.label(text)
+            ui.label(text_of(text))
         if summary.get("error"):
-            ui.label(plain(summary["error"])).classes("text-negative")
+            ui.label(text_of(summary["error"])).classes("text-negative")
     moving = folder.animation if folder.animation.is_file() else newest_picture(folder)
     if moving:
         image(url(folder, str(moving.relative_to(folder.path))))
@@ -87,8 +121,10 @@ def image(source, part="image") -> ui.image:
 def table(head: list[str], lines) -> None:
     """A table of texts, here."""
     columns = [{"name": str(k), "field": str(k), "label": text, "align": "left"} for k, text in enumerate(head)]
-    filled = [{str(k): plain(cell) for k, cell in enumerate(line)} for line in lines]
+    filled = [{str(k): text_of(cell) for k, cell in enumerate(line)} for line in lines[:MOST_LINES]]
     ui.table(columns=columns, rows=filled).props("flat dense wrap-cells").classes("w-full")
+    if len(lines) > MOST_LINES:
+        ui.label(f"and {len(lines) - MOST_LINES} more, see summary.json")
 
 
 class Live:
@@ -151,7 +187,8 @@ class Live:
             said = job.said or f"it ended with code {job.process and job.process.returncode}, and said nothing"
             ui.label(said).classes("text-negative whitespace-pre-line").props('role="alert"')
         if job.folder and job.folder.summary.is_file():
-            show_run(job.folder)
+            with guarded():
+                show_run(job.folder)
         elif job.state == "stopped":
             ui.label("stopped by you before the first step")
 
@@ -160,7 +197,7 @@ class Results:
     """The runs of the folder to choose from: one is shown, two or more are compared."""
 
     def __init__(self, queue: Queue):
-        self.queue, self.there, self.drawn = queue, None, None
+        self.queue, self.folders, self.there, self.drawn = queue, {}, None, None
         head = {"name": "run", "test": "test", "mix": "mix", "found": "result", "end": "end"}
         columns = [{"name": k, "label": text, "field": k, "align": "left"} for k, text in head.items()]
         with ui.column().classes("w-full gap-4"):
@@ -173,7 +210,8 @@ class Results:
     def tick(self) -> None:
         """Show what has changed since the last time."""
         folders = [RunFolder(path) for path in self.queue.folder.glob("*") if path.is_dir()]
-        there = {f.path.name: f.summary.stat().st_mtime_ns if f.summary.is_file() else 0 for f in folders if f.ours}
+        self.folders = {plain(folder.path.name): folder for folder in folders if folder.ours}
+        there = {name: written_at(folder.summary) for name, folder in self.folders.items()}
         drawn = [job.state for job in self.queue.jobs if job.words[0] == "render"]
         if there != self.there:
             newest_first = sorted(there, key=lambda name: (there[name] == 0, there[name]), reverse=True)
@@ -184,24 +222,28 @@ class Results:
 
     def row(self, name: str) -> dict[str, str]:
         """A run in the table."""
-        summary = summary_of(RunFolder(self.queue.folder / name))
+        summary = summary_of(self.folders[name])
         if not summary:
             return {"name": name, "end": NO_SUMMARY}
         words = {"test": summary["scene"], "mix": mixes(summary), "found": measured(summary), "end": end_of(summary)}
-        return {"name": name} | {key: plain(text) for key, text in words.items()}
+        return {"name": name} | {key: text_of(text) for key, text in words.items()}
 
     @ui.refreshable_method
     def show(self) -> None:
         """What is chosen."""
-        chosen = [RunFolder(self.queue.folder / row["name"]) for row in self.table.selected]
+        chosen = [self.folders[row["name"]] for row in self.table.selected if row["name"] in self.folders]
         if len(chosen) == 1:
-            show_run(chosen[0])
+            with guarded():
+                show_run(chosen[0])
         elif chosen:
-            summaries = {folder.path.name: summary for folder in chosen if (summary := summary_of(folder))}
-            table(["", *summaries], beside(list(summaries.values())))
-            curves(chosen)
+            with guarded():
+                summaries = {plain(folder.path.name): summary for folder in chosen if (summary := summary_of(folder))}
+                table(["", *summaries], beside(list(summaries.values())))
+            with guarded():
+                curves(chosen)
             if len(chosen) == 2:
-                self.side_by_side(*chosen)
+                with guarded():
+                    self.side_by_side(*chosen)
 
     def side_by_side(self, left: RunFolder, right: RunFolder) -> None:
         """Both runs in one moving picture, or the button that draws it."""
@@ -215,7 +257,7 @@ class Results:
         else:
             if job and job.state == "failed":
                 ui.label(job.said).classes("text-negative").props('role="alert"')
-            draw = Job(f"{left.path.name} beside {right.path.name}", words)
+            draw = Job(plain(f"{left.path.name} beside {right.path.name}"), words)
             ui.button("Draw both side by side", on_click=lambda: self.queue.add(draw)).props("no-caps outline")
 
 
@@ -237,7 +279,9 @@ def curves(folders: list[RunFolder]) -> None:
             history = read_history(folder.history)
             points = np.stack([history["time_s"], 100.0 * history["slump_m"]], 1)
             if data := points[np.isfinite(points[:, 1])].tolist():
-                shown["series"].append({"name": folder.path.name, "type": "line", "showSymbol": False, "data": data})
+                shown["series"].append(
+                    {"name": plain(folder.path.name), "type": "line", "showSymbol": False, "data": data}
+                )
         if shown["series"]:
             ui.echart(shown).props('data-part="curves"')
     except SceneError as error:

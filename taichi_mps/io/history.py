@@ -254,7 +254,7 @@ def newest(path) -> dict[str, float]:
         Values by column; empty before there is a row.
     """
     try:
-        with open(path, "rb") as file:
+        with open(ordinary("history", path, math.inf), "rb") as file:
             names = file.readline().decode().strip().split(",")
             begin = file.tell()
             file.seek(max(begin, file.seek(0, os.SEEK_END) - TAIL))

@@ -6,7 +6,7 @@ from contextlib import contextmanager, suppress
 
 from filelock import FileLock, Timeout
 
-from ..units import SceneError, user_path
+from ..units import SceneError, ordinary, user_path
 
 NAME = "taichi_mps.lock"  # holds the process that writes, as text; of no meaning without the lock on it
 PATIENCE = 0.2  # [s] for which the lock is tried: its last holder may be about to remove the file
@@ -40,8 +40,19 @@ def held(folder, name: str = NAME, who: str = "process"):
                 new.rmdir()
 
 
+def writer(folder) -> int | None:
+    """Process that writes a run into a folder: it has the lock open, which names it; None where there is none, or on a
+    system without /proc."""
+    path = (user_path(folder) / NAME).resolve()
+    with suppress(OSError, ValueError, IndexError):
+        process = int(ordinary("lock", path, 1000).read_text(errors="replace").split()[1])
+        if any(os.readlink(opened) == str(path) for opened in user_path(f"/proc/{process}/fd").iterdir()):
+            return process
+    return None
+
+
 def holder(path) -> str:
     """Who wrote the text of a lock, as one line."""
-    with suppress(OSError):
-        return " ".join(path.read_text(errors="replace")[:200].split()) or "another process"
+    with suppress(OSError, ValueError):
+        return " ".join(ordinary("lock", path, 1e4).read_text(errors="replace")[:200].split()) or "another process"
     return "another process"

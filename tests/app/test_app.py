@@ -15,9 +15,13 @@ import pytest
 
 import taichi_mps as mps
 from taichi_mps.io.run_folder import RunFolder
-from taichi_mps.problem import accuracy
+from taichi_mps.problem import accuracy, catalogue
 from taichi_mps.problem.labels import written
+from taichi_mps.problem.problem import Problem
+from taichi_mps.simulation.summary import described
+from taichi_mps.units import plain
 from tests.support.browser import chromium, needs_chromium, opened
+from tests.support.recorded import recorded
 
 ROOT = Path(__file__).resolve().parents[2]
 pytestmark = pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="reads /proc of Linux")
@@ -178,6 +182,98 @@ def test_a_bad_value_is_one_line_and_a_calibration_fills_the_form(tmp_path):
         assert tab.wrong == []
 
 
+def told_of(scene):
+    """What the summary of a run says besides its results."""
+    seconds = dict.fromkeys(("wall_seconds", "cpu_seconds", "compile_seconds"), 1.0)
+    return described(Problem(scene)) | seconds | {"simulated_seconds": 0.01, "volume_error_max": 0.0, "left_out": 0.0}
+
+
+def summary_with(**changes):
+    """Write another summary into a run folder, with its right checksum."""
+
+    def spoil(folder):
+        folder.write_summary(folder.read_summary() | changes)
+
+    return spoil
+
+
+def text_of_summary(text):
+    """Write a text in place of the summary."""
+    return lambda folder: folder.summary.write_text(text)
+
+
+def pipe_in_place_of(name):
+    """Put a pipe in the place of a file, which nobody fills."""
+
+    def spoil(folder):
+        path = folder.path / name
+        path.unlink(missing_ok=True)
+        os.mkfifo(path)
+
+    return spoil
+
+
+ODD = {  # what is odd in a run folder, and what is said when it is chosen; the last is made by the product itself
+    "huge number": (summary_with(slump_m=10**400), "It runs, was cut off"),
+    "text for mixes": (summary_with(materials="abc"), "It runs, was cut off"),
+    "many measures": (summary_with(**{f"reach_{k}_m": 0.5 for k in range(20_000)}), "more, see summary.json"),
+    "no JSON": (text_of_summary("[" * 100_000), "It runs, was cut off"),
+    "pipe for summary": (pipe_in_place_of("summary.json"), "It runs, was cut off"),
+    "pipe for picture": (pipe_in_place_of("frames/frame_00007.png"), "Pictures and results lie in"),
+    "pipe for history": (pipe_in_place_of("history.csv"), "Pictures and results lie in"),
+    "\udcff": (lambda folder: None, "Pictures and results lie in"),
+}
+
+
+@needs_chromium
+def test_an_odd_run_folder_is_a_row_that_says_so_and_the_others_stay(tmp_path):
+    scene = catalogue.build("slump", spacing=0.05, until=1.0)
+    told = told_of(scene)
+    for name, (spoil, _) in ODD.items():
+        folder, sim, recorder = recorded(tmp_path / name, scene, 1)
+        sim.summary = lambda results=sim.summary: told | results()
+        recorder.finish("time")
+        spoil(folder)
+    (tmp_path / "mark").mkdir()
+    os.mkfifo(tmp_path / "mark" / "taichi_mps.json")
+    with serving(tmp_path) as (port, server), chromium() as browser:
+        assert answer(port, "/runs/%FF/summary.json").status == 200
+        assert answer(port, "/runs/mark/summary.json").status == 404
+        tab = Tab(browser, port)
+        tab.page.locator(".q-tab", has_text="Results").click()
+        rows = tab.part("runs").locator("tbody tr")
+        rows.nth(len(ODD) - 1).wait_for()
+        assert rows.count() == len(ODD)
+        for name, (_, said) in ODD.items():
+            box = rows.filter(has_text=plain(name)).locator(".q-checkbox")
+            box.click()
+            tab.page.get_by_text(said).first.wait_for()
+            box.click()
+            tab.page.get_by_text(said).first.wait_for(state="detached")
+        assert tab.wrong == []
+
+
+@needs_chromium
+def test_a_run_that_outlived_its_server_is_found_and_stopped(tmp_path):
+    words = ["run", "film", "--spacing=0.02", "--until=5000", "--every=1", "--threads=1", "--quiet", "--out=run"]
+    command = [sys.executable, "-m", "taichi_mps", *words]
+    variables = os.environ | {"PYTHONPATH": str(ROOT)}
+    run = subprocess.Popen(command, cwd=tmp_path, env=variables, stderr=-1, start_new_session=True)
+    try:
+        while not (tmp_path / "run" / "history.csv").exists():
+            assert run.poll() is None
+            time.sleep(0.05)
+        with serving(tmp_path) as (port, server), chromium() as browser:
+            tab = Tab(browser, port)
+            tab.job("running", "run, begun elsewhere").get_by_text("s of at most 5000 s").wait_for()
+            tab.press("stop")
+            assert run.wait(timeout=60) == 130
+            tab.job("stopped", "run, begun elsewhere").wait_for()
+        assert RunFolder(tmp_path / "run").read_summary()["stopped_by"] == "interrupted"
+    finally:
+        run.kill()
+
+
 FOREIGN = "http://evil.example", "null", "https://127.0.0.1"
 
 
@@ -210,6 +306,10 @@ def test_only_this_machine_and_its_own_page_are_served(tmp_path):
             assert answer(port, **headers).status == 200
         for headers in [{"Host": host} for host in others] + [{"Origin": origin} for origin in FOREIGN]:
             assert answer(port, **headers).status == 403
+        for site, status in {"none": 200, "same-origin": 200, "same-site": 403, "cross-site": 403}.items():
+            got = answer(port, "/runs/run/frames/frame_00000.png", **{"Sec-Fetch-Site": site})
+            assert (got.status, got.headers["Cross-Origin-Resource-Policy"]) == (status, "same-origin")
+        assert answer(port, "/_nicegui_ws/socket.io/?EIO=4&transport=polling&j=0").status == 403, "no JSONP"
         sockets = [answer(port, SOCKET, **UPGRADE, Origin=origin).status for origin in (*FOREIGN, f"http://{own}")]
         assert sockets == [403, 403, 403, 101]
 
