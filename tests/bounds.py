@@ -12,6 +12,7 @@ import json
 import os
 import platform
 import re
+import shlex
 import subprocess
 import sys
 import tempfile
@@ -139,7 +140,7 @@ def run(variant: str, words: list[str]) -> tuple[dict[str, float], list[str]]:
 def main() -> int:
     results = {variant: run(variant, sys.argv[1:]) for variant in VARIANTS}
     commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], cwd=ROOT, stdout=subprocess.PIPE, text=True)
-    made = f"By `{' '.join(['python -m tests.bounds', *sys.argv[1:]])}` at commit {commit.stdout.strip()}"
+    made = f"By `{shlex.join(['python', '-m', 'tests.bounds', *sys.argv[1:]])}` at commit {commit.stdout.strip()}"
     made += f" on {date.today()}, {platform.processor() or platform.machine()}: value over bound."
     lines = ["# Bounds that rounding can reach", "", made, ""]
     lines += ["| test | " + " | ".join(VARIANTS) + " |", "|---|" + "---|" * len(VARIANTS)]
