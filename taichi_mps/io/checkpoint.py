@@ -287,7 +287,7 @@ def restore(path, scene: Scene | None = None):
     >>> mps.checkpoint.restore("nowhere.h5")
     Traceback (most recent call last):
         ...
-    taichi_mps.units.SceneError: checkpoint nowhere.h5: cannot be read (No such file or directory)
+    taichi_mps.units.SceneError: checkpoint nowhere.h5: ...
     """
     state, _ = read_good(path)
     return state.resume(state.admit(scene or state.scene()))
