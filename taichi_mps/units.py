@@ -3,7 +3,8 @@
 import difflib
 import inspect
 import os
-from functools import partial, wraps
+from contextlib import contextmanager
+from functools import cache, partial, wraps
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
@@ -14,6 +15,7 @@ from pydantic import (
     BeforeValidator,
     ConfigDict,
     Field,
+    Strict,
     ValidationError,
     create_model,
     model_validator,
@@ -35,6 +37,9 @@ class SceneError(ValueError):
         ...
     taichi_mps.units.SceneError: yield_value = -1.0 Pa: must be greater than or equal to 0 Pa
     """
+
+    def __init__(self, message=""):
+        super().__init__(" ".join(str(message).splitlines()))  # one line, whatever the value holds
 
 
 def require(holds, message: str) -> None:
@@ -67,6 +72,24 @@ def ordinary(told: str, path, most: float) -> Path:
     require(path.is_file(), f"{told}: is a folder, a pipe or a device; must be a file")
     require(size <= most, f"{told}: has {1e-6 * size:.4g} MB; must have at most {1e-6 * most:g} MB")
     return path
+
+
+def answer(key, function, *arguments) -> np.ndarray:
+    """Return the numbers that a user's function gives; SceneError naming its ``key`` where it gives none."""
+    try:
+        return np.asarray(function(*arguments), float)
+    except Exception as error:
+        raise SceneError(f"{key} = {said(function, '')}: {type(error).__name__}: {error}; must give numbers") from None
+
+
+@contextmanager
+def writing(key, path):
+    """Turn the failure to write a file into a SceneError that names its ``key``."""
+    try:
+        yield
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise SceneError(f"{key} = {path}: cannot be written ({reason}); choose another") from None
 
 
 def array_of(value) -> np.ndarray:
@@ -112,28 +135,6 @@ def given(record, wanted: dict):
             yield key, what, value
 
 
-def check_vectors(record, of: str, units: dict) -> None:
-    """Raise SceneError unless keys of a record, {key: unit}, are vectors of 2 or 3 finite numbers.
-
-    All have as many as the first; what is None by default may be None. ``of`` says whose keys they are.
-    """
-    shapes, wanted = ((2,), (3,)), "2 or 3"
-    for key, unit, value in given(record, units):
-        array = array_of(value)
-        if array.shape not in shapes or not np.all(np.isfinite(array)):
-            wanted = len(array) if array.shape in shapes else wanted
-            raise SceneError(f"{key} = {said(value, unit)} of {of}: must be {wanted} finite numbers")
-        shapes, wanted = (array.shape,), len(array)
-
-
-def check_numbers(record, units: dict) -> None:
-    """Raise SceneError unless keys of a record, {key: unit}, are finite numbers or None by default."""
-    for key, unit, value in given(record, units):
-        array = array_of(value)
-        require(array.shape == () and array.dtype.kind != "O", f"{key} = {said(value, unit)}: must be a number")
-        require(np.isfinite(array), f"{key} = {said(value, unit)}: must be finite")
-
-
 def check_kinds(record, kinds: dict) -> None:
     """Raise SceneError unless keys of a record, {key: (types, in words)}, are of these types or None by default."""
     for key, (kind, words), value in given(record, kinds):
@@ -166,9 +167,72 @@ class Unit(str):
         return self
 
 
-def _real(unit, hint="", **bounds):
-    in_ours = BeforeValidator(partial(in_unit, unit))
-    return Annotated[float, Field(allow_inf_nan=False, **bounds), Unit(unit, hint), in_ours]
+def no_number_in_disguise(value):
+    """Return a value; ValueError for what Python takes for a number and is none: a truth value, bytes, an array."""
+    if isinstance(value, bool | np.bool_ | bytes | bytearray) or (isinstance(value, np.ndarray) and value.ndim):
+        raise ValueError("must be a number")
+    return value
+
+
+def possible(path: Path) -> Path:
+    """Return a path; ValueError for one that no file can have."""
+    if "\0" in str(path):
+        raise ValueError("must be the path of a file")
+    return user_path(path)
+
+
+def truth(value):
+    """Return a truth value of NumPy as Python's, anything else as it is; ValueError for bytes."""
+    if isinstance(value, bytes):
+        raise ValueError("must be True or False")
+    return bool(value) if isinstance(value, np.bool_) else value
+
+
+def real(unit, hint="", **bounds):
+    """Annotate one finite number in this unit, within bounds as pydantic names them."""
+    checks = BeforeValidator(no_number_in_disguise), BeforeValidator(partial(in_unit, unit))
+    return Annotated[(float, Field(allow_inf_nan=False, **bounds), Unit(unit, hint), *checks)]
+
+
+def array(unit, *shapes, kind=np.asarray, gaps=False):
+    """Annotate an array of finite numbers in this unit, of one of the shapes.
+
+    None in a shape is any number. With ``gaps`` some may be nan.
+    """
+    words = " or ".join(str(tuple("n" if k is None else k for k in shape)).replace("'", "") for shape in shapes)
+
+    def read(value):
+        found = array_of(value)
+        fits = any(
+            len(shape) == found.ndim and all(k in (None, n) for k, n in zip(shape, found.shape, strict=True))
+            for shape in shapes
+        )
+        if found.dtype.kind == "O" or not fits or not np.all(np.isfinite(found) | (gaps & np.isnan(found))):
+            raise ValueError(f"must be finite numbers of the shape {words}")
+        return value if kind is tuple and isinstance(value, tuple) else kind(found.tolist() if kind is tuple else found)
+
+    return Annotated[Any, BeforeValidator(read), Unit(unit)]
+
+
+def instance(kind, words: str):
+    """Annotate an object of a class, with what a message calls it."""
+
+    def read(value):
+        if not isinstance(value, kind):
+            raise ValueError(f"must be {words}")
+        return value
+
+    return Annotated[Any, BeforeValidator(read)]
+
+
+def vector(unit):
+    """Annotate a tuple of 2 or 3 finite numbers in this unit."""
+    return array(unit, (2,), (3,), kind=tuple)
+
+
+def points(unit):
+    """Annotate rows (n, d) of finite numbers in this unit, d = 2 or 3."""
+    return array(unit, (None, 2), (None, 3))
 
 
 INSTANT = 1e-9  # [s]: times closer to each other are one and the same, and no step is shorter
@@ -181,30 +245,44 @@ def longer_than_an_instant(value: float) -> float:
     return value
 
 
+def longer_than_an_atom(value: float) -> float:
+    """Return a size [m]; ValueError for one whose powers are no numbers."""
+    if value < 1e-12:
+        raise ValueError("must be at least 1e-12 m")
+    return value
+
+
 LIGHTEST, HEAVIEST = 200.0, 20000.0  # foamed concrete in the mould, and above mercury [kg/m3]
 DENSITY_HINT = "2300 for 2.3 t/m3"
 
-Length = _real("m", "0.3 or 300mm for 300 mm", gt=0.0, le=100.0)
-Position = _real("m", ge=-1000.0, le=1000.0)
-Duration = Annotated[_real("s", gt=0.0, le=1e6), AfterValidator(longer_than_an_instant)]
-Density = _real("kg/m3", DENSITY_HINT, ge=LIGHTEST, le=HEAVIEST)
-AnyDensity = _real("kg/m3", gt=0.0, le=30000.0)  # also 1, of a flow without weight in numbers without dimension
-Viscosity = _real("Pa s", gt=0.0, le=1e6)
-YieldValue = _real("Pa", ge=0.0, le=1e6)
-ViscousConstant = _real("Pa s/m", ge=0.0, le=1e9)
-Speed = _real("m/s", "0.1 for 100 mm/s", gt=0.0, le=5.0)  # of a mould or a gate that is lifted
-Consistency = _real("Pa s^n", gt=0.0, le=1e6)
-FlowIndex = _real("", ge=0.1, le=4.0)
-Structuration = _real("Pa/s", "0.1 to 1.7 of concrete", ge=0.0, le=1e3)
-Destructuration = _real("", ge=0.0, le=10.0)
-FlowRate = _real("m3/s", gt=0.0, le=100.0)
-CriticalStrainRate = _real("1/s", gt=0.0, le=1e4) | Literal["rational"]  # the word: materials.rational_...
+Size = Annotated[real("m", gt=0.0, le=1e9), AfterValidator(longer_than_an_atom)]
+Coordinate = real("m", ge=-1e9, le=1e9)
+Time = real("s", ge=0.0, le=1e9)
+Instant = real("s", ge=-1e9, le=1e9)
+Length = real("m", "0.3 or 300mm for 300 mm", gt=0.0, le=100.0)
+Position = real("m", ge=-1000.0, le=1000.0)
+Duration = Annotated[real("s", gt=0.0, le=1e6), AfterValidator(longer_than_an_instant)]
+Density = real("kg/m3", DENSITY_HINT, ge=LIGHTEST, le=HEAVIEST)
+AnyDensity = real("kg/m3", gt=0.0, le=30000.0)  # also 1, of a flow without weight in numbers without dimension
+Viscosity = real("Pa s", gt=0.0, le=1e6)
+YieldValue = real("Pa", ge=0.0, le=1e6)
+ViscousConstant = real("Pa s/m", ge=0.0, le=1e9)
+Speed = real("m/s", "0.1 for 100 mm/s", gt=0.0, le=5.0)  # of a mould or a gate that is lifted
+Consistency = real("Pa s^n", gt=0.0, le=1e6)
+FlowIndex = real("", ge=0.1, le=4.0)
+Structuration = real("Pa/s", "0.1 to 1.7 of concrete", ge=0.0, le=1e3)
+Destructuration = real("", ge=0.0, le=10.0)
+FlowRate = real("m3/s", gt=0.0, le=100.0)
+CriticalStrainRate = real("1/s", gt=0.0, le=1e4) | Literal["rational"]  # the word: materials.rational_...
 
-RotationSpeed = _real("rpm", "turns a minute", gt=0.0, le=1e4)
-Angle = _real("deg", ge=0.0, lt=90.0)
-Ratio = _real("-", gt=0.0, le=1.0)
-RadiusRatio = _real("l0", ge=1.6, le=4.1)
-Count = Annotated[int, Field(ge=1, le=100000), Unit("-")]
+RotationSpeed = real("rpm", "turns a minute", gt=0.0, le=1e4)
+Angle = real("deg", ge=0.0, lt=90.0)
+Ratio = real("-", gt=0.0, le=1.0)
+RadiusRatio = real("l0", ge=1.6, le=4.1)
+Count = Annotated[int, Field(ge=1, le=100000), Unit("-"), BeforeValidator(no_number_in_disguise)]
+Flag = Annotated[bool, BeforeValidator(truth)]
+Text = Annotated[str, Strict()]
+File = Annotated[Path, AfterValidator(possible)]
 
 
 class Checked(BaseModel):
@@ -268,7 +346,7 @@ def explain(error: ValidationError, model: type[BaseModel]) -> str:
             kind, allowed = "length", f"must be {len(get_args(model.model_fields[key].annotation))} values"
         elif kind.startswith(("greater", "less")):
             allowed += f" {unit}" * bool(unit) + f" ({known.hint})" * bool(known.hint)
-        shown = " ".join(str(item["input"]).split())[:LONGEST] or "''"  # on one line
+        shown = " ".join(str(item["input"])[:1000].split())[:LONGEST] or "''"  # on one line
         if not isinstance(item["input"], str) or without_unit(item["input"]) or kind == "finite_number":
             shown += f" {unit}" * bool(unit)
         if kind == "extra_forbidden":
@@ -323,6 +401,7 @@ def checked(function):
         ...
     taichi_mps.units.SceneError: width is missing [m]; unknown key 'widht', did you mean 'width'?
     """
+    require(inspect.isfunction(function), f"function = {said(function, '')}: must be a function of keywords")
     taken = inspect.signature(function).parameters
     kinds = {name: p.annotation for name, p in taken.items() if isinstance(p.annotation, type)}
     records = {name: kind for name, kind in kinds.items() if issubclass(kind, Checked)}
@@ -359,6 +438,45 @@ def checked(function):
         return at(model(**values))
 
     call.parameters, call.at = model, at
+    return call
+
+
+def validated(target):
+    """Validate the arguments of a function, or of the class of a record, against their annotations.
+
+    SceneError names the argument, its value and what is allowed, before anything is done. The default is not looked at,
+    an argument without annotation neither. A whole number stays one.
+    """
+    if isinstance(target, type):
+        target.__init__ = validated(target.__init__)
+        return target
+    signature = inspect.signature(target)
+
+    @cache
+    def model():
+        hints = get_type_hints(target, include_extras=True)
+        fields = {name: (hints[name], None) for name in signature.parameters if name in hints}
+        for name in fields:
+            if signature.parameters[name].kind is inspect.Parameter.VAR_POSITIONAL:
+                fields[name] = (tuple[hints[name], ...], ())
+        return create_model(target.__qualname__, __base__=Checked, **fields)
+
+    @wraps(target)
+    def call(*positional, **keywords):
+        try:
+            bound = signature.bind(*positional, **keywords)
+        except TypeError:
+            return target(*positional, **keywords)  # which says it as Python does
+        known, given = model().model_fields, bound.arguments
+        given = {
+            key: value
+            for key, value in given.items()
+            if key in known and value is not signature.parameters[key].default
+        }
+        valid = model()(**given)
+        bound.arguments |= {key: getattr(valid, key) for key, value in given.items() if type(value) is not int}
+        return target(*bound.args, **bound.kwargs)
+
     return call
 
 

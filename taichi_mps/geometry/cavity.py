@@ -2,12 +2,23 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol, runtime_checkable
 
 import numpy as np
+from pydantic import InstanceOf
 
-from ..units import check_vectors, positive, require
+from ..units import Size, require, validated, vector
+from .shapes import MOST_POINTS, Surface
 
 
+@runtime_checkable
+class Particles(Protocol):
+    """Fluid in a cavity: has positions ``x`` (n, d) [m]."""
+
+    x: np.ndarray
+
+
+@validated
 @dataclass(frozen=True)
 class Cavity:
     """Form that concrete is to fill, as a grid of cells in front of all walls.
@@ -42,18 +53,22 @@ class Cavity:
     0.6
     """
 
-    low: tuple[float, ...]  # [m]
-    high: tuple[float, ...]  # [m]; the last coordinate is the level to which the form is filled
-    walls: tuple
-    spacing: float  # of the particles [m]
+    low: vector("m")
+    high: vector("m")  # the last coordinate is the level to which the form is filled
+    walls: tuple[InstanceOf[Surface], ...]
+    spacing: Size  # of the particles
 
     def __post_init__(self):
-        check_vectors(self, "a cavity", {"low": "m", "high": "m"})
-        positive("spacing", self.spacing)
+        form = f"cavity: low = {self.low} m, high = {self.high} m, spacing = {self.spacing:g} m"
+        require(len(self.low) == len(self.high), f"{form}: low and high must have as many coordinates")
         size = np.subtract(self.high, self.low)
-        form = f"cavity from {self.low} to {self.high} m"
         least = f"{0.5 * self.spacing:g} m, along each axis"
         require(np.all(size >= 0.5 * self.spacing), f"{form}: must be at least half a spacing long, {least}")
+        cells = float(np.prod(size / (0.5 * self.spacing)))
+        require(cells <= MOST_POINTS, f"{form}: has {cells:.2g} cells; must be at most {MOST_POINTS:.2g}")
+        for wall in self.walls:
+            as_many = len(getattr(wall, "point", self.low)) == len(self.low)
+            require(as_many, f"walls = {wall}: must have {len(self.low)} coordinates, as low has")
         require(self.cells.any(), f"{form}: lies in the walls; must hold some room")
 
     @cached_property
@@ -91,7 +106,8 @@ class Cavity:
         room = np.all([wall.distance(x) > 0.0 for wall in self.walls], axis=0)
         return np.broadcast_to(room, len(x)).reshape(self.shape)
 
-    def filled(self, s) -> np.ndarray:
+    @validated
+    def filled(self, s: InstanceOf[Particles]) -> np.ndarray:
         """Tell which cells of the cavity are filled.
 
         Parameters
@@ -114,7 +130,8 @@ class Cavity:
             filled[tuple(k[there].T)] = True
         return filled & self.cells
 
-    def by_height(self, s) -> tuple[np.ndarray, np.ndarray]:
+    @validated
+    def by_height(self, s: InstanceOf[Particles]) -> tuple[np.ndarray, np.ndarray]:
         """Return the filled fraction of each layer of cells.
 
         Parameters
@@ -133,7 +150,8 @@ class Cavity:
         room, filled = self.cells.sum(rest), self.filled(s).sum(rest)
         return self.middles(len(rest)), np.where(room > 0, filled / np.maximum(room, 1), np.nan)
 
-    def report(self, s) -> dict:
+    @validated
+    def report(self, s: InstanceOf[Particles]) -> dict:
         """Summarize how the cavity is filled.
 
         Parameters

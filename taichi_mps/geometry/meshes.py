@@ -3,10 +3,14 @@
 import re
 import warnings
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+from pydantic import Field
 
-from ..units import SceneError, ordinary, require, user_path
+from ..units import Count, File, SceneError, Size, array, ordinary, require, validated, writing
+
+Sides = Annotated[Count, Field(ge=3, le=1000)]
 
 FORMATS = "stl", "obj", "ply"
 MOST_BYTES = 5e8  # ten million triangles
@@ -233,7 +237,8 @@ def mesh_distance(x, points, triangles):
     return np.where(clear & (distance * (0.5 - turns) < 0.0), -distance, distance)
 
 
-def write_bars(path, ends, radius: float, sides: int = 12) -> Path:
+@validated
+def write_bars(path: File, ends: array("m", (None, 2, 3)), radius: Size, sides: Sides = 12) -> Path:
     """Write round bars as a triangle mesh of closed bodies, which ``Solid.from_mesh`` unites where they overlap.
 
     Parameters
@@ -262,7 +267,10 @@ def write_bars(path, ends, radius: float, sides: int = 12) -> Path:
     """
     import meshio
 
-    ends = np.asarray(ends, float)
+    kind = path.suffix.lower()[1:]
+    require(kind in FORMATS, f"path = {path}: must be a file .stl, .obj or .ply")
+    wrong = f"ends of shape {ends.shape}: must be one bar or more, each between two places"
+    require(len(ends) and np.all(np.ptp(ends, axis=1).max(1) > 0.0), wrong)
     turn = 2.0 * np.pi * np.arange(sides) / sides
     outer = radius * np.sqrt(2.0 * np.pi / (sides * np.sin(2.0 * np.pi / sides)))
     k, n = np.arange(sides), (np.arange(sides) + 1) % sides
@@ -276,7 +284,7 @@ def write_bars(path, ends, radius: float, sides: int = 12) -> Path:
         rim = outer * (np.outer(np.cos(turn), first) + np.outer(np.sin(turn), np.cross(along, first)))
         points.append(np.vstack([start + rim, end + rim, start, end]))
     every = (2 * sides + 2) * np.arange(len(ends))[:, None, None] + triangles
-    path = user_path(path)
-    options = {"binary": True} if path.suffix.lower() == ".stl" else {}
-    meshio.write(path, meshio.Mesh(np.vstack(points), [("triangle", np.int32(every).reshape(-1, 3))]), **options)
+    options = {"binary": True} if kind == "stl" else {}
+    with writing("path", path):
+        meshio.write(path, meshio.Mesh(np.vstack(points), [("triangle", np.int32(every).reshape(-1, 3))]), **options)
     return path

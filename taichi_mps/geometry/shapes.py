@@ -1,17 +1,36 @@
 """Bodies filled with a lattice of particles. Plain NumPy."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
 
 import numpy as np
+from pydantic import InstanceOf
 
 from ..runtime.memory import admit
-from ..units import check_numbers, check_vectors, finite, positive, require
+from ..units import Count, Size, array, points, real, require, validated, vector
 
+Offset = real("", ge=-1e6, le=1e6) | array("", (None,))
 MOST_POINTS = 1e8  # of one lattice
 MANY_POINTS = 1e6  # from here on a lattice is admitted first
 POINT = 90  # bytes of a point while a body is cut out of the lattice
 
 
+@runtime_checkable
+class Body(Protocol):
+    """Body that can be filled: has ``contains(x)``, ``bounds`` and ``volume``."""
+
+    contains: Callable
+
+
+@runtime_checkable
+class Surface(Protocol):
+    """Surface that bounds a fluid: has ``distance(x)``."""
+
+    distance: Callable
+
+
+@validated
 @dataclass(frozen=True)
 class Box:
     """Axis-parallel box, in two dimensions a rectangle, between two corners.
@@ -33,15 +52,15 @@ class Box:
     0.1
     """
 
-    low: tuple[float, ...]
-    high: tuple[float, ...]
+    low: vector("m")
+    high: vector("m")
 
     def __post_init__(self):
-        check_vectors(self, "a box", {"low": "m", "high": "m"})
-        above = np.all(np.less(self.low, self.high))
+        above = len(self.low) == len(self.high) and np.all(np.less(self.low, self.high))
         require(above, f"high = {self.high} m of a box: must be above low = {self.low} m along each axis")
 
-    def contains(self, x):
+    @validated
+    def contains(self, x: points("m")):
         """Tell which points are inside.
 
         Parameters
@@ -67,6 +86,7 @@ class Box:
         return float(np.prod(np.subtract(self.high, self.low)))
 
 
+@validated
 @dataclass(frozen=True)
 class Cone:
     """Truncated cone around the z axis, standing on z = 0.
@@ -91,18 +111,16 @@ class Cone:
     5.498
     """
 
-    base_radius: float
-    top_radius: float
-    height: float
+    base_radius: real("m", ge=0.0, le=1e9)
+    top_radius: real("m", ge=0.0, le=1e9)
+    height: Size
 
     def __post_init__(self):
-        check_numbers(self, {"base_radius": "m", "top_radius": "m", "height": "m"})
-        for key in ("base_radius", "top_radius"):
-            require(getattr(self, key) >= 0.0, f"{key} = {getattr(self, key):g} m: must be at least 0 m")
-        wrong = f"height = {self.height:g} m: must be greater than 0 m, and one radius of a cone, too"
-        require(self.volume > 0.0, wrong)
+        radii = f"base_radius = {self.base_radius:g} m, top_radius = {self.top_radius:g} m"
+        require(self.volume > 0.0, f"{radii}: one must be greater than 0 m")
 
-    def contains(self, x):
+    @validated
+    def contains(self, x: points("m")):
         """Tell which points are inside.
 
         Parameters
@@ -115,6 +133,7 @@ class Cone:
         ndarray of bool, shape (n,)
             True inside, False on the surface and outside.
         """
+        require(x.shape[1] == 3, f"x = points of {x.shape[1]} coordinates: must have 3")
         radius = self.base_radius + (self.top_radius - self.base_radius) * x[:, 2] / self.height
         return (x[:, 2] > 0) & (x[:, 2] < self.height) & (np.hypot(x[:, 0], x[:, 1]) < radius)
 
@@ -131,7 +150,8 @@ class Cone:
         return np.pi * self.height / 3.0 * (a * a + a * b + b * b)
 
 
-def lattice(low, high, spacing, offset=0.5):
+@validated
+def lattice(low: array("m", (None,)), high: array("m", (None,)), spacing: Size, offset: Offset = 0.5):
     """Return the points of a cubic lattice in a box.
 
     Parameters
@@ -159,9 +179,8 @@ def lattice(low, high, spacing, offset=0.5):
     >>> mps.lattice((0.0, 0.0), (0.2, 0.1), 0.1).round(3).tolist()
     [[0.05, 0.05], [0.15, 0.05]]
     """
-    positive("spacing", spacing)
-    low = finite("low", low, "m", dimensions=1)
-    high = finite("high", high, "m", shape=low.shape)
+    require(len(low) == len(high), f"high = {high} m: must have as many coordinates as low = {low} m")
+    require(np.size(offset) in (1, len(low)), f"offset = {offset}: must be one number, or {len(low)}")
     offsets = np.broadcast_to(offset, low.shape)
     with np.errstate(over="ignore"):  # of a spacing next to nothing
         points = float(np.prod(np.maximum(high - low, 0.0) / spacing))
@@ -176,7 +195,8 @@ def lattice(low, high, spacing, offset=0.5):
     return np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, len(low))
 
 
-def rings(inner_radius, outer_radius, spacing):
+@validated
+def rings(inner_radius: real("m", ge=0.0, le=1e9), outer_radius: Size, spacing: Size):
     """Return points on concentric circles about the origin, a spacing apart.
 
     Parameters
@@ -206,12 +226,17 @@ def rings(inner_radius, outer_radius, spacing):
     >>> mps.rings(0.0, 0.1, 0.02).shape
     (78, 2)
     """
-    positive("spacing", spacing)
+    number = np.pi * (outer_radius**2 - inner_radius**2) / spacing / spacing
+    require(
+        number <= MOST_POINTS,
+        f"outer_radius = {outer_radius:g} m with spacing = {spacing:g} m: makes {number:.2g} points; must be at most "
+        f"{MOST_POINTS:.2g}",
+    )
     count = round((outer_radius - inner_radius) / spacing)
     require(
-        count >= 1 and inner_radius >= 0.0,
-        f"rings from {inner_radius:g} to {outer_radius:g} m: the inner radius must be at least 0 m and the outer one "
-        f"greater by a spacing of {spacing:g} m",
+        count >= 1,
+        f"outer_radius = {outer_radius:g} m: must be greater than inner_radius = {inner_radius:g} m by a spacing of "
+        f"{spacing:g} m",
     )
     width = (outer_radius - inner_radius) / count
     points = []
@@ -223,7 +248,8 @@ def rings(inner_radius, outer_radius, spacing):
     return np.vstack(points)
 
 
-def shell(low, high, spacing, layers=3):
+@validated
+def shell(low: vector("m"), high: vector("m"), spacing: Size, layers: Count = 3):
     """Return wall particles in layers around a box that is open at the top.
 
     Parameters
@@ -246,8 +272,7 @@ def shell(low, high, spacing, layers=3):
     >>> mps.shell((0.0, 0.0), (0.3, 0.1), 0.1, layers=1).shape
     (7, 2)
     """
-    positive("spacing", spacing)
-    low, high = np.asarray(low, float), np.asarray(high, float)
+    low, high = Box(low, high).bounds
     thick = layers * spacing
     top = np.append(np.zeros(len(low) - 1), 1.0)
     x = lattice(low - thick, high + thick * (1.0 - top), spacing)
@@ -255,7 +280,8 @@ def shell(low, high, spacing, layers=3):
     return x[~inside]
 
 
-def fill_rings(solid, spacing):
+@validated
+def fill_rings(solid: InstanceOf[Body], spacing: Size):
     """Fill a body of revolution with rings, for an axisymmetric scene.
 
     Parameters
@@ -282,15 +308,16 @@ def fill_rings(solid, spacing):
     >>> mps.fill_rings(mps.Cone(0.1, 0.1, 0.2), 0.1).round(3).tolist()
     [[0.05, 0.05], [0.05, 0.15]]
     """
-    positive("spacing", spacing)
     low, high = solid.bounds
+    require(len(low) == 3, f"solid = {solid}: must be a body with three coordinates")
     x = lattice((0.0, low[2]), (high[0] + spacing, high[2]), spacing)
     x = x[solid.contains(np.insert(x, 1, 0.0, axis=1))]
     require(len(x), f"spacing = {spacing:g} m: no ring fits into the body; use a smaller spacing")
     return x
 
 
-def fill(solid, spacing, mirrors=()):
+@validated
+def fill(solid: InstanceOf[Body], spacing: Size, mirrors: Sequence[InstanceOf[Surface]] = ()):
     """Fill a body with particles on a lattice.
 
     Parameters
@@ -323,7 +350,6 @@ def fill(solid, spacing, mirrors=()):
     >>> len(mps.fill(mps.Box((0.0, 0.0, 0.0), (0.1, 0.1, 0.2)), 0.02))
     250
     """
-    positive("spacing", spacing)
     low, high = solid.bounds
     size = high - low
     require(

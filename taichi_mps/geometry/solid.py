@@ -1,23 +1,63 @@
 """Walls of any shape: a signed distance sampled on a grid, from a function or from a triangle mesh. Plain NumPy."""
 
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
 from time import monotonic
+from typing import Annotated
 
 import numpy as np
+from pydantic import AfterValidator, InstanceOf
 
-from ..units import SceneError, array_of, check_numbers, check_vectors, finite, positive, require
+from ..units import (
+    Coordinate,
+    File,
+    Flag,
+    Instant,
+    SceneError,
+    Size,
+    Text,
+    answer,
+    array,
+    points,
+    real,
+    require,
+    said,
+    validated,
+    vector,
+)
 from .concave_edges import interpolate
 from .meshes import LONGEST, mesh_distance, read_mesh
-from .walls import Friction, check_surface, spin
+from .walls import Friction, check_surface, require_as_many, spin
 
+
+def three_or_more(corners):
+    """Corners (k, 2) [m] as they are; ValueError unless they are those of a polygon."""
+    if len(corners) < 3 or np.any(np.all(corners == np.roll(corners, 1, axis=0), axis=1)):
+        raise ValueError("must be three corners or more, none of them twice")
+    return corners
+
+
+def distances(function, x):
+    """Distances (n,) [m] of points (n, d) by a function of the user's; SceneError where it gives none."""
+    found = answer("distance", function, x)
+    wrong = f"distance = {said(function, '')}: must give a finite number [m] for each point, (n,)"
+    require(found.size == len(x) and np.all(np.isfinite(found)), wrong)
+    return found
+
+
+GRID = array("m", (None, None), (None, None, None))
+ENDS, PLACES = array("m", (2,)), array("m", (None, 2))
+CORNERS = Annotated[PLACES, AfterValidator(three_or_more)]
+Scale = real("", gt=0.0, le=1e6)
 MOST_NODES = 5e7  # of one grid: 400 MB of distances
 AT_ONCE = 2e4  # nodes that a distance is asked for; some seconds of a mesh of 96,000 triangles
 SILENT = 5.0  # [s] after which it is said how far the distances are
 
 
+@validated
 @dataclass(frozen=True)
 class Solid:
     """Wall of any shape, given by its signed distance on a grid.
@@ -69,32 +109,27 @@ class Solid:
     [0.05]
     """
 
-    values: np.ndarray
-    low: tuple[float, ...]
-    cell: float
-    velocity: tuple[float, ...] | None = None
-    slip: bool = False
-    loose: bool = False
-    friction: Friction | None = None
-    name: str = ""
-    angular_velocity: float = 0.0
-    pivot: tuple[float, ...] | None = None
-    axis: tuple[float, ...] | None = None
+    values: GRID
+    low: vector("m")
+    cell: Size
+    velocity: vector("m/s") | None = None
+    slip: Flag = False
+    loose: Flag = False
+    friction: InstanceOf[Friction] | None = None
+    name: Text = ""
+    angular_velocity: real("rad/s", ge=-1e6, le=1e6) = 0.0
+    pivot: vector("m") | None = None
+    axis: vector("") | None = None
     thin = False
 
     def __post_init__(self):
-        check_surface(self)
-        check_vectors(self, "a solid", {"low": "m", "velocity": "m/s", "pivot": "m", "axis": ""})
-        check_numbers(self, {"angular_velocity": "rad/s"})
+        check_surface(self, "low")
         turns = self.pivot is not None and bool(np.any(self.unit_axis)) == (len(self.low) == 3)
         turning = f"angular_velocity = {self.angular_velocity:g} rad/s of a solid"
         require(turns or not self.angular_velocity, f"{turning}: needs a pivot, and an axis in 3-D only")
-        values = array_of(self.values)
+        values = self.values
         is_grid = values.ndim == len(self.low) and min(values.shape) >= 2
         require(is_grid, f"values of shape {values.shape}: must be a grid of two nodes or more along {self.low}")
-        positive("cell", self.cell)
-        finite_ones = np.all(np.isfinite(values))
-        require(finite_ones, "values: a distance is not a finite number; all must be finite [m]")
         require(
             np.any(values < 0.0),
             f"cell = {self.cell:g} m: no node of the grid lies inside the solid; must be at most half of its "
@@ -103,10 +138,10 @@ class Solid:
         steepest = max(float(np.abs(np.diff(values, axis=axis)).max()) for axis in range(values.ndim)) / self.cell
         change = f"values: the distance changes by {steepest:.3g} m per metre; a distance changes by at most 1"
         require(steepest <= 1.5, change)
-        object.__setattr__(self, "values", values)
 
     @classmethod
-    def of(cls, distance, low, high, cell, **keywords):
+    @validated
+    def of(cls, distance: Callable, low: vector("m"), high: vector("m"), cell: Size, **keywords):
         """Sample a signed distance function on a grid.
 
         Parameters
@@ -130,9 +165,8 @@ class Solid:
         SceneError
             If the grid has too many nodes or no node lies inside the solid.
         """
-        positive("cell", cell)
-        low = finite("low", low, "m", dimensions=1)
-        high = finite("high", high, "m", shape=low.shape)
+        require(len(low) == len(high), f"high = {high} m: must have as many coordinates as low = {low} m")
+        low, high = np.array(low, float), np.array(high, float)
         fits = f"cell = {cell:g} m: must be greater than 0 m and fit between {low} and {high} m"
         require(np.all(high - low >= cell), fits)
         with np.errstate(over="ignore"):  # of a cell next to nothing
@@ -147,11 +181,12 @@ class Solid:
                 said, share = monotonic(), first / shape[0]
                 print(f"taichi-mps: {share:.0%} of the distances of a solid at {needed:.2g} nodes", file=sys.stderr)
             nodes = np.stack(np.meshgrid(ticks[0][first : first + across], *ticks[1:], indexing="ij"))
-            values.append(np.asarray(distance(nodes.reshape(len(low), -1).T)).reshape(nodes.shape[1:]))
+            values.append(distances(distance, nodes.reshape(len(low), -1).T).reshape(nodes.shape[1:]))
         return cls(np.concatenate(values), tuple(low), cell, **keywords)
 
     @classmethod
-    def prism(cls, corners, cell, reach, along=None, **keywords):
+    @validated
+    def prism(cls, corners: CORNERS, cell: Size, reach: Size, along: ENDS | None = None, **keywords):
         """Make a solid whose section in the (x, z) plane is a convex polygon: a plate, a gate.
 
         Parameters
@@ -179,7 +214,8 @@ class Solid:
         return cls.of(lambda x: polygon_distance(x[:, [0, 2]], corners), low, high, cell, **keywords)
 
     @classmethod
-    def bars(cls, places, radius, upright, cell, reach, **keywords):
+    @validated
+    def bars(cls, places: PLACES, radius: Size, upright: ENDS, cell: Size, reach: Size, **keywords):
         """Make a solid of upright round bars.
 
         Parameters
@@ -202,7 +238,7 @@ class Solid:
         Solid
             Wall.
         """
-        places = np.asarray(places, float)
+        require(len(places), "places: must be one bar or more")
         low = [*(places.min(0) - radius - reach), upright[0]]
         high = [*(places.max(0) + radius + reach), upright[1]]
 
@@ -212,7 +248,8 @@ class Solid:
         return cls.of(distance, low, high, cell, **keywords)
 
     @classmethod
-    def from_mesh(cls, path, cell, reach, inside=False, scale=1.0, **keywords):
+    @validated
+    def from_mesh(cls, path: File, cell: Size, reach: Size, inside: Flag = False, scale: Scale = 1.0, **keywords):
         """Make a solid from a closed triangle mesh (extra ``cad``).
 
         Parameters
@@ -240,8 +277,6 @@ class Solid:
         SceneError
             If the file is missing, damaged, not closed, or longer than 100 m.
         """
-        positive("reach", reach)
-        positive("scale", scale, "")
         points, triangles = read_mesh(path, scale, longest=min(100.0, LONGEST * reach))
         side = -1.0 if inside else 1.0
         low, high = points.min(0) - reach, points.max(0) + reach
@@ -251,7 +286,8 @@ class Solid:
             size = " x ".join(f"{s:.4g}" for s in np.ptp(points, axis=0))
             raise SceneError(f"mesh {path}, {size} m with scale = {scale:g}: {error}") from None
 
-    def section(self, y: float = 0.0, time: float = 0.0) -> list[np.ndarray]:
+    @validated
+    def section(self, y: Coordinate = 0.0, time: Instant = 0.0) -> list[np.ndarray]:
         """Return where the distance is zero, as short line segments.
 
         Parameters
@@ -404,7 +440,8 @@ class Solid:
         corners = self.corners
         return float(np.linalg.norm(self.travel + (corners - self.centre) @ self.spin.T, axis=1).max())
 
-    def distance(self, x, time=0.0):
+    @validated
+    def distance(self, x: points("m"), time: Instant = 0.0):
         """Return the signed distance of points from the wall.
 
         Parameters
@@ -419,11 +456,13 @@ class Solid:
         ndarray, shape (n,)
             Distance [m], positive in the fluid; infinite beyond the grid.
         """
+        require_as_many(x, self.low)
         arm = (x - self.centre - time * self.travel) @ self.turned(time)
         return interpolate(self.values, (arm + self.centre - np.array(self.low)) / self.cell)
 
 
-def polygon_distance(x, corners):
+@validated
+def polygon_distance(x: PLACES, corners: CORNERS):
     """Return the signed distance of points from a convex polygon.
 
     Parameters
@@ -445,7 +484,6 @@ def polygon_distance(x, corners):
     >>> mps.polygon_distance(np.array([[0.5, 0.75], [2.0, 0.5]]), square).tolist()
     [-0.25, 1.0]
     """
-    corners = np.asarray(corners, float)
     nearest, inside = np.full(len(x), np.inf), np.full(len(x), True)
     for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
         along, offset = b - a, x - a

@@ -1,12 +1,28 @@
 """Walls: planes, circles, cylinders and mantles of cones, and the friction on them. Plain NumPy."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field, InstanceOf, model_validator
 
-from ..units import Checked, ViscousConstant, YieldValue, array_of, check_kinds, check_numbers, check_vectors, require
-from .shapes import Box
+from ..units import (
+    Checked,
+    Flag,
+    Instant,
+    Size,
+    Text,
+    ViscousConstant,
+    YieldValue,
+    array,
+    array_of,
+    points,
+    real,
+    require,
+    validated,
+    vector,
+)
+from .shapes import Box, Surface
 
 
 class Friction(Checked):
@@ -44,7 +60,7 @@ class Friction(Checked):
         return self
 
 
-def check_surface(wall):
+def check_surface(wall, first="point"):
     """Refuse a wall with both friction and slip, or with a name, flag or friction of the wrong type.
 
     Parameters
@@ -57,13 +73,20 @@ def check_surface(wall):
     SceneError
         For the first key that is wrong.
     """
-    check_kinds(wall, {"friction": (Friction, "Friction(...)"), "name": (str, "text")})
     named = not wall.name or wall.name.isidentifier()
     require(named, f"name = {wall.name!r} of a wall: must be one word of letters, digits and _")
-    flags = [key for key in ("slip", "loose", "mirror", "inside") if hasattr(wall, key)]
-    check_kinds(wall, {key: (bool | np.bool_, "True or False") for key in flags})
+    d = len(wall.point)
+    for key in ("normal", "velocity", "pivot", "axis"):
+        value = getattr(wall, key, None)
+        as_many = value is None or np.ndim(value) == 0 or len(value) == d
+        require(as_many, f"{key} = {value} of a wall with {first} = {wall.point}: must be {d} finite numbers")
     both = f"slip = True with friction = {wall.friction}: a wall has one of them; must be left out"
     require(wall.friction is None or not wall.slip, both)
+
+
+def require_as_many(x, point):
+    """SceneError unless points x (n, d) [m] have as many coordinates as a point of a wall."""
+    require(x.shape[1] == len(point), f"x = points of {x.shape[1]} coordinates: must have {len(point)}")
 
 
 def spin(turns: float, unit_axis, d: int) -> np.ndarray:
@@ -87,6 +110,7 @@ def spin(turns: float, unit_axis, d: int) -> np.ndarray:
     return turns * np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])[:d, :d]
 
 
+@validated
 @dataclass(frozen=True)
 class Plane:
     """Wall that fills the half-space behind a plane.
@@ -123,19 +147,18 @@ class Plane:
     [0.25]
     """
 
-    point: tuple[float, ...]
-    normal: tuple[float, ...]
-    velocity: tuple[float, ...] | None = None
-    slip: bool = False
-    loose: bool = False
-    mirror: bool = False
-    friction: Friction | None = None
-    name: str = ""
+    point: vector("m")
+    normal: vector("")
+    velocity: vector("m/s") | None = None
+    slip: Flag = False
+    loose: Flag = False
+    mirror: Flag = False
+    friction: InstanceOf[Friction] | None = None
+    name: Text = ""
     thin = False
 
     def __post_init__(self):
         check_surface(self)
-        check_vectors(self, "a plane", {"point": "m", "normal": "", "velocity": "m/s"})
         kind = "mirror plane" if self.mirror else "plane"
         unit = abs(np.linalg.norm(self.normal) - 1.0) <= 1e-6
         require(unit, f"normal = {self.normal} of a {kind}: must have the length 1")
@@ -152,7 +175,8 @@ class Plane:
         velocity = np.zeros(len(self.point)) if self.velocity is None else np.array(self.velocity, float)
         return velocity if abs(velocity @ np.array(self.normal)) > 1e-9 * np.linalg.norm(velocity) else 0.0 * velocity
 
-    def distance(self, x, time=0.0):
+    @validated
+    def distance(self, x: points("m"), time: Instant = 0.0):
         """Return the signed distance of points from the wall.
 
         Parameters
@@ -167,6 +191,7 @@ class Plane:
         ndarray, shape (n,)
             Distance [m], positive in the fluid.
         """
+        require_as_many(x, self.point)
         return (x - np.array(self.point) - time * self.travel) @ np.array(self.normal)
 
     @property
@@ -175,6 +200,7 @@ class Plane:
         return float(np.linalg.norm(self.velocity or 0.0))
 
 
+@validated
 @dataclass(frozen=True)
 class Cylinder:
     """Wall that is a cylinder, the mantle of a truncated cone, or in two dimensions a circle.
@@ -221,28 +247,25 @@ class Cylinder:
     [0.06]
     """
 
-    point: tuple[float, ...]
-    radius: float  # at ``point`` [m]
-    axis: tuple[float, ...] | None = None
-    inside: bool = True
-    angular_velocity: float = 0.0
-    velocity: float = 0.0
-    slip: bool = False
-    slope: float = 0.0  # [-]
-    length: float | None = None  # endless if None
-    loose: bool = False
-    thin: bool = False
-    friction: Friction | None = None
-    name: str = ""
+    point: vector("m")
+    radius: Size  # at ``point`` [m]
+    axis: array("", (0,), (3,), kind=tuple) | None = None
+    inside: Flag = True
+    angular_velocity: real("rad/s", ge=-1e6, le=1e6) = 0.0
+    velocity: real("m/s", ge=-1e6, le=1e6) = 0.0
+    slip: Flag = False
+    slope: real("", ge=-1e6, le=1e6) = 0.0  # [-]
+    length: Size | None = None  # endless if None
+    loose: Flag = False
+    thin: Flag = False
+    friction: InstanceOf[Friction] | None = None
+    name: Text = ""
 
     def __post_init__(self):
         check_surface(self)
-        check_vectors(self, "a cylinder", {"point": "m"})
-        units = {"radius": "m", "angular_velocity": "rad/s", "velocity": "m/s", "slope": "", "length": "m"}
-        check_numbers(self, units)
         d = len(self.point)
         given = array_of([] if self.axis is None else self.axis)
-        is_direction = given.shape == (3,) and np.all(np.isfinite(given)) and given.any()
+        is_direction = given.shape == (3,) and given.any()
         wrong = f"axis = {self.axis}: must be a direction of 3 numbers in 3-D and None in 2-D"
         require(is_direction if d == 3 else given.shape == (0,), wrong)
         require(
@@ -254,8 +277,8 @@ class Cylinder:
         tip = f"slope = {self.slope:g}: needs a length; a cone that goes on has no radius at its tip"
         require(not (self.slope and endless), tip)
         require(not (self.thin and endless), "thin = True: needs a length; what is thin must end somewhere")
-        for key, value in {"length": 1.0 if endless else self.length, "radius": self.smallest_radius}.items():
-            require(value > 0.0, f"{key} = {value:g} m: must be greater than 0 m")
+        narrow = self.smallest_radius
+        require(narrow > 0.0, f"slope = {self.slope:g}: radius = {narrow:g} m at an end; must be greater than 0 m")
 
     @property
     def smallest_radius(self):
@@ -288,7 +311,8 @@ class Cylinder:
         ends = [0.0] if self.length is None else [0.0, self.length]
         return [np.array(self.point) + s * self.unit_axis + (self.radius + self.slope * s) * unit for s in ends]
 
-    def distance(self, x, time=0.0):
+    @validated
+    def distance(self, x: points("m"), time: Instant = 0.0):
         """Return the signed distance of points from the wall.
 
         Parameters
@@ -303,6 +327,7 @@ class Cylinder:
         ndarray, shape (n,)
             Distance [m], positive in the fluid, from a thin wall on both sides; infinite beyond its ends.
         """
+        require_as_many(x, self.point)
         offset = x - np.array(self.point) - time * self.travel
         s = offset @ self.unit_axis
         r = np.linalg.norm(offset - np.outer(s, self.unit_axis), axis=1)
@@ -314,7 +339,8 @@ class Cylinder:
         return np.where((foot >= 0.0) & (foot <= self.length), np.abs(z) if self.thin else z, np.inf)
 
 
-def box_planes(low, high, slip=False, friction=None):
+@validated
+def box_planes(low: vector("m"), high: vector("m"), slip: Flag = False, friction: InstanceOf[Friction] | None = None):
     """Return the walls of a box that is open at the top.
 
     Parameters
@@ -349,7 +375,8 @@ def box_planes(low, high, slip=False, friction=None):
     return (floor, *sides)
 
 
-def behind(walls, x, thick):
+@validated
+def behind(walls: Sequence[InstanceOf[Surface]], x: points("m"), thick: Size):
     """Return the positions that lie behind a wall, as places of wall particles.
 
     Parameters
@@ -373,5 +400,6 @@ def behind(walls, x, thick):
     >>> mps.behind([floor], mps.lattice((0.0, -0.3), (0.1, 0.1), 0.1), 0.2).round(3).tolist()
     [[0.05, -0.15], [0.05, -0.05]]
     """
+    require(walls, "walls = (): must be one wall or more")
     depth = np.max([-wall.distance(x) for wall in walls], axis=0)
     return x[(depth > 0.0) & (depth < thick)]

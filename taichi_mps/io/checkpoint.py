@@ -10,19 +10,21 @@ import json
 import math
 import os
 import re
+from collections.abc import Callable
 from dataclasses import dataclass, is_dataclass
 from pathlib import Path
+from typing import Protocol, runtime_checkable
 
 import h5py
 import numpy as np
-from pydantic import BaseModel
+from pydantic import BaseModel, InstanceOf
 
 from ..problem import catalogue
 from ..problem.numerics import NUMERICS
 from ..problem.problem import Problem
 from ..problem.scene import Scene
 from ..schemes.step_report import OLD_NAMES
-from ..units import SceneError, ordinary, require, user_path
+from ..units import File, SceneError, ordinary, require, user_path, validated
 from . import untrusted_hdf5 as outside
 
 FORMAT = "taichi_mps checkpoint"
@@ -232,7 +234,15 @@ class Checkpoint:
         return sim
 
 
-def save(sim, path) -> Path:
+@runtime_checkable
+class Running(Protocol):
+    """Simulation, of which a checkpoint keeps the state."""
+
+    state: Callable
+
+
+@validated
+def save(sim: InstanceOf[Running], path: File) -> Path:
     """Write a checkpoint of a simulation.
 
     Parameters
@@ -261,7 +271,8 @@ def save(sim, path) -> Path:
     return Checkpoint.of(sim).write(path)
 
 
-def restore(path, scene: Scene | None = None):
+@validated
+def restore(path: File, scene: InstanceOf[Scene] | None = None):
     """Make a Simulation that continues from a checkpoint, or from the previous one when that file is damaged.
 
     Parameters

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ..schemes.step_report import OLD_NAMES
-from ..units import ordinary, require, user_path
+from ..units import File, ordinary, require, user_path, validated
 
 MEANING = {
     "time_s": "time at the end of the step [s]",
@@ -209,7 +209,8 @@ def read_rows(path) -> list[dict[str, str]]:
     return [row | {new: row[old] for new, old in OLD_NAMES.items() if new not in row} for row in found]
 
 
-def read_history(path) -> dict[str, np.ndarray]:
+@validated
+def read_history(path: File) -> dict[str, np.ndarray]:
     """Read the columns of a history.csv.
 
     Parameters

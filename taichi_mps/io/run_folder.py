@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from .. import __version__
-from ..units import SceneError, ordinary, require, user_path
+from ..units import File, Flag, SceneError, ordinary, require, user_path, validated
 from . import lock
 from .history import crc32, read_rows
 from .vtkhdf import Trajectory
@@ -53,8 +53,9 @@ class RunFolder:
     'history.csv'
     """
 
-    def __init__(self, path):
-        self.path = user_path(path)
+    @validated
+    def __init__(self, path: File):
+        self.path = path
         self.frames = self.path / "frames"
         self.case = self.path / "case.toml"
         self.history = self.path / "history.csv"
@@ -79,7 +80,8 @@ class RunFolder:
         """Pictures that the run has made, in their order."""
         return sorted(path for path in self.frames.glob("frame_*.png") if PICTURES.fullmatch(path.name))
 
-    def check(self, overwrite: bool = False) -> None:
+    @validated
+    def check(self, overwrite: Flag = False) -> None:
         """Refuse a path that is no place for a run, before anything is computed.
 
         Parameters
@@ -116,7 +118,8 @@ class RunFolder:
         """
         require(not self.frames.is_symlink(), f"out = {self.path}: its frames lie elsewhere; must be another folder")
 
-    def create(self, overwrite: bool = False) -> None:
+    @validated
+    def create(self, overwrite: Flag = False) -> None:
         """Make the folder, empty of what an earlier run wrote.
 
         Parameters
@@ -155,6 +158,7 @@ class RunFolder:
         reason = getattr(error, "strerror", None) or error
         return SceneError(f"out = {self.path}: cannot be written ({reason}); choose another folder")
 
+    @validated
     def write_summary(self, summary: dict) -> None:
         """Write summary.json whole or not at all; numbers that are not finite become null.
 

@@ -9,11 +9,13 @@ from dataclasses import replace
 
 import h5py
 import numpy as np
+from pydantic import InstanceOf
 
 from ..problem import catalogue
 from ..problem.measures import Snapshot, embed
+from ..problem.scene import Scene
 from ..simulation.frame import Frame
-from ..units import SceneError, require, user_path
+from ..units import File, SceneError, require, validated
 from . import untrusted_hdf5 as outside
 
 BYTES, ROOM = 64, 1 << 20  # of a particle in an output, and of all else that a file may need
@@ -59,8 +61,9 @@ class Trajectory:
     taichi_mps.units.SceneError: run = nowhere: holds no run.h5; must be the folder of a run
     """
 
-    def __init__(self, path):
-        self.path = user_path(path)
+    @validated
+    def __init__(self, path: File):
+        self.path = path
         self.twins = [self.path.with_suffix(f".twin{k}") for k in (1, 2)]
         self.missing: list[Snapshot] | None = None  # what the twin lacks of run.h5; None where there is no twin
 
@@ -265,7 +268,10 @@ class Trajectory:
         require(self.path.is_file(), f"run = {self.path.parent}: holds no run.h5; must be the folder of a run")
         return outside.opened(self.path, "run")
 
-    def replay(self, scene_file=None, scene=None, chosen=None):
+    @validated
+    def replay(
+        self, scene_file: File | None = None, scene: InstanceOf[Scene] | None = None, chosen: list[int] | None = None
+    ):
         """Read the outputs one by one.
 
         Parameters

@@ -1,18 +1,20 @@
 """Run for other programs: one .vtu file an output by meshio, and the .pvd that gives them their times."""
 
 import re
+from collections.abc import Iterable
 
 import meshio
 import numpy as np
 
-from ..units import SceneError, user_path
+from ..units import File, Flag, SceneError, validated
 from ..viz.smooth_surface import smooth_surface
 from .vtkhdf import point_data, single
 
 OWN = re.compile(r"output_\d{5,}\.vtu|run\.pvd")  # what is written here
 
 
-def vtu(outputs, folder, whole: bool = False, smooth: bool = False) -> int:
+@validated
+def vtu(outputs: Iterable, folder: File, whole: Flag = False, smooth: Flag = False) -> int:
     """Write a run as output_00000.vtu, ... and run.pvd, which opens all of them with their times.
 
     Parameters
@@ -49,7 +51,6 @@ def vtu(outputs, folder, whole: bool = False, smooth: bool = False) -> int:
     1
     ['output_00000.vtu', 'run.pvd']
     """
-    folder = user_path(folder)
     if others := [path.name for path in folder.glob("*") if not OWN.fullmatch(path.name)]:
         raise SceneError(f"out = {folder}: holds other files, such as {others[0]}; must be a new or empty folder")
     lines = []

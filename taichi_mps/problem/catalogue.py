@@ -8,11 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
-from ..units import SceneError, require, suggestion, user_path
+from ..units import SceneError, Text, require, suggestion, user_path, validated
 from .accuracy import Mix, choose
-from .materials import Bingham, Concrete, Material
+from .materials import AnyMaterial, Bingham, Concrete
 from .scene import Scene
 
+SceneName = Text | Path
 PACKAGE = Path(__file__).resolve().parents[1]
 
 
@@ -72,7 +73,8 @@ def describe() -> dict[str, str]:
     return {name: docstring(path).split("\n", 1)[0] for name, path in names().items()}
 
 
-def run_time(name: str) -> str:
+@validated
+def run_time(name: SceneName) -> str:
     """Return what a built-in scene says of its run time.
 
     Parameters
@@ -85,11 +87,12 @@ def run_time(name: str) -> str:
     str
         Text after 'Run time:' in its docstring, '' where there is none.
     """
-    text = docstring(names()[name])
+    text = docstring(locate(name))
     return next((line.removeprefix("Run time: ") for line in text.splitlines() if line.startswith("Run time: ")), "")
 
 
-def locate(name: str) -> Path:
+@validated
+def locate(name: SceneName) -> Path:
     """Find the file of a scene.
 
     Parameters
@@ -123,7 +126,8 @@ def locate(name: str) -> Path:
     raise SceneError(f"unknown scene '{name}'{suggestion(name, known) or ';'} known are {', '.join(known) or 'none'}")
 
 
-def source(name: str) -> str:
+@validated
+def source(name: SceneName) -> str:
     """Return what a checkpoint keeps to find a scene again.
 
     Parameters
@@ -140,7 +144,8 @@ def source(name: str) -> str:
     return path.stem if names().get(path.stem) == path else str(path)
 
 
-def load(name: str):
+@validated
+def load(name: SceneName):
     """Import the function of a scene.
 
     Parameters
@@ -178,7 +183,8 @@ def load(name: str):
     return function
 
 
-def build(name: str, material: Material | None = None, /, **keywords) -> Scene:
+@validated
+def build(name: SceneName, material: AnyMaterial | None = None, /, **keywords) -> Scene:
     """Make a scene from its name or file and its keywords.
 
     Parameters
@@ -264,7 +270,8 @@ def rebuild(source: str, parameters: dict, scene_file=None) -> Scene:
     return build(source if scene_file is None else scene_file, **parameters)
 
 
-def slump_cone(material: Material | None = None, **keywords) -> Scene:
+@validated
+def slump_cone(material: AnyMaterial | None = None, **keywords) -> Scene:
     """Make the slump test of a material.
 
     Parameters

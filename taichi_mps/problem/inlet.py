@@ -4,14 +4,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..units import check_vectors, finite, given, positive, require, said
-from .materials import MATERIALS, Material
+from ..units import Size, Time, array, real, require, validated, vector
+from .materials import AnyMaterial
 
 MOST_ACROSS = 1000  # spacings of a radius: three million particles a layer
 FASTEST = 100.0  # speed [m/s] in a hose, three times that of sprayed concrete
 ROOM = 0.6  # distance from what is there in spacings below which a layer cannot enter
 
 
+@validated
 @dataclass(frozen=True)
 class Inlet:
     """Mouth of a hose or chute from which concrete enters, layer by layer.
@@ -57,30 +58,23 @@ class Inlet:
     (0.25, 1250)
     """
 
-    centre: tuple[float, ...]  # [m]
-    direction: tuple[float, ...]
-    radius: float  # half of the width in 2-D [m]
-    rate: float  # [m3/s]
-    volume: float  # [m3]
-    start: float = 0.0  # [s]
-    material: Material | None = None  # the mix; that of the scene by default
-    path: tuple[tuple[float, ...], ...] | None = None  # (time [s], displacement [m] ...), (k, 1 + d)
-    height: float | None = None  # of a rectangular mouth, in 3-D [m]
+    centre: vector("m")
+    direction: vector("")
+    radius: Size  # half of the width in 2-D [m]
+    rate: real("m3/s", gt=0.0, le=1e9)
+    volume: real("m3", gt=0.0, le=1e9)
+    start: Time = 0.0
+    material: AnyMaterial | None = None  # the mix; that of the scene by default
+    path: array("s and m", (None, None)) | None = None  # (time [s], displacement [m] ...), (k, 1 + d)
+    height: Size | None = None  # of a rectangular mouth, in 3-D
 
     def __post_init__(self):
-        check_vectors(self, "an inlet", {"centre": "m", "direction": ""})
-        material = self.material is None or isinstance(self.material, Material)
-        require(material, f"inlet: material = {said(self.material, '')}: must be {MATERIALS}")
-        for key, unit, value in given(self, {"radius": "m", "rate": "m3/s", "volume": "m3", "height": "m"}):
-            positive(f"inlet: {key}", value, unit)
         d = len(self.centre)
-        require(np.any(self.direction), f"inlet: direction = {self.direction}: must have {d} numbers, not all zero")
+        sound = len(self.direction) == d and np.any(self.direction)
+        require(sound, f"inlet: direction = {self.direction}: must have {d} numbers, as centre has, not all zero")
         require(d == 3 or self.height is None, f"inlet: height = {self.height} m: must be left out in 2-D")
-        require(
-            finite("inlet: start", self.start, "s", ()) >= 0.0, f"inlet: start = {self.start} s: must be at least 0 s"
-        )
         if self.path is not None:
-            path = finite("inlet: path", self.path, "s and m", dimensions=2)
+            path = self.path
             sound = path.shape[1] == 1 + d and len(path) >= 2 and np.all(np.diff(path[:, 0]) > 0.0)
             require(
                 sound,
@@ -89,7 +83,8 @@ class Inlet:
             )
             object.__setattr__(self, "path", tuple(map(tuple, path.tolist())))
 
-    def within(self, time: float) -> "Inlet":
+    @validated
+    def within(self, time: Time) -> "Inlet":
         """Return the inlet with all numbers of its mix, for a run of a given length.
 
         Parameters
@@ -109,7 +104,8 @@ class Inlet:
         """Unit vector along the jet, shape (d,)."""
         return np.array(self.direction, float) / np.linalg.norm(self.direction)
 
-    def layer(self, spacing: float) -> np.ndarray:
+    @validated
+    def layer(self, spacing: Size) -> np.ndarray:
         """Return the positions of a layer of particles that begins to leave the mouth.
 
         Parameters
@@ -129,11 +125,11 @@ class Inlet:
         """
         radius, height = f"inlet: radius = {self.radius:g} m", f"inlet: height = {self.height} m"
         least = spacing * (1.0 - 1e-9)
-        require(self.radius >= 1.5 * least, f"{radius}: must be at least 1.5 spacings, {1.5 * spacing:g} m")
+        require(self.radius >= 1.5 * least, f"{radius}: must be at least 1.5 times spacing = {spacing:g} m")
         most = MOST_ACROSS * spacing
-        require(self.radius <= most, f"{radius}: must be at most {MOST_ACROSS} spacings of {spacing:g} m")
+        require(self.radius <= most, f"{radius}: must be at most {MOST_ACROSS} times spacing = {spacing:g} m")
         across_its_height = self.height is None or least <= self.height <= most
-        require(across_its_height, f"{height}: must be 1 to {MOST_ACROSS} spacings of {spacing:g} m")
+        require(across_its_height, f"{height}: must be 1 to {MOST_ACROSS} times spacing = {spacing:g} m")
         along, across = self.unit_direction, []
         axes = np.eye(len(along))[np.argsort(np.abs(along), kind="stable")[:-1]]  # those most square to the hose
         if self.height is not None and np.hypot(along[0], along[1]) > 1e-9:  # level, and upright
@@ -152,7 +148,8 @@ class Inlet:
             offset = offset[np.linalg.norm(offset, axis=1) < self.radius]
         return np.array(self.centre, float) - 0.5 * spacing * along + offset @ np.array(across)
 
-    def layer_volume(self, spacing: float) -> float:
+    @validated
+    def layer_volume(self, spacing: Size) -> float:
         """Return the volume of one layer.
 
         Parameters
@@ -167,7 +164,8 @@ class Inlet:
         """
         return len(self.layer(spacing)) * spacing ** len(self.centre)
 
-    def speed(self, spacing: float) -> float:
+    @validated
+    def speed(self, spacing: Size) -> float:
         """Return the speed of the jet relative to the nozzle.
 
         Parameters
@@ -187,7 +185,8 @@ class Inlet:
         """Rows of a time [s] and the displacement of the nozzle then [m], shape (k, 1 + d)."""
         return np.zeros((1, 1 + len(self.centre))) if self.path is None else np.array(self.path, float)
 
-    def velocity(self, spacing: float, time: float = 0.0) -> np.ndarray:
+    @validated
+    def velocity(self, spacing: Size, time: Time = 0.0) -> np.ndarray:
         """Return the velocity of the jet, that of the nozzle included.
 
         Parameters
@@ -208,7 +207,8 @@ class Inlet:
             return jet
         return jet + (rows[k, 1:] - rows[k - 1, 1:]) / (rows[k, 0] - rows[k - 1, 0])
 
-    def displacement(self, time: float) -> np.ndarray:
+    @validated
+    def displacement(self, time: Time) -> np.ndarray:
         """Return the displacement of the nozzle from its centre.
 
         Parameters
@@ -224,7 +224,8 @@ class Inlet:
         at, *along = self.turns.T
         return np.array([np.interp(time, at, values) for values in along])
 
-    def fastest(self, spacing: float) -> np.ndarray:
+    @validated
+    def fastest(self, spacing: Size) -> np.ndarray:
         """Return the velocity of the jet when it is largest.
 
         Parameters
@@ -240,7 +241,8 @@ class Inlet:
         velocities = np.array([self.velocity(spacing, time) for time in self.turns[:, 0]])  # at rest after the last
         return velocities[np.linalg.norm(velocities, axis=1).argmax()]
 
-    def layers(self, spacing: float) -> int:
+    @validated
+    def layers(self, spacing: Size) -> int:
         """Return the number of layers.
 
         Parameters

@@ -27,15 +27,21 @@ from ..units import (
     FlowIndex,
     Ratio,
     Structuration,
+    Time,
     Viscosity,
     YieldValue,
+    array,
     checked,
+    instance,
+    real,
     require,
     said,
     unit_of,
+    validated,
 )
 from .labels import in_words
 
+Rate = real("1/s", ge=0.0) | array("1/s", (None,))
 FLOWS = 0.05  # viscous part of the stress over the yield stress from which a material is said to flow [-]
 TYPICAL_RATE = 5.0  # shear rate of a slump test [1/s]
 HIGH_KNEE = 0.1  # fraction of the yield stress by which the knee stress may exceed it without a warning; the paper's #1
@@ -101,7 +107,8 @@ class Material(Checked):
         """Whether a function of the law is the user's, which may be anything."""
         return any(getattr(function, "__module__", None) != __name__ for function in self.functions.values())
 
-    def flows(self, rate):
+    @validated
+    def flows(self, rate: Rate):
         """Tell where the material flows: where the viscous part of the stress is over 5 % of the yield stress.
 
         Parameters
@@ -116,7 +123,8 @@ class Material(Checked):
         """
         return self.typical_slope * rate > FLOWS * self.yield_value
 
-    def within(self, time: float) -> "Material":
+    @validated
+    def within(self, time: Time) -> "Material":
         """Return the material with all its numbers, for a run of a given length.
 
         Parameters
@@ -254,7 +262,8 @@ class Bingham(Material):
         known = isinstance(self.critical_strain_rate, float)
         return self.yield_value + (2.0 * self.plastic_viscosity * self.critical_strain_rate if known else 0.0)
 
-    def within(self, time: float) -> "Bingham":
+    @validated
+    def within(self, time: Duration) -> "Bingham":
         """Return the material with all its numbers, for a run of a given length.
 
         Parameters
@@ -596,6 +605,7 @@ def numbers_of(law: type[Material]) -> dict:
 LAWS = (Bingham, HerschelBulkley, Casson)
 OF_ALL = set.intersection(*(set(numbers_of(law)) for law in LAWS))
 MATERIALS = f"{', '.join(law.__name__ for law in LAWS)}, Newtonian, FlowCurve or another Law"
+AnyMaterial = instance(Material, MATERIALS)
 
 
 def every_number() -> dict:
@@ -712,7 +722,8 @@ def mix_in_words(facts: dict) -> str:
     return ", ".join(f"{name} {value}" for name, value in constants_of(facts).items())
 
 
-def Newtonian(density: float = 1000.0, viscosity: float = 1e-3) -> Bingham:  # noqa: N802
+@validated
+def Newtonian(density: AnyDensity = 1000.0, viscosity: Viscosity = 1e-3) -> Bingham:  # noqa: N802
     """Make a fluid without yield stress.
 
     Parameters

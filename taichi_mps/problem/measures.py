@@ -1,18 +1,24 @@
 """Snapshot of a run, and what a technologist measures on it, in plain NumPy."""
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from pydantic import InstanceOf
 
-from ..units import array_of, said
+from ..geometry.shapes import MOST_POINTS, Surface
+from ..units import Flag, Size, Time, array, array_of, points, real, require, said, validated, vector
 from .loads import Load
 
 HOLE = (0.75, 1.0)  # radius of a ring over its size: below, its particles cover the axis; above, another one fits in
 
+PLACE, PLACES = array("m", (1,), (2,)), array("m", (None, 1), (None, 2))  # horizontal
+ROW = array("", (None,))
 SCALARS = "p", "shear_rate", "yielded", "density_ratio", "size", "mix"  # of each particle
 
 
+@validated
 @dataclass(frozen=True)
 class Snapshot:
     """Fluid at one instant, ordered by persistent particle number: n particles, d dimensions.
@@ -52,9 +58,9 @@ class Snapshot:
     ((2, 3), [0.0, 0.0])
     """
 
-    time: float  # [s]
-    spacing: float  # l0 [m]
-    x: np.ndarray  # position [m], (n, d)
+    time: Time
+    spacing: Size  # l0
+    x: points("m")  # position, (n, d)
     u: np.ndarray  # velocity [m/s], (n, d)
     p: np.ndarray  # pressure [Pa], of `implicit` averaged over the neighbours, (n,)
     shear_rate: np.ndarray  # sqrt(2 D:D) [1/s], (n,)
@@ -66,6 +72,10 @@ class Snapshot:
     loads: dict[str, Load] = field(default_factory=dict)  # on the walls by their names, where they are asked for
 
     def __post_init__(self):
+        for name in ("u", "p", "shear_rate", "yielded", "density_ratio", "size", "mix"):
+            value = getattr(self, name)
+            rows = value is None or np.shape(value)[:1] == np.shape(self.x)[:1]
+            require(rows, f"{name} of shape {np.shape(value)}: must have {len(self.x)} rows, as x has")
         if self.size is None:
             object.__setattr__(self, "size", np.full(len(self.x), self.spacing))
         if self.mix is None:
@@ -136,7 +146,8 @@ class Measured:
             warnings.warn(f"{self.key} = {name}: {wrong}; left out, the run goes on", stacklevel=1)
 
 
-def revolved(s: Snapshot) -> Snapshot:
+@validated
+def revolved(s: InstanceOf[Snapshot]) -> Snapshot:
     """Revolve an axisymmetric snapshot (r, z) into the whole body.
 
     Parameters
@@ -173,7 +184,8 @@ def revolved(s: Snapshot) -> Snapshot:
     return replace(s, x=turned(s.x), u=turned(s.u), wall_x=np.zeros((0, 3)), loads=loads, **fields)
 
 
-def still(x, spacing: float) -> Snapshot:
+@validated
+def still(x: points("m"), spacing: Size) -> Snapshot:
     """Make a snapshot of points at rest, without pressure.
 
     Parameters
@@ -199,7 +211,8 @@ def still(x, spacing: float) -> Snapshot:
     return Snapshot(0.0, spacing, x, 0.0 * x, zero, zero, zero > 0.0, zero + 1.0, np.zeros((0, x.shape[1])))
 
 
-def embed(x) -> np.ndarray:
+@validated
+def embed(x: points("")) -> np.ndarray:
     """Embed vectors of a two-dimensional scene in the plane y = 0.
 
     Parameters
@@ -222,7 +235,8 @@ def embed(x) -> np.ndarray:
     return x if x.shape[1] == 3 else np.insert(x, 1, 0.0, axis=1)
 
 
-def reflected(vectors, normal, point=None):
+@validated
+def reflected(vectors: points(""), normal: vector(""), point: vector("m") | None = None):
     """Reflect vectors or positions at a plane.
 
     Parameters
@@ -246,11 +260,15 @@ def reflected(vectors, normal, point=None):
     [[-0.25, 0.5]]
     """
     normal = np.asarray(normal, float)
+    for key, value in {"normal": normal, "point": point}.items():
+        as_many = value is None or len(value) == vectors.shape[1]
+        require(as_many, f"{key} = {value}: must have {vectors.shape[1]} numbers, as vectors have")
     origin = 0.0 if point is None else np.asarray(point, float)
     return vectors - 2.0 * np.outer((vectors - origin) @ normal, normal)
 
 
-def mirrored(s: Snapshot, point, normal) -> Snapshot:
+@validated
+def mirrored(s: InstanceOf[Snapshot], point: vector("m"), normal: vector("")) -> Snapshot:
     """Complete a snapshot by its image at a plane.
 
     Parameters
@@ -274,13 +292,28 @@ def mirrored(s: Snapshot, point, normal) -> Snapshot:
     >>> mps.measure.mirrored(half, (0.0, 0.0), (1.0, 0.0)).x.tolist()
     [[0.25, 0.5], [-0.25, 0.5]]
     """
+    require_axes(s, vertical=1, point=point, normal=normal)
     twice = {name: np.tile(getattr(s, name), 2) for name in SCALARS}
     twice |= {name: np.vstack([x, reflected(x, normal, point)]) for name, x in (("x", s.x), ("wall_x", s.wall_x))}
     loads = {name: load.mirrored(point, normal) for name, load in s.loads.items()}
     return replace(s, u=np.vstack([s.u, reflected(s.u, normal)]), loads=loads, **twice)
 
 
-def surface(s: Snapshot, points) -> np.ndarray:
+def require_axes(s: Snapshot, vertical=0, **places):
+    """SceneError unless these places have as many coordinates as the particles, but for the ``vertical`` one."""
+    d = s.x.shape[1]
+    for key, place in places.items():
+        wrong = f"{key} = {said(place, 'm')}: must have {d - 1 + vertical} coordinates, for particles that have {d}"
+        require(np.shape(place)[-1] == d - 1 + vertical, wrong)
+
+
+def require_heap(s: Snapshot):
+    """SceneError unless a snapshot is that of a body in three dimensions."""
+    require(s.x.shape[1] == 3 and len(s.x), f"s of shape {s.x.shape}: must be a body in 3-D; scene.unfold gives it")
+
+
+@validated
+def surface(s: InstanceOf[Snapshot], points: PLACES) -> np.ndarray:
     """Return the height of the surface at horizontal places.
 
     Parameters
@@ -302,13 +335,17 @@ def surface(s: Snapshot, points) -> np.ndarray:
     >>> mps.measure.surface(body, [[0.1]]).round(3).tolist()
     [0.1]
     """
-    points = np.asarray(points, float)
+    if not len(points):
+        return np.zeros(0)
+    require_axes(s, points=points)
     low, high = points.min(0) - s.spacing, points.max(0) + s.spacing
     close = np.all((s.x[:, :-1] > low) & (s.x[:, :-1] < high), axis=1)
     near, top = s.x[close, :-1], s.x[close, -1] + 0.5 * s.size[close]
     order, heights = np.argsort(-top), np.full(len(points), np.nan)
+    ends = s.x[:, :-1].min(0, initial=np.inf) - s.spacing, s.x[:, :-1].max(0, initial=-np.inf) + s.spacing
+    over_body = np.all((points > ends[0]) & (points < ends[1]), axis=1)
     for first in range(0, len(top), 500):  # from the highest down: most places are covered by the first few
-        left, k = np.flatnonzero(np.isnan(heights)), order[first : first + 500]
+        left, k = np.flatnonzero(over_body & np.isnan(heights)), order[first : first + 500]
         if len(left) == 0:
             break
         distance2 = sum((points[left, None, axis] - near[k, axis]) ** 2 for axis in range(near.shape[1]))
@@ -317,7 +354,8 @@ def surface(s: Snapshot, points) -> np.ndarray:
     return heights
 
 
-def over(s: Snapshot, low, high) -> tuple[np.ndarray, np.ndarray]:
+@validated
+def over(s: InstanceOf[Snapshot], low: PLACE, high: PLACE) -> tuple[np.ndarray, np.ndarray]:
     """Sample the surface between two horizontal places.
 
     Parameters
@@ -342,12 +380,18 @@ def over(s: Snapshot, low, high) -> tuple[np.ndarray, np.ndarray]:
     >>> points.shape, float(heights.max().round(3))
     ((13, 1), 0.1)
     """
+    require_axes(s, low=low, high=high)
+    with np.errstate(over="ignore"):
+        places = float(np.prod(np.maximum(1.0, np.subtract(high, low) / (0.4 * s.spacing))))
+    above = f"from low = {low} to high = {high} m: must be above each other and hold at most {MOST_POINTS:.2g} places"
+    require(np.all(np.less_equal(low, high)) and places <= MOST_POINTS, above)
     ticks = [np.arange(a, b + 1e-12, 0.4 * s.spacing) for a, b in zip(low, high, strict=True)]
     points = np.stack(np.meshgrid(*ticks), -1).reshape(-1, len(ticks))
     return points, surface(s, points)
 
 
-def top_height(s: Snapshot, radius: float) -> float:
+@validated
+def top_height(s: InstanceOf[Snapshot], radius: Size) -> float:
     """Return the mean height of the surface around the axis.
 
     Parameters
@@ -369,12 +413,14 @@ def top_height(s: Snapshot, radius: float) -> float:
     >>> round(mps.measure.top_height(cone, 0.02), 3)
     0.3
     """
+    require_heap(s)
     points, heights = over(s, (-radius, -radius), (radius, radius))
     heights = heights[(np.hypot(points[:, 0], points[:, 1]) <= radius) & np.isfinite(heights)]
     return float(heights.mean()) if len(heights) else float("nan")
 
 
-def level(s: Snapshot, low, high) -> float:
+@validated
+def level(s: InstanceOf[Snapshot], low: PLACE, high: PLACE) -> float:
     """Return the mean height of the surface, as one reads a level.
 
     Parameters
@@ -399,7 +445,8 @@ def level(s: Snapshot, low, high) -> float:
     return float(np.nan_to_num(over(s, low, high)[1]).mean())
 
 
-def standing_level(s: Snapshot, low, high) -> float:
+@validated
+def standing_level(s: InstanceOf[Snapshot], low: PLACE, high: PLACE) -> float:
     """Return the level of what stands on the floor without a gap.
 
     Parameters
@@ -423,6 +470,7 @@ def standing_level(s: Snapshot, low, high) -> float:
     >>> round(mps.measure.standing_level(with_drop, [0.02], [0.18]), 3)
     0.1
     """
+    require_axes(s, low=low, high=high)
     x = s.x[:, :-1]
     near = np.all((x > np.subtract(low, s.spacing)) & (x < np.add(high, s.spacing)), axis=1)
     heights = np.sort(s.x[near, -1])
@@ -431,7 +479,8 @@ def standing_level(s: Snapshot, low, high) -> float:
     return level(replace(s, **{name: getattr(s, name)[s.x[:, -1] < top] for name in ("x", "size")}), low, high)
 
 
-def spread(s: Snapshot) -> float:
+@validated
+def spread(s: InstanceOf[Snapshot]) -> float:
     """Return the slump flow: the mean diameter of the widest layer.
 
     Parameters
@@ -457,6 +506,7 @@ def spread(s: Snapshot) -> float:
     >>> abs(mps.measure.spread(cone) - 0.2) < 0.01
     True
     """
+    require_heap(s)
     r, angle = np.hypot(s.x[:, 0], s.x[:, 1]), np.arctan2(s.x[:, 1], s.x[:, 0])
     radius = np.quantile(r, 0.99)  # a stray particle does not set it
     size = float(np.median(s.size[r > radius - s.spacing]))
@@ -472,7 +522,8 @@ def spread(s: Snapshot) -> float:
     return float(2.0 * widest)
 
 
-def slump(s: Snapshot, height: float, axis_radius: float = 0.02) -> dict[str, float]:
+@validated
+def slump(s: InstanceOf[Snapshot], height: Size, axis_radius: Size = 0.02) -> dict[str, float]:
     """Return slump and slump flow of a body.
 
     Parameters
@@ -503,7 +554,8 @@ def slump(s: Snapshot, height: float, axis_radius: float = 0.02) -> dict[str, fl
     }
 
 
-def front(s: Snapshot) -> dict[str, float]:
+@validated
+def front(s: InstanceOf[Snapshot]) -> dict[str, float]:
     """Return how far and how high a body reaches.
 
     Parameters
@@ -529,7 +581,10 @@ def front(s: Snapshot) -> dict[str, float]:
     }
 
 
-def depth(s: Snapshot, where, area: float) -> float:
+@validated
+def depth(
+    s: InstanceOf[Snapshot], where: InstanceOf[np.ndarray] | list[Flag], area: real("m2", gt=0.0, le=1e9)
+) -> float:
     """Return the mean depth of the fluid over a part of the floor.
 
     Parameters
@@ -553,10 +608,14 @@ def depth(s: Snapshot, where, area: float) -> float:
     >>> round(mps.measure.depth(body, body.x[:, 0] < 0.1, 0.1), 3)
     0.1
     """
+    where = np.asarray(where)
+    mask = where.dtype == bool and where.shape == (len(s.x),)
+    require(mask, f"where = {said(where, '')}: must be True or False for each of {len(s.x)} particles")
     return float((s.size[where] ** s.x.shape[1]).sum() / area)
 
 
-def by_height(s: Snapshot, values, edges) -> np.ndarray:
+@validated
+def by_height(s: InstanceOf[Snapshot], values: ROW, edges: array("m", (None,))) -> np.ndarray:
     """Sum a quantity of the particles in horizontal layers.
 
     Parameters
@@ -580,12 +639,16 @@ def by_height(s: Snapshot, values, edges) -> np.ndarray:
     >>> mps.measure.by_height(body, np.ones(2), np.array([0.0, 0.03, 0.04])).round(3).tolist()
     [1.5, 0.5]
     """
+    require(len(values) == len(s.x), f"values of shape {values.shape}: must have one number a particle, {len(s.x)}")
+    above = len(edges) >= 2 and np.all(np.diff(edges) > 0.0)
+    require(above, f"edges = {said(edges, 'm')}: must be two or more, each above the one before")
     low, high = s.x[:, -1, None] - 0.5 * s.size[:, None], s.x[:, -1, None] + 0.5 * s.size[:, None]
     shared = np.maximum(0.0, np.minimum(high, edges[1:]) - np.maximum(low, edges[:-1]))
     return values @ (shared / s.size[:, None])
 
 
-def clearance(s: Snapshot, walls) -> float:
+@validated
+def clearance(s: InstanceOf[Snapshot], walls: Sequence[InstanceOf[Surface]]) -> float:
     """Return the distance of the particle nearest to any wall.
 
     Parameters
@@ -607,10 +670,12 @@ def clearance(s: Snapshot, walls) -> float:
     >>> mps.measure.clearance(body, [mps.Plane((0.0, 0.0), (0.0, 1.0))])
     0.01
     """
+    require(walls, "walls = (): must be one wall or more")
     return min(float(wall.distance(s.x, s.time).min()) for wall in walls)
 
 
-def time_of(time, values, level: float) -> float:
+@validated
+def time_of(time: ROW, values: array("", (None,), gaps=True), level: real("")) -> float:
     """Return the first time at which a history reaches a level.
 
     Parameters
@@ -633,7 +698,9 @@ def time_of(time, values, level: float) -> float:
     >>> mps.measure.time_of([0.0, 1.0, 2.0], [0.2, 0.4, 0.6], 0.5)
     1.5
     """
-    time, reached = np.asarray(time, float), np.flatnonzero(np.asarray(values, float) >= level)
+    require(len(time) == len(values), f"values: {len(values)} numbers; must be as many as of time, {len(time)}")
+    time, values = time[~np.isnan(values)], values[~np.isnan(values)]
+    reached = np.flatnonzero(values >= level)
     if not len(reached):
         return float("nan")
     last = slice(max(0, reached[0] - 1), reached[0] + 1)

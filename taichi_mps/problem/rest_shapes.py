@@ -4,13 +4,19 @@ Without inertia; ``radius_of_flow`` estimates by a model of one number how far a
 """
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
-from ..units import finite, positive, require
+from ..units import Count, Duration, Flag, Size, Viscosity, YieldValue, answer, real, require, said, validated
+
+Volume, Area = real("m3", gt=0.0, le=1e6), real("m2", gt=0.0, le=1e6)
+Gravity, Weight = real("m/s2", ge=1e-6, le=1e6), real("kg/m3", ge=1e-3, le=30000.0)
+YieldStress = real("Pa", ge=1e-9, le=1e6)  # without one nothing comes to rest
 
 
-def spread_at_rest(volume: float, density: float, yield_value: float, gravity: float = 9.81) -> float:
+@validated
+def spread_at_rest(volume: Volume, density: Weight, yield_value: YieldStress, gravity: Gravity = 9.81) -> float:
     """Return the slump flow of a thin round cake at rest.
 
     Parameters
@@ -46,13 +52,19 @@ def spread_at_rest(volume: float, density: float, yield_value: float, gravity: f
     >>> round(mps.rest_shapes.spread_at_rest(volume=0.0055, density=2300.0, yield_value=50.0), 3)
     0.6
     """
-    must_come_to_rest(yield_value, density, gravity)
-    positive("volume", volume, "m3")
     return 2.0 * (225.0 * density * gravity * volume**2 / (128.0 * math.pi**2 * yield_value)) ** 0.2
 
 
+@validated
 def channel_at_rest(
-    area, density, yield_value, width=None, length=math.inf, normal_stress=False, gravity=9.81, points=201
+    area: Area,
+    density: Weight,
+    yield_value: YieldStress,
+    width: Size | None = None,
+    length: Size = math.inf,
+    normal_stress: Flag = False,
+    gravity: Gravity = 9.81,
+    points: Count = 201,
 ):
     """Return the profile of a fluid at rest in a level channel that is closed at x = 0.
 
@@ -107,8 +119,6 @@ def channel_at_rest(
     >>> round(float(x[-1]), 2), round(float(h[0]), 3)  # front, depth at the back wall
     (0.74, 0.081)
     """
-    must_come_to_rest(yield_value, density, gravity)
-    positive("area", area, "m2")
     a = yield_value / (density * gravity)
     shift, lip = (0.5 * math.pi * a, math.pi * a) if normal_stress else (0.0, 0.0)
 
@@ -136,7 +146,16 @@ def channel_at_rest(
     return integral(front, 0) - integral(h, 0), h
 
 
-def radius_of_flow(volume, height, density, yield_value, plastic_viscosity, time=5.0, gravity=9.81):
+@validated
+def radius_of_flow(
+    volume: Volume,
+    height: Size,
+    density: Weight,
+    yield_value: YieldValue,
+    plastic_viscosity: Viscosity,
+    time: Duration = 5.0,
+    gravity: Gravity = 9.81,
+):
     """Return the radius to which a round column flows within a time, without spray.
 
     Parameters
@@ -192,38 +211,8 @@ def radius_of_flow(volume, height, density, yield_value, plastic_viscosity, time
     return radius
 
 
-def must_come_to_rest(yield_value, density, gravity):
-    """Refuse numbers of a fluid that does not come to rest.
-
-    Parameters
-    ----------
-    yield_value : float
-        Yield stress [Pa].
-    density : float
-        Density [kg/m3].
-    gravity : float
-        Gravity [m/s2].
-
-    Raises
-    ------
-    SceneError
-        If one is not positive.
-
-    Examples
-    --------
-    >>> import taichi_mps as mps
-    >>> mps.rest_shapes.must_come_to_rest(0.0, 2300.0, 9.81)
-    Traceback (most recent call last):
-        ...
-    taichi_mps.units.SceneError: yield_value = 0 Pa: without one nothing comes to rest; must be above 0 Pa
-    """
-    positive("density", density, "kg/m3")
-    positive("gravity", gravity, "m/s2")
-    flows = finite("yield_value", yield_value, "Pa", shape=()) <= 0.0
-    require(not flows, f"yield_value = {yield_value:g} Pa: without one nothing comes to rest; must be above 0 Pa")
-
-
-def root(function, low):
+@validated
+def root(function: Callable, low: real("m", ge=0.0, le=1e9)):
     """Find the root of a growing function of a depth by bisection.
 
     Parameters
@@ -245,8 +234,9 @@ def root(function, low):
     0.5
     """
     high = low + 1e-3
-    while function(high) < 0.0:
+    while (value := answer("function", function, high)) < 0.0 and high < 1e100:
         high *= 2.0
+    require(value >= 0.0, f"function = {said(function, '')}: must be a number above 0 somewhere above low = {low:g} m")
     for _ in range(60):
         middle = 0.5 * (low + high)
         low, high = (low, middle) if function(middle) > 0.0 else (middle, high)

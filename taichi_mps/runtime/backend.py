@@ -4,10 +4,11 @@ import functools
 import os
 import threading
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
-from ..units import SceneError, require
+from ..units import Count, Flag, SceneError, require, validated
 from .memory import left_of_limits, size
 from .workarounds import (
     OPTIONS,
@@ -58,7 +59,13 @@ class Session:
 _session: Session | None = None
 
 
-def init(arch: str = "cpu", precision: str = "f32", threads: int | None = None, debug: bool = False) -> None:
+@validated
+def init(
+    arch: Literal["cpu", "cuda", "vulkan"] = "cpu",
+    precision: Literal["f32", "f64"] = "f32",
+    threads: Count | None = None,
+    debug: Flag = False,
+) -> None:
     """Start Taichi; call it once before a ``Simulation``.
 
     Parameters
@@ -91,15 +98,9 @@ def init(arch: str = "cpu", precision: str = "f32", threads: int | None = None, 
     >>> mps.init(arch="abacus")
     Traceback (most recent call last):
         ...
-    taichi_mps.units.SceneError: arch = abacus: must be one of cpu, cuda, vulkan
+    taichi_mps.units.SceneError: arch = abacus: must be 'cpu', 'cuda' or 'vulkan'
     """
     architectures = {"cpu": ti.cpu, "cuda": ti.cuda, "vulkan": ti.vulkan}
-    if not isinstance(arch, str) or arch not in architectures:
-        raise SceneError(f"arch = {arch}: must be one of {', '.join(architectures)}")
-    if precision not in ("f32", "f64"):
-        raise SceneError(f"precision = {precision}: must be f32 or f64")
-    if threads is not None and (not isinstance(threads, int) or threads < 1):
-        raise SceneError(f"threads = {threads}: must be at least 1, a whole number")
     global _session
     if _session and _session.process != os.getpid():
         raise RuntimeError(FORKED)

@@ -2,14 +2,15 @@
 
 import math
 import time
+from collections.abc import Callable
 from dataclasses import asdict, replace
 
 import numpy as np
+from pydantic import InstanceOf
 
 from ..particles.neighbors import CapacityError, EscapedError
 from ..problem.measures import Snapshot
 from ..problem.problem import Problem
-from ..problem.scene import Scene
 from ..runtime.backend import in_session, require_room, require_thread, session
 from ..runtime.stages import Execution
 from ..schemes.implicit import Implicit
@@ -17,7 +18,7 @@ from ..schemes.scheme import Speeds
 from ..schemes.semi_implicit import SemiImplicit
 from ..schemes.step_report import DivergedError, DomainError, StepReport
 from ..terms.rheology import OwnLaw
-from ..units import INSTANT, finite, positive, require
+from ..units import INSTANT, Duration, Flag, Instant, require, said, validated
 from .forecast import pairs_of, require_memory
 from .frame import Frame, between
 from .pouring import Pouring
@@ -64,7 +65,8 @@ class Simulation:
     ['slump_m', 'slump_max_m', 'spread_m']
     """
 
-    def __init__(self, scene: Scene | Problem, numerics=None, profile: bool = False):
+    @validated
+    def __init__(self, scene, numerics=None, profile: Flag = False):
         self.session = session()
         self._begin(scene if isinstance(scene, Problem) else Problem(scene, numerics))
         scene = self.scene
@@ -105,8 +107,9 @@ class Simulation:
         self.execution = Execution(self.particles.capacity, timed=self._profile)
 
     # ---- stepping -------------------------------------------------------------------------------------------
+    @validated
     @in_session
-    def step(self, until: float | None = None) -> StepReport:
+    def step(self, until: Instant | None = None) -> StepReport:
         """Take one time step.
 
         Parameters
@@ -146,7 +149,7 @@ class Simulation:
     def _later(self, until) -> float:
         """``until`` [s], a time at least an instant later than now."""
         require(
-            finite("until", until, "s", shape=()) - self.time >= 0.999 * INSTANT,
+            until - self.time >= 0.999 * INSTANT,
             f"until = {until} s: must be later than the present time, {self.time:.9g} s, by {INSTANT:g} s at least",
         )
         return until
@@ -251,7 +254,8 @@ class Simulation:
         return [(name, seconds, calls) for name, (seconds, calls) in self.execution.spent.items()]
 
     # ---- running --------------------------------------------------------------------------------------------
-    def every(self, interval: float, callback) -> None:
+    @validated
+    def every(self, interval: Duration, callback: Callable) -> None:
         """Call a function of a frame at regular times: at 0 s, at the multiples of an interval, and at the end.
 
         Steps don't end for it: between the ends of two steps the frame is interpolated. A step that is longer than the
@@ -269,11 +273,10 @@ class Simulation:
         SceneError
             If the interval is not positive.
         """
-        positive("every", interval, "s")
-        require(interval >= INSTANT, f"every = {interval:g} s: must be at least {INSTANT:g} s")
         self._schedules.append([interval, callback, -1])
 
-    def each_step(self, callback) -> None:
+    @validated
+    def each_step(self, callback: Callable) -> None:
         """Call a function after every step.
 
         Parameters
@@ -292,7 +295,8 @@ class Simulation:
         """Ask ``run`` to stop after the step in progress."""
         self._interrupted = True
 
-    def run(self, until: float | None = None) -> str:
+    @validated
+    def run(self, until: Instant | None = None) -> str:
         """Step until a time or rest.
 
         Parameters
@@ -319,7 +323,7 @@ class Simulation:
         UserWarning
             If the volume was not kept.
         """
-        until = float(finite("until", self.scene.until if until is None else until, "s", shape=()))
+        until = float(self.scene.until if until is None else until)
         self.stopped_by = None
         self._output()
         if self.time >= until - INSTANT:
@@ -422,8 +426,9 @@ class Simulation:
             **self.scheme.state(),
         }
 
+    @validated
     @in_session
-    def restart(self, problem: Problem, state: dict) -> None:
+    def restart(self, problem: InstanceOf[Problem], state: dict) -> None:
         """Begin another problem from a state, without compiling anew.
 
         Parameters
@@ -441,6 +446,7 @@ class Simulation:
         self.scheme.set_problem(problem)
         self.load(state)
 
+    @validated
     @in_session
     def load(self, state: dict) -> None:
         """Continue from a state.
@@ -450,6 +456,8 @@ class Simulation:
         state : dict
             What ``state`` returned.
         """
+        missing = {*self.particles.carried, "time", "steps", "last_dt", "report", "rest"} - set(state)
+        require(not missing, f"state = {said(state, '')}: has no {', '.join(sorted(missing))}; must be that of state()")
         carried = {name: state[name] for name in self.particles.carried}
         self.particles.load(carried)
         self.time, self.steps, self._last_dt = state["time"], state["steps"], state["last_dt"]

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..problem import catalogue
 from ..problem.labels import in_words, title, unit_of_measure
-from ..units import SceneError, unit_of
+from ..units import File, SceneError, unit_of, validated
 from ..validation import read_reference
 from ..viz.plots import COLOURS, _figure, _save
 from .emulator import DENSITY, emulator_of
@@ -35,7 +35,8 @@ def ticked(axis, low: float, high: float, least=()) -> None:
     axis.set_ticks([], minor=True)
 
 
-def slump_chart(out, study=None) -> Path:
+@validated
+def slump_chart(out: File, study: File | None = None) -> Path:
     """Slump and slump flow [cm] of the cone against yield stress [Pa], by a study, finite elements and formulas."""
     emulator = emulator_of(study)
     figure, (left, right) = _figure(13.0, 6.6, columns=2)

@@ -3,12 +3,13 @@
 from functools import lru_cache
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
 from ..problem import catalogue
 from ..problem.materials import Bingham
-from ..units import SceneError, require, user_path
+from ..units import File, Flag, SceneError, array, real, require, user_path, validated
 from .calibration import BINGHAM, FRICTIONAL, WORDS, is_time, short
 from .case import REACHED
 from .results import read
@@ -25,6 +26,7 @@ MEASURED = {  # by the scene of a test: what is measured in it, and the column o
 }
 ROUNDING = 1e-6  # of a logarithm, by which a mix may lie outside of a table
 FEWEST = 6  # cases with a T500 from which on it is known
+LOG = real("", ge=-700.0, le=700.0) | array("", (None,))
 NODES = 121, 61, 31  # of the grid on which a fit looks first: one number for each constant
 
 
@@ -38,7 +40,8 @@ def scale(constant: str, density):
     return np.ones_like(density) if constant == "friction_angle" else density
 
 
-def emulator_of(table=None, test: str = "slump"):
+@validated
+def emulator_of(table: File | None = None, test: Literal["slump", "mini_cone", "v_funnel", FRICTION] = "slump"):
     """The emulator of a study's folder or table, by default the package's own of a test; made once, and again when the
     table changes."""
     path = user_path(table) if table else HERE / f"{test}.csv"
@@ -66,7 +69,8 @@ class Emulator:
     of one mix.
     """
 
-    def __init__(self, rows: list[dict], constants: tuple[str, ...] = BINGHAM):
+    @validated
+    def __init__(self, rows: list[dict], constants: tuple[Literal[FRICTIONAL], ...] = BINGHAM):
         require(find_spec("scipy"), "calibrate and chart need scipy: pip install 'taichi-mps[calibrate]'")
         first = rows[0] if rows else {}
         self.scene, self.constants = Path(str(first.get("scene") or "slump")).stem, constants
@@ -141,7 +145,8 @@ class Emulator:
             for name in self.planes[0]
         }
 
-    def at(self, *point, grid=False) -> dict[str, np.ndarray]:
+    @validated
+    def at(self, *point: LOG, grid: Flag = False) -> dict[str, np.ndarray]:
         """The measurements at logarithms of the constants over their scales, (n,) each; with ``grid`` at all
         combinations of ascending sequences. SceneError for a mix outside of the table."""
         covered(self.constants, (self.low, self.high), point, self.usual["density"])

@@ -15,7 +15,7 @@ from ..io.run_folder import strict
 from ..report.page import publish
 from ..report.words import safe, table
 from ..spelling import in_unit, without_unit
-from ..units import SceneError, require, user_path
+from ..units import File, SceneError, require, user_path, validated
 from ..viz.plots import COLOURS
 from . import lists, results
 from .calibrate import CONE, TESTS, Measurements, calibrate
@@ -54,7 +54,8 @@ ABOUT = (
 
 
 # ---- the list --------------------------------------------------------------------------------------------------
-def read_list(path) -> list[dict[str, str]]:
+@validated
+def read_list(path: File) -> list[dict[str, str]]:
     """The rows of a list as text: a CSV file whose columns are measurements, `slump [cm]` or `slump` in SI units, and
     any others, which are kept; one with a name of the results is kept as `... (given)`. SceneError for what is no such
     list."""

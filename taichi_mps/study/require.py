@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import Field
 
 from ..problem import catalogue
-from ..units import NUMBERS, Checked, Duration, Ratio, YieldValue, _real, said, unit_of
+from ..units import NUMBERS, Checked, Duration, Ratio, YieldValue, real, said, unit_of
 from ..units import require as check
 from .case import case
 from .case import run as run_case
@@ -29,7 +29,7 @@ class Wanted(Checked):
 
     filled: Ratio = Field(0.99, description="share of the form that must be filled")
     time: Duration = Field(60.0, description="time in which it must be")
-    pressure: _real("Pa", gt=0.0) | None = Field(None, description="largest pressure on the form, if it is bounded")
+    pressure: real("Pa", gt=0.0) | None = Field(None, description="largest pressure on the form, if it is bounded")
     softest: YieldValue = Field(10.0, gt=0.0, description="smallest yield stress that is looked at")
     stiffest: YieldValue = Field(1000.0, gt=0.0, description="largest yield stress that is looked at")
     plastic_viscosity: str = Field("10,30,100", description="plastic viscosities, as of sweep [Pa s]")

@@ -18,8 +18,9 @@ import numpy as np
 
 from ..problem import catalogue
 from ..problem.accuracy import choose
+from ..problem.catalogue import SceneName
 from ..problem.materials import Bingham
-from ..units import SceneError, in_unit, require
+from ..units import SceneError, Text, in_unit, require, validated
 from .case import Case, case, row_without_result
 from .case import run as run_case
 from .results import opened
@@ -31,7 +32,8 @@ MOST_CASES = 100_000  # of a study
 TABLE_EVERY = 2.0  # [s] between two tables of an unfinished study; the journal has every row at once
 
 
-def values(text: str, key: str = "values") -> list[str]:
+@validated
+def values(text: Text, key: Text = "values") -> list[str]:
     """'20,50,100' is those; '50:1500:12' is 12 values from 50 to 1500 in equal ratios, to four figures, and with
     ':linear' in equal steps."""
     if ":" not in text:
@@ -50,7 +52,8 @@ def values(text: str, key: str = "values") -> list[str]:
     return [f"{point:.4g}" for point in points]
 
 
-def cases(scene: str, **parameters) -> list[Case]:
+@validated
+def cases(scene: SceneName, **parameters) -> list[Case]:
     """Every combination of the parameters that are lists or texts of ``values``, the last varied fastest, each once. A
     value that the scene does not accept is refused at once."""
     known = catalogue.load(scene).parameters.model_fields

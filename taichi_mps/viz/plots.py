@@ -6,9 +6,12 @@ from contextlib import suppress
 from itertools import cycle
 
 import numpy as np
+from pydantic import InstanceOf
 
+from ..geometry.cavity import Cavity
 from ..problem.labels import is_measure, title, unit_of_measure
-from ..units import plain, require, user_path
+from ..problem.measures import Snapshot
+from ..units import File, Flag, plain, require, user_path, validated, writing
 
 COLOURS = ("#1f5f99", "#d1662a", "#2e8b57", "#8f4f9f", "#b8323f", "#7a6a35", "#4b8ea8", "#555b63")
 STYLE = {
@@ -52,8 +55,9 @@ def _figure(width, height, rows=1, columns=1, layout="constrained", **options):
 
 def _save(figure, out):
     out = user_path(out)
-    out.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(out, dpi=150, format="png")
+    with writing("out", out):
+        out.parent.mkdir(parents=True, exist_ok=True)
+        figure.savefig(out, dpi=150, format="png")
     return out
 
 
@@ -62,7 +66,8 @@ def _colours(labels):
     return dict(zip(dict.fromkeys(labels), cycle(COLOURS), strict=False))
 
 
-def slump_curve(histories, out, references=None, log_time=False):
+@validated
+def slump_curve(histories: dict[str, dict], out: File, references: dict | None = None, log_time: Flag = False):
     """Slump [cm], downwards, against time [s] of runs {label: history with time_s and slump_m}.
 
     references: {label: (time [s], slump [m])}, dashed and, where the label is that of a run, in its colour.
@@ -172,7 +177,8 @@ def convergence(series, panels, out):
     return _save(figure, out)
 
 
-def filling(cavity, s, out):
+@validated
+def filling(cavity: InstanceOf[Cavity], s: InstanceOf[Snapshot], out: File):
     """Where a form stayed empty: through its thickness (y; in 2-D the section itself) the fraction of the cavity that
     is filled at a snapshot, white where there is none, and beside it that at each height."""
     room, filled = cavity.cells, cavity.filled(s)

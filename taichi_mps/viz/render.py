@@ -6,17 +6,21 @@ plane y = 0, z up.
 """
 
 import sys
+from collections.abc import Sequence
 from functools import cache
 from itertools import cycle
 from pathlib import Path
+from typing import Annotated, Literal
 
 import imageio.v3 as iio
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
+from pydantic import Field, InstanceOf
 
 from ..problem.materials import constants_of, mix_in_words
-from ..problem.measures import embed
-from ..units import SceneError, require, user_path
+from ..problem.measures import Snapshot, embed
+from ..problem.scene import Scene
+from ..units import Count, File, Flag, SceneError, array, real, require, said, user_path, validated, writing
 from .painter import Camera, Mesh, Painter
 from .smooth_surface import CUBE_OF_PICTURES, check, smooth_surface
 from .stage import stage, wall_lines
@@ -32,6 +36,11 @@ FIELDS = {  # values of a view, and the label of its colour bar
 }
 NEEDED = {"speed": ["u"], "pressure": ["p"], "shear-rate": ["shear_rate"], "yielded": ["yielded"]}  # fields of a view
 VIEWS = ("concrete", *FIELDS, "yielded", "mix")
+Pixels, Limits, Rate = (
+    Annotated[Count, Field(ge=16, le=8192)],
+    array("", (2,), kind=tuple),
+    real("1/s", ge=0.02, le=100.0),
+)
 MEASURES = {"slump_m": "slump", "spread_m": "slump flow", "front_m": "front", "height_m": "height"}
 MEASURES |= {"flow_m": "flow", "h1_m": "H1", "h2_m": "H2", "step_m": "step"}  # shown in cm
 VIRIDIS = np.array(
@@ -93,11 +102,18 @@ class Renderer:
     True
     """
 
+    @validated
     def __init__(
-        self, scene, width=1280, height=720, view="concrete", backend="software", limits=None, beside=(), beads=False
+        self,
+        scene: InstanceOf[Scene],
+        width: Pixels = 1280,
+        height: Pixels = 720,
+        view: Literal[VIEWS] = "concrete",
+        backend: Literal["software", "ggui"] = "software",
+        limits: Limits | None = None,
+        beside: Sequence[InstanceOf[Scene]] = (),
+        beads: Flag = False,
     ):
-        require(view in VIEWS, f"view = {view}: must be one of {', '.join(VIEWS)}")
-        require(backend in ("software", "ggui"), f"backend = {backend}: must be software or ggui")
         self.scene, self.view = scene, view
         self.beads = beads or backend == "ggui" or (scene.dimension == 2 and not scene.axisymmetric)
         if not self.beads:
@@ -160,7 +176,8 @@ class Renderer:
         low, high = self.limits
         return viridis((np.asarray(FIELDS[self.view][0](snapshot), float) - low) / (high - low))
 
-    def draw(self, snapshot, measures=None):
+    @validated
+    def draw(self, snapshot: InstanceOf[Snapshot], measures: dict | None = None):
         """Draw the whole body.
 
         Parameters
@@ -296,7 +313,8 @@ def save(picture, path):
     iio.imwrite(user_path(path), picture, compress_level=1)
 
 
-def png(folder, view="concrete", **options):
+@validated
+def png(folder: File, view: Literal[VIEWS] = "concrete", **options):
     """Return a callback of a Simulation that writes numbered pictures.
 
     Parameters
@@ -326,12 +344,13 @@ def png(folder, view="concrete", **options):
     ...     sorted(path.name for path in pathlib.Path(folder).iterdir())
     ['frame_00000.png']
     """
-    folder, count, renderer = user_path(folder), 0, None
+    count, renderer = 0, None
 
     def write(sim):
         nonlocal count, renderer
         if renderer is None:
-            folder.mkdir(parents=True, exist_ok=True)
+            with writing("folder", folder):
+                folder.mkdir(parents=True, exist_ok=True)
             renderer = Renderer(sim.scene, view=view, **options)
         name = f"{'frame' if view == 'concrete' else view}_{count:05d}.png"
         save(renderer.draw(sim.snapshot(), sim.measures()), folder / name)
@@ -340,7 +359,8 @@ def png(folder, view="concrete", **options):
     return write
 
 
-def gif(frames, out, fps=10, width=640):
+@validated
+def gif(frames: File | Sequence[File], out: File, fps: Rate = 10.0, width: Pixels = 640):
     """Write an animated GIF.
 
     Parameters
@@ -356,7 +376,7 @@ def gif(frames, out, fps=10, width=640):
 
     Raises
     ------
-    FileNotFoundError
+    SceneError
         If there are no pictures.
 
     Examples
@@ -371,20 +391,23 @@ def gif(frames, out, fps=10, width=640):
     ...     out.stat().st_size > 0
     True
     """
-    paths = [user_path(path) for path in ([frames] if isinstance(frames, str | Path) else frames)]
+    paths = [frames] if isinstance(frames, Path) else list(frames)
     if len(paths) == 1 and paths[0].is_dir():
         paths = sorted(paths[0].glob("frame_*.png")) or sorted(paths[0].glob("*.png"))
-    if not paths:
-        raise FileNotFoundError(f"gif: no pictures in {frames}")
+    require(paths, f"frames = {said(frames, '')}: holds no pictures; must be a folder of pictures, or pictures")
     pictures = []
     for path in paths:
-        with Image.open(path) as picture:
-            size = (width, round(width * picture.height / picture.width))
-            pictures.append(picture.convert("RGB").resize(size, Image.Resampling.BOX))
+        try:
+            with Image.open(path) as picture:
+                size = (width, max(1, round(width * picture.height / picture.width)))
+                pictures.append(picture.convert("RGB").resize(size, Image.Resampling.BOX))
+        except OSError:
+            raise SceneError(f"frames = {path}: cannot be read; must be a picture") from None
     sample = pictures[:: max(1, len(pictures) // 4)]
     sheet, palette = Image.fromarray(np.concatenate([np.asarray(p)[::2, ::2] for p in sample])), Image.new("P", (1, 1))
     common, rare = sheet.quantize(208), sheet.quantize(48, Image.Quantize.MAXCOVERAGE)  # smooth greys, thin red lines
     palette.putpalette(common.getpalette()[: 3 * 208] + rare.getpalette()[: 3 * 48])
     pictures = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
-    options = {"save_all": True, "duration": round(1000 / fps), "loop": 0, "optimize": True}
-    pictures[0].save(user_path(out), append_images=pictures[1:], **options)
+    options = {"duration": round(1000 / fps), "loop": 0, "optimize": True}
+    with writing("out", out):
+        pictures[0].save(out, "GIF", save_all=True, append_images=pictures[1:], **options)
