@@ -5,7 +5,7 @@ import pytest
 
 import taichi_mps as mps
 from taichi_mps.runtime.backend import ti
-from taichi_mps.terms.rheology import curve_mapping, flow_curve, return_mapping, series_mapping
+from taichi_mps.terms.rheology import compiled, curve_mapping, return_mapping, series_mapping
 from tests.support.scenes import two_mixes
 
 LOWER, UPPER, SPACING = mps.Newtonian(2300.0, 200.0), mps.Newtonian(2300.0, 20.0), 0.01
@@ -87,7 +87,7 @@ class Mappings:
 
     def __init__(self, share, others):
         self.share, self.others = share, others
-        self.curve = flow_curve(mps.HerschelBulkley(yield_value=300.0, consistency=50.0))
+        self.curve = compiled(mps.HerschelBulkley(yield_value=300.0, consistency=50.0).shear_stress)
         self.series, self.alone, self.closed = (ti.Vector.field(5, ti.f64, 64) for _ in range(3))
         self.run()
 
