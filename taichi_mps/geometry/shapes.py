@@ -18,14 +18,30 @@ POINT = 90  # bytes of a point while a body is cut out of the lattice
 
 @runtime_checkable
 class Body(Protocol):
-    """Body that can be filled: has ``contains(x)``, ``bounds`` and ``volume``."""
+    """Protocol of a body that can be filled: it has ``contains(x)``, ``bounds`` and ``volume``.
+
+    Examples
+    --------
+    >>> import taichi_mps as mps
+    >>> from taichi_mps.geometry.shapes import Body
+    >>> isinstance(mps.Box((0.0, 0.0), (0.5, 0.2)), Body)
+    True
+    """
 
     contains: Callable
 
 
 @runtime_checkable
 class Surface(Protocol):
-    """Surface that bounds a fluid: has ``distance(x)``."""
+    """Protocol of a surface that bounds a fluid: it has ``distance(x)``.
+
+    Examples
+    --------
+    >>> import taichi_mps as mps
+    >>> from taichi_mps.geometry.shapes import Surface
+    >>> isinstance(mps.Plane((0.0, 0.0), (0.0, 1.0)), Surface)
+    True
+    """
 
     distance: Callable
 

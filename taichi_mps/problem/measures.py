@@ -300,7 +300,27 @@ def mirrored(s: InstanceOf[Snapshot], point: vector("m"), normal: vector("")) ->
 
 
 def require_axes(s: Snapshot, vertical=0, **places):
-    """SceneError unless these places have as many coordinates as the particles, but for the ``vertical`` one."""
+    """Refuse places that have not as many coordinates as the particles, but for the vertical one.
+
+    Parameters
+    ----------
+    s : Snapshot
+        Fluid.
+    vertical : int, optional
+        Whether places have the vertical coordinate, too: 1 or 0.
+    **places
+        Places by their names [m].
+
+    Raises
+    ------
+    SceneError
+        For the first place that has not.
+
+    Examples
+    --------
+    >>> from taichi_mps.problem.measures import require_axes, still
+    >>> require_axes(still([[0.0, 0.01]], 0.02), low=[0.0])
+    """
     d = s.x.shape[1]
     for key, place in places.items():
         wrong = f"{key} = {said(place, 'm')}: must have {d - 1 + vertical} coordinates, for particles that have {d}"
@@ -308,7 +328,23 @@ def require_axes(s: Snapshot, vertical=0, **places):
 
 
 def require_heap(s: Snapshot):
-    """SceneError unless a snapshot is that of a body in three dimensions."""
+    """Refuse a snapshot that is not of a body in three dimensions.
+
+    Parameters
+    ----------
+    s : Snapshot
+        Fluid.
+
+    Raises
+    ------
+    SceneError
+        In two dimensions, or without particles.
+
+    Examples
+    --------
+    >>> from taichi_mps.problem.measures import require_heap, still
+    >>> require_heap(still([[0.0, 0.0, 0.01]], 0.02))
+    """
     require(s.x.shape[1] == 3 and len(s.x), f"s of shape {s.x.shape}: must be a body in 3-D; scene.unfold gives it")
 
 
@@ -476,7 +512,8 @@ def standing_level(s: InstanceOf[Snapshot], low: PLACE, high: PLACE) -> float:
     heights = np.sort(s.x[near, -1])
     gaps = np.flatnonzero(np.diff(heights, prepend=-0.5 * s.spacing) > 1.5 * s.spacing)
     top = heights[gaps[0]] if len(gaps) else np.inf
-    return level(replace(s, **{name: getattr(s, name)[s.x[:, -1] < top] for name in ("x", "size")}), low, high)
+    standing = {name: getattr(s, name)[s.x[:, -1] < top] for name in ("x", "u", *SCALARS)}
+    return level(replace(s, **standing), low, high)
 
 
 @validated
