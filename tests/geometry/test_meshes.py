@@ -201,11 +201,12 @@ def test_files_that_promise_more_than_they_hold(tmp_path):
         "d.obj": b"v nan 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 4 2\nf 2 4 3\nf 1 3 4\n",
         "f.stl": b"no mesh",
         "g.stl": b"",
+        "h.stl": np.random.default_rng(1).bytes(2_000_000),
         "e.obj": b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 2000000000\n",
     }
     for name, content in bad.items():
         (tmp_path / name).write_bytes(content)
-        with pytest.raises(mps.SceneError, match=f"mesh .*{name}: "):
+        with pytest.raises(mps.SceneError, match=f"mesh .*{name}: (?!.*comma)"):
             read_mesh(tmp_path / name)
 
 
