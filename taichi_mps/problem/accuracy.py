@@ -134,7 +134,8 @@ def of_run(summary: dict) -> tuple[Mix, float, Measured | None] | None:
     if (summary["scene"], summary["scheme"], walls, len(mixes)) != ("slump", "implicit", "surfaces", 1):
         return None
     mix, height = mixes[0], given.get("height")
-    gone_at_once, bingham = given.get("lift_speed") is None, mix.get("law") == "Bingham" and mix["yield_value"]
+    gone_at_once = given.get("lift_speed") is None
+    bingham = mix.get("law") == "Bingham" and mix["yield_value"] and not mix.get("friction_angle")
     if not (height and gone_at_once and bingham) or mix.get("critical_strain_rate") is not None:
         return None
     if any(not math.isclose(given.get(key, 0.0), part * height, rel_tol=1e-6) for key, part in STANDARD.items()):

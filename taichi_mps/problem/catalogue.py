@@ -224,7 +224,7 @@ def build(name: SceneName, material: AnyMaterial | None = None, /, **keywords) -
     require(isinstance(scene, Scene), f"scene {name}: its function returns {type(scene).__name__}; must return a Scene")
     if getattr(valid, "accuracy", None) is not None and not {"model", "spacing"} <= set(keywords):
         mix, law = None, scene.material
-        if type(law) is Bingham and law.yields:  # of such mixes the errors were measured
+        if type(law) is Bingham and law.yields and law.straight:  # of such mixes the errors were measured
             mix = Mix.of(law.yield_value, law.plastic_viscosity, law.density, valid.height)
         fixed = {key: getattr(valid, key) for key in ("model", "spacing") if key in keywords}
         if getattr(valid, "lift_speed", None):  # a lifted mould needs the whole cone

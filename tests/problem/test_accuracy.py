@@ -68,10 +68,10 @@ def test_a_cone_of_another_size_has_the_errors_of_the_same_numbers(times):
 
 @pytest.mark.parametrize(
     "change",
-    [{"lift_speed": 0.1}, {"top_diameter": 0.2}, {"height": 0.4}],
-    ids=["lifted", "a cylinder", "a slender cone"],
+    [{"lift_speed": 0.1}, {"top_diameter": 0.2}, {"height": 0.4}, {"friction_angle": 20.0}, {"casson_viscosity": 20.0}],
+    ids=["lifted", "a cylinder", "a slender cone", "friction", "another law"],
 )
-def test_nothing_is_said_of_other_tests(change):
+def test_nothing_is_said_of_other_tests_and_laws(change):
     assert accuracy.of_run(facts_of(mps.slump_cone(yield_value=500.0, **change))) is None
 
 
