@@ -5,6 +5,7 @@ import runpy
 import numpy as np
 import pytest
 
+import taichi_mps as mps
 from taichi_mps.problem import catalogue
 from taichi_mps.validation import columns, curved, flows
 from taichi_mps.validation.vortices import fitted, stream_function
@@ -63,7 +64,8 @@ def test_closed_forms_are_those_of_the_references():
         height = np.array(0.05 - abs(y))  # the table measures from the surface of a film 0.05 m deep
         ours = flows.profile(height, weight, eta, tau_y, 0.05, knee_rate)
         assert ours == pytest.approx(bi_viscosity, rel=1e-4, abs=1e-9)
-        assert film_velocity(height, 0.05, weight, eta, tau_y) == pytest.approx(bingham, rel=1e-4, abs=1e-9)
+        mix = mps.Bingham(plastic_viscosity=eta, yield_value=tau_y)
+        assert film_velocity(height, 0.05, weight, mix) == pytest.approx(bingham, rel=1e-4, abs=1e-9)
     for tau_y, push in ((100.0, 8000.0), (100.0, 20000.0)):
         known = columns("B_pipe_buckingham_reiner.csv", **{"mu_Pas": curved.ETA, "ty_Pa": tau_y, "G_Pa/m": push})
         assert curved.pipe_profile(known["r_m"], push, tau_y) == pytest.approx(known["u_m/s"], abs=1e-6)
