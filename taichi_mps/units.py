@@ -181,6 +181,13 @@ def possible(path: Path) -> Path:
     return user_path(path)
 
 
+def named(path: Path) -> Path:
+    """Return the path of a file; ValueError for '' or '.', a folder."""
+    if not path.name:
+        raise ValueError("must be the path of a file")
+    return path
+
+
 def truth(value):
     """Return a truth value of NumPy as Python's, anything else as it is; ValueError for bytes."""
     if isinstance(value, bytes):
@@ -282,7 +289,8 @@ RadiusRatio = real("l0", ge=1.6, le=4.1)
 Count = Annotated[int, Field(ge=1, le=100000), Unit("-"), BeforeValidator(no_number_in_disguise)]
 Flag = Annotated[bool, BeforeValidator(truth)]
 Text = Annotated[str, Strict()]
-File = Annotated[Path, AfterValidator(possible)]
+Place = Annotated[Path, AfterValidator(possible)]  # of a folder or a file
+File = Annotated[Place, AfterValidator(named)]
 
 
 class Checked(BaseModel):
@@ -477,6 +485,7 @@ def validated(target):
         bound.arguments |= {key: getattr(valid, key) for key, value in given.items() if type(value) is not int}
         return target(*bound.args, **bound.kwargs)
 
+    call.check = lambda **given: model()(**given)  # of some arguments alone
     return call
 
 

@@ -30,6 +30,7 @@ from pathlib import Path
 from unittest.mock import patch
 
 import numpy as np
+import pytest
 
 import taichi_mps as mps
 from taichi_mps.io import checkpoint, history, run_folder, vtkhdf, vtu
@@ -43,7 +44,7 @@ from taichi_mps.viz import plots, render
 from tests.support.recorded import recorded
 from tests.support.scenes import hose, parts
 
-LONGEST = 5.0  # [s] of a call; a busy machine takes longer than a quiet one
+LONGEST = 30.0  # [s] of a call; a busy machine takes longer than a quiet one
 NAN, INF = math.nan, math.inf
 
 VALUES = {
@@ -160,6 +161,10 @@ class Bench:
         finally:
             backend._session = before
 
+    def ran(self, until):
+        self.sim._schedules.clear()  # of what ``every`` was given
+        return self.sim.run(until)
+
     def made(self, **keywords):
         with patch.object(simulation.Simulation, "_build"):
             mps.Simulation(**keywords)
@@ -193,9 +198,7 @@ class Bench:
         flow = {"volume": 0.005, "height": 0.3, "density": 2300.0, "yield_value": 50.0, "plastic_viscosity": 50.0}
         cone = {"material": mps.Bingham(), "spacing": 0.05, "until": 1.0, "model": "axisymmetric"}
         study = {"scene": "slump", "yield_value": "500:1000:2", "model": "axisymmetric", "spacing": 0.02}
-        slump = {"slump_m": 0.2, "spread_m": 0.4, "t500_s": None, "density": 2300.0}
-        known = calibrate.Measurements.model_fields
-        slump = {name: value for name, value in slump.items() if name in known} or {next(iter(known)): 0.2}
+        slump = {name: field.default for name, field in calibrate.Measurements.model_fields.items()} | {"slump": 0.2}
         wanted = {name: field.default for name, field in require.Wanted.model_fields.items()}
         return {
             "main": (mps.main, {"argv": ["scenes"]}),
@@ -265,7 +268,7 @@ class Bench:
             "checked": (mps.checked, {"function": law}),
             "Simulation": (self.made, {"scene": self.scene, "numerics": mps.Implicit(), "profile": False}),
             "Simulation.step": (self.sim.step, {"until": None}),
-            "Simulation.run": (self.sim.run, {"until": 1.0}),
+            "Simulation.run": (self.ran, {"until": 1.0}),
             "Simulation.every": (self.sim.every, {"interval": 0.01, "callback": len}),
             "Simulation.each_step": (self.sim.each_step, {"callback": lambda sim: None}),
             "Simulation.load": (self.sim.load, {"state": self.state}),
@@ -347,13 +350,14 @@ class Bench:
             ),
             "emulator_of": (emulator.emulator_of, {"table": emulator.HERE / "slump.csv", "test": "slump"}),
             "Emulator": (emulator.Emulator, {"rows": self.rows[:60], "constants": emulator.BINGHAM}),
-            "Emulator.at": (self.emulator.at, {"first": -2.0, "second": -4.0, "third": 0.0, "grid": False}),
+            "Emulator.at": (
+                lambda first, second, grid: self.emulator.at(first, second, grid=grid),
+                {"first": -2.0, "second": -4.0, "grid": False},
+            ),
             "Measurements": (calibrate.Measurements, slump),
             "calibrate": (
                 calibrate.calibrate,
-                {"test": calibrate.Measurements(slump=0.2, spread=0.4), "study": None, "check": False}
-                if "slump" in known
-                else {"test": None},
+                {"slump": 0.2, "spread": 0.4, "rho": 2300.0, "study": None, "check": False},
             ),
             "Wanted": (require.Wanted, wanted),
             "calibrate_list": (mixes.calibrate_list, {"rows": [], "study": None, "watch": None}),
@@ -371,9 +375,16 @@ def stop(*_):
     raise TooLong
 
 
+GOOD = "refused", "signature", "works"
 OWN = re.compile(r"missing|unexpected|takes \d|positional|required argument|multiple values|keyword")
 OF_ANY_KIND = {  # arguments that take what is no number, and those where nan is said to be allowed
     ("lattice", "offset"),
+    ("Bingham.flows", "rate"),
+    ("Emulator.at", "first"),
+    ("Emulator.at", "second"),
+    ("sweep.cases", "spacing"),
+    ("sweep.cases", "yield_value"),
+    ("main", "argv"),
     ("channel_at_rest", "length"),
     ("measure.time_of", "values"),
 }
@@ -440,7 +451,13 @@ def sound_result(value, depth=0) -> bool:
     return True
 
 
+CALLED = {"path": "mesh|run|checkpoint|table|path", "name": "scene|name", "study": "table|study"}  # in messages
+CALLED |= {"first": "point|yield_value", "second": "point|plastic_viscosity", "table": "table|status"}
+CALLED |= {"plastic_viscosity": "plastic_viscosity|typical_slope", "smooth": "surface|smooth"}
+
+
 def names(text, argument) -> bool:
+    argument = f"({CALLED.get(argument, argument)})"
     return re.search(rf"(?<![A-Za-z0-9_]){argument}(?![A-Za-z0-9_])", text) is not None
 
 
@@ -474,7 +491,8 @@ def ending(name, function, sound, argument, value) -> str:
         if "\n" in text:
             return f"two lines: {text!r}"
         meant = of_the_kind(value, sound[argument])  # then it is another argument that it does not go with
-        named = any(names(text, name) for name in (sound if meant else (argument,)))
+        others = sound if meant else ("executor", argument) if name == "sweep" else (argument,)
+        named = any(names(text, other) for other in others)
         return "refused" if named else f"not named: {text}"
     except TypeError as error:
         if OWN.search(str(error)):
@@ -494,6 +512,31 @@ def ending(name, function, sound, argument, value) -> str:
     if name not in MAY_BE_INFINITE and not sound_result(result):
         return f"not finite: gives {str(result)[:60]}"
     return "works"
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("arguments")
+    before = Path.cwd()
+    os.chdir(folder)
+    yield Bench(folder)
+    os.chdir(before)
+
+
+@pytest.mark.parametrize(
+    ("seconds", "seed"),
+    [(15.0, 1), pytest.param(60.0, 2, marks=pytest.mark.slow), pytest.param(3600.0, 3, marks=pytest.mark.long)],
+)
+def test_a_bad_argument_is_named_or_means_something(bench, seconds, seed):
+    wrong = [f"{call} {end}" for call, end in tried(bench, seconds, seed) if end not in GOOD]
+    assert not wrong, "\n".join(wrong)
+
+
+def test_a_sound_call_works(bench):
+    for name, (function, sound) in bench.targets().items():
+        argument = next(iter(sound))
+        if name not in ("sweep", "read_list"):  # of a folder that is not there
+            assert ending(name, function, sound, argument, sound[argument]) == "works", name
 
 
 def calls(targets, seed):
@@ -534,7 +577,7 @@ def main(argv=None) -> int:
     for call, end in tried(bench, chosen.seconds, chosen.seed, chosen.only):
         kind = end.split(":")[0]
         kinds[kind] += 1
-        if kind not in ("refused", "signature", "works"):
+        if end not in GOOD:
             failures.append((call, end))
     alike = {}
     for call, end in sorted(failures):

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from .. import __version__
-from ..units import File, Flag, SceneError, ordinary, require, user_path, validated
+from ..units import Flag, Place, SceneError, ordinary, require, user_path, validated
 from . import lock
 from .history import crc32, read_rows
 from .vtkhdf import Trajectory
@@ -54,7 +54,7 @@ class RunFolder:
     """
 
     @validated
-    def __init__(self, path: File):
+    def __init__(self, path: Place):
         self.path = path
         self.frames = self.path / "frames"
         self.case = self.path / "case.toml"

@@ -6,10 +6,11 @@ import os
 import shutil
 from contextlib import suppress
 from dataclasses import replace
+from typing import Annotated
 
 import h5py
 import numpy as np
-from pydantic import InstanceOf
+from pydantic import Field, InstanceOf
 
 from ..problem import catalogue
 from ..problem.measures import Snapshot, embed
@@ -18,6 +19,7 @@ from ..simulation.frame import Frame
 from ..units import File, SceneError, require, validated
 from . import untrusted_hdf5 as outside
 
+Number = Annotated[int, Field(ge=-(10**9), le=10**9)]  # of an output
 BYTES, ROOM = 64, 1 << 20  # of a particle in an output, and of all else that a file may need
 FORMAT = "v110", "v110"  # of HDF5: its structure is checksummed; without that damage can make it read for ever
 CHECKED = {"fletcher32": True, "chunks": True}  # an array that HDF5 checks when it is read
@@ -270,7 +272,7 @@ class Trajectory:
 
     @validated
     def replay(
-        self, scene_file: File | None = None, scene: InstanceOf[Scene] | None = None, chosen: list[int] | None = None
+        self, scene_file: File | None = None, scene: InstanceOf[Scene] | None = None, chosen: list[Number] | None = None
     ):
         """Read the outputs one by one.
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 import meshio
 import numpy as np
 
-from ..units import File, Flag, SceneError, validated
+from ..units import Flag, Place, SceneError, require, said, validated
 from ..viz.smooth_surface import smooth_surface
 from .vtkhdf import point_data, single
 
@@ -14,7 +14,7 @@ OWN = re.compile(r"output_\d{5,}\.vtu|run\.pvd")  # what is written here
 
 
 @validated
-def vtu(outputs: Iterable, folder: File, whole: Flag = False, smooth: Flag = False) -> int:
+def vtu(outputs: Iterable, folder: Place, whole: Flag = False, smooth: Flag = False) -> int:
     """Write a run as output_00000.vtu, ... and run.pvd, which opens all of them with their times.
 
     Parameters
@@ -55,6 +55,7 @@ def vtu(outputs: Iterable, folder: File, whole: Flag = False, smooth: Flag = Fal
         raise SceneError(f"out = {folder}: holds other files, such as {others[0]}; must be a new or empty folder")
     lines = []
     for number, output in enumerate(outputs):
+        require(hasattr(output, "snapshot"), f"outputs = {said(output, '')}: must be those of Trajectory.replay")
         s = output.scene.unfold(output.snapshot()) if whole or smooth else output.snapshot()
         cells = [("vertex", np.arange(len(s.x))[:, None])]
         if smooth:
@@ -68,6 +69,7 @@ def vtu(outputs: Iterable, folder: File, whole: Flag = False, smooth: Flag = Fal
         mesh = meshio.Mesh(single(s.x), cells, point_data=point_data(s))
         meshio.write(folder / name, mesh, file_format="vtu")
         lines.append(f'    <DataSet timestep="{s.time!r}" part="0" file="{name}"/>')
+    require(lines, "outputs: are none; must be those of Trajectory.replay")
     begin = ['<?xml version="1.0"?>', '<VTKFile type="Collection" version="0.1" byte_order="LittleEndian">']
     text = [*begin, "  <Collection>", *lines, "  </Collection>", "</VTKFile>", ""]
     (folder / "run.pvd").write_text("\n".join(text), encoding="utf-8")

@@ -66,7 +66,7 @@ class Snapshot:
     shear_rate: np.ndarray  # sqrt(2 D:D) [1/s], (n,)
     yielded: np.ndarray  # flowing, bool, (n,)
     density_ratio: np.ndarray  # particle number density over n0 [-], (n,)
-    wall_x: np.ndarray  # wall particles [m], (m, d); empty where walls are surfaces
+    wall_x: points("m")  # wall particles [m], (m, d); empty where walls are surfaces
     size: np.ndarray | None = None  # side of each particle's square or cube [m], (n,); l0 by default
     mix: np.ndarray | None = None  # number of the mix, (n,); 0 by default
     loads: dict[str, Load] = field(default_factory=dict)  # on the walls by their names, where they are asked for

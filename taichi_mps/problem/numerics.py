@@ -4,7 +4,7 @@ from typing import ClassVar, Literal
 
 from pydantic import Field, model_validator
 
-from ..units import Checked, Count, Duration, RadiusRatio, Ratio
+from ..units import Checked, Count, Duration, Flag, RadiusRatio, Ratio
 
 COURANT = "largest way of a particle in a step over the spacing"
 RADIUS = "effective radius r_e over the spacing: farther particles are no neighbours"
@@ -44,7 +44,7 @@ class Implicit(Checked):
     tolerance: Ratio = Field(3e-3, description="relative residual at which a velocity solve stops")
     passes: Count = Field(6, description="augmented-Lagrangian (Uzawa) iterations a step")
     effective_radius_ratio: RadiusRatio = Field(2.1, description=RADIUS)
-    wall_loads: bool = Field(False, description="measure force and torque of the fluid on each wall")
+    wall_loads: Flag = Field(False, description="measure force and torque of the fluid on each wall")
     sleep: Literal["auto", "on", "off"] = Field(
         "auto", description="leave what stands still out of the steps; auto: where there are particles enough"
     )
@@ -76,7 +76,7 @@ class SemiImplicit(Checked):
     scheme: ClassVar[str] = "semi-implicit"
     walls: ClassVar[str] = "particles"
 
-    literal: bool = Field(False, description="the paper's equations alone, without what practice adds")
+    literal: Flag = Field(False, description="the paper's equations alone, without what practice adds")
     source: Literal["density", "mixed"] | None = Field(
         None, description="right-hand side of the pressure equation, by default mixed, if literal density"
     )
@@ -97,7 +97,7 @@ class SemiImplicit(Checked):
     @classmethod
     def _complete(cls, values):
         """Set source and gradient of the form, where they are not given."""
-        form = FORMS[bool(values.get("literal"))]
+        form = FORMS[isinstance(values.get("literal"), bool | int | str) and bool(values["literal"])]
         return values | {key: form[key] for key in form if values.get(key) is None}
 
 

@@ -5,10 +5,12 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
+from pydantic import InstanceOf
 
 from ..geometry.cavity import Cavity
 from ..geometry.solid import Solid
 from ..geometry.walls import Cylinder, Plane
+from ..units import points, validated
 from .inlet import ROOM, Inlet, buried
 from .materials import Material
 from .measures import Measured, Snapshot, mirrored, revolved
@@ -237,7 +239,8 @@ class Scene:
         """Numbers of the walls whose loads can be measured, by name."""
         return {name: k for k, name in enumerate(self.wall_names) if self.walls[k] not in self.mirrors}
 
-    def unfold(self, snapshot: Snapshot) -> Snapshot:
+    @validated
+    def unfold(self, snapshot: InstanceOf[Snapshot]) -> Snapshot:
         """Complete the computed part to the whole body, for measures and pictures.
 
         Parameters
@@ -264,7 +267,8 @@ class Scene:
         """Volume of each fluid particle [m3], shape (n,); in two dimensions [m2]."""
         return self.volumes_at(self.fluid)
 
-    def volumes_at(self, x) -> np.ndarray:
+    @validated
+    def volumes_at(self, x: points("m")) -> np.ndarray:
         """Return the volumes of particles that start at given positions.
 
         Parameters

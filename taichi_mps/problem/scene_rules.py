@@ -11,7 +11,7 @@ import numpy as np
 from ..geometry.cavity import Cavity
 from ..geometry.solid import Solid
 from ..geometry.walls import Cylinder, Plane
-from ..units import INSTANT, SceneError, check_kinds, finite, given, require, said
+from ..units import INSTANT, SceneError, array_of, check_kinds, finite, given, require, said
 from .inlet import Inlet
 from .materials import MATERIALS, Material
 
@@ -52,8 +52,9 @@ def values_have_their_types(scene):
 def numbers(scene) -> dict:
     """What was given as numbers, checked for shape and range: fluid (n, d) and velocity (n, d) as arrays, gravity (d,)
     and periodic (d,) as tuples, spacing and until as floats."""
-    poured = scene.inlets and (scene.fluid is None or np.size(scene.fluid) == 0)
-    require(poured or np.size(scene.fluid) > 0, "fluid: the geometry is empty; it must hold at least one particle")
+    size = array_of(scene.fluid).size  # 1 of what are no numbers
+    poured = scene.inlets and (scene.fluid is None or size == 0)
+    require(poured or size > 0, "fluid: the geometry is empty; it must hold at least one particle")
     fluid = np.zeros((0, len(scene.inlets[0].centre))) if poured else finite("fluid", scene.fluid, "m", dimensions=2)
     n, d = fluid.shape
     require(d in (2, 3), f"fluid: positions have {d} coordinates; must have 2 or 3")
@@ -61,7 +62,9 @@ def numbers(scene) -> dict:
     for key, unit in (("spacing", "m"), ("until", "s")):
         value = taken[key] = float(finite(key, getattr(scene, key), unit, shape=()))
         require(value > 0.0, f"{key} = {value:g} {unit}: must be greater than 0 {unit}")
-    require(taken["until"] >= INSTANT, f"until = {taken['until']:g} s: must be at least {INSTANT:g} s")
+    within = INSTANT <= taken["until"] <= 1e6
+    require(within, f"until = {taken['until']:g} s: must be at least {INSTANT:g} s and at most 1e+06 s")
+    require(taken["spacing"] >= 1e-12, f"spacing = {taken['spacing']:g} m: must be at least 1e-12 m")
     low, high = finite("domain", scene.domain, "m", shape=(2, d))
     require(np.all(low < high), f"domain = {scene.domain} m: the second corner must be above the first along each axis")
     gravity = (0.0,) * (d - 1) + (-9.81,) if scene.gravity is None else scene.gravity
@@ -75,6 +78,10 @@ def numbers(scene) -> dict:
         require(
             wall.shape[1] == d, f"wall_particles: have {wall.shape[1]} coordinates; must have {d}, as the fluid has"
         )
+    lines = scene.outline if isinstance(scene.outline, tuple | list) else [scene.outline]
+    taken["outline"] = tuple(finite("outline", line, "m", dimensions=2) for line in lines)
+    for line in taken["outline"]:
+        require(line.shape[1] in (2, 3), f"outline: has {line.shape[1]} coordinates; must have 2 or 3")
     taken["walls"] = tuple(scene.walls)
     return taken
 

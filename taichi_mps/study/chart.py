@@ -6,7 +6,7 @@ import numpy as np
 
 from ..problem import catalogue
 from ..problem.labels import in_words, title, unit_of_measure
-from ..units import File, SceneError, unit_of, validated
+from ..units import File, Place, SceneError, unit_of, validated
 from ..validation import read_reference
 from ..viz.plots import COLOURS, _figure, _save
 from .emulator import DENSITY, emulator_of
@@ -36,7 +36,7 @@ def ticked(axis, low: float, high: float, least=()) -> None:
 
 
 @validated
-def slump_chart(out: File, study: File | None = None) -> Path:
+def slump_chart(out: File, study: Place | None = None) -> Path:
     """Slump and slump flow [cm] of the cone against yield stress [Pa], by a study, finite elements and formulas."""
     emulator = emulator_of(study)
     figure, (left, right) = _figure(13.0, 6.6, columns=2)

@@ -3,13 +3,14 @@
 from functools import lru_cache
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
+from pydantic import Field
 
 from ..problem import catalogue
 from ..problem.materials import Bingham
-from ..units import File, Flag, SceneError, array, real, require, user_path, validated
+from ..units import Flag, Place, SceneError, array, real, require, user_path, validated
 from .calibration import BINGHAM, FRICTIONAL, WORDS, is_time, short
 from .case import REACHED
 from .results import read
@@ -26,6 +27,7 @@ MEASURED = {  # by the scene of a test: what is measured in it, and the column o
 }
 ROUNDING = 1e-6  # of a logarithm, by which a mix may lie outside of a table
 FEWEST = 6  # cases with a T500 from which on it is known
+Constants = Annotated[tuple[Literal[FRICTIONAL], ...], Field(min_length=2, max_length=3)]
 LOG = real("", ge=-700.0, le=700.0) | array("", (None,))
 NODES = 121, 61, 31  # of the grid on which a fit looks first: one number for each constant
 
@@ -41,7 +43,7 @@ def scale(constant: str, density):
 
 
 @validated
-def emulator_of(table: File | None = None, test: Literal["slump", "mini_cone", "v_funnel", FRICTION] = "slump"):
+def emulator_of(table: Place | None = None, test: Literal["slump", "mini_cone", "v_funnel", FRICTION] = "slump"):
     """The emulator of a study's folder or table, by default the package's own of a test; made once, and again when the
     table changes."""
     path = user_path(table) if table else HERE / f"{test}.csv"
@@ -70,7 +72,7 @@ class Emulator:
     """
 
     @validated
-    def __init__(self, rows: list[dict], constants: tuple[Literal[FRICTIONAL], ...] = BINGHAM):
+    def __init__(self, rows: list[dict], constants: Constants = BINGHAM):
         require(find_spec("scipy"), "calibrate and chart need scipy: pip install 'taichi-mps[calibrate]'")
         first = rows[0] if rows else {}
         self.scene, self.constants = Path(str(first.get("scene") or "slump")).stem, constants

@@ -3,6 +3,7 @@ disk without a network."""
 
 import re
 from collections import Counter
+from collections.abc import Callable
 from concurrent.futures import BrokenExecutor
 from contextlib import nullcontext, suppress
 from itertools import zip_longest
@@ -15,7 +16,7 @@ from ..io.run_folder import strict
 from ..report.page import publish
 from ..report.words import safe, table
 from ..spelling import in_unit, without_unit
-from ..units import File, SceneError, require, user_path, validated
+from ..units import Count, File, Place, SceneError, Text, require, user_path, validated
 from ..viz.plots import COLOURS
 from . import lists, results
 from .calibrate import CONE, TESTS, Measurements, calibrate
@@ -159,7 +160,14 @@ def judged(found: Calibration) -> dict[str, str]:
     return {"verdict": verdict, "reason": reason}
 
 
-def calibrate_list(rows: list[dict[str, str]], study=None, watch=None, executor=None, workers=None) -> list[dict]:
+@validated
+def calibrate_list(
+    rows: list[dict],
+    study: Place | None = None,
+    watch: Callable | None = None,
+    executor: Text | None = None,
+    workers: Count | None = None,
+) -> list[dict]:
     """Every row with what was found of it, in their order; ``watch(row, number)`` is told of each. Some 0.05
     CPU-seconds a row: they are computed in this process, unless ``executor`` is 'local' (processes of this machine, as
     many as ``workers``, the number of CPUs by default) or 'dask://HOST:PORT'. What a worker does not bring to an end is

@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import Field
 
 from ..problem import catalogue
-from ..units import NUMBERS, Checked, Duration, Ratio, YieldValue, real, said, unit_of
+from ..units import NUMBERS, Checked, Duration, Ratio, Text, YieldValue, real, said, unit_of
 from ..units import require as check
 from .case import case
 from .case import run as run_case
@@ -32,7 +32,7 @@ class Wanted(Checked):
     pressure: real("Pa", gt=0.0) | None = Field(None, description="largest pressure on the form, if it is bounded")
     softest: YieldValue = Field(10.0, gt=0.0, description="smallest yield stress that is looked at")
     stiffest: YieldValue = Field(1000.0, gt=0.0, description="largest yield stress that is looked at")
-    plastic_viscosity: str = Field("10,30,100", description="plastic viscosities, as of sweep [Pa s]")
+    plastic_viscosity: Text = Field("10,30,100", description="plastic viscosities, as of sweep [Pa s]")
     within: Ratio = Field(0.2, description="how closely the yield stress is found, over itself")
 
 

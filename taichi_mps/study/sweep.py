@@ -7,6 +7,7 @@ import re
 import signal
 import threading
 from collections import deque
+from collections.abc import Callable
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, ProcessPoolExecutor, wait
 from contextlib import contextmanager, nullcontext, suppress
 from importlib.util import find_spec
@@ -15,12 +16,13 @@ from pathlib import Path
 from time import monotonic
 
 import numpy as np
+from pydantic import InstanceOf
 
 from ..problem import catalogue
 from ..problem.accuracy import choose
 from ..problem.catalogue import SceneName
 from ..problem.materials import Bingham
-from ..units import SceneError, Text, in_unit, require, validated
+from ..units import Count, Place, SceneError, Text, in_unit, require, validated
 from .case import Case, case, row_without_result
 from .case import run as run_case
 from .results import opened
@@ -71,11 +73,20 @@ def spelled(name, value) -> list:
     """A parameter as the list of its values."""
     if isinstance(value, str):
         return values(value, name)
-    return list(value) if hasattr(value, "__iter__") else [value]
+    value = value.tolist() if isinstance(value, np.ndarray) else value
+    found = list(value) if hasattr(value, "__iter__") else [value]
+    require(found, f"{name} = {value}: must be one value or more")
+    return found
 
 
+@validated
 def sweep(
-    scene: str, out=None, executor: str | Executor = "local", workers: int | None = None, watch=None, **parameters
+    scene: SceneName,
+    out: Place | None = None,
+    executor: Text | InstanceOf[Executor] = "local",
+    workers: Count | None = None,
+    watch: Callable | None = None,
+    **parameters,
 ):
     """Compute a scene at every combination of parameters.
 

@@ -20,7 +20,7 @@ from pydantic import Field, InstanceOf
 from ..problem.materials import constants_of, mix_in_words
 from ..problem.measures import Snapshot, embed
 from ..problem.scene import Scene
-from ..units import Count, File, Flag, SceneError, array, real, require, said, user_path, validated, writing
+from ..units import Count, File, Flag, Place, SceneError, array, real, require, said, user_path, validated, writing
 from .painter import Camera, Mesh, Painter
 from .smooth_surface import CUBE_OF_PICTURES, check, smooth_surface
 from .stage import stage, wall_lines
@@ -314,7 +314,7 @@ def save(picture, path):
 
 
 @validated
-def png(folder: File, view: Literal[VIEWS] = "concrete", **options):
+def png(folder: Place, view: Literal[VIEWS] = "concrete", **options):
     """Return a callback of a Simulation that writes numbered pictures.
 
     Parameters
@@ -344,6 +344,7 @@ def png(folder: File, view: Literal[VIEWS] = "concrete", **options):
     ...     sorted(path.name for path in pathlib.Path(folder).iterdir())
     ['frame_00000.png']
     """
+    Renderer.__init__.check(view=view, **options)
     count, renderer = 0, None
 
     def write(sim):
@@ -360,7 +361,7 @@ def png(folder: File, view: Literal[VIEWS] = "concrete", **options):
 
 
 @validated
-def gif(frames: File | Sequence[File], out: File, fps: Rate = 10.0, width: Pixels = 640):
+def gif(frames: Place | Sequence[File], out: File, fps: Rate = 10.0, width: Pixels = 640):
     """Write an animated GIF.
 
     Parameters
