@@ -162,7 +162,8 @@ class Bench:
             backend._session = before
 
     def ran(self, until):
-        self.sim._schedules.clear()  # of what ``every`` was given
+        self.sim._schedules.clear()  # of what ``every`` and ``each_step`` were given
+        del self.sim._each_step[1:]
         return self.sim.run(until)
 
     def made(self, **keywords):
@@ -379,6 +380,7 @@ GOOD = "refused", "signature", "works"
 OWN = re.compile(r"missing|unexpected|takes \d|positional|required argument|multiple values|keyword")
 OF_ANY_KIND = {  # arguments that take what is no number, and those where nan is said to be allowed
     ("lattice", "offset"),
+    ("gif", "frames"),
     ("Bingham.flows", "rate"),
     ("Emulator.at", "first"),
     ("Emulator.at", "second"),

@@ -89,6 +89,7 @@ class Box:
         ndarray of bool, shape (n,)
             True inside, False on the surface and outside.
         """
+        require(x.shape[1] == len(self.low), f"x = points of {x.shape[1]} coordinates: must have {len(self.low)}")
         return np.all((x > self.low) & (x < self.high), axis=1)
 
     @property

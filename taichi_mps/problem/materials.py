@@ -689,7 +689,7 @@ def law_of(numbers: dict, usual: Material) -> Material:
     """
     told = {name: value for name, value in numbers.items() if value is not None}
     for name, value in told.items():
-        require(not isinstance(value, np.ndarray), f"{name} = {said(value, '')}: must be a number")
+        require(not isinstance(value, np.ndarray | bool), f"{name} = {said(value, '')}: must be a number")
     meant = [name for name, value in told.items() if says(name, value)]
     law = max((type(usual), *LAWS), key=lambda law: sum(name in (*numbers_of(law), *law.viscous) for name in meant))
     known = numbers_of(law)

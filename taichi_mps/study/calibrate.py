@@ -7,7 +7,19 @@ from pydantic import Field
 
 from ..problem.accuracy import GRAVITY
 from ..problem.materials import Bingham
-from ..units import Checked, Density, Duration, Length, SceneError, Viscosity, YieldValue, checked, require, unit_of
+from ..units import (
+    Checked,
+    Density,
+    Duration,
+    Flag,
+    Length,
+    SceneError,
+    Viscosity,
+    YieldValue,
+    checked,
+    require,
+    unit_of,
+)
 from .calibration import BINGHAM, FRICTIONAL, RHEOMETER, Calibration, FrictionalMix, is_time
 from .case import REACHED, case, run
 from .emulator import DENSITY, FRICTION, MEASURED, Emulator, covered, emulator_of, scale
@@ -113,7 +125,7 @@ def emulators_of(measured: dict, study=None) -> dict[str, Emulator]:
 
 
 @checked
-def calibrate(test: Measurements, study: str | None = None, check: bool = True) -> Calibration:
+def calibrate(test: Measurements, study: str | None = None, check: Flag = True) -> Calibration:
     """Find yield stress and plastic viscosity of a mix from what was measured of it.
 
     Parameters

@@ -2,6 +2,7 @@
 
 import os
 import sys
+from collections.abc import Sequence
 from contextlib import suppress
 from itertools import cycle
 
@@ -67,7 +68,9 @@ def _colours(labels):
 
 
 @validated
-def slump_curve(histories: dict[str, dict], out: File, references: dict | None = None, log_time: Flag = False):
+def slump_curve(
+    histories: dict[str, dict], out: File, references: dict[str, Sequence] | None = None, log_time: Flag = False
+):
     """Slump [cm], downwards, against time [s] of runs {label: history with time_s and slump_m}.
 
     references: {label: (time [s], slump [m])}, dashed and, where the label is that of a run, in its colour.
