@@ -155,7 +155,7 @@ def test_a_step_shorter_than_an_instant_is_refused_and_one_of_it_is_taken(block,
     ):
         sim.step(until=until)
     assert sim.step(until=1e-9).dt == 1e-9 and 0.0 < sim.report.max_speed < 1e-7
-    with pytest.raises(mps.SceneError, match="every = 1e-300 s: must be at least 1e-09 s"):
+    with pytest.raises(mps.SceneError, match="interval = 1e-300 s: must be at least 1e-09 s"):
         sim.every(1e-300, print)
     assert sim.run(until=until) == "time" and sim.steps == 1
 
