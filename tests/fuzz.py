@@ -31,7 +31,7 @@ from taichi_mps.units import unit_of
 ROOT = Path(__file__).resolve().parents[1]
 # [CPU-s] after which a run is asked to stop, and that it may take to do so; a busy machine may take BUSY times as long
 LONGEST, PATIENCE, BUSY = 60.0, 120.0, 6.0
-ENDS = {0: "done", 2: "refused", 3: "diverged", 130: "stopped", 143: "stopped"}
+ENDS = {0: "done", 1: "no row", 2: "refused", 3: "diverged", 130: "stopped", 143: "stopped"}
 MEASURED = "slump_m", "spread_m", "front_m"  # in a summary
 HOSTILE = (
     "nan",
@@ -244,7 +244,25 @@ def random_folder(dice, folder, bases) -> Trial:
     return Trial("folder", [words + ["--overwrite"] * (dice.random() < 0.3)])
 
 
-KINDS = {random_options: 8, random_law: 4, random_mesh: 3, random_damage: 6, random_signal: 4, random_folder: 2}
+def random_list(dice, folder, bases) -> Trial:
+    heads = ["slump [cm]", "slump", "spread [mm]", "slump flow", "T500", "density", "mix", "Setzmaß", "slump [K]", ""]
+    names = dice.sample(heads, dice.randint(1, 4))
+    rows = [[dice.choice([*HOSTILE, "20", "0.2", "20,5", "45 cm", '"', "#"]) for _ in names] for _ in range(3)]
+    text = "\n".join(dice.choice([",", ";", "\t"]).join(row) for row in [names, *rows])
+    data = text.encode(dice.choice(["utf-8", "utf-8-sig", "utf-16", "cp1252"]), "replace")
+    (folder / "list.csv").write_bytes(damaged(data, dice) if dice.random() < 0.3 else data)
+    return Trial("list", [["calibrate", f"--table={folder}/list.csv", f"--out={folder}/out.csv"]])
+
+
+KINDS = {
+    random_list: 4,
+    random_options: 8,
+    random_law: 4,
+    random_mesh: 3,
+    random_damage: 6,
+    random_signal: 4,
+    random_folder: 2,
+}
 
 
 # ---- how it ends ----------------------------------------------------------------------------------------------------

@@ -60,7 +60,10 @@ def mouth(**keywords):
         (lambda: replace(HOSE, path=((0.0, 0.0, 0.0),)), "must be two rows or more of a time"),
         (lambda: replace(HOSE, path=((1.0, 0.0, 0.0), (1.0, 0.1, 0.0))), "of a time .s., which grows"),
         (lambda: replace(HOSE, path=((0.0, 0.0), (1.0, 0.1))), "and 2 displacements"),
-        (lambda: replace(HOSE, path=((0.0, 0.0, 0.0), (1.0, np.inf, 0.0))), r"path = .* s and m: must be finite numbers"),
+        (
+            lambda: replace(HOSE, path=((0.0, 0.0, 0.0), (1.0, np.inf, 0.0))),
+            r"path = .* s and m: must be finite numbers",
+        ),
         (lambda: replace(HOSE, path="along"), "path = along: must be finite numbers"),
         (
             lambda: Problem(printed(path=((0.0, 0.0, 0.0), (1e-6, 0.4, 0.0))), mps.Implicit()),
