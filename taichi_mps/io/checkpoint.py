@@ -218,6 +218,7 @@ class Checkpoint:
         SceneError
             If the state is not one of this version.
         """
+        from ..particles.particles import DUMMY, FLUID, WALL
         from ..simulation.simulation import Simulation
 
         sim = Simulation(problem, profile=profile)
@@ -227,6 +228,9 @@ class Checkpoint:
         for key, array in sim.particles.read().items():
             found, right = np.shape(self.state.get(key)), (rows, *array.shape[1:])
             require(found == right, f"checkpoint: {key} has the shape {found}; must have {right}")
+        kinds = self.state["kind"]
+        known = np.all(np.isin(kinds, (FLUID, WALL, DUMMY))) and np.any(kinds == FLUID)
+        require(known, f"checkpoint: kind: must be {FLUID} of fluid, {WALL} or {DUMMY} of walls, and of some {FLUID}")
         try:
             sim.load(self.state)
         except (TypeError, KeyError) as error:

@@ -132,6 +132,10 @@ def test_an_interrupted_run_goes_on_with_the_same_steps_and_frames(tmp_path, sch
     sim = mps.Simulation(scene, numerics)
     assert recorded(parts, sim, stop_at=7) == "interrupted"
     good = checkpoint.read(parts.checkpoint)
+    for strange in (7, 1):  # unknown; walls alone
+        with pytest.raises(mps.SceneError, match="checkpoint: kind: must be 0 of fluid, 1 or 2 of walls"):
+            state = good.state | {"kind": np.full_like(good.state["kind"], strange)}
+            replace(good, state=state).resume(good.admit(scene))
     sim = good.resume(good.admit(scene))
     assert recorded(parts, sim) == "time"
     assert bits(sim) == end
