@@ -83,13 +83,13 @@ def answer(key, function, *arguments) -> np.ndarray:
 
 
 @contextmanager
-def writing(key, path):
-    """Turn the failure to write a file into a SceneError that names its ``key``."""
+def writing(key, path, kind=""):
+    """Turn the failure to write a file, or a folder by its ``kind``, into a SceneError that names its ``key``."""
     try:
         yield
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
-        raise SceneError(f"{key} = {path}: cannot be written ({reason}); choose another") from None
+        raise SceneError(f"{key} = {path}: cannot be written ({reason}); choose another{kind}") from None
 
 
 def array_of(value) -> np.ndarray:
@@ -113,32 +113,6 @@ def finite(key, value, unit, shape=None, dimensions=None) -> np.ndarray:
         raise SceneError(f"{key}: has the shape {array.shape}; must be numbers [{unit}] of {wanted}")
     require(np.all(np.isfinite(array)), f"{key}: a value is not a finite number; all must be finite [{unit}]")
     return array
-
-
-def positive(key, value, unit="m") -> None:
-    """Raise SceneError unless a value is one finite number above 0."""
-    array = array_of(value)
-    require(
-        array.shape == () and array.dtype.kind != "O" and 0.0 < array < np.inf,
-        f"{key} = {said(value, unit)}: must be greater than 0 {unit}",
-    )
-
-
-def given(record, wanted: dict):
-    """Yield (key, what is wanted of it, value) of the keys of a record.
-
-    Keys that are None by default and now are left out.
-    """
-    for key, what in wanted.items():
-        value = getattr(record, key)
-        if value is not None or type(record).__dataclass_fields__[key].default is not None:
-            yield key, what, value
-
-
-def check_kinds(record, kinds: dict) -> None:
-    """Raise SceneError unless keys of a record, {key: (types, in words)}, are of these types or None by default."""
-    for key, (kind, words), value in given(record, kinds):
-        require(isinstance(value, kind), f"{key} = {said(value, '')}: must be {words}")
 
 
 def said(value, unit) -> str:
@@ -221,11 +195,12 @@ def array(unit, *shapes, kind=np.asarray, gaps=False):
     return Annotated[Any, BeforeValidator(read), Unit(unit)]
 
 
-def instance(kind, words: str):
-    """Annotate an object of a class, with what a message calls it."""
+def instance(kind, words: str, several=False):
+    """Annotate an object of a class, or a tuple of ``several``, with what a message calls it."""
 
     def read(value):
-        if not isinstance(value, kind):
+        sound = isinstance(value, tuple | list) if several else isinstance(value, kind)
+        if not sound or (several and not all(isinstance(item, kind) for item in value)):
             raise ValueError(f"must be {words}")
         return value
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from .. import __version__
-from ..units import Flag, Place, SceneError, ordinary, require, user_path, validated
+from ..units import Flag, Place, SceneError, ordinary, require, user_path, validated, writing
 from . import lock
 from .history import crc32, read_rows
 from .vtkhdf import Trajectory
@@ -95,12 +95,9 @@ class RunFolder:
             If the path is a file, somebody else's folder, or holds a run that may not be replaced.
         """
         path = self.path
-        try:
+        require(os.path.isdir(path) or not os.path.exists(path), f"out = {path}: is a file; must be a folder")
+        with writing("out", path, " folder"):
             there = {item.name for item in path.iterdir()} - {lock.NAME} if path.exists() else set()
-        except NotADirectoryError:
-            raise SceneError(f"out = {path}: is a file; must be a folder") from None
-        except (OSError, ValueError) as error:
-            raise self.not_writable(error) from None
         require(not there or self.ours, f"out = {path}: holds other files and no run; must be a new or empty folder")
         if there and not overwrite:
             done = json_of(self.summary).get("stopped_by") in ("rest", "time", "unyielded")
@@ -133,30 +130,12 @@ class RunFolder:
             If that is impossible.
         """
         self.check(overwrite)
-        try:
+        with writing("out", self.path, " folder"):
             self.path.mkdir(parents=True, exist_ok=True)
             write_whole(self.path / MARK, json.dumps({"made_by": "taichi_mps", "version": __version__}) + "\n")
             for name in (*WRITTEN, *PLOTS, REPORT):
                 (self.path / name).unlink(missing_ok=True)
             empty_of_pictures(self.frames)
-        except (OSError, ValueError) as error:
-            raise self.not_writable(error) from None
-
-    def not_writable(self, error) -> SceneError:
-        """Return an error that names what is wrong with the path.
-
-        Parameters
-        ----------
-        error : Exception
-            What writing raised.
-
-        Returns
-        -------
-        SceneError
-            Error to raise.
-        """
-        reason = getattr(error, "strerror", None) or error
-        return SceneError(f"out = {self.path}: cannot be written ({reason}); choose another folder")
 
     @validated
     def write_summary(self, summary: dict) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 import meshio
 import numpy as np
 
-from ..units import Flag, Place, SceneError, require, said, validated
+from ..units import Flag, Place, SceneError, require, said, validated, writing
 from ..viz.smooth_surface import smooth_surface
 from .vtkhdf import point_data, single
 
@@ -61,10 +61,8 @@ def vtu(outputs: Iterable, folder: Place, whole: Flag = False, smooth: Flag = Fa
         if smooth:
             s, _, triangles = smooth_surface(s)
             cells = [("triangle", triangles)]
-        try:
+        with writing("out", folder, " folder"):
             folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise SceneError(f"out = {folder}: cannot be written ({error.strerror}); choose another folder") from None
         name = f"output_{number:05d}.vtu"
         mesh = meshio.Mesh(single(s.x), cells, point_data=point_data(s))
         meshio.write(folder / name, mesh, file_format="vtu")

@@ -11,23 +11,13 @@ import numpy as np
 
 from ..geometry.solid import Solid
 from ..geometry.walls import Cylinder
-from ..units import DENSITY_HINT, HEAVIEST, LIGHTEST, SceneError, check_kinds, require
+from ..units import DENSITY_HINT, HEAVIEST, LIGHTEST, SceneError, require
 from .inlet import FASTEST, buried
-from .numerics import Implicit, SemiImplicit
-from .scene import Scene
 from .scene_rules import counted, point
 
 MOST_CELLS = 2**27  # of the binning grid: 8 bytes each
 MOST_PAIRS = 2**31 - 1  # of neighbours: their numbers are 32-bit
 EARTH = 9.0, 11.0  # gravity [m/s2] between which the density must be that of a mix
-TYPES = {
-    "scene": (Scene, "a Scene, such as slump_cone(...)"),
-    "numerics": (Implicit | SemiImplicit, "Implicit(...) or SemiImplicit(...)"),
-}
-
-
-def values_have_their_types(problem):
-    check_kinds(problem, TYPES)
 
 
 # ---- what the scheme can compute -----------------------------------------------------------------------------------
@@ -186,7 +176,6 @@ def pairs_can_be_counted(problem):
 
 
 RULES = (
-    values_have_their_types,
     the_scheme_has_the_laws,
     own_laws_take_rate_and_structure,
     walls_suit_the_scheme,

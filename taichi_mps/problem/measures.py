@@ -206,7 +206,6 @@ def still(x: points("m"), spacing: Size) -> Snapshot:
     >>> mps.measure.still([[0.0, 0.01], [0.0, 0.03]], spacing=0.02).p.tolist()
     [0.0, 0.0]
     """
-    x = np.asarray(x, float)
     zero = np.zeros(len(x))
     return Snapshot(0.0, spacing, x, 0.0 * x, zero, zero, zero > 0.0, zero + 1.0, np.zeros((0, x.shape[1])))
 
@@ -231,7 +230,6 @@ def embed(x: points("")) -> np.ndarray:
     >>> mps.measure.embed([[1.0, 2.0]]).tolist()
     [[1.0, 0.0, 2.0]]
     """
-    x = np.asarray(x, float)
     return x if x.shape[1] == 3 else np.insert(x, 1, 0.0, axis=1)
 
 
@@ -259,12 +257,10 @@ def reflected(vectors: points(""), normal: vector(""), point: vector("m") | None
     >>> mps.measure.reflected(np.array([[0.25, 0.5]]), (1.0, 0.0)).tolist()
     [[-0.25, 0.5]]
     """
-    normal = np.asarray(normal, float)
     for key, value in {"normal": normal, "point": point}.items():
         as_many = value is None or len(value) == vectors.shape[1]
         require(as_many, f"{key} = {value}: must have {vectors.shape[1]} numbers, as vectors have")
-    origin = 0.0 if point is None else np.asarray(point, float)
-    return vectors - 2.0 * np.outer((vectors - origin) @ normal, normal)
+    return vectors - 2.0 * np.outer((vectors - (0.0 if point is None else point)) @ normal, normal)
 
 
 @validated

@@ -6,6 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from ..geometry.solid import Solid
+from ..units import instance, validated
 from .feasibility import RULES
 from .numerics import Implicit, SemiImplicit
 from .scene import Scene
@@ -13,6 +14,7 @@ from .scene import Scene
 WEIGHTLESS = 0.1  # of a scene without weight: its gravity over U^2/H, or [m/s2] where nothing moves
 
 
+@validated
 @dataclass(frozen=True, eq=False)
 class Problem:
     """Scene with its numerics, checked once before anything is allocated.
@@ -43,8 +45,8 @@ class Problem:
     ('implicit', 'yield-stress', True)
     """
 
-    scene: Scene
-    numerics: Implicit | SemiImplicit | None = None
+    scene: instance(Scene, "a Scene, such as slump_cone(...)")
+    numerics: instance(Implicit | SemiImplicit, "Implicit(...) or SemiImplicit(...)") | None = None
 
     def __post_init__(self):
         if self.numerics is None:

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from pydantic import InstanceOf
@@ -10,13 +11,18 @@ from pydantic import InstanceOf
 from ..geometry.cavity import Cavity
 from ..geometry.solid import Solid
 from ..geometry.walls import Cylinder, Plane
-from ..units import points, validated
+from ..units import instance, points, validated
 from .inlet import ROOM, Inlet, buried
-from .materials import Material
+from .materials import AnyMaterial
 from .measures import Measured, Snapshot, mirrored, revolved
-from .scene_rules import RULES, numbers, values_have_their_types
+from .scene_rules import RULES, numbers
+
+TEXT, FUNCTION = instance(str, "text"), instance(Callable, "a function")
+FLAG = instance(bool | np.bool_, "True or False")
+WALLS = instance(Plane | Cylinder | Solid, "a tuple, each Plane or Cylinder or Solid", several=True)
 
 
+@validated
 @dataclass(frozen=True)
 class Scene:
     """Everything that defines what is to be computed: a body of fluid, its walls and its inlets.
@@ -91,31 +97,30 @@ class Scene:
     (2, 100)
     """
 
-    name: str
-    material: Material
-    spacing: float  # l0 [m]
-    fluid: np.ndarray | None  # particle positions [m], (n, d); may be None with an inlet that starts at 0 s
-    domain: tuple[tuple[float, ...], tuple[float, ...]]  # low, high corner [m]; leaving it is an error
-    walls: tuple[Plane | Cylinder | Solid, ...] = ()
-    wall_particles: np.ndarray | None = None  # the paper's walls [m], (m, d)
-    velocity: np.ndarray | None = None  # initial velocity [m/s], (n, d)
-    gravity: tuple[float, ...] | None = None  # [m/s2], (d,); 9.81 down the last axis by default
-    periodic: tuple[bool, ...] | None = None  # per axis; none by default
-    axisymmetric: bool = False
-    until: float = 5.0  # [s]
-    stop_at_rest: bool = False
-    inlets: tuple[Inlet, ...] = ()  # where concrete enters, scheme implicit
-    cavity: Cavity | None = None  # what it is to fill, for the report
-    measure: Callable[[Snapshot], dict[str, float]] | None = None  # of the whole body, see unfold
-    check: Callable[[Snapshot, dict], None] | None = None  # raises AssertionError when the result is wrong
-    over_time: Callable[[dict], dict[str, float]] | None = None  # of the columns of history.csv, for the summary
-    enlarged_by: str = ""  # the keyword of the scene's function that enlarges the domain
-    wall_loads: bool = False  # whether ``measure`` reads the loads on the walls
-    outline: tuple[np.ndarray, ...] = ()  # polylines to draw [m], each (k, d)
-    parameters: dict = field(default_factory=dict)  # as given, for the summary
+    name: TEXT
+    material: AnyMaterial
+    spacing: Any  # l0 [m]; this and other numbers are read by ``scene_rules.numbers``
+    fluid: Any  # particle positions [m], (n, d); may be None with an inlet that starts at 0 s
+    domain: Any  # low, high corner [m], (2, d); leaving it is an error
+    walls: WALLS = ()
+    wall_particles: Any = None  # the paper's walls [m], (m, d)
+    velocity: Any = None  # initial velocity [m/s], (n, d)
+    gravity: Any = None  # [m/s2], (d,); 9.81 down the last axis by default
+    periodic: instance(bool | np.bool_, "a tuple, each True or False", several=True) | None = None  # none by default
+    axisymmetric: FLAG = False
+    until: Any = 5.0  # [s]
+    stop_at_rest: FLAG = False
+    inlets: instance(Inlet, "a tuple, each Inlet", several=True) = ()  # where concrete enters, scheme implicit
+    cavity: instance(Cavity, "a Cavity") | None = None  # what it is to fill, for the report
+    measure: FUNCTION | None = None  # of the whole body, see unfold
+    check: FUNCTION | None = None  # raises AssertionError when the result is wrong
+    over_time: FUNCTION | None = None  # of the columns of history.csv, for the summary
+    enlarged_by: TEXT = ""  # the keyword of the scene's function that enlarges the domain
+    wall_loads: FLAG = False  # whether ``measure`` reads the loads on the walls
+    outline: Any = ()  # polylines to draw [m], each (k, d)
+    parameters: instance(dict, "a dict") = field(default_factory=dict)  # as given, for the summary
 
     def __post_init__(self):
-        values_have_their_types(self)
         taken = numbers(self)
         taken["material"] = self.material.within(taken["until"])
         taken["inlets"] = tuple(inlet.within(taken["until"]) for inlet in self.inlets)

@@ -1,52 +1,18 @@
 """The rules that a scene must obey whatever computes it: types, shapes, and what lies where.
 
 Each rule takes a Scene and raises SceneError, in one line, where it is broken. ``Scene`` applies them when it is made:
-``values_have_their_types``, then ``numbers``, which turns what was given into arrays, then RULES in their order.
+``numbers`` first, which turns what was given into arrays, then RULES in their order.
 """
-
-from collections.abc import Callable
 
 import numpy as np
 
-from ..geometry.cavity import Cavity
-from ..geometry.solid import Solid
-from ..geometry.walls import Cylinder, Plane
-from ..units import INSTANT, SceneError, array_of, check_kinds, finite, given, require, said
-from .inlet import Inlet
-from .materials import MATERIALS, Material
+from ..units import INSTANT, SceneError, array_of, finite, require
 
 MOST_MIXES = 256  # numbers of mixes are bytes
 RIGHT = 1e-6  # cosine of an angle that counts as a right one
 # Cells in which particles are counted, in spacings; so many times as many as have room are a crowd; of all particles so
 # many may be more than that: of those at random places in the plane 0.03 are
 CELL, CROWD, EXCESS = 3, 1.3, 0.06
-
-TEXT, FLAG, FUNCTION = (str, "text"), (bool | np.bool_, "True or False"), (Callable, "a function")
-TYPES = {
-    "name": TEXT,
-    "enlarged_by": TEXT,
-    "material": (Material, MATERIALS),
-    "parameters": (dict, "a dict"),
-    "cavity": (Cavity, "a Cavity"),
-    "axisymmetric": FLAG,
-    "stop_at_rest": FLAG,
-    "wall_loads": FLAG,
-    "measure": FUNCTION,
-    "check": FUNCTION,
-    "over_time": FUNCTION,
-}
-ELEMENTS = {  # of tuples
-    "walls": (Plane | Cylinder | Solid, "Plane or Cylinder or Solid"),
-    "inlets": (Inlet, "Inlet"),
-    "periodic": FLAG,
-}
-
-
-def values_have_their_types(scene):
-    check_kinds(scene, TYPES)
-    for key, (kind, words), value in given(scene, ELEMENTS):
-        sound = isinstance(value, tuple | list) and all(isinstance(item, kind) for item in value)
-        require(sound, f"{key} = {said(value, '')}: must be a tuple, each {words}")
 
 
 def numbers(scene) -> dict:
