@@ -33,7 +33,6 @@ from taichi_mps.io.run_folder import RunFolder
 from taichi_mps.io.vtkhdf import Trajectory
 from taichi_mps.problem import catalogue
 from taichi_mps.problem.numerics import NUMERICS
-from taichi_mps.problem.problem import Problem
 from taichi_mps.viz import film
 from tests.support.recorded import recorded
 
@@ -152,106 +151,6 @@ def test_a_study_is_planned_or_refused(data):
         value = data.draw(st.sampled_from([":", ",", ""])).join(data.draw(RANGES))
         words.append(f"--{key.replace('_', '-')}={value}")
     assert knock(words) in ("admitted", 2)
-
-
-COORDINATES = st.floats(-2.0, 2.0) | st.sampled_from([0.0, 1e9, -1e300, float("nan"), float("inf")])
-
-
-def vectors(d):
-    return st.lists(COORDINATES, min_size=d, max_size=d).map(tuple) | st.lists(COORDINATES, max_size=4).map(tuple)
-
-
-def walls(d):
-    plane = st.fixed_dictionaries(
-        {"point": vectors(d), "normal": vectors(d) | st.sampled_from([tuple(row) for row in np.eye(d)])},
-        optional={"velocity": vectors(d), "slip": st.booleans(), "loose": st.booleans(), "mirror": st.booleans()},
-    )
-    cylinder = st.fixed_dictionaries(
-        {"point": vectors(d), "radius": COORDINATES, "axis": vectors(3) if d == 3 else st.none()},
-        optional={"length": COORDINATES, "slope": COORDINATES, "velocity": COORDINATES, "thin": st.booleans()},
-    )
-    return st.tuples(st.just(mps.Plane), plane) | st.tuples(st.just(mps.Cylinder), cylinder)
-
-
-SOME = st.floats(0.01, 2.0) | COORDINATES
-
-
-def inlets(d):
-    """A sound hose in which up to two entries may be anything."""
-    sound = {"centre": (0.2,) * (d - 1) + (1.5,), "direction": (0.0,) * (d - 1) + (-1.0,), "radius": 0.3, "rate": 0.1}
-    wild = {"centre": vectors(d), "direction": vectors(d), "radius": SOME, "rate": SOME, "volume": SOME, "start": SOME}
-    return faulty({**sound, "volume": 0.3}, wild).map(lambda given: (mps.Inlet, given))
-
-
-@st.composite
-def faulty(draw, sound, wild, most=2):
-    """Sound keywords, and others in the place of up to two of them."""
-    keys = draw(st.lists(st.sampled_from(sorted(wild)), max_size=most, unique=True))
-    return {**sound, **{key: draw(wild[key]) for key in keys}}
-
-
-@given(st.data())
-def test_a_scene_is_made_or_refused_and_admitted_or_refused(data):
-    d = data.draw(st.sampled_from([2, 3]))
-    shape = data.draw(st.sampled_from([(4, d), (1, d), (0, d), (4, 5 - d), (4,), (4, 1), (4, 4)]))
-    cells = st.lists(COORDINATES, min_size=int(np.prod(shape)), max_size=int(np.prod(shape)))
-    cells = np.array(data.draw(cells), float).reshape(shape)
-    floor = (mps.Plane, {"point": (0.0,) * d, "normal": tuple(np.eye(d)[-1])})
-    sound = {
-        "name": "any",
-        "material": mps.Bingham(),
-        "spacing": 0.1,
-        "fluid": mps.fill(mps.Box((0.0,) * d, (0.5,) * d), 0.1),
-        "domain": ((-3.0,) * d, (3.0,) * d),
-    }
-    wild = {
-        "material": st.sampled_from([mps.Newtonian(), mps.HerschelBulkley(), None]),
-        "spacing": SOME | st.none(),
-        "fluid": st.just(cells) | st.none(),
-        "domain": st.tuples(vectors(d), vectors(d)),
-        "velocity": st.none() | st.just(cells[:2]) | st.just(np.zeros((5**d, d))),
-        "gravity": vectors(d),
-        "periodic": st.lists(st.booleans(), max_size=4).map(tuple),
-        "axisymmetric": st.booleans(),
-        "until": SOME,
-        "wall_particles": st.none() | st.just(cells[:1]),
-    }
-    keywords = data.draw(faulty(sound, wild))
-    numerics = data.draw(st.sampled_from([mps.Implicit(), mps.SemiImplicit(), mps.Implicit(walls="particles")]))
-    some = st.lists(st.just(floor) | walls(d), max_size=2), st.lists(inlets(d), max_size=1)
-    try:
-        made, poured = (tuple(kind(**given) for kind, given in data.draw(kinds)) for kinds in some)
-        scene = mps.Scene(**keywords, walls=made, inlets=poured)
-        Problem(scene, numerics)
-    except mps.SceneError as refusal:
-        event("refused")
-        assert "\n" not in str(refusal) and len(str(refusal)) > 15
-        return
-    event("admitted")
-    assert np.isfinite(scene.fluid).all() and np.isfinite(scene.gravity_vector).all() and scene.spacing > 0.0
-    assert scene.fluid.shape[1] == len(scene.domain[0]) == len(scene.gravity_vector) == len(scene.periodic)
-
-
-ANY = st.floats(0.0, 1e3) | NUMBERS | st.none() | st.booleans() | st.lists(st.floats(), max_size=2)
-LAWS = (mps.Bingham, mps.HerschelBulkley, mps.Concrete, mps.Friction, mps.Implicit, mps.SemiImplicit)
-
-
-@pytest.mark.parametrize("law", LAWS, ids=lambda law: law.__name__)
-@given(data=st.data())
-def test_a_law_is_made_or_refused(law, data):
-    keys = [*law.model_fields, "yield_stress"]
-    values = data.draw(st.dictionaries(st.sampled_from(keys), ANY, max_size=3))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of a high knee
-        try:
-            made = law(**values)
-        except mps.SceneError as refusal:
-            event("refused")
-            assert "\n" not in str(refusal) and any(key in str(refusal) for key in (*keys, law.__name__))
-            return
-    event("made")
-    numbers = [value for value in made.model_dump().values() if isinstance(value, float)]
-    assert np.isfinite(numbers).all() and min(numbers, default=0.0) >= 0.0
 
 
 @st.composite
@@ -390,17 +289,6 @@ def test_a_made_up_checkpoint_with_a_good_checksum_is_taken_or_refused(run, data
         assert knock(["resume", str(path)]) in ("admitted", 2)
     finally:
         path.unlink()
-
-
-FILES = {"render": "run.h5", "info": "summary.json", "plot": "history.csv"}
-
-
-@pytest.mark.parametrize("words", [["render"], ["info"], ["plot", "--out", os.devnull]], ids=lambda words: words[0])
-@given(data=st.data())
-def test_a_damaged_file_is_shown_or_refused(run, words, data):
-    name = FILES[words[0]]
-    with replaced(run, name, data.draw(damaged(run.contents[name]))):
-        assert knock([*words, str(run.path)]) in ("admitted", 0, 2)
 
 
 @st.composite

@@ -1,5 +1,5 @@
 """Proves that what cannot be read to its end in seconds is refused in one line: files too large, pipes, devices,
-folders, lists too long, a checkpoint of particles that are nowhere. No SceneError names another file."""
+folders, a checkpoint of particles that are nowhere. No SceneError names another file."""
 
 import os
 from dataclasses import replace
@@ -54,13 +54,6 @@ def test_the_digest_of_a_case_reads_no_file_without_end(tmp_path):
     sparse(tmp_path / "bars.stl")
     with pytest.raises(SceneError, match="bars.stl: has 2e"):
         case.case("wall", rebar=str(tmp_path / "bars.stl"))
-
-
-def test_a_list_is_as_long_as_it_can_be_computed(tmp_path):
-    path = tmp_path / "list.csv"
-    path.write_text("slump\n" + 100_000 * "0.2\n")
-    with pytest.raises(SceneError, match="table = .*list.csv: has 100001 lines; must have at most 100000"):
-        mixes.read_list(path)
 
 
 def test_a_checkpoint_holds_particles_of_its_domain():

@@ -157,12 +157,21 @@ def test_the_command_line_refuses_a_number_that_the_law_has_not(words, message, 
         (lambda: cases("slump", plastic_viscosity=[20, 50], consistency=30), TWICE.format(20)),
         (lambda: mps.Bingham(consistency=20.0), "unknown key 'consistency', a number of the law HerschelBulkley"),
         (
+            lambda: mps.Concrete(structuration=1.0, yield_value=0.0),
+            "structuration = 1 Pa/s: needs a yield stress to grow",
+        ),
+        (
+            lambda: mps.Concrete(structuration=-1.0),
+            "structuration = -1.0 Pa/s: must be greater than or equal to 0 Pa/s",
+        ),
+        (lambda: mps.Concrete(flow_index=9.0), "flow_index = 9.0: must be less than or equal to 4"),
+        (
             lambda: mps.HerschelBulkley(plastic_viscosity=20.0),
             "unknown key 'plastic_viscosity', a number of the law Bing",
         ),
     ],
 )
-def test_python_refuses_a_number_that_the_law_has_not(call, message):
+def test_python_refuses_a_number_that_the_law_has_not_or_cannot_have(call, message):
     with pytest.raises(mps.SceneError, match=f"^{message}"):
         call()
 

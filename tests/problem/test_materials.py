@@ -69,20 +69,3 @@ def test_roussels_growth_of_the_yield_stress():
     assert mix.ages and 50.0 * mix.growth(0.0, 3.0) == pytest.approx(0.5)
     assert mix.growth(2.0, 0.01 / (0.005 * 2.0)) == pytest.approx(0.0, abs=1e-15)
     assert not mps.HerschelBulkley().ages and not mps.Bingham().ages and not CURVE.ages
-
-
-@pytest.mark.parametrize(
-    ("given", "message"),
-    [
-        (
-            {"structuration": 1.0, "yield_value": 0.0},
-            "structuration = 1 Pa/s: needs a yield stress to grow;",
-        ),
-        ({"structuration": -1.0}, "structuration = -1.0 Pa/s: must be greater than or equal to 0 Pa/s"),
-        ({"flow_index": 9.0}, "flow_index = 9.0: must be less than or equal to 4"),
-        ({"destructuration": 0.01}, "destructuration = 0.01: undoes structuration, which must be given"),
-    ],
-)
-def test_laws_that_cannot_be_are_refused_in_one_line(given, message):
-    with pytest.raises(mps.SceneError, match=f"^{message}"):
-        mps.Concrete(**given)

@@ -15,6 +15,7 @@ MIRROR = mps.Plane((0.0, 0.0), (1.0, 0.0), mirror=True)
 SLANTED = mps.Plane((-1.0, 0.0), (0.6, 0.8), mirror=True)
 SIDE = mps.Plane((0.0,) * 3, (1.0, 0.0, 0.0), mirror=True)
 TURNED = mps.Plane((-1.0, 0.0, 0.0), (0.6, 0.8, 0.0), mirror=True)
+LIGHT = mps.Bingham(density=1.0)  # of a flow in numbers without dimension
 KNEE = mps.Bingham(critical_strain_rate=0.1)
 WHERE = {"walls": (MIRROR,), "fluid": np.array([[0.05, 0.05]])}
 TWO = np.vstack([parts()["fluid"] + shift for shift in (0.0, 0.03)])  # overlapping, no particle on another
@@ -30,6 +31,18 @@ def named(*names):
 
 REFUSED = [
     ({"name": 3}, "name = 3: must be text"),
+    ({"name": None}, "name = None: must be text"),
+    ({"walls": FLOOR}, "walls = .*: must be a tuple, each Plane or Cylinder or Solid"),
+    ({"inlets": None}, "inlets = None: must be a tuple, each Inlet"),
+    ({"periodic": True}, "periodic = True: must be a tuple, each True or False"),
+    ({"periodic": "ab"}, "periodic = ab: must be a tuple, each True or False"),
+    ({"cavity": 1}, "cavity = 1: must be a Cavity"),
+    ({"measure": "a"}, "measure = a: must be a function"),
+    ({"fluid": [[np.nan, 0.5]]}, "fluid: a value is not a finite number"),
+    ({"spacing": "0.1"}, "spacing = 0.1: must be numbers"),
+    ({"until": "5"}, "until = 5: must be numbers"),
+    (poured() | {"spacing": 1e-233}, "spacing = 1e-233 m: must be at least 1e-12 m"),  # an overflow
+    (poured() | {"spacing": 1e-5}, "inlet: radius = 0.3 m: must be at most 1000 times spacing = 1e-05 m"),  # of memory
     ({"axisymmetric": "a"}, "axisymmetric = a: must be True or False"),
     ({"walls": (3,)}, r"walls = \(3,\): must be a tuple, each Plane or Cylinder or"),
     ({"material": None}, "material = None: must be Bingham, HerschelBulkley"),
@@ -90,6 +103,8 @@ SOUND = [
     poured((MIRROR,), centre=(0.9, 1.5)),
     poured(centre=(0.2, 0.3), start=1.0),  # in the fluid, but not yet open
     {"axisymmetric": True},
+    {"material": LIGHT, "gravity": (0.0, 0.0)},
+    {"material": LIGHT, "gravity": (0.0, -1.0)},
 ]
 
 

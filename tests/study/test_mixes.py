@@ -228,6 +228,7 @@ def test_a_list_is_read_as_a_spreadsheet_writes_it(tmp_path, text):
         ),
         ("Ausbreitmaß [cm]\n55\n", r"'Ausbreitmaß \[cm\]' \(of the flow table \(EN 12350-5\), no slump flow"),
         ("1;2\n3;4", "has no column slump, .*not used, but kept: '1', '2'"),
+        ("slump\n" + 100_000 * "0.2\n", "table = .*mixes.csv: has 100001 lines; must have at most 100000"),
         ("", "is empty; must be"),
         ("# nothing\n\n;;\n", "is empty; must be"),
         ("mix,slump [cm]\n\n,\n", "has a head and no row"),
