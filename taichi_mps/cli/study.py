@@ -163,10 +163,12 @@ def require_command(argv) -> int:
         "order. What the folder of the study holds is not computed again."
     )
     arguments, function = parsed("require", argv, what, Study, MIX, wanted=Wanted)
-    wanted, options = Wanted(**given(arguments, Wanted)), Study(**given(arguments, Study))
+    told, options = given(arguments, Wanted), Study(**given(arguments, Study))
+    wanted = Wanted(**told)
     folder = user_path(options.out or Path("studies") / f"require-{Path(arguments.scene).stem}")
     parameters = given(arguments, function.parameters, leave_out=MIX)
-    varied_parameters(cases(arguments.scene, plastic_viscosity=wanted.plastic_viscosity), function)
+    if "plastic_viscosity" in told:
+        varied_parameters(cases(arguments.scene, plastic_viscosity=wanted.plastic_viscosity), function)
     watch = watching(["yield_value", "plastic_viscosity"], options.quiet or arguments.json)
     borders, rows = find_borders(
         arguments.scene, wanted, folder, options.executor, options.workers, watch, **parameters
