@@ -220,30 +220,25 @@ def points(unit):
 INSTANT = 1e-9  # [s]: times closer to each other are one and the same, and no step is shorter
 
 
-def longer_than_an_instant(value: float) -> float:
-    """Return a duration [s] as it is; ValueError for one that no step can take."""
-    if value < INSTANT:
-        raise ValueError(f"must be at least {INSTANT:g} s")
-    return value
-
-
-def longer_than_an_atom(value: float) -> float:
-    """Return a size [m]; ValueError for one whose powers are no numbers."""
-    if value < 1e-12:
-        raise ValueError("must be at least 1e-12 m")
+def at_least(least: float, unit: str, value: float) -> float:
+    """Return a number; ValueError for one below the least, of which bounds of pydantic would say another thing."""
+    if value < least:
+        raise ValueError(f"must be at least {least:g} {unit}")
     return value
 
 
 LIGHTEST, HEAVIEST = 200.0, 20000.0  # foamed concrete in the mould, and above mercury [kg/m3]
 DENSITY_HINT = "2300 for 2.3 t/m3"
 
-Size = Annotated[real("m", gt=0.0, le=1e9), AfterValidator(longer_than_an_atom)]
+Size = Annotated[
+    real("m", gt=0.0, le=1e9), AfterValidator(partial(at_least, 1e-12, "m"))
+]  # the powers of a smaller one are no numbers
 Coordinate = real("m", ge=-1e9, le=1e9)
 Time = real("s", ge=0.0, le=1e9)
 Instant = real("s", ge=-1e9, le=1e9)
 Length = real("m", "0.3 or 300mm for 300 mm", gt=0.0, le=100.0)
 Position = real("m", ge=-1000.0, le=1000.0)
-Duration = Annotated[real("s", gt=0.0, le=1e6), AfterValidator(longer_than_an_instant)]
+Duration = Annotated[real("s", gt=0.0, le=1e6), AfterValidator(partial(at_least, INSTANT, "s"))]
 Density = real("kg/m3", DENSITY_HINT, ge=LIGHTEST, le=HEAVIEST)
 AnyDensity = real("kg/m3", gt=0.0, le=30000.0)  # also 1, of a flow without weight in numbers without dimension
 Viscosity = real("Pa s", gt=0.0, le=1e6)

@@ -16,7 +16,7 @@ from ..problem import catalogue
 from ..problem.labels import option_name, what_it_is
 from ..problem.materials import Concrete
 from ..problem.numerics import NUMERICS
-from ..units import Checked, Count, Duration, SceneError, checked, notes, plain, require, suggestion, unit_of
+from ..units import Checked, Count, Duration, SceneError, checked, notes, plain, require, said, suggestion, unit_of
 
 GROUPS = "mix", "test", "accuracy and cost", "output", "expert"  # of the options of a run, as --help has them
 MIX = set(Concrete.model_fields)
@@ -199,8 +199,7 @@ def default(field) -> str:
     unit = unit_of(field).strip("-")
     if field.is_required() or field.default in (None, "") or field.default is False:
         return " ".join(["required"] * field.is_required() + [f"[{unit}]"] * bool(unit))
-    shown = f"{field.default:g}" if isinstance(field.default, float) else str(field.default)
-    return f"default {shown} {unit}".rstrip()
+    return f"default {said(field.default, unit)}"
 
 
 def group_of(name: str, model) -> str:
@@ -221,7 +220,7 @@ def is_tuple(field) -> bool:
 
 def read_back(name: str, values, field) -> None:
     """Print on stderr what the values between commas were read as."""
-    texts = [f"{value:g}" if isinstance(value, float) else str(value) for value in values]
+    texts = [said(value, "") for value in values]
     shown = texts if len(texts) <= MOST_READ_BACK else [*texts[:3], "...", texts[-1]]
     told = f"taichi-mps: {name}: {len(texts)} values: {', '.join(shown)} {unit_of(field).strip('-')}"
     print(plain(told.rstrip()), file=sys.stderr)

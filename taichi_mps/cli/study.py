@@ -14,9 +14,9 @@ from ..study import calibrate as one_mix
 from ..study.calibrate import Measurements
 from ..study.require import Wanted
 from ..study.require import require as find_borders
-from ..study.results import measures, spelled
+from ..study.results import measures
 from ..study.sweep import ACCURACY, LOST, cases, sweep
-from ..units import Checked, Count, SceneError, plain, require, user_path
+from ..units import Checked, Count, SceneError, plain, require, said, user_path
 from .options import DONE, JSON, Workers, command, given, of_scene, read_back, tell
 
 NOT_ALL_DONE = 1  # what sweep returns where a case gave no result, and calibrate --table where no mix did
@@ -78,7 +78,7 @@ def watching(varied, quiet: bool):
     def tell(rows, total):
         for row in (row for row in rows if row["key"] not in told):
             told.add(row["key"])
-            words = [f"{len(told)}/{total}", *(f"{in_words(name)} {spelled(row[name])}" for name in varied)]
+            words = [f"{len(told)}/{total}", *(f"{in_words(name)} {said(row[name], '')}" for name in varied)]
             print(plain(f"{', '.join(words)}: {outcome(row)}"), file=sys.stderr, flush=True)
 
     return None if quiet else tell

@@ -6,13 +6,13 @@ import numpy as np
 
 from ..problem import catalogue
 from ..problem.labels import in_words, title, unit_of_measure
-from ..units import File, Place, SceneError, unit_of, validated
+from ..units import File, Place, SceneError, said, unit_of, validated
 from ..validation import read_reference
 from ..viz.plots import COLOURS, _figure, _save
 from .emulator import DENSITY, emulator_of
 from .mixes import pairs
 from .require import fills
-from .results import measures, spelled
+from .results import measures
 
 VISCOSITIES = (20.0, 50.0, 200.0)  # of the engine's curves [Pa s]
 FORMULAS = {  # column of the reference, who, and the slumps [mm] for which it was made
@@ -145,7 +145,7 @@ def study_chart(rows, varied, out) -> Path:
         for k, kind in enumerate(dict.fromkeys(tuple(row[other] for other in others) for row in done)):
             points = [(row[x], row.get(name)) for row in done if tuple(row[other] for other in others) == kind]
             points = np.array(sorted(points), float)  # None becomes nan: a gap
-            label = ", ".join(f"{in_words(other)} {spelled(value)}" for other, value in zip(others, kind, strict=True))
+            label = ", ".join(f"{in_words(other)} {said(value, '')}" for other, value in zip(others, kind, strict=True))
             axes.plot(points[:, 0], factor * points[:, 1], "o-", color=COLOURS[k % len(COLOURS)], label=label)
         axes.set(xlabel=in_words(x) + f" [{unit}]" * bool(unit), ylabel=title(name) + f" [{shown}]" * bool(shown))
         if known[0] > 0.0:

@@ -1,11 +1,12 @@
 """Pictures of runs made afterwards: films, and several runs side by side."""
 
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 from PIL import Image
 
-from ..units import SceneError, user_path
+from ..units import require, user_path
 from .render import Renderer
 
 
@@ -35,10 +36,7 @@ class SideBySide:
 
 def check() -> None:
     """SceneError where no film can be made."""
-    try:
-        import imageio_ffmpeg  # noqa: F401
-    except ImportError:
-        raise SceneError("film: needs imageio-ffmpeg: pip install 'taichi-mps[film]'") from None
+    require(find_spec("imageio_ffmpeg"), "film: needs imageio-ffmpeg: pip install 'taichi-mps[film]'")
 
 
 def mp4(pictures, out, fps: float = 10.0) -> Path:
