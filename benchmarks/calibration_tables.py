@@ -19,6 +19,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import points
 
 from taichi_mps.study.emulator import DENSITY, MEASURED, emulator_of
 from taichi_mps.study.fit import fit
@@ -111,7 +112,7 @@ def write(name: str, workers="1") -> None:
         sys.exit("\n".join(failed))
     with open(ROOT / f"taichi_mps/study/{name}.csv", "w", newline="", encoding="utf-8") as file:
         made_by = f"By version {rows[0]['version']} and benchmarks/calibration_tables.py {name}"
-        file.write(f"# {HEADS[name]}.\n# {made_by}.\n")
+        file.write(f"# {HEADS[name]}.\n# {made_by}; {points.stamp()}.\n")
         kept = [column for column in KEPT if column in rows[0]]
         lines = csv.DictWriter(file, [*kept, *columns, "stopped_by"], extrasaction="ignore", lineterminator="\n")
         lines.writeheader()

@@ -6,7 +6,6 @@
 Cones without slip, and with internal friction: the tables of `taichi-mps calibrate`. Measured: Yeh (2007), UCI.
 """
 
-import json
 import sys
 from dataclasses import replace
 from itertools import pairwise
@@ -27,7 +26,6 @@ NEAR = 10.0, 20.0  # [mm] of slump and of flow within which a cone explains a me
 HEIGHT, VOLUME = 300.0, 5.498e6  # of the cone [mm], [mm3]
 PLATES = {"no friction at the plate": 0.0, "plate of half of the yield stress": 0.5}  # over that of the mix
 ANGLES = 10.0, 15.0, 20.0  # of internal friction [deg]
-RESULT = points.RESULTS / "concretes.json"
 
 
 def run() -> None:
@@ -47,7 +45,7 @@ def run() -> None:
             )
             rows[-1]["stopped_by"] = sim.stopped_by
             print(plate, rows[-1], flush=True)
-    RESULT.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    points.save("concretes", found)
 
 
 def calibrated() -> str:
@@ -55,7 +53,9 @@ def calibrated() -> str:
     columns = {"no": "no", "slump [cm]": "slump_cm", "spread [cm]": "flow_cm", "rho [kg/m3]": "density_kg_m3"}
     rows = [{name: line[column] for name, column in columns.items()} for line in read_reference(MEASURED)]
     found = mixes.calibrate_list(rows)
-    mixes.write(found, points.RESULTS / "concretes.csv")
+    file = points.RESULTS / "concretes.csv"
+    mixes.write(found, file)
+    file.write_text(f"# {points.stamp()}\n{file.read_text(encoding='utf-8')}", encoding="utf-8")
     lines = [line.strip().split(" ", 1) for line in mixes.tally(found).splitlines()]
     table = ["| mixes | come out as |", "|---|---|", *(f"| {count} | {what} |" for count, what in lines)]
     return "\n".join([*table, "", with_friction(found)])
@@ -83,7 +83,9 @@ def of_table(test: str, *others) -> np.ndarray:
 def curves() -> dict[str, np.ndarray]:
     """Slump and slump flow [mm] of the other cones, between the computed ones; with internal friction by its table."""
     found = {}
-    for way, cones in json.loads(RESULT.read_text(encoding="utf-8")).items():
+    for way, cones in points.load("concretes").items():
+        if way == "machine":
+            continue
         known = np.array([(np.log(c["yield_value"]), c["slump_mm"], c["flow_mm"]) for c in cones])
         fine = np.linspace(known[0, 0], known[-1, 0], 200)
         found[way] = np.column_stack([np.interp(fine, known[:, 0], known[:, k]) for k in (1, 2)])
@@ -127,7 +129,7 @@ def draw() -> None:
         lines.append(f"| {name} | {near.sum()} of {len(real)} | {typical[0]:+.0f} | {typical[1]:+.0f} |")
     lines += ["", f"Left out: {stands.sum()} without slump, {impossible.sum()} that hold less than the cone's volume."]
     lines += ["", "What `taichi-mps calibrate --table` says of all 103, without slip:", "", calibrated()]
-    points.put("concretes.md", "concretes", "\n".join(lines))
+    points.put("concretes.md", "concretes", "\n".join(lines), [points.load("concretes")])
 
     figure, axis = plt.subplots(figsize=(7.6, 5.4), layout="constrained")
     low, high = cones[0], cones[-1]

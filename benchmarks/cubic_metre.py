@@ -158,7 +158,7 @@ def measured(summary: dict, rows, case: dict, whole: bool) -> dict:
         "peak_bytes": 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss,
         "process_cpu_s": time.process_time(),  # of the last call, with compiling and files
         "by_particles": by_particles(mean[counted], did[counted], spent[counted]),
-        "machine": points.facts(),
+        "machine": points.head(),
         "forecast": forecast(case, None if whole else summary["simulated_seconds"]),
     }
     return found | {"bytes_per_particle": found["peak_bytes"] / summary["fluid_particles"]}

@@ -20,7 +20,7 @@ VARIANTS = [("full", 0.02), ("full", 0.01), ("half", 0.01)]
 VARIANTS += [("quarter", spacing) for spacing in (0.02, 0.015, 0.01, 0.0075)]
 VARIANTS += [("axisymmetric", spacing) for spacing in (0.02, 0.01, 0.005, 0.0025)]
 RUNS = 5
-HEAD = ["mix", "model, l0", "particles", "CPU-s", "slump at rest [mm]", "worst slump [mm]", "spread [%]"]
+HEAD = ["mix", "model, l0", "particles", "CPU-s", "slump at rest [mm]", "worst slump [mm]", "slump flow [%]"]
 HEAD += ["worst volume [%]"]
 SCATTERS = "slump_error_m", "spread_error"  # of which the standard deviation of a run is kept
 USUAL = 50.0  # plastic viscosity [Pa s] of the mixes that all models are run for
@@ -153,7 +153,7 @@ def draw() -> None:
     """The table in docs/models.md, the chart beside it, and the data of --accuracy."""
     plt, results = points.pyplot(), read()
     lines = [cells(result, row) for result in results for row in result["rows"]]
-    points.put("models.md", "models", points.table(HEAD, lines))
+    points.put("models.md", "models", points.table(HEAD, lines), results)
     write(measured(results))
     results = [result for result in results if result["plastic_viscosity"] == USUAL]
     figure, axes = plt.subplots(1, len(results), figsize=(3.4 * len(results), 3.4), sharex=True, sharey=True)

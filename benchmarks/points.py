@@ -1,11 +1,9 @@
 """What the benchmarks share: cases run apart and kept in one JSON with the machine's facts, tables put into pages."""
 
 import json
-import os
-import platform
 import subprocess
 import sys
-from datetime import date
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -15,27 +13,19 @@ RESULTS, FIGURES, DOCS = ROOT / "benchmarks" / "results", ROOT / "docs" / "figur
 ASIDE = 1e-6  # by how much particles stand aside in repeated runs [spacings]
 
 
-def facts() -> dict:
-    """What a result was made with: processor, load, versions, commit, date."""
-    import taichi
+@cache
+def head() -> dict:
+    """Head of a result that this process writes: commit, date, processor, versions, hash of the numerics."""
+    from taichi_mps.validation import provenance
 
-    import taichi_mps
+    return provenance.head(RESULTS)
 
-    cpu = Path("/proc/cpuinfo")
-    lines = cpu.read_text(encoding="utf-8").splitlines() if cpu.exists() else []
-    models = [line.split(":")[1].strip() for line in lines if line.startswith("model name")]
-    commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], cwd=ROOT, capture_output=True, text=True)
-    return {
-        "processor": models[0] if models else platform.processor() or platform.machine(),
-        "cores": os.cpu_count(),
-        "load_average": os.getloadavg()[0],
-        "system": platform.platform(),
-        "python": platform.python_version(),
-        "taichi": ".".join(map(str, taichi.__version__)),
-        "taichi_mps": taichi_mps.__version__,
-        "commit": commit.stdout.strip(),
-        "date": date.today().isoformat(),
-    }
+
+def stamp() -> str:
+    """The head in a line, for a file that is not JSON."""
+    return "; ".join(
+        f"{key} {head()[key]}" for key in ("commit", "date", "processor", "python", "taichi", "fingerprint")
+    )
 
 
 def aside(shape, spacing: float, seed: int) -> np.ndarray:
@@ -51,9 +41,9 @@ def load(name: str) -> dict:
 
 
 def save(name: str, result: dict) -> None:
-    """Write results/<name>.json with the facts of this machine; whole or not at all."""
+    """Write results/<name>.json under its head, whole or not at all; points that are kept have one each."""
     draft = RESULTS / f"{name}.json.part"
-    draft.write_text(json.dumps({"machine": facts()} | result, indent=1) + "\n", encoding="utf-8")
+    draft.write_text(json.dumps({"machine": head()} | result, indent=1) + "\n", encoding="utf-8")
     draft.replace(RESULTS / f"{name}.json")
 
 
@@ -73,7 +63,7 @@ def run(script: str, name: str, points: dict[str, dict], again=lambda result: Fa
         done = subprocess.run(call, capture_output=True, text=True, cwd=ROOT)
         if done.returncode != 0:
             sys.exit(f"{key}: {done.stderr[-2000:]}")
-        result = settings | json.loads(done.stdout.splitlines()[-1])
+        result = {"machine": head()} | settings | json.loads(done.stdout.splitlines()[-1])
         save(name, {"points": read(name) | {key: result}})
         print(f"{key}: {json.dumps(result)}", flush=True)
 
@@ -85,8 +75,11 @@ def table(head, rows) -> str:
     return "\n".join([lines[0], "|" + "---|" * len(head), *lines[1:]])
 
 
-def put(page: str, name: str, text: str) -> None:
-    """Replace what stands between the marks of ``name`` in a page of docs/."""
+def put(page: str, name: str, text: str, results=()) -> None:
+    """Replace what stands between the marks of ``name`` in a page of docs/, and say where its results come from."""
+    from taichi_mps.validation import provenance
+
+    text = f"{text}\n\n{provenance.origin(results)}" if results else text
     begin, end = f"<!-- written by benchmarks/{name}.py -->", f"<!-- end of benchmarks/{name}.py -->"
     before, rest = (DOCS / page).read_text(encoding="utf-8").split(begin)
     (DOCS / page).write_text(f"{before}{begin}\n\n{text}\n\n{end}{rest.split(end)[1]}", encoding="utf-8")

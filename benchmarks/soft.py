@@ -95,10 +95,9 @@ def main():
         print(" | ".join(rows[-1]), flush=True)
     extra = f" --perturbed {options.perturbed}" * (options.perturbed > 1)
     command = f"python benchmarks/soft.py --model {options.model} --spacing {options.spacing:g}{extra}"
-    facts = points.facts()
-    about = f"Errors beside finite elements with inertia, by `{command}` ({facts['commit']}, {facts['date']}, "
+    about = f"Errors beside finite elements with inertia, by `{command}` ({points.stamp()}).\n\n"
     path = points.RESULTS / f"soft_{options.model}_{1e3 * options.spacing:g}mm.md"
-    path.write_text(f"{about}{facts['processor']}).\n\n{points.table(HEAD, rows)}\n", encoding="utf-8")
+    path.write_text(f"{about}{points.table(HEAD, rows)}\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -241,7 +241,8 @@ def draw() -> None:
         tables += [heading, points.table(head, [cells(item) for item in found])]
         if len(found) < len(wanted):
             tables.append(f"{len(wanted) - len(found)} points have not been run yet.")
-    points.put("speed.md", "speed_accuracy", "\n\n".join(text))
+    results = [points.load(f"speed_accuracy_{flow}") for flow in FLOWS]
+    points.put("speed.md", "speed_accuracy", "\n\n".join(text), results)
     about = "Written by `python benchmarks/speed_accuracy.py draw`; the charts stand in docs/speed.md."
     (points.RESULTS / "speed_accuracy.md").write_text("\n\n".join([about, *tables]) + "\n")
 

@@ -160,7 +160,7 @@ def draw() -> None:
     found = points.read("stability_map")
     draw_steps(found)
     draw_yield(found)
-    points.put("stability.md", "stability_map", counted(found))
+    points.put("stability.md", "stability_map", counted(found), [points.load("stability_map")])
 
 
 def draw_steps(found) -> None:

@@ -81,7 +81,7 @@ def draw() -> None:
     axis.legend(frameon=False)
     figure.savefig(points.FIGURES / "vane.png", dpi=110)
     head = ["paste", "speeds [rpm]", "measured over computed, mean", "farthest from that mean"]
-    points.put("scenes/vane.md", "vane", points.table(head, lines))
+    points.put("scenes/vane.md", "vane", points.table(head, lines), [points.load("vane")])
 
 
 if __name__ == "__main__":

@@ -154,7 +154,7 @@ def draw() -> None:
     results = read()
     if not results:
         raise SystemExit("no benchmarks/results/peers_*.json: run first")
-    points.put("peers.md", "peers/compare", "\n\n".join(table(result) for result in results))
+    points.put("peers.md", "peers/compare", "\n\n".join(table(result) for result in results), results)
     slumps = panels([result for result in results if result["case"] != "dam_break"])
     dams = panels([result for result in results if result["case"] == "dam_break"])
     if slumps:

@@ -159,3 +159,32 @@ TABLE = [
         "B_startup_poiseuille.csv", flows.order_in_time),
 ]  # fmt: skip
 ROWS = {row.name: row for row in TABLE}
+
+# constants that were chosen on what a row measures, as docs/theory/constants.md tells: there it is calibration
+CHOSEN_ON = {
+    "film_at_yield": ("REDUCTION", "EARLY_REDUCTION", "SMOOTHING_SCALE", "SLOWEST", "STILL"),
+    "order_in_time": ("REDUCTION", "EARLY_REDUCTION"),
+    "cessation_channel": ("Implicit.passes", "PENALTY"),
+    "channel_bingham": ("COMPRESSION",),
+    "cavity_bingham": ("COMPRESSION",),
+    "cavity_bingham_fine": ("COMPRESSION",),
+    "still_pool_concrete": ("FIRST_ITERATIONS", "VISCOUS_ITERATIONS", "STIFFNESS", "READING"),
+    "still_pool_water": ("STIFFNESS", "READING", "AT_REST", "MOVING"),
+    "standing_wave": ("STIFFNESS",),
+    "square_patch": ("INERTIAL",),
+    "square_patch_fine": ("TENSION",),
+    "taylor_green": ("INERTIAL", "UNEVENNESS"),
+    "block_010": ("SPREADING", "STRETCHED_SPREADING"),
+    "stretched_block": ("SPREADING", "STRETCHED_SPREADING"),
+    "standing_jittered": ("SHIFTS",),
+}
+OF_RINGS, OF_CONES = ("RING_REFILL", "PACKING"), ("REFILL", "PACKING")
+for name, row in ROWS.items():
+    if row.function is slumps.collapse and "pi_c" not in row.settings:
+        CHOSEN_ON[name] = OF_RINGS if row.settings["model"] == "axisymmetric" else OF_CONES
+        if row.settings["tau_y"] in (100.0, 500.0):
+            CHOSEN_ON[name] += "VISCOUS_REFILL", "DAMPED"
+        if row.settings["tau_y"] <= 500.0 and row.settings["model"] == "axisymmetric":
+            CHOSEN_ON[name] += ("RATE_FASTEST",)
+        if row.settings["tau_y"] == 100.0:
+            CHOSEN_ON[name] += ("CREEP", "SLOWEST") if row.settings["model"] == "axisymmetric" else ("CREEP",)

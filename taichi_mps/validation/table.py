@@ -10,8 +10,8 @@ from pathlib import Path
 
 from ..problem.numerics import NUMERICS
 from ..units import SceneError, suggestion, user_path
-from . import L2_ERROR, SLUMP_ERROR, Measured
-from .cases import ROWS
+from . import L2_ERROR, SLUMP_ERROR, Measured, provenance
+from .cases import CHOSEN_ON, ROWS
 from .scheme import Setting
 
 PANELS = {L2_ERROR: ("particles across", -1), SLUMP_ERROR: ("spacing [mm]", 1)}  # x axis, sign of the slope there
@@ -74,10 +74,12 @@ def run_table(
     folder.mkdir(parents=True, exist_ok=True)
     for each in NUMERICS:
         read_results(folder, each)  # what is damaged is refused before hours are spent
+    head = provenance.head(folder)
     for name in names or [row.name for row in ROWS.values() if row.quick or not quick]:
         result = run_apart(name, scheme, budget)
         print(f"{name}: {result['cpu_seconds']:.0f} CPU-s", file=sys.stderr, flush=True)
-        file_of(folder, scheme, name).write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+        kept = json.dumps({"machine": head} | result, indent=1)
+        file_of(folder, scheme, name).write_text(kept + "\n", encoding="utf-8")
     kept = {each: read_results(folder, each) for each in NUMERICS}
     text = markdown(kept["implicit"], kept["semi-implicit"])
     (folder / "table.md").write_text(text + "\n", encoding="utf-8")
@@ -126,12 +128,15 @@ def markdown(results: dict[str, dict], others: dict[str, dict] | None = None) ->
             lines += cells_of(results.get(name), others.get(name))
     text = "\n".join("| " + " | ".join(cells[: len(head)]) + " |" for cells in lines)
     below = f"\n\nScheme `semi-implicit`: {count(others)}" if others else ""
-    return f"{text}\n\n{count(results)}{below}"
+    made = provenance.origin([*results.values(), *others.values()])
+    return f"{text}\n\n{count(results)}{below}\n\n{made}"
 
 
 def cells_of(result: dict | None, other: dict | None):
     """The cells of the lines of a row, of which one or both schemes have a result."""
-    first = [(result or other)["case"], (result or other)["reference"]]
+    row = result or other
+    chosen = CHOSEN_ON.get(row.get("row"))
+    first = [row["case"] + (f" (calibration: `{'`, `'.join(chosen)}`)" if chosen else ""), row["reference"]]
     seconds = [f"{each['cpu_seconds']:.0f}" if each else "" for each in (result, other)]
     for mine, their in zip_longest(numbers_of(result), numbers_of(other), fillvalue={}):
         yield [*first, *told(mine, their), seconds[0], told_beside(their, mine), seconds[1]]

@@ -1,0 +1,54 @@
+"""Head of a result file: commit, date, processor, versions and the hash of what short runs give."""
+
+import os
+import platform
+import subprocess
+import sys
+from datetime import date
+from pathlib import Path
+
+from .. import __version__
+from ..runtime import workarounds
+
+ROOT = Path(__file__).resolve().parents[2]
+NUMERICS = "fingerprint"  # key of the hash: equal where the numerics are
+
+
+def facts() -> dict:
+    """What a result was made with: processor, load, versions, commit (with -dirty where files differ), date."""
+    cpu = Path("/proc/cpuinfo")
+    lines = cpu.read_text(encoding="utf-8").splitlines() if cpu.exists() else []
+    models = [line.split(":")[1].strip() for line in lines if line.startswith("model name")]
+    inside = (ROOT / "benchmarks").is_dir()  # not the commit of another project around an environment
+    words = "git", "describe", "--always", "--dirty", "--exclude", "*"
+    commit = inside and subprocess.run(words, cwd=ROOT, capture_output=True, text=True).stdout.strip()
+    return {
+        "processor": models[0] if models else platform.processor() or platform.machine(),
+        "cores": os.cpu_count(),
+        "load_average": os.getloadavg()[0] if hasattr(os, "getloadavg") else None,
+        "system": platform.platform(),
+        "python": platform.python_version(),
+        "taichi": workarounds.VERSION,
+        "taichi_mps": __version__,
+        "commit": commit or None,
+        "date": date.today().isoformat(),
+    }
+
+
+def head(folder: Path) -> dict:
+    """The facts and, for a file in benchmarks/ of a checkout, the hash of six exact fingerprints."""
+    script = ROOT / "benchmarks" / "fingerprint.py"
+    if not (script.is_file() and folder.resolve().is_relative_to(script.parent)):
+        return facts() | {NUMERICS: None}
+    done = subprocess.run([sys.executable, script, "--numerics"], stdout=subprocess.PIPE, text=True, check=True)
+    return facts() | {NUMERICS: done.stdout.split()[-1]}
+
+
+def origin(results) -> str:
+    """Where results come from, as a sentence: commits, dates and processors, and of how many no commit is kept."""
+    heads = [result.get("machine") or {} for result in results]
+    known = sorted({(h["commit"], h["date"], h["processor"]) for h in heads if isinstance(h, dict) and h.get("commit")})
+    texts = [f"commit {commit}, {day}, {processor}" for commit, day, processor in known]
+    if without := sum(not (isinstance(h, dict) and h.get("commit")) for h in heads):
+        texts.append(f"no commit is kept of {without} of {len(heads)} results")
+    return f"*Made with: {'; '.join(texts)}.*"
