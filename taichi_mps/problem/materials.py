@@ -303,9 +303,9 @@ class Bingham(Material):
 RENAMED = "plastic_viscosity of this law is typical_slope; the former name goes in version 0.3"
 
 
-def former_name(material) -> float:
+def former_name(material: Material) -> float:
     """Return the typical slope [Pa s] of a material that was asked for its plastic viscosity, with a warning."""
-    warnings.warn(RENAMED, DeprecationWarning, stacklevel=2)
+    warnings.warn(RENAMED, DeprecationWarning, stacklevel=3)
     return material.typical_slope
 
 
@@ -476,7 +476,10 @@ class HerschelBulkley(Law):
         """
         return (np.maximum(0.0, stress - self.yield_value) / self.consistency) ** (1.0 / self.flow_index)
 
-    plastic_viscosity = property(former_name)
+    @property
+    def plastic_viscosity(self) -> float:
+        """Former name of ``typical_slope``, until 0.3."""
+        return former_name(self)
 
 
 class Casson(Law):
@@ -576,7 +579,10 @@ class FlowCurve(Material):
         warnings.warn(RENAMED, DeprecationWarning, stacklevel=4)
         return {{"plastic_viscosity": "typical_slope"}.get(key, key): value for key, value in values.items()}
 
-    plastic_viscosity = property(former_name)
+    @property
+    def plastic_viscosity(self) -> float:
+        """Former name of ``typical_slope``, until 0.3."""
+        return former_name(self)
 
     def facts(self) -> dict:
         """Return all of the material, JSON-ready; the typical slope also by its name before 0.3.
