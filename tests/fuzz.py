@@ -27,6 +27,7 @@ from pathlib import Path
 from taichi_mps.cli.options import choices
 from taichi_mps.problem import catalogue
 from taichi_mps.units import unit_of
+from tests.support.cube import box
 
 ROOT = Path(__file__).resolve().parents[1]
 # [CPU-s] after which a run is asked to stop, and that it may take to do so; a busy machine may take BUSY times as long
@@ -158,13 +159,6 @@ def random_law(dice, folder, bases) -> Trial:
     return Trial("law", [["run", f"{folder}/own.py", "--threads=1", "--out", f"{folder}/run"]])
 
 
-def box_mesh(low, high) -> list:
-    """Twelve triangles of a box, outward."""
-    corner = [[(low, high)[k >> a & 1][a] for a in range(3)] for k in range(8)]
-    faces = [(0, 4, 6, 2), (1, 3, 7, 5), (0, 1, 5, 4), (2, 6, 7, 3), (0, 2, 3, 1), (4, 5, 7, 6)]
-    return [[corner[k] for k in three] for a, b, c, d in faces for three in ((a, b, c), (a, c, d))]
-
-
 SOLID = '''"""A block that falls on a mesh."""
 from pathlib import Path
 import taichi_mps as mps
@@ -183,7 +177,7 @@ def scene(spacing: Length = 0.03, until: Duration = 0.01) -> mps.Scene:
 
 
 def random_mesh(dice, folder, bases) -> Trial:
-    triangles = box_mesh((-0.3, -0.3, -0.2), (0.3, 0.3, dice.choice([0.0, 0.0, 0.05, -0.02])))
+    triangles = box((-0.3, -0.3, -0.2), (0.3, 0.3, dice.choice([0.0, 0.0, 0.05, -0.02]))).tolist()
     if dice.random() < 0.2:
         triangles.pop(dice.randrange(12))
     rows = [struct.pack("<12fH", 0, 0, 0, *(v for point in three for v in point), 0) for three in triangles]

@@ -12,7 +12,6 @@ import contextlib
 import dataclasses
 import io
 import math
-import numbers
 import os
 import random
 import re
@@ -142,8 +141,7 @@ class Bench:
         self.square = [(0.0, 0.0), (0.2, 0.0), (0.2, 0.2), (0.0, 0.2)]
         self.solid = mps.Solid.prism(self.square, 0.05, 0.2)
         self.inlet, self.cavity = hose(), mps.Cavity((0.0, 0.0), (0.5, 0.5), self.scene.walls, 0.1)
-        self.run, sim, recorder = recorded(folder / "run", self.scene, 2)
-        recorder.finish("time")
+        self.run, *_ = recorded(folder / "run", self.scene, 2, end="time")
         self.problem, self.state = self.sim.problem, self.sim.state()
         self.picture = folder / "frame_00000.png"
         render.save(np.full((20, 30, 3), 200, np.uint8), self.picture)
@@ -394,21 +392,10 @@ OF_ANY_KIND = {  # arguments that take what is no number, and those where nan is
 
 def numeric(value) -> bool:
     """Is this one real number, also as text?"""
-    if isinstance(value, bool | np.bool_ | bytes):
+    if isinstance(value, bool | np.bool_ | bytes) or (isinstance(value, np.ndarray) and value.ndim):
         return False
-    if isinstance(value, str):
-        with contextlib.suppress(Exception):
-            return math.isfinite(in_unit("m", value) if " " in value else float(value))
-        return False
-    if isinstance(value, np.ndarray):
-        return value.shape == () and value.dtype.kind in "iuf"
-    return isinstance(value, numbers.Real | Decimal) and math.isfinite(value) if abs_small(value) else False
-
-
-def abs_small(value) -> bool:
     with contextlib.suppress(Exception):
-        float(value)
-        return True
+        return math.isfinite(in_unit("m", value) if isinstance(value, str) and " " in value else float(value))
     return False
 
 

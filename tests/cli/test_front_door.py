@@ -34,6 +34,7 @@ from taichi_mps.io.vtkhdf import Trajectory
 from taichi_mps.problem import catalogue
 from taichi_mps.problem.numerics import NUMERICS
 from taichi_mps.viz import film
+from tests.support.cube import CORNERS, CUBE
 from tests.support.recorded import recorded
 
 if settings.get_current_profile_name() == "default":
@@ -172,12 +173,9 @@ MESHES += [("cube.ply", {"binary": False}), ("cube.ply", {"binary": True})]
 def mesh(door, request):
     """A file of a closed cube, and its bytes."""
     path, how = door / request.param[0], request.param[1]
-    points = np.array([(x, y, z) for x in (0.0, 0.1) for y in (0.0, 0.1) for z in (0.0, 0.1)])
-    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-    faces = np.array([half for a, b, c, d in quads for half in ((a, b, c), (a, c, d))])
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        meshio.Mesh(points, [("triangle", faces)]).write(path, **how)
+        meshio.Mesh(0.1 * CORNERS, [("triangle", CUBE)]).write(path, **how)
     return path, path.read_bytes()
 
 
@@ -200,8 +198,7 @@ def test_a_mesh_is_read_whole_or_refused(mesh, data):
 def run(tmp_path_factory):
     """The folder of a run of 3 steps, with two checkpoints."""
     scene = catalogue.build("slump", spacing=0.05, until=1.0)
-    folder, _, recorder = recorded(tmp_path_factory.mktemp("outside") / "run", scene, 3)
-    recorder.finish("time")
+    folder, *_ = recorded(tmp_path_factory.mktemp("outside") / "run", scene, 3, end="time")
     contents = {path.name: path.read_bytes() for path in folder.path.iterdir() if path.is_file()}
     return SimpleNamespace(path=folder.path, contents=contents, state=checkpoint.read(folder.checkpoint))
 

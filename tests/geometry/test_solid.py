@@ -11,6 +11,7 @@ from taichi_mps.geometry.meshes import mesh_distance, read_mesh
 from taichi_mps.geometry.solid import polygon_distance
 from taichi_mps.runtime.backend import ti
 from taichi_mps.viz import render
+from tests.support.cube import CORNERS, CUBE
 from tests.support.rigs import Rig as Cloud
 from tests.support.rigs import cloud
 
@@ -142,11 +143,6 @@ def test_nothing_leaks_where_walls_meet():
 
 
 # ---- meshes -----------------------------------------------------------------------------------------------------
-CORNERS = np.array([[x, y, z] for x in (0.0, 1.0) for y in (0.0, 1.0) for z in (0.0, 1.0)])
-CUBE = np.array(
-    [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1], [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4]]
-    + [[1, 5, 7], [1, 7, 3]]
-)
 
 
 def write(path, triangles=CUBE, points=CORNERS):

@@ -17,9 +17,7 @@ from tests.support.recorded import recorded
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     """The folder of a run of five outputs."""
-    folder, _, recorder = recorded(tmp_path_factory.mktemp("checksums") / "run", SCENE, 4)
-    recorder.finish("time")
-    return folder
+    return recorded(tmp_path_factory.mktemp("checksums") / "run", SCENE, 4, end="time")[0]
 
 
 SCENE = catalogue.build("slump", spacing=0.05, until=1.0)

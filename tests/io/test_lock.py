@@ -31,9 +31,8 @@ def contents(folder):
 @pytest.fixture
 def run(tmp_path):
     """The folder of a run of two steps."""
-    folder, _, recorder = recorded(tmp_path / "run", catalogue.build("slump", spacing=0.05, until=1.0), 2)
-    recorder.finish("time")
-    return folder.path
+    scene = catalogue.build("slump", spacing=0.05, until=1.0)
+    return recorded(tmp_path / "run", scene, 2, end="time")[0].path
 
 
 @pytest.fixture

@@ -56,8 +56,8 @@ class Falling:
         return {"x": self.snapshot().x, **scalars, "report": {"dt": 0.1}}
 
 
-def recorded(path, scene, steps, overwrite=False):
-    """(folder, stand-in, recorder) after that many steps."""
+def recorded(path, scene, steps, overwrite=False, end=""):
+    """(folder, stand-in, recorder) after that many steps, whole if it has ended by something."""
     folder = RunFolder(path)
     folder.create(overwrite)
     sim = Falling(scene)
@@ -65,4 +65,6 @@ def recorded(path, scene, steps, overwrite=False):
     recorder.output(sim)
     for _ in range(steps):
         sim.step()
+    if end:
+        recorder.finish(end)
     return folder, sim, recorder
