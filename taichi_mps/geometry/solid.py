@@ -177,7 +177,7 @@ class Solid:
         ticks = [lo + cell * np.arange(n) for lo, n in zip(low, shape, strict=True)]
         across, values, said = max(1, int(AT_ONCE / np.prod(shape[1:]))), [], monotonic()
         for first in range(0, shape[0], across):  # slabs, for the sake of memory, and of who waits
-            if monotonic() - said > SILENT:
+            if monotonic() - said > SILENT and sys.stderr and sys.stderr.isatty():
                 said, share = monotonic(), first / shape[0]
                 print(f"taichi-mps: {share:.0%} of the distances of a solid at {needed:.2g} nodes", file=sys.stderr)
             nodes = np.stack(np.meshgrid(ticks[0][first : first + across], *ticks[1:], indexing="ij"))

@@ -56,7 +56,7 @@ def test_a_signal(tmp_path, number, moment):
     assert said in ("", "taichi-mps: interrupted\n")
     if (tmp_path / "run").exists():
         assert RunFolder(tmp_path / "run").read_summary()["stopped_by"] == "interrupted"
-        again = program(tmp_path, "resume", "run", "--until=0.01", "--quiet")
+        again = program(tmp_path, "resume", "run", "--until=1", "--quiet")
         assert (again.communicate(timeout=120)[1], again.returncode) == ("", 0)
 
 

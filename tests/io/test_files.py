@@ -250,7 +250,7 @@ def test_an_export_holds_every_output_with_its_time(tmp_path, plane):
     with pytest.raises(mps.SceneError, match="outputs: are none"):  # an earlier export is no other file
         export.vtu([], tmp_path / "vtu")
     with pytest.raises(mps.SceneError, match=r"out = .*run: holds other files, such as"):
-        export.vtu([], tmp_path / "run")
+        export.vtu([Frame(plane, sim.snapshot())], tmp_path / "run")
     for rows, known in ((mesh.points, sim.snapshot().x), (mesh.point_data["velocity"], sim.snapshot().u)):
         np.testing.assert_allclose(rows[:, [0, 2]], known, atol=1e-6)
         assert not rows[:, 1].any()

@@ -60,7 +60,10 @@ def test_friction_alone_yields_and_rests():
     ("words", "said"),
     [
         ({"critical_strain_rate": 0.1}, "friction_angle = 20 deg: needs a true yield stress"),
-        ({"flow_index": 0.5}, "friction_angle = 20 deg: is of Bingham's law alone; must not be given with flow_index"),
+        (
+            {"flow_index": 0.5},
+            "flow_index = 0.5: the law Bingham, by friction_angle, has no such number; must be left out",
+        ),
         ({"friction_angle": 90.0}, "friction_angle = 90"),
     ],
 )
