@@ -148,18 +148,11 @@ def no_number_in_disguise(value):
     return value
 
 
-def possible(path: Path) -> Path:
-    """Return a path; ValueError for one that no file can have."""
-    if "\0" in str(path):
+def possible(path: Path, named=False) -> Path:
+    """Return a path; ValueError for one that no file can have, and where a name is needed for '' and '.', a folder."""
+    if "\0" in str(path) or (named and not path.name):
         raise ValueError("must be the path of a file")
     return user_path(path)
-
-
-def named(path: Path) -> Path:
-    """Return the path of a file; ValueError for '' or '.', a folder."""
-    if not path.name:
-        raise ValueError("must be the path of a file")
-    return path
 
 
 def truth(value):
@@ -260,7 +253,7 @@ Count = Annotated[int, Field(ge=1, le=100000), Unit("-"), BeforeValidator(no_num
 Flag = Annotated[bool, BeforeValidator(truth)]
 Text = Annotated[str, Strict()]
 Place = Annotated[Path, AfterValidator(possible)]  # of a folder or a file
-File = Annotated[Place, AfterValidator(named)]
+File = Annotated[Path, AfterValidator(partial(possible, named=True))]
 
 
 class Checked(BaseModel):

@@ -392,7 +392,11 @@ OF_ANY_KIND = {  # arguments that take what is no number, and those where nan is
 
 def numeric(value) -> bool:
     """Is this one real number, also as text?"""
-    if isinstance(value, bool | np.bool_ | bytes) or (isinstance(value, np.ndarray) and value.ndim):
+    if (
+        isinstance(value, bool | np.bool_ | bytes)
+        or value is np.ma.masked
+        or (isinstance(value, np.ndarray) and value.ndim)
+    ):
         return False
     with contextlib.suppress(Exception):
         return math.isfinite(in_unit("m", value) if isinstance(value, str) and " " in value else float(value))

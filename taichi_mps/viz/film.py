@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from ..units import require, user_path
+from ..units import require
 from .render import Renderer
 
 
@@ -44,7 +44,6 @@ def mp4(pictures, out, fps: float = 10.0) -> Path:
     check()
     import imageio.v2 as iio
 
-    out = user_path(out)
     with iio.get_writer(out, fps=fps, codec="libx264", quality=8, macro_block_size=16) as film:
         for path in pictures:
             with Image.open(path) as picture:
