@@ -83,9 +83,8 @@ def of_table(test: str, *others) -> np.ndarray:
 def curves() -> dict[str, np.ndarray]:
     """Slump and slump flow [mm] of the other cones, between the computed ones; with internal friction by its table."""
     found = {}
-    for way, cones in points.load("concretes").items():
-        if way == "machine":
-            continue
+    for way in map("Bingham, {}".format, PLATES):
+        cones = points.load("concretes")[way]
         known = np.array([(np.log(c["yield_value"]), c["slump_mm"], c["flow_mm"]) for c in cones])
         fine = np.linspace(known[0, 0], known[-1, 0], 200)
         found[way] = np.column_stack([np.interp(fine, known[:, 0], known[:, k]) for k in (1, 2)])
@@ -102,11 +101,7 @@ def missed(measured, cones) -> np.ndarray:
 
 
 def draw() -> None:
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
+    plt = points.pyplot()
     measured = np.array([(10.0 * float(r["slump_cm"]), 10.0 * float(r["flow_cm"])) for r in read_reference(MEASURED)])
     cones = np.array([of_table("slump", eta / DENSITY) for eta in np.geomspace(*BAND, 25)])
     others = curves()

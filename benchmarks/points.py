@@ -75,14 +75,20 @@ def table(head, rows) -> str:
     return "\n".join([lines[0], "|" + "---|" * len(head), *lines[1:]])
 
 
+def between(text: str, name: str, block: str) -> str:
+    """A page with this block between the marks of a command."""
+    begin, end = f"<!-- written by {name} -->", f"<!-- end of {name} -->"
+    before, rest = text.split(begin)
+    return f"{before}{begin}\n\n{block}\n\n{end}{rest.split(end)[1]}"
+
+
 def put(page: str, name: str, text: str, results=()) -> None:
     """Replace what stands between the marks of ``name`` in a page of docs/, and say where its results come from."""
     from taichi_mps.validation import provenance
 
-    text = f"{text}\n\n{provenance.origin(results)}" if results else text
-    begin, end = f"<!-- written by benchmarks/{name}.py -->", f"<!-- end of benchmarks/{name}.py -->"
-    before, rest = (DOCS / page).read_text(encoding="utf-8").split(begin)
-    (DOCS / page).write_text(f"{before}{begin}\n\n{text}\n\n{end}{rest.split(end)[1]}", encoding="utf-8")
+    block = f"{text}\n\n{provenance.origin(results)}" if results else text
+    page = DOCS / page
+    page.write_text(between(page.read_text(encoding="utf-8"), f"benchmarks/{name}.py", block), encoding="utf-8")
 
 
 def pyplot():

@@ -82,8 +82,9 @@ def test_what_misses_its_target_is_all_that_does(monkeypatch):
     missed = [item for item in of_mixes if item["value"] > item["target"]]
     assert text.count("\n- ") == len(misses) + len(missed) and missed
     assert all(table.written(item, "value") in text for item in misses + missed)
-    monkeypatch.setattr(table, "read_results", lambda *_: {**kept, "slump_500": result(SLUMP)})
+    monkeypatch.setattr(table, "read_results", lambda *_: {**kept, "slump_500": result(SLUMP) | {"error": "diverged"}})
     assert "- a cone: slump at rest, 7 mm (target 5 mm)\n" in claims.accuracy()
+    assert claims.accuracy().endswith("- a cone: diverged")
 
 
 def test_a_row_that_constants_were_chosen_on_is_called_calibration():
