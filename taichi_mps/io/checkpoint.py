@@ -24,7 +24,7 @@ from ..problem.numerics import NUMERICS
 from ..problem.problem import Problem
 from ..problem.scene import Scene
 from ..schemes.step_report import OLD_NAMES
-from ..units import File, SceneError, ordinary, require, user_path, validated
+from ..units import File, SceneError, ordinary, require, user_path, validated, writing
 from . import untrusted_hdf5 as outside
 
 FORMAT = "taichi_mps checkpoint"
@@ -272,7 +272,8 @@ def save(sim: InstanceOf[Running], path: File) -> Path:
     ...     mps.checkpoint.restore(file).time
     0.0
     """
-    return Checkpoint.of(sim).write(path)
+    with writing("path", path):
+        return Checkpoint.of(sim).write(path)
 
 
 @validated
