@@ -106,8 +106,10 @@ def corners_and_faces(path):
 
 
 def without_flat(triangles):
-    """Triangles but those with two equal corners; of several on the same corners one, none where as many face one way
-    as the other."""
+    """Return the triangles but those with two equal corners.
+
+    Of several on the same corners one is left, none where as many face one way as the other.
+    """
     way = np.prod(np.sign(triangles - np.roll(triangles, 1, axis=1)), axis=1)  # of the corners; 0: two are equal
     group = np.unique(np.sort(triangles, axis=1), axis=0, return_inverse=True)[1].reshape(-1)
     good = np.flatnonzero((way != 0) & (way == np.sign(np.bincount(group, way))[group]))
@@ -127,8 +129,10 @@ def place(point) -> str:
 
 
 def united(path, points, triangles, rounding):
-    """Surface of all bodies together, less their cavities, which are bodies inside out within another, and in words
-    what had to be done to it; the surface as it is where that was nothing."""
+    """Unite all bodies, less their cavities, which are bodies inside out within another.
+
+    Returns the surface, and in words what had to be done to it; the surface as it is where that was nothing.
+    """
     bodies = sorted(body_of(points, triangles).decompose(), key=lambda body: -abs(body.volume()))
     sign = [way for body in bodies if (way := np.sign(body.volume()))]
     require(sign, f"mesh {path}: its bodies have no volume")
@@ -186,7 +190,7 @@ def inverted(body):
 
 
 def normals(corners):
-    """Unit normals (..., 3) of triangles by their corners (..., 3, 3) [m]; zero of those that are next to no area."""
+    """Compute unit normals (..., 3) of triangles by their corners (..., 3, 3) [m]; zero where there is next to no area."""
     sides = corners - np.roll(corners, 1, axis=-2)
     normal = np.cross(sides[..., 1, :], sides[..., 2, :])
     size, least = np.linalg.norm(normal, axis=-1), 1e-6 * (sides**2).sum(-1).max(-1)

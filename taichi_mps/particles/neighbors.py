@@ -26,7 +26,7 @@ class EscapedError(RuntimeError):
 
 @ti.func
 def wrapped_number(place, shape: ti.template(), periodic: ti.template()):
-    """Number of the cell or node at a place of a grid of this shape, wrapped along periodic axes; -1 outside."""
+    """Return the number of the cell or node at a place of a grid of this shape, wrapped where it is periodic; -1 outside."""
     number, inside = 0, True
     for a in ti.static(range(len(periodic))):
         k = place[a]
@@ -66,7 +66,7 @@ class Bins:
 
     @ti.func
     def linear(self, c):
-        """Number of the cell at a place, wrapped along periodic axes; -1 outside."""
+        """Return the number of the cell at a place, wrapped along periodic axes; -1 outside."""
         return wrapped_number(c, self.shape, self.periodic)
 
     @ti.func
@@ -80,8 +80,7 @@ class Bins:
 
     @stage("reorder")
     def arrange(self):
-        """Put the rows into the order (cell, id), what is set aside behind them, and count the particles that are
-        lost."""
+        """Put the rows into the order (cell, id), what is set aside behind them, and count lost particles."""
         self.lost[None] = 0
         for k in range(self.cells + 2):
             self.cell_start[k], self._fill[k] = 0, 0
@@ -194,7 +193,7 @@ class NeighborList:
 
     @ti.func
     def _pairs_of(self, i, fill: ti.template()):
-        """Number of neighbours that are listed for i."""
+        """Return the number of neighbours that are listed for i."""
         found = 0
         if ti.static(not self.leaves_out_walls) or self.particles.kind[i] != DUMMY:
             found = self._scan(i, fill)
@@ -223,8 +222,11 @@ class NeighborList:
                 self.listed_at[i] = self.particles.x[i]
 
     def search(self) -> None:
-        """Bring the particles into the order of the cells and list their neighbours at the present positions, unless
-        the list still holds them. EscapedError if any left the domain, CapacityError when the pairs do not fit."""
+        """Bring the particles into the order of the cells and list their neighbours at the present positions.
+
+        Nothing is done where the list still holds them. EscapedError if any left the domain, CapacityError when the
+        pairs do not fit.
+        """
         if self._known and self.skin > 0.0:
             self.find_moved()
             flush()
@@ -235,7 +237,7 @@ class NeighborList:
         self.list_pairs()
 
     def list_pairs(self) -> None:
-        """The neighbours of rows that are in the order of the cells."""
+        """List the neighbours of rows that are in the order of the cells."""
         self.list()
         flush()
         self.bins.check()
@@ -259,7 +261,7 @@ class NeighborList:
         return {"listed_at": self.listed_at.to_numpy()[: self.particles.count[None]]} if listed else {}
 
     def forget(self) -> None:
-        """The particles are elsewhere, so how many pairs there will be is not known: as many as fit, say."""
+        """Forget the list: the particles are elsewhere, and there may be as many pairs as fit."""
         self.pairs[None] = self.pair_capacity
         self._known = False
 

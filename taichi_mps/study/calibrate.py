@@ -175,9 +175,11 @@ def calibrate(test: Measurements, study: str | None = None, check: Flag = True) 
 
 
 def with_each_alone(emulators: dict[str, Emulator], found: Calibration, known: dict) -> Calibration:
-    """A contradictory one with what each measurement says alone, and the rheometer: a length at rest of the yield
-    stress, a time of the plastic viscosity, the other constant as found, or a usual plastic viscosity where none is
-    determined: what fits a contradiction least badly is at any end of the table."""
+    """Add to a contradictory result what each measurement says alone, and the rheometer.
+
+    A length at rest tells the yield stress, a time the plastic viscosity, with the other constant as found, or a usual
+    plastic viscosity where none is determined: what fits a contradiction least badly is at any end of the table.
+    """
     others = found.constants
     if not found.plastic_viscosity.determined and "plastic_viscosity" not in known:
         others["plastic_viscosity"] = Bingham().plastic_viscosity
@@ -196,8 +198,7 @@ def with_each_alone(emulators: dict[str, Emulator], found: Calibration, known: d
 
 
 def difference(emulators: dict[str, Emulator], found: Calibration) -> dict:
-    """What finer runs of the cones at the constants found measure beyond their emulators: lengths [m], of times the
-    ratio."""
+    """Return what finer runs at the constants found measure beyond their emulators: lengths [m], ratios of times."""
     mix, apart = found.constants | {"density": found.density}, {}
     for scene in (scene for scene in CHECKED if scene in emulators):
         emulator = emulators[scene]
@@ -214,11 +215,13 @@ def difference(emulators: dict[str, Emulator], found: Calibration) -> dict:
 
 
 def frictional_mix(measured: dict, density: float, known: dict) -> FrictionalMix | None:
-    """The mix with internal friction that is nearest to slump, slump flow and T500, {name: (value, standard error)}. A
-    plastic viscosity that is not ``known`` is found with the other constants from T500. Where that was not measured, it
-    is the usual one of the scene or, where no mix is near with that, the first of OTHERS with which one is. None where
-    slump or flow was not measured, the table does not reach what is known, or no such mix spreads to 500 mm and T500
-    was measured."""
+    """Return the mix with internal friction that is nearest to slump, slump flow and T500.
+
+    It is {name: (value, standard error)}. A plastic viscosity that is not ``known`` is found with the other constants
+    from T500. Where that was not measured, it is the usual one of the scene or, where no mix is near with that, the
+    first of OTHERS with which one is. None where slump or flow was not measured, the table does not reach what is
+    known, or no such mix spreads to 500 mm and T500 was measured.
+    """
     if not set(CONE) <= measured.keys():
         return None
     table = emulator_of(test=FRICTION)
@@ -242,8 +245,10 @@ def frictional_mix(measured: dict, density: float, known: dict) -> FrictionalMix
 
 # ---- what cannot be ---------------------------------------------------------------------------------------------
 def check_tests(test: Measurements, emulators: dict[str, Emulator]) -> None:
-    """SceneError for measurements that no mix has, by the sizes of cones and funnel that the tables, by scene, are of;
-    by more than three standard errors, where an error may be the reason."""
+    """Raise SceneError for measurements that no mix has, by the sizes of cones and funnel of the tables.
+
+    By more than three standard errors, where an error may be the reason.
+    """
     if test.t500 and test.spread and test.spread + 3.0 * test.spread_error < REACHED:
         raise SceneError(
             f"t500 = {test.t500:g} s: with spread = {test.spread:g} m it never came to 50 cm; leave one of them out"

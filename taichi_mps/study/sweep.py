@@ -36,8 +36,11 @@ TABLE_EVERY = 2.0  # [s] between two tables of an unfinished study; the journal 
 
 @validated
 def values(text: Text, key: Text = "values") -> list[str]:
-    """'20,50,100' is those; '50:1500:12' is 12 values from 50 to 1500 in equal ratios, to four figures, and with
-    ':linear' in equal steps."""
+    """Return the values that a text names.
+
+    '20,50,100' is those; '50:1500:12' is 12 values from 50 to 1500 in equal ratios, to four figures, and with
+    ':linear' in equal steps.
+    """
     if ":" not in text:
         return [word.strip() for word in text.split(",")]
     try:
@@ -56,8 +59,10 @@ def values(text: Text, key: Text = "values") -> list[str]:
 
 @validated
 def cases(scene: SceneName, **parameters) -> list[Case]:
-    """Every combination of the parameters that are lists or texts of ``values``, the last varied fastest, each once. A
-    value that the scene does not accept is refused at once."""
+    """Return every combination of the parameters that are lists or texts of ``values``.
+
+    The last is varied fastest, each case comes once, and a value that the scene does not accept is refused at once.
+    """
     known = catalogue.load(scene).parameters.model_fields
     given = {name: spelled(name, value) for name, value in parameters.items()}
     if "accuracy" in known and not given.keys() & {"accuracy", "model", "spacing", "lift_speed"}:
@@ -70,7 +75,7 @@ def cases(scene: SceneName, **parameters) -> list[Case]:
 
 
 def spelled(name, value) -> list:
-    """A parameter as the list of its values."""
+    """Return a parameter as the list of its values."""
     if isinstance(value, str):
         return values(value, name)
     value = value.tolist() if isinstance(value, np.ndarray) else value
@@ -133,7 +138,7 @@ def sweep(
 
 
 def carry_out(planned: list[Case], out, run=run_case, executor="local", workers=None, watch=None) -> list[dict]:
-    """The rows of the cases, by ``run`` on an executor; those in the folder ``out`` are taken from there.
+    """Return the rows of the cases, by ``run`` on an executor; those in the folder ``out`` are taken from there.
 
     ``run`` is a function of a module, which the workers import; it gives a row, a dict with the key of its case.
     """
@@ -172,8 +177,10 @@ def shape(case: Case) -> str:
 
 
 def together(planned, run, start, room, finished) -> list[Case]:
-    """Compute cases side by side, at most ``room`` at once; returns those in whose time a process died. It took the
-    others with it, so which of them it was is not known."""
+    """Compute cases side by side, at most ``room`` at once; return those in whose time a process died.
+
+    It took the others with it, so which of them it was is not known.
+    """
     waiting, suspects = deque(planned), []
     while waiting:
         flying = {}
@@ -192,7 +199,7 @@ def together(planned, run, start, room, finished) -> list[Case]:
 
 
 def row_of(future, case: Case) -> dict:
-    """The row of a case that is over; BrokenExecutor where a process died."""
+    """Return the row of a case that is over; BrokenExecutor where a process died."""
     try:
         return future.result()
     except (BrokenExecutor, SceneError):  # SceneError: of the address of the executor
@@ -204,7 +211,7 @@ def row_of(future, case: Case) -> dict:
 # ---- executors: processes of this machine, the workers of Dask, Slurm (slurm.py) -------------------------------
 @contextmanager
 def processes(workers: int):
-    """Processes of this machine, each with one thread; none survives this one."""
+    """Open processes of this machine, each with one thread; none survives this one."""
     pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), initializer=_live_with_the_parent)
     try:
         yield pool
@@ -229,7 +236,7 @@ def _live_with_the_parent():
 
 @contextmanager
 def dask(address: str):
-    """The workers of a running scheduler: dask worker ADDRESS --nworkers N --nthreads 1."""
+    """Open the workers of a running scheduler: dask worker ADDRESS --nworkers N --nthreads 1."""
     require(find_spec("distributed"), f"executor = {address}: needs distributed: pip install 'taichi-mps[cluster]'")
     from distributed import Client
 
@@ -242,8 +249,10 @@ def dask(address: str):
 
 
 def executor_of(text: str | Executor, workers: int | None, folder):
-    """A context manager that opens the executor of an address, or a given one, for a study's folder, and how many cases
-    to hand it at once (None: all)."""
+    """Return a context manager for an executor, and how many cases to hand it at once (None: all).
+
+    It opens the executor of an address, or a given one, for a study's folder.
+    """
     if isinstance(text, Executor):
         return lambda: nullcontext(text), None
     if text == "local":
