@@ -190,7 +190,7 @@ def inverted(body):
 
 
 def normals(corners):
-    """Compute unit normals (..., 3) of triangles by their corners (..., 3, 3) [m]; zero where there is next to no area."""
+    """Compute unit normals (..., 3) of triangles by their corners (..., 3, 3) [m]; zero of next to no area."""
     sides = corners - np.roll(corners, 1, axis=-2)
     normal = np.cross(sides[..., 1, :], sides[..., 2, :])
     size, least = np.linalg.norm(normal, axis=-1), 1e-6 * (sides**2).sum(-1).max(-1)

@@ -26,7 +26,7 @@ class EscapedError(RuntimeError):
 
 @ti.func
 def wrapped_number(place, shape: ti.template(), periodic: ti.template()):
-    """Return the number of the cell or node at a place of a grid of this shape, wrapped where it is periodic; -1 outside."""
+    """Return the number of the cell or node at a place of a grid, wrapped where it is periodic; -1 outside."""
     number, inside = 0, True
     for a in ti.static(range(len(periodic))):
         k = place[a]
