@@ -44,6 +44,7 @@ def program(folder, words, **settings):
     return subprocess.run(words, cwd=folder, env=variables, timeout=120, **settings)
 
 
+@pytest.mark.slow
 def test_a_run_in_an_odd_environment(tmp_path):
     words = [*MAIN, *RUN, "--out=~/型"]
     done = program(tmp_path, words, env=ODD | {"HOME": str(tmp_path / "home")}, capture_output=True)

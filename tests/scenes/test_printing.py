@@ -184,7 +184,9 @@ def test_a_printed_column_fails_between_its_bounds():
     assert failed > 3.0**0.5 * ratio and stood < 1.01**2 * column_height(0.02, ratio)
 
 
-@pytest.mark.parametrize(("hose", "ends"), [("rising", {0.0}), ("moving", {0.0, 0.34})])
+@pytest.mark.parametrize(
+    ("hose", "ends"), [("rising", {0.0}), pytest.param("moving", {0.0, 0.34}, marks=pytest.mark.slow)]
+)
 def test_a_hose_stays_near_the_concrete_in_a_high_form(hose, ends):
     """300 mm above the mean level of what has been poured, up to its place above the form, and along all of it."""
     fits = {"hose_diameter": 0.1, "bar_diameter": 0.01, "cover": 0.025, "bar_distance": 0.9}

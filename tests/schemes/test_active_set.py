@@ -51,6 +51,7 @@ def both():
     return *sims, sims[0].state()
 
 
+@pytest.mark.slow
 def test_with_nothing_asleep_it_is_the_same_run_bit_for_bit(both):
     on, off, start = both
     start = start | {"u": 0.3 * np.sin(3.0 * np.pi * start["x"] / [2.4, 0.3])}
