@@ -19,7 +19,7 @@ class Calibrate:
         self.form = Form(lambda: None, empty="not measured", described=True)
         with ui.row().classes("w-full items-start gap-4"):
             with ui.card().classes("w-full md:w-96 gap-2").props("flat bordered"):
-                ui.label("Measured, one or more: cone of 300 mm, mini-cone, V-funnel").classes("font-bold")
+                ui.label("Measured, one or more: cone of 30 cm, mini-cone, V-funnel").classes("font-bold")
                 for name, field in Measurements.model_fields.items():
                     self.form.add(name, field)
                 self.check = ui.switch("check by one finer run, some 20 s", value=True)

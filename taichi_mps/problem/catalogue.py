@@ -284,7 +284,7 @@ def slump_cone(material: AnyMaterial | None = None, **keywords) -> Scene:
     Returns
     -------
     Scene
-        Standard cone, 300 mm high, on a rough floor.
+        Standard cone, 30 cm high, on a rough floor.
 
     Raises
     ------
