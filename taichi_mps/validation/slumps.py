@@ -143,7 +143,7 @@ def two_viscosities():
 
 
 def time_to_spread(spacing, model="full"):
-    """Time to a slump flow of 400 and 500 mm; the reference time is proportional to the viscosity."""
+    """Time to a slump flow of 40 and 50 cm; the reference time is proportional to the viscosity."""
     eta, known = 1000.0, columns("A_fe_slump_T500.csv", tau0_Pa=50.0)
     exact = dict(zip(known["D_mm"], known["t_s_mu100"] * eta / 100.0, strict=True))
     mix = {"yield_value": 50.0, "plastic_viscosity": eta}
@@ -159,7 +159,7 @@ def time_to_spread(spacing, model="full"):
     times, spreads = np.append(0.0, times), np.maximum.accumulate(np.append(0.2, spreads))
     for diameter in (400.0, 500.0):
         found = np.interp(1e-3 * diameter, spreads, times, right=np.nan)  # nan: never got there
-        yield Measured(f"time to a slump flow of {diameter:g} mm", percent(found, exact[diameter]), 5.0, "%")
+        yield Measured(f"time to a slump flow of {diameter / 10.0:g} cm", percent(found, exact[diameter]), 5.0, "%")
 
 
 # ---- a block in two dimensions ---------------------------------------------------------------------------------
