@@ -37,7 +37,7 @@ def listens(process):
         ("start", signal.SIGTERM),
         pytest.param("start", signal.SIGINT, marks=pytest.mark.slow),
         pytest.param("steps", signal.SIGTERM, marks=pytest.mark.slow),
-        ("steps", signal.SIGINT),
+        pytest.param("steps", signal.SIGINT, marks=pytest.mark.slow),
     ],
 )
 def test_a_signal(tmp_path, number, moment):

@@ -114,7 +114,8 @@ def recorded(folder, sim, stop_at=None):
     return stopped_by
 
 
-@pytest.mark.parametrize("scheme", ["implicit", pytest.param("semi-implicit", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("scheme", ["implicit", "semi-implicit"])
 def test_an_interrupted_run_goes_on_with_the_same_steps_and_frames(tmp_path, scheme):
     """Though it was interrupted between two outputs, of which the next lies in a step that begins in a checkpoint."""
     rings = {"model": "axisymmetric", "spacing": 0.02} if scheme == "implicit" else {"spacing": 0.04}

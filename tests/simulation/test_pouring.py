@@ -255,6 +255,7 @@ def test_a_mesh_in_millimetres_needs_a_scale(tmp_path):
     assert inside < 0.0 and outside == pytest.approx(0.012, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_a_hose_that_is_lowered_fits_between_the_curtains():
     """Bars of 10 mm with 25 mm of cover: their inner sides are 108 mm apart, 0.2 - 2 (0.025 + 2.1 x 0.01)."""
     thin = {"spacing": 0.035, "bar_diameter": 0.01, "cover": 0.025, "length": 0.4, "hose": "moving"}

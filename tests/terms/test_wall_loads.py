@@ -79,6 +79,7 @@ def vessel(solid, cup, x, **keywords):
     )
 
 
+@pytest.mark.slow
 def test_torque_of_circular_couette_flow():
     """4 pi eta turn R1^2 R2^2/(R2^2 - R1^2) per metre, taken by the cup as it is given by the solid that turns."""
     ends = (-0.07, -0.07), (0.07, 0.07), 0.00125
