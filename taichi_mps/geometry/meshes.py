@@ -236,7 +236,9 @@ def mesh_distance(x, points, triangles):
 
     triangles = np.ascontiguousarray(triangles, np.int64)
     distance = igl.signed_distance(x, points, triangles, igl.SIGNED_DISTANCE_TYPE_PSEUDONORMAL)[0]
-    turns = igl.fast_winding_number(points, triangles, x)  # 1 inside; good also where a triangle has no area
+    if normals(points[triangles]).any(axis=1).all():
+        return distance
+    turns = igl.fast_winding_number(points, triangles, x)  # 1 inside; good also where a triangle has no area, but slow
     clear = (np.abs(turns - 0.5) > 0.25) & (np.abs(distance) > ROUNDING * np.abs(points).max())
     return np.where(clear & (distance * (0.5 - turns) < 0.0), -distance, distance)
 
