@@ -143,7 +143,7 @@ def registry():
 
 
 def pint_fails(error) -> ImportError:
-    """What to raise where pint is absent or broken: neither is the fault of a number."""
+    """Exception for a missing or broken pint, which is never told as bad input."""
     told = f"a number with a unit needs pint, which fails here ({type(error).__name__}: {error})"
     return ImportError(f"{told}: pip install --upgrade pint, or leave the units away")
 

@@ -1,4 +1,4 @@
-"""What a wall does to a particle in front of it: sums over the ghosts behind it, friction, what keeps it out.
+"""Action of walls on particles: sums over ghosts behind the wall, friction, and what keeps particles out.
 
 No stress law, no time step.
 Read walls.py first.

@@ -40,7 +40,8 @@ class FrictionalSlip:
 
     @ti.func
     def seen_by_fit(self, i, n, v):
-        """What the fit sees of a velocity v relative to the wall; and, adjoint to it, the particle of a pull v."""
+        """Part of a velocity v relative to the wall that enters the least-squares fit; adjoint: part of a pull v that
+        acts on the particle."""
         normal = n * n.dot(v)
         return normal + self.stick[i] * (v - normal)
 

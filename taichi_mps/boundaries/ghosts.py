@@ -29,8 +29,9 @@ def meeting(walls) -> list[list[int]]:
 
 
 def wedges(walls, faces, mirrors) -> np.ndarray:
-    """Which faces meet at any angle: those of a solid, with each other and with those of all other walls. (faces,
-    faces), 0 no, 1 yes, 2 where one of the two is a mirror plane; ``faces``: their walls, ``mirrors``: which are."""
+    """Pairs of faces that may meet at any angle, (faces, faces): 0 no, 1 yes, 2 where one of the two is a mirror plane.
+    Faces of a solid do, with each other and with the faces of all other walls. ``faces``: wall of each face;
+    ``mirrors``: whether each wall is a mirror plane."""
     solid = np.array([isinstance(walls[k], Solid) for k in faces], bool)
     mirror = np.array([mirrors[k] for k in faces], bool)
     meet = (solid[:, None] | solid) & ~np.eye(len(faces), dtype=bool)
@@ -39,7 +40,8 @@ def wedges(walls, faces, mirrors) -> np.ndarray:
 
 @ti.func
 def bilinear(table: ti.template(), name: ti.template(), row, column):
-    """One of GHOST_SUMS between the rows and columns of a table, or between the columns of its only row."""
+    """Value of one of GHOST_SUMS, linear between rows and columns of a table, or between columns where it has one
+    row."""
     c = ti.static(GHOST_SUMS.index(name))
     k = ti.min(ti.cast(column, ti.i32), table.shape[1] - 2)
     f = column - k
@@ -125,10 +127,10 @@ class GhostSums:
 
     @ti.func
     def lookup(self, name: ti.template(), i, wall: ti.template(), f: ti.template(), x, z, curvature, ratio):
-        """One of GHOST_SUMS of particle i at x, the distance z [m] from face f, of this wall and curvature [1/m].
-        In a corner the ghosts behind both walls are counted once. Their sum w e along either normal is that of nobody:
-        it cancels that of the other wall's ghosts in front of the one; so does their pull where one of the two is a
-        mirror plane."""
+        """Value of one of GHOST_SUMS for particle i at x, a distance z [m] from face f of this wall, whose curvature is
+        given [1/m]. In a corner, ghosts behind both walls count once. Their sum w e along either normal belongs to
+        neither wall: it cancels with the other wall's ghosts in front of the first; so does their pull where one of
+        the two walls is a mirror plane."""
         value = self.interpolate(self.flat, name, z, ratio)
         if ti.static(wall.curved):
             value += curvature * self.interpolate(self.bend, name, z, ratio)
@@ -158,10 +160,10 @@ class GhostSums:
 
     @ti.func
     def divide_corners(self, i):
-        """What remains of the sums of each face before particle i. The ghosts behind two of them count once, with the
-        first; along either normal the pull of these ghosts counts once, too: the normals n and m have n.m of it in
-        common; of their sum w e each has a half where the faces are one, and none at a right angle, as of their pull at
-        a mirror plane. A face fades out where its foot lies behind the other, beyond the edge."""
+        """Fraction of each face's sums that is left for particle i near corners. The ghosts behind two of them count
+        once, with the first; along either normal the pull of these ghosts counts once, too: the normals n and m have
+        n.m of it in common; of their sum w e each has a half where the faces are one, and none at a right angle, as of
+        their pull at a mirror plane. A face fades out where its foot lies behind the other, beyond the edge."""
         for f in range(self.meet.shape[0]):
             z = self.before[i, f][0]
             left = ti.Vector.one(float, ti.static(len(GHOST_SUMS)))
@@ -189,5 +191,5 @@ class GhostSums:
 
     @ti.func
     def seen(self, z, across, cosine):
-        """How much of a face z [m] away is seen: none where its foot is well behind another, ``across`` [m] away."""
+        """Visible fraction of a face z [m] away: 0 where its foot is well behind another face, ``across`` [m] away."""
         return ti.max(0.0, ti.min(1.0, 1.0 + (across - cosine * z) / (BEYOND * self.reach)))

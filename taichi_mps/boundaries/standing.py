@@ -1,4 +1,4 @@
-"""Where the walls of a scene stand, and what they keep out and apart."""
+"""Positions of the walls in time, and the tests that keep particles in front of them and apart."""
 
 from ..geometry.solid import Solid
 from ..geometry.walls import Cylinder, Plane

@@ -22,7 +22,8 @@ TOUCHING, RELEASED = 0.5, 0.55
 
 @ti.data_oriented
 class Surface:
-    """What all walls have in common."""
+    """Base class of wall surfaces: distance, normal and velocity at the foot of a point, and how much of the wall
+    acts."""
 
     curved = turns = separates = False
     faces = 1  # that a particle may stand in front of
@@ -55,7 +56,7 @@ class Surface:
         return offset
 
     def frictionless(self):
-        """This wall with slip instead of friction."""
+        """Copy of this wall with slip instead of friction."""
         other = copy(self)
         other.slip, other.holds, other.has_friction, other.friction = True, False, False, None
         return other
@@ -66,7 +67,8 @@ class Surface:
 
     @ti.func
     def face(self, i, x, slot: ti.template()):
-        """What ``nearest`` gives, of one of the faces before particle i at x [m]."""
+        """Distance, normal, velocity and curvature, as from ``nearest``, of one of the faces before particle i at x
+        [m]."""
         return self.nearest(x)
 
     @ti.func
@@ -90,9 +92,9 @@ class Surface:
 
     @ti.func
     def weight(self, i, x, z):
-        """How much of a wall acts on particle i at x, at the distance z, 0 to 1. A thin one fades out over a spacing
-        beyond its edge, where the other side comes in view; a unilateral one within the first gap that opens, and
-        where the particle has parted from it, so that it pushes only."""
+        """Fraction of the wall that acts on particle i at x, at the distance z, 0 to 1. A thin wall fades out over a
+        spacing beyond its edge, where the other side comes in view; a unilateral one within the first gap that opens,
+        and where the particle has parted from it, so that it pushes only."""
         weight = ti.cast(1.0, float)
         if ti.static(self.thin):
             weight *= ti.cast(ti.max(0.0, ti.min(1.0, 1.0 - self.beyond(x) / self.spacing)), float)

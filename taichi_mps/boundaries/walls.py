@@ -22,8 +22,8 @@ from .standing import Standing
 
 
 def carried(walls) -> dict[str, Carried]:
-    """What particles in front of these walls carry: slip and traction of each with friction, and of each unilateral one
-    whether it has let go."""
+    """Fields that particles carry for these walls: slip and traction of each wall with friction, and for each
+    unilateral wall whether it has let go."""
     fields = {}
     for k, law in enumerate(wall.friction for wall in walls if wall.friction):
         fields[f"slip_{k}"] = Carried("velocity on the wall beneath", "m/s", "vector")
@@ -36,7 +36,8 @@ def carried(walls) -> dict[str, Carried]:
 
 @ti.data_oriented
 class Walls(Standing):
-    """What all walls add to a particle: every function sums over those within the effective radius of x [m].
+    """Contributions of all walls to a particle: every function sums over the walls within the effective radius of x
+    [m].
 
     ``ratio`` is the cross-section of the particle at x over l0^2: 1, but for rings (gradient.py), behind whose walls
     the ghosts stand as close as they do."""
@@ -142,8 +143,8 @@ class Walls(Standing):
 
     @ti.func
     def seen_by_fit(self, i, wall: ti.template(), n, v, motion):
-        """What of a velocity v relative to the wall the fit sees; ``motion`` 1 with the slip that does not depend on v.
-        At ``motion`` 0 it is symmetric: the same part of a pull reaches the particle."""
+        """Part of a velocity v relative to the wall that enters the fit; ``motion`` 1 adds the slip that does not
+        depend on v. At ``motion`` 0 it is symmetric: the same part of a pull reaches the particle."""
         seen = v
         if ti.static(wall.slip):
             seen = n * n.dot(v)
@@ -169,9 +170,9 @@ class Walls(Standing):
 
     @ti.func
     def curvature_term(self, i, x, face: ti.template() = None):
-        """What the ghosts of no-slip walls add to gradient_term, and to drag_term, where the velocity is curved along
-        them [m/s 1/m]: they go on with the curvature of the fluid, z ``velocity_curvature`` less than the mirrored
-        velocity."""
+        """Contributions of the ghosts of no-slip walls to gradient_term and drag_term where the velocity is curved
+        along the wall [m/s 1/m]: ghosts continue the curvature of the fluid, z ``velocity_curvature`` less than the
+        mirrored velocity."""
         total = ti.Matrix.zero(float, self.dimension, self.dimension)
         drag = ti.Vector.zero(float, self.dimension)
         if ti.static(self.carry_curvature):

@@ -1,4 +1,5 @@
-"""One writer in a folder: a lock of the operating system (filelock), which goes with its process, however that ends."""
+"""Lock of a run folder for one writer (filelock): the operating system releases it with the process, however that
+ends."""
 
 import os
 import platform

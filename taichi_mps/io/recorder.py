@@ -1,4 +1,4 @@
-"""What writes a run as it goes: history, trajectory, pictures, checkpoints, summary."""
+"""Writer of a run in progress: history, trajectory, pictures, checkpoints, summary."""
 
 import time
 

@@ -60,7 +60,7 @@ class CellMultigrid(Multigrid):
         self.inverse = double_field((last, last))  # of the last level
 
     def _make_tables(self) -> None:
-        """Which cell touches, contains and adds to which; level l holds first[l] <= cell < first[l+1]."""
+        """Tables of the cells' neighbours, children and parents; level l holds first[l] <= cell < first[l+1]."""
         offsets = np.array(list(product((-1, 0, 1), repeat=self.dimension)))
         shape, self.first = np.array(self.shape), [0]
         column, slot, parent = [], [], []

@@ -76,7 +76,7 @@ class NodeMultigrid(NodeOperators):
 
     @stage("collect")
     def collect(self, r: ti.template()):
-        """What the corners of each cell that holds particles get of the r of these."""
+        """Restrict r of the particles to the corners of the cells that hold them."""
         for c in range(first(self.filled[None]), last(self.filled[None])):
             sums = ti.Matrix.zero(float, 2**self.dimension, self.lanes)
             for i in range(self.bins.cell_start[self.cells[c]], self.bins.cell_start[self.cells[c] + 1]):
@@ -88,7 +88,7 @@ class NodeMultigrid(NodeOperators):
 
     @stage("gather")
     def gather(self):
-        """What each node of grid 0 gets of its cells."""
+        """Sum the corner values of the cells around each node of grid 0."""
         for m in range(first(self.uses[0]), last(self.uses[0])):
             node, place = self.used[m], self.where[m]
             b = ti.Vector.zero(float, self.dimension)
@@ -103,7 +103,7 @@ class NodeMultigrid(NodeOperators):
 
     @stage("correct finest")
     def correct_finest(self):
-        """What the nodes of grid 0 give back."""
+        """Interpolate the correction from the nodes of grid 0 to the particles."""
         for m in range(first(self.uses[0]), last(self.uses[0])):
             node = self.used[m]
             self.z[1, node] = self.weight * self.inverse[node] @ self.rest[node] + self.coarser(m, 0)
@@ -172,7 +172,7 @@ class NodeMultigrid(NodeOperators):
 
     @stage("leave")
     def leave(self, grid: ti.i32):
-        """What a grid leaves to the next one."""
+        """Restrict the residual of a grid to the next coarser one."""
         for m in range(first(self.uses[grid]), last(self.uses[grid])):
             self.rest[self.used[self.first[grid] + m]] = self.residual(grid, m, 0)
         wait()
@@ -187,7 +187,7 @@ class NodeMultigrid(NodeOperators):
 
     @ti.func
     def coarser(self, m, grid):
-        """What the next grid adds at the m-th node of a grid."""
+        """Correction of the next coarser grid, interpolated to the m-th node of a grid."""
         z = ti.Vector.zero(float, self.dimension)
         if grid + 1 < self.grids:
             place, rest = self.parents(self.where[self.first[grid] + m], grid)

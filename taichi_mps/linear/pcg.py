@@ -184,7 +184,7 @@ class PCG:
     # ---- when it stops --------------------------------------------------------------------------------------
     @stage("set target")
     def set_target(self, tolerance: ti.f64, reduction: ti.f64, enough: ti.f64):
-        """What (r, z) has to come to."""
+        """Set the value of (r, z) at which the solve ends."""
         if leads():
             self.status[None], self.iterations[None] = RUNNING, 0
             if self.reference[None] == 0.0:

@@ -21,7 +21,8 @@ RINGS = 4  # cells from what moves: 0, 1 active, 2 standing, 3 buried, from here
 
 @ti.data_oriented
 class ActiveSet:
-    """Which rows a step goes through. ``standstill`` judges particles: ``holds(i)``, ``yields(i)``, ``age(i, time)``.
+    """Set of the rows that a step computes. ``standstill`` judges particles: ``holds(i)``, ``yields(i)``, ``age(i,
+    time)``.
 
     ``whole``: whether the present step is taken by all; ``left_out``: particles that do not move in it;
     ``mean_part_left_out``: their part of the particles, mean of all steps [-].
@@ -75,7 +76,7 @@ class ActiveSet:
         return bool(self.left[None])
 
     def state(self) -> dict:
-        """What decides about the next step."""
+        """State that the choice of the next step's rows depends on."""
         return {"active_set": [self.steps, self.standing, self.all_steps, self.mean_part_left_out]}
 
     def load(self, state: dict) -> None:
@@ -129,7 +130,7 @@ class ActiveSet:
 
     @stage("active set")
     def mark(self):
-        """What each particle is in the steps to come, and whether active ones may enter each cell."""
+        """Mark each particle as active or asleep in the coming steps, and each cell that active particles may enter."""
         for c in ti.grouped(ti.ndrange(*self.bins.shape)):
             k = self.bins.linear(c)
             self.near_buried[k] = 0

@@ -238,7 +238,7 @@ class Gradient:
 
     @ti.func
     def curvature_correction(self, i):
-        """What is added to the gradient [1/s] where the velocity is curved along the walls of a full vessel."""
+        """Correction of the velocity gradient [1/s] where the velocity is curved along the walls of a full vessel."""
         G = ti.Matrix.zero(float, self.tensors, self.tensors)
         if ti.static(self.walls.carry_curvature):  # noqa: SIM102  (a compiled choice stays apart)
             if self.walls.curvature_known[None] == 1:

@@ -125,7 +125,7 @@ def _lattice_behind(dimension, spacing, effective_radius):
 
 
 def _terms(ghosts, z, spacing, effective_radius, weight, packing_kernel, curvature=0.0):
-    """What each ghost adds to GHOST_SUMS of particles at the distances z, (k, 1): (8, k, n)."""
+    """Contributions of each ghost to GHOST_SUMS of particles at the distances z, (k, 1): (8, k, n)."""
     t, d = ghosts[:, 0], ghosts[:, -1]
     h = z + d
     if curvature != 0.0:

@@ -256,7 +256,7 @@ class NeighborList:
                 self.left[None] = 1
 
     def state(self) -> dict:
-        """Where the particles were when the list was made [m], (n, d), which a list with a skin depends on."""
+        """Positions [m] (n, d) at which the list was made, on which a list with a skin depends."""
         listed = self.skin > 0.0 and self._known
         return {"listed_at": self.listed_at.to_numpy()[: self.particles.count[None]]} if listed else {}
 

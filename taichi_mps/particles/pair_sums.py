@@ -10,7 +10,7 @@ from ..runtime.backend import real, ti
 
 @ti.data_oriented
 class PairSums:
-    """What the least-squares gradient and its adjoint (gradient.py) sum over the neighbours of each particle."""
+    """Sums over the neighbours of each particle for the least-squares gradient and its adjoint (gradient.py)."""
 
     def __init__(self, particles, gradient, walls):
         d = particles.dimension

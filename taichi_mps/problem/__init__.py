@@ -1,4 +1,4 @@
-"""What is to be computed: scene, materials, inlets, measures, numerics, and the rules that a problem must obey.
+"""Definition of a problem: scene, materials, inlets, measures, numerics, and the rules that they must obey.
 
 Nothing here knows Taichi; what passed these rules is not checked again.
 Read problem.py first.

@@ -78,7 +78,7 @@ def measured() -> list[Measured]:
 
 # ---- between what was measured ---------------------------------------------------------------------------------
 def place(mix) -> tuple[float, float]:
-    """Where a mix lies between others: the logarithms of its numbers."""
+    """Coordinates of a mix among others: the logarithms of its numbers."""
     return math.log(max(mix.yield_number, 1e-30)), math.log(max(mix.viscosity_number, 1e-30))
 
 
@@ -147,7 +147,7 @@ def of_run(summary: dict) -> tuple[Mix, float, Measured | None] | None:
 # ---- a choice --------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class Choice:
-    """What was chosen and what it is expected to do."""
+    """Model and spacing chosen for a wanted accuracy, with their expected error and cost."""
 
     model: str
     spacing: float  # [m]

@@ -81,7 +81,7 @@ def walls_suit_the_scheme(problem):
 
 # ---- wrong units and origins ---------------------------------------------------------------------------------------
 def density_is_plausible(problem):
-    """Where things weigh as on Earth nothing is lighter or heavier; numbers without dimension may be."""
+    """Whether a density is one of a fluid on Earth; where gravity is not the Earth's, numbers may be dimensionless."""
     if EARTH[0] < float(np.linalg.norm(problem.scene.gravity_vector)) < EARTH[1]:
         for material in problem.materials:
             require(

@@ -1,4 +1,4 @@
-"""How keywords and results are shown: their names in the field's words, with unit and digits, and what they mean."""
+"""Labels of keywords and results: name in the field's words, unit, digits and meaning."""
 
 import re
 
@@ -87,7 +87,7 @@ def option_name(key: str, others=()) -> str:
 
 
 def what_it_is(key: str) -> str:
-    """What a keyword of a scene is, where the scene itself does not say."""
+    """Description of a scene's keyword where the scene gives none."""
     return KEYWORDS.get(key, in_words(key))
 
 
@@ -115,7 +115,7 @@ def title(name: str) -> str:
 
 
 def meaning(name: str) -> str:
-    """What a result is, in a few words; empty for a measure of the user's own."""
+    """Meaning of a result in a few words; empty for a user's own measure."""
     kind = next((kind for kind in KINDS if name.startswith(kind) and name not in RESULTS), "")
     return KINDS.get(kind) or RESULTS.get(name, ("", ""))[1]
 

@@ -1,4 +1,4 @@
-"""What the fluid does to a wall: force and torque, as a whole and by particle. Plain NumPy."""
+"""Force and torque of the fluid on a wall, in all and by particle. Plain NumPy."""
 
 from dataclasses import dataclass
 

@@ -16,7 +16,7 @@ CELL, CROWD, EXCESS = 3, 1.3, 0.06
 
 
 def numbers(scene) -> dict:
-    """What was given as numbers, checked for shape and range: fluid (n, d) and velocity (n, d) as arrays, gravity (d,)
+    """Numbers that were given, checked for shape and range: fluid (n, d) and velocity (n, d) as arrays, gravity (d,)
     and periodic (d,) as tuples, spacing and until as floats."""
     size = array_of(scene.fluid).size  # 1 of what are no numbers
     poured = scene.inlets and (scene.fluid is None or size == 0)
@@ -166,7 +166,7 @@ RULES = (
 
 
 def named(mirror) -> str:
-    """How a message names a mirror plane."""
+    """Name of a mirror plane in messages."""
     return f"walls: mirror plane, normal = {mirror.normal}"
 
 

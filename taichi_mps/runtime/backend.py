@@ -49,7 +49,7 @@ _one_at_a_time = threading.RLock()
 
 @dataclass(frozen=True, eq=False)
 class Session:
-    """What belongs to one call of ``init``: gone with the next one, and of this process alone."""
+    """State of one call of ``init``, in this process: replaced by the next call."""
 
     settings: dict  # arch, precision, threads
     process: int

@@ -1,4 +1,4 @@
-"""How much memory there is, and the refusal of what does not fit into it."""
+"""Available memory, and the refusal of a run that does not fit into it."""
 
 import os
 from pathlib import Path

@@ -87,7 +87,7 @@ def kernel_of(calls, alone: bool, team: ThreadTeam | None):
 
 
 class Execution:
-    """How the stages of a simulation of so many rows are launched, and, with ``timed``, how long each takes."""
+    """Launcher of the stages of a simulation with a given number of rows; with ``timed`` it measures each stage."""
 
     def __init__(self, rows: int, timed: bool = False, team: ThreadTeam | None = None):
         self.rows, self.timed, self._team = rows, timed, team

@@ -147,7 +147,8 @@ def enter(team, member):
 
 
 def _of_member(method, alone, *more):
-    """What kernels call: the method of the team with the member that goes on there, or what one thread alone does."""
+    """Function for kernels: the team's method with the member that continues there, or the single thread's
+    counterpart."""
 
     @for_kernels
     def call(*arguments):

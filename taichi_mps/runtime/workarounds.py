@@ -118,7 +118,7 @@ def compiled_plainly(wanted: bool):
 
 # ---- speed patches --------------------------------------------------------------------------------------------------
 def position(context, node) -> str:
-    """Where an expression of a kernel stands: file, line, function and text, as an error names it."""
+    """Position of an expression of a kernel as an error names it: file, line, function and text."""
     line = context.src[node.lineno - 1].strip()
     return (
         f'File "{context.file}", line {node.lineno + context.lineno_offset}, in {context.func.func.__name__}: {line}\n'

@@ -1,4 +1,4 @@
-"""What the report of a step and the stop rules read: sums over the fluid, and how the last solve ended.
+"""Sums over the fluid and the status of the last solve, for the report of a step and the stop rules.
 
 All at once: to read a number from Python takes 7 microseconds, with all the others in one kernel next to nothing.
 """
@@ -39,7 +39,7 @@ class Diagnostics:
         self.solve_status = ""  # of the last solve
 
     def report(self, dt: float, iterations: int, left_out: int = 0) -> StepReport:
-        """What a step of dt [s] did, with so many iterations for the viscosity; number and time are the caller's.
+        """Report of a step of dt [s] with a given number of outer iterations; the caller sets its number and time.
         Particles that were ``left_out`` count as standing still, and the packing as it was with them."""
         flush()
         self.numbers[:] = 0.0
@@ -77,7 +77,7 @@ class Diagnostics:
         )
 
     def failure(self, report: StepReport, runaway_speed: float, volume: float) -> str | None:
-        """Which limit a step has crossed, beyond which its numbers mean nothing: a velocity that is no number, a speed
+        """Limit that a step has crossed, beyond which its numbers mean nothing: a velocity that is no number, a speed
         over ``runaway_speed`` [m/s], a fifth of the ``volume`` [m3] lost, a matrix that is not positive definite."""
         if report.max_speed >= math.sqrt(NOT_A_NUMBER):
             return "a velocity is not a finite number"

@@ -1,4 +1,4 @@
-"""What a scheme is, and what all schemes stand on: particles, neighbours and walls of a problem."""
+"""Base class of the schemes: particles, neighbours and walls of a problem."""
 
 from dataclasses import dataclass
 
@@ -20,7 +20,7 @@ SKIN = 0.1
 
 @dataclass(frozen=True)
 class Speeds:
-    """How fast things move: from it follows how long a step may be."""
+    """Speeds of the fluid and the walls, from which the length of a step follows."""
 
     speed: float  # largest, walls and jets included [m/s]
     acceleration: float  # root mean square, of the last step [m/s2]; infinite before the first

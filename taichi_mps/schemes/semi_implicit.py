@@ -35,7 +35,7 @@ class SemiImplicit(Scheme):
         self.diagnostics = Diagnostics(self.base, self.viscosity, yielded, solver, solver.iterations)
 
     def step(self, dt: float, is_read: bool = False):
-        """One step of dt [s]."""
+        """Advance by one step of dt [s]."""
         self.neighbors.search()
         self.gradient.build()
         iterations = self.viscosity.predict(dt, self.numerics.picard_tolerance, self.numerics.picard_limit)

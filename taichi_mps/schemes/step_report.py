@@ -1,4 +1,4 @@
-"""What one step did, and the error of a run that left the range where its numbers mean anything."""
+"""Report of one step, and the error of a run whose numbers mean nothing any more."""
 
 import math
 from dataclasses import asdict, dataclass

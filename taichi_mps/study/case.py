@@ -1,4 +1,4 @@
-"""One case of a study: a scene with its parameters, the key by which it is known, and its run in this process."""
+"""Case of a study: a scene with its parameters, its key, and its run in this process."""
 
 import hashlib
 import json

@@ -55,7 +55,7 @@ def is_unit(text: str) -> bool:
 
 @lru_cache(maxsize=256)
 def heading(column: str) -> tuple[str | None, str]:
-    """What a column holds, a field of Measurements, None for another; and its unit, empty where it names none.
+    """Field of Measurements that a column holds, None for any other; and its unit, empty where the head names none.
     SceneError for a unit of another kind."""
     text = unicodedata.normalize("NFKC", column)
     bare, units = BRACKETS.sub(" ", text).strip(), [unit.strip() for unit in BRACKETS.findall(text)]

@@ -129,7 +129,7 @@ def one(row: dict[str, str], study=None) -> dict:
 
 
 def columns_of(found: Calibration) -> dict:
-    """What a result table keeps of a calibration, SI units; empty where it has none. Where internal friction explains
+    """Columns of a result table from a calibration, SI units; empty where it has none. Where internal friction explains
     it, constants and model are those of that mix."""
     mix, kept = found.best, {}
     for name in mix.names:
@@ -146,7 +146,7 @@ def columns_of(found: Calibration) -> dict:
 
 
 def judged(found: Calibration) -> dict[str, str]:
-    """How a mix came out, and why no single Bingham mix explains it; no reason where one does."""
+    """Outcome of a mix, and why no single Bingham mix explains it; no reason where one does."""
     friction = found.friction
     tried = f"; {friction.told()}" if friction else ""
     if found.fits and found.near and found.yield_value.bounded:
@@ -193,13 +193,13 @@ def calibrate_list(
 
 
 def counted(rows: list[dict]) -> list[tuple[int, str, str]]:
-    """How many mixes came out how, and what that means."""
+    """Number of mixes for each outcome, and its meaning."""
     count = Counter(row["verdict"] for row in rows)
     return [(count[name], name, MEANING[name]) for name in MEANING if count[name]]
 
 
 def tally(rows: list[dict]) -> str:
-    """How many mixes came out how, a line each with what that means."""
+    """Number of mixes for each outcome, a line each with its meaning."""
     return "\n".join(f"{count:4d} {name}: {meaning}" for count, name, meaning in counted(rows))
 
 
@@ -227,7 +227,7 @@ def write_page(rows: list[dict], columns: list[str], out, source) -> Path:
 
 
 def cells(row: dict) -> list[str]:
-    """What was found of a row, in the words of FOUND."""
+    """Cells of a row's result, in the words of FOUND."""
     if row["verdict"] in (TWO_ANSWERS, REFUSED):  # the nearest mix of a contradiction is nobody's
         return [*[""] * 5, row["verdict"], row["reason"]]
     constants = [text for name in BINGHAM for text in (interval(row, name), row.get(f"{name}_from", ""))]

@@ -49,7 +49,7 @@ def slurm(text: str, folder, workers: int | None):
 
 
 def answer(*command: str) -> str | None:
-    """What a program prints; None where there is none, it fails, or it does not answer in time."""
+    """Output of a program; None where it is missing, fails, or does not answer in time."""
     with suppress(OSError, subprocess.SubprocessError):
         return subprocess.run(command, capture_output=True, text=True, check=True, timeout=ANSWER).stdout
     return None
@@ -112,7 +112,7 @@ class Processes:
         return {number for number, (job, _) in list(self.made.items()) if job.poll() is None}
 
     def state(self, number: str) -> str:
-        """How a process ended."""
+        """Ending of a process in words."""
         job, end = self.made[number]
         return "TIMEOUT" if monotonic() > end else f"exit {job.poll()}"
 
@@ -209,7 +209,7 @@ def row_of(path: Path, key: str, number: str) -> dict:
 
 
 def last_words(log: Path) -> str:
-    """What a job printed last, after a colon; nothing where it printed nothing."""
+    """Last line that a job printed, after a colon; empty where it printed nothing."""
     with suppress(OSError):
         lines = log.read_bytes()[-4096:].decode(errors="replace").strip().splitlines()
         return f": {plain(lines[-1])}" if lines else ""

@@ -1,4 +1,4 @@
-"""Where two mixes meet: the shear across their interface goes through both in series (I27).
+"""Interface between two mixes: the shear across it goes through both in series (I27).
 
 The velocity is continuous there and has a kink: the shear stress is the same on both sides, so the shear rates differ
 as the fluidities, phi = rate/stress. The gradient of a particle next to the interface is fitted over both sides. Half

@@ -135,7 +135,7 @@ class MomentumOperator(Term):
 
     @stage("system")
     def set_reference(self):
-        """What the residual of the solve is compared with, in the solver's norm."""
+        """Set the norm that the residual of the solve is compared with."""
         ti.loop_config(serialize=True)
         for _ in range(1):
             total = ti.cast(0.0, ti.f64)

@@ -1,4 +1,4 @@
-"""How particles move: half a step before the forces are found, half a step and the shift after (I13); what of their
+"""Motion of particles: half a step before the forces are found, half a step and the shift after (I13); what of their
 momentum the solver's tolerance adds (I25); and which of them stand still (I30)."""
 
 import numpy as np
@@ -28,7 +28,7 @@ class Motion(Term):
 
     @stage("guess")
     def guess(self, dt: float, u: ti.template()):
-        """Where the first solve starts: u^n + dt a, a the acceleration of the last step; zero of walls."""
+        """Initial guess of the first solve: u^n + dt a, a the acceleration of the last step; zero of walls."""
         for i in range(self.particles.count[None]):
             u[i] = ti.Vector.zero(float, self.dimension)
             if self.particles.kind[i] == FLUID:

@@ -56,7 +56,7 @@ class PressurePoisson(Term):
         self.solver = PCG(self.capacity, 1, self.matrix, levels)
 
     def weigh(self) -> None:
-        """What the present positions make of the pairs; the conservative gradient takes the fits, too."""
+        """Weights of the pairs at the present positions; the conservative gradient takes the fits, too."""
         if self.gradient_form == "conservative":
             self.gradient.build()
         else:

@@ -218,7 +218,7 @@ class OwnLaw:
                 growth[k] = ti.cast(self.growth(at, of), ti.f64)
 
     def failure(self, particles) -> str | None:
-        """What the law gives that is no stress, at rest or at the rate of one of the fluid particles, after a step."""
+        """Value of the law that is no valid stress, at rest or at the rate of a fluid particle, after a step."""
         if self._rows is None:
             read = {name: particles.carried[name] for name in READ if name in particles.carried}
             self._rows = FieldIO(read, particles.capacity)

@@ -1,4 +1,4 @@
-"""What the fluid gives to the walls: to those with friction, which slip (I23), and to those whose loads are measured.
+"""Forces of the fluid on walls: on walls with friction, which slip (I23), and on walls whose loads are measured.
 
 Force and torque of the fluid on a wall (I29) are the reaction to all that it gives to the particles.
 
@@ -55,9 +55,9 @@ class WallFriction(Term):
 
 @ti.data_oriented
 class WallLoads(Term):
-    """What every particle gives to the walls of the numbers ``measured``: force [N], and torque about the wall's point
-    [N m]. ``up_to_date``: whether they belong to the state that the particles are in. It reads what WallFriction does,
-    and correction and wall_stress."""
+    """Contribution of every particle to the loads of the walls ``measured``: force [N], and torque about the wall's
+    point [N m]. ``up_to_date``: whether they belong to the state that the particles are in. It reads what WallFriction
+    does, and correction and wall_stress."""
 
     def __init__(self, fluid, measured, **others):
         super().__init__(fluid, **others)

@@ -1,4 +1,4 @@
-"""What the ghosts behind a no-slip wall carry besides the stress of the particle in front of it (I9).
+"""Stress that the ghosts behind a no-slip wall carry besides that of the particle in front of it (I9).
 
 Their stress differs along the wall as that of the fluid does. They stand in the moment M with t(z); without the force
 that belongs to it, the first row feels only 77 % of a pressure gradient along the wall in two dimensions.

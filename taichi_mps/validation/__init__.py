@@ -21,7 +21,7 @@ L2_ERROR, SLUMP_ERROR = "L2 error of the velocity [-]", "largest error of the sl
 
 @dataclass(frozen=True)
 class Measured:
-    """One number of a row: what it is, its value, and what it must not exceed (both in ``unit``)."""
+    """Measured number of a row: name, value and bound (both in ``unit``)."""
 
     quantity: str
     value: float
@@ -35,7 +35,7 @@ class Measured:
 
 @dataclass(frozen=True)
 class Row:
-    """One case of the table."""
+    """Case of the validation table."""
 
     name: str
     case: str  # what flows

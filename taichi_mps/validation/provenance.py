@@ -15,7 +15,7 @@ NUMERICS = "fingerprint"  # key of the hash: equal where the numerics are
 
 
 def facts() -> dict:
-    """What a result was made with: processor, load, versions, commit (with -dirty where files differ), date."""
+    """Origin of a result: processor, load, versions, commit (with -dirty where files differ), date."""
     cpu = Path("/proc/cpuinfo")
     lines = cpu.read_text(encoding="utf-8").splitlines() if cpu.exists() else []
     models = [line.split(":")[1].strip() for line in lines if line.startswith("model name")]
@@ -45,7 +45,7 @@ def head(folder: Path) -> dict:
 
 
 def origin(results) -> str:
-    """Where results come from, as a sentence: commits, dates and processors, and of how many no commit is kept."""
+    """Origin of results as a sentence: commits, dates and processors, and of how many no commit is kept."""
     heads = [result.get("machine") or {} for result in results]
     known = sorted({(h["commit"], h["date"], h["processor"]) for h in heads if isinstance(h, dict) and h.get("commit")})
     texts = [f"commit {commit}, {day}, {processor}" for commit, day, processor in known]

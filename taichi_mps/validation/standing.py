@@ -115,7 +115,7 @@ def relaxed(body) -> np.ndarray:
 
 
 def sinking(particles, yield_value: float) -> float:
-    """How far the top sinks in 1 s [m]: the mean of the particles that start within 40 mm of the axis and 1.5 l0 of the
+    """Sinking of the top in 1 s [m]: the mean of the particles that start within 40 mm of the axis and 1.5 l0 of the
     highest one."""
     scene = mps.slump_cone(yield_value=yield_value, plastic_viscosity=50.0, spacing=SPACING, until=1.0)
     sim = run(replace(scene, fluid=particles, stop_at_rest=False))

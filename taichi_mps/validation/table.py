@@ -43,7 +43,7 @@ def run_row(name: str, scheme: str = "implicit", budget: float | None = None) ->
 
 
 def result(name: str, error: str | None, numbers=(), series=(), cpu_seconds=0.0, wall_seconds=0.0) -> dict:
-    """What is kept of a row, JSON-ready."""
+    """JSON-ready result of a row."""
     facts = {"row": name, "case": ROWS[name].case, "reference": ROWS[name].reference}
     found = {"numbers": list(numbers), "series": list(series), "error": error}
     return facts | found | {"cpu_seconds": cpu_seconds, "wall_seconds": wall_seconds}
@@ -102,7 +102,7 @@ def draw(results: dict[str, dict], out: Path) -> None:
 
 
 def file_of(folder: Path, scheme: str, name: str) -> Path:
-    """Where the result of a row is kept."""
+    """Path of a row's result file."""
     return folder / f"validate_{'' if scheme == 'implicit' else scheme + '_'}{name}.json"
 
 
@@ -176,7 +176,7 @@ def written(item: dict, key: str) -> str:
 
 
 def count(results: dict[str, dict]) -> str:
-    """How many numbers meet their target, and how many rows have ended early."""
+    """Number of targets met, and of rows that have ended early."""
     met = [item["met"] for result in results.values() for item in result["numbers"]]
     refused = [result["error"].startswith("not run") for result in results.values() if result["error"]]
     text = f"{sum(met)} of {len(met)} numbers meet their target; {len(refused) - sum(refused)} rows failed"
