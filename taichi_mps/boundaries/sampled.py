@@ -50,7 +50,7 @@ class Sampled(Surface):
         if ti.static(self.turns):
             arm = x - self.centre
         if ti.static(self.travels):
-            arm -= self.clock[None] * self.travel
+            arm -= self.gone()
         return arm
 
     @ti.func
@@ -72,7 +72,7 @@ class Sampled(Surface):
     @ti.func
     def motion(self, foot):
         """Velocity [m/s] of the solid at a place [m]."""
-        velocity = self.velocity
+        velocity = self.translation()
         if ti.static(self.turns):
             velocity += ti.cast(self.spin @ self.arm(foot), float)
         return velocity

@@ -3,7 +3,7 @@
 from ..geometry.solid import Solid
 from ..geometry.walls import Cylinder, Plane
 from ..runtime.backend import double_field, real, ti
-from ..runtime.stages import stage
+from ..runtime.stages import flush, stage
 from .sampled import Sampled
 from .surfaces import CLOSEST, Flat, Round
 
@@ -22,6 +22,7 @@ class Standing:
         self.surfaces = tuple(SURFACES[type(wall)](wall, *seen) for wall in walls)
         self.moving = any(wall.speed > 0.0 for wall in walls)
         self.travelling = any(surface.moves for surface in self.surfaces)
+        self.in_time = [surface for surface in self.surfaces if surface.in_time]
         self.separating = tuple(surface for surface in self.surfaces if surface.separates)
         if self.separating:
             self.sides = ti.field(real(), (capacity, len(self.separating)))  # signed distance from each of them [m]
@@ -29,16 +30,33 @@ class Standing:
     def place(self, time: float) -> None:
         """Put the walls that travel where they are at this time [s]."""
         self.time = time
+        self.follow(time)
         if self.travelling:
             self.clock[None] = time
 
+    def follow(self, time: float) -> None:
+        """Put the walls whose velocity changes where they are at this time [s]."""
+        if self.in_time:
+            flush()
+        for surface in self.in_time:
+            surface.way[None] = surface.wall.displacement(time)
+
+    def set_velocities(self, dt: float) -> None:
+        """Give the walls whose velocity changes its mean over a step of dt [s]."""
+        if self.in_time:
+            flush()
+        for surface in self.in_time:
+            surface.mean[None] = surface.wall.mean_velocity(self.time, self.time + dt)
+
     def move_to_middle(self, dt: float) -> None:
         """Put the walls where they are in the middle of a step of dt [s]."""
+        self.follow(self.time + 0.5 * dt)
         if self.travelling:
             self.set_clock(self.time + 0.5 * dt)
 
     def move_to_end(self, dt: float) -> None:
         """Put the walls where they are at the end of a step of dt [s], from its middle."""
+        self.follow(self.time + dt)
         if self.travelling:
             self.set_clock(self.time + 0.5 * dt + 0.5 * dt)
         self.time += dt

@@ -12,7 +12,7 @@ from copy import copy
 import numpy as np
 
 from ..geometry.walls import spin
-from ..runtime.backend import real, ti
+from ..runtime.backend import double_field, real, ti
 
 FAR = 1e9  # distance [m] from a wall that ends before the foot
 CLOSEST = 0.1  # distance from a wall within which no particle comes, over the spacing
@@ -41,6 +41,9 @@ class Surface:
         self.separates = wall.thin  # the fluid on one side of it does not feel that on the other
         self.travel = ti.types.vector(dimension, ti.f64)(wall.travel)
         self.point = ti.types.vector(dimension, ti.f64)(wall.point)
+        self.wall, self.in_time = wall, wall.in_time is not None  # whether its velocity changes
+        if self.in_time:  # way since 0 s [m], and mean velocity of the step [m/s]
+            self.way, self.mean = (double_field(components=dimension) for _ in range(2))
 
     @ti.func
     def arm(self, x):
@@ -52,8 +55,24 @@ class Surface:
         """From the wall's point to x [m]."""
         offset = x - self.point
         if ti.static(self.travels):
-            offset -= self.clock[None] * self.travel
+            offset -= self.gone()
         return offset
+
+    @ti.func
+    def gone(self):
+        """Way [m] since 0 s."""
+        if ti.static(self.in_time):
+            return self.way[None]
+        else:
+            return self.clock[None] * self.travel
+
+    @ti.func
+    def translation(self):
+        """Velocity [m/s] without rotation."""
+        if ti.static(self.in_time):
+            return ti.cast(self.mean[None], float)
+        else:
+            return self.velocity
 
     def frictionless(self):
         """Copy of this wall with slip instead of friction."""
@@ -145,12 +164,12 @@ class Flat(Surface):
         super().__init__(wall, dimension, *others)
         vector = ti.types.vector(dimension, real())
         self.normal = vector(wall.normal)
-        self.velocity = vector(wall.velocity or (0.0,) * dimension)
+        self.velocity = vector(wall.fastest)
 
     @ti.func
     def nearest(self, x):
         z = ti.cast(self.offset(x).dot(ti.cast(self.normal, ti.f64)), float)
-        return z, self.normal, self.velocity, ti.cast(0.0, float)
+        return z, self.normal, self.translation(), ti.cast(0.0, float)
 
 
 @ti.data_oriented
@@ -167,7 +186,7 @@ class Round(Surface):
         self.side = 1.0 if wall.inside else -1.0
         self.slope, self.ends, self.length = wall.slope, wall.length is not None, wall.length
         self.cosine = 1.0 / (1.0 + wall.slope**2) ** 0.5
-        self.velocity = wall.velocity  # along the axis [m/s]
+        self.velocity = 0.0 if wall.in_time else wall.velocity  # along the axis [m/s]
         # gradient of the wall's velocity [1/s]
         self.spin = ti.types.matrix(dimension, dimension, ti.f64)(
             spin(wall.angular_velocity, wall.unit_axis, dimension)
@@ -199,6 +218,8 @@ class Round(Surface):
         n = self.side * self.cosine * (self.slope * self.axis - e)
         foot = r + self.side * self.cosine * z
         velocity = self.velocity * self.axis + foot * (self.spin @ e)
+        if ti.static(self.in_time):
+            velocity += self.mean[None]
         curvature = ti.cast(self.side * self.cosine / foot, float)
         if ti.static(self.ends):
             foot_s = s - z * n.dot(self.axis)

@@ -29,6 +29,7 @@ from ..units import (
     vector,
 )
 from .concave_edges import interpolate
+from .in_time import Moving, in_time
 from .meshes import LONGEST, mesh_distance, read_mesh
 from .walls import Friction, check_surface, require_as_many, spin
 
@@ -59,7 +60,7 @@ SILENT = 5.0  # [s] after which it is said how far the distances are
 
 @validated
 @dataclass(frozen=True)
-class Solid:
+class Solid(Moving):
     """Wall of any shape, given by its signed distance on a grid.
 
     Parameters
@@ -71,7 +72,7 @@ class Solid:
     cell : float
         Distance between nodes [m].
     velocity : tuple of float, length d, optional
-        Translation [m/s].
+        Translation [m/s]; rows of a time [s] and a velocity, or a function of the time, if it changes.
     slip : bool, optional
         Leave the tangential motion of the fluid free.
     loose : bool, optional
@@ -112,7 +113,7 @@ class Solid:
     values: GRID
     low: vector("m")
     cell: Size
-    velocity: vector("m/s") | None = None
+    velocity: vector("m/s") | in_time("m/s") | None = None
     slip: Flag = False
     loose: Flag = False
     friction: InstanceOf[Friction] | None = None
@@ -359,7 +360,7 @@ class Solid:
     @property
     def travel(self):
         """Velocity of translation [m/s], shape (d,)."""
-        return np.zeros(len(self.low)) if self.velocity is None else np.array(self.velocity, float)
+        return self.fastest
 
     @property
     def unit_axis(self):
@@ -410,7 +411,7 @@ class Solid:
         ndarray, shape (n, d)
             Positions at that time [m].
         """
-        return (x - self.centre) @ self.turned(time).T + self.centre + time * self.travel
+        return (x - self.centre) @ self.turned(time).T + self.centre + self.displacement(time)
 
     def reach(self, time) -> tuple[np.ndarray, np.ndarray]:
         """Return the box that encloses the grid at a time.
@@ -457,7 +458,7 @@ class Solid:
             Distance [m], positive in the fluid; infinite beyond the grid.
         """
         require_as_many(x, self.low)
-        arm = (x - self.centre - time * self.travel) @ self.turned(time)
+        arm = (x - self.centre - self.displacement(time)) @ self.turned(time)
         return interpolate(self.values, (arm + self.centre - np.array(self.low)) / self.cell)
 
 

@@ -19,9 +19,11 @@ from ..units import (
     points,
     real,
     require,
+    said,
     validated,
     vector,
 )
+from .in_time import Moving, in_time
 from .shapes import Box, Surface
 
 
@@ -78,10 +80,11 @@ def check_surface(wall, first="point"):
     d = len(wall.point)
     for key in ("normal", "velocity", "pivot", "axis"):
         value = getattr(wall, key, None)
-        as_many = value is None or np.ndim(value) == 0 or len(value) == d
+        as_many = value is None or callable(value) or np.ndim(value) != 1 or len(value) == d
         require(as_many, f"{key} = {value} of a wall with {first} = {wall.point}: must be {d} finite numbers")
     both = f"slip = True with friction = {wall.friction}: a wall has one of them; must be left out"
     require(wall.friction is None or not wall.slip, both)
+    wall.in_time  # noqa: B018  (read now, so that what is wrong is said)
 
 
 def require_as_many(x, point):
@@ -112,7 +115,7 @@ def spin(turns: float, unit_axis, d: int) -> np.ndarray:
 
 @validated
 @dataclass(frozen=True)
-class Plane:
+class Plane(Moving):
     """Wall that fills the half-space behind a plane.
 
     Parameters
@@ -122,7 +125,8 @@ class Plane:
     normal : tuple of float, length d
         Unit normal into the fluid [-].
     velocity : tuple of float, length d, optional
-        Velocity of the wall [m/s], in its own plane or out of it; at rest by default.
+        Velocity of the wall [m/s], in its own plane or out of it; at rest by default. If it changes: rows of a time [s]
+        and a velocity, linear in between and with a jump where a time is there twice, or a function of the time.
     slip : bool, optional
         Leave the tangential motion of the fluid free.
     loose : bool, optional
@@ -149,7 +153,7 @@ class Plane:
 
     point: vector("m")
     normal: vector("")
-    velocity: vector("m/s") | None = None
+    velocity: vector("m/s") | in_time("m/s") | None = None
     slip: Flag = False
     loose: Flag = False
     mirror: Flag = False
@@ -172,8 +176,9 @@ class Plane:
     @property
     def travel(self):
         """Velocity at which the wall changes its position [m/s], shape (d,); zero if it moves in its own plane."""
-        velocity = np.zeros(len(self.point)) if self.velocity is None else np.array(self.velocity, float)
-        return velocity if abs(velocity @ np.array(self.normal)) > 1e-9 * np.linalg.norm(velocity) else 0.0 * velocity
+        velocities = np.atleast_2d(self.fastest if self.in_time is None else self.in_time.values)
+        leaves = np.abs(velocities @ np.array(self.normal)) > 1e-9 * np.linalg.norm(velocities, axis=1)
+        return self.fastest if leaves.any() else 0.0 * self.fastest
 
     @validated
     def distance(self, x: points("m"), time: Instant = 0.0):
@@ -192,17 +197,17 @@ class Plane:
             Distance [m], positive in the fluid.
         """
         require_as_many(x, self.point)
-        return (x - np.array(self.point) - time * self.travel) @ np.array(self.normal)
+        return (x - np.array(self.point) - self.displacement(time)) @ np.array(self.normal)
 
     @property
     def speed(self):
         """Largest speed of the wall [m/s]."""
-        return float(np.linalg.norm(self.velocity or 0.0))
+        return float(np.linalg.norm(self.fastest))
 
 
 @validated
 @dataclass(frozen=True)
-class Cylinder:
+class Cylinder(Moving):
     """Wall that is a cylinder, the mantle of a truncated cone, or in two dimensions a circle.
 
     Parameters
@@ -218,7 +223,7 @@ class Cylinder:
     angular_velocity : float, optional
         Rotation about the axis [rad/s], counter-clockwise seen against the axis.
     velocity : float, optional
-        Velocity along the axis [m/s].
+        Velocity along the axis [m/s]; rows of a time [s] and a velocity, or a function of the time, if it changes.
     slip : bool, optional
         Leave the tangential motion of the fluid free.
     slope : float, optional
@@ -252,7 +257,7 @@ class Cylinder:
     axis: array("", (0,), (3,), kind=tuple) | None = None
     inside: Flag = True
     angular_velocity: real("rad/s", ge=-1e6, le=1e6) = 0.0
-    velocity: real("m/s", ge=-1e6, le=1e6) = 0.0
+    velocity: real("m/s", ge=-1e6, le=1e6) | in_time("m/s") = 0.0
     slip: Flag = False
     slope: real("", ge=-1e6, le=1e6) = 0.0  # [-]
     length: Size | None = None  # endless if None
@@ -270,8 +275,8 @@ class Cylinder:
         require(is_direction if d == 3 else given.shape == (0,), wrong)
         require(
             d == 3 or not (self.velocity or self.slope or self.length),
-            f"velocity = {self.velocity:g} m/s, slope = {self.slope:g}, length = {self.length} m: a circle has no "
-            "axis; must be left out in 2-D",
+            f"velocity = {said(self.velocity, 'm/s')}, slope = {self.slope:g}, length = {self.length} m: a circle has "
+            "no axis; must be left out in 2-D",
         )
         endless = self.length is None
         tip = f"slope = {self.slope:g}: needs a length; a cone that goes on has no radius at its tip"
@@ -295,12 +300,21 @@ class Cylinder:
     def speed(self):
         """Largest speed of the wall [m/s]."""
         largest = self.radius + max(0.0, self.slope * (self.length or 0.0))
-        return float(np.hypot(self.angular_velocity * largest, self.velocity))
+        return float(np.hypot(self.angular_velocity * largest, np.linalg.norm(self.fastest)))
 
     @property
     def travel(self):
         """Velocity at which the position of the wall changes [m/s], shape (d,); zero for one without ends."""
-        return self.velocity * self.unit_axis if self.length is not None else 0.0 * self.unit_axis
+        return self.fastest if self.length is not None else 0.0 * self.unit_axis
+
+    @property
+    def components(self):
+        """Numbers of the velocity: along the axis."""
+        return 1
+
+    def directed(self, velocity):
+        """Velocity (d,) of that along the axis."""
+        return np.ravel(velocity)[0] * self.unit_axis
 
     @property
     def circles(self):
@@ -328,7 +342,7 @@ class Cylinder:
             Distance [m], positive in the fluid, from a thin wall on both sides; infinite beyond its ends.
         """
         require_as_many(x, self.point)
-        offset = x - np.array(self.point) - time * self.travel
+        offset = x - np.array(self.point) - self.displacement(time)
         s = offset @ self.unit_axis
         r = np.linalg.norm(offset - np.outer(s, self.unit_axis), axis=1)
         cosine = 1.0 / np.hypot(1.0, self.slope)

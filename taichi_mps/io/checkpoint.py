@@ -81,7 +81,7 @@ class Checkpoint:
             "numerics": sim.numerics.model_dump(mode="json"),
             "time": sim.time,
             "fluid": digest(sim.scene, PARTICLES),
-            "problem": digest(sim.scene, LAWS),
+            "problem": digest(sim.scene, laws(sim.scene)),
             "settings": settings or {},
         }
         return cls(header, sim.state())
@@ -144,7 +144,7 @@ class Checkpoint:
             keywords["until"] = until
         scene = catalogue.rebuild(self.header["source"], keywords, scene_file)
         require(
-            self.header["problem"] in (None, digest(scene, LAWS)),
+            self.header["problem"] in (None, digest(scene, laws(scene))),
             f"checkpoint: scene {self.header['source']} has another material, gravity or wall than when it was "
             "written; must be the same, or handed over: restore(path, scene)",
         )
@@ -409,6 +409,22 @@ def read(path) -> Checkpoint:
             scalars["report"] = {new.get(name, name): value for name, value in scalars["report"].items()}
         unknown = {"fluid": None, "problem": None} if version < VERSION else {}
         return Checkpoint(header | unknown, {**arrays, **scalars})
+
+
+def laws(scene: Scene) -> tuple[str, ...]:
+    """Return the attributes of a scene that no state shows, with a gravity that changes in time.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene.
+
+    Returns
+    -------
+    tuple of str
+        Attributes.
+    """
+    return LAWS if scene.gravity_in_time is None else (*LAWS, "gravity")
 
 
 def digest(scene: Scene, keys) -> str:

@@ -69,6 +69,10 @@ class ActiveSet:
             flush()
             self.standing = self.holding[None] / self.particles.number
 
+    def wake(self) -> None:
+        """All take part in the next step, and until it is counted again."""
+        self.standing = 0.0
+
     def someone_leaves(self) -> bool:
         """Whether a standing particle yields, or an active one comes near a buried one."""
         self.find_reactivated()

@@ -9,6 +9,7 @@ import numpy as np
 from pydantic import InstanceOf
 
 from ..geometry.cavity import Cavity
+from ..geometry.in_time import InTime
 from ..geometry.solid import Solid
 from ..geometry.walls import Cylinder, Plane
 from ..units import instance, points, validated
@@ -49,7 +50,9 @@ class Scene:
     velocity : ndarray, shape (n, d), optional
         Velocity at 0 s [m/s], zero by default.
     gravity : tuple of float, length d, optional
-        Gravity [m/s2], 9.81 down the last axis by default.
+        Gravity [m/s2], 9.81 down the last axis by default; of what is computed in a frame that is accelerated, less its
+        acceleration. Rows of a time [s] and a gravity, linear in between and with a jump where a time is there twice,
+        or a function of the time, if it changes.
     periodic : tuple of bool, length d, optional
         Whether an axis is periodic; none is by default.
     axisymmetric : bool, optional
@@ -292,5 +295,21 @@ class Scene:
 
     @property
     def gravity_vector(self) -> np.ndarray:
-        """Gravity [m/s2], shape (d,)."""
-        return np.array(self.gravity)
+        """Gravity [m/s2], shape (d,); of one that changes in time the largest."""
+        return np.array(self.gravity) if self.gravity_in_time is None else self.gravity_in_time.largest
+
+    @cached_property
+    def gravity_in_time(self) -> InTime | None:
+        """Gravity as it changes in time, None of a constant one."""
+        changes = callable(self.gravity) or np.ndim(self.gravity) == 2
+        return InTime(self.gravity, "gravity", "m/s2", self.dimension) if changes else None
+
+    @cached_property
+    def in_time(self) -> tuple[InTime, ...]:
+        """What changes in time: gravity, velocities of walls."""
+        return tuple(filter(None, [self.gravity_in_time, *(wall.in_time for wall in self.walls)]))
+
+    @cached_property
+    def last_change(self) -> float:
+        """Time [s] after which gravity and walls change no more."""
+        return max((part.last for part in self.in_time), default=-np.inf)

@@ -6,7 +6,8 @@ Each rule takes a Scene and raises SceneError, in one line, where it is broken. 
 
 import numpy as np
 
-from ..units import INSTANT, SceneError, array_of, finite, require
+from ..geometry.in_time import table_or_function
+from ..units import INSTANT, SceneError, array_of, finite, require, said
 
 MOST_MIXES = 256  # numbers of mixes are bytes
 RIGHT = 1e-6  # cosine of an angle that counts as a right one
@@ -34,7 +35,13 @@ def numbers(scene) -> dict:
     low, high = finite("domain", scene.domain, "m", shape=(2, d))
     require(np.all(low < high), f"domain = {scene.domain} m: the second corner must be above the first along each axis")
     gravity = (0.0,) * (d - 1) + (-9.81,) if scene.gravity is None else scene.gravity
-    taken["gravity"] = tuple(finite("gravity", gravity, "m/s2", (d,)).tolist())
+    if callable(gravity) or array_of(gravity).ndim == 2:
+        try:
+            taken["gravity"] = table_or_function("m/s2", gravity)
+        except ValueError as error:
+            raise SceneError(f"gravity = {said(gravity, '')}: {error}") from None
+    else:
+        taken["gravity"] = tuple(finite("gravity", gravity, "m/s2", (d,)).tolist())
     taken["periodic"] = (False,) * d if scene.periodic is None else tuple(scene.periodic)
     require(len(taken["periodic"]) == d, f"periodic = {scene.periodic}: must have one word for each of {d} axes")
     if scene.velocity is not None:
@@ -129,24 +136,24 @@ def bodies_are_apart(scene):
 def rings_lie_around_the_axis(scene):
     """An axisymmetric scene has coordinates (r, z), r above 0, gravity along z, not periodic along r."""
     if scene.axisymmetric:
-        d, inmost, gravity = scene.dimension, scene.fluid[:, 0].min(), scene.gravity_vector
+        d, inmost, gravity = scene.dimension, scene.fluid[:, 0].min(), gravities(scene)
         require(d == 2, f"axisymmetric = True: the fluid has {d} coordinates; must have 2, (r, z)")
         require(inmost > 0.0, f"axisymmetric = True: a particle lies at r = {inmost:g} m; r must be above 0 m")
-        require(gravity[0] == 0.0, f"gravity = {tuple(gravity.tolist())} m/s2: must be along z, axisymmetric")
+        across = gravity[np.argmax(np.abs(gravity[:, 0]))]
+        require(across[0] == 0.0, f"gravity = {tuple(across.tolist())} m/s2: must be along z, axisymmetric")
         require(not scene.periodic[0], "axisymmetric = True: periodic along r; only z may be periodic")
 
 
 def mirrors_are_planes_of_symmetry(scene):
-    gravity = scene.gravity_vector
+    gravity = gravities(scene)
     for k, mirror in enumerate(scene.mirrors):
         require(
             np.min(mirror.distance(scene.initial)) > 0.0,
             f"{named(mirror)}: a fluid particle lies on it or behind it; all must be in front",
         )
-        require(
-            abs(gravity @ mirror.normal) <= RIGHT * np.linalg.norm(gravity),
-            f"{named(mirror)}: gravity = {tuple(gravity.tolist())} m/s2 must lie in the plane",
-        )
+        off = np.abs(gravity @ mirror.normal) - RIGHT * np.linalg.norm(gravity, axis=1)
+        worst = tuple(gravity[np.argmax(off)].tolist())
+        require(off.max() <= 0.0, f"{named(mirror)}: gravity = {worst} m/s2 must lie in the plane")
         for other in scene.mirrors[:k]:
             require(
                 abs(np.dot(other.normal, mirror.normal)) <= RIGHT,
@@ -163,6 +170,11 @@ RULES = (
     rings_lie_around_the_axis,
     mirrors_are_planes_of_symmetry,
 )
+
+
+def gravities(scene) -> np.ndarray:
+    """Gravity [m/s2], shape (k, d): of each row of a table, of a function at many times."""
+    return scene.gravity_vector[None] if scene.gravity_in_time is None else scene.gravity_in_time.values
 
 
 def named(mirror) -> str:

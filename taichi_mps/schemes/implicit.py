@@ -38,7 +38,7 @@ class Implicit(Scheme):
     def __init__(self, problem, to_come: int, pairs_per_particle: float):
         super().__init__(problem, carried(problem), to_come, pairs_per_particle)
         scene, fluid, walls, capacity = problem.scene, self.base, self.walls, self.particles.capacity
-        constants = self.constants = Constants(self.particles, problem)
+        constants = self.constants = Constants(self.particles, problem, fluid.gravity)
         sums = PairSums(self.particles, self.gradient, walls)
         # which terms the scene needs: the stages of the others do nothing
         bi_viscosity, several = problem.law == "bi-viscosity", len(problem.materials) > 1
@@ -76,13 +76,11 @@ class Implicit(Scheme):
             constraint=self.constraint,
             correction=self.correction,
             wall_stress=self.wall_stress,
-            gravity=fluid.g,
         )
         # in a step the matrix changes with a viscosity that depends on the velocity, and with the friction of walls
         self.assembles_again = bi_viscosity
         self.velocity = VelocitySolve(self.operator, continues=not (bi_viscosity or walls.have_friction))
-        solved = {  # gravity and constants, and what the fluid gives to the walls at the new velocity
-            "g": fluid.g,
+        solved = {  # constants, and what the fluid gives to the walls at the new velocity
             "constants": constants,
             "pressure": self.pressure,
             "stress": self.stress,
@@ -97,10 +95,11 @@ class Implicit(Scheme):
             others = {"correction": self.correction, "wall_stress": self.wall_stress}
             self.wall_loads = WallLoads(fluid, measured, **solved, **others)
         self.momentum_drift = MomentumDrift(fluid, constants, directions) if drifts else NoOp("restore")
-        self.motion = Motion(fluid, g=fluid.g, shifting=self.shifting)
+        self.motion = Motion(fluid, constants=constants, shifting=self.shifting)
         self.active_set = NoOp(
             "end_step",
             "load",
+            "wake",
             search=lambda _is_read: self.neighbors.search(),
             state=dict,
             whole=True,
@@ -201,6 +200,13 @@ class Implicit(Scheme):
                 self.shifting.compute(0.0, 1.0, 1.0)
                 self.shifting.apply()
                 self.neighbors.search()
+
+    def set_forces(self, scene, start: float, dt: float) -> None:
+        """Before a step of dt [s] from a time [s]: gravity and the velocities of walls. What stands wakes where they
+        change."""
+        super().set_forces(scene, start, dt)
+        if any(part.changes(start) for part in scene.in_time):
+            self.active_set.wake()
 
     def set_problem(self, problem) -> None:
         """Go on with the materials of another problem of the same law and geometry; what is compiled stays."""

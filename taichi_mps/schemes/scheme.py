@@ -10,8 +10,9 @@ from ..particles.gradient import Gradient
 from ..particles.kernels import PACKING, PACKING_IN_PLANE, lattice_sums, mps_weight, smooth_weight
 from ..particles.neighbors import Bins, NeighborList
 from ..particles.particles import DUMMY, FLUID, WALL, Carried, Particles
-from ..runtime.backend import real, ti
+from ..runtime.backend import double_field
 from ..runtime.field_io import FieldIO
+from ..runtime.stages import flush
 from .diagnostics import Diagnostics
 
 # Of the neighbour list over the spacing, where steps are short: of a lattice the next neighbours are left out
@@ -52,6 +53,14 @@ class Scheme:
         courant = self.numerics.courant_number * self.spacing
         return {"Courant": courant / speeds.speed} if speeds.speed > 0.0 else {}
 
+    def set_forces(self, scene, start: float, dt: float) -> None:
+        """Before a step of dt [s] from a time [s]: gravity and the velocities of walls, where they change, their means
+        over the step."""
+        if scene.gravity_in_time is not None:
+            flush()
+            self.base.gravity[None] = scene.gravity_in_time.integral(start, start + dt) / dt
+        self.walls.set_velocities(dt)
+
     def relax(self) -> None:
         """Before the first step: relax an uneven fill, where the scheme needs it."""
 
@@ -73,7 +82,8 @@ class Discretisation:
     def __init__(self, problem, carried: dict[str, Carried], to_come: int, pairs_per_particle: float):
         scene, d = problem.scene, problem.scene.dimension
         walls, start = surfaces(problem), initial_state(problem)
-        self.gravity, self.g = scene.gravity_vector, ti.types.vector(d, real())(scene.gravity_vector)  # [m/s2]
+        self.gravity = double_field(components=d)  # [m/s2]
+        self.gravity[None] = scene.gravity_vector
         volumes = np.resize(problem.scene.expected.volumes, len(start["x"]))
         self.particles = Particles(start, volumes, carried | boundaries.carried(walls), scene.axisymmetric, to_come)
         self.wall_particles = int((start["kind"] != FLUID).sum())

@@ -37,10 +37,10 @@ class Rest:
     def reached(self, sim) -> bool:
         """Whether hardly a way is left. What is left of an exponential decay is the speed times the time in which it
         falls by e; where it falls slower than before, the time since the last fold counts, and where it has not fallen
-        yet, sqrt(H/g). Never, where a mix has no true yield stress."""
+        yet, sqrt(H/g). Never, where a mix has no true yield stress, nor before the last change of gravity and walls."""
         if not sim.problem.rests:
             return False
-        if self.left(sim) > LEFT * sim.problem.height or pushed(sim):
+        if sim.time < sim.scene.last_change or self.left(sim) > LEFT * sim.problem.height or pushed(sim):
             self.since = None
             return False
         if self.since is None:
@@ -65,6 +65,6 @@ class Rest:
 
 def pushed(sim) -> bool:
     """Whether a wall that travels touches the fluid. What stands in a mould is at rest only once the mould is gone."""
-    walls = [wall for wall in sim.scene.walls if np.any(wall.travel)]
+    walls = [wall for wall in sim.scene.walls if wall.travels_at(sim.time)]
     x = sim.particles.read()["x"] if walls else None
     return any(np.abs(wall.distance(x, sim.time)).min() < sim.walls.effective_radius for wall in walls)

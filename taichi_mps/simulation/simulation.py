@@ -165,6 +165,8 @@ class Simulation:
         """Return what bounds the next step [s], by name, beside a jet of this speed [m/s]."""
         if self.report:
             speed, acceleration = self.report.max_speed, self.report.acceleration
+            if any(part.changes(self.time) for part in self.scene.in_time):
+                acceleration = math.inf  # that of the last step tells nothing
         else:
             speed, acceleration = float(np.linalg.norm(self.particles.read()["u"], axis=1).max()), math.inf
         limits = self.scheme.time_step_limits(Speeds(max(speed, self._wall_speed, jet), acceleration, self.rest.fold))
@@ -173,12 +175,13 @@ class Simulation:
         return limits
 
     def _choose_time_step(self, jet, until) -> tuple[float, str]:
-        """Return the next step [s], not past ``until`` [s] or the opening of an inlet, and what bounds it."""
+        """Return the next step [s], not past ``until`` [s], an inlet that opens or a row of a force, and its bound."""
         limits = self._limits(jet)
         name = min(limits, key=limits.get)
         dt = self._last_dt = limits[name]
         openings = [pouring.next for pouring in self.pouring if not pouring.entered]
-        ends = [end for end in openings if end > self.time + INSTANT] + [until]
+        changes = [time for part in self.scene.in_time for time in part.times]
+        ends = [end for end in openings + changes if end > self.time + INSTANT] + [until]
         left = min(ends) - self.time
         if left < dt * (1 + 1e-9):
             return left, "end"
@@ -195,6 +198,7 @@ class Simulation:
             with self.execution.active():
                 if self.steps == 0:
                     self.scheme.relax()
+                self.scheme.set_forces(self.scene, self.time, dt)
                 return self.scheme.step(dt, is_read)
         except EscapedError as error:
             where, speed = crossing(self.particles.read(), self.scene) or ("", math.inf)
@@ -365,7 +369,10 @@ class Simulation:
         reasons = {
             "interrupted": self._interrupted,
             "time": self.time >= until - INSTANT,
-            "unyielded": at_rest and unyielded and self.time > 0.05 and self.report.unyielded_fraction >= unyielded,
+            "unyielded": at_rest
+            and unyielded
+            and self.time > max(0.05, self.scene.last_change)
+            and self.report.unyielded_fraction >= unyielded,
             "rest": rests and all(pouring.done for pouring in self.pouring) and self.taken_by_all,
         }
         return next((reason for reason, holds in reasons.items() if holds), None)

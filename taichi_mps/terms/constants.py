@@ -77,7 +77,9 @@ class Term:
 class Constants:
     """Constants of each mix and scales of the scene: a field for each of OF_A_MIX and OF_THE_SCENE."""
 
-    def __init__(self, particles, problem):
+    def __init__(self, particles, problem, gravity=None):
+        """``gravity``: field [m/s2] that is written at the start of a step."""
+        self.gravity = gravity
         self.particles, self.mixes = particles, len(problem.materials)
         self.of_mix = [ti.field(real(), self.mixes) for _ in OF_A_MIX]
         self.of_scene = [ti.field(real(), ()) for _ in OF_THE_SCENE]
@@ -182,6 +184,16 @@ class Constants:
     def density_of(self, i):
         """Density of particle i [kg/m3]."""
         return self.density[self.mix(i)]
+
+    @ti.func
+    def g(self):
+        """Gravity [m/s2] of the step."""
+        return ti.cast(self.gravity[None], float)
+
+    @ti.func
+    def weight_of(self, i):
+        """Weight of particle i by its volume [N/m3]."""
+        return self.density_of(i) * self.g()
 
     @ti.func
     def pressed(self, p):

@@ -34,7 +34,7 @@ class ExplicitViscosity(Term):
     """Intermediate velocity u* of all fluid particles; ``newtonian`` fluids compile no yield code."""
 
     def __init__(self, fluid, material):
-        super().__init__(fluid, g=fluid.g)
+        super().__init__(fluid, gravity=fluid.gravity)
         d, capacity = self.dimension, self.capacity
         self.newtonian = material.newtonian
         self.density, self.eta, self.tau_y = material.density, material.plastic_viscosity, material.yield_value
@@ -127,7 +127,9 @@ class ExplicitViscosity(Term):
                             if self.particles.shear_rate[i] >= 2.0 * self.pi_c:
                                 stress_force += 2.0 * (self.strain_rate[i] @ self.gradient_of_Lambda(i))
                             sums[2] = ti.max(sums[2], ti.cast(self.eta + self.Lambda[i], ti.f64))
-                        u = self.particles.u[i] + dt * (stress_force / self.density + self.g)
+                        u = self.particles.u[i] + dt * (
+                            stress_force / self.density + ti.cast(self.gravity[None], float)
+                        )
                         sums[0] += ti.cast((u - self.u_star[i]).norm_sqr(), ti.f64)
                         sums[1] += ti.cast(u.norm_sqr(), ti.f64)
                         self.u_star[i] = u

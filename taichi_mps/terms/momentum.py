@@ -181,8 +181,8 @@ class MomentumOperator(Term):
 class MomentumSource(Term):
     """The right-hand side of the system: inertia, gravity, pressure, the known part of the stress, and walls."""
 
-    def __init__(self, operator, pressure, constraint, correction, wall_stress, gravity):
-        super().__init__(operator, sums=operator.sums, constants=operator.constants, stress=operator.stress, g=gravity)
+    def __init__(self, operator, pressure, constraint, correction, wall_stress):
+        super().__init__(operator, sums=operator.sums, constants=operator.constants, stress=operator.stress)
         self.operator, self.pressure, self.constraint = operator, pressure, constraint
         self.correction, self.wall_stress = correction, wall_stress
         walls_act = self.walls.moving or self.walls.have_friction
@@ -211,7 +211,7 @@ class MomentumSource(Term):
             self.sums.gather_pull(i)
         for i in range(self.particles.count[None]):
             if self.operator.unknown(i):
-                volume, weight = self.particles.volume(i), self.constants.density_of(i) * self.g
+                volume, weight = self.particles.volume(i), self.constants.weight_of(i)
                 own = volume * (self.operator.inertia[i] * self.particles.u[i] + weight)
                 b[i] += own + self.sums.force(i)
                 if ti.static(len(self.walls.surfaces) > 0):

@@ -23,7 +23,7 @@ class Pressure(Term):
     """Smoothed pressure ``p`` [Pa] of every particle; zero where it carries no stress."""
 
     def __init__(self, fluid, constants):
-        super().__init__(fluid, constants=constants, g=fluid.g)
+        super().__init__(fluid, constants=constants)
         self.p = ti.field(real(), self.capacity)  # [Pa]
         self.once = ti.field(real(), self.capacity)  # half-way to the pressure that is read [Pa]
         self.full = ti.field(ti.i32, ())  # 1 in a closed box without a free surface
@@ -36,7 +36,7 @@ class Pressure(Term):
         x = self.particles.x[i]
         total, weight = ti.cast(0.0, float), ti.cast(0.0, float)
         own = self.constants.density[self.constants.mix(i)]
-        g = self.g * self.constants.pressed(pressure[i])
+        g = self.constants.g() * self.constants.pressed(pressure[i])
         for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
             j = self.neighbors.column[k]
             if self.gradient.B[j][0, 0] > 0.0:

@@ -22,7 +22,7 @@ from .constants import Term
 @ti.data_oriented
 class WallFriction(Term):
     """Friction of the walls (boundaries/friction.py): the slip at the start of a step, and after each iteration. It
-    reads gravity g, constants, pressure, stress, resistance and solved_rate."""
+    reads constants, pressure, stress, resistance and solved_rate."""
 
     def start(self, dt):
         """Penalty and slip at the start of a step of dt [s]."""
@@ -47,7 +47,7 @@ class WallFriction(Term):
             flux = self.gradient.spread_stress(i, self.stress.total(i, self.solved_rate)) - h * self.gradient.in_plane(
                 G
             )
-            weight = self.particles.volume(i) * self.constants.density_of(i) * self.g
+            weight = self.particles.volume(i) * self.constants.density_of(i) * self.constants.g()
             weight *= self.constants.pressed(self.pressure.p[i])
             size, mu = self.gradient.cross_section_ratio(i), self.stress.mu[i]
             self.walls.update_slip(i, x, u[i], flux, weight, B, mu, h, size)
@@ -90,7 +90,7 @@ class WallLoads(Term):
             h, flux = self.resistance.h[i], self.correction.force(i)[0]
             flux += volume * (self.gradient.in_plane(T) @ self.gradient.B[i])
             flux -= h * self.gradient.in_plane(self.solved_rate.velocity_gradient(i))
-            weight = self.constants.density_of(i) * self.g * self.constants.pressed(self.pressure.p[i])
+            weight = self.constants.weight_of(i) * self.constants.pressed(self.pressure.p[i])
             size = self.gradient.cross_section_ratio(i)
             for f, wall in ti.static(enumerate(self.walls.faces)):
                 z, n, _velocity, curvature = wall.face(i, x, self.walls.slots[f])

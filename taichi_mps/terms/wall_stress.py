@@ -31,9 +31,7 @@ class WallStress(Term):
     the stress of all."""
 
     def __init__(self, fluid, constants, strain_rate, pressure, stress):
-        super().__init__(
-            fluid, constants=constants, g=fluid.g, strain_rate=strain_rate, pressure=pressure, stress=stress
-        )
+        super().__init__(fluid, constants=constants, strain_rate=strain_rate, pressure=pressure, stress=stress)
         d, self.in_full_vessels = self.dimension, fluid.walls.carry_curvature
         self.drive = ti.Vector.field(d, real(), self.capacity)  # rho g - grad p [N/m3]
         self.weight = ti.field(real(), self.capacity)  # of the excess [-]
@@ -101,7 +99,7 @@ class WallStress(Term):
         self.walls.velocity_curvature[i] = ti.Vector.zero(float, self.dimension)
         self.drive[i] = ti.Vector.zero(float, self.dimension)
         if self.gradient.B[i][0, 0] > 0.0 and self.near(i):
-            self.drive[i] = self.constants.density[self.constants.mix(i)] * self.g - self.slope(i)
+            self.drive[i] = self.constants.weight_of(i) - self.slope(i)
             size = self.stress.shear_stress_magnitude(i, self.stress.viscosity(i, self.particles.shear_rate[i]))
             over = ti.max(0.0, size - self.stress.yield_stress(i))
             self.weight[i] = self.acts(i, ti.sqrt(over / ti.max(self.half(i), 1e-12)), size)

@@ -44,13 +44,13 @@ def wall_lines(scene, low, high, time):
     edges, y = [], 0.5 * (y0 + y1)
     for wall in scene.walls:
         if isinstance(wall, Cylinder):
-            edges += [circle + time * wall.travel for circle in wall.circles]
+            edges += [circle + wall.displacement(time) for circle in wall.circles]
         elif isinstance(wall, Solid):
             edges += wall.section(y, time)
         elif abs(wall.normal[0]) > 0.99 and not wall.mirror:
-            x = wall.point[0] + time * wall.travel[0]
+            x = wall.point[0] + wall.displacement(time)[0]
             edges.append([(x, y, z0), (x, y, z1)])
         elif wall.normal[-1] < -0.99 and not wall.mirror:
-            z = wall.point[-1] + time * wall.travel[-1]
+            z = wall.point[-1] + wall.displacement(time)[-1]
             edges.append([(x0, y, z), (x1, y, z)])
     return [line for edge in edges for line in images(scene, edge)]

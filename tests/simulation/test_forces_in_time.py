@@ -1,0 +1,134 @@
+"""Gravity and walls that change in time: what they do to a body is known exactly."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import taichi_mps as mps
+from taichi_mps.geometry.in_time import InTime
+
+L0 = 0.1
+JUMPS = ((0.0, 3.0, 0.0), (0.2, 3.0, 0.0), (0.2, -1.0, 2.0), (0.4, -1.0, 2.0), (0.5, 0.0, 0.0))
+WAVE = 2.0 * np.pi / 0.3  # [1/s]
+
+
+def wave(time):
+    return 2.0 * np.cos(WAVE * time), -1.0
+
+
+def block(**changed):
+    given = {
+        "name": "block",
+        "material": mps.Bingham(yield_value=2000.0),
+        "spacing": L0,
+        "fluid": mps.fill(mps.Box((0.0, 0.0), (1.0, 0.5)), L0),
+        "domain": ((-3.0, -3.0), (4.0, 3.0)),
+        "until": 0.6,
+    }
+    return mps.Scene(**given | changed)
+
+
+@pytest.mark.parametrize("gravity", [JUMPS, wave], ids=["table", "function"])
+def test_a_free_block_follows_gravity(gravity):
+    """Velocity is the integral of gravity, position that of the velocity to the order of the step; steps end where a
+    table has a row; a run that is taken up again is the same, bit for bit."""
+    scene = block(gravity=gravity)
+    sim, again = (mps.Simulation(scene, mps.Implicit(max_time_step=0.01)) for _ in range(2))
+    changing, ends = scene.gravity_in_time, []
+    sim.each_step(lambda sim: ends.append(sim.time))
+    sim.run(until=0.25)
+    again.load(sim.state())
+    for run in (sim, again):
+        run.run()
+    s = sim.snapshot()
+    assert np.allclose(s.u, changing.integral(0.0, 0.6), atol=2e-5)
+    way = sum(changing.integral(0.0, t) for t in (np.arange(6000) + 0.5) * 1e-4) * 1e-4
+    assert np.abs(s.x - scene.fluid - way).max() < 2e-4
+    assert set(changing.times) - {0.0} <= {round(t, 9) for t in ends}
+    for name, value in s.__dict__.items():
+        assert np.array_equal(value, getattr(again.snapshot(), name)), name
+
+
+def test_a_full_box_that_is_accelerated_tilts_its_pressure():
+    """dp/dx = -rho a, dp/dz = -rho g away from the walls: isobars are tilted by a/g, in the frame of the box, and level
+    before."""
+    walls = mps.box_planes((0.0, 0.0), (1.0, 0.5)) + (mps.Plane((0.0, 0.5), (0.0, -1.0)),)
+    fluid = mps.fill(mps.Box((0.0, 0.0), (1.0, 0.5)), 0.05)
+    gravity = ((0.1, 0.0, -9.81), (0.1, -4.0, -9.81))
+    newtonian = mps.Bingham(yield_value=0.0)
+    sim = mps.Simulation(block(walls=walls, gravity=gravity, material=newtonian, spacing=0.05, fluid=fluid))
+    for until, acceleration in ((0.1, 0.0), (0.2, 4.0)):
+        sim.run(until=until)
+        s = sim.snapshot()
+        inner = np.all(np.abs(s.x - (0.5, 0.25)) < (0.35, 0.15), axis=1)
+        slope = np.linalg.lstsq(np.column_stack([s.x, np.ones(len(s.x))])[inner], s.p[inner], rcond=None)[0][:2]
+        assert slope / -2300.0 == pytest.approx((acceleration, 9.81), abs=0.02 * 9.81)
+
+
+VELOCITY = ((0.1, 0.0, 0.0), (0.2, 0.0, 0.4), (0.3, 0.0, 0.4), (0.3, 0.0, 0.0))  # [m/s], from 0.1 s on
+
+
+@pytest.mark.parametrize("kind", ["table", "function"])
+def test_a_floor_lifts_a_block_as_it_says(kind):
+    """A floor that rises carries a block that stands on it; where both stop the block is at rest, and not before."""
+    velocity = VELOCITY if kind == "table" else lambda time: (0.0, float(np.interp(time, [0.1, 0.2, 0.3], [0, 0.4, 0])))
+    floor = mps.Plane((0.0, 0.0), (0.0, 1.0), velocity=velocity, slip=True)
+    scene = block(walls=(floor,), stop_at_rest=True, until=3.0, material=mps.Bingham(yield_value=20000.0))
+    sim = mps.Simulation(scene)
+    stopped = sim.run(until=None if kind == "table" else 0.5)
+    gone = 0.06 if kind == "table" else 0.04
+    assert floor.displacement(1.0) == pytest.approx((0.0, gone), rel=1e-3)
+    assert (stopped, sim.time > 0.3) == ("rest" if kind == "table" else "time", True)
+    assert np.abs(sim.snapshot().x - scene.fluid - (0.0, gone)).max() < 0.05 * L0
+
+
+def test_what_stands_wakes_when_gravity_turns(monkeypatch):
+    """A cone that stands and is left out flows again, as without: after a jump of gravity all take part."""
+    monkeypatch.setattr("taichi_mps.particles.active_set.PAYS", 0.01)
+    gravity = ((0.0, 0.0, -1.0), (0.5, 0.0, -1.0), (0.5, 0.0, -9.81))
+    walls = (mps.Plane((0.0, 0.0), (0.0, 1.0)),)
+    scene = block(walls=walls, gravity=gravity, spacing=0.05, fluid=mps.fill(mps.Box((0.0, 0.0), (1.0, 0.5)), 0.05))
+    reach = []
+    for sleep in ("on", "off"):
+        sim = mps.Simulation(scene, mps.Implicit(sleep=sleep))
+        sim.run(until=0.5)
+        before = np.ptp(sim.snapshot().x[:, 0])
+        sim.run(until=0.8)
+        reach.append(np.ptp(sim.snapshot().x[:, 0]) - before)
+    assert reach[0] == pytest.approx(reach[1], rel=0.05) and reach[1] > L0
+
+
+def test_what_changes_between_rows_and_beyond_them():
+    part = InTime(JUMPS, "gravity", "m/s2", 2)
+    assert part.integral(-1.0, 1.0) == pytest.approx((3.6 - 0.25, 0.4 + 0.1)) and part.last == 0.5
+    assert [part.changes(t) for t in (0.0, 0.1, 0.2, 0.3, 0.4, 0.45, 0.5, 0.6)] == [0, 0, 1, 0, 1, 1, 1, 0]
+    smooth = InTime(wave, "gravity", "m/s2", 2)
+    exact = (2.0 * (np.sin(WAVE * 0.77) - np.sin(WAVE * 0.013)) / WAVE, -0.757)
+    assert smooth.integral(0.013, 0.77) == pytest.approx(exact, rel=1e-9) and smooth.last == np.inf
+
+
+@pytest.mark.parametrize(
+    ("changed", "told"),
+    [
+        ({"gravity": ((0.0, 1.0), (1.0, 2.0))}, "gravity: rows of 2 numbers: must have a time"),
+        ({"gravity": ((1.0, 0.0, 1.0), (0.0, 0.0, 2.0))}, "gravity = .* must have times .* that grow"),
+        ({"gravity": lambda time: 1.0}, "gravity = .* gives 1.0 at 0 s; must give 2 finite numbers"),
+        ({"gravity": JUMPS, "axisymmetric": True}, "must be along z, axisymmetric"),
+        ({"gravity": JUMPS, "walls": (mps.Plane((-1.0, 0.0), (1.0, 0.0), mirror=True),)}, "must lie in the plane"),
+        ({"gravity": wave, "walls": (mps.Plane((-1.0, 0.0), (1.0, 0.0), mirror=True),)}, "must lie in the plane"),
+    ],
+)
+def test_what_breaks_a_symmetry_or_is_no_table_is_refused(changed, told):
+    with pytest.raises(mps.SceneError, match=told):
+        block(**changed)
+    with pytest.raises(mps.SceneError, match="velocity = .* rows of a time"):
+        mps.Plane((0.0, 0.0), (0.0, 1.0), velocity=((1.0,), (2.0,)))
+
+
+def test_a_checkpoint_knows_the_gravity_that_it_was_written_with(tmp_path):
+    sim = mps.Simulation(block(gravity=JUMPS))
+    sim.run(until=0.25)
+    file = mps.checkpoint.Checkpoint.of(sim).write(tmp_path / "checkpoint.h5")
+    other = replace(sim.scene, gravity=(*JUMPS[:-1], (0.5, 1.0, 0.0)))
+    assert mps.checkpoint.digest(other, mps.checkpoint.laws(other)) != mps.checkpoint.read(file).header["problem"]
