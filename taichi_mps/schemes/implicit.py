@@ -48,7 +48,8 @@ class Implicit(Scheme):
         stands = may_stand(problem, self.particles, walls) and not drifts
 
         self.pressure = Pressure(fluid, constants)
-        self.strain_rate, self.solved_rate = StrainRate(fluid, sums), SolvedRate(fluid, sums)
+        self.strain_rate = StrainRate(fluid, sums)
+        self.solved_rate = SolvedRate(fluid, sums, self.strain_rate)
         self.interface = Interface(fluid, constants) if several else NoOp("find", "gather")
         self.stress = Stress(
             fluid,
@@ -159,7 +160,7 @@ class Implicit(Scheme):
         self.friction.start(dt)
         self.pressure.find_closed_box(int(self.active_set.whole))
         self.wall_stress.start()
-        self.strain_rate.evaluate()
+        self.strain_rate.evaluate(dt)
         self.stress.set_viscosity()
         self.interface.find()
         self.interface.gather(self.stress.fluidity)

@@ -152,6 +152,7 @@ class VolumeConstraint(Term):
             fastest = ti.max(self.constants.fastest[None], follows * RATE_FASTEST * self.strain_rate.rate[i])
             divergence = ti.max(-fastest, ti.min(fastest, self.part_removed(i, dt) * error / dt))
             self.divergence[i] = divergence * self.shifting.acts(i, dt, STRAIN)
+            self.divergence[i] += self.strain_rate.half_step_change(i).trace()  # at the end of the step (I32)
 
     @ti.func
     def part_removed(self, i, dt):

@@ -27,10 +27,13 @@ class StrainRate(Term):
         self.G = ti.Matrix.field(self.dimension, sums.lanes, real(), self.capacity)
         self.rate = ti.field(real(), self.capacity)  # shear rate sqrt(2 D:D) [1/s]
         self.residual = ti.field(real(), self.capacity)  # (1/n0) sum (w/r^2) |u_j - u_i - G_i r_ij|^2 [1/s2]
+        self.half_step = ti.field(real(), ())  # [s]
 
     @stage("prepare")
-    def evaluate(self):
-        """Fit the velocity around each particle."""
+    def evaluate(self, dt: float):
+        """Fit the velocity around each particle, at the middle of a step of dt [s]."""
+        for _ in range(1):
+            self.half_step[None] = 0.5 * dt
         for i in range(self.particles.count[None]):
             G, residual = self.gradient.fit(i, self.particles.u, 1.0)
             G += self.gradient.curvature_correction(i)
@@ -43,13 +46,20 @@ class StrainRate(Term):
         """The gradient (t, t) at particle i of the velocity at the start of the step [1/s]."""
         return self.gradient.tensor(i, self.gradient.in_plane(self.G[i].transpose()), self.particles.u)
 
+    @ti.func
+    def half_step_change(self, i):
+        """By how much the gradient (t, t) of a velocity falls when its particles move with it from the middle of the
+        step to its end [1/s] (I32)."""
+        G = self.velocity_gradient(i)
+        return self.half_step[None] * G @ G
+
 
 @ti.data_oriented
 class SolvedRate(Term):
     """Velocity gradient of the velocity that the system was solved for."""
 
-    def __init__(self, fluid, sums):
-        super().__init__(fluid, sums=sums)
+    def __init__(self, fluid, sums, strain_rate):
+        super().__init__(fluid, sums=sums, strain_rate=strain_rate)
         t = self.particles.tensor_dimension
         self.G = ti.Matrix.field(t, t, real(), self.capacity)  # velocity gradient [1/s]
 
@@ -63,7 +73,7 @@ class SolvedRate(Term):
         for i in range(self.particles.count[None]):
             G = self.sums.velocity_gradient(i, u, 1.0) + self.gradient.curvature_correction(i)
             self.G[i] = G
-            self.particles.shear_rate[i] = shear_rate(G)
+            self.particles.shear_rate[i] = shear_rate(G - self.strain_rate.half_step_change(i))
 
     @ti.func
     def velocity_gradient(self, i):
@@ -198,10 +208,11 @@ class Stress(Term):
 
     @ti.func
     def known_part(self, i):
-        """The part of the stress [Pa] (t, t) that the matrix has not: stress - 2 mu_r q of a true yield stress."""
-        T = ti.Matrix.zero(float, self.tensors, self.tensors)
+        """The part of the stress [Pa] (t, t) that the matrix has not: that of the change of the gradient to the end of
+        the step, and of a true yield stress, stress - 2 mu_r q."""
+        T = -self.viscous(i, self.strain_rate.half_step_change(i))
         if ti.static(self.law == "yield-stress"):
-            T = self.particles.stress[i] - 2.0 * self.mu[i] * self.particles.plastic_rate[i]
+            T += self.particles.stress[i] - 2.0 * self.mu[i] * self.particles.plastic_rate[i]
         return T
 
     @stage("stress")
@@ -212,7 +223,7 @@ class Stress(Term):
             rate = self.particles.shear_rate[i]
             if ti.static(self.law == "yield-stress"):
                 carries = ti.cast(self.gradient.B[i][0, 0] > 0.0, float)
-                D = deviator(self.solved_rate.velocity_gradient(i))
+                D = deviator(self.solved_rate.velocity_gradient(i) - self.strain_rate.half_step_change(i))
                 trial = self.particles.stress[i] + 2.0 * self.mu[i] * D
                 stress, q, flow = self.yield_law(i, trial)
                 if k >= viscous:
@@ -237,7 +248,7 @@ class Stress(Term):
         if ti.static(self.law == "yield-stress"):  # noqa: SIM108  (a compiled choice stays apart)
             T = self.particles.stress[i]
         else:
-            T = self.viscous(i, rate.velocity_gradient(i))
+            T = self.viscous(i, rate.velocity_gradient(i) - self.strain_rate.half_step_change(i))
         return T - self.pressure.p[i] * ti.Matrix.identity(float, self.tensors)
 
     @ti.kernel
@@ -249,13 +260,14 @@ class Stress(Term):
     @stage("advance")
     def advance(self, dt: float, u: ti.template()):
         """At the end of a step of dt [s] with the velocity u: the structure grows, the stress turns with the material
-        (Jaumann's rate)."""
+        (Jaumann's rate, by a rotation: Hughes and Winget 1980)."""
         for i in range(self.particles.count[None]):
             for k, growth_of in ti.static(self.growths):
                 if self.constants.mix(i) == k:
                     self.particles.structure[i] += dt * growth_of(self.own_rate(i), self.structure(i))
             if ti.static(self.law == "yield-stress"):
                 G = self.gradient.velocity_gradient(i, u, 1.0) + self.gradient.curvature_correction(i)
-                W = 0.5 * (G - G.transpose())
-                stress = self.particles.stress[i]
-                self.particles.stress[i] = stress + dt * (W @ stress - stress @ W)
+                W = 0.25 * dt * (G - G.transpose())
+                I = ti.Matrix.identity(float, self.tensors)  # noqa: E741
+                turn = (I - W).inverse() @ (I + W)
+                self.particles.stress[i] = turn @ self.particles.stress[i] @ turn.transpose()

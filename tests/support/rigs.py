@@ -226,7 +226,7 @@ class System(Rig):
     def correct(self, u):
         """Force (n, d) [N] that the deferred correction gives back at the velocity u."""
         self.particles.u.from_numpy(np.ascontiguousarray(u))
-        self.rate.evaluate()
+        self.rate.evaluate(0.0)
         self.correction.gather(1.0)
         self._correct()
         return self.y.to_numpy()

@@ -21,7 +21,7 @@ def scheme():
     with sim.execution.active():
         scheme.neighbors.search()
         scheme.gradient.build()
-        scheme.strain_rate.evaluate()
+        scheme.strain_rate.evaluate(0.0)
         scheme.stress.set_viscosity()
         scheme.interface.find()
         scheme.interface.gather(scheme.stress.fluidity)
