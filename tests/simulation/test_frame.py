@@ -16,7 +16,7 @@ LAWS = {
 
 
 def turned(across, dimension, turn, turns, material, spacing=0.01):
-    """Relative change of a disc or ball of radius ``across`` spacings that turns freely at ``turn`` rad/s: of its radius,
+    """Relative change of a disc or ball of radius ``across`` spacings that turns freely at ``turn`` rad/s: of radius,
     energy and angular momentum, and its largest volume error."""
     ticks = np.arange(-across, across) + 0.5
     x = np.stack(np.meshgrid(*[ticks] * dimension, indexing="ij"), -1).reshape(-1, dimension) * spacing
