@@ -9,12 +9,12 @@ from concurrent.futures.process import BrokenProcessPool
 from nicegui import background_tasks, run, ui
 
 from ..cli.case_file import keywords
+from ..cli.main import foreseen
 from ..cli.options import GROUPS, group_of
 from ..problem import catalogue
 from ..problem.numerics import NUMERICS
 from ..report.inputs import option
 from .calibration import Calibrate
-from .forecast import forecast
 from .form import Form
 from .jobs import Job, Queue
 from .results import Live, Results
@@ -111,7 +111,7 @@ class Page:
         self.questions += 1
         number, words = self.questions, [self.scene, *(option(*given) for given in self.form.values.items())]
         try:
-            found = await asyncio.wait_for(run.cpu_bound(forecast, words), PATIENCE)
+            found = await asyncio.wait_for(run.cpu_bound(foreseen, words), PATIENCE)
         except (asyncio.TimeoutError, BrokenProcessPool):  # the process was killed for want of memory
             found = None
         until, lines, wrong = found or (0.0, [], TOO_LONG)

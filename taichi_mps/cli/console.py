@@ -2,11 +2,9 @@
 
 import math
 import sys
-import time
 from contextlib import contextmanager
 from importlib.util import find_spec
 from itertools import chain
-from pathlib import Path
 
 from rich.console import Console
 from rich.markup import escape
@@ -14,33 +12,13 @@ from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Table
 
 from ..io.history import read_history
-from ..io.run_folder import PICTURE, PLOTS, empty_of_pictures
+from ..io.run_folder import PLOTS, empty_of_pictures
 from ..problem.labels import title, written
 from ..report.sentences import LEADING, in_time, numerics, rows, sentences
 from ..units import SceneError, plain
+from .painting import Painter
 
 NARROWEST = 40  # columns of a result, whatever a terminal says of itself
-
-
-class Painter:
-    """Draws frame_<number>.png of runs of these scenes side by side, as the options ask. ``seconds``: CPU time that
-    this took."""
-
-    def __init__(self, frames, options, scenes):
-        from ..viz.film import SideBySide
-
-        self.frames, self.seconds = frames, 0.0
-        self.painter = SideBySide(scenes, view=options.view, backend=options.renderer, beads=options.beads)
-
-    def draw(self, number: int, *outputs) -> Path:
-        """Write the picture of a Simulation, or of one output of each run; its path."""
-        from ..viz.render import save
-
-        begun, path = time.process_time(), self.frames / PICTURE.format(number)
-        self.frames.mkdir(parents=True, exist_ok=True)
-        save(self.painter.draw(outputs), path)
-        self.seconds += time.process_time() - begun
-        return path
 
 
 def redraw(replays, folder, suffix, options, film=False) -> dict:
@@ -65,35 +43,36 @@ def redraw(replays, folder, suffix, options, film=False) -> dict:
 
 
 @contextmanager
-def progress(sim, recorder, options):
-    """A line on a terminal: flow time, share done, result so far, time left. Nothing elsewhere."""
+def progress(sim, recorder, quiet, verbose, clock, painter):
+    """A line on a terminal: flow time, share done, result so far, time left. Elsewhere only the clock's file, for who
+    watches the run from outside."""
     console = Console(stderr=True)
-    if options.quiet or not console.is_terminal:
-        yield
-        return
-    begun, start, until = time.monotonic(), sim.time, sim.scene.until
+    shown = console.is_terminal and not quiet
     columns = TextColumn("{task.description}"), BarColumn(30), TextColumn("{task.percentage:.0f} %{task.fields[left]}")
-    with Progress(*columns, console=console, transient=True) as bar:
-        task = bar.add_task("getting ready (the first run takes longest)", total=1.0, left="")
+    with Progress(*columns, console=console, transient=True, disable=not shown) as bar:
+        task = bar.add_task("getting ready" + " (the first run takes longest)" * clock.cold, total=1.0, left="")
 
         def show(sim):
-            end = min(until, sim.rest.expected(sim) or until)
-            share = (sim.time - start) / (end - start)
-            left = (time.monotonic() - begun) * (1.0 - share) / max(share, 1e-3)
+            if clock.part == "ready":
+                clock.begin("flow", sim.steps)
+            now = clock.now(sim, painter.left)
+            if not now:
+                return
             name = next((name for name in LEADING if name in recorder.measures), None)
             moved = f"  {title(name)} {written(name, recorder.measures[name])}" if name else ""
-            text = f"{sim.time:.2f} of {'about' if end < until else 'at most'} {end:.3g} s{moved}"
-            if options.verbose:
+            text = f"{sim.time:.2f} of about {now['end_s']:.3g} s{moved}"
+            if verbose:
                 r = sim.report
                 text += f"  dt {1e3 * r.dt:.2f} ms ({r.dt_limit}), iterations {r.outer_iterations}"
                 text += f"/{r.solver_iterations}"
-            bar.update(task, completed=share, description=text, left=f", {in_time(left)} left")
+            bar.update(task, completed=now["share"], description=text, left=f", {in_time(now['left_s'])} left")
+            recorder.folder.tell(now)
 
         sim.each_step(show)
         yield
 
 
-def result(summary: dict, folder, verbose=False, stages=(), spent=None) -> None:
+def result(summary: dict, folder, verbose=False, stages=()) -> None:
     """The result for a reader, on stdout: sentences, then each number and what it is; the numerics if asked."""
     console = Console(highlight=False)
     console.width = max(console.width, NARROWEST)
@@ -108,8 +87,6 @@ def result(summary: dict, folder, verbose=False, stages=(), spent=None) -> None:
     shown = Table(title="numerics", show_header=False)
     for name, value in numerics(summary):
         shown.add_row(escape(name), escape(value))
-    for name, seconds in (spent or {}).items():
-        shown.add_row(f"processor time, {name}", f"{seconds:.2f} s")
     whole = sum(seconds for _, seconds, _ in stages)
     for stage, seconds, calls in sorted(stages, key=lambda entry: -entry[1]):
         each = seconds / max(calls, 1)

@@ -1,11 +1,13 @@
 """The command line: one function a command, see COMMANDS. Taichi is imported when a run starts."""
 
 import argparse
+import io
 import os
 import platform
 import signal
 import sys
 import warnings
+from contextlib import redirect_stderr
 from dataclasses import replace
 from importlib import metadata
 from importlib.util import find_spec
@@ -23,8 +25,10 @@ from ..units import INSTANT, SceneError, plain, require, said, suggestion, user_
 from .case_file import expanded
 from .case_file import text as case_text
 from .console import curves, redraw
+from .forecast import clock_of, lines
 from .options import BAD_INPUT, DONE, JSON, Pictures, Run, Table, command, given, is_tuple, of_scene, read_back, tell
-from .run import carry_out, forecast, start
+from .painting import painting
+from .run import carry_out, start
 from .study import COMMANDS as STUDY
 
 WITHOUT_REST = 5.0  # time limit [s] of a scene without one, by the scheme without coming to rest
@@ -61,25 +65,45 @@ def planned(name, argv):
     return arguments, options, Problem(scene, numerics(**given(arguments, numerics)))
 
 
+def foreseen(words: list[str]) -> tuple[float, list[str], str]:
+    """The time limit [s] of a run by its words on the command line, and what is known of it, in lines; what cannot be
+    computed has none but, in one line, why. For a process of its own: it builds the scene, which may be large, and
+    imports Taichi."""
+    try:
+        with warnings.catch_warnings(record=True) as warned, redirect_stderr(io.StringIO()):
+            warnings.simplefilter("always")
+            _, options, problem = planned("run", words)
+            clock = clock_of(problem, options)
+            from ..simulation.forecast import pairs_of, require_memory
+
+            require_memory(problem, pairs_of(problem.scene), options.precision)
+    except (SceneError, ImportError) as error:  # ImportError: pint, which numbers with a unit need
+        return 0.0, [], plain(" ".join(str(error).split()))
+    told = lines(problem, clock) + list(dict.fromkeys(str(item.message) for item in warned))
+    return problem.scene.until, told, ""
+
+
 def run(argv) -> int:
     """compute a scene or a case"""
     arguments, options, problem = planned("run", argv)
+    clock = clock_of(problem, options)
     if arguments.forecast:
-        lines = forecast(problem, options.precision)
-        return tell(arguments, {"forecast": lines}, "\n".join(lines))
+        told = lines(problem, clock)
+        return tell(arguments, {"forecast": told}, "\n".join(told))
     usual = Path("renders") / problem.scene.name
     folder = RunFolder(options.out or (usual if options.overwrite else next_free(usual)))
     if not options.out and folder.path != usual:
         print(f"taichi-mps: {plain(usual)} is taken; this run goes to {plain(folder.path)}", file=sys.stderr)
     folder.check(options.overwrite)
-    with lock.held(folder.path):
+    with painting(folder.frames, options, problem.scene, clock.apart) as painter, lock.held(folder.path):
+        if not (arguments.json or options.quiet):
+            print(plain("\n".join(lines(problem, clock))), flush=True)
         start(options)
         from ..simulation.simulation import Simulation
 
         sim = Simulation(problem, profile=options.profile)
-        if not (arguments.json or options.quiet):
-            print(plain("\n".join(forecast(problem, options.precision))), flush=True)
-        return carry_out(sim, folder, options, catalogue.source(arguments.scene), arguments.json)
+        clock.begin("ready")
+        return carry_out(sim, folder, options, catalogue.source(arguments.scene), arguments.json, clock, painter)
 
 
 def new(argv) -> int:
@@ -114,11 +138,15 @@ def resume(arguments) -> int:
     with lock.held(folder.path):
         scene = state.scene(options.until, arguments.scene)
         problem = state.admit(replace(scene, until=options.until or scene.until))
-        start(options)
-        sim = state.resume(problem, profile=options.profile)
-        if remark:
-            os.replace(checkpoint.previous(newest), newest)  # so that the next one does not replace the good one
-        return carry_out(sim, folder, options, state.header["source"], arguments.json, resumed=True)
+        clock = clock_of(problem, options)
+        with painting(folder.frames, options, problem.scene, clock.apart) as painter:
+            start(options)
+            sim = state.resume(problem, profile=options.profile)
+            clock.begin("ready")
+            if remark:
+                os.replace(checkpoint.previous(newest), newest)  # so that the next one does not replace the good one
+            source = state.header["source"]
+            return carry_out(sim, folder, options, source, arguments.json, clock, painter, resumed=True)
 
 
 @command(
@@ -276,8 +304,8 @@ def main(argv=None, more=None) -> int:
     argv, commands = [str(word) for word in (sys.argv[1:] if argv is None else argv)], COMMANDS | (more or {})
     try:
         if not argv or argv[0] in ("-h", "--help"):
-            lines = [f"  {name:9} {command.__doc__}" for name, command in commands.items()]
-            print("\n".join(["usage: taichi-mps COMMAND ... [--help]", "", *lines]))
+            each = [f"  {name:9} {command.__doc__}" for name, command in commands.items()]
+            print("\n".join(["usage: taichi-mps COMMAND ... [--help]", "", *each]))
             return DONE if argv else BAD_INPUT
         if argv[0] == "--version":
             print(__version__)

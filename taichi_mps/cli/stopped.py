@@ -2,8 +2,10 @@
 
 import signal
 import sys
+import time
 
 SIGNALS = signal.SIGINT, signal.SIGTERM
+began: list[float] = []  # when the program did, where this process is it [s], by time.monotonic
 came: list[int] = []  # numbers of those that came before a run listened itself
 
 
@@ -22,6 +24,7 @@ def listen() -> None:
         came.append(number)
         raise Stopped(number)
 
+    began.append(time.monotonic())
     for number in SIGNALS:
         signal.signal(number, stop)
     told = sys.unraisablehook  # a callback of the import system swallows it and would say so; ``came`` knows

@@ -41,8 +41,8 @@ class Cavity:
     -----
     Cells are half a spacing wide. A cell is filled if a particle's centre is within half the diagonal of a particle's
     square or cube, so that a full lattice fills all cells and a void is a place where a ball of that radius finds no
-    centre. At a surface up to 0.37 spacings too much (0.21 in two dimensions) are counted. Voids are those of the
-    computed part.
+    centre. At a surface up to 0.37 spacings too much (0.21 in two dimensions) are counted, so the filled ratio as a
+    whole is bounded by the volume of the particles. Voids are those of the computed part.
 
     Examples
     --------
@@ -50,7 +50,7 @@ class Cavity:
     >>> form = mps.Cavity((0.0, 0.0), (0.2, 0.1), mps.box_planes((0.0, 0.0), (0.2, 0.1)), 0.02)
     >>> body = mps.measure.still(mps.lattice((0.0, 0.0), (0.2, 0.05), 0.02), 0.02)
     >>> round(form.report(body)["filled_ratio"], 2)
-    0.6
+    0.5
     """
 
     low: vector("m")
@@ -162,16 +162,20 @@ class Cavity:
         Returns
         -------
         dict
-            ``filled_ratio`` [-]; ``void_m3``, volume of the voids (m2 in two dimensions); ``void_centre`` [m], None
-            without a void; ``filled_by_height``, pairs of height [m] and filled fraction [-].
+            ``filled_ratio`` [-], of the cells, and no more than the particles in the form and above it are;
+            ``void_m3``, volume of the rest (m2 in two dimensions); ``void_centre`` [m] of the cells that are not
+            filled, None without one; ``filled_by_height``, pairs of height [m] and filled fraction [-] of the cells.
         """
-        void = self.cells & ~self.filled(s)
+        void, room = self.cells & ~self.filled(s), float(self.cells.sum() * np.prod(self.cell))
+        inside = np.all(s.x >= self.low, axis=1) & np.all(s.x[:, :-1] <= self.high[:-1], axis=1)
+        sides = np.broadcast_to(getattr(s, "size", self.spacing), len(s.x))[inside]
+        ratio = min(1.0 - void.sum() / self.cells.sum(), (1.0 + 1e-9) * (sides ** len(self.shape)).sum() / room)
         places = np.argwhere(void)
         centre = np.array(self.low) + self.cell * (places.mean(0) + 0.5) if len(places) else None
         layers = np.transpose(self.by_height(s)).tolist()
         return {
-            "filled_ratio": float(1.0 - void.sum() / self.cells.sum()),
-            "void_m3": float(void.sum() * np.prod(self.cell)),
+            "filled_ratio": float(ratio),
+            "void_m3": float((1.0 - ratio) * room),
             "void_centre": None if centre is None else centre.tolist(),
             "filled_by_height": [[z, fraction] for z, fraction in layers if not np.isnan(fraction)],
         }

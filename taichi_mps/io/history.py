@@ -30,7 +30,7 @@ MEANING = {
     "viscous_iterations": "outer_iterations by its old name, until 0.3",
     "pressure_iterations": "solver_iterations by its old name, until 0.3",
     "volume_error": "change of the volume of what has a full neighbourhood, from the packing [-]",
-    "volume_error_max": "largest size of it so far [-]",
+    "volume_error_max": "largest size of it so far, while no jet falls [-]: that is looser until it lands",
 }
 MEASURED = ("slump_m", "spread_m")  # columns of the scene's measures, in every run
 REPORTED = {"time_s": "time", "dt_s": "dt", "max_speed_m_s": "max_speed", "kinetic_energy_J": "kinetic_energy"}

@@ -32,6 +32,7 @@ WRITTEN = (
 )
 PLOTS = ("slump.png", "history.png", "filling.png")
 REPORT = "report.html"
+CLOCK = "clock.json"  # while a run goes on: seconds passed and left of it
 PICTURE = "frame_{:05d}.png"
 PICTURES = re.compile(r"frame_\d{5,}\.png")
 
@@ -64,6 +65,7 @@ class RunFolder:
         self.checkpoint = self.path / "checkpoint.h5"
         self.animation = self.path / "animation.gif"
         self.report = self.path / REPORT
+        self.clock = self.path / CLOCK
 
     @property
     def ours(self) -> bool:
@@ -133,9 +135,13 @@ class RunFolder:
         with writing("out", self.path, " folder"):
             self.path.mkdir(parents=True, exist_ok=True)
             write_whole(self.path / MARK, json.dumps({"made_by": "taichi_mps", "version": __version__}) + "\n")
-            for name in (*WRITTEN, *PLOTS, REPORT):
+            for name in (*WRITTEN, *PLOTS, REPORT, CLOCK):
                 (self.path / name).unlink(missing_ok=True)
             empty_of_pictures(self.frames)
+
+    def tell(self, seconds: dict) -> None:
+        """Write how far the run is, for who watches it from outside."""
+        write_whole(self.clock, json.dumps(seconds))
 
     @validated
     def write_summary(self, summary: dict) -> None:

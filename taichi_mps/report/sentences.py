@@ -9,9 +9,12 @@ from ..problem.labels import ENDS, in_words, is_measure, meaning, title, written
 from ..problem.materials import mix_in_words
 from ..units import plain
 
+OWN = " This is the error of the computation alone: those of the test and of the constants of the mix come to it."
 LEADING = "slump_m", "spread_m", "t500_s", "flow_m", "flow_time_s", "passing_ratio", "front_m", "filled_ratio"
 MEASURED = "slump_m", "spread_m"  # of the columns that every history has
+PARTS = {"ready": "making ready", "pictures": "last pictures"}  # of a run, in words where its key is none
 NOT_RESULTS = "simulated_seconds", "wall_seconds", "cpu_seconds", "compile_seconds"
+NOT_RESULTS += "all_wall_seconds", "all_cpu_seconds"
 
 
 def sentences(summary: dict, folder=None) -> list[str]:
@@ -79,17 +82,22 @@ def certainty(summary) -> str:
     return (
         f"Expect the slump within {1e3 * height * error.slump:.1f} mm and the slump flow within "
         f"{2e3 * height * error.reach:.0f} mm of the exact flow of this mix: measured for mixes and particle sizes "
-        "around this one, beside independent finite elements."
+        f"around this one, beside independent finite elements.{OWN}"
     )
 
 
 def cost(summary) -> str:
-    """Processor time of the computation, that of the start, and the time by the clock, with a word why they differ."""
+    """What the run took, in all and by its parts; of a run of an earlier version without the files."""
+    if "seconds_by_part" in summary:
+        return f"It took {in_parts(summary['seconds_by_part'], summary['all_cpu_seconds'])}."
     cpu, start, wall = (summary[f"{key}_seconds"] for key in ("cpu", "compile", "wall"))
-    return (
-        f"It took {cpu:.1f} s of processor time for the flow and {start:.1f} s to make the program ready (shorter the "
-        f"next time), {wall:.0f} s by the clock with pictures and files."
-    )
+    return f"It took {in_time(wall)} ({in_time(cpu + start)} of processor time)."
+
+
+def in_parts(seconds: dict, cpu_seconds: float) -> str:
+    """Wall time in all, processor time, and the wall time of each part."""
+    parts = ", ".join(f"{PARTS.get(part, part)} {in_time(value)}" for part, value in seconds.items())
+    return f"{in_time(sum(seconds.values()))} in all ({in_time(cpu_seconds)} of processor time): {parts}"
 
 
 def in_time(seconds: float) -> str:
@@ -97,7 +105,7 @@ def in_time(seconds: float) -> str:
     for unit, size in (("h", 3600.0), ("min", 60.0)):
         if seconds >= 1.5 * size:
             return f"{float(f'{seconds / size:.2g}'):g} {unit}"
-    return f"{max(1.0, float(f'{seconds:.2g}')):g} s"
+    return f"{float(f'{seconds:.2g}') if seconds >= 0.95 else max(0.1, round(seconds, 1)):g} s"
 
 
 def measures(row: dict) -> dict:

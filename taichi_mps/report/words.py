@@ -10,8 +10,6 @@ from ..problem.materials import FLOWS, mix_in_words
 from ..units import plain
 from . import inputs, sentences
 
-OWN = " This is the error of the computation alone: those of the test and of the constants of the mix come to it."
-
 
 def words(run, film: dict) -> dict[str, str]:
     """What page.html asks for, by name."""
@@ -79,7 +77,7 @@ def given(run) -> list[tuple[str, str]]:
 def expected(summary: dict) -> str:
     """What was measured of such runs, or that nothing was; for the slump cone the table of its model."""
     mix, height, error = accuracy.of_run(summary) or (None, None, None)
-    text = f"<p>{safe(sentences.certainty(summary) + OWN * bool(error))}</p>"
+    text = f"<p>{safe(sentences.certainty(summary))}</p>"
     if not error:
         return text
     sizes = {row.spacing for row in accuracy.measured() if row.model == error.model} | {error.spacing}

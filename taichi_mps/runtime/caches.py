@@ -21,15 +21,19 @@ def provide(language: str) -> None:
     home = home if home.is_absolute() else Path("/nonexistent")  # where it is unknown
     if os.name == "posix":
         os.environ["HOME"] = str(home)
-    chosen = os.environ.get(KERNELS[language])
-    if writable(Path(chosen) if chosen else home / ".cache" / language):
+    if writable(kernels(language)):
         return
-    folder = tempfile.mkdtemp(prefix="taichi_mps-")
+    chosen, folder = os.environ.get(KERNELS[language]), tempfile.mkdtemp(prefix="taichi_mps-")
     atexit.register(remove, folder, language)
     os.environ[KERNELS[language]] = os.path.join(folder, "kernels")
     os.environ.setdefault(FONTS, os.path.join(folder, "fonts"))
     told = f"{plain(chosen or home)} cannot be written, so compiled kernels are not kept for the next run"
     print(f"taichi-mps: {told}", file=sys.stderr)
+
+
+def kernels(language: str) -> Path:
+    """Folder in which compiled kernels are kept."""
+    return Path(os.environ.get(KERNELS[language]) or Path(os.path.expanduser("~"), ".cache", language))
 
 
 def remove(folder: str, language: str) -> None:

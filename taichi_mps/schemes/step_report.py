@@ -71,7 +71,7 @@ class StepReport:
     residual: float  # relative, of the last solve
     volume_error: float  # full over mean packing, less 1, of the particles with a full neighbourhood [-]
     flowing_fraction: float = math.nan  # of the volume: where the viscous stress is over 5 % of the yield stress [-]
-    volume_error_max: float = 0.0  # largest size of it in the run so far [-]
+    volume_error_max: float = 0.0  # largest size of it so far while no jet falls [-]
 
     @property
     def viscous_iterations(self) -> int:

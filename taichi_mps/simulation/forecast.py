@@ -1,9 +1,9 @@
-"""What a run will take, before its first step: particles, memory, and of a pour the steps and the processor time.
+"""What a run will take, before its first step: particles, memory, steps of the flow and their processor time.
 
 Memory: bytes of the fields of f32 that the terms allocate, and of what is read, shown and written;
-tests/simulation/test_forecast.py holds the sum against the peak of whole runs. Steps of a pour: a jet that lands at
-the speed U allows courant_number l0/U. What a step costs was measured in pours, by the number of particles that are
-there; `python benchmarks/cubic_metre.py` measures it again and writes MEASURED.
+tests/simulation/test_forecast.py holds the sum against the peak of whole runs. Steps: the fastest part of the fluid
+moves courant_number l0 in each, a jet that lands or what falls. What a step costs was measured in pours, by the number
+of particles that are there; `python benchmarks/cubic_metre.py` measures it again and writes MEASURED.
 """
 
 import math
@@ -16,6 +16,7 @@ from ..geometry.solid import Solid
 from ..linear.cell_multigrid import CellMultigrid
 from ..linear.node_multigrid import NodeMultigrid
 from ..particles.kernels import lattice_sums
+from ..problem import accuracy
 from ..problem.feasibility import sides
 from ..problem.problem import Problem
 from ..runtime.backend import started
@@ -23,6 +24,7 @@ from ..runtime.memory import admit
 from ..schemes.scheme import kernels
 from ..terms.constants import LONG, longest_step
 from .pouring import Pouring
+from .summary import described
 
 # ---- memory ----------------------------------------------------------------------------------------------------
 PAIRS, PAIRS_OF_RINGS = 1.6, 4.0  # room for neighbours over those of a lattice; rings that moved outward are thin
@@ -91,24 +93,46 @@ def require_memory(problem: Problem, pairs: float, precision: str | None = None)
 MEASURED = Path(__file__).with_name("cost.csv")
 LANDS = 0.9  # speed of a jet where it lands over that of a free fall to its heap, which is as high as the jet is wide
 PASSES, OF_PASSES = 6, 0.45  # passes of a step of the measured pours, and the share of its cost that goes with them
+FALLS, CREEPS = 3.5, 12.0  # time to rest over sqrt(H/g), and over what eta/tau_y is longer than that; of slump cones
+WAY, SOFTER, MOST_WAY = 0.15, 0.6, 3.0  # way of the fastest part over H: WAY (rho g H/tau_y)^SOFTER; of slump cones
+FEWEST, OF_PLANE = 20.0, 0.6  # steps of any run; cost of a step in a plane or rings over that in space
+SETTLES = 2.0  # [s] from the last layer to rest
 PARTS = 2000  # of the time, in each of which steps are equally long
 
 
 @dataclass(frozen=True)
 class Cost:
-    """What a pour takes to the time limit: number of steps, and CPU seconds of one thread without the start of the
-    program."""
+    """What the flow takes: number of steps, CPU seconds of one thread without the start of the program, and the time
+    [s] at which it is expected to end."""
 
     steps: float
     cpu_seconds: float
+    end: float
 
 
-def cost_of(problem: Problem) -> Cost | None:
-    """Cost of a problem of the implicit scheme in space into which concrete is poured from 0 s on; None of others, of
-    which nothing is known. No hose waits for room."""
+def cost_of(problem: Problem) -> Cost:
+    """Cost of a problem: of a pour by the implicit scheme in space, whose steps follow the jet, to the time limit; of
+    what falls to the expected rest. Steps of a slump cone were met within a factor of 1.5, other flows within three."""
+    scene = problem.scene
+    if problem.scheme == "implicit" and scene.dimension == 3 and scene.inlets:
+        return cost_of_pour(problem)
+    known, particles = accuracy.of_run(described(problem)), particles_of(problem)
+    creep = max(m.typical_slope / max(m.yield_value, 1e-9) for m in problem.materials) - problem.fall_time
+    rest, rests = FALLS * problem.fall_time + CREEPS * max(creep, 0.0), scene.stop_at_rest and problem.rests
+    end = min(scene.until, rest) if rests else scene.until
+    weight = max(m.density for m in problem.materials) * problem.gravity * problem.height
+    softness = weight / max(min(m.yield_value for m in problem.materials), 1e-9 * weight)
+    way = min(WAY * softness**SOFTER, MOST_WAY) * problem.height
+    way = min(way, end * math.sqrt(2.0 * problem.gravity * problem.height)) + end * problem.speed
+    steps = way / (problem.numerics.courant_number * scene.spacing) + (not rests) * end / own_step(problem, quiet=True)
+    steps = max(steps, FEWEST)
+    seconds = steps * seconds_of_a_step(particles) * (1.0 if scene.dimension == 3 else OF_PLANE)
+    return Cost(steps, known[2].cpu_seconds if known and known[2] else float(seconds), end)
+
+
+def cost_of_pour(problem: Problem) -> Cost:
+    """Cost of a pour from 0 s on to the time limit. No hose waits for room."""
     scene, numerics = problem.scene, problem.numerics
-    if problem.scheme != "implicit" or scene.dimension != 3 or not scene.inlets:
-        return None
     pours = [Pouring(scene, inlet) for inlet in scene.inlets]
     time = scene.until * (np.arange(PARTS) + 0.5) / PARTS
     layers = [np.clip(np.ceil((time - pour.start) / pour.interval), 0, pour.layers) for pour in pours]
@@ -121,7 +145,8 @@ def cost_of(problem: Problem) -> Cost | None:
     step = np.minimum(step, numerics.courant_number * scene.spacing / np.maximum(speed, 1e-9))
     steps = scene.until / PARTS / step
     by_passes = 1.0 + OF_PASSES * (numerics.passes / PASSES - 1.0)
-    return Cost(float(steps.sum()), float(steps @ (by_passes * seconds_of_a_step(particles))))
+    seconds = float(steps @ (by_passes * seconds_of_a_step(particles)))
+    return Cost(float(steps.sum()), seconds, min(scene.until, max(pour.end for pour in pours) + SETTLES))
 
 
 def landing_speed(problem: Problem, pour: Pouring, time, level):

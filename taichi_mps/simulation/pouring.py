@@ -30,6 +30,11 @@ class Pouring:
         return self.entered >= self.layers
 
     @property
+    def end(self) -> float:
+        """Time [s] at which the last layer is due."""
+        return self.start + self.layers * self.interval + self.delay
+
+    @property
     def to_come(self) -> int:
         """Particles that are not there at the beginning of the run."""
         return (self.layers - (self.start == 0.0)) * len(self.layer)

@@ -27,6 +27,7 @@ from .snapshot import crossing, snapshot
 from .summary import judge, summary
 
 SCHEMES = {"implicit": Implicit, "semi-implicit": SemiImplicit}
+FALLS = 1.2  # speed over that of an inlet from which its jet falls, and is looser until it lands
 LEAST_ENCLOSED = 0.1  # part of the volume from which the volume error is read; less is a jet, of which it says nothing
 RUNAWAY = 10.0  # speed over that of what falls or was thrown beyond which a run has diverged
 
@@ -138,7 +139,8 @@ class Simulation:
         dt, limit = self._choose_time_step(self._pour(), until)
         report = self._advance(dt, limit == "end")
         self.time, self.steps = self.time + dt, self.steps + 1
-        is_known = self.scheme.diagnostics.enclosed > LEAST_ENCLOSED
+        jet = max((pouring.speed for pouring in self.pouring if pouring.entered), default=math.inf)
+        is_known = self.scheme.diagnostics.enclosed > LEAST_ENCLOSED and report.max_speed < FALLS * jet
         worst = max(self.report.volume_error_max if self.report else 0.0, is_known * abs(report.volume_error))
         self.report = replace(report, step=self.steps, time=self.time, dt_limit=limit, volume_error_max=worst)
         self._require_sound()

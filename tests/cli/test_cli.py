@@ -97,10 +97,10 @@ def test_a_run_leaves_a_whole_folder_and_prints_only_json(whole):
 UNSEEN = """
 import math, sys
 from taichi_mps.__main__ import entry
-from taichi_mps.cli import run
+from taichi_mps.cli import painting
 from taichi_mps.io import recorder
 recorder.CHECKPOINT_COST = math.inf  # after every step, so that many a kill falls into the writing of one
-run.Painter.draw = lambda *_: None
+painting.Painter.draw = lambda *_: None
 entry()
 """
 
@@ -154,13 +154,14 @@ def test_the_line_on_a_terminal_says_how_far_a_run_has_come(monkeypatch, verbose
     terminal = Console(file=shown, force_terminal=True, width=160)
     monkeypatch.setattr(console, "Console", lambda **_: terminal)
     report = SimpleNamespace(dt=0.01, dt_limit="Courant", outer_iterations=6, solver_iterations=40)
-    scene, rest = SimpleNamespace(until=500.0), SimpleNamespace(expected=lambda sim: None)
-    sim = SimpleNamespace(time=0.0, scene=scene, rest=rest, report=report, each_step=steps.append)
-    recorder = SimpleNamespace(measures={"front_m": 0.3})
-    with console.progress(sim, recorder, options.Run(verbose=verbose)):
-        sim.time = 250.0
+    sim = SimpleNamespace(time=250.0, steps=1, report=report, each_step=steps.append)
+    told = {"share": 0.5, "left_s": 100.0, "end_s": 500.0}
+    clock = SimpleNamespace(part="ready", cold=True, begin=lambda *_: None, now=lambda *_: told)
+    recorder = SimpleNamespace(measures={"front_m": 0.3}, folder=SimpleNamespace(tell=steps.append))
+    with console.progress(sim, recorder, False, verbose, clock, SimpleNamespace(left=0.0)):
         steps[0](sim)
-    assert all(word in shown.getvalue() for word in ("250.00 of at most 500 s", "50 %", " left", "front 30.0 cm"))
+    words = "250.00 of about 500 s", "50 %", "1.7 min left", "front 30.0 cm", "first run takes longest"
+    assert all(word in shown.getvalue() for word in words) and steps[1] == told
     assert ("dt 10.00 ms (Courant), iterations 6/40" in shown.getvalue()) == verbose
 
 
@@ -298,7 +299,7 @@ def test_bad_input_is_one_clear_line_exit_2_and_nothing_written(words, message, 
         ("scenes --json", '"name": "slump", "description": "Slump and slump flow'),
         ("info --json", f'{{"version": "{mps.__version__}"'),
         ("--version", mps.__version__),
-        ("run slump --forecast", " of processor time for the flow"),
+        ("run slump --forecast", " of processor time): start "),
         (
             "run slump --spacing 0.05 --critical-strain-rate 1 --forecast",
             "taichi-mps: critical_strain_rate = 1 1/s: the concrete yields at a knee stress of 400 Pa instead of "
@@ -331,7 +332,7 @@ def test_a_forecast_tells_what_a_run_will_be_and_leaves_nothing(capsys, tmp_path
     assert mps.main([*words, "--json"]) == 0
     lines = json.loads(capsys.readouterr().out)["forecast"]
     assert "particles of 40 mm, half of the body; about " in lines[0] and " MB of memory" in lines[0]
-    assert " l; to 8 s at most some " in lines[1] and " of processor time with one thread" in lines[1]
+    assert re.match(r"Pours \S+ l\. Takes about .* in all \(.* of processor time\): start .*, some \S+ steps", lines[1])
     assert lines[-1].startswith("bars: 16 mm thick, thinner than a particle. Such a bar resists")
     assert mps.main(words) == 0
     assert capsys.readouterr().out == "\n".join(lines) + "\n"

@@ -117,7 +117,6 @@ def test_steps_are_those_of_a_jet_that_falls_to_a_rising_level():
     way = LANDS * 2.0 / (3.0 * b) * (a**1.5 - (a - b * FULL) ** 1.5)
     found = cost_of(Problem(scene, mps.Implicit(courant_number=0.1)))
     assert found.steps == pytest.approx(way / (0.1 * L0), rel=0.01)
-    assert cost_of(Problem(catalogue.build("slump"))) is None  # not poured
 
 
 def test_particles_grow_at_the_rate_and_cost_what_was_measured(monkeypatch, tmp_path):

@@ -1,0 +1,54 @@
+"""What is known of a run before it starts, in lines: size, memory, time, accuracy, and bars too thin for its
+particles."""
+
+import io
+import math
+import os
+import sys
+from contextlib import redirect_stdout
+from importlib.util import find_spec
+
+from ..report.sentences import certainty, in_parts, thin_solids
+from ..runtime.memory import size
+from .stopped import began
+
+OUTPUTS_OF_A_FALL = 0.3  # interval of the outputs over sqrt(H/g): what comes to rest falls much faster than it creeps
+
+
+def rounded(interval: float) -> float:
+    """The nearest of 1, 2, 5 times a power of ten [s]."""
+    power = 10.0 ** math.floor(math.log10(interval))
+    return min((k * power for k in (1.0, 2.0, 5.0, 10.0)), key=lambda value: abs(math.log(value / interval)))
+
+
+def clock_of(problem, options):
+    """The clock of a run, which began with the program."""
+    with redirect_stdout(io.StringIO()):  # the greeting of Taichi would spoil --json
+        from ..simulation.clock import Clock
+
+    scene, every = problem.scene, options.every
+    if not every:
+        longest = OUTPUTS_OF_A_FALL * problem.fall_time if scene.stop_at_rest else scene.until
+        every = rounded(min(scene.until / 100, longest))
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    settings = {"arch": options.arch, "precision": options.precision, "threads": options.threads or cores}
+    smooth = (scene.dimension == 3 or scene.axisymmetric) and not options.beads and find_spec("pysplashsurf")
+    may_fork = began and sys.platform == "linux" and smooth and options.renderer == "software"  # all else asks Taichi
+    return Clock(problem, settings, every, cores if may_fork else 0, began[0] if began else None)
+
+
+def lines(problem, clock) -> list[str]:
+    """Lines for a reader."""
+    from ..simulation.forecast import memory_of, pairs_of, particles_of
+    from ..simulation.summary import described
+
+    scene, facts = problem.scene, described(problem)
+    part = {1: ", half of the body", 2: ", a quarter of the body"}.get(len(scene.mirrors), "")
+    part = f", model {scene.parameters['model']}" if "model" in scene.parameters else part
+    what = f"{particles_of(problem):,} particles of {1e3 * scene.spacing:.3g} mm{part}"
+    needed = size(memory_of(problem, pairs_of(scene), clock.precision))
+    pours = f"Pours {1e3 * sum(inlet.volume for inlet in scene.inlets):.3g} l. " if scene.inlets else ""
+    takes = f"Takes about {in_parts(clock.expected, clock.cpu_seconds)}"
+    first = "; shorter the next time" * clock.cold
+    time = f"{pours}{takes}, some {float(f'{clock.cost.steps:.2g}'):,.0f} steps{first}."
+    return [f"{what}; about {needed} of memory.", time, certainty(facts), *thin_solids(facts)]

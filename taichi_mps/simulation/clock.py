@@ -1,0 +1,153 @@
+"""The clock of a run: how long each of its parts takes, told before it starts and, ever closer, while it goes on.
+
+Before: steps and processor time of the flow by ``forecast.cost_of``, the other parts as measured on one core of an AMD
+EPYC; both times the ratios that earlier runs on this machine had to that. These lie beside the compiled kernels, so
+that where the kernels are gone the forecast is again that of a first run. While it goes on: by the steps that are left
+and what they have taken so far. The steps that are left are those told, less those taken, until the flow decays; then
+the geometric mean of these and of the steps of that decay.
+"""
+
+import json
+import math
+import os
+import time
+from contextlib import suppress
+
+from .. import __version__
+from ..runtime.caches import kernels
+from ..runtime.stages import FEW, OPTIMISED
+from ..runtime.workarounds import LANGUAGE
+from ..terms.constants import CREEP
+from .forecast import cost_of, own_step, particles_of
+
+PARTS = "start", "ready", "flow", "pictures", "report"  # of a run, one after the other
+START, REPORT = 1.0, 0.5  # [s]: Python, Taichi and the scene; the page, of a small body
+READY = {False: (2.0, 4.5), True: (2.3, 8.0)}  # [s] of the first step, in space or not: compiled before, anew
+OF_OPTIMISED = 6.0  # [s] more to compile kernels that are fused and optimised
+ROW = 4e-3  # [s] of the measures and the row of a step
+PICTURE, FILM = 0.17, 0.3  # [s] of a picture, of animation and curves
+TEAM = 0.6  # exponent of the number of threads by which a flow is faster with them
+FEWEST, LEFT_OVER = 20.0, 0.1  # steps of any run; share of those taken that are still expected where too few were told
+LIMITS = 0.05, 50.0  # of a ratio that is believed
+OFTEN = 0.1  # [s] between two answers
+RATIOS = "taichi_mps.json"  # file of the ratios
+
+
+class Clock:
+    """Wall time of a run by its PARTS.
+
+    Parameters
+    ----------
+    problem : Problem
+        What is computed.
+    settings : dict
+        ``arch``, ``precision`` and ``threads``.
+    every : float
+        Time between pictures [s].
+    cores : int
+        Those that the program may use, if another process may draw the pictures; 0 if not.
+    begun : float, optional
+        Monotonic time at which the program began [s], now by default.
+    """
+
+    def __init__(self, problem, settings: dict, every: float, cores: int, begun: float | None = None):
+        scene, rows = problem.scene, particles_of(problem)
+        self.problem, self.cost = problem, cost_of(problem)
+        team = rows >= FEW and scene.dimension == 3
+        self.threads, self.precision = settings["threads"] if team else 1, settings["precision"]
+        self.apart, self.every = cores > self.threads, every
+        names = __version__, scene.name, scene.parameters.get("model"), problem.scheme, problem.law, self.threads > 1
+        self.key = " ".join(map(str, (*names, rows >= OPTIMISED, settings["arch"], settings["precision"])))
+        self.known, self.path = {}, kernels(LANGUAGE) / RATIOS
+        with suppress(OSError, ValueError):
+            self.known = dict(json.loads(self.path.read_text(encoding="utf-8")))
+        self.cold = self.key not in self.known
+        ready = READY[scene.dimension == 3][self.cold] + OF_OPTIMISED * (self.cold and OPTIMISED <= rows < FEW)
+        flow = self.cost.cpu_seconds / self.threads**TEAM + ROW * self.cost.steps
+        pictures = PICTURE * (min(self.cost.steps, self.cost.end / every) + 1.0)
+        self.beside = min(flow, pictures) if self.apart else 0.0  # of the pictures, drawn while it flows
+        usual = START, ready, flow + pictures * (not self.apart), max(pictures - flow, 0.0) * self.apart + FILM, REPORT
+        self.usual = dict(zip(PARTS, usual, strict=True))
+        self.expected = {part: seconds * self._ratio(part) for part, seconds in self.usual.items()}
+        self.measured = dict.fromkeys(PARTS, 0.0)
+        self.part, self.first, self.told = PARTS[0], 0, 0.0
+        self.begun = self.since = time.monotonic() if begun is None else begun
+        self.cpu_begun = time.process_time() if begun is None else 0.0
+
+    def _ratio(self, part: str) -> float:
+        """What a part took on this machine over what is usual, last time or of any run; 1 where that is not known."""
+        with suppress(TypeError, ValueError, KeyError, AttributeError):
+            found = float(self.known.get(self.key, self.known.get("all"))[part])
+            return min(max(found, LIMITS[0]), LIMITS[1]) if math.isfinite(found) else 1.0
+        return 1.0
+
+    @property
+    def whole(self) -> float:
+        """Wall time in all that is expected before the run [s]."""
+        return sum(self.expected.values())
+
+    @property
+    def cpu_seconds(self) -> float:
+        """Processor time in all that is expected before the run [s]."""
+        more = self.threads ** (1.0 - TEAM) - 1.0  # threads wait for each other
+        return self.whole + self.expected["flow"] * more + self.beside
+
+    def begin(self, part: str, steps: int = 0) -> None:
+        """Note that a part begins, after so many steps, and so that the one before is over."""
+        self.first = steps
+        now = time.monotonic()
+        self.measured[self.part] += now - self.since
+        self.part, self.since = part, now
+
+    def left(self, sim=None, waiting: float = 0.0) -> float:
+        """Wall time to the end [s], never negative; ``waiting``: that of the pictures that another process still has to
+        draw."""
+        passed, later = time.monotonic() - self.since, PARTS[PARTS.index(self.part) + 1 :]
+        left = sum(self.expected[part] for part in later)
+        here = max(self.expected[self.part] - passed, LEFT_OVER * passed)
+        if self.part == "flow" and sim.steps > self.first:
+            here = passed * steps_left(sim, self.cost) / (sim.steps - self.first)
+        return max(here + left, waiting)
+
+    def now(self, sim, waiting: float = 0.0) -> dict[str, float] | None:
+        """Seconds passed and left of a run, the share that is done and the expected end of the flow [s]; None where the
+        last answer is hardly older."""
+        now = time.monotonic()
+        if now - self.told < OFTEN:
+            return None
+        self.told = now
+        passed, left = now - self.begun, self.left(sim, waiting)
+        rest = sim.rest.expected(sim) if sim.problem.rests and sim.scene.stop_at_rest else sim.scene.until
+        end = max(sim.time, min(sim.scene.until, rest or self.cost.end))
+        return {"passed_s": passed, "left_s": left, "share": passed / (passed + left), "time_s": sim.time, "end_s": end}
+
+    def finish(self, elsewhere: float, is_whole: bool) -> dict:
+        """What summary.json has of the time of a run, with the processor time of another process ``elsewhere``. What
+        the parts of a whole run took over what is usual is kept for the next forecasts."""
+        self.begin(PARTS[-1])
+        ratios = {part: max(seconds, 1e-3) / self.usual[part] for part, seconds in self.measured.items()}
+        if not self.cold:  # a machine that was busy now and then
+            ratios = {part: math.sqrt(ratio * self._ratio(part)) for part, ratio in ratios.items()}
+        partial = self.path.with_suffix(f".{os.getpid()}")
+        if is_whole:
+            with suppress(OSError):
+                partial.write_text(json.dumps(self.known | {self.key: ratios, "all": ratios}), encoding="utf-8")
+                os.replace(partial, self.path)
+        whole = sum(self.measured.values()), time.process_time() - self.cpu_begun + elsewhere
+        return {"seconds_by_part": self.measured, "all_wall_seconds": whole[0], "all_cpu_seconds": whole[1]}
+
+
+def steps_left(sim, cost) -> float:
+    """Number of steps that a run still takes, by what was told of it (``cost``) and by its decay, if it has one."""
+    now, dt, fold, until = sim.time, sim.report.dt, sim.rest.fold, sim.scene.until
+    told = max(cost.steps - sim.steps, LEFT_OVER * sim.steps)
+    if sim.pouring and not all(pouring.done for pouring in sim.pouring):
+        share = min(now / max(pouring.end for pouring in sim.pouring), 1.0)
+        return (1.0 - share) * math.sqrt(cost.steps * sim.steps / max(share, 1e-3)) + FEWEST
+    end = min(until, sim.rest.expected(sim) or until) if sim.problem.rests and sim.scene.stop_at_rest else until
+    if fold <= 0.0:
+        return min(told, max(1.0, (until - now) / dt)) if end < until else told
+    longest = max(dt, own_step(sim.problem, quiet=True), CREEP * fold)
+    growing = min(max(end - now, 0.0), fold * math.log(longest / dt))
+    decay = fold / dt * -math.expm1(-growing / fold) + (max(end - now, 0.0) - growing) / longest
+    return math.sqrt(told * decay)
