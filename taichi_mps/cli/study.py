@@ -1,7 +1,12 @@
 """The commands sweep, require, calibrate and chart of the command line."""
 
+import io
+import math
+import os
 import sys
+import time
 from collections import Counter
+from contextlib import redirect_stdout
 from dataclasses import asdict
 from importlib.util import find_spec
 from pathlib import Path
@@ -10,12 +15,13 @@ from pydantic import Field
 
 from ..problem.accuracy import choose
 from ..problem.labels import in_words, title, written
+from ..report.sentences import in_time
 from ..study import calibrate as one_mix
 from ..study.calibrate import Measurements
-from ..study.require import Wanted
+from ..study.require import Wanted, runs_to_expect
 from ..study.require import require as find_borders
 from ..study.results import measures
-from ..study.sweep import ACCURACY, LOST, cases, sweep
+from ..study.sweep import ACCURACY, LOST, cases, sweep, wall_time
 from ..units import Checked, Count, SceneError, plain, require, said, user_path
 from .options import DONE, JSON, Workers, command, given, of_scene, read_back, tell
 
@@ -71,17 +77,34 @@ def parsed(command, argv, what, options, leave_out=(), **models):
     return parser.parse(argv), function
 
 
-def watching(varied, quiet: bool):
-    """``watch(rows, total)`` of a study in which the parameters of these names differ: a line for each case."""
-    told = set()
+def watching(varied, quiet: bool, options, planned, runs=None):
+    """``watch(rows, total)`` of a study of ``planned`` cases, or at most ``runs`` like them, in which the parameters of
+    these names differ: the time in all before it begins, then a line for each case with its own and the time left."""
+    if quiet:
+        return None
+    local, told, begun, most = options.executor == "local", set(), time.monotonic(), runs or len(planned)
+    workers = min(options.workers or os.cpu_count() or 1, most) if local else 1
+    with redirect_stdout(io.StringIO()):  # without Taichi's greeting
+        whole = wall_time(planned, workers, most)
+    how = f"{workers} at a time, about {in_time(whole)} in all" if local else f"{in_time(whole)} of processor time"
+    print(f"taichi-mps: {'at most ' * bool(runs)}{most} runs: {how}", file=sys.stderr, flush=True)
 
     def tell(rows, total):
+        known = len(told)
         for row in (row for row in rows if row["key"] not in told):
             told.add(row["key"])
-            words = [f"{len(told)}/{total}", *(f"{in_words(name)} {said(row[name], '')}" for name in varied)]
-            print(plain(f"{', '.join(words)}: {outcome(row)}"), file=sys.stderr, flush=True)
+            words = [
+                f"{len(told)}/{max(total, runs or 0)}",
+                *(f"{in_words(name)} {said(row[name], '')}" for name in varied),
+            ]
+            spent = (row.get("cpu_seconds") or 0.0) + (row.get("compile_seconds") or 0.0)
+            left = whole * max(0.0, 1.0 - len(told) / most)
+            if known:
+                left = math.sqrt(left * (time.monotonic() - begun) / len(told) * max(0, most - len(told)))
+            text = f"{', '.join(words)}: {outcome(row)}" + f", in {in_time(spent)}" * bool(spent)
+            print(plain(f"{text}; about {in_time(left)} left" if left else text), file=sys.stderr, flush=True)
 
-    return None if quiet else tell
+    return tell
 
 
 def outcome(row) -> str:
@@ -111,7 +134,7 @@ def sweep_command(argv) -> int:
     )
     if "model" in planned[0].parameters and "model" not in varied:
         print(f"taichi-mps: accuracy = {1e3 * ACCURACY:g} mm: {choose(ACCURACY)}", file=sys.stderr)
-    watch = watching(differing, options.quiet or arguments.json)
+    watch = watching(differing, options.quiet or arguments.json, options, planned)
     rows = sweep(arguments.scene, folder, options.executor, options.workers, watch, **varied)
     if arguments.json or not options.quiet:
         tell(arguments, rows, f"{tally(rows)}: {folder / 'results.csv'}")
@@ -169,7 +192,9 @@ def require_command(argv) -> int:
     parameters = given(arguments, function.parameters, leave_out=MIX)
     if "plastic_viscosity" in told:
         varied_parameters(cases(arguments.scene, plastic_viscosity=wanted.plastic_viscosity), function)
-    watch = watching(["yield_value", "plastic_viscosity"], options.quiet or arguments.json)
+    like = cases(arguments.scene, until=wanted.time, plastic_viscosity=wanted.plastic_viscosity, **parameters)
+    runs = runs_to_expect(wanted, len(like))
+    watch = watching(["yield_value", "plastic_viscosity"], options.quiet or arguments.json, options, like, runs)
     borders, rows = find_borders(
         arguments.scene, wanted, folder, options.executor, options.workers, watch, **parameters
     )
@@ -218,9 +243,16 @@ def calibrate_table(arguments, options: Lookup, told: dict) -> int:
     if others := mixes.unused(rows):
         print(plain(f"taichi-mps: table = {path}: {others}"), file=sys.stderr)
 
+    begun = time.monotonic()
+    workers = (options.workers or os.cpu_count() or 1) if options.executor == "local" else 1
+    about = in_time(mixes.SECONDS * len(rows) / min(workers, len(rows)))
+    print(f"taichi-mps: {len(rows)} mixes: about {about} in all", file=sys.stderr, flush=True)
+
     def watch(row, number):
         if sys.stderr.isatty():
-            print(f"\r{number} of {len(rows)} mixes", end="\n" * (number == len(rows)), file=sys.stderr, flush=True)
+            left = in_time((time.monotonic() - begun) / number * (len(rows) - number))
+            text = f"{number} of {len(rows)} mixes, {left} left: {next(iter(row.values()))}: {row['verdict']}"
+            print(f"\r{plain(text)[:100]:100}", end="\n" * (number == len(rows)), file=sys.stderr, flush=True)
 
     found = mixes.calibrate_list(rows, options.study, watch, options.executor, options.workers)
     mixes.write(found, out)

@@ -59,7 +59,7 @@ class Clock:
         names = __version__, scene.name, scene.parameters.get("model"), problem.scheme, problem.law, self.threads > 1
         self.key = " ".join(map(str, (*names, rows >= OPTIMISED, settings["arch"], settings["precision"])))
         self.known, self.path = {}, kernels(LANGUAGE) / RATIOS
-        with suppress(OSError, ValueError):
+        with suppress(OSError, ValueError, TypeError):
             self.known = dict(json.loads(self.path.read_text(encoding="utf-8")))
         self.cold = self.key not in self.known
         ready = READY[scene.dimension == 3][self.cold] + OF_OPTIMISED * (self.cold and OPTIMISED <= rows < FEW)

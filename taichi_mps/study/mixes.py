@@ -36,6 +36,7 @@ MEANING = {  # of a verdict
     FAR: "no mix comes so near, or the yield stress is not bounded",
     REFUSED: "the measurement cannot be used, for the reason given",
 }
+SECONDS = 0.05  # CPU time of a mix
 OURS = re.compile(  # the columns that a table of results adds
     rf"(verdict|reason|({'|'.join(FRICTIONAL)})_(found|lower|upper|from|by_.+)|({'|'.join(NAMES)})_(model|missed))"
     r"( \(given\))*"
@@ -168,8 +169,8 @@ def calibrate_list(
     executor: Text | None = None,
     workers: Count | None = None,
 ) -> list[dict]:
-    """Every row with what was found of it, in their order; ``watch(row, number)`` is told of each. Some 0.05
-    CPU-seconds a row: they are computed in this process, unless ``executor`` is 'local' (processes of this machine, as
+    """Every row with what was found of it, in their order; ``watch(row, number)`` is told of each. Some SECONDS a row:
+    they are computed in this process, unless ``executor`` is 'local' (processes of this machine, as
     many as ``workers``, the number of CPUs by default) or 'dask://HOST:PORT'. What a worker does not bring to an end is
     computed here."""
     slow = f"executor = {executor}: a mix takes a tenth of a second; must be local or dask://HOST:PORT"

@@ -109,18 +109,25 @@ def bracket(mixes: dict, eta: float, low: float, high: float) -> tuple[float | N
 
 
 def next_mixes(mixes: dict, viscosities, low: float, high: float, within: float) -> list[tuple[float, float]]:
-    """The mixes to run next, one at most of each plastic viscosity whose border is not yet found: the softest and the
-    stiffest, then the middle of what is left, in equal ratios."""
+    """The mixes to run next, one at most of each plastic viscosity whose border is not yet found, those of the middle
+    viscosity first, which tell most of the others: the middle of all, in equal ratios, the end on the side of the
+    border, then the middle of what is left."""
     wanted = []
-    for eta in viscosities:
+    for eta in sorted(viscosities, key=lambda eta: abs(math.log(eta**2 / (min(viscosities) * max(viscosities))))):
         full, short = bracket(mixes, eta, low, high)
-        if full is None and short != low:
+        if full is None and short is not None and short != low:
             wanted.append((low, eta))
         elif full is not None and short is None and full < high:
             wanted.append((high, eta))
-        elif full is not None and short is not None and short > full * (1.0 + within):
-            wanted.append((float(f"{math.sqrt(full * short):.4g}"), eta))
+        elif full == short or (full and short and short > full * (1.0 + within)):
+            wanted.append((float(f"{math.sqrt((full or low) * (short or high)):.4g}"), eta))
     return wanted
+
+
+def runs_to_expect(wanted: Wanted, viscosities: int) -> int:
+    """The most runs that the borders take: of each viscosity the middle and an end, then halvings."""
+    halvings = math.log2(0.5 * math.log(wanted.stiffest / wanted.softest) / math.log1p(wanted.within))
+    return viscosities * (2 + max(0, math.ceil(halvings)))
 
 
 def require(scene: str, wanted: Wanted, out, executor="local", workers=None, watch=None, run=run_case, **parameters):

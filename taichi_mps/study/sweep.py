@@ -6,6 +6,7 @@ import os
 import re
 import signal
 import threading
+import warnings
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, ProcessPoolExecutor, wait
@@ -22,6 +23,7 @@ from ..problem import catalogue
 from ..problem.accuracy import choose
 from ..problem.catalogue import SceneName
 from ..problem.materials import Bingham
+from ..problem.problem import Problem
 from ..units import Count, Place, SceneError, Text, in_unit, require, validated
 from .case import Case, case, row_without_result
 from .case import run as run_case
@@ -31,6 +33,7 @@ from .slurm import slurm
 ACCURACY = 0.005  # of the slump [m], by which model and spacing are chosen where the scene can and nothing is given
 LOST = "lost"  # status of a case that its executor did not bring to an end; computed again when the study is resumed
 MOST_CASES = 100_000  # of a study
+SAMPLED, SERIAL = 8, {"arch": "cpu", "precision": "f32", "threads": 1}  # cases whose time is told; how they run
 TABLE_EVERY = 2.0  # [s] between two tables of an unfinished study; the journal has every row at once
 
 
@@ -176,22 +179,46 @@ def shape(case: Case) -> str:
     return str([(name, value) for name, value in case.parameters.items() if name not in Bingham.from_fields])
 
 
+def wall_time(planned: list[Case], workers: int, runs: int | None = None) -> float:
+    """Return the wall time [s] to expect of cases on so many workers, or of as many ``runs`` like these.
+
+    It is that of the forecasts of some of them; each worker compiles once for each shape of a scene.
+    """
+    from ..simulation.clock import Clock  # imports Taichi
+
+    some = planned[:: max(1, len(planned) // SAMPLED)]
+    clocks = [Clock(Problem(catalogue.build(case.scene, **case.parameters)), SERIAL, math.inf, 1) for case in some]
+    runs, shapes = runs or len(planned), len({*map(shape, planned)})
+    flow = runs * sum(clock.cost.cpu_seconds for clock in clocks) / len(clocks)
+    ready = sum(clock.expected["start"] + clock.expected["ready"] for clock in clocks) / len(clocks)
+    return (flow + ready * max(shapes, min(workers, runs))) / min(workers, runs)
+
+
 def together(planned, run, start, room, finished) -> list[Case]:
     """Compute cases side by side, at most ``room`` at once; return those in whose time a process died.
 
-    It took the others with it, so which of them it was is not known.
+    It took the others with it, so which of them it was is not known. After Ctrl-C those under way go on to their end.
     """
     waiting, suspects = deque(planned), []
     while waiting:
-        flying = {}
+        flying, stopped = {}, None
         with start() as executor, suppress(BrokenExecutor):
             while waiting or flying:
-                while waiting and (room is None or len(flying) < room):
-                    flying[executor.submit(run, waiting[0])] = waiting[0]
-                    waiting.popleft()
-                for future in wait(flying, return_when=FIRST_COMPLETED).done:
-                    finished(row_of(future, flying[future]))
-                    del flying[future]
+                try:
+                    while waiting and (room is None or len(flying) < room):
+                        flying[executor.submit(run, waiting[0])] = waiting[0]
+                        waiting.popleft()
+                    for future in wait(flying, return_when=FIRST_COMPLETED).done:
+                        finished(row_of(future, flying[future]))
+                        del flying[future]
+                except KeyboardInterrupt as interrupt:
+                    if stopped or not flying or room is None:
+                        raise
+                    stopped = interrupt
+                    waiting.clear()
+                    warnings.warn(f"no new case begins; Ctrl-C again ends the {len(flying)} under way", stacklevel=2)
+        if stopped:
+            raise stopped
         if waiting and not flying:  # an executor that was broken when it came
             return [*suspects, *waiting]
         suspects += flying.values()

@@ -5,6 +5,7 @@ import re
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,7 +19,7 @@ from taichi_mps.problem.problem import Problem
 from taichi_mps.study import case as cases
 from taichi_mps.study.results import opened, read
 from taichi_mps.study.reuse import begin, shape_of
-from taichi_mps.study.sweep import ACCURACY, LOST, carry_out, values
+from taichi_mps.study.sweep import ACCURACY, LOST, carry_out, together, values
 from taichi_mps.study.sweep import cases as combinations
 from taichi_mps.terms.constants import longest_step
 from taichi_mps.units import SceneError
@@ -65,6 +66,15 @@ def test_model_and_spacing_are_the_cheapest_that_are_good_enough():
     assert {(c.parameters["model"], c.parameters["spacing"]) for c in planned} == {(cheapest.model, cheapest.spacing)}
     assert combinations("slump", model="quarter")[0].parameters == {"model": "quarter"}
     assert len(combinations("slump", yield_value="300,3e2", model="quarter,quarter")) == 1
+
+
+def test_what_is_under_way_at_ctrl_c_goes_on_and_nothing_else_begins(tmp_path):
+    notes, rows = tmp_path, []
+    warns = pytest.warns(UserWarning, match="no new case begins; Ctrl-C again ends the 1 under way")
+    with warns, pytest.raises(KeyboardInterrupt), ThreadPoolExecutor(1) as threads:
+        pool = nullcontext(threads)
+        together(study_cases.planned(5, notes), study_cases.interrupts_at_two, lambda: pool, 1, rows.append)
+    assert [row["number"] for row in rows] == [0, 1, 2] and len(study_cases.runs(notes)) == 3
 
 
 def test_cases_that_share_kernels_are_run_one_after_the_other(tmp_path):

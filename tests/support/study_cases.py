@@ -68,3 +68,11 @@ def waits_at_two_at_first(case):
     if first(case):
         time.sleep(600.0)
     return row(case)
+
+
+def interrupts_at_two(case):
+    """Ctrl-C while it is under way."""
+    if first(case):
+        os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(0.5)
+    return row(case)
