@@ -69,7 +69,7 @@ class Implicit(Scheme):
         if holds:
             self.wall_stress = WallStress(fluid, constants, **at_start, stress=self.stress)
         self.shifting = Shifting(fluid, tears=problem.law == "newtonian")
-        self.constraint = VolumeConstraint(fluid, constants, **at_start, shifting=self.shifting)
+        self.constraint = VolumeConstraint(fluid, constants, **at_start, shifting=self.shifting, stress=self.stress)
         self.operator = MomentumOperator(fluid, sums, constants, stress=self.stress, resistance=self.resistance)
         self.source = MomentumSource(
             self.operator,

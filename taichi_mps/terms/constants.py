@@ -30,9 +30,9 @@ OF_THE_SCENE = {
 }
 
 INERTIAL = 0.5  # hourglass modes of a thin fluid decay within two natural steps or so: h += 0.5 rho l0^2/step
-# Strain per step, a natural one at least, below which the hourglass resistance of a yield-stress fluid stops growing:
-# what is slower creeps by the motion that the gradient does not see, at a rate that no yield stress stops
-SLOWEST = 5e-3
+# Over sqrt(a/l0), a = g + U^2/H: rate of the bonds below which the hourglass resistance of a yield-stress fluid stops
+# growing: what is slower creeps by the motion that the gradient does not see, at a rate that no yield stress stops
+SLOWEST = 3.5e-3
 # K = STIFFNESS rho (g H + U^2) times the natural step: that pressure compresses by 1/75 in an iteration
 STIFFNESS = 75.0
 VISCOUS_STIFFNESS = 8.0  # and K >= 8 mu_r: a slow flow is resisted by its viscosity, not by its weight
@@ -125,7 +125,7 @@ class Constants:
             "friction": frictions,
             "inertial": [INERTIAL * m.density * scene.spacing**2 / step for m in materials],
             "layer_pressure": 0.5 * density * gravity * scene.spacing,
-            "slowest": SLOWEST / step,
+            "slowest": SLOWEST * (head / height / scene.spacing) ** 0.5,
             "drive": density * head / height,
             "own_step": step,
             "early_enough": EARLY_ENOUGH if falls else 0.0,

@@ -190,6 +190,12 @@ class Stress(Term):
         return stress
 
     @ti.func
+    def over_yield(self, i):
+        """How far the shear stress of particle i is over its yield stress, by its flow curve, over that [-]."""
+        least = self.shear_stress(i, 0.0)
+        return (self.shear_stress(i, self.own_rate(i)) - least) / ti.max(least, 1e-9)
+
+    @ti.func
     def slope(self, i):
         """By how much the shear stress of particle i grows with its shear rate, where it flows [Pa s]."""
         slope = self.constants.eta[self.constants.mix(i)]

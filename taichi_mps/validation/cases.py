@@ -187,4 +187,6 @@ for name, row in ROWS.items():
         if row.settings["tau_y"] <= 500.0 and row.settings["model"] == "axisymmetric":
             CHOSEN_ON[name] += ("RATE_FASTEST",)
         if row.settings["tau_y"] == 100.0:
-            CHOSEN_ON[name] += ("CREEP", "SLOWEST") if row.settings["model"] == "axisymmetric" else ("CREEP",)
+            CHOSEN_ON[name] += ("CREEP",)
+        if row.settings["tau_y"] in (100.0, 300.0) and row.settings["model"] == "axisymmetric":
+            CHOSEN_ON[name] += ("SLOWEST",)

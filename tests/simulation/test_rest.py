@@ -87,3 +87,35 @@ def test_what_a_travelling_wall_touches_is_not_at_rest():
 
     pause = PAUSE * problem.fall_time
     assert next(time for time in np.arange(0.0, 1.0, 0.01) if reached(time)) == pytest.approx(0.16 + pause, abs=0.02)
+
+
+@pytest.mark.parametrize(
+    ("spacing", "passes"), [(0.02, 6), (0.02, 24), pytest.param(0.01, 6, marks=pytest.mark.slow)], ids=str
+)
+def test_a_cone_that_stands_is_quiet(spacing, passes):
+    """From 3 to 4 s 99.9 % of the rings move slower than 1e-3 sqrt(g l0), and all slower than three times that."""
+    sim = mps.Simulation(mps.slump_cone(model="axisymmetric", spacing=spacing), mps.Implicit(passes=passes))
+    start, slow = sim.state(), 1e-3 * (9.81 * spacing) ** 0.5
+    for tau_y in (500.0, 1000.0):
+        scene = mps.slump_cone(model="axisymmetric", spacing=spacing, yield_value=tau_y)
+        sim.restart(Problem(scene, sim.numerics), start)
+        speeds = []
+        while sim.time < 4.0:
+            sim.step()
+            if sim.time > 3.0:
+                speeds.append(sim.snapshot().speed)
+        assert np.quantile(speeds, 0.999, axis=1).max() < slow and np.max(speeds) < 3.0 * slow
+
+
+@pytest.mark.parametrize("exponent", [1.0, 0.5], ids=["Bingham", "Herschel-Bulkley"])
+def test_repacking_takes_no_more_power_than_viscosity_dissipates(exponent):
+    """After 0.4 s of 300 Pa and 50 Pa s^n, where the packing asks for more: tau_y |s| = (tau - tau_y) rate."""
+    law = {"yield_value": 300.0} | ({} if exponent == 1.0 else {"consistency": 50.0, "flow_index": exponent})
+    sim = mps.Simulation(mps.slump_cone(model="axisymmetric", spacing=0.02, **law))
+    sim.run(until=0.4)
+    sim.scheme.strain_rate.half_step.fill(0.0)  # without what a step turns (I32)
+    sim.scheme.constraint.set(sim.report.dt)
+    count = len(sim.snapshot().x)
+    s, rate = (f.to_numpy()[:count] for f in (sim.scheme.constraint.divergence, sim.particles.shear_rate))
+    most, rounding = rate * 50.0 * rate**exponent / 300.0, 3e-7 * rate  # of tau in single precision
+    assert np.all(np.abs(s) <= most + rounding) and (np.abs(np.abs(s) - most) <= rounding).sum() > 5
