@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.linalg import norm
 
 from ..geometry.solid import Solid
 from ..units import instance, validated
@@ -101,11 +102,29 @@ class Problem:
         return float(np.ptp(self.scene.expected.fluid[:, -1])) + self.scene.spacing
 
     @cached_property
+    def frame(self) -> np.ndarray:
+        """Velocity [m/s], shape (d,), to which speeds are relative that scales and steps depend on.
+
+        It is that of the first wall, zero where it changes in time; without walls the mean of the fluid at 0 s.
+        """
+        walls, velocity = self.scene.walls, self.scene.velocity
+        if walls:
+            return walls[0].fastest * (walls[0].in_time is None)
+        mean = np.zeros(self.scene.dimension) if velocity is None else velocity.mean(axis=0)
+        return mean * (norm(mean) > 1e-6 * np.abs(velocity).max()) if mean.any() else mean
+
+    @cached_property
+    def wall_speed(self) -> float:
+        """Largest speed of a wall in the ``frame`` [m/s]."""
+        speeds = [w.speed + float(norm(w.fastest - self.frame) - norm(w.fastest)) for w in self.scene.walls]
+        return max(speeds, default=0.0)
+
+    @cached_property
     def speed(self) -> float:
-        """Largest speed that is given, of the fluid at 0 s or of a wall [m/s]."""
+        """Largest speed that is given, of the fluid at 0 s or of a wall, in the ``frame`` [m/s]."""
         velocity = self.scene.expected.velocity
-        fluid = [float((velocity**2).sum(1).max() ** 0.5)] if velocity is not None else []
-        return max(fluid + [wall.speed for wall in self.scene.expected.walls] + [0.0])
+        moved = np.atleast_2d(-self.frame if velocity is None else velocity - self.frame)
+        return max(float((moved**2).sum(1).max() ** 0.5), self.wall_speed)
 
     @cached_property
     def gravity(self) -> float:

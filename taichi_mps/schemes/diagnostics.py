@@ -15,7 +15,7 @@ from .step_report import StepReport
 
 NOT_A_NUMBER = 1e12  # squared speed [m2/s2] that stands for what is not finite
 MOST_LOST = 0.2  # of the volume; impacts and thin films lose up to 0.05 (docs/stability.md)
-SUMS, SOLVE = 13, 3
+SUMS, SOLVE = 14, 3
 PACKING = [7, 8, 9, 10]  # of these what reads the volume
 
 
@@ -27,11 +27,13 @@ class Diagnostics:
         """``material`` has density_of(i) and flows(i, rate); ``iterations``: a field with all those of a step."""
         self.particles, self.gradient, self.material = fluid.particles, fluid.gradient, material
         self.yielded, self.solver, self.iterations = yielded, solver, iterations
+        self.frame = fluid.frame  # (problem.py) [m/s]
         self.accelerates = "a" in fluid.particles.carried
         self.nearly_all = 0.9 * fluid.lattice.neighbours
-        # number, max u^2, sum V, V u^2, V u^4, m u^2, unyielded; V packing, V of enclosed ones, of all with many
+        # number, max u^2, sum V, V u^2, V v^4, m u^2, unyielded; V packing, V of enclosed ones, of all with many
         # neighbours: particles in pairs or clumps have a large surface normal, and would pass for a surface; V a^2;
-        # V of what flows. Iterations of the step; (r, z) and reference of the last solve over each other, its status
+        # V of what flows; V v^2, v the velocity in the frame.
+        # Iterations of the step; (r, z) and reference of the last solve over each other, its status
         self.numbers = np.zeros(SUMS + SOLVE)
         self.packing = np.zeros(len(PACKING))  # of the last step of all
         self.enclosed = 0.0  # part of the volume that has a full neighbourhood, from which the volume error is read [-]
@@ -51,9 +53,22 @@ class Diagnostics:
         else:
             self.packing = self.numbers[PACKING]
         numbers = self.numbers.tolist()
-        count, speed2, whole, squares, fourths, energy, unyielded, packing, volume, crowd, room, pushes, flowing = (
-            numbers[:SUMS]
-        )
+        (
+            count,
+            speed2,
+            whole,
+            squares,
+            fourths,
+            energy,
+            unyielded,
+            packing,
+            volume,
+            crowd,
+            room,
+            pushes,
+            flowing,
+            moved,
+        ) = numbers[:SUMS]
         solves, ratio, status = numbers[SUMS:]
         self.enclosed = volume / whole if whole else 0.0
         self.lost_volume = room - room**2 / crowd if room else 0.0
@@ -65,7 +80,7 @@ class Diagnostics:
             dt_limit="",
             max_speed=math.sqrt(speed2),
             mean_speed=math.sqrt(squares / whole) if whole else 0.0,
-            moving_speed=math.sqrt(fourths / squares) if squares else 0.0,
+            moving_speed=math.sqrt(fourths / moved) if moved else 0.0,
             acceleration=math.sqrt(pushes / whole) if whole else 0.0,
             kinetic_energy=0.5 * energy,
             unyielded_fraction=unyielded / count,
@@ -102,7 +117,11 @@ class Diagnostics:
                 sums[1] = ti.max(sums[1], u2)
                 sums[2] += volume
                 sums[3] += volume * u2
-                sums[4] += volume * u2 * u2
+                v2 = ti.cast((self.particles.u[i] - ti.Vector(self.frame, dt=float)).norm_sqr(), ti.f64)
+                if not (v2 < NOT_A_NUMBER):
+                    v2 = NOT_A_NUMBER
+                sums[4] += volume * v2 * v2
+                sums[13] += volume * v2
                 sums[5] += volume * u2 * self.material.density_of(i)
                 sums[6] += 1 - self.yielded[i]
                 if self.gradient.enclosed(i):

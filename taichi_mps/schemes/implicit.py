@@ -95,7 +95,10 @@ class Implicit(Scheme):
             measured = [first + k for k in scene.measured_walls.values()]
             others = {"correction": self.correction, "wall_stress": self.wall_stress}
             self.wall_loads = WallLoads(fluid, measured, **solved, **others)
-        self.momentum_drift = MomentumDrift(fluid, constants, directions) if drifts else NoOp("restore")
+        self.momentum_drift = NoOp("restore")
+        if drifts:
+            turns = not (scene.walls or any(scene.periodic or ()))
+            self.momentum_drift = MomentumDrift(fluid, constants, self.shifting, directions, turns)
         self.motion = Motion(fluid, constants=constants, shifting=self.shifting)
         self.active_set = NoOp(
             "end_step",
@@ -140,10 +143,10 @@ class Implicit(Scheme):
             if self.assembles_again:
                 self.assemble(dt)
         self.wall_loads.find(u)
-        self.momentum_drift.restore(dt, u)
         self.shifting.compute(dt, STRAIN, 0.0)
         if self.shifting.tears:
             self.shifting.keep_at_rest(dt, STRAIN)
+        self.momentum_drift.restore(dt, u)
         self.walls.move_to_end(dt)
         self.stress.advance(dt, u)
         self.pressure.keep()

@@ -84,6 +84,7 @@ class Discretisation:
         walls, start = surfaces(problem), initial_state(problem)
         self.gravity = double_field(components=d)  # [m/s2]
         self.gravity[None] = scene.gravity_vector
+        self.frame = problem.frame.tolist()  # [m/s]
         volumes = np.resize(problem.scene.expected.volumes, len(start["x"]))
         self.particles = Particles(start, volumes, carried | boundaries.carried(walls), scene.axisymmetric, to_come)
         self.wall_particles = int((start["kind"] != FLUID).sum())

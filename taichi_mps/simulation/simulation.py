@@ -79,12 +79,17 @@ class Simulation:
         self.time, self.steps, self.report = 0.0, 0, None
         self._interrupted = self._compiled = False
         self._last_dt = None
-        self._wall_speed = max((wall.speed for wall in scene.walls), default=0.0)
+        across = float(np.ptp(scene.expected.fluid, axis=0).max()) / scene.spacing + 1.0  # particles
         height = float(np.linalg.norm(np.subtract(*scene.domain)))  # of a fall through the whole domain [m]
         fall = math.sqrt(2.0 * float(np.linalg.norm(scene.gravity_vector)) * height)
         thrown = 0.0 if scene.velocity is None else float(np.linalg.norm(scene.velocity, axis=1).max())
         jet = max((pouring.speed for pouring in self.pouring), default=0.0)
-        self._expected_speed = fall + self._wall_speed + thrown + jet or math.inf  # of all together, at most [m/s]
+        walls = max((wall.speed for wall in scene.walls), default=0.0)
+        self._expected_speed = fall + walls + thrown + jet or math.inf  # of all together, at most [m/s]
+        # what walls that travel and inlets push out through the gap of a particle, by continuity [m/s]
+        pushed = max((float(np.linalg.norm(wall.travel)) for wall in scene.walls), default=0.0)
+        pushed += sum(inlet.rate for inlet in scene.inlets) / (across * scene.spacing) ** (scene.dimension - 1)
+        self._runaway = RUNAWAY * self._expected_speed + pushed * across ** (scene.dimension - 1)
         self._volume = float(scene.volumes.sum())  # of the fluid that is there [m3]
         self.rest = Rest()
 
@@ -165,13 +170,15 @@ class Simulation:
 
     def _limits(self, jet) -> dict[str, float]:
         """Return what bounds the next step [s], by name, beside a jet of this speed [m/s]."""
+        frame, acceleration = self.problem.frame, math.inf
         if self.report:
             speed, acceleration = self.report.max_speed, self.report.acceleration
             if any(part.changes(self.time) for part in self.scene.in_time):
                 acceleration = math.inf  # that of the last step tells nothing
-        else:
-            speed, acceleration = float(np.linalg.norm(self.particles.read()["u"], axis=1).max()), math.inf
-        limits = self.scheme.time_step_limits(Speeds(max(speed, self._wall_speed, jet), acceleration, self.rest.fold))
+        if not self.report or np.any(frame):
+            speed = float(np.linalg.norm(self.particles.read()["u"] - frame, axis=1).max())
+        speed = max(speed, self.problem.wall_speed, jet + float(np.linalg.norm(frame)) * (jet > 0.0))
+        limits = self.scheme.time_step_limits(Speeds(speed, acceleration, self.rest.fold))
         if self._last_dt is not None:
             limits["growth"] = 2.0 * self._last_dt
         return limits
@@ -217,8 +224,7 @@ class Simulation:
 
     def _require_sound(self):
         """Raise DivergedError where the numbers mean nothing any more."""
-        runaway = RUNAWAY * self._expected_speed
-        failure = self.scheme.diagnostics.failure(self.report, runaway, self._volume)
+        failure = self.scheme.diagnostics.failure(self.report, self._runaway, self._volume)
         if failure:
             self._diverge(f"{failure}; {self.scheme.REMEDY}")
         for law in self._own_laws:

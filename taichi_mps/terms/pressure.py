@@ -70,18 +70,28 @@ class Pressure(Term):
         for i in range(self.particles.count[None]):
             self.p[i] = self.mean(i, READING, self.once)
 
+    @ti.func
+    def has_gap(self, i):
+        """1 where particle i has less than three quarters of its neighbours."""
+        return ti.cast(self.gradient.neighbour_count[i] < 0.75 * self.gradient.full, ti.i32)
+
     @stage("smooth pressure")
     def find_closed_box(self, whole: ti.i32):
-        """Whether this is a full closed box; in a step that is not of the ``whole`` fluid it stays what it was."""
+        """Whether this is a full closed box, without a surface: particles with a gap that have ``dimension`` of them
+        around; in a step that is not of the ``whole`` fluid it stays what it was."""
         ti.loop_config(serialize=True)
         for _ in range(whole):
-            surface, rows = 0, 0
+            surface, gaps, rows = 0, 0, 0
             for i in range(self.particles.count[None]):
                 if self.gradient.B[i][0, 0] > 0.0:
                     rows += 1
-                    if self.gradient.neighbour_count[i] < 0.75 * self.gradient.full:
-                        surface += 1
-            self.full[None] = ti.cast(surface == 0 and rows > 0, ti.i32)
+                    if self.has_gap(i):
+                        gaps += 1
+                        around = 0
+                        for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
+                            around += self.has_gap(self.neighbors.column[k])
+                        surface += around >= self.dimension
+            self.full[None] = ti.cast(surface == 0 and rows > 10 * gaps, ti.i32)
 
     @ti.func
     def volume_mean(self, values: ti.template()):

@@ -58,3 +58,49 @@ def test_a_rigid_body_that_turns_keeps_radius_energy_angular_momentum_and_volume
     """Within 0.5 % over two turns; with the gradient of the middle of the step the disc widens by 5 % a turn."""
     mps.init(precision="f32", threads=1)
     np.testing.assert_allclose(turned(across, dimension, turn, turns, LAWS[law]), 0.0, atol=0.005)
+
+
+def heap(speed, spacing=0.005, until=0.6):
+    """Height of the centre of mass [m] of a block that slumps on a floor, both moving at a speed [m/s]."""
+    x = mps.lattice((-0.1, 0.0), (0.1, 0.1), spacing)
+    scene = mps.Scene(
+        name="heap",
+        material=mps.Bingham(density=2300.0, plastic_viscosity=30.0, yield_value=150.0),
+        spacing=spacing,
+        fluid=x,
+        velocity=np.tile((speed, 0.0), (len(x), 1)),
+        walls=(mps.Plane((0.0, 0.0), (0.0, 1.0), velocity=(speed, 0.0)),),
+        domain=((-0.4, -0.02), (0.4 + until * speed, 0.15)),
+        until=until,
+    )
+    sim = mps.Simulation(scene)
+    sim.run()
+    return sim.snapshot().x[:, 1].mean(), sim.steps
+
+
+@pytest.mark.slow
+def test_a_heap_on_a_floor_that_moves_is_the_heap_at_rest():
+    """As many steps, and the height of mass within 0.1 mm: less than another order of the particles makes."""
+    mps.init(precision="f32", threads=1)
+    (height, steps), *others = [heap(speed) for speed in (0.0, 0.1, 1.0, 5.0)]
+    for other, as_many in others:
+        assert other == pytest.approx(height, abs=1e-4)
+        assert as_many == pytest.approx(steps, rel=0.1)
+
+
+@pytest.mark.parametrize(("aside", "material"), [(0.05, LAWS["Bingham"]), (0.03, LAWS["Newtonian"])])
+def test_blocks_that_collide_off_centre_keep_their_angular_momentum(aside, material, spacing=0.01):
+    mps.init(precision="f32", threads=1)
+    block = mps.lattice((0.0, 0.0), (0.1, 0.1), spacing)
+    x = np.vstack([block, block + [0.103, aside]])
+    x -= x.mean(axis=0)
+    u = np.repeat([(1.0, 0.0), (-1.0, 0.0)], len(block), axis=0)
+    scene = mps.Scene(
+        "hit", material, spacing, x, ((-1.0, -1.0), (1.0, 1.0)), velocity=u, gravity=(0.0, 0.0), until=0.1
+    )
+    sim = mps.Simulation(scene)
+    sim.run()
+    s = sim.snapshot()
+    spun = [(y[:, 0] * v[:, 1] - y[:, 1] * v[:, 0]).sum() for y, v in ((x, u), (s.x, s.u))]
+    assert spun[1] == pytest.approx(spun[0], rel=1e-3)
+    assert np.abs(s.u.mean(axis=0)).max() < 1e-5
