@@ -1,4 +1,4 @@
-"""Printing: a wall or a column grows layer on layer from a nozzle, until it fails under its own weight.
+"""Printing: a wall, a column or what a G-code file says grows layer on layer, until it fails under its own weight.
 
 Source: limit analysis. A wall fails between rho g H = 2 tau_y, which is exact where it is slender, and a quarter of its
 width more; a column between rho g H = sqrt(3) tau_y and about a third of its diameter more. Width and layers as of
@@ -14,9 +14,12 @@ import numpy as np
 from pydantic import Field
 
 import taichi_mps as mps
-from taichi_mps.units import Count, Duration, Length
+from taichi_mps.problem.tool_path import read_gcode, straight_runs
+from taichi_mps.units import Count, Duration, FlowRate, Length
 
 FAILED = 0.01  # by how much wider a foot has failed; it bears as much more, twice as much in a column
+COLLAPSED = 0.1  # by how much wider than it was laid a layer of a tool path has collapsed
+TURN = np.radians(10.0)  # by which a bead may bend that a mouth lays without turning
 THRESHOLD = {"section": 2.0, "path": 2.0, "column": 3.0**0.5}  # rho g H/tau_y at which what is slender fails
 
 
@@ -32,12 +35,19 @@ def scene(
     floor: Annotated[
         Literal["smooth", "rough"], Field(description="whether the concrete slips on the floor")
     ] = "rough",
+    gcode: Annotated[
+        str, Field(description="tool path (G-code) in place of width, height, layers, length and model")
+    ] = "",
+    print_rate: Annotated[FlowRate | None, Field(description="what the nozzle delivers, in place of E")] = None,
+    filament_diameter: Annotated[Length | None, Field(description="of the filament whose length E is")] = None,
     until: Duration | None = None,
     model: Literal["section", "column", "path"] = "section",
 ) -> mps.Scene:
     """``section``: half of that through a long wall, printed over its whole width by a nozzle that rises with it.
     ``column``: a quarter of a round one, likewise. ``path``: half of a wall along which a nozzle as wide and high as a
-    layer goes to and fro and lays it down behind itself."""
+    layer goes to and fro and lays it down behind itself. ``gcode``: the whole of what a tool path lays, likewise."""
+    if gcode:
+        return along(read_gcode(gcode, print_rate, filament_diameter), material, spacing, floor, until)
     rise, high, half = layer_height / layer_time, layers * layer_height, 0.5 * width
     total, d = layers * layer_time, 2 if model == "section" else 3
     up = np.eye(d)[-1]
@@ -104,6 +114,103 @@ def scene(
         over_time=over_time,
         check=check,
     )
+
+
+def along(beads, material, spacing, floor, until):
+    """Scene of beads that a nozzle lays; each straight run of them through a mouth with the section of the bead."""
+    inlets, runs, owed, width = [], [], 0.0, 0.0
+    for run in straight_runs(beads, TURN, spacing):
+        first, last = run[0], run[-1]
+        if abs(first.height / spacing - max(1, round(first.height / spacing))) > 1e-4:
+            allowed = f"must be a whole number of spacings, {spacing:g} m"
+            raise mps.SceneError(f"gcode: a layer of {first.height:g} m at z = {first.end[2]:g} m: {allowed}")
+        volume = sum(bead.volume for bead in run)
+        length = sum(np.linalg.norm(bead.end - bead.start) for bead in run)
+        width = volume / (length * first.height)
+        if width < 3.0 * spacing:
+            raise mps.SceneError(f"spacing = {spacing:g} m: must be at most a third of a bead of {width:.4g} m")
+        places = [(bead.begin + bead.duration, *(bead.end - first.start)) for bead in run]
+        centre = tuple(first.start - (0.0, 0.0, 0.5 * first.height))
+        mouth = {"height": first.height, "start": first.begin, "path": ((first.begin, 0.0, 0.0, 0.0), *places)}
+        inlet = mps.Inlet(centre, tuple(first.start - last.end), 0.5 * width, 1.0, volume, **mouth)
+        of_layer = inlet.layer_volume(spacing)
+        count = round((volume + owed) / of_layer)  # a rounding of one run is made good by the next
+        owed += volume - count * of_layer
+        if count:
+            duration = last.begin + last.duration - first.begin
+            inlets.append(replace(inlet, rate=count * of_layer / duration, volume=count * of_layer))
+            runs.append(run)
+    per_inlet = [inlet.layers(spacing) * len(inlet.layer(spacing)) for inlet in inlets]
+    ends, layer = np.cumsum(per_inlet), np.array([run[0].layer for run in runs])
+    across = np.array([np.cross((0.0, 0.0, 1.0), inlet.unit_direction) for inlet in inlets])
+    starts = np.array([run[0].start for run in runs])
+    tops = {run[0].layer: run[0].end[2] for run in runs}
+    heights = {run[0].layer: run[0].height for run in runs}
+    widths = {k: np.average([w for w, j in each], weights=[j for w, j in each]) for k, each in by_layer(runs).items()}
+
+    def shape(s):
+        """Of each layer that has begun: number, width [m], mean offset (2,) [m] to the side and mean height [m]."""
+        run = np.searchsorted(ends, np.arange(len(s.x)), side="right")
+        aside = np.einsum("ij,ij->i", s.x - starts[run], across[run])
+        mean = np.bincount(run, aside, len(runs)) / np.maximum(np.bincount(run, minlength=len(runs)), 1)
+        for k in np.unique(layer[run]):
+            own = layer[run] == k
+            spread = 12.0 * np.mean((aside - mean[run])[own] ** 2) + s.spacing**2  # of a lattice w wide: w^2
+            offset = np.mean(aside[own, None] * across[run[own], :2], axis=0)
+            yield k, float(np.sqrt(spread)), offset, float(s.x[own, 2].mean())
+
+    def measure(s):
+        """Shape of what is printed: height of the last layer, width, lean, and the layer that is widest."""
+        found = list(shape(s))
+        wider = [wide / widths[k] - 1.0 for k, wide, _, _ in found]
+        worst = int(np.argmax(wider))
+        return {
+            "height_m": found[-1][3] + 0.5 * heights[found[-1][0]],
+            "width_m": float(np.mean([wide for _, wide, _, _ in found])),
+            "lean_m": max(float(np.hypot(*offset)) for _, _, offset, _ in found),
+            "collapsed_number": float(found[worst][0] + 1) if wider[worst] > COLLAPSED else 0.0,
+        }
+
+    def over_time(history):
+        """The shape that was commanded; the first layer to collapse, and the height [m] that was printed by then."""
+        commanded = {"commanded_height_m": max(tops.values()), "commanded_width_m": float(np.mean([*widths.values()]))}
+        fallen = np.flatnonzero(history["collapsed_number"] > 0.0)
+        if not len(fallen):
+            return commanded | {"first_collapse_number": 0.0}
+        begun = [run[0].end[2] for run in runs if run[0].begin <= history["time_s"][fallen[0]]]
+        number = float(history["collapsed_number"][fallen[0]])
+        return commanded | {"first_collapse_number": number, "failure_height_m": float(max(begun))}
+
+    def check(s, measures):
+        """Nothing is below the floor, and what was commanded is there."""
+        assert s.x[:, 2].min() > 0.0
+        commanded = sum(bead.volume for bead in beads if bead.begin + bead.duration <= s.time)
+        assert len(s.x) * spacing**3 > 0.98 * commanded - 2.0 * max(i.layer_volume(spacing) for i in inlets)
+
+    places = np.array([place for bead in beads for place in (bead.start, bead.end)])
+    room = max(tops.values()) + 2.0 * max(widths.values())
+    low, high = places.min(0) - room, places.max(0) + room
+    return mps.Scene(
+        name="printing",
+        material=material,
+        spacing=spacing,
+        fluid=None,
+        inlets=tuple(inlets),
+        walls=(mps.Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), slip=floor == "smooth", name="floor"),),
+        domain=((*low[:2].tolist(), -spacing), (*high[:2].tolist(), max(tops.values()) + 4.0 * max(heights.values()))),
+        until=until or beads[-1].begin + beads[-1].duration,
+        measure=measure,
+        over_time=over_time,
+        check=check,
+    )
+
+
+def by_layer(runs):
+    """Widths [m] of the beads of each layer, with their lengths [m]."""
+    found = {}
+    for bead in (bead for run in runs for bead in run):
+        found.setdefault(bead.layer, []).append((bead.width, np.linalg.norm(bead.end - bead.start)))
+    return found
 
 
 if __name__ == "__main__":

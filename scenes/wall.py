@@ -1,4 +1,4 @@
-"""Wall poured from a hose: a form with two curtains of rebar from an STL file, filled from one end; what stays empty.
+"""Wall poured from a hose: a form with two curtains of rebar, or one from CAD, filled from one end; what stays empty.
 
 Source: no standard; bars and cover as in a thin wall of a building, the rate of a concrete pump (43 m3/h).
 Run time: about two and a quarter CPU-minutes at the default spacing, on a busy machine, and up to 20 s to compile.
@@ -13,7 +13,7 @@ import numpy as np
 from pydantic import Field
 
 import taichi_mps as mps
-from taichi_mps.units import Duration, FlowRate, Length, Ratio
+from taichi_mps.units import Duration, FlowRate, Length, Position, Ratio
 
 FREE = 0.06  # height of the mouth above the form [m]
 NEAR, LIFT = 0.3, 0.3  # of a hose that rises: above the mean level; of what it places in one pass along the form [m]
@@ -32,6 +32,16 @@ def scene(
     cover: Length = Field(0.03, description="concrete cover of the bars"),
     rebar: Annotated[str, Field(description="mesh of one curtain (STL, OBJ, PLY), bars of its own by default")] = "",
     rebar_scale: Annotated[Ratio, Field(description="metres a unit of that file, 0.001 where it is in mm")] = 1.0,
+    form: Annotated[
+        str,
+        Field(description="body to be cast, open at its highest face (STEP, STL, OBJ, PLY), in place of these walls"),
+    ] = "",
+    form_body: Annotated[str, Field(description="which body of an assembly in that file is cast, all by default")] = "",
+    form_scale: Annotated[Ratio, Field(description="metres a unit of that file; a STEP file has its own unit")] = 1.0,
+    fill_point: Annotated[
+        tuple[Position, Position] | None,
+        Field(description="x and y of the hose above that form, by default where it is widest"),
+    ] = None,
     hose_diameter: Length = Field(0.12, description="diameter of the hose"),
     rate: FlowRate = Field(0.012, description="what the hose delivers"),
     hose: Annotated[
@@ -47,10 +57,20 @@ def scene(
 ) -> mps.Scene:
     """Half of the form, cut along its middle plane y = 0, and the curtain in it: upright bars and, inside of them,
     level ones; or the mesh of the file ``rebar`` (STL, OBJ, PLY) in its place. A hose that is lowered into the form
-    must fit between the two curtains."""
+    must fit between the two curtains. With ``form`` the whole of a body from CAD, without bars but those of ``rebar``.
+    """
     if spacing > hose_diameter / 3.0 * (1.0 + 1e-9):
         raise mps.SceneError(f"spacing = {spacing:g} m: must be at most a third of the hose, {hose_diameter / 3.0:g} m")
     half, smooth = 0.5 * width, sides == "smooth"
+    if form:
+        if measure_pressure or hose != "above":
+            raise mps.SceneError(f"form = {form}: must be filled by hose = above, without measure_pressure")
+        cell, reach = 0.5 * spacing, 2.5 * spacing
+        bars = [mps.Solid.from_mesh(rebar, cell, reach, scale=rebar_scale, name="bars")] if rebar else []
+        opening = FREE + 4.0 * spacing + reach  # so high the form goes on above its highest face, around the mouth
+        about = {"scale": form_scale, "body": form_body, "open_top": opening, "slip": smooth, "name": "form"}
+        solid = mps.Solid.from_mesh(form, cell, reach, inside=True, **about)
+        return cast(material, solid, bars, opening, reach, spacing, fill_point, hose_diameter, rate, fill_ratio, until)
     upright = half - cover - 0.5 * bar_diameter
     level = upright - 1.1 * bar_diameter
     if not rebar and level < 0.55 * bar_diameter:
@@ -142,6 +162,53 @@ def scene(
         over_time=over_time,
         check=check,
         outline=tuple(np.array(line) for line in lines),
+    )
+
+
+def cast(material, form, bars, opening, reach, spacing, fill_point, hose_diameter, rate, fill_ratio, until):
+    """Scene of a form from CAD that goes on above its highest face by ``opening`` [m], filled from a hose above it."""
+    walls = (form, *bars)
+    clear = form.values[:, :, int((form.high[2] - reach - form.low[2] - 0.5 * opening) / form.cell)]  # beside the mouth
+    widest = np.array(np.unravel_index(clear.argmax(), clear.shape)) * form.cell + form.low[:2]
+    x, y = fill_point or widest.tolist()
+    # the grid ends less than a cell above its reach: the lid is where the depth of a node above it says
+    above = np.array([[x, y, form.high[2] - 0.5 * reach]])
+    top = float(above[0, 2] + form.distance(above)[0]) - opening
+    low, high = np.array(form.low) + reach, np.array(form.high) - reach
+    cavity = mps.Cavity(tuple(low), (*high[:2], top), walls, spacing)
+    room = float(cavity.cells.sum() * np.prod(cavity.cell))
+    inlet = mps.Inlet((x, y, top + FREE), (0.0, 0.0, -1.0), 0.5 * hose_diameter, rate, fill_ratio * room)
+    free = min(float(wall.distance(inlet.layer(spacing)).min()) for wall in walls)
+    if free < 0.25 * spacing:
+        widest = ", ".join(f"{v:.3g}" for v in widest)
+        raise mps.SceneError(
+            f"fill_point = ({x:.4g}, {y:.4g}) m: the hose of {hose_diameter:g} m must be over the opening at the top, "
+            f"which is widest at ({widest}) m: {2.0 * clear.max():.3g} m"
+        )
+
+    def measure(s):
+        """How far [m] from the hose the concrete has come, level."""
+        return {"front_m": float(np.hypot(s.x[:, 0] - x, s.x[:, 1] - y).max() + 0.5 * s.spacing)}
+
+    def check(s, measures):
+        """In the form and in no bar; what was poured is there."""
+        assert mps.measure.clearance(s, walls) > 0.0, "leak through the form or into a bar"
+        layers = len(s.x) * spacing**3 / inlet.layer_volume(spacing)
+        assert abs(layers - round(layers)) < 1e-6 and layers < inlet.layers(spacing) + 0.5, layers
+
+    return mps.Scene(
+        name="wall",
+        material=material,
+        spacing=spacing,
+        fluid=None,
+        inlets=(inlet,),
+        cavity=cavity,
+        walls=walls,
+        domain=(tuple((low - spacing).tolist()), (*(high[:2] + spacing).tolist(), top + FREE + 4.0 * spacing)),
+        until=max(LEAST, fill_ratio * room / rate + AFTER) if until is None else until,
+        stop_at_rest=True,
+        measure=measure,
+        check=check,
     )
 
 

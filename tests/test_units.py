@@ -1,6 +1,7 @@
 """Bad input ends in one SceneError that names the key, the value with its unit and what is allowed."""
 
 import math
+import random
 import re
 import sys
 from unittest.mock import Mock
@@ -15,6 +16,7 @@ from taichi_mps.cli import study
 from taichi_mps.problem import catalogue
 from taichi_mps.runtime import backend
 from taichi_mps.units import Count, Length, SceneError, Viscosity, in_unit
+from tests.fuzz.units import wrong_spelling
 
 
 @mps.checked
@@ -175,6 +177,10 @@ def test_a_decimal_comma_and_groups_of_three_change_no_number(number, unit):
     english, wanted = f"{number:,.2f}", float(f"{number:.2f}")
     for text in (english, english.translate({44: 46, 46: 44}), english.replace(",", "'"), f"{number:.2f}"):
         assert float(in_unit("Pa", text + unit)) == wanted
+
+
+def test_texts_made_from_a_number_and_a_unit_are_read_as_that_number():
+    assert [wrong for seed in range(1000) if (wrong := wrong_spelling(random.Random(seed)))] == []
 
 
 @settings(max_examples=300, deadline=None)

@@ -64,11 +64,14 @@ class OnlyHere:
 def file_of(folder, run: str, name: str) -> FileResponse:
     """A file of a run in a folder of runs; 404 for any other. One that a browser would run as a page is only given to
     keep, since a run may come from anybody."""
-    run_folder = RunFolder(folder / run)
-    path = run_folder.path / name
     known = name in SHOWN | set(SAVED) or PICTURE.fullmatch(name)
-    inside = path.is_file() and path.resolve() == run_folder.path.resolve() / name
-    if run in ("", ".", "..") or "/" in run or not known or not inside or not run_folder.ours:
+    try:
+        run_folder = RunFolder(folder / run)
+        path = run_folder.path / name
+        inside = path.is_file() and path.resolve() == run_folder.path.resolve() / name and run_folder.ours
+    except (OSError, ValueError):  # a name that is too long, or has a zero in it
+        inside = False
+    if run in ("", ".", "..") or "/" in run or not known or not inside:
         raise HTTPException(404)
     headers = {"Cache-Control": "no-cache", "X-Content-Type-Options": "nosniff"}
     return FileResponse(path, headers=headers, filename=f"{plain(run)}-{name}" if name in SAVED else None)

@@ -215,7 +215,7 @@ def group_of(name: str, model) -> str:
 
 def is_tuple(field) -> bool:
     """Whether a field is several numbers, separated by commas on the command line."""
-    return get_origin(field.annotation) is tuple
+    return tuple in map(get_origin, (field.annotation, *get_args(field.annotation)))
 
 
 def read_back(name: str, values, field) -> None:

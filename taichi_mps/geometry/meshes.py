@@ -1,7 +1,15 @@
-"""Triangle meshes: read by trimesh, repaired, bodies united by manifold3d, distances by libigl (extra ``cad``)."""
+"""Triangle meshes: read by trimesh, repaired, bodies united by manifold3d, distances by libigl (extra ``cad``).
 
+Faces of STEP files are cut into triangles by cascadio (extra ``step``).
+"""
+
+import logging
 import re
+import subprocess
+import sys
+import tempfile
 import warnings
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated
 
@@ -12,15 +20,17 @@ from ..units import Count, File, SceneError, Size, array, ordinary, require, val
 
 Sides = Annotated[Count, Field(ge=3, le=1000)]
 
-FORMATS = "stl", "obj", "ply"
+FORMATS, STEP = ("stl", "obj", "ply"), ("step", "stp")
 MOST_BYTES = 5e8  # ten million triangles
 ROUNDING = 1e-5  # of the largest coordinate: corners nearer than that are one; a text has six figures, 32 bits seven
 LONGEST = 500.0  # reaches of the grid: a longer mesh is one in millimetres, for a scene has some 100
 FOLD = 1e-3  # of the length: how far a surface may cross itself, as small fillets do
 
+logging.getLogger("trimesh").addHandler(logging.NullHandler())  # it shows tracebacks, unless a user asks otherwise
 
-def read_mesh(path, scale=1.0, longest=100.0):
-    """Read a triangle mesh of closed bodies and repair it, with a warning that says what was done.
+
+def read_mesh(path, scale=1.0, longest=100.0, body="", tolerance=1e-3):
+    """Read closed bodies as a triangle mesh and repair it, with a warning that says what was done.
 
     Corners within rounding of each other become one where the surface is not closed without that; triangles without
     area, or written twice, go; bodies that touch or overlap are united; a body that stands alone inside out is turned.
@@ -28,11 +38,15 @@ def read_mesh(path, scale=1.0, longest=100.0):
     Parameters
     ----------
     path : path-like
-        STL, OBJ or PLY file.
+        STL, OBJ, PLY or STEP file.
     scale : float, optional
-        Metres for one unit of the file.
+        Metres for one unit of the file; a STEP file has its own unit.
     longest : float, optional
         How long it may be [m].
+    body : str, optional
+        Name of the only body of a STEP file to be read; all by default.
+    tolerance : float, optional
+        How far the triangles may be from the faces of a STEP file [m].
 
     Returns
     -------
@@ -52,7 +66,7 @@ def read_mesh(path, scale=1.0, longest=100.0):
         from trimesh.grouping import clusters
     except ImportError as error:
         raise SceneError(f'a solid from a mesh needs {error.name}: pip install "taichi-mps[cad]"') from None
-    corners, faces = corners_and_faces(path)
+    corners, faces, done = corners_and_faces(path, scale, body, tolerance)
     require(len(faces), f"mesh {path}: holds no triangles")
     whole = 0 <= faces.min() <= faces.max() < len(corners)
     require(whole, f"mesh {path}: damaged; a triangle names a point that is not there")
@@ -61,7 +75,7 @@ def read_mesh(path, scale=1.0, longest=100.0):
     require(np.all(np.isfinite(corners)), f"mesh {path}: a coordinate is not a finite number [m]")
     points, same = np.unique(corners, axis=0, return_inverse=True)
     triangles = same.reshape(-1)[faces]  # STL repeats each corner
-    size, rounding, done = np.ptp(points, axis=0), ROUNDING * np.abs(points).max(), []
+    size, rounding = np.ptp(points, axis=0), ROUNDING * np.abs(points).max()
     require(
         size.min() > 0.0 and size.max() <= longest,
         f"mesh {path}: {' x '.join(f'{s:.4g}' for s in size)} m; must have a volume and be at most {longest:.4g} m "
@@ -87,22 +101,60 @@ def read_mesh(path, scale=1.0, longest=100.0):
     return points, kept
 
 
-def corners_and_faces(path):
-    """Corners (n, 3) and triangles (m, 3) as a file has them; SceneError where it cannot be read."""
+def corners_and_faces(path, scale, body, tolerance):
+    """Corners (n, 3) and triangles (m, 3) as a file has them, and what is to be said; SceneError if it cannot be read.
+
+    Those of a STEP file are in metres.
+    """
     import trimesh
 
     path = ordinary(f"mesh {path}", path, MOST_BYTES)
     kind = path.suffix.lower()[1:]
-    require(kind in FORMATS, f"mesh {path}: must be a file .stl, .obj or .ply")
+    if kind in STEP:
+        require(scale == 1.0, f"mesh {path}: scale = {scale:g}: must be left out; a STEP file has its own unit")
+        return bodies_of_step(path, body, tolerance)
+    require(kind in FORMATS, f"mesh {path}: must be a file .stl, .obj, .ply, .step or .stp")
+    require(not body, f"mesh {path}: body = {body}: must be left out; only bodies of a STEP file have names")
     try:
         with open(path, "rb") as file, warnings.catch_warnings():
             warnings.filterwarnings("error", "string or file could not be read")  # NumPy gives what comes before
             mesh = trimesh.load_mesh(file, file_type=kind, process=False, skip_materials=True)
-            return np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int64)
+            return np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int64), []
     except Exception as error:
         comma = re.search(rb"^[ \t]*(v|vertex)?([ \t]*[-+]?\d+,\d[-+\de]*){3}\s", path.read_bytes(), re.I | re.M)
         why = "its numbers have a decimal comma; must have a point" if comma else type(error).__name__
         raise SceneError(f"mesh {path}: cannot be read as STL, OBJ or PLY ({why})") from None
+
+
+TESSELLATE = "import sys, cascadio; a, b, t = sys.argv[1:]; sys.exit(cascadio.step_to_glb(a, b, float(t), 0.2) != 0)"
+PATIENCE = 600.0  # [s] for a STEP file
+
+
+def bodies_of_step(path, name, tolerance):
+    """Corners (n, 3) [m], triangles (m, 3) and what is to be said of the bodies of a STEP file, or of one by its name.
+
+    OpenCASCADE works in millimetres, and in a process of its own: it prints, and a damaged file may end it.
+    """
+    import trimesh
+
+    require(find_spec("cascadio"), f'mesh {path}: a STEP file needs cascadio: pip install "taichi-mps[step]"')
+    with tempfile.TemporaryDirectory() as folder:
+        made = Path(folder) / "mesh.glb"
+        words = [sys.executable, "-c", TESSELLATE, str(path), str(made), repr(1e3 * tolerance)]
+        try:
+            subprocess.run(words, stdin=subprocess.DEVNULL, capture_output=True, timeout=PATIENCE, check=True)
+            scene = trimesh.load_scene(made)
+        except Exception as error:
+            raise SceneError(f"mesh {path}: cannot be read as STEP ({type(error).__name__})") from None
+    bodies = {}
+    for node in scene.graph.nodes_geometry:
+        place, own = scene.graph[node]
+        bodies.setdefault(own, []).append(scene.geometry[own].copy().apply_transform(place))
+    there = f"{len(bodies)} bodies: {', '.join(list(bodies)[:20])}"
+    require(not name or name in bodies, f"mesh {path}: body = {name}: must be one of its {there}")
+    mesh = trimesh.util.concatenate([mesh for own in bodies if name in ("", own) for mesh in bodies[own]])
+    told = f"{len(mesh.faces)} triangles within {tolerance:.2g} m of the faces of " + (f"body {name} of " * bool(name))
+    return np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int64), [told + there]
 
 
 def without_flat(triangles):
@@ -181,6 +233,12 @@ def surface_of(body):
     """Vertices (n, 3) [m] and triangles (m, 3) of a body of manifold3d."""
     mesh = body.to_mesh64()
     return np.array(mesh.vert_properties[:, :3], order="C"), mesh.tri_verts.astype(np.int64)
+
+
+def opened(points, triangles, height, depth):
+    """Surface of a body that goes on with its section at a depth [m] below its highest point, by a height [m]."""
+    body, level = body_of(points, triangles), points[:, 2].max() - depth
+    return surface_of(body + body.slice(level).extrude(depth + height).translate((0.0, 0.0, level)))
 
 
 def inverted(body):

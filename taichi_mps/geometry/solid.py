@@ -30,7 +30,7 @@ from ..units import (
 )
 from .concave_edges import interpolate
 from .in_time import Moving, in_time
-from .meshes import LONGEST, mesh_distance, read_mesh
+from .meshes import LONGEST, mesh_distance, opened, read_mesh
 from .walls import Friction, check_surface, require_as_many, spin
 
 
@@ -250,13 +250,23 @@ class Solid(Moving):
 
     @classmethod
     @validated
-    def from_mesh(cls, path: File, cell: Size, reach: Size, inside: Flag = False, scale: Scale = 1.0, **keywords):
-        """Make a solid from a closed triangle mesh (extra ``cad``).
+    def from_mesh(
+        cls,
+        path: File,
+        cell: Size,
+        reach: Size,
+        inside: Flag = False,
+        scale: Scale = 1.0,
+        body: Text = "",
+        open_top: real("m", ge=0.0, le=100.0) = 0.0,
+        **keywords,
+    ):
+        """Make a solid from a closed triangle mesh (extra ``cad``), or from a STEP file (extra ``step``).
 
         Parameters
         ----------
         path : path-like
-            STL, OBJ or PLY file.
+            STL, OBJ, PLY or STEP file; faces of the latter are cut into triangles to a tenth of a cell.
         cell : float
             Distance between nodes [m].
         reach : float
@@ -264,7 +274,12 @@ class Solid(Moving):
         inside : bool, optional
             Whether the fluid is inside.
         scale : float, optional
-            Metres for one unit of the file, 0.001 for a file in millimetres.
+            Metres for one unit of the file, 0.001 for a file in millimetres; a STEP file has its own unit.
+        body : str, optional
+            Name of the only body of a STEP file to be read; all by default.
+        open_top : float, optional
+            How far the section at the highest face goes on above it [m], with the fluid inside: a form that is open
+            there.
         **keywords
             Other parameters of ``Solid``.
 
@@ -278,7 +293,9 @@ class Solid(Moving):
         SceneError
             If the file is missing, damaged, not closed, or longer than 100 m.
         """
-        points, triangles = read_mesh(path, scale, longest=min(100.0, LONGEST * reach))
+        points, triangles = read_mesh(path, scale, min(100.0, LONGEST * reach), body, tolerance=0.1 * cell)
+        if open_top > 0.0:
+            points, triangles = opened(points, triangles, open_top, 0.5 * cell)
         side = -1.0 if inside else 1.0
         low, high = points.min(0) - reach, points.max(0) + reach
         try:

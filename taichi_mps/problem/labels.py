@@ -12,6 +12,7 @@ UNITS = {
     "_m_s": (1.0, "m/s", ".3g"),
     "_m3": (1e3, "l", ".3g"),
     "_ratio": (1.0, "", ".3f"),
+    "_number": (1.0, "", ".0f"),
     "_m": (100.0, "cm", ".1f"),
     "_s": (1.0, "s", ".2f"),
 }
@@ -68,6 +69,12 @@ RESULTS = {  # key: (name, what it is)
     "foot_m": ("foot", "width near the floor"),
     "limit_height_m": ("limit height", "at which a slender wall or column fails, in closed form"),
     "failure_height_m": ("failure height", "printed when the foot had become wider by 1 %"),
+    "width_m": ("width", "of what is printed, mean of its layers"),
+    "lean_m": ("lean", "how far the layer that leans most is off the path"),
+    "commanded_width_m": ("commanded width", "of a bead as high as its layer, by the tool path"),
+    "commanded_height_m": ("commanded height", "top of the last layer, by the tool path"),
+    "collapsed_number": ("layer that has collapsed", "10 % wider than it was laid; 0: none"),
+    "first_collapse_number": ("first layer to collapse", "counted from 1 at the floor; 0: none"),
     "poured_m3": ("poured", "what has come out of the hose"),
     "pour_delay_s": ("delay of the pour", "for want of room below the hose"),
 }

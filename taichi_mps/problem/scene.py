@@ -204,7 +204,7 @@ class Scene:
         The fluid, and a layer at each inlet, at its mouth and on the floor.
         """
         floors = [wall.point[-1] for wall in self.walls if isinstance(wall, Plane) and wall.normal[-1] > 0.99]
-        bottom = max([self.domain[0][-1], *(z + 0.5 * self.spacing for z in floors)])
+        bottom = max([self.domain[0][-1], *floors]) + 0.5 * self.spacing
         points = [self.fluid]
         for inlet in self.inlets:
             layer, turns = self.inlet_layer(inlet), inlet.turns[:, 1:]

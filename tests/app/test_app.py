@@ -288,6 +288,7 @@ SOCKET = "/_nicegui_ws/socket.io/?EIO=4&transport=websocket"
 UPGRADE = {"Sec-WebSocket-Version": "13", "Sec-WebSocket-Key": "AAAAAAAAAAAAAAAAAAAAAA=="}
 UPGRADE |= {"Connection": "Upgrade", "Upgrade": "websocket"}
 OUTSIDE = "run/checkpoint.h5", "run/../secret.json", "..%2Fsecret.json/x", "%2e%2e/summary.json", "./secret.json"
+OUTSIDE += "%00/summary.json", f"{'a' * 300}/summary.json", "run/%00"
 
 
 def test_only_this_machine_and_its_own_page_are_served(tmp_path):

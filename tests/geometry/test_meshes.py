@@ -12,6 +12,7 @@ from taichi_mps.geometry import solid
 from taichi_mps.geometry.meshes import mesh_distance, read_mesh
 from taichi_mps.problem.problem import Problem
 from tests.support.cube import CORNERS, box
+from tests.support.step import prism, write_step
 
 for library in ("igl", "trimesh", "manifold3d"):
     pytest.importorskip(library)
@@ -177,9 +178,75 @@ def test_files_as_other_programs_write_them(tmp_path):
         (tmp_path / f"comma.{suffix}").write_text(content)
         with pytest.raises(mps.SceneError, match=r"comma.*: cannot be read .* decimal comma; must have a point"):
             read_mesh(tmp_path / f"comma.{suffix}")
-    (tmp_path / "cube.step").write_text(text)
-    with pytest.raises(mps.SceneError, match="must be a file .stl, .obj or .ply"):
-        read_mesh(tmp_path / "cube.step")
+    (tmp_path / "cube.dxf").write_text(text)
+    with pytest.raises(mps.SceneError, match="must be a file .stl, .obj, .ply, .step or .stp"):
+        read_mesh(tmp_path / "cube.dxf")
+
+
+BLOCK, POST = (0.2, 0.1, 0.05), (0.1, 0.5)  # sides of a box; radius and height of a round post [m]
+
+
+def assembly(path, unit):
+    """A STEP file of a box, which is 0.3 m away from the origin along y, and of a round post."""
+    size = {"m": 1.0, "mm": 1e-3, "inch": 0.0254}[unit]
+    x, y, z = np.array(BLOCK) / size
+    box = prism([(0.0, 0.0), (x, 0.0), (x, z), (0.0, z)], y, at=0.3 / size)
+    return write_step(path, {"box": box, "post": tuple(v / size for v in POST)}, unit)
+
+
+@pytest.mark.parametrize("unit", ["inch", "mm", "m"])
+def test_a_step_file_has_its_own_unit_and_its_bodies_their_names(tmp_path, unit):
+    """A known box, exactly; a round body as near to its own as it is said."""
+    pytest.importorskip("cascadio")
+    path = assembly(tmp_path / "parts.step", unit)
+    points, triangles, said = told(path, body="box")
+    assert points.min(0) == pytest.approx((0.0, 0.3, 0.0)) and np.ptp(points, axis=0) == pytest.approx(BLOCK)
+    assert volume(points, triangles) == pytest.approx(1e-3, rel=1e-6) and "of body box of 2 bodies: " in said
+    tolerance = 2e-5
+    points, triangles, said = told(path, body="post", tolerance=tolerance)
+    angles = np.unique(np.round(np.arctan2(points[:, 1], points[:, 0])[np.hypot(*points[:, :2].T) > 0.09], 6))
+    depth = POST[0] * (1.0 - np.cos(0.5 * np.diff(angles).max()))  # of the chords below the round face
+    assert 0.2 * tolerance < depth < tolerance and "within 2e-05 m of the faces" in said
+    both = told(path, tolerance=tolerance)[:2]
+    assert volume(*both) == pytest.approx(volume(points, triangles) + 1e-3, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("keywords", "message"),
+    [
+        ({"body": "beam"}, "parts.stp: body = beam: must be one of its 2 bodies: (box, post|post, box)"),
+        ({"scale": 1e-3}, "scale = 0.001: must be left out; a STEP file has its own unit"),
+    ],
+)
+def test_a_body_that_is_not_there_and_a_scale_of_a_step_file_are_refused(tmp_path, keywords, message):
+    pytest.importorskip("cascadio")
+    with pytest.raises(mps.SceneError, match=message):
+        read_mesh(assembly(tmp_path / "parts.stp", "mm"), **keywords)
+
+
+def test_a_damaged_step_file_is_one_line_and_what_is_missing_is_named(tmp_path, monkeypatch, capfd):
+    path = assembly(tmp_path / "parts.step", "mm")
+    text = path.read_text()
+    for bad in ("", "STEP", text[: len(text) // 2], text.replace("CLOSED_SHELL", "OPEN_SHELL").replace("#20", "#9")):
+        path.write_text(bad)
+        with pytest.raises(mps.SceneError, match="mesh .*parts.step: (cannot be read as STEP|.* bodies: )"):
+            read_mesh(path, body="none")
+    assert capfd.readouterr() == ("", "")
+    monkeypatch.setattr("taichi_mps.geometry.meshes.find_spec", lambda name: None)
+    with pytest.raises(
+        mps.SceneError, match=r'parts.step: a STEP file needs cascadio: pip install "taichi-mps\[step\]"'
+    ):
+        read_mesh(path)
+
+
+def test_a_form_is_open_at_its_highest_face(tmp_path):
+    """A step of 1 m beside one of 2 m: above the higher one goes on, with the walls that it has, and there alone."""
+    path = stl(tmp_path / "steps.stl", np.vstack([box(), box((1, 0, 0), (2, 1, 2))]))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        form = mps.Solid.from_mesh(path, 0.05, 0.2, inside=True, open_top=1.0)
+    depth = form.distance(np.array([(1.5, 0.5, z) for z in (1.0, 2.0, 2.6, 3.1)] + [(0.5, 0.5, 0.9), (0.5, 0.5, 1.1)]))
+    assert depth == pytest.approx([0.5, 0.5, 0.4, -0.1, 0.1, -0.1], abs=1e-6)
 
 
 def test_files_that_promise_more_than_they_hold(tmp_path):

@@ -1,0 +1,162 @@
+"""Tool paths of printers: what a G-code file lays, as straight beads on level layers."""
+
+import re
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..units import SceneError, ordinary, require
+
+MOST_BYTES = 2e7
+AXES = "XYZ"
+STILL = {"G17", "G28", "G29", "G40", "G49", "G54", "G80", "G94"}  # move nothing while something is laid
+MODES = {"G90": (True, True), "G91": (False, False), "M82": (None, True), "M83": (None, False)}  # absolute: X Y Z, E
+CHANGES = {"G2": "an arc; a slicer must fit none", "G3": "an arc; a slicer must fit none", "M200": "E in mm3"}
+CHANGES |= {"M220": "a share of the speed", "M221": "a share of the flow"}
+KNOWN = "must be G0, G1, G4, G20, G21, G90, G91, G92 E, M82 or M83"
+BLOCK = re.compile(r"(?:N\d+\s*)?([GMT])0*(\d+(?:\.\d+)?)((?:\s*[A-Z](?:[-+]?(?:\d+\.?\d*|\.\d+))?)*)\s*")
+WORD = re.compile(r"([A-Z])([-+]?(?:\d+\.?\d*|\.\d+))")
+
+
+@dataclass(frozen=True)
+class Bead:
+    """A straight line that a nozzle lays.
+
+    From ``start`` to ``end`` (3,) [m], places of the nozzle, from the time ``begin`` [s] on for ``duration`` [s], with
+    a ``volume`` [m3], in layer number ``layer`` from 0 on, which has a ``height`` [m].
+    """
+
+    start: np.ndarray
+    end: np.ndarray
+    begin: float
+    duration: float
+    volume: float
+    layer: int = 0
+    height: float = 0.0
+
+    @property
+    def width(self) -> float:
+        """Width [m] of its section, if that is a rectangle as high as the layer."""
+        return self.volume / (np.linalg.norm(self.end - self.start) * self.height)
+
+
+class Printer:
+    """What a printer is told line by line, and the beads that it has laid."""
+
+    def __init__(self, rate, filament):
+        self.rate, self.filament = rate, filament
+        self.unit, self.place, self.speed, self.time = 1e-3, np.zeros(3), 0.0, 0.0
+        self.extruded = self.most = 0.0  # length [m] of filament by E, and the most that was out so far
+        self.absolute = self.absolute_e = True
+        self.beads: list[Bead] = []
+
+    def obey(self, line: str) -> None:
+        """Carry out a line; ValueError, in words, for what is not known."""
+        text = re.sub(r"\([^)]*\)|[;*].*", "", line).strip().upper()
+        if text in ("", "%"):
+            return
+        block = BLOCK.fullmatch(text)
+        if not block and text[0] in "MT":  # texts, as of a display
+            return
+        require(block, f"{line.strip()[:40]}: cannot be read")
+        code, words = block[1] + block[2], {letter: float(value) for letter, value in WORD.findall(block[3])}
+        require(code not in CHANGES, f"{code}: {CHANGES.get(code)}, is not known; {KNOWN}")
+        if code in ("G0", "G1"):
+            self.move(code, words)
+        elif code in MODES:
+            axes, self.absolute_e = MODES[code]
+            self.absolute = self.absolute if axes is None else axes
+        elif code in ("G20", "G21"):
+            self.unit = 0.0254 if code == "G20" else 1e-3
+        elif code == "G4":
+            self.time += words.get("S", 0.0) + 1e-3 * words.get("P", 0.0)
+        elif code == "G92":
+            require(not words.keys() & set(AXES), f"{code}: moves the origin, is not known; {KNOWN}")
+            self.extruded = self.most = self.unit * words.get("E", 0.0)
+        else:
+            require(code[0] != "G" or code in STILL, f"{code}: is not known; {KNOWN}")
+
+    def move(self, code: str, words: dict[str, float]) -> None:
+        """Go along a straight line, and lay a bead where E grows, or in G1 where a rate is given."""
+        there = self.place.copy()
+        for axis in (axis for axis in range(3) if AXES[axis] in words):
+            there[axis] = self.unit * words[AXES[axis]] + (0.0 if self.absolute else there[axis])
+        self.speed = self.unit * words["F"] / 60.0 if "F" in words else self.speed
+        length, level, fed = float(np.linalg.norm(there - self.place)), there[2] == self.place[2], 0.0
+        if "E" in words:
+            self.extruded = self.unit * words["E"] + (0.0 if self.absolute_e else self.extruded)
+            fed, self.most = max(0.0, self.extruded - self.most), max(self.most, self.extruded)
+        if length:
+            require(self.speed > 0.0, f"{code}: must have a speed F above 0, here or before")
+            duration = length / self.speed
+            if self.rate is not None:
+                volume = self.rate * duration if code == "G1" and level else 0.0
+            else:
+                require(not fed or self.filament, f"{code} E: needs filament_diameter, as of the slicer, or print_rate")
+                volume = fed * 0.25 * np.pi * (self.filament or 0.0) ** 2
+            if volume:
+                require(level, f"{code}: lays a bead that rises; must lay level layers")
+                self.beads.append(Bead(self.place, there, self.time, duration, volume))
+            self.time += duration
+        self.place = there
+
+
+def read_gcode(path, rate=None, filament=None) -> list[Bead]:
+    """Read what a G-code file lays.
+
+    Parameters
+    ----------
+    path : path-like
+        File; lengths are in millimetres, or inches after G20. Codes M and T of heaters and fans are left out, and so is
+        what is fed while the nozzle stands.
+    rate : float, optional
+        What the nozzle delivers in a level G1 [m3/s]; by default E says how much.
+    filament : float, optional
+        Diameter [m] of the filament whose length is E.
+
+    Returns
+    -------
+    list of Bead
+        In the order of time; 0 s is where the first begins. The nozzle is as fast as F says at once.
+
+    Raises
+    ------
+    SceneError
+        With the line of what is not known, such as an arc, of a bead that rises, or where nothing is laid.
+    """
+    printer = Printer(rate, filament)
+    text = ordinary(f"gcode {path}", path, MOST_BYTES).read_text(encoding="utf-8", errors="replace")
+    for number, line in enumerate(text.splitlines(), 1):
+        try:
+            printer.obey(line)
+        except SceneError as error:
+            raise SceneError(f"gcode {path}, line {number}: {error}") from None
+    require(printer.beads, f"gcode {path}: lays nothing; G1 must have E, or print_rate be given")
+    places = np.array([bead.end[2] for bead in printer.beads]).round(7)
+    levels, layers = np.unique(places, return_inverse=True)
+    require(levels[0] > 0.0, f"gcode {path}: lays a bead at z = {levels[0]:g} m; must be above 0 m")
+    heights, first = np.diff(levels, prepend=0.0).round(7).tolist(), printer.beads[0].begin
+    return [
+        replace(bead, begin=bead.begin - first, layer=int(k), height=heights[k])
+        for bead, k in zip(printer.beads, layers, strict=True)
+    ]
+
+
+def straight_runs(beads: list[Bead], turn: float, spacing: float) -> list[list[Bead]]:
+    """Beads that follow each other without a pause, each within an angle [rad] of the first and as thick, as runs.
+
+    A run that is shorter than a spacing [m] takes the next bead too.
+    """
+    runs: list[list[Bead]] = []
+    for bead in beads:
+        last = runs[-1][-1] if runs else None
+        joined = last and bead.layer == last.layer and abs(last.begin + last.duration - bead.begin) < 1e-6
+        if joined and np.allclose(last.end, bead.start, atol=1e-7):
+            along, first = bead.end - bead.start, runs[-1][0].end - runs[-1][0].start
+            straight = along @ first > np.cos(turn) * np.linalg.norm(along) * np.linalg.norm(first)
+            short = np.linalg.norm(last.end - runs[-1][0].start) < spacing
+            if short or (straight and abs(bead.width / last.width - 1.0) < 0.05):
+                runs[-1].append(bead)
+                continue
+        runs.append([bead])
+    return runs

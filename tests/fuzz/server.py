@@ -1,0 +1,202 @@
+"""The server of the page under random requests, tokens and fields: it goes on, answers, and gives nothing away."""
+
+import json
+import os
+import random
+import re
+import signal
+import socket
+import subprocess
+import sys
+import time
+from contextlib import suppress
+from pathlib import Path
+from urllib.parse import quote
+
+from websockets.exceptions import WebSocketException
+from websockets.sync.client import connect
+
+ROOT = Path(__file__).resolve().parents[2]
+READY, ANSWERS = 120.0, 60.0  # [s] for the server to begin, and for one answer, on a busy machine
+GREW = 400e6  # [bytes] by which the server may grow meanwhile
+SECRET = "secret-of-somebody"  # in a file beside the runs, and in one of a run that is not shown
+PARTS = ["", "/", "..", ".", "%2e%2e", "..%2f", "%00", "%ff", "\\", "a" * 3000, "~", "*", "{}", "\x7f", "?", ";", "é"]
+NAMES = ["secret.json", "checkpoint.h5", "summary.json", "report.html", "frames/frame_00000.png", "history.csv", "link"]
+PATHS = ["/", "/runs/run/{}", "/runs/{}", "/_nicegui/{}", "/_nicegui_ws/socket.io/?EIO=4&transport={}", "/{}", "/docs"]
+FOREIGN = {
+    "Host": ["evil.example", "", "127.0.0.1", "localhost:1", "127.0.0.1.evil.example:{port}"],
+    "Origin": ["null", "http://evil.example", "https://127.0.0.1:{port}", "http://127.0.0.1:{port}@evil.example"],
+    "Sec-Fetch-Site": ["cross-site", "same-site", "", "none, cross-site"],
+}
+ODD = {
+    "Accept-Encoding": ["gzip", "\xff", "*" * 5000],
+    "Range": ["bytes=0-", "bytes=-1", "bytes=9-1", "bytes=0-0,1-1,2-2", "b" * 999, "bytes=" + "0-1," * 500],
+    "Cookie": ["session=" + "A" * 4000, "a=b; a=c", "\x01"],
+    "Content-Length": ["-1", "10", "abc", "99999999999"],
+    "Transfer-Encoding": ["chunked", "gzip, chunked"],
+    "X-Forwarded-Prefix": ["/evil", '"><script>'],
+    "If-Modified-Since": ["yesterday", "0"],
+}
+METHODS = ["GET"] * 6 + ["HEAD", "POST", "PUT", "OPTIONS", "get", "TRACE", "G\xcbT", ""]
+TEXTS = [
+    "300",
+    "0,3 kPa",
+    "-1",
+    "nan",
+    "1e400",
+    "1,000",
+    "",
+    " ",
+    "é\u202e",
+    "\x00",
+    "9" * 5000,
+    "<b>x</b>",
+    "5 mm",
+    "Slump",
+]
+NUMBERS = [0, 1, 0.5, 1e-9]  # of a slider
+VALUES = [None, True, -1, 1e300, [], [1, 2], {}, {"value": "x"}, "full", "axisymmetric", "Run", "Results", "Calibrate"]
+
+
+def request(port: int, dice: random.Random) -> tuple[bytes, bool]:
+    """A request, and whether it says that it comes from elsewhere."""
+    path = dice.choice(PATHS)
+    if "{}" in path:
+        path = path.format("/".join(dice.choice([*PARTS, *NAMES]) for _ in range(dice.randint(1, 3))))
+    headers, foreign = {"Host": f"127.0.0.1:{port}", "Connection": "close"}, dice.random() < 0.4
+    if foreign:
+        name = dice.choice(list(FOREIGN))
+        headers[name] = dice.choice(FOREIGN[name]).format(port=port)
+    for name in dice.sample(list(ODD), dice.choice([0, 0, 1, 2])):
+        headers[name] = dice.choice(ODD[name])
+    path = path if dice.random() < 0.2 else quote(path, safe="/?=&%.*~;")
+    lines = [f"{dice.choice(METHODS)} {path} HTTP/1.1", *(f"{name}: {text}" for name, text in headers.items())]
+    data = "\r\n".join([*lines, "", ""]).encode("utf-8", "surrogateescape")
+    if dice.random() < 0.05:
+        k = dice.randrange(len(data))
+        data, foreign = data[:k] + dice.randbytes(dice.randint(1, 50)) + data[k + 1 : -1], False
+    return data, foreign
+
+
+def answer(port: int, data: bytes, whole=True) -> bytes:
+    """What the server says to these bytes, at most 10 MB of it; it would wait for the rest of what is not whole."""
+    said = b""
+    with socket.create_connection(("127.0.0.1", port), ANSWERS) as line, suppress(ConnectionError):
+        line.sendall(data)
+        if not whole:
+            line.shutdown(socket.SHUT_WR)
+        while len(said) < 10_000_000 and (piece := line.recv(65536)):
+            said += piece
+    return said
+
+
+def wrong_answer(port: int, dice: random.Random) -> str | None:
+    """A request that is answered as it must not be; None where none is."""
+    data, foreign = request(port, dice)
+    try:
+        said = answer(
+            port, data, whole=not re.search(rb"Content-Length|Transfer-Enc", data) and data.endswith(b"\r\n\r\n")
+        )
+    except TimeoutError:
+        return f"{data[:300]!r}: no answer in {ANSWERS:g} s"
+    code = said[9:12].decode("latin-1")
+    if code.startswith("5"):
+        return f"{data[:300]!r}: {said[:200]!r}"
+    if foreign and code[:1] in ("1", "2", "3"):
+        return f"{data[:300]!r} from elsewhere: {code}"
+    return f"{data[:300]!r}: gives {SECRET}" if SECRET.encode() in said else None
+
+
+def fields(port: int, dice: random.Random) -> None:
+    """A tab of the page: every listener of its elements gets texts, and values that no browser sends."""
+    page = answer(port, f"GET / HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nConnection: close\r\n\r\n".encode())
+    found = re.search(rb"[\"']?client_id[\"']?\s*:\s*[\"']([\w-]+)", page)
+    if not found:
+        raise RuntimeError(f"the page has no client: {page[:300]!r}")
+    client = found[1].decode()
+    words = "implicit_handshake=true&next_message_id=0&tab_id=fuzz&document_id=fuzz&EIO=4&transport=websocket"
+    address = f"ws://127.0.0.1:{port}/_nicegui_ws/socket.io/?client_id={client}&{words}"
+    listeners, ends = {}, time.monotonic() + ANSWERS
+    with connect(address, origin=f"http://127.0.0.1:{port}", max_size=None, open_timeout=ANSWERS) as line:
+        line.send("40")
+
+        def listen(seconds):
+            until = time.monotonic() + seconds
+            with suppress(TimeoutError):
+                while (text := line.recv(max(0.01, until - time.monotonic()))) and time.monotonic() < ends:
+                    if text == "2":
+                        line.send("3")
+                    if str(text).startswith('42["update"'):
+                        for name, element in json.loads(text[2:])[1].items():
+                            events = element.get("events", []) if isinstance(element, dict) else []
+                            listeners.update({event["listener_id"]: (name, element["tag"]) for event in events})
+
+        while not listeners and time.monotonic() < ends:
+            listen(2.0)
+        if not listeners:
+            raise RuntimeError("the page shows nothing")
+        for _ in range(60):
+            listener = dice.choice(list(listeners))
+            name, tag = listeners[listener]
+            value = dice.choice(NUMBERS if "slider" in tag else TEXTS if "input" in tag else [*TEXTS, *VALUES])
+            sent = {"client_id": client, "id": int(name), "listener_id": listener}
+            with suppress(WebSocketException):
+                line.send("42" + json.dumps(["event", sent | {"args": [json.dumps(value)]}]))
+                listen(0.05)
+        with suppress(WebSocketException):
+            line.send(
+                dice.choice(["42[", "4", "99", '42["event",{}]', '42["no",1]', "\x00", "42" + "[" * 5000, b"\xff"])
+            )
+
+
+def memory(process: int) -> float:
+    """Memory of a process [bytes], by Linux; elsewhere 0."""
+    with suppress(OSError):
+        return 1024.0 * int(re.search(r"VmRSS:\s*(\d+)", Path(f"/proc/{process}/status").read_text())[1])
+    return 0.0
+
+
+def attack(folder: Path, bases, dice: random.Random, requests=300) -> str | None:
+    """What is wrong with the server of a folder of runs, after requests and a tab; None where nothing is."""
+    (folder / "run" / "frames").mkdir(parents=True)
+    for name in ("taichi_mps.json", "summary.json", "checkpoint.h5", "report.html", "frames/frame_00000.png"):
+        text = SECRET if name == "checkpoint.h5" else json.dumps({"made_by": "taichi_mps", "n": dice.choice([1, []])})
+        (folder / "run" / name).write_text(text)
+    (folder / "secret.json").write_text(SECRET)
+    (folder / "run" / "history.csv").symlink_to(folder / "secret.json")
+    (folder / dice.choice(["base", "b%41se", "ü", "a b"])).symlink_to(dice.choice(bases))
+    words = [sys.executable, "-m", "taichi_mps", "app", "--port=0", "--no-browser", f"--folder={folder}"]
+    with open(folder / "said", "w+", errors="backslashreplace") as said:
+        server = subprocess.Popen(
+            words, cwd=ROOT, text=True, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=said
+        )
+        try:
+            port = int(re.search(r":(\d+)/", server.stdout.readline())[1])
+            before, wrong = memory(server.pid), None
+            for _ in range(requests):
+                if wrong := wrong_answer(port, dice):
+                    return wrong
+            fields(port, dice)
+            home = f"GET / HTTP/1.1\r\nHost: localhost:{port}\r\nConnection: close\r\n\r\n".encode()
+            if not answer(port, home).startswith(b"HTTP/1.1 200"):
+                return "the page is not answered any more"
+            if (grew := memory(server.pid) - before) > GREW:
+                return f"grew by {1e-6 * grew:.0f} MB"
+        except (TimeoutError, OSError, RuntimeError, WebSocketException) as error:
+            return f"{type(error).__name__}: {error}; the server has code {server.poll()}"
+        finally:
+            server.send_signal(signal.SIGINT)
+            try:
+                code = server.wait(READY)
+            except subprocess.TimeoutExpired:
+                server.kill()
+                code = server.wait()
+        if code != 130:
+            return f"after Ctrl-C: code {code}"
+        said.seek(0)
+        traces = said.read().split("Traceback")[1:]
+    last = [
+        re.findall(r'File "([^"]+)"', trace)[-1] for trace in traces
+    ]  # where it was raised; the libraries log theirs
+    ours = [trace for trace, file in zip(traces, last, strict=True) if f"{os.sep}taichi_mps{os.sep}" in file]
+    return f"Traceback{ours[0][-900:]}" if ours else None
