@@ -119,7 +119,7 @@ def scene(
 def along(beads, material, spacing, floor, until):
     """Scene of beads that a nozzle lays; each straight run of them through a mouth with the section of the bead."""
     inlets, runs, owed, width = [], [], 0.0, 0.0
-    for run in straight_runs(beads, TURN, spacing):
+    for run in mitred(straight_runs(beads, TURN, spacing)):
         first, last = run[0], run[-1]
         if abs(first.height / spacing - max(1, round(first.height / spacing))) > 1e-4:
             allowed = f"must be a whole number of spacings, {spacing:g} m"
@@ -203,6 +203,42 @@ def along(beads, material, spacing, floor, until):
         over_time=over_time,
         check=check,
     )
+
+
+def mitred(runs):
+    """Runs of beads that meet at corners without overlap: there the first goes on, and the second begins, or the last
+    of a closed line ends, where the other one does not lie."""
+    for k, run in enumerate(runs):
+        begins = [other[0] for other in runs[:k] if other[0].layer == run[0].layer]
+        closed = [bead for bead in begins if np.allclose(bead.start, run[-1].end, atol=0.25 * bead.width)]
+        follows = k + 1 < len(runs) and runs[k + 1][0].layer == run[0].layer
+        after = runs[k + 1][0] if follows and np.allclose(run[-1].end, runs[k + 1][0].start, atol=1e-7) else None
+        for bead in closed[:1]:
+            run[-1] = part(run[-1], 0.0, 1.0 - corner(run[-1], bead, run[-1]))
+        if after and not closed:
+            share = corner(run[-1], after, after)
+            step = (run[-1].end - run[-1].start) / np.linalg.norm(run[-1].end - run[-1].start)
+            end = run[-1].end + share * np.linalg.norm(after.end - after.start) * step
+            lent = replace(part(after, 0.0, share), start=run[-1].end, end=end)
+            run += [lent] if share > 1e-6 else []
+            runs[k + 1][0] = part(after, share, 1.0)
+    return runs
+
+
+def corner(bead, after, of):
+    """Share of the length of a bead that is half of its width by the tangent of half of the angle between two beads."""
+    along, then = bead.end - bead.start, after.end - after.start
+    cosine = np.clip(along @ then / (np.linalg.norm(along) * np.linalg.norm(then)), -1.0, 1.0)
+    tangent = np.sqrt((1.0 - cosine) / max(1.0 + cosine, 1e-9))
+    return 0.5 * min(1.0, of.width * min(1.0, tangent) / np.linalg.norm(of.end - of.start))
+
+
+def part(bead, begin, end):
+    """A bead between two shares of its length."""
+    along, share = bead.end - bead.start, end - begin
+    ends = {"start": bead.start + begin * along, "end": bead.start + end * along}
+    times = {"begin": bead.begin + begin * bead.duration, "duration": share * bead.duration}
+    return replace(bead, **ends, **times, volume=share * bead.volume)
 
 
 def by_layer(runs):

@@ -6,6 +6,7 @@ Run time: about two and a quarter CPU-minutes at the default spacing, on a busy 
 
 import sys
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -167,7 +168,6 @@ def scene(
 
 def cast(material, form, bars, opening, reach, spacing, fill_point, hose_diameter, rate, fill_ratio, until):
     """Scene of a form from CAD that goes on above its highest face by ``opening`` [m], filled from a hose above it."""
-    walls = (form, *bars)
     clear = form.values[:, :, int((form.high[2] - reach - form.low[2] - 0.5 * opening) / form.cell)]  # beside the mouth
     widest = np.array(np.unravel_index(clear.argmax(), clear.shape)) * form.cell + form.low[:2]
     x, y = fill_point or widest.tolist()
@@ -175,6 +175,8 @@ def cast(material, form, bars, opening, reach, spacing, fill_point, hose_diamete
     above = np.array([[x, y, form.high[2] - 0.5 * reach]])
     top = float(above[0, 2] + form.distance(above)[0]) - opening
     low, high = np.array(form.low) + reach, np.array(form.high) - reach
+    rows = int((top + FREE + 3.0 * spacing - form.low[2]) / form.cell)  # without the lid
+    walls = (replace(form, values=form.values[:, :, :rows]), *bars)
     cavity = mps.Cavity(tuple(low), (*high[:2], top), walls, spacing)
     room = float(cavity.cells.sum() * np.prod(cavity.cell))
     inlet = mps.Inlet((x, y, top + FREE), (0.0, 0.0, -1.0), 0.5 * hose_diameter, rate, fill_ratio * room)

@@ -85,7 +85,9 @@ def name_of(page):
 
 
 def files_of_the_pages(folder):
-    """Python blocks that name a file become that file, for the commands that take it."""
+    """Python blocks that name a file become that file, for the commands that take it; forms and tool paths lie ready."""
+    for file in (*DOCS.glob("figures/*.step"), *DOCS.glob("figures/*.gcode")):
+        (folder / file.name).write_bytes(file.read_bytes())
     for page in SITE:
         for text in BLOCK.findall(page.read_text(encoding="utf-8")):
             if file := FILE.match(text):

@@ -323,10 +323,11 @@ class Solid(Moving):
         x, z = (np.arange(lo, hi + self.cell, self.cell) for lo, hi in np.transpose(self.reach(time))[[0, -1]])
         nodes = np.stack(np.meshgrid(x, z, indexing="ij"), -1).reshape(-1, 2)
         placed = nodes if len(self.low) == 2 else np.insert(nodes, 1, y, axis=1)
-        values = np.minimum(self.distance(placed, time), self.cell).reshape(len(x), len(z))
+        values = self.distance(placed, time).reshape(len(x), len(z))
         corners, lines = ((0, 0), (1, 0), (1, 1), (0, 1)), []
         sides = np.stack([values[a : a + len(x) - 1, b : b + len(z) - 1] < 0.0 for a, b in corners])
-        for cell in np.argwhere(sides.any(0) & ~sides.all(0)):
+        ends = np.stack([values[a : a + len(x) - 1, b : b + len(z) - 1] == np.inf for a, b in corners]).any(0)
+        for cell in np.argwhere(sides.any(0) & ~sides.all(0) & ~ends):
             found = []
             for p, q in zip(cell + corners, cell + np.roll(corners, -1, axis=0), strict=True):
                 u, v = values[tuple(p)], values[tuple(q)]

@@ -9,6 +9,7 @@ from scipy.interpolate import BSpline
 import taichi_mps as mps
 from taichi_mps.problem import catalogue
 from taichi_mps.problem.problem import Problem
+from taichi_mps.problem.tool_path import read_gcode
 from taichi_mps.simulation.pouring import Pouring
 
 PATH = ((1.0, 0.0, 0.0), (3.0, 0.4, 0.0), (4.0, 0.4, 0.1))
@@ -199,3 +200,112 @@ def test_a_hose_stays_near_the_concrete_in_a_high_form(hose, ends):
     assert inlet.displacement(time)[2] == pytest.approx(0.0)
     assert {round(float(x), 6) for x in inlet.turns[:, 1]} == ends
     assert np.all(inlet.turns[:, 2] == 0.0)
+
+
+FLAT = "G21\nG90\nM82\nG92 E0\nG1 F6000\nG0 Z10\nG1 X100 E50\nG1 X100 Y30 E65 ; a corner\nG0 Z20\nG1 X0 E115\n"
+SAME = {  # the same beads in other words
+    "relative": "G91\nM83\nG0 Z10 F6000\nG1 X100 E50\nG1 Y30 E15\nG0 Z10\nG1 X-100 E50\n",
+    "inches": "G20 (inch)\nG90\nM83\nN5 G0 Z.393700787402 F236.220472441*71\n"
+    "G01 X3.93700787402 E1.96850393701\nG1 Y1.18110236220 E.590551181102\ng0 z.787401574803\nG1 X0E1.96850393701\n",
+    "retracted": "M83\nM104 S200\nT0\nG0 Z10 F6000\nG1 X100 E50\nG1 E-5\nG4 P100\nG1 E5\nG1 Y30 E15\nG0 Z20\n"
+    "G1 X0 E50\n",
+}
+
+
+@pytest.fixture
+def written(tmp_path):
+    def write(text):
+        (tmp_path / "part.gcode").write_text(text)
+        return tmp_path / "part.gcode"
+
+    return write
+
+
+def test_a_tool_path_is_read_in_all_its_modes(written):
+    """50 mm of a filament of 4 mm on 100 mm, then 15 on 30: on 10 mm high layers 2 pi mm wide, at 100 mm/s."""
+    beads = read_gcode(written(FLAT), filament=0.004)
+    area = np.pi * 0.002**2
+    assert [bead.volume for bead in beads] == pytest.approx([0.05 * area, 0.015 * area, 0.05 * area])
+    assert [bead.width for bead in beads] == pytest.approx([0.0002 * np.pi] * 3)
+    assert [bead.begin for bead in beads] == pytest.approx([0.0, 1.0, 1.4])
+    assert [bead.layer for bead in beads] == [0, 0, 1] and {bead.height for bead in beads} == {0.01}
+    assert np.array([bead.end for bead in beads]) == pytest.approx(
+        np.array([(0.1, 0.0, 0.01), (0.1, 0.03, 0.01), (0.0, 0.03, 0.02)])
+    )
+    for name, text in SAME.items():
+        others = read_gcode(written(text), filament=0.004)
+        late = 0.1 * (name == "retracted")
+        for one, other in zip(beads, others, strict=True):
+            assert other.volume == pytest.approx(one.volume) and other.end == pytest.approx(one.end), name
+            assert other.begin == pytest.approx(one.begin + late * (one.begin > 0.0)), name
+    by_rate = read_gcode(written(FLAT), rate=2e-6)
+    assert [bead.volume for bead in by_rate] == pytest.approx([2e-6, 0.6e-6, 2e-6])
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (FLAT + "G2 X50 Y50 I25 E130\n", r"line 11: G2: an arc; a slicer must fit none, is not known; must be G0, G1"),
+        (FLAT + "G03 X50 I25\n", "line 11: G3: an arc"),
+        (FLAT + "G1 X50 Z30 E130\n", "line 11: G1: lays a bead that rises; must lay level layers"),
+        (FLAT + "G92 X0\n", "line 11: G92: moves the origin, is not known"),
+        (FLAT + "M221 S90\n", "line 11: M221: a share of the flow, is not known"),
+        (FLAT + "G5 X1\n", "line 11: G5: is not known"),
+        (FLAT + "hello\n", "line 11: hello: cannot be read"),
+        ("G1 X10 E5\n", "line 1: G1: must have a speed F above 0"),
+        ("G1 X10 E5 F600\n", "lays a bead at z = 0 m; must be above 0 m"),
+        ("G0 Z5 F600\nG0 X10\n", "lays nothing; G1 must have E, or print_rate be given"),
+    ],
+)
+def test_what_a_tool_path_may_not_have_is_refused_by_its_line(written, text, message):
+    with pytest.raises(mps.SceneError, match=f"^gcode .*part.gcode[:,] {message}"):
+        read_gcode(written(text), filament=0.004)
+    with pytest.raises(mps.SceneError, match="line 7: G1 E: needs filament_diameter"):
+        read_gcode(written(FLAT))
+
+
+def corner(size, width, height, layers, speed, filament=10.0):
+    """G-code of layers of two sides of a square, there and back [mm, mm/s]."""
+    fed, places = width * height * size / (0.25 * np.pi * filament**2), [(0, 0), (size, 0), (size, size)]
+    lines = ["M83", f"G0 X0 Y0 F{60 * speed}"]
+    for k in range(layers):
+        lines += [f"G0 Z{(k + 1) * height}"]
+        lines += [f"G1 X{x} Y{y} E{fed:.6f}" for x, y in (places[1:] if k % 2 == 0 else places[1::-1])]
+    return "\n".join(lines)
+
+
+def test_a_tool_path_is_printed_as_it_is_commanded(written):
+    """Stiff beads of 30 x 10 mm on two layers round a corner: as wide, as high and as much, and where they belong."""
+    path = written(corner(100, 30, 10, 2, 200))
+    scene = catalogue.build("printing", gcode=str(path), filament_diameter="10 mm")
+    assert sum(inlet.volume for inlet in scene.inlets) == pytest.approx(4 * 0.1 * 0.03 * 0.01, rel=0.01)
+    sim, rows = mps.Simulation(scene), []
+    sim.each_step(lambda sim: rows.append({"time_s": sim.time} | sim.measures()))
+    sim.run()
+    measures, s = sim.measures(), sim.snapshot()
+    scene.check(s, measures)
+    assert measures["width_m"] == pytest.approx(0.03, rel=0.05) and measures["height_m"] == pytest.approx(
+        0.02, rel=0.05
+    )
+    assert measures["lean_m"] < 0.002
+    told = scene.over_time({key: np.array([row[key] for row in rows]) for key in rows[0]})
+    assert told == {
+        "commanded_height_m": pytest.approx(0.02),
+        "commanded_width_m": pytest.approx(0.03),
+        "first_collapse_number": 0.0,
+    }
+
+
+@pytest.mark.slow
+def test_a_tool_path_that_is_too_high_collapses_at_its_foot(written):
+    """A wall of 1 kPa, 40 mm wide, fails between 2 tau_y/(rho g) = 89 mm and a quarter of its width more."""
+    lines = ["M83", "G0 X0 Y0 F6000"]
+    for k in range(12):
+        lines += [f"G0 Z{10 * (k + 1)}", f"G1 X{100 * ((k + 1) % 2)} E{40 * 10 * 100 / (0.25 * np.pi * 100):.6f}"]
+    path = written("\n".join(lines))
+    scene = catalogue.build("printing", gcode=str(path), filament_diameter=0.01, yield_value=1000.0, floor="smooth")
+    sim, rows = mps.Simulation(scene), []
+    sim.each_step(lambda sim: rows.append({"time_s": sim.time} | sim.measures()))
+    sim.run()
+    told = scene.over_time({key: np.array([row[key] for row in rows]) for key in rows[0]})
+    assert told["first_collapse_number"] in (1.0, 2.0) and 0.089 < told["failure_height_m"] < 0.121

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from itertools import pairwise
 
+import meshio
 import numpy as np
 import pytest
 
@@ -13,6 +14,7 @@ from taichi_mps.io.vtkhdf import Trajectory
 from taichi_mps.problem import catalogue
 from taichi_mps.problem import measures as measure
 from taichi_mps.simulation.pouring import Pouring
+from tests.support.cube import box
 
 L0, RATE, LAYERS = 0.02, 0.04, 9
 HOSE = mps.Inlet(centre=(0.01, 0.4), direction=(0.0, -2.0), radius=0.04, rate=RATE, volume=0.0144)
@@ -255,6 +257,23 @@ def test_a_mesh_in_millimetres_needs_a_scale(tmp_path):
     rebar = catalogue.build("wall", rebar=path, rebar_scale=0.001).walls[-1]
     inside, outside = rebar.distance(np.array([(0.2, 0.05, 0.2), (0.2, 0.07, 0.2)]))
     assert inside < 0.0 and outside == pytest.approx(0.012, abs=1e-3)
+
+
+def test_a_form_from_a_file_is_poured_through_its_opening(tmp_path):
+    """A trough of 300 x 120 x 200 mm with a narrower neck of 100 mm: all of its room, through the neck."""
+    pytest.importorskip("igl")
+    trough = np.vstack([box((0, 0, 0), (0.3, 0.12, 0.2)), box((0.1, 0.0, 0.2), (0.2, 0.12, 0.3))])
+    meshio.write(tmp_path / "t.ply", meshio.Mesh(trough.reshape(-1, 3), [("triangle", np.arange(72).reshape(-1, 3))]))
+    form = {"form": str(tmp_path / "t.ply"), "hose_diameter": 0.08}
+    with pytest.warns(UserWarning, match="1 contacts of 2 bodies united"):
+        scene = catalogue.build("wall", **form)
+        (hose,) = scene.inlets
+        assert hose.volume == pytest.approx(0.95 * (0.3 * 0.12 * 0.2 + 0.1 * 0.12 * 0.1), rel=1e-3)
+        assert hose.centre == pytest.approx((0.15, 0.06, 0.36), abs=0.011)
+        with pytest.raises(mps.SceneError, match=r"fill_point = \(0.05, 0.06\) m: the hose of 0.08 m must be over the open"):
+            catalogue.build("wall", **form, fill_point=(0.05, 0.06))
+    with pytest.raises(mps.SceneError, match="form = .*: must be filled by hose = above, without measure_pressure"):
+        catalogue.build("wall", **form, measure_pressure=True)
 
 
 @pytest.mark.slow

@@ -1,0 +1,17 @@
+; two sides of a square, four layers of 30 x 10 mm, there and back
+G21 ; mm
+G90 ; absolute
+M83 ; E relative, mm of a filament of 10 mm
+G0 X0 Y0 F6000
+G0 Z10
+G1 X100 Y0 E381.9719
+G1 X100 Y100 E381.9719
+G0 Z20
+G1 X100 Y0 E381.9719
+G1 X0 Y0 E381.9719
+G0 Z30
+G1 X100 Y0 E381.9719
+G1 X100 Y100 E381.9719
+G0 Z40
+G1 X100 Y0 E381.9719
+G1 X0 Y0 E381.9719
