@@ -85,7 +85,7 @@ def name_of(page):
 
 
 def files_of_the_pages(folder):
-    """Python blocks that name a file become that file, for the commands that take it; forms and tool paths lie ready."""
+    """Python blocks that name a file become that file, for the commands that take it, beside forms and tool paths."""
     for file in (*DOCS.glob("figures/*.step"), *DOCS.glob("figures/*.gcode")):
         (folder / file.name).write_bytes(file.read_bytes())
     for page in SITE:

@@ -270,7 +270,9 @@ def test_a_form_from_a_file_is_poured_through_its_opening(tmp_path):
         (hose,) = scene.inlets
         assert hose.volume == pytest.approx(0.95 * (0.3 * 0.12 * 0.2 + 0.1 * 0.12 * 0.1), rel=1e-3)
         assert hose.centre == pytest.approx((0.15, 0.06, 0.36), abs=0.011)
-        with pytest.raises(mps.SceneError, match=r"fill_point = \(0.05, 0.06\) m: the hose of 0.08 m must be over the open"):
+        with pytest.raises(
+            mps.SceneError, match=r"fill_point = \(0.05, 0.06\) m: the hose of 0.08 m must be over the open"
+        ):
             catalogue.build("wall", **form, fill_point=(0.05, 0.06))
     with pytest.raises(mps.SceneError, match="form = .*: must be filled by hose = above, without measure_pressure"):
         catalogue.build("wall", **form, measure_pressure=True)
