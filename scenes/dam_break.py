@@ -1,6 +1,7 @@
-"""Dam break: a column of water, width a and height 2a, collapses in a tank of width 4a.
+"""Dam break: a column of water, width a and height 2a, collapses in a tank of width 4a; or a block leaves an open box.
 
-Source: Koshizuka & Oka (1996), a = 0.146 m; front against Martin & Moyce (1952), z/a over t sqrt(2 g/a).
+Source: Koshizuka & Oka (1996), a = 0.146 m; front against Martin & Moyce (1952), z/a over t sqrt(2 g/a). Open box:
+Hamamichi et al. (2023), ACM Trans. Graph. 42(6); side walls 5 mm thick are assumed.
 Run time: about 20 CPU-seconds for 0.3 s at the default spacing.
 """
 
@@ -11,42 +12,102 @@ import numpy as np
 from pydantic import Field
 
 import taichi_mps as mps
-from taichi_mps.units import Duration, Length
+from taichi_mps.units import Duration, Length, Speed
 
 # Martin & Moyce (1952) fig. 3, a = 2.25 in, n^2 = 2, digitised (+-0.05): t sqrt(2 g/a), z/a
 FRONT = np.array([[0.832, 1.217], [1.219, 1.474], [1.997, 2.292], [2.547, 2.995], [3.345, 4.134]])
+
+
+SIDE = 0.005  # thickness of the side walls of the open box [m]
+
+
+def tank(a, spacing):
+    """Parts of a scene of the tank: slip walls, the column in its left corner."""
+    low, high, margin = (0.0, 0.0), (4 * a, 2 * a), 5 * spacing
+    return dict(
+        fluid=mps.fill(mps.Box((0.0, 0.0), (a, 2 * a)), spacing),
+        walls=mps.box_planes(low, high, slip=True),
+        wall_particles=mps.shell(low, (4 * a, 5.5 * a), spacing),  # as high as it runs up
+        domain=((-margin, -margin), (4 * a + margin, 6 * a)),
+    )
+
+
+def open_box(a, height, depth, lift_speed, floor_length, spacing):
+    """Parts of a scene of the half of an open box in front of its middle plane: a back wall, a side wall that ends at
+    the gate, x = a, and a floor, all without slip. The gate is gone at once, or a smooth plate that is lifted."""
+    half, reach, top, margin = 0.5 * depth, 3.0 * spacing, height + 2.0 * spacing, 4.0 * spacing
+    corners = [(-reach, half), (a, half), (a, half + SIDE), (-reach, half + SIDE)]
+    low, high = (-reach, half - reach, -reach), (a + reach, half + SIDE + reach, top)
+    cell = min(0.5 * spacing, 0.4 * SIDE)
+    side = mps.Solid.of(lambda x: mps.polygon_distance(x[:, :2], corners), low, high, cell, name="side")
+    mirror = mps.Plane((0.0, 0.0, 0.0), (0.0, 1.0, 0.0), mirror=True)
+    walls = (mps.Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)), mps.Plane((0.0, 0.0, 0.0), (1.0, 0.0, 0.0)), mirror, side)
+    if lift_speed:
+        plate = [(a, -reach), (a + SIDE, -reach), (a + SIDE, top), (a, top)]
+        along, moves = (-reach, half + SIDE + reach), (0.0, 0.0, lift_speed)
+        walls += (mps.Solid.prism(plate, cell, reach, along, velocity=moves, slip=True, loose=True, name="gate"),)
+    return dict(
+        fluid=mps.fill(mps.Box((0.0, -half, 0.0), (a, half, height)), spacing, (mirror,)),
+        walls=walls,
+        domain=((-margin, -margin, -margin), (a + floor_length, half + SIDE + floor_length, 1.2 * height + margin)),
+        outline=tuple(np.array([[0.0, y, 0.0], [a, y, 0.0], [a, y, height]]) for y in (-half, half)),
+    )
 
 
 @mps.checked
 def scene(
     material: mps.Concrete = mps.Newtonian(),
     spacing: Length = 0.0073,
-    column_width: Length = Field(0.146, description="width of the column of water"),
+    column_width: Length = Field(0.146, description="width of the column, along the flow"),
+    column_height: Length | None = Field(None, description="height of the column, by default twice its width"),
+    depth: Length = Field(0.04, description="of model half: depth of the box, across the flow"),
+    floor_length: Length | None = Field(
+        None, description="of model half: free floor in front of the gate, by default 10 heights"
+    ),
+    lift_speed: Speed | None = None,
     until: Duration = 0.3,
-    model: Literal["plane"] = "plane",
+    model: Literal["plane", "half"] = "plane",
 ) -> mps.Scene:
-    """Two-dimensional collapse of a water column."""
-    a = column_width
-    low, high = (0.0, 0.0), (4 * a, 2 * a)
-    margin = 5 * spacing
+    """Two-dimensional collapse of a water column in a tank; or, model half, a block that leaves an open box in space:
+    rough back wall, side walls that end at the gate, rough floor that is free in front of it. The gate is gone at t =
+    0, or lifted from then on with ``lift_speed``."""
+    a, box = column_width, model == "half"
+    height = column_height or 2.0 * a
+    if not box and (lift_speed or column_height):
+        told = f"lift_speed = {lift_speed:g} m/s" if lift_speed else f"column_height = {column_height:g} m"
+        raise mps.SceneError(f"{told}: belongs to the open box; must be left out, or model = half")
+    beyond = floor_length or 10.0 * height
+
+    def measure(s):
+        """Of the open box also what a camera above it reads: distance of the foremost point from the gate, width."""
+        found = mps.measure.front(s)
+        if not box:
+            return found
+        wide = float(np.abs(s.x[:, 1]).max() + 0.5 * s.spacing)
+        return found | {"flow_m": found["front_m"] - a, "width_m": 2.0 * wide}
 
     def check(snapshot, measures):
+        assert np.all(np.isfinite(snapshot.x)) and snapshot.x[:, -1].min() > 0, "leak through the floor"
+        if box:
+            assert mps.measure.clearance(snapshot, parts["walls"][:2]) > 0.0, "leak through the back wall"
+            assert -0.5 * spacing <= measures["flow_m"] < beyond and measures["width_m"] < depth + 2.0 * beyond, (
+                measures
+            )
+            return
         t = snapshot.time * (2 * 9.81 / a) ** 0.5
         expected = min(np.interp(t, FRONT[:, 0], FRONT[:, 1]), 4.0)  # it stays at the far wall
         assert abs(measures["front_m"] / a - expected) < 0.15 * expected, (t, measures, expected)
-        assert np.all(np.isfinite(snapshot.x)) and snapshot.x[:, 1].min() > 0, "leak through the floor"
 
+    parts = open_box(a, height, depth, lift_speed, beyond, spacing) if box else tank(a, spacing)
     return mps.Scene(
         name="dam_break",
         material=material,
         spacing=spacing,
-        fluid=mps.fill(mps.Box((0.0, 0.0), (a, 2 * a)), spacing),
-        walls=mps.box_planes(low, high, slip=True),
-        wall_particles=mps.shell(low, (4 * a, 5.5 * a), spacing),  # as high as it runs up
-        domain=((-margin, -margin), (4 * a + margin, 6 * a)),
+        **parts,
         until=until,
-        measure=mps.measure.front,
+        measure=measure,
         check=check,
+        enlarged_by="floor_length" if box else "",
     )
 
 

@@ -1,0 +1,89 @@
+"""Dam breaks of fluids whose flow curves a rheometer measured, predicted without a fit: the front against time."""
+
+import numpy as np
+
+from ..problem import catalogue
+from . import Measured, columns, read_reference
+from .scheme import record
+
+DAMS, CURVES = "E_measured_dam_break_virheometry.csv", "E_measured_flow_curves_virheometry.csv"
+FLUIDS = {  # beginning of the rheometer's sample, density [kg/m3] by the source
+    "okonomi sauce 2023": ("Okonomiyaki", 1175.0),
+    "chuno sauce 2023": ("Chuno", 1200.0),
+    "lotion 2023": ("Lotion", 1000.0),
+    "moisturizing milk 2023": ("Nyueki", 1025.0),
+}
+RATES = 0.9, 110.0  # shear rates [1/s] over which the rheometer's curve is fitted
+EARLY = 4  # frames by which the offset of time is found
+OFFSETS = np.linspace(-0.04, 0.04, 81)  # of time [s]: the gate's way over half the height takes no longer
+LAST = 1.0 / 3.0  # time of the front that is judged [s]
+EVERY = 0.004  # between two readings of the front [s]
+
+
+def tests() -> dict[tuple[str, float, float], tuple[np.ndarray, np.ndarray]]:
+    """Times [s] and fronts [m] of each test, by fluid, width and height of the block [m]."""
+    found = {}
+    for row in read_reference(DAMS):
+        key = row["fluid"], *(round(0.01 * float(row[name]), 4) for name in ("W_cm", "H_cm"))
+        found.setdefault(key, []).append((float(row["time_s"]), 0.01 * float(row["front_cm"])))
+    return {key: tuple(np.array(points).T) for key, points in found.items()}
+
+
+def flow_curve(fluid: str, low=RATES[0], high=RATES[1]) -> tuple[np.ndarray, np.ndarray]:
+    """Shear rates [1/s] and stresses [Pa] of the rheometer between two rates."""
+    known = columns(CURVES)
+    here = np.char.startswith(known["sample"], FLUIDS[fluid][0])
+    here &= (known["shear_rate_1_s"] >= low) & (known["shear_rate_1_s"] <= high)
+    return known["shear_rate_1_s"][here], known["shear_stress_pa"][here]
+
+
+def herschel_bulkley(rate, stress) -> dict[str, float]:
+    """Constants of the law of Herschel and Bulkley with the least squares of relative errors of the stress."""
+    best = (np.inf, None)
+    for n in np.linspace(0.1, 1.0, 901):
+        terms = np.stack([np.ones_like(rate), rate**n], 1) / stress[:, None]
+        (tau_y, k), *_ = np.linalg.lstsq(terms, np.ones_like(rate), rcond=None)
+        best = min(best, (float(np.sum((terms @ (tau_y, k) - 1.0) ** 2)), (float(tau_y), float(k), float(n))))
+    return dict(zip(("yield_value", "consistency", "flow_index"), best[1], strict=True))
+
+
+def keywords(fluid: str, width: float, height: float, spacing: float, low=RATES[0]) -> dict:
+    """Keywords of the scene dam_break, with the rheometer's curve from a shear rate ``low`` [1/s] on."""
+    law = herschel_bulkley(*flow_curve(fluid, low)) | {"density": FLUIDS[fluid][1]}
+    box = {"column_width": width, "column_height": height, "depth": 0.04, "model": "half"}
+    return law | box | {"spacing": spacing, "until": LAST + 1.1 * OFFSETS[-1]}
+
+
+def course(**settings):
+    """The Simulation of a test at its end, the times [s], and the front in front of the gate [m]."""
+    return record(catalogue.build("dam_break", **settings), lambda s: s.measures()["flow_m"], EVERY)
+
+
+def offset(courses: dict) -> float:
+    """One offset [s] of the films' time for all tests: computed fronts, times and values by test, that much later are
+    nearest to the measured ones of the first EARLY frames, in squares over the last measured front."""
+    known = tests()
+
+    def misfit(late):
+        apart = [np.interp(known[key][0] + late, *course) - known[key][1] for key, course in courses.items()]
+        return sum(np.sum((each[:EARLY] / known[key][1][-1]) ** 2) for key, each in zip(courses, apart, strict=True))
+
+    return float(min(OFFSETS, key=misfit))
+
+
+def front_errors(courses: dict, late: float, at: float = LAST) -> dict:
+    """Computed less measured front [m] at a time [s] of the film, by test."""
+    known = tests()
+    return {key: float(np.interp(at + late, *course) - np.interp(at, *known[key])) for key, course in courses.items()}
+
+
+def dam_breaks(spacing: float):
+    """Errors of the front after 1/3 s beside the measured one: mean of all tests, and each beside 8 % or 2 mm."""
+    courses = {key: course(**keywords(*key, spacing))[1:] for key in tests()}
+    late, last = offset(courses), {key: fronts[-1] for key, (_, fronts) in tests().items()}
+    apart = {key: 100.0 * error / last[key] for key, error in front_errors(courses, late).items()}
+    yield Measured(f"front, mean size of {len(apart)} errors", float(np.mean(np.abs(list(apart.values())))), 5.0, "%")
+    for key, error in apart.items():
+        fluid, width, height = key
+        what = f"{fluid.removesuffix(' 2023')}, {1e3 * width:.0f} x {1e3 * height:.0f} mm"
+        yield Measured(what, error, max(8.0, 0.2 / last[key]), "%")
