@@ -129,7 +129,7 @@ class ParsedError(Exception):
 def parsing_only(monkeypatch):
     """The command line stops where it would begin to compute, to draw or to write."""
     from taichi_mps.cli import main, options, study
-    from taichi_mps.study import calibrate
+    from taichi_mps.study import calibrate, calibrate_curves
 
     parse, problem = options.Parser.parse, main.Problem
 
@@ -153,6 +153,7 @@ def parsing_only(monkeypatch):
     monkeypatch.setattr(options.Parser, "parse", parsed)
     monkeypatch.setattr(main, "Problem", check_problem)
     monkeypatch.setattr(study, "sweep", stop)
+    monkeypatch.setattr(calibrate_curves, "calibrate_curves", stop)
     monkeypatch.setattr(calibrate, "calibrate", check_measurements)
 
 

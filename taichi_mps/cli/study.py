@@ -1,6 +1,7 @@
 """The commands sweep, require, calibrate and chart of the command line."""
 
 import io
+import json
 import math
 import os
 import sys
@@ -13,8 +14,12 @@ from pathlib import Path
 
 from pydantic import Field
 
+from ..io.run_folder import strict, write_whole
+from ..problem import catalogue
 from ..problem.accuracy import choose
 from ..problem.labels import in_words, title, written
+from ..problem.problem import Problem
+from ..report.forecast import forecast
 from ..report.sentences import in_time
 from ..study import calibrate as one_mix
 from ..study.calibrate import Measurements
@@ -23,6 +28,7 @@ from ..study.require import require as find_borders
 from ..study.results import measures
 from ..study.sweep import ACCURACY, LOST, cases, sweep, wall_time
 from ..units import Checked, Count, SceneError, plain, require, said, user_path
+from . import case_file
 from .options import DONE, JSON, Workers, command, given, of_scene, read_back, tell
 
 NOT_ALL_DONE = 1  # what sweep returns where a case gave no result, and calibrate --table where no mix did
@@ -42,6 +48,19 @@ class Sweep(Study):
     """Options of sweep."""
 
     chart: bool = Field(False, description="draw chart.png into the folder")
+
+
+class Curves(Study):
+    """Options of calibrate with measured curves."""
+
+    curve: str | None = Field(
+        None, description="measured curves, CSV, commas between several: time [s] and what the scene measures"
+    )
+    free: str = Field(
+        "yield_value,plastic_viscosity",
+        description="constants that are sought, of any law, and time_offset where the curve's zero of time is unknown",
+    )
+    check: bool = Field(True, description="correct the runs, of twice the spacing, by some of the spacing itself")
 
 
 class Lookup(Checked):
@@ -211,12 +230,13 @@ def require_command(argv) -> int:
 @command(
     "Yield stress and plastic viscosity of a mix from its slump test (standard cone, 30 cm), mini-cone, V-funnel or "
     "rheometer, in any combination, with 95 % intervals by the errors of the measurements; cones are checked by one "
-    "finer run.",
+    "finer run. 'taichi-mps calibrate SCENE --curve FILE.csv' finds constants of any law from what was measured over "
+    "time.",
     JSON,
     {Measurements: ("measurements",), Lookup: ("answer",)},
 )
 def calibrate(arguments) -> int:
-    """find the Bingham constants of a mix from its tests"""
+    """find the constants of a mix from its tests, or from measured curves"""
     told, options = given(arguments, Measurements), Lookup(**given(arguments, Lookup))
     if options.table:
         return calibrate_table(arguments, options, told)
@@ -225,6 +245,40 @@ def calibrate(arguments) -> int:
         require(not value, f"{name} = {value}: belongs to --table; must be left out")
     result = one_mix.calibrate(**told, study=options.study, check=options.check)
     return tell(arguments, result.facts(), result)
+
+
+def calibrate_command(argv) -> int:
+    """find the constants of a mix from its tests, or from measured curves"""
+    curves = argv and not argv[0].startswith("-") or any(word.split("=")[0] == "--curve" for word in argv)
+    return calibrate_scene(argv) if curves else calibrate(argv)
+
+
+def calibrate_scene(argv) -> int:
+    """Constants of a law from curves that were measured of a scene."""
+    what = "The constants of a law, with 95 % intervals, by runs of the scene that come nearest to measured curves."
+    arguments, function = parsed("calibrate", argv, what, Curves)
+    options, settings = Curves(**given(arguments, Curves)), given(arguments, function.parameters)
+    require(options.curve, "curve: is missing; must be a CSV file of what was measured of the scene")
+    require(find_spec("scipy"), "calibrate needs scipy: pip install 'taichi-mps[calibrate]'")
+    from ..study.calibrate_curves import calibrate_curves
+
+    told = None if options.quiet or arguments.json else lambda text: print(plain(text), file=sys.stderr, flush=True)
+    if told:
+        for line in forecast(Problem(catalogue.build(arguments.scene, **settings)), "f32")[:2]:
+            told(f"A run: {line}")
+    name, how = arguments.scene, (options.executor, options.workers, options.check)
+    folder = user_path(options.out or Path("studies") / f"calibrate-{Path(name).stem}")
+    found = calibrate_curves(name, options.curve, options.free, folder, *how, told, **settings)
+    constants = {key: it.value for key, it in found.constants.items()}
+    case = catalogue.build(name, **settings | found.curves[0]["settings"] | constants)
+    write_whole(folder / "case.toml", case_file.text(catalogue.source(name), Problem(case), {}))
+    write_whole(folder / "calibration.json", json.dumps(strict(found.facts()), indent=1))
+    tell(arguments, found.facts(), f"{found}\nTo run it: taichi-mps run {folder / 'case.toml'}")
+    if find_spec("matplotlib"):
+        from ..study.chart import curves_chart
+
+        print(f"Chart: {plain(curves_chart(found, folder / 'chart.png'))}", file=sys.stderr)
+    return DONE
 
 
 def calibrate_table(arguments, options: Lookup, told: dict) -> int:
@@ -294,4 +348,4 @@ def chart(arguments) -> int:
     return tell(arguments, {"picture": str(made)}, made)
 
 
-COMMANDS = {"sweep": sweep_command, "calibrate": calibrate, "chart": chart, "require": require_command}
+COMMANDS = {"sweep": sweep_command, "calibrate": calibrate_command, "chart": chart, "require": require_command}

@@ -60,9 +60,10 @@ def row_without_result(case: Case, status: str, reason) -> dict:
     return {"key": case.key, "status": status, "reason": words, "scene": case.scene, **case.parameters}
 
 
-def run(case: Case) -> dict:
-    """Compute a case to its end in this process: its row. What fails is a row with its reason. Taichi is started with
-    one thread where it is not, and again, which drops every earlier Simulation, where its fields are used up.
+def run(case: Case, begun=None) -> dict:
+    """Compute a case to its end in this process: its row; ``begun(sim)`` is called before its first step. What fails is
+    a row with its reason. Taichi is started with one thread where it is not, and again, which drops every earlier
+    Simulation, where its fields are used up.
 
     A row holds key, status ('done' or 'failed'), reason, the parameters, the scene's measures at the end, t500_s [s]
     where the spread came to 500 mm, what stopped the run, steps and seconds.
@@ -77,6 +78,8 @@ def run(case: Case) -> dict:
             if over_time:
                 course.append(row_of(sim, sim.measures()))
                 sim.each_step(lambda sim: sim.taken_by_all and course.append(row_of(sim, sim.measures())))
+            if begun:
+                begun(sim)
             sim.run()
             summary, measures = sim.summary(), sim.measures()
             if over_time:

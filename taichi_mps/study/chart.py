@@ -9,6 +9,7 @@ from ..problem.labels import in_words, title, unit_of_measure
 from ..units import File, Place, SceneError, said, unit_of, validated
 from ..validation import read_reference
 from ..viz.plots import COLOURS, _figure, _save
+from .calibrate_result import RATES
 from .emulator import DENSITY, emulator_of
 from .mixes import pairs
 from .require import fills
@@ -89,6 +90,31 @@ def mixes_chart(rows, out) -> Path:
         axes.legend(frameon=False)
     axes.set(xlabel="slump [cm]", ylabel="slump flow [cm]", title="Measured, and the nearest mix of the model (dots)")
     axes.grid(alpha=0.3)
+    return _save(figure, out)
+
+
+def curves_chart(found, out) -> Path:
+    """Measured curves (circles) beside those of the constants found, a panel for each measure, and the flow curve with
+    its band of 95 %; ``found``: a CurveFit."""
+    names = list(found.missed)
+    figure, panels = _figure(4.8 * (len(names) + 1), 4.4, columns=len(names) + 1)
+    for axes, name in zip(panels, names, strict=False):
+        factor, unit, _ = unit_of_measure(name)
+        for k, each in enumerate(each for each in found.curves if each["measure"] == name):
+            at = each["times"] or [k + 1.0] * len(each["measured"])
+            colour = COLOURS[k % len(COLOURS)] if each["times"] else COLOURS[0]
+            axes.plot(at, factor * np.array(each["measured"], float), "o", color=colour, ms=4, mfc="none")
+            axes.plot(
+                at, factor * np.array(each["model"]), "-" if each["times"] else "x", color=colour, label=each["name"]
+            )
+            label = "time of the curve [s]" if each["times"] else "number of the point"
+        axes.set(xlabel=label, ylabel=title(name) + f" [{unit}]" * bool(unit))
+        if len(found.curves) <= len(COLOURS):
+            axes.legend(frameon=False, fontsize=8)
+    stress, by = found.flow_curve()
+    panels[-1].fill_between(RATES, stress / by, stress * by, color=COLOURS[0], alpha=0.2, lw=0)
+    panels[-1].loglog(RATES, stress, color=COLOURS[0])
+    panels[-1].set(xlabel="shear rate [1/s]", ylabel="shear stress [Pa]", title="Flow curve, band of 95 %")
     return _save(figure, out)
 
 

@@ -47,9 +47,9 @@ FIELDS |= {key_of(word): field for field, words in NAMES.items() for word in wor
 FIELDS |= {f"{key}error": f"{field}_error" for key, field in FIELDS.items() if field in TESTS.values()}
 
 
-def is_unit(text: str) -> bool:
+def is_unit(text: str, fields) -> bool:
     """Whether a text in brackets is meant as a unit: no standard, no name of ours and no word beside one."""
-    named = re.search(r"\w", text) and key_of(text) in ("", *FIELDS)
+    named = re.search(r"\w", text) and key_of(text) in ("", *fields)
     return bool(text) and not named and not STANDARD.match(text)
 
 
@@ -57,14 +57,20 @@ def is_unit(text: str) -> bool:
 def heading(column: str) -> tuple[str | None, str]:
     """Field of Measurements that a column holds, None for any other; and its unit, empty where the head names none.
     SceneError for a unit of another kind."""
+    return quantity(column, FIELDS, lambda field: unit_of(Measurements.model_fields[field]))
+
+
+def quantity(column: str, fields: dict[str, str], unit_of) -> tuple[str | None, str]:
+    """What a column holds by the names of ``fields``, {key_of(name): what it is}, None for another; and its unit, empty
+    where it names none. SceneError for a unit that is not of the kind of ``unit_of(what it is)``."""
     text = unicodedata.normalize("NFKC", column)
     bare, units = BRACKETS.sub(" ", text).strip(), [unit.strip() for unit in BRACKETS.findall(text)]
-    found, units = FIELDS.get(key_of(bare)), list(filter(is_unit, units))
+    found, units = fields.get(key_of(bare)), [unit for unit in units if is_unit(unit, fields)]
     if not found and (tail := TAIL.fullmatch(bare)):
-        found, units = FIELDS.get(key_of(tail[1])), [tail[2]]
+        found, units = fields.get(key_of(tail[1])), [tail[2]]
     if not found or not units:
         return found, ""
-    ours = unit_of(Measurements.model_fields[found])
+    ours = unit_of(found)
     for unit in (ALIKE.get(unit.lower(), unit) for unit in reversed(units)):
         with suppress(ValueError):
             in_unit(ours, f"1 {unit}")

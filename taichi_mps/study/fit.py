@@ -69,15 +69,6 @@ class LeastSquares:
             slopes[:, column] = np.diff(self.residuals(*sides.T), axis=1)[:, 0] / np.diff(ends)
         return np.nan_to_num(slopes)
 
-    def worth(self, slopes, free) -> np.ndarray:
-        """By which factor the standard error of each constant would grow without each measurement, (measurements,
-        constants): with J of ``sensitivities`` the covariance is (JT J + P)^-1, where P, 12 over the squared length of
-        the table, is what the table alone says of the constants."""
-        before = np.diag(12.0 / (self.high - self.low)[free] ** 2)
-        without = [before + slopes.T @ slopes - np.outer(row, row) for row in slopes]
-        whole = np.diag(np.linalg.inv(before + slopes.T @ slopes))
-        return np.sqrt([np.diag(np.linalg.inv(part)) / whole for part in without])
-
     def by_name(self, table, free) -> dict[str, dict[str, float]]:
         """A table (measurements, free constants) by their names."""
         names = [self.constants[k] for k in free]
@@ -148,8 +139,17 @@ def fit(
         misfit=float(least),
         by_viscosity=along,
         sensitivities=squares.by_name(slopes, free),
-        worth=squares.by_name(squares.worth(slopes, free), free),
+        worth=squares.by_name(worth(slopes[:, None], np.diag(12.0 / (squares.high - squares.low)[free] ** 2)), free),
     )
+
+
+def worth(parts, before) -> np.ndarray:
+    """By which factor the standard error of each constant would grow without each part of the measurements, (parts,
+    constants): with J the slopes of the residuals of all ``parts``, each (points, constants), the covariance is
+    (JT J + P)^-1, where P = ``before``, 12 over the squared length of a range, is what that alone says of it."""
+    whole = before + sum(part.T @ part for part in parts)
+    without = [np.diag(np.linalg.inv(whole - part.T @ part)) for part in parts]
+    return np.sqrt(np.array(without) / np.diag(np.linalg.inv(whole))).reshape(len(parts), len(before))
 
 
 def zoomed(squares: LeastSquares, axes, chi2):

@@ -74,9 +74,9 @@ def opened(folder):
 
 
 def write(rows: list[dict], path) -> None:
-    """A table of rows as CSV, one column for each name in any of them. Text that a spreadsheet would take for a formula
-    begins with an apostrophe."""
-    columns = list(dict.fromkeys(name for row in rows for name in row if name))
+    """A table of rows as CSV, one column for each name in any of them, without those of curves (dict). Text that a
+    spreadsheet would take for a formula begins with an apostrophe."""
+    columns = list(dict.fromkeys(k for row in rows for k, cell in row.items() if k and not isinstance(cell, dict)))
     with open(path, "w", newline="", encoding="utf-8") as file:
         lines = csv.writer(file)
         lines.writerow(map(harmless, columns))

@@ -19,11 +19,12 @@ from ..simulation.simulation import Simulation
 
 # of a scene: read at every step or at the end, by no kernel; the material has its own entry
 FREE = ("material", "until", "parameters", "measure", "over_time", "check", "outline")
-_kept: dict = {}  # of this process: the Simulation, its shape, and its scheme and state when it was made
+MOST_KEPT = 4  # Simulations of a process: of some curves, coarse and fine
+_kept: dict = {}  # of this process, by shape, last used last: Simulation, its scheme and its state when it was made
 
 
 def begin(scene: Scene) -> Simulation:
-    """A Simulation of the scene, by kernels of this process where they fit; the one handed out before is over. Starts
+    """A Simulation of the scene, by kernels of this process where they fit; one handed out before is over. Starts
     Taichi with one thread where it is not, and again where its fields are used up."""
     problem = Problem(scene)
     shape = shape_of(problem)
@@ -33,15 +34,16 @@ def begin(scene: Scene) -> Simulation:
         _kept.clear()
         with redirect_stdout(io.StringIO()):  # without Taichi's greeting
             init(threads=1)
-    sim = _kept.get("sim")
+    sim, scheme, beginning = _kept.pop(shape, (None, None, None))
     # its scheme is another one once it was made anew for a longer neighbour list
-    if not sim or _kept["shape"] != shape or sim.session is not session() or sim.scheme is not _kept["scheme"]:
-        sim = None
-        _kept.clear()
+    if not sim or sim.session is not session() or sim.scheme is not scheme:
+        for oldest in list(_kept)[: len(_kept) - MOST_KEPT + 1]:
+            del _kept[oldest]
         sim = Simulation(problem)
-        _kept.update(sim=sim, shape=shape, scheme=sim.scheme, beginning=sim.state())
+        scheme, beginning = sim.scheme, sim.state()
     require_room()
-    sim.restart(problem, _kept["beginning"])
+    sim.restart(problem, beginning)
+    _kept[shape] = sim, scheme, beginning
     return sim
 
 

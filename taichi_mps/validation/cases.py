@@ -2,7 +2,7 @@
 
 import taichi_mps as mps
 
-from . import Row, curved, flows, fluids, slumps, standing, vortices
+from . import Row, curved, flows, fluids, measured, slumps, standing, vortices
 from .standing import HEIGHT
 
 CLOSED = "closed form"
@@ -84,6 +84,9 @@ TABLE = [
         "Martin and Moyce (1952), a = 2.25 in, digitised +-0.05", fluids.dam_break_front, quick=True),
     Row("dam_break_pressure", "dam break, H = 0.6 m, H/l0 = 30: pressure at the far wall, sensor at 160 mm",
         "Buchner (2002), digitised", fluids.dam_break_pressure),
+    Row("measured_dam_breaks",
+        "dam breaks of 4 fluids from an open box, law by their rheometer's curves, l0 = 2 mm, front after 1/3 s",
+        "measured (Hamamichi et al. 2023)", measured.dam_breaks, {"spacing": 0.002}),
     Row("elliptical_drop", "elliptical drop, R/l0 = 25, to A0 t = 1", "Monaghan (1994), exact", fluids.elliptical_drop),
     Row("square_patch", "rotating square patch, L/l0 = 40, to w t = 2", "boundary elements (own)",
         fluids.square_patch, {"across": 40}),

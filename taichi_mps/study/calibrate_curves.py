@@ -1,0 +1,300 @@
+"""Constants of a law from measured curves: runs of their scene, by least squares on the logarithms, coarse first."""
+
+import warnings
+from functools import partial
+from pathlib import Path
+from time import monotonic
+
+import numpy as np
+
+from ..io.run_folder import strict
+from ..problem import catalogue
+from ..problem.labels import in_words, is_measure, title, written
+from ..problem.materials import LAWS, numbers_of
+from ..units import SceneError, notes, require, suggestion
+from .calibrate_input import Curve, measures_of, of_files
+from .calibrate_result import CurveFit
+from .calibration import Constant, short
+from .case import case
+from .case import run as run_case
+from .fit import worth
+from .sweep import carry_out, executor_of
+
+OFFSET = "time_offset"  # in ``free``: the unknown time [s] of the scene at the zero of a curve
+LATE = 0.5  # largest such time over the length of the curve
+SAMPLES = 100  # of a curve of a run
+COARSER = 2.0  # spacing of the runs of the fit over that of those that correct them
+RANGE = 100.0  # factor from the first value of a constant within which it is sought
+FACTOR = 4.0  # between the first runs, by which all constants are made larger or smaller together
+STEP = 0.1  # of the logarithm of a constant, to a run that tells a sensitivity; particles scatter smaller ones
+MOST, ENOUGH = 10, 0.01  # steps of a fit, and the change of the logarithms that ends it
+ROUNDS = 3  # of fits, each corrected by finer runs at the constants of the one before
+ERROR = 0.01  # of a point over the largest value of its measure: weighs measures of different units
+OUTSIDE = 0.1  # of the largest value, by which points may lie beyond all runs
+FAILED = 1e3  # residual of a run that failed
+
+
+def course(case) -> dict:
+    """A case to its end, as ``run``, with its measures over time in ``course``, {name: values}."""
+    frames = []
+
+    def begun(sim):
+        sim.every(sim.scene.until / SAMPLES, lambda frame: frames.append({"time_s": frame.time} | frame.measures()))
+
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "volume_error_max")  # coarse runs are corrected by finer ones
+        row = run_case(case, begun)
+    return row | {"course": {name: [strict(frame.get(name)) for frame in frames] for name in dict(*frames[-1:])}}
+
+
+class Runs:
+    """Runs of a scene beside measured curves, kept in the folder of a study.
+
+    A point ``at`` is the logarithms of the constants over their ``first`` values, then, with ``offsets``, the time of
+    the scene at the zero of each curve in units of a tenth of its length.
+    """
+
+    def __init__(self, scene: str, curves: list[Curve], settings: dict, first: dict, offsets: bool, folder, pool, say):
+        self.scene, self.curves, self.settings, self.first = scene, curves, settings, first
+        self.folder, self.pool, self.say, self.seconds = folder, pool, say, 0.0  # of a run
+        self.cases, self.planned, self.rows = {}, {}, {}
+        shifted = [k for k, curve in enumerate(curves) if offsets and len(curve.times)]
+        self.places = {k: len(first) + number for number, k in enumerate(shifted)}  # in a point, by curve
+        self.units = np.array([0.1 * np.ptp(curves[k].times) for k in shifted])  # of the offsets [s]
+        self.errors = {}
+        for name in {name: None for curve in curves for name in curve.values}:
+            largest = np.nanmax(np.abs(np.concatenate([c.values[name] for c in curves if name in c.values])))
+            self.errors[name] = ERROR * (float(largest) or 1.0)
+        self.reach = np.inf, -np.inf  # least and largest residual of each point so far
+        self.blocks = [
+            (k, name, np.isfinite(values)) for k, curve in enumerate(curves) for name, values in curve.values.items()
+        ]
+
+    def mix(self, at) -> dict[str, float]:
+        """Constants of a point, SI units, of five figures: runs are known by them."""
+        values = zip(self.first.items(), at[: len(self.first)], strict=True)
+        return {name: float(f"{value * np.exp(by):.5g}") for (name, value), by in values}
+
+    def late(self, at, k: int) -> float:
+        """Time [s] of the scene at the zero of curve ``k``."""
+        return at[self.places[k]] * self.units[self.places[k] - len(self.first)] if k in self.places else 0.0
+
+    def case(self, k: int, at, spacing):
+        """The run of curve ``k`` at a point and a spacing [m]."""
+        curve, mix = self.curves[k], self.mix(at)
+        name = k, spacing, *mix.values()
+        if name not in self.cases:
+            past = LATE * np.ptp(curve.times) if k in self.places else 0.0
+            until = {"until": float(curve.times[-1] + past)} if len(curve.times) else {}
+            keywords = self.settings | curve.settings | mix | until | {"spacing": spacing}
+            self.cases[name] = case(self.scene, **keywords)
+        return self.cases[name]
+
+    def compute(self, points, spacing) -> None:
+        """Compute what is not there yet of these points, side by side."""
+        asked = [self.case(k, at, spacing) for at in points for k in range(len(self.curves))]
+        begun, new = monotonic(), [each for each in asked if each.key not in self.planned]
+        self.planned |= {each.key: each for each in asked}
+        if new:
+            rows = carry_out(list(self.planned.values()), self.folder, course, self.pool)
+            self.rows = {row["key"]: row for row in rows}
+            self.seconds = (monotonic() - begun) / len(new)
+
+    def model(self, at, spacing) -> list[np.ndarray]:
+        """What runs say of each block at its times, or at the end; SceneError where one failed."""
+        self.compute([at], spacing)
+        found = []
+        for k, name, _ in self.blocks:
+            curve, row = self.curves[k], self.rows[self.case(k, at, spacing).key]
+            require(row["status"] == "done", f"curve = {curve.name}: a run {row['status']}: {row['reason']}")
+            values = row["course"] if len(curve.times) else row
+            known = ", ".join(filter(is_measure, values))
+            require(name in values, f"curve = {curve.name}: the scene does not measure {name}; must be of {known}")
+            value = np.array(values[name], float)
+            found.append(
+                np.interp(curve.times + self.late(at, k), values["time_s"], value) if len(curve.times) else value[None]
+            )
+        return found
+
+    def residuals(self, at, spacing) -> np.ndarray:
+        """Model less measured over the error, of all points that were measured."""
+        parts = [
+            ((model - self.curves[k].values[name]) / self.errors[name])[there]
+            for (k, name, there), model in zip(self.blocks, self.model(at, spacing), strict=True)
+        ]
+        found = np.concatenate(parts)
+        self.reach = np.fmin(self.reach[0], found), np.fmax(self.reach[1], found)
+        return found
+
+    def require_reached(self, at, spacing) -> None:
+        """SceneError where a quarter of a curve's points lie beyond all runs, with what the run at a point says."""
+        beyond = np.maximum(self.reach[0], -self.reach[1]) > OUTSIDE / ERROR
+        edges = np.cumsum([there.sum() for *_, there in self.blocks])[:-1]
+        for (k, name, _), model, part in zip(
+            self.blocks, self.model(at, spacing), np.split(beyond, edges), strict=True
+        ):
+            measured, nearest = (written(name, float(v[-1])) for v in (self.curves[k].values[name], model))
+            require(
+                np.mean(part) <= 0.25,
+                f"curve = {self.curves[k].name}: no run comes to it, its {title(name)} ends at {measured}, that of the "
+                f"nearest run at {nearest}, {self.words(at)}",
+            )
+
+    def slopes(self, at, spacing, bounds) -> np.ndarray:
+        """Derivatives of the residuals at a point, (points, unknowns)."""
+        steps = np.where(at + STEP > bounds[1], -STEP, STEP)
+        sides = [at + step * one for step, one in zip(steps, np.eye(len(at)), strict=True)]
+        self.compute([at, *sides[: len(self.first)]], spacing)
+        here = self.residuals(at, spacing)
+        pairs = zip(sides, steps, strict=True)
+        return np.stack([(self.residuals(side, spacing) - here) / step for side, step in pairs], 1)
+
+    def begin(self, spacing) -> np.ndarray:
+        """Where to begin: all constants smaller or larger by one factor until the runs are in the mean on either side
+        of the curves; SceneError where none come to them."""
+        scaled = [name != "flow_index" for name in self.first] + [False] * len(self.units)
+        step, known = np.log(FACTOR) * np.array(scaled, float), {}
+
+        def look(power) -> float:
+            known[power] = float(np.mean(self.residuals(power * step, spacing)))
+            return known[power]
+
+        way = -1 if abs(look(-1)) < abs(look(0)) else 1
+        while known[min(known)] * known[max(known)] > 0.0 and len(known) < 2 + int(np.log(RANGE) / np.log(FACTOR)):
+            look((min(known) if way < 0 else max(known)) + way)
+        ends = (min(known), min(known) + 1) if way < 0 else (max(known) - 1, max(known))
+        if known[ends[0]] * known[ends[1]] <= 0.0:
+            apart = known[ends[0]] - known[ends[1]]
+            return (ends[0] + known[ends[0]] / (apart or 1.0)) * step
+        best = min(known, key=lambda power: abs(known[power]))
+        self.require_reached(best * step, spacing)
+        return best * step
+
+    def words(self, at) -> str:
+        """Constants of a point in words."""
+        return ", ".join(f"{in_words(name)} {short(value)}" for name, value in self.mix(at).items())
+
+
+def first_values(scene: str, free: list[str], settings: dict) -> dict[str, float]:
+    """Values to begin with of the free constants: as given, or those of the law; SceneError for no constant of it."""
+    usual = {name: each.default for law in reversed(LAWS) for name, each in numbers_of(law).items()}
+    for name in free:
+        known = f"{suggestion(name, usual)}; must be of {', '.join(usual)}"
+        require(name in usual, f"free = {name}: is no constant of a law{known}")
+    own = catalogue.build(scene, **settings).material
+    first = {name: settings.get(name, getattr(own, name, usual[name])) for name in free}
+    law = catalogue.build(scene, **settings | first).material
+    for name in free:
+        known = ", ".join(numbers_of(type(law)))
+        require(name in numbers_of(type(law)), f"free = {name}: the law {type(law).__name__} has only {known}")
+        value = getattr(law, name)
+        require(value > 0.0, f"{name} = {value:g}: is where the search begins; must be above 0")
+    return {name: float(getattr(law, name)) for name in free}
+
+
+def ends_of(first: dict, fields) -> np.ndarray:
+    """Logarithms over the first values between which constants are sought, (2, constants)."""
+    ends = []
+    for name, value in first.items():
+        low, high = (
+            [bound for note in notes(fields[name]) for mark in marks if (bound := getattr(note, mark, None))]
+            for marks in (("ge", "gt"), ("le", "lt"))
+        )
+        ends.append(np.log([max([*low, value / RANGE]) / value, min([*high, value * RANGE]) / value]))
+    return np.array(ends).T
+
+
+def calibrate_curves(
+    scene: str, curve: str, free: str, out=None, executor="local", workers=None, finer=True, watch=None, **settings
+) -> CurveFit:
+    """The constants of a law of which curves were measured.
+
+    curve: CSV files with commas between them; free: names of constants of the law, and OFFSET for an unknown time of
+    each curve; out: folder of the study, which goes on where it was left; finer: whether runs at the scene's spacing
+    correct those of the fit, at twice that; watch: is told of the way in lines of text; settings: keywords of the
+    scene. SceneError for what no run can be.
+    """
+    from scipy.optimize import least_squares
+
+    names = [name.strip().replace("-", "_").replace("yield_stress", "yield_value") for name in free.split(",")]
+    first = first_values(scene, [name for name in names if name != OFFSET], settings)
+    require(first, f"free = {free}: must be a constant of the law or more, such as yield_value,plastic_viscosity")
+    function, built = catalogue.load(scene), catalogue.build(scene, **settings | first)
+    curves = of_files(curve, function.parameters.model_fields, measures_of(built))
+    for each in curves:
+        both = sorted(each.settings.keys() & {*settings, *first, "until"})
+        require(not both, f"curve = {each.name}: {''.join(both[:1])} is a column of it; must not be given, too")
+        catalogue.build(scene, **settings | first | each.settings)
+    folder, say, fine = out or Path("studies") / f"calibrate-{built.name}", watch or str, built.spacing
+    spacing = COARSER * fine if finer else fine
+    start, _ = executor_of(executor, workers, folder)
+    with start() as pool:
+        runs = Runs(scene, curves, settings, first, OFFSET in names, folder, pool, say)
+        ends, points = ends_of(first, type(built.material).model_fields), sum(there.sum() for *_, there in runs.blocks)
+        bounds = np.hstack([ends, np.outer([-10.0, 10.0], np.full(len(runs.units), LATE))])
+        few = f"free = {free}: {bounds.shape[1]} numbers; must be fewer than the measured points, {points}"
+        require(points > bounds.shape[1], few)
+        likely = len(curves) * (3 + 4 * (1 + len(first)))
+        say(f"some {likely} runs at a spacing of {spacing:g} m" + f", and {2 * len(curves)} at {fine:g} m" * finer)
+        at, shift, moved = np.clip(runs.begin(spacing), *(0.999 * bounds)), 0.0, np.inf
+
+        def apart(at):
+            try:
+                found = runs.residuals(at, spacing) + shift
+            except SceneError as failure:
+                say(str(failure))
+                return np.full(points, FAILED)
+            missed = ERROR * np.sqrt(np.mean(found**2))
+            say(f"{len(runs.planned)} runs, {runs.seconds:.1f} s each: {runs.words(at)}: misses by {missed:.2%}")
+            return found
+
+        for _ in range(ROUNDS):
+            slopes = partial(runs.slopes, spacing=spacing, bounds=bounds)
+            found = least_squares(apart, at, slopes, bounds, xtol=ENOUGH, ftol=1e-3, max_nfev=MOST)
+            moved, at = (np.abs(found.x - at).max() if np.ndim(shift) else np.inf), found.x
+            if not finer or moved < 2.0 * ENOUGH:
+                break
+            shift = runs.residuals(at, fine) - runs.residuals(at, spacing)
+        runs.require_reached(at, spacing)
+        return result(runs, at, found.jac, ends, built.material, fine)
+
+
+def result(runs: Runs, at, slopes, ends, material, spacing) -> CurveFit:
+    """The result at a point: intervals by the slopes and the scatter of the residuals there. Those of a curve go
+    together, so that the scatter counts by (1 + r)/(1 - r), r their correlation from a point to the next."""
+    from scipy.stats import t
+
+    residuals, model, count = runs.residuals(at, spacing), runs.model(at, spacing), len(runs.first)
+    edges = np.cumsum([there.sum() for *_, there in runs.blocks])[:-1]
+    square = max(float(residuals @ residuals), 1e-12)
+    beside = sum(float(part[1:] @ part[:-1]) for part in np.split(residuals, edges)) / square
+    freedom, beside = len(residuals) - len(at), min(max(beside, 0.0), 0.9)
+    scale = square / freedom * (1.0 + beside) / (1.0 - beside)
+    lengths = np.concatenate([np.ptp(ends, axis=0), np.full(len(runs.units), 20.0 * LATE)])
+    before = np.diag(12.0 / lengths**2)
+    spread = np.linalg.inv(before + slopes.T @ slopes / scale) * t.ppf(0.975, freedom) ** 2
+    wide, constants = np.sqrt(np.diag(spread)), {}
+    for k, (name, value) in enumerate(runs.first.items()):
+        low, high = (value * np.exp(ends[:, k])).tolist()
+        best, lower, upper = (value * float(np.exp(at[k] + by)) for by in (0.0, -wide[k], wide[k]))
+        constants[name] = Constant(best, lower if lower > low else None, upper if upper < high else None, low, high)
+    curves, named = [], []
+    for (k, name, _), values in zip(runs.blocks, model, strict=True):
+        curve = runs.curves[k]
+        facts = {"name": curve.name, "settings": curve.settings, "measure": name, "times": curve.times.tolist()}
+        curves.append(facts | {"measured": curve.values[name].tolist(), "model": values.tolist()})
+        named.append(f"{title(name)} of {curve.name}")
+    parts = worth([part / scale**0.5 for part in np.split(slopes, edges)], before)
+    by_part = {name: dict(zip(constants, row.tolist(), strict=False)) for name, row in zip(named, parts, strict=True)}
+    spent = [row.get(name) or 0.0 for row in runs.rows.values() for name in ("cpu_seconds", "compile_seconds")]
+    return CurveFit(
+        scene=runs.scene,
+        material=material.model_copy(update={name: it.value for name, it in constants.items()}),
+        constants=constants,
+        offsets={runs.curves[k].name: (runs.late(at, k), runs.late(wide, k)) for k in runs.places},
+        spread=spread[:count, :count],
+        curves=curves,
+        worth=by_part if len(named) > 1 else {},
+        runs=len(runs.planned),
+        cpu_seconds=sum(spent),
+    )

@@ -1,0 +1,195 @@
+"""Constants from measured curves: known ones come back, with what intervals; files as people write them; refusals."""
+
+import json
+from concurrent.futures import Executor, Future
+
+import numpy as np
+import pytest
+
+import taichi_mps as mps
+from taichi_mps.cli.main import main
+from taichi_mps.problem import catalogue
+from taichi_mps.study import calibrate_curves as curves
+from taichi_mps.study.calibrate_input import measures_of, read_curves
+from taichi_mps.study.calibrate_result import RATES
+
+pytest.importorskip("scipy")
+
+TRUE = {"yield_value": 420.0, "plastic_viscosity": 65.0}
+BODY = {"model": "axisymmetric", "spacing": 0.02}
+
+
+class Here(Executor):
+    """Computes what it is given at once."""
+
+    def submit(self, function, *given):
+        future = Future()
+        future.set_result(function(*given))
+        return future
+
+
+def closed(time, yield_value=300.0, plastic_viscosity=50.0):
+    """A slump flow [m] that stands at what the yield stress allows, and comes there by the viscosity."""
+    end = 0.2 + 0.4 / (1.0 + yield_value / 200.0)
+    return end - (end - 0.2) * np.exp(-np.maximum(time, 0.0) * 25.0 / plastic_viscosity)
+
+
+@pytest.fixture
+def exact(monkeypatch):
+    """Runs in closed form; of twice the spacing they run 5 % farther. Gives how many there were."""
+    ran = []
+
+    def course(case):
+        ran.append(case)
+        told = dict(case.parameters)
+        time = np.linspace(0.0, told.pop("until"), 200)
+        flow = closed(time, *(told[name] for name in TRUE)) * (1.0 + 0.05 * (told["spacing"] > 0.015))
+        row = {"key": case.key, "status": "done", "reason": "", "scene": case.scene, "cpu_seconds": 1.0, **told}
+        return row | {"course": {"time_s": time.tolist(), "spread_m": flow.tolist()}}
+
+    monkeypatch.setattr(curves, "course", course)
+    return ran
+
+
+def written(path, time, flow, late=0.0):
+    rows = "".join(f"{t + late:.6f},{1e3 * value:.4f}\n" for t, value in zip(time, flow, strict=True))
+    path.write_text("time [s],diameter [mm]\n" + rows, encoding="utf-8")
+    return str(path)
+
+
+def found(tmp_path, file, free="yield_value,plastic_viscosity", name="study", **keywords):
+    settings = {"model": "axisymmetric", "spacing": 0.01} | keywords
+    return curves.calibrate_curves("slump", file, free, tmp_path / name, Here(), **settings)
+
+
+@pytest.mark.parametrize("late", [0.0, 0.3])
+def test_known_constants_come_back_and_the_offset_of_time(tmp_path, exact, late):
+    """Coarse runs that are wrong by 5 % are corrected by finer ones; a study that is done computes nothing again."""
+    time = np.linspace(0.0, 6.0, 25)
+    file = written(tmp_path / "film.csv", time, closed(time - late, **TRUE))
+    free = ",".join([*TRUE, curves.OFFSET] if late else TRUE)
+    fit = found(tmp_path, file, free)
+    for name, value in TRUE.items():
+        assert fit.constants[name].value == pytest.approx(value, rel=0.01)
+    if late:
+        assert fit.offsets["film.csv"][0] == pytest.approx(-late, abs=0.01)
+    number = len(exact)
+    assert number == fit.runs and sum(case.parameters["spacing"] == 0.01 for case in exact) <= 3
+    assert found(tmp_path, file, free).facts() == fit.facts() and len(exact) == number
+
+
+@pytest.mark.slow
+def test_intervals_hold_the_constants_as_often_as_they_say(tmp_path, exact):
+    """95 % of draws with independent errors, within 3 standard errors of 30 draws of two constants."""
+    random, time, held = np.random.default_rng(1), np.linspace(0.1, 6.0, 30), []
+    for draw in range(30):
+        flow = closed(time, **TRUE) + 0.004 * random.standard_normal(len(time))
+        fit = found(tmp_path, written(tmp_path / "film.csv", time, flow), name=f"{draw}", finer=False, spacing=0.012)
+        held += [it.lower <= TRUE[name] <= it.upper for name, it in fit.constants.items()]
+    assert np.mean(held) > 0.95 - 3.0 * (0.95 * 0.05 / 60) ** 0.5
+
+
+def test_what_a_curve_does_not_determine_is_told(tmp_path, exact):
+    """Of a body at rest no viscosity is known, and two curves are told apart by what they determine."""
+    time = np.linspace(30.0, 40.0, 12)
+    flow = closed(np.full(12, 1e3), **TRUE) + 1e-4 * np.cos(7.0 * time)
+    fit = found(tmp_path, written(tmp_path / "rest.csv", time, flow), finer=False, spacing=0.012)
+    assert fit.constants["yield_value"].determined and not fit.constants["plastic_viscosity"].determined
+    assert "They do not determine the plastic viscosity." in str(fit)
+    early = np.linspace(0.1, 6.0, 12)
+    both = f"{tmp_path / 'rest.csv'},{written(tmp_path / 'film.csv', early, closed(early, **TRUE))}"
+    fit = found(tmp_path, both, name="both", finer=False, spacing=0.012)
+    assert fit.worth["slump flow of film.csv"]["plastic_viscosity"] > 3.0
+    stress, factor = fit.flow_curve()
+    law = mps.Bingham(**TRUE)
+    exactly = np.array([law.shear_stress(rate, 0.0) for rate in RATES])
+    assert np.all(np.abs(np.log(stress / exactly)) < 0.02) and np.all(factor > 1.0)
+
+
+@pytest.mark.parametrize(
+    ("text", "times", "values"),
+    [
+        ("Zeit (s);Durchmesser_mm;Setzfließmaß (mm)\n0,5;1;210\n1,5;1;250,5\n", [0.5, 1.5], [0.21, 0.2505]),
+        ("time [min],slump flow,edge points\n0,0.2,7\n0.5,25 cm,8\n", [0.0, 30.0], [0.2, 0.25]),
+        ("t,diameter [in]\n0,10\n1,\n", [0.0, 1.0], [0.254, np.nan]),
+    ],
+)
+def test_a_film_is_read_as_people_write_it(tmp_path, text, times, values):
+    (tmp_path / "film.csv").write_text(text, encoding="utf-8")
+    scene = catalogue.build("slump", **BODY)
+    (curve,) = read_curves(tmp_path / "film.csv", catalogue.load("slump").parameters.model_fields, measures_of(scene))
+    assert curve.times.tolist() == pytest.approx(times)
+    np.testing.assert_allclose(curve.values["spread_m"], values)
+
+
+def test_columns_that_are_keywords_of_the_scene_make_runs_of_their_own(tmp_path):
+    """Two blocks in one file; torques at speeds are end values, a run each."""
+    (tmp_path / "dams.csv").write_text(
+        "column_width [mm],column_height [cm],time [s],flow [mm]\n21,4,0.1,30\n21,4,0.2,50\n30,2,0.1,20\n30,2,0.2,30\n"
+    )
+    dam = catalogue.load("dam_break").parameters.model_fields
+    measured = measures_of(catalogue.build("dam_break", model="half", spacing=0.005))
+    first, second = read_curves(tmp_path / "dams.csv", dam, measured)
+    assert first.settings == {"column_width": "21 mm", "column_height": "4 cm"} != second.settings
+    assert first.values["flow_m"].tolist() == [0.03, 0.05] and second.times.tolist() == [0.1, 0.2]
+    (tmp_path / "vane.csv").write_text("speed [rpm],steady torque [mN m]\n10,1\n20,2\n40,3\n")
+    vane = catalogue.build("vane", spacing=0.005)
+    points = read_curves(tmp_path / "vane.csv", catalogue.load("vane").parameters.model_fields, measures_of(vane))
+    assert [(each.settings["speed"], each.values["steady_torque_N_m"].tolist()) for each in points] == [
+        ("10 rpm", [0.001]),
+        ("20 rpm", [0.002]),
+        ("40 rpm", [0.003]),
+    ]
+
+
+FIVE = "0,20\n1,21\n2,22\n3,23\n4,24\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "options", "message"),
+    [
+        ("time [s],slump flow [cm]\n0,20\n1,21\n", "", "holds 2 points; must be at least 5"),
+        ("time [s],slump flow [cm]\n0,20\n2,21\n1,22\n3,23\n4,24\n", "", "times fall: after 2.0 s comes 1.0 s"),
+        ("time [s],torque [N m]\n" + FIVE, "", "has no column that the scene measures ('torque [N m]'); must be one"),
+        ("time [s],slump flow [cm]\n" + FIVE, "--free viscosity", "free = viscosity: is no constant of a law"),
+        ("time [s],slump flow [cm]\n" + FIVE, "--free consistency --critical-strain-rate 0.1", "has no such number"),
+        ("time [s],slump flow [cm]\n" + FIVE, "--free time_offset", "free = time_offset: must be a constant"),
+        ("time [s],slump flow [cm]\n" + FIVE, "--free friction_angle", "is where the search begins; must be above 0"),
+        ("time [s],slump flow [kg]\n" + FIVE, "", "its unit must be m or one of that kind"),
+        ("time [s],slump flow [cm]\n0,far\n" + FIVE, "", "row 1, slump flow [cm] = far: must be a number [m]"),
+        ("time [s],height [cm],slump flow [cm]\n" + "1,30,20\n" * 5, "--height 0.3", "height is a column of it"),
+        ("", "", "curve: is missing"),
+    ],
+)
+def test_what_cannot_be_is_one_line(tmp_path, capsys, text, options, message):
+    (tmp_path / "c.csv").write_text(text, encoding="utf-8")
+    words = ["calibrate", "slump", "--quiet", "--model", "axisymmetric", "--spacing", "0.02", *options.split()]
+    words += [f"--curve={tmp_path / 'c.csv'}"] * bool(text) + [f"--out={tmp_path / 'study'}"]
+    assert main(words) == 2
+    said = capsys.readouterr().err
+    assert message in said and said.count("\n") == 1
+
+
+@pytest.mark.parametrize("end", [0.19, 0.9])
+def test_a_curve_that_no_run_comes_to_is_refused(tmp_path, exact, end):
+    time = np.linspace(0.0, 6.0, 10)
+    with pytest.raises(mps.SceneError, match="no run comes to it, its slump flow ends at .* cm, that of the nearest"):
+        found(tmp_path, written(tmp_path / "far.csv", time, np.linspace(0.1, end, 10) - 0.09 * (end < 0.2)))
+
+
+@pytest.mark.slow
+def test_the_engine_finds_its_own_constants(tmp_path, monkeypatch, capsys):
+    """Its slump and slump flow over a second, at 420 Pa and 65 Pa s, from another start, by the command line: the mix
+    within the 3 % by which 57 particles scatter, its case file and its chart."""
+    course = curves.course(curves.case("slump", **TRUE, **BODY, until=1.0))["course"]
+    rows = list(zip(*(course[name] for name in ("time_s", "slump_m", "spread_m")), strict=True))[4::6]
+    text = "time,slump,slump flow\n" + "".join(f"{t:.4f},{slump:.5f},{flow:.5f}\n" for t, slump, flow in rows)
+    (tmp_path / "c.csv").write_text(text, encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    words = "calibrate slump --curve c.csv --model axisymmetric --spacing 0.02 --no-check --yield-stress 800 --out s"
+    assert main([*words.split(), "--workers=1"]) == 0
+    told = json.loads((tmp_path / "s" / "calibration.json").read_text(encoding="utf-8"))
+    for name, value in TRUE.items():
+        assert told["constants"][name]["value"] == pytest.approx(value, rel=0.03)
+    assert "runs" in capsys.readouterr().err and (tmp_path / "s" / "chart.png").is_file()
+    assert f"yield_value = {told['constants']['yield_value']['value']}" in (tmp_path / "s" / "case.toml").read_text()
