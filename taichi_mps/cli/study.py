@@ -19,7 +19,6 @@ from ..problem import catalogue
 from ..problem.accuracy import choose
 from ..problem.labels import in_words, title, written
 from ..problem.problem import Problem
-from ..report.forecast import forecast
 from ..report.sentences import in_time
 from ..study import calibrate as one_mix
 from ..study.calibrate import Measurements
@@ -263,9 +262,6 @@ def calibrate_scene(argv) -> int:
     from ..study.calibrate_curves import calibrate_curves
 
     told = None if options.quiet or arguments.json else lambda text: print(plain(text), file=sys.stderr, flush=True)
-    if told:
-        for line in forecast(Problem(catalogue.build(arguments.scene, **settings)), "f32")[:2]:
-            told(f"A run: {line}")
     name, how = arguments.scene, (options.executor, options.workers, options.check)
     folder = user_path(options.out or Path("studies") / f"calibrate-{Path(name).stem}")
     found = calibrate_curves(name, options.curve, options.free, folder, *how, told, **settings)

@@ -1,6 +1,9 @@
 """Constants of a law from measured curves: runs of their scene, by least squares on the logarithms, coarse first."""
 
+import io
+import os
 import warnings
+from contextlib import redirect_stdout
 from functools import partial
 from pathlib import Path
 from time import monotonic
@@ -11,6 +14,7 @@ from ..io.run_folder import strict
 from ..problem import catalogue
 from ..problem.labels import in_words, is_measure, title, written
 from ..problem.materials import LAWS, numbers_of
+from ..report.sentences import in_time
 from ..units import SceneError, notes, require, suggestion
 from .calibrate_input import Curve, measures_of, of_files
 from .calibrate_result import CurveFit
@@ -18,7 +22,7 @@ from .calibration import Constant, short
 from .case import case
 from .case import run as run_case
 from .fit import worth
-from .sweep import carry_out, executor_of
+from .sweep import carry_out, executor_of, wall_time
 
 OFFSET = "time_offset"  # in ``free``: the unknown time [s] of the scene at the zero of a curve
 LATE = 0.5  # largest such time over the length of the curve
@@ -235,7 +239,12 @@ def calibrate_curves(
         few = f"free = {free}: {bounds.shape[1]} numbers; must be fewer than the measured points, {points}"
         require(points > bounds.shape[1], few)
         likely = len(curves) * (3 + 4 * (1 + len(first)))
-        say(f"some {likely} runs at a spacing of {spacing:g} m" + f", and {2 * len(curves)} at {fine:g} m" * finer)
+        if watch:
+            at_start = [runs.case(k, np.zeros(len(first)), spacing) for k in range(len(curves))]
+            with redirect_stdout(io.StringIO()):  # without Taichi's greeting
+                lasts = in_time(wall_time(at_start, workers or os.cpu_count() or 1, likely))
+            finely = f", besides {2 * len(curves)} at {fine:g} m" * finer
+            say(f"some {likely} runs at a spacing of {spacing:g} m, about {lasts}{finely}")
         at, shift, moved = np.clip(runs.begin(spacing), *(0.999 * bounds)), 0.0, np.inf
 
         def apart(at):
