@@ -84,13 +84,13 @@ def scene(
         if not box:
             return found
         wide = float(np.abs(s.x[:, 1]).max() + 0.5 * s.spacing)
-        return found | {"flow_m": found["front_m"] - a, "width_m": 2.0 * wide}
+        return found | {"flow_m": found["front_m"] - a, "breadth_m": 2.0 * wide}
 
     def check(snapshot, measures):
         assert np.all(np.isfinite(snapshot.x)) and snapshot.x[:, -1].min() > 0, "leak through the floor"
         if box:
             assert mps.measure.clearance(snapshot, parts["walls"][:2]) > 0.0, "leak through the back wall"
-            assert -0.5 * spacing <= measures["flow_m"] < beyond and measures["width_m"] < depth + 2.0 * beyond, (
+            assert -0.5 * spacing <= measures["flow_m"] < beyond and measures["breadth_m"] < depth + 2.0 * beyond, (
                 measures
             )
             return

@@ -43,7 +43,7 @@ RESULTS = {  # key: (name, what it is)
     "t500_s": ("T500", "time until the slump flow is 50 cm"),
     "front_m": ("front", "farthest reach of the concrete, from the end of the vessel"),
     "height_m": ("height", "highest point of the fluid"),
-    "width_m": ("width", "of the fluid across the flow, seen from above"),
+    "breadth_m": ("breadth", "of the fluid across the flow, seen from above"),
     "flow_m": ("flow", "distance of the front from the gate"),
     "drop_m": ("drop", "how far the level behind the gate has sunk"),
     "t100_s": ("T100", "time until the front is 10 cm from the gate"),

@@ -24,7 +24,7 @@ def test_the_gate_holds_what_it_has_not_left_yet():
     assert held < 1e-3 < 1e-2 < gone
     stands = after(0.1, yield_value=1e4, plastic_viscosity=1.0)
     assert abs(stands["flow_m"]) < 1e-4 and stands["height_m"] == pytest.approx(0.04, rel=0.01)
-    assert stands["width_m"] == pytest.approx(0.04, rel=0.01)
+    assert stands["breadth_m"] == pytest.approx(0.04, rel=0.01)
 
 
 def test_the_open_box_is_told_from_the_tank():
