@@ -45,6 +45,12 @@ def scene(
     def at(x, z, y=0.0):
         return (float(x), float(z)) if plane else (float(x), float(y), float(z))
 
+    trough = [(0.0, column_height), (0.0, 0.0), (length, 0.0), (length, opening)]
+    gate = [(column_depth, opening), (column_depth, column_height)]
+    column, channel = (
+        [(0.0, 0.0), (column_depth, 0.0), *gate[1:], trough[0]],
+        [gate[0], (column_depth, 0.0), *trough[2:]],
+    )
     mirrors = () if plane or full else (mps.Plane((0.0, 0.0, 0.0), (0.0, 1.0, 0.0), mirror=True),)
     floor, back, end = ((at(0, 0), at(0, 1)), (at(0, 0), at(1, 0)), (at(length, 0), at(-1, 0)))
     side = () if plane else (((0.0, half, 0.0), (0.0, -1.0, 0.0)),)
@@ -108,6 +114,7 @@ def scene(
         domain=(at(-margin, -margin, -margin - half * full), at(length + margin, 1.2 * column_height, half + margin)),
         until=until,
         stop_at_rest=True,
+        vessel=mps.vessel([trough, gate], [column, channel], 0.0 if plane else half),
         measure=measure,
         over_time=over_time,
         check=check,

@@ -46,6 +46,7 @@ def scene(
     floor, back, end = ((at(0, 0), at(0, 1)), (at(0, 0), at(1, 0)), (at(length, 0), at(-1, 0)))
     walls = (mps.Plane(*floor), *(mps.Plane(*wall, slip=slip) for wall in (back, end, *side)), *mirrors)
     fluid = mps.fill(mps.Box(at(0, 0, -half), at(block, height, half)), spacing, mirrors)
+    box = [(0.0, height), (0.0, 0.0), (length, 0.0), (length, height)]
     area = len(fluid) * spacing**2 / (1.0 if plane else half / spacing)  # of the section [m2]
 
     def measure(s):
@@ -76,6 +77,7 @@ def scene(
         stop_at_rest=True,
         measure=measure,
         check=check,
+        vessel=mps.vessel([box], [box], 0.0 if plane else half),
     )
 
 

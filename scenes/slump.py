@@ -6,7 +6,6 @@ Run time: 5 to 30 CPU-seconds to rest with the scheme `implicit` at the default 
 
 import math
 import sys
-from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -101,6 +100,12 @@ def scene(
     )
     known = lift_speed is None and standard and usual and 100.0 <= material.yield_value <= 1000.0
 
+    def measure(snapshot):
+        """Slump and slump flow; as long as nothing has moved, those of the mould."""
+        filled = {"slump_m": 0.0, "slump_max_m": 0.0, "spread_m": base_diameter}
+        found = mps.measure.slump(snapshot, height=height, axis_radius=0.2 * top_diameter)
+        return found | filled if snapshot.time == 0.0 and not snapshot.speed.any() else found
+
     def check(snapshot, measures):
         """At rest: within l0 (10 mm at least) of the finite elements for the standard cone; always: on the floor."""
         assert snapshot.x[:, 2].min() > 0.0 and 0.0 <= measures["slump_m"] < height, measures
@@ -134,11 +139,12 @@ def scene(
         **parts,
         until=until,
         stop_at_rest=True,
-        measure=partial(mps.measure.slump, height=height, axis_radius=0.2 * top_diameter),
+        measure=measure,
         check=check,
         over_time=over_time,
         enlarged_by="floor_radius",
         outline=tuple(outline),
+        mould=cone,
     )
 
 

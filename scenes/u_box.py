@@ -58,6 +58,12 @@ def scene(
             for y in across
             for dx in (-0.5 * BAR, 0.5 * BAR)
         )
+    legs, gate = (
+        [(0.0, height), (0.0, 0.0), (far, 0.0), (far, height)],
+        [((x, opening), (x, height)) for x in (leg, leg + thick)],
+    )
+    parts = (0.0, leg, height), (leg, leg + thick, opening), (leg + thick, far, height)
+    sides = [[(a, 0.0), (b, 0.0), (b, top), (a, top)] for a, b, top in parts]
     full = len(fluid) * spacing**3 / (half * leg)  # mean height of what fills the first leg [m]
 
     def measure(s):
@@ -94,6 +100,7 @@ def scene(
         over_time=over_time,
         check=check,
         outline=outline,
+        vessel=mps.vessel([legs, *gate], sides, half),
     )
 
 

@@ -62,6 +62,9 @@ def scene(
     rays = np.stack(np.meshgrid(*(np.linspace(-0.8, 0.8, 9) * h for h in (half, deep))), -1).reshape(-1, 2)
     edge = 0.5 * top + 0.5 * thickness + fall + height
 
+    cheeks = [[(side * x, z) for x, z in ((wide, height), (half, spout), (half, 0.0))] for side in (-1, 1)]
+    tapered, pipe = ([*cheeks[0][k : k + 2], *cheeks[1][k : k + 2][::-1]] for k in (0, 1))
+
     def measure(s):
         inside = s.x[:, 2] > 0.0
         over = s.x[inside & (np.abs(s.x[:, 0]) < half + s.spacing)]
@@ -101,9 +104,7 @@ def scene(
         measure=measure,
         over_time=over_time,
         check=check,
-        outline=tuple(
-            np.array([[side * x, 0.0, z] for x, z in ((wide, height), (half, spout), (half, 0.0))]) for side in (-1, 1)
-        ),
+        vessel=mps.vessel(cheeks, [tapered, pipe], deep),
     )
 
 

@@ -99,8 +99,8 @@ def scene(
     if path is not None:
         require_room(bars, mouth, path, hose_diameter, spacing)
     inlet = mps.Inlet(mouth, (0.0, 0.0, -1.0), 0.5 * hose_diameter, rate, poured, path=path)
-    lines = [[(x, y, z) for z in (0.0, height)] for x in (0.0, length) for y in (-half, half)]
-    lines += [] if rebar else [bar * (1.0, side, 1.0) for bar in ends for side in (-1.0, 1.0)]
+    lines = [] if rebar else [bar * (1.0, side, 1.0) for bar in ends for side in (-1.0, 1.0)]
+    form = [(0.0, height), (0.0, 0.0), (length, 0.0), (length, height)]
 
     def measure(s):
         ends = [mps.measure.level(s, (x, -0.5 * half), (x + 0.1, 0.5 * half)) for x in (0.0, length - 0.1)]
@@ -162,7 +162,8 @@ def scene(
         measure=measure,
         over_time=over_time,
         check=check,
-        outline=tuple(np.array(line) for line in lines),
+        outline=tuple(lines),
+        vessel=mps.vessel([form], [form], half),
     )
 
 

@@ -11,7 +11,7 @@ _PUBLIC = {
     "geometry.shapes": ["Box", "Cone", "fill", "fill_rings", "lattice", "rings", "shell"],
     "geometry.meshes": ["write_bars"],
     "geometry.solid": ["Solid", "polygon_distance"],
-    "geometry.walls": ["Cylinder", "Friction", "Plane", "behind", "box_planes"],
+    "geometry.walls": ["Cylinder", "Friction", "Plane", "behind", "box_planes", "vessel"],
     "particles.neighbors": ["CapacityError"],
     "problem.catalogue": ["slump_cone"],
     "problem.inlet": ["Inlet"],

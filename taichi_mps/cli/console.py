@@ -21,8 +21,9 @@ from .painting import Painter
 NARROWEST = 40  # columns of a result, whatever a terminal says of itself
 
 
-def redraw(replays, folder, suffix, options, film=False) -> dict:
-    """Draw the outputs of runs again, side by side: pictures, GIF and, on request, MP4; the names of what was made."""
+def redraw(replays, folder, suffix, options, film=False, every=None) -> dict:
+    """Draw the outputs of runs, ``every`` [s] apart, again, side by side: pictures, GIF and, on request, MP4; the names
+    of what was made."""
     from ..viz.film import check, mp4, together
     from ..viz.render import gif
 
@@ -37,9 +38,9 @@ def redraw(replays, folder, suffix, options, film=False) -> dict:
     except OSError as error:
         raise SceneError(f"run = {folder}: {frames} cannot be written ({error.strerror})") from None
     made = [painter.draw(number, *each) for number, each in enumerate(chain([first], outputs))]
-    gif(made, animation, width=640 * len(replays))
+    gif(made, animation, width=640 * len(replays), every=every)
     names = {"frames": str(frames), "animation": str(animation), "pictures": len(made)}
-    return names | ({"film": str(mp4(made, animation.with_suffix(".mp4")))} if film else {})
+    return names | ({"film": str(mp4(made, animation.with_suffix(".mp4"), every=every))} if film else {})
 
 
 @contextmanager
@@ -95,28 +96,32 @@ def result(summary: dict, folder, verbose=False, stages=()) -> None:
     console.print(shown)
 
 
-def curves(folder, numerics=False, sim=None) -> list[str]:
-    """slump.png and history.png, with the numerics if asked, and of a Simulation of a scene with a cavity filling.png;
-    none without matplotlib or without something to show."""
-    if not find_spec("matplotlib"):
+def curves(folder, numerics=False, sim=None, courses=True) -> list[str]:
+    """slump.png and history.png, where ``courses`` are wanted, with the numerics if asked, and filling.png of a
+    Simulation of a scene with a cavity; none without matplotlib or without something to show."""
+    cavity = sim and sim.scene.cavity
+    if not (courses or cavity) or not find_spec("matplotlib"):
         return []
     from ..viz import plots
 
     slump, course, filling = (folder.path / name for name in PLOTS)
-    rows = read_history(folder.history)
-    plots.history(rows, course, numerics)
-    if not all(map(math.isnan, rows["slump_m"])):
-        plots.slump_curve({folder.path.name: rows}, slump)
-    if sim and sim.scene.cavity:
-        plots.filling(sim.scene.cavity, sim.snapshot(), filling)
+    if courses:
+        rows = read_history(folder.history)
+        plots.history(rows, course, numerics)
+        if not all(map(math.isnan, rows["slump_m"])):
+            plots.slump_curve({folder.path.name: rows}, slump)
+    if cavity:
+        plots.filling(cavity, sim.snapshot(), filling)
     return [str(path) for path in (slump, course, filling) if path.is_file()]
 
 
-def report(folder, scene=None) -> None:
-    """report.html, of a run whose scene is at hand; one line where it cannot be written, which costs no run."""
+def report(folder, scene=None) -> bool:
+    """report.html, of a run whose scene is at hand; whether it was written: one line where it cannot be, which costs no
+    run."""
     from ..report.page import write
 
     try:
-        write(folder, scene)
+        return write(folder, scene).is_file()
     except (SceneError, OSError) as error:
         print(f"taichi-mps: no report.html: {plain(error)}", file=sys.stderr)
+    return False

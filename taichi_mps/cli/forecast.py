@@ -2,7 +2,6 @@
 particles."""
 
 import io
-import math
 import os
 import sys
 from contextlib import redirect_stdout
@@ -12,24 +11,13 @@ from ..report.sentences import certainty, in_parts, thin_solids
 from ..runtime.memory import size
 from .stopped import began
 
-OUTPUTS_OF_A_FALL = 0.3  # interval of the outputs over sqrt(H/g): what comes to rest falls much faster than it creeps
-
-
-def rounded(interval: float) -> float:
-    """The nearest of 1, 2, 5 times a power of ten [s]."""
-    power = 10.0 ** math.floor(math.log10(interval))
-    return min((k * power for k in (1.0, 2.0, 5.0, 10.0)), key=lambda value: abs(math.log(value / interval)))
-
 
 def clock_of(problem, options):
     """The clock of a run, which began with the program."""
     with redirect_stdout(io.StringIO()):  # the greeting of Taichi would spoil --json
         from ..simulation.clock import Clock
 
-    scene, every = problem.scene, options.every
-    if not every:
-        longest = OUTPUTS_OF_A_FALL * problem.fall_time if scene.stop_at_rest else scene.until
-        every = rounded(min(scene.until / 100, longest))
+    scene, every = problem.scene, options.every or problem.usual_interval
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     settings = {"arch": options.arch, "precision": options.precision, "threads": options.threads or cores}
     smooth = (scene.dimension == 3 or scene.axisymmetric) and not options.beads and find_spec("pysplashsurf")

@@ -194,17 +194,26 @@ def render(arguments) -> int:
     start(options)
     suffix = ("" if options.view == "concrete" else f"-{options.view}") + "-beads" * options.beads
     suffix += f"-beside-{folders[1].path.resolve().name}" if arguments.beside else ""
-    made = redraw(replays, folders[0].path, suffix, options, arguments.film)
+    every = Trajectory(folders[0].trajectory).origin()[2]
+    made = redraw(replays, folders[0].path, suffix, options, arguments.film, every)
     text = f"{made['pictures']} pictures in {made['frames']}, {made.get('film', made['animation'])}"
     return tell(arguments, made, text)
 
 
-@command("report.html of a run, also of an earlier one or one that was killed.", RUN | SCENE)
+@command(
+    "report.html of a run, also of an earlier one or one that was killed.",
+    {
+        **RUN,
+        "--title": {"help": "title of the report, by default as the run was given"},
+        "--note": {"help": "remark that stands in the report, by default as the run was given"},
+        **SCENE,
+    },
+)
 def report(arguments) -> int:
     """write the page of a run again"""
     from ..report.page import write
 
-    page = str(write(RunFolder(arguments.run), scene_file=arguments.scene))
+    page = str(write(RunFolder(arguments.run), scene_file=arguments.scene, title=arguments.title, note=arguments.note))
     return tell(arguments, {"report": page}, page)
 
 

@@ -9,6 +9,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from ..io.run_folder import PICTURE
+from ..io.vtkhdf import Trajectory
 from ..simulation.frame import Frame
 from .stopped import SIGNALS
 
@@ -42,7 +43,7 @@ class Painter:
 
         begun = time.process_time()
         if folder.pictures:
-            gif(folder.pictures, folder.animation)
+            gif(folder.pictures, folder.animation, every=Trajectory(folder.trajectory).origin()[2])
         self.seconds += time.process_time() - begun
 
     def finish(self) -> None:

@@ -51,10 +51,10 @@ def carry_out(sim, folder, options, source, as_json, clock, painter, resumed=Fal
     clock.begin("pictures")
     summary = recorder.finish(stopped_by, error)
     painter.film(folder)
-    curves(folder, options.verbose or options.profile, sim)
     painter.finish()
     clock.begin("report")
-    report(folder, sim.scene)
+    written, numerics = report(folder, sim.scene), options.verbose or options.profile
+    curves(folder, numerics, sim, options.plots or numerics or not written)
     is_whole = not (resumed or error or stopped_by == "interrupted")
     summary |= clock.finish(painter.seconds, is_whole)
     folder.write_summary(summary)

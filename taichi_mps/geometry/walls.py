@@ -390,6 +390,37 @@ def box_planes(low: vector("m"), high: vector("m"), slip: Flag = False, friction
 
 
 @validated
+def vessel(section: Sequence, sides: Sequence, half_width: real("m", ge=0.0, le=1e9)) -> tuple[np.ndarray, ...]:
+    """Return the faces of a vessel whose section is the same all across its width, for pictures.
+
+    Parameters
+    ----------
+    section : sequence of array_like, shape (k, 2)
+        Lines (x, z) of walls across the vessel [m].
+    sides : sequence of array_like, shape (k, 2)
+        Convex polygons (x, z) that make up each of its two sides [m].
+    half_width : float
+        Half width of the vessel along y [m].
+
+    Returns
+    -------
+    tuple of ndarray, shape (k, 3)
+        Faces [m].
+
+    Examples
+    --------
+    >>> import taichi_mps as mps
+    >>> trough = [(0.0, 0.2), (0.0, 0.0), (0.7, 0.0), (0.7, 0.2)]
+    >>> len(mps.vessel([trough], [trough], half_width=0.1))
+    5
+    """
+    y = np.array([0.0, half_width, 0.0])
+    lines, faces = ([np.insert(np.array(line, float), 1, 0.0, axis=1) for line in some] for some in (section, sides))
+    across = [np.array([a - y, b - y, b + y, a + y]) for line in lines for a, b in zip(line, line[1:], strict=False)]
+    return (*across, *(face + side for face in faces for side in (-y, y)))
+
+
+@validated
 def behind(walls: Sequence[InstanceOf[Surface]], x: points("m"), thick: Size):
     """Return the positions that lie behind a wall, as places of wall particles.
 

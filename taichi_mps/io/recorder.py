@@ -1,6 +1,7 @@
 """Writer of a run in progress: history, trajectory, pictures, checkpoints, summary."""
 
 import time
+from datetime import datetime
 
 import numpy as np
 
@@ -84,6 +85,8 @@ class Recorder:
         good.write(self.folder.checkpoint)
         self.trajectory.close()
         summary = self.sim.summary() | {"stopped_by": stopped_by, "resume_from": str(self.folder.checkpoint)}
+        summary |= {"ended": datetime.now().astimezone().isoformat(timespec="seconds")}
+        summary |= {key: self.settings[key] for key in ("title", "note") if self.settings.get(key)}
         self.history.close()
         unknown = [key for key, value in self.measures.items() if not np.isfinite(value)]
         if unknown and self.sim.steps == self.begun:  # loads belong to a step: to the last one before

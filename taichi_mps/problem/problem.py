@@ -12,6 +12,7 @@ from .feasibility import RULES
 from .numerics import Implicit, SemiImplicit
 from .scene import Scene
 
+OUTPUTS_OF_A_FALL = 0.3  # interval of the outputs over sqrt(H/g): what comes to rest falls much faster than it creeps
 WEIGHTLESS = 0.1  # of a scene without weight: its gravity over U^2/H, or [m/s2] where nothing moves
 
 
@@ -145,3 +146,12 @@ class Problem:
     def fall_time(self) -> float:
         """Time sqrt(H/g) [s] in which the body would fall half of its height."""
         return (self.height / self.gravity) ** 0.5
+
+    @property
+    def usual_interval(self) -> float:
+        """Interval of the outputs of a run [s], of the nearest of 1, 2, 5 times a power of ten."""
+        scene = self.scene
+        longest = OUTPUTS_OF_A_FALL * self.fall_time if scene.stop_at_rest else scene.until
+        interval = min(scene.until / 100.0, longest)
+        power = 10.0 ** np.floor(np.log10(interval))
+        return float(min((k * power for k in (1.0, 2.0, 5.0, 10.0)), key=lambda value: abs(np.log(value / interval))))

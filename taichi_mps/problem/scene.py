@@ -10,6 +10,7 @@ from pydantic import InstanceOf
 
 from ..geometry.cavity import Cavity
 from ..geometry.in_time import InTime
+from ..geometry.shapes import Cone
 from ..geometry.solid import Solid
 from ..geometry.walls import Cylinder, Plane
 from ..units import instance, points, validated
@@ -77,6 +78,10 @@ class Scene:
         Whether ``measure`` reads the loads on the walls.
     outline : tuple of ndarray, shape (k, d), optional
         Polylines to draw [m].
+    mould : Cone, optional
+        Shape of the fluid at 0 s, drawn in place of its particles then.
+    vessel : tuple of ndarray, shape (k, 3), optional
+        Convex faces of the whole vessel, drawn as glass [m].
     parameters : dict, optional
         Keywords that the scene was made from, for the summary.
 
@@ -121,6 +126,8 @@ class Scene:
     enlarged_by: TEXT = ""  # the keyword of the scene's function that enlarges the domain
     wall_loads: FLAG = False  # whether ``measure`` reads the loads on the walls
     outline: Any = ()  # polylines to draw [m], each (k, d)
+    mould: instance(Cone, "a Cone") | None = None  # shape of the fluid at 0 s, for pictures
+    vessel: Any = ()  # faces to draw as glass [m], each (k, 3)
     parameters: instance(dict, "a dict") = field(default_factory=dict)  # as given, for the summary
 
     def __post_init__(self):

@@ -55,6 +55,9 @@ def numbers(scene) -> dict:
     taken["outline"] = tuple(finite("outline", line, "m", dimensions=2) for line in lines)
     for line in taken["outline"]:
         require(line.shape[1] in (2, 3), f"outline: has {line.shape[1]} coordinates; must have 2 or 3")
+    taken["vessel"] = tuple(finite("vessel", face, "m", dimensions=2) for face in scene.vessel)
+    for face in taken["vessel"]:
+        require(face.shape[1] == 3, f"vessel: a face has {face.shape[1]} coordinates; must have 3")
     taken["walls"] = tuple(scene.walls)
     return taken
 

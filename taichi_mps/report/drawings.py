@@ -1,26 +1,20 @@
-"""What the page draws, for JSON: the film and what stands around it, the curves, the section at the end."""
+"""What the page draws, for JSON: what stands around the body, the curves, the section at the end."""
 
-import base64
 import re
 from dataclasses import replace
 from itertools import groupby
 
 import numpy as np
 
-from ..io.vtkhdf import Trajectory
 from ..problem.labels import in_words, title, unit_of_measure
 from ..problem.measures import Snapshot, embed, still, surface
-from ..units import SceneError
+from ..viz.body import profile
 from ..viz.stage import images, stage, wall_lines
+from .film import FINEST
 from .sentences import of_scene
 
-MOST_SHOWN = 16_500  # particles at a time; of more some are left out
-BYTES = 7  # of a particle at a time
-GOLDEN = 0.618034  # multiples of it fill 0..1 evenly: which particles are left out
-FINEST, FASTEST, FLOWING = 65_535, 127, 128  # largest code of a position and of a speed; the bit of what flows
 MOST_POINTS = 400  # of a curve
 AT_HEIGHT = re.compile(r"(.+)_at_(\d+)mm_Pa")  # a pressure at a height
-MARGIN = 0.03  # around what is shown, over its longest side
 HALF = 0.75  # of a particle size, on either side of the middle plane: what lies there is shown
 CORNERS = 12  # of the polygon that is drawn for a particle
 
@@ -30,15 +24,18 @@ def drawings(run, film: dict, last: Snapshot) -> dict:
     scene, walls_low, walls_high, floor = run.scene, *stage(run.scene)
     walls = wall_lines(scene, walls_low, walls_high, film["times"][-1])
     outline = [line for each in scene.outline for line in images(scene, each)]
-    low, high = box(film, outline, floor)
+    body = np.array(film["low"]) + np.outer((0, FINEST), film["step"])
+    points = np.vstack([body, *outline, *scene.vessel])
+    low, high = points.min(0), points.max(0)
+    low[2] = low[2] if floor is None else min(floor, low[2])
     return {
         "film": film,
-        "size": scene.spacing * film["share"] ** (-1.0 / scene.dimension),
+        "size": scene.spacing,
         "dimension": 3 if scene.axisymmetric else scene.dimension,
         "low": low.tolist(),
         "high": high.tolist(),
-        "unit": float((high - low).max()),
         "floor": floor,
+        "vessel": [face.round(5).tolist() for face in scene.vessel],
         "walls": joined([np.clip(line, low, high) for line in walls]),
         "outline": joined(outline),
         "charts": charts(run.history) + profiles(run.summary),
@@ -46,77 +43,11 @@ def drawings(run, film: dict, last: Snapshot) -> dict:
     }
 
 
-def box(film: dict, outline, floor):
-    """Low and high corner [m] (3,) of what is shown: the body at all times, the outline and the floor below it."""
-    body = np.array(film["low"]) + np.outer((0, FINEST), film["step"])
-    points = np.vstack([body, *outline])
-    low, high = points.min(0), points.max(0)
-    room = MARGIN * (high - low).max()
-    low, high = low - room, high + room
-    if floor is not None:
-        low[2] = min(floor, low[2] + room)
-    return low, high
-
-
 def joined(lines) -> list[list]:
     """Polylines (k, 3) as lists x, y, z."""
     gap = np.full((1, 3), np.nan)
     rows = np.vstack([gap, *(part for line in lines for part in (embed(line), gap))])
     return [numbers(column) for column in rows[1:].T]
-
-
-# ---- the body over time ----------------------------------------------------------------------------------------
-def film(trajectory: Trajectory, scene, room: int) -> tuple[dict, Snapshot]:
-    """The outputs of a run that fit into ``room`` bytes, the first and the last among them, evenly chosen, mirrored and
-    revolved to the whole body, for JSON; and the computed part at the last output. SceneError where the run has no
-    output yet.
-
-    ``times`` [s] and ``counts`` of particles at each output; ``positions`` in base64, 16 bits each, low byte first:
-    ``low`` + ``step`` * code [m]; ``colours``: of 8 bits the speed, whose code FASTEST is that of ``fastest`` [m/s],
-    and FLOWING added to it of what flows; ``outputs`` of the run, ``share`` of the particles that are shown [-]."""
-    outputs = len(trajectory.times())
-    if not outputs:
-        raise SceneError(f"run = {trajectory.path.parent}: run.h5 holds no output yet")
-    (end,) = trajectory.replay(scene=scene, chosen=[outputs - 1])
-    whole = len(scene.unfold(end.state).x)
-    share = min(1.0, MOST_SHOWN / whole)
-    fitting = max(2, int(room / (BYTES * share * whole)))
-    chosen = np.unique(np.linspace(0, outputs - 1, min(outputs, fitting)).round().astype(int)).tolist()
-    shown = [reduced(replay.state, scene, share) for replay in trajectory.replay(scene=scene, chosen=chosen)]
-    x, speed, flowing = (np.concatenate(parts) for parts in zip(*shown, strict=True))
-    low = x.min(0)
-    step = np.maximum(x.max(0) - low, 1e-9) / FINEST
-    fastest = float(speed.max()) or 1.0
-    colours = np.round(FASTEST * speed / fastest).astype(np.uint8) + FLOWING * flowing.astype(np.uint8)
-    facts = {
-        "times": trajectory.times()[chosen].round(6).tolist(),
-        "counts": [len(part) for part, _, _ in shown],
-        "low": low.tolist(),
-        "step": step.tolist(),
-        "positions": coded(np.round((x - low) / step).astype("<u2")),
-        "colours": coded(colours),
-        "fastest": fastest,
-        "outputs": outputs,
-        "share": share,
-    }
-    return facts, end.state
-
-
-def coded(values: np.ndarray) -> str:
-    """Numbers in base64."""
-    return base64.b64encode(values.tobytes()).decode()
-
-
-def reduced(part: Snapshot, scene, share: float):
-    """Positions (n, 3) [m], speeds (n,) [m/s] and what flows (n,), of a share of the whole body: of a particle
-    and its mirror images all or none, and the same ones at all times."""
-    whole = scene.unfold(part)
-    k = np.arange(len(whole.x))
-    rank = np.modf(GOLDEN * (k if scene.axisymmetric else k % len(part.x)))[0]
-    kept = rank < share if share < 1.0 else slice(None)
-    flows = np.array([material.flows(whole.shear_rate) for material in scene.materials])
-    flowing = flows[whole.mix, np.arange(len(whole.mix))]
-    return embed(whole.x)[kept], whole.speed[kept], flowing[kept]
 
 
 # ---- curves ----------------------------------------------------------------------------------------------------
@@ -167,19 +98,32 @@ def section(part: Snapshot, scene) -> dict:
     angle = 2.0 * np.pi * np.arange(CORNERS) / CORNERS
     corners = x[:, None] + 0.5 * size[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], -1)
     closed = np.concatenate([corners, np.full((len(x), 1, 2), np.nan)], axis=1).reshape(-1, 2)
-    ticks = np.arange(x[:, 0].min(), x[:, 0].max() + 1e-12, 0.5 * part.spacing)
-    heights = surface(replace(still(x, part.spacing), size=size), ticks[:, None])
     return {
         "across": numbers(closed[:, 0]),
         "up": numbers(closed[:, 1]),
-        "surface": [numbers(ticks), numbers(heights)],
+        "surface": [numbers(values) for values in top(part, scene, x, size).T],
         "place": f"particles near the upright plane y = {round(100.0 * middle, 2) + 0.0:g} cm",
     }
+
+
+def top(part: Snapshot, scene, x, size):
+    """Line (k, 2) [m] of the surface in the middle plane: of a body of revolution its outline, else the highest
+    particle at each place, of those at x (n, 2) with these sizes (n,)."""
+    line = profile(scene, part)
+    if line is None:
+        ticks = np.arange(x[:, 0].min(), x[:, 0].max() + 1e-12, 0.5 * part.spacing)
+        heights = surface(replace(still(x, part.spacing), size=size), ticks[:, None])
+        return np.stack([ticks, heights], -1)
+    points, _, parts = line
+    pieces = np.insert(points.x[parts], 2, np.nan, axis=1)  # with a gap after each
+    return np.concatenate([pieces, pieces * (-1.0, 1.0)]).reshape(-1, 2)
 
 
 def in_the_middle(part: Snapshot, scene):
     """Positions (n, 2) [m] near the middle plane of the whole body, their sizes (n,) [m], and where along y the plane
     is [m]."""
+    if scene.axisymmetric:
+        return np.concatenate([part.x, part.x * (-1.0, 1.0)]), np.tile(part.size, 2), 0.0
     whole, start = scene.unfold(part), embed(scene.unfold(still(scene.reach, part.spacing)).x)
     middle = 0.5 * (start[:, 1].min() + start[:, 1].max())
     x = embed(whole.x)

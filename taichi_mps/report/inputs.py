@@ -36,9 +36,10 @@ def shown(value, unit: str) -> str:
     return f"{value:.6g} {unit.strip('-')}".rstrip()
 
 
-def command(source: str, summary: dict, every: float) -> str:
-    """The words after taichi-mps that compute the same again. What has its default is left out, but for the interval of
-    the outputs [s], at which steps end, too; of a scene file only the name is told, not the folder."""
+def command(source: str, summary: dict, every: float | None = None) -> str:
+    """The words after taichi-mps that compute the same again. What has its default is left out; ``every``: the interval
+    of the outputs [s], at which steps end, too, where it is not the usual one. Of a scene file only the name is told,
+    not the folder."""
     usual = {key: field.default for key, field in fields_of(source).items()}
     usual |= NUMERICS[summary["scheme"]]().model_dump() | USUAL
     options = summary["parameters"] | {"every": every, "scheme": summary["scheme"]} | summary["numerics"]

@@ -1,225 +1,190 @@
 "use strict";
-const data = JSON.parse(document.getElementById("data").textContent);
-const AXES = ["x", "y", "z"], RIGID = "#7387a3", FLOWING = "#ed8029", SECONDS = 8; // of the whole film, played
-const FOV = Math.PI / 4; // plotly's angle of view, upright
-const GLYPH = 0.585; // size that plotly wants of a marker over the diameter that it then has [pixels]
-const COVER = 1.24; // of a drawn particle over its own, so that the body is closed, as in the pictures
-const TOP = 46; // [pixels], for the bar of colours
-const element = (id) => document.getElementById(id);
-const still = { displayModeBar: false, responsive: true };
-const film = data.film, view = element("view");
+const data = JSON.parse(element("data").textContent), film = data.film, canvas = element("view"), over = element("over");
+const MODES = { concrete: 0, speed: 1, flowing: 2 }, HOLD = 1.5; // [s] that the end of the film stays
+const state = { output: 0, playing: false, viewer: null, meshes: [] };
 
-function bytes(base64) {
-  const text = atob(base64), found = new Uint8Array(text.length);
-  for (let k = 0; k < text.length; k++) found[k] = text.charCodeAt(k);
-  return found;
+// ---- the film -----------------------------------------------------------------------------------------------------
+async function inflated(base64, Kind) {
+  const packed = Uint8Array.from(atob(base64), (letter) => letter.charCodeAt(0));
+  const whole = new Response(new Blob([packed]).stream().pipeThrough(new DecompressionStream("deflate")));
+  return new Kind(await whole.arrayBuffer());
 }
 
-// ---- the body -----------------------------------------------------------------------------------------------------
-if (film) {
-  film.codes = new Uint16Array(bytes(film.positions).buffer);
-  film.shades = bytes(film.colours);
-  film.first = [0];
-  film.counts.forEach((count, k) => film.first.push(film.first[k] + count));
+/* Sums of differences, in place, of each of ``count`` rows of ``long`` numbers. */
+function summed(values, long, count) {
+  for (let row = 0; row < count; row++) for (let k = 1; k < long; k++) values[row * long + k] += values[row * long + k - 1];
+  return values;
 }
-const state = { output: 0, playing: false, drawing: null, size: 0 };
 
-/* Positions [m] and colours of the particles at an output that the cut leaves. */
-function particles(output) {
-  const cut = element("cut").value, axis = AXES.indexOf(cut), limit = cut ? place() : 0, coded = element("colour").value;
-  const found = { x: [], y: [], z: [], colour: [] };
-  for (let i = film.first[output]; i < film.first[output + 1]; i++) {
-    const at = AXES.map((_, k) => film.low[k] + film.step[k] * film.codes[3 * i + k]);
-    if (cut && (cut === "y" ? at[axis] < limit : at[axis] > limit)) continue; // what is on the side of the reader
-    AXES.forEach((name, k) => found[name].push(at[k]));
-    const shade = film.shades[i];
-    found.colour.push(coded === "speed" ? ((shade & 127) / 127) * film.fastest : shade >> 7);
+/* Points, normals, shades and rows of triangles of each picture; a section is turned about the axis. */
+async function decoded() {
+  const [positions, normals, colours, rows] = await Promise.all([
+    inflated(film.positions, Int16Array), inflated(film.normals, Int8Array), inflated(film.colours, Uint8Array), inflated(film.rows, Int32Array)]);
+  let first = 0, row = 0;
+  return film.counts.map((count, picture) => {
+    const links = film.links[picture], c = film.corners[picture], codes = summed(positions.slice(3 * first, 3 * (first + count)), count, 3);
+    const at = new Float32Array(3 * count), normal = new Int8Array(3 * count), shade = colours.slice(first, first + count);
+    for (let i = 0; i < count; i++) for (let k = 0; k < 3; k++) {
+      at[3 * i + k] = film.low[k] + film.step[k] * codes[k * count + i];
+      normal[3 * i + k] = normals[3 * first + k * count + i];
+    }
+    const part = rows.slice(row, row + c * links), triangles = new Uint32Array(c * links);
+    for (let i = 0, begin = 0; i < links; i++) {
+      begin += part[i];
+      for (let k = 0; k < c; k++) triangles[c * i + k] = begin + (k ? part[k * links + i] : 0);
+    }
+    first += count;
+    row += c * links;
+    return c === 2 ? turned({ at, normal, shade, triangles }) : { at, normal, shade, triangles };
+  });
+}
+
+function turned({ at, normal, shade, triangles }) {
+  const n = film.sectors, count = shade.length, links = triangles.length / 2;
+  const made = { at: new Float32Array(3 * n * count), normal: new Int8Array(3 * n * count), shade: new Uint8Array(n * count), triangles: new Uint32Array(6 * n * links) };
+  for (let i = 0; i < count; i++) for (let s = 0; s < n; s++) {
+    const angle = (2 * Math.PI * s) / n, put = 3 * (i * n + s);
+    for (const key of ["at", "normal"]) {
+      const [r, , z] = { at, normal }[key].subarray(3 * i, 3 * i + 3);
+      made[key].set([r * Math.cos(angle), r * Math.sin(angle), z], put);
+    }
+    made.shade[i * n + s] = shade[i];
+  }
+  for (let i = 0; i < links; i++) for (let s = 0; s < n; s++) {
+    const next = (s + 1) % n, a = triangles[2 * i] * n, b = triangles[2 * i + 1] * n;
+    made.triangles.set([a + s, b + s, a + next, b + s, b + next, a + next], 6 * (i * n + s));
+  }
+  return made;
+}
+
+function mesh(output) { // on the graphics card, once
+  const made = state.meshes[output], viewer = state.viewer;
+  made.card ??= { at: viewer.buffer(made.at), normal: viewer.buffer(made.normal), shade: viewer.buffer(made.shade), rows: viewer.buffer(made.triangles, viewer.gl.ELEMENT_ARRAY_BUFFER), corners: film.corners[output], count: film.corners[output] ? made.triangles.length : made.shade.length };
+  return made.card;
+}
+
+// ---- the view -----------------------------------------------------------------------------------------------------
+/* Pairs of places of polylines x, y, z with null between; dashed by leaving out every third part. */
+function segments([x, y, z], dashed) {
+  const found = [], step = 0.012 * Math.max(...subtract(data.high, data.low));
+  for (let k = 1; k < x.length; k++) {
+    if (x[k] === null || x[k - 1] === null) continue;
+    const a = [x[k - 1], y[k - 1], z[k - 1]], b = [x[k], y[k], z[k]], parts = dashed ? Math.max(1, 2 * Math.floor(Math.hypot(...subtract(b, a)) / step / 2)) : 1;
+    const at = (share) => a.map((value, i) => value + share * (b[i] - value));
+    if (dashed && parts === 1 && k % 3 === 0) continue;
+    for (let part = 0; part < parts; part += 2) found.push(...at(part / parts), ...at(Math.min(1, (part + 1) / parts)));
   }
   return found;
 }
 
-function place() {
-  const axis = AXES.indexOf(element("cut").value);
-  return data.low[axis] + (data.high[axis] - data.low[axis]) * (element("place").value / 100);
+function draw() {
+  const dark = matchMedia("(prefers-color-scheme: dark)").matches;
+  const lines = [{ points: segments(data.outline, true), colour: dark ? [1, 0.5, 0.4, 1] : [0.77, 0.24, 0.15, 1] }, { points: segments(data.walls), colour: [0.5, 0.53, 0.57, 1] }];
+  const size = 1.24 * data.size;
+  state.viewer.draw(mesh(state.output), { mode: MODES[element("colour").value], panes: data.vessel, lines: lines.filter((line) => line.points.length), dark, size });
+  over.replaceChildren(...film.dimensions[state.output].flatMap(dimension));
 }
 
-function colouring() {
-  const bar = { orientation: "h", x: 0.5, y: 1, yanchor: "bottom", thickness: 10, len: 0.6, outlinewidth: 0 };
-  if (element("colour").value === "speed")
-    return { colorscale: "Viridis", cmin: 0, cmax: film.fastest, colorbar: { ...bar, title: { text: "speed [m/s]", side: "top" } } };
-  const words = { title: { text: "state of the concrete", side: "top" }, tickvals: [0.25, 0.75], ticktext: ["not flowing", "flowing"], ticks: "" };
-  return { colorscale: [[0, RIGID], [0.5, RIGID], [0.5, FLOWING], [1, FLOWING]], cmin: 0, cmax: 1, colorbar: { ...bar, ...words } };
-}
-
-/* Diameter of a drawn particle in pixels, in the middle of the view. */
-function diameter() {
-  const { x, y, z } = view.layout.scene.camera.eye;
-  const metre = (view.clientHeight - TOP) / 2 / Math.tan(FOV / 2) / Math.hypot(x, y, z) / data.unit;
-  return Math.max(1.5, GLYPH * COVER * data.size * metre);
-}
-
-async function draw() {
-  if (state.drawing) return state.drawing; // what is wanted by then is drawn in its turn
-  state.drawing = (async () => {
-    let drawn;
-    do {
-      drawn = state.output;
-      const p = particles(drawn);
-      await Plotly.restyle(view, { x: [p.x], y: [p.y], z: [p.z], "marker.color": [p.colour] }, [0]);
-    } while (drawn !== state.output);
-    state.drawing = null;
-  })();
-  return state.drawing;
+/* A measured length: an arrow, a level one below the body and joined with its ends. */
+function dimension({ a, b, near, text }) {
+  const viewer = state.viewer, level = a[2] === b[2], round = level && a[0] === -b[0];
+  if (round) { // a diameter: seen from everywhere
+    const r = Math.hypot(...subtract(a, b)) / 2, [x, y] = viewer.right;
+    [a, b] = [[-r * x, -r * y, a[2]], [r * x, r * y, a[2]]];
+  }
+  let [p, q] = [viewer.project(a), viewer.project(b)];
+  const made = [];
+  if (level) {
+    const out = [0, 1].map((k) => -Math.abs(near) * Math.sign(viewer.ahead[k])), r = Math.abs(near); // of the body, towards the eye
+    const before = round ? [[-r * viewer.ahead[0], -r * viewer.ahead[1], a[2]]] : [[a[0], out[1], a[2]], [b[0], out[1], a[2]]];
+    const below = Math.min(canvas.clientHeight - 22, Math.max(p[1], q[1], ...before.map((place) => viewer.project(place)[1])) + 18);
+    for (const [x, y] of [p, q]) made.push(svg("line", { x1: x, y1: y, x2: x, y2: below + 4, class: "thin" }));
+    [p, q] = [[p[0], below], [q[0], below]];
+  }
+  made.push(svg("line", { x1: p[0], y1: p[1], x2: q[0], y2: q[1], "marker-start": "url(#head)", "marker-end": "url(#head)" }));
+  const [x, y] = [0.5 * (p[0] + q[0]), 0.5 * (p[1] + q[1])];
+  made.push(svg("text", level ? { x, y: y + 16, "text-anchor": "middle" } : { x: x + 7, y: y + 4 }, text));
+  const defs = svg("defs"), head = svg("marker", { id: "head", viewBox: "0 0 10 6", refX: 10, refY: 3, markerWidth: 10, markerHeight: 6, markerUnits: "userSpaceOnUse", orient: "auto-start-reverse" });
+  head.append(svg("path", { d: "M0 0L10 3L0 6z" }));
+  defs.append(head);
+  return [defs, ...made];
 }
 
 function show(output) {
   state.output = output;
   element("time").value = output;
-  element("now").textContent = `t = ${film.times[output].toFixed(2)} s`;
-  return draw();
+  element("now").textContent = `${film.times[output].toFixed(2)} s`;
+  draw();
 }
 
-async function play() {
-  state.playing = !state.playing;
-  element("play").textContent = state.playing ? "Pause" : "Play";
-  const last = film.times.length - 1, pause = Math.min(400, (1000 * SECONDS) / (last + 1));
-  if (state.playing && state.output >= last) await show(0);
-  while (state.playing && state.output < last) {
-    const begun = performance.now();
-    await new Promise((done) => setTimeout(done, pause));
+/* Flow time over time of the film, such that it lasts some seconds, and its words. */
+function pace() {
+  const long = film.times.at(-1) - film.times[0];
+  const speed = long < 1.2 ? [0.5, 0.25, 0.1, 0.05, 0.02, 0.01].find((value) => long / value >= 1.2) ?? 0.01 : [1, 2, 5, 10, 20, 50, 100, 200, 500].find((value) => long / value <= 12) ?? 1000;
+  const words = { 1: "real time", 0.5: "half speed", 0.25: "quarter speed", 2: "double speed" };
+  return [speed, words[speed] ?? (speed > 1 ? `${speed} times the speed` : `1/${Math.round(1 / speed)} of the speed`)];
+}
+
+function play(on) {
+  state.playing = on;
+  element("play").textContent = on ? "Pause" : "Play";
+  const [speed] = pace(), last = film.times.length - 1;
+  let begun = performance.now(), from = state.output >= last ? film.times[0] : film.times[state.output];
+  const step = (now) => {
     if (!state.playing) return;
-    const passed = Math.max(1, Math.round((performance.now() - begun) / pause));
-    await show(Math.min(last, state.output + passed));
-  }
-  state.playing = false;
-  element("play").textContent = "Play";
+    const time = from + ((now - begun) / 1000) * speed;
+    if (time > film.times[last] + HOLD * speed) [begun, from] = [now, film.times[0]];
+    let next = 0;
+    while (next < last && film.times[next + 1] <= time) next++;
+    if (next !== state.output) show(next);
+    requestAnimationFrame(step);
+  };
+  if (on) requestAnimationFrame(step);
 }
 
-async function recut() {
-  const cut = element("cut").value;
-  element("place").disabled = !cut;
-  element("where").textContent = cut ? `${cut} = ${(Math.round(1000 * place()) / 10 + 0).toFixed(1)} cm` : "";
-  if (state.drawing) await state.drawing;
-  return draw();
-}
-
-async function recolour() {
-  const { colorscale, cmin, cmax, colorbar } = colouring();
-  const colour = particles(state.output).colour;
-  const marker = { "marker.color": [colour], "marker.colorscale": [colorscale], "marker.cmin": cmin, "marker.cmax": cmax };
-  return Plotly.restyle(view, { ...marker, "marker.colorbar": colorbar }, [0]);
-}
-
-async function resize() {
-  const wanted = diameter();
-  if (Math.abs(wanted / state.size - 1) < 0.02) return;
-  state.size = wanted;
-  return Plotly.restyle(view, { "marker.size": wanted }, [0]);
+function turn(across, up) {
+  if (state.viewer.flat) return;
+  state.viewer.turn += across;
+  state.viewer.tilt = Math.min(1.5, Math.max(0.02, state.viewer.tilt + up));
+  draw();
 }
 
 function zoom(factor) {
-  const { x, y, z } = view.layout.scene.camera.eye;
-  return Plotly.relayout(view, { "scene.camera.eye": { x: factor * x, y: factor * y, z: factor * z } }).then(resize);
-}
-
-/* Where the eye is, so that the whole box is seen: in front, a little to the right and above; of a plane in front. */
-function eye() {
-  const ratio = AXES.map((_, k) => (data.high[k] - data.low[k]) / data.unit);
-  const wide = view.clientWidth / (view.clientHeight - TOP), tangent = 2 * Math.tan(FOV / 2);
-  const across = (1.3 * ratio[0] + 0.4 * ratio[1]) / (tangent * wide), up = (1.2 * ratio[2] + 0.35 * ratio[1]) / tangent;
-  const away = 0.4 * ratio[1] + Math.max(across, up);
-  const towards = data.dimension === 2 ? [0, -1, 0] : [0.36, -0.86, 0.36];
-  return { x: away * towards[0], y: away * towards[1], z: away * towards[2] };
-}
-
-function lines(points, colour) {
-  const [x, y, z] = points;
-  return { type: "scatter3d", mode: "lines", x, y, z, line: { color: colour, width: 2 }, hoverinfo: "skip" };
-}
-
-function floor() {
-  const [a, b] = [data.low, data.high], z = data.floor;
-  const corners = { x: [a[0], b[0], b[0], a[0]], y: [a[1], a[1], b[1], b[1]], z: [z, z, z, z], i: [0, 0], j: [1, 2], k: [2, 3] };
-  return { type: "mesh3d", ...corners, color: "#eceeef", hoverinfo: "skip", lighting: { ambient: 1, diffuse: 0 } };
+  state.viewer.zoom = Math.min(6, Math.max(0.4, state.viewer.zoom * factor));
+  draw();
 }
 
 async function begin() {
-  const axis = (k) => ({
-    title: { text: `${AXES[k]} [m]` }, range: [data.low[k], data.high[k]], nticks: 5, showspikes: false,
-    showbackground: false, gridcolor: "#e3e6e9", zeroline: false, visible: !(data.dimension === 2 && k === 1),
-  });
-  const ratio = AXES.map((_, k) => (data.high[k] - data.low[k]) / data.unit);
-  const layout = {
-    margin: { l: 0, r: 0, t: TOP, b: 0 }, showlegend: false,
-    scene: {
-      xaxis: axis(0), yaxis: axis(1), zaxis: axis(2), dragmode: "turntable",
-      aspectmode: "manual", aspectratio: { x: ratio[0], y: ratio[1], z: ratio[2] }, camera: { eye: eye(), center: { x: 0, y: 0, z: -0.08 }, up: { x: 0, y: 0, z: 1 } },
-    },
-  };
-  view.layout = layout;
-  state.size = diameter();
-  const p = particles(0), edge = { width: 1, color: "#4a4f57" };
-  const marker = { size: state.size, color: p.colour, line: edge, opacity: 1, ...colouring() };
-  const body = { type: "scatter3d", mode: "markers", x: p.x, y: p.y, z: p.z, marker, hoverinfo: "skip" };
-  const traces = [body, lines(data.walls, "#70767e"), lines(data.outline, "#c43e26")];
-  if (data.floor !== null) traces.push(floor());
-  await Plotly.newPlot(view, traces, layout, { ...still, scrollZoom: false });
-  view.on("plotly_relayout", resize);
+  const size = Math.max(...subtract(data.high, data.low));
+  const tick = [0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1].find((value) => value >= size / 14) ?? 2;
+  state.viewer = new Viewer(canvas, [data.low, data.high], { floor: data.floor, tick, flat: data.dimension === 2 });
+  state.meshes = await decoded();
+  document.body.classList.add("moving");
   element("time").max = film.times.length - 1;
-  element("time").oninput = () => show(Number(element("time").value));
-  element("play").onclick = play;
-  element("colour").onchange = recolour;
-  element("cut").onchange = element("place").oninput = recut;
-  element("nearer").onclick = () => zoom(0.8);
-  element("farther").onclick = () => zoom(1.25);
-  await show(film.times.length - 1); // what it has come to; played from the start
-}
-
-// ---- curves and section -------------------------------------------------------------------------------------------
-function plane(x, y) {
-  const axis = { zeroline: false, gridcolor: "#e3e6e9", linecolor: "#70767e", showline: true, fixedrange: true };
-  return {
-    margin: { l: 55, r: 12, t: 10, b: 45 }, legend: { orientation: "h", y: 1.02, yanchor: "bottom" }, dragmode: false,
-    xaxis: { ...axis, title: { text: x } }, yaxis: { ...axis, title: { text: y } }, showlegend: true,
-  };
-}
-
-function chart({ unit, curves, along = "time [s]", title }, place) {
-  const usual = curves.length > 1 ? `[${unit}]` : `${curves[0].name} [${unit}]`;
-  const at = along.match(/\[(.*)\]/)[1];
-  const traces = curves.map(({ name, x, y }) => ({ name, x, y, mode: "lines", hovertemplate: `%{y} ${unit} at %{x} ${at}` }));
-  const layout = plane(along, title ?? (unit ? usual : curves[0].name));
-  layout.yaxis.rangemode = "tozero";
-  return Plotly.newPlot(place, traces, { ...layout, showlegend: curves.length > 1 }, still);
-}
-
-function cross(section) {
-  const cm = (values) => values.map((value) => (value === null ? null : 100 * value));
-  const shape = { fill: "toself", fillcolor: "#adacaa", line: { color: "#70767e", width: 0.5 }, hoverinfo: "skip" };
-  const top = { line: { color: "#c43e26", width: 2 }, hovertemplate: "%{y:.1f} cm high at %{x:.1f} cm" };
-  const traces = [
-    { name: "particles", mode: "lines", x: cm(section.across), y: cm(section.up), ...shape },
-    { name: "surface", mode: "lines", x: cm(section.surface[0]), y: cm(section.surface[1]), ...top },
-  ];
-  const layout = plane("across [cm]", "height [cm]");
-  layout.yaxis.scaleanchor = "x";
-  layout.yaxis.constrain = layout.xaxis.constrain = "domain";
-  const known = section.across.filter((value) => value !== null), up = section.up.filter((value) => value !== null);
-  const span = (values) => values.reduce((a, b) => Math.max(a, b)) - values.reduce((a, b) => Math.min(a, b));
-  const place = element("section");
-  const tall = ((place.clientWidth - 70) * span(up)) / span(known);
-  place.style.height = `${Math.round(Math.min(480, Math.max(120, tall)) + 90)}px`;
-  element("plane").textContent = `Equal scales. ${section.place[0].toUpperCase()}${section.place.slice(1)}.`;
-  return Plotly.newPlot(place, traces, layout, still);
+  element("time").oninput = () => { play(false); show(Number(element("time").value)); };
+  element("play").onclick = () => play(!state.playing);
+  element("colour").onchange = () => { element("key").className = element("colour").value; draw(); };
+  element("nearer").onclick = () => zoom(1.25);
+  element("farther").onclick = () => zoom(0.8);
+  element("pace").textContent = pace()[1];
+  element("fastest").textContent = `${film.fastest.toPrecision(2)} m/s`;
+  canvas.onpointerdown = (down) => canvas.setPointerCapture(down.pointerId);
+  canvas.onpointermove = (move) => { if (canvas.hasPointerCapture(move.pointerId)) turn(0.008 * move.movementX, 0.006 * move.movementY); };
+  canvas.onkeydown = ({ key }) => ({ ArrowLeft: () => turn(-0.1, 0), ArrowRight: () => turn(0.1, 0), ArrowUp: () => turn(0, 0.08), ArrowDown: () => turn(0, -0.08), "+": () => zoom(1.25), "-": () => zoom(0.8) })[key]?.();
+  new ResizeObserver(draw).observe(canvas);
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", draw);
+  const still = matchMedia("(prefers-reduced-motion: reduce)").matches;
+  show(still ? film.times.length - 1 : 0);
+  play(!still);
 }
 
 async function write() {
-  const places = data.charts.map(() => element("charts").appendChild(document.createElement("div")));
-  places.forEach((place) => (place.className = "chart")); // all of them, before the first one takes its width
-  for (let k = 0; k < places.length; k++) await chart(data.charts[k], places[k]);
-  if (!film) return;
-  element("body").hidden = element("cross").hidden = false;
-  await cross(data.section);
-  await begin();
+  data.charts.forEach((each) => chart(each, element("charts")));
+  cross(data.section, element("section"));
+  try {
+    await begin();
+  } catch (error) { // without WebGL or DecompressionStream the picture stays
+    element("why").textContent = `This browser shows no moving film (${error.message}); the picture is the end of the run.`;
+  }
 }
 const ready = write();

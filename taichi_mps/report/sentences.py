@@ -9,7 +9,7 @@ from ..problem.labels import ENDS, in_words, is_measure, meaning, title, written
 from ..problem.materials import mix_in_words
 from ..units import plain
 
-OWN = " This is the error of the computation alone: those of the test and of the constants of the mix come to it."
+OWN = " This is the error of the computation; the test's own and that of the constants come to it."
 LEADING = "slump_m", "spread_m", "t500_s", "flow_m", "flow_time_s", "passing_ratio", "front_m", "filled_ratio"
 MEASURED = "slump_m", "spread_m"  # of the columns that every history has
 PARTS = {"ready": "making ready", "pictures": "last pictures"}  # of a run, in words where its key is none
@@ -36,12 +36,15 @@ def measured(summary) -> str:
     return f"{text[0].upper()}{text[1:]}." if found else "Nothing was measured."
 
 
-def ending(summary) -> str:
-    """Why and when it ended, and of what mix."""
+def ending(summary, mixes=True) -> str:
+    """Why and when it ended and, with ``mixes``, of what mix; without them as the end of a sentence."""
     reason = ENDS.get(summary["stopped_by"], str(summary["stopped_by"]))
-    mixes = summary.get("materials") or []
-    mix = f" ({mix_in_words(mixes[0])})" if len(mixes) == 1 else f" ({len(mixes)} mixes)" * bool(mixes)
-    return f"{reason[0].upper()}{reason[1:]} after {summary['simulated_seconds']:.2f} s{plain(mix)}."
+    told = f"{reason} after {summary['simulated_seconds']:.2f} s"
+    if not mixes:
+        return f"{told}."
+    known = summary.get("materials") or []
+    mix = f" ({mix_in_words(known[0])})" if len(known) == 1 else f" ({len(known)} mixes)" * bool(known)
+    return f"{told[0].upper()}{told[1:]}{plain(mix)}."
 
 
 def doubts(summary) -> list[str]:

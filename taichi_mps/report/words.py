@@ -1,12 +1,16 @@
 """The texts and tables of the page, as HTML; all that comes from outside is escaped."""
 
 import shlex
+from contextlib import suppress
+from datetime import datetime
 from html import escape
 
 from .. import __version__
-from ..problem import accuracy
+from ..problem import accuracy, catalogue
 from ..problem.labels import in_words
 from ..problem.materials import FLOWS, mix_in_words
+from ..problem.numerics import NUMERICS
+from ..problem.problem import Problem
 from ..units import plain
 from . import inputs, sentences
 
@@ -14,11 +18,14 @@ from . import inputs, sentences
 def words(run, film: dict) -> dict[str, str]:
     """What page.html asks for, by name."""
     summary, later = run.summary, "<p>Said when the run has ended.</p>"
-    repeat = inputs.command(run.source, summary, run.every) if run.ended else f"resume {shlex.quote(str(run.path))}"
+    repeat = repeated(run) if run.ended else f"resume {shlex.quote(str(run.path))}"
     numerics = run.ended and table(sentences.numerics(summary)) + f"<p>{safe(sentences.cost(summary))}</p>"
+    measured = sentences.measured(summary)
     return {
-        "title": safe(f"{in_words(str(summary['scene']))}: report of a run"),
-        "lead": safe(f"{sentences.measured(summary)} {sentences.ending(summary) if run.ended else ''}"),
+        "title": safe(summary.get("title") or usual_title(run.source, str(summary["scene"]))),
+        "meta": safe(", ".join([*dates(run), *map(mix_in_words, (summary.get("materials") or [])[:1])])),
+        "note": f'<p class="remark">{safe(summary["note"])}</p>' if summary.get("note") else "",
+        "lead": safe(f"{measured[:-1]}; {sentences.ending(summary, mixes=False)}" if run.ended else measured),
         "doubts": "\n".join(f'<p class="doubt">{safe(text)}</p>' for text in doubts(run)),
         "about": safe(" ".join(about(film, bool(run.scene.outline)))),
         "results": table(sentences.rows(summary)) or "<p>Nothing was measured.</p>",
@@ -28,6 +35,26 @@ def words(run, film: dict) -> dict[str, str]:
         "versions": safe(versions(run)),
         "numerics": numerics or later,
     }
+
+
+def repeated(run) -> str:
+    """The command that computes an ended run again, of what the user gave."""
+    usual = Problem(run.scene, NUMERICS[run.summary["scheme"]]()).usual_interval
+    return inputs.command(run.source, run.summary, None if abs(run.every / usual - 1.0) < 1e-9 else run.every)
+
+
+def usual_title(source: str, scene: str) -> str:
+    """What a built-in test is called in the first line of its file, or else the name of the scene."""
+    told = catalogue.describe().get(source, "").partition(":")[0]
+    return told or in_words(scene)
+
+
+def dates(run) -> list[str]:
+    """The day of the run, as its summary or else the time of its history.csv has it."""
+    when = datetime.fromtimestamp(run.folder.history.stat().st_mtime)
+    with suppress(ValueError, TypeError):
+        when = datetime.fromisoformat(run.summary["ended"]) if run.ended and "ended" in run.summary else when
+    return [f"{when.day} {when:%B %Y}"]
 
 
 def safe(text) -> str:
@@ -58,12 +85,9 @@ def about(film: dict, outlined: bool) -> list[str]:
     """How to read the view, and what of the run it leaves out."""
     told = ["Drag to turn.", *(["Red: the mould, or the bars."] if outlined else [])]
     told.append(f"Flowing: the viscous part of the stress is over {FLOWS:.0%} of the yield stress.")
-    parts = []
-    if len(film["times"]) < film["outputs"]:
-        parts.append(f"{len(film['times'])} of {film['outputs']} outputs")
-    if film["share"] < 1.0:
-        parts.append(f"{film['share']:.0%} of the particles, drawn larger")
-    return told + ([f"To keep the page small it shows {' and '.join(parts)}; run.h5 has all."] if parts else [])
+    shown = len(film["times"])
+    fewer = f"To keep the page small it shows {shown} of {film['outputs']} outputs; run.h5 has all."
+    return told + [fewer] * (shown < film["outputs"])
 
 
 def given(run) -> list[tuple[str, str]]:
@@ -98,4 +122,4 @@ def expected(summary: dict) -> str:
 def versions(run) -> str:
     """What has computed it and what has made the page."""
     computed = "Computed by taichi_mps {version} ({backend[arch]}, {backend[precision]}). "
-    return f"{computed.format(**run.summary) if run.ended else ''}Page made by taichi_mps {__version__} with plotly.js."
+    return f"{computed.format(**run.summary) if run.ended else ''}Page made by taichi_mps {__version__}."

@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Callable
 from concurrent.futures import BrokenExecutor
 from contextlib import nullcontext, suppress
+from importlib.util import find_spec
 from itertools import zip_longest
 from pathlib import Path
 
@@ -219,12 +220,22 @@ def write_page(rows: list[dict], columns: list[str], out, source) -> Path:
         Path(__file__).with_name("mixes.html"),
         user_path(out),
         {"traces": traces(rows, columns), "layout": LAYOUT},
+        library=library(),
         title=safe(f"{Path(source).name}: mixes calibrated"),
         lead=f"{len(rows)} mixes",
         tally=table(counted(rows), ["mixes", "come out as", ""]),
         mixes=table(found, [*columns, *FOUND]),
         about=safe(ABOUT.format(version=__version__)),
     )
+
+
+def library() -> str:
+    """The code of plotly.js as plotly's package has it, which need not be imported for it."""
+    found = find_spec("plotly")
+    path = Path(found.submodule_search_locations[0], "package_data", "plotly.min.js") if found else None
+    if path is None or not path.is_file():
+        raise SceneError("the page of the mixes needs plotly: pip install 'taichi-mps[report]'")
+    return path.read_text(encoding="utf-8")
 
 
 def cells(row: dict) -> list[str]:

@@ -18,7 +18,7 @@ from ..runtime.backend import init, require_room, session
 from ..simulation.simulation import Simulation
 
 # of a scene: read at every step or at the end, by no kernel; the material has its own entry
-FREE = ("material", "until", "parameters", "measure", "over_time", "check", "outline")
+FREE = ("material", "until", "parameters", "measure", "over_time", "check", "outline", "mould", "vessel")
 MOST_KEPT = 4  # Simulations of a process: of some curves, coarse and fine
 _kept: dict = {}  # of this process, by shape, last used last: Simulation, its scheme and its state when it was made
 

@@ -7,6 +7,7 @@ import numpy as np
 from PIL import Image
 
 from ..units import require
+from .overlay import said_speed
 from .render import Renderer
 
 
@@ -39,13 +40,14 @@ def check() -> None:
     require(find_spec("imageio_ffmpeg"), "film: needs imageio-ffmpeg: pip install 'taichi-mps[film]'")
 
 
-def mp4(pictures, out, fps: float = 10.0) -> Path:
-    """A film (H.264) of a list of picture files, by imageio-ffmpeg (extra ``film``)."""
+def mp4(pictures, out, fps: float = 10.0, every: float | None = None) -> Path:
+    """A film (H.264) of a list of picture files, by imageio-ffmpeg (extra ``film``), with its speed written into it
+    where the time between two of them is known, ``every`` [s]."""
     check()
     import imageio.v2 as iio
 
     with iio.get_writer(out, fps=fps, codec="libx264", quality=8, macro_block_size=16) as film:
         for path in pictures:
             with Image.open(path) as picture:
-                film.append_data(np.asarray(picture.convert("RGB")))
+                film.append_data(np.asarray(said_speed(picture.convert("RGB"), every, fps)))
     return out

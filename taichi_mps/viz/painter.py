@@ -87,6 +87,7 @@ class Mesh:
         towards = ((self.x - camera.eye) * self.normals).sum(1) < 0.0
         depth = points[self.triangles, 2]
         shown = np.flatnonzero(towards[self.triangles].any(1) & (depth.min(1) > 1e-6))
+        shown = shown[np.ptp(points[self.triangles[shown], 1], axis=1) > 0.0]  # not seen from their edge
         shown = shown[np.argsort(-depth[shown].sum(1), kind="stable")]
         corners = points[self.triangles[shown], :2]
         corners = np.take_along_axis(corners, np.argsort(corners[..., 1:], axis=1), 1)  # from top to bottom

@@ -7,26 +7,40 @@ plane y = 0, z up.
 
 import sys
 from collections.abc import Sequence
-from functools import cache
 from itertools import cycle
 from pathlib import Path
 from typing import Annotated, Literal
 
 import imageio.v3 as iio
 import numpy as np
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image
 from pydantic import Field, InstanceOf
 
 from ..problem.materials import constants_of, mix_in_words
 from ..problem.measures import Snapshot, embed
 from ..problem.scene import Scene
-from ..units import Count, File, Flag, Place, SceneError, array, real, require, said, user_path, validated, writing
+from ..units import (
+    Count,
+    Duration,
+    File,
+    Flag,
+    Place,
+    SceneError,
+    array,
+    real,
+    require,
+    said,
+    user_path,
+    validated,
+    writing,
+)
+from .body import surface_of
+from .overlay import FAINT, INK, MOULD, Overlay, said_speed
 from .painter import Camera, Mesh, Painter
-from .smooth_surface import CUBE_OF_PICTURES, check, smooth_surface
-from .stage import stage, wall_lines
+from .smooth_surface import CUBE_OF_PICTURES, check
+from .stage import dimensions, glass, stage, wall_lines
 
 RADIUS = 0.62  # of a drawn sphere over l0
-INK, FAINT, MOULD = (38, 42, 48), (112, 118, 126), (196, 62, 38)  # of text, rulers and outlines
 CONCRETE, FLOWING, RIGID = np.array([(0.68, 0.675, 0.66), (0.93, 0.50, 0.16), (0.45, 0.53, 0.64)])
 MIXES = np.array([(0.68, 0.675, 0.66), (0.30, 0.50, 0.72), (0.86, 0.55, 0.25), (0.42, 0.62, 0.40)])  # of mixes in turn
 FIELDS = {  # values of a view, and the label of its colour bar
@@ -192,75 +206,40 @@ class Renderer:
         ndarray of uint8, shape (height, width, 3)
             Picture.
         """
-        snapshot = self.scene.unfold(snapshot)
         if self.beads:
             from .beads import Beads
 
+            snapshot = self.scene.unfold(snapshot)
             body = Beads(embed(snapshot.x), self.colours(snapshot), RADIUS * snapshot.spacing)
         else:
-            snapshot, *mesh = smooth_surface(snapshot, CUBE_OF_PICTURES, NEEDED.get(self.view, ()))
+            snapshot, *mesh = surface_of(self.scene, snapshot, CUBE_OF_PICTURES, NEEDED.get(self.view, ()))
             body = Mesh(snapshot.x, self.colours(snapshot), *mesh)
         pixels, depth = self.painter.draw(body)
-        image = Image.fromarray(pixels)
-        self._lines(image, depth, snapshot.time)
-        pen = ImageDraw.Draw(image)
-        self._rulers(pen)
-        self._titles(pen, snapshot, measures or {})
-        self._legend(image, pen)
+        image, measures = Image.fromarray(pixels), measures or {}
+        over = Overlay(image, depth, self.camera)
+        for face in glass(self.scene, snapshot.time):
+            over.pane(face)
+        over.lines(wall_lines(self.scene, self.low, self.high, snapshot.time), FAINT)
+        over.lines(self.scene.outline, MOULD, dashed=True)
+        over.rulers(self.low, self.high, self.tick)
+        over.dimensions(dimensions(self.scene, measures, self.low, self.high, body.x[:, 0].max(initial=0.0)))
+        self._titles(over, snapshot, measures)
+        self._legend(image, over)
         return np.asarray(image)
 
-    def _write(self, pen, at, text, size=17, colour=INK, anchor="la"):
-        pen.text(at, text, fill=colour, font=font(size * self.camera.height / 720), anchor=anchor)
-
-    def _titles(self, pen, snapshot, measures):
-        unit = self.camera.height / 720
+    def _titles(self, over, snapshot, measures):
+        unit = over.unit
         mix = mix_in_words(self.scene.material.facts()).removeprefix("yield stress 0 Pa, plastic ").replace(", ", "   ")
         flow = f"{mix}   particle size {1e3 * self.scene.spacing:g} mm"
-        self._write(pen, (28 * unit, 22 * unit), self.scene.name, 26)
-        self._write(pen, (28 * unit, 58 * unit), flow, 16, FAINT)
-        shown = [f"{name} {100 * measures[key]:.1f} cm" for key, name in MEASURES.items() if key in measures]
-        self._write(pen, (28 * unit, 86 * unit), "   ".join([f"t = {snapshot.time:.2f} s", *shown]), 22)
+        over.write((28 * unit, 22 * unit), self.scene.name, 26)
+        over.write((28 * unit, 58 * unit), flow, 16, FAINT)
+        shown = [
+            f"{name} {round(100 * measures[key], 1) + 0.0:.1f} cm" for key, name in MEASURES.items() if key in measures
+        ]
+        over.write((28 * unit, 86 * unit), "   ".join([f"t = {snapshot.time:.2f} s", *shown]), 22)
 
-    def _rulers(self, pen):
-        """Ticks in cm: along x on the floor in front of the body, and upright at its left in the middle plane."""
-        low, high, unit = self.low, self.high, self.camera.height / 720
-        upright = np.array([low[0], 0.5 * (low[1] + high[1]), low[2]])
-        for start, axis, zero, side, anchor in ((low, 0, 0.0, (0, 1), "mt"), (upright, 2, low[2], (-1, 0), "rm")):
-            first, last = (np.array([low[axis], high[axis]]) - zero) / self.tick
-            ticks = np.arange(np.ceil(first - 1e-6), np.floor(last + 1e-6) + 1)
-            points = np.tile(start, (len(ticks), 1))
-            points[:, axis] = zero + self.tick * ticks
-            at, side, width = self.camera.project(points)[:, :2], unit * np.array(side), max(1, round(1.5 * unit))
-            pen.line([tuple(p) for p in at], fill=FAINT, width=width)
-            for k, p in zip(ticks.astype(int), at, strict=True):
-                pen.line([tuple(p), tuple(p + (5 if k % 2 else 9) * side)], fill=FAINT, width=width)
-                if k % 2 == 0:
-                    label = f"{100 * self.tick * k:.4g}" + " cm" * int(k > ticks[-1] - 2)
-                    self._write(pen, p + 14 * side, label, 15, FAINT, anchor)
-
-    def _lines(self, image, depth, time):
-        """Walls, and the lifted mould (dashed) where nothing hides it; smoothed by drawing at twice the size."""
-        masks = [Image.new("L", (2 * image.width, 2 * image.height)) for _ in range(2)]
-        pens, width = [ImageDraw.Draw(mask) for mask in masks], max(2, round(image.height / 240))
-        for line in wall_lines(self.scene, self.low, self.high, time):
-            pens[0].line([tuple(p) for p in 2 * self.camera.project(line)[:, :2]], fill=255, width=width)
-        for polyline in self.scene.outline:
-            corner = self.camera.project(embed(polyline))
-            length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(corner[:, :2], axis=0), axis=1))])
-            at = np.arange(0.0, length[-1], image.height / 180)
-            point = np.stack([np.interp(at, length, corner[:, k]) for k in range(3)], -1)
-            j, i = np.clip(point[:, :2].astype(int), 0, np.array(image.size) - 1).T
-            seen = point[:-1, 2] < depth[i, j][:-1] + 1.5 * self.scene.spacing
-            for k in np.flatnonzero(seen & (np.arange(len(seen)) % 3 < 2)):
-                pens[1].line([tuple(p) for p in 2 * point[k : k + 2, :2]], fill=255, width=width)
-        for mask, colour in zip(masks, (FAINT, MOULD), strict=True):
-            if box := mask.getbbox():
-                left, top, right, bottom = (2 * (edge // 2 + k) for edge, k in zip(box, (0, 0, 1, 1), strict=True))
-                small = mask.crop((left, top, right, bottom)).reduce(2)
-                image.paste(colour, (left // 2, top // 2, right // 2, bottom // 2), small)
-
-    def _legend(self, image, pen):
-        unit, (low, high) = self.camera.height / 720, self.limits
+    def _legend(self, image, over):
+        unit, pen, (low, high) = over.unit, over.pen, self.limits
         x, y, wide, tall = (round(v * unit) for v in (image.width / unit - 105, 150, 20, 300))
         keys = []
         if self.view == "yielded":
@@ -271,33 +250,16 @@ class Renderer:
         for k, (name, colour) in enumerate(keys):
             top = round((28 + 30 * k) * unit)
             pen.rectangle((x + 57 * unit, top, x + 77 * unit, top + wide), fill=tuple(int(255 * c) for c in colour))
-            self._write(pen, (x + 48 * unit, top + 0.5 * wide), name, 16, INK, "rm")
+            over.write((x + 48 * unit, top + 0.5 * wide), name, 16, INK, "rm")
         if self.view not in FIELDS:
             return
         bar = (255 * viridis(np.linspace(1, 0, tall))[:, None] + 0.5).astype(np.uint8)
         image.paste(Image.fromarray(np.repeat(bar, wide, 1)), (x, y))
-        self._write(pen, (x + 77 * unit, y - 24 * unit), FIELDS[self.view][1], 16, INK, "rm")
+        over.write((x + 77 * unit, y - 24 * unit), FIELDS[self.view][1], 16, INK, "rm")
         for t in np.linspace(0, 1, 6):
             at = y + (1 - t) * (tall - 1)
             pen.line((x + wide, at, x + wide + 5 * unit, at), fill=FAINT)
-            self._write(pen, (x + wide + 10 * unit, at), f"{low + t * (high - low):.3g}", 15, FAINT, "lm")
-
-
-@cache
-def font(size):
-    """Return the font that ships with Pillow.
-
-    Parameters
-    ----------
-    size : float
-        Size [pixels].
-
-    Returns
-    -------
-    ImageFont
-        Font.
-    """
-    return ImageFont.load_default(size)
+            over.write((x + wide + 10 * unit, at), f"{low + t * (high - low):.3g}", 15, FAINT, "lm")
 
 
 def save(picture, path):
@@ -361,7 +323,9 @@ def png(folder: Place, view: Literal[VIEWS] = "concrete", **options):
 
 
 @validated
-def gif(frames: Place | Sequence[File], out: File, fps: Rate = 10.0, width: Pixels = 640):
+def gif(
+    frames: Place | Sequence[File], out: File, fps: Rate = 10.0, width: Pixels = 640, every: Duration | None = None
+):
     """Write an animated GIF.
 
     Parameters
@@ -374,6 +338,8 @@ def gif(frames: Place | Sequence[File], out: File, fps: Rate = 10.0, width: Pixe
         Pictures a second [1/s].
     width : int, optional
         Width [pixels].
+    every : float, optional
+        Time between two pictures [s], from which the speed of the film is written into it.
 
     Raises
     ------
@@ -401,7 +367,7 @@ def gif(frames: Place | Sequence[File], out: File, fps: Rate = 10.0, width: Pixe
         try:
             with Image.open(path) as picture:
                 size = (width, max(1, round(width * picture.height / picture.width)))
-                pictures.append(picture.convert("RGB").resize(size, Image.Resampling.BOX))
+                pictures.append(said_speed(picture.convert("RGB").resize(size, Image.Resampling.BOX), every, fps))
         except OSError:
             raise SceneError(f"frames = {path}: cannot be read; must be a picture") from None
     sample = pictures[:: max(1, len(pictures) // 4)]

@@ -9,6 +9,7 @@ from ..units import SceneError, require
 
 CUBE, SMOOTHING = 0.3, 15  # side of the cells of a surface over l0; smoothing iterations of its mesh
 CUBE_OF_PICTURES = 0.6  # which takes a fifth of the time and is as smooth
+LEVEL, LEVEL_OF_PICTURES = 0.6, 0.5  # of the surface, in densities of spheres; of pictures half a spacing outside
 BLOCK = 32  # cells along the sides of the blocks that are computed one by one; with 64 half as long again
 MOST_CELLS = 1e6  # along an axis: their number is a 64-bit integer
 FIELDS = ("u", "p", "shear_rate", "yielded", "density_ratio")
@@ -28,7 +29,7 @@ def smooth_surface(s: Snapshot, cube: float = CUBE, fields=FIELDS) -> tuple[Snap
     and their mix interpolated to them, zero in the others; their outward normals (k, 3), and its triangles (m, 3), rows
     of the vertices. cube: side of its cells over l0.
 
-    The level set at 0.6 of the density of spheres of the spacing, with weighted smoothing (Loeschner et al., 2023,
+    The level set at LEVEL of the density of spheres of the spacing, with weighted smoothing (Loeschner et al., 2023,
     "Weighted Laplacian smoothing for surface reconstruction of particle-based fluids"). It lies 0.2 to 0.5 spacings
     outside of the outermost particles; a particle alone becomes a ball of 1.2 spacings.
     """
@@ -37,7 +38,8 @@ def smooth_surface(s: Snapshot, cube: float = CUBE, fields=FIELDS) -> tuple[Snap
 
     size = np.ptp(s.x, axis=0).max() / (cube * s.spacing) if len(s.x) else 0.0
     require(size < MOST_CELLS, f"surface: the body is {size:.2g} cells long; must be at most {MOST_CELLS:g}")
-    real = np.float64 if cube == CUBE else np.float32  # takes a quarter less, and a picture has no finer points
+    exact = cube == CUBE
+    real = np.float64 if exact else np.float32  # takes a quarter less, and a picture has no finer points
     given = {name: np.ascontiguousarray(getattr(s, name), real) for name in fields}
     mixes = np.arange(s.mix.max(initial=0) + 1) if s.mix.any() else ()
     given |= {f"mix {k}": (s.mix == k).astype(real) for k in mixes}
@@ -48,10 +50,11 @@ def smooth_surface(s: Snapshot, cube: float = CUBE, fields=FIELDS) -> tuple[Snap
         smoothing_length=2.0,  # in radii, as the next
         cube_size=2.0 * cube,
         subdomain_num_cubes_per_dim=BLOCK,
-        iso_surface_threshold=0.6,
+        iso_surface_threshold=LEVEL if exact else LEVEL_OF_PICTURES,
         mesh_smoothing_iters=SMOOTHING,
         mesh_cleanup=True,
         compute_normals=True,
+        normals_smoothing_iters=None if exact else SMOOTHING,
     )
     at = {name: np.asarray(values, float) for name, values in made.point_attributes.items()}
     points = np.asarray(made.mesh.vertices, float)

@@ -4,7 +4,10 @@ import numpy as np
 
 from ..geometry.solid import Solid
 from ..geometry.walls import Cylinder, Plane
+from ..problem.labels import title, written
 from ..problem.measures import embed, reflected, still
+
+LEAST = 0.03  # of the longest side of what is shown: a shorter length gets no dimension
 
 
 def images(scene, line):
@@ -43,6 +46,8 @@ def wall_lines(scene, low, high, time):
     (x0, y0, z0), (x1, y1, z1) = low, high
     edges, y = [], 0.5 * (y0 + y1)
     for wall in scene.walls:
+        if len(scene.vessel) and not np.any(wall.travel):
+            continue  # drawn as glass
         if isinstance(wall, Cylinder):
             edges += [circle + wall.displacement(time) for circle in wall.circles]
         elif isinstance(wall, Solid):
@@ -54,3 +59,38 @@ def wall_lines(scene, low, high, time):
             z = wall.point[-1] + wall.displacement(time)[-1]
             edges.append([(x0, y, z), (x1, y, z)])
     return [line for edge in edges for line in images(scene, edge)]
+
+
+def glass(scene, time) -> list[np.ndarray]:
+    """Faces (k, 3) [m] of the vessel, and of a thin mould that is lifted, at a time [s]."""
+    faces = list(scene.vessel)
+    for wall in scene.walls:
+        if isinstance(wall, Cylinder) and wall.thin:
+            foot, top = (circle[::2] + time * wall.travel for circle in wall.circles)
+            faces += list(np.stack([foot[:-1], foot[1:], top[1:], top[:-1]], axis=1))
+    return faces
+
+
+def dimensions(scene, measures, low, high, front) -> list[dict]:
+    """Measured lengths to be drawn on a body that reaches to x = ``front`` [m], in a box from ``low`` to ``high`` (3,)
+    [m]: ends ``a`` and ``b`` (3,) [m] in the plane through the axis or the middle of the width, a ``text``, and y [m]
+    of the ``near`` side of the body, below which a level one has its place."""
+    least, floor, y = LEAST * np.max(np.subtract(high, low)), low[2], 0.5 * (low[1] + high[1])
+    faces = np.concatenate(scene.vessel) if len(scene.vessel) else np.array([low, high])
+    begin, end, near = faces[:, 0].min(), faces[:, 0].max(), min(y, max(low[1], faces[:, 1].min()))
+    gate = min((x for x in faces[:, 0] if begin < x < end), default=begin)
+    known = {  # ends in the plane, and y of the near side
+        "spread_m": lambda d: ((-0.5 * d, 0.0, floor), (0.5 * d, 0.0, floor), -0.5 * d),
+        "front_m": lambda d: ((begin, y, floor), (begin + d, y, floor), near),
+        "flow_m": lambda d: ((front - d, y, floor), (front, y, floor), near),
+        "h1_m": lambda d: ((gate, y, floor), (gate, y, floor + d), near),
+        "h2_m": lambda d: ((end, y, floor), (end, y, floor + d), near),
+    }
+    if scene.mould:
+        known["slump_m"] = lambda d: ((0.0, 0.0, scene.mould.height), (0.0, 0.0, scene.mould.height - d), 0.0)
+    found = []
+    for key in known.keys() & {key for key, length in measures.items() if least < length < np.inf}:
+        a, b, side = known[key](measures[key])
+        text = f"{title(key)} {written(key, measures[key])}"
+        found.append({"a": [*map(float, a)], "b": [*map(float, b)], "near": float(side), "text": text})
+    return sorted(found, key=lambda one: one["text"])

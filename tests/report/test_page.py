@@ -1,27 +1,27 @@
 """report.html, opened from the disk in a headless Chromium: what it shows is what the run folder holds."""
 
-import base64
+import re
 import shlex
 import shutil
+import zlib
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.cli import console
 from taichi_mps.io.history import read_history
 from taichi_mps.io.run_folder import RunFolder
 from taichi_mps.io.vtkhdf import Trajectory
 from taichi_mps.problem import accuracy
-from taichi_mps.problem.labels import written
+from taichi_mps.problem.labels import title, written
 from taichi_mps.problem.measures import still
-from taichi_mps.report import drawings, inputs, page, sentences
+from taichi_mps.report import drawings, film, inputs, page, sentences
+from taichi_mps.viz.body import surface_of
 from tests.support.browser import chromium, needs_chromium, opened
 from tests.support.child import child
 from tests.support.scenes import parts
 
-EYE = "Object.values(view.layout.scene.camera.eye)"
 WORDS = "run slump --model quarter --spacing 0.02 --yield-value 500.0 --every 0.05 --until 0.4"
 
 
@@ -58,27 +58,37 @@ def tab(run, shown):
     return shown(run.report)
 
 
-def whole(folder):
-    """Snapshots of the whole body at all outputs."""
-    return [output.scene.unfold(output.state) for output in Trajectory(folder.trajectory).replay()]
+@needs_chromium
+def test_the_surfaces_and_colours_are_those_of_the_outputs(run, tab):
+    outputs = list(Trajectory(run.trajectory).replay())
+    times = tab.evaluate("film.times")
+    low, step = (np.array(tab.evaluate(f"film.{name}")) for name in ("low", "step"))
+    top = tab.evaluate("film.fastest")
+    for output in outputs[1:]:
+        x, normals, speed, flowing, links = film.shape(output.scene, output.state)
+        k = int(np.argmin(np.abs(np.array(times) - output.time)))
+        keys = "at", "normal", "shade", "triangles"
+        at, normal, shade, rows = (np.array(tab.evaluate(f"[...state.meshes[{k}].{key}]")) for key in keys)
+        at, normal, rows = at.reshape(-1, 3), normal.reshape(-1, 3), rows.reshape(-1, 3)
+        assert len(at) == len(x) and np.all(low <= x.min(0) + step)
+        same = ((at[:, None] - x) ** 2).sum(-1).argmin(1)  # the library of surfaces keeps no order
+        assert np.abs(at - x[same]).max() <= 0.501 * step.max()
+        assert np.abs(normal - 127 * normals[same]).max() <= 0.501
+        assert np.abs(top * (shade & 127) / 127 - speed[same]).max() <= 0.501 * top / 127
+        np.testing.assert_array_equal(shade >= 128, flowing[same])
+        found, known = (set(map(frozenset, triangles.tolist())) for triangles in (same[rows], links))
+        assert found == known
 
 
 @needs_chromium
-def test_positions_and_colours_are_those_of_run_h5(run, tab):
-    known = whole(run)
-    drawn = tab.evaluate("film.times.map((_, k) => particles(k))")
-    low, step = (np.array(tab.evaluate(f"film.{name}")) for name in ("low", "step"))
-    top = max(s.speed.max() for s in known)
-    assert step.max() < 1e-5 and np.all(low <= known[0].x.min(0) + 1e-9)
-    np.testing.assert_allclose(tab.evaluate("film.times"), [s.time for s in known], atol=1e-6)
-    for found, s in zip(drawn, known, strict=True):
-        x = np.stack([found[axis] for axis in "xyz"], 1)
-        assert np.all(np.abs(x - s.x) <= 0.5001 * step)
-        assert np.abs(np.array(found["colour"]) - s.speed).max() <= 0.501 * top / 127
-    tab.select_option("#colour", "flowing")
-    drawn = tab.evaluate("film.times.map((_, k) => particles(k).colour)")
-    for found, s in zip(drawn, known, strict=True):
-        np.testing.assert_array_equal(np.array(found, bool), 50.0 * s.shear_rate > 0.05 * 500.0)
+def test_a_body_of_rings_is_turned_about_the_axis(shown, tmp_path):
+    rings = computed(tmp_path / "rings", *WORDS.replace("quarter", "axisymmetric").split())
+    tab, (first, *_, last) = shown(rings.report), Trajectory(rings.trajectory).replay()
+    for k, output in ((0, first), (-1, last)):
+        known = surface_of(output.scene, output.state, film.CUBE, ())[0].x
+        found = np.reshape(tab.evaluate(f"[...state.meshes.at({k}).at]"), (-1, 3))
+        np.testing.assert_allclose(found, known, atol=2e-4)
+    assert rings.report.stat().st_size < 5e5
 
 
 @needs_chromium
@@ -87,7 +97,7 @@ def test_the_numbers_are_those_of_the_summary_and_the_history(run, tab):
     text = tab.inner_text("main")
     for key in ("slump_m", "spread_m"):
         assert written(key, summary[key]) in text
-    assert "yield stress\t500 Pa" in text and "particle size\t20 mm" in text
+    assert re.search(r"yield stress\s+500 Pa", text) and re.search(r"particle size\s+20 mm", text)
     known = accuracy.expected("quarter", 0.02 / 0.3, accuracy.Mix.of(500.0, 50.0))
     assert f"20 mm\t{300.0 * known.slump:.1f} mm\t{600.0 * known.reach:.0f} mm\t{known.volume:.1%}" in text
     curves = {curve["name"]: curve for chart in tab.evaluate("data.charts") for curve in chart["curves"]}
@@ -95,7 +105,7 @@ def test_the_numbers_are_those_of_the_summary_and_the_history(run, tab):
         known = 100.0 * np.interp(curves[name]["x"], history["time_s"], history[key])
         tolerance = 1e-2 if name == "slump" else 2e-2  # times have four digits, and the second falls steeply
         np.testing.assert_allclose(curves[name]["y"], known, atol=tolerance)
-    assert tab.evaluate("[...document.querySelectorAll('.chart')].map((place) => place.data.length)") == [2, 1]
+    assert tab.evaluate("document.querySelectorAll('#charts path').length") == 3
 
 
 @needs_chromium
@@ -104,42 +114,54 @@ def test_it_fits_a_phone(run, shown):
 
 
 @needs_chromium
-def test_it_plays_to_the_end(tab):
-    last = tab.evaluate("film.times.length - 1")
-    assert tab.evaluate("state.output") == last and tab.inner_text("#now") == "t = 0.40 s"
+def test_it_opens_moving_and_stops_where_it_is_told(tab):
+    tab.wait_for_function("state.playing && 0 < state.output")
+    assert tab.inner_text("#play") == "Pause" and tab.inner_text("#pace") == "quarter speed"
     tab.click("#play")
-    tab.wait_for_function("0 < state.output && state.output < film.times.length - 1")
-    assert tab.inner_text("#play") == "Pause"
-    tab.wait_for_function("!state.playing && state.output === film.times.length - 1 && !state.drawing")
-    assert tab.inner_text("#play") == "Play"
-    np.testing.assert_allclose(tab.evaluate("Array.from(view.data[0].z)"), tab.evaluate(f"particles({last}).z"))
+    assert not tab.evaluate("state.playing")
+    tab.locator("#time").fill("0")
+    assert tab.inner_text("#now") == "0.00 s" and tab.text_content("#over") == "slump flow 20.0 cm"
+    tab.locator("#time").fill(str(tab.evaluate("film.times.length - 1")))
+    assert tab.inner_text("#now") == "0.40 s"
+
+
+@needs_chromium
+def test_the_dimensions_have_the_measured_lengths_on_the_body(run, tab):
+    summary = run.read_summary()
+    tab.evaluate("play(false); show(film.times.length - 1)")
+    text = tab.text_content("#over")
+    assert all(f"{title(key)} {written(key, summary[key])}" in text for key in ("slump_m", "spread_m"))
+    ends = tab.evaluate("film.dimensions.at(-1).map(({ a, b }) => Math.hypot(...subtract(a, b)))")
+    assert sorted(ends) == pytest.approx(sorted([summary["slump_m"], summary["spread_m"]]), rel=1e-4)
 
 
 @needs_chromium
 def test_it_turns_and_comes_nearer(tab):
+    tab.evaluate("play(false); show(film.times.length - 1)")
     view = tab.locator("#view")
-    before, size, picture = tab.evaluate(EYE), tab.evaluate("view.data[0].marker.size"), view.screenshot()
+    before, picture = tab.evaluate("state.viewer.turn"), view.screenshot()
     view.drag_to(view, source_position={"x": 190, "y": 200}, target_position={"x": 300, "y": 200})
-    tab.wait_for_function(f"Math.abs(view.layout.scene.camera.eye.x - {before[0]}) > 0.1")
-    turned = tab.evaluate(EYE)
-    assert np.linalg.norm(turned) == pytest.approx(np.linalg.norm(before), rel=1e-3) and view.screenshot() != picture
+    assert abs(tab.evaluate("state.viewer.turn") - before) > 0.1 and view.screenshot() != picture
+    away = "Math.hypot(...subtract(state.viewer.eye, state.viewer.middle))"
+    before = tab.evaluate(away)
     tab.click("#nearer")
-    tab.wait_for_function(f"view.data[0].marker.size > 1.2 * {size}")
-    assert np.linalg.norm(tab.evaluate(EYE)) < 0.81 * np.linalg.norm(before)
+    assert tab.evaluate(away) == pytest.approx(before / 1.25)
 
 
 @needs_chromium
-@pytest.mark.parametrize(("axis", "keeps", "at"), [("x", -1, 50), ("y", 1, 50), ("z", -1, 20)])
-def test_a_cut_takes_away_what_is_before_it(run, tab, axis, keeps, at):
-    s = whole(run)[-1]
-    tab.select_option("#cut", "")
-    tab.wait_for_function(f"view.data[0].x.length === {len(s.x)}")
-    tab.select_option("#cut", axis)
-    tab.locator("#place").fill(str(at))
-    tab.wait_for_function(f"view.data[0].x.length < {len(s.x)}")
-    place, left = tab.evaluate("place()"), np.array(tab.evaluate(f"Array.from(view.data[0].{axis})"))
-    assert np.all(keeps * (left - place) >= 0.0)
-    assert len(left) == pytest.approx(np.count_nonzero(keeps * (s.x[:, "xyz".index(axis)] - place) >= 0.0), abs=2)
+def test_without_webgl_it_shows_a_picture(run, shown, tmp_path):
+    page_without = tmp_path / "report.html"
+    page_without.write_text(run.report.read_text().replace('getContext("webgl2"', 'getContext("none"'))
+    tab = shown(page_without)
+    assert tab.locator("#still").is_visible() and not tab.locator("#view").is_visible()
+    assert "This browser shows no moving film" in tab.inner_text("#why")
+    assert tab.evaluate("document.querySelectorAll('#charts path').length") == 3
+
+
+@needs_chromium
+def test_in_print_it_is_one_page(tab):
+    pdf = tab.pdf(prefer_css_page_size=True)
+    assert len(re.findall(rb"/Type\s*/Page\b", pdf)) == 1
 
 
 @needs_chromium
@@ -148,11 +170,13 @@ def test_text_from_outside_is_shown_as_text(run, shown, tmp_path):
     summary = folder.read_summary()
     summary["scene"] = name = "</script><b id='hurt'>&amp; \u202e"
     summary["parameters"]["model"] = "<i id='hurt'>"
-    summary["error"] = "<u id='hurt'>"
+    summary["error"] = summary["note"] = "<u id='hurt'>"
     folder.write_summary(summary)
     tab = shown(page.write(folder))
     assert tab.locator("#hurt").count() == 0
-    assert tab.inner_text("h1") == name.replace("\u202e", "\\u202e") + ": report of a run"
+    assert tab.inner_text(".remark") == "<u id='hurt'>"
+    tab = shown(page.write(folder, title=name))
+    assert tab.locator("#hurt").count() == 0 and tab.inner_text("h1") == name.replace("\u202e", "\\u202e")
 
 
 @needs_chromium
@@ -164,7 +188,7 @@ def test_a_killed_run_has_its_page(run, shown, tmp_path):
     text = tab.inner_text("main")
     assert "This run has not ended: it has reached 0.40 s" in text and written("slump_m", last) in text
     assert f"taichi-mps resume '{folder.path}'" in text
-    assert tab.evaluate("view.data[0].x.length") > 0
+    assert tab.evaluate("state.meshes.at(-1).triangles.length") > 0
 
 
 def test_the_command_names_what_is_not_by_default(run):
@@ -178,29 +202,18 @@ def test_the_command_names_what_is_not_by_default(run):
     assert inputs.command("/home/me/block.py", other, None) == f"{known} --precision=f64"
 
 
-def filmed(run, room):
-    """The film of a run in so many bytes, and the positions at its first output."""
-    trajectory, scene = Trajectory(run.trajectory), next(Trajectory(run.trajectory).replay()).scene
-    film, _ = drawings.film(trajectory, scene, room)
-    codes = np.frombuffer(base64.b64decode(film["positions"]), "<u2").reshape(-1, 3)[: film["counts"][0]]
-    return film, film["low"] + np.array(film["step"]) * codes
-
-
 def test_what_does_not_fit_is_left_out_evenly(run):
-    known = whole(run)
-    room = 4 * drawings.BYTES * len(known[0].x)
-    film, _ = filmed(run, room)
-    assert film["outputs"] == len(known) == 9
-    np.testing.assert_allclose(film["times"], [known[k].time for k in (0, 3, 5, 8)], atol=1e-6)
-    assert 3 * (len(film["positions"]) + len(film["colours"])) <= 4 * (room + 6)
-
-
-def test_of_many_particles_mirror_images_stay_together(run, monkeypatch):
-    monkeypatch.setattr(drawings, "MOST_SHOWN", 300)
-    film, x = filmed(run, 10**7)
-    assert set(film["counts"]) == {len(x)} and len(x) == pytest.approx(300, abs=8)
-    sides = [x[(x[:, 0] > 0) == east][:, 0] for east in (True, False)]
-    np.testing.assert_allclose(np.sort(sides[0]), np.sort(-sides[1]), atol=1e-5)
+    trajectory = Trajectory(run.trajectory)
+    outputs = list(trajectory.replay())
+    scene, history = outputs[0].scene, read_history(run.history)
+    whole, _ = film.film(trajectory, scene, history)
+    assert whole["outputs"] == len(outputs) == 9 and len(whole["times"]) == 25  # two between each two of them
+    packed = film.packed(
+        *film.shape(scene, outputs[-1].state), 1.0, *film.scale([film.shape(scene, outputs[-1].state)])
+    )
+    fewer, last = film.film(trajectory, scene, history, 4.2 * len(zlib.compress(b"".join(packed.values()))))
+    np.testing.assert_allclose(fewer["times"], [outputs[k].time for k in (0, 3, 5, 8)], atol=1e-6)
+    np.testing.assert_array_equal(last.x, outputs[-1].state.x)
 
 
 @pytest.mark.parametrize(
@@ -224,11 +237,3 @@ def test_the_section_of_a_block_is_its_middle_layer():
     assert drawn["place"].endswith("y = 25 cm")
     assert np.nanmax(np.array(drawn["across"], float)) == pytest.approx(0.5)
     np.testing.assert_allclose(drawn["surface"][1], 0.5)
-
-
-def test_without_plotly_a_run_ends_well_and_says_how_to_get_its_page(run, monkeypatch, capsys):
-    monkeypatch.setattr(page, "find_spec", lambda name: None)
-    console.report(run)
-    assert (
-        capsys.readouterr().err == "taichi-mps: no report.html: report needs plotly: pip install 'taichi-mps[report]'\n"
-    )

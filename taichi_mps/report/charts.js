@@ -1,0 +1,93 @@
+"use strict";
+/* Curves as SVG, which are sharp in print; a pointer reads them. */
+const COLOURS = ["#1f6fb5", "#d1662a", "#2e8b57", "#8f4f9f", "#b8323f", "#7a6a35"];
+const element = (id) => document.getElementById(id);
+
+function svg(name, attributes = {}, text) {
+  const made = document.createElementNS("http://www.w3.org/2000/svg", name);
+  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
+  if (text !== undefined) made.textContent = text;
+  return made;
+}
+
+/* Round numbers from low to high, about ``count`` of them. */
+function ticks(low, high, count) {
+  const raw = (high - low) / count || 1, power = 10 ** Math.floor(Math.log10(raw));
+  const step = [1, 2, 5, 10].map((k) => k * power).find((value) => value >= 0.99 * raw), found = [];
+  for (let k = Math.ceil(low / step - 1e-9); k * step <= high + 1e-9 * step; k++) found.push(Number((k * step).toPrecision(12)));
+  return found;
+}
+
+/* A frame for curves between low and high of x and y: the drawing, and the functions of its places. */
+function frame(wide, tall, [x0, x1], [y0, y1], across, upwards) {
+  const [left, right, top, bottom] = [46, 10, 24, 36], drawing = svg("svg", { viewBox: `0 0 ${wide} ${tall}`, role: "img", "aria-label": `${upwards} against ${across}` });
+  const x = (value) => left + ((value - x0) / (x1 - x0 || 1)) * (wide - left - right);
+  const y = (value) => tall - bottom - ((value - y0) / (y1 - y0 || 1)) * (tall - top - bottom);
+  for (const value of ticks(y0, y1, tall / 45)) {
+    drawing.append(svg("line", { x1: left, x2: wide - right, y1: y(value), y2: y(value), class: "grid" }));
+    drawing.append(svg("text", { x: left - 6, y: y(value) + 4, "text-anchor": "end" }, value));
+  }
+  for (const value of ticks(x0, x1, wide / 70)) {
+    drawing.append(svg("line", { x1: x(value), x2: x(value), y1: tall - bottom, y2: tall - bottom + 4, class: "axis" }));
+    drawing.append(svg("text", { x: x(value), y: tall - bottom + 17, "text-anchor": "middle" }, value));
+  }
+  drawing.append(svg("line", { x1: left, x2: wide - right, y1: tall - bottom, y2: tall - bottom, class: "axis" }));
+  drawing.append(svg("text", { x: wide - right, y: tall - 3, "text-anchor": "end" }, across));
+  drawing.append(svg("text", { x: 2, y: 12, class: "name" }, upwards));
+  return { drawing, x, y };
+}
+
+function path(xs, ys, x, y) {
+  let pen = "M", text = "";
+  xs.forEach((value, k) => {
+    if (value === null || ys[k] === null) pen = "M";
+    else { text += `${pen}${x(value).toFixed(1)} ${y(ys[k]).toFixed(1)}`; pen = "L"; }
+  });
+  return text;
+}
+
+const span = (rows) => rows.flat().reduce(([a, b], v) => (v === null ? [a, b] : [Math.min(a, v), Math.max(b, v)]), [Infinity, -Infinity]);
+
+/* Curves of one unit; what the pointer is at stands at the right of the title. */
+function chart({ unit, curves, along = "time [s]", title }, place) {
+  const name = title ?? (curves.length > 1 ? `[${unit}]` : `${curves[0].name}${unit ? ` [${unit}]` : ""}`);
+  const [low, high] = span(curves.map((c) => c.y)), [x0, x1] = span(curves.map((c) => c.x));
+  const { drawing, x, y } = frame(440, 230, [x0, x1], [Math.min(0, low), 1.03 * high || 1], along, name);
+  let from = 12 + 7.2 * name.length;
+  curves.forEach((curve, k) => {
+    const colour = COLOURS[k % COLOURS.length];
+    drawing.append(svg("path", { d: path(curve.x, curve.y, x, y), fill: "none", stroke: colour, "stroke-width": 2 }));
+    if (curves.length < 2) return;
+    drawing.append(svg("line", { x1: from, x2: from + 14, y1: 8, y2: 8, stroke: colour, "stroke-width": 3 }));
+    drawing.append(svg("text", { x: from + 18, y: 12 }, curve.name));
+    from += 30 + 6.4 * curve.name.length;
+  });
+  const mark = svg("line", { y1: 20, y2: 194, class: "mark" }), read = svg("text", { y: 34, class: "read" });
+  drawing.append(mark, read);
+  drawing.onpointermove = (event) => {
+    const box = drawing.getBoundingClientRect(), at = ((event.clientX - box.left) / box.width) * 440, first = curves[0].x;
+    const wanted = x0 + ((at - 46) / (440 - 56)) * (x1 - x0);
+    const k = first.reduce((best, value, i) => (Math.abs(value - wanted) < Math.abs(first[best] - wanted) ? i : best), 0), px = x(first[k]);
+    mark.setAttribute("x1", px); mark.setAttribute("x2", px);
+    read.setAttribute("x", px < 240 ? px + 6 : px - 6);
+    read.setAttribute("text-anchor", px < 240 ? "start" : "end");
+    read.textContent = `${first[k]}: ${curves.map((c) => `${c.y[k] ?? "-"}${unit ? ` ${unit}` : ""}`).join(", ")}`;
+    drawing.classList.add("reading");
+  };
+  drawing.onpointerleave = () => drawing.classList.remove("reading");
+  place.append(drawing);
+}
+
+/* The section at the end: particles and the surface, to scale. */
+function cross(section, place) {
+  const cm = (values) => values.map((value) => (value === null ? null : 100 * value));
+  const [across, up, line] = [cm(section.across), cm(section.up), section.surface.map(cm)];
+  const [x0, x1] = span([across]), [, high] = span([up]), low = Math.min(0, span([up])[0]);
+  const wide = Math.min(760, Math.max(340, place.clientWidth)), tall = Math.max(110, Math.min(420, ((wide - 56) * (high - low)) / (x1 - x0))) + 60;
+  const spare = (((tall - 60) / (high - low)) * (x1 - x0)) / (wide - 56), more = Math.max(0, ((1 / spare - 1) * (x1 - x0)) / 2);
+  const { drawing, x, y } = frame(wide, tall, [x0 - more, x1 + more], [low, high], "across [cm]", "height [cm]");
+  drawing.append(svg("path", { d: path(across, up, x, y), class: "particles" }));
+  drawing.append(svg("path", { d: path(...line, x, y), fill: "none", stroke: "#c43e26", "stroke-width": 2 }));
+  place.append(drawing);
+  element("plane").textContent = `Equal scales. ${section.place[0].toUpperCase()}${section.place.slice(1)}; red: the surface.`;
+}

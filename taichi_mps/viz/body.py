@@ -1,0 +1,115 @@
+"""The surface of a body for pictures: of what fills its mould the mould's, of rings a solid of revolution, else the
+smooth surface of the particles."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..geometry.walls import Plane
+from ..problem.measures import SCALARS, Snapshot
+from .smooth_surface import smooth_surface
+
+CELL = 0.5  # side of the cells in which rings are smeared out, over l0
+REACH = 4  # of them, in which a ring counts: it is a normal distribution with half of its size as standard deviation
+TAUBIN, TURNS = (0.5, -0.52), 12  # smoothing that keeps the volume (Taubin, 1995), and how often
+SECTORS = 72  # of a solid of revolution
+
+
+def surface_of(scene, part: Snapshot, cube: float, fields) -> tuple[Snapshot, np.ndarray, np.ndarray]:
+    """Surface of the whole body of which a part is computed: a snapshot of its k vertices with the fields of the
+    particles, their outward normals (k, 3), and its triangles (m, 3), rows of the vertices.
+
+    ``cube`` and ``fields``: of ``smooth_surface``, where the body has no ``profile``."""
+    line = profile(scene, part)
+    if line is None:
+        return smooth_surface(scene.unfold(part), cube, fields)
+    section, normals, parts = line
+    angle, here = 2.0 * np.pi * np.arange(SECTORS) / SECTORS, np.arange(SECTORS)
+    turn = np.stack([np.cos(angle), np.sin(angle)], -1)
+    x, normals = (np.insert(v[:, None, :1] * turn, 2, v[:, 1:], axis=2).reshape(-1, 3) for v in (section.x, normals))
+    (a, b), (c, d) = (parts.T[:, :, None] * SECTORS + np.roll(here, -k) for k in (0, 1))
+    triangles = np.concatenate([np.stack(corners, -1).reshape(-1, 3) for corners in ((a, b, c), (b, d, c))])
+    fields = {name: np.repeat(getattr(section, name), SECTORS, axis=0) for name in ("u", *SCALARS)}
+    return replace(section, x=x, **fields), normals, triangles
+
+
+def profile(scene, part: Snapshot) -> tuple[Snapshot, np.ndarray, np.ndarray] | None:
+    """Line through r and z whose revolution is the surface of the body: a snapshot of its k points (k, 2) with the
+    fields of the nearest particles, their outward normals (k, 2), and its parts (m, 2), rows of the points. None where
+    neither a mould nor rings are known."""
+    if part.time == 0.0 and scene.mould:
+        cone = scene.mould
+        corners = np.array([(0.0, 0.0), (cone.base_radius, 0.0), (cone.top_radius, cone.height), (0.0, cone.height)])
+        along = np.diff(corners, axis=0)
+        normals = np.repeat(np.stack([along[:, 1], -along[:, 0]], -1), 2, axis=0)
+        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        points = np.repeat(corners, 2, axis=0)[1:-1]  # those within twice, for sharp edges
+        parts, rows = np.arange(len(points)).reshape(-1, 2), np.zeros(len(points), int)
+    elif scene.axisymmetric:
+        floors = [wall.point[1] for wall in scene.walls if isinstance(wall, Plane) and wall.normal[1] > 0.99]
+        points, normals, parts = contour(fitted(scene, part), max(floors, default=None))
+        rows = ((points[:, None] - part.x) ** 2).sum(-1).argmin(1)
+    else:
+        return None
+    return replace(part, x=points, **{name: getattr(part, name)[rows] for name in ("u", *SCALARS)}), normals, parts
+
+
+def fitted(scene, part: Snapshot) -> Snapshot:
+    """Rings moved by so much as each row of them, when the mould was filled, lay off its mantle: without the steps of
+    a lattice."""
+    if not scene.mould:
+        return part
+    cone, (r, z) = scene.mould, scene.fluid.T
+    row, outermost = np.unique(np.round(z / scene.spacing, 3), return_inverse=True)[1], np.zeros(len(r))
+    np.maximum.at(outermost, row, r + 0.5 * scene.spacing)
+    mantle = cone.base_radius + (cone.top_radius - cone.base_radius) * z / cone.height
+    return replace(part, x=part.x + np.stack([r * (mantle / outermost[row] - 1.0), 0.0 * r], -1))
+
+
+def contour(s: Snapshot, floor):
+    """The line through r and z at which the density of rings, smeared out, falls to a half, half a spacing outside of
+    the outermost ones: points (k, 2) [m], outward unit normals (k, 2) and parts (m, 2), rows of the points."""
+    cell, x, size = CELL * s.spacing, s.x, s.size
+    for axis, plane in ((0, 0.0),) if floor is None else ((0, 0.0), (1, floor)):  # with images behind axis and floor
+        near = x[:, axis] < plane + REACH * cell
+        image = x[near]
+        image[:, axis] = 2.0 * plane - image[:, axis]
+        x, size = np.vstack([x, image]), np.append(size, size[near])
+    low = np.array([0.0, x[:, 1].min() - REACH * cell if floor is None else floor])
+    shape = np.ceil((x.max(0) - low) / cell).astype(int) + REACH + 1
+    around = np.stack(np.mgrid[-REACH : REACH + 1, -REACH : REACH + 1], -1).reshape(-1, 2)
+    at = np.round((x - low) / cell).astype(int)[:, None] + around
+    away = ((low + cell * at - x[:, None]) ** 2).sum(-1) / size[:, None] ** 2
+    here = np.all((at >= 0) & (at < shape), axis=-1)
+    node = np.ravel_multi_index(tuple(at[here].T), shape)
+    density = np.bincount(node, 2.0 / np.pi * np.exp(-2.0 * away[here]), shape.prod())
+    nodes = np.arange(shape.prod()).reshape(shape)
+    a, b, c, d = (part.ravel() for part in (nodes[:-1, :-1], nodes[1:, :-1], nodes[1:, 1:], nodes[:-1, 1:]))
+    triangles = np.concatenate([np.stack([a, b, c], -1), np.stack([a, c, d], -1)])
+    inside = density[triangles] > 0.5
+    count = inside.sum(1)
+    crossed = np.flatnonzero(count % 3)
+    lone = np.argmax(inside[crossed] == (count[crossed] == 1)[:, None], axis=1)  # on its side of the line
+    corner = triangles[crossed[:, None], (lone[:, None] + [0, 1, 2]) % 3]
+    edges = np.sort(np.stack([corner[:, [0, 0]], corner[:, 1:]], -1), axis=-1)  # (m, 2, 2): those that the line crosses
+    keys, parts = np.unique(edges @ [nodes.size, 1], return_inverse=True)
+    p, q = np.divmod(keys, nodes.size)
+    share = ((0.5 - density[p]) / (density[q] - density[p]))[:, None]
+    slope = np.stack(np.gradient(density.reshape(shape)), -1).reshape(-1, 2)
+    normals = slope[p] + share * (slope[q] - slope[p])
+    place = np.stack(np.unravel_index([p, q], shape), -1)  # (2, k, 2)
+    points = low + cell * (place[0] + share * (place[1] - place[0]))
+    parts = parts.reshape(-1, 2)
+    points, normals = smoothed(points, parts, TAUBIN), smoothed(normals, parts, TAUBIN[:1])
+    return points, -normals / np.linalg.norm(normals, axis=1, keepdims=True), parts
+
+
+def smoothed(values, parts, shares):
+    """Values (k, d) of the points of a line with these parts (m, 2), each moved towards the mean of its two neighbours
+    by these shares of the way in turn; at the ends of a line they stay."""
+    neighbours = np.bincount(parts.ravel(), minlength=len(values))[:, None]
+    for share in TURNS * shares:
+        total = np.zeros_like(values)
+        np.add.at(total, parts, values[parts[:, ::-1]])
+        values = values + share * (neighbours == 2) * (0.5 * total - values)
+    return values
