@@ -66,7 +66,7 @@ def glass(scene, time) -> list[np.ndarray]:
     faces = list(scene.vessel)
     for wall in scene.walls:
         if isinstance(wall, Cylinder) and wall.thin:
-            foot, top = (circle[::2] + time * wall.travel for circle in wall.circles)
+            foot, top = (circle[::2] + wall.displacement(time) for circle in wall.circles)
             faces += list(np.stack([foot[:-1], foot[1:], top[1:], top[:-1]], axis=1))
     return faces
 
