@@ -46,7 +46,7 @@ def program(folder, words, **settings):
 
 @pytest.mark.slow
 def test_a_run_in_an_odd_environment(tmp_path):
-    words = [*MAIN, *RUN, "--out=~/型"]
+    words = [*MAIN, *RUN, "--plots", "--out=~/型"]
     done = program(tmp_path, words, env=ODD | {"HOME": str(tmp_path / "home")}, capture_output=True)
     assert (done.returncode, done.stderr) == (0, b"")
     folder = RunFolder(tmp_path / "home" / "型")
