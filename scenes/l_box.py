@@ -62,7 +62,7 @@ def scene(
 
     def measure(s):
         h1, h2 = depth(s, COLUMN), depth(s, length)
-        front, ratio = float(s.x[:, 0].max() + 0.5 * s.spacing), h2 / h1 if h1 > 0.0 else np.nan
+        front, ratio = mps.measure.front(s)["front_m"], h2 / h1 if h1 > 0.0 else np.nan
         return {"front_m": front, "h1_m": h1, "h2_m": h2, "passing_ratio": ratio}
 
     def over_time(history):

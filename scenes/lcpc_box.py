@@ -52,7 +52,7 @@ def scene(
     def measure(s):
         low, high = (0.02, -0.25 * width), (0.08, 0.25 * width)
         return {
-            "front_m": float(s.x[:, 0].max() + 0.5 * s.spacing),
+            "front_m": mps.measure.front(s)["front_m"],
             "h1_m": mps.measure.level(s, low[: s.x.shape[1] - 1], high[: s.x.shape[1] - 1]),
         }
 

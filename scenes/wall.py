@@ -104,7 +104,7 @@ def scene(
 
     def measure(s):
         ends = [mps.measure.level(s, (x, -0.5 * half), (x + 0.1, 0.5 * half)) for x in (0.0, length - 0.1)]
-        found = {"front_m": float(s.x[:, 0].max() + 0.5 * s.spacing), "near_m": ends[0], "far_m": ends[1]}
+        found = {"front_m": mps.measure.front(s)["front_m"], "near_m": ends[0], "far_m": ends[1]}
         return found | (pressures(s) if s.loads else {})
 
     edges = np.linspace(0.0, height, 1 + max(2, min(5, int(height / (2.5 * spacing)))))

@@ -106,13 +106,10 @@ class Problem:
     def frame(self) -> np.ndarray:
         """Velocity [m/s], shape (d,), to which speeds are relative that scales and steps depend on.
 
-        It is that of the first wall, zero where it changes in time; without walls the mean of the fluid at 0 s.
+        It is that of the first wall; zero without walls, or where that of the wall changes in time.
         """
-        walls, velocity = self.scene.walls, self.scene.velocity
-        if walls:
-            return walls[0].fastest * (walls[0].in_time is None)
-        mean = np.zeros(self.scene.dimension) if velocity is None else velocity.mean(axis=0)
-        return mean * (norm(mean) > 1e-6 * np.abs(velocity).max()) if mean.any() else mean
+        walls = self.scene.walls
+        return walls[0].fastest * (walls[0].in_time is None) if walls else np.zeros(self.scene.dimension)
 
     @cached_property
     def wall_speed(self) -> float:

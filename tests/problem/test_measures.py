@@ -91,9 +91,19 @@ def test_slump_is_the_drop_of_the_top():
     assert found["slump_max_m"] == pytest.approx(0.22, abs=1e-12)
 
 
-def test_front():
-    x = mps.fill(mps.Box((0.0, 0.0), (0.3, 0.1)), 0.01)
-    assert measure.front(measure.still(x, 0.01)) == pytest.approx({"front_m": 0.3, "height_m": 0.1}, abs=1e-12)
+@pytest.mark.parametrize("low", [(0.0, 0.0), (0.0, 0.0, 0.0)])
+def test_the_front_is_that_of_the_body_and_not_of_a_drop_or_of_one_particle(low):
+    """A body of ten layers and a single layer end where they end, in any order; a drop ahead is not seen."""
+    spacing, high = 0.01, (0.3,) + (0.1,) * (len(low) - 1)
+    for top in (high, (*high[:-1], spacing)):
+        x = mps.fill(mps.Box(low, top), spacing)
+        found = measure.front(measure.still(x, spacing))
+        assert found == pytest.approx({"front_m": 0.3, "height_m": top[-1]}, abs=1e-12)
+        drop = np.vstack([x, np.append(0.4, 0.5 * np.array(top)[1:])])
+        assert measure.front(measure.still(drop, spacing))["front_m"] == pytest.approx(0.3, abs=1e-12)
+        shuffled = np.random.default_rng(1).permutation(x)
+        assert measure.front(measure.still(shuffled, spacing))["front_m"] == pytest.approx(0.3, abs=1e-12)
+    assert measure.front(measure.still(x[:1], spacing))["front_m"] == pytest.approx(x[0, 0] + 0.5 * spacing, abs=1e-12)
 
 
 @pytest.mark.parametrize("spacing", [0.02, 0.01, 0.005])
