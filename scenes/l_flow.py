@@ -80,7 +80,7 @@ def scene(
     def measure(s):
         low, high = (0.25 * column_depth, -0.25 * width), (0.75 * column_depth, 0.25 * width)
         return {
-            "flow_m": float(s.x[:, 0].max() + 0.5 * s.spacing - column_depth),
+            "flow_m": mps.measure.front(s)["front_m"] - column_depth,
             "drop_m": column_height - mps.measure.level(s, low[: s.x.shape[1] - 1], high[: s.x.shape[1] - 1]),
         }
 
