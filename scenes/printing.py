@@ -20,12 +20,16 @@ from taichi_mps.units import Count, Duration, FlowRate, Length
 FAILED = 0.01  # by how much wider a foot has failed; it bears as much more, twice as much in a column
 COLLAPSED = 0.1  # by how much wider than it was laid a layer of a tool path has collapsed
 TURN = np.radians(10.0)  # by which a bead may bend that a mouth lays without turning
+# Measured printable mortars: yield stress at rest [Pa], plastic viscosity [Pa s]; the rows of uf-3dcp-mix (Open3DCP) that
+# have both, of Gao, Wang and Wang (2022), 3D Printing Concrete Mix Design Open Dataset, Zenodo 6828947, CC BY 4.0.
+MORTARS = {"uf-1": (2411.0, 19.0), "uf-2": (3350.0, 16.65), "uf-9": (786.0, 36.9), "uf-10": (398.0, 34.0)}
+USUAL = mps.Bingham(yield_value=2000.0, plastic_viscosity=50.0)
 THRESHOLD = {"section": 2.0, "path": 2.0, "column": 3.0**0.5}  # rho g H/tau_y at which what is slender fails
 
 
 @mps.checked
 def scene(
-    material: mps.Concrete = mps.Bingham(yield_value=2000.0, plastic_viscosity=50.0),
+    material: mps.Concrete = USUAL,
     spacing: Length = 0.005,
     width: Length = Field(0.04, description="width of the wall, diameter of the column"),
     layer_height: Length = Field(0.01, description="height of a layer"),
@@ -35,6 +39,10 @@ def scene(
     floor: Annotated[
         Literal["smooth", "rough"], Field(description="whether the concrete slips on the floor")
     ] = "rough",
+    mortar: Annotated[
+        Literal["uf-1", "uf-2", "uf-9", "uf-10"] | None,
+        Field(description="a measured mix, in place of the numbers of the mix but its density"),
+    ] = None,
     gcode: Annotated[
         str, Field(description="tool path (G-code) in place of width, height, layers, length and model")
     ] = "",
@@ -46,6 +54,11 @@ def scene(
     """``section``: half of that through a long wall, printed over its whole width by a nozzle that rises with it.
     ``column``: a quarter of a round one, likewise. ``path``: half of a wall along which a nozzle as wide and high as a
     layer goes to and fro and lays it down behind itself. ``gcode``: the whole of what a tool path lays, likewise."""
+    if mortar:
+        if material != USUAL.model_copy(update={"density": material.density}):
+            raise mps.SceneError(f"mortar = {mortar}: must be given without other numbers of the mix than density")
+        at_rest, viscosity = MORTARS[mortar]
+        material = mps.Bingham(yield_value=at_rest, plastic_viscosity=viscosity, density=material.density)
     if gcode:
         return along(read_gcode(gcode, print_rate, filament_diameter), material, spacing, floor, until)
     rise, high, half = layer_height / layer_time, layers * layer_height, 0.5 * width

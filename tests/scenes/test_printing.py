@@ -110,6 +110,13 @@ def test_a_nozzle_that_goes_to_and_fro_lays_even_layers():
     scene.check(s, sim.measures())
 
 
+def test_a_measured_mortar_has_its_own_numbers():
+    scene = catalogue.build("printing", mortar="uf-9", density=2100.0)
+    assert scene.material == mps.Bingham(yield_value=786.0, plastic_viscosity=36.9, density=2100.0)
+    with pytest.raises(mps.SceneError, match="mortar = uf-9: must be given without other numbers of the mix"):
+        catalogue.build("printing", mortar="uf-9", yield_value=500.0)
+
+
 def test_there_is_room_for_as_many_layers_as_the_default_has():
     problem = Problem(catalogue.build("printing", model="path"), mps.Implicit())
     assert problem.height == pytest.approx(0.25)
