@@ -20,7 +20,7 @@ from taichi_mps.units import Count, Duration, FlowRate, Length
 FAILED = 0.01  # by how much wider a foot has failed; it bears as much more, twice as much in a column
 COLLAPSED = 0.1  # by how much wider than it was laid a layer of a tool path has collapsed
 TURN = np.radians(10.0)  # by which a bead may bend that a mouth lays without turning
-# Measured printable mortars: yield stress at rest [Pa], plastic viscosity [Pa s]; the rows of uf-3dcp-mix (Open3DCP) that
+# Measured printable mortars: yield stress at rest [Pa], plastic viscosity [Pa s]; rows of uf-3dcp-mix (Open3DCP) that
 # have both, of Gao, Wang and Wang (2022), 3D Printing Concrete Mix Design Open Dataset, Zenodo 6828947, CC BY 4.0.
 MORTARS = {"uf-1": (2411.0, 19.0), "uf-2": (3350.0, 16.65), "uf-9": (786.0, 36.9), "uf-10": (398.0, 34.0)}
 USUAL = mps.Bingham(yield_value=2000.0, plastic_viscosity=50.0)
