@@ -7,7 +7,7 @@ import platform
 import signal
 import sys
 import warnings
-from contextlib import redirect_stderr
+from contextlib import redirect_stderr, suppress
 from dataclasses import replace
 from importlib import metadata
 from importlib.util import find_spec
@@ -24,7 +24,7 @@ from ..problem.problem import Problem
 from ..units import INSTANT, SceneError, plain, require, said, suggestion, user_path
 from .case_file import expanded
 from .case_file import text as case_text
-from .console import curves, redraw
+from .console import curves, redraw, result
 from .forecast import clock_of, lines
 from .options import BAD_INPUT, DONE, JSON, Pictures, Run, Table, command, given, is_tuple, of_scene, read_back, tell
 from .painting import painting
@@ -254,12 +254,20 @@ def info(arguments) -> int:
         folder = RunFolder(arguments.run)
         facts = folder.read_summary()
         folder.verify()
-    else:
-        packages = ("taichi", "numpy", "h5py", "pydantic", "matplotlib")
-        facts = {"version": __version__, "python": platform.python_version(), "platform": platform.platform()}
-        facts |= {"cpus": os.cpu_count(), "scenes": str(catalogue.folder())}
-        facts |= {name: metadata.version(name) if find_spec(name) else None for name in packages}
-    return tell(arguments, facts, "\n".join(f"{key:18} {value}" for key, value in facts.items()))
+        with suppress(Exception):  # of a folder that comes from anybody all that is there is shown
+            if not arguments.json:
+                result(facts, folder, verbose=True)
+                return DONE
+        return tell(arguments, facts, "\n".join(f"{key:18} {value}" for key, value in facts.items()))
+    packages = ("taichi", "numpy", "h5py", "pydantic", "matplotlib")
+    found = {name: metadata.version(name) if find_spec(name) else None for name in packages}
+    facts = {"version": __version__, "python": platform.python_version(), "platform": platform.platform()}
+    facts |= {"cpus": os.cpu_count(), "scenes": str(catalogue.folder())} | found
+    text = f"taichi_mps {__version__} on Python {platform.python_version()}, {platform.platform()}, "
+    text += f"{os.cpu_count()} processor cores.\nIts scenes lie in {catalogue.folder()}.\nIt uses "
+    return tell(
+        arguments, facts, text + ", ".join(f"{name} {v or '(not installed)'}" for name, v in found.items()) + "."
+    )
 
 
 @command(
@@ -314,7 +322,8 @@ def main(argv=None, more=None) -> int:
     try:
         if not argv or argv[0] in ("-h", "--help"):
             each = [f"  {name:9} {command.__doc__}" for name, command in commands.items()]
-            print("\n".join(["usage: taichi-mps COMMAND ... [--help]", "", *each]))
+            example = "example: taichi-mps run slump --yield-stress 500; its result is renders/slump/report.html"
+            print("\n".join(["usage: taichi-mps COMMAND ... [--help]", "", *each, "", example]))
             return DONE if argv else BAD_INPUT
         if argv[0] == "--version":
             print(__version__)

@@ -18,6 +18,25 @@ from ..problem.materials import Concrete
 from ..problem.numerics import NUMERICS
 from ..units import Checked, Count, Duration, SceneError, checked, notes, plain, require, said, suggestion, unit_of
 
+EVERY = (
+    "time between pictures, by default a hundredth of the time limit, and of what comes to rest at most 0.3 sqrt(H/g)"
+)
+EXAMPLES = {
+    "run": "run slump --yield-stress 500 --accuracy 5mm",
+    "new": "new wall > case.toml",
+    "resume": "resume renders/slump --until 4",
+    "render": "render renders/slump --view speed",
+    "export": "export renders/slump --surface",
+    "plot": "plot renders/soft renders/quick --out both.png",
+    "report": "report renders/slump",
+    "validate": "validate --quick",
+    "sweep": "sweep slump --yield-stress 50:1500:12 --plastic-viscosity 20,50,100",
+    "calibrate": "calibrate --slump 18cm --slump-flow 32cm",
+    "chart": "chart --out chart.png",
+    "require": "require wall --filled 0.97",
+    "info": "info renders/slump",
+    "app": "app --folder renders",
+}
 GROUPS = "mix", "test", "accuracy and cost", "output", "expert"  # of the options of a run, as --help has them
 MIX = set(Concrete.model_fields)
 COST = {"spacing", "model", "accuracy", "threads", "budget"}
@@ -83,7 +102,7 @@ class Run(Pictures):
     scheme: SCHEMES = Field("implicit", description="numerical scheme")
     precision: Literal["f32", "f64"] = Field("f32", description="of the solver's numbers")
     until: Duration | None = Field(None, description="time limit of the flow, the scene's own by default")
-    every: Duration | None = Field(None, description="time between pictures, by default a hundredth of the time limit")
+    every: Duration | None = Field(None, description=EVERY)
     title: str | None = Field(None, description="title of the report, by default the name of the test")
     note: str | None = Field(None, description="remark that stands in the report")
     plots: bool = Field(False, description="slump.png and history.png beside the report, which has these curves")
@@ -107,6 +126,7 @@ class Parser(argparse.ArgumentParser):
     def __init__(self, command, what="", **settings):
         usage = f"taichi-mps {command} {what} [options]" if what else None
         settings |= {"prog": f"taichi-mps {command}", "usage": usage, "allow_abbrev": False}
+        settings |= {"epilog": f"example: taichi-mps {EXAMPLES[command]}"} if command in EXAMPLES else {}
         super().__init__(
             formatter_class=lambda prog: argparse.HelpFormatter(prog, max_help_position=42, width=112), **settings
         )
@@ -177,6 +197,7 @@ def of_scene(command, argv, model, what, description=None):
             break
     function = catalogue.load(known.scene) if known.scene else unnamed
     parser = Parser(command, what, description=description or (function.__doc__ or "").strip())
+    parser._action_groups += [parser._action_groups.pop(0), parser._action_groups.pop(0)]  # what is asked first, first
     parser.add_argument("scene", help=f"name: {names}{' or case file' * ('CASE' in what)}")
     return known, function, parser
 

@@ -36,7 +36,10 @@ ENDS = {  # why a run ended
 }
 RESULTS = {  # key: (name, what it is)
     "slump_m": ("slump", "how far the middle of the top has sunk, as read with a ruler at the axis"),
-    "slump_max_m": ("slump at the highest point", "less than the slump where a rim stands higher than the middle"),
+    "slump_max_m": (
+        "slump at the highest point",
+        "as EN 12350-2 reads it; less than at the axis, as JIS A 1101, where a rim is higher",
+    ),
     "spread_m": ("slump flow", "mean of perpendicular diameters in all directions"),
     "slump_expected_error_m": ("error of the slump", "to be expected, by measured errors of mixes around this one"),
     "spread_expected_error_m": ("error of the slump flow", "to be expected likewise"),

@@ -415,7 +415,7 @@ class Simulation:
         Returns
         -------
         dict
-            Content of summary.json, JSON-ready.
+            Content of summary.json, JSON-ready; prints as a table.
         """
         return summary(self)
 

@@ -2,16 +2,46 @@
 
 import math
 import warnings
+from html import escape
 
 from .. import __version__
 from ..problem import accuracy
+from ..problem.labels import in_words, is_measure, title, written
+from ..problem.materials import mix_in_words
 from ..runtime import backend
 from ..schemes.step_report import DivergedError, DomainError, UnmeasuredError
+from ..units import said
 
 SLUMP = "slump_m"
 
 
-def summary(sim) -> dict:
+class Summary(dict):
+    """Content of summary.json, that prints as a table, in a notebook, too."""
+
+    def rows(self) -> list[tuple[str, str]]:
+        """Name and value of each entry, in words."""
+        return [entry(key, value) for key, value in self.items()]
+
+    def __str__(self):
+        return "\n".join(f"{name:28} {value}" for name, value in self.rows())
+
+    def _repr_html_(self) -> str:
+        cells = (f"<tr><td>{escape(name)}</td><td>{escape(value)}</td></tr>" for name, value in self.rows())
+        return f"<table>{''.join(cells)}</table>"
+
+
+def entry(key: str, value) -> tuple[str, str]:
+    """An entry of a summary in words: a result with its unit, mixes by their constants."""
+    if isinstance(value, dict):
+        return in_words(key), ", ".join(f"{in_words(name)} {said(v, '')}" for name, v in value.items() if v is not None)
+    if key == "materials":
+        return "mix", "; ".join(map(mix_in_words, value))
+    if is_measure(key):
+        return title(key), "not known" if value is None else written(key, value)
+    return in_words(key), said(value, "")
+
+
+def summary(sim) -> Summary:
     """Everything that describes the run, JSON-ready."""
     report = sim.report
     ended = sim.stopped_by not in (DivergedError.stopped_by, DomainError.stopped_by)  # else nothing can be measured
@@ -40,7 +70,7 @@ def summary(sim) -> dict:
         _, height, error = found  # None beyond the measured ones
         facts["slump_expected_error_m"] = height * error.slump if error else None
         facts["spread_expected_error_m"] = 2.0 * height * error.reach if error else None
-    return facts
+    return Summary(facts)
 
 
 def described(problem) -> dict:

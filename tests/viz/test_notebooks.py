@@ -28,13 +28,15 @@ def run(path):
     for k, cell in enumerate(json.loads(path.read_text(encoding="utf-8"))["cells"]):
         if cell["cell_type"] != "code":
             continue
-        assert not cell["outputs"], "strip the outputs before a notebook is committed"
+        outputs = cell["outputs"]
+        assert sum("image/png" in output.get("data", {}) for output in outputs) <= 1, "a figure is shown twice"
         text, name = "".join(cell["source"]), f"{path.name}, cell {k}"
         linecache.cache[name] = len(text), None, text.splitlines(keepends=True), name
         body = ast.parse(text).body
         last = body.pop() if isinstance(body[-1], ast.Expr) else None
         exec(compile(ast.Module(body, []), name, "exec"), space)
         shown.append(eval(compile(ast.Expression(last.value), name, "eval"), space) if last else None)
+        assert outputs or shown[-1] is None, "run a notebook from top to bottom before it is committed"
         if isinstance(shown[-1], Figure):  # which has one, too
             continue
         if hasattr(shown[-1], "_repr_png_"):
