@@ -7,7 +7,7 @@ import sys
 import warnings
 from contextlib import contextmanager, redirect_stdout
 
-from ..io.run_folder import PICTURE, write_whole
+from ..io.run_folder import write_whole
 from ..io.vtkhdf import Trajectory
 from ..units import plain
 from . import case_file
@@ -73,7 +73,7 @@ def draw_missing(folder, scene, painter) -> None:
     """Draw the pictures of a resumed run that were not drawn when it ended, as after kill -9."""
     outputs = Trajectory(folder.trajectory)
     numbers = range(len(outputs.times()))
-    missing = [number for number in numbers if not (folder.frames / PICTURE.format(number)).is_file()]
+    missing = list(numbers[max(len(folder.pictures) - 1, 0) :])  # the last one that is there may have been cut off
     for number, frame in zip(missing, outputs.replay(scene=scene, chosen=missing) if missing else (), strict=True):
         painter.draw(number, frame)
 

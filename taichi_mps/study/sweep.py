@@ -239,7 +239,7 @@ def row_of(future, case: Case) -> dict:
 @contextmanager
 def processes(workers: int):
     """Open processes of this machine, each with one thread; none survives this one."""
-    pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), initializer=_live_with_the_parent)
+    pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), initializer=live_with_the_parent)
     try:
         yield pool
         pool.shutdown()
@@ -250,7 +250,7 @@ def processes(workers: int):
         raise
 
 
-def _live_with_the_parent():
+def live_with_the_parent():
     """Ctrl-C is the parent's to answer; when the parent is killed, this process ends, too."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
