@@ -298,7 +298,6 @@ class Bench:
             "root": (mps.rest_shapes.root, {"function": lambda x: x - 0.1, "low": 0.0}),
             "catalogue.build": (partial(catalogue.build, "film"), {"spacing": 0.02}),
             "catalogue.load": (catalogue.load, {"name": "film"}),
-            "catalogue.run_time": (catalogue.run_time, {"name": "film"}),
             "checkpoint.save": (checkpoint.save, {"sim": self.sim, "path": "checkpoint.h5"}),
             "checkpoint.restore": (checkpoint.restore, {"path": self.folder / "checkpoint.h5", "scene": self.scene}),
             "RunFolder": (run_folder.RunFolder, {"path": "run"}),

@@ -74,24 +74,6 @@ def describe() -> dict[str, str]:
 
 
 @validated
-def run_time(name: SceneName) -> str:
-    """Return what a built-in scene says of its run time.
-
-    Parameters
-    ----------
-    name : str
-        Name of the scene.
-
-    Returns
-    -------
-    str
-        Text after 'Run time:' in its docstring, '' where there is none.
-    """
-    text = docstring(locate(name))
-    return next((line.removeprefix("Run time: ") for line in text.splitlines() if line.startswith("Run time: ")), "")
-
-
-@validated
 def locate(name: SceneName) -> Path:
     """Find the file of a scene.
 
