@@ -50,7 +50,7 @@ class Cavity:
     >>> form = mps.Cavity((0.0, 0.0), (0.2, 0.1), mps.box_planes((0.0, 0.0), (0.2, 0.1)), 0.02)
     >>> body = mps.measure.still(mps.lattice((0.0, 0.0), (0.2, 0.05), 0.02), 0.02)
     >>> round(form.report(body)["filled_ratio"], 2)
-    0.5
+    0.6
     """
 
     low: vector("m")

@@ -140,7 +140,13 @@ class RunFolder:
             empty_of_pictures(self.frames)
 
     def tell(self, seconds: dict) -> None:
-        """Write how far the run is, for who watches it from outside."""
+        """Write how far the run is, for who watches it from outside.
+
+        Parameters
+        ----------
+        seconds : dict
+            Seconds passed and left, share done, time and expected end of the flow.
+        """
         write_whole(self.clock, json.dumps(seconds))
 
     @validated
