@@ -48,13 +48,13 @@ def carry_out(sim, folder, options, source, as_json, clock, painter, resumed=Fal
                 stopped_by = sim.run() if sim.time < until - 1e-9 else "time"
         except DivergedError as failure:
             stopped_by, error = failure.stopped_by, str(failure)
-    clock.begin("report")
+    clock.begin("pictures")
     summary = recorder.finish(stopped_by, error)
     painter.film(folder)
+    painter.finish()
+    clock.begin("report")
     written, numerics = report(folder, sim.scene), options.verbose or options.profile
     curves(folder, numerics, sim, options.plots or numerics or not written)
-    clock.begin("pictures")
-    painter.finish()
     is_whole = not (resumed or error or stopped_by == "interrupted")
     summary |= clock.finish(painter.seconds, is_whole)
     folder.write_summary(summary)

@@ -20,7 +20,7 @@ from ..runtime.workarounds import LANGUAGE
 from ..terms.constants import CREEP
 from .forecast import cost_of, own_step, particles_of
 
-PARTS = "start", "ready", "flow", "report", "pictures"  # of a run, one after the other
+PARTS = "start", "ready", "flow", "pictures", "report"  # of a run, one after the other
 START, REPORT = 1.0, 0.5  # [s]: Python, Taichi and the scene; the page, of a small body
 READY = {False: (2.0, 4.5), True: (2.3, 8.0)}  # [s] of the first step, in space or not: compiled before, anew
 OF_OPTIMISED = 6.0  # [s] more to compile kernels that are fused and optimised
@@ -66,8 +66,7 @@ class Clock:
         flow = self.cost.cpu_seconds / self.threads**TEAM + ROW * self.cost.steps
         pictures = PICTURE * (min(self.cost.steps, self.cost.end / every) + 1.0)
         self.beside = min(flow, pictures) if self.apart else 0.0  # of the pictures, drawn while it flows
-        rest = max(pictures - flow - REPORT, 0.0) if self.apart else 0.0
-        usual = START, ready, flow + pictures * (not self.apart), REPORT, rest + FILM
+        usual = START, ready, flow + pictures * (not self.apart), max(pictures - flow, 0.0) * self.apart + FILM, REPORT
         self.usual = dict(zip(PARTS, usual, strict=True))
         self.expected = {part: seconds * self._ratio(part) for part, seconds in self.usual.items()}
         self.measured = dict.fromkeys(PARTS, 0.0)
