@@ -104,25 +104,25 @@ class Moving:
         """Numbers of the velocity."""
         return len(self.point)
 
-    def directed(self, velocity) -> np.ndarray:
+    def _directed(self, velocity) -> np.ndarray:
         """Velocity (d,) of its components, zero of None."""
         return np.zeros(len(self.point)) if velocity is None else np.array(velocity, float)
 
     @property
     def fastest(self) -> np.ndarray:
         """Velocity [m/s], shape (d,), without rotation; of one that changes in time the largest."""
-        return self.directed(self.velocity if self.in_time is None else self.in_time.largest)
+        return self._directed(self.velocity if self.in_time is None else self.in_time.largest)
 
     def displacement(self, time) -> np.ndarray:
         """Way [m] that the wall has gone since 0 s, shape (d,)."""
         if self.in_time is None or not np.any(self.travel):
             return time * self.travel
-        return self.directed(self.in_time.integral(0.0, time))
+        return self._directed(self.in_time.integral(0.0, time))
 
     def mean_velocity(self, start, end) -> np.ndarray:
         """Velocity [m/s] between two times [s], shape (d,), without rotation."""
         return (
-            self.fastest if self.in_time is None else self.directed(self.in_time.integral(start, end)) / (end - start)
+            self.fastest if self.in_time is None else self._directed(self.in_time.integral(start, end)) / (end - start)
         )
 
     def travels_at(self, time) -> bool:

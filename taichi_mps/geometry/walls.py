@@ -312,7 +312,7 @@ class Cylinder(Moving):
         """Numbers of the velocity: along the axis."""
         return 1
 
-    def directed(self, velocity):
+    def _directed(self, velocity):
         """Velocity (d,) of that along the axis."""
         return np.ravel(velocity)[0] * self.unit_axis
 
