@@ -26,7 +26,8 @@ def drawings(run, film: dict, last: Snapshot) -> dict:
     outline = [line for each in scene.outline for line in images(scene, each)]
     body = np.array(film["low"]) + np.outer((0, FINEST), film["step"])
     points = np.vstack([body, *outline, *scene.vessel])
-    low, high = points.min(0), points.max(0)
+    room = 0.5 * scene.spacing * (film["corners"][-1] == 0)  # of particles, whose centres these are
+    low, high = points.min(0) - room, points.max(0) + room
     low[2] = low[2] if floor is None else min(floor, low[2])
     return {
         "film": film,

@@ -27,7 +27,7 @@ def words(run, film: dict) -> dict[str, str]:
         "note": f'<p class="remark">{safe(summary["note"])}</p>' if summary.get("note") else "",
         "lead": safe(f"{measured[:-1]}; {sentences.ending(summary, mixes=False)}" if run.ended else measured),
         "doubts": "\n".join(f'<p class="doubt">{safe(text)}</p>' for text in doubts(run)),
-        "about": safe(" ".join(about(film, bool(run.scene.outline)))),
+        "about": safe(" ".join(about(film, run.scene))),
         "results": table(sentences.rows(summary)) or "<p>Nothing was measured.</p>",
         "inputs": table(given(run)),
         "accuracy": expected(summary) if run.ended else later,
@@ -81,9 +81,10 @@ def doubts(run) -> list[str]:
     return failed + sentences.doubts(run.summary)
 
 
-def about(film: dict, outlined: bool) -> list[str]:
+def about(film: dict, scene) -> list[str]:
     """How to read the view, and what of the run it leaves out."""
-    told = ["Drag to turn.", *(["Red: the mould, or the bars."] if outlined else [])]
+    told = ["Drag to turn."] * (scene.dimension == 3 or scene.axisymmetric)
+    told += ["Red: the mould, or the bars."] * bool(scene.outline)
     told.append(f"Flowing: the viscous part of the stress is over {FLOWS:.0%} of the yield stress.")
     shown = len(film["times"])
     fewer = f"To keep the page small it shows {shown} of {film['outputs']} outputs; run.h5 has all."

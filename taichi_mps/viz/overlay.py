@@ -21,7 +21,7 @@ class Overlay:
         self.unit = camera.height / 720
 
     def pane(self, face) -> None:
-        """A plane face (k, 3) [m] of glass, where no body is before it, and its edges."""
+        """A plane face (k, 3) [m] of glass, where no body is before it."""
         corners = self.camera.project(face)[:, :2]
         (left, top), (right, bottom) = np.clip([corners.min(0), corners.max(0) + 1], 0, self.image.size).astype(int)
         normal = np.cross(face[1] - face[0], face[2] - face[1])
@@ -34,7 +34,6 @@ class Overlay:
             seen = np.asarray(mask, bool) & (away < self.depth[top:bottom, left:right])
             share = Image.fromarray((255 * CLEAR * seen).astype(np.uint8))
             self.image.paste(GLASS, (left, top), share)
-        self.lines([np.vstack([face, face[:1]])], GLASS)
 
     def lines(self, lines, colour, dashed=False) -> None:
         """Polylines (k, d) [m] where nothing hides them; smoothed by drawing at twice the size."""

@@ -35,10 +35,10 @@ from ..units import (
     writing,
 )
 from .body import surface_of
-from .overlay import FAINT, INK, MOULD, Overlay, said_speed
+from .overlay import FAINT, GLASS, INK, MOULD, Overlay, said_speed
 from .painter import Camera, Mesh, Painter
 from .smooth_surface import CUBE_OF_PICTURES, check
-from .stage import dimensions, glass, stage, wall_lines
+from .stage import dimensions, lifted, stage, wall_lines
 
 RADIUS = 0.62  # of a drawn sphere over l0
 CONCRETE, FLOWING, RIGID = np.array([(0.68, 0.675, 0.66), (0.93, 0.50, 0.16), (0.45, 0.53, 0.64)])
@@ -217,8 +217,9 @@ class Renderer:
         pixels, depth = self.painter.draw(body)
         image, measures = Image.fromarray(pixels), measures or {}
         over = Overlay(image, depth, self.camera)
-        for face in glass(self.scene, snapshot.time):
+        for face in (*lifted(self.scene, snapshot.time), *self.scene.vessel):
             over.pane(face)
+        over.lines([np.vstack([face, face[:1]]) for face in self.scene.vessel], GLASS)
         over.lines(wall_lines(self.scene, self.low, self.high, snapshot.time), FAINT)
         over.lines(self.scene.outline, MOULD, dashed=True)
         over.rulers(self.low, self.high, self.tick)

@@ -61,13 +61,12 @@ def wall_lines(scene, low, high, time):
     return [line for edge in edges for line in images(scene, edge)]
 
 
-def glass(scene, time) -> list[np.ndarray]:
-    """Faces (k, 3) [m] of the vessel, and of a thin mould that is lifted, at a time [s]."""
-    faces = list(scene.vessel)
-    for wall in scene.walls:
-        if isinstance(wall, Cylinder) and wall.thin:
-            foot, top = (circle[::2] + wall.displacement(time) for circle in wall.circles)
-            faces += list(np.stack([foot[:-1], foot[1:], top[1:], top[:-1]], axis=1))
+def lifted(scene, time) -> list[np.ndarray]:
+    """Faces (4, 3) [m] of a thin mould that is lifted, at a time [s]."""
+    faces = []
+    for wall in (wall for wall in scene.walls if isinstance(wall, Cylinder) and wall.thin):
+        foot, top = (circle[::2] + wall.displacement(time) for circle in wall.circles)
+        faces += list(np.stack([foot[:-1], foot[1:], top[1:], top[:-1]], axis=1))
     return faces
 
 
