@@ -26,7 +26,7 @@ from ..study.require import Wanted, runs_to_expect
 from ..study.require import require as find_borders
 from ..study.results import measures
 from ..study.sweep import ACCURACY, LOST, cases, sweep, wall_time
-from ..units import Checked, Count, SceneError, plain, require, said, user_path
+from ..units import Checked, Count, plain, require, said, user_path
 from . import case_file
 from .options import DONE, JSON, Workers, command, given, of_scene, read_back, tell
 
@@ -311,11 +311,8 @@ def calibrate_table(arguments, options: Lookup, told: dict) -> int:
         from ..study.chart import mixes_chart
 
         print(f"Chart: {plain(mixes_chart(found, out.with_suffix('.png')))}", file=sys.stderr)
-    try:
-        page = mixes.write_page(found, [name for name in rows[0] if name], out.with_suffix(".html"), path)
-        print(f"Report: {plain(page)}", file=sys.stderr)
-    except SceneError as error:  # without plotly: the table is there
-        print(f"taichi-mps: {error}", file=sys.stderr)
+    page = mixes.write_page(found, [name for name in rows[0] if name], out.with_suffix(".html"), path)
+    print(f"Report: {plain(page)}", file=sys.stderr)
     refused = [
         f"{mixes.REFUSED}: {next(iter(row.values()))}: {row['reason']}"
         for row in found

@@ -55,7 +55,7 @@ def write(folder: RunFolder, scene: Scene | None = None, scene_file=None, title=
     run = Told(folder, scene, scene_file)
     run.summary |= {key: text for key, text in (("title", title), ("note", note)) if text}
     shown, last = film(Trajectory(folder.trajectory), run.scene, run.history)
-    scripts = {name: (HERE / f"{name}.js").read_text(encoding="utf-8") for name in ("charts", "viewer", "page")}
+    scripts = {name: (HERE / f"{name}.js").read_text(encoding="utf-8") for name in ("viewer", "page")}
     texts = words(run, shown) | scripts | {"still": still(folder)}
     return publish(HERE / "page.html", folder.report, drawings(run, shown, last), **texts)
 
@@ -73,12 +73,13 @@ def still(folder: RunFolder) -> str:
 
 
 def publish(template: Path, out: Path, data, **texts) -> Path:
-    """Write a page that opens from the disk without a network: a template with texts, the style, and data for its
-    scripts; the path. Replaces the file at once."""
+    """Write a page that opens from the disk without a network: a template with texts, the style, the code of curves,
+    and data for its scripts; the path. Replaces the file at once."""
     text = Template(template.read_text(encoding="utf-8")).substitute(
         texts,
         data=json.dumps(data, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c"),
         style=(HERE / "page.css").read_text(encoding="utf-8"),
+        charts=(HERE / "charts.js").read_text(encoding="utf-8"),
     )
     write_whole(out, text)
     return out

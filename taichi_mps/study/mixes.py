@@ -6,14 +6,12 @@ from collections import Counter
 from collections.abc import Callable
 from concurrent.futures import BrokenExecutor
 from contextlib import nullcontext, suppress
-from importlib.util import find_spec
 from itertools import zip_longest
 from pathlib import Path
 
 import numpy as np
 
 from .. import __version__
-from ..io.run_folder import strict
 from ..report.page import publish
 from ..report.words import safe, table
 from ..spelling import in_unit, without_unit
@@ -43,11 +41,6 @@ OURS = re.compile(  # the columns that a table of results adds
     r"( \(given\))*"
 )
 FOUND = ["yield stress", "by", "plastic viscosity", "by", "friction angle", "comes out as", "reason"]  # of the page
-LAYOUT = {
-    "margin": {"t": 10},
-    "xaxis": {"title": {"text": "slump [cm]"}},
-    "yaxis": {"title": {"text": "slump flow [cm]"}},
-}
 ABOUT = (
     "Intervals are of 95 %, by the errors of the measurements and of the model's tables. 'By' names the measurement "
     "without which the constant is least certain, 'usual' that it was not measured. The model: a Bingham mix, with "
@@ -213,29 +206,18 @@ def write(rows: list[dict], path) -> None:
 
 # ---- the page --------------------------------------------------------------------------------------------------
 def write_page(rows: list[dict], columns: list[str], out, source) -> Path:
-    """The page of the rows that ``calibrate_list`` found of a list, a file ``source`` of these ``columns``; its path.
-    SceneError where plotly is missing."""
+    """Page of the rows that ``calibrate_list`` found of a list, a file ``source`` of these ``columns``; its path."""
     found = [[*(row[name] or "" for name in columns), *cells(row)] for row in rows]
     return publish(
         Path(__file__).with_name("mixes.html"),
         user_path(out),
-        {"traces": traces(rows, columns), "layout": LAYOUT},
-        library=library(),
+        groups(rows, columns),
         title=safe(f"{Path(source).name}: mixes calibrated"),
         lead=f"{len(rows)} mixes",
         tally=table(counted(rows), ["mixes", "come out as", ""]),
         mixes=table(found, [*columns, *FOUND]),
         about=safe(ABOUT.format(version=__version__)),
     )
-
-
-def library() -> str:
-    """The code of plotly.js as plotly's package has it, which need not be imported for it."""
-    found = find_spec("plotly")
-    path = Path(found.submodule_search_locations[0], "package_data", "plotly.min.js") if found else None
-    if path is None or not path.is_file():
-        raise SceneError("the page of the mixes needs plotly: pip install 'taichi-mps[report]'")
-    return path.read_text(encoding="utf-8")
 
 
 def cells(row: dict) -> list[str]:
@@ -271,22 +253,16 @@ def pairs(rows: list[dict]):
             yield kind, colour, here, model - missed, model
 
 
-def traces(rows: list[dict], columns: list[str]) -> list[dict]:
-    """Traces of Plotly: slump flow against slump [cm], measured and of the nearest mix, those of a verdict together."""
-    drawn = []
-    for kind, colour, here, measured, model in pairs(rows):
-        gaps = np.full_like(model, np.nan)
-        names = [", ".join(str(row[name]) for name in columns if row[name]) for row in here]
-        shown = {"showlegend": True, "hoverinfo": "text", "text": [safe(name) for name in names]}
-        shared = {"type": "scatter", "legendgroup": kind, "showlegend": False, "hoverinfo": "skip", "mode": "markers"}
-        for points, look in (
-            (
-                np.hstack([measured, model, gaps]).reshape(-1, 2),
-                {"mode": "lines", "line": {"color": colour, "width": 1}},
-            ),
-            (model, {"marker": {"color": "#262a30", "size": 4}}),
-            (measured, shown | {"marker": {"color": colour, "size": 8}, "name": f"{kind}, measured"}),
-        ):
-            x, y = strict(points.T.tolist())
-            drawn.append(shared | {"x": x, "y": y} | look)
-    return drawn
+def groups(rows: list[dict], columns: list[str]) -> list[dict]:
+    """What the chart of the page draws: of the mixes of a verdict its name and colour, their names, and slump and slump
+    flow [cm], as measured and of the nearest mix, (n, 2) each."""
+    return [
+        {
+            "verdict": kind,
+            "colour": colour,
+            "names": [", ".join(str(row[name]) for name in columns if row[name]) for row in here],
+            "measured": measured.tolist(),
+            "model": model.tolist(),
+        }
+        for kind, colour, here, measured, model in pairs(rows)
+    ]

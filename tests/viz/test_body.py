@@ -1,0 +1,112 @@
+"""What stands in a picture: the body of revolution, the mould at 0 s, glass, and lengths where they belong."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import taichi_mps as mps
+from taichi_mps.problem import catalogue
+from taichi_mps.problem.measures import still
+from taichi_mps.viz import overlay
+from taichi_mps.viz.body import contour, profile, surface_of
+from taichi_mps.viz.render import Renderer
+from taichi_mps.viz.stage import dimensions, stage
+
+WIDE, TALL = 640, 360
+
+
+def enclosed(x, triangles, normals):
+    """Volume [m3] within triangles, turned as the normals are."""
+    a, b, c = (x[k] for k in triangles.T)
+    area = 0.5 * np.cross(b - a, c - a)
+    return float(np.abs((area * a).sum(1) @ np.sign((area * normals[triangles[:, 0]]).sum(1))) / 3.0)
+
+
+@pytest.mark.parametrize("spacing", [0.01, 0.02])
+def test_rings_of_a_cylinder_have_its_outline(spacing):
+    x = mps.fill_rings(mps.Cone(0.1, 0.1, 0.2), spacing)
+    points, normals, parts = contour(still(x, spacing), 0.0)
+    side, top = points[(points[:, 1] < 0.15)], points[points[:, 0] < 0.05]
+    np.testing.assert_allclose(side[:, 0], 0.1, atol=0.05 * spacing)
+    np.testing.assert_allclose(top[:, 1], 0.2, atol=0.05 * spacing)
+    np.testing.assert_allclose(normals[points[:, 1] < 0.1], [(1.0, 0.0)] * np.sum(points[:, 1] < 0.1), atol=0.05)
+    assert points[:, 1].min() == 0.0 and points[:, 0].min() == 0.0 and len(parts) == len(points) - 1
+
+
+def test_a_ring_alone_is_drawn_and_nothing_is_below_the_floor():
+    points, _, _ = contour(still([[0.1, 0.005]], 0.01), 0.0)
+    assert np.abs(points[:, 0] - 0.1).max() < 0.01 and points[:, 1].min() == 0.0
+
+
+@pytest.mark.parametrize("model", ["axisymmetric", "quarter", "full"])
+def test_at_the_start_the_body_is_the_mould(model):
+    scene = mps.slump_cone(model=model, spacing=0.02)
+    start = still(scene.fluid, 0.02)
+    s, normals, triangles = surface_of(scene, start, 0.6, ())
+    assert enclosed(s.x, triangles, normals) == pytest.approx(scene.mould.volume, rel=2e-3)  # of 72 sides
+    found = scene.measure(scene.unfold(start))
+    assert (found["slump_m"], found["spread_m"]) == (0.0, 0.2)
+    later = replace(start, time=0.01)
+    assert scene.measure(scene.unfold(later))["spread_m"] != 0.2 or model == "axisymmetric"
+
+
+def test_rings_that_have_moved_keep_the_slope_of_the_mould():
+    scene = mps.slump_cone(model="axisymmetric")
+    line, _, _ = profile(scene, replace(still(scene.fluid, 0.01), time=1e-3))
+    at = line.x[(line.x[:, 1] > 0.03) & (line.x[:, 1] < 0.27)]
+    np.testing.assert_allclose(at[:, 0], 0.1 - at[:, 1] / 6.0, atol=1.5e-3)  # steps of the lattice are 10 mm
+
+
+def shown(scene, **measures):
+    """Renderer and dimensions of a scene in which these lengths [m] are measured."""
+    renderer = Renderer(scene, WIDE, TALL)
+    return renderer, dimensions(scene, measures, *stage(scene)[:2], 0.7)
+
+
+def test_a_diameter_stands_on_the_plane_of_the_axis():
+    renderer, found = shown(mps.slump_cone(spacing=0.02), slump_m=0.18, spread_m=0.318)
+    slump, flow = found
+    assert (slump["text"], flow["text"]) == ("slump 18.0 cm", "slump flow 31.8 cm")
+    assert (slump["a"], slump["b"]) == ([0.0, 0.0, 0.3], [0.0, 0.0, pytest.approx(0.12)])
+    assert (flow["a"], flow["b"]) == ([-0.159, 0.0, 0.0], [0.159, 0.0, 0.0])
+    # a disc of this diameter spans as much of the ruler: both lie at the depth of the axis
+    rim = renderer.camera.project([(-0.159, 0.0, 0.0), (0.159, 0.0, 0.0)])
+    ticks = renderer.camera.project([(-0.2, 0.5 * (renderer.low[1] + renderer.high[1]), 0.0), (0.2, 0.0, 0.0)])
+    assert np.ptp(rim[:, 0]) / np.ptp(ticks[:, 0]) == pytest.approx(0.318 / 0.4)
+
+
+def test_no_arrow_is_drawn_for_what_has_no_length():
+    assert shown(mps.slump_cone(spacing=0.02), slump_m=0.0, spread_m=np.nan)[1] == []
+
+
+def test_the_lengths_of_an_l_box_begin_at_its_walls():
+    scene = catalogue.build("l_box", spacing=0.02)
+    _, found = shown(scene, front_m=0.6, h1_m=0.1, h2_m=0.05)
+    ends = {one["text"].split()[-3]: (one["a"], one["b"]) for one in found}
+    assert ends["front"][0][0] == 0.0 and ends["front"][1][0] == 0.6
+    assert ends["H1"][0][0] == pytest.approx(0.1) and ends["H2"][0][0] == pytest.approx(0.7)  # behind the gate
+    assert np.concatenate(scene.vessel).max(0) == pytest.approx([0.7, 0.1, 0.6])
+
+
+@pytest.mark.parametrize("before", [False, True])
+def test_glass_tints_what_is_behind_it_and_nothing_before_it(before):
+    renderer, _ = shown(mps.slump_cone(spacing=0.02))
+    image = Image.new("RGB", (WIDE, TALL), "white")
+    face = np.array([(-0.1, 0.0, 0.05), (0.1, 0.0, 0.05), (0.1, 0.0, 0.2), (-0.1, 0.0, 0.2)])
+    middle = renderer.camera.project(face.mean(0)[None])[0]
+    overlay.Overlay(image, np.full((TALL, WIDE), (2.0 if before else 0.5) * middle[2]), renderer.camera).pane(face)
+    tinted = np.any(np.asarray(image) != 255, axis=-1)
+    corners = renderer.camera.project(face)[:, :2]
+    area = 0.5 * abs(np.linalg.det([corners[2] - corners[0], corners[3] - corners[1]]))
+    around = np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).sum()
+    assert tinted.sum() == pytest.approx(area * before, abs=around)  # a pixel at its edges
+
+
+@pytest.mark.parametrize(
+    ("speed", "words"),
+    [(1.0, "real time"), (0.5, "half speed"), (0.2, "1/5 of the speed"), (5.0, "5 times the speed")],
+)
+def test_a_film_says_its_speed(speed, words):
+    assert overlay.speed_in_words(speed) == words
