@@ -107,7 +107,8 @@ def finite(key, value, unit, shape=None, dimensions=None) -> np.ndarray:
     SceneError if it is none, or not of this shape or number of axes.
     """
     array = array_of(value)
-    require(array.dtype.kind != "O", f"{key} = {said(value, '')}: must be numbers [{unit}]")
+    if array.dtype.kind == "O":  # its text takes longer than the rest
+        raise SceneError(f"{key} = {said(value, '')}: must be numbers [{unit}]")
     if (shape is not None and array.shape != shape) or (dimensions is not None and array.ndim != dimensions):
         wanted = f"shape {shape}" if shape is not None else f"{dimensions} axes"
         raise SceneError(f"{key}: has the shape {array.shape}; must be numbers [{unit}] of {wanted}")

@@ -1,63 +1,43 @@
-"""The mix of measured tests: measurements in, constants out, and back into the form of a run."""
+"""What a calibration found, in a sentence or two, from its facts as ``calibrate --json`` prints them."""
 
-import json
+from ..study.calibration import CONTRADICTION, NAMES, RHEOMETER, WORDS
 
-from nicegui import ui
-
-from ..report.inputs import option
-from ..study.calibrate import Measurements
-from ..study.calibration import WORDS, short
-from .form import Form
-from .jobs import Job, Queue
+MEASURE = {  # what tells a constant that a calibration could not find
+    "yield_value": {"slump_m": "the slump", "spread_m": "the slump flow"},
+    "plastic_viscosity": {"t500_s": "T500", "v_funnel_s": "the V-funnel time"},
+}
+UNTOLD = "this", "these two", "these three"  # measurements
 
 
-class Calibrate:
-    """Measurements, and what they say of the mix; ``use`` is given the constants as texts."""
-
-    def __init__(self, queue: Queue, use):
-        self.queue, self.use, self.job, self.state = queue, use, None, None
-        self.form = Form(lambda: None, empty="not measured", described=True)
-        with ui.row().classes("w-full items-start gap-4"):
-            with ui.card().classes("w-full md:w-96 gap-2").props("flat bordered"):
-                ui.label("Measured, one or more: cone of 30 cm, mini-cone, V-funnel").classes("font-bold")
-                for name, field in Measurements.model_fields.items():
-                    self.form.add(name, field)
-                self.check = ui.switch("check by one finer run, some 20 s", value=True)
-                ui.button("Calibrate", on_click=self.start).classes("w-full").props('no-caps data-action="calibrate"')
-            with ui.column().classes("w-full md:w-0 md:grow"):
-                self.answer()
-
-    def start(self) -> None:
-        """Put it into the queue."""
-        words = ["calibrate", "--json", *(option(*given) for given in self.form.values.items())]
-        self.job = self.queue.add(Job("calibration", words + ["--no-check"] * (not self.check.value)))
-        self.tick()
-
-    def tick(self) -> None:
-        """Show the answer when it is there."""
-        state = self.job and self.job.state
-        if state != self.state:
-            self.state = state
-            self.answer.refresh()
-
-    @ui.refreshable_method
-    def answer(self) -> None:
-        """What was found, or how far it is."""
-        if self.job is None:
-            ui.label("The yield stress and the plastic viscosity that fit, with their 95 % intervals, come here.")
-        elif not self.job.over:
-            ui.label("Waits for the run before it." if self.job.state == "waiting" else "At work …")
-            ui.linear_progress(show_value=False).props("indeterminate")
-        elif self.job.state == "done":
-            self.found(json.loads(self.job.output))
+def verdict(facts: dict) -> str:
+    """The constants with their 95 % intervals, or why there are none; then what to measure besides."""
+    friction = "friction_angle" in facts["mix"]
+    if facts["misfit"] > CONTRADICTION and not friction:
+        alone = facts["alone"].get("yield_value", {}).items()
+        said = [f"the {NAMES[name]} alone says {about(it[0])} Pa" for name, it in alone if name != RHEOMETER]
+        return f"No mix does all of this{': ' * bool(said)}{', '.join(said)}."
+    told, untold = [], []
+    for name, value in facts["mix"].items():
+        (words, unit), found = WORDS[name], (facts["friction"] if friction else facts)[name]
+        low, high = (end and about(end) for end in (found["lower"], found["upper"]))
+        if found["low"] == found["high"]:
+            told.append(f"{words} {about(value)} {unit}, as given")
+        elif low or high:
+            span = f"{low} to {high}" if low and high else f"at least {low}" if low else f"at most {high}"
+            told.append(f"{words} about {about(value)} {unit} ({span})")
         else:
-            ui.label(self.job.said or "stopped by you").classes("text-negative").props('role="alert"')
+            untold.append(name)
+    sentences = ["; ".join(told)] * bool(told)
+    for name in untold:
+        others = [words for key, words in MEASURE.get(name, {}).items() if key not in facts["measured"]]
+        these = UNTOLD[min(len(facts["measured"]), len(UNTOLD)) - 1]
+        sentences.append(
+            f"The {WORDS[name][0]} can't be told from {these}" + f": measure {' or '.join(others)}" * bool(others)
+        )
+    text = ". ".join(sentences)
+    return f"{text[0].upper()}{text[1:]}."
 
-    def found(self, facts: dict) -> None:
-        """The constants, and what they rest on."""
-        with ui.card().classes("w-full gap-1").props('flat bordered data-part="constants"'):
-            for line in facts["told"].splitlines():
-                ui.label(" ".join(line.split()))
-            mix = {name: short(value) for name, value in facts["mix"].items()}
-            words = ", ".join(f"{WORDS[name][0]} {text} {WORDS[name][1]}" for name, text in mix.items())
-            ui.button(f"Run a test with {words}", on_click=lambda: self.use(mix)).props("no-caps outline")
+
+def about(value: float) -> str:
+    """Two figures, without an exponent."""
+    return f"{float(f'{value:.2g}'):.12g}"

@@ -25,7 +25,8 @@ class App(Checked):
 def app(arguments) -> int:
     """a page in the browser to set up, watch and compare runs"""
     options = App(**given(arguments, App))
-    require(find_spec("nicegui"), "app needs nicegui: pip install 'taichi-mps[app]'")
+    for name in ("starlette", "uvicorn"):
+        require(find_spec(name), f"app needs {name}: pip install 'taichi-mps[app]'")
     from .server import serve
 
     serve(options.port, options.folder, not arguments.no_browser)

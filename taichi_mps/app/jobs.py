@@ -9,36 +9,45 @@ import os
 import re
 import signal
 import sys
+import time
 from asyncio.subprocess import DEVNULL, PIPE
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from ..io import lock
 from ..io.run_folder import RunFolder, json_of, next_free
 from ..units import ordinary, plain, user_path
 
 LOOK = 0.5  # [s] between two looks at a run that was taken over
-PATIENCE = 10.0  # [s] for a run to end well after Ctrl-C
+PATIENCE = 30.0  # [s] for a run to end well after Ctrl-C
 BY_SIGNAL = 128 + signal.SIGINT, 128 + signal.SIGTERM  # what a command returns that somebody else stopped
 NAME = "taichi-mps: "  # with which the program begins what it says
 
 
 @dataclass(eq=False)
 class Job:
-    """One command: ``words`` after ``taichi-mps``; of a run also the ``scene`` and its end ``until`` [s]."""
+    """One command: ``words`` after ``taichi-mps``; of a run also the ``scene``, its end ``until`` [s], and the seconds
+    that it takes in all, ``about``."""
 
     title: str
     words: list[str]
     scene: str = ""
-    until: float = 0.0
+    until: float = math.inf
+    about: float | None = None
     state: str = "waiting"  # then running; at the end done, stopped or failed
     folder: RunFolder | None = None
+    began: float = field(default_factory=time.monotonic)  # when it was asked for; when its turn came
     said: str = ""  # on stderr, at the end, the lines of the program alone
     output: str = ""  # on stdout, at the end
     stopping: bool = False
     process: asyncio.subprocess.Process | None = None
     orphan: int | None = None  # process of a run that another server or a terminal began
     task: asyncio.Task | None = None
+
+    @property
+    def spent(self) -> float:
+        """Seconds since its turn came."""
+        return time.monotonic() - self.began
 
     @property
     def over(self) -> bool:
@@ -55,10 +64,11 @@ class Job:
 
     def send(self, number) -> None:
         """Send a signal to the process, if there is one."""
-        if self.process and self.process.returncode is None:
-            self.process.send_signal(number)
-        elif self.orphan and self.orphan == lock.writer(self.folder.path):
-            os.kill(self.orphan, number)
+        with suppress(ProcessLookupError):  # it has just ended
+            if self.process and self.process.returncode is None:
+                self.process.send_signal(number)
+            elif self.orphan and self.orphan == lock.writer(self.folder.path):
+                os.kill(self.orphan, number)
 
 
 def until_of(folder: RunFolder) -> float:
@@ -109,7 +119,7 @@ class Queue:
             await asyncio.gather(*(other.task for other in self.jobs if other.orphan))
             if job.over:
                 return
-            job.state, words = "running", job.words
+            job.state, job.began, words = "running", time.monotonic(), job.words
             if job.scene:
                 job.folder = RunFolder(next_free(self.folder / job.scene))
                 words = [*words, f"--out={job.folder.path}"]
@@ -118,7 +128,7 @@ class Queue:
                 job.process = await asyncio.create_subprocess_exec(
                     *words, stdin=DEVNULL, stdout=PIPE, stderr=PIPE, start_new_session=True
                 )
-            except OSError as error:  # no process more, no memory
+            except (OSError, ValueError) as error:  # no process more, no memory; a word that no program can get
                 job.state, job.said = "failed", str(error)
                 return
             if job.stopping:  # was asked for while the process was made

@@ -1,133 +1,128 @@
-"""The page of one browser tab: set a run up and watch it; look at runs and compare them; calibrate a mix.
+"""What the page asks of the server: each question is a method of Page, given a record of what was asked, that gives
+JSON. The page itself lies in static/.
 
-All tabs share the queue of runs and the folder they go into; what is typed belongs to a tab.
+All tabs share the queue of runs, the folder they go into, and the processes of preview and forecast.
 """
 
-import asyncio
-from concurrent.futures.process import BrokenProcessPool
+import json
 
-from nicegui import background_tasks, run, ui
-
-from ..cli.case_file import keywords
-from ..cli.main import foreseen
-from ..cli.options import GROUPS, group_of
-from ..problem import catalogue
-from ..problem.numerics import NUMERICS
-from ..report.inputs import option
-from .calibration import Calibrate
-from .form import Form
+from ..problem.labels import in_words
+from ..spelling import without_unit
+from ..units import Checked, require
+from . import form
+from .calibration import verdict
 from .jobs import Job, Queue
-from .results import Live, Results
+from .resident import Resident
+from .results import Runs, facts_of
 
-FIRST = ("yield_value", "plastic_viscosity", "density", "spacing", "model", "accuracy")  # of their groups
-OPEN = ("mix", "accuracy and cost")  # groups that are shown at first
-NOT_ASKED = {"renderer"}  # another needs a display
-TICK = 0.7  # [s] between two looks at the queue
 PATIENCE = 60.0  # [s] for one forecast
-TOO_LONG = f"spacing: this scene could not be tried within {PATIENCE:g} s; make it coarser"
+TOO_LONG = f"this scene could not be tried within {PATIENCE:g} s; make it coarser"
+MOST = 100  # characters of a text in the form
 
 
-def order(name: str) -> int:
-    """The place of a field in its group."""
-    return FIRST.index(name) if name in FIRST else len(FIRST)
+class Asked(Checked):
+    """A question of the page."""
+
+    test: str = "slump"
+    values: dict[str, str] = {}  # texts of the fields that somebody set
+    check: bool = False  # of a calibration, by a finer run
+    names: list[str] = []  # of runs
+    to: str = ""  # another name
+    job: int = 0
 
 
 class Page:
-    """Everything of a tab; made when its browser has opened the connection back."""
+    """The answers, by what may be asked; those about runs are of ``Runs``."""
 
     def __init__(self, queue: Queue):
-        self.queue, self.scene, self.scheme, self.questions = queue, "slump", "implicit", 0
-        self.form = Form(self.check)
-        ui.colors(primary="#1f5f99")
-        with ui.header(fixed=False).classes("items-baseline gap-3 px-4 py-2"):
-            ui.label("taichi_mps").classes("text-lg font-bold")
-            ui.label("tests of fresh concrete").classes("opacity-80")
-        with ui.tabs().classes("w-full").props("no-caps align=left") as self.tabs:
-            for name in ("Run", "Results", "Calibrate"):
-                ui.tab(name)
-        with ui.tab_panels(self.tabs, value="Run", animated=False, keep_alive=True).classes("w-full"):
-            with ui.tab_panel("Run").classes("p-0"), ui.row().classes("w-full items-start gap-4"):
-                with ui.card().classes("w-full md:w-96 gap-2").props("flat bordered"):
-                    self.set_up()
-                live = Live(queue)
-            with ui.tab_panel("Results").classes("p-0"):
-                results = Results(queue)
-            with ui.tab_panel("Calibrate").classes("p-0"):
-                calibration = Calibrate(queue, self.use_mix)
-        for part, often in ((live, 1), (calibration, 1), (results, 3)):
-            ui.timer(TICK * often, part.tick)
-        self.check()
+        self.queue, runs = queue, Runs(queue)
+        self.preview_process, self.forecast_process = Resident("preview"), Resident("forecast")
+        self.known = {test["name"]: test for test in form.tests()}
+        self.runs = runs
+        own = self.tests, self.forecast, self.run, self.calibrate, self.found, self.jobs, self.stop
+        of_runs = runs.list, runs.show, runs.compare, runs.draw, runs.resume, runs.rename, runs.delete, runs.restore
+        self.answers = {answer.__name__: answer for answer in (*own, *of_runs, runs.empty)}
 
-    def set_up(self) -> None:
-        """What is to be run, what is known of it before, and the button."""
-        names = {name: text.split(":")[0] for name, text in catalogue.describe().items()}
-        test = ui.select(names, label="test", value=self.scene).classes("w-full").props('data-field="test"')
-        test.on_value_change(lambda event: self.choose(event.value))
-        self.fields()
-        self.forecast = ui.column().classes("w-full gap-1 text-sm text-gray-700").props('data-part="forecast"')
-        self.wrong = ui.label().classes("text-negative w-full").props('role="alert" data-part="wrong"')
-        ui.button("Run", on_click=self.start).classes("w-full").props('no-caps data-action="run"')
+    # ---- a mix -------------------------------------------------------------------------------------------------
+    def tests(self, asked: Asked) -> dict:
+        """What can be chosen."""
+        facts = {"tests": list(self.known.values()), "measurements": form.measurements()}
+        return facts | {"folder": str(self.queue.folder)}
 
-    @ui.refreshable_method
-    def fields(self) -> None:
-        """The inputs of the scene and the scheme that are chosen, in the groups of the command line."""
-        known = keywords(catalogue.load(self.scene), NUMERICS[self.scheme])
-        self.form.inputs.clear()
-        for heading in GROUPS:
-            group = ui.expansion(heading.capitalize(), value=heading in OPEN)
-            with group.classes("w-full").props("dense header-class=font-bold"):
-                for name in sorted(known, key=order):
-                    model, field = known[name]
-                    if group_of(name, model) == heading and name not in NOT_ASKED:
-                        self.form.add(name, field)
+    def fields(self, asked: Asked) -> dict[str, dict]:
+        """The fields of the test that was asked for; SceneError where it has none of those that are set."""
+        require(asked.test in self.known, f"test = {asked.test}: unknown")
+        schemes = self.known[asked.test]["fields"]
+        fields = {field["name"]: field for field in schemes.get(asked.values.get("scheme"), schemes["implicit"])}
+        return self.allowed(asked, fields)
 
-    def choose(self, scene: str) -> None:
-        """Another test, with its own values."""
-        self.scene = scene
-        self.form.values.clear()
-        self.fields.refresh()
-        self.check()
+    def allowed(self, asked: Asked, fields: dict) -> dict:
+        """The fields, if those that are set are among them."""
+        for key, text in asked.values.items():
+            require(key in fields, f"unknown key '{key}'")
+            require(len(text) <= MOST, f"{key} = {text[:MOST]}: must have at most {MOST} characters")
+        return fields
 
-    def use_mix(self, mix: dict[str, str]) -> None:
-        """Take the constants of a calibration over into the form."""
-        for name, text in mix.items():
-            self.form.inputs[name].value = text
-        self.tabs.value = "Run"
-
-    # ---- before and at the start ---------------------------------------------------------------------------------
-    def check(self) -> None:
-        """Find out what is known of the run as it is set up now, and show it when it is found."""
-        scheme = self.form.values.get("scheme", "implicit")
-        if scheme != self.scheme:
-            for name in NUMERICS[self.scheme].model_fields:
-                self.form.values.pop(name, None)
-            self.scheme = scheme
-            self.fields.refresh()
-        background_tasks.create(self.known())
-
-    async def known(self) -> tuple[list[str], float, str]:
-        """The words of the run as it is set up now, its time limit [s], and in one line what is wrong with it; shows
-        what is known of it, unless that was asked for anew meanwhile."""
-        self.questions += 1
-        number, words = self.questions, [self.scene, *(option(*given) for given in self.form.values.items())]
+    async def forecast(self, asked: Asked) -> dict:
+        """What is known of a run before it starts, or what is wrong with it."""
+        self.fields(asked)
         try:
-            found = await asyncio.wait_for(run.cpu_bound(foreseen, words), PATIENCE)
-        except (asyncio.TimeoutError, BrokenProcessPool):  # the process was killed for want of memory
-            found = None
-        until, lines, wrong = found or (0.0, [], TOO_LONG)
-        if number == self.questions and not self.wrong.is_deleted:
-            self.wrong.text = wrong
-            self.form.mark(wrong)
-            self.forecast.clear()
-            with self.forecast:
-                for text in lines:
-                    ui.label(text)
-        return words, until, wrong
+            parts = self.forecast_process.ask({"test": asked.test, "values": asked.values}, PATIENCE)
+            return [part async for part in parts][-2]
+        except TimeoutError:
+            return {"wrong": {"spacing": f"spacing: {TOO_LONG}"}}
 
-    async def start(self) -> None:
-        """Put the run into the queue, if it can be computed."""
-        title = ", ".join([self.scene, *map(self.form.said, self.form.values)])
-        words, until, wrong = await self.known()
-        if not wrong:
-            self.queue.add(Job(title, ["run", *words, "--quiet"], self.scene, until))
-            ui.run_javascript("if (innerWidth < 768) document.querySelector('[data-part=live]').scrollIntoView()")
+    async def preview(self, asked: Asked):
+        """Yield the pictures and the result of a mix."""
+        self.fields(asked)
+        if not self.preview_process.alive:
+            yield {"preparing": True}
+        async for part in self.preview_process.ask({"test": asked.test, "values": asked.values}):
+            yield part
+
+    async def run(self, asked: Asked) -> dict:
+        """Put a run into the queue, if it can be computed."""
+        fields, known = self.fields(asked), await self.forecast(asked)
+        if known.get("wrong"):
+            return known
+        units = {key: f" {fields[key]['unit']}" * without_unit(text) for key, text in asked.values.items()}
+        told = [f"{in_words(key)} {text}{units[key]}".rstrip() for key, text in asked.values.items()]
+        words = ["run", asked.test, *form.options(asked.values), "--quiet"]
+        title = ", ".join([in_words(asked.test), *told])
+        return self.started(Job(title, words, asked.test, known["until"], known.get("seconds")))
+
+    def started(self, job: Job) -> dict:
+        """Put a job into the queue; its number."""
+        self.queue.add(job)
+        return {"job": len(self.queue.jobs) - 1}
+
+    # ---- a calibration ------------------------------------------------------------------------------------------
+    def calibrate(self, asked: Asked) -> dict:
+        """Put a calibration into the queue."""
+        self.allowed(asked, {field["name"]: field for field in form.measurements()})
+        words = ["calibrate", "--json", *form.options(asked.values), *["--no-check"] * (not asked.check)]
+        return self.started(Job("calibration", words))
+
+    def found(self, asked: Asked) -> dict:
+        """What a calibration found."""
+        job = self.job_of(asked)
+        facts = json.loads(job.output) if job.words[0] == "calibrate" and job.state == "done" else {}
+        return {"verdict": verdict(facts), **facts} if facts else {"state": job.state, "said": job.said}
+
+    # ---- jobs --------------------------------------------------------------------------------------------------
+    def job_of(self, asked: Asked) -> Job:
+        """The job of a number."""
+        require(0 <= asked.job < len(self.queue.jobs), f"job = {asked.job}: there is none")
+        return self.queue.jobs[asked.job]
+
+    def jobs(self, asked: Asked) -> dict:
+        """Those that are not over, and the last that is; and the last run that came to its end, whatever came later."""
+        jobs = list(enumerate(self.queue.jobs))
+        ended = [(number, job) for number, job in jobs if job.over and job.words[0] != "calibrate"]
+        shown = ended[-1:] + [(number, job) for number, job in jobs if not job.over]
+        last = next((row for row in self.runs.rows() if row["whole"]), None)
+        return {"jobs": [facts_of(number, job) for number, job in shown], "last": last}
+
+    def stop(self, asked: Asked) -> None:
+        """Stop a job, as Ctrl-C does."""
+        self.job_of(asked).stop()

@@ -1,28 +1,38 @@
-"""Runs: the one that goes on and those that wait; one of the folder with its results, or several beside each other."""
+"""Runs of a folder: rows of a list, one with all that it holds, several beside each other; renamed, and put into a bin.
+
+A folder may come from anybody: what cannot be read is told in its row, and no link is followed to remove anything.
+"""
 
 import math
 import os
-from contextlib import contextmanager, suppress
+import shutil
+from contextlib import suppress
 from itertools import chain
 from pathlib import Path
 from urllib.parse import quote
 
 import numpy as np
-from nicegui import ui
 
+from ..io import lock
 from ..io.history import newest, read_history
-from ..io.run_folder import PLOTS, RunFolder
-from ..problem.labels import ENDS
+from ..io.run_folder import MARK, PLOTS, REPORT, RunFolder, json_of, next_free
+from ..problem.labels import ENDS, in_words, is_measure, title, written
 from ..problem.materials import mix_in_words
 from ..report import inputs
-from ..report.sentences import measured, measures, rows, sentences
-from ..units import SceneError, ordinary, plain
-from .jobs import Job, Queue
+from ..report.sentences import LEADING, measured, measures, rows, sentences
+from ..units import SceneError, ordinary, plain, require
+from .jobs import Job, Queue, until_of
 
 PNG_END = b"IEND\xaeB`\x82"  # of a picture that is written to its end
 NO_SUMMARY = "runs, was cut off, or is of an older version"
-MOST_LINES, MOST_LETTERS = 200, 1000  # of a table; of a text of a run folder
-SAVED = {"report.html": "report", "summary.json": "numbers", "history.csv": "curves", "case.toml": "case"}  # in words
+MOST_LINES, MOST_LETTERS, MOST_POINTS = 200, 1000, 300  # of a table; of a text of a run folder; of a curve
+SAVED = {REPORT: "report", "summary.json": "numbers", "history.csv": "curves", "case.toml": "case"}  # in words
+NO_NUMBERS = "slump_max_m", "slump_expected_error_m", "spread_expected_error_m"
+BIN = ".bin"  # in the folder of the runs
+WHOLE, UNFINISHED = (
+    ("rest", "unyielded", "time"),
+    (None, "interrupted"),
+)  # how runs end that came to their end, or can go on
 
 
 def url(folder: RunFolder, name: str) -> str:
@@ -49,15 +59,6 @@ def text_of(value) -> str:
     return plain(value)[:MOST_LETTERS]
 
 
-@contextmanager
-def guarded():
-    """Part of a page that shows run folders, which may come from anybody: a line says so where that fails."""
-    try:
-        yield
-    except Exception as error:
-        ui.label(f"This cannot be shown: {text_of(error) or type(error).__name__}").classes("text-negative")
-
-
 def summary_of(folder: RunFolder) -> dict:
     """Its summary; empty for a run that goes on, was cut off, or says of itself what nobody can read."""
     try:
@@ -79,186 +80,202 @@ def given(summary: dict) -> dict[str, str]:
     return dict(inputs.rows(summary["parameters"], inputs.fields_of(summary["scene"])))
 
 
-def written_at(path: Path) -> int:
-    """When a file was written last [ns]; 0 where there is none."""
-    with suppress(OSError):
-        return path.stat().st_mtime_ns
-    return 0
-
-
 def end_of(summary: dict) -> str:
     """Why a run ended."""
     return ENDS.get(summary["stopped_by"], "-")
 
 
-def show_run(folder: RunFolder) -> None:
-    """Sentences, moving picture, table, curves and files of a run, here."""
-    summary = summary_of(folder)
-    with ui.column().classes("w-full gap-1").props('data-part="sentences"'):
-        for text in sentences(summary, folder.path) if summary else [f"It {NO_SUMMARY}."]:
-            ui.label(text_of(text))
-        if summary.get("error"):
-            ui.label(text_of(summary["error"])).classes("text-negative")
-    moving = folder.animation if folder.animation.is_file() else newest_picture(folder)
-    if moving:
-        image(url(folder, str(moving.relative_to(folder.path))))
-    if summary:
-        table(["result", "", "what it is"], rows(summary))
-    for name in PLOTS:
-        if (folder.path / name).is_file():
-            image(url(folder, name))
-    with ui.row().classes("gap-4"):
-        for name, words in SAVED.items():
-            if (folder.path / name).is_file():
-                ui.link(f"Save {words}", url(folder, name)).props(f'data-file="{name}"')
+def written_at(folder: RunFolder) -> int:
+    """When a run was written last [ns]."""
+    with suppress(StopIteration):
+        paths = folder.summary, folder.history, folder.path / MARK
+        return next(path for path in paths if path.exists()).stat().st_mtime_ns
+    return 0
 
 
-def image(source, part="image") -> ui.image:
-    """A picture, here, as wide as there is room."""
-    return ui.image(source).classes("w-full max-w-3xl").props(f'no-spinner no-transition data-part="{part}"')
+def size_of(folder: RunFolder) -> int:
+    """Bytes of its files; no link is followed."""
+    return sum((Path(place) / name).lstat().st_size for place, _, names in os.walk(folder.path) for name in names)
 
 
-def table(head: list[str], lines) -> None:
-    """A table of texts, here."""
-    columns = [{"name": str(k), "field": str(k), "label": text, "align": "left"} for k, text in enumerate(head)]
-    filled = [{str(k): text_of(cell) for k, cell in enumerate(line)} for line in lines[:MOST_LINES]]
-    ui.table(columns=columns, rows=filled).props("flat dense wrap-cells").classes("w-full")
-    if len(lines) > MOST_LINES:
-        ui.label(f"and {len(lines) - MOST_LINES} more, see summary.json")
-
-
-class Live:
-    """The jobs of all tabs, in one of them."""
-
-    def __init__(self, queue: Queue):
-        self.queue, self.state = queue, None
-        with ui.column().classes("w-full md:w-0 md:grow gap-4").props('data-part="live"'):
-            self.jobs()
-
-    def tick(self) -> None:
-        """Show what has changed since the last time."""
-        state = [(id(job), job.state, job.stopping) for job in self.queue.jobs]
-        if state != self.state:
-            self.state = state
-            self.jobs.refresh()
-        for job in self.queue.jobs:
-            if job.state == "running":
-                self.update(job)
-
-    @ui.refreshable_method
-    def jobs(self) -> None:
-        """Redraw the job list."""
-        ended = [job for job in self.queue.jobs if job.over and (job.scene or job.state == "failed")]
-        for job in [job for job in self.queue.jobs if not job.over] + ended[-1:]:
-            with ui.card().classes("w-full").props(f'flat bordered data-job="{job.state}"'):
-                self.ended_job(job) if job.over else self.open_job(job)
-        if not self.queue.jobs:
-            text = "Nothing runs. Set a test up and press Run; it goes on if this page is closed."
-            ui.label(text).classes("text-gray-600 p-4")
-
-    def open_job(self, job: Job) -> None:
-        """One that runs or waits."""
-        with ui.row().classes("w-full items-center justify-between no-wrap"):
-            ui.label(job.title).classes("font-bold")
-            word = "Stopping …" if job.stopping else "Stop" if job.state == "running" else "Remove"
-            button = ui.button(word, on_click=job.stop, color="negative").props('no-caps outline data-action="stop"')
-            button.set_enabled(not job.stopping)
-        if job.state == "waiting":
-            ui.label("waits until the one before is done")
-            return
-        self.bar = ui.linear_progress(0.0, show_value=False, size="10px").props("instant-feedback")
-        said = "getting ready: the program is made for this machine, faster the next time" if job.scene else "at work"
-        self.status = ui.label(said).classes("tabular-nums").props('data-part="status"')
-        self.picture = ui.interactive_image().classes("w-full max-w-3xl").props('data-part="picture"')
-
-    def update(self, job: Job) -> None:
-        """How far the job is that runs."""
-        row = newest(job.folder.history) if job.folder else {}
-        if row.get("time_s"):
-            self.bar.value = min(1.0, row["time_s"] / job.until)
-            self.status.text = f"{row['time_s']:.2f} s of at most {job.until:g} s. {measured(measures(row))}"
-        if row and (picture := newest_picture(job.folder)):
-            self.picture.set_source(url(job.folder, f"frames/{picture.name}"))
-
-    def ended_job(self, job: Job) -> None:
-        """The last that ended: its result, or why there is none."""
-        ui.label(job.title).classes("font-bold")
-        if job.state == "failed":
-            said = job.said or f"it ended with code {job.process and job.process.returncode}, and said nothing"
-            ui.label(said).classes("text-negative whitespace-pre-line").props('role="alert"')
-        if job.folder and job.folder.summary.is_file():
-            with guarded():
-                show_run(job.folder)
-        elif job.state == "stopped":
-            ui.label("stopped by you before the first step")
-
-
-class Results:
-    """The runs of the folder to choose from: one is shown, two or more are compared."""
-
-    def __init__(self, queue: Queue):
-        self.queue, self.folders, self.there, self.drawn = queue, {}, None, None
-        head = {"name": "run", "test": "test", "mix": "mix", "found": "result", "end": "end"}
-        columns = [{"name": k, "label": text, "field": k, "align": "left"} for k, text in head.items()]
-        with ui.column().classes("w-full gap-4"):
-            ui.label("Choose a run to look at it, two or more to compare them.").classes("text-gray-600")
-            self.table = ui.table(columns=columns, rows=[], row_key="name", selection="multiple", pagination=8)
-            self.table.props('flat bordered dense wrap-cells data-part="runs"').classes("w-full")
-            self.table.on_select(lambda: self.show.refresh())
-            self.show()
-
-    def tick(self) -> None:
-        """Show what has changed since the last time."""
-        folders = [RunFolder(path) for path in self.queue.folder.glob("*") if path.is_dir()]
-        self.folders = {plain(folder.path.name): folder for folder in folders if folder.ours}
-        there = {name: written_at(folder.summary) for name, folder in self.folders.items()}
-        drawn = [job.state for job in self.queue.jobs if job.words[0] == "render"]
-        if there != self.there:
-            newest_first = sorted(there, key=lambda name: (there[name] == 0, there[name]), reverse=True)
-            self.table.update_rows([self.row(name) for name in newest_first], clear_selection=False)
-        if drawn != self.drawn:
-            self.show.refresh()
-        self.there, self.drawn = there, drawn
-
-    def row(self, name: str) -> dict[str, str]:
-        """A run in the table."""
-        summary = summary_of(self.folders[name])
+def row(folder: RunFolder) -> dict:
+    """A run in the list."""
+    facts = {"name": plain(folder.path.name), "date": written_at(folder) // 10**6, "size": 0, "picture": None}
+    facts |= {"runs": False, "whole": False, "resumable": False, "report": None, "numbers": {}, "errors": {}}
+    try:
+        summary, picture = summary_of(folder), newest_picture(folder)
+        facts |= {"size": size_of(folder), "runs": bool(lock.writer(folder.path))}
+        facts["resumable"] = folder.resumable and not facts["runs"] and summary.get("stopped_by") in UNFINISHED
+        if picture:
+            facts["picture"] = url(folder, str(picture.relative_to(folder.path)))
+        if folder.report.is_file():
+            facts["report"] = f"/report/{quote(os.fsencode(folder.path.name), '')}"
         if not summary:
-            return {"name": name, "end": NO_SUMMARY}
-        words = {"test": summary["scene"], "mix": mixes(summary), "found": measured(summary), "end": end_of(summary)}
-        return {"name": name} | {key: text_of(text) for key, text in words.items()}
+            return facts | {"end": "" if facts["runs"] else f"It {NO_SUMMARY}."}
+        words = {"test": in_words(summary["scene"]), "mix": mixes(summary)}
+        words |= {"result": measured(summary), "end": end_of(summary)}
+        found = {key: summary[key] for key in LEADING if isinstance(summary.get(key), float)}
+        errors = {key: summary.get(key.replace("_m", "_expected_error_m")) for key in ("slump_m", "spread_m")}
+        facts |= {key: text_of(text) for key, text in words.items()}
+        return facts | {"whole": summary["stopped_by"] in WHOLE, "numbers": numbers(found), "errors": errors}
+    except Exception as error:  # a folder may come from anybody
+        return facts | {"end": f"This cannot be read: {text_of(error) or type(error).__name__}"}
 
-    @ui.refreshable_method
-    def show(self) -> None:
-        """What is chosen."""
-        chosen = [self.folders[row["name"]] for row in self.table.selected if row["name"] in self.folders]
-        if len(chosen) == 1:
-            with guarded():
-                show_run(chosen[0])
-        elif chosen:
-            with guarded():
-                summaries = {plain(folder.path.name): summary for folder in chosen if (summary := summary_of(folder))}
-                table(["", *summaries], beside(list(summaries.values())))
-            with guarded():
-                curves(chosen)
-            if len(chosen) == 2:
-                with guarded():
-                    self.side_by_side(*chosen)
 
-    def side_by_side(self, left: RunFolder, right: RunFolder) -> None:
-        """Both runs in one moving picture, or the button that draws it."""
-        words = ["render", str(left.path), "--beside", str(right.path), "--json"]
-        name = f"animation-beside-{right.path.name}.gif"
+class Runs:
+    """The runs of a folder, and what the page may ask of them, by the texts of their names."""
+
+    def __init__(self, queue: Queue):
+        self.queue, self.bin, self.known = queue, queue.folder / BIN, {}
+
+    def folders(self, place: Path) -> list[RunFolder]:
+        """Those in a folder, the last one first."""
+        found = [RunFolder(path) for path in place.glob("*") if path.is_dir()] if place.is_dir() else []
+        return sorted((folder for folder in found if folder.ours), key=written_at, reverse=True)
+
+    def rows(self) -> list[dict]:
+        """The list; a row is made anew when its run was written anew."""
+        found = {}
+        for folder in self.folders(self.queue.folder):
+            key = folder.path, written_at(folder), lock.writer(folder.path)
+            found[key] = self.known[key] if key in self.known and not key[2] else row(folder)
+        self.known = found
+        return list(found.values())
+
+    def named(self, name: str, place: Path | None = None) -> RunFolder:
+        """The run of a name; SceneError where there is none."""
+        for folder in self.folders(place or self.queue.folder):
+            if name in (folder.path.name, plain(folder.path.name)):
+                return folder
+        raise SceneError(f"run = {plain(name)}: no such run here")
+
+    def list(self, asked) -> dict:
+        """All runs, and those in the bin."""
+        return {"runs": self.rows(), "bin": [row(folder) for folder in self.folders(self.bin)]}
+
+    def show(self, asked) -> dict:
+        """All of a run."""
+        folder = self.named(*asked.names[:1])
+        summary = summary_of(folder)
+        told = sentences(summary, folder.path) if summary else [f"It {NO_SUMMARY}."]
+        told += [str(summary["error"])] if summary.get("error") else []
+        moving = folder.animation if folder.animation.is_file() else newest_picture(folder)
+        lines = [[text_of(cell) for cell in line] for line in (rows(summary) if summary else [])]
+        more = [[f"and {len(lines) - MOST_LINES} more, see summary.json", "", ""]] * (len(lines) > MOST_LINES)
+        there = [name for name in (*PLOTS, *SAVED) if (folder.path / name).is_file()]
+        return row(folder) | {
+            "sentences": [text_of(text) for text in told],
+            "film": url(folder, str(moving.relative_to(folder.path))) if moving else None,
+            "table": lines[:MOST_LINES] + more,
+            "plots": [url(folder, name) for name in there if name in PLOTS],
+            "files": [[SAVED[name], url(folder, name)] for name in there if name in SAVED],
+        }
+
+    def compare(self, asked) -> dict:
+        """Runs beside each other: what differs of their keywords, their results, and their slump curves."""
+        folders = list(map(self.named, asked.names))
+        known = {text_of(folder.path.name): summary for folder in folders if (summary := summary_of(folder))}
+        lines = [[text_of(cell) for cell in line] for line in beside(list(known.values()))][:MOST_LINES]
+        facts = {"head": list(known), "lines": lines, "curves": list(filter(None, map(curve, folders)))}
+        return facts | {"beside": self.both(*folders) if len(folders) == 2 else None}
+
+    def both(self, left: RunFolder, right: RunFolder) -> dict:
+        """The moving picture of two runs, or how far it is."""
+        words, name = drawing(left, right), f"animation-beside-{right.path.name}.gif"
         job = next((job for job in reversed(self.queue.jobs) if job.words == words), None)
-        if job and not job.over:
-            ui.label("The moving picture of both is being drawn, after the runs before it.")
-        elif (left.path / name).is_file():
-            image(url(left, name), "beside").classes("max-w-none")
-        else:
-            if job and job.state == "failed":
-                ui.label(job.said).classes("text-negative").props('role="alert"')
-            draw = Job(plain(f"{left.path.name} beside {right.path.name}"), words)
-            ui.button("Draw both side by side", on_click=lambda: self.queue.add(draw)).props("no-caps outline")
+        if (left.path / name).is_file() and not (job and not job.over):
+            return {"film": url(left, name)}
+        return {"state": job.state if job else "", "said": job.said if job else ""}
+
+    def draw(self, asked) -> None:
+        """Draw two runs side by side."""
+        left, right = map(self.named, asked.names)
+        self.queue.add(Job(plain(f"{left.path.name} beside {right.path.name}"), drawing(left, right)))
+
+    # ---- changes -----------------------------------------------------------------------------------------------
+    def resume(self, asked) -> None:
+        """Let a run go on."""
+        folder = self.named(*asked.names[:1])
+        require(folder.resumable, f"run = {plain(folder.path.name)}: has no checkpoint to go on from")
+        words = ["resume", str(folder.path), "--quiet"]
+        self.queue.add(Job(f"{plain(folder.path.name)}, resumed", words, folder=folder, until=until_of(folder)))
+
+    def rename(self, asked) -> None:
+        """Give a run another name."""
+        to = asked.to.strip()
+        good = to and plain(to) == to and not set(to) & set('/\\:*?"<>|\n') and to[0] != "." and len(to) <= 100
+        require(good, f'name = {plain(to)}: must be the name of a folder, without a dot before and / \\ : * ? " < > |')
+        require(not os.path.lexists(self.queue.folder / to), f"name = {to}: is there already; must be another")
+        self.move(self.named(*asked.names[:1]), self.queue.folder / to)
+
+    def delete(self, asked) -> None:
+        """Put runs into the bin."""
+        for folder in list(map(self.named, asked.names)):
+            require(not self.bin.is_symlink(), f"{plain(self.bin)}: is a link; must be a folder, or nothing")
+            self.bin.mkdir(exist_ok=True)
+            self.move(folder, next_free(self.bin / folder.path.name))
+
+    def restore(self, asked) -> None:
+        """Take runs out of the bin again."""
+        for name in asked.names:
+            folder = self.named(name, self.bin)
+            self.move(folder, next_free(self.queue.folder / folder.path.name))
+
+    def empty(self, asked) -> None:
+        """Remove the runs in the bin for good; what is none stays."""
+        for folder in self.folders(self.bin) * (not self.bin.is_symlink()):
+            if not folder.path.is_symlink():
+                shutil.rmtree(folder.path)
+        with suppress(OSError):  # it holds what is no run, or is not there
+            self.bin.rmdir()
+
+    def move(self, folder: RunFolder, to: Path) -> None:
+        """Move a run that nobody writes; SceneError where somebody does, and for a link to one."""
+        name = plain(folder.path.name)
+        require(not folder.path.is_symlink(), f"run = {name}: is a link to a run; it is left alone")
+        busy = any(job.folder and job.folder.path == folder.path for job in self.queue.jobs if not job.over)
+        require(not busy, f"run = {name}: goes on; stop it first")
+        with lock.held(folder.path):
+            pass
+        os.rename(folder.path, to)
+
+
+def drawing(left: RunFolder, right: RunFolder) -> list[str]:
+    """The words that draw two runs side by side."""
+    return ["render", str(left.path), "--beside", str(right.path), "--json"]
+
+
+def numbers(found: dict) -> dict:
+    """Each measure: its value, None where it has none, as people read it, and its name."""
+    shown = {}
+    for key, value in found.items():
+        if is_measure(key) and key not in NO_NUMBERS:
+            there = value is not None and math.isfinite(value)
+            shown[key] = [value if there else None, written(key, value) if there else "not reached", title(key)]
+    return shown
+
+
+def facts_of(number: int, job: Job) -> dict:
+    """A job for the page."""
+    at = newest(job.folder.history) if job.folder and not job.over else {}
+    picture, clock = newest_picture(job.folder) if at else None, json_of(job.folder.clock) if at else {}
+    said = job.said or f"it ended with code {job.process and job.process.returncode}, and said nothing"
+    return {
+        "id": number,
+        "kind": job.words[0],
+        "title": job.title,
+        "state": job.state,
+        "stopping": job.stopping,
+        "said": said if job.state == "failed" else "",
+        "run": job.folder.path.name if job.folder else None,
+        "spent": job.spent,
+        "about": job.about,
+        "left": clock.get("left_s"),
+        "flow": at.get("time_s"),
+        "until": job.until if math.isfinite(job.until) else None,
+        "result": measured(measures(at)) if at else "",
+        "picture": url(job.folder, f"frames/{picture.name}") if picture else None,
+    }
 
 
 def beside(summaries: list[dict]) -> list[tuple[str, ...]]:
@@ -270,19 +287,13 @@ def beside(summaries: list[dict]) -> list[tuple[str, ...]]:
     return lines + [(name, *(found.get(name, "-") for found in results)) for name in dict.fromkeys(chain(*results))]
 
 
-def curves(folders: list[RunFolder]) -> None:
-    """The slump curves of those runs that have one in one chart, here."""
-    shown = {"legend": {}, "tooltip": {"trigger": "axis"}, "series": []}
-    shown |= {"xAxis": {"type": "value", "name": "time [s]"}, "yAxis": {"type": "value", "name": "slump [cm]"}}
+def curve(folder: RunFolder) -> dict | None:
+    """The slump [cm] of a run over time [s]; None where it has none."""
     try:
-        for folder in folders:
-            history = read_history(folder.history)
-            points = np.stack([history["time_s"], 100.0 * history["slump_m"]], 1)
-            if data := points[np.isfinite(points[:, 1])].tolist():
-                shown["series"].append(
-                    {"name": plain(folder.path.name), "type": "line", "showSymbol": False, "data": data}
-                )
-        if shown["series"]:
-            ui.echart(shown).props('data-part="curves"')
-    except SceneError as error:
-        ui.label(plain(error))
+        history = read_history(folder.history)
+    except SceneError:
+        return None
+    points = np.stack([history["time_s"], 100.0 * history["slump_m"]], 1)
+    points = points[np.isfinite(points[:, 1])]
+    few = points[np.unique(np.linspace(0, len(points) - 1, MOST_POINTS).astype(int))] if len(points) else points
+    return {"name": text_of(folder.path.name), "points": few.tolist()} if len(few) else None

@@ -1,32 +1,40 @@
 """The server of the page: for this machine only, with the queue of runs, and nothing left behind at its end."""
 
 import asyncio
+import json
 import os
 import re
 import signal
 import socket
 import webbrowser
+from contextlib import asynccontextmanager
+from inspect import isawaitable
+from pathlib import Path
 from urllib.parse import parse_qs, unquote_to_bytes
 
 import uvicorn
-from fastapi import FastAPI, HTTPException, Request
-from fastapi.responses import FileResponse
-from nicegui import app as pages
-from nicegui import run, ui
+from starlette.applications import Starlette
 from starlette.datastructures import Headers, MutableHeaders
-from starlette.responses import PlainTextResponse
+from starlette.exceptions import HTTPException
+from starlette.requests import Request
+from starlette.responses import FileResponse, JSONResponse, PlainTextResponse, StreamingResponse
+from starlette.routing import Route
 
-from ..io.run_folder import PICTURES, PLOTS, RunFolder
+from ..io.run_folder import PICTURES, PLOTS, REPORT, RunFolder, strict
 from ..units import SceneError, plain
 from .jobs import Queue
-from .page import Page
+from .page import Asked, Page
 from .results import SAVED
 
 HERE = "127.0.0.1"
 REFUSED = "Only for this machine: type the address into the browser."
-CONNECTS_WITHIN = 60.0  # [s]: a page whose browser does not come back is dropped, empty as it is
+STATIC = Path(__file__).with_name("static")
+MOST_ASKED = 100_000  # bytes of a question
 SHOWN = {"animation.gif", *PLOTS}  # files of a run that the page shows, besides PICTURE
 PICTURE = re.compile(rf"frames/{PICTURES.pattern}|animation-beside-[^/]+\.gif")
+OWN = "default-src 'self'; img-src 'self' data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+# of a report, which may come from anybody: an origin of its own, that reaches nothing
+ALONE = "sandbox allow-scripts; default-src 'unsafe-inline' data: blob:; connect-src 'none'; frame-ancestors 'none'"
 
 
 class OnlyHere:
@@ -42,8 +50,9 @@ class OnlyHere:
         async def framed_by_none(message):
             if message["type"] == "http.response.start":
                 headers = MutableHeaders(scope=message)
-                headers["Content-Security-Policy"] = "frame-ancestors 'none'"
+                headers.setdefault("Content-Security-Policy", OWN)
                 headers["Cross-Origin-Resource-Policy"] = "same-origin"
+                headers["X-Content-Type-Options"] = "nosniff"
             await send(message)
 
         if scope["type"] == "lifespan" or self.allows(scope):
@@ -54,11 +63,14 @@ class OnlyHere:
             await PlainTextResponse(REFUSED, 403)(scope, receive, framed_by_none)
 
     def allows(self, scope) -> bool:
-        """Whether the request was made to this machine by its own page, or by hand, and for no script (JSONP)."""
+        """Whether the request was made to this machine by its own page, or by hand, and for no script (JSONP). What
+        changes anything comes as JSON, which no form of another page can send."""
         headers = Headers(scope=scope)
         at_home = headers.get("host") in self.hosts and set(headers.getlist("origin")) <= self.origins
         asked_by = set(headers.getlist("sec-fetch-site")) <= {"same-origin", "none"}
-        return at_home and asked_by and "j" not in parse_qs(scope["query_string"].decode("latin-1"), True)
+        plain_get = scope["type"] == "http" and scope["method"] in ("GET", "HEAD")
+        known = plain_get or headers.get("content-type") == "application/json"
+        return at_home and asked_by and known and "j" not in parse_qs(scope["query_string"].decode("latin-1"), True)
 
 
 def file_of(folder, run: str, name: str) -> FileResponse:
@@ -73,8 +85,68 @@ def file_of(folder, run: str, name: str) -> FileResponse:
         inside = False
     if run in ("", ".", "..") or "/" in run or not known or not inside:
         raise HTTPException(404)
-    headers = {"Cache-Control": "no-cache", "X-Content-Type-Options": "nosniff"}
+    headers = {"Cache-Control": "no-cache"}
     return FileResponse(path, headers=headers, filename=f"{plain(run)}-{name}" if name in SAVED else None)
+
+
+def report_of(folder, run: str) -> FileResponse:
+    """The report of a run to look at, as a page of an origin of its own that reaches nothing, neither this server."""
+    path = file_of(folder, run, REPORT).path
+    return FileResponse(path, headers={"Cache-Control": "no-cache", "Content-Security-Policy": ALONE})
+
+
+def routes(page: Page) -> list[Route]:
+    """What is served: the page, its questions, and files of runs."""
+
+    async def start(request: Request):
+        return FileResponse(STATIC / "index.html", headers={"Cache-Control": "no-cache"})
+
+    async def static(request: Request):
+        names = {path.name for path in STATIC.iterdir()}
+        if request.path_params["name"] not in names:
+            raise HTTPException(404)
+        return FileResponse(STATIC / request.path_params["name"], headers={"Cache-Control": "no-cache"})
+
+    def run_of(request: Request) -> str:
+        return os.fsdecode(unquote_to_bytes(request.scope["raw_path"].split(b"/")[2]))  # which need be no UTF-8
+
+    async def run_file(request: Request):
+        return file_of(page.queue.folder, run_of(request), request.path_params["file"])
+
+    async def report(request: Request):
+        return report_of(page.queue.folder, run_of(request))
+
+    async def asked(request: Request):
+        if int(request.headers.get("content-length", MOST_ASKED)) >= MOST_ASKED:
+            raise HTTPException(413)
+        what = request.path_params["what"]
+        try:
+            question = Asked(**json.loads(await request.body()))
+            if what == "preview":
+                return StreamingResponse(lines_of(page.preview(question)), media_type="application/x-ndjson")
+            if what not in page.answers:
+                raise HTTPException(404)
+            found = page.answers[what](question)
+            return JSONResponse(strict(await found if isawaitable(found) else found or {}))
+        except (OSError, ValueError, TypeError, RecursionError) as error:  # SceneError is a ValueError
+            return JSONResponse({"wrong": {"": plain(error)}})
+
+    return [
+        Route("/", start),
+        Route("/static/{name}", static),
+        Route("/runs/{name}/{file:path}", run_file),
+        Route("/report/{name}", report),
+        Route("/ask/{what}", asked, methods=["POST"]),
+    ]
+
+
+async def lines_of(parts):
+    """Parts of an answer as lines of JSON."""
+    try:
+        async for part in parts:
+            yield json.dumps(part) + "\n"
+    except SceneError as error:
+        yield json.dumps({"wrong": plain(error)}) + "\n"
 
 
 def serve(port: int, folder, browser: bool) -> None:
@@ -86,31 +158,27 @@ def serve(port: int, folder, browser: bool) -> None:
         raise SceneError(f"port = {port}: cannot be used ({why}); choose another, or 0 for any") from None
     port = listener.getsockname()[1]
     address = f"http://{HERE}:{port}/"
-    queue, server_app = Queue(folder), FastAPI(openapi_url=None)
+    queue = Queue(folder)
+    page = Page(queue)
+    processes = page.preview_process, page.forecast_process
 
-    @server_app.get("/runs/{name}/{file:path}")
-    def run_file(file: str, request: Request) -> FileResponse:
-        name = os.fsdecode(unquote_to_bytes(request.scope["raw_path"].split(b"/")[2]))  # which need be no UTF-8
-        return file_of(queue.folder, name, file)
+    @asynccontextmanager
+    async def life(app):
+        queue.adopt()
+        if browser:
+            asyncio.get_running_loop().run_in_executor(None, webbrowser.open, address)
+        yield
+        await asyncio.gather(queue.close(), *(process.close() for process in processes))
 
-    @ui.page("/", title="taichi_mps")
-    async def page():
-        await ui.context.client.connected(CONNECTS_WITHIN)  # before that a request costs next to nothing
-        Page(queue)
-
-    ui.run_with(server_app, show_welcome_message=False, favicon="🧱")
-    run.process_pool_start_method = "spawn"  # of the forecasts
-    pages.on_startup(queue.adopt)
-    pages.on_shutdown(queue.close)
-    if browser:
-        pages.on_startup(lambda: asyncio.get_running_loop().run_in_executor(None, webbrowser.open, address))
     print(f"{address} shows the runs in {queue.folder}; Ctrl-C ends it", flush=True)
     if hasattr(signal, "SIGHUP"):  # its terminal was closed
         signal.signal(signal.SIGHUP, lambda *_: os.kill(os.getpid(), signal.SIGTERM))
-    settings = uvicorn.Config(
-        OnlyHere(server_app, port), log_level="warning", lifespan="on", timeout_graceful_shutdown=1
-    )
+    app = OnlyHere(Starlette(routes=routes(page), lifespan=life), port)
+    settings = uvicorn.Config(app, log_level="warning", lifespan="on", timeout_graceful_shutdown=1, ws="none")
     try:
         uvicorn.Server(settings).run(sockets=[listener])
     finally:
         queue.kill()
+        for process in processes:
+            process.kill()
+        print(f"The runs lie in {queue.folder.resolve()}", flush=True)

@@ -1,13 +1,12 @@
 """The command line: one function a command, see COMMANDS. Taichi is imported when a run starts."""
 
 import argparse
-import io
 import os
 import platform
 import signal
 import sys
 import warnings
-from contextlib import redirect_stderr, suppress
+from contextlib import suppress
 from dataclasses import replace
 from importlib import metadata
 from importlib.util import find_spec
@@ -63,24 +62,6 @@ def planned(name, argv):
     if options.until:
         scene = replace(scene, until=options.until)
     return arguments, options, Problem(scene, numerics(**given(arguments, numerics)))
-
-
-def foreseen(words: list[str]) -> tuple[float, list[str], str]:
-    """The time limit [s] of a run by its words on the command line, and what is known of it, in lines; what cannot be
-    computed has none but, in one line, why. For a process of its own: it builds the scene, which may be large, and
-    imports Taichi."""
-    try:
-        with warnings.catch_warnings(record=True) as warned, redirect_stderr(io.StringIO()):
-            warnings.simplefilter("always")
-            _, options, problem = planned("run", words)
-            clock = clock_of(problem, options)
-            from ..simulation.forecast import pairs_of, require_memory
-
-            require_memory(problem, pairs_of(problem.scene), options.precision)
-    except (SceneError, ImportError) as error:  # ImportError: pint, which numbers with a unit need
-        return 0.0, [], plain(" ".join(str(error).split()))
-    told = lines(problem, clock) + list(dict.fromkeys(str(item.message) for item in warned))
-    return problem.scene.until, told, ""
 
 
 def run(argv) -> int:

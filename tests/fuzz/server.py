@@ -1,4 +1,4 @@
-"""The server of the page under random requests, tokens and fields: it goes on, answers, and gives nothing away."""
+"""The server of the page under random requests and questions: it goes on, answers, and gives nothing away."""
 
 import json
 import os
@@ -8,13 +8,9 @@ import signal
 import socket
 import subprocess
 import sys
-import time
 from contextlib import suppress
 from pathlib import Path
 from urllib.parse import quote
-
-from websockets.exceptions import WebSocketException
-from websockets.sync.client import connect
 
 ROOT = Path(__file__).resolve().parents[2]
 READY, ANSWERS = 120.0, 60.0  # [s] for the server to begin, and for one answer, on a busy machine
@@ -22,7 +18,7 @@ GREW = 400e6  # [bytes] by which the server may grow meanwhile
 SECRET = "secret-of-somebody"  # in a file beside the runs, and in one of a run that is not shown
 PARTS = ["", "/", "..", ".", "%2e%2e", "..%2f", "%00", "%ff", "\\", "a" * 3000, "~", "*", "{}", "\x7f", "?", ";", "é"]
 NAMES = ["secret.json", "checkpoint.h5", "summary.json", "report.html", "frames/frame_00000.png", "history.csv", "link"]
-PATHS = ["/", "/runs/run/{}", "/runs/{}", "/_nicegui/{}", "/_nicegui_ws/socket.io/?EIO=4&transport={}", "/{}", "/docs"]
+PATHS = ["/", "/runs/run/{}", "/runs/{}", "/report/{}", "/static/{}", "/ask/{}", "/{}", "/docs"]
 FOREIGN = {
     "Host": ["evil.example", "", "127.0.0.1", "localhost:1", "127.0.0.1.evil.example:{port}"],
     "Origin": ["null", "http://evil.example", "https://127.0.0.1:{port}", "http://127.0.0.1:{port}@evil.example"],
@@ -54,8 +50,11 @@ TEXTS = [
     "5 mm",
     "Slump",
 ]
-NUMBERS = [0, 1, 0.5, 1e-9]  # of a slider
-VALUES = [None, True, -1, 1e300, [], [1, 2], {}, {"value": "x"}, "full", "axisymmetric", "Run", "Results", "Calibrate"]
+VALUES = [None, True, -1, 1e300, [], [1, 2], {}, {"value": "x"}, "full", "../run", "link", float("nan")]
+QUESTIONS = ["tests", "forecast", "calibrate", "found", "jobs", "stop", "list", "show", "compare", "draw", "resume"]
+QUESTIONS += ["rename", "delete", "restore", "empty", "preview", "serve", "__init__"]
+KEYS = ["test", "values", "names", "to", "job", "check", "more"]
+FIELDS = ["yield_value", "spacing", "model", "slump", "spread", "scheme", "out", "threads", ""]
 
 
 def request(port: int, dice: random.Random) -> tuple[bytes, bool]:
@@ -107,46 +106,28 @@ def wrong_answer(port: int, dice: random.Random) -> str | None:
     return f"{data[:300]!r}: gives {SECRET}" if SECRET.encode() in said else None
 
 
-def fields(port: int, dice: random.Random) -> None:
-    """A tab of the page: every listener of its elements gets texts, and values that no browser sends."""
-    page = answer(port, f"GET / HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nConnection: close\r\n\r\n".encode())
-    found = re.search(rb"[\"']?client_id[\"']?\s*:\s*[\"']([\w-]+)", page)
-    if not found:
-        raise RuntimeError(f"the page has no client: {page[:300]!r}")
-    client = found[1].decode()
-    words = "implicit_handshake=true&next_message_id=0&tab_id=fuzz&document_id=fuzz&EIO=4&transport=websocket"
-    address = f"ws://127.0.0.1:{port}/_nicegui_ws/socket.io/?client_id={client}&{words}"
-    listeners, ends = {}, time.monotonic() + ANSWERS
-    with connect(address, origin=f"http://127.0.0.1:{port}", max_size=None, open_timeout=ANSWERS) as line:
-        line.send("40")
+def question(dice: random.Random) -> bytes:
+    """What a page might ask, in parts what none asks."""
+    if dice.random() < 0.1:
+        return dice.choice([b"[", b"[" * 5000, b"\xff", b"{}" * 3, b"1e999", b'{"job":1' + b"0" * 5000 + b"}"])
+    asked = {key: dice.choice([*TEXTS, *VALUES]) for key in dice.sample(KEYS, dice.randint(0, 2))}
+    if dice.random() < 0.6:
+        asked["values"] = {key: dice.choice(TEXTS) for key in dice.sample(FIELDS, dice.randint(1, 3))}
+    if dice.random() < 0.4:
+        asked["names"] = dice.sample([*PARTS, "run", "link", "secret.json"], dice.randint(1, 3))
+    return json.dumps(asked).encode()
 
-        def listen(seconds):
-            until = time.monotonic() + seconds
-            with suppress(TimeoutError):
-                while (text := line.recv(max(0.01, until - time.monotonic()))) and time.monotonic() < ends:
-                    if text == "2":
-                        line.send("3")
-                    if str(text).startswith('42["update"'):
-                        for name, element in json.loads(text[2:])[1].items():
-                            events = element.get("events", []) if isinstance(element, dict) else []
-                            listeners.update({event["listener_id"]: (name, element["tag"]) for event in events})
 
-        while not listeners and time.monotonic() < ends:
-            listen(2.0)
-        if not listeners:
-            raise RuntimeError("the page shows nothing")
-        for _ in range(60):
-            listener = dice.choice(list(listeners))
-            name, tag = listeners[listener]
-            value = dice.choice(NUMBERS if "slider" in tag else TEXTS if "input" in tag else [*TEXTS, *VALUES])
-            sent = {"client_id": client, "id": int(name), "listener_id": listener}
-            with suppress(WebSocketException):
-                line.send("42" + json.dumps(["event", sent | {"args": [json.dumps(value)]}]))
-                listen(0.05)
-        with suppress(WebSocketException):
-            line.send(
-                dice.choice(["42[", "4", "99", '42["event",{}]', '42["no",1]', "\x00", "42" + "[" * 5000, b"\xff"])
-            )
+def questions(port: int, dice: random.Random, number=60) -> str | None:
+    """What is wrong with the answers to questions of a tab."""
+    for _ in range(number):
+        what, body = dice.choice(QUESTIONS), question(dice)
+        head = f"POST /ask/{what} HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nConnection: close\r\n"
+        head += f"Content-Type: application/json\r\nContent-Length: {len(body)}\r\n\r\n"
+        said = answer(port, head.encode() + body)
+        if said[9:12] not in (b"200", b"404", b"413") or SECRET.encode() in said:
+            return f"{what} {body[:300]!r}: {said[:200]!r}"
+    return None
 
 
 def memory(process: int) -> float:
@@ -176,13 +157,14 @@ def attack(folder: Path, bases, dice: random.Random, requests=300) -> str | None
             for _ in range(requests):
                 if wrong := wrong_answer(port, dice):
                     return wrong
-            fields(port, dice)
+            if wrong := questions(port, dice):
+                return wrong
             home = f"GET / HTTP/1.1\r\nHost: localhost:{port}\r\nConnection: close\r\n\r\n".encode()
             if not answer(port, home).startswith(b"HTTP/1.1 200"):
                 return "the page is not answered any more"
             if (grew := memory(server.pid) - before) > GREW:
                 return f"grew by {1e-6 * grew:.0f} MB"
-        except (TimeoutError, OSError, RuntimeError, WebSocketException) as error:
+        except (TimeoutError, OSError, RuntimeError) as error:
             return f"{type(error).__name__}: {error}; the server has code {server.poll()}"
         finally:
             server.send_signal(signal.SIGINT)

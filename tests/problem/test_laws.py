@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.cli.main import foreseen, main
+from taichi_mps.app.forecast import forecast
+from taichi_mps.cli.main import main
 from taichi_mps.problem import catalogue
 from taichi_mps.problem.materials import LAWS, TYPICAL_RATE, numbers_of
 from taichi_mps.problem.problem import Problem
@@ -144,7 +145,7 @@ def test_the_command_line_refuses_a_number_that_the_law_has_not(words, message, 
     told = capsys.readouterr().err
     assert message in told.splitlines()[-1] and not list(tmp_path.iterdir())
     if words.startswith("run"):
-        assert message in foreseen(words.split()[1:])[2], "the page"
+        assert message in "; ".join(forecast(words.split()[1:])["wrong"].values()), "the page"
 
 
 @pytest.mark.parametrize(

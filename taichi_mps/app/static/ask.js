@@ -1,0 +1,73 @@
+// Questions to the server, and elements made in one line.
+
+export async function ask(what, asked = {}) {
+  let answer;
+  try {
+    answer = await fetch(`/ask/${what}`, {
+      method: "POST", headers: {"Content-Type": "application/json"}, body: JSON.stringify(asked),
+    });
+  } catch {
+    document.getElementById("lost").hidden = false;
+    return {wrong: {"": ""}, lost: true};
+  }
+  document.getElementById("lost").hidden = true;
+  return answer.ok ? answer.json() : {wrong: {"": `The server says ${answer.status}.`}};
+}
+
+// Lines of JSON as they come; stops when the signal is aborted.
+export async function* listen(what, asked, signal) {
+  const answer = await fetch(`/ask/${what}`, {
+    method: "POST", headers: {"Content-Type": "application/json"}, body: JSON.stringify(asked), signal,
+  });
+  const reader = answer.body.pipeThrough(new TextDecoderStream()).getReader();
+  let rest = "";
+  for (;;) {
+    const {value, done} = await reader.read();
+    if (done) return;
+    const lines = (rest + value).split("\n");
+    rest = lines.pop();
+    for (const line of lines) yield JSON.parse(line);
+  }
+}
+
+// An element: h("a.name", {href: "#"}, "text", other)
+export function h(kind, given = {}, ...inner) {
+  const [tag, ...classes] = kind.split(".");
+  const made = document.createElement(tag);
+  made.classList.add(...classes);
+  for (const [key, value] of Object.entries(given)) {
+    if (key.startsWith("on")) made.addEventListener(key.slice(2), value);
+    else if (value === true || (value !== false && value !== null && value !== undefined))
+      made.setAttribute(key, value === true ? "" : value);
+  }
+  made.append(...inner.flat().filter((part) => part !== null && part !== undefined && part !== ""));
+  return made;
+}
+
+export function icon(name) {
+  const svg = document.createElementNS("http://www.w3.org/2000/svg", "svg");
+  const use = document.createElementNS("http://www.w3.org/2000/svg", "use");
+  use.setAttribute("href", `#${document.getElementById(name)?.tagName === "symbol" ? name : "test"}`);
+  svg.setAttribute("aria-hidden", "true");
+  svg.setAttribute("class", "icon");
+  svg.append(use);
+  return svg;
+}
+
+export const by = (id) => document.getElementById(id);
+
+export function inTime(seconds) {
+  for (const [unit, size] of [["h", 3600], ["min", 60]])
+    if (seconds >= 1.5 * size) return `${Number((seconds / size).toPrecision(2))} ${unit}`;
+  return `${Math.max(1, Number(seconds.toPrecision(2)))} s`;
+}
+
+// Class of a slump or a slump flow [m] by EN 206, which is read to the nearest 10 mm.
+export function en206(key, value) {
+  const read = 10 * Math.round(100 * value);
+  const classes = {
+    slump_m: [["S1", 10, 40], ["S2", 50, 90], ["S3", 100, 150], ["S4", 160, 210], ["S5", 220, Infinity]],
+    spread_m: [["SF1", 550, 650], ["SF2", 660, 750], ["SF3", 760, 850]],
+  }[key] || [];
+  return classes.find(([, low, high]) => low <= read && read <= high)?.[0] || "";
+}

@@ -1,0 +1,115 @@
+// The mix of measured tests: the answer first, then one picture, then the reasons.
+
+import {ask, h, listen} from "./ask.js";
+import {Stage} from "./stage.js";
+
+const FIRST = ["slump", "spread", "t500", "mini_cone", "v_funnel"];
+
+export class Calibrate {
+  constructor(place, measurements, go) {
+    Object.assign(this, {measurements, go, values: {}, job: null, state: null});
+    this.inputs = {};
+    const control = (field) => {
+      const id = `measured-${field.name}`;
+      const shown = {id, "data-field": `calibrate-${field.name}`, placeholder: field.usual || "–", "aria-describedby": `${id}-wrong`};
+      this.inputs[field.name] = h("input", {...shown, inputmode: "decimal", oninput: (event) => this.set(field.name, event.target.value)});
+      return h("div.field", {title: field.told}, h("label", {for: id}, field.label), this.inputs[field.name],
+        h("span.unit", {}, field.unit), h("p.wrong", {id: `${id}-wrong`}));
+    };
+    const [first, others] = [measurements.filter((it) => FIRST.includes(it.name)), measurements.filter((it) => !FIRST.includes(it.name))];
+    this.check = h("input", {type: "checkbox", checked: true, id: "finer"});
+    this.button = h("button", {type: "submit", "data-action": "calibrate"}, "Calibrate");
+    this.wrong = h("p.wrong", {role: "alert"});
+    this.canvas = h("canvas", {"aria-label": "the measured cone over that of the model", role: "img"});
+    this.answer = h("div.answer", {"data-part": "answer", "aria-live": "polite"});
+    this.figure = h("figure.compared", {hidden: true}, this.canvas);
+    this.reasons = h("div");
+    place.append(
+      h("form", {autocomplete: "off", onsubmit: (event) => this.press(event)},
+        h("h1", {}, "Which mix is it? Give what was measured, one test or more."),
+        first.map(control),
+        h("details", {}, h("summary", {}, "density, rheometer, errors of the measurements"), others.map(control)),
+        h("label.tick", {for: "finer"}, this.check, "check by one finer run, some 20 s"),
+        this.wrong, this.button),
+      h("div.view", {}, this.answer, this.figure, this.reasons));
+    this.stage = new Stage(this.canvas);
+  }
+
+  show(values) {
+    this.values = values;
+    for (const [name, input] of Object.entries(this.inputs)) if (document.activeElement !== input) input.value = values[name] || "";
+    if (!this.answer.textContent) this.answer.textContent = "The yield stress and the plastic viscosity that fit come here.";
+  }
+
+  set(name, text) {
+    if (text.trim()) this.values[name] = text.trim();
+    else delete this.values[name];
+    const set = new URLSearchParams(this.values).toString();
+    history.replaceState(null, "", `#calibrate${set && `?${set}`}`);
+  }
+
+  async press(event) {
+    event.preventDefault();
+    if (this.job !== null) {
+      await ask("stop", {job: this.job});
+      return;
+    }
+    this.mark("");
+    const answer = await ask("calibrate", {values: this.values, check: this.check.checked});
+    if (answer.wrong) return this.mark(answer.wrong[""]);
+    this.job = answer.job;
+    this.button.textContent = "Stop";
+    this.answer.replaceChildren(h("p", {}, "At work …"), h("progress"));
+    this.figure.hidden = true;
+    this.reasons.replaceChildren();
+  }
+
+  // What is wrong, at its field.
+  mark(line) {
+    const known = Object.entries(this.inputs);
+    let rest = line;
+    for (const [name, input] of known) {
+      const here = new RegExp(`(^|; )${name} = `).test(line);
+      document.getElementById(`measured-${name}-wrong`).textContent = here ? line : "";
+      input.toggleAttribute("aria-invalid", here);
+      if (here) rest = "", input.closest("details")?.setAttribute("open", "");
+    }
+    this.wrong.textContent = rest;
+  }
+
+  async tick(jobs) {
+    if (this.job === null || jobs.some((job) => job.id === this.job)) return;
+    const job = this.job;
+    this.job = null;
+    this.button.textContent = "Calibrate";
+    const found = await ask("found", {job});
+    if (found.verdict) return this.found(found);
+    this.answer.textContent = found.state === "stopped" ? "Stopped by you." : "No answer.";
+    this.mark(found.said || "");
+  }
+
+  found(facts) {
+    const mix = Object.fromEntries(Object.entries(facts.mix).map(([key, value]) => [key, `${Number(value.toPrecision(3))}`]));
+    const use = `#slump?${new URLSearchParams(mix)}`;
+    this.answer.replaceChildren(h("p.verdict", {"data-part": "constants"}, facts.verdict),
+      h("a.button", {href: use, "data-action": "use"}, "Take this mix"));
+    this.reasons.replaceChildren(h("details", {}, h("summary", {}, "reasons, intervals, each measurement"), h("pre", {}, facts.told)));
+    const cone = ["slump_m", "spread_m"].some((key) => facts.measured[key]);
+    this.figure.hidden = !cone;
+    if (cone) this.draw(facts, mix);
+  }
+
+  // The cone of the model, and what was measured over it.
+  async draw(facts, mix) {
+    this.stage.marks = {slump_m: facts.measured.slump_m?.[0], spread_m: facts.measured.spread_m?.[0]};
+    try {
+      for await (const part of listen("preview", {test: "slump", values: mix})) {
+        if (part.stage) this.stage.begin(part.stage);
+        if (part.t !== undefined) this.stage.add(part);
+        if (part.result) this.stage.finish(part.result.time);
+      }
+    } catch {
+      this.figure.hidden = true;
+    }
+  }
+}

@@ -1,0 +1,347 @@
+// The page: which test, its form, preview and run. All that is set stands in the address.
+
+import {ask, by, en206, h, icon, inTime, listen} from "./ask.js";
+import {Calibrate} from "./calibrate.js";
+import {Runs} from "./runs.js";
+import {Stage} from "./stage.js";
+
+const REST = 110; // [ms] after which a slider rests
+const TICK = 700; // [ms] between two looks at the jobs
+const TESTS = {
+  slump: "Slump", flow: "Slump flow", l_box: "L-box", v_funnel: "V-funnel", j_ring: "J-ring", wall: "Form",
+  printing: "Printing", mini_cone: "Mini-cone", u_box: "U-box", l_flow: "L-flow", lcpc_box: "LCPC box",
+  film: "Slope", vane: "Rheometer", dam_break: "Dam break", still_pool: "Still pool",
+};
+const PRESETS = {flow: {test: "slump", values: {yield_value: "60", plastic_viscosity: "30"}}};
+const HEADS = {mix: "mix", test: "test", "accuracy and cost": "accuracy and cost", output: "output", expert: "expert"};
+
+const state = {tests: {}, chosen: null, values: {}, mode: "preview", job: null, known: null};
+const stage = new Stage(by("section"), by("time"), by("again"));
+let calling = null, checking = 0, resting = null, runs, calibrate;
+
+// ---- the address ----------------------------------------------------------------------------------------------
+
+function address() {
+  const set = new URLSearchParams(state.values).toString();
+  return `#${state.chosen}${set && `?${set}`}`;
+}
+
+function go(hash) {
+  history.pushState(null, "", hash);
+  route();
+}
+
+function route() {
+  const [path, query] = location.hash.slice(1).split("?");
+  const [page, ...rest] = path.split("/");
+  const values = Object.fromEntries(new URLSearchParams(query));
+  const place = {runs: "runs", compare: "runs", calibrate: "calibrate"}[page] || "run";
+  for (const id of ["run", "runs", "calibrate"]) by(id).hidden = id !== place;
+  document.title = `${{runs: "Runs", compare: "Compare", calibrate: "Calibrate"}[page] || TESTS[page] || "Slump"} - taichi_mps`;
+  for (const link of document.querySelectorAll("nav a"))
+    link.toggleAttribute("aria-current", link.dataset.page === (place === "run" ? page || "slump" : place));
+  calling?.abort();
+  if (place === "runs") runs.show(page, rest.map(decodeURIComponent).join("/"), new URLSearchParams(query).getAll("run"));
+  else if (place === "calibrate") calibrate.show(values);
+  else choose(state.tests[PRESETS[page]?.test || page] ? page : "slump", values);
+}
+
+// ---- the form -------------------------------------------------------------------------------------------------
+
+function test() {
+  return state.tests[PRESETS[state.chosen]?.test || state.chosen];
+}
+
+function fields() {
+  return test().fields[state.values.scheme] || test().fields.implicit;
+}
+
+function choose(name, values) {
+  const other = name !== state.chosen;
+  state.chosen = name;
+  state.values = Object.keys(values).length ? values : {...PRESETS[name]?.values, ...values};
+  for (const key of Object.keys(state.values)) if (!fields().some((field) => field.name === key)) delete state.values[key];
+  if (other) {
+    wrong({});
+    numbers({}, {}, "");
+    stage.clear();
+    mode("preview");
+  }
+  if (other || state.scheme !== state.values.scheme) draw();
+  for (const field of fields()) write(field.name, state.values[field.name] || "");
+  by("told").textContent = test().told;
+  by("nothing").replaceChildren(icon(name), h("p", {}, "This test has no preview. What a run of it takes is told beside the button."));
+  document.querySelector("#tests a[aria-current]")?.scrollIntoView({block: "nearest", inline: "nearest"});
+  look();
+}
+
+function draw() {
+  state.scheme = state.values.scheme;
+  const groups = {};
+  by("sliders").replaceChildren();
+  for (const field of fields()) {
+    const made = control(field);
+    if (field.ends) by("sliders").append(made);
+    else (groups[field.group] ||= h("fieldset", {}, h("legend", {}, HEADS[field.group]))).append(made);
+  }
+  by("fields").replaceChildren(...Object.values(groups));
+}
+
+function control(field) {
+  const id = `field-${field.name}`, label = h("label", {for: id, title: field.told}, field.label);
+  const changed = (event) => set(field.name, event.target.value);
+  if (field.words.length) {
+    const usual = field.usual ? `${field.usual} (usual)` : "usual";
+    const options = [h("option", {value: ""}, usual), ...field.words.filter((word) => word !== field.usual).map((word) => h("option", {}, word))];
+    const made = h("select", {id, "data-field": field.name, onchange: changed}, options);
+    return h("div.field", {title: field.told}, label, made, h("p.wrong", {id: `${id}-wrong`}));
+  }
+  const shown = {id, "data-field": field.name, placeholder: field.usual, "aria-describedby": `${id}-wrong`, spellcheck: "false"};
+  const made = h("input", {...shown, inputmode: field.unit ? "decimal" : "text", oninput: changed});
+  const row = h("div.field", {title: field.told}, label, made, h("span.unit", {}, field.unit), h("p.wrong", {id: `${id}-wrong`}));
+  if (field.ends) {
+    const slide = (event) => {
+      const [low, high] = field.ends, value = low * (high / low) ** (event.target.value / 1000);
+      made.value = Number(value.toPrecision(2));
+      set(field.name, made.value);
+    };
+    row.append(h("input", {type: "range", min: 0, max: 1000, "data-slider": field.name, "aria-label": field.label, oninput: slide}));
+  }
+  return row;
+}
+
+// Put a text into its input, and the slider where it belongs.
+function write(name, text) {
+  const input = by(`field-${name}`), field = fields().find((it) => it.name === name);
+  if (!input) return;
+  if (document.activeElement !== input) input.value = text;
+  const slider = document.querySelector(`[data-slider="${name}"]`);
+  if (!slider || document.activeElement === slider) return;
+  const [low, high] = field.ends, kilo = /k(Pa|\s)/.test(text) ? 1000 : 1;
+  const value = text ? kilo * parseFloat(text.replace(",", ".")) : field.default;
+  if (value > 0) slider.value = (1000 * Math.log(value / low)) / Math.log(high / low);
+}
+
+function set(name, text) {
+  if (text.trim()) state.values[name] = text.trim();
+  else delete state.values[name];
+  history.replaceState(null, "", address());
+  if (name === "scheme") {
+    for (const key of Object.keys(state.values)) if (!fields().some((field) => field.name === key)) delete state.values[key];
+    draw();
+    for (const field of fields()) write(field.name, state.values[field.name] || "");
+  }
+  write(name, text);
+  mode("preview");
+  clearTimeout(resting);
+  resting = setTimeout(look, REST);
+}
+
+// ---- preview and forecast ---------------------------------------------------------------------------------------
+
+function look() {
+  clearTimeout(resting);
+  forecast();
+  preview();
+}
+
+async function forecast() {
+  const number = ++checking;
+  const known = await ask("forecast", {test: test().name, values: state.values});
+  if (number !== checking) return;
+  state.known = known;
+  wrong(known.wrong || {});
+  by("remarks").replaceChildren(...(known.remarks || []).map((text) => h("p.remark", {}, text)));
+  by("forecast").replaceChildren(...(known.lines || []).map((text) => h("p", {}, text)));
+  button();
+  if (known.table && !state.computed) numbers(known.table, {}, "From the tables of calibrate.");
+  if (!test().preview && !known.wrong)
+    by("nothing").replaceChildren(icon(state.chosen), h("p", {}, "This test has no preview. ", known.lines?.[1] || ""));
+}
+
+// What is wrong, at its field; what belongs to none above the button.
+function wrong(found) {
+  let rest = found[""] || "";
+  for (const field of fields()) {
+    const input = by(`field-${field.name}`), text = found[field.name] || "";
+    if (!input) continue;
+    by(`field-${field.name}-wrong`).textContent = text;
+    input.toggleAttribute("aria-invalid", Boolean(text));
+    if (text) input.closest("details")?.setAttribute("open", "");
+  }
+  for (const [key, text] of Object.entries(found)) if (key && !by(`field-${key}`)) rest += text;
+  by("wrong").textContent = rest;
+}
+
+async function preview() {
+  calling?.abort();
+  by("stage").dataset.test = test().preview ? "moving" : "still";
+  state.computed = false;
+  if (!test().preview) return;
+  const call = (calling = new AbortController()), asked = performance.now();
+  performance.mark("asked");
+  try {
+    for await (const part of listen("preview", {test: test().name, values: state.values}, call.signal)) {
+      if (call.signal.aborted) return;
+      if (part.preparing && !state.computed) source("The preview is being made ready, some seconds at the first time.");
+      if (part.remark) notice(part.remark);
+      if (part.wrong) source("");
+      if (part.stage) stage.begin(part.stage);
+      if (part.t !== undefined) {
+        if (!stage.frames.length) by("stage").dataset.first = Math.round(performance.now() - asked);
+        stage.add(part);
+      }
+      if (part.result) {
+        const {m, errors, time, spacing, last, ended} = part.result;
+        stage.resting = ended === "rest";
+        stage.finish(time);
+        state.computed = true;
+        by("stage").dataset.result = Math.round(performance.now() - asked);
+        const known = Object.keys(errors).length ? "± by the measured errors of such a preview" : "its error was not measured";
+        const size = `particles of ${Number((1000 * spacing).toPrecision(3))} mm`;
+        const end = {rest: "", time: ", still moving", diverged: ", which this preview cannot follow to its end"}[ended] ?? "";
+        numbers(m, errors, `Preview, a section with ${size}${end}; ${known}.${last ? "" : " It is being refined."}`);
+      }
+    }
+  } catch (error) {
+    if (error.name !== "AbortError") source("The preview does not answer.");
+  }
+}
+
+function numbers(m, errors, words) {
+  const cells = Object.entries(m).filter(([key]) => !key.includes("error")).slice(0, 4).map(([key, [value, text, name]]) => {
+    const off = errors[key], kind = value === null || !standard() ? "" : en206(key, value);
+    const small = value === null ? text : off ? `± ${off < 0.01 ? `${(1000 * off).toFixed(0)} mm` : `${(100 * off).toFixed(1)} cm`}` : "";
+    return h("div.number", {"data-number": key}, h("span.name", {}, name), h("b", {}, value === null ? "–" : text),
+      h("span.off", {}, small), kind && h("span.class", {title: "class by EN 206"}, kind));
+  });
+  by("numbers").replaceChildren(...cells);
+  source(words);
+}
+
+// Whether it is the standard's cone, of which the classes speak.
+function standard() {
+  return test().name === "slump" && !["height", "base_diameter", "top_diameter"].some((key) => state.values[key]);
+}
+
+function source(words) {
+  by("source").textContent = words;
+}
+
+function notice(words) {
+  by("notice").hidden = !words;
+  by("notice").replaceChildren(words || "", h("button.quiet", {type: "button", "aria-label": "close", onclick: () => notice("")}, "×"));
+}
+
+// ---- run ----------------------------------------------------------------------------------------------------------
+
+function mode(name) {
+  state.mode = name;
+  by("stage").dataset.mode = name;
+}
+
+function button() {
+  const {known} = state, busy = state.job && !["done", "stopped", "failed"].includes(state.job.state);
+  const made = by("go"), time = known?.seconds ? `, about ${inTime(known.seconds)}` : "";
+  made.dataset.action = busy ? "stop" : "run";
+  made.disabled = Boolean(busy ? state.job.stopping : known?.wrong);
+  made.textContent = busy ? (state.job.stopping ? "Stopping …" : "Stop") : `${known?.space === false ? "Run" : "Run in 3-D"}${time}`;
+}
+
+async function press(event) {
+  event.preventDefault();
+  if (by("go").dataset.action === "stop") await ask("stop", {job: state.job.id});
+  else {
+    clearTimeout(resting);
+    const answer = await ask("run", {test: test().name, values: state.values});
+    if (answer.wrong) return wrong(answer.wrong);
+    notice("");
+    state.own = answer.job;
+    mode("run");
+    by("picture").removeAttribute("src");
+  }
+  await tick();
+}
+
+// What has changed on the server.
+async function tick() {
+  if (document.hidden) return;
+  const {jobs = [], last, lost} = await ask("jobs");
+  if (lost) return;
+  const before = state.job;
+  state.job = jobs.find((job) => job.state === "running") || jobs.find((job) => job.state === "waiting") || jobs.at(-1);
+  const {job} = state, over = job && ["done", "stopped", "failed"].includes(job.state);
+  if (job && !over && !before && state.mode === "preview" && !state.touched) mode("run");
+  if (job && state.mode === "run") follow(job);
+  if (over && (before?.id !== job.id || before?.state !== job.state) && job.state === "failed" && before) notice(`${job.title}: ${job.said}`);
+  if (over && before && before.id === job.id && before.state !== job.state && state.mode === "run") finished(job, last);
+  if (JSON.stringify(last) !== state.last) lastRun(last);
+  by("last").dataset.job = job?.state || "";
+  button();
+  runs.tick(jobs);
+  calibrate.tick(jobs);
+}
+
+function follow(job) {
+  const waits = job.state === "waiting";
+  const about = job.left === null ? job.about : job.spent + job.left;
+  const spent = `${Math.round(job.spent)} s${about ? ` of about ${inTime(Math.max(about, job.spent))}` : ""}`;
+  const where = job.flow === null ? "the program is being made ready" : `the concrete at ${job.flow.toFixed(2)} s. ${job.result}`;
+  if (!["done", "stopped", "failed"].includes(job.state)) {
+    by("status").textContent = waits ? `${job.title}: waits until the one before is done` : `${spent}: ${where}`;
+    by("bar").firstElementChild.style.width = `${100 * Math.min(1, about ? job.spent / about : 0)}%`;
+    by("stage").dataset.job = job.state;
+    if (job.picture) by("picture").src = job.picture;
+    by("picture").alt = job.title;
+    source(job.title);
+    by("numbers").replaceChildren();
+  }
+}
+
+async function finished(job, last) {
+  by("stage").dataset.job = job.state;
+  by("status").textContent = job.state === "stopped" ? "stopped by you" : "";
+  if (job.state === "failed" || !job.run) return mode("preview"), look();
+  const run = await ask("show", {names: [job.run]});
+  if (run.wrong) return;
+  if (run.film) by("picture").src = run.film;
+  numbers(run.numbers, run.errors, `${run.end}: ${run.name}. ${run.mix}`);
+}
+
+// The last run with a result: whatever came later, it stays.
+function lastRun(last) {
+  state.last = JSON.stringify(last);
+  by("last").hidden = !last;
+  if (!last) return;
+  by("last").replaceChildren(
+    ...(last.picture ? [h("img", {src: last.picture, alt: ""})] : []),
+    h("div", {}, h("b", {}, "Last run "), h("span", {}, last.result), h("p", {}, `${last.test}, ${last.mix}`)),
+    h("a.button", {href: `#runs/${encodeURIComponent(last.name)}`, "data-action": "open"}, "open"),
+    last.report && h("a.button", {href: last.report, target: "_blank", rel: "noopener"}, "report"),
+  );
+}
+
+// ---- begin --------------------------------------------------------------------------------------------------------
+
+by("about").open = innerWidth > 820;
+const given = await ask("tests");
+for (const each of given.tests || []) state.tests[each.name] = each;
+const order = Object.keys(TESTS).filter((name) => state.tests[PRESETS[name]?.test || name]);
+const others = Object.keys(state.tests).filter((name) => !TESTS[name]);
+by("tests").append(...[...order, ...others].map((name) =>
+  h("a", {href: `#${name}`, "data-page": name, "data-test": name, title: state.tests[PRESETS[name]?.test || name].told,
+    onclick: (event) => {
+      event.preventDefault();
+      const mix = new URLSearchParams();
+      const names = state.chosen ? fields().filter((field) => field.group === "mix").map((field) => field.name) : [];
+      if (!PRESETS[name] && !PRESETS[state.chosen]) for (const key of names) if (state.values[key]) mix.set(key, state.values[key]);
+      go(`#${name}${mix.size ? `?${mix}` : ""}`);
+    }}, icon(name), h("span", {}, TESTS[name] || name))));
+runs = new Runs(by("runs"), go);
+calibrate = new Calibrate(by("calibrate"), given.measurements || [], go);
+by("mix").addEventListener("submit", press);
+addEventListener("popstate", route);
+addEventListener("hashchange", route);
+setInterval(tick, TICK);
+route();
+tick();

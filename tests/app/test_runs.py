@@ -1,0 +1,113 @@
+"""What the page does with run folders, and what it says of a calibration, without a browser."""
+
+import os
+import re
+from types import SimpleNamespace
+
+import pytest
+
+from taichi_mps.app.calibration import verdict
+from taichi_mps.app.forecast import by_key
+from taichi_mps.app.jobs import Job, Queue
+from taichi_mps.app.results import Runs
+from taichi_mps.io import lock
+from taichi_mps.problem import catalogue
+from taichi_mps.study.calibrate import calibrate
+from taichi_mps.units import SceneError
+from tests.support.recorded import recorded
+
+
+def asked(*names, to=""):
+    return SimpleNamespace(names=list(names), to=to)
+
+
+@pytest.fixture
+def runs(tmp_path):
+    """Two runs, a folder of somebody else, and a link to a run elsewhere."""
+    scene = catalogue.build("slump", spacing=0.05, until=1.0)
+    for path in (tmp_path / "runs" / "one", tmp_path / "runs" / "two", tmp_path / "elsewhere"):
+        recorded(path, scene, 1, end="time")
+    (tmp_path / "runs" / "notes").mkdir()
+    (tmp_path / "runs" / "notes" / "mine.txt").write_text("mine")
+    (tmp_path / "runs" / "link").symlink_to(tmp_path / "elsewhere")
+    return Runs(Queue(tmp_path / "runs"))
+
+
+def test_only_runs_are_moved_first_into_a_bin_and_never_links(runs, tmp_path):
+    place = tmp_path / "runs"
+    for name in ("notes", "../elsewhere", "..", "", ".", "one/frames", str(tmp_path / "elsewhere"), "link", "\0"):
+        with pytest.raises(SceneError):
+            runs.delete(asked(name))
+    os.symlink(tmp_path / "elsewhere" / "history.csv", place / "one" / "away")  # a run that holds a link
+    runs.delete(asked("one"))
+    assert [row["name"] for row in runs.list(asked())["bin"]] == ["one"] and (place / ".bin" / "one").is_dir()
+    runs.restore(asked("one"))
+    assert (place / "one" / "history.csv").is_file()
+    runs.delete(asked("one", "two"))
+    (place / ".bin" / "link").symlink_to(tmp_path / "elsewhere")
+    (place / ".bin" / "mine.txt").write_text("mine")
+    runs.empty(asked())
+    assert sorted(os.listdir(place / ".bin")) == ["link", "mine.txt"]
+    assert (tmp_path / "elsewhere" / "history.csv").is_file() and (place / "notes" / "mine.txt").is_file()
+
+
+def test_a_run_that_goes_on_is_left_alone(runs, tmp_path):
+    with lock.held(tmp_path / "runs" / "one"), pytest.raises(SceneError, match="is writing there"):
+        runs.delete(asked("one"))
+    runs.queue.jobs.append(Job("two", ["run"], folder=runs.named("two"), state="waiting"))
+    with pytest.raises(SceneError, match="goes on"):
+        runs.rename(asked("two", to="three"))
+    assert {"one", "two"} <= set(os.listdir(tmp_path / "runs"))
+
+
+def test_a_bin_that_is_a_link_is_refused(runs, tmp_path):
+    (tmp_path / "runs" / ".bin").symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(SceneError, match="is a link"):
+        runs.delete(asked("one"))
+    runs.empty(asked())
+    assert (tmp_path / "elsewhere" / "history.csv").is_file() and (tmp_path / "runs" / "one").is_dir()
+
+
+@pytest.mark.parametrize("to", ["", " ", "two", "a/b", "..", ".hidden", "a\\b", "x" * 101, "a\nb"])
+def test_a_name_that_is_no_new_folder_is_refused(runs, tmp_path, to):
+    with pytest.raises(SceneError, match="name = "):
+        runs.rename(asked("one", to=to))
+    assert (tmp_path / "runs" / "one").is_dir()
+
+
+def test_a_run_gets_another_name(runs, tmp_path):
+    runs.rename(asked("one", to=" Brücke 7, Probe 2 "))
+    assert "Brücke 7, Probe 2" in [row["name"] for row in runs.rows()] and not (tmp_path / "runs" / "one").exists()
+
+
+@pytest.mark.parametrize(
+    ("tests", "begins", "ends"),
+    [
+        (
+            {"slump": 0.18, "spread": 0.32},
+            "Yield stress about ",
+            "can't be told from these two: measure T500 or the V-funnel time.",
+        ),
+        ({"slump": 0.18}, "Yield stress about ", "can't be told from this: measure T500 or the V-funnel time."),
+        ({"spread": 0.55, "t500": 4.0}, "Yield stress about ", ")."),
+        ({"slump": 0.18, "spread": 0.55}, "No mix does all of this: the slump alone says ", " Pa."),
+        ({"slump": 0.18, "plastic_viscosity": 50.0}, "Yield stress about ", "plastic viscosity 50 Pa s, as given."),
+    ],
+)
+def test_a_calibration_answers_in_a_sentence_with_its_numbers(tests, begins, ends):
+    found = calibrate(**tests, check=False)
+    text = verdict(found.facts())
+    assert text.startswith(begins) and text.endswith(ends), text
+    if found.fits:
+        it = found.yield_value
+        said = [float(number) for number in re.findall(r"[\d.]*\d", text)]
+        assert said[:3] == pytest.approx([it.value, it.lower, it.upper], rel=0.06)  # two figures
+
+
+def test_what_is_wrong_is_told_by_its_key():
+    line = "yield_value = -3 Pa: must be at least 0 Pa; 5mm is a length; height is missing [m]; no sum of both"
+    assert by_key(line) == {
+        "yield_value": "yield_value = -3 Pa: must be at least 0 Pa; 5mm is a length",
+        "height": "height is missing [m]; no sum of both",
+    }
+    assert by_key("this scene; is odd") == {"": "this scene; is odd"}
