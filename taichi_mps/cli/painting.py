@@ -4,7 +4,7 @@ import multiprocessing
 import signal
 import time
 from concurrent.futures import BrokenExecutor, ProcessPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from ..io.run_folder import PICTURE
@@ -109,7 +109,10 @@ def _film(folder) -> float:
 @contextmanager
 def painting(frames, options, scene, apart: bool):
     """What draws the pictures of a run, in a process of its own or not."""
-    painter = Apart(frames, options, scene) if apart else Painter(frames, options, [scene])
+    painter = Painter(frames, options, [scene])
+    if apart:
+        with suppress(OSError, ImportError, NotImplementedError):  # no process more, or no semaphores
+            painter = Apart(frames, options, scene)
     try:
         yield painter
     finally:

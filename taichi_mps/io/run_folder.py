@@ -26,6 +26,7 @@ WRITTEN = (
     "animation.gif",
     "history.partial",
     "summary.partial",
+    "clock.partial",
     "checkpoint.partial",
     "run.twin1",
     "run.twin2",
