@@ -153,26 +153,39 @@ class Runs:
         pairs = zip(sides, steps, strict=True)
         return np.stack([(self.residuals(side, spacing) - here) / step for side, step in pairs], 1)
 
+    def with_offsets(self, at, spacing) -> tuple[np.ndarray, float]:
+        """A point with the offset of each curve that fits best, and the sum of squares there."""
+        tried = np.linspace(-10.0 * LATE, 10.0 * LATE, 201) if self.places else np.zeros(1)
+        ends, squares = np.cumsum([there.sum() for *_, there in self.blocks])[:-1], []
+        for late in tried:
+            at = np.concatenate([at[: len(self.first)], np.full(len(self.units), late)])
+            squares.append([part @ part for part in np.split(self.residuals(at, spacing), ends)])
+        for k, place in self.places.items():
+            mine = [block[0] == k for block in self.blocks]
+            at[place] = tried[np.argmin(np.array(squares)[:, mine].sum(1))]
+        apart = self.residuals(at, spacing)
+        return at, float(apart @ apart)
+
     def begin(self, spacing) -> np.ndarray:
-        """Where to begin: all constants smaller or larger by one factor until the runs are in the mean on either side
-        of the curves; SceneError where none come to them."""
-        scaled = [name != "flow_index" for name in self.first] + [False] * len(self.units)
-        step, known = np.log(FACTOR) * np.array(scaled, float), {}
+        """Where to begin: all constants smaller or larger by one factor, as far as that comes nearer to the curves;
+        SceneError where none come to them."""
+        step, known = np.log(FACTOR) * np.array([name != "flow_index" for name in self.first], float), {}
 
         def look(power) -> float:
-            known[power] = float(np.mean(self.residuals(power * step, spacing)))
-            return known[power]
+            known[power] = self.with_offsets(power * step, spacing)
+            return known[power][1]
 
-        way = -1 if abs(look(-1)) < abs(look(0)) else 1
-        while known[min(known)] * known[max(known)] > 0.0 and len(known) < 2 + int(np.log(RANGE) / np.log(FACTOR)):
-            look((min(known) if way < 0 else max(known)) + way)
-        ends = (min(known), min(known) + 1) if way < 0 else (max(known) - 1, max(known))
-        if known[ends[0]] * known[ends[1]] <= 0.0:
-            apart = known[ends[0]] - known[ends[1]]
-            return (ends[0] + known[ends[0]] / (apart or 1.0)) * step
-        best = min(known, key=lambda power: abs(known[power]))
-        self.require_reached(best * step, spacing)
-        return best * step
+        way = -1 if look(-1) <= look(0) else 1
+        power = min(way, 0)
+        while look(power + way) <= known[power][1] and len(known) < 2 + int(np.log(RANGE) / np.log(FACTOR)):
+            power += way
+        best = min(known, key=lambda power: known[power][1])
+        self.require_reached(known[best][0], spacing)
+        sides = [known.get(best + by, (None, np.inf))[1] for by in (-1, 0, 1)]
+        bend, part = np.diff(sides, 2)[0], 0.0
+        if 0.0 < bend < np.inf:  # of a parabola through the three
+            part = 0.5 * (sides[0] - sides[2]) / bend
+        return self.with_offsets((best + part) * step, spacing)[0]
 
     def words(self, at) -> str:
         """Constants of a point in words."""
