@@ -7,7 +7,6 @@ import numpy as np
 
 LEFT = 1.0 / 600.0  # way over the height of the body that may be left: 0.5 mm of a slump cone
 FOLD = math.e  # by this factor the speed must fall for a decay to be known, or rise for another motion
-DROPS = 0.005  # share of the volume: if no more moves, as drops that run down a bar, the mean speed of all counts
 PAUSE = 1.15  # times sqrt(H/g), 0.2 s of a slump cone: for so long hardly a way must have been left
 
 
@@ -50,10 +49,7 @@ class Rest:
 
     def left(self, sim) -> float:
         """Way [m] that is left now."""
-        report = sim.report
-        drops = report.mean_speed < DROPS**0.5 * report.moving_speed
-        speed = report.mean_speed if drops else report.moving_speed
-        return speed * max(self.fold or sim.problem.fall_time, sim.time - self.at)
+        return sim.report.moving_speed * max(self.fold or sim.problem.fall_time, sim.time - self.at)
 
     def expected(self, sim) -> float | None:
         """When [s] the body will be at rest if the speed goes on to fall as it did; a guess, for who waits. None where
