@@ -79,7 +79,7 @@ def heap(speed, spacing=0.005, until=0.6):
 
 @pytest.mark.slow
 def test_a_heap_on_a_floor_that_moves_is_the_heap_at_rest():
-    """As many steps, and the height of mass within 0.15 mm of 31 mm: seen are 0.03 to 0.12 mm, whose cause is not known."""
+    """As many steps, and the height of mass within 0.15 mm of 31: seen are 0.03 to 0.12 mm, of unknown cause."""
     mps.init(precision="f32", threads=1)
     (height, steps), *others = [heap(speed) for speed in (0.0, 0.1, 1.0, 5.0)]
     for other, as_many in others:
