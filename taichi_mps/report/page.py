@@ -68,7 +68,9 @@ def still(folder: RunFolder) -> str:
     jpeg = BytesIO()
     with Image.open(folder.pictures[-1]) as picture:
         wide, tall = picture.size
-        picture.convert("RGB").crop((0, int(0.16 * tall), wide, int(0.97 * tall))).save(jpeg, "JPEG", quality=85)
+        picture.convert("RGB").crop((wide // 16, int(0.16 * tall), wide - wide // 16, int(0.97 * tall))).save(
+            jpeg, "JPEG", quality=85
+        )
     return f"data:image/jpeg;base64,{b64encode(jpeg.getvalue()).decode()}"
 
 

@@ -11,7 +11,7 @@ from ..problem.labels import in_words
 from ..problem.materials import FLOWS, mix_in_words
 from ..problem.numerics import NUMERICS
 from ..problem.problem import Problem
-from ..units import plain
+from ..units import SceneError, plain
 from . import inputs, sentences
 
 
@@ -39,8 +39,11 @@ def words(run, film: dict) -> dict[str, str]:
 
 def repeated(run) -> str:
     """The command that computes an ended run again, of what the user gave."""
-    usual = Problem(run.scene, NUMERICS[run.summary["scheme"]]()).usual_interval
-    return inputs.command(run.source, run.summary, None if abs(run.every / usual - 1.0) < 1e-9 else run.every)
+    every = run.every
+    with suppress(SceneError):  # of a scene that the scheme computes with other settings alone
+        usual = Problem(run.scene, NUMERICS[run.summary["scheme"]]()).usual_interval
+        every = None if abs(every / usual - 1.0) < 1e-9 else every
+    return inputs.command(run.source, run.summary, every)
 
 
 def usual_title(source: str, scene: str) -> str:
