@@ -10,6 +10,7 @@ over the logarithms of 100 to 2000 Pa and 5 to 200 Pa s (Halton points).
 
 import argparse
 import asyncio
+import os
 import re
 import statistics
 import time
@@ -98,6 +99,8 @@ def table(first: dict, moves: list[dict]) -> str:
             f"and {VISCOSITY[0]:g} to {VISCOSITY[1]:g} Pa s, rings of 10 mm, to rest.",
             "",
             *lines,
+            "",
+            f"With {os.cpu_count()} cores and {os.getloadavg()[1]:.0f} programs at work in the last five minutes.",
             "",
             f"The first answer, with kernels that this machine has compiled before: {first['wall']:.1f} s. Resident "
             f"memory before, and after each ten moves: {memory} MB.",

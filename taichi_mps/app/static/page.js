@@ -154,7 +154,7 @@ async function forecast() {
   by("remarks").replaceChildren(...(known.remarks || []).map((text) => h("p.remark", {}, text)));
   by("forecast").replaceChildren(...(known.lines || []).map((text) => h("p", {}, text)));
   button();
-  if (known.table && !state.computed) numbers(known.table, {}, "From the tables of calibrate.");
+  if (known.table && !state.computed && state.mode === "preview") numbers(known.table, {}, "From the tables of calibrate.");
   if (!test().preview && !known.wrong)
     by("nothing").replaceChildren(icon(state.chosen), h("p", {}, "This test has no preview. ", known.lines?.[1] || ""));
 }
@@ -235,7 +235,9 @@ function notice(words) {
 
 // ---- run ----------------------------------------------------------------------------------------------------------
 
+// What the stage shows: the preview, or a run, of which a preview that comes late says nothing any more.
 function mode(name) {
+  if (name === "run") calling?.abort();
   state.mode = name;
   by("stage").dataset.mode = name;
 }
