@@ -273,7 +273,7 @@ async function tick() {
   const before = state.job;
   state.job = jobs.find((job) => job.state === "running") || jobs.find((job) => job.state === "waiting") || jobs.at(-1);
   const {job} = state, over = job && ["done", "stopped", "failed"].includes(job.state);
-  if (job && !over && !before && state.mode === "preview" && !state.touched) mode("run");
+  if (job && !over && !before && state.mode === "preview") mode("run");
   if (job && state.mode === "run") follow(job);
   if (over && (before?.id !== job.id || before?.state !== job.state) && job.state === "failed" && before) notice(`${job.title}: ${job.said}`);
   if (over && before && before.id === job.id && before.state !== job.state && state.mode === "run") finished(job, last);
