@@ -142,7 +142,9 @@ def along(beads, material, spacing, floor, until):
         width = volume / (length * first.height)
         if width < 3.0 * spacing:
             raise mps.SceneError(f"spacing = {spacing:g} m: must be at most a third of a bead of {width:.4g} m")
-        places = [(bead.begin + bead.duration, *(bead.end - first.start)) for bead in run]
+        duration = last.begin + last.duration - first.begin
+        times = first.begin + duration * np.cumsum([bead.volume for bead in run]) / volume  # so each has its own volume
+        places = [(time, *(bead.end - first.start)) for time, bead in zip(times, run, strict=True)]
         centre = tuple(first.start - (0.0, 0.0, 0.5 * first.height))
         mouth = {"height": first.height, "start": first.begin, "path": ((first.begin, 0.0, 0.0, 0.0), *places)}
         inlet = mps.Inlet(centre, tuple(first.start - last.end), 0.5 * width, 1.0, volume, **mouth)
@@ -150,7 +152,6 @@ def along(beads, material, spacing, floor, until):
         count = round((volume + owed) / of_layer)  # a rounding of one run is made good by the next
         owed += volume - count * of_layer
         if count:
-            duration = last.begin + last.duration - first.begin
             inlets.append(replace(inlet, rate=count * of_layer / duration, volume=count * of_layer))
             runs.append(run)
     per_inlet = [inlet.layers(spacing) * len(inlet.layer(spacing)) for inlet in inlets]
@@ -219,15 +220,19 @@ def along(beads, material, spacing, floor, until):
 
 
 def mitred(runs):
-    """Runs of beads that meet at corners without overlap: there the first goes on, and the second begins, or the last
-    of a closed line ends, where the other one does not lie."""
+    """Runs of beads that meet at corners without overlap: there the first goes on and the second begins where it ends,
+    or, where a line is closed, the last ends where the first begins, farther back by what that leaves out."""
     for k, run in enumerate(runs):
-        begins = [other[0] for other in runs[:k] if other[0].layer == run[0].layer]
-        closed = [bead for bead in begins if np.allclose(bead.start, run[-1].end, atol=0.25 * bead.width)]
+        begun = [other for other in runs[:k] if other[0].layer == run[0].layer]
+        closed = [other for other in begun if np.allclose(other[0].start, run[-1].end, atol=0.25 * run[-1].width)]
         follows = k + 1 < len(runs) and runs[k + 1][0].layer == run[0].layer
         after = runs[k + 1][0] if follows and np.allclose(run[-1].end, runs[k + 1][0].start, atol=1e-7) else None
-        for bead in closed[:1]:
-            run[-1] = part(run[-1], 0.0, 1.0 - corner(run[-1], bead, run[-1]))
+        for first in closed[:1]:
+            share = corner(run[-1], first[0], run[-1])
+            lent, along = part(run[-1], 1.0 - share, 1.0), first[0].end - first[0].start
+            run[-1] = part(run[-1], 0.0, 1.0 - share)
+            back = along * np.linalg.norm(lent.end - lent.start) / np.linalg.norm(along)
+            first[0] = replace(first[0], start=first[0].start - back, volume=first[0].volume + lent.volume)
         if after and not closed:
             share = corner(run[-1], after, after)
             step = (run[-1].end - run[-1].start) / np.linalg.norm(run[-1].end - run[-1].start)

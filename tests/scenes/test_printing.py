@@ -8,6 +8,7 @@ from scipy.interpolate import BSpline
 
 import taichi_mps as mps
 from taichi_mps.problem import catalogue
+from taichi_mps.problem.measures import still
 from taichi_mps.problem.problem import Problem
 from taichi_mps.problem.tool_path import read_gcode
 from taichi_mps.simulation.pouring import Pouring
@@ -303,16 +304,38 @@ def test_a_tool_path_is_printed_as_it_is_commanded(written):
     }
 
 
-@pytest.mark.slow
-def test_a_tool_path_that_is_too_high_collapses_at_its_foot(written):
-    """A wall of 1 kPa, 40 mm wide, fails between 2 tau_y/(rho g) = 89 mm and a quarter of its width more."""
-    lines = ["M83", "G0 X0 Y0 F6000"]
-    for k in range(12):
-        lines += [f"G0 Z{10 * (k + 1)}", f"G1 X{100 * ((k + 1) % 2)} E{40 * 10 * 100 / (0.25 * np.pi * 100):.6f}"]
-    path = written("\n".join(lines))
-    scene = catalogue.build("printing", gcode=str(path), filament_diameter=0.01, yield_value=1000.0, floor="smooth")
-    sim, rows = mps.Simulation(scene), []
-    sim.each_step(lambda sim: rows.append({"time_s": sim.time} | sim.measures()))
-    sim.run()
-    told = scene.over_time({key: np.array([row[key] for row in rows]) for key in rows[0]})
-    assert told["first_collapse_number"] in (1.0, 2.0) and 0.089 < told["failure_height_m"] < 0.121
+def test_a_closed_line_fills_all_of_its_corners(written):
+    """A square of 120 mm, beads of 30 mm: what the mouths lay is the ring between squares of 150 and 90 mm, once."""
+    fed = 30 * 10 * 120 / (0.25 * np.pi * 100)
+    sides = "".join(f"G1 X{x} Y{y} E{fed:.6f}\n" for x, y in ((120, 0), (120, 120), (0, 120), (0, 0)))
+    scene = catalogue.build("printing", gcode=str(written(f"M83\nG0 Z10 F6000\n{sides}")), filament_diameter=0.01)
+    laid = np.concatenate([swept(inlet, 0.005) for inlet in scene.inlets])
+    assert len(np.unique(laid, axis=0)) == len(laid) == (150**2 - 90**2) * 10 / 125
+    assert laid.min(0) == pytest.approx((-12.5, -12.5, 2.5)) and laid.max(0) == pytest.approx((132.5, 132.5, 7.5))
+
+
+def swept(inlet, spacing):
+    """Places (n, 3) [mm] where all layers of an inlet enter, to a tenth of a millimetre."""
+    times = inlet.start + np.arange(inlet.layers(spacing)) * inlet.layer_volume(spacing) / inlet.rate
+    layer = inlet.layer(spacing)
+    return np.round(1e3 * np.concatenate([layer + inlet.displacement(time) for time in times]), 1)
+
+
+def test_the_shape_of_what_is_printed_is_told_beside_the_path(written):
+    """Two layers of a wall as they are laid; then the lower one 1.2 times as wide, the upper one 4 mm to the side."""
+    scene = catalogue.build("printing", gcode=str(written(corner(100, 30, 10, 2, 200))), filament_diameter=0.01)
+    layers = [np.concatenate([swept(inlet, 0.005) for inlet in scene.inlets[k : k + 2]]) / 1e3 for k in (0, 2)]
+    as_laid = scene.measure(still(np.concatenate(layers), 0.005))
+    assert as_laid == pytest.approx(
+        {"height_m": 0.02, "width_m": 0.03, "lean_m": 0.0, "collapsed_number": 0.0}, abs=1e-6
+    )
+    along_x = np.arange(len(layers[0])) < scene.inlets[0].layers(0.005) * 12
+    layers[0] = np.where(
+        along_x[:, None], layers[0] * (1.0, 1.2, 1.0), (layers[0] - (0.1, 0, 0)) * (1.2, 1, 1) + (0.1, 0, 0)
+    )
+    found = scene.measure(still(np.concatenate([layers[0], layers[1] + (0.004, 0.004, 0.0)]), 0.005))
+    assert found["width_m"] == pytest.approx(0.033, rel=0.01) and found["collapsed_number"] == 1.0
+    assert 0.0025 < found["lean_m"] < 0.0057  # of sides of two lengths, each moved across by 4 mm
+    times = {"time_s": np.array([0.5, 1.5]), "collapsed_number": np.array([0.0, 1.0])}
+    assert scene.over_time(times)["first_collapse_number"] == 1.0
+    assert scene.over_time(times)["failure_height_m"] == pytest.approx(0.02)
