@@ -93,7 +93,7 @@ def scene(
         axis=(0.0, 0.0, 1.0),
         slope=0.5 * (top_diameter - base_diameter) / height,
         length=height,
-        velocity=lift_speed or 0.0,
+        velocity=((0.0, lift_speed), (height / lift_speed, lift_speed), (height / lift_speed, 0.0)) if lift_speed else 0.0,
         slip=True,
         loose=True,
         thin=True,

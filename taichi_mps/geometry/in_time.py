@@ -125,6 +125,11 @@ class Moving:
             self.fastest if self.in_time is None else self._directed(self.in_time.integral(start, end)) / (end - start)
         )
 
+    def speed_at(self, time) -> float:
+        """Largest speed of the wall from a time [s] on [m/s]: 0 after the last change of one that has stopped."""
+        stopped = self.in_time is not None and time >= self.in_time.last and not np.any(self.in_time.values[-1])
+        return 0.0 if stopped and not getattr(self, "angular_velocity", 0.0) else self.speed
+
     def travels_at(self, time) -> bool:
-        """Whether the wall changes its place at a time [s]."""
-        return bool(np.any(self.travel)) and (self.in_time is None or bool(np.any(self.in_time.at(time))))
+        """Whether the wall changes its place at a time [s] or later."""
+        return bool(np.any(self.travel)) and self.speed_at(time) > 0.0

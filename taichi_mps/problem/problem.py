@@ -111,11 +111,26 @@ class Problem:
         walls = self.scene.walls
         return walls[0].fastest * (walls[0].in_time is None) if walls else np.zeros(self.scene.dimension)
 
-    @cached_property
+    def wall_speed_at(self, time: float) -> float:
+        """Return the largest speed of a wall in the ``frame`` from a time on.
+
+        Parameters
+        ----------
+        time : float
+            Time [s].
+
+        Returns
+        -------
+        float
+            Speed [m/s], 0 of a wall that has stopped for good.
+        """
+        walls = [w for w in self.scene.walls if w.speed == 0.0 or w.speed_at(time) > 0.0]
+        return max((w.speed + float(norm(w.fastest - self.frame) - norm(w.fastest)) for w in walls), default=0.0)
+
+    @property
     def wall_speed(self) -> float:
         """Largest speed of a wall in the ``frame`` [m/s]."""
-        speeds = [w.speed + float(norm(w.fastest - self.frame) - norm(w.fastest)) for w in self.scene.walls]
-        return max(speeds, default=0.0)
+        return self.wall_speed_at(0.0)
 
     @cached_property
     def speed(self) -> float:

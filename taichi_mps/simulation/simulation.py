@@ -177,7 +177,7 @@ class Simulation:
                 acceleration = math.inf  # that of the last step tells nothing
         if not self.report or np.any(frame):
             speed = float(np.linalg.norm(self.particles.read()["u"] - frame, axis=1).max())
-        speed = max(speed, self.problem.wall_speed, jet + float(np.linalg.norm(frame)) * (jet > 0.0))
+        speed = max(speed, self.problem.wall_speed_at(self.time), jet + float(np.linalg.norm(frame)) * (jet > 0.0))
         limits = self.scheme.time_step_limits(Speeds(speed, acceleration, self.rest.fold))
         if self._last_dt is not None:
             limits["growth"] = 2.0 * self._last_dt
