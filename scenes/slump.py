@@ -87,13 +87,14 @@ def scene(
     ]
     standard = (base_diameter, top_diameter, height) == (0.2, 0.1, 0.3)
     usual = material.model_copy(update={"yield_value": 300.0}) == mps.Bingham()
+    off = height / (lift_speed or 1.0)  # time [s] at which the mould is off, and stops
     mould = mps.Cylinder(
         point=(0.0, 0.0, 0.0),
         radius=0.5 * base_diameter,
         axis=(0.0, 0.0, 1.0),
         slope=0.5 * (top_diameter - base_diameter) / height,
         length=height,
-        velocity=((0.0, lift_speed), (height / lift_speed, lift_speed), (height / lift_speed, 0.0)) if lift_speed else 0.0,
+        velocity=((0.0, lift_speed), (off, lift_speed), (off, 0.0)) if lift_speed else 0.0,
         slip=True,
         loose=True,
         thin=True,

@@ -15,6 +15,7 @@ _PUBLIC = {
     "particles.neighbors": ["CapacityError"],
     "problem.catalogue": ["slump_cone"],
     "problem.inlet": ["Inlet"],
+    "problem.jolt": ["Jolt"],
     "problem.materials": [
         "Bingham",
         "Casson",

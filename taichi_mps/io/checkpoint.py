@@ -424,7 +424,7 @@ def laws(scene: Scene) -> tuple[str, ...]:
     tuple of str
         Attributes.
     """
-    return LAWS if scene.gravity_in_time is None else (*LAWS, "gravity")
+    return (*LAWS, *("gravity",) * (scene.gravity_in_time is not None), *("jolts",) * bool(scene.jolts))
 
 
 def digest(scene: Scene, keys) -> str:

@@ -25,6 +25,7 @@ def the_scheme_has_the_laws(problem):
     """The paper's scheme has a straight flow curve alone, Bingham's, without friction."""
     material = problem.scene.material
     if problem.scheme == "semi-implicit":
+        require(not problem.scene.jolts, "jolts: the scheme semi-implicit has none; must be implicit")
         require(
             bool(material.from_fields),
             f"scene {problem.scene.name}: material {type(material).__name__}: must be Bingham with the scheme "

@@ -134,10 +134,10 @@ class Problem:
 
     @cached_property
     def speed(self) -> float:
-        """Largest speed that is given, of the fluid at 0 s or of a wall, in the ``frame`` [m/s]."""
+        """Largest speed that is given, of the fluid at 0 s, of a wall or of a jolt, in the ``frame`` [m/s]."""
         velocity = self.scene.expected.velocity
         moved = np.atleast_2d(-self.frame if velocity is None else velocity - self.frame)
-        return max(float((moved**2).sum(1).max() ** 0.5), self.wall_speed)
+        return max(float((moved**2).sum(1).max() ** 0.5), self.wall_speed, self.scene.jolted(self.scene.expected.fluid))
 
     @cached_property
     def gravity(self) -> float:

@@ -15,6 +15,7 @@ from ..geometry.solid import Solid
 from ..geometry.walls import Cylinder, Plane
 from ..units import instance, points, validated
 from .inlet import ROOM, Inlet, buried
+from .jolt import Jolt
 from .materials import AnyMaterial
 from .measures import Measured, Snapshot, mirrored, revolved
 from .scene_rules import RULES, numbers
@@ -54,6 +55,8 @@ class Scene:
         Gravity [m/s2], 9.81 down the last axis by default; of what is computed in a frame that is accelerated, less its
         acceleration. Rows of a time [s] and a gravity, linear in between and with a jump where a time is there twice,
         or a function of the time, if it changes.
+    jolts : tuple of Jolt, optional
+        Jumps of the velocity of the fluid, scheme ``implicit``.
     periodic : tuple of bool, length d, optional
         Whether an axis is periodic; none is by default.
     axisymmetric : bool, optional
@@ -129,6 +132,7 @@ class Scene:
     mould: instance(Cone, "a Cone") | None = None  # shape of the fluid at 0 s, for pictures
     vessel: Any = ()  # faces to draw as glass [m], each (k, 3)
     parameters: instance(dict, "a dict") = field(default_factory=dict)  # as given, for the summary
+    jolts: instance(Jolt, "a tuple, each Jolt", several=True) = ()
 
     def __post_init__(self):
         taken = numbers(self)
@@ -312,9 +316,42 @@ class Scene:
         return InTime(self.gravity, "gravity", "m/s2", self.dimension) if changes else None
 
     @cached_property
-    def in_time(self) -> tuple[InTime, ...]:
-        """What changes in time: gravity, velocities of walls."""
-        return tuple(filter(None, [self.gravity_in_time, *(wall.in_time for wall in self.walls)]))
+    def in_time(self) -> tuple[InTime | Jolt, ...]:
+        """What changes in time: gravity, velocities of walls, jolts."""
+        return tuple(filter(None, [self.gravity_in_time, *(wall.in_time for wall in self.walls), *self.jolts]))
+
+    def jolts_at(self, time: float) -> list[Jolt]:
+        """Return the jolts at a time.
+
+        Parameters
+        ----------
+        time : float
+            Time [s].
+
+        Returns
+        -------
+        list of Jolt
+            Jolts.
+        """
+        return [jolt for jolt in self.jolts if jolt.changes(time)]
+
+    def jolted(self, x, time: float | None = None) -> float:
+        """Return the largest speed that jolts give to particles.
+
+        Parameters
+        ----------
+        x : ndarray, shape (n, d)
+            Positions [m].
+        time : float, optional
+            Time [s]; all jolts by default.
+
+        Returns
+        -------
+        float
+            Speed [m/s], 0 without jolts.
+        """
+        jolts = self.jolts if time is None else self.jolts_at(time)
+        return max((float(np.linalg.norm(jolt.jump(x), axis=1).max()) for jolt in jolts), default=0.0)
 
     @cached_property
     def last_change(self) -> float:

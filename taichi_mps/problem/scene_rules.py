@@ -164,6 +164,17 @@ def mirrors_are_planes_of_symmetry(scene):
             )
 
 
+def jolts_keep_the_symmetry(scene):
+    for jolt in scene.jolts:
+        given, velocity = f"jolts: velocity = {jolt.velocity} m/s", np.array(jolt.velocity)
+        require(len(velocity) == scene.dimension, f"{given}: must have {scene.dimension} numbers, as the fluid has")
+        along_axis = velocity[0] == 0.0 and not jolt.angular_velocity
+        require(along_axis or not scene.axisymmetric, f"{given}: must be along z and without a turn, axisymmetric")
+        for mirror in scene.mirrors:
+            across = abs(velocity @ mirror.normal) + np.linalg.norm(jolt.spin @ mirror.normal)
+            require(across <= RIGHT, f"{named(mirror)}: {given} and its turn must lie in the plane")
+
+
 RULES = (
     walls_fit_the_scene,
     inlets_have_room,
@@ -172,6 +183,7 @@ RULES = (
     bodies_are_apart,
     rings_lie_around_the_axis,
     mirrors_are_planes_of_symmetry,
+    jolts_keep_the_symmetry,
 )
 
 

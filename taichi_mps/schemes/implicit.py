@@ -38,7 +38,7 @@ class Implicit(Scheme):
     def __init__(self, problem, to_come: int, pairs_per_particle: float):
         super().__init__(problem, carried(problem), to_come, pairs_per_particle)
         scene, fluid, walls, capacity = problem.scene, self.base, self.walls, self.particles.capacity
-        constants = self.constants = Constants(self.particles, problem, fluid.gravity)
+        constants = self.constants = Constants(self.particles, problem, fluid.gravity, fluid.twist)
         sums = PairSums(self.particles, self.gradient, walls)
         # which terms the scene needs: the stages of the others do nothing
         bi_viscosity, several = problem.law == "bi-viscosity", len(problem.materials) > 1
@@ -97,7 +97,7 @@ class Implicit(Scheme):
             self.wall_loads = WallLoads(fluid, measured, **solved, **others)
         self.momentum_drift = NoOp("restore")
         if drifts:
-            turns = not (scene.walls or any(scene.periodic or ()))
+            turns = not (scene.walls or scene.jolts or any(scene.periodic or ()))
             self.momentum_drift = MomentumDrift(fluid, constants, self.shifting, directions, turns)
         self.motion = Motion(fluid, constants=constants, shifting=self.shifting)
         self.active_set = NoOp(
@@ -116,7 +116,7 @@ class Implicit(Scheme):
             self.active_set = ActiveSet(self.neighbors, standstill)
         # friction is found together with the stress
         self.viscous_iterations = 0 if walls.have_friction else VISCOUS_ITERATIONS
-        self.first = True  # whether the next step is the first one
+        self.first = True  # whether the next step is the first one, or that of a jolt
         self.rows = FieldIO({"yielded": self.stress.yielded, "p": self.pressure.p}, capacity)
         self.diagnostics = Diagnostics(
             fluid, constants, self.stress.yielded, self.velocity.solver, self.velocity.iterations
@@ -211,6 +211,8 @@ class Implicit(Scheme):
         super().set_forces(scene, start, dt)
         if any(part.changes(start) for part in scene.in_time):
             self.active_set.wake()
+        if scene.jolts_at(start):  # pressure and stress are found anew, as in the first step
+            self.first = True
 
     def set_problem(self, problem) -> None:
         """Go on with the materials of another problem of the same law and geometry; what is compiled stays."""

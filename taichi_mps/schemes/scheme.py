@@ -10,7 +10,7 @@ from ..particles.gradient import Gradient
 from ..particles.kernels import PACKING, PACKING_IN_PLANE, lattice_sums, mps_weight, smooth_weight
 from ..particles.neighbors import Bins, NeighborList
 from ..particles.particles import DUMMY, FLUID, WALL, Carried, Particles
-from ..runtime.backend import double_field
+from ..runtime.backend import double_field, ti
 from ..runtime.field_io import FieldIO
 from ..runtime.stages import flush
 from .diagnostics import Diagnostics
@@ -55,10 +55,15 @@ class Scheme:
 
     def set_forces(self, scene, start: float, dt: float) -> None:
         """Before a step of dt [s] from a time [s]: gravity and the velocities of walls, where they change, their means
-        over the step."""
-        if scene.gravity_in_time is not None:
+        over the step; a jolt is a gravity of one step."""
+        base, jolts = self.base, scene.jolts_at(start)
+        if scene.gravity_in_time is not None or scene.jolts:
             flush()
-            self.base.gravity[None] = scene.gravity_in_time.integral(start, start + dt) / dt
+            changing = scene.gravity_in_time
+            mean = scene.gravity_vector if changing is None else changing.integral(start, start + dt) / dt
+            base.gravity[None] = mean + sum(jolt.at_origin for jolt in jolts) / dt
+        if base.twist is not None:
+            base.twist[None] = np.sum([jolt.spin for jolt in jolts] or [0.0 * scene.jolts[0].spin], axis=0) / dt
         self.walls.set_velocities(dt)
 
     def relax(self) -> None:
@@ -85,6 +90,8 @@ class Discretisation:
         self.gravity = double_field(components=d)  # [m/s2]
         self.gravity[None] = scene.gravity_vector
         self.frame = problem.frame.tolist()  # [m/s]
+        turns = any(jolt.angular_velocity for jolt in scene.jolts)
+        self.twist = ti.Matrix.field(d, d, ti.f64, ()) if turns else None  # gradient of gravity [1/s2]
         volumes = np.resize(problem.scene.expected.volumes, len(start["x"]))
         self.particles = Particles(start, volumes, carried | boundaries.carried(walls), scene.axisymmetric, to_come)
         self.wall_particles = int((start["kind"] != FLUID).sum())

@@ -83,7 +83,7 @@ class Simulation:
         height = float(np.linalg.norm(np.subtract(*scene.domain)))  # of a fall through the whole domain [m]
         fall = math.sqrt(2.0 * float(np.linalg.norm(scene.gravity_vector)) * height)
         thrown = 0.0 if scene.velocity is None else float(np.linalg.norm(scene.velocity, axis=1).max())
-        jet = max((pouring.speed for pouring in self.pouring), default=0.0)
+        jet = max((pouring.speed for pouring in self.pouring), default=0.0) + scene.jolted(scene.initial)
         walls = max((wall.speed for wall in scene.walls), default=0.0)
         self._expected_speed = fall + walls + thrown + jet or math.inf  # of all together, at most [m/s]
         # what walls that travel and inlets push out through the gap of a particle, by continuity [m/s]
@@ -178,6 +178,8 @@ class Simulation:
         if not self.report or np.any(frame):
             speed = float(np.linalg.norm(self.particles.read()["u"] - frame, axis=1).max())
         speed = max(speed, self.problem.wall_speed_at(self.time), jet + float(np.linalg.norm(frame)) * (jet > 0.0))
+        if self.scene.jolts_at(self.time):
+            speed += self.scene.jolted(self.particles.read()["x"], self.time)
         limits = self.scheme.time_step_limits(Speeds(speed, acceleration, self.rest.fold))
         if self._last_dt is not None:
             limits["growth"] = 2.0 * self._last_dt

@@ -77,9 +77,9 @@ class Term:
 class Constants:
     """Constants of each mix and scales of the scene: a field for each of OF_A_MIX and OF_THE_SCENE."""
 
-    def __init__(self, particles, problem, gravity=None):
-        """``gravity``: field [m/s2] that is written at the start of a step."""
-        self.gravity = gravity
+    def __init__(self, particles, problem, gravity=None, twist=None):
+        """``gravity``: field [m/s2] that is written at the start of a step; ``twist``: of its gradient [1/s2]."""
+        self.gravity, self.twist, self.twists = gravity, twist, twist is not None
         self.particles, self.mixes = particles, len(problem.materials)
         self.of_mix = [ti.field(real(), self.mixes) for _ in OF_A_MIX]
         self.of_scene = [ti.field(real(), ()) for _ in OF_THE_SCENE]
@@ -186,14 +186,17 @@ class Constants:
         return self.density[self.mix(i)]
 
     @ti.func
-    def g(self):
-        """Gravity [m/s2] of the step."""
-        return ti.cast(self.gravity[None], float)
+    def gravity_at(self, i):
+        """Gravity [m/s2] of the step at particle i, the shock of a jolt included, in f64."""
+        if ti.static(self.twists):
+            return self.gravity[None] + self.twist[None] @ self.particles.x[i]
+        else:
+            return self.gravity[None]
 
     @ti.func
     def weight_of(self, i):
         """Weight of particle i by its volume [N/m3]."""
-        return self.density_of(i) * self.g()
+        return self.density_of(i) * ti.cast(self.gravity_at(i), float)
 
     @ti.func
     def pressed(self, p):

@@ -41,7 +41,11 @@ class Motion(Term):
         for i in range(self.particles.count[None]):
             if self.particles.kind[i] == FLUID:
                 half = 0.5 * u[i]
-                if first != 0 and (u[i] - self.particles.u[i]).norm() < 0.5 * self.constants.g().norm() * dt:
+                if (
+                    first != 0
+                    and (u[i] - self.particles.u[i]).norm()
+                    < 0.5 * ti.cast(self.constants.gravity_at(i), float).norm() * dt
+                ):
                     half = u[i] - 0.5 * self.particles.u[i]
                 move = ti.cast(dt * half + self.shifting.shift[i], ti.f64)
                 self.particles.a[i] = (u[i] - self.particles.u[i]) / dt
@@ -93,11 +97,12 @@ class MomentumDrift(Term):
         ti.loop_config(serialize=True)
         for _ in range(1):
             momentum, mass = ti.Vector.zero(ti.f64, self.dimension), ti.cast(0.0, ti.f64)
-            gravity = self.constants.gravity[None]
             for i in range(self.particles.count[None]):
                 if self.particles.kind[i] == FLUID:
                     m = ti.cast(self.particles.volume(i) * self.constants.density_of(i), ti.f64)
-                    momentum += m * (ti.cast(u[i], ti.f64) - ti.cast(self.particles.u[i], ti.f64) - dt * gravity)
+                    momentum += m * (
+                        ti.cast(u[i], ti.f64) - ti.cast(self.particles.u[i], ti.f64) - dt * self.constants.gravity_at(i)
+                    )
                     mass += m
             self.excess[None] = ti.cast(self.directions @ (momentum / mass), float)
         for i in range(self.particles.count[None]):

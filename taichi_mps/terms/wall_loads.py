@@ -47,7 +47,9 @@ class WallFriction(Term):
             flux = self.gradient.spread_stress(i, self.stress.total(i, self.solved_rate)) - h * self.gradient.in_plane(
                 G
             )
-            weight = self.particles.volume(i) * self.constants.density_of(i) * self.constants.g()
+            weight = (
+                self.particles.volume(i) * self.constants.density_of(i) * ti.cast(self.constants.gravity_at(i), float)
+            )
             weight *= self.constants.pressed(self.pressure.p[i])
             size, mu = self.gradient.cross_section_ratio(i), self.stress.mu[i]
             self.walls.update_slip(i, x, u[i], flux, weight, B, mu, h, size)

@@ -99,6 +99,25 @@ def test_what_stands_wakes_when_gravity_turns(monkeypatch):
     assert reach[0] == pytest.approx(reach[1], rel=0.05) and reach[1] > L0
 
 
+@pytest.mark.parametrize("d", [2, 3])
+def test_a_jolt_gives_a_free_block_the_velocity_of_its_distance_from_the_hinge(d):
+    """A table that turns about a hinge and stops gives what lies on it omega times the distance, in one step and to the
+    solver's tolerance, for a rigid turn strains nothing."""
+    low, high = ((0.2, 0.0), (0.8, 0.3)) if d == 2 else ((0.2, -0.2, 0.0), (0.6, 0.2, 0.3))
+    jolt = mps.Jolt(0.1, (0.0,) * (d - 1) + (-0.1,), 2.0, pivot=low, axis=None if d == 2 else (0.0, 1.0, 0.0))
+    fluid = mps.fill(mps.Box(low, high), L0)
+    domain = (-2.0,) * d, (2.0,) * d
+    sim = mps.Simulation(block(fluid=fluid, domain=domain, gravity=(0.0,) * d, jolts=(jolt,)))
+    sim.run(until=0.1)
+    assert np.array_equal(sim.snapshot().x, fluid)
+    sim.step()
+    s = sim.snapshot()
+    expected = jolt.jump(fluid)
+    arm = fluid - low
+    up = {2: 2.0 * arm[:, 0], 3: -2.0 * arm[:, 0]}[d] - 0.1
+    assert np.allclose(expected[:, -1], up, atol=1e-12) and np.allclose(s.u, expected, atol=1e-6)
+
+
 def test_what_changes_between_rows_and_beyond_them():
     part = InTime(JUMPS, "gravity", "m/s2", 2)
     assert part.integral(-1.0, 1.0) == pytest.approx((3.6 - 0.25, 0.4 + 0.1)) and part.last == 0.5
