@@ -20,8 +20,8 @@ CLASSES = 0.345, 0.415, 0.485, 0.555, 0.625  # spread [m] from which on F2 to F6
 
 
 def turn_of_table(drop, mass):
-    """Angular velocity [1/s] at which a hinged top, a plate, with a mass [kg] on its middle hits its stop: the energy of
-    the fall of its free edge by ``drop`` [m]."""
+    """Angular velocity [1/s] at which a hinged plate with a mass [kg] on its middle hits its stop, by the energy of the
+    fall of its free edge by ``drop`` [m]."""
     return np.sqrt(G * drop * (PLATE + mass) / (PLATE / 3.0 + mass / 4.0)) / TABLE
 
 
@@ -36,7 +36,7 @@ def scene(
     jolts: Annotated[Count, Field(description="number of drops")] = 15,
     period: Duration = Field(2.0, description="time between two drops"),
     wait: Duration = Field(2.0, description="time from the lift of the mould to the first drop"),
-    table: Annotated[Literal["hinged", "vertical"], Field(description="turns about one side, or drops level")] = "hinged",
+    table: Annotated[Literal["hinged", "level"], Field(description="turns about one side, or drops level")] = "hinged",
     until: Duration | None = None,
     model: Literal["half", "axisymmetric"] = "half",
 ) -> mps.Scene:
@@ -64,11 +64,10 @@ def scene(
     def over_time(history):
         """Spread before the first and after the last jolt, to 10 mm, and what that is called."""
         time, spread = history["time_s"], history["spread_m"]
-        found = {}
-        for k, jolt in enumerate(times):
-            before = np.flatnonzero(time <= jolt + 1e-9)
-            found |= {f"spread_after_{k}_jolts_m": round(float(spread[before[-1]]), 2)} if time[-1] >= jolt else {}
-        if time[-1] >= times[-1] + 0.5 * period:
+        time, spread = time[~np.isnan(spread)], spread[~np.isnan(spread)]
+        done = enumerate(times[times <= time[-1] + 1e-9])
+        found = {f"spread_after_{k}_jolts_m": round(float(np.interp(jolt, time, spread)), 2) for k, jolt in done}
+        if time[-1] > times[-1] + 0.05:
             last = round(float(spread[-1]), 2)
             found |= {f"spread_after_{jolts}_jolts_m": last, "flow_ratio": last / base_diameter - 1.0}
             found |= {"flow_class_ratio": 1.0 + float(np.searchsorted(CLASSES, last))} if hinged else {}

@@ -26,7 +26,7 @@ from ..study.require import Wanted, runs_to_expect
 from ..study.require import require as find_borders
 from ..study.results import measures
 from ..study.sweep import ACCURACY, LOST, cases, sweep, wall_time
-from ..units import Checked, Count, plain, require, said, user_path
+from ..units import Checked, Count, Speed, plain, require, said, user_path
 from . import case_file
 from .options import DONE, JSON, Workers, command, given, of_scene, read_back, tell
 
@@ -69,6 +69,9 @@ class Lookup(Checked):
         None, description="a study of one of the tests to look the answer up in; the package's own by default"
     )
     check: bool = Field(True, description="compute the cones once more, finer; without it in a second")
+    lift_speed: Speed | None = Field(
+        None, description="speed at which the mould of the slump cone was lifted; by two runs more of the cone"
+    )
     table: str | None = Field(
         None, description="a laboratory's list, CSV: one mix a line, columns as slump [cm], slump flow [cm]"
     )
@@ -242,7 +245,7 @@ def calibrate(arguments) -> int:
     for name in ("out", "executor", "workers"):
         value = getattr(options, name)
         require(not value, f"{name} = {value}: belongs to --table; must be left out")
-    result = one_mix.calibrate(**told, study=options.study, check=options.check)
+    result = one_mix.calibrate(**told, study=options.study, check=options.check, lift_speed=options.lift_speed)
     return tell(arguments, result.facts(), result)
 
 
@@ -286,6 +289,9 @@ def calibrate_table(arguments, options: Lookup, told: dict) -> int:
     require(
         not path.is_dir(),
         f"table = {path}: is a folder; a study is named by --study, a list of mixes is a CSV file",
+    )
+    require(
+        not options.lift_speed, f"lift_speed = {options.lift_speed} m/s: is for one mix; must be left out of --table"
     )
     require(not told, f"{next(iter(told), '')}: stands in the table's own columns; must be left out")
     require(not out.exists(), f"out = {out}: is there already; must be a new file, it is not overwritten")

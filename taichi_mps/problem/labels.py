@@ -44,6 +44,8 @@ RESULTS = {  # key: (name, what it is)
     "slump_expected_error_m": ("error of the slump", "to be expected, by measured errors of mixes around this one"),
     "spread_expected_error_m": ("error of the slump flow", "to be expected likewise"),
     "t500_s": ("T500", "time until the slump flow is 50 cm"),
+    "flow_ratio": ("flow", "growth of the diameter over that of the mould, ASTM C1437"),
+    "flow_class_ratio": ("flow class F", "1 to 6 of EN 206, by the spread after the last jolt to 10 mm"),
     "front_m": ("front", "farthest reach of the concrete, from the end of the vessel"),
     "height_m": ("height", "highest point of the fluid"),
     "breadth_m": ("breadth", "of the fluid across the flow, seen from above"),

@@ -14,6 +14,7 @@ from ..units import (
     Flag,
     Length,
     SceneError,
+    Speed,
     Viscosity,
     YieldValue,
     checked,
@@ -28,6 +29,7 @@ from .fit import fit
 CHECKED = "slump", "mini_cone"  # tests that a finer run checks; a V-funnel at half the spacing takes too long
 CONE = "slump_m", "spread_m"  # without which no mix with internal friction is sought
 OTHERS = 20.0, 200.0  # other plastic viscosities [Pa s] at which such a mix is sought where it was not measured
+LIFTED = 0.015  # spacing [m] of the runs with the mould lifted and gone at once, whose difference counts
 BEYOND = 0.1  # of the logarithm of a plastic viscosity outside of its table, for which the end of the table does
 LARGEST = 10.0  # spread of a cone over its height
 TESTS = {  # what is measured of a mix, by its name in emulator.MEASURED
@@ -125,7 +127,9 @@ def emulators_of(measured: dict, study=None) -> dict[str, Emulator]:
 
 
 @checked
-def calibrate(test: Measurements, study: str | None = None, check: Flag = True) -> Calibration:
+def calibrate(
+    test: Measurements, study: str | None = None, check: Flag = True, lift_speed: Speed | None = None
+) -> Calibration:
     """Find yield stress and plastic viscosity of a mix from what was measured of it.
 
     Parameters
@@ -138,6 +142,9 @@ def calibrate(test: Measurements, study: str | None = None, check: Flag = True) 
     check : bool, optional
         Whether the cones are computed once more at half the spacing with the constants found, and corrected by the
         difference.
+    lift_speed : float, optional
+        Speed [m/s] at which the mould of the slump cone was lifted; the constants are corrected by what that changes,
+        by two runs of the whole cone with them.
 
     Returns
     -------
@@ -167,8 +174,10 @@ def calibrate(test: Measurements, study: str | None = None, check: Flag = True) 
     tables = list(emulators.values())
     check_known(known, tables, test.rho)
     found = fit(tables, measured, test.rho, known=known)
-    if check and (apart := difference(emulators, found)):
-        found = replace(fit(tables, measured, test.rho, apart, known), finer=apart)
+    require(lift_speed is None or "slump" in emulators, "lift_speed: needs slump, slump_flow or t500 of the slump cone")
+    finer, lifted = difference(emulators, found) if check else {}, lift_effect(found, lift_speed) if lift_speed else {}
+    if apart := together(finer, lifted):
+        found = replace(fit(tables, measured, test.rho, apart, known), finer=finer, lifted=lifted)
     if study is None and not (found.fits and found.near):
         found = replace(found, friction=frictional_mix(measured, test.rho, known))
     return found if found.fits else with_each_alone(emulators, found, known)
@@ -188,7 +197,9 @@ def with_each_alone(emulators: dict[str, Emulator], found: Calibration, known: d
         asked, other = reversed(BINGHAM) if is_time(name) else BINGHAM
         emulator = next(emulators[scene] for scene in emulators if name in MEASURED[scene])
         try:
-            it = fit([emulator], {name: pair}, found.density, found.finer, {other: others[other]})
+            it = fit(
+                [emulator], {name: pair}, found.density, together(found.finer, found.lifted), {other: others[other]}
+            )
         except SceneError:  # no T500 at all with that yield stress
             continue
         constant = getattr(it, asked)
@@ -199,7 +210,7 @@ def with_each_alone(emulators: dict[str, Emulator], found: Calibration, known: d
 
 def difference(emulators: dict[str, Emulator], found: Calibration) -> dict:
     """Return what finer runs at the constants found measure beyond their emulators: lengths [m], ratios of times."""
-    mix, apart = found.constants | {"density": found.density}, {}
+    mix, apart = mix_of(found), {}
     for scene in (scene for scene in CHECKED if scene in emulators):
         emulator = emulators[scene]
         row = run(case(scene, **emulator.settings | mix | {"spacing": 0.5 * emulator.spacing}))
@@ -212,6 +223,29 @@ def difference(emulators: dict[str, Emulator], found: Calibration) -> dict:
             elif row[column] and np.isfinite(value):
                 apart[name] = row[column] / value
     return apart
+
+
+def mix_of(found: Calibration) -> dict[str, float]:
+    """Return the constants found, with the density."""
+    return found.constants | {"density": found.density}
+
+
+def lift_effect(found: Calibration, speed: float) -> dict:
+    """Return what a mould that is lifted at a speed [m/s] changes of the cone found: lengths [m], ratios of times."""
+    rows = [run(case("slump", **mix_of(found), spacing=LIFTED, **given)) for given in ({}, {"lift_speed": speed})]
+    for row in rows:
+        require(row["status"] == "done", f"the run with the mould lifted failed: {row['reason']}")
+    pairs = {name: [row.get(column) for row in rows] for name, column in MEASURED["slump"].items()}
+    pairs = {name: pair for name, pair in pairs.items() if all(pair) and np.all(np.isfinite(pair))}
+    return {name: later / first if is_time(name) else later - first for name, (first, later) in pairs.items()}
+
+
+def together(finer: dict, lifted: dict) -> dict:
+    """Return both corrections of a table: lengths add up, ratios of times multiply."""
+    first = {
+        name: by * lifted.get(name, 1.0) if is_time(name) else by + lifted.get(name, 0.0) for name, by in finer.items()
+    }
+    return lifted | first
 
 
 def frictional_mix(measured: dict, density: float, known: dict) -> FrictionalMix | None:

@@ -233,6 +233,7 @@ class Calibration(Mix):
     others: dict[str, float] = field(default_factory=dict)
     finer: dict[str, float] = field(default_factory=dict)  # the run that checked: finer minus table, ratio of times
     friction: FrictionalMix | None = None  # of slump, slump flow and T500, where it was sought
+    lifted: dict[str, float] = field(default_factory=dict)  # what a lifted mould changes: likewise
 
     @property
     def explained_by_friction(self) -> bool:
@@ -298,12 +299,13 @@ class Calibration(Mix):
             pairs = ", ".join(f"{short(tau)} Pa at {eta:g}" for eta, tau in self.by_viscosity.items())
             lines.append(f"  yield stress by plastic viscosity: {pairs} Pa s")
         lines += self.measurement_lines()
-        if self.finer:
+        for what, beside in (("the finer run     ", self.finer), ("the lifted mould  ", self.lifted)):
             apart = ", ".join(
                 f"{NAMES[name]} " + (f"{100.0 * (by - 1.0):+.1f} %" if is_time(name) else f"{1e3 * by:+.1f} mm")
-                for name, by in self.finer.items()
+                for name, by in beside.items()
             )
-            lines.append(f"the finer run      {apart} beside the table; the constants are corrected by it")
+            if beside:
+                lines.append(f"{what} {apart} beside the table; the constants are corrected by it")
         if self.at_the_edge:
             ends = ", ".join(
                 f"{WORDS[name][0]} {getattr(self, name).ends(WORDS[name][1])}" for name in self.at_the_edge

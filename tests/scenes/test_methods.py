@@ -334,3 +334,57 @@ def at_rest(yield_value):
 def test_how_far_a_column_flows_is_the_closed_form_where_it_is_slow(yield_value, viscosity, time, radius, error):
     far = rest_shapes.radius_of_flow(5.5e-3, 0.3, 2300.0, yield_value, viscosity, time)
     assert far == pytest.approx(radius, rel=error)
+
+
+# ---- flow tables ------------------------------------------------------------------------------------------------
+MORTAR = {"base_diameter": 0.1, "top_diameter": 0.07, "height": 0.05, "drop": 0.0127, "period": 0.6, "wait": 0.5}
+MORTAR |= {"model": "axisymmetric", "table": "level", "spacing": 0.0025, "plastic_viscosity": 5.0, "density": 2200.0}
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        pytest.param({"spacing": 0.01, "model": "axisymmetric"}, id="rings"),
+        pytest.param(MORTAR | {"yield_value": 200.0}, id="mortar"),
+        pytest.param({"spacing": 0.015}, id="hinged", marks=pytest.mark.slow),
+    ],
+)
+def test_a_flow_table_keeps_the_volume_and_spreads_it_jolt_by_jolt(settings):
+    scene = catalogue.build("flow_table", jolts=3, **settings)
+    sim, lost, times, spread = mps.Simulation(scene), [], [], []
+
+    def look(sim):
+        lost.append(abs(sim.report.volume_error))
+        times.append(sim.time)
+        spread.append(sim.measures()["spread_m"])
+
+    sim.each_step(look)
+    sim.run()
+    scene.check(sim.snapshot(), sim.measures())
+    found = scene.over_time({"time_s": np.array(times), "spread_m": np.array(spread)})
+    after = [found[f"spread_after_{k}_jolts_m"] for k in range(4)]
+    assert max(lost) < 0.005
+    assert after == sorted(after) and after[3] > after[0] and after == [round(value, 2) for value in after]
+
+
+def test_a_hinged_table_falls_as_its_energy_says():
+    """A plate without concrete turns at sqrt(3 g h)/L; the whole table, were all of it at its middle, as that falls."""
+    scene = catalogue.build("flow_table", spacing=0.02, density=200.0)
+    light = scene.jolts[0]
+    mass = 200.0 * mps.Cone(0.1, 0.065, 0.2).volume
+    energy = 9.81 * 0.04 * 0.5 * (16.0 + mass)
+    assert 0.5 * (16.0 * 0.49 / 3.0 + mass * 0.35**2) * light.angular_velocity**2 == pytest.approx(energy)
+    middle, edge = light.jump([(0.0, 0.0, 0.0), (0.35, 0.0, 0.0)])
+    assert edge == pytest.approx(2.0 * middle) and middle[2] < 0.0 and middle[:2] == pytest.approx((0.0, 0.0))
+    rings = catalogue.build("flow_table", spacing=0.02, density=200.0, model="axisymmetric")
+    assert rings.jolts[0].jump([(0.1, 0.0)])[0] == pytest.approx(middle[[0, 2]])
+
+
+def test_classes_of_the_flow_table():
+    """EN 206: F1 up to 340 mm, F2 350 to 410, F3 420 to 480, F4 490 to 550, F5 560 to 620, F6 from 630 mm on."""
+    scene = catalogue.build("flow_table", spacing=0.02)
+    ends = {1: (0.20, 0.344), 2: (0.346, 0.41), 3: (0.42, 0.48), 4: (0.49, 0.554), 5: (0.556, 0.62), 6: (0.63, 0.7)}
+    for number, spreads in ends.items():
+        for spread in spreads:
+            found = scene.over_time({"time_s": np.array([0.0, 40.0]), "spread_m": np.array([0.2, spread])})
+            assert found["flow_class_ratio"] == number

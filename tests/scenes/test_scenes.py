@@ -18,7 +18,7 @@ COARSE = {  # keywords that make a scene a matter of seconds; a new scene needs 
     "still_pool": {"spacing": 0.025, "until": 0.5},
     "vane": {"spacing": 0.004, "body": "cylinder", "turns": 0.1},
 }
-METHODS = {"j_ring", "l_box", "l_flow", "lcpc_box", "mini_cone", "u_box", "v_funnel"}
+METHODS = {"flow_table", "j_ring", "l_box", "l_flow", "lcpc_box", "mini_cone", "u_box", "v_funnel"}
 POURED = {"wall", "printing"}  # test_pouring.py and test_printing.py judge them
 
 
