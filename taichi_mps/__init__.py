@@ -7,6 +7,7 @@ __version__ = "0.2.0"
 # What is public, by module. Loaded at first use: --help is instant, and Ctrl-C is heard before anything large is read.
 _PUBLIC = {
     "__main__": ["main"],
+    "geometry.in_time": ["vibration"],
     "geometry.cavity": ["Cavity"],
     "geometry.shapes": ["Box", "Cone", "fill", "fill_rings", "lattice", "rings", "shell"],
     "geometry.meshes": ["write_bars"],

@@ -7,11 +7,12 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BeforeValidator
 
-from ..units import INSTANT, answer, array_of, require, said
+from ..units import INSTANT, Size, Time, answer, array_of, real, require, said, validated, vector
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(8)
 PANEL = 0.01  # of a function's integral [s]: 8 nodes are exact to 1e-6 up to 150 Hz
 # Where the largest value of a function is sought: as many times, none a multiple of another, in the first seconds
+ROWS = 24  # of a vibration
 SOUGHT, FIRST, GOLDEN = 10_000, 100.0, 0.5 * (5.0**0.5 - 1.0)
 
 
@@ -133,3 +134,59 @@ class Moving:
     def travels_at(self, time) -> bool:
         """Whether the wall changes its place at a time [s] or later."""
         return bool(np.any(self.travel)) and self.speed_at(time) > 0.0
+
+
+@validated
+def vibration(
+    frequency: real("1/s", gt=0.0, le=1e4),
+    amplitude: Size,
+    direction: vector(""),
+    end: Time,
+    start: Time = 0.0,
+    gravity: vector("m/s2") | None = None,
+):
+    """Return gravity in the frame of a form or a table that vibrates.
+
+    Parameters
+    ----------
+    frequency : float
+        Vibrations per second [1/s].
+    amplitude : float
+        Half of the way between the ends [m].
+    direction : tuple of float, length d
+        Direction [-], of any length.
+    end : float
+        Time until which it vibrates [s], to whole vibrations.
+    start : float, optional
+        Time from which on it does [s].
+    gravity : tuple of float, length d, optional
+        Gravity otherwise [m/s2], 9.81 down the last axis by default.
+
+    Returns
+    -------
+    tuple of tuple, length 1 + d
+        Rows of a time [s] and a gravity [m/s2] for ``Scene.gravity``.
+
+    Notes
+    -----
+    The form moves as A (1 - cos(w t)) from rest to rest, so in its frame gravity is g - A w^2 cos(w t). There are 24
+    rows to a vibration, at each of which a step ends: a frequency of 50 1/s takes 1,200 steps a second.
+
+    Examples
+    --------
+    >>> import taichi_mps as mps
+    >>> rows = mps.vibration(5.0, 0.002, (1.0, 0.0, 0.0), end=1.0)
+    >>> len(rows), rows[0][1]
+    (123, 0.0)
+    """
+    require(
+        np.any(direction) and start < end,
+        f"vibration: direction = {direction}, start = {start:g} s, end = {end:g} s: "
+        "must have a direction, and end later than it starts",
+    )
+    along, peak = np.array(direction) / np.linalg.norm(direction), amplitude * (2.0 * np.pi * frequency) ** 2
+    usual = np.array(gravity or (0.0,) * (len(along) - 1) + (-9.81,))
+    turns = np.arange(ROWS * max(1, round((end - start) * frequency)) + 1) / ROWS
+    times = [start, *(start + turns / frequency), start + turns[-1] / frequency]
+    shaken = usual - peak * np.cos(2.0 * np.pi * turns)[:, None] * along
+    return tuple(map(tuple, np.column_stack([times, np.vstack([usual, shaken, usual])]).tolist()))

@@ -118,6 +118,43 @@ def test_a_jolt_gives_a_free_block_the_velocity_of_its_distance_from_the_hinge(d
     assert np.allclose(expected[:, -1], up, atol=1e-12) and np.allclose(s.u, expected, atol=1e-6)
 
 
+@pytest.mark.parametrize("frame", ["gravity", pytest.param("floor", marks=pytest.mark.slow)])
+def test_a_layer_on_a_shaken_floor_slides_where_its_inertia_exceeds_the_yield_stress(frame):
+    """A layer of the height h follows a floor that shakes in its plane while rho h a < tau_y, and slides beyond; in the
+    frame of the floor, and in that of the room."""
+    frequency, height, peak = 4.0, 0.5, 4.0  # [1/s], [m], [m/s2]
+    amplitude = peak / (2.0 * np.pi * frequency) ** 2
+    rows = np.array(mps.vibration(frequency, amplitude, (1.0, 0.0), end=0.5))
+    assert np.abs(rows[:, 1]).max() == pytest.approx(peak) and np.trapezoid(rows[:, 1], rows[:, 0]) == pytest.approx(
+        0.0
+    )
+    velocity = np.column_stack(
+        [
+            rows[1:-1, 0],
+            peak / (2.0 * np.pi * frequency) * np.sin(2.0 * np.pi * frequency * rows[1:-1, 0]),
+            0.0 * rows[1:-1, 0],
+        ]
+    )
+    moved = {}
+    for ratio in (0.9, 1.1):
+        material = mps.Bingham(yield_value=2300.0 * height * peak / ratio, plastic_viscosity=10.0)
+        given = {"gravity": tuple(map(tuple, rows))} if frame == "gravity" else {}
+        floor = mps.Plane((0.0, 0.0), (0.0, 1.0), velocity=None if given else tuple(map(tuple, velocity)))
+        scene = block(
+            material=material, walls=(floor,), periodic=(True, False), domain=((0.0, -1.0), (1.0, 1.0)), **given
+        )
+        sim, slip = mps.Simulation(scene), []
+        wall = 0.0 if given else 1.0
+        sim.each_step(
+            lambda sim: slip.append(
+                sim.snapshot().u[:, 0].mean() - wall * np.interp(sim.time, velocity[:, 0], velocity[:, 1])
+            )
+        )
+        sim.run(until=0.45)
+        moved[ratio] = np.abs(slip).max() / (peak / (2.0 * np.pi * frequency))
+    assert moved[0.9] < 2e-3 and moved[1.1] > 10.0 * moved[0.9], moved
+
+
 def test_what_changes_between_rows_and_beyond_them():
     part = InTime(JUMPS, "gravity", "m/s2", 2)
     assert part.integral(-1.0, 1.0) == pytest.approx((3.6 - 0.25, 0.4 + 0.1)) and part.last == 0.5
