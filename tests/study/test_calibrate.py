@@ -400,3 +400,17 @@ def test_the_command_told_computes_the_measured_slump(capsys):
 def test_bad_input_is_refused(told, said):
     with pytest.raises(mps.SceneError, match=said):
         calibrate(**told, check=False)
+
+
+def test_a_lifted_mould_counts_as_what_two_runs_say(monkeypatch):
+    """What lifting changes is taken off what was measured: 5 mm of slump and -5 mm of slump flow."""
+    lengths = (0.18, 0.32), (0.175, 0.325)
+    rows = iter({"status": "done", "slump_m": slump, "spread_m": flow, "t500_s": None} for slump, flow in lengths)
+    cases = []
+    monkeypatch.setattr("taichi_mps.study.calibrate.run", lambda case: cases.append(case.parameters) or next(rows))
+    lifted = calibrate(slump=0.17, spread=0.33, lift_speed=0.1, check=False)
+    same = calibrate(slump=0.175, spread=0.325, check=False)
+    assert lifted.yield_value.value == pytest.approx(same.yield_value.value, rel=1e-6)
+    assert [case.get("lift_speed") for case in cases] == [None, 0.1] and "lifted mould" in str(lifted)
+    with pytest.raises(mps.SceneError, match="lift_speed: needs slump"):
+        calibrate(mini_cone=0.08, lift_speed=0.1, check=False)
