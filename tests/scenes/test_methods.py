@@ -352,14 +352,11 @@ MORTAR |= {"model": "axisymmetric", "table": "level", "spacing": 0.0025, "plasti
 def test_a_flow_table_keeps_the_volume_and_spreads_it_jolt_by_jolt(settings):
     scene = catalogue.build("flow_table", jolts=3, **settings)
     sim, lost, times, spread = mps.Simulation(scene), [], [], []
-
-    def look(sim):
+    for until in (*(jolt.time for jolt in scene.jolts), scene.until):
+        sim.run(until)
         lost.append(abs(sim.report.volume_error))
         times.append(sim.time)
         spread.append(sim.measures()["spread_m"])
-
-    sim.each_step(look)
-    sim.run()
     scene.check(sim.snapshot(), sim.measures())
     found = scene.over_time({"time_s": np.array(times), "spread_m": np.array(spread)})
     after = [found[f"spread_after_{k}_jolts_m"] for k in range(4)]
