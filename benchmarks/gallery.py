@@ -16,7 +16,7 @@ PICTURES, WIDTH = ROOT / "docs/figures/scenes", 800  # [px]
 SHOWN = {  # scene: the time that is shown [s], other options
     "slump": (0.25, "--yield-value 500 --model quarter"),
     "mini_cone": (0.5, ""),
-    "flow_table": (6.5, "--model axisymmetric"),
+    "flow_table": (1.3, "--model axisymmetric"),
     "j_ring": (1.5, ""),
     "l_flow": (0.5, ""),
     "l_box": (0.6, ""),
