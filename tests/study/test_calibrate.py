@@ -405,7 +405,9 @@ def test_bad_input_is_refused(told, said):
 def test_a_lifted_mould_counts_as_what_two_runs_say(monkeypatch):
     """What lifting changes is taken off what was measured: 5 mm of slump and -5 mm of slump flow."""
     lengths = (0.18, 0.32), (0.175, 0.325)
-    rows = iter({"status": "done", "slump_m": slump, "spread_m": flow, "t500_s": None} for slump, flow in lengths)
+    rows = iter(
+        {"status": "done", "reason": "", "slump_m": slump, "spread_m": flow, "t500_s": None} for slump, flow in lengths
+    )
     cases = []
     monkeypatch.setattr("taichi_mps.study.calibrate.run", lambda case: cases.append(case.parameters) or next(rows))
     lifted = calibrate(slump=0.17, spread=0.33, lift_speed=0.1, check=False)
