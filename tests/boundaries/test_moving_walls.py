@@ -135,7 +135,7 @@ def lifted(**keywords):
 def through(scene, s):
     """Particles that are beside the mould, outside it."""
     mould = scene.walls[-1]
-    height = s.x[:, 2] - mould.velocity * s.time
+    height = s.x[:, 2] - mould.displacement(s.time)[2]
     radius = mould.radius + mould.slope * height
     return int(np.sum((height > 0.0) & (height < mould.length) & (np.hypot(s.x[:, 0], s.x[:, 1]) > radius)))
 
