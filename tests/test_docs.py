@@ -146,7 +146,7 @@ def parsing_only(monkeypatch):
         problem(*arguments)
         raise ParsedError
 
-    def check_measurements(study=None, check=True, **told):
+    def check_measurements(study=None, check=True, lift_speed=None, **told):
         calibrate.Measurements(**told)
         raise ParsedError
 
