@@ -22,7 +22,7 @@ from ..problem.problem import Problem
 from ..report.sentences import in_time
 from ..study import calibrate as one_mix
 from ..study.calibrate import Measurements
-from ..study.require import Wanted, runs_to_expect
+from ..study.require import Wanted, require_bingham, runs_to_expect
 from ..study.require import require as find_borders
 from ..study.results import measures
 from ..study.sweep import ACCURACY, LOST, cases, sweep, wall_time
@@ -213,6 +213,7 @@ def require_command(argv) -> int:
     parameters = given(arguments, function.parameters, leave_out=MIX)
     if "plastic_viscosity" in told:
         varied_parameters(cases(arguments.scene, plastic_viscosity=wanted.plastic_viscosity), function)
+    require_bingham(catalogue.build(arguments.scene, **parameters), parameters)
     like = cases(arguments.scene, until=wanted.time, plastic_viscosity=wanted.plastic_viscosity, **parameters)
     runs = runs_to_expect(wanted, len(like))
     watch = watching(["yield_value", "plastic_viscosity"], options.quiet or arguments.json, options, like, runs)

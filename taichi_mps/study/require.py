@@ -130,6 +130,17 @@ def runs_to_expect(wanted: Wanted, viscosities: int) -> int:
     return viscosities * (2 + max(0, math.ceil(halvings)))
 
 
+def require_bingham(form, parameters: dict) -> None:
+    """SceneError where the parameters of a form give its mixes another law than Bingham's."""
+    fields = catalogue.load(form.name).parameters.model_fields
+    own = [name for name in parameters if name in NUMBERS]
+    numbers = ", ".join(f"{name} = {said(form.parameters[name], unit_of(fields[name]))}" for name in own)
+    bingham = form.material.straight and not parameters.keys() & form.material.viscous
+    check(
+        bingham, f"{numbers}: the mixes that are looked for, and their slumps, are of Bingham's law; must be left out"
+    )
+
+
 def require(scene: str, wanted: Wanted, out, executor="local", workers=None, watch=None, run=run_case, **parameters):
     """The borders of all plastic viscosities, and the rows of the runs that found them, which the folder ``out`` keeps
     and does not compute again."""
@@ -147,12 +158,7 @@ def require(scene: str, wanted: Wanted, out, executor="local", workers=None, wat
     if wanted.pressure is not None:
         measured = form.parameters.get("measure_pressure") is not False
         check(measured, f"pressure = {wanted.pressure:g} Pa: measure_pressure = False; must be True, or left out")
-    own = [name for name in parameters if name in NUMBERS]
-    numbers = ", ".join(f"{name} = {said(form.parameters[name], unit_of(keywords[name]))}" for name in own)
-    bingham = form.material.straight and not parameters.keys() & form.material.viscous
-    check(
-        bingham, f"{numbers}: the mixes that are looked for, and their slumps, are of Bingham's law; must be left out"
-    )
+    require_bingham(form, parameters)
     given = cases(scene, plastic_viscosity=wanted.plastic_viscosity)
     viscosities = sorted(each.parameters["plastic_viscosity"] for each in given)
     planned, mixes, rows = {}, {}, []

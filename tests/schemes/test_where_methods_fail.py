@@ -269,10 +269,10 @@ def body_of(name):
 
 
 def test_what_must_stand_stands(box_default):
-    """A column of few particles below its critical height, for half a second; ever stiller, so that it would take ten
+    """A column of few particles below its critical height, for a second; ever stiller, so that it would take ten
     seconds more to go another hundredth of a spacing. Pools: rows still_pool_* of the validation table."""
     x, _ = body_of("column")
-    s = run(start(box_default, x), 0.5)
+    s = run(start(box_default, x), 1.0)
     assert np.abs(s.x - x).max() < 0.01 * FINE
     assert s.speed.max() * 10.0 < 0.01 * FINE
 
@@ -319,9 +319,10 @@ def test_an_impact_in_a_corner_at_courant_one_half(box_default):
 
 @pytest.mark.parametrize("body", ["film of one", "film of two"])
 def test_a_film_of_few_particles_stops(box_default, body):
-    """The floor's stress, tau_y + eta u/h, stops it in rho h^2/eta < 3 ms; it stays a film of as many layers."""
+    """The floor's stress, tau_y + eta u/h, stops it in rho h^2/eta < 3 ms, what is left of the slip of its particles
+    dies away by a factor of ten in 30 ms; it stays a film of as many layers."""
     x, u = body_of(body)
-    s = run(start(box_default, x, u), 0.1)
+    s = run(start(box_default, x, u), 0.5)
     assert s.speed.max() < 1e-9
     moved = s.x - x
     assert 0.0 < moved[:, 0].mean() < 0.5 * FINE
