@@ -257,7 +257,7 @@ def test_a_tool_path_is_read_in_all_its_modes(written):
         (FLAT + "G03 X50 I25\n", "line 11: G3: an arc"),
         (FLAT + "G1 X50 Z30 E130\n", "line 11: G1: lays a bead that rises; must lay level layers"),
         (FLAT + "G92 X0\n", "line 11: G92: moves the origin, is not known"),
-        (FLAT + "M221 S90\n", "line 11: M221: a share of the flow, is not known"),
+        (FLAT + "M221 S105\n", "line 11: M221: a share of the flow, is not known"),
         (FLAT + "G5 X1\n", "line 11: G5: is not known"),
         (FLAT + "hello\n", "line 11: hello: cannot be read"),
         ("G1 X10 E5\n", "line 1: G1: must have a speed F above 0"),
