@@ -2,6 +2,7 @@
 
 import json
 import re
+import signal
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
@@ -71,9 +72,11 @@ def test_model_and_spacing_are_the_cheapest_that_are_good_enough():
 def test_what_is_under_way_at_ctrl_c_goes_on_and_nothing_else_begins(tmp_path):
     notes, rows = tmp_path, []
     warns = pytest.warns(UserWarning, match="no new case begins; Ctrl-C again ends the 1 under way")
+    was = signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell may start its background jobs without
     with warns, pytest.raises(KeyboardInterrupt), ThreadPoolExecutor(1) as threads:
         pool = nullcontext(threads)
         together(study_cases.planned(5, notes), study_cases.interrupts_at_two, lambda: pool, 1, rows.append)
+    signal.signal(signal.SIGINT, was)
     assert [row["number"] for row in rows] == [0, 1, 2] and len(study_cases.runs(notes)) == 3
 
 
