@@ -49,7 +49,7 @@ def with_outputs(sim, start, every) -> tuple:
             "slump", {"model": "quarter", "spacing": 0.025, "yield_value": 500.0}, None, 5.0, marks=pytest.mark.slow
         ),
         pytest.param(
-            "slump", {"model": "quarter", "spacing": 0.025}, mps.Implicit(sleep="on"), 1.5, marks=pytest.mark.slow
+            "slump", {"model": "quarter", "spacing": 0.025}, mps.Implicit(sleep="on"), 5.0, marks=pytest.mark.slow
         ),
         pytest.param("slump", {"spacing": 0.03}, mps.SemiImplicit(), 0.2, marks=pytest.mark.slow),
     ],
