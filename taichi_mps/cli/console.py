@@ -5,6 +5,7 @@ import sys
 from contextlib import contextmanager
 from importlib.util import find_spec
 from itertools import chain
+from pathlib import Path
 
 from rich.console import Console
 from rich.markup import escape
@@ -12,13 +13,31 @@ from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Table
 
 from ..io.history import read_history
-from ..io.run_folder import PLOTS, empty_of_pictures
+from ..io.run_folder import PICTURE, PLOTS, empty_of_pictures
 from ..problem.labels import title, written
 from ..report.sentences import LEADING, in_time, numerics, rows, sentences
 from ..units import SceneError, plain
-from .painting import Painter
 
 NARROWEST = 40  # columns of a result, whatever a terminal says of itself
+
+
+class Painter:
+    """Draws frame_<number>.png of runs of these scenes side by side, as the options ask."""
+
+    def __init__(self, frames, options, scenes):
+        from ..viz.film import SideBySide
+
+        self.frames = frames
+        self.painter = SideBySide(scenes, view=options.view, backend=options.renderer, beads=options.beads)
+
+    def draw(self, number: int, *outputs) -> Path:
+        """Write the picture of one output of each run; its path."""
+        from ..viz.render import save
+
+        path = self.frames / PICTURE.format(number)
+        self.frames.mkdir(parents=True, exist_ok=True)
+        save(self.painter.draw(outputs), path)
+        return path
 
 
 def redraw(replays, folder, suffix, options, film=False, every=None) -> dict:
@@ -44,7 +63,7 @@ def redraw(replays, folder, suffix, options, film=False, every=None) -> dict:
 
 
 @contextmanager
-def progress(sim, recorder, quiet, verbose, clock, painter):
+def progress(sim, recorder, quiet, verbose, clock):
     """A line on a terminal: flow time, share done, result so far, time left. Elsewhere only the clock's file, for who
     watches the run from outside."""
     console = Console(stderr=True)
@@ -56,7 +75,7 @@ def progress(sim, recorder, quiet, verbose, clock, painter):
         def show(sim):
             if clock.part == "ready":
                 clock.begin("flow", sim.steps)
-            now = clock.now(sim, painter.left)
+            now = clock.now(sim)
             if not now:
                 return
             name = next((name for name in LEADING if name in recorder.measures), None)

@@ -3,9 +3,7 @@ particles."""
 
 import io
 import os
-import sys
 from contextlib import redirect_stdout
-from importlib.util import find_spec
 
 from ..report.sentences import certainty, in_parts, thin_solids
 from ..runtime.memory import size
@@ -17,12 +15,10 @@ def clock_of(problem, options):
     with redirect_stdout(io.StringIO()):  # the greeting of Taichi would spoil --json
         from ..simulation.clock import Clock
 
-    scene, every = problem.scene, options.every or problem.usual_interval
+    every = options.every or problem.usual_interval
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     settings = {"arch": options.arch, "precision": options.precision, "threads": options.threads or cores}
-    smooth = (scene.dimension == 3 or scene.axisymmetric) and not options.beads and find_spec("pysplashsurf")
-    may_fork = began and sys.platform == "linux" and smooth and options.renderer == "software"  # all else asks Taichi
-    return Clock(problem, settings, every, cores if may_fork else 0, began[0] if began else None)
+    return Clock(problem, settings, every, began[0] if began else None)
 
 
 def lines(problem, clock) -> list[str]:

@@ -26,7 +26,6 @@ from .case_file import text as case_text
 from .console import curves, redraw, result
 from .forecast import clock_of, lines
 from .options import BAD_INPUT, DONE, JSON, Pictures, Run, Table, command, given, is_tuple, of_scene, read_back, tell
-from .painting import painting
 from .run import carry_out, start
 from .study import COMMANDS as STUDY
 
@@ -76,7 +75,7 @@ def run(argv) -> int:
     if not options.out and folder.path != usual:
         print(f"taichi-mps: {plain(usual)} is taken; this run goes to {plain(folder.path)}", file=sys.stderr)
     folder.check(options.overwrite)
-    with painting(folder.frames, options, problem.scene, clock.apart) as painter, lock.held(folder.path):
+    with lock.held(folder.path):
         if not (arguments.json or options.quiet):
             print(plain("\n".join(lines(problem, clock))), flush=True)
         start(options)
@@ -84,7 +83,7 @@ def run(argv) -> int:
 
         sim = Simulation(problem, profile=options.profile)
         clock.begin("ready")
-        return carry_out(sim, folder, options, catalogue.source(arguments.scene), arguments.json, clock, painter)
+        return carry_out(sim, folder, options, catalogue.source(arguments.scene), arguments.json, clock)
 
 
 def new(argv) -> int:
@@ -120,14 +119,12 @@ def resume(arguments) -> int:
         scene = state.scene(options.until, arguments.scene)
         problem = state.admit(replace(scene, until=options.until or scene.until))
         clock = clock_of(problem, options)
-        with painting(folder.frames, options, problem.scene, clock.apart) as painter:
-            start(options)
-            sim = state.resume(problem, profile=options.profile)
-            clock.begin("ready")
-            if remark:
-                os.replace(checkpoint.previous(newest), newest)  # so that the next one does not replace the good one
-            source = state.header["source"]
-            return carry_out(sim, folder, options, source, arguments.json, clock, painter, resumed=True)
+        start(options)
+        sim = state.resume(problem, profile=options.profile)
+        clock.begin("ready")
+        if remark:
+            os.replace(checkpoint.previous(newest), newest)  # so that the next one does not replace the good one
+        return carry_out(sim, folder, options, state.header["source"], arguments.json, clock, resumed=True)
 
 
 @command(

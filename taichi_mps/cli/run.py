@@ -11,7 +11,7 @@ from ..io.run_folder import write_whole
 from ..io.vtkhdf import Trajectory
 from ..units import plain
 from . import case_file
-from .console import curves, progress, report, result
+from .console import Painter, curves, progress, report, result
 from .options import DIVERGED, DONE
 from .stopped import SIGNALS, Stopped, came
 
@@ -24,10 +24,11 @@ def start(options) -> None:
         init(options.arch, getattr(options, "precision", "f32"), options.threads)
 
 
-def carry_out(sim, folder, options, source, as_json, clock, painter, resumed=False) -> int:
+def carry_out(sim, folder, options, source, as_json, clock, resumed=False) -> int:
     """Run to the end, to an interrupt or a divergence, and leave a whole run folder behind in each case."""
     from ..io.recorder import Recorder
     from ..simulation.simulation import DivergedError
+    from ..viz.render import gif
 
     until = sim.scene.until
     settings = options.model_dump(exclude={"out", "overwrite", "profile", "quiet", "verbose"}, exclude_none=True)
@@ -40,23 +41,24 @@ def carry_out(sim, folder, options, source, as_json, clock, painter, resumed=Fal
             folder.create(options.overwrite)
         case = case_file.text(source, sim.problem, settings | {"until": until})
         write_whole(folder.case, case)
+        painter = Painter(folder.frames, options, [sim.scene])
         recorder = Recorder(folder, sim, clock.every, source, settings, painter.draw)
         if resumed:
             draw_missing(folder, sim.scene, painter)
         try:
-            with progress(sim, recorder, quiet, options.verbose, clock, painter):
+            with progress(sim, recorder, quiet, options.verbose, clock):
                 stopped_by = sim.run() if sim.time < until - 1e-9 else "time"
         except DivergedError as failure:
             stopped_by, error = failure.stopped_by, str(failure)
     clock.begin("pictures")
     summary = recorder.finish(stopped_by, error)
-    painter.film(folder)
-    painter.finish()
+    if folder.pictures:
+        gif(folder.pictures, folder.animation, every=clock.every)
     clock.begin("report")
     written, numerics = report(folder, sim.scene), options.verbose or options.profile
     curves(folder, numerics, sim, options.plots or numerics or not written)
     is_whole = not (resumed or error or stopped_by == "interrupted")
-    summary |= clock.finish(painter.seconds, is_whole)
+    summary |= clock.finish(is_whole)
     folder.write_summary(summary)
     folder.clock.unlink(missing_ok=True)
     if as_json:

@@ -44,18 +44,16 @@ class Clock:
         ``arch``, ``precision`` and ``threads``.
     every : float
         Time between pictures [s].
-    cores : int
-        Those that the program may use, if another process may draw the pictures; 0 if not.
     begun : float, optional
         Monotonic time at which the program began [s], now by default.
     """
 
-    def __init__(self, problem, settings: dict, every: float, cores: int, begun: float | None = None):
+    def __init__(self, problem, settings: dict, every: float, begun: float | None = None):
         scene, rows = problem.scene, particles_of(problem)
         self.problem, self.cost = problem, cost_of(problem)
         team = rows >= FEW and scene.dimension == 3
         self.threads, self.precision = settings["threads"] if team else 1, settings["precision"]
-        self.apart, self.every = cores > self.threads, every
+        self.every = every
         names = __version__, scene.name, scene.parameters.get("model"), problem.scheme, problem.law, self.threads > 1
         self.key = " ".join(map(str, (*names, rows >= OPTIMISED, settings["arch"], settings["precision"])))
         self.known, self.path = {}, kernels(LANGUAGE) / RATIOS
@@ -65,9 +63,7 @@ class Clock:
         ready = READY[scene.dimension == 3][self.cold] + OF_OPTIMISED * (self.cold and OPTIMISED <= rows < FEW)
         flow = self.cost.cpu_seconds / self.threads**TEAM + ROW * self.cost.steps
         pictures = PICTURE * (min(self.cost.steps, self.cost.end / every) + 1.0)
-        self.beside = min(flow, pictures) if self.apart else 0.0  # of the pictures, drawn while it flows
-        usual = START, ready, flow + pictures * (not self.apart), max(pictures - flow, 0.0) * self.apart + FILM, REPORT
-        self.usual = dict(zip(PARTS, usual, strict=True))
+        self.usual = dict(zip(PARTS, (START, ready, flow + pictures, FILM, REPORT), strict=True))
         self.expected = {part: seconds * self._ratio(part) for part, seconds in self.usual.items()}
         self.measured = dict.fromkeys(PARTS, 0.0)
         self.part, self.first, self.told = PARTS[0], 0, 0.0
@@ -90,7 +86,7 @@ class Clock:
     def cpu_seconds(self) -> float:
         """Processor time in all that is expected before the run [s]."""
         more = self.threads ** (1.0 - TEAM) - 1.0  # threads wait for each other
-        return self.whole + self.expected["flow"] * more + self.beside
+        return self.whole + self.expected["flow"] * more
 
     def begin(self, part: str, steps: int = 0) -> None:
         """Note that a part begins, after so many steps, and so that the one before is over."""
@@ -99,31 +95,30 @@ class Clock:
         self.measured[self.part] += now - self.since
         self.part, self.since = part, now
 
-    def left(self, sim=None, waiting: float = 0.0) -> float:
-        """Wall time to the end [s], never negative; ``waiting``: that of the pictures that another process still has to
-        draw."""
+    def left(self, sim) -> float:
+        """Wall time to the end [s], never negative."""
         passed, later = time.monotonic() - self.since, PARTS[PARTS.index(self.part) + 1 :]
         left = sum(self.expected[part] for part in later)
         here = max(self.expected[self.part] - passed, LEFT_OVER * passed)
         if self.part == "flow" and sim.steps > self.first:
             here = passed * steps_left(sim, self.cost) / (sim.steps - self.first)
-        return max(here + left, waiting)
+        return here + left
 
-    def now(self, sim, waiting: float = 0.0) -> dict[str, float] | None:
+    def now(self, sim) -> dict[str, float] | None:
         """Seconds passed and left of a run, the share that is done and the expected end of the flow [s]; None where the
         last answer is hardly older."""
         now = time.monotonic()
         if now - self.told < OFTEN:
             return None
         self.told = now
-        passed, left = now - self.begun, self.left(sim, waiting)
+        passed, left = now - self.begun, self.left(sim)
         rest = sim.rest.expected(sim) if sim.problem.rests and sim.scene.stop_at_rest else sim.scene.until
         end = max(sim.time, min(sim.scene.until, rest or self.cost.end))
         return {"passed_s": passed, "left_s": left, "share": passed / (passed + left), "time_s": sim.time, "end_s": end}
 
-    def finish(self, elsewhere: float, is_whole: bool) -> dict:
-        """What summary.json has of the time of a run, with the processor time of another process ``elsewhere``. What
-        the parts of a whole run took over what is usual is kept for the next forecasts."""
+    def finish(self, is_whole: bool) -> dict:
+        """What summary.json has of the time of a run. What the parts of a whole run took over what is usual is kept for
+        the next forecasts."""
         self.begin(PARTS[-1])
         ratios = {part: max(seconds, 1e-3) / self.usual[part] for part, seconds in self.measured.items()}
         if not self.cold:  # a machine that was busy now and then
@@ -133,7 +128,7 @@ class Clock:
             with suppress(OSError):
                 partial.write_text(json.dumps(self.known | {self.key: ratios, "all": ratios}), encoding="utf-8")
                 os.replace(partial, self.path)
-        whole = sum(self.measured.values()), time.process_time() - self.cpu_begun + elsewhere
+        whole = sum(self.measured.values()), time.process_time() - self.cpu_begun
         return {"seconds_by_part": self.measured, "all_wall_seconds": whole[0], "all_cpu_seconds": whole[1]}
 
 

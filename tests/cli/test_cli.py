@@ -97,10 +97,10 @@ def test_a_run_leaves_a_whole_folder_and_prints_only_json(whole):
 UNSEEN = """
 import math, sys
 from taichi_mps.__main__ import entry
-from taichi_mps.cli import painting
+from taichi_mps.cli import console
 from taichi_mps.io import recorder
 recorder.CHECKPOINT_COST = math.inf  # after every step, so that many a kill falls into the writing of one
-painting.Painter.draw = lambda *_: None
+console.Painter.draw = lambda *_: None
 entry()
 """
 

@@ -61,7 +61,7 @@ def test_a_machine_that_is_known_is_told_exactly(known, monkeypatch):
     monkeypatch.setattr(clock.time, "monotonic", lambda: now[0])
     sim = SimpleNamespace(steps=0, time=0.0, rest=Rest(), scene=problem.scene, problem=problem, pouring=())
     sim.report = SimpleNamespace(dt=0.01)
-    first = Clock(problem, SETTINGS, 0.05, 0, begun=100.0)
+    first = Clock(problem, SETTINGS, 0.05, begun=100.0)
     assert first.cold and first.whole == sum(first.usual.values())
     steps, shown = round(first.cost.steps), []
     for part in PARTS:
@@ -73,10 +73,10 @@ def test_a_machine_that_is_known_is_told_exactly(known, monkeypatch):
     assert len(shown) == 5 * steps and all(line is None or line["left_s"] >= 0.0 for line in shown)
     shares = [line["share"] for line in shown if line]
     assert 0.0 < shares[0] < 0.1 and shares[-1] > 0.9 and max(shares) <= 1.0
-    told = first.finish(0.0, is_whole=True)
+    told = first.finish(is_whole=True)
     assert told["all_wall_seconds"] == pytest.approx(2.0 * first.whole) == sum(told["seconds_by_part"].values())
-    again = Clock(problem, SETTINGS, 0.05, 0)
+    again = Clock(problem, SETTINGS, 0.05)
     ready = 2.0 * READY[False][False]  # compiled by now
     assert not again.cold and again.whole == pytest.approx(2.0 * first.whole - 2.0 * first.usual["ready"] + ready)
     known.write_text("[1, 2")
-    assert Clock(problem, SETTINGS, 0.05, 0).whole == first.whole, "a damaged file is as none"
+    assert Clock(problem, SETTINGS, 0.05).whole == first.whole, "a damaged file is as none"
