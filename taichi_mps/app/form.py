@@ -10,7 +10,7 @@ from ..study.calibrate import Measurements
 from ..units import unit_of
 
 FIRST = ("yield_value", "plastic_viscosity", "density", "spacing", "model", "accuracy")  # of their groups
-NOT_ASKED = {"renderer"}  # another needs a display
+NOT_ASKED = {"renderer"}  # goes
 SLIDERS = {"yield_value": (10.0, 2000.0), "plastic_viscosity": (1.0, 500.0)}  # ends for usual concrete, SI units
 AROUND = 20.0  # ends of a slider over a default that is no usual one, or its inverse
 SWITCH = {"no": False, "yes": True}

@@ -82,7 +82,7 @@ class Pictures(Checked):
 
     view: VIEWS = Field("concrete", description="what the pictures are coloured by")
     beads: bool = Field(False, description="show the particles, not the smooth surface")
-    renderer: Literal["software", "ggui"] = Field("software", description="what draws the pictures")
+    renderer: Literal["software", "ggui"] = Field("software", description="software; ggui stands for --beads until 0.3")
     arch: Literal["cpu", "cuda", "vulkan"] = Field("cpu", description="where to compute")
     threads: Count | None = Field(None, description="processor cores to use, all of them by default")
 

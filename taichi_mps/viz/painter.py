@@ -153,8 +153,6 @@ class Painter:
     """The picture of a body, its shadow, and the floor at height ``floor`` [m] (None: there is none) with lines every
     ``grid`` [m]. points: what is to be seen is among these (n, 3) [m]; radius [m]: that of a particle."""
 
-    name = "software"
-
     def __init__(self, camera, points, radius, floor=None, grid=0.05, relief=1.0):
         self.camera, self.radius, self.relief = camera, radius, relief
         self.lamps = Lamp(SUN @ camera.axes, points, TEXELS[0]), Lamp((0.0, 0.0, -1.0), points, TEXELS[1])

@@ -93,13 +93,13 @@ class Renderer:
     view : str, optional
         What is shown: 'concrete', 'speed', 'pressure', 'shear-rate', 'yielded' or 'mix'.
     backend : {'software', 'ggui'}, optional
-        What draws; ggui needs Vulkan, without it software draws and one line on stderr says so.
+        What draws; 'ggui' stands for the particles, drawn in software, until 0.3.
     limits : tuple of float, length 2, optional
         Ends of the colour bar in its unit, by default from the scene.
     beside : sequence of Scene, optional
         Scenes shown beside it, with the same camera and range.
     beads : bool, optional
-        Show the particles and not the smooth surface of the body, as always of a scene in the plane and by ggui.
+        Show the particles and not the smooth surface of the body, as always of a scene in the plane.
 
     Raises
     ------
@@ -145,16 +145,10 @@ class Renderer:
         self.tick = min(steps, key=lambda t: abs(np.log(np.ptp(corners) / 14 / t)))  # about 14 on the longest side
         tilt = np.radians(15.0 if scene.dimension == 3 or scene.axisymmetric else 0.0)
         self.camera = Camera((0.0, np.cos(tilt), -np.sin(tilt)), corners, width, height, (0.09, 0.17, 0.88, 0.89))
-        arguments = (self.camera, corners, RADIUS * scene.spacing, floor, self.tick, 1.0 if view == "concrete" else 0.7)
-        self.painter = Painter(*arguments)
+        relief = 1.0 if view == "concrete" else 0.7
+        self.painter = Painter(self.camera, corners, RADIUS * scene.spacing, floor, self.tick, relief)
         if backend == "ggui":
-            from .ggui import Ggui
-
-            try:
-                self.painter = Ggui(*arguments)
-            except Exception as error:  # RuntimeError without a driver; a bare one where Taichi was built without it
-                said = " ".join(str(error).split())[:100]
-                print(f"ggui: no hidden window can be made here ({said}); drawing in software instead", file=sys.stderr)
+            print("ggui: goes with version 0.3; drawing the particles in software", file=sys.stderr)
 
     @staticmethod
     def _limits(scene, view):

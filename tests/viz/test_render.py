@@ -1,4 +1,4 @@
-"""Pictures: geometry of the projection, colours, determinism, files and the fallback of the ggui backend."""
+"""Pictures: geometry of the projection, colours, determinism, files."""
 
 import sys
 from dataclasses import replace
@@ -17,7 +17,6 @@ from taichi_mps.simulation.frame import Frame
 from taichi_mps.viz import painter, render
 from taichi_mps.viz.beads import Beads
 from taichi_mps.viz.painter import Camera, Mesh, Painter
-from tests.support.child import child
 
 SIZE = {"width": 320, "height": 180}
 RED, GREEN = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
@@ -178,6 +177,13 @@ def test_wrong_names_are_refused(body):
         render.Renderer(body, backend="opengl")
 
 
+def test_what_ggui_drew_is_drawn_in_software(body, capsys):
+    state = snapshot(body)
+    beads, old = render.Renderer(body, beads=True, **SIZE), render.Renderer(body, backend="ggui", **SIZE)
+    assert np.array_equal(old.draw(state), beads.draw(state))
+    assert capsys.readouterr().err == "ggui: goes with version 0.3; drawing the particles in software\n"
+
+
 def test_png_numbers_its_pictures_and_gif_reads_them(body, tmp_path):
     sim = SimpleNamespace(scene=body)
     frames, speed = render.png(tmp_path / "frames", **SIZE), render.png(tmp_path / "frames", view="speed", **SIZE)
@@ -286,30 +292,3 @@ def test_a_surface_has_the_camera_the_range_and_the_colours_of_the_particles(bod
     fields = ("x", "u", "p", "shear_rate", "yielded", "density_ratio", "size", "mix")
     nothing = replace(state, **{name: getattr(state, name)[:0] for name in fields})
     assert smooth.draw(nothing).shape == (180, 320, 3)  # before the first layer of an inlet
-
-
-# ---- a process of its own ------------------------------------------------------------------------------------------
-SCRIPT = """
-import numpy as np, taichi_mps as mps
-from taichi_mps.viz import render
-mps.init("cpu")
-x = mps.fill(mps.Box((0.0, 0.0), (0.1, 0.1)), 0.01)
-scene = mps.Scene("box", mps.Bingham(), 0.01, x, ((-1.0, -1.0), (1.0, 1.0)), (mps.Plane((0.0, 0.0), (0.0, 1.0)),))
-renderer = render.Renderer(scene, 320, 180, backend="ggui")
-picture = renderer.draw(mps.measure.still(x, 0.01))
-print(renderer.painter.name, picture.shape, picture.dtype, int(np.ptp(picture)) > 100)
-"""
-
-
-@pytest.mark.parametrize("driver", [True, False])
-def test_ggui_in_a_process_of_its_own_leaves_no_litter(tmp_path, driver):
-    """With the machine's own Vulkan driver, if any, and without one."""
-    hidden = {} if driver else {"VK_ICD_FILENAMES": "/nowhere", "VK_DRIVER_FILES": "/nowhere"}
-    done = child("-c", SCRIPT, cwd=tmp_path, **hidden)
-    assert done.returncode == 0, done.stderr
-    painter, _, picture = done.stdout.strip().splitlines()[-1].partition(" ")
-    assert picture == "(180, 320, 3) uint8 True"
-    said = [line for line in done.stderr.splitlines() if line.startswith("ggui:")]
-    assert len(said) == (painter == "software")
-    assert driver or painter == "software"
-    assert list(tmp_path.iterdir()) == []
