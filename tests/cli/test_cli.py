@@ -158,7 +158,7 @@ def test_the_line_on_a_terminal_says_how_far_a_run_has_come(monkeypatch, verbose
     told = {"share": 0.5, "left_s": 100.0, "end_s": 500.0}
     clock = SimpleNamespace(part="ready", cold=True, begin=lambda *_: None, now=lambda *_: told)
     recorder = SimpleNamespace(measures={"front_m": 0.3}, folder=SimpleNamespace(tell=steps.append))
-    with console.progress(sim, recorder, False, verbose, clock, SimpleNamespace(left=0.0)):
+    with console.progress(sim, recorder, False, verbose, clock):
         steps[0](sim)
     words = "250.00 of about 500 s", "50 %", "1.7 min left", "front 30.0 cm", "first run takes longest"
     assert all(word in shown.getvalue() for word in words) and steps[1] == told
