@@ -13,6 +13,8 @@ from .numerics import Implicit, SemiImplicit
 from .scene import Scene
 
 OUTPUTS_OF_A_FALL = 0.3  # interval of the outputs over sqrt(H/g): what comes to rest falls much faster than it creeps
+ROOMY = 1.1  # room in front of the walls over the volume of the fluid: with more it has a free surface
+SAMPLES = 1 << 15  # points of the domain that tell the room, within a hundredth of a box of a third of its size
 WEIGHTLESS = 0.1  # of a scene without weight: its gravity over U^2/H, or [m/s2] where nothing moves
 
 
@@ -144,6 +146,31 @@ class Problem:
         """Gravity of the scales of the scene [m/s2]; without weight from the speed and the height."""
         weight = float((self.scene.expected.gravity_vector**2).sum() ** 0.5)
         return max(weight, WEIGHTLESS * self.speed**2 / self.height) or WEIGHTLESS
+
+    def may_be_full(self, to_come: int = 0) -> bool:
+        """Tell whether the fluid may fill a closed vessel, so that it has no free surface.
+
+        Parameters
+        ----------
+        to_come : int, optional
+            Largest number of particles that inlets bring.
+
+        Returns
+        -------
+        bool
+            False where the room of the domain in front of the walls is larger than all fluid and no wall moves.
+        """
+        scene, (low, high) = self.scene, np.array(self.scene.domain)
+        if any(wall.speed > 0.0 for wall in scene.walls):
+            return True
+        volume = scene.volumes.sum() + to_come * scene.spacing**scene.dimension
+        # evenly spread: multiples of the powers of the root of x^(d+1) = x + 1, modulo 1
+        root = {2: 1.32471795724474602596, 3: 1.22074408460575947536}[scene.dimension]
+        steps = root ** -np.arange(1.0, scene.dimension + 1.0)
+        x = low + (high - low) * np.mod(0.5 + np.arange(SAMPLES)[:, None] * steps, 1.0)
+        size = 2.0 * np.pi * np.maximum(0.0, x[:, 0]) if scene.axisymmetric else np.ones(SAMPLES)
+        size = size * np.all([wall.distance(x) > 0.0 for wall in scene.walls], axis=0)
+        return bool(np.prod(high - low) * size.mean() < ROOMY * volume)
 
     @property
     def thin_solids(self) -> dict[str, float]:

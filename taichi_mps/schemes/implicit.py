@@ -45,6 +45,7 @@ class Implicit(Scheme):
         holds = any(not wall.slip for wall in walls.surfaces)
         directions = free_directions(scene, problem.numerics.walls)
         drifts = directions.any()
+        self.may_be_full = problem.may_be_full(to_come)
         stands = may_stand(problem, self.particles, walls) and not drifts
 
         self.pressure = Pressure(fluid, constants)
@@ -161,7 +162,7 @@ class Implicit(Scheme):
         """What follows from the last velocity: pressure, viscosity, resistances, and what is taken back of them."""
         self.pressure.smooth(dt)
         self.friction.start(dt)
-        self.pressure.find_closed_box(int(self.active_set.whole))
+        self.pressure.find_closed_box(int(self.active_set.whole and self.may_be_full))
         self.wall_stress.start()
         self.strain_rate.evaluate(dt)
         self.stress.set_viscosity()

@@ -78,7 +78,7 @@ class Pressure(Term):
     @stage("smooth pressure")
     def find_closed_box(self, whole: ti.i32):
         """Whether this is a full closed box, without a surface: particles with a gap that have ``dimension`` of them
-        around; in a step that is not of the ``whole`` fluid it stays what it was."""
+        around; in a step that is not of the ``whole`` fluid, or in a vessel that has room, it stays what it was."""
         ti.loop_config(serialize=True)
         for _ in range(whole):
             surface, gaps, rows = 0, 0, 0

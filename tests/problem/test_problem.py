@@ -117,3 +117,36 @@ def test_the_effective_radius_and_what_is_expected_follow_from_the_scene():
     jet = hose().speed(0.1)
     assert not scene.expected.inlets and np.linalg.norm(scene.expected.velocity, axis=1).max() == pytest.approx(jet)
     assert scene.expected.fluid[:, 1].max() > 1.4  # as high as the mouth
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_only_a_vessel_that_the_fluid_can_fill_may_be_full(dimension):
+    """A closed box is, with room of a tenth beside the fluid too; not one that is open above, or half filled, until an
+    inlet has brought the rest; walls that move may close what was open."""
+    low, high, spacing = (0.0,) * dimension, (1.0,) * dimension, 0.1
+    up = (0.0,) * (dimension - 1) + (1.0,)
+    lid, above = mps.Plane(high, tuple(-c for c in up)), tuple(1.5 * c for c in high)
+    box = mps.box_planes(low, high)
+
+    def full(walls, height=1.0, to_come=0):
+        fluid = mps.fill(mps.Box(low, (*high[:-1], height)), spacing)
+        domain = (tuple(-0.5 for _ in low), above)
+        return Problem(mps.Scene(**parts(fluid=fluid, walls=walls, domain=domain, spacing=spacing))).may_be_full(
+            to_come
+        )
+
+    half = int(0.5 * spacing**-dimension)
+    assert full((*box, lid)) and not full(box) and not full((*box, lid), height=0.5)
+    assert full((*box, lid), height=0.5, to_come=half) and not full((*box, lid), height=0.5, to_come=half // 2)
+    assert full((*box, replace(lid, velocity=tuple(-0.1 * c for c in up))), height=0.5)
+
+
+def test_rings_that_fill_a_pipe_between_two_ends_may_be_full():
+    mantle = mps.Plane((0.5, 0.0), (-1.0, 0.0))
+    ends = (mps.Plane((0.0, 0.0), (0.0, 1.0)), mps.Plane((0.0, 1.0), (0.0, -1.0)))
+    fluid = mps.fill(mps.Box((0.0, 0.0), (0.5, 1.0)), 0.05)
+    changes = {"fluid": fluid, "spacing": 0.05, "axisymmetric": True, "domain": ((-0.2, -0.2), (0.8, 1.2))}
+    assert [Problem(mps.Scene(**parts(walls=w, **changes))).may_be_full() for w in (ends, (*ends, mantle))] == [
+        False,
+        True,
+    ]
