@@ -63,4 +63,5 @@ def smooth_surface(s: Snapshot, cube: float = CUBE, fields=FIELDS) -> tuple[Snap
     whole["yielded"] = whole["yielded"] > 0.5
     whole["mix"] = np.argmax([at[f"mix {k}"] for k in mixes], axis=0) if len(mixes) else zero.astype(int)
     vertices = replace(s, x=points, size=zero + s.spacing, **whole)
-    return vertices, at["normals"], np.asarray(made.mesh.triangles).astype(np.int64)
+    # a point that belongs to triangles without area has no normal
+    return vertices, np.nan_to_num(at["normals"]), np.asarray(made.mesh.triangles).astype(np.int64)
