@@ -18,9 +18,9 @@ from ..problem.problem import Problem
 from ..problem.scene import Scene
 from ..runtime.backend import init, require_room
 from ..simulation.frame import Frame
+from ..simulation.reuse import shape_of
 from ..simulation.simulation import Simulation
 from ..simulation.summary import described
-from ..study.reuse import shape_of
 from ..units import SceneError, plain
 from .form import CHEAP
 from .resident import answer_all

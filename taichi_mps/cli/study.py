@@ -24,8 +24,8 @@ from ..study import calibrate as one_mix
 from ..study.calibrate import Measurements
 from ..study.require import Wanted, require_bingham, runs_to_expect
 from ..study.require import require as find_borders
-from ..study.results import measures
 from ..study.sweep import ACCURACY, LOST, cases, sweep, wall_time
+from ..study.tables import measures
 from ..units import Checked, Count, Speed, plain, require, said, user_path
 from . import case_file
 from .options import DONE, JSON, Workers, command, given, of_scene, read_back, tell

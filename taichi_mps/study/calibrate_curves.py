@@ -10,17 +10,15 @@ from time import monotonic
 
 import numpy as np
 
-from ..io.run_folder import strict
 from ..problem import catalogue
 from ..problem.labels import in_words, is_measure, title, written
 from ..problem.materials import LAWS, numbers_of
 from ..report.sentences import in_time
 from ..units import SceneError, notes, require, suggestion
-from .calibrate_input import Curve, measures_of, of_files
-from .calibrate_result import CurveFit
 from .calibration import Constant, short
 from .case import case
 from .case import run as run_case
+from .curves import Curve, CurveFit, Test, measures_of, of_files
 from .fit import worth
 from .sweep import carry_out, executor_of, wall_time
 
@@ -38,65 +36,59 @@ OUTSIDE = 0.1  # of the largest value, by which points may lie beyond all runs
 FAILED = 1e3  # residual of a run that failed
 
 
-def course(case) -> dict:
+def course(case):
     """A case to its end, as ``run``, with its measures over time in ``course``, {name: values}."""
-    frames = []
-
-    def begun(sim):
-        sim.every(sim.scene.until / SAMPLES, lambda frame: frames.append({"time_s": frame.time} | frame.measures()))
-
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "volume_error_max")  # coarse runs are corrected by finer ones
-        row = run_case(case, begun)
-    return row | {"course": {name: [strict(frame.get(name)) for frame in frames] for name in dict(*frames[-1:])}}
+        return run_case(case, SAMPLES)
 
 
 class Runs:
     """Runs of a scene beside measured curves, kept in the folder of a study.
 
     A point ``at`` is the logarithms of the constants over their ``first`` values, then, with ``offsets``, the time of
-    the scene at the zero of each curve in units of a tenth of its length.
+    the scene at the zero of each test in units of a tenth of its length.
     """
 
-    def __init__(self, scene: str, curves: list[Curve], settings: dict, first: dict, offsets: bool, folder, pool, say):
+    def __init__(self, scene: str, curves: list[Curve], settings: dict, first: dict, offsets: bool, folder, pool):
         self.scene, self.curves, self.settings, self.first = scene, curves, settings, first
-        self.folder, self.pool, self.say, self.seconds = folder, pool, say, 0.0  # of a run
+        self.folder, self.pool, self.seconds = folder, pool, 0.0  # of a run
         self.cases, self.planned, self.rows = {}, {}, {}
-        shifted = [k for k, curve in enumerate(curves) if offsets and len(curve.times)]
-        self.places = {k: len(first) + number for number, k in enumerate(shifted)}  # in a point, by curve
-        self.units = np.array([0.1 * np.ptp(curves[k].times) for k in shifted])  # of the offsets [s]
-        self.errors = {}
-        for name in {name: None for curve in curves for name in curve.values}:
-            largest = np.nanmax(np.abs(np.concatenate([c.values[name] for c in curves if name in c.values])))
-            self.errors[name] = ERROR * (float(largest) or 1.0)
+        self.tests = list(dict.fromkeys(curve.test for curve in curves))
+        shifted = [test for test in self.tests if offsets and len(test.times)]
+        self.places = {test: number for number, test in enumerate(shifted, len(first))}  # in a point
+        self.units = np.array([0.1 * np.ptp(test.times) for test in shifted])  # of the offsets [s]
+        largest: dict[str, float] = {}
+        for curve in curves:
+            largest[curve.measure] = max(largest.get(curve.measure, 0.0), float(np.abs(curve.values).max()))
+        self.errors = [ERROR * (largest[curve.measure] or 1.0) for curve in curves]
+        self.edges = np.cumsum([len(curve.values) for curve in curves])  # of the curves in the residuals
         self.reach = np.inf, -np.inf  # least and largest residual of each point so far
-        self.blocks = [
-            (k, name, np.isfinite(values)) for k, curve in enumerate(curves) for name, values in curve.values.items()
-        ]
 
     def mix(self, at) -> dict[str, float]:
         """Constants of a point, SI units, of five figures: runs are known by them."""
         values = zip(self.first.items(), at[: len(self.first)], strict=True)
         return {name: float(f"{value * np.exp(by):.5g}") for (name, value), by in values}
 
-    def late(self, at, k: int) -> float:
-        """Time [s] of the scene at the zero of curve ``k``."""
-        return at[self.places[k]] * self.units[self.places[k] - len(self.first)] if k in self.places else 0.0
+    def late(self, at, test: Test) -> float:
+        """Time [s] of the scene at the zero of a test."""
+        place = self.places.get(test)
+        return 0.0 if place is None else at[place] * self.units[place - len(self.first)]
 
-    def case(self, k: int, at, spacing):
-        """The run of curve ``k`` at a point and a spacing [m]."""
-        curve, mix = self.curves[k], self.mix(at)
-        name = k, spacing, *mix.values()
+    def case(self, test: Test, at, spacing):
+        """The run of a test at a point and a spacing [m]."""
+        mix = self.mix(at)
+        name = test, spacing, *mix.values()
         if name not in self.cases:
-            past = LATE * np.ptp(curve.times) if k in self.places else 0.0
-            until = {"until": float(curve.times[-1] + past)} if len(curve.times) else {}
-            keywords = self.settings | curve.settings | mix | until | {"spacing": spacing}
+            past = LATE * np.ptp(test.times) if test in self.places else 0.0
+            until = {"until": float(test.times[-1] + past)} if len(test.times) else {}
+            keywords = self.settings | test.settings | mix | until | {"spacing": spacing}
             self.cases[name] = case(self.scene, **keywords)
         return self.cases[name]
 
     def compute(self, points, spacing) -> None:
         """Compute what is not there yet of these points, side by side."""
-        asked = [self.case(k, at, spacing) for at in points for k in range(len(self.curves))]
+        asked = [self.case(test, at, spacing) for at in points for test in self.tests]
         begun, new = monotonic(), [each for each in asked if each.key not in self.planned]
         self.planned |= {each.key: each for each in asked}
         if new:
@@ -105,43 +97,41 @@ class Runs:
             self.seconds = (monotonic() - begun) / len(new)
 
     def model(self, at, spacing) -> list[np.ndarray]:
-        """What runs say of each block at its times, or at the end; SceneError where one failed."""
+        """What runs say of each curve at its times, or at the end; SceneError where one failed."""
         self.compute([at], spacing)
         found = []
-        for k, name, _ in self.blocks:
-            curve, row = self.curves[k], self.rows[self.case(k, at, spacing).key]
-            require(row["status"] == "done", f"curve = {curve.name}: a run {row['status']}: {row['reason']}")
-            values = row["course"] if len(curve.times) else row
+        for curve in self.curves:
+            test, name, row = curve.test, curve.measure, self.rows[self.case(curve.test, at, spacing).key]
+            require(row["status"] == "done", f"curve = {test.name}: a run {row['status']}: {row['reason']}")
+            values = row["course"] if len(test.times) else row
             known = ", ".join(filter(is_measure, values))
-            require(name in values, f"curve = {curve.name}: the scene does not measure {name}; must be of {known}")
-            value = np.array(values[name], float)
+            require(name in values, f"curve = {test.name}: the scene does not measure {name}; must be of {known}")
+            value = np.atleast_1d(np.array(values[name], float))
             found.append(
-                np.interp(curve.times + self.late(at, k), values["time_s"], value) if len(curve.times) else value[None]
+                np.interp(curve.times + self.late(at, test), values["time_s"], value) if len(test.times) else value
             )
         return found
 
     def residuals(self, at, spacing) -> np.ndarray:
         """Model less measured over the error, of all points that were measured."""
-        parts = [
-            ((model - self.curves[k].values[name]) / self.errors[name])[there]
-            for (k, name, there), model in zip(self.blocks, self.model(at, spacing), strict=True)
-        ]
-        found = np.concatenate(parts)
+        known = zip(self.model(at, spacing), self.curves, self.errors, strict=True)
+        found = np.concatenate([(model - curve.values) / error for model, curve, error in known])
         self.reach = np.fmin(self.reach[0], found), np.fmax(self.reach[1], found)
         return found
 
+    def by_curve(self, values) -> list[np.ndarray]:
+        """Values of all points, such as residuals, of each curve."""
+        return np.split(values, self.edges[:-1])
+
     def require_reached(self, at, spacing) -> None:
         """SceneError where a quarter of a curve's points lie beyond all runs, with what the run at a point says."""
-        beyond = np.maximum(self.reach[0], -self.reach[1]) > OUTSIDE / ERROR
-        edges = np.cumsum([there.sum() for *_, there in self.blocks])[:-1]
-        for (k, name, _), model, part in zip(
-            self.blocks, self.model(at, spacing), np.split(beyond, edges), strict=True
-        ):
-            measured, nearest = (written(name, float(v[-1])) for v in (self.curves[k].values[name], model))
+        beyond = self.by_curve(np.maximum(self.reach[0], -self.reach[1]) > OUTSIDE / ERROR)
+        for curve, model, part in zip(self.curves, self.model(at, spacing), beyond, strict=True):
+            measured, nearest = (written(curve.measure, float(values[-1])) for values in (curve.values, model))
             require(
                 np.mean(part) <= 0.25,
-                f"curve = {self.curves[k].name}: no run comes to it, its {title(name)} ends at {measured}, that of the "
-                f"nearest run at {nearest}, {self.words(at)}",
+                f"curve = {curve.test.name}: no run comes to it, its {title(curve.measure)} ends at {measured}, that "
+                f"of the nearest run at {nearest}, {self.words(at)}",
             )
 
     def slopes(self, at, spacing, bounds) -> np.ndarray:
@@ -154,17 +144,16 @@ class Runs:
         return np.stack([(self.residuals(side, spacing) - here) / step for side, step in pairs], 1)
 
     def with_offsets(self, at, spacing) -> tuple[np.ndarray, float]:
-        """A point with the offset of each curve that fits best, and the sum of squares there."""
+        """A point with the offset of each test that fits best, and the sum of squares there."""
         tried = np.linspace(-10.0 * LATE, 10.0 * LATE, 201) if self.places else np.zeros(1)
-        ends, squares = np.cumsum([there.sum() for *_, there in self.blocks])[:-1], []
+        squares = []
         for late in tried:
             at = np.concatenate([at[: len(self.first)], np.full(len(self.units), late)])
-            squares.append([part @ part for part in np.split(self.residuals(at, spacing), ends)])
-        for k, place in self.places.items():
-            mine = [block[0] == k for block in self.blocks]
+            squares.append([part @ part for part in self.by_curve(self.residuals(at, spacing))])
+        for test, place in self.places.items():
+            mine = [curve.test is test for curve in self.curves]
             at[place] = tried[np.argmin(np.array(squares)[:, mine].sum(1))]
-        apart = self.residuals(at, spacing)
-        return at, float(apart @ apart)
+        return at, float(np.sum(self.residuals(at, spacing) ** 2))
 
     def begin(self, spacing) -> np.ndarray:
         """Where to begin: all constants smaller or larger by one factor, as far as that comes nearer to the curves;
@@ -238,25 +227,25 @@ def calibrate_curves(
     require(first, f"free = {free}: must be a constant of the law or more, such as yield_value,plastic_viscosity")
     function, built = catalogue.load(scene), catalogue.build(scene, **settings | first)
     curves = of_files(curve, function.parameters.model_fields, measures_of(built))
-    for each in curves:
-        both = sorted(each.settings.keys() & {*settings, *first, "until"})
-        require(not both, f"curve = {each.name}: {''.join(both[:1])} is a column of it; must not be given, too")
-        catalogue.build(scene, **settings | first | each.settings)
+    for test in {curve.test for curve in curves}:
+        both = sorted(test.settings.keys() & {*settings, *first, "until"})
+        require(not both, f"curve = {test.name}: {''.join(both[:1])} is a column of it; must not be given, too")
+        catalogue.build(scene, **settings | first | test.settings)
     folder, say, fine = out or Path("studies") / f"calibrate-{built.name}", watch or str, built.spacing
     spacing = COARSER * fine if finer else fine
     start, _ = executor_of(executor, workers, folder)
     with start() as pool:
-        runs = Runs(scene, curves, settings, first, OFFSET in names, folder, pool, say)
-        ends, points = ends_of(first, type(built.material).model_fields), sum(there.sum() for *_, there in runs.blocks)
+        runs = Runs(scene, curves, settings, first, OFFSET in names, folder, pool)
+        ends, points, tests = ends_of(first, type(built.material).model_fields), runs.edges[-1], len(runs.tests)
         bounds = np.hstack([ends, np.outer([-10.0, 10.0], np.full(len(runs.units), LATE))])
         few = f"free = {free}: {bounds.shape[1]} numbers; must be fewer than the measured points, {points}"
         require(points > bounds.shape[1], few)
-        likely = len(curves) * (3 + 4 * (1 + len(first)))
+        likely = tests * (3 + 4 * (1 + len(first)))
         if watch:
-            at_start = [runs.case(k, np.zeros(len(first)), spacing) for k in range(len(curves))]
+            at_start = [runs.case(test, np.zeros(len(first)), spacing) for test in runs.tests]
             with redirect_stdout(io.StringIO()):  # without Taichi's greeting
                 lasts = in_time(wall_time(at_start, workers or os.cpu_count() or 1, likely))
-            finely = f", besides {2 * len(curves)} at {fine:g} m" * finer
+            finely = f", besides {2 * tests} at {fine:g} m" * finer
             say(f"some {likely} runs at a spacing of {spacing:g} m, about {lasts}{finely}")
         at, shift, moved = np.clip(runs.begin(spacing), *(0.999 * bounds)), 0.0, np.inf
 
@@ -287,9 +276,8 @@ def result(runs: Runs, at, slopes, ends, material, spacing) -> CurveFit:
     from scipy.stats import t
 
     residuals, model, count = runs.residuals(at, spacing), runs.model(at, spacing), len(runs.first)
-    edges = np.cumsum([there.sum() for *_, there in runs.blocks])[:-1]
     square = max(float(residuals @ residuals), 1e-12)
-    beside = sum(float(part[1:] @ part[:-1]) for part in np.split(residuals, edges)) / square
+    beside = sum(float(part[1:] @ part[:-1]) for part in runs.by_curve(residuals)) / square
     freedom, beside = len(residuals) - len(at), min(max(beside, 0.0), 0.9)
     scale = square / freedom * (1.0 + beside) / (1.0 - beside)
     lengths = np.concatenate([np.ptp(ends, axis=0), np.full(len(runs.units), 20.0 * LATE)])
@@ -300,20 +288,19 @@ def result(runs: Runs, at, slopes, ends, material, spacing) -> CurveFit:
         low, high = (value * np.exp(ends[:, k])).tolist()
         best, lower, upper = (value * float(np.exp(at[k] + by)) for by in (0.0, -wide[k], wide[k]))
         constants[name] = Constant(best, lower if lower > low else None, upper if upper < high else None, low, high)
-    curves, named = [], []
-    for (k, name, _), values in zip(runs.blocks, model, strict=True):
-        curve = runs.curves[k]
-        facts = {"name": curve.name, "settings": curve.settings, "measure": name, "times": curve.times.tolist()}
-        curves.append(facts | {"measured": curve.values[name].tolist(), "model": values.tolist()})
-        named.append(f"{title(name)} of {curve.name}")
-    parts = worth([part / scale**0.5 for part in np.split(slopes, edges)], before)
+    curves, named = [], [f"{title(curve.measure)} of {curve.test.name}" for curve in runs.curves]
+    for curve, values in zip(runs.curves, model, strict=True):
+        facts = {"name": curve.test.name, "settings": curve.test.settings, "measure": curve.measure}
+        known = {"times": curve.times, "measured": curve.values, "model": values}
+        curves.append(facts | {name: each.tolist() for name, each in known.items()})
+    parts = worth([part / scale**0.5 for part in runs.by_curve(slopes)], before)
     by_part = {name: dict(zip(constants, row.tolist(), strict=False)) for name, row in zip(named, parts, strict=True)}
     spent = [row.get(name) or 0.0 for row in runs.rows.values() for name in ("cpu_seconds", "compile_seconds")]
     return CurveFit(
         scene=runs.scene,
         material=material.model_copy(update={name: it.value for name, it in constants.items()}),
         constants=constants,
-        offsets={runs.curves[k].name: (runs.late(at, k), runs.late(wide, k)) for k in runs.places},
+        offsets={test.name: (runs.late(at, test), runs.late(wide, test)) for test in runs.places},
         spread=spread[:count, :count],
         curves=curves,
         worth=by_part if len(named) > 1 else {},

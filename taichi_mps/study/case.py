@@ -60,26 +60,27 @@ def row_without_result(case: Case, status: str, reason) -> dict:
     return {"key": case.key, "status": status, "reason": words, "scene": case.scene, **case.parameters}
 
 
-def run(case: Case, begun=None) -> dict:
-    """Compute a case to its end in this process: its row; ``begun(sim)`` is called before its first step. What fails is
-    a row with its reason. Taichi is started with one thread where it is not, and again, which drops every earlier
-    Simulation, where its fields are used up.
+def run(case: Case, samples: int = 0) -> dict:
+    """Compute a case to its end in this process: its row. What fails is a row with its reason. Taichi is started with
+    one thread where it is not, and again, which drops every earlier Simulation, where its fields are used up.
 
     A row holds key, status ('done' or 'failed'), reason, the parameters, the scene's measures at the end, t500_s [s]
-    where the spread came to 500 mm, what stopped the run, steps and seconds.
+    where the spread came to 500 mm, what stopped the run, steps and seconds; with ``samples`` in ``course`` so many
+    values of each measure over the time, {name: values}.
     """
-    from .reuse import begin
+    from ..simulation.reuse import begin
 
     with _one_at_a_time:
         try:
             sim = begin(catalogue.build(case.scene, **case.parameters))
             spread = Milestone(sim, "spread_m", REACHED)
-            course, over_time = [], None if spread.watched else sim.scene.over_time
+            course, frames, over_time = [], [], None if spread.watched else sim.scene.over_time
             if over_time:
                 course.append(row_of(sim, sim.measures()))
                 sim.each_step(lambda sim: sim.taken_by_all and course.append(row_of(sim, sim.measures())))
-            if begun:
-                begun(sim)
+            if samples:
+                each = sim.scene.until / samples
+                sim.every(each, lambda frame: frames.append({"time_s": frame.time} | frame.measures()))
             sim.run()
             summary, measures = sim.summary(), sim.measures()
             if over_time:
@@ -92,6 +93,8 @@ def run(case: Case, begun=None) -> dict:
     row |= {name: strict(float(value)) for name, value in (measures | filling).items()}
     if spread.watched:
         row["t500_s"] = spread.time
+    if frames:
+        row["course"] = {name: [strict(frame.get(name)) for frame in frames] for name in frames[-1]}
     return row | {name: strict(summary[name]) for name in KEPT}
 
 

@@ -9,11 +9,11 @@ from ..problem.labels import in_words, title, unit_of_measure
 from ..units import File, Place, SceneError, said, unit_of, validated
 from ..validation import read_reference
 from ..viz.plots import COLOURS, _figure, _save
-from .calibrate_result import RATES
+from .curves import RATES
 from .emulator import DENSITY, emulator_of
 from .mixes import pairs
 from .require import fills
-from .results import measures
+from .tables import measures
 
 VISCOSITIES = (20.0, 50.0, 200.0)  # of the engine's curves [Pa s]
 FORMULAS = {  # column of the reference, who, and the slumps [mm] for which it was made

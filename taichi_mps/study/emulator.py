@@ -13,7 +13,7 @@ from ..problem.materials import Bingham
 from ..units import Flag, Place, SceneError, array, real, require, user_path, validated
 from .calibration import BINGHAM, FRICTIONAL, WORDS, is_time, short
 from .case import REACHED
-from .results import read
+from .tables import read
 
 HERE = Path(__file__).parent
 """Holds the package's own table of each test, slump.csv and so on; docs/howto/calibrate.md."""

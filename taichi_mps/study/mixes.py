@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Callable
 from concurrent.futures import BrokenExecutor
 from contextlib import nullcontext, suppress
+from functools import lru_cache
 from itertools import zip_longest
 from pathlib import Path
 
@@ -15,13 +16,13 @@ from .. import __version__
 from ..report.page import publish
 from ..report.words import safe, table
 from ..spelling import in_unit, without_unit
-from ..units import Count, File, Place, SceneError, Text, require, user_path, validated
+from ..units import Count, File, Place, SceneError, Text, require, suggestion, unit_of, user_path, validated
 from ..viz.plots import COLOURS
-from . import lists, results
+from . import tables
 from .calibrate import CONE, TESTS, Measurements, calibrate
 from .calibration import BINGHAM, FRICTIONAL, NAMES, WORDS, Calibration, is_time, short
-from .columns import heading, hint
 from .sweep import executor_of
+from .tables import SPELLINGS, WRONG, key_of, quantity
 
 EXPLAINED, BOUNDED, WITH_FRICTION = "explained", "bounded", "explained with internal friction"
 TWO_ANSWERS, FAR, REFUSED = "two answers", "not explained", "refused"
@@ -35,6 +36,15 @@ MEANING = {  # of a verdict
     FAR: "no mix comes so near, or the yield stress is not bounded",
     REFUSED: "the measurement cannot be used, for the reason given",
 }
+OTHER_TESTS = {  # names that are read as none of these, and of what they are
+    "ausbreitmass": "of the flow table (EN 12350-5), no slump flow",
+    "flowtable": "of the flow table (EN 12350-5), no slump flow",
+}
+FIELDS = {key_of(name): name for name in Measurements.model_fields}
+FIELDS |= {key_of(word): field for field, words in SPELLINGS.items() for word in words.split()}
+FIELDS |= {f"{key}error": f"{field}_error" for key, field in FIELDS.items() if field in TESTS.values()}
+
+
 SECONDS = 0.05  # CPU time of a mix
 OURS = re.compile(  # the columns that a table of results adds
     rf"(verdict|reason|({'|'.join(FRICTIONAL)})_(found|lower|upper|from|by_.+)|({'|'.join(NAMES)})_(model|missed))"
@@ -50,12 +60,27 @@ ABOUT = (
 
 
 # ---- the list --------------------------------------------------------------------------------------------------
+@lru_cache(maxsize=256)
+def heading(column: str) -> tuple[str | None, str]:
+    """Field of Measurements that a column holds, None for any other; and its unit, empty where the head names none.
+    SceneError for a unit of another kind."""
+    return quantity(column, FIELDS, lambda field: unit_of(Measurements.model_fields[field]))
+
+
+def hint(column: str) -> str:
+    """A column that is none of ours, and what may have been meant or what it is."""
+    key = key_of(re.sub(r"[\[(].*", "", column))
+    near = suggestion(key, FIELDS.keys() - {key}).removeprefix(", ")
+    why = next((why for name, why in OTHER_TESTS.items() if key.startswith(name)), near)
+    return f"'{column}'" + f" ({why})" * bool(why)
+
+
 @validated
 def read_list(path: File) -> list[dict[str, str]]:
     """The rows of a list as text: a CSV file whose columns are measurements, `slump [cm]` or `slump` in SI units, and
     any others, which are kept; one with a name of the results is kept as `... (given)`. SceneError for what is no such
     list."""
-    (rows, comma), fields = lists.read(path), {}
+    (rows, comma), fields = tables.read_list(path), {}
     for column in (name for name in rows[0] if name):
         field, _ = heading(column)
         both = f"table = {path}: '{fields.get(field)}' and '{column}' are both {field}; must be one column"
@@ -110,7 +135,7 @@ def one(row: dict[str, str], study=None) -> dict:
     """A row with what was found of it; verdict and reason in words."""
     row, measured = dict(row), {}
     try:
-        require(lists.WRONG not in row, row.pop(lists.WRONG, ""))
+        require(WRONG not in row, row.pop(WRONG, ""))
         measured = measurements_of(row)
         require(measured.keys() & set(TESTS.values()), f"has no measurement, none of {', '.join(NAMES.values())}")
         found = calibrate(**(without_slump(measured) if stands(measured) else measured), study=study, check=False)
@@ -201,7 +226,7 @@ def tally(rows: list[dict]) -> str:
 def write(rows: list[dict], path) -> None:
     """The table of results, CSV, numbers with five figures."""
     rounded = [{name: f"{v:.5g}" if isinstance(v, float) else v for name, v in row.items()} for row in rows]
-    results.write(rounded, path)
+    tables.write(rounded, path)
 
 
 # ---- the page --------------------------------------------------------------------------------------------------

@@ -27,8 +27,8 @@ from ..problem.problem import Problem
 from ..units import Count, Place, SceneError, Text, in_unit, require, validated
 from .case import Case, case, row_without_result
 from .case import run as run_case
-from .results import opened
 from .slurm import slurm
+from .tables import opened
 
 ACCURACY = 0.005  # of the slump [m], by which model and spacing are chosen where the scene can and nothing is given
 LOST = "lost"  # status of a case that its executor did not bring to an end; computed again when the study is resumed

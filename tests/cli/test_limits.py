@@ -13,7 +13,7 @@ from taichi_mps.geometry.meshes import read_mesh
 from taichi_mps.io import checkpoint
 from taichi_mps.io.history import read_history
 from taichi_mps.problem import catalogue
-from taichi_mps.study import case, mixes, results
+from taichi_mps.study import case, mixes, tables
 from taichi_mps.units import SceneError
 
 
@@ -33,7 +33,7 @@ READERS = {
     "list": mixes.read_list,
     "checkpoint": checkpoint.read,
     "history": read_history,
-    "results": results.read,
+    "results": tables.read,
     "mesh": read_mesh,
 }
 

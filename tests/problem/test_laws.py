@@ -12,7 +12,7 @@ from taichi_mps.cli.main import main
 from taichi_mps.problem import catalogue
 from taichi_mps.problem.materials import LAWS, TYPICAL_RATE, numbers_of
 from taichi_mps.problem.problem import Problem
-from taichi_mps.study.reuse import shape_of
+from taichi_mps.simulation.reuse import shape_of
 from taichi_mps.study.sweep import cases
 from taichi_mps.units import YieldValue
 

@@ -9,7 +9,7 @@ import pytest
 
 import taichi_mps as mps
 from taichi_mps.problem import catalogue
-from taichi_mps.study.reuse import begin
+from taichi_mps.simulation.reuse import begin
 from taichi_mps.validation import flows
 
 DENSITY, DEPTH = 2300.0, 0.1

@@ -9,7 +9,7 @@ import pytest
 import taichi_mps as mps
 from taichi_mps.problem.problem import Problem
 from taichi_mps.schemes.scheme import Speeds
-from taichi_mps.study.reuse import begin
+from taichi_mps.simulation.reuse import begin
 from taichi_mps.terms.constants import CREEP, EARLY_ENOUGH, LONG, QUIET, STILL, Constants
 from tests.support.scenes import parts
 

@@ -12,7 +12,7 @@ from taichi_mps.simulation import clock
 from taichi_mps.simulation.clock import PARTS, READY, Clock, steps_left
 from taichi_mps.simulation.forecast import cost_of
 from taichi_mps.simulation.rest import Rest
-from taichi_mps.study.reuse import begin
+from taichi_mps.simulation.reuse import begin
 
 SETTINGS = {"arch": "cpu", "precision": "f32", "threads": 1}
 MIXES = (

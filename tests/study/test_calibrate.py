@@ -13,7 +13,7 @@ from taichi_mps.study.calibration import FRICTIONAL
 from taichi_mps.study.emulator import FRICTION, HERE, Emulator, emulator_of
 from taichi_mps.study.fit import fit
 from taichi_mps.study.mixes import TWO_ANSWERS, WITH_FRICTION, calibrate_list, tally
-from taichi_mps.study.results import read
+from taichi_mps.study.tables import read
 
 pytest.importorskip("scipy")
 

@@ -10,8 +10,7 @@ import taichi_mps as mps
 from taichi_mps.cli.main import main
 from taichi_mps.problem import catalogue
 from taichi_mps.study import calibrate_curves as curves
-from taichi_mps.study.calibrate_input import measures_of, read_curves
-from taichi_mps.study.calibrate_result import RATES
+from taichi_mps.study.curves import RATES, measures_of, read_curves
 
 pytest.importorskip("scipy")
 
@@ -111,7 +110,7 @@ def test_what_a_curve_does_not_determine_is_told(tmp_path, exact):
     [
         ("Zeit (s);Durchmesser_mm;Setzfließmaß (mm)\n0,5;1;210\n1,5;1;250,5\n", [0.5, 1.5], [0.21, 0.2505]),
         ("time [min],slump flow,edge points\n0,0.2,7\n0.5,25 cm,8\n", [0.0, 30.0], [0.2, 0.25]),
-        ("t,diameter [in]\n0,10\n1,\n", [0.0, 1.0], [0.254, np.nan]),
+        ("t,diameter [in]\n0,10\n1,\n", [0.0], [0.254]),
     ],
 )
 def test_a_film_is_read_as_people_write_it(tmp_path, text, times, values):
@@ -119,7 +118,8 @@ def test_a_film_is_read_as_people_write_it(tmp_path, text, times, values):
     scene = catalogue.build("slump", **BODY)
     (curve,) = read_curves(tmp_path / "film.csv", catalogue.load("slump").parameters.model_fields, measures_of(scene))
     assert curve.times.tolist() == pytest.approx(times)
-    np.testing.assert_allclose(curve.values["spread_m"], values)
+    np.testing.assert_allclose(curve.values, values)
+    assert curve.measure == "spread_m"
 
 
 def test_columns_that_are_keywords_of_the_scene_make_runs_of_their_own(tmp_path):
@@ -130,12 +130,12 @@ def test_columns_that_are_keywords_of_the_scene_make_runs_of_their_own(tmp_path)
     dam = catalogue.load("dam_break").parameters.model_fields
     measured = measures_of(catalogue.build("dam_break", model="half", spacing=0.005))
     first, second = read_curves(tmp_path / "dams.csv", dam, measured)
-    assert first.settings == {"column_width": "21 mm", "column_height": "4 cm"} != second.settings
-    assert first.values["flow_m"].tolist() == [0.03, 0.05] and second.times.tolist() == [0.1, 0.2]
+    assert first.test.settings == {"column_width": "21 mm", "column_height": "4 cm"} != second.test.settings
+    assert first.values.tolist() == [0.03, 0.05] and second.times.tolist() == [0.1, 0.2]
     (tmp_path / "vane.csv").write_text("speed [rpm],steady torque [mN m]\n10,1\n20,2\n40,3\n")
     vane = catalogue.build("vane", spacing=0.005)
     points = read_curves(tmp_path / "vane.csv", catalogue.load("vane").parameters.model_fields, measures_of(vane))
-    assert [(each.settings["speed"], each.values["steady_torque_N_m"].tolist()) for each in points] == [
+    assert [(each.test.settings["speed"], each.values.tolist()) for each in points] == [
         ("10 rpm", [0.001]),
         ("20 rpm", [0.002]),
         ("40 rpm", [0.003]),

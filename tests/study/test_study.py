@@ -17,11 +17,11 @@ import taichi_mps as mps
 from taichi_mps.problem import catalogue
 from taichi_mps.problem.accuracy import choices
 from taichi_mps.problem.problem import Problem
+from taichi_mps.simulation.reuse import begin, shape_of
 from taichi_mps.study import case as cases
-from taichi_mps.study.results import opened, read
-from taichi_mps.study.reuse import begin, shape_of
 from taichi_mps.study.sweep import ACCURACY, LOST, carry_out, together, values
 from taichi_mps.study.sweep import cases as combinations
+from taichi_mps.study.tables import opened, read
 from taichi_mps.terms.constants import longest_step
 from taichi_mps.units import SceneError
 from tests.support import study_cases

@@ -15,7 +15,7 @@ import numpy as np
 from ..problem.problem import Problem
 from ..problem.scene import Scene
 from ..runtime.backend import init, require_room, session
-from ..simulation.simulation import Simulation
+from .simulation import Simulation
 
 # of a scene: read at every step or at the end, by no kernel; the material has its own entry
 FREE = ("material", "until", "parameters", "measure", "over_time", "check", "outline", "mould", "vessel")

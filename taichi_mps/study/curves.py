@@ -1,0 +1,199 @@
+"""Measured curves as a user hands them over, a measure of a scene against time or end values against its keywords, and
+what they say of a law: its constants with intervals, its flow curve, and what is determined."""
+
+import warnings
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ..problem.labels import OPTIONS, RESULTS, UNITS, in_words, title
+from ..problem.materials import Material
+from ..problem.measures import still
+from ..spelling import in_unit, without_unit
+from ..units import SceneError, require, unit_of, user_path
+from .calibration import TOLD, Constant, short
+from .tables import SPELLINGS, WRONG, key_of, quantity, read_list
+
+TIME = "time t zeit temps 時間"  # names of the column of the times
+DIAMETER = "spread_m"  # what a column 'diameter' holds, which is a word beside other names
+RATES = np.geomspace(0.1, 1000.0, 81)  # of a flow curve [1/s]
+
+
+@dataclass(frozen=True, eq=False)
+class Test:
+    """What was measured together, of one run."""
+
+    name: str
+    settings: dict[str, str]  # keywords of the scene, of columns of the file
+    times: np.ndarray  # [s], (n,); none where only its end was measured
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """What was measured of one measure of a test: at times [s], or at the end where there are none."""
+
+    test: Test
+    measure: str
+    times: np.ndarray  # [s], (n,)
+    values: np.ndarray  # SI units, (n,); (1,) without times
+
+
+def unit_by_name(measure: str) -> str:
+    """SI unit of a measure, by the end of its name."""
+    end = next(end for end in UNITS if measure.endswith(end))
+    return {"_m_s": "m/s", "_ratio": ""}.get(end, end[1:].replace("_per_", "/").replace("_", " "))
+
+
+def vocabulary(keywords: dict, measures) -> tuple[dict[str, str], dict[str, str]]:
+    """What a column may be called, {key_of(name): time, keyword or measure}, and the SI unit of each of these."""
+    words, units = {key_of(word): "time" for word in TIME.split()}, {"time": "s"}
+    for name, each in keywords.items():
+        words |= {key_of(word): name for word in (name, OPTIONS.get(name, name))}
+        units[name] = unit_of(each).strip("-")
+    for name in measures:
+        stem = name.removesuffix(next(end for end in UNITS if name.endswith(end)))
+        words |= {key_of(word): name for word in (name, stem, title(name), *SPELLINGS.get(stem, "").split())}
+        units[name] = unit_by_name(name)
+    return words | ({"": DIAMETER} if DIAMETER in measures else {}), units
+
+
+def read_curves(path, keywords: dict, measures) -> list[Curve]:
+    """The curves of a CSV file, a row a point: columns are time, measures of a scene and, where a file holds several
+    curves or end values, the scene's ``keywords`` {name: pydantic field}. SceneError for what is no such file."""
+    path = user_path(path)
+    (rows, comma), where = read_list(path), f"curve = {path}: "
+    words, units = vocabulary(keywords, measures)
+    held = {column: quantity(column, words, units.get) for column in rows[0] if column}
+    found = [what for what, _ in held.values() if what]
+    twice = next((what for what in found if found.count(what) > 1), "")
+    require(not twice, f"{where}two columns are {twice}; must be one")
+    known, others = ", ".join(measures), ", ".join(f"'{name}'" for name, (what, _) in held.items() if not what)
+    missing = f"{where}has no column that the scene measures ({others or 'none else'}); must be one or more of {known}"
+    require(set(measures) & set(found), missing)
+    runs: dict[tuple, list] = {}
+    for number, row in enumerate(rows, 1):
+        require(WRONG not in row, where + row.get(WRONG, ""))
+        told = {what: value_of(row[column], unit, units[what], comma, f"{where}row {number}, {column}")
+                for column, (what, unit) in held.items() if what not in (None, *keywords)}  # fmt: skip
+        settings = {what: f"{row[column]} {unit * without_unit(row[column])}".strip()
+                    for column, (what, unit) in held.items() if what in keywords}  # fmt: skip
+        key = (*settings.items(), *([number] if "time" not in found else []))
+        runs.setdefault(key, []).append((settings, told))
+    curves = []
+    for points in runs.values():
+        settings, columns = points[0][0], {what: np.array([told[what] for _, told in points]) for what in points[0][1]}
+        times, name = columns.pop("time", np.zeros(0)), ", ".join([path.name, *map(" ".join, settings.items())])
+        falls = next(((a, b) for a, b in zip(times[:-1], times[1:], strict=True) if not b >= a), None)
+        require(falls is None, f"curve = {name}: times fall: after {falls and falls[0]} s comes {falls and falls[1]} s")
+        require(np.all(times >= 0.0), f"curve = {name}: a time is missing or before 0 s; must be 0 s or more")
+        test, there = Test(name, settings, times), {measure: np.isfinite(each) for measure, each in columns.items()}
+        curves += [
+            Curve(test, measure, times[there[measure]] if len(times) else times, each[there[measure]])
+            for measure, each in columns.items()
+            if there[measure].any()
+        ]
+    return curves
+
+
+def value_of(cell: str, unit: str, ours: str, comma: bool, where: str) -> float:
+    """A cell in the SI unit ``ours``, of the unit of its column or its own; nan of an empty one."""
+    try:
+        text = cell.replace(",", ".") if comma else cell
+        return float(in_unit(ours, f"{text} {unit * without_unit(text)}".strip()) if text else "nan")
+    except ValueError:
+        raise SceneError(f"{where} = {cell}: must be a number{f' [{ours}]' * bool(ours)}") from None
+
+
+def of_files(paths: str, keywords: dict, measures) -> list[Curve]:
+    """The curves of files with commas between them; SceneError for fewer than five points in all."""
+    curves = [curve for path in paths.split(",") for curve in read_curves(Path(path.strip()), keywords, measures)]
+    points = sum(len(curve.values) for curve in curves)
+    require(points >= 5, f"curve = {paths}: holds {points} points; must be at least 5")
+    return curves
+
+
+def measures_of(scene) -> list[str]:
+    """Names of what a scene measures, as far as they are known before a run; all of results where it reads loads."""
+    found = scene.measure(scene.unfold(still(scene.initial, scene.spacing))) if scene.measure else {}
+    if not found or not scene.over_time:
+        return list(found or RESULTS)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of a history of two rows
+        history = {"time_s": [0.0, 1.0]} | {name: [value, value] for name, value in found.items()}
+        return [*found, *scene.over_time({name: np.array(values) for name, values in history.items()})]
+
+
+# ---- what was found ---------------------------------------------------------------------------------------------
+@dataclass(frozen=True, kw_only=True)
+class CurveFit:
+    """What measured curves say of a law: constants with intervals, and the curves of the model beside them."""
+
+    scene: str
+    material: Material  # with the constants found
+    constants: dict[str, Constant]
+    offsets: dict[str, tuple[float, float]]  # time of the scene at the zero of a curve, half of its 95 % interval [s]
+    spread: np.ndarray  # covariance of the logarithms of the constants, times the square of a 95 % quantile
+    curves: list[dict]  # name, settings, measure, times [s], measured and model, SI units
+    worth: dict[str, dict[str, float]]  # by which factor a constant would be less certain without a curve
+    runs: int
+    cpu_seconds: float
+
+    @property
+    def missed(self) -> dict[str, float]:
+        """Root mean square of model less measured over the largest measured value, by measure [-]."""
+        found = {}
+        for name in {each["measure"]: None for each in self.curves}:
+            pairs = [(each["model"], each["measured"]) for each in self.curves if each["measure"] == name]
+            model, measured = (np.concatenate(values) for values in zip(*pairs, strict=True))
+            found[name] = float(np.sqrt(np.nanmean((model - measured) ** 2)) / (np.nanmax(np.abs(measured)) or 1.0))
+        return found
+
+    def flow_curve(self, rates=RATES) -> tuple[np.ndarray, np.ndarray]:
+        """Shear stresses [Pa] at shear rates [1/s], and by which factor they may be off, 95 %."""
+
+        def stress(**changed):
+            law = self.material.model_copy(update=changed)
+            return np.array([law.shear_stress(float(rate), 0.0) for rate in rates])
+
+        slopes = []
+        for name, it in self.constants.items():
+            up, down = (np.log(stress(**{name: it.value * np.exp(by)})) for by in (0.01, -0.01))
+            slopes.append((up - down) / 0.02)
+        return stress(), np.exp(np.sqrt(np.einsum("ik,ij,jk->k", slopes, self.spread, slopes)))
+
+    def determined(self) -> str:
+        """What the curves determine and what not, in sentences."""
+        wide = {name: float(np.sqrt(self.spread[k, k])) for k, name in enumerate(self.constants)}
+        known = [f"{in_words(name)} to {percent(wide[name])}" for name, it in self.constants.items() if it.determined]
+        others = [in_words(name) for name, it in self.constants.items() if not it.determined]
+        stress, factor = self.flow_curve()
+        best = int(np.argmin(factor))
+        told = [f"The curves determine the {' and the '.join(known)}."] * bool(known)
+        told += [f"They do not determine the {' and the '.join(others)}."] * bool(others)
+        at, error = f"{RATES[best]:.2g} 1/s, {short(stress[best])} Pa", percent(np.log(factor[best]))
+        return " ".join([*told, f"The shear stress is known best at {at}, to {error}."])
+
+    def facts(self) -> dict:
+        """Everything, JSON-ready."""
+        stress, factor = self.flow_curve()
+        facts = vars(self) | {"material": self.material.facts(), "missed": self.missed, "told": str(self)}
+        facts["constants"] = {name: vars(it) | {"determined": it.determined} for name, it in self.constants.items()}
+        facts["spread"] = self.spread.tolist()
+        flow = {"shear_rate_1_s": RATES, "shear_stress_Pa": stress, "factor": factor}
+        return facts | {"flow_curve": {name: values.tolist() for name, values in flow.items()}}
+
+    def __str__(self):
+        fields, found = type(self.material).model_fields, self.offsets.items()
+        lines = [f"{in_words(name):18} {it.told(unit_of(fields[name]))}" for name, it in self.constants.items()]
+        lines += [f"{'time offset':18} {1e3 * at:+.0f} +- {1e3 * by:.0f} ms: {name}" for name, (at, by) in found]
+        lines += [f"{title(name):18} missed by {by:.2%} (root mean square)" for name, by in self.missed.items()]
+        for name, of in self.worth.items():
+            needed = [f"the {in_words(it)} {by:.1f} times" for it, by in of.items() if by > TOLD]
+            lines += [f"without {name}: {', '.join(needed)} as uncertain"] * bool(needed)
+        return "\n".join([*lines, self.determined(), f"{self.runs} runs, {self.cpu_seconds:.0f} s of processor time"])
+
+
+def percent(logarithm: float) -> str:
+    """By how much a constant is uncertain: in percent, or as a factor."""
+    return f"{100.0 * np.expm1(logarithm):.2g} %" if logarithm < 0.6 else f"a factor of {np.exp(logarithm):.2g}"
