@@ -7,7 +7,6 @@ Measured: see the heads of the files in taichi_mps/validation/reference and test
 """
 
 import csv
-import json
 import sys
 import tempfile
 from pathlib import Path
@@ -173,13 +172,4 @@ def draw() -> None:
 
 
 if __name__ == "__main__":
-    what, *settings = sys.argv[1:] or ["help"]
-    if what == "run":
-        wanted = {name: each for name, each in cases().items() if not settings or name in settings}
-        points.run(__file__, "inverse", wanted)
-    elif what == "draw":
-        draw()
-    elif what == "point":
-        print(json.dumps(point(**json.loads(settings[0]))))
-    else:
-        sys.exit(__doc__)
+    points.main(__file__, "inverse", cases, point, draw, __doc__)

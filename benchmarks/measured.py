@@ -6,9 +6,6 @@
 Measured: Hamamichi et al. (2023), see the heads of the files in taichi_mps/validation/reference.
 """
 
-import json
-import sys
-
 import numpy as np
 import points
 
@@ -197,12 +194,4 @@ def shapes_chart(results, spacing) -> None:
 
 
 if __name__ == "__main__":
-    what, *settings = sys.argv[1:] or ["help"]
-    if what == "run":
-        points.run(__file__, "measured", cases())
-    elif what == "draw":
-        draw()
-    elif what == "point":
-        print(json.dumps(point(**json.loads(settings[0]))))
-    else:
-        sys.exit(__doc__)
+    points.main(__file__, "measured", cases, point, draw, __doc__)

@@ -68,6 +68,19 @@ def run(script: str, name: str, points: dict[str, dict], again=lambda result: Fa
         print(f"{key}: {json.dumps(result)}", flush=True)
 
 
+def main(script: str, name: str, cases, point, draw, about: str) -> None:
+    """A benchmark from its command line: ``run`` its cases (all, or the named), ``draw``, or run one ``point``."""
+    what, *words = sys.argv[1:] or ["help"]
+    if what == "run" and set(words) <= set(cases()):
+        run(script, name, {key: each for key, each in cases().items() if not words or key in words})
+    elif what == "draw":
+        draw()
+    elif what == "point":
+        print(json.dumps(point(**json.loads(words[0]))))
+    else:
+        sys.exit(about)
+
+
 # ---- pages ---------------------------------------------------------------------------------------------------------
 def table(head, rows) -> str:
     """Markdown of cells."""

@@ -10,9 +10,6 @@ limits of the scheme are off. N = 43/D, 0.3 of the viscous time, or what moves t
 most 300.
 """
 
-import json
-import sys
-
 import numpy as np
 import points
 
@@ -217,12 +214,4 @@ def counted(found: dict[str, dict]) -> str:
 
 
 if __name__ == "__main__":
-    words = sys.argv[1:]
-    if words == ["run"]:
-        points.run(__file__, "stability_map", cells())
-    elif words == ["draw"]:
-        draw()
-    elif len(words) == 2 and words[0] == "point":
-        print(json.dumps(point(**json.loads(words[1]))))
-    else:
-        sys.exit(__doc__)
+    points.main(__file__, "stability_map", cells, point, draw, __doc__)

@@ -8,9 +8,6 @@ parallel-plate rheometer, by which the vane gives more by a constant factor: onl
 asked.
 """
 
-import json
-import sys
-
 import numpy as np
 import points
 
@@ -85,12 +82,4 @@ def draw() -> None:
 
 
 if __name__ == "__main__":
-    what, *settings = sys.argv[1:] or ["help"]
-    if what == "run":
-        points.run(__file__, "vane", cases())
-    elif what == "draw":
-        draw()
-    elif what == "point":
-        print(json.dumps(point(**json.loads(settings[0]))))
-    else:
-        sys.exit(__doc__)
+    points.main(__file__, "vane", cases, point, draw, __doc__)

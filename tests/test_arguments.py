@@ -1,13 +1,12 @@
 """Every argument of the public Python API, given some 70 kinds of nonsense, is refused in one line that names it, or
 means something.
 
-    python -m tests.test_arguments --seconds 600 --seed 1
+    python -m pytest -n0 -m "slow or long" tests/test_arguments.py   # more of them, and for an hour all
 
 A call may end in a SceneError that names the argument, in the TypeError of Python's own call signature, or in a result
 of finite numbers; then the argument must have been of the kind of the sound one. Nothing may hang.
 """
 
-import argparse
 import contextlib
 import dataclasses
 import io
@@ -16,11 +15,8 @@ import os
 import random
 import re
 import signal
-import sys
-import tempfile
 import time
 import warnings
-from collections import Counter
 from datetime import date
 from decimal import Decimal
 from fractions import Fraction
@@ -541,36 +537,11 @@ def calls(targets, seed):
     return every
 
 
-def tried(bench, seconds, seed, chosen=None):
+def tried(bench, seconds, seed):
     """Yield (call, ending) of as many calls as fit into these seconds."""
     begin, targets = time.monotonic(), bench.targets()
-    if chosen:
-        targets = {name: target for name, target in targets.items() if re.search(chosen, name)}
     for name, argument, key in calls(targets, seed):
         if time.monotonic() - begin > seconds:
             return
         value = (k for k in range(2)) if key == "generator" else VALUES[key]
         yield f"{name}({argument}={key})", ending(name, *targets[name], argument, value)
-
-
-def main(argv=None) -> int:
-    parser = argparse.ArgumentParser(prog="python -m tests.test_arguments", description=__doc__)
-    parser.add_argument("--seconds", type=float, default=600.0)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--only", help="names of functions, a regular expression")
-    chosen = parser.parse_args(argv)
-    backend.init(arch="cpu", precision="f64", threads=1)
-    kinds, failures = Counter(), []
-    place = tempfile.TemporaryDirectory()
-    os.chdir(place.name)
-    bench = Bench(Path(place.name))
-    for call, end in tried(bench, chosen.seconds, chosen.seed, chosen.only):
-        kinds[end.split(":")[0]] += 1
-        if end not in GOOD:
-            failures.append(f"{call} {end}")
-    print(*failures, sum(kinds.values()), dict(kinds), sep="\n")
-    return int(bool(failures))
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -117,13 +117,6 @@ def test_taichi_is_never_started_at_import(name):
     assert ("ti.init" in everywhere) == (name == "runtime.backend")
 
 
-@pytest.mark.parametrize("name", [n for n in PLAIN if "runtime.backend" in imports(n, MODULES[n])])
-def test_no_postponed_annotations_where_kernels_live(name):
-    """`from __future__ import annotations` makes every kernel argument a string: TaichiSyntaxError."""
-    futures = [n for n in ast.walk(MODULES[name]) if isinstance(n, ast.ImportFrom) and n.module == "__future__"]
-    assert not futures
-
-
 LARGE = {"taichi", "h5py", "matplotlib", "meshio", "imageio", "scipy", "pysplashsurf"}
 
 

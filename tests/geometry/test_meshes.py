@@ -1,8 +1,10 @@
 """Proves that a mesh as CAD writes it is repaired, its bodies united, and said so, or refused with file and place."""
 
 import re
+import shutil
 import sys
 import warnings
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,7 +14,6 @@ from taichi_mps.geometry import solid
 from taichi_mps.geometry.meshes import mesh_distance, read_mesh
 from taichi_mps.problem.problem import Problem
 from tests.support.cube import CORNERS, box
-from tests.support.step import prism, write_step
 
 for library in ("igl", "trimesh", "manifold3d"):
     pytest.importorskip(library)
@@ -183,32 +184,42 @@ def test_files_as_other_programs_write_them(tmp_path):
         read_mesh(tmp_path / "cube.dxf")
 
 
-BLOCK, POST = (0.2, 0.1, 0.05), (0.1, 0.5)  # sides of a box; radius and height of a round post [m]
+STEP = (
+    Path(__file__).parents[1] / "reference" / "parts.step"
+)  # a box 30 mm away from the origin along y, and a round post
+BLOCK, RADIUS = (20.0, 10.0, 5.0), 10.0  # sides of the box, radius of the post [mm]
+MILLIMETRE = "(LENGTH_UNIT()NAMED_UNIT(*)SI_UNIT(.MILLI.,.METRE.))"
+UNITS = {  # size of a unit [m], and how a STEP file names it
+    "m": (1.0, MILLIMETRE.replace(".MILLI.", "$")),
+    "mm": (1e-3, MILLIMETRE),
+    "inch": (0.0254, "(CONVERSION_BASED_UNIT('INCH',#3)LENGTH_UNIT()NAMED_UNIT(#1))"),
+}
 
 
-def assembly(path, unit):
-    """A STEP file of a box, which is 0.3 m away from the origin along y, and of a round post."""
-    size = {"m": 1.0, "mm": 1e-3, "inch": 0.0254}[unit]
-    x, y, z = np.array(BLOCK) / size
-    box = prism([(0.0, 0.0), (x, 0.0), (x, z), (0.0, z)], y, at=0.3 / size)
-    return write_step(path, {"box": box, "post": tuple(v / size for v in POST)}, unit)
+@pytest.fixture
+def assembly(tmp_path):
+    """The parts as a file of their own."""
+    return Path(shutil.copy(STEP, tmp_path))
 
 
-@pytest.mark.parametrize("unit", ["inch", "mm", "m"])
-def test_a_step_file_has_its_own_unit_and_its_bodies_their_names(tmp_path, unit):
+@pytest.mark.parametrize("unit", UNITS)
+def test_a_step_file_has_its_own_unit_and_its_bodies_their_names(assembly, unit):
     """A known box, exactly; a round body as near to its own as it is said."""
     pytest.importorskip("cascadio")
-    path = assembly(tmp_path / "parts.step", unit)
-    points, triangles, said = told(path, body="box")
-    assert points.min(0) == pytest.approx((0.0, 0.3, 0.0)) and np.ptp(points, axis=0) == pytest.approx(BLOCK)
-    assert volume(points, triangles) == pytest.approx(1e-3, rel=1e-6) and "of body box of 2 bodies: " in said
-    tolerance = 2e-5
-    points, triangles, said = told(path, body="post", tolerance=tolerance)
-    angles = np.unique(np.round(np.arctan2(points[:, 1], points[:, 0])[np.hypot(*points[:, :2].T) > 0.09], 6))
-    depth = POST[0] * (1.0 - np.cos(0.5 * np.diff(angles).max()))  # of the chords below the round face
-    assert 0.2 * tolerance < depth < tolerance and "within 2e-05 m of the faces" in said
-    both = told(path, tolerance=tolerance)[:2]
-    assert volume(*both) == pytest.approx(volume(points, triangles) + 1e-3, rel=1e-6)
+    size, name = UNITS[unit]
+    assembly.write_text(assembly.read_text().replace(MILLIMETRE, name))
+    points, triangles, said = told(assembly, body="box")
+    points = points / size
+    assert points.min(0) == pytest.approx((0.0, 30.0, 0.0)) and np.ptp(points, axis=0) == pytest.approx(BLOCK)
+    assert volume(points, triangles) == pytest.approx(1e3, rel=1e-6) and "of body box of 2 bodies: " in said
+    tolerance = 0.002
+    points, triangles, said = told(assembly, body="post", tolerance=tolerance * size)
+    points = points / size
+    angles = np.unique(np.round(np.arctan2(points[:, 1], points[:, 0])[np.hypot(*points[:, :2].T) > 9.0], 6))
+    depth = RADIUS * (1.0 - np.cos(0.5 * np.diff(angles).max()))  # of the chords below the round face
+    assert 0.2 * tolerance < depth < tolerance and f"within {tolerance * size:.2g} m of the faces" in said
+    both, faces, _ = told(assembly, tolerance=tolerance * size)
+    assert volume(both / size, faces) == pytest.approx(volume(points, triangles) + 1e3, rel=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -221,22 +232,21 @@ def test_a_step_file_has_its_own_unit_and_its_bodies_their_names(tmp_path, unit)
 def test_a_body_that_is_not_there_and_a_scale_of_a_step_file_are_refused(tmp_path, keywords, message):
     pytest.importorskip("cascadio")
     with pytest.raises(mps.SceneError, match=message):
-        read_mesh(assembly(tmp_path / "parts.stp", "mm"), **keywords)
+        read_mesh(shutil.copy(STEP, tmp_path / "parts.stp"), **keywords)
 
 
-def test_a_damaged_step_file_is_one_line_and_what_is_missing_is_named(tmp_path, monkeypatch, capfd):
-    path = assembly(tmp_path / "parts.step", "mm")
-    text = path.read_text()
+def test_a_damaged_step_file_is_one_line_and_what_is_missing_is_named(assembly, monkeypatch, capfd):
+    text = assembly.read_text()
     for bad in ("", "STEP", text[: len(text) // 2], text.replace("CLOSED_SHELL", "OPEN_SHELL").replace("#20", "#9")):
-        path.write_text(bad)
+        assembly.write_text(bad)
         with pytest.raises(mps.SceneError, match="mesh .*parts.step: (cannot be read as STEP|.* bodies: )"):
-            read_mesh(path, body="none")
+            read_mesh(assembly, body="none")
     assert capfd.readouterr() == ("", "")
     monkeypatch.setattr("taichi_mps.geometry.meshes.find_spec", lambda name: None)
     with pytest.raises(
         mps.SceneError, match=r'parts.step: a STEP file needs cascadio: pip install "taichi-mps\[step\]"'
     ):
-        read_mesh(path)
+        read_mesh(assembly)
 
 
 def test_a_form_is_open_at_its_highest_face(tmp_path):

@@ -6,38 +6,22 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.boundaries.walls import Walls
 from taichi_mps.geometry.meshes import mesh_distance, read_mesh
 from taichi_mps.geometry.solid import polygon_distance
-from taichi_mps.runtime.backend import ti
 from taichi_mps.viz import render
 from tests.support.cube import CORNERS, CUBE
+from tests.support.rigs import L0, RE, Probe, cloud
 from tests.support.rigs import Rig as Cloud
-from tests.support.rigs import cloud
 
-L0, RE = 0.1, 0.21
 PIPE = mps.Cylinder((0.05, 0.0, 0.02), 0.33, axis=(1.0, 2.0, -2.0))
 WATER = mps.Newtonian(density=1000.0, viscosity=1e-3)
 CONCRETE = mps.Bingham(density=2300.0, plastic_viscosity=50.0, yield_value=300.0)
 
 
-@ti.data_oriented
-class Probe:
-    def __init__(self, wall, count, d, time=0.0):
-        self.walls = Walls((wall,), d, L0, RE)
-        self.walls.place(time)
-        self.x, self.n = (ti.Vector.field(d, ti.f64, count) for _ in range(2))
-        self.z = ti.field(ti.f64, count)
-
-    @ti.kernel
-    def go(self):
-        for i in self.x:
-            self.z[i], self.n[i], _velocity, _curvature = self.walls.surfaces[0].nearest(self.x[i])
-
-    def __call__(self, x):
-        self.x.from_numpy(np.ascontiguousarray(x))
-        self.go()
-        return self.z.to_numpy(), self.n.to_numpy()
+def seen(wall, x, time=0.0):
+    """Distances and normals of a wall at x, as kernels see them."""
+    probe = Probe((wall,), x, time=time)
+    return probe.z.to_numpy(), probe.normal.to_numpy()
 
 
 def test_a_flat_solid_is_exact_wherever_it_has_travelled_to():
@@ -46,12 +30,12 @@ def test_a_flat_solid_is_exact_wherever_it_has_travelled_to():
     solid = mps.Solid.of(lambda x: x @ normal - 0.1, (-1.0,) * 3, (1.0,) * 3, 0.07, velocity=(0.3, 0.0, 0.0))
     x = np.random.default_rng(1).uniform(-0.9, 0.9, (60, 3))
     for time in (0.0, 0.2):
-        z, n = Probe(solid, len(x), 3, time)(x)
+        z, n = seen(solid, x, time)
         exact = (x - (0.3 * time, 0.0, 0.0)) @ normal - 0.1
         assert np.allclose(z, exact, atol=1e-12) and np.allclose(n, normal, atol=1e-12)
         assert np.allclose(solid.distance(x, time), exact, atol=1e-12)
     beyond = np.array([[1.5, 0.0, 0.0]])
-    assert np.isinf(solid.distance(beyond)[0]) and Probe(solid, 1, 3)(beyond)[0][0] > 1e8
+    assert np.isinf(solid.distance(beyond)[0]) and seen(solid, beyond)[0][0] > 1e8
 
 
 @pytest.mark.long
@@ -61,8 +45,8 @@ def test_a_sampled_pipe_comes_near_the_exact_one_with_second_order():
     x = x[np.abs(PIPE.distance(x)) < RE]
     errors = []
     for cell in (0.1, 0.05):
-        z, n = Probe(mps.Solid.of(PIPE.distance, (-0.6,) * 3, (0.6,) * 3, cell), len(x), 3)(x)
-        exact = Probe(PIPE, len(x), 3)(x)[1]
+        z, n = seen(mps.Solid.of(PIPE.distance, (-0.6,) * 3, (0.6,) * 3, cell), x)
+        exact = seen(PIPE, x)[1]
         errors.append((np.abs(z - PIPE.distance(x)).max(), np.linalg.norm(n - exact, axis=1).max()))
         r = 0.33 - PIPE.distance(x).max()  # curvature is largest where the radius is smallest
         assert errors[-1][0] < cell**2 / (2.0 * r) and errors[-1][1] < cell / r
