@@ -345,7 +345,7 @@ MORTAR |= {"model": "axisymmetric", "table": "level", "spacing": 0.0025, "plasti
     "settings",
     [
         pytest.param({"spacing": 0.01, "model": "axisymmetric"}, id="rings"),
-        pytest.param(MORTAR | {"yield_value": 200.0}, id="mortar"),
+        pytest.param(MORTAR | {"yield_value": 200.0}, id="mortar", marks=pytest.mark.slow),
         pytest.param({}, id="hinged", marks=pytest.mark.slow),
     ],
 )

@@ -282,6 +282,7 @@ def corner(size, width, height, layers, speed, filament=10.0):
     return "\n".join(lines)
 
 
+@pytest.mark.slow
 def test_a_tool_path_is_printed_as_it_is_commanded(written):
     """Stiff beads of 30 x 10 mm on two layers round a corner: as wide, as high and as much, and where they belong."""
     path = written(corner(100, 30, 10, 2, 200))

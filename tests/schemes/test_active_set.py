@@ -152,6 +152,7 @@ def test_what_a_wall_that_moves_comes_near_takes_part_and_the_far_end_does_not(w
     assert met > 10
 
 
+@pytest.mark.slow
 def test_the_floor_carries_the_weight_of_what_is_left_out():
     """At each output, though most of the layer was left out of the steps between."""
     sim, found = mps.Simulation(layer(length=1.0), mps.Implicit(sleep="on", wall_loads=True)), []

@@ -32,7 +32,7 @@ def groups(d):
     ("d", "material", "numerics", "part"),
     [
         (2, mps.Bingham(), mps.Implicit(tolerance=1e-12), 0.5),
-        (3, mps.Newtonian(viscosity=50.0), mps.Implicit(tolerance=1e-12), 0.5),
+        pytest.param(3, mps.Newtonian(viscosity=50.0), mps.Implicit(tolerance=1e-12), 0.5, marks=pytest.mark.slow),
         (3, mps.Bingham(), mps.SemiImplicit(), 1.0),
     ],
     ids=["2-D Bingham", "3-D Newtonian", "semi-implicit"],
@@ -63,6 +63,7 @@ def film(across, until=1.0, **keywords):
     return sim
 
 
+@pytest.mark.slow
 def test_bi_viscosity_film():
     """2 % at 20 across, which tells it from the law without a critical strain rate; yielded to the knee."""
     sim = film(20, yield_value=100.0, plastic_viscosity=100.0, critical_strain_rate=1.0)

@@ -36,6 +36,7 @@ def known(monkeypatch, tmp_path):
     return tmp_path / clock.RATIOS
 
 
+@pytest.mark.slow
 def test_nine_runs_in_ten_are_told_within_thirty_percent_from_a_tenth_on():
     """Each step and the rest of the run taken to last as long as the others, so that only their number is told."""
     mps.init(threads=1)

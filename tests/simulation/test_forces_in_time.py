@@ -29,7 +29,9 @@ def block(**changed):
     return mps.Scene(**given | changed)
 
 
-@pytest.mark.parametrize("gravity", [JUMPS, wave], ids=["table", "function"])
+@pytest.mark.parametrize(
+    "gravity", [pytest.param(JUMPS, id="table"), pytest.param(wave, id="function", marks=pytest.mark.slow)]
+)
 def test_a_free_block_follows_gravity(gravity):
     """Velocity is the integral of gravity, position that of the velocity to the order of the step; steps end where a
     table has a row; a run that is taken up again is the same, bit for bit."""
@@ -69,7 +71,7 @@ def test_a_full_box_that_is_accelerated_tilts_its_pressure():
 VELOCITY = ((0.1, 0.0, 0.0), (0.2, 0.0, 0.4), (0.3, 0.0, 0.4), (0.3, 0.0, 0.0))  # [m/s], from 0.1 s on
 
 
-@pytest.mark.parametrize("kind", ["table", "function"])
+@pytest.mark.parametrize("kind", [pytest.param("table", marks=pytest.mark.slow), "function"])
 def test_a_floor_lifts_a_block_as_it_says(kind):
     """A floor that rises carries a block that stands on it; where both stop the block is at rest, and not before."""
     velocity = VELOCITY if kind == "table" else lambda time: (0.0, float(np.interp(time, [0.1, 0.2, 0.3], [0, 0.4, 0])))
@@ -83,6 +85,7 @@ def test_a_floor_lifts_a_block_as_it_says(kind):
     assert np.abs(sim.snapshot().x - scene.fluid - (0.0, gone)).max() < 0.05 * L0
 
 
+@pytest.mark.slow
 def test_what_stands_wakes_when_gravity_turns(monkeypatch):
     """A cone that stands and is left out flows again, as without: after a jump of gravity all take part."""
     monkeypatch.setattr("taichi_mps.particles.active_set.PAYS", 0.01)
@@ -99,7 +102,7 @@ def test_what_stands_wakes_when_gravity_turns(monkeypatch):
     assert reach[0] == pytest.approx(reach[1], rel=0.05) and reach[1] > L0
 
 
-@pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.parametrize("d", [2, pytest.param(3, marks=pytest.mark.slow)])
 def test_a_jolt_gives_a_free_block_the_velocity_of_its_distance_from_the_hinge(d):
     """A table that turns about a hinge and stops gives what lies on it omega times the distance, in one step and to the
     solver's tolerance, for a rigid turn strains nothing."""

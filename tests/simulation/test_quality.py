@@ -146,6 +146,7 @@ def test_of_what_falls_moves_and_is_poured_the_speeds_together_bound_a_run():
     assert mps.Simulation(scene)._expected_speed == pytest.approx(fall + 2.0 + 3.0 + hose().speed(0.1), rel=1e-12)
 
 
+@pytest.mark.slow
 def test_plates_that_close_push_the_fluid_out_as_fast_as_continuity_asks():
     """At 0.01 m/s, 22 times as long as wide: out at 0.11 m/s in the mean, within a tenth, which is no runaway."""
     speed, spacing, half, gap = 0.01, 0.0025, 0.22, 0.02

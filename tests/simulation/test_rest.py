@@ -90,7 +90,9 @@ def test_what_a_travelling_wall_touches_is_not_at_rest():
 
 
 @pytest.mark.parametrize(
-    ("spacing", "passes"), [(0.02, 6), (0.02, 24), pytest.param(0.01, 6, marks=pytest.mark.slow)], ids=str
+    ("spacing", "passes"),
+    [(0.02, 6), *(pytest.param(*given, marks=pytest.mark.slow) for given in ((0.02, 24), (0.01, 6)))],
+    ids=str,
 )
 def test_a_cone_that_stands_is_quiet(spacing, passes):
     """From 3 to 4 s 99.9 % of the rings move slower than 1e-3 sqrt(g l0), and all slower than three times that."""
@@ -107,7 +109,10 @@ def test_a_cone_that_stands_is_quiet(spacing, passes):
         assert np.quantile(speeds, 0.999, axis=1).max() < slow and np.max(speeds) < 3.0 * slow
 
 
-@pytest.mark.parametrize("exponent", [1.0, 0.5], ids=["Bingham", "Herschel-Bulkley"])
+@pytest.mark.parametrize(
+    "exponent",
+    [pytest.param(1.0, id="Bingham"), pytest.param(0.5, id="Herschel-Bulkley", marks=pytest.mark.slow)],
+)
 def test_repacking_takes_no_more_power_than_viscosity_dissipates(exponent):
     """After 0.4 s of 300 Pa and 50 Pa s^n, where the packing asks for more: tau_y |s| = (tau - tau_y) rate."""
     law = {"yield_value": 300.0} | ({} if exponent == 1.0 else {"consistency": 50.0, "flow_index": exponent})
