@@ -5,7 +5,6 @@ A process of its own, since it builds the scene, which may be large, and imports
 
 import io
 import re
-import time
 import warnings
 from contextlib import redirect_stderr, suppress
 from importlib.util import find_spec
@@ -15,13 +14,11 @@ import numpy as np
 from ..cli.forecast import clock_of
 from ..cli.forecast import lines as lines_of
 from ..cli.main import planned
-from ..cli.stopped import began
 from ..problem.materials import Bingham, Concrete
 from ..study.calibration import BINGHAM
 from ..study.emulator import MEASURED, emulator_of
 from ..units import SceneError, plain
 from .form import options
-from .resident import answer_all
 from .results import numbers
 
 OF_A_RUN = "spacing", "model", "until", "accuracy", "floor_radius"  # keywords that make no other test
@@ -78,8 +75,3 @@ def by_table(scene) -> dict | None:
 def answer(request: dict, tell, cancelled) -> None:
     """Tell what is known of a run of a test with texts of its fields."""
     tell(**forecast([request["test"], *options(request["values"])]))
-
-
-if __name__ == "__main__":
-    began.append(time.monotonic())  # as of a run, which is a program of its own, too
-    answer_all(answer)

@@ -23,7 +23,6 @@ from ..simulation.simulation import Simulation
 from ..simulation.summary import described
 from ..units import SceneError, plain
 from .form import CHEAP
-from .resident import answer_all
 from .results import numbers
 
 FINE, COARSE = 1.0 / 30.0, 1.0 / 15.0  # particle size of a cone over its height
@@ -133,7 +132,7 @@ class Film:
         return {"m": numbers(measures), "errors": errors, "time": self.sim.time, "spacing": scene.spacing}
 
 
-def preview(request: dict, tell, cancelled) -> None:
+def answer(request: dict, tell, cancelled) -> None:
     """Tell the section of a test of a mix as it moves, then its measures."""
     begun = time.perf_counter()
     try:
@@ -147,7 +146,3 @@ def preview(request: dict, tell, cancelled) -> None:
         if not cancelled():
             facts = film.result() | {"ended": ended, "seconds": time.perf_counter() - begun}
             tell(result=facts | {"last": problem is problems[-1]})
-
-
-if __name__ == "__main__":
-    answer_all(preview)

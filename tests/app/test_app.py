@@ -211,7 +211,7 @@ def test_a_bad_value_is_told_at_its_field_and_a_calibration_fills_the_form(tmp_p
             tab.part("forecast", "5,504 particles of 10 mm").wait_for(state="attached")
             tab.set(spacing=text)
             tab.part("forecast", "675 particles of 20 mm").wait_for(state="attached")
-        tab.set(accuracy="5mm")
+        tab.set(accuracy="6mm")
         tab.page.locator(".remark", has_text="model = ").wait_for()
         tab.field("model").select_option("half")
         tab.page.locator(".remark", has_text="has no effect").wait_for()
@@ -244,17 +244,16 @@ def test_a_resident_answers_is_started_again_when_it_dies_and_ends_when_nobody_a
         first = await said(resident, yield_value="-3")
         begun = resident.process
         os.kill(begun.pid, signal.SIGKILL)
-        await resident.reader
+        begun.join()
         again = await said(resident, yield_value="-3")
         asking = asyncio.create_task(said(resident))
-        while not resident.waiting:
+        while not resident.owed:
             await asyncio.sleep(0.01)
+        resident.idle = 0.2
         resident.process.kill()  # while it is asked
         told = await asking
-        resident.idle = 0.2
-        await said(resident, yield_value="-3")
-        await resident.reader
-        return first, again, told, resident.process.returncode
+        resident.process.join()
+        return first, again, told, resident.process.exitcode
 
     first, again, told, code = asyncio.run(course())
     assert first == again and first[0]["wrong"].keys() == {"yield_value"} and first[-1] == {"end": True}
