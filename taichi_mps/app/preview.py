@@ -112,20 +112,24 @@ class Film:
     def stage(self) -> dict:
         """What stands still in the picture [m], and the names of what is measured."""
         scene = self.sim.scene
-        facts = {"rings": scene.axisymmetric, "unit": self.unit, "spacing": scene.spacing, "low": scene.domain[0]}
-        facts |= {"high": scene.domain[1], "height": scene.parameters.get("height"), "periodic": any(scene.periodic)}
-        facts |= {"tilt": scene.parameters.get("angle", 0.0)}
-        return facts | {
-            "mould": [line[:, [0, -1]].tolist() for line in scene.outline[:2]] if scene.axisymmetric else []
+        return {
+            "rings": scene.axisymmetric,
+            "unit": self.unit,
+            "spacing": scene.spacing,
+            "low": scene.domain[0],
+            "high": scene.domain[1],
+            "height": scene.parameters.get("height"),
+            "periodic": any(scene.periodic),
+            "tilt": scene.parameters.get("angle", 0.0),
+            "mould": [line[:, [0, -1]].tolist() for line in scene.outline[:2]] if scene.axisymmetric else [],
         }
 
     def result(self) -> dict:
         """What was found, and how far off that is by the errors that were measured of such models."""
         scene, measures = self.sim.scene, {k: v for k, v in self.course[-1].items() if k != "time_s"}
         if scene.over_time:
-            known = self.course[0]
             measures |= scene.over_time(
-                {key: np.array([row.get(key, math.nan) for row in self.course]) for key in known}
+                {key: np.array([row.get(key, math.nan) for row in self.course]) for key in self.course[0]}
             )
         _, height, error = accuracy.of_run(described(self.sim.problem)) or (None, None, None)
         errors = {"slump_m": height * error.slump, "spread_m": 2.0 * height * error.reach} if error else {}

@@ -20,10 +20,9 @@ from ..problem.labels import ENDS, in_words, is_measure, title, written
 from ..problem.materials import mix_in_words
 from ..report import inputs
 from ..report.sentences import LEADING, measured, measures, rows, sentences
-from ..units import SceneError, ordinary, plain, require
+from ..units import SceneError, plain, require
 from .jobs import Job, Queue, until_of
 
-PNG_END = b"IEND\xaeB`\x82"  # of a picture that is written to its end
 NO_SUMMARY = "runs, was cut off, or is of an older version"
 MOST_LINES, MOST_LETTERS, MOST_POINTS = 200, 1000, 300  # of a table; of a text of a run folder; of a curve
 SAVED = {REPORT: "report", "summary.json": "numbers", "history.csv": "curves", "case.toml": "case"}  # in words
@@ -42,16 +41,8 @@ def url(folder: RunFolder, name: str) -> str:
 
 
 def newest_picture(folder: RunFolder) -> Path | None:
-    """The last picture that is written to its end."""
-    return next((path for path in reversed(folder.pictures) if written_to_its_end(path)), None)
-
-
-def written_to_its_end(path: Path) -> bool:
-    """Whether a file is a whole picture; no pipe or device is opened."""
-    with suppress(OSError, ValueError), open(ordinary("picture", path, math.inf), "rb") as file:
-        file.seek(-len(PNG_END), os.SEEK_END)
-        return file.read() == PNG_END
-    return False
+    """The last picture."""
+    return next((path for path in reversed(folder.pictures) if path.is_file()), None)
 
 
 def text_of(value) -> str:
@@ -87,10 +78,8 @@ def end_of(summary: dict) -> str:
 
 def written_at(folder: RunFolder) -> int:
     """When a run was written last [ns]."""
-    with suppress(StopIteration):
-        paths = folder.summary, folder.history, folder.path / MARK
-        return next(path for path in paths if path.exists()).stat().st_mtime_ns
-    return 0
+    paths = folder.summary, folder.history, folder.path / MARK
+    return next((path.stat().st_mtime_ns for path in paths if path.exists()), 0)
 
 
 def size_of(folder: RunFolder) -> int:
@@ -100,8 +89,8 @@ def size_of(folder: RunFolder) -> int:
 
 def row(folder: RunFolder) -> dict:
     """A run in the list."""
-    facts = {"name": plain(folder.path.name), "date": written_at(folder) // 10**6, "size": 0, "picture": None}
-    facts |= {"runs": False, "whole": False, "resumable": False, "report": None, "numbers": {}, "errors": {}}
+    facts = dict.fromkeys(("runs", "whole", "resumable"), False) | {"size": 0, "picture": None, "report": None}
+    facts |= {"name": plain(folder.path.name), "date": written_at(folder) // 10**6, "numbers": {}, "errors": {}}
     try:
         summary, picture = summary_of(folder), newest_picture(folder)
         facts |= {"size": size_of(folder), "runs": bool(lock.writer(folder.path))}

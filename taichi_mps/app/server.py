@@ -18,7 +18,8 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.responses import FileResponse, JSONResponse, PlainTextResponse, StreamingResponse
-from starlette.routing import Route
+from starlette.routing import Mount, Route
+from starlette.staticfiles import StaticFiles
 
 from ..io.run_folder import PICTURES, PLOTS, REPORT, RunFolder, strict
 from ..units import SceneError, plain
@@ -51,6 +52,7 @@ class OnlyHere:
             if message["type"] == "http.response.start":
                 headers = MutableHeaders(scope=message)
                 headers.setdefault("Content-Security-Policy", OWN)
+                headers["Cache-Control"] = "no-cache"
                 headers["Cross-Origin-Resource-Policy"] = "same-origin"
                 headers["X-Content-Type-Options"] = "nosniff"
             await send(message)
@@ -85,27 +87,19 @@ def file_of(folder, run: str, name: str) -> FileResponse:
         inside = False
     if run in ("", ".", "..") or "/" in run or not known or not inside:
         raise HTTPException(404)
-    headers = {"Cache-Control": "no-cache"}
-    return FileResponse(path, headers=headers, filename=f"{plain(run)}-{name}" if name in SAVED else None)
+    return FileResponse(path, filename=f"{plain(run)}-{name}" if name in SAVED else None)
 
 
 def report_of(folder, run: str) -> FileResponse:
     """The report of a run to look at, as a page of an origin of its own that reaches nothing, neither this server."""
-    path = file_of(folder, run, REPORT).path
-    return FileResponse(path, headers={"Cache-Control": "no-cache", "Content-Security-Policy": ALONE})
+    return FileResponse(file_of(folder, run, REPORT).path, headers={"Content-Security-Policy": ALONE})
 
 
 def routes(page: Page) -> list[Route]:
     """What is served: the page, its questions, and files of runs."""
 
     async def start(request: Request):
-        return FileResponse(STATIC / "index.html", headers={"Cache-Control": "no-cache"})
-
-    async def static(request: Request):
-        names = {path.name for path in STATIC.iterdir()}
-        if request.path_params["name"] not in names:
-            raise HTTPException(404)
-        return FileResponse(STATIC / request.path_params["name"], headers={"Cache-Control": "no-cache"})
+        return FileResponse(STATIC / "index.html")
 
     def run_of(request: Request) -> str:
         return os.fsdecode(unquote_to_bytes(request.scope["raw_path"].split(b"/")[2]))  # which need be no UTF-8
@@ -133,7 +127,7 @@ def routes(page: Page) -> list[Route]:
 
     return [
         Route("/", start),
-        Route("/static/{name}", static),
+        Mount("/static", StaticFiles(directory=STATIC)),
         Route("/runs/{name}/{file:path}", run_file),
         Route("/report/{name}", report),
         Route("/ask/{what}", asked, methods=["POST"]),

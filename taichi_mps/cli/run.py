@@ -75,7 +75,7 @@ def draw_missing(folder, scene, painter) -> None:
     """Draw the pictures of a resumed run that were not drawn when it ended, as after kill -9."""
     outputs = Trajectory(folder.trajectory)
     numbers = range(len(outputs.times()))
-    missing = list(numbers[max(len(folder.pictures) - 1, 0) :])  # the last one that is there may have been cut off
+    missing = list(numbers[len(folder.pictures) :])
     for number, frame in zip(missing, outputs.replay(scene=scene, chosen=missing) if missing else (), strict=True):
         painter.draw(number, frame)
 

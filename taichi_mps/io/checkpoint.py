@@ -36,8 +36,8 @@ LARGE = 1_000_000  # numbers of an array from which on a part of it stands for a
 PARTICLES = "spacing", "fluid", "domain", "wall_particles", "inlets"  # of a scene: what the arrays of a state depend on
 LAWS = "materials", "gravity_vector", "walls"  # what no state shows
 FORMER = {"typical_slope": "plastic_viscosity"}  # names by which digests know numbers of a law
-HEADER = {"source": str, "parameters": dict, "scheme": str, "numerics": dict, "time": float, "fluid": str}
-HEADER |= {"settings": dict, "problem": str}
+HEADER = dict.fromkeys(("source", "scheme", "fluid", "problem"), str) | {"time": float}
+HEADER |= dict.fromkeys(("parameters", "numerics", "settings"), dict)
 SCALARS = {"time", "steps", "last_dt", "rest", "report"}
 
 
@@ -457,9 +457,9 @@ def digest(scene: Scene, keys) -> str:
             total.update(f"{len(value)} ".encode())
         elif isinstance(value, BaseModel) or is_dataclass(value):
             fields = type(value).model_fields if isinstance(value, BaseModel) else value.__dataclass_fields__
-            take(
-                [type(value).__name__, *(item for name in fields for item in given(value, name, fields[name].default))]
-            )
+            told = {name: getattr(value, name) for name in fields if name != "name"}
+            told = {k: v for k, v in told.items() if isinstance(v, np.ndarray) or v != fields[k].default}
+            take([type(value).__name__, *(item for k, v in told.items() for item in (FORMER.get(k, k), v))])
         else:
             text = getattr(value, "__qualname__", type(value).__name__) if callable(value) else value
             total.update(f"{text} ".encode())
@@ -467,28 +467,6 @@ def digest(scene: Scene, keys) -> str:
     for key in keys:
         take(getattr(scene, key))
     return total.hexdigest()
-
-
-def given(record, name: str, usual) -> tuple:
-    """Return a field of a record as (name, value).
-
-    Parameters
-    ----------
-    record : object
-        Record.
-    name : str
-        Field.
-    usual : object
-        Default of the field.
-
-    Returns
-    -------
-    tuple
-        Empty where the value is the default, or the field a name.
-    """
-    value = getattr(record, name)
-    left_out = name == "name" or (not isinstance(value, np.ndarray) and value == usual)
-    return () if left_out else (FORMER.get(name, name), value)
 
 
 def possible(poured, layers: int) -> bool:

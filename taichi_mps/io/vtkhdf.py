@@ -100,14 +100,9 @@ class Trajectory:
                 root[f"{part}/NumberOfCells"] = root[f"{part}/NumberOfConnectivityIds"] = np.array([used])
                 root[f"{part}/Connectivity"] = np.arange(used)
                 root[f"{part}/Offsets"] = np.arange(used + 1)
-            fields = point_data(s)
-            if not scene.axisymmetric and not inlets:
-                del fields["size"]
-            if len(scene.materials) == 1:
-                del fields["mix"]
-            for name, rows in output(s, 0, n, fields).items():
-                chunk = min(n, 1 << 16) if name.startswith(OF_PARTICLES) else 256
-                shape = rows.shape[1:]
+            known = {"size": not scene.axisymmetric and not inlets, "mix": len(scene.materials) == 1}
+            for name, rows in output(s, 0, n, [name for name in point_data(s) if not known.get(name)]).items():
+                chunk, shape = min(n, 1 << 16) if name.startswith(OF_PARTICLES) else 256, rows.shape[1:]
                 room = {"maxshape": (None, *shape), "chunks": (chunk, *shape)}
                 file.create_dataset(name, (0, *shape), rows.dtype, **CHECKED | room)
             root["Steps"].attrs["NSteps"] = 0

@@ -95,15 +95,6 @@ class Clock:
         self.measured[self.part] += now - self.since
         self.part, self.since = part, now
 
-    def left(self, sim) -> float:
-        """Wall time to the end [s], never negative."""
-        passed, later = time.monotonic() - self.since, PARTS[PARTS.index(self.part) + 1 :]
-        left = sum(self.expected[part] for part in later)
-        here = max(self.expected[self.part] - passed, LEFT_OVER * passed)
-        if self.part == "flow" and sim.steps > self.first:
-            here = passed * steps_left(sim, self.cost) / (sim.steps - self.first)
-        return here + left
-
     def now(self, sim) -> dict[str, float] | None:
         """Seconds passed and left of a run, the share that is done and the expected end of the flow [s]; None where the
         last answer is hardly older."""
@@ -111,7 +102,12 @@ class Clock:
         if now - self.told < OFTEN:
             return None
         self.told = now
-        passed, left = now - self.begun, self.left(sim)
+        passed, here = now - self.begun, now - self.since
+        left = sum(self.expected[part] for part in PARTS[PARTS.index(self.part) + 1 :])
+        if self.part == "flow" and sim.steps > self.first:
+            left += here * steps_left(sim, self.cost) / (sim.steps - self.first)
+        else:
+            left += max(self.expected[self.part] - here, LEFT_OVER * here)
         rest = sim.rest.expected(sim) if sim.problem.rests and sim.scene.stop_at_rest else sim.scene.until
         end = max(sim.time, min(sim.scene.until, rest or self.cost.end))
         return {"passed_s": passed, "left_s": left, "share": passed / (passed + left), "time_s": sim.time, "end_s": end}

@@ -5,6 +5,7 @@ and the floor. Pillow writes rulers, the lifted mould and the measures over it. 
 plane y = 0, z up.
 """
 
+import os
 import sys
 from collections.abc import Sequence
 from itertools import cycle
@@ -258,7 +259,7 @@ class Renderer:
 
 
 def save(picture, path):
-    """Write a picture as PNG.
+    """Write a picture as PNG, whole or not at all.
 
     Parameters
     ----------
@@ -267,7 +268,9 @@ def save(picture, path):
     path : path-like
         File.
     """
-    iio.imwrite(user_path(path), picture, compress_level=1)
+    partial = user_path(path).with_suffix(".partial")
+    iio.imwrite(partial, picture, extension=".png", compress_level=1)
+    os.replace(partial, user_path(path))
 
 
 @validated
