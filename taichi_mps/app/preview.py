@@ -4,21 +4,19 @@ Another mix is other entries of the same kernels, so only the first of a test wa
 """
 
 import base64
-import io
 import math
 import time
 import warnings
-from contextlib import redirect_stdout
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from ..problem import accuracy, catalogue
 from ..problem.problem import Problem
 from ..problem.scene import Scene
-from ..runtime.backend import init, require_room
 from ..simulation.frame import Frame
-from ..simulation.reuse import shape_of
+from ..simulation.reuse import begin
 from ..simulation.simulation import Simulation
 from ..simulation.summary import described
 from ..units import SceneError, plain
@@ -29,7 +27,7 @@ FINE, COARSE = 1.0 / 30.0, 1.0 / 15.0  # particle size of a cone over its height
 SOFT = 100.0 / (2300.0 * 9.81 * 0.3)  # yield stress over rho g H below which a cone is first shown by coarse ones
 ROOM = 3.0  # least radius of the domain of a cone over its height
 FIRST, EACH, LATER = 0.02, 1.0 / 30.0, 1.04  # [s] of flow, when pictures are due; ratio of their times later on
-_kept: dict = {}  # by the shape of a problem: a Simulation, its scheme, and its state when it was made
+MOST_KEPT = 12  # Simulations: two of each cone, and of some domains
 
 
 def models(test: str, values: dict) -> list[Scene]:
@@ -48,25 +46,6 @@ def models(test: str, values: dict) -> list[Scene]:
         reach = ROOM * valid.height * 2.0 ** max(0, math.ceil(math.log2(reach / (ROOM * valid.height))))
         found.append(replace(scene, domain=(low, (reach, top))))
     return found
-
-
-def begin(problem: Problem, tell) -> Simulation:
-    """A Simulation of the problem, by kernels that are there if they fit; else it tells that these are made."""
-    shape = shape_of(problem)
-    sim, scheme, start = _kept.get(shape, (None, None, None))
-    if not sim or sim.scheme is not scheme:  # which is another one once it was made anew for a longer neighbour list
-        tell(preparing=True)
-        try:
-            require_room()
-        except RuntimeError:  # Taichi is not started, or full
-            _kept.clear()
-            with redirect_stdout(io.StringIO()):
-                init(threads=1)
-        sim = Simulation(problem)
-        start = sim.state()
-        _kept[shape] = sim, sim.scheme, start
-    sim.restart(problem, start)
-    return sim
 
 
 class Film:
@@ -140,13 +119,15 @@ def answer(request: dict, tell, cancelled) -> None:
     """Tell the section of a test of a mix as it moves, then its measures."""
     begun = time.perf_counter()
     try:
-        problems = [Problem(scene) for scene in models(request["test"], request["values"])]
+        scenes = models(request["test"], request["values"])
+        for scene in scenes:
+            Problem(scene)
     except (SceneError, ImportError) as error:
         tell(wrong=plain(error))
         return
-    for problem in problems:
-        film = Film(begin(problem, tell), tell, cancelled)
+    for scene in scenes:
+        film = Film(begin(scene, partial(tell, preparing=True), MOST_KEPT), tell, cancelled)
         ended = film.run()
         if not cancelled():
             facts = film.result() | {"ended": ended, "seconds": time.perf_counter() - begun}
-            tell(result=facts | {"last": problem is problems[-1]})
+            tell(result=facts | {"last": scene is scenes[-1]})

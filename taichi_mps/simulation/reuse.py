@@ -23,9 +23,10 @@ MOST_KEPT = 4  # Simulations of a process: of some curves, coarse and fine
 _kept: dict = {}  # of this process, by shape, last used last: Simulation, its scheme and its state when it was made
 
 
-def begin(scene: Scene) -> Simulation:
+def begin(scene: Scene, compiles=None, most: int = MOST_KEPT) -> Simulation:
     """A Simulation of the scene, by kernels of this process where they fit; one handed out before is over. Starts
-    Taichi with one thread where it is not, and again where its fields are used up."""
+    Taichi with one thread where it is not, and again where its fields are used up. ``compiles`` is called before
+    kernels are made, and ``most`` Simulations are kept."""
     problem = Problem(scene)
     shape = shape_of(problem)
     try:
@@ -37,7 +38,9 @@ def begin(scene: Scene) -> Simulation:
     sim, scheme, beginning = _kept.pop(shape, (None, None, None))
     # its scheme is another one once it was made anew for a longer neighbour list
     if not sim or sim.session is not session() or sim.scheme is not scheme:
-        for oldest in list(_kept)[: len(_kept) - MOST_KEPT + 1]:
+        if compiles:
+            compiles()
+        for oldest in list(_kept)[: max(0, len(_kept) - most + 1)]:
             del _kept[oldest]
         sim = Simulation(problem)
         scheme, beginning = sim.scheme, sim.state()
