@@ -11,9 +11,9 @@ from importlib.util import find_spec
 
 import numpy as np
 
-from ..cli.forecast import clock_of
-from ..cli.forecast import lines as lines_of
 from ..cli.main import planned
+from ..cli.run import clock_of
+from ..cli.run import lines as lines_of
 from ..problem.materials import Bingham, Concrete
 from ..study.calibration import BINGHAM
 from ..study.emulator import MEASURED, emulator_of

@@ -46,8 +46,8 @@ class Page:
     # ---- a mix -------------------------------------------------------------------------------------------------
     def tests(self, asked: Asked) -> dict:
         """What can be chosen."""
-        facts = {"tests": list(self.known.values()), "measurements": form.measurements()}
-        return facts | {"folder": str(self.queue.folder)}
+        tests, measurements = list(self.known.values()), form.measurements()
+        return {"tests": tests, "measurements": measurements, "folder": str(self.queue.folder)}
 
     def fields(self, asked: Asked) -> dict[str, dict]:
         """The fields of the test that was asked for; SceneError where it has none of those that are set."""

@@ -24,9 +24,8 @@ from ..units import INSTANT, SceneError, plain, require, said, suggestion, user_
 from .case_file import expanded
 from .case_file import text as case_text
 from .console import curves, redraw, result
-from .forecast import clock_of, lines
 from .options import BAD_INPUT, DONE, JSON, Pictures, Run, Table, command, given, is_tuple, of_scene, read_back, tell
-from .run import carry_out, start
+from .run import carry_out, clock_of, lines, start
 from .study import COMMANDS as STUDY
 
 WITHOUT_REST = 5.0  # time limit [s] of a scene without one, by the scheme without coming to rest
@@ -165,8 +164,7 @@ def render(arguments) -> int:
     """draw a run again"""
     options = Pictures(**given(arguments, Pictures))
     if arguments.surface:
-        surplus = "--surface is what render draws by now; this option goes with the next release"
-        print(f"taichi-mps: {surplus}", file=sys.stderr)
+        print("taichi-mps: --surface is what render draws by now; this option goes with 0.3", file=sys.stderr)
     folders = [RunFolder(path) for path in (arguments.run, arguments.beside) if path]
     replays = [Trajectory(folder.trajectory).whole(arguments.scene) for folder in folders]
     start(options)
@@ -239,13 +237,16 @@ def info(arguments) -> int:
         return tell(arguments, facts, "\n".join(f"{key:18} {value}" for key, value in facts.items()))
     packages = ("taichi", "numpy", "h5py", "pydantic", "matplotlib")
     found = {name: metadata.version(name) if find_spec(name) else None for name in packages}
-    facts = {"version": __version__, "python": platform.python_version(), "platform": platform.platform()}
-    facts |= {"cpus": os.cpu_count(), "scenes": str(catalogue.folder())} | found
-    text = f"taichi_mps {__version__} on Python {platform.python_version()}, {platform.platform()}, "
-    text += f"{os.cpu_count()} processor cores.\nIts scenes lie in {catalogue.folder()}.\nIt uses "
-    return tell(
-        arguments, facts, text + ", ".join(f"{name} {v or '(not installed)'}" for name, v in found.items()) + "."
-    )
+    facts = {
+        "version": __version__,
+        "python": platform.python_version(),
+        "platform": platform.platform(),
+        "cpus": os.cpu_count(),
+        "scenes": str(catalogue.folder()),
+    }
+    text = "taichi_mps {version} on Python {python}, {platform}, {cpus} processor cores.\nIts scenes lie in {scenes}.\n"
+    uses = ", ".join(f"{name} {version or '(not installed)'}" for name, version in found.items())
+    return tell(arguments, facts | found, f"{text.format(**facts)}It uses {uses}.")
 
 
 @command(

@@ -1,19 +1,22 @@
-"""Carry a simulation out for the command line: start Taichi, run, record, stop on request, report."""
+"""Carry a simulation out for the command line: tell what it will take, start Taichi, run, record, stop on request,
+report."""
 
 import io
 import json
+import os
 import signal
 import sys
 import warnings
 from contextlib import contextmanager, redirect_stdout
 
 from ..io.run_folder import write_whole
-from ..io.vtkhdf import Trajectory
+from ..report.sentences import certainty, in_parts, thin_solids
+from ..runtime.memory import size
 from ..units import plain
 from . import case_file
 from .console import Painter, curves, progress, report, result
 from .options import DIVERGED, DONE
-from .stopped import SIGNALS, Stopped, came
+from .stopped import SIGNALS, Stopped, began, came
 
 
 def start(options) -> None:
@@ -22,6 +25,34 @@ def start(options) -> None:
 
     with redirect_stdout(io.StringIO()):
         init(options.arch, getattr(options, "precision", "f32"), options.threads)
+
+
+def clock_of(problem, options):
+    """The clock of a run, which began with the program."""
+    with redirect_stdout(io.StringIO()):  # the greeting of Taichi would spoil --json
+        from ..simulation.clock import Clock
+
+    every = options.every or problem.usual_interval
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    settings = {"arch": options.arch, "precision": options.precision, "threads": options.threads or cores}
+    return Clock(problem, settings, every, began[0] if began else None)
+
+
+def lines(problem, clock) -> list[str]:
+    """Lines for a reader."""
+    from ..simulation.forecast import memory_of, pairs_of, particles_of
+    from ..simulation.summary import described
+
+    scene, facts = problem.scene, described(problem)
+    part = {1: ", half of the body", 2: ", a quarter of the body"}.get(len(scene.mirrors), "")
+    part = f", model {scene.parameters['model']}" if "model" in scene.parameters else part
+    what = f"{particles_of(problem):,} particles of {1e3 * scene.spacing:.3g} mm{part}"
+    needed = size(memory_of(problem, pairs_of(scene), clock.precision))
+    pours = f"Pours {1e3 * sum(inlet.volume for inlet in scene.inlets):.3g} l. " if scene.inlets else ""
+    takes = f"Takes about {in_parts(clock.expected, clock.cpu_seconds)}"
+    first = "; shorter the next time" * clock.cold
+    time = f"{pours}{takes}, some {float(f'{clock.cost.steps:.2g}'):,.0f} steps{first}."
+    return [f"{what}; about {needed} of memory.", time, certainty(facts), *thin_solids(facts)]
 
 
 def carry_out(sim, folder, options, source, as_json, clock, resumed=False) -> int:
@@ -43,8 +74,6 @@ def carry_out(sim, folder, options, source, as_json, clock, resumed=False) -> in
         write_whole(folder.case, case)
         painter = Painter(folder.frames, options, [sim.scene])
         recorder = Recorder(folder, sim, clock.every, source, settings, painter.draw)
-        if resumed:
-            draw_missing(folder, sim.scene, painter)
         try:
             with progress(sim, recorder, quiet, options.verbose, clock):
                 stopped_by = sim.run() if sim.time < until - 1e-9 else "time"
@@ -69,15 +98,6 @@ def carry_out(sim, folder, options, source, as_json, clock, resumed=False) -> in
         print(f"taichi-mps: {plain(error)}; resume from {plain(folder.checkpoint)}", file=sys.stderr)
         return DIVERGED
     return 128 + signals[0] if stopped_by == "interrupted" else DONE
-
-
-def draw_missing(folder, scene, painter) -> None:
-    """Draw the pictures of a resumed run that were not drawn when it ended, as after kill -9."""
-    outputs = Trajectory(folder.trajectory)
-    numbers = range(len(outputs.times()))
-    missing = list(numbers[len(folder.pictures) :])
-    for number, frame in zip(missing, outputs.replay(scene=scene, chosen=missing) if missing else (), strict=True):
-        painter.draw(number, frame)
 
 
 @contextmanager
