@@ -10,12 +10,12 @@ import webbrowser
 from contextlib import asynccontextmanager
 from inspect import isawaitable
 from pathlib import Path
-from urllib.parse import parse_qs, unquote_to_bytes
+from urllib.parse import unquote_to_bytes
 
 import uvicorn
 from starlette.applications import Starlette
-from starlette.datastructures import Headers, MutableHeaders
 from starlette.exceptions import HTTPException
+from starlette.middleware.base import BaseHTTPMiddleware
 from starlette.requests import Request
 from starlette.responses import FileResponse, JSONResponse, PlainTextResponse, StreamingResponse
 from starlette.routing import Mount, Route
@@ -34,45 +34,39 @@ MOST_ASKED = 100_000  # bytes of a question
 SHOWN = {"animation.gif", *PLOTS}  # files of a run that the page shows, besides PICTURE
 PICTURE = re.compile(rf"frames/{PICTURES.pattern}|animation-beside-[^/]+\.gif")
 OWN = "default-src 'self'; img-src 'self' data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+ALWAYS = {
+    "Cache-Control": "no-cache",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "X-Content-Type-Options": "nosniff",
+}
 # of a report, which may come from anybody: an origin of its own, that reaches nothing
 ALONE = "sandbox allow-scripts; default-src 'unsafe-inline' data: blob:; connect-src 'none'; frame-ancestors 'none'"
 
 
-class OnlyHere:
+class OnlyHere(BaseHTTPMiddleware):
     """Refuses what a page of another host asks through a browser on this machine: requests by a name of another host
     (DNS rebinding), from another origin, for a picture or a script in a foreign page, and the page in a frame."""
 
     def __init__(self, app, port: int):
-        self.app = app
+        super().__init__(app)
         self.hosts = {f"{HERE}:{port}", f"localhost:{port}"}
         self.origins = {f"http://{host}" for host in self.hosts}
 
-    async def __call__(self, scope, receive, send):
-        async def framed_by_none(message):
-            if message["type"] == "http.response.start":
-                headers = MutableHeaders(scope=message)
-                headers.setdefault("Content-Security-Policy", OWN)
-                headers["Cache-Control"] = "no-cache"
-                headers["Cross-Origin-Resource-Policy"] = "same-origin"
-                headers["X-Content-Type-Options"] = "nosniff"
-            await send(message)
+    async def dispatch(self, request: Request, call_next):
+        """Answer what is allowed, framed by none, and 403 to the rest."""
+        answer = await call_next(request) if self.allows(request) else PlainTextResponse(REFUSED, 403)
+        answer.headers.setdefault("Content-Security-Policy", OWN)
+        answer.headers.update(ALWAYS)
+        return answer
 
-        if scope["type"] == "lifespan" or self.allows(scope):
-            await self.app(scope, receive, framed_by_none)
-        elif scope["type"] == "websocket":
-            await send({"type": "websocket.close", "code": 1008})
-        else:
-            await PlainTextResponse(REFUSED, 403)(scope, receive, framed_by_none)
-
-    def allows(self, scope) -> bool:
+    def allows(self, request: Request) -> bool:
         """Whether the request was made to this machine by its own page, or by hand, and for no script (JSONP). What
         changes anything comes as JSON, which no form of another page can send."""
-        headers = Headers(scope=scope)
+        headers = request.headers
         at_home = headers.get("host") in self.hosts and set(headers.getlist("origin")) <= self.origins
         asked_by = set(headers.getlist("sec-fetch-site")) <= {"same-origin", "none"}
-        plain_get = scope["type"] == "http" and scope["method"] in ("GET", "HEAD")
-        known = plain_get or headers.get("content-type") == "application/json"
-        return at_home and asked_by and known and "j" not in parse_qs(scope["query_string"].decode("latin-1"), True)
+        known = request.method in ("GET", "HEAD") or headers.get("content-type") == "application/json"
+        return at_home and asked_by and known and "j" not in request.query_params
 
 
 def file_of(folder, run: str, name: str) -> FileResponse:
