@@ -134,18 +134,9 @@ class AmbiguousError(ValueError):
 @cache
 def registry():
     """Units by their names (pint), exact. Read when a number first comes with a unit."""
-    try:
-        import pint
+    import pint
 
-        return pint.UnitRegistry(UNITS.splitlines(), non_int_type=Fraction)
-    except Exception as error:  # an old one fails in many ways
-        raise pint_fails(error) from error
-
-
-def pint_fails(error) -> ImportError:
-    """Exception for a missing or broken pint, which is never told as bad input."""
-    told = f"a number with a unit needs pint, which fails here ({type(error).__name__}: {error})"
-    return ImportError(f"{told}: pip install --upgrade pint, or leave the units away")
+    return pint.UnitRegistry(UNITS.splitlines(), non_int_type=Fraction)
 
 
 def normalised(text: str) -> str:
@@ -223,6 +214,6 @@ def in_unit(unit: str, value):
         return float("inf")
     except Exception as error:
         if not isinstance(error, ValueError) and not type(error).__module__.startswith("pint"):
-            raise pint_fails(error) from error
+            raise
         kind = f"in {unit} or a unit of that kind" if unit else "without a unit, or in %"
         raise ValueError(f"must be a number {kind}") from None

@@ -26,8 +26,8 @@ OVERRIDDEN = "accuracy: has no effect, since particle size and model are given"
 
 
 def forecast(words: list[str]) -> dict:
-    """What is known of a run by its words: its time limit ``until`` [s], ``lines``, ``remarks`` of how it was read,
-    and what its ``table`` says; of what cannot be computed ``wrong``, by key."""
+    """What is known of a run by its words: whether it is in ``space``, its ``seconds``, ``lines``, ``remarks`` of how it
+    was read, and what its ``table`` says; of what cannot be computed ``wrong``, by key."""
     told = io.StringIO()
     try:
         with warnings.catch_warnings(record=True) as warned, redirect_stderr(told):
@@ -43,7 +43,7 @@ def forecast(words: list[str]) -> dict:
     given = {word.split("=")[0] for word in words}
     remarks += [OVERRIDDEN] * ({"--accuracy", "--spacing", "--model"} <= given)
     remarks += dict.fromkeys(str(item.message) for item in warned if item.category is UserWarning)
-    known = {"until": problem.scene.until, "space": problem.scene.dimension == 3, "seconds": clock.whole}
+    known = {"space": problem.scene.dimension == 3, "seconds": clock.whole}
     return known | {"lines": lines_of(problem, clock), "remarks": remarks, "table": by_table(problem.scene)}
 
 

@@ -4,9 +4,7 @@ So Taichi is never started in the server, a run is stopped as on a terminal, and
 """
 
 import asyncio
-import math
 import os
-import re
 import signal
 import sys
 import time
@@ -16,7 +14,7 @@ from dataclasses import dataclass, field
 
 from ..io import lock
 from ..io.run_folder import RunFolder, json_of, next_free
-from ..units import ordinary, plain, user_path
+from ..units import plain, user_path
 
 LOOK = 0.5  # [s] between two looks at a run that was taken over
 PATIENCE = 30.0  # [s] for a run to end well after Ctrl-C
@@ -26,13 +24,12 @@ NAME = "taichi-mps: "  # with which the program begins what it says
 
 @dataclass(eq=False)
 class Job:
-    """One command: ``words`` after ``taichi-mps``; of a run also the ``scene``, its end ``until`` [s], and the seconds
-    that it takes in all, ``about``."""
+    """One command: ``words`` after ``taichi-mps``; of a run also the ``scene`` and the seconds that it takes in all,
+    ``about``."""
 
     title: str
     words: list[str]
     scene: str = ""
-    until: float = math.inf
     about: float | None = None
     state: str = "waiting"  # then running; at the end done, stopped or failed
     folder: RunFolder | None = None
@@ -71,14 +68,6 @@ class Job:
                 os.kill(self.orphan, number)
 
 
-def until_of(folder: RunFolder) -> float:
-    """Time limit [s] that the case of a run names; infinite where it names none."""
-    with suppress(OSError, ValueError, TypeError):
-        text = ordinary("case", folder.case, 1e6).read_text(encoding="utf-8")
-        return float(re.search(r"^until = ([\d.e+-]+)", text, re.M)[1])
-    return math.inf
-
-
 class Queue:
     """Jobs one at a time, in the order in which they came; shared by all pages."""
 
@@ -94,7 +83,7 @@ class Queue:
                 job = Job(
                     f"{plain(path.name)}, begun elsewhere", ["run"], path.name, state="running", folder=RunFolder(path)
                 )
-                job.until, job.orphan = until_of(job.folder), process
+                job.orphan = process
                 job.task = asyncio.create_task(self.watch(job))
                 self.jobs.append(job)
 

@@ -89,7 +89,7 @@ class Page:
         told = [f"{in_words(key)} {text}{units[key]}".rstrip() for key, text in asked.values.items()]
         words = ["run", asked.test, *form.options(asked.values), "--quiet"]
         title = ", ".join([in_words(asked.test), *told])
-        return self.started(Job(title, words, asked.test, known["until"], known.get("seconds")))
+        return self.started(Job(title, words, asked.test, known.get("seconds")))
 
     def started(self, job: Job) -> dict:
         """Put a job into the queue; its number."""

@@ -5,7 +5,6 @@ Another mix is other entries of the same kernels, so only the first of a test wa
 
 import base64
 import math
-import time
 import warnings
 from dataclasses import replace
 from functools import partial
@@ -117,7 +116,6 @@ class Film:
 
 def answer(request: dict, tell, cancelled) -> None:
     """Tell the section of a test of a mix as it moves, then its measures."""
-    begun = time.perf_counter()
     try:
         scenes = models(request["test"], request["values"])
         for scene in scenes:
@@ -129,5 +127,4 @@ def answer(request: dict, tell, cancelled) -> None:
         film = Film(begin(scene, partial(tell, preparing=True), MOST_KEPT), tell, cancelled)
         ended = film.run()
         if not cancelled():
-            facts = film.result() | {"ended": ended, "seconds": time.perf_counter() - begun}
-            tell(result=facts | {"last": scene is scenes[-1]})
+            tell(result=film.result() | {"ended": ended, "last": scene is scenes[-1]})

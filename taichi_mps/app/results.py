@@ -21,7 +21,7 @@ from ..problem.materials import mix_in_words
 from ..report import inputs
 from ..report.sentences import LEADING, measured, measures, rows, sentences
 from ..units import SceneError, plain, require
-from .jobs import Job, Queue, until_of
+from .jobs import Job, Queue
 
 NO_SUMMARY = "runs, was cut off, or is of an older version"
 MOST_LINES, MOST_LETTERS, MOST_POINTS = 200, 1000, 300  # of a table; of a text of a run folder; of a curve
@@ -187,7 +187,7 @@ class Runs:
         folder = self.named(*asked.names[:1])
         require(folder.resumable, f"run = {plain(folder.path.name)}: has no checkpoint to go on from")
         words = ["resume", str(folder.path), "--quiet"]
-        self.queue.add(Job(f"{plain(folder.path.name)}, resumed", words, folder=folder, until=until_of(folder)))
+        self.queue.add(Job(f"{plain(folder.path.name)}, resumed", words, folder=folder))
 
     def rename(self, asked) -> None:
         """Give a run another name."""
@@ -251,7 +251,6 @@ def facts_of(number: int, job: Job) -> dict:
     said = job.said or f"it ended with code {job.process and job.process.returncode}, and said nothing"
     return {
         "id": number,
-        "kind": job.words[0],
         "title": job.title,
         "state": job.state,
         "stopping": job.stopping,
@@ -261,7 +260,6 @@ def facts_of(number: int, job: Job) -> dict:
         "about": job.about,
         "left": clock.get("left_s"),
         "flow": at.get("time_s"),
-        "until": job.until if math.isfinite(job.until) else None,
         "result": measured(measures(at)) if at else "",
         "picture": url(job.folder, f"frames/{picture.name}") if picture else None,
     }

@@ -10,7 +10,7 @@ from ..problem.measures import Snapshot, embed
 from ..simulation.frame import between
 from ..units import SceneError
 from ..viz.body import SECTORS, profile
-from ..viz.smooth_surface import check, smooth_surface
+from ..viz.smooth_surface import smooth_surface
 from ..viz.stage import dimensions, stage
 
 ROOM = 2_500_000  # bytes of a film before base64, which makes four of three: a page has less than 5 MB
@@ -87,13 +87,11 @@ def shape(scene, part: Snapshot):
     line = profile(scene, part)
     if line is not None:
         s, normals, links = line
+    elif scene.dimension == 3:
+        s, normals, links = smooth_surface(scene.unfold(part), CUBE, ("u", "shear_rate"))
     else:
-        try:
-            check(scene.dimension)
-            s, normals, links = smooth_surface(scene.unfold(part), CUBE, ("u", "shear_rate"))
-        except SceneError:  # of a plane scene, or without the library
-            s = scene.unfold(part)
-            normals, links = 0.0 * s.x, np.zeros((0, 0), int)
+        s = scene.unfold(part)
+        normals, links = 0.0 * s.x, np.zeros((0, 0), int)
     flows = np.array([material.flows(s.shear_rate) for material in scene.materials])
     return embed(s.x), embed(normals), s.speed, flows[s.mix, np.arange(len(s.mix))], links
 

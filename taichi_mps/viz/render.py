@@ -38,7 +38,7 @@ from ..units import (
 from .body import surface_of
 from .overlay import FAINT, GLASS, INK, MOULD, Overlay, said_speed
 from .painter import Camera, Mesh, Painter
-from .smooth_surface import CUBE_OF_PICTURES, check
+from .smooth_surface import CUBE_OF_PICTURES
 from .stage import dimensions, lifted, stage, wall_lines
 
 RADIUS = 0.62  # of a drawn sphere over l0
@@ -131,12 +131,6 @@ class Renderer:
     ):
         self.scene, self.view = scene, view
         self.beads = beads or backend == "ggui" or (scene.dimension == 2 and not scene.axisymmetric)
-        if not self.beads:
-            try:
-                check(3)
-            except SceneError as error:
-                self.beads = True
-                print(f"{error}; drawing particles instead", file=sys.stderr)
         self.limits = limits or max(self._limits(other, view) for other in (scene, *beside))
         floor = stage(scene)[2]
         lows, highs, _ = zip(*(stage(other) for other in (scene, *beside)), strict=True)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..problem.measures import Snapshot
-from ..units import SceneError, require
+from ..units import require
 
 CUBE, SMOOTHING = 0.3, 15  # side of the cells of a surface over l0; smoothing iterations of its mesh
 CUBE_OF_PICTURES = 0.6  # which takes a fifth of the time and is as smooth
@@ -13,15 +13,6 @@ LEVEL, LEVEL_OF_PICTURES = 0.6, 0.5  # of the surface, in densities of spheres; 
 BLOCK = 32  # cells along the sides of the blocks that are computed one by one; with 64 half as long again
 MOST_CELLS = 1e6  # along an axis: their number is a 64-bit integer
 FIELDS = ("u", "p", "shear_rate", "yielded", "density_ratio")
-
-
-def check(dimension: int) -> None:
-    """SceneError where no surface can be made: of a body in the plane, or without pysplashsurf."""
-    require(dimension == 3, "surface: the scene is a plane one; must have three dimensions")
-    try:
-        from pysplashsurf import MeshWithData  # noqa: F401  (0.12 and older have none)
-    except ImportError:
-        raise SceneError("surface: needs pysplashsurf 0.13 or later: pip install 'pysplashsurf>=0.13'") from None
 
 
 def smooth_surface(s: Snapshot, cube: float = CUBE, fields=FIELDS) -> tuple[Snapshot, np.ndarray, np.ndarray]:
@@ -33,7 +24,7 @@ def smooth_surface(s: Snapshot, cube: float = CUBE, fields=FIELDS) -> tuple[Snap
     "Weighted Laplacian smoothing for surface reconstruction of particle-based fluids"). It lies 0.2 to 0.5 spacings
     outside of the outermost particles; a particle alone becomes a ball of 1.2 spacings.
     """
-    check(s.x.shape[1])
+    require(s.x.shape[1] == 3, "surface: the scene is a plane one; must have three dimensions")
     import pysplashsurf
 
     size = np.ptp(s.x, axis=0).max() / (cube * s.spacing) if len(s.x) else 0.0

@@ -248,17 +248,11 @@ def test_triangles_that_share_edges_leave_no_hole_and_cover_their_area(camera):
     np.testing.assert_allclose(shown, 255 * (columns + 0.5 - left) / (right - left), atol=2)
 
 
-def test_without_the_library_of_surfaces_particles_are_drawn(body, tmp_path, monkeypatch, capsys):
-    monkeypatch.setitem(sys.modules, "pysplashsurf", None)
-    assert render.Renderer(body, **SIZE).beads
-    said = capsys.readouterr().err
-    assert said == (
-        "surface: needs pysplashsurf 0.13 or later: pip install 'pysplashsurf>=0.13'; drawing particles instead\n"
-    )
-    with pytest.raises(mps.SceneError, match="surface: needs pysplashsurf"):
-        export.vtu([Frame(body, snapshot(body))], tmp_path / "vtu", smooth=True)
+def test_a_scene_in_the_plane_has_no_surface_and_shows_particles(tmp_path):
     plane = catalogue.build("dam_break", spacing=0.05)
-    assert render.Renderer(plane, **SIZE).beads and not capsys.readouterr().err
+    assert render.Renderer(plane, **SIZE).beads
+    with pytest.raises(mps.SceneError, match="surface: the scene is a plane one; must have three dimensions"):
+        export.vtu([Frame(plane, snapshot(plane))], tmp_path / "vtu", smooth=True)
     assert not list(tmp_path.iterdir())
 
 
