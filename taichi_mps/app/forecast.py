@@ -26,8 +26,8 @@ OVERRIDDEN = "accuracy: has no effect, since particle size and model are given"
 
 
 def forecast(words: list[str]) -> dict:
-    """What is known of a run by its words: whether it is in ``space``, its ``seconds``, ``lines``, ``remarks`` of how it
-    was read, and what its ``table`` says; of what cannot be computed ``wrong``, by key."""
+    """What is known of a run by its words: whether it is in ``space``, its ``seconds``, ``lines``, ``remarks`` of how
+    it was read, and what its ``table`` says; of what cannot be computed ``wrong``, by key."""
     told = io.StringIO()
     try:
         with warnings.catch_warnings(record=True) as warned, redirect_stderr(told):

@@ -70,10 +70,9 @@ def carry_out(sim, folder, options, source, as_json, clock, resumed=False) -> in
     with interruptible(sim) as signals:
         if not resumed:
             folder.create(options.overwrite)
-        case = case_file.text(source, sim.problem, settings | {"until": until})
-        write_whole(folder.case, case)
-        painter = Painter(folder.frames, options, [sim.scene])
-        recorder = Recorder(folder, sim, clock.every, source, settings, painter.draw)
+        write_whole(folder.case, case_file.text(source, sim.problem, settings | {"until": until}))
+        draw = Painter(folder.frames, options, [sim.scene]).draw
+        recorder = Recorder(folder, sim, clock.every, source, settings, draw)
         try:
             with progress(sim, recorder, quiet, options.verbose, clock):
                 stopped_by = sim.run() if sim.time < until - 1e-9 else "time"

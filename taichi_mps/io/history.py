@@ -193,9 +193,8 @@ def read_rows(path) -> list[dict[str, str]]:
     """
     names, *rows = ordinary(str(path), path, MOST_BYTES).read_bytes().decode("utf-8", "replace").split("\n")
     columns, _, last = names.rpartition(",")
-    known = last == SUM and set(COLUMNS) - OLD_NAMES.keys() <= set(columns.split(","))
     require(
-        known,
+        last == SUM and set(COLUMNS) - OLD_NAMES.keys() <= set(columns.split(",")),
         f"{path}: damaged or no history of a run; must have the columns {', '.join(COLUMNS)}, {SUM}, without which "
         "only version 0.1.0 reads it (commit 068d274)",
     )

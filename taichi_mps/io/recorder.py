@@ -81,8 +81,7 @@ class Recorder:
 
     def finish(self, stopped_by: str, error: str | None = None) -> dict:
         """Write the checkpoint (after a divergence the last good one), the last row and the summary; return it."""
-        good = self.good if error else self._checkpoint()
-        good.write(self.folder.checkpoint)
+        (self.good if error else self._checkpoint()).write(self.folder.checkpoint)
         self.trajectory.close()
         summary = self.sim.summary() | {"stopped_by": stopped_by, "resume_from": str(self.folder.checkpoint)}
         summary |= {"ended": datetime.now().astimezone().isoformat(timespec="seconds")}

@@ -372,8 +372,7 @@ def stored(file, chosen=None):
     for k in range(len(times)) if chosen is None else chosen:
         rows = slice(k * n, (k + 1) * n)
         data = {name: outside.numbers(fields, name, rows=rows) for name in fields}
-        points = outside.numbers(root, "Points", rows=rows)
-        yield float(times[k]), points, data
+        yield float(times[k]), outside.numbers(root, "Points", rows=rows), data
 
 
 def due(time, every: float):
@@ -506,5 +505,6 @@ def point_data(s: Snapshot) -> dict[str, np.ndarray]:
     dict of str to ndarray
         velocity [m/s], pressure [Pa], shear_rate [1/s], yielded (0 or 1), density_ratio [-], size [m] and mix.
     """
-    scalars = {name: np.asarray(getattr(s, key), kind) for key, (name, kind, _) in FIELDS.items()}
-    return {"velocity": single(s.u), **scalars}
+    return {"velocity": single(s.u)} | {
+        name: np.asarray(getattr(s, key), kind) for key, (name, kind, _) in FIELDS.items()
+    }

@@ -48,8 +48,7 @@ def repeated(run) -> str:
 
 def usual_title(source: str, scene: str) -> str:
     """What a built-in test is called in the first line of its file, or else the name of the scene."""
-    told = catalogue.describe().get(source, "").partition(":")[0]
-    return told or in_words(scene)
+    return catalogue.describe().get(source, "").partition(":")[0] or in_words(scene)
 
 
 def dates(run) -> list[str]:
