@@ -5,7 +5,6 @@ import sys
 from contextlib import contextmanager
 from importlib.util import find_spec
 from itertools import chain
-from pathlib import Path
 
 from rich.console import Console
 from rich.markup import escape
@@ -13,7 +12,7 @@ from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Table
 
 from ..io.history import read_history
-from ..io.run_folder import PICTURE, PLOTS, empty_of_pictures
+from ..io.run_folder import PLOTS, empty_of_pictures
 from ..problem.labels import title, written
 from ..report.sentences import LEADING, in_time, numerics, rows, sentences
 from ..units import SceneError, plain
@@ -21,29 +20,10 @@ from ..units import SceneError, plain
 NARROWEST = 40  # columns of a result, whatever a terminal says of itself
 
 
-class Painter:
-    """Draws frame_<number>.png of runs of these scenes side by side, as the options ask."""
-
-    def __init__(self, frames, options, scenes):
-        from ..viz.film import SideBySide
-
-        self.frames = frames
-        self.painter = SideBySide(scenes, view=options.view, backend=options.renderer, beads=options.beads)
-
-    def draw(self, number: int, *outputs) -> Path:
-        """Write the picture of one output of each run; its path."""
-        from ..viz.render import save
-
-        path = self.frames / PICTURE.format(number)
-        self.frames.mkdir(parents=True, exist_ok=True)
-        save(self.painter.draw(outputs), path)
-        return path
-
-
 def redraw(replays, folder, suffix, options, film=False, every=None) -> dict:
     """Draw the outputs of runs, ``every`` [s] apart, again, side by side: pictures, GIF and, on request, MP4; the names
     of what was made."""
-    from ..viz.film import check, mp4, together
+    from ..viz.film import SideBySide, check, mp4, together
     from ..viz.render import gif
 
     if film:
@@ -51,7 +31,7 @@ def redraw(replays, folder, suffix, options, film=False, every=None) -> dict:
     frames, animation = folder / f"frames{suffix}", folder / f"animation{suffix}.gif"
     outputs = together(*replays)
     first = next(outputs)
-    painter = Painter(frames, options, [output.scene for output in first])
+    painter = SideBySide([output.scene for output in first], frames, options)
     try:
         empty_of_pictures(frames)
     except OSError as error:

@@ -14,7 +14,7 @@ from ..report.sentences import certainty, in_parts, thin_solids
 from ..runtime.memory import size
 from ..units import plain
 from . import case_file
-from .console import Painter, curves, progress, report, result
+from .console import curves, progress, report, result
 from .options import DIVERGED, DONE
 from .stopped import SIGNALS, Stopped, began, came
 
@@ -59,6 +59,7 @@ def carry_out(sim, folder, options, source, as_json, clock, resumed=False) -> in
     """Run to the end, to an interrupt or a divergence, and leave a whole run folder behind in each case."""
     from ..io.recorder import Recorder
     from ..simulation.simulation import DivergedError
+    from ..viz.film import SideBySide
     from ..viz.render import gif
 
     until = sim.scene.until
@@ -71,7 +72,7 @@ def carry_out(sim, folder, options, source, as_json, clock, resumed=False) -> in
         if not resumed:
             folder.create(options.overwrite)
         write_whole(folder.case, case_file.text(source, sim.problem, settings | {"until": until}))
-        draw = Painter(folder.frames, options, [sim.scene]).draw
+        draw = SideBySide([sim.scene], folder.frames, options).draw
         recorder = Recorder(folder, sim, clock.every, source, settings, draw)
         try:
             with progress(sim, recorder, quiet, options.verbose, clock):

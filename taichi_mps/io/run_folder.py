@@ -34,7 +34,6 @@ WRITTEN = (
 PLOTS = ("slump.png", "history.png", "filling.png")
 REPORT = "report.html"
 CLOCK = "clock.json"  # while a run goes on: seconds passed and left of it
-PICTURE = "frame_{:05d}.png"
 PICTURES = re.compile(r"frame_\d{5,}\.png")
 
 

@@ -8,7 +8,7 @@ from PIL import Image
 
 from ..units import require
 from .overlay import said_speed
-from .render import Renderer
+from .render import Renderer, save
 
 
 def together(*replays):
@@ -24,15 +24,19 @@ def together(*replays):
 
 
 class SideBySide:
-    """Draws one output of each run, left to right, with the same camera and the same range of colours."""
+    """Draws one output of each run, left to right, with the same camera and the same range of colours, as numbered
+    pictures in the folder ``frames``. ``options``: view, renderer, beads."""
 
-    def __init__(self, scenes, **options):
-        self.painters = [Renderer(scene, beside=scenes, **options) for scene in scenes]
+    def __init__(self, scenes, frames, options):
+        how = {"view": options.view, "backend": options.renderer, "beads": options.beads}
+        self.frames, self.painters = frames, [Renderer(scene, beside=scenes, **how) for scene in scenes]
 
-    def draw(self, outputs) -> np.ndarray:
-        """The picture, (h, w, 3) uint8."""
-        pairs = zip(self.painters, outputs, strict=True)
-        return np.hstack([painter.draw(output.snapshot(), output.measures()) for painter, output in pairs])
+    def draw(self, number: int, *outputs) -> Path:
+        """Write frame_<number>.png; its path."""
+        path, pairs = self.frames / f"frame_{number:05d}.png", zip(self.painters, outputs, strict=True)
+        self.frames.mkdir(parents=True, exist_ok=True)
+        save(np.hstack([painter.draw(output.snapshot(), output.measures()) for painter, output in pairs]), path)
+        return path
 
 
 def check() -> None:
