@@ -19,6 +19,7 @@ from ..study.calibration import BINGHAM
 from ..study.emulator import MEASURED, emulator_of
 from ..units import SceneError, plain
 from .form import options
+from .resident import answer_all
 from .results import numbers
 
 OF_A_RUN = "spacing", "model", "until", "accuracy", "floor_radius"  # keywords that make no other test
@@ -75,3 +76,7 @@ def by_table(scene) -> dict | None:
 def answer(request: dict, tell, cancelled) -> None:
     """Tell what is known of a run of a test with texts of its fields."""
     tell(**forecast([request["test"], *options(request["values"])]))
+
+
+if __name__ == "__main__":
+    answer_all(answer)

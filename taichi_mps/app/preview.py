@@ -20,6 +20,7 @@ from ..simulation.simulation import Simulation
 from ..simulation.summary import described
 from ..units import SceneError, plain
 from .form import CHEAP
+from .resident import answer_all
 from .results import numbers
 
 FINE, COARSE = 1.0 / 30.0, 1.0 / 15.0  # particle size of a cone over its height
@@ -114,7 +115,7 @@ class Film:
         return {"m": numbers(measures), "errors": errors, "time": self.sim.time, "spacing": scene.spacing}
 
 
-def answer(request: dict, tell, cancelled) -> None:
+def preview(request: dict, tell, cancelled) -> None:
     """Tell the section of a test of a mix as it moves, then its measures."""
     try:
         scenes = models(request["test"], request["values"])
@@ -128,3 +129,7 @@ def answer(request: dict, tell, cancelled) -> None:
         ended = film.run()
         if not cancelled():
             tell(result=film.result() | {"ended": ended, "last": scene is scenes[-1]})
+
+
+if __name__ == "__main__":
+    answer_all(preview)

@@ -148,6 +148,7 @@ def serve(port: int, folder, browser: bool) -> None:
     address = f"http://{HERE}:{port}/"
     queue = Queue(folder)
     page = Page(queue)
+    processes = page.preview_process, page.forecast_process
 
     @asynccontextmanager
     async def life(app):
@@ -155,7 +156,7 @@ def serve(port: int, folder, browser: bool) -> None:
         if browser:
             asyncio.get_running_loop().run_in_executor(None, webbrowser.open, address)
         yield
-        await asyncio.gather(queue.close(), page.preview_process.close(), page.forecast_process.close())
+        await asyncio.gather(queue.close(), *(process.close() for process in processes))
 
     print(f"{address} shows the runs in {queue.folder}; Ctrl-C ends it", flush=True)
     if hasattr(signal, "SIGHUP"):  # its terminal was closed
@@ -166,4 +167,6 @@ def serve(port: int, folder, browser: bool) -> None:
         uvicorn.Server(settings).run(sockets=[listener])
     finally:
         queue.kill()
+        for process in processes:
+            process.kill()
         print(f"The runs lie in {queue.folder.resolve()}", flush=True)
