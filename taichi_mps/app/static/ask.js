@@ -40,7 +40,7 @@ export function h(kind, given = {}, ...inner) {
     else if (value === true || (value !== false && value !== null && value !== undefined))
       made.setAttribute(key, value === true ? "" : value);
   }
-  made.append(...inner.flat().filter((part) => part !== null && part !== undefined && part !== ""));
+  made.append(...inner.flat().filter((part) => part !== null && part !== undefined && part !== false && part !== ""));
   return made;
 }
 

@@ -8,8 +8,8 @@ import {Stage} from "./stage.js";
 const REST = 110; // [ms] after which a slider rests
 const TICK = 700; // [ms] between two looks at the jobs
 const TESTS = {
-  slump: "Slump", flow: "Slump flow", l_box: "L-box", v_funnel: "V-funnel", j_ring: "J-ring", wall: "Form",
-  printing: "Printing", mini_cone: "Mini-cone", u_box: "U-box", l_flow: "L-flow", lcpc_box: "LCPC box",
+  slump: "Slump", flow: "Slump flow", flow_table: "Flow table", l_box: "L-box", v_funnel: "V-funnel",
+  j_ring: "J-ring", wall: "Form", printing: "Printing", mini_cone: "Mini-cone", u_box: "U-box", l_flow: "L-flow", lcpc_box: "LCPC box",
   film: "Slope", vane: "Rheometer", dam_break: "Dam break", still_pool: "Still pool",
 };
 const PRESETS = {flow: {test: "slump", values: {yield_value: "60", plastic_viscosity: "30"}}};
