@@ -26,7 +26,10 @@ def taichi():
 LONGEST = (
     "cli/test_cli.py",
     "schemes/test_semi_implicit.py",
+    "simulation/test_forces_in_time.py",
+    "scenes/test_scenes.py",
     "schemes/test_axisymmetric.py",
+    "scenes/test_methods.py",
     "schemes/test_active_set.py",
     "simulation/test_sessions.py",
     "simulation/test_outputs.py",
@@ -40,7 +43,6 @@ LONGEST = (
     "linear/test_pcg.py",
     "viz/test_notebooks.py",
     "linear/test_node_multigrid.py",
-    "scenes/test_scenes.py",
     "boundaries/test_walls.py",
     "simulation/test_volume.py",
     "geometry/test_solid.py",

@@ -16,6 +16,7 @@ def drag(c):
     return 4.0 * np.pi / (np.log(1.0 / np.sqrt(c)) - 0.738 + c - 0.887 * c**2 + 2.038 * c**3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("diameter", [0.64 * L0, pytest.param(0.4 * L0, marks=pytest.mark.long)])
 def test_a_bar_resists_a_flow_across_it_by_up_to_a_quarter_too_little(diameter):
     """Newtonian, driven by a body force, from rest to the steady flow."""

@@ -46,9 +46,12 @@ WALLS = {
 }  # fmt: skip
 
 
-@pytest.fixture(scope="module", params=WALLS.values(), ids=WALLS)
+@pytest.fixture(
+    scope="module",
+    params=[pytest.param(name, marks=[pytest.mark.slow] * (name in ("2-D", "3-D"))) for name in WALLS],
+)
 def rig(request):
-    return Box(*request.param)
+    return Box(*WALLS[request.param])
 
 
 def test_number_density_and_neighbours_are_those_of_the_full_lattice(rig):
