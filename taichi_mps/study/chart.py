@@ -7,7 +7,7 @@ import numpy as np
 from ..problem import catalogue
 from ..problem.labels import in_words, title, unit_of_measure
 from ..units import File, Place, SceneError, said, unit_of, validated
-from ..validation import read_reference
+from ..validation import columns as reference
 from ..viz.plots import COLOURS, _figure, _save
 from .curves import RATES
 from .emulator import DENSITY, emulator_of
@@ -23,6 +23,7 @@ FORMULAS = {  # column of the reference, who, and the slumps [mm] for which it w
     "s_Roussel_mm": ("Roussel 2006", (50.0, 250.0)),
     "s_schowalter_mm": ("static column, Murata 1984, Christensen", (0.0, 300.0)),
 }
+ELEMENTS = "finite elements, 50 Pa s", "finite elements without inertia"
 GREY = {"color": "#777f88", "lw": 1.3}  # of formulas
 
 
@@ -48,24 +49,22 @@ def slump_chart(out: File, study: Place | None = None) -> Path:
         found = emulator.at(np.log(yields / DENSITY), np.full(len(yields), np.log(eta / DENSITY)))
         for axes, name in ((left, "slump_m"), (right, "spread_m")):
             axes.semilogx(yields, 100.0 * found[name], color=colour, lw=2.4, label=f"this engine, {eta:g} Pa s")
-    formulas = read_reference("A_slump_vs_yield_abrams.csv")
-    tau = column(formulas, "tau0_Pa")
+    formulas = reference("A_slump_vs_yield_abrams.csv")
+    tau = formulas["tau0_Pa"]
     for (name, (who, (low, high))), style in zip(FORMULAS.items(), ("-", "--", "-.", ":", (0, (1, 3))), strict=True):
-        slump = column(formulas, name)
-        made_for = (slump >= low) & (slump <= high)
-        left.semilogx(tau, np.where(made_for, 0.1 * slump, np.nan), ls=style, label=who, **GREY)
-    flow = np.where(tau <= 200.0, 0.1 * column(formulas, "SF_Coussot_mm"), np.nan)
+        made_for = (formulas[name] >= low) & (formulas[name] <= high)
+        left.semilogx(tau, np.where(made_for, 0.1 * formulas[name], np.nan), ls=style, label=who, **GREY)
+    flow = np.where(tau <= 200.0, 0.1 * formulas["SF_Coussot_mm"], np.nan)
     right.semilogx(tau, flow, label="thin layer at rest, Coussot 1996", **GREY)
-    inertial = read_reference("A_fe_inertial_slump_summary.csv")
-    last = [r for r in inertial if r["model"] == "A" and r["eta_Pa_s"] == "50" and r["kind"].startswith("final")]
-    still = [r for r in read_reference("A_fe_slump_abrams_final.csv") if "fine" not in r["run"]]
-    for lines, x, names, marker, label in (
-        (last, "tau_Pa", ("mean20_mm", "spread_mm"), "o", "finite elements, 50 Pa s"),
-        (still, "tau0_Pa", ("slump_mm", "spread_diam_mm"), "s", "finite elements without inertia"),
+    last = reference("A_fe_inertial_slump_summary.csv", model="A", eta_Pa_s=50.0)
+    still = reference("A_fe_slump_abrams_final.csv")
+    for lines, here, x, names, marker, label in (
+        (last, np.char.startswith(last["kind"], "final"), "tau_Pa", ("mean20_mm", "spread_mm"), "o", ELEMENTS[0]),
+        (still, np.char.find(still["run"], "fine") < 0, "tau0_Pa", ("slump_mm", "spread_diam_mm"), "s", ELEMENTS[1]),
     ):
         look = {"color": "black", "mfc": "white", "ms": 8, "mew": 1.6, "ls": "none", "label": label}
         for axes, name in zip((left, right), names, strict=True):
-            axes.semilogx(column(lines, x), 0.1 * column(lines, name), marker, **look)
+            axes.semilogx(lines[x][here], 0.1 * lines[name][here], marker, **look)
     left.set(ylabel="slump [cm]", ylim=(0.0, 30.0), title="Slump of the cone, JIS A 1101 / EN 12350-2")
     right.set(ylabel="slump flow [cm]", ylim=(20.0, 75.0), title="Slump flow, EN 12350-8")
     for axes in (left, right):
@@ -73,11 +72,6 @@ def slump_chart(out: File, study: Place | None = None) -> Path:
         ticked(axes.xaxis, yields[0], yields[-1])
         axes.legend(frameon=False, fontsize=9)
     return _save(figure, out)
-
-
-def column(lines, name) -> np.ndarray:
-    """A column of a reference table."""
-    return np.array([float(line[name]) for line in lines])
 
 
 def mixes_chart(rows, out) -> Path:
@@ -121,8 +115,7 @@ def curves_chart(found, out) -> Path:
 def require_chart(borders, rows, wanted, out) -> Path:
     """Mixes that were run, yield stress against plastic viscosity, those that do and those that do not; the border
     between them, and lines of equal slump."""
-    figure, axes = _figure(8.0, 5.4)
-    emulator = emulator_of()
+    (figure, axes), emulator, density = _figure(8.0, 5.4), emulator_of(), borders[0].density
     for does, marker, label in ((True, "o", "fills"), (False, "x", "does not")):
         some = [row for row in rows if fills(row, wanted) is does]
         x, y = ([row[name] for row in some] for name in ("plastic_viscosity", "yield_value"))
@@ -131,14 +124,12 @@ def require_chart(borders, rows, wanted, out) -> Path:
         (b.plastic_viscosity, (b.fills_up_to * b.empty_from) ** 0.5) for b in borders if b.fills_up_to and b.empty_from
     ]
     axes.plot(*np.array(found).reshape(-1, 2).T, "-", color="black")
-    name = f"{rows[0]['scene']}: {wanted.filled:.0%} filled in {wanted.time:g} s"
     etas = [border.plastic_viscosity for border in borders]
     ends = (0.7 * min(etas), 1.4 * max(etas)), (0.8 * wanted.softest, 1.25 * wanted.stiffest)
-    axes.set(xscale="log", yscale="log", xlabel="plastic viscosity [Pa s]", ylabel="yield stress [Pa]", title=name)
-    axes.set(xlim=ends[0], ylim=ends[1])
+    axes.set(xscale="log", yscale="log", xlabel="plastic viscosity [Pa s]", ylabel="yield stress [Pa]")
+    axes.set(title=f"{rows[0]['scene']}: {wanted.filled:.0%} filled in {wanted.time:g} s", xlim=ends[0], ylim=ends[1])
     for axis, (low, high) in zip((axes.xaxis, axes.yaxis), ends, strict=True):
         ticked(axis, low, high)
-    density = borders[0].density
     shown = [
         np.unique(np.clip(np.log(np.geomspace(*end, 60) / density), low, high))
         for end, low, high in zip(reversed(ends), emulator.low, emulator.high, strict=True)

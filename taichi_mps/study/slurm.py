@@ -22,7 +22,7 @@ from pathlib import Path
 from time import monotonic
 from urllib.parse import parse_qsl, urlsplit
 
-from ..io.run_folder import strict
+from ..io.run_folder import strict, write_whole
 from ..units import SceneError, plain, user_path
 from .case import Case
 
@@ -30,6 +30,7 @@ FOLDER = "slurm-jobs"  # in the study's folder, which all nodes must see: number
 LOOK, ASK = 1.0, 20.0  # [s] from look to look for results, and from question to question to Slurm
 ANSWER = 60.0  # [s] in which a program of Slurm must answer
 MINUTES = 60.0  # of a job, where no timeout_min is given
+FORGOTTEN = "no longer known"  # the state of a job of which Slurm says nothing
 MOST_JOBS = 1000  # at once, where --workers does not say how many: each has a thread that waits for it
 
 
@@ -48,11 +49,15 @@ def slurm(text: str, folder, workers: int | None):
     return Jobs(cluster, text, user_path(folder) / FOLDER, workers or MOST_JOBS)
 
 
-def answer(*command: str) -> str | None:
-    """Output of a program; None where it is missing, fails, or does not answer in time."""
-    with suppress(OSError, subprocess.SubprocessError):
-        return subprocess.run(command, capture_output=True, text=True, check=True, timeout=ANSWER).stdout
-    return None
+def answer(*command: str) -> str:
+    """Output of a program; OSError with what it says where it is missing, fails, or does not answer in time."""
+    try:
+        made = subprocess.run(command, capture_output=True, text=True, timeout=ANSWER)
+    except subprocess.TimeoutExpired:
+        raise OSError(f"{command[0]} did not answer within {ANSWER:g} s") from None
+    if made.returncode:
+        raise OSError((made.stderr.strip().splitlines() or [f"{command[0]}: no job"])[-1])
+    return made.stdout
 
 
 class Slurm:
@@ -64,24 +69,17 @@ class Slurm:
     def submit(self, command: list[str], name: str, log: Path) -> str:
         """The number of a new job; OSError with what sbatch says where it gives none."""
         told = ["--parsable", f"--job-name={name}", f"--output={log}", "--open-mode=append", *self.options]
-        words = ["sbatch", *told, f"--wrap={shlex.join(command)}"]
-        try:
-            made = subprocess.run(words, capture_output=True, text=True, timeout=ANSWER)
-        except subprocess.TimeoutExpired:
-            raise OSError(f"sbatch did not answer within {ANSWER:g} s") from None
-        if made.returncode:
-            raise OSError((made.stderr.strip().splitlines() or ["sbatch: no job"])[-1])
-        return made.stdout.strip().split(";")[0]
+        return answer("sbatch", *told, f"--wrap={shlex.join(command)}").strip().split(";")[0]
 
-    def queued(self) -> set[str] | None:
-        """The numbers of this user's jobs that wait or run; None where Slurm does not answer."""
-        there = answer("squeue", "--noheader", "--format", "%i", "--user", getpass.getuser())
-        return None if there is None else set(there.split())
+    def queued(self) -> set[str]:
+        """The numbers of this user's jobs that wait or run."""
+        return set(answer("squeue", "--noheader", "--format", "%i", "--user", getpass.getuser()).split())
 
     def state(self, number: str) -> str:
         """Slurm's word for a job that is over: CANCELLED, TIMEOUT, OUT_OF_MEMORY, ...; it forgets it after minutes."""
-        known = re.search(r"JobState=(\w+)", answer("scontrol", "show", "job", number) or "")
-        return known[1] if known else "no longer known"
+        with suppress(OSError):
+            return re.search(r"JobState=(\w+)|$", answer("scontrol", "show", "job", number))[1] or FORGOTTEN
+        return FORGOTTEN
 
     def cancel(self, number: str) -> None:
         """End a job."""
@@ -153,21 +151,27 @@ class Jobs(ThreadPoolExecutor):
         seen = monotonic()
         while not self.file(case, "json").exists():
             if self.over.wait(LOOK):
-                self.cluster.cancel(number)
+                with suppress(OSError):
+                    self.cluster.cancel(number)
                 self.file(case, "job").unlink(missing_ok=True)
                 raise CancelledError
             if self.is_there(number):
                 seen = monotonic()
             elif monotonic() - seen > ASK:
-                how = f"({self.cluster.state(number)}){last_words(self.file(case, 'log'))}"
-                raise RuntimeError(f"{self.text}: job {number} ended without a result {how}")
+                log = self.file(case, "log")
+                lines = log.read_bytes()[-4096:].decode(errors="replace").split("\n") if log.exists() else []
+                last = "".join(f": {plain(line.strip())}" for line in [line for line in lines if line.strip()][-1:])
+                how = f"{self.text}: job {number} ended without a result ({self.cluster.state(number)}){last}"
+                raise RuntimeError(how)
         return row_of(self.file(case, "json"), case.key, number)
 
     def is_there(self, number: str) -> bool:
         """Whether a job waits or runs, as far as is known."""
         with self.turn:
             if monotonic() - self.asked > ASK:
-                self.asked, self.there = monotonic(), self.cluster.queued()
+                self.asked, self.there = monotonic(), None
+                with suppress(OSError):
+                    self.there = self.cluster.queued()
             return self.there is None or number in self.there
 
     def earlier(self, case: Case) -> str | None:
@@ -208,21 +212,11 @@ def row_of(path: Path, key: str, number: str) -> dict:
     raise RuntimeError(f"job {number}: {path} is no result of this case")
 
 
-def last_words(log: Path) -> str:
-    """Last line that a job printed, after a colon; empty where it printed nothing."""
-    with suppress(OSError):
-        lines = log.read_bytes()[-4096:].decode(errors="replace").strip().splitlines()
-        return f": {plain(lines[-1])}" if lines else ""
-    return ""
-
-
 def main(function: str, told: str, result: str) -> None:
     """A job: compute a case by a function MODULE:NAME and write its row, whole or not at all."""
     module, name = function.split(":")
     row = getattr(importlib.import_module(module), name)(Case(**json.loads(told)))
-    partial = Path(f"{result}.{os.getpid()}.part")
-    partial.write_text(json.dumps(strict(row)), encoding="utf-8")
-    os.replace(partial, result)
+    write_whole(Path(result), json.dumps(strict(row)))
 
 
 if __name__ == "__main__":

@@ -181,15 +181,22 @@ CHOSEN_ON = {
     "stretched_block": ("SPREADING", "STRETCHED_SPREADING"),
     "standing_jittered": ("SHIFTS",),
 }
-OF_RINGS, OF_CONES = ("RING_REFILL", "PACKING"), ("REFILL", "PACKING")
-for name, row in ROWS.items():
-    if row.function is slumps.collapse and "pi_c" not in row.settings:
-        CHOSEN_ON[name] = OF_RINGS if row.settings["model"] == "axisymmetric" else OF_CONES
-        if row.settings["tau_y"] in (100.0, 500.0):
-            CHOSEN_ON[name] += "VISCOUS_REFILL", "DAMPED"
-        if row.settings["tau_y"] <= 500.0 and row.settings["model"] == "axisymmetric":
-            CHOSEN_ON[name] += ("RATE_FASTEST",)
-        if row.settings["tau_y"] == 100.0:
-            CHOSEN_ON[name] += ("CREEP",)
-        if row.settings["tau_y"] in (100.0, 300.0) and row.settings["model"] == "axisymmetric":
-            CHOSEN_ON[name] += ("SLOWEST",)
+
+
+def chosen_on_cone(tau_y, model, **_) -> tuple[str, ...]:
+    """The constants of a row of slumps.collapse."""
+    rings = model == "axisymmetric"
+    chosen = {
+        "RING_REFILL" if rings else "REFILL": True,
+        "PACKING": True,
+        "VISCOUS_REFILL": tau_y in (100.0, 500.0),
+        "DAMPED": tau_y in (100.0, 500.0),
+        "RATE_FASTEST": tau_y <= 500.0 and rings,
+        "CREEP": tau_y == 100.0,
+        "SLOWEST": tau_y in (100.0, 300.0) and rings,
+    }
+    return tuple(name for name, is_so in chosen.items() if is_so)
+
+
+OF_CONES = [row for row in TABLE if row.function is slumps.collapse and "pi_c" not in row.settings]
+CHOSEN_ON |= {row.name: chosen_on_cone(**row.settings) for row in OF_CONES}

@@ -4,6 +4,8 @@ Where a row caps the time step, its ``case`` says so. Concrete-like numbers thro
 Errors of profiles are |u - u_exact|/|u_exact| in the L2 norm over all particles, from the last state of the run.
 """
 
+from functools import partial
+
 import numpy as np
 
 import taichi_mps as mps
@@ -31,6 +33,12 @@ def profile(y, weight, eta, tau_y, depth=DEPTH, knee_rate=1e-9):
 def l2(u, exact) -> float:
     """Relative L2 error."""
     return float(np.linalg.norm(u - exact) / np.linalg.norm(exact))
+
+
+def developed(scene, exact):
+    """A flow along x after 2 s, and its exact velocities, ``exact(y)``."""
+    s = run(scene, 2.0).snapshot()
+    return s, exact(s.x[:, 1])
 
 
 def order_numbers(flow, curve: str):
@@ -62,8 +70,8 @@ def film_scene(across, tau_y, weight=SLOPE_WEIGHT, depth=DEPTH, eta=ETA, pi_c=No
 
 def film(across, tau_y, weight=SLOPE_WEIGHT, depth=DEPTH, eta=ETA, pi_c=None):
     """A film after 2 s (8.7 rho H^2/eta of the usual one), and its exact velocities."""
-    s = run(film_scene(across, tau_y, weight, depth, eta, pi_c), 2.0).snapshot()
-    return s, profile(s.x[:, 1], weight, eta, tau_y, depth, 2.0 * pi_c if pi_c else 1e-9)
+    exact = {"weight": weight, "eta": eta, "tau_y": tau_y, "depth": depth, "knee_rate": 2.0 * pi_c if pi_c else 1e-9}
+    return developed(film_scene(across, tau_y, weight, depth, eta, pi_c), lambda y: profile(y, **exact))
 
 
 def film_orders(bingham_number):
@@ -164,12 +172,7 @@ def channel(across):
 
 
 def channel_bingham():
-    def flow(across):
-        scene, exact = channel(across)
-        s = run(scene, 2.0).snapshot()
-        return s, exact(s.x[:, 1])
-
-    (s, exact), numbers = order_numbers(flow, "channel, Bn = 0.3")
+    (s, exact), numbers = order_numbers(lambda across: developed(*channel(across)), "channel, Bn = 0.3")
     plug = np.abs(s.x[:, 1] - HALF) < 0.3 * HALF
     return [*numbers, plug_number("plug speed", s, plug, exact.max())]
 
@@ -183,30 +186,22 @@ def couette():
 def cessation(flow):
     """Developed flow, then the drive stops: when it is at rest. Constants: length H (half width of the channel, gap of
     Couette), speed V = tau_y H/(eta Bn), time rho H^2/eta."""
-    known = columns("B_cessation_summary.csv", flow=flow)
+    known, length, speed = columns("B_cessation_summary.csv", flow=flow), 0.05, 0.1
     for bn, pressure, stop in zip(known["Bn"], known["G0"], known["T_stop"], strict=True):
-        yield from stopping(flow == "poiseuille", bn, pressure, stop)
-
-
-def stopping(is_channel, bn, pressure, stop):
-    length, speed = 0.05, 0.1
-    tau_y, weight = bn * ETA * speed / length, pressure * (ETA * speed / length**2)
-    time = stop * (DENSITY * length**2 / ETA)
-
-    def start(y):
-        if is_channel:
-            return profile(length - np.abs(y - length), weight, ETA, tau_y, length)
-        return speed * y / length
-
-    material = mps.Bingham(density=DENSITY, plastic_viscosity=ETA, yield_value=tau_y)
-    scene = between_walls(length / 20, 2 * length if is_channel else length, material, start=start)
-    _, times, speeds = record(scene, lambda s: s.report.max_speed, until=2.0 * time, max_time_step=time / 200)
-    at_rest = times[speeds < 1e-3 * speed]
-    found = at_rest[0] / time - 1.0 if len(at_rest) else float("inf")
-    return [
-        Measured(f"stopping time at Bn = {bn:g}, relative error", found, 0.05),
-        Measured(f"largest speed at 2 T_stop, Bn = {bn:g}", speeds[-1] / speed, 1e-4, "V"),
-    ]
+        tau_y, weight = bn * ETA * speed / length, pressure * (ETA * speed / length**2)
+        gap, start = length, lambda y: speed * y / length
+        if flow == "poiseuille":
+            exact = partial(profile, weight=weight, eta=ETA, tau_y=tau_y, depth=length)
+            gap, start = 2 * length, lambda y, exact=exact: exact(length - np.abs(y - length))
+        material, time = (
+            mps.Bingham(density=DENSITY, plastic_viscosity=ETA, yield_value=tau_y),
+            stop * (DENSITY * length**2 / ETA),
+        )
+        scene = between_walls(length / 20, gap, material, start=start)
+        _, times, speeds = record(scene, lambda s: s.report.max_speed, until=2.0 * time, max_time_step=time / 200)
+        found = np.append(times[speeds < 1e-3 * speed], np.inf)[0] / time - 1.0
+        yield Measured(f"stopping time at Bn = {bn:g}, relative error", found, 0.05)
+        yield Measured(f"largest speed at 2 T_stop, Bn = {bn:g}", speeds[-1] / speed, 1e-4, "V")
 
 
 def order_in_time():

@@ -9,7 +9,7 @@ from itertools import zip_longest
 from pathlib import Path
 
 from ..problem.numerics import NUMERICS
-from ..units import SceneError, suggestion, user_path
+from ..units import SceneError, require, suggestion, user_path
 from . import L2_ERROR, SLUMP_ERROR, Measured, provenance
 from .cases import CHOSEN_ON, ROWS
 from .scheme import Setting
@@ -65,12 +65,10 @@ def run_table(
     """Run rows (all, or the quick ones, if none is named); table and results of this scheme. Every JSON in ``folder``
     is written as its row ends, and the table there is of all rows that have one, with either scheme."""
     for name in names:
-        if name not in ROWS:
-            raise SceneError(f"unknown row '{name}'{suggestion(name, ROWS)}; rows: {', '.join(ROWS)}")
+        require(name in ROWS, f"unknown row '{name}'{suggestion(name, ROWS)}; rows: {', '.join(ROWS)}")
     page = page and user_path(page)
     text = page.read_text(encoding="utf-8") if page else BEGIN + END
-    if BEGIN not in text or END not in text:
-        raise SceneError(f"page = {page}: must hold the lines {BEGIN} and {END}")
+    require(BEGIN in text and END in text, f"page = {page}: must hold the lines {BEGIN} and {END}")
     folder.mkdir(parents=True, exist_ok=True)
     for each in NUMERICS:
         read_results(folder, each)  # what is damaged is refused before hours are spent
@@ -133,42 +131,30 @@ def markdown(results: dict[str, dict], others: dict[str, dict] | None = None) ->
 
 
 def cells_of(result: dict | None, other: dict | None):
-    """The cells of the lines of a row, of which one or both schemes have a result."""
+    """The cells of the lines of a row, of which one or both schemes have a result. A number that only the other has is
+    named; its own name stands beside it where that differs (at rest, at 0.4 s)."""
     row = result or other
     chosen = CHOSEN_ON.get(row.get("row"))
     first = [row["case"] + (f" (calibration: `{'`, `'.join(chosen)}`)" if chosen else ""), row["reference"]]
     seconds = [f"{each['cpu_seconds']:.0f}" if each else "" for each in (result, other)]
-    for mine, their in zip_longest(numbers_of(result), numbers_of(other), fillvalue={}):
-        yield [*first, *told(mine, their), seconds[0], told_beside(their, mine), seconds[1]]
+    for mine, their in zip_longest(lines_of(result), lines_of(other)):
+        told, beside = mine or (their[0], "-", their[2], "-"), ""
+        if their:
+            quantity, value, _, verdict = their
+            named = f" ({quantity})" * (told[0] not in ("-", quantity))
+            beside = f"{value}{named}, {verdict}" if value != "-" else other["error"].split(":")[0]
+        yield [*first, *told, seconds[0], beside, seconds[1]]
         first = seconds = ["", ""]
 
 
-def numbers_of(result: dict | None) -> list[dict]:
-    """The numbers of a result, then what ended it early."""
-    if result is None:
-        return []
-    return result["numbers"] + [{"error": result["error"]}] * bool(result["error"])
-
-
-def told(mine: dict, their: dict) -> list[str]:
-    """Quantity, measured, target, verdict; where only the other scheme has a number, what that is."""
-    if "error" in mine:
-        return ["-", "-", "-", f"**failed**: {mine['error']}"]
-    known = mine or their
-    if "value" not in known:
-        return ["-"] * 4
-    value, verdict = (written(mine, "value"), VERDICTS[mine["met"]]) if mine else ("-", "-")
-    return [known["quantity"], value, f"<= {written(known, 'target')}", verdict]
-
-
-def told_beside(their: dict, mine: dict) -> str:
-    """The other scheme's number, with its own name where that differs (at rest, at 0.4 s); of what ended it, the text
-    before its reason, which its JSON keeps."""
-    if "value" not in their:
-        return their.get("error", "").split(":")[0]
-    named = their["quantity"]
-    other_name = "" if mine.get("quantity", named) == named else f" ({named})"
-    return f"{written(their, 'value')}{other_name}, {VERDICTS[their['met']]}"
+def lines_of(result: dict | None) -> list[tuple[str, str, str, str]]:
+    """Quantity, measured, target and verdict of the numbers of a result, then what ended it early."""
+    result = result or {"numbers": [], "error": None}
+    lines = [
+        (item["quantity"], written(item, "value"), f"<= {written(item, 'target')}", VERDICTS[item["met"]])
+        for item in result["numbers"]
+    ]
+    return lines + [("-", "-", "-", f"**failed**: {result['error']}")] * bool(result["error"])
 
 
 def written(item: dict, key: str) -> str:

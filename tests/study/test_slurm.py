@@ -195,7 +195,9 @@ def test_what_slurm_is_told(tmp_path, monkeypatch):
         command_of(tmp_path, name, "exit 1")
     with pytest.raises(OSError, match="no such partition"):
         cluster.submit(["python"], "case", tmp_path / "log")
-    assert cluster.queued() is None and cluster.state("41") == "no longer known"
+    assert cluster.state("41") == "no longer known"
+    with pytest.raises(OSError, match="squeue"):
+        cluster.queued()
 
 
 @pytest.mark.long
