@@ -101,21 +101,6 @@ def array_of(value) -> np.ndarray:
     return array.astype(float) if array.dtype.kind in "iuf" else np.array(None)
 
 
-def finite(key, value, unit, shape=None, dimensions=None) -> np.ndarray:
-    """Return a value as an array of finite numbers.
-
-    SceneError if it is none, or not of this shape or number of axes.
-    """
-    array = array_of(value)
-    if array.dtype.kind == "O":  # its text takes longer than the rest
-        raise SceneError(f"{key} = {said(value, '')}: must be numbers [{unit}]")
-    if (shape is not None and array.shape != shape) or (dimensions is not None and array.ndim != dimensions):
-        wanted = f"shape {shape}" if shape is not None else f"{dimensions} axes"
-        raise SceneError(f"{key}: has the shape {array.shape}; must be numbers [{unit}] of {wanted}")
-    require(np.all(np.isfinite(array)), f"{key}: a value is not a finite number; all must be finite [{unit}]")
-    return array
-
-
 def said(value, unit) -> str:
     """Return a value as it was given, on one line, and its unit."""
     text = f"{value:g}" if isinstance(value, float) else " ".join(str(value).split())[:60]

@@ -3,22 +3,21 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from pydantic import InstanceOf
 
 from ..geometry.cavity import Cavity
-from ..geometry.in_time import InTime
+from ..geometry.in_time import InTime, in_time
 from ..geometry.shapes import Cone
 from ..geometry.solid import Solid
 from ..geometry.walls import Cylinder, Plane
-from ..units import instance, points, validated
+from ..units import Duration, Size, array, instance, points, validated, vector
 from .inlet import ROOM, Inlet, buried
 from .jolt import Jolt
 from .materials import AnyMaterial
 from .measures import Measured, Snapshot, mirrored, revolved
-from .scene_rules import RULES, numbers
+from .scene_rules import RULES, completed
 
 TEXT, FUNCTION = instance(str, "text"), instance(Callable, "a function")
 FLAG = instance(bool | np.bool_, "True or False")
@@ -110,16 +109,16 @@ class Scene:
 
     name: TEXT
     material: AnyMaterial
-    spacing: Any  # l0 [m]; this and other numbers are read by ``scene_rules.numbers``
-    fluid: Any  # particle positions [m], (n, d); may be None with an inlet that starts at 0 s
-    domain: Any  # low, high corner [m], (2, d); leaving it is an error
+    spacing: Size  # l0
+    fluid: points("m") | None  # particle positions, (n, d); may be None with an inlet that starts at 0 s
+    domain: array("m", (2, 2), (2, 3), kind=tuple)  # low, high corner; leaving it is an error
     walls: WALLS = ()
-    wall_particles: Any = None  # the paper's walls [m], (m, d)
-    velocity: Any = None  # initial velocity [m/s], (n, d)
-    gravity: Any = None  # [m/s2], (d,); 9.81 down the last axis by default
+    wall_particles: points("m") | None = None  # the paper's walls, (m, d)
+    velocity: points("m/s") | None = None  # initial velocity, (n, d)
+    gravity: vector("m/s2") | in_time("m/s2") | None = None  # 9.81 down the last axis by default
     periodic: instance(bool | np.bool_, "a tuple, each True or False", several=True) | None = None  # none by default
     axisymmetric: FLAG = False
-    until: Any = 5.0  # [s]
+    until: Duration = 5.0
     stop_at_rest: FLAG = False
     inlets: instance(Inlet, "a tuple, each Inlet", several=True) = ()  # where concrete enters, scheme implicit
     cavity: instance(Cavity, "a Cavity") | None = None  # what it is to fill, for the report
@@ -128,14 +127,14 @@ class Scene:
     over_time: FUNCTION | None = None  # of the columns of history.csv, for the summary
     enlarged_by: TEXT = ""  # the keyword of the scene's function that enlarges the domain
     wall_loads: FLAG = False  # whether ``measure`` reads the loads on the walls
-    outline: Any = ()  # polylines to draw [m], each (k, d)
+    outline: tuple[points("m"), ...] = ()  # polylines to draw, each (k, d)
     mould: instance(Cone, "a Cone") | None = None  # shape of the fluid at 0 s, for pictures
-    vessel: Any = ()  # faces to draw as glass [m], each (k, 3)
+    vessel: tuple[array("m", (None, 3)), ...] = ()  # faces to draw as glass, each (k, 3)
     parameters: instance(dict, "a dict") = field(default_factory=dict)  # as given, for the summary
     jolts: instance(Jolt, "a tuple, each Jolt", several=True) = ()
 
     def __post_init__(self):
-        taken = numbers(self)
+        taken = completed(self)
         taken["material"] = self.material.within(taken["until"])
         taken["inlets"] = tuple(inlet.within(taken["until"]) for inlet in self.inlets)
         for key in ("measure", "over_time"):

@@ -1,13 +1,12 @@
 """The rules that a scene must obey whatever computes it: types, shapes, and what lies where.
 
 Each rule takes a Scene and raises SceneError, in one line, where it is broken. ``Scene`` applies them when it is made:
-``numbers`` first, which turns what was given into arrays, then RULES in their order.
+``completed`` first, which adds defaults, then RULES in their order.
 """
 
 import numpy as np
 
-from ..geometry.in_time import table_or_function
-from ..units import INSTANT, SceneError, array_of, finite, require, said
+from ..units import SceneError, require
 
 MOST_MIXES = 256  # numbers of mixes are bytes
 RIGHT = 1e-6  # cosine of an angle that counts as a right one
@@ -16,50 +15,28 @@ RIGHT = 1e-6  # cosine of an angle that counts as a right one
 CELL, CROWD, EXCESS = 3, 1.3, 0.06
 
 
-def numbers(scene) -> dict:
-    """Numbers that were given, checked for shape and range: fluid (n, d) and velocity (n, d) as arrays, gravity (d,)
-    and periodic (d,) as tuples, spacing and until as floats."""
-    size = array_of(scene.fluid).size  # 1 of what are no numbers
-    poured = scene.inlets and (scene.fluid is None or size == 0)
-    require(poured or size > 0, "fluid: the geometry is empty; it must hold at least one particle")
-    fluid = np.zeros((0, len(scene.inlets[0].centre))) if poured else finite("fluid", scene.fluid, "m", dimensions=2)
-    n, d = fluid.shape
-    require(d in (2, 3), f"fluid: positions have {d} coordinates; must have 2 or 3")
-    taken = {"fluid": fluid}
-    for key, unit in (("spacing", "m"), ("until", "s")):
-        value = taken[key] = float(finite(key, getattr(scene, key), unit, shape=()))
-        require(value > 0.0, f"{key} = {value:g} {unit}: must be greater than 0 {unit}")
-    within = INSTANT <= taken["until"] <= 1e6
-    require(within, f"until = {taken['until']:g} s: must be at least {INSTANT:g} s and at most 1e+06 s")
-    require(taken["spacing"] >= 1e-12, f"spacing = {taken['spacing']:g} m: must be at least 1e-12 m")
-    low, high = finite("domain", scene.domain, "m", shape=(2, d))
-    require(np.all(low < high), f"domain = {scene.domain} m: the second corner must be above the first along each axis")
+def completed(scene) -> dict:
+    """Fields of a scene as it keeps them, with the defaults that follow from the dimension d of the fluid; SceneError
+    where two of them have another d."""
+    poured = scene.inlets and (scene.fluid is None or len(scene.fluid) == 0)
+    require(poured or scene.fluid is not None, "fluid: the geometry is empty; it must hold at least one particle")
+    fluid = np.zeros((0, len(scene.inlets[0].centre))) if poured else scene.fluid
+    d = fluid.shape[1]
     gravity = (0.0,) * (d - 1) + (-9.81,) if scene.gravity is None else scene.gravity
-    if callable(gravity) or array_of(gravity).ndim == 2:
-        try:
-            taken["gravity"] = table_or_function("m/s2", gravity)
-        except ValueError as error:
-            raise SceneError(f"gravity = {said(gravity, '')}: {error}") from None
-    else:
-        taken["gravity"] = tuple(finite("gravity", gravity, "m/s2", (d,)).tolist())
-    taken["periodic"] = (False,) * d if scene.periodic is None else tuple(scene.periodic)
-    require(len(taken["periodic"]) == d, f"periodic = {scene.periodic}: must have one word for each of {d} axes")
-    if scene.velocity is not None:
-        taken["velocity"] = finite("velocity", scene.velocity, "m/s", (n, d))
-    if scene.wall_particles is not None:
-        wall = finite("wall_particles", scene.wall_particles, "m", dimensions=2)
-        require(
-            wall.shape[1] == d, f"wall_particles: have {wall.shape[1]} coordinates; must have {d}, as the fluid has"
-        )
-    lines = scene.outline if isinstance(scene.outline, tuple | list) else [scene.outline]
-    taken["outline"] = tuple(finite("outline", line, "m", dimensions=2) for line in lines)
-    for line in taken["outline"]:
-        require(line.shape[1] in (2, 3), f"outline: has {line.shape[1]} coordinates; must have 2 or 3")
-    taken["vessel"] = tuple(finite("vessel", face, "m", dimensions=2) for face in scene.vessel)
-    for face in taken["vessel"]:
-        require(face.shape[1] == 3, f"vessel: a face has {face.shape[1]} coordinates; must have 3")
-    taken["walls"] = tuple(scene.walls)
-    return taken
+    if not callable(gravity) and np.ndim(gravity) == 1:
+        gravity = tuple(map(float, gravity))
+        require(len(gravity) == d, f"gravity = {gravity} m/s2: must have {d} numbers, as the fluid has")
+    periodic = (False,) * d if scene.periodic is None else tuple(scene.periodic)
+    require(len(periodic) == d, f"periodic = {scene.periodic}: must have one word for each of {d} axes")
+    low, high = np.array(scene.domain, float)
+    wrong = f"domain = {scene.domain} m: must have {d} coordinates, the second corner above the first along each axis"
+    require(len(low) == d and np.all(low < high), wrong)
+    for key, rows in (("velocity", len(fluid)), ("wall_particles", None)):
+        value = getattr(scene, key)
+        wanted = (len(value) if rows is None else rows, d) if value is not None else ()
+        require(np.shape(value) == wanted, f"{key} of shape {np.shape(value)}: must be of the shape {wanted}")
+    numbers = {"spacing": float(scene.spacing), "until": float(scene.until), "walls": tuple(scene.walls)}
+    return numbers | {"fluid": fluid, "gravity": gravity, "periodic": periodic}
 
 
 def walls_fit_the_scene(scene):
