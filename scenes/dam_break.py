@@ -79,7 +79,7 @@ def scene(
     beyond = floor_length or 10.0 * height
 
     def measure(s):
-        """Of the open box also what a camera above it reads: distance of the foremost point from the gate, width."""
+        """Front and height; of the open box also the distance of the front from the gate, and the width."""
         found = mps.measure.front(s)
         if not box:
             return found

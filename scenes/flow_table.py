@@ -58,7 +58,7 @@ def scene(
     walls = (mps.Plane((0.0,) * d, (0.0,) * (d - 1) + (1.0,)), *(() if rings else (mirror,)))
 
     def measure(s):
-        """Of the standard: the mean of two diameters at right angles; here of all directions."""
+        """Slump flow, the mean diameter of all directions (the standard: of two at right angles), and height."""
         return {"spread_m": mps.measure.spread(s), "height_m": float((s.x[:, 2] + 0.5 * s.size).max())}
 
     def over_time(history):

@@ -163,7 +163,7 @@ def along(beads, material, spacing, floor, until):
     widths = {k: np.average([w for w, j in each], weights=[j for w, j in each]) for k, each in by_layer(runs).items()}
 
     def shape(s):
-        """Of each layer that has begun: number, width [m], mean offset (2,) [m] to the side and mean height [m]."""
+        """Number, width [m], mean offset (2,) [m] to the side and mean height [m] of each layer that has begun."""
         run = np.searchsorted(ends, np.arange(len(s.x)), side="right")
         aside = np.einsum("ij,ij->i", s.x - starts[run], across[run])
         mean = np.bincount(run, aside, len(runs)) / np.maximum(np.bincount(run, minlength=len(runs)), 1)

@@ -87,7 +87,7 @@ def scene(
         return steady | ({"cylinder_torque_N_m": exact} if closed else {})
 
     def check(s, measures):
-        """What turns is held back; a cylinder as much as the closed form says, once it has turned a little."""
+        """The fluid holds back the vane; a cylinder as much as the closed form says, once it has turned a little."""
         torque = measures["torque_N_m"]
         assert mps.measure.clearance(s, (cup, vane)) > 0.0, "leak"
         assert torque > 0.0, torque

@@ -1,4 +1,4 @@
-"""What changes in time: gravity, and the velocity of a wall. Plain NumPy."""
+"""Quantities that change in time: gravity, and the velocity of a wall. Plain NumPy."""
 
 from functools import cached_property, partial
 from itertools import pairwise

@@ -316,7 +316,7 @@ class Scene:
 
     @cached_property
     def in_time(self) -> tuple[InTime | Jolt, ...]:
-        """What changes in time: gravity, velocities of walls, jolts."""
+        """Gravity, wall velocities and jolts that change in time."""
         return tuple(filter(None, [self.gravity_in_time, *(wall.in_time for wall in self.walls), *self.jolts]))
 
     def jolts_at(self, time: float) -> list[Jolt]:

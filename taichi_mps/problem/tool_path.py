@@ -41,7 +41,7 @@ class Bead:
 
 
 class Printer:
-    """What a printer is told line by line, and the beads that it has laid."""
+    """State of a printer while it obeys a G-code file line by line, and the beads that it has laid."""
 
     def __init__(self, rate, filament):
         self.rate, self.filament = rate, filament

@@ -159,7 +159,7 @@ class Implicit(Scheme):
 
     # ---- its parts, stages in their order --------------------------------------------------------------------------
     def predict(self, dt, first):
-        """What follows from the last velocity: pressure, viscosity, resistances, and what is taken back of them."""
+        """Set pressure, viscosity and resistances from the last velocity, and the correction of the resistances."""
         self.pressure.smooth(dt)
         self.friction.start(dt)
         self.pressure.find_closed_box(int(self.active_set.whole and self.may_be_full))
@@ -243,7 +243,7 @@ class Implicit(Scheme):
         return self.active_set.mean_part_left_out
 
     def fields_to_read(self, count: int) -> dict:
-        """What of the first ``count`` rows is read of a step, besides what the particles carry."""
+        """Fields of a step, of the first ``count`` rows, that are read besides those that the particles carry."""
         self.pressure.read()
         return super().fields_to_read(count) | self.wall_loads.read(count)
 
@@ -259,7 +259,7 @@ class Implicit(Scheme):
 
 
 def carried(problem) -> dict[str, Carried]:
-    """What the particles carry from step to step, by the law and the mixes of a problem."""
+    """Fields that particles carry from step to step, by the law and the mixes of a problem."""
     fields = {"a": Carried("acceleration of the last step", "m/s2", "vector")}
     several = len(problem.materials) > 1
     if several:
