@@ -11,6 +11,7 @@ from taichi_mps.linear.cell_multigrid import CellMultigrid
 from tests.support.linear import Always, applied, solve, with_levels
 
 
+@pytest.mark.slow
 def test_levels_make_the_iterations_independent_of_the_size():
     jacobi, cells, smoothed = [], [], []
     for n in (12, 36):
