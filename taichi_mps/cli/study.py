@@ -1,13 +1,11 @@
 """The commands sweep, require, calibrate and chart of the command line."""
 
-import io
 import json
 import math
 import os
 import sys
 import time
 from collections import Counter
-from contextlib import redirect_stdout
 from dataclasses import asdict
 from importlib.util import find_spec
 from pathlib import Path
@@ -105,8 +103,7 @@ def watching(varied, quiet: bool, options, planned, runs=None):
         return None
     local, told, begun, most = options.executor == "local", set(), time.monotonic(), runs or len(planned)
     workers = min(options.workers or os.cpu_count() or 1, most) if local else 1
-    with redirect_stdout(io.StringIO()):  # without Taichi's greeting
-        whole = wall_time(planned, workers, most)
+    whole = wall_time(planned, workers, most)
     how = f"{workers} at a time, about {in_time(whole)} in all" if local else f"{in_time(whole)} of processor time"
     print(f"taichi-mps: {'at most ' * bool(runs)}{most} runs: {how}", file=sys.stderr, flush=True)
 

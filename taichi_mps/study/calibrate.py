@@ -1,5 +1,6 @@
 """The constants of a mix from tests of it, with intervals from the errors of the measurements."""
 
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -173,8 +174,8 @@ def calibrate(
     check_tests(test, emulators)
     tables = list(emulators.values())
     check_known(known, tables, test.rho)
-    found = fit(tables, measured, test.rho, known=known)
     require(lift_speed is None or "slump" in emulators, "lift_speed: needs slump, slump_flow or t500 of the slump cone")
+    found = fit(tables, measured, test.rho, known=known)
     finer, lifted = difference(emulators, found) if check else {}, lift_effect(found, lift_speed) if lift_speed else {}
     if apart := together(finer, lifted):
         found = replace(fit(tables, measured, test.rho, apart, known), finer=finer, lifted=lifted)
@@ -193,59 +194,51 @@ def with_each_alone(emulators: dict[str, Emulator], found: Calibration, known: d
     if not found.plastic_viscosity.determined and "plastic_viscosity" not in known:
         others["plastic_viscosity"] = Bingham().plastic_viscosity
     alone = {name: {RHEOMETER: (known[name],) * 3} if name in known else {} for name in BINGHAM}
+    correction = together(found.finer, found.lifted)
     for name, pair in found.measured.items():
         asked, other = reversed(BINGHAM) if is_time(name) else BINGHAM
         emulator = next(emulators[scene] for scene in emulators if name in MEASURED[scene])
-        try:
-            it = fit(
-                [emulator], {name: pair}, found.density, together(found.finer, found.lifted), {other: others[other]}
-            )
-        except SceneError:  # no T500 at all with that yield stress
-            continue
-        constant = getattr(it, asked)
-        alone[asked][name] = constant.value, constant.lower, constant.upper
-    alone = {name: said for name, said in alone.items() if said.keys() - {RHEOMETER}}
-    return replace(found, alone=alone, others=others)
+        with suppress(SceneError):  # no T500 at all with that yield stress
+            it = getattr(fit([emulator], {name: pair}, found.density, correction, {other: others[other]}), asked)
+            alone[asked][name] = it.value, it.lower, it.upper
+    return replace(found, alone={name: it for name, it in alone.items() if it.keys() - {RHEOMETER}}, others=others)
+
+
+def computed(scene: str, what: str, **settings) -> dict:
+    """Return what a run of a test measures; ``what`` it is, where it fails."""
+    row = run(case(scene, **settings))
+    require(row["status"] == "done", f"the {what} failed: {row['reason']}")
+    return {name: row.get(column) for name, column in MEASURED[scene].items()}
+
+
+def changes(before: dict, after: dict) -> dict[str, float]:
+    """Return by what measurements change that are known of both: lengths by a difference [m], times by a ratio."""
+    pairs = {name: (float(value), after[name]) for name, value in before.items() if None not in (value, after[name])}
+    pairs = {name: pair for name, pair in pairs.items() if np.all(np.isfinite(pair))}
+    return {name: later / first if is_time(name) else later - first for name, (first, later) in pairs.items()}
 
 
 def difference(emulators: dict[str, Emulator], found: Calibration) -> dict:
     """Return what finer runs at the constants found measure beyond their emulators: lengths [m], ratios of times."""
-    mix, apart = mix_of(found), {}
+    mix, finer = np.log(np.array(list(found.constants.values())) / found.density), {}
     for scene in (scene for scene in CHECKED if scene in emulators):
-        emulator = emulators[scene]
-        row = run(case(scene, **emulator.settings | mix | {"spacing": 0.5 * emulator.spacing}))
-        require(row["status"] == "done", f"the finer run failed: {row['reason']}")
-        table = emulator.at(*np.log(np.array(list(found.constants.values())) / found.density))
-        for name, column in MEASURED[scene].items():
-            value = float(table[name])
-            if not is_time(name):
-                apart[name] = row[column] - value
-            elif row[column] and np.isfinite(value):
-                apart[name] = row[column] / value
-    return apart
-
-
-def mix_of(found: Calibration) -> dict[str, float]:
-    """Return the constants found, with the density."""
-    return found.constants | {"density": found.density}
+        each = emulators[scene]
+        settings = each.settings | found.keywords | {"spacing": 0.5 * each.spacing}
+        finer |= changes(each.at(*mix), computed(scene, "finer run", **settings))
+    return finer
 
 
 def lift_effect(found: Calibration, speed: float) -> dict:
     """Return what a mould that is lifted at a speed [m/s] changes of the cone found: lengths [m], ratios of times."""
-    rows = [run(case("slump", **mix_of(found), spacing=LIFTED, **given)) for given in ({}, {"lift_speed": speed})]
-    for row in rows:
-        require(row["status"] == "done", f"the run with the mould lifted failed: {row['reason']}")
-    pairs = {name: [row.get(column) for row in rows] for name, column in MEASURED["slump"].items()}
-    pairs = {name: pair for name, pair in pairs.items() if all(pair) and np.all(np.isfinite(pair))}
-    return {name: later / first if is_time(name) else later - first for name, (first, later) in pairs.items()}
+    settings = found.keywords | {"spacing": LIFTED}
+    each = [settings, settings | {"lift_speed": speed}]
+    return changes(*(computed("slump", "run with the mould lifted", **keywords) for keywords in each))
 
 
 def together(finer: dict, lifted: dict) -> dict:
     """Return both corrections of a table: lengths add up, ratios of times multiply."""
-    first = {
-        name: by * lifted.get(name, 1.0) if is_time(name) else by + lifted.get(name, 0.0) for name, by in finer.items()
-    }
-    return lifted | first
+    usual = {name: float(is_time(name)) for name in finer} | lifted
+    return lifted | {name: by * usual[name] if is_time(name) else by + usual[name] for name, by in finer.items()}
 
 
 def frictional_mix(measured: dict, density: float, known: dict) -> FrictionalMix | None:
@@ -256,24 +249,23 @@ def frictional_mix(measured: dict, density: float, known: dict) -> FrictionalMix
     first of OTHERS with which one is. None where slump or flow was not measured, the table does not reach what is
     known, or no such mix spreads to 500 mm and T500 was measured.
     """
-    if not set(CONE) <= measured.keys():
+    table, eta = emulator_of(test=FRICTION), "plastic_viscosity"
+    usual = table.usual[eta]
+    taken = {name: np.log(value / scale(name, density)) for name, value in ({eta: usual} | known).items()}
+    room = {name: BEYOND * (name == eta) for name in taken}
+    ends = zip(FRICTIONAL, table.low, table.high, strict=True)
+    inside = all(low - room[name] <= taken[name] <= high + room[name] for name, low, high in ends if name in taken)
+    if not set(CONE) <= measured.keys() or not inside:
         return None
-    table = emulator_of(test=FRICTION)
     measured = {name: measured[name] for name in MEASURED["slump"] if name in measured}
-    usual = table.usual["plastic_viscosity"]
-    for name, value in ({"plastic_viscosity": usual} | known).items():
-        k, room = FRICTIONAL.index(name), BEYOND if name == "plastic_viscosity" else 0.0
-        if not table.low[k] - room <= np.log(value / scale(name, density)) <= table.high[k] + room:
-            return None
-    if "t500_s" in measured or "plastic_viscosity" in known:
-        try:
+    if "t500_s" in measured or eta in known:
+        with suppress(SceneError):
             return fit([table], measured, density, known=known)
-        except SceneError:
-            return None
-    mixes = {eta: fit([table], measured, density, known=known | {"plastic_viscosity": eta}) for eta in (usual, *OTHERS)}
-    near = {eta: mix for eta, mix in mixes.items() if mix.near}
+        return None
+    mixes = {each: fit([table], measured, density, known=known | {eta: each}) for each in (usual, *OTHERS)}
+    near = {each: mix for each, mix in mixes.items() if mix.near}
     best = next(iter(near), usual)
-    others = {eta: (mix.yield_value.value, mix.friction_angle.value) for eta, mix in near.items() if eta != best}
+    others = {each: (mix.yield_value.value, mix.friction_angle.value) for each, mix in near.items() if each != best}
     return replace(mixes[best], usual=True, by_viscosity=others)
 
 
@@ -335,7 +327,6 @@ def check_room(cone: Emulator, test: Measurements) -> None:
 
 def check_known(known: dict[str, float], emulators: list[Emulator], density: float) -> None:
     """SceneError for a known constant that the tables do not reach."""
-    ends = np.max([each.low for each in emulators], 0), np.min([each.high for each in emulators], 0)
-    for k, name in enumerate(BINGHAM):
-        if name in known:
-            covered([name], [end[k : k + 1] for end in ends], np.log([known[name] / density]), density)
+    ends = np.array([np.max([each.low for each in emulators], 0), np.min([each.high for each in emulators], 0)])
+    asked = [BINGHAM.index(name) for name in known]
+    covered(known, ends[:, asked], np.log(np.array(list(known.values())) / density), density)

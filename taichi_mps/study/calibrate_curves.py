@@ -1,9 +1,7 @@
 """Constants of a law from measured curves: runs of their scene, by least squares on the logarithms, coarse first."""
 
-import io
 import os
 import warnings
-from contextlib import redirect_stdout
 from functools import partial
 from pathlib import Path
 from time import monotonic
@@ -191,11 +189,11 @@ def first_values(scene: str, free: list[str], settings: dict) -> dict[str, float
     first = {name: settings.get(name, getattr(own, name, usual[name])) for name in free}
     law = catalogue.build(scene, **settings | first).material
     for name in free:
-        known = ", ".join(numbers_of(type(law)))
-        require(name in numbers_of(type(law)), f"free = {name}: the law {type(law).__name__} has only {known}")
-        value = getattr(law, name)
-        require(value > 0.0, f"{name} = {value:g}: is where the search begins; must be above 0")
-    return {name: float(getattr(law, name)) for name in free}
+        known = numbers_of(type(law))
+        require(name in known, f"free = {name}: the law {type(law).__name__} has only {', '.join(known)}")
+        first[name] = float(getattr(law, name))
+        require(first[name] > 0.0, f"{name} = {first[name]:g}: is where the search begins; must be above 0")
+    return first
 
 
 def ends_of(first: dict, fields) -> np.ndarray:
@@ -227,7 +225,7 @@ def calibrate_curves(
     require(first, f"free = {free}: must be a constant of the law or more, such as yield_value,plastic_viscosity")
     function, built = catalogue.load(scene), catalogue.build(scene, **settings | first)
     curves = of_files(curve, function.parameters.model_fields, measures_of(built))
-    for test in {curve.test for curve in curves}:
+    for test in dict.fromkeys(curve.test for curve in curves):
         both = sorted(test.settings.keys() & {*settings, *first, "until"})
         require(not both, f"curve = {test.name}: {''.join(both[:1])} is a column of it; must not be given, too")
         catalogue.build(scene, **settings | first | test.settings)
@@ -243,8 +241,7 @@ def calibrate_curves(
         likely = tests * (3 + 4 * (1 + len(first)))
         if watch:
             at_start = [runs.case(test, np.zeros(len(first)), spacing) for test in runs.tests]
-            with redirect_stdout(io.StringIO()):  # without Taichi's greeting
-                lasts = in_time(wall_time(at_start, workers or os.cpu_count() or 1, likely))
+            lasts = in_time(wall_time(at_start, workers or os.cpu_count() or 1, likely))
             finely = f", besides {2 * tests} at {fine:g} m" * finer
             say(f"some {likely} runs at a spacing of {spacing:g} m, about {lasts}{finely}")
         at, shift, moved = np.clip(runs.begin(spacing), *(0.999 * bounds)), 0.0, np.inf

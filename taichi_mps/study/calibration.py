@@ -114,6 +114,11 @@ class Mix:
         return {name: getattr(self, name).value for name in self.names}
 
     @property
+    def keywords(self) -> dict[str, float]:
+        """Those of a scene that is to have this mix."""
+        return self.constants | {"density": self.density}
+
+    @property
     def missed(self) -> dict[str, float]:
         """By how much the model is above what was measured, SI units."""
         return {name: self.model[name] - value for name, (value, _) in self.measured.items()}
@@ -193,8 +198,8 @@ class FrictionalMix(Mix):
     @property
     def command(self) -> str:
         """What computes its slump."""
-        mix = self.constants | {"density": self.density}
-        return "taichi-mps run slump " + " ".join(f"--{name.replace('_', '-')} {short(v)}" for name, v in mix.items())
+        words = [f"--{name.replace('_', '-')} {short(value)}" for name, value in self.keywords.items()]
+        return f"taichi-mps run slump {' '.join(words)}"
 
     @property
     def every(self) -> str:

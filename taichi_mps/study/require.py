@@ -6,13 +6,14 @@ softer mix presses more on the form, so where a pressure is bounded it is that o
 """
 
 import math
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
 from pydantic import Field
 
 from ..problem import catalogue
-from ..units import NUMBERS, Checked, Duration, Ratio, Text, YieldValue, real, said, unit_of
+from ..units import NUMBERS, Checked, Duration, Ratio, SceneError, Text, YieldValue, real, said, unit_of
 from ..units import require as check
 from .case import case
 from .case import run as run_case
@@ -57,11 +58,10 @@ class Border:
 
     def slump_of(self, tau_y: float | None) -> tuple[float, float] | None:
         """Slump and slump flow [m] of a yield stress; None of none, and beyond the table."""
-        emulator, at = emulator_of(), np.log(np.array([tau_y or math.inf, self.plastic_viscosity]) / self.density)
-        if np.any(at < emulator.low) or np.any(at > emulator.high):
-            return None
-        measures = emulator.at(*at)
-        return float(measures["slump_m"]), float(measures["spread_m"])
+        with suppress(SceneError):
+            measures = emulator_of().at(*np.log(np.array([tau_y or math.inf, self.plastic_viscosity]) / self.density))
+            return float(measures["slump_m"]), float(measures["spread_m"])
+        return None
 
     def __str__(self):
         head = f"plastic viscosity {self.plastic_viscosity:g} Pa s: "
@@ -144,12 +144,12 @@ def require_bingham(form, parameters: dict) -> None:
 def require(scene: str, wanted: Wanted, out, executor="local", workers=None, watch=None, run=run_case, **parameters):
     """The borders of all plastic viscosities, and the rows of the runs that found them, which the folder ``out`` keeps
     and does not compute again."""
-    ends = wanted.softest, wanted.stiffest
-    check(ends[0] < ends[1], "softest = {:g} Pa: must be less than stiffest = {:g} Pa".format(*ends))
+    look = wanted.softest, wanted.stiffest
+    check(look[0] < look[1], "softest = {:g} Pa: must be less than stiffest = {:g} Pa".format(*look))
     keywords = catalogue.load(scene).parameters.model_fields
     usual = {"fill_ratio": 1.0} | ({"measure_pressure": True} if wanted.pressure is not None else {})
-    parameters = {name: value for name, value in usual.items() if name in keywords} | parameters
-    parameters["until"] = wanted.time
+    usual = {name: value for name, value in usual.items() if name in keywords}
+    parameters = usual | parameters | {"until": wanted.time}
     form = catalogue.build(scene, **parameters)
     check(form.cavity is not None, f"scene {form.name}: has no cavity to fill; must be a form, such as wall")
     poured = form.parameters.get("fill_ratio", 1.0)
@@ -159,11 +159,11 @@ def require(scene: str, wanted: Wanted, out, executor="local", workers=None, wat
         measured = form.parameters.get("measure_pressure") is not False
         check(measured, f"pressure = {wanted.pressure:g} Pa: measure_pressure = False; must be True, or left out")
     require_bingham(form, parameters)
-    given = cases(scene, plastic_viscosity=wanted.plastic_viscosity)
-    viscosities = sorted(each.parameters["plastic_viscosity"] for each in given)
-    planned, mixes, rows = {}, {}, []
-    look = wanted.softest, wanted.stiffest
+    named = cases(scene, plastic_viscosity=wanted.plastic_viscosity)
+    viscosities = sorted(each.parameters["plastic_viscosity"] for each in named)
+    planned, rows = {}, []
     for _ in range(MOST_ROUNDS):
+        mixes = {mix: fills(row, wanted) for mix, row in zip(planned, rows, strict=True)}
         ahead = next_mixes(mixes, viscosities, *look, wanted.within)
         ends = {eta: bracket(mixes, eta, *look) for eta in viscosities}
         if not ahead and wanted.pressure is not None:  # asked of its own run also where others told that a mix fills
@@ -173,11 +173,11 @@ def require(scene: str, wanted: Wanted, out, executor="local", workers=None, wat
         for tau_y, eta in ahead:
             planned[tau_y, eta] = case(scene, **parameters, yield_value=tau_y, plastic_viscosity=eta)
         rows = carry_out(list(planned.values()), out, run, executor, workers, watch)
-        mixes = {mix: fills(row, wanted) for mix, row in zip(planned, rows, strict=True)}
-    borders, by_mix = [], dict(zip(planned, rows, strict=True))
-    for eta, (full, short) in ends.items():
-        missing = 1.0 - by_mix[short, eta].get(FILLED, math.nan) if (short, eta) in by_mix else None
-        pressure = None if wanted.pressure is None or full is None else pressure_of(by_mix[full, eta])
-        density = rows[0].get("density") or DENSITY
-        borders.append(Border(eta, full, short, missing, pressure, pressure and wanted.pressure, density))
-    return borders, rows
+    by_mix, density = dict(zip(planned, rows, strict=True)), rows[0].get("density") or DENSITY
+    missing = {mix: 1.0 - row.get(FILLED, math.nan) for mix, row in by_mix.items()}
+    stiffest = {eta: full for eta, (full, _) in ends.items() if wanted.pressure is not None and full is not None}
+    presses = {eta: (pressure_of(by_mix[full, eta]), wanted.pressure) for eta, full in stiffest.items()}
+    return [
+        Border(eta, full, short, missing.get((short, eta)), *presses.get(eta, (None, None)), density)
+        for eta, (full, short) in ends.items()
+    ], rows

@@ -1,5 +1,6 @@
 """A sweep: a scene at every combination of some values, in parallel; what fails is a row, what is done stays done."""
 
+import io
 import math
 import multiprocessing
 import os
@@ -10,7 +11,7 @@ import warnings
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, ProcessPoolExecutor, wait
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import contextmanager, nullcontext, redirect_stdout, suppress
 from importlib.util import find_spec
 from itertools import product
 from pathlib import Path
@@ -184,10 +185,11 @@ def wall_time(planned: list[Case], workers: int, runs: int | None = None) -> flo
 
     It is that of the forecasts of some of them; each worker compiles once for each shape of a scene.
     """
-    from ..simulation.clock import Clock  # imports Taichi
-
     some = planned[:: max(1, len(planned) // SAMPLED)]
-    clocks = [Clock(Problem(catalogue.build(case.scene, **case.parameters)), SERIAL, math.inf, 1) for case in some]
+    with redirect_stdout(io.StringIO()):  # without Taichi's greeting
+        from ..simulation.clock import Clock
+
+        clocks = [Clock(Problem(catalogue.build(case.scene, **case.parameters)), SERIAL, math.inf, 1) for case in some]
     runs, shapes = runs or len(planned), len({*map(shape, planned)})
     flow = runs * sum(clock.cost.cpu_seconds for clock in clocks) / len(clocks)
     ready = sum(clock.expected["start"] + clock.expected["ready"] for clock in clocks) / len(clocks)

@@ -44,9 +44,6 @@ class Row:
     settings: dict = field(default_factory=dict)
     quick: bool = False  # belongs to --quick and to the default test suite
 
-    def run(self):
-        return self.function(**self.settings)
-
 
 def read_reference(name: str) -> list[dict[str, str]]:
     """Rows of a reference CSV by column name; comment lines start with #."""

@@ -29,7 +29,7 @@ def run_row(name: str, scheme: str = "implicit", budget: float | None = None) ->
     begin, numbers, series, error = time.perf_counter(), [], [], None
     Setting.scheme, Setting.budget, Setting.begin = scheme, budget, time.process_time()
     try:
-        for item in ROWS[name].run():
+        for item in ROWS[name].function(**ROWS[name].settings):
             if isinstance(item, Measured):
                 numbers.append(asdict(item) | {"value": float(item.value), "met": item.met})
             else:
