@@ -105,6 +105,12 @@ class Moving:
         """Numbers of the velocity."""
         return len(self.point)
 
+    @property
+    def unit_axis(self) -> np.ndarray:
+        """Unit vector along the axis, shape (d,); zero where there is none."""
+        axis = np.zeros(len(self.point)) if self.axis is None else np.array(self.axis, float)
+        return axis / (np.linalg.norm(axis) or 1.0)
+
     def _directed(self, velocity) -> np.ndarray:
         """Velocity (d,) of its components, zero of None."""
         return np.zeros(len(self.point)) if velocity is None else np.array(velocity, float)

@@ -381,12 +381,6 @@ class Solid(Moving):
         return self.fastest
 
     @property
-    def unit_axis(self):
-        """Unit vector along the axis, shape (d,); zero where there is none."""
-        axis = np.zeros(len(self.low)) if self.axis is None else np.array(self.axis, float)
-        return axis / (np.linalg.norm(axis) or 1.0)
-
-    @property
     def centre(self):
         """Pivot, or the first node where there is none [m], shape (d,)."""
         return np.array(self.low if self.pivot is None else self.pivot, float)

@@ -291,12 +291,6 @@ class Cylinder(Moving):
         return self.radius + min(0.0, self.slope * (self.length or 0.0))
 
     @property
-    def unit_axis(self):
-        """Unit vector along the axis, shape (d,); zero in two dimensions."""
-        axis = np.zeros(len(self.point)) if self.axis is None else np.array(self.axis, float)
-        return axis / (np.linalg.norm(axis) or 1.0)
-
-    @property
     def speed(self):
         """Largest speed of the wall [m/s]."""
         largest = self.radius + max(0.0, self.slope * (self.length or 0.0))

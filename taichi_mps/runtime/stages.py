@@ -27,7 +27,7 @@ from contextlib import contextmanager
 
 from .backend import for_kernels, real, started, ti
 from .thread_team import ThreadTeam, enter
-from .workarounds import compiled_plainly, launch_directly
+from .workarounds import compiled_plainly
 
 OPTIMISED = 1000
 """Rows from which on a fused kernel is optimised: 6 s more to compile, once, for an eighth less of each run."""
@@ -170,7 +170,7 @@ class Execution:
         if not made or (left and alone and whole > 1):
             raise ValueError(f"stage {left[0][0].name}: more than {MOST_NUMBERS} numbers for one kernel")
         if key not in self._kernels:
-            self._kernels[key] = launch_directly(kernel_of([Call(*call) for call in made], alone, team))
+            self._kernels[key] = kernel_of([Call(*call) for call in made], alone, team)
         self._kernels[key](whole, *map(float, numbers), *[0.0] * (MOST_NUMBERS - len(numbers)))
         return left
 
