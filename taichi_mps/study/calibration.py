@@ -276,8 +276,7 @@ class Calibration(Mix):
     def facts(self) -> dict:
         """Everything, JSON-ready."""
         facts = asdict(self) | {"contradictory": self.contradictory, "at_the_edge": self.at_the_edge}
-        for name in BINGHAM:
-            facts[name]["determined"] = getattr(self, name).determined
+        facts |= {name: facts[name] | {"determined": getattr(self, name).determined} for name in BINGHAM}
         return facts | {"told": str(self), "mix": self.best.constants}
 
     def contradiction(self) -> str:
@@ -289,8 +288,7 @@ class Calibration(Mix):
                 f"says {Constant(*it, 0.0, 0.0).bounds(WORDS[constant][1])}"
                 for name, it in self.alone.get(constant, {}).items()
             ]
-            if said:
-                text += f"; at {short(self.others[other])} {WORDS[other][1]} {', '.join(said)}"
+            text += f"; at {short(self.others[other])} {WORDS[other][1]} {', '.join(said)}" if said else ""
         if not {"slump_m", "spread_m"} <= self.alone.get("yield_value", {}).keys():
             return text
         return (
@@ -299,25 +297,19 @@ class Calibration(Mix):
         )
 
     def __str__(self):
-        lines = self.constant_lines()
-        if self.by_viscosity and not self.plastic_viscosity.determined:
-            pairs = ", ".join(f"{short(tau)} Pa at {eta:g}" for eta, tau in self.by_viscosity.items())
-            lines.append(f"  yield stress by plastic viscosity: {pairs} Pa s")
+        lines, pairs = self.constant_lines(), [f"{short(tau)} Pa at {eta:g}" for eta, tau in self.by_viscosity.items()]
+        if pairs and not self.plastic_viscosity.determined:
+            lines.append(f"  yield stress by plastic viscosity: {', '.join(pairs)} Pa s")
         lines += self.measurement_lines()
         for what, beside in (("the finer run     ", self.finer), ("the lifted mould  ", self.lifted)):
             apart = ", ".join(
                 f"{NAMES[name]} " + (f"{100.0 * (by - 1.0):+.1f} %" if is_time(name) else f"{1e3 * by:+.1f} mm")
                 for name, by in beside.items()
             )
-            if beside:
-                lines.append(f"{what} {apart} beside the table; the constants are corrected by it")
-        if self.at_the_edge:
-            ends = ", ".join(
-                f"{WORDS[name][0]} {getattr(self, name).ends(WORDS[name][1])}" for name in self.at_the_edge
-            )
-            lines.insert(
-                0, f"the best fit lies at the edge of the table ({ends}): what is bounded is so within it only"
-            )
+            lines += [f"{what} {apart} beside the table; the constants are corrected by it"] * bool(beside)
+        ends = ", ".join(f"{WORDS[name][0]} {getattr(self, name).ends(WORDS[name][1])}" for name in self.at_the_edge)
+        edge = f"the best fit lies at the edge of the table ({ends}): what is bounded is so within it only"
+        lines = [edge] * bool(ends) + lines
         if self.friction:
             *first, last = [NAMES[name] for name in self.friction.measured]
             unused = [NAMES[name] for name in self.measured if name not in self.friction.measured]

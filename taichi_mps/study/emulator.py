@@ -99,7 +99,9 @@ class Emulator:
         for value in self.thirds:
             plane = [row for row, at in zip(nodes, third, strict=True) if at == value]
             self.planes.append(self.splines(plane))
-        for name, each in self.missed(checks).items():
+        found = self.at(*self.place(checks).T)
+        for name in self.planes[0]:
+            each = (np.log(found[name]) if is_time(name) else found[name]) - self.values(name, checks)
             self.of_cases[name] = np.mean([np.mean(plane[name][2] ** 2) for plane in self.planes])
             self.scatter[name] = float(np.sqrt(self.of_cases[name] + (np.nanmean(each**2) if len(each) else 0.0)))
 
@@ -138,14 +140,6 @@ class Emulator:
                 few = f"table: column {column} holds fewer than {FEWEST} numbers; must hold that many"
                 require(name == "t500_s", few)
         return found
-
-    def missed(self, checks) -> dict[str, np.ndarray]:
-        """By how much each measurement is above these rows, of times the logarithm; nan where one has no T500."""
-        found = self.at(*self.place(checks).T)
-        return {
-            name: (np.log(found[name]) if is_time(name) else found[name]) - self.values(name, checks)
-            for name in self.planes[0]
-        }
 
     @validated
     def at(self, *point: LOG, grid: Flag = False) -> dict[str, np.ndarray]:

@@ -42,12 +42,9 @@ class LeastSquares:
 
     def model(self, *point, grid=False) -> dict[str, np.ndarray]:
         """The corrected measurements at logarithms of the constants over their scales."""
-        found = {}
-        for emulator in self.emulators:
-            for name, value in emulator.at(*point, grid=grid).items():
-                correction = self.correction.get(name, 1.0 if is_time(name) else 0.0)
-                found[name] = value * correction if is_time(name) else value + correction
-        return found
+        found = {name: each for it in self.emulators for name, each in it.at(*point, grid=grid).items()}
+        by = {name: float(is_time(name)) for name in found} | self.correction
+        return {name: each * by[name] if is_time(name) else each + by[name] for name, each in found.items()}
 
     def residuals(self, *point, grid=False) -> np.ndarray:
         """Residuals of the model over the errors, a row a measurement; nan where a mix has none, as of T500."""
@@ -78,14 +75,12 @@ class LeastSquares:
 
     def pairs(self, axes, viscosities, least) -> dict[float, float]:
         """The best yield stress [Pa] at each of these plastic viscosities [Pa s] that fits, by viscosity."""
-        found = {}
-        for eta in viscosities:
-            point = np.log(eta / self.scales[1])
-            if axes[1][0] <= point <= axes[1][-1]:
-                fits = self.misfit((axes[0], np.array([point])))[:, 0]
-                if fits.min() - least <= RISE:
-                    found[eta] = float(self.scales[0] * np.exp(axes[0][fits.argmin()]))
-        return found
+        within = [eta for eta in viscosities if axes[1][0] <= np.log(eta / self.scales[1]) <= axes[1][-1]]
+        fits = [self.misfit((axes[0], np.log([eta / self.scales[1]])))[:, 0] for eta in within]
+        best = {
+            eta: axes[0][each.argmin()] for eta, each in zip(within, fits, strict=True) if each.min() - least <= RISE
+        }
+        return {eta: float(self.scales[0] * np.exp(at)) for eta, at in best.items()}
 
 
 def fit(
