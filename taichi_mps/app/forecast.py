@@ -27,8 +27,8 @@ OVERRIDDEN = "accuracy: has no effect, since particle size and model are given"
 
 
 def forecast(words: list[str]) -> dict:
-    """What is known of a run by its words: whether it is in ``space``, its ``seconds``, ``lines``, ``remarks`` of how
-    it was read, and what its ``table`` says; of what cannot be computed ``wrong``, by key."""
+    """Forecast of a run from the values that were typed: whether it is in ``space``, its ``seconds``, ``lines``,
+    ``remarks`` of how it was read, and what its ``table`` says; of what cannot be computed ``wrong``, by key."""
     told = io.StringIO()
     try:
         with warnings.catch_warnings(record=True) as warned, redirect_stderr(told):
@@ -49,7 +49,7 @@ def forecast(words: list[str]) -> dict:
 
 
 def by_key(line: str) -> dict[str, str]:
-    """What is wrong, 'key = value: ...; key = value: ...', by its keys; what names none by ''."""
+    """Errors of a form, 'key = value: ...; key = value: ...', by its keys; what names none by ''."""
     found = {}
     for part in line.split("; "):
         key = re.match(r"([A-Za-z]\w*)( = .*?: | is missing)", part)

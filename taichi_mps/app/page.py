@@ -45,7 +45,7 @@ class Page:
 
     # ---- a mix -------------------------------------------------------------------------------------------------
     def tests(self, asked: Asked) -> dict:
-        """What can be chosen."""
+        """Tests that can be chosen."""
         tests, measurements = list(self.known.values()), form.measurements()
         return {"tests": tests, "measurements": measurements, "folder": str(self.queue.folder)}
 
@@ -64,7 +64,7 @@ class Page:
         return fields
 
     async def forecast(self, asked: Asked) -> dict:
-        """What is known of a run before it starts, or what is wrong with it."""
+        """Forecast of a run before it starts, or its errors."""
         self.fields(asked)
         try:
             parts = self.forecast_process.ask({"test": asked.test, "values": asked.values}, PATIENCE)
@@ -104,7 +104,7 @@ class Page:
         return self.started(Job("calibration", words))
 
     def found(self, asked: Asked) -> dict:
-        """What a calibration found."""
+        """Result of a calibration."""
         job = self.job_of(asked)
         facts = json.loads(job.output) if job.words[0] == "calibrate" and job.state == "done" else {}
         return {"verdict": verdict(facts), **facts} if facts else {"state": job.state, "said": job.said}
@@ -116,7 +116,7 @@ class Page:
         return self.queue.jobs[asked.job]
 
     def jobs(self, asked: Asked) -> dict:
-        """Those that are not over, and the last that is; and the last run that came to its end, whatever came later."""
+        """Jobs that are not over, and the last that is; and the last run that came to its end, whatever came later."""
         jobs = list(enumerate(self.queue.jobs))
         ended = [(number, job) for number, job in jobs if job.over and job.words[0] != "calibrate"]
         shown = ended[-1:] + [(number, job) for number, job in jobs if not job.over]

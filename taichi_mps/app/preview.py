@@ -89,7 +89,7 @@ class Film:
         self.due = max(time + EACH, LATER * time)
 
     def stage(self) -> dict:
-        """What stands still in the picture [m], and the names of what is measured."""
+        """Fixed lines of the picture [m], and the names of the measures."""
         scene = self.sim.scene
         return {
             "rings": scene.axisymmetric,
@@ -104,7 +104,7 @@ class Film:
         }
 
     def result(self) -> dict:
-        """What was found, and how far off that is by the errors that were measured of such models."""
+        """Result of a preview, with its expected error from the measured errors of such models."""
         scene, measures = self.sim.scene, {k: v for k, v in self.course[-1].items() if k != "time_s"}
         if scene.over_time:
             measures |= scene.over_time(

@@ -35,7 +35,7 @@ WHOLE, UNFINISHED = (
 
 
 def url(folder: RunFolder, name: str) -> str:
-    """Where the server has a file of a run; another one when the file was written anew."""
+    """Address at which the server has a file of a run; another one when the file was written anew."""
     run, file = (quote(os.fsencode(text), safe) for text, safe in ((folder.path.name, ""), (name, "/")))
     return f"/runs/{run}/{file}?{(folder.path / name).stat().st_mtime_ns}"
 
@@ -118,7 +118,7 @@ class Runs:
         self.queue, self.bin, self.known = queue, queue.folder / BIN, {}
 
     def folders(self, place: Path) -> list[RunFolder]:
-        """Those in a folder, the last one first."""
+        """Run folders in a folder, the last one first."""
         found = [RunFolder(path) for path in place.glob("*") if path.is_dir()] if place.is_dir() else []
         return sorted((folder for folder in found if folder.ours), key=written_at, reverse=True)
 

@@ -90,7 +90,7 @@ def report_of(folder, run: str) -> FileResponse:
 
 
 def routes(page: Page) -> list[Route]:
-    """What is served: the page, its questions, and files of runs."""
+    """Routes of the server: the page, its questions, and files of runs."""
 
     async def start(request: Request):
         return FileResponse(STATIC / "index.html")

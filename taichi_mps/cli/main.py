@@ -37,7 +37,7 @@ KEPT = ["scheme", "precision", "out", "overwrite"]  # by a run that goes on
 
 # ---- commands ---------------------------------------------------------------------------------------------------
 def planned(name, argv):
-    """What the command line of run or new asks to be computed: arguments, options of the run, problem."""
+    """Parsed command line of run or new: arguments, options of the run, problem."""
     argv = expanded(argv)
     known, function, parser = of_scene(name, argv, Run, "SCENE|CASE.toml")
     numerics, parameters = NUMERICS.get(known.scheme, Implicit), function.parameters

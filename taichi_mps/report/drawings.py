@@ -67,7 +67,7 @@ def charts(history: dict) -> list[dict]:
 
 
 def profiles(summary: dict) -> list[dict]:
-    """What a scene measures of pressures at several heights, in one chart: height [cm] against pressure [kPa]."""
+    """Chart of the pressures that a scene measures at several heights: height [cm] against pressure [kPa]."""
     found = [(AT_HEIGHT.fullmatch(key), value) for key, value in summary.items()]
     found = sorted((m[1], float(m[2]), value) for m, value in found if m and value is not None)
     curves = []

@@ -18,7 +18,8 @@ NOT_RESULTS += "all_wall_seconds", "all_cpu_seconds"
 
 
 def sentences(summary: dict, folder=None) -> list[str]:
-    """What was measured, why it ended, how sure it is, what it cost and, with a ``folder``, where it lies."""
+    """Sentences on a result: what was measured, why it ended, how sure it is, what it cost and, with a ``folder``,
+    where it lies."""
     found = [measured(summary), ending(summary), *doubts(summary), *thin_solids(summary)]
     found += [certainty(summary), cost(summary)]
     if folder is not None:
@@ -48,7 +49,7 @@ def ending(summary, mixes=True) -> str:
 
 
 def doubts(summary) -> list[str]:
-    """What speaks against the result, with what to do."""
+    """Doubts about a result, each with what to do."""
     found = []
     worst = summary.get("volume_error_max") or 0.0
     if worst > accuracy.MOST_VOLUME_ERROR:
@@ -90,7 +91,7 @@ def certainty(summary) -> str:
 
 
 def cost(summary) -> str:
-    """What the run took, in all and by its parts; of a run of an earlier version without the files."""
+    """Time that a run took, in all and by its parts; of a run of an earlier version without the files."""
     if "seconds_by_part" in summary:
         return f"It took {in_parts(summary['seconds_by_part'], summary['all_cpu_seconds'])}."
     cpu, start, wall = (summary[f"{key}_seconds"] for key in ("cpu", "compile", "wall"))
@@ -138,7 +139,7 @@ def rows(summary) -> list[tuple[str, str, str]]:
 
 
 def numerics(summary) -> list[tuple[str, str]]:
-    """What only those ask who know the method."""
+    """Numbers of the method, for those who know it."""
     facts = {
         "steps": f"{summary['steps']} in {summary['simulated_seconds']:.3f} s",
         "particles": f"{summary['fluid_particles']} fluid, {summary['wall_particles']} wall",

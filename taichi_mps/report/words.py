@@ -16,7 +16,7 @@ from . import inputs, sentences
 
 
 def words(run, film: dict) -> dict[str, str]:
-    """What page.html asks for, by name."""
+    """Texts that page.html asks for, by name."""
     summary, later = run.summary, "<p>Said when the run has ended.</p>"
     repeat = repeated(run) if run.ended else f"resume {shlex.quote(str(run.path))}"
     numerics = run.ended and table(sentences.numerics(summary)) + f"<p>{safe(sentences.cost(summary))}</p>"
@@ -47,7 +47,7 @@ def repeated(run) -> str:
 
 
 def usual_title(source: str, scene: str) -> str:
-    """What a built-in test is called in the first line of its file, or else the name of the scene."""
+    """Name of a built-in test in the first line of its file, or else the name of the scene."""
     return catalogue.describe().get(source, "").partition(":")[0] or in_words(scene)
 
 
@@ -75,7 +75,7 @@ def table(rows, head=()) -> str:
 
 
 def doubts(run) -> list[str]:
-    """What speaks against the result."""
+    """Doubts about the result."""
     if not run.ended:
         reached = f"{run.summary['simulated_seconds']:.2f} s"
         return [f"This run has not ended: it has reached {reached}, and can go on by the command below."]
@@ -84,7 +84,7 @@ def doubts(run) -> list[str]:
 
 
 def about(film: dict, scene) -> list[str]:
-    """How to read the view, and what of the run it leaves out."""
+    """Help for the view, and the parts of the run that it leaves out."""
     told = ["Drag to turn."] * (scene.dimension == 3 or scene.axisymmetric)
     told += ["Red: the mould, or the bars."] * bool(scene.outline)
     told.append(f"Flowing: the viscous part of the stress is over {FLOWS:.0%} of the yield stress.")
@@ -102,7 +102,7 @@ def given(run) -> list[tuple[str, str]]:
 
 
 def expected(summary: dict) -> str:
-    """What was measured of such runs, or that nothing was; for the slump cone the table of its model."""
+    """Expected error measured of such runs, or that none was measured; for the slump cone the table of its model."""
     mix, height, error = accuracy.of_run(summary) or (None, None, None)
     text = f"<p>{safe(sentences.certainty(summary))}</p>"
     if not error:
@@ -123,6 +123,6 @@ def expected(summary: dict) -> str:
 
 
 def versions(run) -> str:
-    """What has computed it and what has made the page."""
+    """Versions that computed the run and made the page."""
     computed = "Computed by taichi_mps {version} ({backend[arch]}, {backend[precision]}). "
     return f"{computed.format(**run.summary) if run.ended else ''}Page made by taichi_mps {__version__}."

@@ -71,7 +71,8 @@ class Clock:
         self.cpu_begun = time.process_time() if begun is None else 0.0
 
     def _ratio(self, part: str) -> float:
-        """What a part took on this machine over what is usual, last time or of any run; 1 where that is not known."""
+        """Time that a part took on this machine over the usual one, last time or of any run; 1 where that is not
+        known."""
         with suppress(TypeError, ValueError, KeyError, AttributeError):
             found = float(self.known.get(self.key, self.known.get("all"))[part])
             return min(max(found, LIMITS[0]), LIMITS[1]) if math.isfinite(found) else 1.0
@@ -113,8 +114,8 @@ class Clock:
         return {"passed_s": passed, "left_s": left, "share": passed / (passed + left), "time_s": sim.time, "end_s": end}
 
     def finish(self, is_whole: bool) -> dict:
-        """What summary.json has of the time of a run. What the parts of a whole run took over what is usual is kept for
-        the next forecasts."""
+        """Entries of summary.json about the time of a run. What the parts of a whole run took over what is usual is
+        kept for the next forecasts."""
         self.begin(PARTS[-1])
         ratios = {part: max(seconds, 1e-3) / self.usual[part] for part, seconds in self.measured.items()}
         if not self.cold:  # a machine that was busy now and then

@@ -43,7 +43,7 @@ FIELDS = {  # bytes of a particle, of a pair, with multigrid of a particle and a
 
 
 def pairs_of(scene) -> float:
-    """How many times the pairs of a lattice there is room for at first."""
+    """Room for pairs at first, over the pairs of a lattice."""
     return PAIRS_OF_RINGS if scene.axisymmetric else PAIRS
 
 
@@ -102,7 +102,7 @@ PARTS = 2000  # of the time, in each of which steps are equally long
 
 @dataclass(frozen=True)
 class Cost:
-    """What the flow takes: number of steps, CPU seconds of one thread without the start of the program, and the time
+    """Cost of the flow: number of steps, CPU seconds of one thread without the start of the program, and the time
     [s] at which it is expected to end."""
 
     steps: float

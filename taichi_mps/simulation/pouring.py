@@ -7,9 +7,8 @@ from ..units import INSTANT
 
 
 class Pouring:
-    """What enters through an inlet of a scene. Layer k is due k intervals after the start, later by ``delay`` [s], the
-    time for which layers before it found the mouth buried.
-    """
+    """Layers of particles that enter through an inlet of a scene. Layer k is due k intervals after the start, later by
+    ``delay`` [s], the time for which layers before it found the mouth buried."""
 
     def __init__(self, scene, inlet):
         self.spacing, self.start = scene.spacing, inlet.start

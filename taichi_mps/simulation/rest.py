@@ -12,7 +12,7 @@ PAUSE = 1.15  # times sqrt(H/g), 0.2 s of a slump cone: for so long hardly a way
 
 @dataclass
 class Rest:
-    """What is known of the decay of a motion: the speed at its last fold, when that was, and how long the fold before
+    """Decay of a motion: the speed at its last fold, when that was, and how long the fold before
     took."""
 
     since: float | None = None  # since when hardly a way is left [s]

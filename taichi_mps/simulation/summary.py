@@ -74,7 +74,7 @@ def summary(sim) -> Summary:
 
 
 def described(problem) -> dict:
-    """What is known of a run before it starts."""
+    """Entries of summary.json that are known before a run starts."""
     facts = {
         "scene": problem.scene.name,
         "parameters": dict(problem.scene.parameters),
@@ -105,7 +105,7 @@ def judge(sim) -> None:
 
 
 def filling(sim) -> dict:
-    """What has been poured, and what is filled of the cavity; both of the whole body."""
+    """Volume that has been poured, and filled part of the cavity; both of the whole body."""
     facts = {}
     if sim.pouring:
         facts["poured_m3"] = sum(pouring.volume * pouring.copies for pouring in sim.pouring)

@@ -135,8 +135,8 @@ class DeferredCorrection(Term):
 
     @ti.func
     def add_walls(self, i):
-        """What the mirrored ghosts of a full vessel leave where the velocity is curved along the walls: none of it is
-        resisted."""
+        """Add the part that mirrored ghosts of a full vessel leave where the velocity is curved along the walls: none
+        of it is resisted."""
         slopes, _drag = self.walls.curvature_term(i, self.particles.x[i])
         push = self.push_of_walls(i)
         for a in ti.static(range(self.dimension)):

@@ -41,9 +41,9 @@ class Shifting(Term):
 
     @stage("prepare")
     def set_tension(self, dt: float, resistance: ti.template(), pressure: ti.template(), stress: ti.template()):
-        """What tension calls for in a step of dt [s]. Without a yield stress min(1, 60 (-p) dt/h) (h_0/h)^2 of the
-        shift, none beside a surface; h is the hourglass ``resistance``, h_0 that of a thin fluid [Pa s]: what is
-        viscous would lose angular momentum by it. A yield stress holds particles in their places."""
+        """Part of the shift that tension calls for in a step of dt [s]. Without a yield stress min(1, 60 (-p) dt/h)
+        (h_0/h)^2 of the shift, none beside a surface; h is the hourglass ``resistance``, h_0 that of a thin fluid [Pa
+        s]: what is viscous would lose angular momentum by it. A yield stress holds particles in their places."""
         for i in range(self.particles.count[None]):
             thin, whole = resistance.thin[i], resistance.whole[i]
             if ti.static(self.tears):

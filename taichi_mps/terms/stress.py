@@ -191,7 +191,7 @@ class Stress(Term):
 
     @ti.func
     def over_yield(self, i):
-        """How far the shear stress of particle i is over its yield stress, by its flow curve, over that [-]."""
+        """Excess (tau - tau_y)/tau_y of the shear stress of particle i by its flow curve [-]."""
         least = self.shear_stress(i, 0.0)
         return (self.shear_stress(i, self.own_rate(i)) - least) / ti.max(least, 1e-9)
 
@@ -259,7 +259,7 @@ class Stress(Term):
 
     @ti.kernel
     def find_yielded(self):
-        """Which particles flow, by what they carry; of a true yield stress."""
+        """Mark the particles that flow, by the plastic rate that they carry; for a true yield stress."""
         for i in range(self.particles.count[None]):
             self.yielded[i] = ti.cast(self.particles.plastic_rate[i].norm_sqr() > 0.0, ti.i32)
 

@@ -112,7 +112,7 @@ def panels_of(columns, numerics=False) -> list:
 
 
 def history(rows, out, numerics=False):
-    """What history.csv holds against time: slump, slump flow or what else is measured, largest speed, and the share
+    """Plot of history.csv against time: slump, slump flow or what else is measured, largest speed, and the share
     that flows (where the viscous stress is over 5 % of the yield stress); numerics: time step, iterations, errors."""
     panels = panels_of({key: values for key, values in rows.items() if np.isfinite(values).any()}, numerics)
     require(panels, "history.csv: holds no numbers to draw; must hold a step of a run")
@@ -182,8 +182,8 @@ def convergence(series, panels, out):
 
 @validated
 def filling(cavity: InstanceOf[Cavity], s: InstanceOf[Snapshot], out: File):
-    """Where a form stayed empty: through its thickness (y; in 2-D the section itself) the fraction of the cavity that
-    is filled at a snapshot, white where there is none, and beside it that at each height."""
+    """Picture of where a form stayed empty: through its thickness (y; in 2-D the section itself) the fraction of the
+    cavity that is filled at a snapshot, white where there is none, and beside it that at each height."""
     room, filled = cavity.cells, cavity.filled(s)
     if room.ndim == 3:
         room, filled = room.sum(1), filled.sum(1)
