@@ -313,7 +313,7 @@ def explain(error: ValidationError, model: type[BaseModel]) -> str:
         elif not key:  # of several keys together, which the message names
             lines.append(allowed)
         elif lines and lines[-1].startswith(f"{key} = {shown}: "):
-            lines[-1] += allowed.replace("must be", ", or", 1)
+            lines[-1] += f", or {allowed.removeprefix('must be ')}"
         else:
             lines.append(f"{key} = {shown}: {allowed}")
     return "; ".join(lines)
