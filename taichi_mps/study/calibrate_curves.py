@@ -56,10 +56,8 @@ class Runs:
         shifted = [test for test in self.tests if offsets and len(test.times)]
         self.places = {test: number for number, test in enumerate(shifted, len(first))}  # in a point
         self.units = np.array([0.1 * np.ptp(test.times) for test in shifted])  # of the offsets [s]
-        largest: dict[str, float] = {}
-        for curve in curves:
-            largest[curve.measure] = max(largest.get(curve.measure, 0.0), float(np.abs(curve.values).max()))
-        self.errors = [ERROR * (largest[curve.measure] or 1.0) for curve in curves]
+        alike = [np.concatenate([it.values for it in curves if it.measure == curve.measure]) for curve in curves]
+        self.errors = [ERROR * (float(np.abs(values).max()) or 1.0) for values in alike]
         self.edges = np.cumsum([len(curve.values) for curve in curves])  # of the curves in the residuals
         self.reach = np.inf, -np.inf  # least and largest residual of each point so far
 

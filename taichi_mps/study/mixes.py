@@ -154,14 +154,20 @@ def columns_of(found: Calibration) -> dict:
     mix, kept = found.best, {}
     for name in mix.names:
         constant = getattr(mix, name)
-        kept |= {f"{name}_found": constant.value if constant.determined else None}
-        kept |= {f"{name}_lower": constant.lower, f"{name}_upper": constant.upper}
-        kept[f"{name}_from"] = mix.source(name)
+        kept |= {
+            f"{name}_found": constant.value if constant.determined else None,
+            f"{name}_lower": constant.lower,
+            f"{name}_upper": constant.upper,
+            f"{name}_from": mix.source(name),
+        }
     for name in (name for name in NAMES if name in found.measured or name in CONE):
         constant = "plastic_viscosity" if is_time(name) else "yield_value"
         said = found.alone.get(constant, {}).get(name, (None,))
-        kept[f"{constant}_by_{name.rpartition('_')[0]}"] = said[0]
-        kept |= {f"{name}_model": mix.model.get(name), f"{name}_missed": mix.missed.get(name)}
+        kept |= {
+            f"{constant}_by_{name.rpartition('_')[0]}": said[0],
+            f"{name}_model": mix.model.get(name),
+            f"{name}_missed": mix.missed.get(name),
+        }
     return kept
 
 
@@ -267,9 +273,9 @@ def interval(row: dict, name: str) -> str:
 def pairs(rows: list[dict]):
     """Colour of each verdict, its rows with slump and slump flow, and these lengths [cm], (n, 2), as measured and
     of the nearest mix."""
+    compared = [row for row in rows if all(row.get(f"{name}_missed") is not None for name in CONE)]
     for kind, colour in zip(MEANING, COLOURS, strict=False):
-        here = [row for row in rows if row["verdict"] == kind]
-        here = [row for row in here if all(row.get(f"{name}_missed") is not None for name in CONE)]
+        here = [row for row in compared if row["verdict"] == kind]
         if here:
             model, missed = (
                 100.0 * np.array([[row[f"{name}_{what}"] for name in CONE] for row in here])

@@ -6,6 +6,7 @@ Errors are engine - reference, with their sign; of several, the largest by magni
 """
 
 import math
+from operator import itemgetter
 
 import numpy as np
 
@@ -32,8 +33,7 @@ def percent(value: float, exact: float) -> float:
 
 def slump_and_spread(sim) -> tuple[float, float]:
     """[m]."""
-    measures = sim.measures()
-    return measures["slump_m"], measures["spread_m"]
+    return itemgetter("slump_m", "spread_m")(sim.measures())
 
 
 def top_surface(s, points: np.ndarray) -> np.ndarray:
@@ -90,11 +90,10 @@ def collapse(tau_y, spacing=0.01, slump_target=5.0, model="full", until=5.0, pi_
     sim, at, found = record(scene, slump_and_spread, 0.1)
     errors = np.interp(MILESTONES, at, found[:, 0]) - np.interp(MILESTONES, times, slump)
     worst, end_error = errors[np.argmax(np.abs(errors))], found[-1, 0] - np.interp(until, times, slump)
-    last, numbers = moment(sim), []
-    if pi_c is None and model == "full":
-        largest = 1e3 * float(max(abs(worst), abs(end_error)))
-        numbers.append({"quantity": SLUMP_ERROR, "curve": f"{tau_y:g} Pa", "x": [1e3 * spacing], "y": [largest]})
-    numbers += [
+    last, largest = moment(sim), 1e3 * float(max(abs(worst), abs(end_error)))
+    point = {"quantity": SLUMP_ERROR, "curve": f"{tau_y:g} Pa", "x": [1e3 * spacing], "y": [largest]}
+    numbers = [
+        *[point] * (pi_c is None and model == "full"),
         Measured("slump, worst of t = 0.1, 0.2, 0.3, 0.5, 1 s", 1e3 * worst, slump_target, "mm"),
         Measured(f"slump {last}", 1e3 * end_error, slump_target, "mm"),
         Measured(f"slump flow {last}", percent(found[-1, 1], np.interp(until, times, spread)), 3.0, "%"),
