@@ -52,7 +52,7 @@ class FrictionalSlip:
 
     @ti.func
     def resistance(self):
-        """R [Pa s/m]."""
+        """Resistance R of the wall to slip [Pa s/m]."""
         return ti.cast(self.constant, float) + self.penalty[None]
 
     @ti.func
@@ -86,7 +86,8 @@ class FrictionalSlip:
 
     @ti.func
     def start(self, i, n, v, mu):
-        """Before the iterations of a step: the slip that particle i brings along; that of s alone if it is new here."""
+        """Set the slip of particle i before the iterations of a step: the slip that it carries, or (1 - s) u where it
+        is new at the wall."""
         R = self.resistance()
         self.stick[i] = R / (R + mu / self.thickness[i])
         tangential = v - n * n.dot(v)
@@ -100,7 +101,7 @@ class FrictionalSlip:
 
     @ti.func
     def clear(self, i):
-        """Particle i is not at the wall."""
+        """Set slip and traction of particle i, which is not at the wall, to zero."""
         self.slip[i] *= 0.0
         if ti.static(self.yields):
             self.traction[i] *= 0.0

@@ -39,13 +39,13 @@ class Sampled(Surface):
 
     @ti.func
     def rotation(self):
-        """From 0 s to the time at which the walls stand."""
+        """Rotation of the solid from 0 s to the time at which the walls stand."""
         angle, K = self.rate * self.clock[None], self.spin / self.rate
         return ti.Matrix.identity(ti.f64, self.dimension) + ti.sin(angle) * K + (1.0 - ti.cos(angle)) * K @ K
 
     @ti.func
     def arm(self, x):
-        """From the centre to x [m]."""
+        """Vector from the centre to x [m]."""
         arm = x - self.point
         if ti.static(self.turns):
             arm = x - self.centre
@@ -55,7 +55,7 @@ class Sampled(Surface):
 
     @ti.func
     def offset(self, x):
-        """From the first node to x [m], as the solid stood at 0 s."""
+        """Vector from the first node to x [m], turned back to the solid at 0 s."""
         offset = self.arm(x)
         if ti.static(self.turns):
             offset = self.rotation().transpose() @ offset + self.centre - self.point
@@ -113,7 +113,7 @@ class Sampled(Surface):
 
     @ti.func
     def sample(self, x):
-        """Distance [m] and its gradient [-]; FAR beyond the grid."""
+        """Signed distance [m] of x and its gradient [-]; FAR beyond the grid."""
         return linear(self.values, float, ti.Vector(self.shape), self.offset(x) / self.cell, self.cell, FAR)
 
     @ti.func

@@ -47,12 +47,12 @@ class Surface:
 
     @ti.func
     def arm(self, x):
-        """From the point about which torques are to x [m]."""
+        """Vector to x [m] from the point about which torques are taken."""
         return self.offset(x)
 
     @ti.func
     def offset(self, x):
-        """From the wall's point to x [m]."""
+        """Vector from the point of the wall to x [m]."""
         offset = x - self.point
         if ti.static(self.travels):
             offset -= self.gone()
@@ -60,7 +60,7 @@ class Surface:
 
     @ti.func
     def gone(self):
-        """Way [m] since 0 s."""
+        """Displacement of the wall since 0 s [m]."""
         if ti.static(self.in_time):
             return self.way[None]
         else:
@@ -68,7 +68,7 @@ class Surface:
 
     @ti.func
     def translation(self):
-        """Velocity [m/s] without rotation."""
+        """Velocity of the wall without rotation [m/s]."""
         if ti.static(self.in_time):
             return ti.cast(self.mean[None], float)
         else:
@@ -82,7 +82,7 @@ class Surface:
 
     @ti.func
     def find_faces(self, i, x):
-        """Once a step: the faces in front of which particle i stands, at x [m]."""
+        """Find the faces before particle i at x [m], once a step; no-op for a wall of one face."""
 
     @ti.func
     def face(self, i, x, slot: ti.template()):
@@ -92,8 +92,8 @@ class Surface:
 
     @ti.func
     def update_release(self, i, x):
-        """Once a step: whether particle i has parted from a unilateral wall. It does where it leaves the wall and does
-        not press on it, and has until it comes nearer again."""
+        """Find, once a step, whether particle i has parted from a unilateral wall. It does where it leaves the wall and
+        does not press on it, and has until it comes nearer again."""
         _z, n, velocity, _curvature = self.nearest(x)
         leaves = n.dot(self.particles.u[i] - velocity) > 0.0
         pressure = self.particles.p[i]
@@ -158,7 +158,7 @@ class Surface:
 
 @ti.data_oriented
 class Flat(Surface):
-    """A plane."""
+    """A plane as kernels see it."""
 
     def __init__(self, wall, dimension: int, *others):
         super().__init__(wall, dimension, *others)

@@ -65,7 +65,7 @@ def several_faces(faces_at, values, cell, reach, steps, first, last):
 
 
 def spread(where, width):
-    """Nodes within ``width`` nodes along each axis of one of these."""
+    """Mark the nodes within ``width`` nodes along each axis of a node that is True in ``where``."""
     for axis in range(where.ndim):
         room = [(width * (a == axis),) * 2 for a in range(where.ndim)]
         windows = np.lib.stride_tricks.sliding_window_view(np.pad(where, room), 2 * width + 1, axis)
@@ -74,7 +74,8 @@ def spread(where, width):
 
 
 def probes(d, reach):
-    """Steps in nodes (k, d) to places around, in all diagonal directions and from one node to 1.2 times the reach."""
+    """Steps in nodes (k, d) to places around a node, in all diagonal directions and from one node to 1.2 times the
+    reach."""
     directions = np.array([step for step in itertools.product((-1, 0, 1), repeat=d) if any(step)], float)
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     sizes = 1.2 * reach * 0.7 ** np.arange(12)

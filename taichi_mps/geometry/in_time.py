@@ -17,7 +17,7 @@ SOUGHT, FIRST, GOLDEN = 10_000, 100.0, 0.5 * (5.0**0.5 - 1.0)
 
 
 def in_time(unit):
-    """Annotate what ``table_or_function`` takes: that in this unit."""
+    """Annotate a table or a function of time whose values have this unit, as ``table_or_function`` reads it."""
     return Annotated[Any, BeforeValidator(partial(table_or_function, unit))]
 
 
@@ -55,7 +55,7 @@ class InTime:
 
     @property
     def largest(self) -> np.ndarray:
-        """The largest value (d,), of a function at 10,000 times in the first 100 s."""
+        """Value (d,) of the largest norm; of a function, among 10,000 times in the first 100 s."""
         return self.values[np.argmax((self.values**2).sum(1))]
 
     def at(self, time: float) -> np.ndarray:
@@ -70,7 +70,7 @@ class InTime:
         return value
 
     def changes(self, time: float) -> bool:
-        """Whether it jumps at a time [s] or changes from then on; a function always does."""
+        """Whether the quantity jumps at a time [s] or changes from then on; a function always does."""
         return self.function is not None or bool(np.any(self.at(time - INSTANT) != self.at(time + INSTANT)))
 
     def integral(self, start: float, end: float) -> np.ndarray:
@@ -92,7 +92,7 @@ class InTime:
 
 
 class Moving:
-    """A wall whose ``velocity`` may change in time; ``travel`` is that at which it changes its place, the largest."""
+    """A wall whose ``velocity`` may change in time; ``travel`` is its largest velocity of a change of place."""
 
     @cached_property
     def in_time(self) -> InTime | None:
@@ -102,7 +102,7 @@ class Moving:
 
     @property
     def components(self) -> int:
-        """Numbers of the velocity."""
+        """Number of components of the velocity."""
         return len(self.point)
 
     @property
@@ -112,7 +112,7 @@ class Moving:
         return axis / (np.linalg.norm(axis) or 1.0)
 
     def _directed(self, velocity) -> np.ndarray:
-        """Velocity (d,) of its components, zero of None."""
+        """Velocity (d,) [m/s] in the scene of the given components; zero where none are given."""
         return np.zeros(len(self.point)) if velocity is None else np.array(velocity, float)
 
     @property
@@ -121,7 +121,7 @@ class Moving:
         return self._directed(self.velocity if self.in_time is None else self.in_time.largest)
 
     def displacement(self, time) -> np.ndarray:
-        """Way [m] that the wall has gone since 0 s, shape (d,)."""
+        """Displacement of the wall since 0 s [m], shape (d,)."""
         if self.in_time is None or not np.any(self.travel):
             return time * self.travel
         return self._directed(self.in_time.integral(0.0, time))
@@ -133,7 +133,7 @@ class Moving:
         )
 
     def speed_at(self, time) -> float:
-        """Largest speed of the wall from a time [s] on [m/s]: 0 after the last change of one that has stopped."""
+        """Largest speed of the wall from a time [s] on [m/s]; 0 once it has stopped for good."""
         stopped = self.in_time is not None and time >= self.in_time.last and not np.any(self.in_time.values[-1])
         return 0.0 if stopped and not getattr(self, "angular_velocity", 0.0) else self.speed
 

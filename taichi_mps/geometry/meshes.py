@@ -102,9 +102,9 @@ def read_mesh(path, scale=1.0, longest=100.0, body="", tolerance=1e-3):
 
 
 def corners_and_faces(path, scale, body, tolerance):
-    """Corners (n, 3) and triangles (m, 3) as a file has them, and what is to be said; SceneError if it cannot be read.
+    """Corners (n, 3) and triangles (m, 3) of a file, and lines for a warning; SceneError if it cannot be read.
 
-    Those of a STEP file are in metres.
+    Corners of a STEP file are in metres.
     """
     import trimesh
 
@@ -176,7 +176,7 @@ def open_edges(triangles):
 
 
 def place(point) -> str:
-    """Where a point (3,) [m] is, in words."""
+    """Coordinates of a point (3,) [m] as text of a message."""
     return "at ({:.4g}, {:.4g}, {:.4g}) m".format(*np.round(point, 9) + 0.0)
 
 

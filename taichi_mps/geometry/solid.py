@@ -35,14 +35,14 @@ from .walls import Friction, check_surface, require_as_many, spin
 
 
 def three_or_more(corners):
-    """Corners (k, 2) [m] as they are; ValueError unless they are those of a polygon."""
+    """Return corners (k, 2) [m]; ValueError unless they make a polygon."""
     if len(corners) < 3 or np.any(np.all(corners == np.roll(corners, 1, axis=0), axis=1)):
         raise ValueError("must be three corners or more, none of them twice")
     return corners
 
 
 def distances(function, x):
-    """Distances (n,) [m] of points (n, d) by a function of the user's; SceneError where it gives none."""
+    """Distances (n,) [m] of points (n, d) by a user's function; SceneError where it gives no finite numbers."""
     found = answer("distance", function, x)
     wrong = f"distance = {said(function, '')}: must give a finite number [m] for each point, (n,)"
     require(found.size == len(x) and np.all(np.isfinite(found)), wrong)
@@ -367,12 +367,12 @@ class Solid(Moving):
 
     @property
     def point(self):
-        """First node [m]."""
+        """First node of the grid [m]."""
         return self.low
 
     @property
     def high(self) -> tuple[float, ...]:
-        """Last node [m]."""
+        """Last node of the grid [m]."""
         return tuple(np.array(self.low) + self.cell * (np.array(self.values.shape) - 1))
 
     @property

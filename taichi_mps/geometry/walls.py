@@ -303,11 +303,11 @@ class Cylinder(Moving):
 
     @property
     def components(self):
-        """Numbers of the velocity: along the axis."""
+        """Number of components of the velocity: 1, along the axis."""
         return 1
 
     def _directed(self, velocity):
-        """Velocity (d,) of that along the axis."""
+        """Velocity (d,) [m/s] in the scene of the velocity along the axis."""
         return np.ravel(velocity)[0] * self.unit_axis
 
     @property

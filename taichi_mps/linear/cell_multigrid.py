@@ -86,7 +86,7 @@ class CellMultigrid(Multigrid):
         (self.place,) = constant_fields(np.indices(self.shape).reshape(self.dimension, -1).T, vectors=True)
 
     def build_levels(self) -> None:
-        """Galerkin operators of all levels for the matrix as it is now."""
+        """Build the Galerkin operators of all levels for the present matrix."""
         self._merge_rows()
         for first, end in zip(self.first[1:], self.first[2:], strict=False):
             self._merge_cells(first, end)

@@ -111,7 +111,7 @@ class NodeMultigrid(NodeOperators):
 
     @stage("correct")
     def correct(self, r: ti.template(), z: ti.template()):
-        """z of the particles in each cell."""
+        """Compute z of the particles in each cell: Jacobi, and the interpolated correction of grid 0."""
         for c in range(first(self.filled[None]), last(self.filled[None])):
             place = self.place(self.cells[c], ti.Vector(self.bins.shape))
             of_corners = ti.Matrix.zero(float, 2**self.dimension, self.lanes)
@@ -129,7 +129,7 @@ class NodeMultigrid(NodeOperators):
 
     @stage("restrict")
     def restrict(self, grid: ti.i32):
-        """b of a grid from what the finer one leaves; x after the first sweep from zero."""
+        """Restrict the residual of the finer grid to b of a grid, and set x after the first sweep from zero."""
         for m in range(first(self.uses[grid]), last(self.uses[grid])):
             node = self.used[self.first[grid] + m]
             row = self.start[grid] + m
@@ -179,7 +179,7 @@ class NodeMultigrid(NodeOperators):
 
     @stage("prolong")
     def prolong(self, grid: ti.i32):
-        """Add what the next grid adds."""
+        """Add the correction of the next coarser grid."""
         for m in range(first(self.uses[grid]), last(self.uses[grid])):
             node = self.used[self.first[grid] + m]
             self.z[0, node] += self.coarser(m, grid)

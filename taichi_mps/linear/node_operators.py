@@ -85,7 +85,7 @@ class NodeOperators(Multigrid):
         (self.weights,) = constant_fields(np.maximum(0, ratio - apart).prod(2) * (1.0 / ratio.prod(2)))  # of that node
 
     def build_levels(self) -> None:
-        """Operators of all grids for the particles' operator as it is now."""
+        """Build the operators of all grids for the present operator on particles."""
         self._locate()
         self._assemble_finest()
         for grid in range(1, self.grids):
@@ -180,7 +180,7 @@ class NodeOperators(Multigrid):
 
     @ti.kernel
     def _mark(self, grid: ti.i32):
-        """Nodes that an active one of the finer grid adds to are active."""
+        """Mark as active the nodes of a grid to which an active node of the finer grid contributes."""
         for m in range(self.uses[grid - 1]):
             place, rest = self.parents(self.where[self.first[grid - 1] + m], grid - 1)
             for corner in ti.grouped(ti.ndrange(*((0, 2),) * self.dimension)):
@@ -200,7 +200,7 @@ class NodeOperators(Multigrid):
 
     @ti.kernel
     def _assemble_finest(self):
-        """Diagonal blocks of grid 0."""
+        """Assemble the diagonal blocks of grid 0."""
         for m in range(self.uses[0]):
             node, place = self.used[m], self.where[m]
             I = ti.Matrix.identity(float, self.dimension)  # noqa: E741
@@ -275,7 +275,7 @@ class NodeOperators(Multigrid):
 
     @ti.kernel
     def _assemble(self, grid: ti.i32):
-        """Stencils of a grid, from the sums over the cells of the finer one."""
+        """Assemble the stencils of a grid from the sums over the cells of the finer grid."""
         for m in range(self.uses[grid]):
             node, row = self.used[self.first[grid] + m], self.start[grid] + m
             place = self.where[self.first[grid] + m]

@@ -136,7 +136,7 @@ class PCG:
 
     @stage("right-hand side")
     def take_right_hand_side(self):
-        """r = b."""
+        """Set the residual to the right-hand side: r = b."""
         for i in range(first(self.A.count[None]), last(self.A.count[None])):
             self.r[i] = self.vectors.masked(i, self.b[i])
             self.last_b[i] = self.b[i]

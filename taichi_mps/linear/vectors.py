@@ -21,7 +21,7 @@ class Vectors:
         self.partial = double_field((capacity + BLOCK - 1) // BLOCK)
 
     def field(self):
-        """A new vector field."""
+        """Make a vector field of this capacity."""
         return ti.Vector.field(self.components, self.real, self.capacity)
 
     @stage("dot")
@@ -67,7 +67,7 @@ class Vectors:
 
     @ti.func
     def masked(self, i, v):
-        """v, or zero where row i is not an unknown."""
+        """Value v, or zero where row i is not an unknown."""
         return ti.select(ti.abs(self.operator.inverse_diagonal[i]).sum() > 0, v, ti.zero(v))
 
 
@@ -115,7 +115,7 @@ class Jacobi:
         self.operator = operator
 
     def build(self) -> None:
-        """Nothing: the operator keeps its diagonal."""
+        """No-op: the operator keeps its diagonal."""
 
     @stage("precondition")
     def apply(self, r: ti.template(), z: ti.template()):
@@ -137,7 +137,7 @@ class Multigrid:
         self.pays = ti.field(ti.i32, ())  # 1 where there are rows enough
 
     def build(self) -> None:
-        """The levels for the operator as it is now, where they pay."""
+        """Build the levels for the present operator, where it has rows enough."""
         flush()
         self.pays[None] = int(self.operator.count[None] >= self.PAY_FROM)
         if self.pays[None]:

@@ -58,7 +58,7 @@ class ActiveSet:
             self.divide()
 
     def end_step(self, dt: float) -> None:
-        """After a step of dt [s]: what is aside has waited; after one of all, how many particles stand still."""
+        """Update the counters after a step of dt [s]; after one of all particles, count those that stand still."""
         self.time_aside += dt
         part = self.left_out / self.particles.number
         self.all_steps += 1
@@ -70,7 +70,7 @@ class ActiveSet:
             self.standing = self.holding[None] / self.particles.number
 
     def wake(self) -> None:
-        """All take part in the next step, and until it is counted again."""
+        """Let all particles take part in the next steps, until those that stand still are counted again."""
         self.standing = 0.0
 
     def someone_leaves(self) -> bool:
@@ -117,7 +117,7 @@ class ActiveSet:
 
     @stage("active set")
     def find_rings(self):
-        """The ring of each cell, from those that hold what moves."""
+        """Set the ring of each cell: its distance in cells from the nearest that holds a moving particle."""
         for k in range(self.bins.cells):
             self.ring[k] = RINGS
         for i in range(self.particles.count[None]):
@@ -153,7 +153,7 @@ class ActiveSet:
 
     @stage("active set")
     def unmark(self):
-        """All move again."""
+        """Mark all particles as active again."""
         for i in range(self.particles.count[None]):
             if self.particles.kind[i] >= STANDING:
                 self.particles.kind[i] = FLUID
@@ -192,7 +192,7 @@ class ActiveSet:
 
     # ---- all again ------------------------------------------------------------------------------------------
     def recall(self) -> None:
-        """All particles are in use again, what was set aside with what it carried, and its structure grown."""
+        """Bring back all particles that were set aside, with the fields they carried and their structure grown."""
         if self.left_out:
             flush()
             self.bring_back(self.time_aside)

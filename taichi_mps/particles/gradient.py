@@ -215,7 +215,7 @@ class Gradient:
 
     @ti.func
     def tensor(self, i, G, u: ti.template()):
-        """The gradient G in the plane, with u_r/r as G_33 in an axisymmetric scene [1/s]."""
+        """Velocity gradient G of the plane as a full tensor, with u_r/r as G_33 in an axisymmetric scene [1/s]."""
         full = ti.Matrix.zero(float, self.tensors, self.tensors)
         for a, c in ti.static(ti.ndrange(self.dimension, self.dimension)):
             full[a, c] = G[a, c]
@@ -225,7 +225,7 @@ class Gradient:
 
     @ti.func
     def in_plane(self, T):
-        """The part of a tensor in the plane (r, z); all of it in a scene that is not axisymmetric."""
+        """Part of a tensor in the plane (r, z); the whole tensor in a scene that is not axisymmetric."""
         part = ti.Matrix.zero(float, self.dimension, self.dimension)
         for a, c in ti.static(ti.ndrange(self.dimension, self.dimension)):
             part[a, c] = T[a, c]

@@ -63,7 +63,7 @@ def lattice_sums(
     weight: Callable = mps_weight,
     packing_kernel: Callable = PACKING,
 ) -> LatticeSums:
-    """The sums over the lattice of the initial arrangement."""
+    """Sums over the cubic lattice in which the particles begin."""
     reach = int(effective_radius / spacing) + 1
     axis = np.arange(-reach, reach + 1) * spacing
     points = np.stack(np.meshgrid(*[axis] * dimension), -1).reshape(-1, dimension)

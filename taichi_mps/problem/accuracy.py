@@ -31,13 +31,13 @@ class Mix(NamedTuple):
 
     @classmethod
     def of(cls, yield_value: float, plastic_viscosity: float, density: float = DENSITY, height: float = HEIGHT):
-        """From the constants [Pa], [Pa s], [kg/m3] and the height [m]."""
+        """Mix of a yield stress [Pa], a plastic viscosity [Pa s], a density [kg/m3] and a height [m]."""
         return cls(
             yield_value / (density * GRAVITY * height), plastic_viscosity / (density * (GRAVITY * height**3) ** 0.5)
         )
 
     def __str__(self):
-        """The constants of the mix of the standard cone and density."""
+        """Yield stress and plastic viscosity that the mix has in the standard cone at the standard density."""
         eta = self.viscosity_number * DENSITY * (GRAVITY * HEIGHT**3) ** 0.5
         return f"{self.yield_number * DENSITY * GRAVITY * HEIGHT:.3g} Pa and {eta:.3g} Pa s"
 
@@ -66,12 +66,12 @@ class Measured(NamedTuple):
 
     @property
     def error(self) -> float:
-        """The larger one of slump and reach, over H."""
+        """Larger of the errors of slump and reach, over H."""
         return max(self.slump, self.reach)
 
 
 def measured() -> list[Measured]:
-    """All that was measured, as the file has it."""
+    """Every row of the file of measured errors."""
     lines = [line for line in MEASURED.read_text(encoding="utf-8").splitlines() if not line.startswith("#")]
     return [Measured(model, *map(float, numbers)) for model, *numbers in csv.reader(lines[1:])]
 
@@ -83,13 +83,13 @@ def place(mix) -> tuple[float, float]:
 
 
 def mean(rows, weights) -> Measured:
-    """The mean of all numbers of rows of one model."""
+    """Weighted mean of all numbers of rows of one model."""
     return Measured(rows[0].model, *np.dot(weights, [row[1:] for row in rows]).tolist())
 
 
 def at_mix(rows: list[Measured], mix: Mix) -> Measured | None:
-    """For a mix, of rows of one model and spacing: linear in the smallest triangle of measured mixes around it. None
-    where there is none."""
+    """Errors for a mix by rows of one model and spacing, linear in the smallest triangle of measured mixes around it;
+    None where no triangle surrounds it."""
 
     def size(corners):
         return sum(math.dist(place(a), place(b)) for a, b in combinations(corners, 2))
@@ -104,8 +104,8 @@ def at_mix(rows: list[Measured], mix: Mix) -> Measured | None:
 
 
 def expected(model: str, spacing: float, mix: Mix, rows: list[Measured] | None = None) -> Measured | None:
-    """For a model, a spacing over H and a mix: between the two measured spacings beside it, linear in its logarithm,
-    and what another run may be off besides, for its last digits are chance. None outside of what was measured."""
+    """Errors to expect of a model, a spacing over H and a mix, with the scatter of runs added: interpolated between the
+    two nearest measured spacings, linear in the logarithm. None outside of the measured range."""
     rows = sorted(row for row in (measured() if rows is None else rows) if row.model == model)
     found = [at_mix(list(some), mix) for _, some in groupby(rows, key=itemgetter(0, 1))]
     finer = [it for it in found if it and it.spacing <= spacing * (1.0 + 1e-6)]
@@ -121,7 +121,7 @@ def expected(model: str, spacing: float, mix: Mix, rows: list[Measured] | None =
 
 
 def nearest(mix: Mix) -> Mix:
-    """The measured mix that is nearest."""
+    """Measured mix that is nearest to a mix, by the logarithms of the two numbers."""
     return min((row.mix for row in measured()), key=lambda other: math.dist(place(mix), place(other)))
 
 
@@ -178,8 +178,9 @@ def choices(mix: Mix | None = None, height: float = HEIGHT) -> list[Choice]:
 
 
 def at_any_mix(rows: list[Measured], mix: Mix | None) -> tuple[Measured | None, str]:
-    """For a mix, of rows of one model and spacing, and for which mixes it was measured: between the mixes beside it, or
-    the nearest one where there are none; without a mix the largest errors and the mean cost of those of 50 Pa s."""
+    """Errors and cost for a mix by rows of one model and spacing, and in words for which mixes they were measured:
+    interpolated, or of the nearest mix where none surround it; without a mix the largest errors and the mean cost of
+    all mixes of 50 Pa s."""
     if mix is None:
         usual = [row for row in rows if math.isclose(row.viscosity_number, USUAL.viscosity_number, rel_tol=1e-3)]
         worst = {key: max(getattr(row, key) for row in usual) for key in ("slump", "reach", "volume")}
@@ -197,9 +198,9 @@ def choose(
     mix: Mix | None = None,
     height: float = HEIGHT,
 ) -> Choice:
-    """The cheapest whose slump and reach are expected within ``accuracy`` [m] of the reference, and whose volume is
-    kept within 1 %; a model or a spacing [m] that is given stays as it is. SceneError where nothing measured is that
-    good."""
+    """Cheapest model and spacing whose slump and reach are expected within ``accuracy`` [m] of the reference, and whose
+    volume is kept within 1 %; a model or a spacing [m] that is given stays as it is. SceneError where nothing measured
+    is that good."""
     if not accuracy <= COARSEST:
         raise SceneError(f"accuracy = {accuracy:g} m: must be at most {COARSEST:g} m (0.005 or 5mm for 5 mm)")
     fitting = [

@@ -93,7 +93,7 @@ def density_is_plausible(problem):
 
 
 def inlets_are_plausible(problem):
-    """No pump is so fast: the rate has another unit."""
+    """A jet faster than any pump makes has a rate in another unit."""
     scene, spacing = problem.scene, problem.scene.spacing
     for inlet in scene.inlets:
         speed, most = inlet.speed(spacing), FASTEST * inlet.layer_volume(spacing) / spacing

@@ -120,7 +120,7 @@ def unit_of_measure(name: str) -> tuple[float, str, str]:
 
 
 def title(name: str) -> str:
-    """The name of a result in words."""
+    """Name of a result in words."""
     end = next(end for end in UNITS if name.endswith(end))
     if name in RESULTS:
         return RESULTS[name][0]

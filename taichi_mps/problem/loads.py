@@ -19,16 +19,16 @@ class Load:
 
     @property
     def force(self) -> np.ndarray:
-        """On the whole wall [N], (d,)."""
+        """Force on the whole wall [N], (d,)."""
         return self.forces.sum(0)
 
     @property
     def torque(self) -> np.ndarray:
-        """On the whole wall, about its point [N m], (3,) or (1,)."""
+        """Torque on the whole wall about its point [N m], (3,) or (1,)."""
         return self.torques.sum(0)
 
     def mirrored(self, point, normal) -> "Load":
-        """With that of the images at the plane through ``point`` [m] with this unit normal."""
+        """Load of the particles and of their images at the plane through ``point`` [m] with this unit normal."""
         normal, away = np.asarray(normal, float), self.point - np.asarray(point, float)
         images = self.forces - 2.0 * np.outer(self.forces @ normal, normal)
         arm = -2.0 * (away @ normal) * normal  # from the wall's point to its image

@@ -51,7 +51,7 @@ class Printer:
         self.beads: list[Bead] = []
 
     def obey(self, line: str) -> None:
-        """Carry out a line; ValueError, in words, for what is not known."""
+        """Carry out a line of G-code; SceneError for an unknown code."""
         text = re.sub(r"\([^)]*\)|[;*].*", "", line).strip().upper()
         if text in ("", "%"):
             return
@@ -77,7 +77,7 @@ class Printer:
             require(code[0] != "G" or code in STILL, f"{code}: is not known; {KNOWN}")
 
     def move(self, code: str, words: dict[str, float]) -> None:
-        """Go along a straight line, and lay a bead where E grows, or in G1 where a rate is given."""
+        """Move the nozzle along a straight line, and lay a bead where E grows, or in G1 where a rate is given."""
         there = self.place.copy()
         for axis in (axis for axis in range(3) if AXES[axis] in words):
             there[axis] = self.unit * words[AXES[axis]] + (0.0 if self.absolute else there[axis])

@@ -190,7 +190,7 @@ def in_session(method):
 
 
 def require_thread() -> None:
-    """Refuse new fields in another thread than that of ``init``.
+    """Refuse new fields in a thread that did not call ``init``.
 
     Raises
     ------
@@ -210,7 +210,7 @@ def require_room() -> None:
     Raises
     ------
     RuntimeError
-        When those of this process are nearly as many, or in another thread than that of ``init``.
+        When this process holds nearly as many, or in a thread that did not call ``init``.
     """
     require_thread()
     used = ti.lang.impl.get_runtime().prog.get_snode_tree_size()

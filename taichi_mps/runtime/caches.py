@@ -1,5 +1,5 @@
-"""Where compiled kernels and lists of fonts are kept from run to run: at home, or in a temporary folder where no home
-can be written. Taichi ends the process where it has none."""
+"""Folders in which compiled kernels and lists of fonts are kept from run to run: in the home folder, or in a temporary
+one where the home cannot be written. Without one Taichi ends the process."""
 
 import atexit
 import os
@@ -15,8 +15,8 @@ FONTS = "MPLCONFIGDIR"
 
 
 def provide(language: str) -> None:
-    """Before the kernel language is imported: see to it that it and matplotlib find a folder; children of this process
-    inherit it. What the user has set stays where it can be written."""
+    """Set the folders of the kernel language, which is imported afterwards, and of matplotlib; child processes inherit
+    them. A folder that the user has set stays if it can be written."""
     home = Path(os.path.expanduser("~"))
     home = home if home.is_absolute() else Path("/nonexistent")  # where it is unknown
     if os.name == "posix":
@@ -37,14 +37,14 @@ def kernels(language: str) -> Path:
 
 
 def remove(folder: str, language: str) -> None:
-    """At the end of the process, once the language has written what it keeps."""
+    """Remove a temporary folder at the end of the process, after the language has written its cache."""
     if language in sys.modules:
         sys.modules[language].reset()
     shutil.rmtree(folder, ignore_errors=True)
 
 
 def writable(folder: Path) -> bool:
-    """Can files be made in the folder?"""
+    """Whether files can be made in a folder, which is made if it is missing."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):

@@ -21,7 +21,7 @@ class FieldIO:
             self.layout[name] = shape, ti.lang.util.to_numpy_type(field.dtype), slice(start, start + len(parts))
 
     def load(self, values: dict, count: int) -> None:
-        """Put arrays (count, ...) into the fields; what is not named, and rows beyond, become zero."""
+        """Put arrays (count, ...) into the fields; other fields and rows become zero."""
         rows = np.zeros((self.capacity, len(self.columns)))
         for name, (shape, _, columns) in self.layout.items():
             if name in values:
@@ -29,7 +29,7 @@ class FieldIO:
         self._put(rows)
 
     def read(self, count: int) -> dict[str, np.ndarray]:
-        """The first rows (count, ...) of all fields."""
+        """Return the first rows (count, ...) of all fields by name."""
         rows = np.empty((self.capacity, len(self.columns)))
         self._take(rows)
         return {

@@ -46,7 +46,7 @@ def left_of_groups(root: Path):
 
 
 def table(path: Path, separator: str | None = None) -> list[list[str]]:
-    """The lines of a file of the system as words; none where there is no such file."""
+    """Lines of a file of the system as words; none where there is no such file."""
     try:
         return [line.split(separator) for line in path.read_text().splitlines()]
     except OSError:

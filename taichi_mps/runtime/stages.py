@@ -99,7 +99,7 @@ class Execution:
 
     @contextmanager
     def active(self):
-        """Stages that are called meanwhile are launched by this Execution."""
+        """Context in which stages are launched by this Execution."""
         global _current
         before, _current = _current, self
         try:
@@ -130,14 +130,14 @@ class Execution:
         return result
 
     def flush(self, times: int = 1):
-        """Launch what waits, some times; in several kernels where one would be given too many numbers."""
+        """Launch the stages that wait, some times; in several kernels where one would have too many arguments."""
         calls, self._waiting = self._waiting, []
         while calls:
             with compiled_plainly(self.fuses and self.rows < OPTIMISED):
                 calls = self._start(calls, times, self.fuses)
 
     def go_through(self, stage, arguments):
-        """A stage by all threads in a team; on a GPU, or where it is not to be compiled as a whole, part by part."""
+        """Launch a stage for all threads in a team; on a GPU, or where it does not fit in a kernel, part by part."""
         if started()["arch"] != "cpu" or not arguments[0].fits_in_a_kernel:
             stage.function(*arguments)
             return
@@ -180,13 +180,13 @@ _current: Execution | None = None
 
 @for_kernels
 def flush() -> None:
-    """Before Python looks at a field: launch what waits. Nothing inside a kernel."""
+    """Launch the stages that wait, before Python reads a field; no effect inside a kernel."""
     if _current and not ti.lang.impl.inside_kernel():
         _current.flush()
 
 
 def repeat(times: int):
-    """``for k in repeat(times)`` over stages: a loop in Python, or the kernel that they make gone through so often."""
+    """Repeat stages, as ``for k in repeat(times)``: by a loop in Python, or by a loop in the kernel that they make."""
     if _current and _current.fuses and not _current.timed:
         _current.flush()
         yield TURN
@@ -231,7 +231,7 @@ class Stage:
 
 
 def _decorator(kind, name: str):
-    """Makes a method one that is launched where Python calls it, and a part of any kernel that calls it."""
+    """Decorator of a method that is launched where Python calls it, and compiled into a kernel that calls it."""
 
     def decorate(function):
         stage = Stage(kind, name, function)

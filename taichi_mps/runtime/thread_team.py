@@ -25,7 +25,7 @@ CLOSED = -1
 
 @ti.func
 def look(number: ti.template()):
-    """The number as it is now. LLVM would read it once and for all, but for an atomic operation."""
+    """Present value of a field that other threads write, read by an atomic operation: LLVM would read it only once."""
     return ti.atomic_max(number[None], CLOSED)
 
 
@@ -62,7 +62,7 @@ class ThreadTeam:
 
     @ti.func
     def open(self, rows):
-        """For a system of so many rows."""
+        """Prepare the team for a system of so many rows."""
         self.rest[None] = ti.max(0, self.rest[None] - 1)
         self.most[None] = 1 if self.rest[None] > 0 else ti.max(1, ti.min(self.threads, rows // ROWS))
         self.joined[None], self.size[None], self.admitted[None] = 0, 1, 1
@@ -111,9 +111,9 @@ class ThreadTeam:
 
     @ti.func
     def meet(self, _member, ends_round: ti.template()):
-        """Until all members are here. At the end of a round who has come meanwhile is one of them from now on; where
-        they had to wait for each other too often, because others use the processor, the first goes on alone, in REST
-        more kernels, too."""
+        """Wait until all members are here. At the end of a round who has come meanwhile is one of them from now on;
+        where they had to wait for each other too often, because others use the processor, the first goes on alone, in
+        REST more kernels, too."""
         met, looks = look(self.met), 0
         if ti.atomic_add(self.here[None], 1) == self.size[None] - 1:
             if ti.static(ends_round):

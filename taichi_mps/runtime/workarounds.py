@@ -37,8 +37,9 @@ def chosen() -> str:
 
 
 def silence() -> None:
-    """Before the import: no greeting, no line for each replaced stdout, no warning of NumPy numbers that kernels take.
-    They would stand between the lines of --json. Until the language greets no more."""
+    """Switch off, before the import, what the language prints: no greeting, no line for each replaced stdout, no
+    warning of NumPy numbers that kernels take. They would stand between the lines of --json. Until the language greets
+    no more."""
     for start in ("TI", "QD"):
         os.environ.setdefault(f"{start}_ENABLE_PYBUF", "0")
     for name in LANGUAGES:
@@ -106,8 +107,8 @@ def sine_by_f32(angle):
 
 @contextmanager
 def compiled_plainly(wanted: bool):
-    """What is compiled meanwhile is, if wanted, not optimised by the language itself but by LLVM alone. That takes
-    40 % less time, and what is compiled is an eighth slower; the last bits differ."""
+    """Context in which kernels, if wanted, are optimised by LLVM alone and not by the language, too: compiling takes
+    40 % less time, the kernels run an eighth slower, and the last bits differ."""
     settings = ti.lang.impl.current_cfg()
     before, settings.advanced_optimization = settings.advanced_optimization, not wanted
     try:
