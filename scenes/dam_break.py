@@ -79,10 +79,16 @@ def scene(
     beyond = floor_length or 10.0 * height
 
     def measure(s):
-        """Front and height; of the open box also the distance of the front from the gate, and the width."""
+        """Front and height; of the open box also the distance of the front from the gate, and the width.
+
+        The open box's front is a fan; a camera reads its foremost point. Particles with no other within 2 l0 are drops.
+        """
         found = mps.measure.front(s)
         if not box:
             return found
+        ahead = s.x[np.argsort(-s.x[:, 0])[:32]]
+        nearest = np.sort(np.linalg.norm(ahead[:, None] - ahead, axis=2), axis=1)[:, 1]
+        found["front_m"] = float(ahead[nearest < 2.0 * s.spacing, 0].max(initial=0.0) + 0.5 * s.spacing)
         wide = float(np.abs(s.x[:, 1]).max() + 0.5 * s.spacing)
         return found | {"flow_m": found["front_m"] - a, "breadth_m": 2.0 * wide}
 
