@@ -1,4 +1,4 @@
-"""Positions of the walls in time, and the tests that keep particles in front of them and apart."""
+"""Positions of the walls, which may move, in time, and the tests that keep particles in front of them and apart."""
 
 from ..geometry.solid import Solid
 from ..geometry.walls import Cylinder, Plane

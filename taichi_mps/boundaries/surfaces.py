@@ -1,7 +1,8 @@
 """Wall surfaces as a point sees them, as Taichi functions: distance, normal, motion and curvature at its foot.
 
 ``nearest(x)`` gives the distance z [m] of x, positive in the fluid; the unit normal n into the fluid; the velocity
-[m/s] of the wall at the foot x - z n; and its curvature k [1/m], positive where the fluid is inside.
+[m/s] of the wall at the foot x - z n, which no slip imposes on the fluid; and its curvature k [1/m], positive where the
+fluid is inside.
 
 A wall that travels stands where it is at the time ``clock`` [s]. A thin one has fluid on both sides: z is positive and
 n points to the side of x; ``signed(x)`` tells the side, ``beyond(x)`` how far outside the edge the foot is [m].

@@ -1,11 +1,11 @@
-"""The active set: what stands still is set aside, so that a step goes through what moves and a border around it.
+"""The active set: particles at rest are left out of a step, which computes moving ones and a border around them.
 
 By cells of the binning grid: those that hold something that moves, and the ones around them, are active. Around these
 stand, in the next ring, particles that do not move but carry stress, which the active ones push against; then one ring
 of buried ones, which only fill the neighbourhoods of the standing ones. All others are set aside, in the rows behind
 those in use. So every loop over particles is one over these three, and the forces across the border balance.
 
-Every EVERY steps, and in each step that somebody looks at, all particles take part: there loads that have grown reach
+Every EVERY steps, and in each step whose result is read, all particles take part: there loads that have grown reach
 what stands, and what they move is active from then on. Before that, too, as soon as a standing particle yields or an
 active one comes near a buried one.
 """

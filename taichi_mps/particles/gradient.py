@@ -92,7 +92,8 @@ class Gradient:
     @ti.func
     def enclosed(self, i):
         """Whether particle i has a full neighbourhood. In three dimensions the number of neighbours does not tell: a
-        lattice has 32, disordered particles as dense have 37. That of rings points to the thinner ones."""
+        lattice has 32, disordered particles as dense have 37. The surface normal of rings, which points to thinner
+        ones, is not used."""
         enclosed = self.neighbour_count[i] >= 0.9 * self.full
         if ti.static(not self.axisymmetric):
             enclosed = enclosed and self.surface_normal[i].norm() < ENCLOSED
@@ -248,7 +249,7 @@ class Gradient:
 
     @ti.func
     def fit(self, i, u: ti.template(), motion):
-        """G_i and what the linear fit leaves, (1/n0) sum (w/r^2) |u_j - u_i - G_i r_ij|^2 [1/s2]."""
+        """Velocity gradient G_i and residual of the linear fit, (1/n0) sum (w/r^2) |u_j - u_i - G_i r_ij|^2 [1/s2]."""
         H = self.slope(i, u, motion)
         square = ti.cast(0.0, float)
         for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):

@@ -96,8 +96,8 @@ class Particles:
         return self.rows.read(self.count[None])
 
     def append(self, positions, velocity, mix: int = 0) -> None:
-        """Fluid particles of a mix at positions (m, d) [m] with a velocity (d,) [m/s], numbered on; all else of them is
-        zero."""
+        """Add fluid particles of a mix at positions (m, d) [m] with a velocity (d,) [m/s]; their numbers go on from
+        those of the rows, and all else of them is zero."""
         state, m = self.read(), len(positions)
         new = {"x": positions, "u": velocity, "kind": FLUID, "mix": mix, "id": len(state["x"]) + np.arange(m)}
         for name, values in state.items():

@@ -70,7 +70,7 @@ class Material(Checked):
 
     options: ClassVar[dict] = {"density": Density}  # scenes are under gravity: there is no fluid of 1 kg/m3
     from_fields: ClassVar[tuple] = ()  # numbers that kernels read from fields; all others are compiled in
-    viscous: ClassVar[tuple] = ()  # options that may tell its viscous constant, the first one by its own name
+    viscous: ClassVar[tuple] = ()  # options of its viscous constant, of which each chooses this law even at its default
     straight: ClassVar[bool] = False  # whether the flow curve of the fresh mix is Bingham's
     friction_coefficient: ClassVar[float] = 0.0  # yield stress by pressure [-]
     growth_at_rest: ClassVar[float] = 0.0  # of the yield stress [Pa/s]
@@ -89,7 +89,7 @@ class Material(Checked):
 
     @property
     def rests(self) -> bool:
-        """Whether the material comes to rest: only a true yield stress does that."""
+        """Whether the material comes to rest as it is given, by a true yield stress; a scheme may soften it."""
         return self.yields and self.critical_strain_rate is None
 
     @property
@@ -201,7 +201,7 @@ class Bingham(Material):
     @classmethod
     def __pydantic_init_subclass__(cls, **kwargs):
         super().__pydantic_init_subclass__(**kwargs)
-        if "shear_stress" in vars(cls):  # kernels have Bingham's
+        if "shear_stress" in vars(cls):  # kernels never call shear_stress of a Bingham
             raise TypeError(f"class {cls.__name__}: a law with a flow curve of its own must derive from mps.Law")
 
     @property

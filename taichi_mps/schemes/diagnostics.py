@@ -16,7 +16,7 @@ from .step_report import StepReport
 NOT_A_NUMBER = 1e12  # squared speed [m2/s2] that stands for what is not finite
 MOST_LOST = 0.2  # of the volume; impacts and thin films lose up to 0.05 (docs/stability.md)
 SUMS, SOLVE = 14, 3
-PACKING = [7, 8, 9, 10]  # of these what reads the volume
+PACKING = [7, 8, 9, 10]  # indices of the sums from which the volume error follows
 
 
 @ti.data_oriented

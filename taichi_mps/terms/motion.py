@@ -10,7 +10,7 @@ from ..runtime.stages import stage
 from .constants import Term
 from .rheology import magnitude
 
-SHOWS = 1e-3  # way over the height of the body that shows, in the time of the run
+SHOWS = 1e-3  # displacement in the time of the run, over the height of the body, that shows
 
 
 @ti.data_oriented
@@ -173,7 +173,7 @@ class Standstill(Term):
 
     @ti.func
     def yields(self, i):
-        """Do its neighbours move particle i, which is held, so that it would be slow no longer?"""
+        """Whether the plastic rate that neighbours impose on particle i, which is at rest, exceeds the threshold."""
         return 2.0 * magnitude(self.particles.plastic_rate[i]) > self.slowest_rate
 
     @ti.func

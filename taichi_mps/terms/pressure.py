@@ -1,5 +1,5 @@
-"""The pressure that acts and the one that is read: mean over neighbours, and the constant of a full closed box; and the
-divergence that the flow is to have, which takes back a part of what the packing is too dense or too loose (I11)."""
+"""Pressure of the momentum equation and pressure for output, both smoothed over neighbours; its level in a full closed
+box; and the prescribed divergence that corrects packing errors (I11)."""
 
 from ..runtime.backend import real, ti
 from ..runtime.stages import stage
@@ -63,8 +63,8 @@ class Pressure(Term):
 
     @ti.kernel
     def read(self):
-        """The pressure to read, the mean of the mean, into ``p``, which the next step fills anew: the force does not
-        see what alternates from particle to particle, so nothing holds it down at rest, and it means nothing."""
+        """The pressure to read, the mean of the mean, into ``p``, which the next step fills anew: the discrete
+        gradient does not see checkerboard modes, which are undamped at rest and carry no information."""
         for i in range(self.particles.count[None]):
             self.once[i] = self.mean(i, READING, self.particles.p)
         for i in range(self.particles.count[None]):
@@ -155,8 +155,8 @@ class VolumeConstraint(Term):
         """s = r (packing - 1)/dt within +-fastest, r the part that a step of dt [s] removes; only where the material
         deforms or is torn. A full closed box has no voids: there any lack is taken back.
 
-        What is repacked yields, at the power tau_y |s|. Of a true yield stress at a free surface that is at most what
-        the flow dissipates by its viscosity: else the packing of a body that stands makes the strain that it acts by.
+        Packing corrections dissipate the power tau_y |s|. For a true yield stress with a free surface this is limited
+        to the viscous dissipation of the flow: else the correction in a body at rest makes the strain that enables it.
         """
         for i in range(self.particles.count[None]):
             follows = self.pressure.full[None]  # 1 where it is as fast as the shear

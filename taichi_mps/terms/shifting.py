@@ -8,11 +8,11 @@ from ..runtime.backend import real, sine, ti
 from ..runtime.stages import flush, stage
 from .constants import Term
 
-# Way towards even spacing in a step, and that of what is viscous or has a yield stress in tension: at a surface that is
-# stretched, of twice its shear stress, which bundles its columns at the rate 1.7 T/h, 5.7 per strain; in steps that
-# strain by 0.02 the shift takes back 9 and 38 per strain
+# Shift coefficient of a step, and its largest value for a viscous or yield-stress fluid in tension. A free surface that
+# is stretched by twice its shear stress clusters its columns at the rate 1.7 T/h, 5.7 per unit strain; in steps that
+# strain by 0.02 the two coefficients restore the spacing at 9 and 38 per unit strain
 SPREADING, STRETCHED_SPREADING = 0.1, 0.4
-UNEVENNESS = 0.005  # part of l0: undisturbed, a symmetric lattice gives way late, all at once and with force
+UNEVENNESS = 0.005  # amplitude over l0 of a pseudo-random shift: a symmetric lattice yields late and abruptly
 # Tension moves a particle out of its place at the rate kappa d (-p)/h, kappa d = 1.7 in the plane and 1.2 in space; the
 # shift takes back 0.19 and 0.23 of its way: as a part of the shift 9 and 5 (-p) dt/h would just do
 TENSION = 60.0
@@ -57,8 +57,8 @@ class Shifting(Term):
 
     @ti.func
     def acts(self, i, dt, strain):
-        """Part of the shift, and of the wanted divergence, that acts on particle i in a step of dt [s]: 0 at rest to 1
-        where it strains the material by ``strain`` [-], or as much as tension calls for."""
+        """Fraction of the shift, and of the wanted divergence, that is applied to particle i in a step of dt [s]: 0 at
+        rest to 1 where it strains the material by ``strain`` [-], or the fraction that tension calls for."""
         part = self.deforming(i, dt, strain)
         if ti.static(self.tears):
             part = ti.max(part, self.tension[i])
@@ -117,8 +117,8 @@ class Shifting(Term):
     @stage("shift")
     def keep_at_rest(self, dt: float, strain: float):
         """shift -= (1 - min(1, shear_rate dt/strain)) times its mean over the particle and its neighbours, with
-        Wendland's kernel (w/r^2 times re^2) as weight: what hardly deforms must not be carried by the shift, for what
-        is carried up flows down, which stirs."""
+        Wendland's kernel (w/r^2 times re^2) as weight. Where the material hardly deforms the shift would transport it
+        upwards, and it would flow down again: a spurious stirring."""
         neighbors, re2 = self.neighbors, self.gradient.effective_radius**2
         for i in range(self.particles.count[None]):
             total, weight = self.shift[i], ti.cast(1.0, float)
