@@ -18,9 +18,9 @@ CELL, CROWD, EXCESS = 3, 1.3, 0.06
 def completed(scene) -> dict:
     """Fields of a scene as it keeps them, with the defaults that follow from the dimension d of the fluid; SceneError
     where two of them have another d."""
-    poured = scene.inlets and (scene.fluid is None or len(scene.fluid) == 0)
-    require(poured or scene.fluid is not None, "fluid: the geometry is empty; it must hold at least one particle")
-    fluid = np.zeros((0, len(scene.inlets[0].centre))) if poured else scene.fluid
+    empty = scene.fluid is None or len(scene.fluid) == 0
+    require(scene.inlets or not empty, "fluid: the geometry is empty; it must hold at least one particle")
+    fluid = np.zeros((0, len(scene.inlets[0].centre))) if empty else scene.fluid
     d = fluid.shape[1]
     gravity = (0.0,) * (d - 1) + (-9.81,) if scene.gravity is None else scene.gravity
     if not callable(gravity) and np.ndim(gravity) == 1:
