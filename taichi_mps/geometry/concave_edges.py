@@ -23,7 +23,7 @@ def inner_edges(values, cell: float, reach: float, faces_at):
     infinite. ``faces_at`` is the search (boundaries/sampled.py)."""
     values = np.asarray(values, float)
     d, steps = values.ndim, probes(values.ndim, reach / cell)
-    halo = max(int(np.abs(steps).max()), int(np.ceil(0.75 * reach / cell))) + 2
+    halo = max(int(np.abs(steps).max(initial=0)), int(np.ceil(0.75 * reach / cell))) + 2
     number, tables = np.full(values.shape, -1, np.int32), [np.zeros((0, d, 1 + d))]
     across = max(1, int(NODES / np.prod(values.shape[1:])))
     for first in range(0, len(values), across):  # slabs, for the sake of memory

@@ -78,6 +78,13 @@ def test_round_walls_outer_edges_and_plates_have_one_face(shape):
     assert number.max() == -1 and planes.shape[:2] == (0, 1)
 
 
+def test_a_grid_coarser_than_the_reach_has_no_inner_edges():
+    """No place is near enough to a node of a corner to look for its other face from."""
+    x, y = np.meshgrid(np.arange(6.0), np.arange(6.0), indexing="ij")
+    number, planes = inner_edges(np.minimum(x, y) - 1.0, 1.0, 0.5, search_faces)
+    assert (number == -1).all() and len(planes) == 0
+
+
 def test_a_round_tank_has_its_mantle_and_its_floor():
     solid = mps.Solid.of(
         lambda x: np.minimum(0.6 - np.hypot(x[:, 0], x[:, 1]), x[:, 2]), (-0.8, -0.8, -0.2), (0.8, 0.8, 0.5), CELL
