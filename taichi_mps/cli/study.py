@@ -177,7 +177,7 @@ def varied_parameters(planned, function) -> list[str]:
 
 
 def not_done(rows, differing) -> list[str]:
-    """Which cases of a study gave no result, and why, a line each; of many the first ones."""
+    """Cases of a study without a result, and why, a line each; of many the first ones."""
     left = [row for row in rows if row["status"] != "done"]
     names = [", ".join(f"{name} = {row.get(name)}" for name in differing) or row["key"] for row in left]
     lines = [f"{row['status']}: {name}: {row['reason']}" for row, name in zip(left, names, strict=True)]
@@ -190,7 +190,7 @@ def some(lines: list[str], table) -> list[str]:
 
 
 def tally(rows) -> str:
-    """How many cases are done, failed and lost, in words."""
+    """Numbers of cases done, failed and lost, in words."""
     count = Counter(row["status"] for row in rows)
     words = [f"{count['done']} cases done", *(f"{count[name]} {name}" for name in ("failed", LOST) if count[name])]
     return ", ".join(words) + " (the same command computes the lost ones again)" * bool(count[LOST])

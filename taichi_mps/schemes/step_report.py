@@ -8,7 +8,7 @@ OLD_NAMES = {"outer_iterations": "viscous_iterations", "solver_iterations": "pre
 
 @dataclass(frozen=True)
 class StepReport:
-    """What one time step did, as ``Simulation.step`` returns it.
+    """Report of one time step, as ``Simulation.step`` returns it.
 
     Parameters
     ----------

@@ -43,7 +43,7 @@ TESTS = {  # what is measured of a mix, by its name in emulator.MEASURED
 
 
 class Measurements(Checked):
-    """What was measured of a mix, and how well.
+    """Measurements of a mix, and their errors.
 
     The parameters are the fields below: lengths [m], times [s], density [kg/m3], constants in SI units.
 

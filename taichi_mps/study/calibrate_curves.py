@@ -93,7 +93,7 @@ class Runs:
             self.seconds = (monotonic() - begun) / len(new)
 
     def model(self, at, spacing) -> list[np.ndarray]:
-        """What runs say of each curve at its times, or at the end; SceneError where one failed."""
+        """Values of each curve by runs, at its times, or at the end; SceneError where one failed."""
         self.compute([at], spacing)
         found = []
         for curve in self.curves:
@@ -152,7 +152,7 @@ class Runs:
         return at, float(np.sum(self.residuals(at, spacing) ** 2))
 
     def begin(self, spacing) -> np.ndarray:
-        """Where to begin: all constants smaller or larger by one factor, as far as that comes nearer to the curves;
+        """Start of the fit: all constants smaller or larger by one factor, as far as that comes nearer to the curves;
         SceneError where none come to them."""
         step, known = np.log(FACTOR) * np.array([name != "flow_index" for name in self.first], float), {}
 

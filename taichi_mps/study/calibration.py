@@ -115,7 +115,7 @@ class Mix:
 
     @property
     def keywords(self) -> dict[str, float]:
-        """Those of a scene that is to have this mix."""
+        """Keywords of a scene that is to have this mix."""
         return self.constants | {"density": self.density}
 
     @property
@@ -129,7 +129,7 @@ class Mix:
         return all(abs(by) <= NEAR[name] for name, by in self.missed.items() if name in NEAR)
 
     def determines(self, name: str) -> str:
-        """Which of the constants that are bounded a measurement determines, in words."""
+        """Constants, of those that are bounded, that a measurement determines, in words."""
         worth = self.worth[name]
         sensed = [constant for constant in worth if self.senses(name, constant)]
         bounded = [it for it in sensed if getattr(self, it).bounded]
@@ -162,7 +162,7 @@ class Mix:
         return [f"{WORDS[name][0]:18} {getattr(self, name).told(WORDS[name][1])}" for name in self.names]
 
     def measurement_lines(self) -> list[str]:
-        """What was measured, beside the model, and what it determines."""
+        """Lines on each measurement: its value beside the model, and what it determines."""
         lines = []
         for name, (value, error) in self.measured.items():
             factor, unit = (1.0, "s") if is_time(name) else (100.0, "cm")
@@ -197,7 +197,7 @@ class FrictionalMix(Mix):
 
     @property
     def command(self) -> str:
-        """What computes its slump."""
+        """Command that computes the slump of the mix."""
         words = [f"--{name.replace('_', '-')} {short(value)}" for name, value in self.keywords.items()]
         return f"taichi-mps run slump {' '.join(words)}"
 
@@ -231,7 +231,7 @@ class FrictionalMix(Mix):
 
 @dataclass(frozen=True, kw_only=True)
 class Calibration(Mix):
-    """What tests say of their mix, a Bingham mix. ``by_viscosity`` holds the best yield stresses [Pa]."""
+    """Bingham mix found from its tests. ``by_viscosity`` holds the best yield stresses [Pa]."""
 
     # where no mix is near: of a constant what each measurement alone says, value and ends; with which other constant
     alone: dict[str, dict[str, tuple[float, float | None, float | None]]] = field(default_factory=dict)

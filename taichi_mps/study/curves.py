@@ -22,7 +22,7 @@ RATES = np.geomspace(0.1, 1000.0, 81)  # of a flow curve [1/s]
 
 @dataclass(frozen=True, eq=False)
 class Test:
-    """What was measured together, of one run."""
+    """Measurements of one run."""
 
     name: str
     settings: dict[str, str]  # keywords of the scene, of columns of the file
@@ -31,7 +31,7 @@ class Test:
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """What was measured of one measure of a test: at times [s], or at the end where there are none."""
+    """Measured values of one measure of a test: at times [s], or at the end where there are none."""
 
     test: Test
     measure: str
@@ -46,7 +46,7 @@ def unit_by_name(measure: str) -> str:
 
 
 def vocabulary(keywords: dict, measures) -> tuple[dict[str, str], dict[str, str]]:
-    """What a column may be called, {key_of(name): time, keyword or measure}, and the SI unit of each of these."""
+    """Names that a column may have, {key_of(name): time, keyword or measure}, and the SI unit of each of these."""
     words, units = {key_of(word): "time" for word in TIME.split()}, {"time": "s"}
     for name, each in keywords.items():
         words |= {key_of(word): name for word in (name, OPTIONS.get(name, name))}
@@ -127,7 +127,7 @@ def measures_of(scene) -> list[str]:
 # ---- what was found ---------------------------------------------------------------------------------------------
 @dataclass(frozen=True, kw_only=True)
 class CurveFit:
-    """What measured curves say of a law: constants with intervals, and the curves of the model beside them."""
+    """Result of a fit to measured curves: constants with intervals, and the curves of the model beside them."""
 
     scene: str
     material: Material  # with the constants found
@@ -163,7 +163,7 @@ class CurveFit:
         return stress(), np.exp(np.sqrt(np.einsum("ik,ij,jk->k", slopes, self.spread, slopes)))
 
     def determined(self) -> str:
-        """What the curves determine and what not, in sentences."""
+        """Sentences on which constants the curves determine."""
         wide = {name: float(np.sqrt(self.spread[k, k])) for k, name in enumerate(self.constants)}
         known = [f"{in_words(name)} to {percent(wide[name])}" for name, it in self.constants.items() if it.determined]
         others = [in_words(name) for name, it in self.constants.items() if not it.determined]

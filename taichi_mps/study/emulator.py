@@ -38,7 +38,7 @@ def positive(value) -> bool:
 
 
 def scale(constant: str, density):
-    """What a constant is divided by for similarity: an angle by nothing, a stress or a viscosity by the density."""
+    """Divisor of a constant for similarity: an angle by nothing, a stress or a viscosity by the density."""
     return np.ones_like(density) if constant == "friction_angle" else density
 
 

@@ -285,7 +285,7 @@ def pairs(rows: list[dict]):
 
 
 def groups(rows: list[dict], columns: list[str]) -> list[dict]:
-    """What the chart of the page draws: of the mixes of a verdict its name and colour, their names, and slump and slump
+    """Groups of the chart of the page: of the mixes of a verdict its name and colour, their names, and slump and slump
     flow [cm], as measured and of the nearest mix, (n, 2) each."""
     return [
         {

@@ -26,7 +26,7 @@ PRESSURE = "pressure_at_"  # a measure of a pressure on the form starts with thi
 
 
 class Wanted(Checked):
-    """What a form must be: filled to a share of its room within a time, without more than a pressure on it."""
+    """Requirement of a form: filled to a share of its room within a time, without more than a pressure on it."""
 
     filled: Ratio = Field(0.99, description="share of the form that must be filled")
     time: Duration = Field(60.0, description="time in which it must be")
@@ -81,7 +81,7 @@ class Border:
         return text + self.shortfall(f"{self.empty_from:.3g} Pa{apart}")
 
     def shortfall(self, mix: str) -> str:
-        """What is wrong with the mix that does not, called so; nothing where it was not run itself."""
+        """Reason why a mix does not do, called so; nothing where it was not run itself."""
         if self.missing is None:
             return ""
         return f"; the run of {mix} failed" if math.isnan(self.missing) else f"; {mix} leave {self.missing:.1%} empty"

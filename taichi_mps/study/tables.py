@@ -126,7 +126,7 @@ def is_unit(text: str, fields) -> bool:
 
 
 def quantity(column: str, fields: dict[str, str], unit_of) -> tuple[str | None, str]:
-    """What a column holds by the names of ``fields``, {key_of(name): what it is}, None for another; and its unit, empty
+    """Content of a column by the names of ``fields``, {key_of(name): what it is}, None for another; and its unit, empty
     where it names none. SceneError for a unit that is not of the kind of ``unit_of(what it is)``."""
     text = unicodedata.normalize("NFKC", column)
     bare, units = BRACKETS.sub(" ", text).strip(), [unit.strip() for unit in BRACKETS.findall(text)]
