@@ -30,7 +30,17 @@ EXAMPLES = {"terms/drag.py", "schemes/ballistic.py"}  # files that architecture.
 MOST_WORDS = 1500  # of architecture.md: an afternoon, not a book
 BUDGETS = {"a user reads": 16_000, "theory and architecture": 9_000, "notes": 4_000}  # words, without generated tables
 MOST_OF_A_VERSION = 600  # words of the changelog
-WITHOUT_INFLUENCE = {"BLOCK", "HUGE", "MOST_ITERATIONS", "NOT_A_NUMBER", "MOST_LOST", "SUMS", "SOLVE", "FALL", "SAMPLE"}
+WITHOUT_INFLUENCE = {
+    "BLOCK",
+    "HUGE",
+    "MOST_ITERATIONS",
+    "SPEED2_IF_NOT_FINITE",
+    "MAX_LOST_FRACTION",
+    "SUMS",
+    "SOLVE",
+    "FALL",
+    "SAMPLE_SIZE",
+}
 BLOCK = re.compile(r"^```python\n(.*?)^```$", re.S | re.M)
 FENCED = re.compile(r"^```(\w*)\n(.*?)^```$", re.S | re.M)
 CAPTION = re.compile(r"!\[[^\]]*\]\([^)]+\)\n\*(.+)\*$", re.M)

@@ -7,9 +7,9 @@ slip of the particle, which within a solve is linear in the velocity u of the pa
     u_s = (1 - s) u + offset,      s = R/(R + mu/z),      t = R u_s + push:
 
 friction and the layer of thickness z between wall and particle in series. R is the viscous constant plus a penalty r,
-which ties the slip to the yield stress as mu_r does the strain rate (rheology.py). After each solve ``update`` maps the
-yield part of the traction back onto its bound, and moves ``offset`` so that in the end t is the traction of the
-particle's own stress, whatever s and r were.
+which ties the slip to the yield stress as mu_r does the strain rate (rheology.py). After each solve ``map_traction``
+maps the yield part of the traction back onto its bound, and moves ``offset`` so that in the end t is the traction of
+the particle's own stress, whatever s and r were.
 """
 
 from ..runtime.backend import real, ti
@@ -73,19 +73,20 @@ class FrictionalSlip:
         self.bond[i] = size / (size + sheared) if sheared > 0.0 else 1.0
 
     @ti.func
-    def set_area(self, i, n, z, volume, cBn, ratio, acts, second):
+    def set_area(self, i, n, z, volume, cBn, ratio, acts, second_row_share):
         """Area of the wall that particle i covers, and the layer beneath it. In all the area is that of the wall: the
-        second row of a lattice has its c V n.B n, ``second`` of the whole, and the first row the rest; its c V n.B n
-        grows by 5 % in sheared fluid. The layer is z, but not thicker than what makes ``update`` converge."""
+        second row of a lattice has its c V n.B n, ``second_row_share`` of the whole, and the first row the rest; its
+        c V n.B n grows by 5 % in sheared fluid. The layer is z, but not thicker than what makes
+        ``map_traction`` converge."""
         size = self.spacing * ti.sqrt(ratio)
         first = ti.max(0.0, ti.min(1.0, 2.5 - 2.0 * z / size))  # 1 in the first row, 0 in the second
         own = volume * ti.max(n.dot(cBn), 1e-3 / size)
-        area = first * (1.0 - second) * acts * volume / size + (1.0 - first) * own
+        area = first * (1.0 - second_row_share) * acts * volume / size + (1.0 - first) * own
         self.area[i] = area
         self.thickness[i] = ti.min(z, area / ti.max(volume * cBn.norm_sqr(), 1e-12 * area))
 
     @ti.func
-    def start(self, i, n, v, mu):
+    def set_initial_slip(self, i, n, v, mu):
         """Set the slip of particle i before the iterations of a step: the slip that it carries, or (1 - s) u where it
         is new at the wall."""
         R = self.resistance()
@@ -107,7 +108,7 @@ class FrictionalSlip:
             self.traction[i] *= 0.0
 
     @ti.func
-    def update(self, i, n, v, pull, stiff, mu):
+    def map_traction(self, i, n, v, pull, stiff, mu):
         """After an iteration, from the velocity v relative to the wall and the traction ``pull`` [Pa] on the particle,
         which falls with the slip by ``stiff`` [Pa s/m] besides that of its viscosity."""
         tangential, R, layer = v - n * n.dot(v), self.resistance(), mu / self.thickness[i]

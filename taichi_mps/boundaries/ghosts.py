@@ -11,7 +11,7 @@ from .surfaces import CLOSEST
 
 FINEST, COARSEST, SIZES = 0.2, 1.5, 27  # sizes of rings in the tables, over the spacing
 COUNTED = "neighbours", "n", "packing"  # sums in which a ghost counts once
-OF_PAIRS = "pull", "tangential", "normal"  # sums of w/r^2, which of rings is multiplied by a circle (gradient.py)
+PAIR_SUMS = "pull", "tangential", "normal"  # sums of w/r^2, for rings times their radius over l0 (gradient.py)
 COSINES, WEDGE = 9, 24  # of the angles between two faces of a solid; entries of their tables along each distance
 
 
@@ -77,7 +77,9 @@ class GhostSums:
         n0 = lattice_sums(dimension, spacing, effective_radius, **kernels).n0
         row = round(1.5 * spacing / effective_radius * (self.entries - 1))
         pull = tables[0, np.argmin(np.abs(self.sizes - 1.0)), row, GHOST_SUMS.index("pull")]
-        self.second = float(pull) * spacing * dimension / n0  # part of a wall that the second row carries
+        self.second_row_share = (
+            float(pull) * spacing * dimension / n0
+        )  # fraction of a wall's area that belongs to the second row
         # GHOST_SUMS at a size and z = re k/(entries - 1), and their derivative by the curvature [m]
         self.flat, self.bend = constant_fields(tables[0], (tables[1] - tables[2]) / (2.0 * bent), vectors=True)
         if corners:
@@ -91,8 +93,9 @@ class GhostSums:
             (self.wedge,) = constant_fields(np.array(fractions), vectors=True)
             (self.meet,) = constant_fields(meet)
             each = (capacity, len(meet))
-            self.before = ti.Vector.field(2 + dimension, real(), each)  # distance [m], weight, normal of each face
-            self.remains = ti.Vector.field(len(GHOST_SUMS), real(), each)  # fraction of each sum behind it that is left
+            # of each face: distance [m], weight, normal; and the fraction of each sum behind it that remains
+            self.face_geometry = ti.Vector.field(2 + dimension, real(), each)
+            self.remaining = ti.Vector.field(len(GHOST_SUMS), real(), each)
 
     @ti.func
     def interpolate(self, table: ti.template(), name: ti.template(), z, ratio):
@@ -103,13 +106,13 @@ class GhostSums:
         return bilinear(table, name, row, ti.max(z, self.closest) / self.effective_radius * (self.entries - 1))
 
     @ti.func
-    def left(self, name: ti.template(), z, across):
+    def remaining_fraction(self, name: ti.template(), z, across):
         """Fraction of a ghost sum at distance z [m] from a wall whose ghosts end at another ``across`` [m] away."""
         scale = (self.corner.shape[0] - 1) / self.effective_radius
         return bilinear(self.corner, name, ti.max(across, self.closest) * scale, ti.max(z, self.closest) * scale)
 
     @ti.func
-    def left_at_angle(self, z, across, cosine):
+    def remaining_fractions_at_angle(self, z, across, cosine):
         """Fractions of all GHOST_SUMS at the distance z [m] from a face whose ghosts end at another, ``across`` [m]
         away, the two normals at an angle of this cosine."""
         scale = (WEDGE - 1) / self.effective_radius
@@ -138,44 +141,44 @@ class GhostSums:
             if ti.static(name == "inward" or (before if name in COUNTED else mirror)):
                 across, _n, _velocity, _curvature = other.nearest(x)
                 if across < self.effective_radius:
-                    cut = 1.0 - self.left(name, z, across)
+                    cut = 1.0 - self.remaining_fraction(name, z, across)
                     if ti.static(other.thin or other.unilateral):
                         cut *= other.weight(i, x, across)
                     value *= 1.0 - cut
         if ti.static(self.wedges):
-            value *= self.remains[i, f][ti.static(GHOST_SUMS.index(name))]
+            value *= self.remaining[i, f][ti.static(GHOST_SUMS.index(name))]
         if ti.static(wall.thin or wall.unilateral):
             value *= wall.weight(i, x, z)
-        if ti.static(self.rings and name in OF_PAIRS):  # the circle where the wall is, of no length on the axis
+        if ti.static(self.rings and name in PAIR_SUMS):  # the circle where the wall is, of no length on the axis
             depth, n, _velocity, _curvature = wall.nearest(x)
             value *= ti.max(0.0, ti.cast(x[0], float) - n[0] * depth) / self.spacing
         return value
 
     @ti.func
     def set_face(self, i, f, z, n, weight):
-        """Particle i stands at the distance z [m] before face f of this normal, which acts with this weight."""
-        self.before[i, f][0], self.before[i, f][1] = z, weight
+        """Store the distance z [m], normal and weight of face f before particle i."""
+        self.face_geometry[i, f][0], self.face_geometry[i, f][1] = z, weight
         for a in ti.static(range(self.dimension)):
-            self.before[i, f][2 + a] = n[a]
+            self.face_geometry[i, f][2 + a] = n[a]
 
     @ti.func
     def divide_corners(self, i):
-        """Fraction of each face's sums that is left for particle i near corners. The ghosts behind two of them count
-        once, with the first; along either normal the pull of these ghosts counts once, too: the normals n and m have
-        n.m of it in common; of their sum w e each has a half where the faces are one, and none at a right angle, as of
-        their pull at a mirror plane. A face fades out where its foot lies behind the other, beyond the edge."""
+        """Set the fraction of each face's sums that remains for particle i near corners. Ghosts behind two faces are
+        counted once: counts go to the first face. Each face keeps a share of the pair sums reduced by n.m/(1 + n.m),
+        and of ``inward`` a half for coincident faces and nothing at a right angle; at a mirror plane the shared pair
+        sums are dropped. A face fades out where its foot lies behind the other, beyond the edge."""
         for f in range(self.meet.shape[0]):
-            z = self.before[i, f][0]
+            z = self.face_geometry[i, f][0]
             left = ti.Vector.one(float, ti.static(len(GHOST_SUMS)))
             if z < self.effective_radius:
                 for g in range(self.meet.shape[0]):
-                    across = self.before[i, g][0]
+                    across = self.face_geometry[i, g][0]
                     if self.meet[f, g] > 0 and across < self.effective_radius:
                         cosine = ti.cast(0.0, float)
                         for a in ti.static(range(self.dimension)):
-                            cosine += self.before[i, f][2 + a] * self.before[i, g][2 + a]
-                        acts = self.before[i, g][1]  # the other, where it has not faded out itself
-                        cut = 1.0 - self.left_at_angle(z, across, cosine)
+                            cosine += self.face_geometry[i, f][2 + a] * self.face_geometry[i, g][2 + a]
+                        acts = self.face_geometry[i, g][1]  # the other, where it has not faded out itself
+                        cut = 1.0 - self.remaining_fractions_at_angle(z, across, cosine)
                         cut *= acts * self.seen(across, z, cosine)
                         once = ti.max(0.0, cosine) / (1.0 + ti.max(0.0, cosine))
                         pull = 1.0 if self.meet[f, g] == 2 else once
@@ -187,7 +190,7 @@ class GhostSums:
                             else:
                                 left[k] *= 1.0 - pull * cut[k]
                         left *= 1.0 - acts * (1.0 - self.seen(z, across, cosine))
-            self.remains[i, f] = left
+            self.remaining[i, f] = left
 
     @ti.func
     def seen(self, z, across, cosine):

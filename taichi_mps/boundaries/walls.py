@@ -18,7 +18,7 @@ from ..particles.particles import Carried
 from ..runtime.backend import real, ti
 from .friction import FrictionalSlip
 from .ghosts import COUNTED, GhostSums, meeting, wedges
-from .standing import Standing
+from .positions import WallPositions
 
 
 def carried(walls) -> dict[str, Carried]:
@@ -35,7 +35,7 @@ def carried(walls) -> dict[str, Carried]:
 
 
 @ti.data_oriented
-class Walls(Standing):
+class Walls(WallPositions):
     """Contributions of all walls to a particle: every function sums over the walls within the effective radius of x
     [m].
 
@@ -228,8 +228,10 @@ class Walls(Standing):
                 z, n, velocity, _curvature = wall.face(i, x, self.slots[f])
                 acts = wall.weight(i, x, z)
                 cBn = self.c[i, f] * (B @ n)
-                wall.friction.set_area(i, n, ti.max(z, self.closest), volume, cBn, ratio, acts, self.ghosts.second)
-                wall.friction.start(i, n, u - velocity, mu)
+                wall.friction.set_area(
+                    i, n, ti.max(z, self.closest), volume, cBn, ratio, acts, self.ghosts.second_row_share
+                )
+                wall.friction.set_initial_slip(i, n, u - velocity, mu)
             else:
                 wall.friction.clear(i)
 
@@ -246,7 +248,7 @@ class Walls(Standing):
                 pull = flux @ n * self.c[i, f] + B @ n * deeper
                 pull += stiff * self.seen_by_fit(i, wall, n, u - velocity, 1.0)
                 area = wall.friction.area[i]
-                wall.friction.update(i, n, u - velocity, pull / area, stiff / area, mu)
+                wall.friction.map_traction(i, n, u - velocity, pull / area, stiff / area, mu)
 
     @ti.func
     def pull(self, i, x, B, shear, bulk):

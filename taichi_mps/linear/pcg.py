@@ -14,7 +14,7 @@ from ..runtime.thread_team import begins, first, last, leads, regroup, takes_par
 from .vectors import Jacobi, Vectors
 
 HUGE = 1e38  # not (|s| < HUGE) finds NaN and infinity, also under fast_math
-LEAST = 1e-4  # part of the norm that the tolerance is compared with, below which no residual need be reduced
+REDUCTION_FLOOR = 1e-4  # part of the norm that the tolerance is compared with, below which no residual need be reduced
 RUNNING, CONVERGED, INDEFINITE, BROKEN = range(4)
 STATUS = "limit", "converged", "indefinite", "broken"  # how a solve ended; indefinite: (p, A p) <= 0 or (r, z) < 0
 FAILED = "indefinite", "broken"
@@ -51,28 +51,46 @@ class PCG:
     # ---- the solve ------------------------------------------------------------------------------------------
     @team_stage("guess")
     def take_guess(self):
-        """q = A x of the initial guess; once x is set, and before ``solve``, unless that goes on ``again``."""
+        """q = A x of the initial guess; once x is set, and before ``solve``, unless that is a ``warm_start``."""
         self.A.apply(self.x, self.q)
 
     @sequence("solve")
-    def solve(self, tolerance: ti.f64, limit: ti.i32, most: ti.f64, again: ti.i32, reduction: ti.f64, enough: ti.f64):
-        """Improve x, whose guess was taken, until sqrt((r, z)) <= tolerance sqrt(min((b, M^-1 b), most)), in at most
-        ``limit`` iterations.
+    def solve(
+        self,
+        tolerance: ti.f64,
+        limit: ti.i32,
+        max_reference: ti.f64,
+        warm_start: ti.i32,
+        min_reduction: ti.f64,
+        max_reduction: ti.f64,
+    ):
+        """Improve x, whose guess was taken, until sqrt((r, z)) <= tolerance sqrt(min((b, M^-1 b), max_reference)).
 
-        Not before sqrt((r, z)) is ``reduction`` times its first value or 1e-4 of the reference; but in any case where
-        it is ``enough`` times the first. ``again`` if A, M and x are those that the last solve left: then its
-        reference stays, and the solve goes on from there.
+        Parameters
+        ----------
+        tolerance : float
+            Relative residual at which the solve ends [-].
+        limit : int
+            Maximum number of iterations.
+        max_reference : float
+            Upper bound of the reference that residuals are compared with.
+        warm_start : int
+            1 if A, M and x are those that the last solve left: it continues from there with the same reference.
+        min_reduction : float
+            The solve does not end before sqrt((r, z)) is this times its first value, or 1e-4 of the reference [-].
+        max_reduction : float
+            It ends in any case where sqrt((r, z)) is this times its first value [-].
         """
-        self.start(most, again)
-        self.iterate(limit, tolerance, reduction, enough)
+        self.start(max_reference, warm_start)
+        self.iterate(limit, tolerance, min_reduction, max_reduction)
         flush()
         return self.iterations[None]
 
     @team_stage("iterate")
-    def iterate(self, limit: ti.i32, tolerance: ti.f64, reduction: ti.f64, enough: ti.f64):
+    def iterate(self, limit: ti.i32, tolerance: ti.f64, min_reduction: ti.f64, max_reduction: ti.f64):
         """Saad's algorithm 9.1 from line 2 on; a thread that joins late goes on with the iterations."""
         if begins():
-            self.set_target(tolerance, reduction, enough)
+            self.set_target(tolerance, min_reduction, max_reduction)
             self.vectors.copy(self.z, self.p)
             regroup()
         while takes_part() and self.running(limit):
@@ -117,16 +135,16 @@ class PCG:
 
     # ---- where it starts ------------------------------------------------------------------------------------
     @sequence("start")
-    def start(self, most: ti.f64, again: ti.i32):
-        """Line 1: r = b - A x and z = M^-1 r; and the reference, min((b, M^-1 b), most)."""
-        if again != 0:
-            self.go_on()
+    def start(self, max_reference: ti.f64, warm_start: ti.i32):
+        """Line 1: r = b - A x and z = M^-1 r; and the reference, min((b, M^-1 b), max_reference)."""
+        if warm_start != 0:
+            self.continue_last()
         else:
             self.take_right_hand_side()
-        for part in range(again, 2):  # r is first the right-hand side, then the residual
+        for part in range(warm_start, 2):  # r is first the right-hand side, then the residual
             self.precondition()
             if part == 0:
-                self.subtract_product(most)
+                self.subtract_product(max_reference)
 
     @team_stage("precondition")
     def precondition(self):
@@ -143,17 +161,17 @@ class PCG:
         wait()
 
     @stage("residual")
-    def subtract_product(self, most: ti.f64):
-        """r = b - q, with q = A x; where the solve begins. The reference is (b, M^-1 b), at most ``most``."""
+    def subtract_product(self, max_reference: ti.f64):
+        """r = b - q, with q = A x; where the solve begins. The reference is (b, M^-1 b), at most ``max_reference``."""
         if leads():
-            self.reference[None] = ti.min(self.rz[None], most)
+            self.reference[None] = ti.min(self.rz[None], max_reference)
         for i in range(first(self.A.count[None]), last(self.A.count[None])):
             self.r[i] = self.vectors.masked(i, self.b[i] - self.q[i])
             self.first_x[i], self.first_r[i] = self.x[i], self.r[i]
         wait()
 
     @team_stage("go on")
-    def go_on(self):
+    def continue_last(self):
         """r of the last x and the present b; then x and r at the best point along the last change of x (Fischer's
         projection onto a single vector)."""
         self.change()
@@ -183,15 +201,17 @@ class PCG:
 
     # ---- when it stops --------------------------------------------------------------------------------------
     @stage("set target")
-    def set_target(self, tolerance: ti.f64, reduction: ti.f64, enough: ti.f64):
+    def set_target(self, tolerance: ti.f64, min_reduction: ti.f64, max_reduction: ti.f64):
         """Set the value of (r, z) at which the solve ends."""
         if leads():
             self.status[None], self.iterations[None] = RUNNING, 0
             if self.reference[None] == 0.0:
                 self.reference[None] = self.rz[None]
             start, norm = ti.abs(self.rz[None]), ti.abs(self.reference[None])
-            least = ti.max(reduction * reduction * start, LEAST * LEAST * norm)
-            self.target[None] = ti.max(ti.min(tolerance * tolerance * norm, least), enough * enough * start)
+            least = ti.max(min_reduction * min_reduction * start, REDUCTION_FLOOR * REDUCTION_FLOOR * norm)
+            self.target[None] = ti.max(
+                ti.min(tolerance * tolerance * norm, least), max_reduction * max_reduction * start
+            )
             self.judge()
         wait()
 

@@ -17,11 +17,11 @@ from ..runtime.backend import constant_fields, real, ti
 from ..runtime.field_io import FieldIO
 from ..runtime.stages import stage
 from .kernels import ring_table
-from .particles import FLUID, STANDING, WALL
+from .particles import BOUNDARY, FLUID, WALL
 
 # largest surface normal of a full neighbourhood: 1.15 l0 below a flat surface, where 3 % of the packing is missing
 ENCLOSED = 0.3
-THICKEST, ENTRIES = 2.0, 256  # largest ratio in the table of lattice sums, and its length
+MAX_RING_RATIO, ENTRIES = 2.0, 256  # largest ratio in the table of lattice sums, and its length
 
 
 @ti.data_oriented
@@ -50,7 +50,7 @@ class Gradient:
         if self.axisymmetric:
             self.ratio = ti.field(real(), particles.capacity)  # cross-section of the ring over l0^2 [-]
             self.hoop = ti.field(real(), particles.capacity)  # V T_33/r of the stress that was spread last [N]
-            ratios = THICKEST / ENTRIES * np.arange(1, ENTRIES + 1)
+            ratios = MAX_RING_RATIO / ENTRIES * np.arange(1, ENTRIES + 1)
             self.ring_sums = ring_table(spacing, self.effective_radius, ratios, self.weight)
             # n0 and packing [-] of a lattice with these ratios
             (self.lattices,) = constant_fields(self.ring_sums, vectors=True)
@@ -70,7 +70,7 @@ class Gradient:
         """n0 and packing [-] of a full lattice of particles like i."""
         sums = ti.Vector([ti.cast(self.n0, float), ti.cast(self.full_packing, float)])
         if ti.static(self.axisymmetric):
-            s = self.ratio[i] * (ENTRIES / THICKEST) - 1.0
+            s = self.ratio[i] * (ENTRIES / MAX_RING_RATIO) - 1.0
             k = ti.max(0, ti.min(ti.cast(s, ti.i32), ENTRIES - 2))
             f = ti.max(0.0, ti.min(1.0, s - k))
             sums = self.lattices[k] * (1.0 - f) + self.lattices[k + 1] * f
@@ -104,7 +104,7 @@ class Gradient:
         rows = self.rows.read(self.particles.count[None])
         if not self.axisymmetric:
             return rows["n"] / self.n0
-        ratio, ratios = rows["ratio"], THICKEST / ENTRIES * np.arange(1, ENTRIES + 1)
+        ratio, ratios = rows["ratio"], MAX_RING_RATIO / ENTRIES * np.arange(1, ENTRIES + 1)
         return rows["n"] / np.maximum(1e-12, ratio * np.interp(ratio, ratios, self.ring_sums[:, 0]))
 
     @ti.func
@@ -174,7 +174,7 @@ class Gradient:
             self.surface_normal[i] = surface_normal / self.at_surface
             kind = self.particles.kind[i]
             some = neighbour_count >= self.dimension * ti.min(1.0, self.cross_section_ratio(i))
-            fluid = kind == FLUID or kind == STANDING  # noqa: SIM109  (a kernel has no "in")
+            fluid = kind == FLUID or kind == BOUNDARY  # noqa: SIM109  (a kernel has no "in")
             stressed = some and (fluid or (kind == WALL and wet > 0))
             self.B[i] = (
                 self.inverse(M, self.full_weight(i))

@@ -4,8 +4,7 @@ import numpy as np
 
 from ..runtime.backend import double_field, ti
 from ..runtime.stages import flush, one_thread, stage
-from ..runtime.sums import running_sums
-from .particles import ASIDE, DUMMY, FLUID, WALL
+from .particles import DUMMY, EXCLUDED, FLUID, WALL
 
 NEARLY_FULL = 0.8  # of the room for pairs: in one step their number does not grow by a quarter
 
@@ -97,11 +96,13 @@ class Bins:
             ti.atomic_add(self.lost[None], outside)
             self.particles.x[i] = x
             k = self.linear(self.cell(x))
-            if self.particles.kind[i] == ASIDE:
+            if self.particles.kind[i] == EXCLUDED:
                 k = self.cells
             self.cell_of[i] = k
             ti.atomic_add(self.cell_start[k + 1], 1)
-        running_sums(self.cell_start, self.cells + 1)
+        ti.loop_config(serialize=True)
+        for k in range(self.cells + 1):
+            self.cell_start[k + 1] += self.cell_start[k]
         for i in range(self.particles.count[None]):
             k = self.cell_of[i]
             self.particles.source_row[self.cell_start[k] + ti.atomic_add(self._fill[k], 1)] = i
@@ -148,7 +149,7 @@ class NeighborList:
         self.pairs = ti.field(ti.i32, ())  # number of pairs, also of those that do not fit
         if skin > 0.0:
             self.listed_at = double_field(bins.particles.capacity, bins.dimension)  # positions of the present list [m]
-            self.left = ti.field(ti.i32, ())  # whether a particle has gone more than half of the skin since
+            self.outdated = ti.field(ti.i32, ())  # whether a particle has gone more than half of the skin since
         self.forget()
 
     @ti.func
@@ -209,7 +210,9 @@ class NeighborList:
         else:
             for i in range(self.particles.count[None]):
                 self.row_start[i + 1] = self._pairs_of(i, False)
-            running_sums(self.row_start, self.particles.count[None])
+            ti.loop_config(serialize=True)
+            for i in range(self.particles.count[None]):
+                self.row_start[i + 1] += self.row_start[i]
             for i in range(self.particles.count[None]):
                 if self.row_start[i + 1] > self.row_start[i]:
                     self._scan(i, True)
@@ -227,7 +230,7 @@ class NeighborList:
         if self._known and self.skin > 0.0:
             self.find_moved()
             flush()
-            if not self.left[None]:
+            if not self.outdated[None]:
                 return
         flush()
         self.bins.arrange()
@@ -246,11 +249,11 @@ class NeighborList:
     @stage("neighbours")
     def find_moved(self):
         """Whether a particle has gone more than half of the skin since the list was made."""
-        self.left[None] = 0
+        self.outdated[None] = 0
         for i in range(self.particles.count[None]):
             way = self.bins.displacement(self.listed_at[i], self.particles.x[i])
             if not (way.dot(way) <= (0.5 * self.skin) ** 2):  # a position that is no number, too
-                self.left[None] = 1
+                self.outdated[None] = 1
 
     def state(self) -> dict:
         """Positions [m] (n, d) at which the list was made, on which a list with a skin depends."""

@@ -9,7 +9,7 @@ from ..runtime.field_io import FieldIO
 from ..runtime.stages import nothing, stage
 
 FLUID, WALL, DUMMY = 0, 1, 2
-STANDING, BURIED, ASIDE = 3, 4, 5  # fluid that is left out of a step (active_set.py)
+BOUNDARY, HALO, EXCLUDED = 3, 4, 5  # fluid at rest that a step does not compute (active_set.py)
 
 
 @dataclass(frozen=True)
@@ -38,10 +38,10 @@ class Particles:
     """State of ``capacity`` particles in d dimensions. Rows are kept in the order (cell, id) by the bins.
 
     A fluid particle moves; a wall particle is fixed and carries pressure; a dummy wall particle only fills the
-    particle number density. Fluid that is ``aside`` stands in the rows behind those in use; ``gather`` brings it back,
-    before anybody reads (active_set.py). ``start``: arrays (n, ...) of what the particles carry at first, zero where
-    nothing is said; ``volumes`` (n,) [m3]; ``carried``: what terms want them to carry besides x, u, p, shear_rate,
-    kind and id; ``to_come``: rows for particles that enter later.
+    particle number density. Fluid that is ``excluded`` from a step lies in the rows behind those in use; ``recall``
+    brings it back before the fields are read (active_set.py). ``start``: arrays (n, ...) of what the particles
+    carry at first, zero where nothing is said; ``volumes`` (n,) [m3]; ``carried``: fields that terms add to x, u, p,
+    shear_rate, kind and id; ``to_come``: rows for particles that enter later.
     """
 
     def __init__(self, start: dict, volumes, carried: dict[str, Carried], axisymmetric=False, to_come: int = 0):
@@ -70,7 +70,7 @@ class Particles:
             setattr(self, name, field)
         self.has_walls = bool((np.asarray(start.get("kind", FLUID)) != FLUID).any())
         self.count = ti.field(ti.i32, ())  # particles in use
-        self.aside = ti.field(ti.i32, ())  # fluid particles behind them
+        self.excluded = ti.field(ti.i32, ())  # fluid particles behind them, which a step excludes
         self.recall = nothing  # bring these back
         self.source_row = ti.field(ti.i32)  # row that each particle had before the reorder
         others = [field for pair in self.twins if pair[0] is not self.x for field in pair]
@@ -88,7 +88,7 @@ class Particles:
     @property
     def number(self) -> int:
         """Number of particles that are there."""
-        return self.count[None] + self.aside[None]
+        return self.count[None] + self.excluded[None]
 
     def read(self) -> dict[str, np.ndarray]:
         """All carried fields (n, ...), in the order of the rows."""

@@ -11,13 +11,12 @@ from ..linear.pcg import FAILED, STATUS
 from ..particles.particles import FLUID
 from ..runtime.backend import ti
 from ..runtime.stages import flush
-from ..runtime.sums import lanes
 from .step_report import StepReport
 
-NOT_A_NUMBER = 1e12  # squared speed [m2/s2] that stands for what is not finite
-MOST_LOST = 0.2  # of the volume; impacts and thin films lose up to 0.05 (docs/stability.md)
+SPEED2_IF_NOT_FINITE = 1e12  # squared speed [m2/s2] that replaces one that is not finite
+MAX_LOST_FRACTION = 0.2  # of the volume; impacts and thin films lose up to 0.05 (docs/stability.md)
 SUMS, SOLVE = 14, 3
-PACKING = [7, 8, 9, 10]  # indices of the sums from which the volume error follows
+PACKING_SUMS = [7, 8, 9, 10]  # indices of the sums from which the volume error follows
 
 
 @ti.data_oriented
@@ -29,14 +28,15 @@ class Diagnostics:
         self.particles, self.gradient, self.material = fluid.particles, fluid.gradient, material
         self.yielded, self.solver, self.iterations = yielded, solver, iterations
         self.frame = fluid.frame  # (problem.py) [m/s]
-        self.accelerates, self.lanes = "a" in fluid.particles.carried, lanes()
+        self.accelerates = "a" in fluid.particles.carried
         self.nearly_all = 0.9 * fluid.lattice.neighbours
-        # number, max u^2, sum V, V u^2, V v^4, m u^2, unyielded; V packing, V of enclosed ones, of all with many
-        # neighbours: particles in pairs or clumps have a large surface normal, and would pass for a surface; V a^2;
-        # V of what flows; V v^2, v the velocity in the frame.
-        # Iterations of the step; (r, z) and reference of the last solve over each other, its status
+        # 0 number, 1 max u^2, 2 sum V, 3 V u^2, 4 V v^4, 5 m u^2, 6 unyielded,
+        # 7 V packing and 8 V of enclosed particles, 9 V packing and 10 V of those with many neighbours: particles in
+        # pairs or clumps have a large surface normal, and would pass for a surface,
+        # 11 V a^2, 12 V of flowing particles, 13 V v^2, v the velocity in the frame;
+        # then the iterations of the step, and of the last solve (r, z) over its reference, and its status
         self.numbers = np.zeros(SUMS + SOLVE)
-        self.packing = np.zeros(len(PACKING))  # of the last step of all
+        self.packing = np.zeros(len(PACKING_SUMS))  # of the last step of all
         self.enclosed = 0.0  # part of the volume that has a full neighbourhood, from which the volume error is read [-]
         self.lost_volume = 0.0  # [m3]: negative where the fluid has become looser
         self.solve_status = ""  # of the last solve
@@ -50,29 +50,29 @@ class Diagnostics:
         if left_out:
             self.numbers[[0, 6]] += left_out
             self.numbers[2] += left_out * self.particles.usual_volume
-            self.numbers[PACKING] = self.packing
+            self.numbers[PACKING_SUMS] = self.packing
         else:
-            self.packing = self.numbers[PACKING]
+            self.packing = self.numbers[PACKING_SUMS]
         numbers = self.numbers.tolist()
         (
             count,
             speed2,
             whole,
-            squares,
-            fourths,
+            volume_speed2,
+            volume_speed4,
             energy,
             unyielded,
             packing,
             volume,
-            crowd,
-            room,
-            pushes,
+            packing_many,
+            volume_many,
+            volume_acceleration2,
             flowing,
-            moved,
+            volume_frame_speed2,
         ) = numbers[:SUMS]
         solves, ratio, status = numbers[SUMS:]
         self.enclosed = volume / whole if whole else 0.0
-        self.lost_volume = room - room**2 / crowd if room else 0.0
+        self.lost_volume = volume_many - volume_many**2 / packing_many if volume_many else 0.0
         self.solve_status = STATUS[int(status)]
         return StepReport(
             step=0,
@@ -80,9 +80,9 @@ class Diagnostics:
             dt=dt,
             dt_limit="",
             max_speed=math.sqrt(speed2),
-            mean_speed=math.sqrt(squares / whole) if whole else 0.0,
-            moving_speed=math.sqrt(fourths / moved) if moved else 0.0,
-            acceleration=math.sqrt(pushes / whole) if whole else 0.0,
+            mean_speed=math.sqrt(volume_speed2 / whole) if whole else 0.0,
+            moving_speed=math.sqrt(volume_speed4 / volume_frame_speed2) if volume_frame_speed2 else 0.0,
+            acceleration=math.sqrt(volume_acceleration2 / whole) if whole else 0.0,
             kinetic_energy=0.5 * energy,
             unyielded_fraction=unyielded / count,
             flowing_fraction=flowing / whole if whole else 0.0,
@@ -95,54 +95,47 @@ class Diagnostics:
     def failure(self, report: StepReport, runaway_speed: float, volume: float) -> str | None:
         """Limit that a step has crossed, beyond which its numbers mean nothing: a velocity that is no number, a speed
         over ``runaway_speed`` [m/s], a fifth of the ``volume`` [m3] lost, a matrix that is not positive definite."""
-        if report.max_speed >= math.sqrt(NOT_A_NUMBER):
+        if report.max_speed >= math.sqrt(SPEED2_IF_NOT_FINITE):
             return "a velocity is not a finite number"
         if report.max_speed > runaway_speed:
             return f"a speed of {report.max_speed:.4g} m/s, over {runaway_speed:.4g} m/s, is a runaway"
-        if self.lost_volume > MOST_LOST * volume:
-            return f"{self.lost_volume / volume:.0%} of the volume is lost, over {MOST_LOST:.0%}: particles overlap"
+        if self.lost_volume > MAX_LOST_FRACTION * volume:
+            lost = self.lost_volume / volume
+            return f"{lost:.0%} of the volume is lost, over {MAX_LOST_FRACTION:.0%}: particles overlap"
         if self.solve_status in FAILED:
             return f"the matrix of the linear solve is {self.solve_status}"
         return None
 
     @ti.kernel
     def _add(self, sums: ti.types.ndarray(ti.f64, 1)):
-        ti.loop_config(serialize=self.lanes == 1)
-        for lane in range(self.lanes):
-            found = ti.Vector.zero(ti.f64, SUMS)
-            for k in range((self.particles.count[None] - lane + self.lanes - 1) // self.lanes):
-                i = lane + k * self.lanes
-                if self.particles.kind[i] == FLUID:
-                    volume = ti.cast(self.particles.volume(i), ti.f64)
-                    u2 = ti.cast(self.particles.u[i].norm_sqr(), ti.f64)
-                    if not (u2 < NOT_A_NUMBER):
-                        u2 = NOT_A_NUMBER
-                    found[0] += 1
-                    found[1] = ti.max(found[1], u2)
-                    found[2] += volume
-                    found[3] += volume * u2
-                    v2 = ti.cast((self.particles.u[i] - ti.Vector(self.frame, dt=float)).norm_sqr(), ti.f64)
-                    if not (v2 < NOT_A_NUMBER):
-                        v2 = NOT_A_NUMBER
-                    found[4] += volume * v2 * v2
-                    found[13] += volume * v2
-                    found[5] += volume * u2 * self.material.density_of(i)
-                    found[6] += 1 - self.yielded[i]
-                    if self.gradient.enclosed(i):
-                        found[7] += volume * self.gradient.packing[i]
-                        found[8] += volume
-                    if self.gradient.neighbour_count[i] >= self.nearly_all:
-                        found[9] += volume * self.gradient.packing[i]
-                        found[10] += volume
-                    if ti.static(self.accelerates):
-                        found[11] += volume * ti.cast(self.particles.a[i].norm_sqr(), ti.f64)
-                    if self.material.flows(i, self.particles.shear_rate[i]):
-                        found[12] += volume
-            for n in ti.static(range(SUMS)):
-                if ti.static(n == 1):
-                    ti.atomic_max(sums[n], found[n])
-                else:
-                    sums[n] += found[n]
+        ti.loop_config(serialize=True)
+        for i in range(self.particles.count[None]):
+            if self.particles.kind[i] == FLUID:
+                volume = ti.cast(self.particles.volume(i), ti.f64)
+                u2 = ti.cast(self.particles.u[i].norm_sqr(), ti.f64)
+                if not (u2 < SPEED2_IF_NOT_FINITE):
+                    u2 = SPEED2_IF_NOT_FINITE
+                sums[0] += 1
+                sums[1] = ti.max(sums[1], u2)
+                sums[2] += volume
+                sums[3] += volume * u2
+                v2 = ti.cast((self.particles.u[i] - ti.Vector(self.frame, dt=float)).norm_sqr(), ti.f64)
+                if not (v2 < SPEED2_IF_NOT_FINITE):
+                    v2 = SPEED2_IF_NOT_FINITE
+                sums[4] += volume * v2 * v2
+                sums[13] += volume * v2
+                sums[5] += volume * u2 * self.material.density_of(i)
+                sums[6] += 1 - self.yielded[i]
+                if self.gradient.enclosed(i):
+                    sums[7] += volume * self.gradient.packing[i]
+                    sums[8] += volume
+                if self.gradient.neighbour_count[i] >= self.nearly_all:
+                    sums[9] += volume * self.gradient.packing[i]
+                    sums[10] += volume
+                if ti.static(self.accelerates):
+                    sums[11] += volume * ti.cast(self.particles.a[i].norm_sqr(), ti.f64)
+                if self.material.flows(i, self.particles.shear_rate[i]):
+                    sums[12] += volume
         sums[SUMS] = self.iterations[None]
         if self.solver.reference[None] != 0.0:
             sums[SUMS + 1] = self.solver.rz[None] / self.solver.reference[None]

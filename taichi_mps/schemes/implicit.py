@@ -7,7 +7,7 @@ are its multipliers; then the particles are shifted and drift the other half.
 
 import warnings
 
-from ..particles.active_set import EVERY, ActiveSet
+from ..particles.active_set import FULL_STEP_INTERVAL, ActiveSet
 from ..particles.pair_sums import PairSums
 from ..particles.particles import Carried
 from ..runtime.field_io import FieldIO
@@ -17,8 +17,8 @@ from ..terms.hourglass import DeferredCorrection, HourglassResistance
 from ..terms.interface import Interface
 from ..terms.momentum import MomentumOperator, MomentumSource, VelocitySolve
 from ..terms.motion import MomentumDrift, Motion, Standstill, free_directions
-from ..terms.pressure import STRAIN, Pressure, VolumeConstraint
-from ..terms.shifting import SHIFTS, Shifting, is_uneven
+from ..terms.pressure import FULL_STRAIN, Pressure, VolumeConstraint
+from ..terms.shifting import RELAXATION_SHIFTS, Shifting, is_uneven
 from ..terms.stress import SolvedRate, StrainRate, Stress
 from ..terms.wall_loads import WallFriction, WallLoads
 from ..terms.wall_stress import WallStress, no_force
@@ -66,7 +66,7 @@ class Implicit(Scheme):
         self.correction = DeferredCorrection(
             fluid, sums, self.strain_rate, self.resistance, averages=self.stress.averages
         )
-        self.wall_stress = NoOp("start", "update", force=no_force)
+        self.wall_stress = NoOp("start", "update_weight", force=no_force)
         if holds:
             self.wall_stress = WallStress(fluid, constants, **at_start, stress=self.stress)
         self.shifting = Shifting(fluid, tears=problem.law == "newtonian")
@@ -89,7 +89,7 @@ class Implicit(Scheme):
             "resistance": self.resistance,
             "solved_rate": self.solved_rate,
         }
-        self.friction = WallFriction(fluid, **solved) if walls.have_friction else NoOp("start", "update")
+        self.friction = WallFriction(fluid, **solved) if walls.have_friction else NoOp("start", "update_slip")
         self.wall_loads = NoOp("find", read=lambda _count: {})
         if problem.wall_loads:
             first = len(walls.surfaces) - len(scene.walls)  # the axis of rings comes before the walls of the scene
@@ -112,7 +112,7 @@ class Implicit(Scheme):
             mean_part_left_out=0.0,
         )
         if stands:
-            ahead = EVERY * self.numerics.courant_number * scene.spacing
+            ahead = FULL_STEP_INTERVAL * self.numerics.courant_number * scene.spacing
             standstill = Standstill(fluid, constants, self.stress, self.pressure, problem, ahead)
             self.active_set = ActiveSet(self.neighbors, standstill)
         # friction is found together with the stress
@@ -144,9 +144,9 @@ class Implicit(Scheme):
             if self.assembles_again:
                 self.assemble(dt)
         self.wall_loads.find(u)
-        self.shifting.compute(dt, STRAIN, 0.0)
+        self.shifting.compute(dt, FULL_STRAIN, 0.0)
         if self.shifting.tears:
-            self.shifting.keep_at_rest(dt, STRAIN)
+            self.shifting.remove_mean_shift(dt, FULL_STRAIN)
         self.momentum_drift.restore(dt, u)
         self.walls.move_to_end(dt)
         self.stress.advance(dt, u)
@@ -185,12 +185,12 @@ class Implicit(Scheme):
 
     def update_multipliers(self, k, viscous, u):
         """Stress, pressure and friction from the velocity u."""
-        self.solved_rate.update(u)
-        self.stress.update(k, viscous)
+        self.solved_rate.evaluate(u)
+        self.stress.map_to_yield_surface(k, viscous)
         self.interface.gather(self.stress.fluidity)
-        self.pressure.update(self.solved_rate, self.constraint)
-        self.friction.update(u)
-        self.wall_stress.update()
+        self.pressure.update_multiplier(self.solved_rate, self.constraint)
+        self.friction.update_slip(u)
+        self.wall_stress.update_weight()
 
     # ---- around the step ------------------------------------------------------------------------------------
     def relax(self) -> None:
@@ -198,9 +198,10 @@ class Implicit(Scheme):
         self.neighbors.search()
         if is_uneven(self.base):
             warnings.warn(
-                f"fluid: unevenly filled, so it is relaxed before the first step ({SHIFTS} shifts)", stacklevel=3
+                f"fluid: unevenly filled, so it is relaxed before the first step ({RELAXATION_SHIFTS} shifts)",
+                stacklevel=3,
             )
-            for _ in range(SHIFTS):
+            for _ in range(RELAXATION_SHIFTS):
                 self.gradient.build()
                 self.shifting.compute(0.0, 1.0, 1.0)
                 self.shifting.apply()
@@ -223,7 +224,7 @@ class Implicit(Scheme):
         """Largest allowed steps [s] by name: what resolves the flow, and the Courant number."""
         return {"maximum": self.constants.longest_at(speeds)} | super().time_step_limits(speeds)
 
-    def look(self) -> None:
+    def complete_fields(self) -> None:
         """Before it is read: after a step that was not taken by all, what they carry is made that of all."""
         if not self.taken_by_all:
             self.active_set.recall()
@@ -244,7 +245,7 @@ class Implicit(Scheme):
 
     def fields_to_read(self, count: int) -> dict:
         """Fields of a step, of the first ``count`` rows, that are read besides those that the particles carry."""
-        self.pressure.read()
+        self.pressure.smooth_for_output()
         return super().fields_to_read(count) | self.wall_loads.read(count)
 
     def state(self) -> dict:

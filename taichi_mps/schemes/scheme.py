@@ -69,7 +69,7 @@ class Scheme:
     def relax(self) -> None:
         """Before the first step: relax an uneven fill, where the scheme needs it."""
 
-    def look(self) -> None:
+    def complete_fields(self) -> None:
         """Before ``fields_to_read``: make what the particles carry that of all, where not all took the last step."""
 
     def fields_to_read(self, count: int) -> dict:

@@ -14,7 +14,7 @@ from ..terms.shifting import Collisions, Shifting
 from .diagnostics import Diagnostics
 from .scheme import Scheme
 
-STRAIN = 0.005  # in a step, from which on the shift acts fully
+FULL_STRAIN = 0.005  # in a step, from which on the shift acts fully
 
 
 class SemiImplicit(Scheme):
@@ -45,7 +45,7 @@ class SemiImplicit(Scheme):
         self.pressure.weigh()
         self.pressure.solve(dt, self.numerics.tolerance)
         self.pressure.correct(dt)
-        self.shifting.compute(dt, STRAIN, 0.0)
+        self.shifting.compute(dt, FULL_STRAIN, 0.0)
         self.shifting.apply()
         self.viscosity.mark_yielded()
         self.largest_viscosity = float(self.viscosity.largest[None])

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-LEFT = 1.0 / 600.0  # way over the height of the body that may be left: 0.5 mm of a slump cone
+NEGLIGIBLE_PATH = 1.0 / 600.0  # remaining path of a body at rest over its height: 0.5 mm of a slump cone
 FOLD = math.e  # by this factor the speed must fall for a decay to be known, or rise for another motion
 PAUSE = 1.15  # times sqrt(H/g), 0.2 s of a slump cone: for so long hardly a way must have been left
 
@@ -40,7 +40,7 @@ class Rest:
         yet, sqrt(H/g). Never, where a mix has no true yield stress, nor before the last change of gravity and walls."""
         if not sim.problem.rests:
             return False
-        if sim.time < sim.scene.last_change or self.left(sim) > LEFT * sim.problem.height or pushed(sim):
+        if sim.time < sim.scene.last_change or self.left(sim) > NEGLIGIBLE_PATH * sim.problem.height or pushed(sim):
             self.since = None
             return False
         if self.since is None:
@@ -59,7 +59,7 @@ class Rest:
         pause = PAUSE * sim.problem.fall_time
         if self.since is not None:
             return self.since + pause
-        left = self.left(sim) / (LEFT * sim.problem.height)
+        left = self.left(sim) / (NEGLIGIBLE_PATH * sim.problem.height)
         return sim.time + max(self.fold, sim.time - self.at) * max(0.0, math.log(left)) + pause
 
 

@@ -27,8 +27,8 @@ from .snapshot import crossing, snapshot
 from .summary import judge, summary
 
 SCHEMES = {"implicit": Implicit, "semi-implicit": SemiImplicit}
-FALLS = 1.2  # speed over that of an inlet from which its jet falls, and is looser until it lands
-LEAST_ENCLOSED = 0.1  # part of the volume from which the volume error is read; less is a jet, of which it says nothing
+FREE_FALL_RATIO = 1.2  # maximum over inlet speed above which a jet is in free fall: too loose to judge the volume error
+MIN_ENCLOSED_FRACTION = 0.1  # fraction of enclosed volume from which on the volume error is meaningful: a jet has less
 RUNAWAY = 10.0  # speed over that of what falls or was thrown beyond which a run has diverged
 
 
@@ -97,7 +97,7 @@ class Simulation:
         """Set a problem before its first step: no callbacks, and the clocks at zero."""
         self.problem, self.scene, self.numerics = problem, problem.scene, problem.numerics
         self._schedules, self._each_step, self.stopped_by = [], [], None
-        self._earlier = None  # the last whole state that outputs were asked of
+        self._last_frame = None  # last complete frame, for interpolation
         self._clock = time.process_time(), time.perf_counter()
         self.compile_seconds = self.cpu_seconds = self.wall_seconds = 0.0
 
@@ -145,7 +145,7 @@ class Simulation:
         report = self._advance(dt, limit == "end")
         self.time, self.steps = self.time + dt, self.steps + 1
         jet = max((pouring.speed for pouring in self.pouring if pouring.entered), default=math.inf)
-        is_known = self.scheme.diagnostics.enclosed > LEAST_ENCLOSED and report.max_speed < FALLS * jet
+        is_known = self.scheme.diagnostics.enclosed > MIN_ENCLOSED_FRACTION and report.max_speed < FREE_FALL_RATIO * jet
         worst = max(self.report.volume_error_max if self.report else 0.0, is_known * abs(report.volume_error))
         self.report = replace(report, step=self.steps, time=self.time, dt_limit=limit, volume_error_max=worst)
         self._require_sound()
@@ -186,7 +186,10 @@ class Simulation:
         return limits
 
     def _choose_time_step(self, jet, until) -> tuple[float, str]:
-        """Return the next step [s], not past ``until`` [s], an inlet that opens or a row of a force, and its bound."""
+        """Return the next step [s] and the name of the limit that set it.
+
+        It never passes ``until`` [s], the opening of an inlet or a change of a prescribed force.
+        """
         limits = self._limits(jet)
         name = min(limits, key=limits.get)
         dt = self._last_dt = limits[name]
@@ -357,7 +360,7 @@ class Simulation:
     def _output(self, last=False):
         """Call the schedules with what is due since the state before.
 
-        Where a step left a part out, outputs wait for one of all: to read them now would bring back what is left out.
+        After a step that excluded particles, output is deferred to the next full step.
         """
         if not self._schedules or not (self.taken_by_all or last):
             return
@@ -368,10 +371,10 @@ class Simulation:
             on_time = abs(self.time - number * interval) < INSTANT
             schedule[2] = number
             if number > done and (done >= 0 or on_time):
-                callback(now if on_time else between(self._earlier, now, number * interval))
+                callback(now if on_time else between(self._last_frame, now, number * interval))
             if last and not on_time:
                 callback(now)
-        self._earlier = now
+        self._last_frame = now
 
     def _why_stop(self, until) -> str | None:
         unyielded, at_rest = self.numerics.unyielded_stop, self.scene.stop_at_rest

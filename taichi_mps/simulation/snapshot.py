@@ -10,7 +10,7 @@ from ..problem.measures import Snapshot
 
 def snapshot(sim) -> Snapshot:
     """The computed fluid of a simulation now, ordered by id."""
-    sim.scheme.look()
+    sim.scheme.complete_fields()
     rows = sim.particles.read()
     rows |= sim.scheme.fields_to_read(len(rows["id"]))
     rows["n"] = sim.scheme.gradient.density_ratio()

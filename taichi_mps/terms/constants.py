@@ -21,11 +21,11 @@ OF_A_MIX = {
 }
 OF_THE_SCENE = {
     "layer_pressure": "pressure of half a layer of particles [Pa]",
-    "slowest": "rate of the bonds below which their resistance stops growing, in a natural step [1/s]",
-    "drive": "force density that errors of the solve are compared with [N/m3]",
+    "min_bond_rate": "rate of the bonds below which their resistance stops growing, in a natural step [1/s]",
+    "reference_force": "force density that errors of the solve are compared with [N/m3]",
     "own_step": "natural_step, as the kernels read it [s]",
-    "early_enough": "part of its first residual that no solve before the last goes below [-]",
-    "fastest": "largest divergence that is wanted [1/s]",
+    "early_max_reduction": "part of its first residual that no solve before the last goes below [-]",
+    "max_divergence": "largest divergence that is wanted [1/s]",
     "bulk": "K [Pa s]",
 }
 
@@ -125,11 +125,11 @@ class Constants:
             "friction": frictions,
             "inertial": [INERTIAL * m.density * scene.spacing**2 / step for m in materials],
             "layer_pressure": 0.5 * density * gravity * scene.spacing,
-            "slowest": SLOWEST * (head / height / scene.spacing) ** 0.5,
-            "drive": density * head / height,
+            "min_bond_rate": SLOWEST * (head / height / scene.spacing) ** 0.5,
+            "reference_force": density * head / height,
             "own_step": step,
-            "early_enough": EARLY_ENOUGH if falls else 0.0,
-            "fastest": max(FASTEST[0] * (gravity / height) ** 0.5, FASTEST[1] * speed / height),
+            "early_max_reduction": EARLY_ENOUGH if falls else 0.0,
+            "max_divergence": max(FASTEST[0] * (gravity / height) ** 0.5, FASTEST[1] * speed / height),
         }
         self.stretched = 0.0  # step over max_time_step that mu_r and K are for, 1 at least
         self.set_time_step(self.max_time_step)

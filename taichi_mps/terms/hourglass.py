@@ -61,8 +61,8 @@ class HourglassResistance(Term):
                 if first == 0:
                     rate, residual = self.strain_rate.rate[i], self.strain_rate.residual[i]
                     own = ti.min(1.0, self.constants.own_step[None] / dt)
-                    slowest = self.constants.slowest[None] * (ti.sqrt(own) if ti.static(self.in_space) else own)
-                    bond_rate = ti.max(ti.sqrt(rate * rate + 2.0 * BOND_DISSIPATION * EDGE * residual), slowest)
+                    min_rate = self.constants.min_bond_rate[None] * (ti.sqrt(own) if ti.static(self.in_space) else own)
+                    bond_rate = ti.max(ti.sqrt(rate * rate + 2.0 * BOND_DISSIPATION * EDGE * residual), min_rate)
                     if ti.static(self.stress.has_curve):
                         h = BOND_DISSIPATION * self.stress.shear_stress(i, bond_rate) / bond_rate + thin
                     else:

@@ -18,13 +18,14 @@ from .constants import Term
 
 @ti.data_oriented
 class Interface(Term):
-    """Normal, share of the other mixes and their fluidity, of every particle."""
+    """Normal of the interface, and fraction and fluidity of the other mixes, at every particle."""
 
     def __init__(self, fluid, constants):
         super().__init__(fluid, constants=constants, tensors=fluid.particles.tensor_dimension)
         self.normal = ti.Vector.field(self.dimension, real(), self.capacity)  # towards the other mixes [-]
-        self.share = ti.field(real(), self.capacity)  # c: of the gradient along it [-]; 0: no other mix is near
-        self.fluidity = ti.field(real(), self.capacity)  # psi: that of the others, by their shares [1/(Pa s)]
+        # c: fraction of the gradient along the normal that belongs to other mixes [-], 0 where none is near
+        self.other_fraction = ti.field(real(), self.capacity)
+        self.other_fluidity = ti.field(real(), self.capacity)  # psi: fluidity of the other mixes [1/(Pa s)]
 
     @ti.func
     def other(self, i, k):
@@ -34,7 +35,7 @@ class Interface(Term):
         )
 
     @ti.func
-    def part(self, k, n, v):
+    def bond_share(self, k, n, v):
         """Share of half of the bond of pair k in the gradient along n; v = B n."""
         b = self.gradient.b[k]
         return 0.5 * v.dot(b) * n.dot(b) / self.gradient.weight_r2[k]
@@ -51,25 +52,25 @@ class Interface(Term):
             v, share = self.gradient.B[i] @ n, ti.cast(0.0, float)
             for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
                 if self.other(i, k):
-                    share += self.part(k, n, v)
+                    share += self.bond_share(k, n, v)
             self.normal[i] = n
-            self.share[i] = ti.max(0.0, ti.min(1.0, share))
+            self.other_fraction[i] = ti.max(0.0, ti.min(1.0, share))
 
     @stage("interface")
     def gather(self, fluidity: ti.template()):
         """``fluidity`` of the others, for that of all particles [1/(Pa s)]."""
         for i in range(self.particles.count[None]):
             total = ti.cast(0.0, float)
-            if self.share[i] > 0.0:
+            if self.other_fraction[i] > 0.0:
                 n = self.normal[i]
                 v = self.gradient.B[i] @ n
                 for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
                     if self.other(i, k):
-                        total += self.part(k, n, v) * fluidity[self.neighbors.column[k]]
-            self.fluidity[i] = ti.max(0.0, total)
+                        total += self.bond_share(k, n, v) * fluidity[self.neighbors.column[k]]
+            self.other_fluidity[i] = ti.max(0.0, total)
 
     @ti.func
-    def across(self, i, T):
+    def across_interface(self, i, T):
         """The shear across the interface in a symmetric tensor (t, t) at particle i, as a tensor."""
         n = ti.Vector.zero(float, self.tensors)
         for a in ti.static(range(self.dimension)):
@@ -81,4 +82,4 @@ class Interface(Term):
     @ti.func
     def viscosity(self, i, mu):
         """Viscosity of the shear across the interface [Pa s], of a particle whose own is mu [Pa s]."""
-        return 1.0 / ((1.0 - self.share[i]) / mu + self.fluidity[i])
+        return 1.0 / ((1.0 - self.other_fraction[i]) / mu + self.other_fluidity[i])

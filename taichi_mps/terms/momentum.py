@@ -13,7 +13,6 @@ from ..linear.pcg import PCG
 from ..particles.particles import FLUID
 from ..runtime.backend import double_field, real, ti
 from ..runtime.stages import flush, nothing, sequence, stage
-from ..runtime.sums import lanes
 from ..runtime.thread_team import first, last, wait
 from .constants import Term
 
@@ -22,7 +21,7 @@ EARLY = 10.0  # only the last solve of a step goes down to the tolerance: the ot
 # go on unchanged from step to step, until it fails and is corrected by a jump.
 REDUCTION, EARLY_REDUCTION = 0.1, 0.3
 MOST_ITERATIONS = 2000  # of a solve
-BLOCK = 64  # particles whose sums over pairs are stored before they are used (pair_sums.py); on a GPU 1
+BLOCK = 64  # particles whose sums over pairs are stored before they are used; see pair_sums.py
 
 
 @ti.data_oriented
@@ -40,8 +39,6 @@ class MomentumOperator(Term):
         # block Jacobi [s/kg], 0: no unknown; and inertia and walls, for coarse levels [kg/s]
         self.inverse_diagonal, self.local = (ti.Matrix.field(d, d, real(), self.capacity) for _ in range(2))
         self.reference = double_field()  # drive . M^-1 drive over all particles [W]
-        self.lanes = lanes()
-        self.block = BLOCK if self.lanes == 1 else 1
 
     @ti.func
     def unknown(self, i):
@@ -60,16 +57,16 @@ class MomentumOperator(Term):
             self.sums.set_motion(i, u[i])
         wait()
         for start in range(first(self.count[None]), last(self.count[None])):
-            if start % self.block == 0:
-                end = ti.min(start + self.block, self.count[None])
+            if start % BLOCK == 0:
+                end = ti.min(start + BLOCK, self.count[None])
                 for i in range(start, end):
                     self.sums.gather_jump(i)
                 for i in range(start, end):
                     self.set_flux(i, u, motion)
         wait()
         for start in range(first(self.count[None]), last(self.count[None])):
-            if start % self.block == 0:
-                end = ti.min(start + self.block, self.count[None])
+            if start % BLOCK == 0:
+                end = ti.min(start + BLOCK, self.count[None])
                 for i in range(start, end):
                     self.sums.gather_pull(i)
                 for i in range(start, end):
@@ -139,15 +136,13 @@ class MomentumOperator(Term):
     @stage("system")
     def set_reference(self):
         """Set the norm that the residual of the solve is compared with."""
-        self.reference[None] = 0.0
-        ti.loop_config(serialize=self.lanes == 1)
-        for lane in range(self.lanes):
+        ti.loop_config(serialize=True)
+        for _ in range(1):
             total = ti.cast(0.0, ti.f64)
-            for k in range((self.count[None] - lane + self.lanes - 1) // self.lanes):
-                i = lane + k * self.lanes
-                drive = self.constants.drive[None] * self.particles.volume(i)
+            for i in range(self.count[None]):
+                drive = self.constants.reference_force[None] * self.particles.volume(i)
                 total += ti.cast(self.inverse_diagonal[i].trace() * drive**2, ti.f64)
-            self.reference[None] += total / self.dimension
+            self.reference[None] = total / self.dimension
 
     @ti.func
     def _response(self, j, b):
@@ -256,14 +251,17 @@ class VelocitySolve:
     @sequence("solve")
     def solve(self, k: ti.i32, iterations: ti.i32, tolerance: ti.f64):
         """Velocity of the present right-hand side in iteration k of a step."""
-        again, reduction, enough = 0, REDUCTION, 0.0
+        warm_start, min_reduction, max_reduction = 0, REDUCTION, 0.0
         flush()
         if k + 1 < iterations:
-            tolerance, reduction, enough = EARLY * tolerance, EARLY_REDUCTION, self.constants.early_enough[None]
+            tolerance, min_reduction = EARLY * tolerance, EARLY_REDUCTION
+            max_reduction = self.constants.early_max_reduction[None]
         if ti.static(self.continues):
-            again = min(k, 1)
+            warm_start = min(k, 1)
         else:
             self.solver.take_guess()
-        self.solver.solve(tolerance, MOST_ITERATIONS, self.operator.reference[None], again, reduction, enough)
+        self.solver.solve(
+            tolerance, MOST_ITERATIONS, self.operator.reference[None], warm_start, min_reduction, max_reduction
+        )
         self.iterations[None] = self.solver.iterations[None] + (self.iterations[None] if k > 0 else 0)
         return self.solver.iterations[None]

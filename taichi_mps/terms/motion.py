@@ -1,5 +1,5 @@
-"""Motion of particles: half a step before the forces are found, half a step and the shift after (I13); what of their
-momentum the solver's tolerance adds (I25); and which of them stand still (I30)."""
+"""Time integration of the particle positions (I13), removal of the momentum that the solver's tolerance adds (I25), and
+the criterion for particles at rest (I30)."""
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from ..runtime.stages import stage
 from .constants import Term
 from .rheology import magnitude
 
-SHOWS = 1e-3  # displacement in the time of the run, over the height of the body, that shows
+NEGLIGIBLE_DISPLACEMENT = 1e-3  # displacement during the run, over the height of the body, of a particle at rest
 
 
 @ti.data_oriented
@@ -150,21 +150,21 @@ class MomentumDrift(Term):
 
 @ti.data_oriented
 class Standstill(Term):
-    """Whether a particle may be left out of the steps to come: it moves so slowly that it would not show in the whole
-    run. Its stress does not tell: what has flowed and stopped stays on its yield surface, where it stopped.
+    """Whether a particle may be excluded from the next steps: it moves so slowly that its displacement in the whole run
+    is negligible. Its stress does not tell: what has flowed and stopped stays on its yield surface, where it stopped.
 
     ``ahead`` [m]: how far a wall moves meanwhile.
     """
 
     def __init__(self, fluid, constants, stress, pressure, problem, ahead: float):
         super().__init__(fluid, constants=constants, stress=stress, pressure=pressure, ahead=ahead)
-        self.slowest = SHOWS * problem.height / max(problem.scene.until, problem.fall_time)  # [m/s]
-        self.slowest_rate = self.slowest / problem.scene.spacing  # [1/s]
+        self.max_speed = NEGLIGIBLE_DISPLACEMENT * problem.height / max(problem.scene.until, problem.fall_time)  # [m/s]
+        self.max_rate = self.max_speed / problem.scene.spacing  # [1/s]
 
     @ti.func
-    def holds(self, i):
+    def is_at_rest(self, i):
         """Whether particle i is slow, no wall that moves is near it, and the fluid is no full closed box."""
-        slow = self.particles.u[i].norm_sqr() < self.slowest**2 and self.pressure.full[None] == 0
+        slow = self.particles.u[i].norm_sqr() < self.max_speed**2 and self.pressure.full[None] == 0
         still = slow and self.particles.kind[i] == FLUID
         for wall in ti.static(self.walls.surfaces):
             if ti.static(wall.drives):
@@ -172,9 +172,9 @@ class Standstill(Term):
         return still
 
     @ti.func
-    def yields(self, i):
+    def would_move(self, i):
         """Whether the plastic rate that neighbours impose on particle i, which is at rest, exceeds the threshold."""
-        return 2.0 * magnitude(self.particles.plastic_rate[i]) > self.slowest_rate
+        return 2.0 * magnitude(self.particles.plastic_rate[i]) > self.max_rate
 
     @ti.func
     def age(self, i, time):

@@ -6,16 +6,18 @@ from ..runtime.stages import stage
 from .constants import Term
 
 SMOOTHING = 0.6  # weight of the neighbours' mean in the pressure
-READING = 0.75  # the same in a snapshot, twice
+OUTPUT_SMOOTHING = 0.75  # weight of the neighbours' mean in the pressure for output, applied twice
 SMOOTHING_SCALE = 1e-3  # strain per step above which the pressure is smoothed fully
 COMPRESSION = 3.0  # mean pressure of a full closed box over the largest viscous stress in it
-REFILL, RING_REFILL = 0.05, 0.2  # part of the packing error removed per step; thin rings lose more of it per step
-VISCOUS_REFILL, DAMPED = 0.25, 0.25  # the same where viscosity damps what it moves: above this diffusion number
-# at most constants.fastest; of rings and in a full closed box also this part of the shear rate, or the shift wins
-RATE_FASTEST = 0.25
-# packing error of an enclosed particle that is taken back; more is a void, which stays, but a full closed box has none
-LOOSEST, EMPTY = -0.03, -1.0
-STRAIN = 0.02  # in a step, from which on packing error and shift act fully
+# fraction of the packing error removed per step; thin rings lose more of their packing in a step
+CORRECTION_RATE, RING_CORRECTION_RATE = 0.05, 0.2
+# fraction approached where the diffusion number exceeds DIFFUSION_SCALE: there viscosity damps the correction
+VISCOUS_CORRECTION_RATE, DIFFUSION_SCALE = 0.25, 0.25
+# upper bound of the divergence over the shear rate, for rings and in a full closed box, or max_divergence if larger
+MAX_SHEAR_FRACTION = 0.25
+# packing error of an enclosed particle that is corrected; more is a void, which stays, but a full closed box has none
+MIN_PACKING_ERROR, MIN_PACKING_ERROR_CLOSED_BOX = -0.03, -1.0
+FULL_STRAIN = 0.02  # in a step, from which on packing error and shift act fully
 
 
 @ti.data_oriented
@@ -25,7 +27,7 @@ class Pressure(Term):
     def __init__(self, fluid, constants):
         super().__init__(fluid, constants=constants)
         self.p = ti.field(real(), self.capacity)  # [Pa]
-        self.once = ti.field(real(), self.capacity)  # half-way to the pressure that is read [Pa]
+        self.smoothed_once = ti.field(real(), self.capacity)  # pressure for output after the first smoothing [Pa]
         self.full = ti.field(ti.i32, ())  # 1 in a closed box without a free surface
 
     @ti.func
@@ -62,13 +64,13 @@ class Pressure(Term):
                 self.p[i] = self.mean(i, SMOOTHING * deforming, self.particles.p)
 
     @ti.kernel
-    def read(self):
-        """The pressure to read, the mean of the mean, into ``p``, which the next step fills anew: the discrete
-        gradient does not see checkerboard modes, which are undamped at rest and carry no information."""
+    def smooth_for_output(self):
+        """Smooth the pressure twice for output, into ``p``, which the next step fills anew: the discrete gradient does
+        not see checkerboard modes, which are undamped at rest and carry no information."""
         for i in range(self.particles.count[None]):
-            self.once[i] = self.mean(i, READING, self.particles.p)
+            self.smoothed_once[i] = self.mean(i, OUTPUT_SMOOTHING, self.particles.p)
         for i in range(self.particles.count[None]):
-            self.p[i] = self.mean(i, READING, self.once)
+            self.p[i] = self.mean(i, OUTPUT_SMOOTHING, self.smoothed_once)
 
     @ti.func
     def has_gap(self, i):
@@ -112,20 +114,20 @@ class Pressure(Term):
         for _ in range(1):
             if self.full[None] == 1:
                 mean_p, mean_u = self.volume_mean(self.p), self.volume_mean(self.particles.u)
-                fastest, speed2 = ti.cast(0.0, float), ti.cast(0.0, float)
+                max_rate, speed2 = ti.cast(0.0, float), ti.cast(0.0, float)
                 for i in range(self.particles.count[None]):
                     if self.gradient.B[i][0, 0] > 0.0:
-                        fastest = ti.max(fastest, self.particles.shear_rate[i])
+                        max_rate = ti.max(max_rate, self.particles.shear_rate[i])
                         speed2 = ti.max(speed2, (self.particles.u[i] - mean_u).norm_sqr())
                 wanted = ti.cast(0.0, float)
                 for m in range(self.constants.mixes):
-                    stress = self.constants.eta[m] * fastest + self.constants.tau_y[m]
+                    stress = self.constants.eta[m] * max_rate + self.constants.tau_y[m]
                     wanted = ti.max(wanted, COMPRESSION * stress + self.constants.density[m] * speed2)
                 for i in range(self.particles.count[None]):
                     self.p[i] += wanted - mean_p
 
     @stage("stress")
-    def update(self, rate: ti.template(), constraint: ti.template()):
+    def update_multiplier(self, rate: ti.template(), constraint: ti.template()):
         """p <- p - K (div u - s) for the velocity gradient ``rate`` and the divergence s that the ``constraint`` wants:
         the multiplier of the augmented Lagrangian (I7)."""
         for i in range(self.particles.count[None]):
@@ -147,26 +149,31 @@ class VolumeConstraint(Term):
     def __init__(self, fluid, constants, strain_rate, pressure, shifting, stress):
         super().__init__(fluid, constants=constants, strain_rate=strain_rate, pressure=pressure, shifting=shifting)
         self.stress = stress
-        self.refill, self.spacing = RING_REFILL if self.particles.axisymmetric else REFILL, fluid.gradient.spacing
+        self.spacing = fluid.gradient.spacing
+        self.correction_rate = RING_CORRECTION_RATE if self.particles.axisymmetric else CORRECTION_RATE
         self.divergence = ti.field(real(), self.capacity)  # s [1/s]
 
     @stage("prepare")
     def set(self, dt: float):
-        """s = r (packing - 1)/dt within +-fastest, r the part that a step of dt [s] removes; only where the material
-        deforms or is torn. A full closed box has no voids: there any lack is taken back.
+        """s = r (packing - 1)/dt within +-``max_divergence``, r the fraction that a step of dt [s] removes; only where
+        the material deforms or is torn. A full closed box has no voids: there any lack is taken back.
 
         Packing corrections dissipate the power tau_y |s|. For a true yield stress with a free surface this is limited
         to the viscous dissipation of the flow: else the correction in a body at rest makes the strain that enables it.
         """
         for i in range(self.particles.count[None]):
-            follows = self.pressure.full[None]  # 1 where it is as fast as the shear
-            loosest = LOOSEST if self.gradient.enclosed(i) else 0.0
-            error = ti.max(self.gradient.packing[i] - 1.0, loosest if follows == 0 else EMPTY)
+            follows_shear = self.pressure.full[None]  # 1 where it is as fast as the shear
+            least = MIN_PACKING_ERROR if self.gradient.enclosed(i) else 0.0
+            error = ti.max(
+                self.gradient.packing[i] - 1.0, least if follows_shear == 0 else MIN_PACKING_ERROR_CLOSED_BOX
+            )
             if ti.static(self.gradient.axisymmetric):
-                follows = 1
-            fastest = ti.max(self.constants.fastest[None], follows * RATE_FASTEST * self.strain_rate.rate[i])
-            divergence = ti.max(-fastest, ti.min(fastest, self.part_removed(i, dt) * error / dt))
-            divergence *= self.shifting.acts(i, dt, STRAIN)
+                follows_shear = 1
+            most = ti.max(
+                self.constants.max_divergence[None], follows_shear * MAX_SHEAR_FRACTION * self.strain_rate.rate[i]
+            )
+            divergence = ti.max(-most, ti.min(most, self.removed_fraction(i, dt) * error / dt))
+            divergence *= self.shifting.correction_fraction(i, dt, FULL_STRAIN)
             if ti.static(self.stress.law == "yield-stress"):  # noqa: SIM102  (a compiled choice stays apart)
                 if self.pressure.full[None] == 0:
                     most = self.stress.own_rate(i) * self.stress.over_yield(i)
@@ -175,16 +182,16 @@ class VolumeConstraint(Term):
             self.divergence[i] = divergence + self.strain_rate.half_step_change(i).trace()
 
     @ti.func
-    def part_removed(self, i, dt):
+    def removed_fraction(self, i, dt):
         """Part of the packing error that a step removes, by its diffusion number eta dt/(rho l0^2) [-]; in a full
         closed box, which cannot change its volume, that would only stir: there shear makes the errors, and a step
         removes as much as it strains, 0.05 at least and 0.25 at most."""
         m = self.constants.mix(i)
         diffusion = self.constants.eta[m] * dt / (self.constants.density[m] * self.spacing**2)
-        more = (VISCOUS_REFILL - self.refill) * diffusion / (DAMPED + diffusion)
+        more = (VISCOUS_CORRECTION_RATE - self.correction_rate) * diffusion / (DIFFUSION_SCALE + diffusion)
         if self.pressure.full[None] == 1:
-            more = ti.max(0.0, ti.min(VISCOUS_REFILL, self.strain_rate.rate[i] * dt) - self.refill)
-        return self.refill + more
+            more = ti.max(0.0, ti.min(VISCOUS_CORRECTION_RATE, self.strain_rate.rate[i] * dt) - self.correction_rate)
+        return self.correction_rate + more
 
     @stage("prepare")
     def balance(self):

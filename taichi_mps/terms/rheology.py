@@ -98,9 +98,11 @@ def curve_mapping(law: ti.template(), i, trial, mu_r):
     Rigid where |trial| <= tau(0). The root is unique, since tau does not fall, and below (|trial| - tau(0))/mu_r.
     """
     size, rate = magnitude(trial), ti.cast(0.0, float)
-    rest = law.shear_stress(i, 0.0)
-    if size > rest:
-        rate = illinois(curve_excess, law, i, ti.Vector([size, mu_r]), (size - rest) / mu_r, rest - size)
+    yield_stress = law.shear_stress(i, 0.0)
+    if size > yield_stress:
+        rate = illinois(
+            curve_excess, law, i, ti.Vector([size, mu_r]), (size - yield_stress) / mu_r, yield_stress - size
+        )
     factor = (size - mu_r * rate) / ti.max(size, 1e-12) if rate > 0.0 else 1.0
     stress = trial * factor
     return stress, (trial - stress) / (2.0 * mu_r), rate
@@ -124,19 +126,19 @@ def series_excess(law: ti.template(), i, rate, numbers):
 
 
 @ti.func
-def series_mapping(law: ti.template(), i, trial, across, mu_r, share, others):
+def series_mapping(law: ti.template(), i, trial, across, mu_r, other_fraction, other_fluidity):
     """``return_mapping`` of particle i next to another mix (I27), for any flow curves: the rate g of its own mix with
     tau(g) = |T|, where T is the trial over 1 + mu_r phi, its shear ``across`` over 1 + mu_r [(1 - c) phi + psi].
 
-    phi = g/tau(g), c is the ``share`` of the other mixes, psi their fluidity ``others`` [1/(Pa s)]. |T| - tau(g) falls
-    with g, below 0 at (|trial| - tau(0))/((1 - c) mu_r): the root is unique.
+    phi = g/tau(g), c is the fraction ``other_fraction`` of the other mixes, psi their fluidity ``other_fluidity``
+    [1/(Pa s)]. |T| - tau(g) falls with g, below 0 at (|trial| - tau(0))/((1 - c) mu_r): the root is unique.
     """
-    numbers = ti.Vector([magnitude(trial - across), magnitude(across), mu_r, share, others])
-    rest, rate = law.shear_stress(i, 0.0), ti.cast(0.0, float)
-    size = ti.sqrt(numbers[0] ** 2 + (numbers[1] / (1.0 + mu_r * others)) ** 2)
-    if size > rest:
-        high = ti.max(0.0, (magnitude(trial) - rest) / ((1.0 - share) * mu_r))
-        rate = illinois(series_excess, law, i, numbers, high, rest - size)
+    numbers = ti.Vector([magnitude(trial - across), magnitude(across), mu_r, other_fraction, other_fluidity])
+    yield_stress, rate = law.shear_stress(i, 0.0), ti.cast(0.0, float)
+    size = ti.sqrt(numbers[0] ** 2 + (numbers[1] / (1.0 + mu_r * other_fluidity)) ** 2)
+    if size > yield_stress:
+        high = ti.max(0.0, (magnitude(trial) - yield_stress) / ((1.0 - other_fraction) * mu_r))
+        rate = illinois(series_excess, law, i, numbers, high, yield_stress - size)
     _tau, along_over, across_over = parts_in_series(law, i, rate, numbers)
     ours, both = 1.0 / along_over, 1.0 / across_over
     stress = trial * ours + across * (both - ours)
@@ -144,22 +146,23 @@ def series_mapping(law: ti.template(), i, trial, across, mu_r, share, others):
 
 
 @ti.func
-def return_mapping(trial, plastic_viscosity, yield_value, mu_r, spread=0.0):
+def return_mapping(trial, plastic_viscosity, yield_value, mu_r, variation=0.0):
     """Stress [Pa] and plastic strain rate q [1/s] of a true Bingham material from the trial stress lambda + 2 mu_r D.
 
     Minimises the dissipation of q penalised by mu_r: |q| = max(0, (|trial| - tau_y)/(eta + mu_r)) (augmented
     Lagrangian of Fortin and Glowinski). Rigid where |trial| <= tau_y: then q = 0 and the stress is the trial.
 
-    Where the stress differs by +-``spread`` [Pa] over what the gradient sees, the rate is the mean of the law (I31).
+    Where the stress differs by +-``variation`` [Pa] over what the gradient sees, the rate is the mean of the law (I31).
     """
     size = magnitude(trial)
     rate = ti.max(0.0, (size - yield_value) / (plastic_viscosity + mu_r))
     factor = (yield_value + plastic_viscosity * rate) / ti.max(size, 1e-12) if rate > 0.0 else 1.0
-    over = size - yield_value + spread
-    if spread > 1e-6 * yield_value and over > 0.0:
-        part = 4.0 * spread * plastic_viscosity  # rate = x^2/part and x + mu_r rate = over, of x = tau - tau_y + spread
+    over = size - yield_value + variation
+    if variation > 1e-6 * yield_value and over > 0.0:
+        # rate = x^2/part and x + mu_r rate = over, of x = tau - tau_y + variation
+        part = 4.0 * variation * plastic_viscosity
         x = 2.0 * over / (1.0 + ti.sqrt(1.0 + 4.0 * mu_r * over / part))
-        if x < 2.0 * spread:
+        if x < 2.0 * variation:
             rate = x * x / part
             factor = (size - mu_r * rate) / ti.max(size, 1e-12)
     stress = trial * factor

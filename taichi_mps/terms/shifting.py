@@ -11,18 +11,18 @@ from .constants import Term
 # Shift coefficient of a step, and its largest value for a viscous or yield-stress fluid in tension. A free surface that
 # is stretched by twice its shear stress clusters its columns at the rate 1.7 T/h, 5.7 per unit strain; in steps that
 # strain by 0.02 the two coefficients restore the spacing at 9 and 38 per unit strain
-SPREADING, STRETCHED_SPREADING = 0.1, 0.4
-UNEVENNESS = 0.005  # amplitude over l0 of a pseudo-random shift: a symmetric lattice yields late and abruptly
+SHIFT_COEFFICIENT, TENSION_SHIFT_COEFFICIENT = 0.1, 0.4
+PERTURBATION = 0.005  # amplitude over l0 of a pseudo-random shift: a symmetric lattice yields late and abruptly
 # Tension moves a particle out of its place at the rate kappa d (-p)/h, kappa d = 1.7 in the plane and 1.2 in space; the
 # shift takes back 0.19 and 0.23 of its way: as a part of the shift 9 and 5 (-p) dt/h would just do
-TENSION = 60.0
-INSIDE = 0.97  # of the neighbours of a lattice: with fewer a particle lies beside a surface
+TENSION_FACTOR = 60.0
+INTERIOR = 0.97  # of the neighbours of a lattice: with fewer a particle lies beside a surface
 # Mean square of the sum of max(0, 1 - r/(1.5 l0)) e_ij inside of a fill, whose root is 0 for a lattice, 0.04 to 0.10
 # for what has flowed (rings 0.22), 0.19 for few rings in layers, 0.25 and 0.58 for a lattice jittered by 0.1 and 0.3 l0
-UNEVEN = 0.23**2
-SHIFTS = 40  # shifts: then it is as even as what has flowed
-SAMPLE = 2000  # particles that are looked at, evenly over the rows
-DISTANCE, RESTITUTION = 0.5, 0.2  # of collisions: over the spacing; over the approaching speed
+MAX_UNEVENNESS = 0.23**2
+RELAXATION_SHIFTS = 40  # shifts of an uneven fill before the first step: then it is as even as what has flowed
+SAMPLE_SIZE = 2000  # particles that are sampled, evenly over the rows
+COLLISION_DISTANCE, RESTITUTION = 0.5, 0.2  # distance over the spacing; coefficient of restitution
 
 
 @ti.data_oriented
@@ -48,18 +48,21 @@ class Shifting(Term):
             thin, whole = resistance.thin[i], resistance.whole[i]
             if ti.static(self.tears):
                 part = ti.cast(0.0, float)
-                if self.gradient.neighbour_count[i] >= INSIDE * self.gradient.full:
-                    part = ti.max(0.0, ti.min(1.0, -TENSION * self.particles.p[i] * dt / whole)) * (thin / whole) ** 2
+                if self.gradient.neighbour_count[i] >= INTERIOR * self.gradient.full:
+                    part = (
+                        ti.max(0.0, ti.min(1.0, -TENSION_FACTOR * self.particles.p[i] * dt / whole))
+                        * (thin / whole) ** 2
+                    )
                 self.tension[i] = part
             tension = 1.0 - pressure.p[i] / ti.max(stress.shear_stress_magnitude(i, stress.mu[i]), 1e-9)
             viscous = (1.0 - thin / whole) * (1 - pressure.full[None])  # a full closed box is kept out of tension
             self.stretched[i] = viscous * ti.max(0.0, ti.min(1.0, tension))
 
     @ti.func
-    def acts(self, i, dt, strain):
+    def correction_fraction(self, i, dt, strain):
         """Fraction of the shift, and of the wanted divergence, that is applied to particle i in a step of dt [s]: 0 at
         rest to 1 where it strains the material by ``strain`` [-], or the fraction that tension calls for."""
-        part = self.deforming(i, dt, strain)
+        part = self.deformation_fraction(i, dt, strain)
         if ti.static(self.tears):
             part = ti.max(part, self.tension[i])
         return part
@@ -69,7 +72,7 @@ class Shifting(Term):
         """shift = -a l0 sum_j (s_j/s_i) max(0, 1 - r/(1.5 l0)) e_ij + 0.005 l0 e(x) without its outward part at a
         surface, at most 0.05 l0, and 0.05 (0.85 l0 - r) between closer pairs; all of it times
         min(1, shear_rate dt/strain), ``least`` at least, the sum at least times ``tension``. s is the size of a
-        ring (gradient.py), e(x) ``uneven``; a is 0.1, of what is viscous and in tension up to 0.4."""
+        ring (gradient.py), e(x) ``perturbation``; a is 0.1, of what is viscous and in tension up to 0.4."""
         d = ti.static(self.dimension)
         for i in range(self.particles.count[None]):
             self.shift[i] = ti.Vector.zero(float, d)
@@ -89,17 +92,17 @@ class Shifting(Term):
                 near /= self.gradient.cross_section_ratio(i)
                 if ti.static(len(self.walls.surfaces) > 0):
                     near += self.walls.crowding(i, x, self.gradient.cross_section_ratio(i))
-                uneven = self.uneven(x)
-                deforming = ti.max(least, self.deforming(i, dt, strain))
+                perturbation = self.perturbation(x)
+                deforming = ti.max(least, self.deformation_fraction(i, dt, strain))
                 part = deforming
                 if ti.static(self.tears):
-                    uneven *= ti.min(1.0, deforming / ti.max(self.tension[i], 1e-12))
+                    perturbation *= ti.min(1.0, deforming / ti.max(self.tension[i], 1e-12))
                     part = ti.max(deforming, self.tension[i])
-                spreading = SPREADING + (STRETCHED_SPREADING - SPREADING) * self.stretched[i]
-                move = -spreading * l0 * near + UNEVENNESS * l0 * uneven
+                spreading = SHIFT_COEFFICIENT + (TENSION_SHIFT_COEFFICIENT - SHIFT_COEFFICIENT) * self.stretched[i]
+                move = -spreading * l0 * near + PERTURBATION * l0 * perturbation
                 inward = self.gradient.surface_normal[i]
                 outward = -inward / ti.max(inward.norm(), 1e-12)
-                if self.gradient.neighbour_count[i] < INSIDE * self.gradient.full:
+                if self.gradient.neighbour_count[i] < INTERIOR * self.gradient.full:
                     move -= ti.max(move.dot(outward), 0.0) * outward
                 if self.gradient.neighbour_count[i] < 0.5 * self.gradient.full:
                     move *= 0.0
@@ -115,7 +118,7 @@ class Shifting(Term):
                 self.particles.x[i] = self.walls.outside(self.particles.x[i], move)
 
     @stage("shift")
-    def keep_at_rest(self, dt: float, strain: float):
+    def remove_mean_shift(self, dt: float, strain: float):
         """shift -= (1 - min(1, shear_rate dt/strain)) times its mean over the particle and its neighbours, with
         Wendland's kernel (w/r^2 times re^2) as weight. Where the material hardly deforms the shift would transport it
         upwards, and it would flow down again: a spurious stirring."""
@@ -128,15 +131,15 @@ class Shifting(Term):
                 weight += w
             self.mean[i] = total / weight
         for i in range(self.particles.count[None]):
-            self.shift[i] -= (1.0 - self.deforming(i, dt, strain)) * self.mean[i]
+            self.shift[i] -= (1.0 - self.deformation_fraction(i, dt, strain)) * self.mean[i]
 
     @ti.func
-    def deforming(self, i, dt, strain):
+    def deformation_fraction(self, i, dt, strain):
         """0 at rest to 1 where a step strains the material by ``strain`` [-]."""
         return ti.min(1.0, self.particles.shear_rate[i] * dt / strain)
 
     @ti.func
-    def uneven(self, x):
+    def perturbation(self, x):
         """Numbers between -1 and 1 that look random but follow from the place x [m] alone: a run is repeated and
         resumed bit for bit."""
         d = ti.static(self.dimension)
@@ -162,7 +165,7 @@ def is_uneven(fluid) -> bool:
     starts, columns = neighbors.row_start.to_numpy(), neighbors.column.to_numpy()
     particles = fluid.particles.read()
     x, kind = particles["x"], particles["kind"]
-    rows = np.unique(np.linspace(0, count - 1, min(count, SAMPLE)).astype(int))
+    rows = np.unique(np.linspace(0, count - 1, min(count, SAMPLE_SIZE)).astype(int))
     inside = starts[rows + 1] - starts[rows] >= 0.9 * fluid.lattice.neighbours
     rows = rows[inside & (kind[rows] == FLUID)]
     if len(rows) == 0:
@@ -179,15 +182,16 @@ def is_uneven(fluid) -> bool:
     r = np.linalg.norm(r_ij, axis=1)
     pushes = ratio[j] / ratio[i] * np.maximum(0.0, 1.0 - r / (1.5 * spacing * np.sqrt(ratio[i])))
     near = np.add.reduceat(pushes[:, None] * r_ij / np.maximum(r, 1e-30)[:, None], first)
-    return bool((near**2).sum(1).mean() > UNEVEN)
+    return bool((near**2).sum(1).mean() > MAX_UNEVENNESS)
 
 
 @ti.data_oriented
 class Collisions(Term):
     """Impulses between particles that meet: a piece of MPS practice that the paper does not mention (S3).
 
-    Where two particles nearer than DISTANCE l0 approach each other, each gets half of the impulse that leaves them with
-    RESTITUTION times the approaching speed along their line; one that meets a wall particle gets the same half:
+    Where two particles nearer than COLLISION_DISTANCE l0 approach each other, each gets half of the impulse that leaves
+    them with RESTITUTION times the approaching speed along their line; one that meets a wall particle gets the same
+    half:
 
         u*_i <- u*_i - (1 + e)/2 sum_j max(0, (u*_i - u*_j) . n_ij) n_ij      n_ij = r_ij/|r_ij|
 
@@ -197,7 +201,7 @@ class Collisions(Term):
 
     def __init__(self, fluid):
         super().__init__(fluid)
-        self.near2 = (DISTANCE * fluid.gradient.spacing) ** 2
+        self.near2 = (COLLISION_DISTANCE * fluid.gradient.spacing) ** 2
         self.half_impulse = 0.5 * (1.0 + RESTITUTION)
         self.change = ti.Vector.field(self.dimension, real(), self.capacity)  # of the velocity [m/s]
 

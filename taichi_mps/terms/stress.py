@@ -64,7 +64,7 @@ class SolvedRate(Term):
         self.G = ti.Matrix.field(t, t, real(), self.capacity)  # velocity gradient [1/s]
 
     @stage("stress")
-    def update(self, u: ti.template()):
+    def evaluate(self, u: ti.template()):
         """Gradient of the velocity u [m/s], walls with their own; its shear rate is the particles' from now on."""
         for i in range(self.particles.count[None]):
             if self.particles.kind[i] != FLUID:
@@ -101,7 +101,7 @@ class Stress(Term):
         self.averages = (
             fluid.walls.carry_curvature and self.law == "yield-stress" and self.mixes == 1 and not self.has_curve
         )
-        self.spread = ti.field(real(), self.capacity) if self.averages else None
+        self.variation = ti.field(real(), self.capacity) if self.averages else None
         self.fluidity = None  # shear rate of its own mix over the stress [1/(Pa s)], where there are several
         if self.mixes > 1:
             carried = self.law == "yield-stress"
@@ -132,9 +132,9 @@ class Stress(Term):
         fluid next to another mix with the shear across the interface in series (I27)."""
         T = 2.0 * self.mu[i] * deviator(G)
         if ti.static(self.mixes > 1 and self.law != "yield-stress"):  # noqa: SIM102  (a compiled choice stays apart)
-            if self.interface.share[i] > 0.0:
+            if self.interface.other_fraction[i] > 0.0:
                 less = 1.0 - self.interface.viscosity(i, self.mu[i]) / self.mu[i]
-                T -= less * self.interface.across(i, T)
+                T -= less * self.interface.across_interface(i, T)
         return T
 
     @ti.func
@@ -159,16 +159,16 @@ class Stress(Term):
         """Stress [Pa], plastic rate and its size [1/s] of particle i for a trial stress [Pa]."""
         m = self.constants.mix(i)
         if ti.static(self.mixes > 1):
-            across = self.interface.across(i, trial)
-            share, others = self.interface.share[i], self.interface.fluidity[i]
-            return series_mapping(self, i, trial, across, self.mu[i], share, others)
+            across = self.interface.across_interface(i, trial)
+            other_fraction, other_fluidity = self.interface.other_fraction[i], self.interface.other_fluidity[i]
+            return series_mapping(self, i, trial, across, self.mu[i], other_fraction, other_fluidity)
         elif ti.static(self.has_curve):
             return curve_mapping(self, i, trial, self.mu[i])
         else:
-            spread = ti.cast(0.0, float)
+            variation = ti.cast(0.0, float)
             if ti.static(self.averages):
-                spread = self.spread[i]
-            return return_mapping(trial, self.constants.eta[m], self.yield_stress(i), self.mu[i], spread)
+                variation = self.variation[i]
+            return return_mapping(trial, self.constants.eta[m], self.yield_stress(i), self.mu[i], variation)
 
     @ti.func
     def yield_stress(self, i):
@@ -200,7 +200,7 @@ class Stress(Term):
         """By how much the shear stress of particle i grows with its shear rate, where it flows [Pa s]."""
         slope = self.constants.eta[self.constants.mix(i)]
         if ti.static(self.has_curve):
-            rate = ti.max(self.particles.shear_rate[i], self.constants.slowest[None])
+            rate = ti.max(self.particles.shear_rate[i], self.constants.min_bond_rate[None])
             slope = (self.shear_stress(i, 1.1 * rate) - self.shear_stress(i, rate)) / (0.1 * rate)
         return slope
 
@@ -222,7 +222,7 @@ class Stress(Term):
         return T
 
     @stage("stress")
-    def update(self, k: ti.i32, viscous: ti.i32):
+    def map_to_yield_surface(self, k: ti.i32, viscous: ti.i32):
         """The trial stress of the solved velocity mapped back onto the yield surface (I6); in the first ``viscous`` of
         the iterations k of a step the body is still taken for a viscous one."""
         for i in range(self.particles.count[None]):

@@ -39,7 +39,7 @@ class WallFriction(Term):
             self.walls.start_slip(i, self.particles.x[i], self.particles.u[i], B, volume, mu, size)
 
     @stage("friction")
-    def update(self, u: ti.template()):
+    def update_slip(self, u: ti.template()):
         """Slip and traction for all that each particle gives to the walls: stress, pressure, hourglass resistance."""
         for i in range(self.particles.count[None]):
             B, x, h = self.gradient.B[i], self.particles.x[i], self.resistance.h[i]

@@ -1,7 +1,7 @@
 """Stress that the ghosts behind a no-slip wall carry besides that of the particle in front of it (I9).
 
-Their stress differs along the wall as that of the fluid does. They stand in the moment M with t(z); without the force
-that belongs to it, the first row feels only 77 % of a pressure gradient along the wall in two dimensions.
+Their stress differs along the wall as that of the fluid does. They contribute t(z) to the moment matrix M; without
+the corresponding force the first row feels only 77 % of a pressure gradient along the wall in two dimensions.
 
 In a full vessel their shear stress, too, exceeds the first row's. A drive f = rho g - grad p along a wall makes it
 grow towards the wall, so a ghost at the normal distance h carries f h more than the particle. Its velocity goes on
@@ -35,7 +35,7 @@ class WallStress(Term):
         d, self.in_full_vessels = self.dimension, fluid.walls.carry_curvature
         self.drive = ti.Vector.field(d, real(), self.capacity)  # rho g - grad p [N/m3]
         self.weight = ti.field(real(), self.capacity)  # of the excess [-]
-        self.fit = ti.Matrix.field(d, d, real(), self.capacity)  # inverse of the moment without walls [-]
+        self.inverse_moment = ti.Matrix.field(d, d, real(), self.capacity)  # inverse of the moment without walls [-]
 
     @ti.func
     def force(self, i, face: ti.template() = None):
@@ -53,32 +53,32 @@ class WallStress(Term):
         """The fit; in a full vessel also drive and weight at the start of a step: the weight with which the present
         stress is in equilibrium."""
         for i in range(self.particles.count[None]):
-            if self.near(i):
+            if self.touches_wall(i):
                 M = ti.Matrix.zero(float, self.dimension, self.dimension)
                 for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
                     b = self.gradient.b[k]
                     if self.gradient.weight_r2[k] > 0.0:
                         M += b.outer_product(b) / self.gradient.weight_r2[k]
-                self.fit[i] = self.gradient.inverse(M, self.gradient.full_weight(i))
+                self.inverse_moment[i] = self.gradient.inverse(M, self.gradient.full_weight(i))
         if ti.static(self.in_full_vessels):
             for _ in range(1):
                 self.walls.curvature_known[None] = self.pressure.full[None]
             if ti.static(self.stress.averages):
                 for i in range(self.particles.count[None]):
-                    self.stress.spread[i] = self.spread(i) if self.pressure.full[None] == 1 else 0.0
+                    self.stress.variation[i] = self.stress_variation(i) if self.pressure.full[None] == 1 else 0.0
             for i in range(self.rows()):
                 self.set_drive(i)
 
     @stage("wall stress")
-    def update(self):
+    def update_weight(self):
         """In a full vessel the weight for the stress that the wall carries now."""
         if ti.static(self.in_full_vessels):
             for i in range(self.rows()):
-                if self.near(i):
-                    half = self.half(i)
+                if self.touches_wall(i):
+                    half = self.half_layer_stress(i)
                     size = self.stress.shear_stress_magnitude(i, self.stress.mu[i])
                     s = size + self.weight[i] * half - self.stress.yield_stress(i)
-                    self.weight[i] = self.acts(i, ti.max(0.0, s) / ti.max(2.0 * half, 1e-12), size)
+                    self.weight[i] = self.excess_weight(i, ti.max(0.0, s) / ti.max(2.0 * half, 1e-12), size)
 
     @ti.func
     def rows(self):
@@ -86,26 +86,26 @@ class WallStress(Term):
         return self.particles.count[None] * self.pressure.full[None]
 
     @ti.func
-    def slope(self, i):
+    def pressure_gradient(self, i):
         """grad p [Pa/m] at particle i, from a linear fit to the particles around it."""
         N = ti.Vector.zero(float, self.dimension)
         for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
             N += (self.pressure.p[self.neighbors.column[k]] - self.pressure.p[i]) * self.gradient.b[k]
-        return self.fit[i] @ N
+        return self.inverse_moment[i] @ N
 
     @ti.func
     def set_drive(self, i):
         """Drive along the walls, weight of the excess and curvature of the velocity of particle i."""
         self.walls.velocity_curvature[i] = ti.Vector.zero(float, self.dimension)
         self.drive[i] = ti.Vector.zero(float, self.dimension)
-        if self.gradient.B[i][0, 0] > 0.0 and self.near(i):
-            self.drive[i] = self.constants.weight_of(i) - self.slope(i)
+        if self.gradient.B[i][0, 0] > 0.0 and self.touches_wall(i):
+            self.drive[i] = self.constants.weight_of(i) - self.pressure_gradient(i)
             size = self.stress.shear_stress_magnitude(i, self.stress.viscosity(i, self.particles.shear_rate[i]))
             over = ti.max(0.0, size - self.stress.yield_stress(i))
-            self.weight[i] = self.acts(i, ti.sqrt(over / ti.max(self.half(i), 1e-12)), size)
+            self.weight[i] = self.excess_weight(i, ti.sqrt(over / ti.max(self.half_layer_stress(i), 1e-12)), size)
             share = self.weight[i]
             if ti.static(self.stress.averages):  # how much of the layer up to the next row flows
-                share = ti.min(share, over / ti.max(2.0 * self.half(i), 1e-12))
+                share = ti.min(share, over / ti.max(2.0 * self.half_layer_stress(i), 1e-12))
             # part of the drive that the stress along a hollow wall bears, half of it in a pipe [-]; it is left out
             # before a wall bent the other way, which a drive hardly ever goes along
             bent = ti.cast(0.0, float)
@@ -113,42 +113,42 @@ class WallStress(Term):
                 if ti.static(wall.curved):  # noqa: SIM102  (a compiled choice stays apart)
                     if self.walls.c[i, f] > 0.0:
                         _z, _n, _v, k = wall.face(i, self.particles.x[i], self.walls.slots[f])
-                        borne = k * size * self.gradient.spacing / ti.max(2.0 * self.half(i), 1e-12)
+                        borne = k * size * self.gradient.spacing / ti.max(2.0 * self.half_layer_stress(i), 1e-12)
                         bent = ti.max(0.0, ti.min(1.0, borne))
             curvature = -share * (1.0 - bent) * self.drive[i] / ti.max(self.stress.slope(i), 1e-12)
             self.walls.velocity_curvature[i] = 0.25 * self.gradient.spacing * curvature
 
     @ti.func
-    def spread(self, i):
-        """By how much [Pa] the shear stress differs over a spacing to both sides of particle i, to a wall at most."""
-        spread = ti.cast(0.0, float)
+    def stress_variation(self, i):
+        """Variation [Pa] of the shear stress within one spacing on either side of particle i, cut off at walls."""
+        variation = ti.cast(0.0, float)
         if self.gradient.B[i][0, 0] > 0.0:
             N, size = ti.Vector.zero(float, self.dimension), self.stress.shear_stress_magnitude(i, self.stress.mu[i])
             for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
                 j = self.neighbors.column[k]
                 N += (self.stress.shear_stress_magnitude(j, self.stress.mu[j]) - size) * self.gradient.b[k]
             reach, fit = self.gradient.spacing, self.gradient.B[i]
-            if self.near(i):
-                fit = self.fit[i]
+            if self.touches_wall(i):
+                fit = self.inverse_moment[i]
             slope = fit @ N
             for f, wall in ti.static(self.walls.chosen(None, "no_slip")):
                 if self.walls.c[i, f] > 0.0:
                     z, n, _velocity, _curvature = wall.face(i, self.particles.x[i], self.walls.slots[f])
                     slope -= n * n.dot(slope) * (1.0 - ti.min(1.0, z / reach))
-            spread = reach * slope.norm()
-        return spread
+            variation = reach * slope.norm()
+        return variation
 
     @ti.func
-    def acts(self, i, s, size):
+    def excess_weight(self, i, s, size):
         """Weight of the excess, s over f l0: never more than doubles the stress of the first row, its ``size`` [Pa]."""
         weight = ti.cast(1.0, float)
         if ti.static(not self.stress.averages):  # noqa: SIM102  (a compiled choice stays apart)
             if s < 1.0:
                 weight = 2.0 * s - s * s
-        return ti.min(weight, size / ti.max(self.half(i), 1e-12))
+        return ti.min(weight, size / ti.max(self.half_layer_stress(i), 1e-12))
 
     @ti.func
-    def near(self, i):
+    def touches_wall(self, i):
         """Whether particle i is in reach of a wall that holds it."""
         near = False
         for f, _wall in ti.static(self.walls.chosen(None, "holds")):
@@ -156,7 +156,7 @@ class WallStress(Term):
         return near
 
     @ti.func
-    def half(self, i):
+    def half_layer_stress(self, i):
         """f l0/2 [Pa], f the largest part [N/m3] of the drive of particle i along a no-slip wall in reach."""
         most = ti.cast(0.0, float)
         for f, wall in ti.static(self.walls.chosen(None, "no_slip")):
@@ -191,7 +191,7 @@ class WallStress(Term):
                 t = self.walls.tangential(i, wall, f, x, z, curvature, size)
                 moment += t * (ti.Matrix.identity(float, self.dimension) - n.outer_product(n))
         if moment.trace() > 0.0:
-            fit = moment @ self.fit[i]
+            fit = moment @ self.inverse_moment[i]
             T = self.gradient.in_plane(self.stress.total(i, self.strain_rate))
             for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
                 T_j = self.gradient.in_plane(self.stress.total(self.neighbors.column[k], self.strain_rate))

@@ -171,15 +171,15 @@ CHOSEN_ON = {
     "channel_bingham": ("COMPRESSION",),
     "cavity_bingham": ("COMPRESSION",),
     "cavity_bingham_fine": ("COMPRESSION",),
-    "still_pool_concrete": ("FIRST_ITERATIONS", "VISCOUS_ITERATIONS", "STIFFNESS", "READING"),
-    "still_pool_water": ("STIFFNESS", "READING", "AT_REST", "MOVING"),
+    "still_pool_concrete": ("FIRST_ITERATIONS", "VISCOUS_ITERATIONS", "STIFFNESS", "OUTPUT_SMOOTHING"),
+    "still_pool_water": ("STIFFNESS", "OUTPUT_SMOOTHING", "AT_REST", "MOVING"),
     "standing_wave": ("STIFFNESS",),
     "square_patch": ("INERTIAL",),
-    "square_patch_fine": ("TENSION",),
-    "taylor_green": ("INERTIAL", "UNEVENNESS"),
-    "block_010": ("SPREADING", "STRETCHED_SPREADING"),
-    "stretched_block": ("SPREADING", "STRETCHED_SPREADING"),
-    "standing_jittered": ("SHIFTS",),
+    "square_patch_fine": ("TENSION_FACTOR",),
+    "taylor_green": ("INERTIAL", "PERTURBATION"),
+    "block_010": ("SHIFT_COEFFICIENT", "TENSION_SHIFT_COEFFICIENT"),
+    "stretched_block": ("SHIFT_COEFFICIENT", "TENSION_SHIFT_COEFFICIENT"),
+    "standing_jittered": ("RELAXATION_SHIFTS",),
 }
 
 
@@ -187,11 +187,11 @@ def chosen_on_cone(tau_y, model, **_) -> tuple[str, ...]:
     """The constants of a row of slumps.collapse."""
     rings = model == "axisymmetric"
     chosen = {
-        "RING_REFILL" if rings else "REFILL": True,
+        "RING_CORRECTION_RATE" if rings else "CORRECTION_RATE": True,
         "PACKING": True,
-        "VISCOUS_REFILL": tau_y in (100.0, 500.0),
-        "DAMPED": tau_y in (100.0, 500.0),
-        "RATE_FASTEST": tau_y <= 500.0 and rings,
+        "VISCOUS_CORRECTION_RATE": tau_y in (100.0, 500.0),
+        "DIFFUSION_SCALE": tau_y in (100.0, 500.0),
+        "MAX_SHEAR_FRACTION": tau_y <= 500.0 and rings,
         "CREEP": tau_y == 100.0,
         "SLOWEST": tau_y in (100.0, 300.0) and rings,
     }

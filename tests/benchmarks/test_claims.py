@@ -94,7 +94,7 @@ def test_a_row_that_constants_were_chosen_on_is_called_calibration():
     marked = {name for cell, origin in lines if "*" in origin for name in re.findall(r"`([\w.]+)`", cell)}
     assert {name for names in table.CHOSEN_ON.values() for name in names} == marked | {"PACKING"}
     assert set(table.CHOSEN_ON) <= set(table.ROWS)
-    assert "| a cone (calibration: `REFILL`, `PACKING`" in table.markdown({"slump_500": result(SLUMP)})
+    assert "| a cone (calibration: `CORRECTION_RATE`, `PACKING`" in table.markdown({"slump_500": result(SLUMP)})
 
 
 @pytest.fixture

@@ -26,7 +26,7 @@ import json, sys
 import taichi_mps as mps
 from taichi_mps import backend, catalogue
 from taichi_mps.terms import shifting
-shifting.UNEVENNESS = 0.0  # e(x) looks random because it takes rounding 40,000 times: another device, other numbers
+shifting.PERTURBATION = 0.0  # e(x) looks random because it takes rounding 40,000 times: another device, other numbers
 backend.init(arch=sys.argv[1])
 scheme = {"implicit": mps.Implicit(), "semi-implicit": mps.SemiImplicit(source="mixed", gradient="conservative")}
 sim = mps.Simulation(catalogue.load(sys.argv[2])(**json.loads(sys.argv[3])), scheme[sys.argv[4]])

@@ -85,7 +85,7 @@ import numpy as np
 import taichi_mps as mps
 from taichi_mps.problem import catalogue
 from taichi_mps.terms import shifting
-shifting.UNEVENNESS = 0.0  # its look of chance takes the last bits of positions
+shifting.PERTURBATION = 0.0  # its look of chance takes the last bits of positions
 with redirect_stdout(io.StringIO()):
     mps.init("cpu", "f64", 1)
 found = {}

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.particles.active_set import EVERY
-from taichi_mps.particles.particles import FLUID, STANDING
+from taichi_mps.particles.active_set import FULL_STEP_INTERVAL
+from taichi_mps.particles.particles import BOUNDARY, FLUID
 
 L0 = 0.02
 MIX = mps.Bingham(yield_value=200.0, plastic_viscosity=20.0)
@@ -57,7 +57,7 @@ def test_with_nothing_asleep_it_is_the_same_run_bit_for_bit(both):
     start = start | {"u": 0.3 * np.sin(3.0 * np.pi * start["x"] / [2.4, 0.3])}
     for sim in (on, off):
         sim.load(start)
-        for _ in range(EVERY + 5):
+        for _ in range(FULL_STEP_INTERVAL + 5):
             sim.step()
     assert on.scheme.left_out == 0.0
     for name, rows in off.particles.read().items():
@@ -96,7 +96,7 @@ def test_all_particles_are_read_each_once_whatever_is_left_out(landed):
     sim, *_ = landed
     while sim.taken_by_all:
         sim.step()
-    assert sim.particles.aside[None] > 0
+    assert sim.particles.excluded[None] > 0
     number = sim.fluid_particles
     snapshot = sim.snapshot()
     assert len(snapshot.x) == number == len(np.unique(sim.particles.read()["id"]))
@@ -116,7 +116,7 @@ def test_a_step_with_an_active_set_is_that_of_all(both):
     _x, kind = in_use(sim)
     ids = sim.particles.id.to_numpy()[: len(kind)]
     active = ids[kind == FLUID]
-    assert 10 < len(active) < 0.7 * sim.particles.number and (kind == STANDING).any()
+    assert 10 < len(active) < 0.7 * sim.particles.number and (kind == BOUNDARY).any()
     ours, all_of_them = (
         dict(zip(r["id"], r["u"], strict=True)) for r in (sim.particles.read(), whole.particles.read())
     )
@@ -178,7 +178,7 @@ def test_a_run_goes_on_from_its_state_bit_for_bit(landed):
     sim, *_ = landed
     while sim.taken_by_all:
         sim.step()
-    state, steps = sim.state(), 2 * EVERY
+    state, steps = sim.state(), 2 * FULL_STEP_INTERVAL
     ends = []
     for _ in range(2):
         sim.load(state)

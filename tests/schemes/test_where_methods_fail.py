@@ -211,7 +211,7 @@ def test_the_shift_carries_nothing_where_little_deforms(free_default):
             moves = np.zeros((scheme.shifting.shift.shape[0], 2))
             moves[: len(x), 1] = 1e-3 * shift
             scheme.shifting.shift.from_numpy(moves.astype(scheme.shifting.shift.to_numpy().dtype))
-            scheme.shifting.keep_at_rest(0.01, 0.02)
+            scheme.shifting.remove_mean_shift(0.01, 0.02)
             left = scheme.shifting.shift.to_numpy()[: len(x), 1]
             wanted = 1e-3 * shift * (1.0 - (1.0 - deforming) * mean)
             np.testing.assert_allclose(left[inside], wanted[inside], atol=2e-5)

@@ -88,7 +88,7 @@ def test_a_floor_lifts_a_block_as_it_says(kind):
 @pytest.mark.slow
 def test_what_stands_wakes_when_gravity_turns(monkeypatch):
     """A cone that stands and is left out flows again, as without: after a jump of gravity all take part."""
-    monkeypatch.setattr("taichi_mps.particles.active_set.PAYS", 0.01)
+    monkeypatch.setattr("taichi_mps.particles.active_set.MIN_EXCLUDED_FRACTION", 0.01)
     gravity = ((0.0, 0.0, -1.0), (0.5, 0.0, -1.0), (0.5, 0.0, -9.81))
     walls = (mps.Plane((0.0, 0.0), (0.0, 1.0)),)
     scene = block(walls=walls, gravity=gravity, spacing=0.05, fluid=mps.fill(mps.Box((0.0, 0.0), (1.0, 0.5)), 0.05))

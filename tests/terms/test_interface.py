@@ -39,12 +39,12 @@ def rows_of(scheme, field):
 
 def test_a_quarter_of_the_gradient_of_a_row_at_the_interface_is_of_the_other_mix(scheme):
     """Of the fit half looks across, and half of each bond lies there; the second row has bonds of two spacings only."""
-    share = rows_of(scheme, scheme.interface.share)
+    share = rows_of(scheme, scheme.interface.other_fraction)
     np.testing.assert_allclose(share[[4, 5]], 0.25, rtol=1e-3)
     assert np.all(share[[3, 6]] < 1e-3) and np.all(share[[0, 1, 2, 7, 8, 9]] == 0.0)
     normal = rows_of(scheme, scheme.interface.normal)
     np.testing.assert_allclose(normal[[4, 5]], [[0.0, 1.0], [0.0, -1.0]], atol=1e-9)
-    fluidity = rows_of(scheme, scheme.interface.fluidity)
+    fluidity = rows_of(scheme, scheme.interface.other_fluidity)
     np.testing.assert_allclose(fluidity[[4, 5]], share[[4, 5]] / (20.0, 200.0), rtol=1e-9)
 
 
@@ -68,7 +68,7 @@ def test_shear_across_goes_through_both_and_stretching_along_through_each(scheme
     viscous = Viscous(scheme)
     viscous.run(0.0, 1.0, 0.0)
     stress = rows_of(scheme, viscous.T)[:, 0, 1]
-    share = rows_of(scheme, scheme.interface.share)
+    share = rows_of(scheme, scheme.interface.other_fraction)
     own, other = np.repeat([200.0, 20.0], 5), np.repeat([20.0, 200.0], 5)
     np.testing.assert_allclose(stress, 1.0 / ((1.0 - share) / own + share / other), rtol=1e-9)
     assert stress[4] == pytest.approx(1.0 / (0.75 / 200.0 + 0.25 / 20.0), rel=2e-3)

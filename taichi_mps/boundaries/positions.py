@@ -11,7 +11,7 @@ SURFACES = {Plane: Flat, Cylinder: Round, Solid: Sampled}
 
 
 @ti.data_oriented
-class Standing:
+class WallPositions:
     """Static tuple of the surfaces of walls, at a time."""
 
     def __init__(self, walls, dimension: int, spacing: float, effective_radius: float, capacity: int):
