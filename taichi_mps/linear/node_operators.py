@@ -7,6 +7,7 @@ import numpy as np
 
 from ..particles.neighbors import wrapped_number
 from ..runtime.backend import constant_fields, real, ti
+from ..runtime.sums import lanes
 from .vectors import Multigrid
 
 
@@ -52,6 +53,7 @@ class NodeOperators(Multigrid):
             stride = np.where(merge, 2 * stride, stride)
             shape = np.where(merge, np.where(bins.periodic, shape // 2, shape // 2 + 1), shape)
         self.grids = len(shapes)
+        self.in_order = lanes() == 1  # whether nodes and cells are listed in order
         first = np.cumsum([0] + [int(np.prod(s)) for s in shapes])
         self.nodes = int(first[-1])
         ratios = np.array([stride // finer for finer, stride in pairwise([strides[0], *strides])])
@@ -137,18 +139,20 @@ class NodeOperators(Multigrid):
     @ti.func
     def list_active(self, grid):
         """List the active nodes of a grid, in order."""
-        found = self.first[grid]
-        ti.loop_config(serialize=True)
+        first, room = self.first[grid], self.nodes
+        if grid > 0:
+            room = self.start[grid + 1] - self.start[grid]
+        self.uses[grid] = 0
+        ti.loop_config(serialize=self.in_order)
         for node in range(self.first[grid], self.first[grid + 1]):
             if self.active[node] > 0:
-                row = self.start[grid] + found - self.first[grid]
-                if grid == 0 or row < self.start[grid + 1]:
-                    self.used[found] = node
-                    self.where[found] = self.place(node - self.first[grid], self.shape[grid])
-                    found += 1
+                m = ti.atomic_add(self.uses[grid], 1)
+                if m < room:
+                    self.used[first + m] = node
+                    self.where[first + m] = self.place(node - first, self.shape[grid])
                 else:
                     self.active[node] = 0
-        self.uses[grid] = found - self.first[grid]
+        self.uses[grid] = ti.min(self.uses[grid], room)
 
     @ti.kernel
     def _locate(self):
@@ -164,14 +168,13 @@ class NodeOperators(Multigrid):
                 self.corner_weights[i][k] = weight
         for node in range(self.nodes):
             self.active[node] = 0
-        found = 0
-        ti.loop_config(serialize=True)
+        self.filled[None] = 0
+        ti.loop_config(serialize=self.in_order)
         for cell in range(self.bins.cells):
             self.number[cell] = -1
             if self.bins.cell_start[cell + 1] > self.bins.cell_start[cell]:
-                self.number[cell], self.cells[found] = found, cell
-                found += 1
-        self.filled[None] = found
+                self.number[cell] = ti.atomic_add(self.filled[None], 1)
+                self.cells[self.number[cell]] = cell
         for c in range(self.filled[None]):
             place = self.place(self.cells[c], ti.Vector(self.bins.shape))
             for corner in ti.static(self.corners_of_a_cell):

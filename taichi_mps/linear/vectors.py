@@ -3,6 +3,7 @@ compressed rows (CSR); the Jacobi preconditioner, and when coarse levels replace
 
 from ..runtime.backend import double_field, real, ti
 from ..runtime.stages import flush, sequence, stage
+from ..runtime.sums import lanes
 from ..runtime.thread_team import first, last, leads, wait
 
 BLOCK = 1024  # rows per partial sum: a dot product has the same bits with any number of threads
@@ -18,7 +19,7 @@ class Vectors:
     def __init__(self, capacity: int, components: int, operator):
         self.capacity, self.components, self.operator = capacity, components, operator
         self.count, self.real = operator.count, real()
-        self.partial = double_field((capacity + BLOCK - 1) // BLOCK)
+        self.partial, self.in_order = double_field((capacity + BLOCK - 1) // BLOCK), lanes() == 1
 
     def field(self):
         """Make a vector field of this capacity."""
@@ -26,20 +27,25 @@ class Vectors:
 
     @stage("dot")
     def dot(self, a: ti.template(), b: ti.template(), out: ti.template()):
-        """out = (a, b): partial sums of BLOCK rows in f64, then their sum in order."""
-        blocks = (self.count[None] + BLOCK - 1) // BLOCK
-        for k in range(first(blocks), last(blocks)):
-            s = ti.cast(0.0, ti.f64)
-            for i in range(k * BLOCK, ti.min((k + 1) * BLOCK, self.count[None])):
-                s += ti.cast(a[i].dot(b[i]), ti.f64)
-            self.partial[k] = s
-        wait()
-        if leads():
-            s = ti.cast(0.0, ti.f64)
-            for k in range(blocks):
-                s += self.partial[k]
-            out[None] = s
-        wait()
+        """out = (a, b): partial sums of BLOCK rows in f64, then their sum in order; on a GPU in any order."""
+        if ti.static(self.in_order):
+            blocks = (self.count[None] + BLOCK - 1) // BLOCK
+            for k in range(first(blocks), last(blocks)):
+                s = ti.cast(0.0, ti.f64)
+                for i in range(k * BLOCK, ti.min((k + 1) * BLOCK, self.count[None])):
+                    s += ti.cast(a[i].dot(b[i]), ti.f64)
+                self.partial[k] = s
+            wait()
+            if leads():
+                s = ti.cast(0.0, ti.f64)
+                for k in range(blocks):
+                    s += self.partial[k]
+                out[None] = s
+            wait()
+        else:
+            out[None] = 0.0
+            for i in range(self.count[None]):
+                out[None] += ti.cast(a[i].dot(b[i]), ti.f64)
 
     @stage("axpy")
     def axpy(self, alpha: ti.template(), p: ti.template(), x: ti.template(), q: ti.template(), r: ti.template()):

@@ -4,6 +4,7 @@ import numpy as np
 
 from ..runtime.backend import double_field, ti
 from ..runtime.stages import flush, one_thread, stage
+from ..runtime.sums import running_sums
 from .particles import DUMMY, EXCLUDED, FLUID, WALL
 
 NEARLY_FULL = 0.8  # of the room for pairs: in one step their number does not grow by a quarter
@@ -100,9 +101,7 @@ class Bins:
                 k = self.cells
             self.cell_of[i] = k
             ti.atomic_add(self.cell_start[k + 1], 1)
-        ti.loop_config(serialize=True)
-        for k in range(self.cells + 1):
-            self.cell_start[k + 1] += self.cell_start[k]
+        running_sums(self.cell_start, self.cells + 1)
         for i in range(self.particles.count[None]):
             k = self.cell_of[i]
             self.particles.source_row[self.cell_start[k] + ti.atomic_add(self._fill[k], 1)] = i
@@ -210,9 +209,7 @@ class NeighborList:
         else:
             for i in range(self.particles.count[None]):
                 self.row_start[i + 1] = self._pairs_of(i, False)
-            ti.loop_config(serialize=True)
-            for i in range(self.particles.count[None]):
-                self.row_start[i + 1] += self.row_start[i]
+            running_sums(self.row_start, self.particles.count[None])
             for i in range(self.particles.count[None]):
                 if self.row_start[i + 1] > self.row_start[i]:
                     self._scan(i, True)

@@ -11,6 +11,7 @@ from ..linear.pcg import FAILED, STATUS
 from ..particles.particles import FLUID
 from ..runtime.backend import ti
 from ..runtime.stages import flush
+from ..runtime.sums import lanes
 from .step_report import StepReport
 
 SPEED2_IF_NOT_FINITE = 1e12  # squared speed [m2/s2] that replaces one that is not finite
@@ -28,7 +29,7 @@ class Diagnostics:
         self.particles, self.gradient, self.material = fluid.particles, fluid.gradient, material
         self.yielded, self.solver, self.iterations = yielded, solver, iterations
         self.frame = fluid.frame  # (problem.py) [m/s]
-        self.accelerates = "a" in fluid.particles.carried
+        self.accelerates, self.lanes = "a" in fluid.particles.carried, lanes()
         self.nearly_all = 0.9 * fluid.lattice.neighbours
         # 0 number, 1 max u^2, 2 sum V, 3 V u^2, 4 V v^4, 5 m u^2, 6 unyielded,
         # 7 V packing and 8 V of enclosed particles, 9 V packing and 10 V of those with many neighbours: particles in
@@ -108,34 +109,42 @@ class Diagnostics:
 
     @ti.kernel
     def _add(self, sums: ti.types.ndarray(ti.f64, 1)):
-        ti.loop_config(serialize=True)
-        for i in range(self.particles.count[None]):
-            if self.particles.kind[i] == FLUID:
-                volume = ti.cast(self.particles.volume(i), ti.f64)
-                u2 = ti.cast(self.particles.u[i].norm_sqr(), ti.f64)
-                if not (u2 < SPEED2_IF_NOT_FINITE):
-                    u2 = SPEED2_IF_NOT_FINITE
-                sums[0] += 1
-                sums[1] = ti.max(sums[1], u2)
-                sums[2] += volume
-                sums[3] += volume * u2
-                v2 = ti.cast((self.particles.u[i] - ti.Vector(self.frame, dt=float)).norm_sqr(), ti.f64)
-                if not (v2 < SPEED2_IF_NOT_FINITE):
-                    v2 = SPEED2_IF_NOT_FINITE
-                sums[4] += volume * v2 * v2
-                sums[13] += volume * v2
-                sums[5] += volume * u2 * self.material.density_of(i)
-                sums[6] += 1 - self.yielded[i]
-                if self.gradient.enclosed(i):
-                    sums[7] += volume * self.gradient.packing[i]
-                    sums[8] += volume
-                if self.gradient.neighbour_count[i] >= self.nearly_all:
-                    sums[9] += volume * self.gradient.packing[i]
-                    sums[10] += volume
-                if ti.static(self.accelerates):
-                    sums[11] += volume * ti.cast(self.particles.a[i].norm_sqr(), ti.f64)
-                if self.material.flows(i, self.particles.shear_rate[i]):
-                    sums[12] += volume
+        ti.loop_config(serialize=self.lanes == 1)
+        for lane in range(self.lanes):
+            found = ti.Vector.zero(ti.f64, SUMS)
+            for k in range((self.particles.count[None] - lane + self.lanes - 1) // self.lanes):
+                i = lane + k * self.lanes
+                if self.particles.kind[i] == FLUID:
+                    volume = ti.cast(self.particles.volume(i), ti.f64)
+                    u2 = ti.cast(self.particles.u[i].norm_sqr(), ti.f64)
+                    if not (u2 < SPEED2_IF_NOT_FINITE):
+                        u2 = SPEED2_IF_NOT_FINITE
+                    found[0] += 1
+                    found[1] = ti.max(found[1], u2)
+                    found[2] += volume
+                    found[3] += volume * u2
+                    v2 = ti.cast((self.particles.u[i] - ti.Vector(self.frame, dt=float)).norm_sqr(), ti.f64)
+                    if not (v2 < SPEED2_IF_NOT_FINITE):
+                        v2 = SPEED2_IF_NOT_FINITE
+                    found[4] += volume * v2 * v2
+                    found[13] += volume * v2
+                    found[5] += volume * u2 * self.material.density_of(i)
+                    found[6] += 1 - self.yielded[i]
+                    if self.gradient.enclosed(i):
+                        found[7] += volume * self.gradient.packing[i]
+                        found[8] += volume
+                    if self.gradient.neighbour_count[i] >= self.nearly_all:
+                        found[9] += volume * self.gradient.packing[i]
+                        found[10] += volume
+                    if ti.static(self.accelerates):
+                        found[11] += volume * ti.cast(self.particles.a[i].norm_sqr(), ti.f64)
+                    if self.material.flows(i, self.particles.shear_rate[i]):
+                        found[12] += volume
+            for n in ti.static(range(SUMS)):
+                if ti.static(n == 1):
+                    ti.atomic_max(sums[n], found[n])
+                else:
+                    sums[n] += found[n]
         sums[SUMS] = self.iterations[None]
         if self.solver.reference[None] != 0.0:
             sums[SUMS + 1] = self.solver.rz[None] / self.solver.reference[None]

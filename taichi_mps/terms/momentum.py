@@ -13,6 +13,7 @@ from ..linear.pcg import PCG
 from ..particles.particles import FLUID
 from ..runtime.backend import double_field, real, ti
 from ..runtime.stages import flush, nothing, sequence, stage
+from ..runtime.sums import lanes
 from ..runtime.thread_team import first, last, wait
 from .constants import Term
 
@@ -21,7 +22,7 @@ EARLY = 10.0  # only the last solve of a step goes down to the tolerance: the ot
 # go on unchanged from step to step, until it fails and is corrected by a jump.
 REDUCTION, EARLY_REDUCTION = 0.1, 0.3
 MOST_ITERATIONS = 2000  # of a solve
-BLOCK = 64  # particles whose sums over pairs are stored before they are used; see pair_sums.py
+BLOCK = 64  # particles whose sums over pairs are stored before they are used (pair_sums.py); on a GPU 1
 
 
 @ti.data_oriented
@@ -39,6 +40,8 @@ class MomentumOperator(Term):
         # block Jacobi [s/kg], 0: no unknown; and inertia and walls, for coarse levels [kg/s]
         self.inverse_diagonal, self.local = (ti.Matrix.field(d, d, real(), self.capacity) for _ in range(2))
         self.reference = double_field()  # drive . M^-1 drive over all particles [W]
+        self.lanes = lanes()
+        self.block = BLOCK if self.lanes == 1 else 1
 
     @ti.func
     def unknown(self, i):
@@ -57,16 +60,16 @@ class MomentumOperator(Term):
             self.sums.set_motion(i, u[i])
         wait()
         for start in range(first(self.count[None]), last(self.count[None])):
-            if start % BLOCK == 0:
-                end = ti.min(start + BLOCK, self.count[None])
+            if start % self.block == 0:
+                end = ti.min(start + self.block, self.count[None])
                 for i in range(start, end):
                     self.sums.gather_jump(i)
                 for i in range(start, end):
                     self.set_flux(i, u, motion)
         wait()
         for start in range(first(self.count[None]), last(self.count[None])):
-            if start % BLOCK == 0:
-                end = ti.min(start + BLOCK, self.count[None])
+            if start % self.block == 0:
+                end = ti.min(start + self.block, self.count[None])
                 for i in range(start, end):
                     self.sums.gather_pull(i)
                 for i in range(start, end):
@@ -136,13 +139,15 @@ class MomentumOperator(Term):
     @stage("system")
     def set_reference(self):
         """Set the norm that the residual of the solve is compared with."""
-        ti.loop_config(serialize=True)
-        for _ in range(1):
+        self.reference[None] = 0.0
+        ti.loop_config(serialize=self.lanes == 1)
+        for lane in range(self.lanes):
             total = ti.cast(0.0, ti.f64)
-            for i in range(self.count[None]):
+            for k in range((self.count[None] - lane + self.lanes - 1) // self.lanes):
+                i = lane + k * self.lanes
                 drive = self.constants.reference_force[None] * self.particles.volume(i)
                 total += ti.cast(self.inverse_diagonal[i].trace() * drive**2, ti.f64)
-            self.reference[None] = total / self.dimension
+            self.reference[None] += total / self.dimension
 
     @ti.func
     def _response(self, j, b):

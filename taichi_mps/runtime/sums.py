@@ -1,0 +1,31 @@
+"""Sums over rows: by one thread in their order, or shared out where a GPU has threads enough."""
+
+from .backend import started, ti
+
+GPU_LANES = 1 << 14  # threads of a GPU among which the rows of a sum are shared out
+CHUNK = 512  # numbers that one thread of a GPU adds up one after the other
+
+
+def lanes() -> int:
+    """Threads among which the rows of a sum are shared out: 1 on the processor, where their order is that of a sum."""
+    return 1 if started()["arch"] == "cpu" else GPU_LANES
+
+
+@ti.func
+def running_sums(counts: ti.template(), n):
+    """counts[k + 1] += counts[k] for k = 0 to n - 1, in this order."""
+    if ti.static(lanes() == 1):
+        ti.loop_config(serialize=True)
+        for k in range(n):
+            counts[k + 1] += counts[k]
+    else:  # inside chunks; then the last number of each chunk; then the others
+        chunks = n // CHUNK + 1
+        for chunk in range(chunks):
+            for k in range(chunk * CHUNK + 1, ti.min((chunk + 1) * CHUNK, n + 1)):
+                counts[k] += counts[k - 1]
+        ti.loop_config(serialize=True)
+        for chunk in range(1, chunks):
+            counts[ti.min((chunk + 1) * CHUNK, n + 1) - 1] += counts[chunk * CHUNK - 1]
+        for k in range(CHUNK, n):
+            if (k + 1) % CHUNK != 0:
+                counts[k] += counts[k // CHUNK * CHUNK - 1]
