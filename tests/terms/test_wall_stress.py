@@ -79,9 +79,9 @@ def test_the_stress_differs_by_a_spacing_to_both_sides_and_to_the_wall():
     y = sim.particles.x.to_numpy()[:, 1]
     shear(sim, PUSH * (0.5 * GAP - y))
     sim.scheme.wall_stress.start()
-    spread, depth = sim.scheme.stress.spread.to_numpy(), np.minimum(y, GAP - y)
+    variation, depth = sim.scheme.stress.variation.to_numpy(), np.minimum(y, GAP - y)
     away = np.abs(0.5 * GAP - y) > 3 * L0  # from the middle, where the stress changes its sign
-    assert spread[away] == pytest.approx(PUSH * np.minimum(L0, depth)[away], rel=0.02)
+    assert variation[away] == pytest.approx(PUSH * np.minimum(L0, depth)[away], rel=0.02)
 
 
 @pytest.fixture(scope="module")
@@ -102,7 +102,7 @@ def weight_at(sim, stress):
     sim.scheme.pressure.p.fill(0.0)
     term.start()
     at_start = term.weight.to_numpy()[first]
-    term.update()
+    term.update_weight()
     return at_start, term.weight.to_numpy()[first]
 
 
