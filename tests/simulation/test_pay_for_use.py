@@ -48,8 +48,8 @@ def test_a_law_compiles_its_own_functions_only_and_without_output_nothing_is_rea
 def test_walls_at_rest_that_do_not_meet_cost_neither_motion_nor_corners_nor_a_yield_stress(forbid):
     for owner, name in (
         (momentum.MomentumOperator, "subtract_wall_motion"),
-        (ghosts.GhostSums, "left"),
-        (ghosts.GhostSums, "left_at_angle"),
+        (ghosts.GhostSums, "remaining_fraction"),
+        (ghosts.GhostSums, "remaining_fractions_at_angle"),
         (walls.Walls, "between"),
         (surfaces.Surface, "weight"),
         (friction.FrictionalSlip, "__init__"),

@@ -8,7 +8,7 @@ import pytest
 
 import taichi_mps as mps
 from taichi_mps.problem.problem import Problem
-from taichi_mps.simulation.rest import LEFT, PAUSE, Rest
+from taichi_mps.simulation.rest import NEGLIGIBLE_PATH, PAUSE, Rest
 from tests.support.scenes import parts
 
 SPACING = 0.01
@@ -23,7 +23,7 @@ def stop(speed, material, fraction=1.0, again=None, until=1000.0):
         report = SimpleNamespace(mean_speed=np.sqrt(fraction) * speed(time), moving_speed=speed(time))
         rest.observe(report.moving_speed, time)
         if rest.reached(SimpleNamespace(report=report, problem=problem, scene=problem.scene, time=time)):
-            return time, LEFT * problem.height
+            return time, NEGLIGIBLE_PATH * problem.height
         if again is not None and time > again:
             rest, again = Rest(**asdict(rest)), None
     return None
