@@ -3,7 +3,7 @@ compressed rows (CSR); the Jacobi preconditioner, and when coarse levels replace
 
 from ..runtime.backend import double_field, real, ti
 from ..runtime.stages import flush, sequence, stage
-from ..runtime.sums import lanes
+from ..runtime.sums import GPU_LANES, lanes
 from ..runtime.thread_team import first, last, leads, wait
 
 BLOCK = 1024  # rows per partial sum: a dot product has the same bits with any number of threads
@@ -44,8 +44,11 @@ class Vectors:
             wait()
         else:
             out[None] = 0.0
-            for i in range(self.count[None]):
-                out[None] += ti.cast(a[i].dot(b[i]), ti.f64)
+            for lane in range(GPU_LANES):
+                s = ti.cast(0.0, ti.f64)
+                for k in range((self.count[None] - lane + GPU_LANES - 1) // GPU_LANES):
+                    s += ti.cast(a[lane + k * GPU_LANES].dot(b[lane + k * GPU_LANES]), ti.f64)
+                out[None] += s
 
     @stage("axpy")
     def axpy(self, alpha: ti.template(), p: ti.template(), x: ti.template(), q: ti.template(), r: ti.template()):

@@ -2,7 +2,7 @@
 
 from .backend import started, ti
 
-GPU_LANES = 1 << 14  # threads of a GPU among which the rows of a sum are shared out
+GPU_LANES = 8192  # threads of a GPU among which the rows of a sum are shared out
 CHUNK = 512  # numbers that one thread of a GPU adds up one after the other
 
 

@@ -36,7 +36,9 @@ def test_the_step_grows_as_the_root_of_what_it_no_longer_changes(of_material):
     much times dt as before; a quarter or less: twice the step. What is still gains nothing by it."""
     found = constants(**of_material)
     usual = found.max_time_step
-    assert found.early_max_reduction[None] == pytest.approx(EARLY_ENOUGH), "the early solves need not be as good as the last"
+    assert found.early_max_reduction[None] == pytest.approx(EARLY_ENOUGH), (
+        "the early solves need not be as good as the last"
+    )
     edge = QUIET * SPACING / usual**2
     for part, times in ((math.inf, 1.0), (1.0, 1.0), (0.5, 2.0**0.5), (0.25, 2.0), (0.01, LONG), (0.0, LONG)):
         assert longest(found, part * edge) == pytest.approx(times * usual)

@@ -1,0 +1,44 @@
+"""Sums over rows as a GPU computes them, held against NumPy and the processor, on the processor."""
+
+import numpy as np
+import pytest
+
+import taichi_mps as mps
+from taichi_mps.linear.node_multigrid import NodeMultigrid
+from taichi_mps.runtime.backend import session, ti
+from taichi_mps.runtime.sums import CHUNK, running_sums
+
+
+@pytest.fixture
+def gpu(monkeypatch):
+    """The code of a GPU, compiled for the processor."""
+    mps.init(precision="f64")
+    monkeypatch.setitem(session().settings, "arch", "cuda")
+
+
+@pytest.mark.parametrize("n", [0, 1, CHUNK - 1, CHUNK, CHUNK + 1, 3 * CHUNK - 1, 3 * CHUNK, 3 * CHUNK + 7])
+def test_running_sums_in_chunks_are_those_of_numpy(gpu, n):
+    counts = np.random.default_rng(n).integers(0, 9, n + 2).astype(np.int32)
+    field = ti.field(ti.i32, n + 2)
+    field.from_numpy(counts)
+
+    @ti.kernel
+    def add_up(many: ti.i32):
+        running_sums(field, many)
+
+    add_up(n)
+    assert np.array_equal(field.to_numpy(), [*np.cumsum(counts[: n + 1]), counts[n + 1]])
+
+
+@pytest.mark.slow
+def test_a_step_with_multigrid_is_that_of_the_processor(monkeypatch):
+    monkeypatch.setattr(NodeMultigrid, "PAY_FROM", 0)
+    reports = []
+    for arch in ("cpu", "cuda"):
+        mps.init(precision="f64")
+        monkeypatch.setitem(session().settings, "arch", arch)
+        sim = mps.Simulation(mps.slump_cone(yield_value=500.0, spacing=0.02))
+        for _ in range(3):
+            report = sim.step()
+        reports.append((report.solver_iterations, report.kinetic_energy, report.volume_error, report.residual))
+    assert reports[0] == pytest.approx(reports[1], rel=1e-9)
