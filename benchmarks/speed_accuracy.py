@@ -95,7 +95,7 @@ def point(flow, scheme, size, step, budget=None) -> dict:
 def one_run(flow, scheme, size, step, budget, seed) -> dict:
     """One of the runs of a point."""
     import taichi_mps as mps
-    from taichi_mps.validation.scheme import with_wall_particles
+    from taichi_mps.validation import with_wall_particles
 
     scene, reading, error = getattr(known_flows, flow)(size)
     scene = replace(scene, fluid=scene.fluid + points.aside(scene.fluid.shape, scene.spacing, seed))

@@ -23,9 +23,8 @@ from ..problem.problem import Problem
 from ..units import INSTANT, SceneError, plain, require, said, suggestion, user_path
 from .case_file import expanded
 from .case_file import text as case_text
-from .console import curves, redraw, result
 from .options import BAD_INPUT, DONE, JSON, Pictures, Run, Table, command, given, is_tuple, of_scene, read_back, tell
-from .run import carry_out, clock_of, lines, start
+from .run import carry_out, clock_of, curves, lines, redraw, result, start
 from .study import COMMANDS as STUDY
 
 WITHOUT_REST = 5.0  # time limit [s] of a scene without one, by the scheme without coming to rest

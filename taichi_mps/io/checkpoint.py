@@ -29,7 +29,6 @@ from . import untrusted_hdf5 as outside
 
 FORMAT = "taichi_mps checkpoint"
 VERSION = 7
-OLDEST = 6  # version that is read, too; its digests, made by another rule, are not compared
 LABEL = 512  # bytes of the user block
 MOST_BYTES = 2e10  # some 1e8 particles
 LARGE = 1_000_000  # numbers of an array from which on a part of it stands for all
@@ -144,7 +143,7 @@ class Checkpoint:
             keywords["until"] = until
         scene = catalogue.rebuild(self.header["source"], keywords, scene_file)
         require(
-            self.header["problem"] in (None, digest(scene, laws(scene))),
+            self.header["problem"] == digest(scene, laws(scene)),
             f"checkpoint: scene {self.header['source']} has another material, gravity or wall than when it was "
             "written; must be the same, or handed over: restore(path, scene)",
         )
@@ -169,7 +168,7 @@ class Checkpoint:
             If it cannot be computed, or the state is not one of its particles.
         """
         require(
-            self.header["fluid"] in (None, digest(scene, PARTICLES)),
+            self.header["fluid"] == digest(scene, PARTICLES),
             f"checkpoint: scene {self.header['source']} no longer makes the particles that it was written with",
         )
         problem = Problem(scene, NUMERICS[self.header["scheme"]](**self.header["numerics"]))
@@ -388,8 +387,9 @@ def read(path) -> Checkpoint:
     except OSError as error:
         raise SceneError(f"checkpoint {path}: cannot be read ({error.strerror})") from None
     version = int(found[1]) if found else VERSION
-    if not OLDEST <= version <= VERSION:
-        raise SceneError(f"checkpoint {path}: of format {version}, this program reads {OLDEST} to {VERSION}")
+    require(
+        version == VERSION, f"checkpoint {path}: of format {version}; must be of {VERSION} (version 0.2.0 also reads 6)"
+    )
     require(
         found and found[2].decode() == content.hexdigest(),
         f"checkpoint {path}: damaged, or not a checkpoint of taichi_mps (its checksum is wrong)",
@@ -407,8 +407,7 @@ def read(path) -> Checkpoint:
             raise ValueError("scheme or state is wrong")
         if isinstance(scalars["report"], dict):
             scalars["report"] = {new.get(name, name): value for name, value in scalars["report"].items()}
-        unknown = {"fluid": None, "problem": None} if version < VERSION else {}
-        return Checkpoint(header | unknown, {**arrays, **scalars})
+        return Checkpoint(header, {**arrays, **scalars})
 
 
 def laws(scene: Scene) -> tuple[str, ...]:

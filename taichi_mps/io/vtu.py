@@ -7,7 +7,7 @@ import meshio
 import numpy as np
 
 from ..units import Flag, Place, SceneError, require, said, validated, writing
-from ..viz.smooth_surface import smooth_surface
+from ..viz.body import smooth_surface
 from .vtkhdf import point_data, single
 
 OWN = re.compile(r"output_\d{5,}\.vtu|run\.pvd")  # what is written here

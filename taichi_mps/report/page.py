@@ -1,23 +1,30 @@
-"""report.html: one page of a run, that opens from the disk without a network."""
+"""report.html: a page of a run that opens from the disk without a network; all that comes from outside is escaped."""
 
 import json
+import shlex
 from base64 import b64encode
+from contextlib import suppress
+from datetime import datetime
+from html import escape
 from io import BytesIO
 from pathlib import Path
 from string import Template
 
 from PIL import Image
 
+from .. import __version__
 from ..io.history import read_history
 from ..io.run_folder import RunFolder, write_whole
 from ..io.vtkhdf import Trajectory
-from ..problem import catalogue
+from ..problem import accuracy, catalogue
+from ..problem.labels import in_words
+from ..problem.materials import FLOWS, mix_in_words
+from ..problem.numerics import NUMERICS
+from ..problem.problem import Problem
 from ..problem.scene import Scene
-from ..units import SceneError
-from .drawings import drawings
-from .film import film
-from .sentences import measures
-from .words import words
+from ..units import SceneError, plain
+from . import inputs, sentences
+from .drawings import drawings, film
 
 HERE = Path(__file__).parent
 """Parts of the page: page.html, page.css, and the scripts charts.js, viewer.js and page.js."""
@@ -43,7 +50,7 @@ class Told:
         if not self.ended:
             mixes = [mix.facts() for mix in self.scene.materials]
             known = {"scene": self.scene.name, "parameters": parameters, "materials": mixes}
-            self.summary = known | {"simulated_seconds": last["time_s"]} | measures(last)
+            self.summary = known | {"simulated_seconds": last["time_s"]} | sentences.measures(last)
 
 
 def write(folder: RunFolder, scene: Scene | None = None, scene_file=None, title=None, note=None) -> Path:
@@ -85,3 +92,117 @@ def publish(template: Path, out: Path, data, **texts) -> Path:
     )
     write_whole(out, text)
     return out
+
+
+# ---- texts and tables --------------------------------------------------------------------------------------------
+def words(run, film: dict) -> dict[str, str]:
+    """Texts that page.html asks for, by name."""
+    summary, later = run.summary, "<p>Said when the run has ended.</p>"
+    repeat = repeated(run) if run.ended else f"resume {shlex.quote(str(run.path))}"
+    numerics = run.ended and table(sentences.numerics(summary)) + f"<p>{safe(sentences.cost(summary))}</p>"
+    measured = sentences.measured(summary)
+    return {
+        "title": safe(summary.get("title") or usual_title(run.source, str(summary["scene"]))),
+        "meta": safe(", ".join([*dates(run), *map(mix_in_words, (summary.get("materials") or [])[:1])])),
+        "note": f'<p class="remark">{safe(summary["note"])}</p>' if summary.get("note") else "",
+        "lead": safe(f"{measured[:-1]}; {sentences.ending(summary, mixes=False)}" if run.ended else measured),
+        "doubts": "\n".join(f'<p class="doubt">{safe(text)}</p>' for text in doubts(run)),
+        "about": safe(" ".join(about(film, run.scene))),
+        "results": table(sentences.rows(summary)) or "<p>Nothing was measured.</p>",
+        "inputs": table(given(run)),
+        "accuracy": expected(summary) if run.ended else later,
+        "command": safe(f"taichi-mps {repeat}"),
+        "versions": safe(versions(run)),
+        "numerics": numerics or later,
+    }
+
+
+def repeated(run) -> str:
+    """The command that computes an ended run again, of what the user gave."""
+    every = run.every
+    with suppress(SceneError):  # of a scene that the scheme computes with other settings alone
+        usual = Problem(run.scene, NUMERICS[run.summary["scheme"]]()).usual_interval
+        every = None if abs(every / usual - 1.0) < 1e-9 else every
+    return inputs.command(run.source, run.summary, every)
+
+
+def usual_title(source: str, scene: str) -> str:
+    """Name of a built-in test in the first line of its file, or else the name of the scene."""
+    return catalogue.describe().get(source, "").partition(":")[0] or in_words(scene)
+
+
+def dates(run) -> list[str]:
+    """The day of the run, as its summary or else the time of its history.csv has it."""
+    when = datetime.fromtimestamp(run.folder.history.stat().st_mtime)
+    with suppress(ValueError, TypeError):
+        when = datetime.fromisoformat(run.summary["ended"]) if run.ended and "ended" in run.summary else when
+    return [f"{when.day} {when:%B %Y}"]
+
+
+def safe(text) -> str:
+    """Text as HTML shows it."""
+    return escape(plain(text))
+
+
+def table(rows, head=()) -> str:
+    """Rows of texts as a table, the first of each as its head; empty where there is none."""
+    marks = "".join(f'<th scope="col">{safe(text)}</th>' for text in head)
+    lines = [f"<tr>{marks}</tr>"] * bool(head)
+    for first, *others in rows:
+        cells = "".join(f"<td>{safe(cell)}</td>" for cell in others)
+        lines.append(f'<tr><th scope="row">{safe(first)}</th>{cells}</tr>')
+    return f"<table>\n{chr(10).join(lines)}\n</table>" if rows else ""
+
+
+def doubts(run) -> list[str]:
+    """Doubts about the result."""
+    if not run.ended:
+        reached = f"{run.summary['simulated_seconds']:.2f} s"
+        return [f"This run has not ended: it has reached {reached}, and can go on by the command below."]
+    failed = [str(run.summary["error"])] if run.summary.get("error") else []
+    return failed + sentences.doubts(run.summary)
+
+
+def about(film: dict, scene) -> list[str]:
+    """Help for the view, and the parts of the run that it leaves out."""
+    told = ["Drag to turn."] * (scene.dimension == 3 or scene.axisymmetric)
+    told += ["Red: the mould, or the bars."] * bool(scene.outline)
+    told.append(f"Flowing: the viscous part of the stress is over {FLOWS:.0%} of the yield stress.")
+    shown = len(film["times"])
+    fewer = f"To keep the page small it shows {shown} of {film['outputs']} outputs; run.h5 has all."
+    return told + [fewer] * (shown < film["outputs"])
+
+
+def given(run) -> list[tuple[str, str]]:
+    """The inputs of the scene; of a mix that is no keyword, its constants."""
+    parameters = run.summary.get("parameters", {})
+    rows = inputs.rows(parameters, inputs.fields_of(run.source))
+    mixes = [] if "yield_value" in parameters else run.summary.get("materials") or []
+    return rows + [(f"mix {k}", mix_in_words(mix)) for k, mix in enumerate(mixes, 1)]
+
+
+def expected(summary: dict) -> str:
+    """Expected error measured of such runs, or that none was measured; for the slump cone the table of its model."""
+    mix, height, error = accuracy.of_run(summary) or (None, None, None)
+    text = f"<p>{safe(sentences.certainty(summary))}</p>"
+    if not error:
+        return text
+    sizes = {row.spacing for row in accuracy.measured() if row.model == error.model} | {error.spacing}
+    found = [accuracy.expected(error.model, size, mix) for size in sorted(sizes, reverse=True)]
+    rows = [
+        (
+            f"{1e3 * height * row.spacing:.3g} mm",
+            f"{1e3 * height * row.slump:.1f} mm",
+            f"{2e3 * height * row.reach:.0f} mm",
+            f"{row.volume:.1%}",
+        )
+        for row in filter(None, found)
+    ]
+    head = "particle size", "slump within", "diameter within", "volume within"
+    return f"{text}\n<p>Of this mix, by the model {safe(error.model)}, are to be expected:</p>\n{table(rows, head)}"
+
+
+def versions(run) -> str:
+    """Versions that computed the run and made the page."""
+    computed = "Computed by taichi_mps {version} ({backend[arch]}, {backend[precision]}). "
+    return f"{computed.format(**run.summary) if run.ended else ''}Page made by taichi_mps {__version__}."

@@ -13,8 +13,6 @@ OWN = " This is the error of the computation; the test's own and that of the con
 LEADING = "slump_m", "spread_m", "t500_s", "flow_m", "flow_time_s", "passing_ratio", "front_m", "filled_ratio"
 MEASURED = "slump_m", "spread_m"  # of the columns that every history has
 PARTS = {"ready": "making ready", "pictures": "last pictures"}  # of a run, in words where its key is none
-NOT_RESULTS = "simulated_seconds", "wall_seconds", "cpu_seconds", "compile_seconds"
-NOT_RESULTS += "all_wall_seconds", "all_cpu_seconds"
 
 
 def sentences(summary: dict, folder=None) -> list[str]:
@@ -31,7 +29,7 @@ def sentences(summary: dict, folder=None) -> list[str]:
 
 def measured(summary) -> str:
     """The two results that people ask for first, or else the first two."""
-    known = [name for name, value in summary.items() if is_result(name) and isinstance(value, float | int)]
+    known = [name for name, value in summary.items() if is_measure(name) and isinstance(value, float | int)]
     found = ([name for name in LEADING if name in known] or known)[:2]
     text = ", ".join(f"{title(name)} {written(name, summary[name])}" for name in found)
     return f"{text[0].upper()}{text[1:]}." if found else "Nothing was measured."
@@ -122,17 +120,12 @@ def of_scene(column: str) -> bool:
     return is_measure(column) and (column in MEASURED or column not in COLUMNS)
 
 
-def is_result(key: str) -> bool:
-    """Whether a summary holds a result of the scene under this key."""
-    return is_measure(key) and key not in NOT_RESULTS
-
-
 def rows(summary) -> list[tuple[str, str, str]]:
     """Each result: its name, its value with unit, and what it is; '-' for what was not reached."""
     return [
         (title(key), "not reached" if value is None else written(key, value), meaning(key))
         for key, value in summary.items()
-        if is_result(key)
+        if is_measure(key)
         and (value is None or isinstance(value, float | int))
         and not (value is None and key.endswith("expected_error_m"))
     ]

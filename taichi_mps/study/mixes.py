@@ -13,8 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from .. import __version__
-from ..report.page import publish
-from ..report.words import safe, table
+from ..report.page import publish, safe, table
 from ..spelling import in_unit, without_unit
 from ..units import Count, File, Place, SceneError, Text, require, suggestion, unit_of, user_path, validated
 from ..viz.plots import COLOURS

@@ -2,21 +2,32 @@
 
 ``cases.py`` is the table: each row names its case, its reference and the function that runs it, with its settings. A
 function gives what it measured, each number beside its target. They stand by subject in ``flows.py`` (plane flows),
-``curved.py``, ``slumps.py``, ``standing.py``, ``fluids.py``, ``vortices.py`` and ``measured.py``, and run scenes by
-``scheme.py``; ``table.py`` runs the rows, each in a process of its own. Some targets were changed when the engine's
+``curved.py``, ``slumps.py``, ``standing.py``, ``fluids.py``, ``vortices.py`` and ``measured.py``; ``table.py`` runs the
+rows, each in a process of its own, with the scheme that is set here. Some targets were changed when the engine's
 numbers were known (those of the Bingham cavity), and on what some rows measure constants were chosen (``CHOSEN_ON``):
 they are calibration. Read cases.py first.
 """
 
 import csv
+import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 
+import taichi_mps as mps
+
+from ..problem.numerics import NUMERICS
+
 REFERENCE = Path(__file__).parent / "reference"
 L2_ERROR, SLUMP_ERROR = "L2 error of the velocity [-]", "largest error of the slump [mm]"
+LAYERS = 3  # of wall particles behind a wall, as in the paper
+
+# What the rows of this process run with: the scheme, the CPU time a row may take [s], None for any, and the CPU time of
+# the process when the row began [s].
+Setting = SimpleNamespace(scheme="implicit", budget=None, begin=0.0)
 
 
 @dataclass(frozen=True)
@@ -63,3 +74,71 @@ def as_array(texts: list[str]) -> np.ndarray:
         return np.array([float(text or "nan") for text in texts])
     except ValueError:
         return np.array(texts)
+
+
+# ---- running scenes ----------------------------------------------------------------------------------------------
+def simulate(scene: mps.Scene, max_time_step: float | None = None):
+    """A Simulation of ``scene`` with the defaults of the present scheme; ``max_time_step`` [s] may only shorten its
+    steps. The paper's scheme gets its wall particles where the scene has nothing but planes normal to axes."""
+    numerics = NUMERICS[Setting.scheme]
+    caps = [step for step in (numerics().max_time_step, max_time_step) if step is not None]
+    normals = [wall.normal if isinstance(wall, mps.Plane) else () for wall in scene.walls]
+    lattices = scene.walls and all(np.count_nonzero(normal) == 1 for normal in normals)
+    if Setting.scheme == "semi-implicit" and lattices and scene.wall_particles is None:
+        scene = with_wall_particles(scene)
+    sim = mps.Simulation(scene, numerics(max_time_step=min(caps, default=None)))
+    if Setting.budget is not None:
+        sim.each_step(stop_beyond_budget)
+    return sim
+
+
+def run(scene: mps.Scene, until: float | None = None, max_time_step: float | None = None):
+    """The Simulation of ``scene`` at ``until`` [s], or at the end of the scene."""
+    sim = simulate(scene, max_time_step)
+    sim.run(until)
+    return sim
+
+
+def record(scene: mps.Scene, read, interval: float | None = None, until=None, max_time_step=None, after=-1.0):
+    """The Simulation at its end, the times [s] at which ``read`` (of the simulation) was called, and what it gave:
+    every ``interval`` [s], or after every step; later than ``after`` [s]."""
+    sim, found = simulate(scene, max_time_step), []
+
+    def note(s):
+        if s.time > after:
+            found.append((s.time, read(s)))
+
+    if interval:
+        sim.every(interval, note)
+    else:
+        sim.each_step(note)
+    sim.run(until)
+    times, values = zip(*found, strict=True)
+    return sim, np.array(times), np.array(values)
+
+
+def stop_beyond_budget(sim) -> None:
+    """Raises TimeoutError when the row has spent its CPU time; says where, and what a simulated second costs."""
+    spent = time.process_time() - Setting.begin
+    if spent > Setting.budget:
+        hours = sim.cpu_seconds / 3600.0 / sim.time  # without compiling
+        raise TimeoutError(
+            f"at t = {sim.time:.3g} s: {Setting.budget:g} CPU-s spent ({hours:.2g} CPU-h for each simulated second)"
+        )
+
+
+def with_wall_particles(scene: mps.Scene) -> mps.Scene:
+    """The scene with LAYERS layers of wall particles behind its planes, each normal to an axis. The lattice goes on
+    behind the wall, which stands half-way between two layers; the domain grows where it must hold them."""
+    l0, periodic = scene.spacing, np.array(scene.periodic)
+    low, high = (np.array(corner, float) for corner in scene.domain)
+    origin = np.where(periodic, low, scene.fluid[0] - 0.5 * l0)
+    for plane in scene.walls:
+        axis = int(np.argmax(np.abs(plane.normal)))
+        origin[axis] = plane.point[axis]
+    first = np.where(periodic, 0.0, np.ceil((origin - low) / l0) + LAYERS)
+    last = np.where(periodic, np.round((high - low) / l0), np.ceil((high - origin) / l0) + LAYERS)
+    low = np.where(periodic, low, origin - first * l0)
+    high = np.where(periodic, high, origin + last * l0)
+    x = mps.lattice(low, high - 0.25 * l0, l0)
+    return replace(scene, wall_particles=mps.behind(scene.walls, x, LAYERS * l0), domain=(tuple(low), tuple(high)))

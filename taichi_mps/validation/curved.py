@@ -9,9 +9,8 @@ import numpy as np
 
 import taichi_mps as mps
 
-from . import Measured
+from . import Measured, run
 from .flows import l2
-from .scheme import run
 
 DENSITY, ETA = 2300.0, 50.0  # kg/m3, Pa s
 RADIUS, OUTER, ACROSS = 0.05, 0.1, 20  # of the pipe and the inner cylinder, of the outer one [m]; particles

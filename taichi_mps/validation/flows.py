@@ -11,8 +11,7 @@ import numpy as np
 import taichi_mps as mps
 
 from ..problem import catalogue
-from . import L2_ERROR, Measured, columns
-from .scheme import record, run, simulate
+from . import L2_ERROR, Measured, columns, record, run, simulate
 
 DENSITY, ETA, DEPTH, G = 2300.0, 100.0, 0.1, 9.81  # kg/m3, Pa s, m, m/s2
 SLOPE_WEIGHT = DENSITY * G * float(np.sin(np.radians(10.0)))  # of a film on a slope of 10 degrees, along it [N/m3]

@@ -5,8 +5,7 @@ import numpy as np
 import taichi_mps as mps
 
 from ..problem import catalogue
-from . import Measured, columns, flows
-from .scheme import record, run, simulate
+from . import Measured, columns, flows, record, run, simulate
 
 COLUMN = 0.146  # width of the column of water of Martin and Moyce [m]
 

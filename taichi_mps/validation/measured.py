@@ -3,8 +3,7 @@
 import numpy as np
 
 from ..problem import catalogue
-from . import Measured, columns, read_reference
-from .scheme import record
+from . import Measured, columns, read_reference, record
 
 DAMS, CURVES = "E_measured_dam_break_virheometry.csv", "E_measured_flow_curves_virheometry.csv"
 FLUIDS = {  # beginning of the rheometer's sample, density [kg/m3] by the source

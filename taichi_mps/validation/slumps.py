@@ -12,9 +12,8 @@ import numpy as np
 
 import taichi_mps as mps
 
-from . import SLUMP_ERROR, Measured, columns
+from . import SLUMP_ERROR, Measured, columns, record, run
 from .flows import RATIONAL_ERROR
-from .scheme import record, run
 
 MILESTONES = (0.1, 0.2, 0.3, 0.5, 1.0)  # [s]
 DENSITY, GRAVITY = 2300.0, 9.81  # [kg/m3], [m/s2]

@@ -11,8 +11,7 @@ import numpy as np
 
 import taichi_mps as mps
 
-from . import Measured, columns
-from .scheme import run
+from . import Measured, columns, run
 from .slumps import DENSITY, GRAVITY, final_shape
 
 SPACING = 0.01  # of arrested slumps [m]

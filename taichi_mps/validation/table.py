@@ -10,9 +10,8 @@ from pathlib import Path
 
 from ..problem.numerics import NUMERICS
 from ..units import SceneError, require, suggestion, user_path
-from . import L2_ERROR, SLUMP_ERROR, Measured, provenance
+from . import L2_ERROR, SLUMP_ERROR, Measured, Setting, provenance
 from .cases import CHOSEN_ON, ROWS
-from .scheme import Setting
 
 PANELS = {L2_ERROR: ("particles across", -1), SLUMP_ERROR: ("spacing [mm]", 1)}  # x axis, sign of the slope there
 VERDICTS = {True: "met", False: "**missed**"}

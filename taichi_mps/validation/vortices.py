@@ -4,8 +4,7 @@ import numpy as np
 
 import taichi_mps as mps
 
-from . import Measured, columns
-from .scheme import record, run
+from . import Measured, columns, record, run
 
 
 # ---- reading values off particles ------------------------------------------------------------------------------

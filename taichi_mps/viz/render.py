@@ -35,10 +35,9 @@ from ..units import (
     validated,
     writing,
 )
-from .body import surface_of
+from .body import CUBE_OF_PICTURES, surface_of
 from .overlay import FAINT, GLASS, INK, MOULD, Overlay, said_speed
 from .painter import Camera, Mesh, Painter
-from .smooth_surface import CUBE_OF_PICTURES
 from .stage import dimensions, lifted, stage, wall_lines
 
 RADIUS = 0.62  # of a drawn sphere over l0

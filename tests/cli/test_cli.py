@@ -18,7 +18,7 @@ import pytest
 from rich.console import Console
 
 import taichi_mps as mps
-from taichi_mps.cli import console, options
+from taichi_mps.cli import options, run
 from taichi_mps.io import checkpoint
 from taichi_mps.io.history import read_history
 from taichi_mps.io.run_folder import RunFolder
@@ -152,13 +152,13 @@ def test_a_run_killed_at_random_steps_goes_on_bit_for_bit(work, whole):
 def test_the_line_on_a_terminal_says_how_far_a_run_has_come(monkeypatch, verbose):
     shown, steps = io.StringIO(), []
     terminal = Console(file=shown, force_terminal=True, width=160)
-    monkeypatch.setattr(console, "Console", lambda **_: terminal)
+    monkeypatch.setattr(run, "Console", lambda **_: terminal)
     report = SimpleNamespace(dt=0.01, dt_limit="Courant", outer_iterations=6, solver_iterations=40)
     sim = SimpleNamespace(time=250.0, steps=1, report=report, each_step=steps.append)
     told = {"share": 0.5, "left_s": 100.0, "end_s": 500.0}
     clock = SimpleNamespace(part="ready", cold=True, begin=lambda *_: None, now=lambda *_: told)
     recorder = SimpleNamespace(measures={"front_m": 0.3}, folder=SimpleNamespace(tell=steps.append))
-    with console.progress(sim, recorder, False, verbose, clock):
+    with run.progress(sim, recorder, False, verbose, clock):
         steps[0](sim)
     words = "250.00 of about 500 s", "50 %", "1.7 min left", "front 30.0 cm", "first run takes longest"
     assert all(word in shown.getvalue() for word in words) and steps[1] == told

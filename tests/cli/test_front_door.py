@@ -24,8 +24,9 @@ from hypothesis import currently_in_test_context, event, given, settings
 from hypothesis import strategies as st
 
 import taichi_mps as mps
-from taichi_mps.cli import console, options
 from taichi_mps.cli import main as cli
+from taichi_mps.cli import options
+from taichi_mps.cli import run as console
 from taichi_mps.cli import study as commands
 from taichi_mps.geometry.meshes import read_mesh
 from taichi_mps.io import checkpoint

@@ -60,7 +60,8 @@ def test_a_checkpoint_holds_particles_of_its_domain():
     """One that leaves the domain ends the run: in a checkpoint it may be beyond the edge, and no domain away."""
     scene = catalogue.build("slump", spacing=0.05)
     x = np.array(scene.fluid)
-    header = {"source": "slump", "parameters": {}, "scheme": "implicit", "numerics": {}, "fluid": None, "problem": None}
+    header = {"source": "slump", "parameters": {}, "scheme": "implicit", "numerics": {}}
+    header["fluid"] = checkpoint.digest(scene, checkpoint.PARTICLES)
     x[0] = 1.5 * np.array(scene.domain[1])
     checkpoint.Checkpoint(header, {"x": x}).admit(scene)
     for far in (3.0, 1e300):

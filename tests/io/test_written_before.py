@@ -1,6 +1,6 @@
-"""What version 0.1.0 of commit 068d274 wrote is read, and its run goes on as it would have gone on there.
+"""What version 0.2.0 wrote is read, and its run goes on as it would have gone on there.
 
-written_by_068d274: the run ``slump --spacing 0.05 --until 0.05 --every 0.02 --precision f64 --threads 1``; next.npz:
+written_by_0.2.0: the run ``slump --spacing 0.05 --until 0.05 --every 0.02 --precision f64 --threads 1``; next.npz:
 positions [m], velocities [m/s] and pressures [Pa] two steps later, ordered by id; checkpoint_semi_implicit.h5: that of
 the same run by the scheme ``semi-implicit``.
 """
@@ -19,7 +19,7 @@ from taichi_mps.io.run_folder import RunFolder
 from taichi_mps.io.vtkhdf import Trajectory
 from taichi_mps.schemes.step_report import OLD_NAMES, StepReport
 
-WRITTEN = Path(__file__).parent / "written_by_068d274"
+WRITTEN = Path(__file__).parent / "written_by_0.2.0"
 
 
 @pytest.fixture

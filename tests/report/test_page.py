@@ -16,7 +16,7 @@ from taichi_mps.io.vtkhdf import Trajectory
 from taichi_mps.problem import accuracy
 from taichi_mps.problem.labels import title, written
 from taichi_mps.problem.measures import still
-from taichi_mps.report import drawings, film, inputs, page, sentences
+from taichi_mps.report import drawings, inputs, page, sentences
 from taichi_mps.viz.body import surface_of
 from tests.support.browser import chromium, needs_chromium, opened
 from tests.support.child import child
@@ -65,7 +65,7 @@ def test_the_surfaces_and_colours_are_those_of_the_outputs(run, tab):
     low, step = (np.array(tab.evaluate(f"film.{name}")) for name in ("low", "step"))
     top = tab.evaluate("film.fastest")
     for output in outputs[1:]:
-        x, normals, speed, flowing, links = film.shape(output.scene, output.state)
+        x, normals, speed, flowing, links = drawings.shape(output.scene, output.state)
         k = int(np.argmin(np.abs(np.array(times) - output.time)))
         keys = "at", "normal", "shade", "triangles"
         at, normal, shade, rows = (np.array(tab.evaluate(f"[...state.meshes[{k}].{key}]")) for key in keys)
@@ -85,7 +85,7 @@ def test_a_body_of_rings_is_turned_about_the_axis(shown, tmp_path):
     rings = computed(tmp_path / "rings", *WORDS.replace("quarter", "axisymmetric").split())
     tab, (first, *_, last) = shown(rings.report), Trajectory(rings.trajectory).replay()
     for k, output in ((0, first), (-1, last)):
-        known = surface_of(output.scene, output.state, film.CUBE, ())[0].x
+        known = surface_of(output.scene, output.state, drawings.CUBE, ())[0].x
         found = np.reshape(tab.evaluate(f"[...state.meshes.at({k}).at]"), (-1, 3))
         np.testing.assert_allclose(found, known, atol=2e-4)
     assert rings.report.stat().st_size < 5e5
@@ -206,12 +206,12 @@ def test_what_does_not_fit_is_left_out_evenly(run):
     trajectory = Trajectory(run.trajectory)
     outputs = list(trajectory.replay())
     scene, history = outputs[0].scene, read_history(run.history)
-    whole, _ = film.film(trajectory, scene, history)
+    whole, _ = drawings.film(trajectory, scene, history)
     assert whole["outputs"] == len(outputs) == 9 and len(whole["times"]) == 25  # two between each two of them
-    packed = film.packed(
-        *film.shape(scene, outputs[-1].state), 1.0, *film.scale([film.shape(scene, outputs[-1].state)])
+    packed = drawings.packed(
+        *drawings.shape(scene, outputs[-1].state), 1.0, *drawings.scale([drawings.shape(scene, outputs[-1].state)])
     )
-    fewer, last = film.film(trajectory, scene, history, 4.2 * len(zlib.compress(b"".join(packed.values()))))
+    fewer, last = drawings.film(trajectory, scene, history, 4.2 * len(zlib.compress(b"".join(packed.values()))))
     np.testing.assert_allclose(fewer["times"], [outputs[k].time for k in (0, 3, 5, 8)], atol=1e-6)
     np.testing.assert_array_equal(last.x, outputs[-1].state.x)
 

@@ -7,8 +7,7 @@ import pytest
 
 import taichi_mps as mps
 from taichi_mps.problem import catalogue
-from taichi_mps.validation import fluids
-from taichi_mps.validation.scheme import simulate
+from taichi_mps.validation import fluids, simulate
 from tests.support.inside import in_order
 
 

@@ -11,8 +11,7 @@ import taichi_mps as mps
 from taichi_mps.cli.main import main
 from taichi_mps.problem import catalogue
 from taichi_mps.runtime import backend
-from taichi_mps.validation import SLUMP_ERROR, Measured, cases, flows, standing, table
-from taichi_mps.validation.scheme import Setting, simulate
+from taichi_mps.validation import SLUMP_ERROR, Measured, Setting, cases, flows, simulate, standing, table
 from taichi_mps.viz import plots
 from tests.support.inside import find
 

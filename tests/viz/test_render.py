@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.cli import console as show
+from taichi_mps.cli import run as show
 from taichi_mps.io import vtu as export
 from taichi_mps.problem import catalogue
 from taichi_mps.problem.measures import still
