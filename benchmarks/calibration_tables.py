@@ -136,10 +136,7 @@ def shares() -> None:
             answer = fit(tables, drawn, DENSITY)
             pairs = (answer.yield_value, tau_y), (answer.plastic_viscosity, eta)
             held.append([(constant.lower or 0.0) <= true <= (constant.upper or np.inf) for constant, true in pairs])
-        told = ", ".join(
-            constant.told(unit)
-            for constant, unit in zip((found.yield_value, found.plastic_viscosity), ("Pa", "Pa s"), strict=True)
-        )
+        told = ", ".join(constant.told() for constant in found.constants.values())
         print(f"{tau_y:g} Pa, {eta:g} Pa s: {told}; held {' and '.join(f'{s:.1%}' for s in np.mean(held, axis=0))}")
 
 

@@ -1,6 +1,7 @@
 """What a calibration found, in a sentence or two, from its facts as ``calibrate --json`` prints them."""
 
-from ..study.calibration import CONTRADICTION, NAMES, RHEOMETER, WORDS
+from ..problem.labels import in_words
+from ..study.calibration import CONTRADICTION, NAMES, RHEOMETER, UNITS
 
 MEASURE = {  # what tells a constant that a calibration could not find
     "yield_value": {"slump_m": "the slump", "spread_m": "the slump flow"},
@@ -18,7 +19,7 @@ def verdict(facts: dict) -> str:
         return f"No mix does all of this{': ' * bool(said)}{', '.join(said)}."
     told, untold = [], []
     for name, value in facts["mix"].items():
-        (words, unit), found = WORDS[name], (facts["friction"] if friction else facts)[name]
+        words, unit, found = in_words(name), UNITS[name], (facts["friction"] if friction else facts)[name]
         low, high = (end and about(end) for end in (found["lower"], found["upper"]))
         if found["low"] == found["high"]:
             told.append(f"{words} {about(value)} {unit}, as given")
@@ -32,7 +33,7 @@ def verdict(facts: dict) -> str:
         others = [words for key, words in MEASURE.get(name, {}).items() if key not in facts["measured"]]
         these = UNTOLD[min(len(facts["measured"]), len(UNTOLD)) - 1]
         sentences.append(
-            f"The {WORDS[name][0]} can't be told from {these}" + f": measure {' or '.join(others)}" * bool(others)
+            f"The {in_words(name)} can't be told from {these}" + f": measure {' or '.join(others)}" * bool(others)
         )
     text = ". ".join(sentences)
     return f"{text[0].upper()}{text[1:]}."

@@ -177,8 +177,8 @@ def calibrate(
     require(lift_speed is None or "slump" in emulators, "lift_speed: needs slump, slump_flow or t500 of the slump cone")
     found = fit(tables, measured, test.rho, known=known)
     finer, lifted = difference(emulators, found) if check else {}, lift_effect(found, lift_speed) if lift_speed else {}
-    if apart := together(finer, lifted):
-        found = replace(fit(tables, measured, test.rho, apart, known), finer=finer, lifted=lifted)
+    if finer or lifted:
+        found = replace(fit(tables, measured, test.rho, (finer, lifted), known), finer=finer, lifted=lifted)
     if study is None and not (found.fits and found.near):
         found = replace(found, friction=frictional_mix(measured, test.rho, known))
     return found if found.fits else with_each_alone(emulators, found, known)
@@ -190,16 +190,17 @@ def with_each_alone(emulators: dict[str, Emulator], found: Calibration, known: d
     A length at rest tells the yield stress, a time the plastic viscosity, with the other constant as found, or a usual
     plastic viscosity where none is determined: what fits a contradiction least badly is at any end of the table.
     """
-    others = found.constants
+    others = found.values
     if not found.plastic_viscosity.determined and "plastic_viscosity" not in known:
         others["plastic_viscosity"] = Bingham().plastic_viscosity
     alone = {name: {RHEOMETER: (known[name],) * 3} if name in known else {} for name in BINGHAM}
-    correction = together(found.finer, found.lifted)
     for name, pair in found.measured.items():
         asked, other = reversed(BINGHAM) if is_time(name) else BINGHAM
         emulator = next(emulators[scene] for scene in emulators if name in MEASURED[scene])
         with suppress(SceneError):  # no T500 at all with that yield stress
-            it = getattr(fit([emulator], {name: pair}, found.density, correction, {other: others[other]}), asked)
+            it = getattr(
+                fit([emulator], {name: pair}, found.density, (found.finer, found.lifted), {other: others[other]}), asked
+            )
             alone[asked][name] = it.value, it.lower, it.upper
     return replace(found, alone={name: it for name, it in alone.items() if it.keys() - {RHEOMETER}}, others=others)
 
@@ -220,7 +221,7 @@ def changes(before: dict, after: dict) -> dict[str, float]:
 
 def difference(emulators: dict[str, Emulator], found: Calibration) -> dict:
     """Return what finer runs at the constants found measure beyond their emulators: lengths [m], ratios of times."""
-    mix, finer = np.log(np.array(list(found.constants.values())) / found.density), {}
+    mix, finer = np.log(np.array(list(found.values.values())) / found.density), {}
     for scene in (scene for scene in CHECKED if scene in emulators):
         each = emulators[scene]
         settings = each.settings | found.keywords | {"spacing": 0.5 * each.spacing}
@@ -233,12 +234,6 @@ def lift_effect(found: Calibration, speed: float) -> dict:
     settings = found.keywords | {"spacing": LIFTED}
     each = [settings, settings | {"lift_speed": speed}]
     return changes(*(computed("slump", "run with the mould lifted", **keywords) for keywords in each))
-
-
-def together(finer: dict, lifted: dict) -> dict:
-    """Return both corrections of a table: lengths add up, ratios of times multiply."""
-    usual = {name: float(is_time(name)) for name in finer} | lifted
-    return lifted | {name: by * usual[name] if is_time(name) else by + usual[name] for name, by in finer.items()}
 
 
 def frictional_mix(measured: dict, density: float, known: dict) -> FrictionalMix | None:

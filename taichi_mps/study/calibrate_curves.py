@@ -2,7 +2,6 @@
 
 import os
 import warnings
-from functools import partial
 from pathlib import Path
 from time import monotonic
 
@@ -13,11 +12,11 @@ from ..problem.labels import in_words, is_measure, title, written
 from ..problem.materials import LAWS, numbers_of
 from ..report.sentences import in_time
 from ..units import SceneError, notes, require, suggestion
-from .calibration import Constant, short
+from .calibration import short
 from .case import case
 from .case import run as run_case
 from .curves import Curve, CurveFit, Test, measures_of, of_files
-from .fit import worth
+from .fit import FAILED, LeastSquares
 from .sweep import carry_out, executor_of, wall_time
 
 OFFSET = "time_offset"  # in ``free``: the unknown time [s] of the scene at the zero of a curve
@@ -26,12 +25,10 @@ SAMPLES = 100  # of a curve of a run
 COARSER = 2.0  # spacing of the runs of the fit over that of those that correct them
 RANGE = 100.0  # factor from the first value of a constant within which it is sought
 FACTOR = 4.0  # between the first runs, by which all constants are made larger or smaller together
-STEP = 0.1  # of the logarithm of a constant, to a run that tells a sensitivity; particles scatter smaller ones
 MOST, ENOUGH = 10, 0.01  # steps of a fit, and the change of the logarithms that ends it
 ROUNDS = 3  # of fits, each corrected by finer runs at the constants of the one before
 ERROR = 0.01  # of a point over the largest value of its measure: weighs measures of different units
 OUTSIDE = 0.1  # of the largest value, by which points may lie beyond all runs
-FAILED = 1e3  # residual of a run that failed
 
 
 def course(case):
@@ -41,16 +38,20 @@ def course(case):
         return run_case(case, SAMPLES)
 
 
-class Runs:
+class Runs(LeastSquares):
     """Runs of a scene beside measured curves, kept in the folder of a study.
 
     A point ``at`` is the logarithms of the constants over their ``first`` values, then, with ``offsets``, the time of
-    the scene at the zero of each test in units of a tenth of its length.
+    the scene at the zero of each test in units of a tenth of its length. Runs of the fit have a ``spacing`` [m];
+    ``shift`` is added to their residuals.
     """
 
-    def __init__(self, scene: str, curves: list[Curve], settings: dict, first: dict, offsets: bool, folder, pool):
+    def __init__(
+        self, scene: str, curves: list[Curve], settings: dict, first: dict, ends, offsets: bool, spacing: float
+    ):
         self.scene, self.curves, self.settings, self.first = scene, curves, settings, first
-        self.folder, self.pool, self.seconds = folder, pool, 0.0  # of a run
+        self.folder, self.pool, self.seconds = None, None, 0.0  # of the study, its executor, of a run
+        self.spacing, self.shift = spacing, 0.0
         self.cases, self.planned, self.rows = {}, {}, {}
         self.tests = list(dict.fromkeys(curve.test for curve in curves))
         shifted = [test for test in self.tests if offsets and len(test.times)]
@@ -60,6 +61,7 @@ class Runs:
         self.errors = [ERROR * (float(np.abs(values).max()) or 1.0) for values in alike]
         self.edges = np.cumsum([len(curve.values) for curve in curves])  # of the curves in the residuals
         self.reach = np.inf, -np.inf  # least and largest residual of each point so far
+        super().__init__(first, np.hstack([ends, np.outer([-10.0, 10.0], np.full(len(shifted), LATE))]))
 
     def mix(self, at) -> dict[str, float]:
         """Constants of a point, SI units, of five figures: runs are known by them."""
@@ -108,21 +110,25 @@ class Runs:
             )
         return found
 
-    def residuals(self, at, spacing) -> np.ndarray:
-        """Model less measured over the error, of all points that were measured."""
+    def beside(self, at, spacing) -> np.ndarray:
+        """Model less measured over the error, of all points that were measured, by runs of a spacing [m]."""
         known = zip(self.model(at, spacing), self.curves, self.errors, strict=True)
         found = np.concatenate([(model - curve.values) / error for model, curve, error in known])
         self.reach = np.fmin(self.reach[0], found), np.fmax(self.reach[1], found)
         return found
 
+    def residuals(self, at) -> np.ndarray:
+        """Model less measured over the error, of all points that were measured, corrected."""
+        return self.beside(at, self.spacing) + self.shift
+
     def by_curve(self, values) -> list[np.ndarray]:
         """Values of all points, such as residuals, of each curve."""
         return np.split(values, self.edges[:-1])
 
-    def require_reached(self, at, spacing) -> None:
+    def require_reached(self, at) -> None:
         """SceneError where a quarter of a curve's points lie beyond all runs, with what the run at a point says."""
         beyond = self.by_curve(np.maximum(self.reach[0], -self.reach[1]) > OUTSIDE / ERROR)
-        for curve, model, part in zip(self.curves, self.model(at, spacing), beyond, strict=True):
+        for curve, model, part in zip(self.curves, self.model(at, self.spacing), beyond, strict=True):
             measured, nearest = (written(curve.measure, float(values[-1])) for values in (curve.values, model))
             require(
                 np.mean(part) <= 0.25,
@@ -130,34 +136,30 @@ class Runs:
                 f"of the nearest run at {nearest}, {self.words(at)}",
             )
 
-    def slopes(self, at, spacing, bounds) -> np.ndarray:
+    def slopes(self, at) -> np.ndarray:
         """Derivatives of the residuals at a point, (points, unknowns)."""
-        steps = np.where(at + STEP > bounds[1], -STEP, STEP)
-        sides = [at + step * one for step, one in zip(steps, np.eye(len(at)), strict=True)]
-        self.compute([at, *sides[: len(self.first)]], spacing)
-        here = self.residuals(at, spacing)
-        pairs = zip(sides, steps, strict=True)
-        return np.stack([(self.residuals(side, spacing) - here) / step for side, step in pairs], 1)
+        self.compute([at, *(at + self.steps(at))[: len(self.first)]], self.spacing)  # side by side
+        return super().slopes(at)
 
-    def with_offsets(self, at, spacing) -> tuple[np.ndarray, float]:
+    def with_offsets(self, at) -> tuple[np.ndarray, float]:
         """A point with the offset of each test that fits best, and the sum of squares there."""
         tried = np.linspace(-10.0 * LATE, 10.0 * LATE, 201) if self.places else np.zeros(1)
         squares = []
         for late in tried:
             at = np.concatenate([at[: len(self.first)], np.full(len(self.units), late)])
-            squares.append([part @ part for part in self.by_curve(self.residuals(at, spacing))])
+            squares.append([part @ part for part in self.by_curve(self.residuals(at))])
         for test, place in self.places.items():
             mine = [curve.test is test for curve in self.curves]
             at[place] = tried[np.argmin(np.array(squares)[:, mine].sum(1))]
-        return at, float(np.sum(self.residuals(at, spacing) ** 2))
+        return at, float(np.sum(self.residuals(at) ** 2))
 
-    def begin(self, spacing) -> np.ndarray:
+    def begin(self) -> np.ndarray:
         """Start of the fit: all constants smaller or larger by one factor, as far as that comes nearer to the curves;
         SceneError where none come to them."""
         step, known = np.log(FACTOR) * np.array([name != "flow_index" for name in self.first], float), {}
 
         def look(power) -> float:
-            known[power] = self.with_offsets(power * step, spacing)
+            known[power] = self.with_offsets(power * step)
             return known[power][1]
 
         way = -1 if look(-1) <= look(0) else 1
@@ -165,12 +167,12 @@ class Runs:
         while look(power + way) <= known[power][1] and len(known) < 2 + int(np.log(RANGE) / np.log(FACTOR)):
             power += way
         best = min(known, key=lambda power: known[power][1])
-        self.require_reached(known[best][0], spacing)
+        self.require_reached(known[best][0])
         sides = [known.get(best + by, (None, np.inf))[1] for by in (-1, 0, 1)]
         bend, part = np.diff(sides, 2)[0], 0.0
         if 0.0 < bend < np.inf:  # of a parabola through the three
             part = 0.5 * (sides[0] - sides[2]) / bend
-        return self.with_offsets((best + part) * step, spacing)[0]
+        return self.with_offsets((best + part) * step)[0]
 
     def words(self, at) -> str:
         """Constants of a point in words."""
@@ -216,7 +218,6 @@ def calibrate_curves(
     correct those of the fit, at twice that; watch: is told of the way in lines of text; settings: keywords of the
     scene. SceneError for what no run can be.
     """
-    from scipy.optimize import least_squares
 
     names = [name.strip().replace("-", "_").replace("yield_stress", "yield_value") for name in free.split(",")]
     first = first_values(scene, [name for name in names if name != OFFSET], settings)
@@ -228,25 +229,24 @@ def calibrate_curves(
         require(not both, f"curve = {test.name}: {''.join(both[:1])} is a column of it; must not be given, too")
         catalogue.build(scene, **settings | first | test.settings)
     folder, say, fine = out or Path("studies") / f"calibrate-{built.name}", watch or str, built.spacing
-    spacing = COARSER * fine if finer else fine
+    ends = ends_of(first, type(built.material).model_fields)
+    runs = Runs(scene, curves, settings, first, ends, OFFSET in names, COARSER * fine if finer else fine)
+    points, unknowns = runs.edges[-1], runs.bounds.shape[1]
+    few = f"free = {free}: {unknowns} numbers; must be fewer than the measured points, {points}"
+    require(points > unknowns, few)
     start, _ = executor_of(executor, workers, folder)
-    with start() as pool:
-        runs = Runs(scene, curves, settings, first, OFFSET in names, folder, pool)
-        ends, points, tests = ends_of(first, type(built.material).model_fields), runs.edges[-1], len(runs.tests)
-        bounds = np.hstack([ends, np.outer([-10.0, 10.0], np.full(len(runs.units), LATE))])
-        few = f"free = {free}: {bounds.shape[1]} numbers; must be fewer than the measured points, {points}"
-        require(points > bounds.shape[1], few)
-        likely = tests * (3 + 4 * (1 + len(first)))
+    with start() as runs.pool:
+        runs.folder = folder
         if watch:
-            at_start = [runs.case(test, np.zeros(len(first)), spacing) for test in runs.tests]
+            likely = len(runs.tests) * (3 + 4 * (1 + len(first)))
+            at_start = [runs.case(test, np.zeros(len(first)), runs.spacing) for test in runs.tests]
             lasts = in_time(wall_time(at_start, workers or os.cpu_count() or 1, likely))
-            finely = f", besides {2 * tests} at {fine:g} m" * finer
-            say(f"some {likely} runs at a spacing of {spacing:g} m, about {lasts}{finely}")
-        at, shift, moved = np.clip(runs.begin(spacing), *(0.999 * bounds)), 0.0, np.inf
+            finely = f", besides {2 * len(runs.tests)} at {fine:g} m" * finer
+            say(f"some {likely} runs at a spacing of {runs.spacing:g} m, about {lasts}{finely}")
 
         def apart(at):
             try:
-                found = runs.residuals(at, spacing) + shift
+                found = runs.residuals(at)
             except SceneError as failure:
                 say(str(failure))
                 return np.full(points, FAILED)
@@ -254,42 +254,35 @@ def calibrate_curves(
             say(f"{len(runs.planned)} runs, {runs.seconds:.1f} s each: {runs.words(at)}: misses by {missed:.2%}")
             return found
 
+        at, moved = np.clip(runs.begin(), *(0.999 * runs.bounds)), np.inf
         for _ in range(ROUNDS):
-            slopes = partial(runs.slopes, spacing=spacing, bounds=bounds)
-            found = least_squares(apart, at, slopes, bounds, xtol=ENOUGH, ftol=1e-3, max_nfev=MOST)
-            moved, at = (np.abs(found.x - at).max() if np.ndim(shift) else np.inf), found.x
+            found = runs.solve(at, apart, jac=runs.slopes, xtol=ENOUGH, ftol=1e-3, max_nfev=MOST)
+            moved, at = (np.abs(found.x - at).max() if np.ndim(runs.shift) else np.inf), found.x
             if not finer or moved < 2.0 * ENOUGH:
                 break
-            shift = runs.residuals(at, fine) - runs.residuals(at, spacing)
-        runs.require_reached(at, spacing)
-        return result(runs, at, found.jac, ends, built.material, fine)
+            runs.shift = runs.beside(at, fine) - runs.beside(at, runs.spacing)
+        runs.require_reached(at)
+        return result(runs, at, found.jac, built.material, fine)
 
 
-def result(runs: Runs, at, slopes, ends, material, spacing) -> CurveFit:
+def result(runs: Runs, at, slopes, material, spacing) -> CurveFit:
     """The result at a point: intervals by the slopes and the scatter of the residuals there. Those of a curve go
     together, so that the scatter counts by (1 + r)/(1 - r), r their correlation from a point to the next."""
     from scipy.stats import t
 
-    residuals, model, count = runs.residuals(at, spacing), runs.model(at, spacing), len(runs.first)
+    residuals, model, count = runs.beside(at, spacing), runs.model(at, spacing), len(runs.first)
     square = max(float(residuals @ residuals), 1e-12)
     beside = sum(float(part[1:] @ part[:-1]) for part in runs.by_curve(residuals)) / square
     freedom, beside = len(residuals) - len(at), min(max(beside, 0.0), 0.9)
-    scale = square / freedom * (1.0 + beside) / (1.0 - beside)
-    lengths = np.concatenate([np.ptp(ends, axis=0), np.full(len(runs.units), 20.0 * LATE)])
-    before = np.diag(12.0 / lengths**2)
-    spread = np.linalg.inv(before + slopes.T @ slopes / scale) * t.ppf(0.975, freedom) ** 2
-    wide, constants = np.sqrt(np.diag(spread)), {}
-    for k, (name, value) in enumerate(runs.first.items()):
-        low, high = (value * np.exp(ends[:, k])).tolist()
-        best, lower, upper = (value * float(np.exp(at[k] + by)) for by in (0.0, -wide[k], wide[k]))
-        constants[name] = Constant(best, lower if lower > low else None, upper if upper < high else None, low, high)
+    slopes = slopes / np.sqrt(square / freedom * (1.0 + beside) / (1.0 - beside))
+    spread = runs.covariance(slopes) * t.ppf(0.975, freedom) ** 2
+    wide, parts = np.sqrt(np.diag(spread)), runs.by_curve(slopes)
+    constants = runs.constants(at, np.stack([at - wide, at + wide], 1))
     curves, named = [], [f"{title(curve.measure)} of {curve.test.name}" for curve in runs.curves]
     for curve, values in zip(runs.curves, model, strict=True):
         facts = {"name": curve.test.name, "settings": curve.test.settings, "measure": curve.measure}
         known = {"times": curve.times, "measured": curve.values, "model": values}
         curves.append(facts | {name: each.tolist() for name, each in known.items()})
-    parts = worth([part / scale**0.5 for part in runs.by_curve(slopes)], before)
-    by_part = {name: dict(zip(constants, row.tolist(), strict=False)) for name, row in zip(named, parts, strict=True)}
     spent = [row.get(name) or 0.0 for row in runs.rows.values() for name in ("cpu_seconds", "compile_seconds")]
     return CurveFit(
         scene=runs.scene,
@@ -298,7 +291,7 @@ def result(runs: Runs, at, slopes, ends, material, spacing) -> CurveFit:
         offsets={test.name: (runs.late(at, test), runs.late(wide, test)) for test in runs.places},
         spread=spread[:count, :count],
         curves=curves,
-        worth=by_part if len(named) > 1 else {},
+        worth=dict(zip(named, runs.worth(parts), strict=True)) if len(parts) > 1 else {},
         runs=len(runs.planned),
         cpu_seconds=sum(spent),
     )

@@ -2,19 +2,19 @@
 
 import math
 from dataclasses import asdict, dataclass, field
-from typing import ClassVar
 
 import numpy as np
+
+from ..problem.labels import in_words
+from ..problem.materials import LAWS, numbers_of
+from ..units import unit_of
 
 CONTRADICTION = 9.0  # a misfit of three standard errors
 NAMES = {"slump_m": "slump", "spread_m": "slump flow", "t500_s": "T500"}
 NAMES |= {"mini_cone_m": "mini-cone flow", "v_funnel_s": "V-funnel time"}
 RHEOMETER = "rheometer"  # who says a constant that is known
-WORDS = {  # of the constants of a mix
-    "yield_value": ("yield stress", "Pa"),
-    "plastic_viscosity": ("plastic viscosity", "Pa s"),
-    "friction_angle": ("friction angle", "degrees"),
-}
+UNITS = {name: unit_of(field).strip("-") for law in LAWS for name, field in numbers_of(law).items()}  # of constants
+UNITS["friction_angle"] = "degrees"
 BINGHAM = "yield_value", "plastic_viscosity"  # the constants of a mix, in the order of the tables
 FRICTIONAL = "yield_value", "friction_angle", "plastic_viscosity"  # those of one with internal friction
 # [m] within which a mix of the model explains a measurement; Kantro's cone is a fifth of the standard one
@@ -56,6 +56,7 @@ class Constant:
     upper: float | None
     low: float
     high: float
+    unit: str
 
     @property
     def determined(self) -> bool:
@@ -67,56 +68,76 @@ class Constant:
         """Do they bound it on one side at least?"""
         return self.lower is not None or self.upper is not None
 
-    def bounds(self, unit: str) -> str:
+    def bounds(self) -> str:
         """The value, or the bound where it has only one."""
         if self.determined:
-            return f"{short(self.value)} {unit}"
+            return f"{short(self.value)} {self.unit}"
         if not self.bounded:
             return "nothing"
-        return f"at most {short(self.upper)} {unit}" if self.lower is None else f"at least {short(self.lower)} {unit}"
+        return f"at {'least' if self.lower else 'most'} {short(self.lower or self.upper)} {self.unit}"
 
-    def told(self, unit: str) -> str:
+    def told(self) -> str:
         """In words."""
         if self.low == self.high:
-            return f"{short(self.value)} {unit}, as given"
+            return f"{short(self.value)} {self.unit}, as given"
         if self.determined:
-            return f"{short(self.value)} {unit}, 95 %: {short(self.lower)} to {short(self.upper)} {unit}"
-        known = f"{self.bounds(unit)} (95 %), not determined further" if self.bounded else "not determined"
-        return f"{known} by these measurements (looked for from {self.ends(unit)})"
+            return f"{self.bounds()}, 95 %: {short(self.lower)} to {short(self.upper)} {self.unit}"
+        known = f"{self.bounds()} (95 %), not determined further" if self.bounded else "not determined"
+        return f"{known} by these measurements (looked for from {self.ends()})"
 
-    def ends(self, unit: str) -> str:
+    def ends(self) -> str:
         """The first and the last of the table."""
-        return f"{short(self.low)} to {short(self.high)} {unit}"
+        return f"{short(self.low)} to {short(self.high)} {self.unit}"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Mix:
-    """A mix that was fitted to measurements, and which measurement determines which of its constants."""
+class Found:
+    """Constants that were fitted to measurements, and which measurement determines which of them."""
 
-    names: ClassVar[tuple[str, ...]] = BINGHAM  # of its constants
-    yield_value: Constant
-    plastic_viscosity: Constant
+    constants: dict[str, Constant]
+    # by measurement and constant: by which factor the constant's standard error would grow without it
+    worth: dict[str, dict[str, float]]
+
+    @property
+    def values(self) -> dict[str, float]:
+        """The best values by name, SI units, an angle in degrees."""
+        return {name: it.value for name, it in self.constants.items()}
+
+    def constant_lines(self) -> list[str]:
+        """The constants in words."""
+        return [f"{in_words(name):18} {it.told()}" for name, it in self.constants.items()]
+
+    def facts(self) -> dict:
+        """Everything, JSON-ready."""
+        known = {name: asdict(it) | {"determined": it.determined} for name, it in self.constants.items()}
+        return vars(self) | {"constants": known, "told": str(self)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Mix(Found):
+    """A mix whose constants were looked up in the tables of tests."""
+
+    yield_value = property(lambda self: self.constants["yield_value"], doc="Yield stress, a Constant.")
+    plastic_viscosity = property(lambda self: self.constants["plastic_viscosity"], doc="Plastic viscosity, a Constant.")
     density: float  # [kg/m3]
     measured: dict[str, tuple[float, float]]  # value and standard error, SI units
     errors: dict[str, float]  # standard errors, with those of the table
     model: dict[str, float]
     misfit: float  # chi squared
     by_viscosity: dict[float, object]  # what fits at other plastic viscosities [Pa s]
-    # by measurement and constant: by which factor the constant's standard error would grow without it, and by how many
-    # of its own it changes with the constant's logarithm
-    worth: dict[str, dict[str, float]]
+    # by measurement and constant: by how many of its standard errors it changes with the constant's logarithm
     sensitivities: dict[str, dict[str, float]]
     usual: bool = False  # is the plastic viscosity a usual one, neither given nor found?
 
-    @property
-    def constants(self) -> dict[str, float]:
-        """The best values by name, SI units, an angle in degrees."""
-        return {name: getattr(self, name).value for name in self.names}
+    def facts(self) -> dict:
+        """Everything, JSON-ready."""
+        facts = super().facts()
+        return facts | facts.pop("constants")
 
     @property
     def keywords(self) -> dict[str, float]:
         """Keywords of a scene that is to have this mix."""
-        return self.constants | {"density": self.density}
+        return self.values | {"density": self.density}
 
     @property
     def missed(self) -> dict[str, float]:
@@ -132,20 +153,20 @@ class Mix:
         """Constants, of those that are bounded, that a measurement determines, in words."""
         worth = self.worth[name]
         sensed = [constant for constant in worth if self.senses(name, constant)]
-        bounded = [it for it in sensed if getattr(self, it).bounded]
+        bounded = [it for it in sensed if self.constants[it].bounded]
         needed = [it for it in bounded if worth[it] >= TOLD]
         said = []
         for constant in needed or bounded[:1]:  # without one that is needed it tells a relation of both
-            others = [WORDS[it][0] for it in sensed if it != constant]
+            others = [in_words(it) for it in sensed if it != constant]
             once = f" once {f'the {others[0]} is' if len(others) == 1 else 'the others are'} bounded" * bool(others)
             without = f" (without it {worth[constant]:.1f} times as uncertain)" * bool(needed)
-            said.append(f"the {WORDS[constant][0]}{once}{without}")
+            said.append(f"the {in_words(constant)}{once}{without}")
         return " and ".join(said) or "neither constant alone"
 
     def source(self, constant: str) -> str:
         """Who says most of a constant: the measurement without which it would be the least certain, a rheometer where
         it is known, 'usual' where it is taken as of a usual mix, and '' where it has no bound."""
-        it = getattr(self, constant)
+        it = self.constants[constant]
         if it.low == it.high:
             return "usual" if self.usual and constant == "plastic_viscosity" else RHEOMETER
         named = [name for name in self.worth if self.senses(name, constant)]
@@ -154,12 +175,8 @@ class Mix:
 
     def senses(self, name: str, constant: str) -> bool:
         """Would a constant of which only the table is known move a measurement by more than its standard error?"""
-        it = getattr(self, constant)
+        it = self.constants[constant]
         return abs(self.sensitivities[name][constant]) * math.log(it.high / it.low) > math.sqrt(12.0)
-
-    def constant_lines(self) -> list[str]:
-        """The constants in words."""
-        return [f"{WORDS[name][0]:18} {getattr(self, name).told(WORDS[name][1])}" for name in self.names]
 
     def measurement_lines(self) -> list[str]:
         """Lines on each measurement: its value beside the model, and what it determines."""
@@ -179,8 +196,7 @@ class FrictionalMix(Mix):
     """The mix with internal friction, yield stress c + p tan(phi), that is nearest to slump, slump flow and, where it
     was measured, T500. The yield stress is c; ``by_viscosity`` holds c [Pa] and phi [degrees] of other mixes."""
 
-    names: ClassVar[tuple[str, ...]] = FRICTIONAL
-    friction_angle: Constant  # phi [degrees]
+    friction_angle = property(lambda self: self.constants["friction_angle"], doc="phi [degrees], a Constant.")
 
     @property
     def near(self) -> bool:
@@ -208,7 +224,7 @@ class FrictionalMix(Mix):
 
     def told(self) -> str:
         """One sentence: whether the mix explains the measurements, and how far from them it is."""
-        c, phi, eta = map(short, self.constants.values())
+        c, phi, eta = map(short, self.values.values())
         mix = f"{c} Pa and {phi} degrees at {eta} Pa s"
         if self.explains:
             return f"with internal friction one mix does {self.every}: {mix}"
@@ -249,7 +265,7 @@ class Calibration(Mix):
     def at_the_edge(self) -> list[str]:
         """The constants that are bounded on one side only, with the best value at an end of the table: what lies beyond
         was not looked at."""
-        open_ones = {name: getattr(self, name) for name in BINGHAM if not getattr(self, name).determined}
+        open_ones = {name: it for name, it in self.constants.items() if not it.determined}
         return [name for name, it in open_ones.items() if it.bounded and not 1.01 * it.low < it.value < 0.99 * it.high]
 
     @property
@@ -275,9 +291,8 @@ class Calibration(Mix):
 
     def facts(self) -> dict:
         """Everything, JSON-ready."""
-        facts = asdict(self) | {"contradictory": self.contradictory, "at_the_edge": self.at_the_edge}
-        facts |= {name: facts[name] | {"determined": getattr(self, name).determined} for name in BINGHAM}
-        return facts | {"told": str(self), "mix": self.best.constants}
+        facts = super().facts() | {"contradictory": self.contradictory, "at_the_edge": self.at_the_edge}
+        return facts | {"friction": self.friction and self.friction.facts(), "mix": self.best.values}
 
     def contradiction(self) -> str:
         """Sentence that no mix is near the measurements, with what each of them says alone and what to trust it for."""
@@ -285,10 +300,10 @@ class Calibration(Mix):
         for constant, other in zip(BINGHAM, reversed(BINGHAM), strict=True):
             said = [
                 f"the {NAMES.get(name, name)}{' alone' * (name in NAMES)} "
-                f"says {Constant(*it, 0.0, 0.0).bounds(WORDS[constant][1])}"
+                f"says {Constant(*it, 0.0, 0.0, UNITS[constant]).bounds()}"
                 for name, it in self.alone.get(constant, {}).items()
             ]
-            text += f"; at {short(self.others[other])} {WORDS[other][1]} {', '.join(said)}" if said else ""
+            text += f"; at {short(self.others[other])} {UNITS[other]} {', '.join(said)}" if said else ""
         if not {"slump_m", "spread_m"} <= self.alone.get("yield_value", {}).keys():
             return text
         return (
@@ -307,7 +322,7 @@ class Calibration(Mix):
                 for name, by in beside.items()
             )
             lines += [f"{what} {apart} beside the table; the constants are corrected by it"] * bool(beside)
-        ends = ", ".join(f"{WORDS[name][0]} {getattr(self, name).ends(WORDS[name][1])}" for name in self.at_the_edge)
+        ends = ", ".join(f"{in_words(name)} {self.constants[name].ends()}" for name in self.at_the_edge)
         edge = f"the best fit lies at the edge of the table ({ends}): what is bounded is so within it only"
         lines = [edge] * bool(ends) + lines
         if self.friction:

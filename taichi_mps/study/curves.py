@@ -12,7 +12,7 @@ from ..problem.materials import Material
 from ..problem.measures import still
 from ..spelling import in_unit, without_unit
 from ..units import SceneError, require, unit_of, user_path
-from .calibration import TOLD, Constant, short
+from .calibration import TOLD, Found, short
 from .tables import SPELLINGS, WRONG, key_of, quantity, read_list
 
 TIME = "time t zeit temps 時間"  # names of the column of the times
@@ -126,16 +126,14 @@ def measures_of(scene) -> list[str]:
 
 # ---- what was found ---------------------------------------------------------------------------------------------
 @dataclass(frozen=True, kw_only=True)
-class CurveFit:
-    """Result of a fit to measured curves: constants with intervals, and the curves of the model beside them."""
+class CurveFit(Found):
+    """Result of a fit to measured curves, and the curves of the model beside them."""
 
     scene: str
     material: Material  # with the constants found
-    constants: dict[str, Constant]
     offsets: dict[str, tuple[float, float]]  # time of the scene at the zero of a curve, half of its 95 % interval [s]
     spread: np.ndarray  # covariance of the logarithms of the constants, times the square of a 95 % quantile
     curves: list[dict]  # name, settings, measure, times [s], measured and model, SI units
-    worth: dict[str, dict[str, float]]  # by which factor a constant would be less certain without a curve
     runs: int
     cpu_seconds: float
 
@@ -177,16 +175,13 @@ class CurveFit:
     def facts(self) -> dict:
         """Everything, JSON-ready."""
         stress, factor = self.flow_curve()
-        facts = vars(self) | {"material": self.material.facts(), "missed": self.missed, "told": str(self)}
-        facts["constants"] = {name: vars(it) | {"determined": it.determined} for name, it in self.constants.items()}
-        facts["spread"] = self.spread.tolist()
         flow = {"shear_rate_1_s": RATES, "shear_stress_Pa": stress, "factor": factor}
-        return facts | {"flow_curve": {name: values.tolist() for name, values in flow.items()}}
+        facts = {"material": self.material.facts(), "missed": self.missed, "spread": self.spread.tolist()}
+        return super().facts() | facts | {"flow_curve": {name: values.tolist() for name, values in flow.items()}}
 
     def __str__(self):
-        fields, found = type(self.material).model_fields, self.offsets.items()
-        lines = [f"{in_words(name):18} {it.told(unit_of(fields[name]))}" for name, it in self.constants.items()]
-        lines += [f"{'time offset':18} {1e3 * at:+.0f} +- {1e3 * by:.0f} ms: {name}" for name, (at, by) in found]
+        lines, offsets = self.constant_lines(), self.offsets.items()
+        lines += [f"{'time offset':18} {1e3 * at:+.0f} +- {1e3 * by:.0f} ms: {name}" for name, (at, by) in offsets]
         lines += [f"{title(name):18} missed by {by:.2%} (root mean square)" for name, by in self.missed.items()]
         for name, of in self.worth.items():
             needed = [f"the {in_words(it)} {by:.1f} times" for it, by in of.items() if by > TOLD]

@@ -9,9 +9,10 @@ import numpy as np
 from pydantic import Field
 
 from ..problem import catalogue
+from ..problem.labels import in_words
 from ..problem.materials import Bingham
 from ..units import Flag, Place, SceneError, array, real, require, user_path, validated
-from .calibration import BINGHAM, FRICTIONAL, WORDS, is_time, short
+from .calibration import BINGHAM, FRICTIONAL, UNITS, is_time, short
 from .case import REACHED
 from .tables import read
 
@@ -84,7 +85,7 @@ class Emulator:
         done = [row for row in rows if row["status"] == "done" and all(positive(row[name]) for name in constants)]
         checks = [row for row in done if row.get("role") == "check" or spacing(row) < spacing(done[0])]
         nodes = [row for row in done if row not in checks]
-        words = " and ".join(f"3 values of {WORDS[name][0]}" for name in constants)
+        words = " and ".join(f"3 values of {in_words(name)}" for name in constants)
         enough = all(len({row[name] for row in nodes}) >= 3 for name in constants)
         require(enough, f"table: must hold done cases of at least {words}")
         known = catalogue.load(self.scene).parameters.model_fields
@@ -182,7 +183,7 @@ def covered(constants, ends, point, density) -> None:
         outside = np.extract((np.asarray(at) < low - ROUNDING) | (at > high + ROUNDING), at)
         if outside.size:
             value, low, high = (scale(name, density) * np.exp(each) for each in (outside[0], low, high))
-            unit = WORDS[name][1]
+            unit = UNITS[name]
             raise SceneError(
                 f"{name} = {value:g} {unit}: must be {short(low)} to {short(high)} {unit}, what the table covers at "
                 f"{density:g} kg/m3"

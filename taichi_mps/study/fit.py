@@ -1,36 +1,94 @@
-"""The constants of a mix that fit what was measured, with intervals, and which measurement determines which."""
+"""Least squares on the logarithms of constants: the best values, their 95 % intervals and what determines them."""
 
 import numpy as np
 
 from ..units import require
-from .calibration import BINGHAM, Calibration, Constant, FrictionalMix, is_time, over
+from .calibration import BINGHAM, UNITS, Calibration, Constant, FrictionalMix, is_time, over
 from .emulator import NODES, Emulator, scale
 
 RISE = 3.841  # of chi squared, one degree of freedom, 95 %
-ZOOMS = 2  # onto where the misfit is near its least
+STEP = 0.1  # of the logarithm of a constant, to a mix that tells a slope; particles scatter smaller ones
+FAILED = 1e3  # residual where there is no measure
+YIELDS = 1001  # yield stresses among which the best at a plastic viscosity is sought
 VISCOSITIES = (0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0)  # at which pairs are told [Pa s]
-FEW = 3  # pairs, of which closer ones are sought
-STEP = 0.01  # of the logarithm of a constant, between two points that tell a sensitivity
 
 
 class LeastSquares:
-    """Measurements beside those of emulators, over their standard errors, with the emulators' scatter among them.
+    """Unknowns between ``bounds``, (2, unknowns), of which the first are logarithms of constants over ``scales``, by
+    name. A subclass has ``residuals(at)``: model less measured over the standard errors."""
+
+    def __init__(self, scales: dict[str, float], bounds):
+        self.scales, self.bounds = scales, bounds
+        self.before = np.diag(12.0 / np.ptp(bounds, axis=0) ** 2)  # inverse of the covariance by the bounds alone
+
+    def solve(self, start, residuals=None, **how):
+        """Least squares from a point on, a result of SciPy."""
+        from scipy.optimize import least_squares
+
+        return least_squares(residuals or self.residuals, start, bounds=self.bounds, **how)
+
+    def steps(self, at) -> np.ndarray:
+        """Steps from a point, (unknowns, unknowns), one unknown each, to softer and thinner mixes where there are."""
+        return np.diag(np.where(at - STEP < self.bounds[0], STEP, -STEP))
+
+    def slopes(self, at) -> np.ndarray:
+        """Derivatives of the residuals at a point, (points, unknowns)."""
+        here = self.residuals(at)
+        sides = [(self.residuals(at + step) - here) / step.sum() for step in self.steps(at)]
+        return np.reshape(sides, (len(at), len(here))).T
+
+    def covariance(self, slopes) -> np.ndarray:
+        """Covariance of the unknowns by slopes of residuals, and by the bounds."""
+        return np.linalg.inv(self.before + slopes.T @ slopes)
+
+    def constants(self, at, ends) -> dict[str, Constant]:
+        """Constants at a point, with the ends of their intervals, (unknowns, 2), open where not within the bounds."""
+        found = {}
+        for (name, by), best, pair, limits in zip(self.scales.items(), at, ends, self.bounds.T, strict=False):
+            value, *limits, lower, upper = (by * np.exp([best, *limits, *pair])).tolist()
+            inside = [end if limits[0] < end < limits[1] else None for end in (lower, upper)]
+            found[name] = Constant(value, *inside, *limits, UNITS[name])
+        return found
+
+    def worth(self, parts) -> list[dict[str, float]]:
+        """By which factor the standard error of each constant would grow without each part of the measurements, by the
+        slopes of the parts, each (points, unknowns)."""
+        parts = np.array([part.T @ part for part in parts])
+        known = np.linalg.inv([self.before + parts.sum(0), *(self.before + parts.sum(0) - part for part in parts)])
+        errors = np.sqrt(np.diagonal(known, axis1=1, axis2=2))
+        return [self.by_name(each / errors[0]) for each in errors[1:]]
+
+    def by_name(self, values) -> dict[str, float]:
+        """Values of the unknowns by the names of the constants."""
+        return dict(zip(self.scales, values.tolist(), strict=False))
+
+
+class Tables(LeastSquares):
+    """Measurements beside those of emulators, with the emulators' scatter among the errors.
 
     emulators: of several tests of one mix, over the constants that all of them hold; measured: {name: (value, standard
-    error)}, lengths [m] and times [s]; ``correction`` is added to lengths of the emulators and multiplies times.
+    error)}, lengths [m] and times [s]; known: {constant: value}, which are no unknowns; each of ``corrections`` is
+    added to lengths of the emulators and multiplies times.
     """
 
-    def __init__(self, emulators: list[Emulator], measured: dict, density: float, correction: dict):
-        self.emulators, self.measured, self.correction = emulators, measured, correction
-        self.constants = emulators[0].constants
-        self.low = np.max([each.low for each in emulators], 0)
-        self.high = np.min([each.high for each in emulators], 0)
+    def __init__(self, emulators: list[Emulator], measured: dict, density: float, corrections, known: dict):
+        self.emulators, self.measured, self.corrections = emulators, measured, corrections
+        low, high = np.max([each.low for each in emulators], 0), np.min([each.high for each in emulators], 0)
         names = " and ".join(each.scene for each in emulators)
-        apart = f"table: those of {names} have no mix in common; must be studies that overlap"
-        require(np.all(self.low < self.high), apart)
-        self.axes = [np.linspace(*ends) for ends in zip(self.low, self.high, NODES, strict=False)]
-        self.scales = np.array([float(scale(name, density)) for name in self.constants])
+        require(np.all(low < high), f"table: those of {names} have no mix in common; must be studies that overlap")
+        scales = {name: float(scale(name, density)) for name in emulators[0].constants}
+        self.point = np.clip(np.log([known.get(name, by) / by for name, by in scales.items()]), low, high)
+        self.free = np.array([name not in known for name in scales])
+        self.paired = tuple(scales) == BINGHAM and self.free.all()
+        for name in known:
+            scales.pop(name)
+        super().__init__(scales, np.array([low, high])[:, self.free])
         self.weigh([each.scatter for each in emulators])
+        axes, chi2 = self.grid(*self.bounds)
+        require(chi2.min() < FAILED**2, "t500: no mix of the table reaches a slump flow of 50 cm")
+        best = np.unravel_index(chi2.argmin(), chi2.shape)
+        self.point = np.array([axis[k] for axis, k in zip(axes, best, strict=True)])  # from which a search begins
+        self.weigh([each.scatter_at(*self.point) for each in emulators])
 
     def weigh(self, scatters: list[dict]) -> None:
         """Set the standard errors, with these scatters of the emulators."""
@@ -40,177 +98,93 @@ class LeastSquares:
             for name, (value, error) in self.measured.items()
         }
 
+    def mix(self, at) -> np.ndarray:
+        """Logarithms of all constants over their scales."""
+        point = self.point.copy()
+        point[self.free] = at
+        return point
+
     def model(self, *point, grid=False) -> dict[str, np.ndarray]:
         """The corrected measurements at logarithms of the constants over their scales."""
         found = {name: each for it in self.emulators for name, each in it.at(*point, grid=grid).items()}
-        by = {name: float(is_time(name)) for name in found} | self.correction
-        return {name: each * by[name] if is_time(name) else each + by[name] for name, each in found.items()}
+        for name, by in (pair for each in self.corrections for pair in each.items()):
+            found[name] = found[name] * by if is_time(name) else found[name] + by
+        return found
 
-    def residuals(self, *point, grid=False) -> np.ndarray:
-        """Residuals of the model over the errors, a row a measurement; nan where a mix has none, as of T500."""
-        model = self.model(*point, grid=grid)
-        return np.array(
-            [over(name, model[name], value) / self.errors[name] for name, (value, _) in self.measured.items()]
-        )
+    def beside(self, model) -> np.ndarray:
+        """Residuals of a model over the errors, a row a measurement; FAILED where a mix has none, as of T500."""
+        pairs = self.measured.items()
+        apart = [over(name, model[name], value) / self.errors[name] for name, (value, _) in pairs]
+        return np.nan_to_num(apart, nan=FAILED)
 
-    def misfit(self, axes) -> np.ndarray:
-        """Chi squared at all combinations of the axes, one for each constant."""
-        return np.nan_to_num((self.residuals(*axes, grid=True) ** 2).sum(0), nan=np.inf)
+    def residuals(self, at) -> np.ndarray:
+        """Residuals of the model over the errors at a point."""
+        return self.beside(self.model(*self.mix(at)))
 
-    def sensitivities(self, point, free) -> np.ndarray:
-        """Derivatives of the residuals by the logarithms of the ``free`` constants, (measurements, constants)."""
-        slopes = np.zeros((len(self.measured), len(free)))
-        for column, k in enumerate(free):
-            ends = np.clip(point[k] + STEP * np.array([-0.5, 0.5]), self.low[k], self.high[k])
-            sides = np.array([np.where(np.arange(len(point)) == k, end, point) for end in ends])
-            slopes[:, column] = np.diff(self.residuals(*sides.T), axis=1)[:, 0] / np.diff(ends)
-        return np.nan_to_num(slopes)
+    def grid(self, low, high, nodes=NODES) -> tuple[list, np.ndarray]:
+        """An axis for each constant between two points, and chi squared at all combinations."""
+        ends = zip(self.mix(low), self.mix(high), nodes, self.free, strict=False)
+        axes = [np.linspace(first, last, count if free else 1) for first, last, count, free in ends]
+        return axes, (self.beside(self.model(*axes, grid=True)) ** 2).sum(0)
 
-    def by_name(self, table, free) -> dict[str, dict[str, float]]:
-        """A table (measurements, free constants) by their names."""
-        names = [self.constants[k] for k in free]
-        return {
-            test: dict(zip(names, row, strict=True)) for test, row in zip(self.measured, table.tolist(), strict=True)
-        }
+    def ends(self, at, least: float) -> np.ndarray:
+        """Logarithms (unknowns, 2) of the ends of intervals within which the least squares over the other constants
+        rise by no more than RISE (profile likelihood), which stays true where the measurements say nothing of a
+        constant; nan where an end is open: beyond the bounds, or only for the end of the yield stresses."""
+        wide = 2.0 * np.sqrt(RISE * np.diag(self.covariance(self.slopes(at))))
+        beside = np.ptp(self.bounds, axis=0) / (min(NODES) - 1)
+        axes, chi2 = self.grid(*self.bounds)
+        near = np.stack(np.meshgrid(*axes, indexing="ij"), -1)[chi2 <= least + RISE][:, self.free]
+        room = np.clip([at - wide, at + wide, *(near - beside), *(near + beside)], *self.bounds)
+        axes, chi2 = self.grid(room.min(0), room.max(0))
+        rise, found = np.maximum(chi2 - min(least, chi2.min()), 0.0), []
+        for k in np.flatnonzero(self.free):
+            profile = rise.min(tuple(other for other in range(rise.ndim) if other != k))
+            inside = np.flatnonzero(profile <= max(RISE, profile.min()))
+            for last, beyond in ((inside[0], inside[0] - 1), (inside[-1], inside[-1] + 1)):
+                opened = not 0 <= beyond < len(profile)
+                if k == 1 and self.paired and not opened:
+                    opened = np.isclose(axes[0][rise[:, beyond].argmin()], self.bounds[:, 0]).any()
+                root = np.sqrt(profile[[last, beyond * (not opened)]])  # of the rise is about linear
+                found.append(np.nan if opened else np.interp(RISE**0.5, root, axes[k][[last, beyond]]))
+        return np.reshape(found, (-1, 2))
 
-    def pairs(self, axes, viscosities, least) -> dict[float, float]:
-        """The best yield stress [Pa] at each of these plastic viscosities [Pa s] that fits, by viscosity."""
-        within = [eta for eta in viscosities if axes[1][0] <= np.log(eta / self.scales[1]) <= axes[1][-1]]
-        fits = [self.misfit((axes[0], np.log([eta / self.scales[1]])))[:, 0] for eta in within]
-        best = {
-            eta: axes[0][each.argmin()] for eta, each in zip(within, fits, strict=True) if each.min() - least <= RISE
-        }
-        return {eta: float(self.scales[0] * np.exp(at)) for eta, at in best.items()}
+    def pairs(self, least: float) -> dict[float, float]:
+        """The best yield stress [Pa] at each of VISCOSITIES [Pa s] that fits, by viscosity."""
+        by = np.array(list(self.scales.values()))
+        within = [eta for eta in VISCOSITIES if self.bounds[0, 1] <= np.log(eta / by[1]) <= self.bounds[1, 1]]
+        yields = np.linspace(*self.bounds[:, 0], YIELDS)
+        chi2 = (self.beside(self.model(yields, np.log(within / by[1]), grid=True)) ** 2).sum(0)
+        best = (by[0] * np.exp(yields[chi2.argmin(0)])).tolist()
+        known = zip(within, best, chi2.min(0), strict=True)
+        return {eta: tau for eta, tau, each in known if each - least <= RISE}
 
 
 def fit(
-    emulators: list[Emulator], measured: dict, density: float, correction=None, known=None
+    emulators: list[Emulator], measured: dict, density: float, corrections=(), known=None
 ) -> Calibration | FrictionalMix:
     """The constants that fit ``measured``, {name: (value, standard error)}, or those that are not ``known``, {name of
-    the constant: value in SI units}: a Calibration, or a FrictionalMix of emulators over its constants.
-
-    The least squares of all measurements over their errors, and the interval of each constant in which the least
-    squares over the others rise by no more than 3.84 (profile likelihood): it needs no derivative, so it stays true
-    where the measurements say nothing of a constant. ``correction`` as of LeastSquares.
-    """
-    squares, known = LeastSquares(emulators, measured, density, correction or {}), known or {}
-    names, scales = squares.constants, squares.scales
-    axes = [
-        np.clip(np.log([known[name] / each]), *axis[[0, -1]]) if name in known else axis
-        for name, each, axis in zip(names, scales, squares.axes, strict=True)
-    ]
-    chi2 = squares.misfit(axes)
-    require(np.isfinite(chi2).any(), "t500: no mix of the table reaches a slump flow of 50 cm")
-    near = [axis[k] for axis, k in zip(axes, np.unravel_index(chi2.argmin(), chi2.shape), strict=True)]
-    squares.weigh([each.scatter_at(*near) for each in emulators])
-    axes, chi2 = zoomed(squares, axes, squares.misfit(axes))
-    free = [k for k, axis in enumerate(axes) if len(axis) > 1]
-    point, least = polished(squares, axes, chi2, free)
-    paired = names == BINGHAM and len(free) == 2
-    # open where, at the best yield stress of the table, a softer or stiffer mix would fit better
-    open_at = np.isclose(axes[0][chi2.argmin(0)][:, None], squares.axes[0][[0, -1]]).any(1) if paired else None
-    intervals = [
-        interval(axis, profile(chi2, k) - least, scales[k], open_at if k == 1 else None) for k, axis in enumerate(axes)
-    ]
-    along = squares.pairs(axes, VISCOSITIES, least) if paired else {}
-    if None in intervals[1] and along:  # any of these is as good: the one of a usual mix
-        usual = min(along, key=lambda eta: abs(np.log(eta / emulators[0].usual["plastic_viscosity"])))
-        point = np.log(np.array([along[usual], usual]) / scales)
-    if paired and len(along) < FEW:
-        along = squares.pairs(axes, closer(axes[1], chi2.min(0) - least, scales[1]), least)
-    constants = {
-        name: Constant(*[known[name]] * 5) if name in known else Constant(float(best), *ends, *reach.tolist())
-        for name, best, ends, reach in zip(
-            names, scales * np.exp(point), intervals, (scales * np.exp([squares.low, squares.high])).T, strict=True
-        )
-    }
-    slopes = squares.sensitivities(point, free)
-    return (Calibration if names == BINGHAM else FrictionalMix)(
-        **constants,
+    the constant: value in SI units}: a Calibration, or a FrictionalMix of emulators over its constants; ``corrections``
+    as of Tables."""
+    tables = Tables(emulators, measured, density, corrections, known or {})
+    at = tables.point[tables.free]
+    at = tables.solve(at).x if len(at) else at
+    least = float(np.sum(tables.residuals(at) ** 2))
+    ends, pairs = tables.ends(at, least), tables.pairs(least) if tables.paired else {}
+    if pairs and np.isnan(ends[1]).any():  # any of these is as good: the one of a usual mix
+        usual = min(pairs, key=lambda eta: abs(np.log(eta / emulators[0].usual["plastic_viscosity"])))
+        at = np.log(np.divide([pairs[usual], usual], list(tables.scales.values())))
+    slopes = tables.slopes(at)
+    given = {name: Constant(*[value] * 5, UNITS[name]) for name, value in (known or {}).items()}
+    constants = tables.constants(at, ends) | given
+    return (Calibration if emulators[0].constants == BINGHAM else FrictionalMix)(
+        constants={name: constants[name] for name in emulators[0].constants},
         density=float(density),
         measured=measured,
-        errors=squares.errors,
-        model={name: float(value) for name, value in squares.model(*point).items()},
-        misfit=float(least),
-        by_viscosity=along,
-        sensitivities=squares.by_name(slopes, free),
-        worth=squares.by_name(worth(slopes[:, None], np.diag(12.0 / (squares.high - squares.low)[free] ** 2)), free),
+        errors=tables.errors,
+        model={name: float(value) for name, value in tables.model(*tables.mix(at)).items()},
+        misfit=least,
+        by_viscosity=pairs,
+        sensitivities=dict(zip(measured, map(tables.by_name, slopes), strict=True)),
+        worth=dict(zip(measured, tables.worth(slopes[:, None]), strict=True)),
     )
-
-
-def worth(parts, before) -> np.ndarray:
-    """By which factor the standard error of each constant would grow without each part of the measurements, (parts,
-    constants): with J the slopes of the residuals of all ``parts``, each (points, constants), the covariance is
-    (JT J + P)^-1, where P = ``before``, 12 over the squared length of a range, is what that alone says of it."""
-    whole = before + sum(part.T @ part for part in parts)
-    without = [np.diag(np.linalg.inv(whole - part.T @ part)) for part in parts]
-    return np.sqrt(np.array(without) / np.diag(np.linalg.inv(whole))).reshape(len(parts), len(before))
-
-
-def zoomed(squares: LeastSquares, axes, chi2):
-    """Axes over where the misfit is near its least, and the misfit there."""
-    for _ in range(ZOOMS):
-        limit = chi2.min() + 4.0 * RISE + unevenness(chi2)
-        axes = [around(axis, profile(chi2, k) <= limit) for k, axis in enumerate(axes)]
-        chi2 = squares.misfit(axes)
-    return axes, chi2
-
-
-def profile(chi2, k):
-    """The least misfit along axis ``k`` of a grid, over all others."""
-    return chi2.min(tuple(other for other in range(chi2.ndim) if other != k))
-
-
-def polished(squares: LeastSquares, axes, chi2, free):
-    """The point of least squares beside the best node of a grid, and its misfit."""
-    from scipy.optimize import least_squares
-
-    best = np.unravel_index(np.argmin(chi2), chi2.shape)
-    point, least = np.array([axis[k] for axis, k in zip(axes, best, strict=True)]), chi2[best]
-    if not free:
-        return point, least
-    start, step = point.copy(), np.array([axes[k][1] - axes[k][0] for k in free])
-
-    def near(values):
-        start[free] = values
-        return np.nan_to_num(squares.residuals(*start), nan=1e3)
-
-    box = np.maximum(point[free] - step, squares.low[free]), np.minimum(point[free] + step, squares.high[free])
-    found = least_squares(near, point[free], bounds=box, x_scale=step)
-    if 2.0 * found.cost < least:
-        point[free], least = found.x, 2.0 * found.cost
-    return point, least
-
-
-def closer(axis, rise, scale) -> list[float]:
-    """Five plastic viscosities of two figures [Pa s] over what fits of an axis."""
-    ends = scale * np.exp(axis[rise <= max(RISE, rise.min())][[0, -1]])
-    return [float(f"{eta:.2g}") for eta in np.geomspace(*ends, 5)]
-
-
-def unevenness(chi2):
-    """By how much a grid's least value may lie above the least between its nodes: the change to the nodes beside it."""
-    best = np.unravel_index(np.argmin(chi2), chi2.shape)
-    beside = chi2[tuple(slice(max(i - 1, 0), i + 2) for i in best)]
-    return beside[np.isfinite(beside)].max() - chi2[best]
-
-
-def around(axis, inside):
-    """An axis of as many nodes over what is inside and a node on either side of it."""
-    first, last = np.flatnonzero(inside)[[0, -1]]
-    return np.linspace(axis[max(first - 1, 0)], axis[min(last + 1, len(axis) - 1)], len(axis))
-
-
-def interval(axis, rise, scale, open_at=None):
-    """The ends of {rise <= RISE} along an axis as constants; None where it reaches the axis' end, or a node at which it
-    is open whether something beyond the table would fit better."""
-    inside = np.flatnonzero(rise <= max(RISE, rise.min()))
-    ends = []
-    for last, beyond in ((inside[0], inside[0] - 1), (inside[-1], inside[-1] + 1)):
-        if not 0 <= beyond < len(axis) or (open_at is not None and open_at[beyond]):
-            ends.append(None)
-            continue
-        inner, outer = np.sqrt(max(rise[last], 0.0)), np.sqrt(rise[beyond])  # the root of the rise is about linear
-        part = min(1.0, max(0.0, (RISE**0.5 - inner) / (outer - inner))) if np.isfinite(outer) else 0.5
-        ends.append(float(scale * np.exp(axis[last] + part * (axis[beyond] - axis[last]))))
-    return ends

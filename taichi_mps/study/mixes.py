@@ -19,7 +19,7 @@ from ..units import Count, File, Place, SceneError, Text, require, suggestion, u
 from ..viz.plots import COLOURS
 from . import tables
 from .calibrate import CONE, TESTS, Measurements, calibrate
-from .calibration import BINGHAM, FRICTIONAL, NAMES, WORDS, Calibration, is_time, short
+from .calibration import BINGHAM, FRICTIONAL, NAMES, UNITS, Calibration, is_time, short
 from .sweep import executor_of
 from .tables import SPELLINGS, WRONG, key_of, quantity
 
@@ -151,8 +151,7 @@ def columns_of(found: Calibration) -> dict:
     """Columns of a result table from a calibration, SI units; empty where it has none. Where internal friction explains
     it, constants and model are those of that mix."""
     mix, kept = found.best, {}
-    for name in mix.names:
-        constant = getattr(mix, name)
+    for name, constant in mix.constants.items():
         kept |= {
             f"{name}_found": constant.value if constant.determined else None,
             f"{name}_lower": constant.lower,
@@ -262,7 +261,7 @@ def cells(row: dict) -> list[str]:
 def interval(row: dict, name: str) -> str:
     """A constant of a row with its interval or its bound."""
     value, lower, upper = (row.get(f"{name}_{end}") for end in ("found", "lower", "upper"))
-    unit = WORDS[name][1]
+    unit = UNITS[name]
     if value is None:
         known = [f"at {word} {short(end)} {unit}" for word, end in (("least", lower), ("most", upper)) if end]
         return ", ".join(known) or "not determined"
