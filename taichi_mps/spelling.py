@@ -87,8 +87,8 @@ ALIKE = {
     "/": "⁄∕÷",
     "'": "′’‘´`ʹ",
     '"': "″”“„ʺ",
+    **{"°": "º˚", "u": "µμ", "^": "ˆ", "": "{}"},
 }
-ALIKE |= {"°": "º˚", "u": "µμ", "^": "ˆ", "": "{}"}
 ALIKE = {ord(character): to for to, others in ALIKE.items() for character in others}
 
 NUMBER = re.compile(

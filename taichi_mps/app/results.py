@@ -89,8 +89,11 @@ def size_of(folder: RunFolder) -> int:
 
 def row(folder: RunFolder) -> dict:
     """A run in the list."""
-    facts = dict.fromkeys(("runs", "whole", "resumable"), False) | {"size": 0, "picture": None, "report": None}
-    facts |= {"name": plain(folder.path.name), "date": written_at(folder) // 10**6, "numbers": {}, "errors": {}}
+    facts = {
+        **dict.fromkeys(("runs", "whole", "resumable"), False),
+        **{"size": 0, "picture": None, "report": None, "numbers": {}, "errors": {}},
+        **{"name": plain(folder.path.name), "date": written_at(folder) // 10**6},
+    }
     try:
         summary, picture = summary_of(folder), newest_picture(folder)
         facts |= {"size": size_of(folder), "runs": bool(lock.writer(folder.path))}
@@ -101,8 +104,12 @@ def row(folder: RunFolder) -> dict:
             facts["report"] = f"/report/{quote(os.fsencode(folder.path.name), '')}"
         if not summary:
             return facts | {"end": "" if facts["runs"] else f"It {NO_SUMMARY}."}
-        words = {"test": in_words(summary["scene"]), "mix": mixes(summary)}
-        words |= {"result": measured(summary), "end": end_of(summary)}
+        words = {
+            "test": in_words(summary["scene"]),
+            "mix": mixes(summary),
+            "result": measured(summary),
+            "end": end_of(summary),
+        }
         found = {key: summary[key] for key in LEADING if isinstance(summary.get(key), float)}
         errors = {key: summary.get(key.replace("_m", "_expected_error_m")) for key in ("slump_m", "spread_m")}
         facts |= {key: text_of(text) for key, text in words.items()}

@@ -11,7 +11,7 @@ from .options import GROUPS, Run, group_of, is_tuple
 
 KEYS = {option.replace("-", "_"): key for key, option in OPTIONS.items()}  # by the names of options
 SECTIONS = [group.split()[0] for group in GROUPS]
-NOT_OF_A_CASE = {"out", "overwrite", "quiet", "verbose", "profile"}  # of one run, not of what is computed
+OF_ONE_RUN = {"out", "overwrite", "quiet", "verbose", "profile"}  # not of what is computed
 MOST_BYTES = 1e5  # a second to read; a case has some 5e3
 TITLE = "A case of taichi-mps: taichi-mps run case.toml. A number may have a unit of its own, in quotes: '0.5 kPa'."
 
@@ -46,7 +46,7 @@ def keywords(function, numerics) -> dict:
     found = {}
     for model in (function.parameters, numerics, Run):
         for name, field in model.model_fields.items():
-            if name not in NOT_OF_A_CASE:
+            if name not in OF_ONE_RUN:
                 found.setdefault(name, (model, field))
     return found
 

@@ -287,8 +287,12 @@ def prepare_streams() -> None:
             stream.reconfigure(errors="backslashreplace")
 
 
-COMMANDS = {"run": run, "new": new, "resume": resume, "render": render, "export": export, "plot": plot}
-COMMANDS |= {"report": report, "validate": validate} | STUDY | {"scenes": scenes, "info": info}
+COMMANDS = {
+    **{"run": run, "new": new, "resume": resume, "render": render, "export": export, "plot": plot},
+    **{"report": report, "validate": validate},
+    **STUDY,
+    **{"scenes": scenes, "info": info},
+}
 
 
 def main(argv=None, more=None) -> int:

@@ -125,10 +125,13 @@ class Parser(argparse.ArgumentParser):
 
     def __init__(self, command, what="", **settings):
         usage = f"taichi-mps {command} {what} [options]" if what else None
-        settings |= {"prog": f"taichi-mps {command}", "usage": usage, "allow_abbrev": False}
-        settings |= {"epilog": f"example: taichi-mps {EXAMPLES[command]}"} if command in EXAMPLES else {}
         super().__init__(
-            formatter_class=lambda prog: argparse.HelpFormatter(prog, max_help_position=42, width=112), **settings
+            f"taichi-mps {command}",
+            usage,
+            epilog=f"example: taichi-mps {EXAMPLES[command]}" if command in EXAMPLES else None,
+            formatter_class=lambda prog: argparse.HelpFormatter(prog, max_help_position=42, width=112),
+            allow_abbrev=False,
+            **settings,
         )
         self._negative_number_matcher = re.compile(r"-([\d.,]|inf|nan)")  # argparse's own knows neither -1e3 nor -3cm
         self.groups = defaultdict(self.add_argument_group, {name: self.add_argument_group(name) for name in GROUPS})

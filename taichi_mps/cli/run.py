@@ -23,7 +23,8 @@ from ..problem.labels import title, written
 from ..report.sentences import LEADING, certainty, in_parts, in_time, numerics, rows, sentences, thin_solids
 from ..runtime.memory import size
 from ..units import SceneError, plain
-from . import case_file
+from .case_file import OF_ONE_RUN
+from .case_file import text as case_text
 from .options import DIVERGED, DONE
 from .stopped import SIGNALS, Stopped, began, came
 
@@ -74,15 +75,14 @@ def carry_out(sim, folder, options, source, as_json, clock, resumed=False) -> in
     from ..viz.render import gif
 
     until = sim.scene.until
-    settings = options.model_dump(exclude={"out", "overwrite", "profile", "quiet", "verbose"}, exclude_none=True)
-    settings |= {"every": clock.every}
+    settings = options.model_copy(update={"every": clock.every}).model_dump(exclude=OF_ONE_RUN, exclude_none=True)
     error, quiet = None, as_json or options.quiet
     if not quiet:
         warnings.filterwarnings("ignore", "volume_error_max")  # the result says it in its own words
     with interruptible(sim) as signals:
         if not resumed:
             folder.create(options.overwrite)
-        write_whole(folder.case, case_file.text(source, sim.problem, settings | {"until": until}))
+        write_whole(folder.case, case_text(source, sim.problem, settings | {"until": until}))
         draw = SideBySide([sim.scene], folder.frames, options).draw
         recorder = Recorder(folder, sim, clock.every, source, settings, draw)
         try:

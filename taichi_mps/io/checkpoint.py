@@ -35,8 +35,11 @@ LARGE = 1_000_000  # numbers of an array from which on a part of it stands for a
 PARTICLES = "spacing", "fluid", "domain", "wall_particles", "inlets"  # of a scene: what the arrays of a state depend on
 LAWS = "materials", "gravity_vector", "walls"  # what no state shows
 FORMER = {"typical_slope": "plastic_viscosity"}  # names by which digests know numbers of a law
-HEADER = dict.fromkeys(("source", "scheme", "fluid", "problem"), str) | {"time": float}
-HEADER |= dict.fromkeys(("parameters", "numerics", "settings"), dict)
+HEADER = {
+    **dict.fromkeys(("source", "scheme", "fluid", "problem"), str),
+    **dict.fromkeys(("parameters", "numerics", "settings"), dict),
+    "time": float,
+}
 SCALARS = {"time", "steps", "last_dt", "rest", "report"}
 
 

@@ -83,9 +83,13 @@ class Recorder:
         """Write the checkpoint (after a divergence the last good one), the last row and the summary; return it."""
         (self.good if error else self._checkpoint()).write(self.folder.checkpoint)
         self.trajectory.close()
-        summary = self.sim.summary() | {"stopped_by": stopped_by, "resume_from": str(self.folder.checkpoint)}
-        summary |= {"ended": datetime.now().astimezone().isoformat(timespec="seconds")}
-        summary |= {key: self.settings[key] for key in ("title", "note") if self.settings.get(key)}
+        summary = {
+            **self.sim.summary(),
+            **{"stopped_by": stopped_by, "resume_from": str(self.folder.checkpoint)},
+            "ended": datetime.now().astimezone().isoformat(timespec="seconds"),
+            **{key: self.settings[key] for key in ("title", "note") if self.settings.get(key)},
+            **({"error": error} if error else {}),
+        }
         self.history.close()
         unknown = [key for key, value in self.measures.items() if not np.isfinite(value)]
         if unknown and self.sim.steps == self.begun:  # loads belong to a step: to the last one before
@@ -93,7 +97,5 @@ class Recorder:
             summary |= {key: float(rows[key][-1]) for key in unknown if np.isfinite(rows[key][-1])}
         if self.sim.scene.over_time:
             summary |= self.sim.scene.over_time(read_history(self.folder.history))
-        if error:
-            summary["error"] = error
         self.folder.write_summary(summary)
         return strict(summary)

@@ -159,8 +159,7 @@ class RunFolder:
             What ``Simulation.summary`` returned, and how the run ended.
         """
         facts = strict(summary)
-        facts |= {SUM: of_facts(facts)}
-        write_whole(self.summary, json.dumps(facts, indent=2, allow_nan=False) + "\n")
+        write_whole(self.summary, json.dumps(facts | {SUM: of_facts(facts)}, indent=2, allow_nan=False) + "\n")
 
     def read_summary(self) -> dict:
         """Read summary.json.

@@ -40,10 +40,17 @@ def command(source: str, summary: dict, every: float | None = None) -> str:
     """The words after taichi-mps that compute the same again. What has its default is left out; ``every``: the interval
     of the outputs [s], at which steps end, too, where it is not the usual one. Of a scene file only the name is told,
     not the folder."""
-    usual = {key: field.default for key, field in fields_of(source).items()}
-    usual |= NUMERICS[summary["scheme"]]().model_dump() | USUAL
-    options = summary["parameters"] | {"every": every, "scheme": summary["scheme"]} | summary["numerics"]
-    options |= {key: summary["backend"][key] for key in ("arch", "precision")}
+    usual = {
+        **{key: field.default for key, field in fields_of(source).items()},
+        **NUMERICS[summary["scheme"]]().model_dump(),
+        **USUAL,
+    }
+    options = {
+        **summary["parameters"],
+        **{"every": every, "scheme": summary["scheme"]},
+        **summary["numerics"],
+        **{key: summary["backend"][key] for key in ("arch", "precision")},
+    }
     if summary["stopped_by"] == "time":
         options["until"] = float(f"{summary['simulated_seconds']:.9g}")
     given = {key: value for key, value in options.items() if value not in (None, "") and key not in LEFT_OUT}

@@ -18,8 +18,10 @@ PARTS = {"ready": "making ready", "pictures": "last pictures"}  # of a run, in w
 def sentences(summary: dict, folder=None) -> list[str]:
     """Sentences on a result: what was measured, why it ended, how sure it is, what it cost and, with a ``folder``,
     where it lies."""
-    found = [measured(summary), ending(summary), *doubts(summary), *thin_solids(summary)]
-    found += [certainty(summary), cost(summary)]
+    found = [
+        *(measured(summary), ending(summary), *doubts(summary), *thin_solids(summary)),
+        *(certainty(summary), cost(summary)),
+    ]
     if folder is not None:
         found.append(f"Pictures and results lie in {plain(folder)}.")
         if (Path(folder) / "report.html").is_file():

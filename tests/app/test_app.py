@@ -6,10 +6,7 @@ import json
 import os
 import re
 import signal
-import subprocess
-import sys
 import time
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -23,43 +20,11 @@ from taichi_mps.problem.problem import Problem
 from taichi_mps.simulation.summary import described
 from taichi_mps.units import plain
 from tests.support.browser import chromium, needs_chromium, opened
+from tests.support.child import begun
 from tests.support.recorded import recorded
+from tests.support.served import serving
 
-ROOT = Path(__file__).resolve().parents[2]
 pytestmark = pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="reads /proc of Linux")
-
-
-@contextmanager
-def serving(folder):
-    """A server of the runs in a folder: its port and its process; at its end Ctrl-C, and no child is left."""
-    words = [sys.executable, "-m", "taichi_mps", "app", "--port", "0", "--no-browser", "--folder", str(folder)]
-    variables = os.environ | {"PYTHONPATH": str(ROOT)}
-    server = subprocess.Popen(words, cwd=folder, env=variables, text=True, stdout=-1, stderr=-1)
-    try:
-        port = int(re.match(r"http://127\.0\.0\.1:(\d+)/", server.stdout.readline())[1])
-        yield port, server
-    finally:
-        family = children(server.pid)
-        server.send_signal(signal.SIGINT)
-        told, said = server.communicate(timeout=60)
-    assert (said, server.returncode) == ("taichi-mps: interrupted\n", 130)
-    assert told == f"The runs lie in {folder}\n"
-    deadline = time.monotonic() + 2.0  # for what Python itself leaves to end by itself
-    while left := [child for child in family if Path(f"/proc/{child}").exists()]:
-        assert time.monotonic() < deadline, [Path(f"/proc/{child}/cmdline").read_text() for child in left]
-        time.sleep(0.05)
-
-
-def children(process: int) -> list[int]:
-    """Processes that descend from one."""
-    parents = {}
-    for status in Path("/proc").glob("[0-9]*/status"):
-        try:
-            parents[int(status.parent.name)] = int(re.search(r"PPid:\s*(\d+)", status.read_text())[1])
-        except OSError:  # gone meanwhile
-            continue
-    found = [child for child, parent in parents.items() if parent == process]
-    return found + [grandchild for child in found for grandchild in children(child)]
 
 
 class Tab:
@@ -359,9 +324,7 @@ def test_an_odd_run_folder_is_a_row_that_says_so_and_the_others_stay(tmp_path):
 @needs_chromium
 def test_a_run_that_outlived_its_server_is_found_and_stopped(tmp_path):
     words = ["run", "film", "--spacing=0.02", "--until=5000", "--every=1", "--threads=1", "--quiet", "--out=run"]
-    command = [sys.executable, "-m", "taichi_mps", *words]
-    variables = os.environ | {"PYTHONPATH": str(ROOT)}
-    run = subprocess.Popen(command, cwd=tmp_path, env=variables, stderr=-1, start_new_session=True)
+    run = begun("-m", "taichi_mps", *words, cwd=tmp_path, start_new_session=True)
     try:
         while not (tmp_path / "run" / "history.csv").exists():
             assert run.poll() is None

@@ -6,8 +6,6 @@ import os
 import random
 import re
 import signal
-import subprocess
-import sys
 import time
 from pathlib import Path
 from types import SimpleNamespace
@@ -25,8 +23,8 @@ from taichi_mps.io.run_folder import RunFolder
 from taichi_mps.io.vtkhdf import Trajectory
 from taichi_mps.problem import catalogue
 from taichi_mps.units import unit_of
+from tests.support.child import ROOT, begun, child
 
-ROOT = Path(__file__).resolve().parents[2]
 BLOB = '''"""A square of concrete that sags."""
 import numpy as np
 import taichi_mps as mps
@@ -46,19 +44,11 @@ def scene(spacing: Length = 0.05, until: Duration = 0.1, rise: Position = 0.0, s
 EMPTY = BLOB.replace("fluid=x,", "fluid=x[:0],")
 
 
-def start(folder, *words):
-    """A process of the command line whose output goes to out.txt and err.txt in ``folder``."""
-    folder.mkdir(parents=True, exist_ok=True)
-    variables = {**os.environ, "PYTHONPATH": str(ROOT)}
-    with open(folder / "out.txt", "w") as out, open(folder / "err.txt", "w") as err:
-        command = [sys.executable, *map(str, words)]
-        return subprocess.Popen(command, stdout=out, stderr=err, stdin=subprocess.DEVNULL, env=variables, cwd=folder)
-
-
 def done(folder, *words):
-    """(exit code, stdout, stderr) of a process of the command line."""
-    code = start(folder, *words).wait(timeout=120)
-    return code, (folder / "out.txt").read_text(), (folder / "err.txt").read_text()
+    """(exit code, stdout, stderr) of a process in a folder."""
+    folder.mkdir(parents=True, exist_ok=True)
+    made = child(*words, cwd=folder)
+    return made.returncode, made.stdout, made.stderr
 
 
 @pytest.fixture(scope="module")
@@ -120,6 +110,7 @@ def test_a_run_killed_at_random_steps_goes_on_bit_for_bit(work, whole):
     """By SIGKILL; each time what was written before can be read. 20 times: TAICHI_MPS_KILLS=20 pytest -n0 -k killed."""
     kills, dice = int(os.environ.get("TAICHI_MPS_KILLS", 1)), random.Random()
     here, reference = work / "killed", RunFolder(whole[0])
+    here.mkdir()
     until = 0.05 * max(kills, 2)
     words = [work / "blob.py", "--every", "0.05", "--until", until, "--threads", "1", "--quiet", "--out", "run"]
     if kills > 2:
@@ -130,9 +121,9 @@ def test_a_run_killed_at_random_steps_goes_on_bit_for_bit(work, whole):
     folder, seen, command = RunFolder(here / "run"), 0, ["run", *words]
     for kill in range(kills):
         target = dice.randint(seen + 1, max(seen + 1, steps * (kill + 1) // (kills + 1)))
-        process, deadline = start(here, "-c", UNSEEN, *command), time.monotonic() + 400
+        process, deadline = begun("-c", UNSEEN, *command, cwd=here), time.monotonic() + 400
         while not (folder.history.is_file() and folder.history.read_bytes().count(b"\n") > target + 1):
-            assert process.poll() is None and time.monotonic() < deadline, (target, (here / "err.txt").read_text())
+            assert process.poll() is None and time.monotonic() < deadline, target
             time.sleep(0.001)
         process.kill()
         assert process.wait() == -signal.SIGKILL

@@ -13,9 +13,9 @@ import taichi_mps as mps
 from taichi_mps.io.run_folder import RunFolder, write_whole
 from taichi_mps.problem import catalogue
 from taichi_mps.units import user_path
+from tests.support.child import ROOT
 from tests.support.recorded import recorded
 
-ROOT = Path(__file__).resolve().parents[2]
 RUN = ["run", "film", "--spacing=0.02", "--until=0.002", "--threads=1"]
 MAIN = [sys.executable, "-m", "taichi_mps"]
 ODD = {

@@ -3,24 +3,17 @@
 import os
 import re
 import signal
-import subprocess
-import sys
 import time
 from pathlib import Path
 
 import pytest
 
 from taichi_mps.io.run_folder import RunFolder
+from tests.support.child import begun
 
-ROOT = Path(__file__).resolve().parents[2]
 pytestmark = pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="reads /proc of Linux")
+MAIN = "-m", "taichi_mps"
 RUN = ["run", "film", "--spacing=0.02", "--until=500", "--every=0.5", "--threads=1", "--out=run", "--quiet"]
-
-
-def program(folder, *words, called=("-m", "taichi_mps"), **pipes):
-    command = [sys.executable, *called, *words]
-    variables = os.environ | {"PYTHONPATH": str(ROOT)}
-    return subprocess.Popen(command, cwd=folder, env=variables, text=True, stderr=subprocess.PIPE, **pipes)
 
 
 def listens(process):
@@ -41,7 +34,7 @@ def listens(process):
     ],
 )
 def test_a_signal(tmp_path, number, moment):
-    run = program(tmp_path, *RUN)
+    run = begun(*MAIN, *RUN, cwd=tmp_path)
     if moment == "imports":
         while not listens(run.pid):
             assert run.poll() is None
@@ -56,7 +49,7 @@ def test_a_signal(tmp_path, number, moment):
     assert said in ("", "taichi-mps: interrupted\n")
     if (tmp_path / "run").exists():
         assert RunFolder(tmp_path / "run").read_summary()["stopped_by"] == "interrupted"
-        again = program(tmp_path, "resume", "run", "--until=1", "--quiet")
+        again = begun(*MAIN, "resume", "run", "--until=1", "--quiet", cwd=tmp_path)
         assert (again.communicate(timeout=120)[1], again.returncode) == ("", 0)
 
 
@@ -74,7 +67,7 @@ sys.exit(main(sys.argv[1:]))
 
 @pytest.mark.slow
 def test_a_signal_that_an_import_swallowed_still_stops_the_run(tmp_path):
-    run = program(tmp_path, *RUN, called=("-c", SWALLOWED))
+    run = begun("-c", SWALLOWED, *RUN, cwd=tmp_path)
     assert (run.communicate(timeout=120)[1], run.returncode) == ("", 130)
     assert RunFolder(tmp_path / "run").read_summary()["stopped_by"] == "interrupted"
 
@@ -92,7 +85,7 @@ def test_a_signal_that_an_import_swallowed_still_stops_the_run(tmp_path):
 def test_a_closed_pipe(tmp_path, words):
     read, write = os.pipe()
     os.close(read)
-    run = program(tmp_path, *words, stdout=write)
+    run = begun(*MAIN, *words, cwd=tmp_path, stdout=write)
     os.close(write)
     assert run.communicate(timeout=120)[1] == ""
     assert run.returncode in (0, 1, 141)  # argparse and rich keep silent of it

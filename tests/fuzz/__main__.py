@@ -36,9 +36,9 @@ from taichi_mps.problem import catalogue
 from taichi_mps.units import unit_of
 from tests.fuzz.server import attack
 from tests.fuzz.units import wrong_spelling
+from tests.support.child import begun
 from tests.support.cube import box
 
-ROOT = Path(__file__).resolve().parents[2]
 # [CPU-s] after which a run is asked to stop, and that it may take to do so; a busy machine may take BUSY times as long
 LONGEST, PATIENCE, BUSY = 60.0, 120.0, 6.0
 ENDS = {0: "done", 1: "no row", 2: "refused", 3: "diverged", 130: "stopped", 143: "stopped"}
@@ -306,11 +306,7 @@ def cpu_seconds(process: int) -> float:
 
 def run(words, sent=None, after=0.0):
     """(exit code, what was printed, signals that were sent) of a command of the program."""
-    command = [sys.executable, "-m", "taichi_mps", *words]
-    child = subprocess.Popen(
-        command, cwd=ROOT, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        errors="backslashreplace",
-    )  # fmt: skip
+    child = begun("-m", "taichi_mps", *words)
     signals = []
     first = [(sent, after, math.inf)] if sent else []  # signal, and the seconds and CPU seconds before it
     for number, wall, cpu in [*first, (signal.SIGTERM, BUSY * LONGEST, LONGEST), (None, BUSY * PATIENCE, PATIENCE)]:

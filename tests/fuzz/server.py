@@ -1,19 +1,17 @@
 """The server of the page under random requests and questions: it goes on, answers, and gives nothing away."""
 
 import json
-import os
 import random
 import re
-import signal
 import socket
 import subprocess
-import sys
 from contextlib import suppress
 from pathlib import Path
 from urllib.parse import quote
 
-ROOT = Path(__file__).resolve().parents[2]
-READY, ANSWERS = 120.0, 60.0  # [s] for the server to begin, and for one answer, on a busy machine
+from tests.support.served import serving
+
+ANSWERS = 60.0  # [s] for one answer, on a busy machine
 GREW = 400e6  # [bytes] by which the server may grow meanwhile
 SECRET = "secret-of-somebody"  # in a file beside the runs, and in one of a run that is not shown
 PARTS = ["", "/", "..", ".", "%2e%2e", "..%2f", "%00", "%ff", "\\", "a" * 3000, "~", "*", "{}", "\x7f", "?", ";", "é"]
@@ -131,10 +129,8 @@ def questions(port: int, dice: random.Random, number=60) -> str | None:
 
 
 def memory(process: int) -> float:
-    """Memory of a process [bytes], by Linux; elsewhere 0."""
-    with suppress(OSError):
-        return 1024.0 * int(re.search(r"VmRSS:\s*(\d+)", Path(f"/proc/{process}/status").read_text())[1])
-    return 0.0
+    """Memory of a process [bytes], by Linux."""
+    return 1024.0 * int(re.search(r"VmRSS:\s*(\d+)", Path(f"/proc/{process}/status").read_text())[1])
 
 
 def attack(folder: Path, bases, dice: random.Random, requests=300) -> str | None:
@@ -146,39 +142,15 @@ def attack(folder: Path, bases, dice: random.Random, requests=300) -> str | None
     (folder / "secret.json").write_text(SECRET)
     (folder / "run" / "history.csv").symlink_to(folder / "secret.json")
     (folder / dice.choice(["base", "b%41se", "ü", "a b"])).symlink_to(dice.choice(bases))
-    words = [sys.executable, "-m", "taichi_mps", "app", "--port=0", "--no-browser", f"--folder={folder}"]
-    with open(folder / "said", "w+", errors="backslashreplace") as said:
-        server = subprocess.Popen(
-            words, cwd=ROOT, text=True, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=said
-        )
-        try:
-            port = int(re.search(r":(\d+)/", server.stdout.readline())[1])
-            before, wrong = memory(server.pid), None
-            for _ in range(requests):
-                if wrong := wrong_answer(port, dice):
+    try:
+        with serving(folder, quiet=False) as (port, server):
+            before = memory(server.pid)
+            for ask in (*[wrong_answer] * requests, questions):
+                if wrong := ask(port, dice):
                     return wrong
-            if wrong := questions(port, dice):
-                return wrong
             home = f"GET / HTTP/1.1\r\nHost: localhost:{port}\r\nConnection: close\r\n\r\n".encode()
-            if not answer(port, home).startswith(b"HTTP/1.1 200"):
-                return "the page is not answered any more"
-            if (grew := memory(server.pid) - before) > GREW:
-                return f"grew by {1e-6 * grew:.0f} MB"
-        except (TimeoutError, OSError, RuntimeError) as error:
-            return f"{type(error).__name__}: {error}; the server has code {server.poll()}"
-        finally:
-            server.send_signal(signal.SIGINT)
-            try:
-                code = server.wait(READY)
-            except subprocess.TimeoutExpired:
-                server.kill()
-                code = server.wait()
-        if code != 130:
-            return f"after Ctrl-C: code {code}"
-        said.seek(0)
-        traces = said.read().split("Traceback")[1:]
-    last = [
-        re.findall(r'File "([^"]+)"', trace)[-1] for trace in traces
-    ]  # where it was raised; the libraries log theirs
-    ours = [trace for trace, file in zip(traces, last, strict=True) if f"{os.sep}taichi_mps{os.sep}" in file]
-    return f"Traceback{ours[0][-900:]}" if ours else None
+            assert answer(port, home).startswith(b"HTTP/1.1 200"), "the page is not answered any more"
+            assert memory(server.pid) - before < GREW, "it grows"
+    except (AssertionError, OSError, subprocess.TimeoutExpired) as error:
+        return f"{type(error).__name__}: {error}"
+    return None

@@ -2,9 +2,8 @@
 
 import os
 import signal
-import subprocess
-import sys
 from pathlib import Path
+from subprocess import PIPE
 
 import pytest
 
@@ -12,6 +11,7 @@ import taichi_mps as mps
 from taichi_mps.cli import main as cli
 from taichi_mps.io import lock
 from taichi_mps.problem import catalogue
+from tests.support.child import begun
 from tests.support.recorded import recorded
 
 HOLDER = (
@@ -38,9 +38,7 @@ def run(tmp_path):
 @pytest.fixture
 def holder(run):
     """A process that writes into the folder."""
-    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).resolve().parents[2])}
-    command = [sys.executable, "-c", HOLDER, str(run)]
-    process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment, text=True)
+    process = begun("-c", HOLDER, run, stdin=PIPE)
     assert process.stdout.readline() == "held\n"
     yield process
     process.communicate()
