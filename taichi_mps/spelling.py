@@ -87,7 +87,10 @@ ALIKE = {
     "/": "⁄∕÷",
     "'": "′’‘´`ʹ",
     '"': "″”“„ʺ",
-    **{"°": "º˚", "u": "µμ", "^": "ˆ", "": "{}"},
+    "°": "º˚",
+    "u": "µμ",
+    "^": "ˆ",
+    "": "{}",
 }
 ALIKE = {ord(character): to for to, others in ALIKE.items() for character in others}
 

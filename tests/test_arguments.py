@@ -136,7 +136,7 @@ class Bench:
         self.square = [(0.0, 0.0), (0.2, 0.0), (0.2, 0.2), (0.0, 0.2)]
         self.solid = mps.Solid.prism(self.square, 0.05, 0.2)
         self.inlet, self.cavity = hose(), mps.Cavity((0.0, 0.0), (0.5, 0.5), self.scene.walls, 0.1)
-        self.run, *_ = recorded(folder / "run", self.scene, 2, end="time")
+        self.run, *_ = recorded(folder / "run", 2, "time", self.scene)
         self.problem, self.state = self.sim.problem, self.sim.state()
         self.picture = folder / "frame_00000.png"
         render.save(np.full((20, 30, 3), 200, np.uint8), self.picture)
@@ -167,28 +167,86 @@ class Bench:
         """Name -> (function, its sound keyword arguments)."""
         m, s, body, x = mps.measure, self.flat, self.body, self.scene.fluid
         xz = {"low": (0.0, 0.0), "high": (0.5, 0.4)}
-        plane = {"point": (0.0, 0.0), "normal": (0.0, 1.0), "velocity": (0.1, 0.0), "slip": False, "loose": False}
-        plane |= {"mirror": False, "friction": mps.Friction(yield_value=1.0), "name": "floor"}
-        cylinder = {"point": (0.0, 0.0, 0.0), "radius": 0.3, "axis": (0.0, 0.0, 1.0), "inside": True}
-        cylinder |= {"angular_velocity": 1.0, "velocity": 0.1, "slip": False, "slope": 0.1, "length": 1.0}
-        cylinder |= {"loose": False, "thin": False, "friction": None, "name": "pipe"}
-        solid = {"values": self.solid.values, "low": (0.0, 0.0), "cell": 0.05, "velocity": (0.1, 0.0), "slip": False}
-        solid |= {"loose": False, "friction": None, "name": "block", "angular_velocity": 1.0, "pivot": (0.0, 0.0)}
-        solid |= {"axis": None}
-        inlet = {"centre": (0.2, 0.3, 1.5), "direction": (0.0, 0.0, -1.0), "radius": 0.3, "rate": 0.1, "volume": 0.3}
-        inlet |= {"start": 0.0, "material": mps.Bingham(), "path": ((0.0, 0, 0, 0), (1.0, 1, 0, 0)), "height": 0.2}
+        plane = {
+            "point": (0.0, 0.0),
+            "normal": (0.0, 1.0),
+            "velocity": (0.1, 0.0),
+            "slip": False,
+            "loose": False,
+            "mirror": False,
+            "friction": mps.Friction(yield_value=1.0),
+            "name": "floor",
+        }
+        cylinder = {
+            "point": (0.0, 0.0, 0.0),
+            "radius": 0.3,
+            "axis": (0.0, 0.0, 1.0),
+            "inside": True,
+            "angular_velocity": 1.0,
+            "velocity": 0.1,
+            "slip": False,
+            "slope": 0.1,
+            "length": 1.0,
+            "loose": False,
+            "thin": False,
+            "friction": None,
+            "name": "pipe",
+        }
+        solid = {
+            "values": self.solid.values,
+            "low": (0.0, 0.0),
+            "cell": 0.05,
+            "velocity": (0.1, 0.0),
+            "slip": False,
+            "loose": False,
+            "friction": None,
+            "name": "block",
+            "angular_velocity": 1.0,
+            "pivot": (0.0, 0.0),
+            "axis": None,
+        }
+        inlet = {
+            "centre": (0.2, 0.3, 1.5),
+            "direction": (0.0, 0.0, -1.0),
+            "radius": 0.3,
+            "rate": 0.1,
+            "volume": 0.3,
+            "start": 0.0,
+            "material": mps.Bingham(),
+            "path": ((0.0, 0, 0, 0), (1.0, 1, 0, 0)),
+            "height": 0.2,
+        }
         scene = parts() | {"wall_particles": None, "velocity": 0.0 * x, "gravity": (0.0, -9.81), "until": 1.0}
         scene |= {"periodic": (False, False), "axisymmetric": False, "stop_at_rest": False, "inlets": ()}
         scene |= {"cavity": None, "measure": m.front, "check": None, "over_time": None, "enlarged_by": ""}
         scene |= {"wall_loads": False, "outline": (x,), "parameters": {}}
         snapshot = {field.name: getattr(s, field.name) for field in dataclasses.fields(s)}
-        bingham = {"density": 2300.0, "plastic_viscosity": 50.0, "yield_value": 300.0, "critical_strain_rate": None}
-        bingham |= {"friction_angle": 0.0}
-        hb = {"density": 2300.0, "yield_value": 300.0, "consistency": 50.0, "flow_index": 0.8}
-        hb |= {"structuration": 0.1, "destructuration": 0.01}
+        bingham = {
+            "density": 2300.0,
+            "plastic_viscosity": 50.0,
+            "yield_value": 300.0,
+            "critical_strain_rate": None,
+            "friction_angle": 0.0,
+        }
+        hb = {
+            "density": 2300.0,
+            "yield_value": 300.0,
+            "consistency": 50.0,
+            "flow_index": 0.8,
+            "structuration": 0.1,
+            "destructuration": 0.01,
+        }
         curve = {"density": 2300.0, "yield_value": 40.0, "plastic_viscosity": 50.0, "shear_stress": law, "growth": law}
-        channel = {"area": 0.02, "density": 2300.0, "yield_value": 50.0, "width": 0.2, "length": 1.0}
-        channel |= {"normal_stress": False, "gravity": 9.81, "points": 20}
+        channel = {
+            "area": 0.02,
+            "density": 2300.0,
+            "yield_value": 50.0,
+            "width": 0.2,
+            "length": 1.0,
+            "normal_stress": False,
+            "gravity": 9.81,
+            "points": 20,
+        }
         flow = {"volume": 0.005, "height": 0.3, "density": 2300.0, "yield_value": 50.0, "plastic_viscosity": 50.0}
         cone = {"material": mps.Bingham(), "spacing": 0.05, "until": 1.0, "model": "axisymmetric"}
         study = {"scene": "slump", "yield_value": "500:1000:2", "model": "axisymmetric", "spacing": 0.02}

@@ -91,8 +91,12 @@ def row(folder: RunFolder) -> dict:
     """A run in the list."""
     facts = {
         **dict.fromkeys(("runs", "whole", "resumable"), False),
-        **{"size": 0, "picture": None, "report": None, "numbers": {}, "errors": {}},
-        **{"name": plain(folder.path.name), "date": written_at(folder) // 10**6},
+        **dict.fromkeys(("picture", "report")),
+        "size": 0,
+        "numbers": {},
+        "errors": {},
+        "name": plain(folder.path.name),
+        "date": written_at(folder) // 10**6,
     }
     try:
         summary, picture = summary_of(folder), newest_picture(folder)

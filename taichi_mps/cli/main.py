@@ -288,10 +288,17 @@ def prepare_streams() -> None:
 
 
 COMMANDS = {
-    **{"run": run, "new": new, "resume": resume, "render": render, "export": export, "plot": plot},
-    **{"report": report, "validate": validate},
+    "run": run,
+    "new": new,
+    "resume": resume,
+    "render": render,
+    "export": export,
+    "plot": plot,
+    "report": report,
+    "validate": validate,
     **STUDY,
-    **{"scenes": scenes, "info": info},
+    "scenes": scenes,
+    "info": info,
 }
 
 

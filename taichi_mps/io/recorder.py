@@ -85,7 +85,8 @@ class Recorder:
         self.trajectory.close()
         summary = {
             **self.sim.summary(),
-            **{"stopped_by": stopped_by, "resume_from": str(self.folder.checkpoint)},
+            "stopped_by": stopped_by,
+            "resume_from": str(self.folder.checkpoint),
             "ended": datetime.now().astimezone().isoformat(timespec="seconds"),
             **{key: self.settings[key] for key in ("title", "note") if self.settings.get(key)},
             **({"error": error} if error else {}),

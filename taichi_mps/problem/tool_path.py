@@ -13,7 +13,9 @@ STILL = {"G17", "G28", "G29", "G40", "G49", "G54", "G80", "G94"}  # move nothing
 MODES = {"G90": (True, True), "G91": (False, False), "M82": (None, True), "M83": (None, False)}  # absolute: X Y Z, E
 CHANGES = {
     **dict.fromkeys(("G2", "G3"), "an arc; a slicer must fit none"),
-    **{"M200": "E in mm3", "M220": "a share of the speed", "M221": "a share of the flow"},
+    "M200": "E in mm3",
+    "M220": "a share of the speed",
+    "M221": "a share of the flow",
 }
 KNOWN = "must be G0, G1, G4, G20, G21, G90, G91, G92 E, M82 or M83"
 BLOCK = re.compile(r"(?:N\d+\s*)?([GMT])0*(\d+(?:\.\d+)?)((?:\s*[A-Z](?:[-+]?(?:\d+\.?\d*|\.\d+))?)*)\s*")

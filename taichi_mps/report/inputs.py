@@ -47,7 +47,8 @@ def command(source: str, summary: dict, every: float | None = None) -> str:
     }
     options = {
         **summary["parameters"],
-        **{"every": every, "scheme": summary["scheme"]},
+        "every": every,
+        "scheme": summary["scheme"],
         **summary["numerics"],
         **{key: summary["backend"][key] for key in ("arch", "precision")},
     }

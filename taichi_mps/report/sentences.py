@@ -19,8 +19,12 @@ def sentences(summary: dict, folder=None) -> list[str]:
     """Sentences on a result: what was measured, why it ended, how sure it is, what it cost and, with a ``folder``,
     where it lies."""
     found = [
-        *(measured(summary), ending(summary), *doubts(summary), *thin_solids(summary)),
-        *(certainty(summary), cost(summary)),
+        measured(summary),
+        ending(summary),
+        *doubts(summary),
+        *thin_solids(summary),
+        certainty(summary),
+        cost(summary),
     ]
     if folder is not None:
         found.append(f"Pictures and results lie in {plain(folder)}.")

@@ -56,8 +56,14 @@ Pixels, Limits, Rate = (
     real("1/s", ge=0.02, le=100.0),
 )
 MEASURES = {  # shown in cm
-    **{"slump_m": "slump", "spread_m": "slump flow", "front_m": "front", "height_m": "height"},
-    **{"flow_m": "flow", "h1_m": "H1", "h2_m": "H2", "step_m": "step"},
+    "slump_m": "slump",
+    "spread_m": "slump flow",
+    "front_m": "front",
+    "height_m": "height",
+    "flow_m": "flow",
+    "h1_m": "H1",
+    "h2_m": "H2",
+    "step_m": "step",
 }
 VIRIDIS = np.array(
     [(68, 1, 84), (71, 44, 122), (59, 81, 139), (44, 113, 142), (33, 144, 141), (39, 173, 129), (92, 200, 99)]

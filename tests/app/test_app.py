@@ -253,50 +253,34 @@ def told_of(scene):
     return described(Problem(scene)) | seconds | {"simulated_seconds": 0.01, "volume_error_max": 0.0, "left_out": 0.0}
 
 
-def summary_with(**changes):
+def with_results(**changes):
     """Write another summary into a run folder, with its right checksum."""
-
-    def spoil(folder):
-        folder.write_summary(folder.read_summary() | changes)
-
-    return spoil
+    return lambda folder: folder.write_summary(folder.read_summary() | changes)
 
 
-def text_of_summary(text):
-    """Write a text in place of the summary."""
-    return lambda folder: folder.summary.write_text(text)
-
-
-def pipe_in_place_of(name):
+def pipe(path):
     """Put a pipe in the place of a file, which nobody fills."""
-
-    def spoil(folder):
-        path = folder.path / name
-        path.unlink(missing_ok=True)
-        os.mkfifo(path)
-
-    return spoil
+    path.unlink(missing_ok=True)
+    os.mkfifo(path)
 
 
 ODD = {  # what is odd in a run folder, and what is said when it is chosen; the last is made by the product itself
-    "huge number": (summary_with(slump_m=10**400), "It runs, was cut off"),
-    "text for mixes": (summary_with(materials="abc"), "It runs, was cut off"),
-    "many measures": (summary_with(**{f"reach_{k}_m": 0.5 for k in range(20_000)}), "more, see summary.json"),
-    "no JSON": (text_of_summary("[" * 100_000), "It runs, was cut off"),
-    "pipe for summary": (pipe_in_place_of("summary.json"), "It runs, was cut off"),
-    "pipe for picture": (pipe_in_place_of("frames/frame_00007.png"), "Pictures and results lie in"),
-    "pipe for history": (pipe_in_place_of("history.csv"), "Pictures and results lie in"),
+    "huge number": (with_results(slump_m=10**400), "It runs, was cut off"),
+    "text for mixes": (with_results(materials="abc"), "It runs, was cut off"),
+    "many measures": (with_results(**{f"reach_{k}_m": 0.5 for k in range(20_000)}), "more, see summary.json"),
+    "no JSON": (lambda folder: folder.summary.write_text("[" * 100_000), "It runs, was cut off"),
+    "pipe for summary": (lambda folder: pipe(folder.path / "summary.json"), "It runs, was cut off"),
+    "pipe for picture": (lambda folder: pipe(folder.path / "frames/frame_00007.png"), "Pictures and results lie in"),
+    "pipe for history": (lambda folder: pipe(folder.path / "history.csv"), "Pictures and results lie in"),
     "\udcff": (lambda folder: None, "Pictures and results lie in"),
 }
 
 
 @needs_chromium
 def test_an_odd_run_folder_is_a_row_that_says_so_and_the_others_stay(tmp_path):
-    scene = catalogue.build("slump", spacing=0.05, until=1.0)
-    told = told_of(scene)
     for name, (spoil, _) in ODD.items():
-        folder, sim, recorder = recorded(tmp_path / name, scene, 1)
-        sim.summary = lambda results=sim.summary: told | results()
+        folder, sim, recorder = recorded(tmp_path / name, 1)
+        sim.summary = lambda sim=sim, results=sim.summary: told_of(sim.scene) | results()
         recorder.finish("time")
         spoil(folder)
     (tmp_path / "mark").mkdir()

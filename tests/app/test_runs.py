@@ -11,7 +11,6 @@ from taichi_mps.app.forecast import by_key
 from taichi_mps.app.jobs import Job, Queue
 from taichi_mps.app.results import Runs
 from taichi_mps.io import lock
-from taichi_mps.problem import catalogue
 from taichi_mps.study.calibrate import calibrate
 from taichi_mps.units import SceneError
 from tests.support.recorded import recorded
@@ -24,9 +23,8 @@ def asked(*names, to=""):
 @pytest.fixture
 def runs(tmp_path):
     """Two runs, a folder of somebody else, and a link to a run elsewhere."""
-    scene = catalogue.build("slump", spacing=0.05, until=1.0)
     for path in (tmp_path / "runs" / "one", tmp_path / "runs" / "two", tmp_path / "elsewhere"):
-        recorded(path, scene, 1, end="time")
+        recorded(path, 1, "time")
     (tmp_path / "runs" / "notes").mkdir()
     (tmp_path / "runs" / "notes" / "mine.txt").write_text("mine")
     (tmp_path / "runs" / "link").symlink_to(tmp_path / "elsewhere")

@@ -112,7 +112,7 @@ def test_a_path_with_a_tilde_lies_at_home_wherever_a_user_names_one(tmp_path, mo
     (home / "case.toml").write_text('scene = "~/own.py"\n', encoding="utf-8")
     assert catalogue.source("~/own.py") == str(home / "own.py")
     assert mps.main(["run", "~/case.toml", "--forecast"]) == 0
-    folder, *_ = recorded("~/run", catalogue.build("slump", spacing=0.05, until=1.0), 2, end="time")
+    folder, *_ = recorded("~/run", 2, "time")
     for words in (["info", "~/run"], ["plot", "~/run"], ["plot", "~/run", "--out=~/curve.png"], ["export", "~/run"]):
         assert mps.main(words) == 0, capsys.readouterr().err
     mps.checkpoint.read_good("~/run/checkpoint.h5")
@@ -128,7 +128,7 @@ def test_a_path_with_a_tilde_lies_at_home_wherever_a_user_names_one(tmp_path, mo
 @pytest.fixture
 def run(tmp_path):
     """The folder of a run of two steps to 0.02 s."""
-    folder, *_ = recorded(tmp_path / "run", catalogue.build("slump", spacing=0.05, until=1.0), 2, end="interrupted")
+    folder, *_ = recorded(tmp_path / "run", 2, "interrupted")
     folder.case.write_text("until = 1.0", encoding="utf-8")
     return folder
 

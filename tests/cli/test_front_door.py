@@ -36,7 +36,7 @@ from taichi_mps.problem import catalogue
 from taichi_mps.problem.numerics import NUMERICS
 from taichi_mps.viz import film
 from tests.support.cube import CORNERS, CUBE
-from tests.support.recorded import recorded
+from tests.support.recorded import contents, recorded
 
 if settings.get_current_profile_name() == "default":
     settings.load_profile("quick")
@@ -167,8 +167,13 @@ def damaged(draw, whole: bytes):
     return content
 
 
-MESHES = [("cube.stl", {"binary": False}), ("cube.stl", {"binary": True}), ("cube.obj", {})]
-MESHES += [("cube.ply", {"binary": False}), ("cube.ply", {"binary": True})]
+MESHES = [
+    ("cube.stl", {"binary": False}),
+    ("cube.stl", {"binary": True}),
+    ("cube.obj", {}),
+    ("cube.ply", {"binary": False}),
+    ("cube.ply", {"binary": True}),
+]
 
 
 @pytest.fixture(scope="module", params=MESHES, ids=lambda param: f"{param[0]}{param[1].get('binary', '')}")
@@ -199,10 +204,8 @@ def test_a_mesh_is_read_whole_or_refused(mesh, data):
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
     """The folder of a run of 3 steps, with two checkpoints."""
-    scene = catalogue.build("slump", spacing=0.05, until=1.0)
-    folder, *_ = recorded(tmp_path_factory.mktemp("outside") / "run", scene, 3, end="time")
-    contents = {path.name: path.read_bytes() for path in folder.path.iterdir() if path.is_file()}
-    return SimpleNamespace(path=folder.path, contents=contents, state=checkpoint.read(folder.checkpoint))
+    folder, *_ = recorded(tmp_path_factory.mktemp("outside") / "run", 3, "time")
+    return SimpleNamespace(path=folder.path, contents=contents(folder.path), state=checkpoint.read(folder.checkpoint))
 
 
 @contextlib.contextmanager
@@ -234,11 +237,10 @@ def test_no_damage_of_a_checkpoint_is_missed(run, data):
 
 @pytest.mark.parametrize("words", [["--until", "-1"], ["--every", "0"], ["--scene", "nowhere.py"], []])
 def test_a_resume_that_is_refused_or_not_yet_begun_leaves_a_damaged_checkpoint(run, words):
-    before = {path.name: path.read_bytes() for path in run.path.iterdir() if path.is_file()}
-    before["checkpoint.h5"] = b"damaged"
+    before = contents(run.path) | {"checkpoint.h5": b"damaged"}
     with replaced(run, "checkpoint.h5", b"damaged"):
         assert knock(["resume", str(run.path), *words]) == (2 if words else "admitted")
-        assert {path.name: path.read_bytes() for path in run.path.iterdir() if path.is_file()} == before
+        assert contents(run.path) == before
 
 
 @pytest.mark.parametrize(("words", "every"), [([], 0.01), (["--every", "0.5"], 0.5)])
@@ -352,7 +354,7 @@ def test_errors_and_info_show_no_terminal_escapes(tmp_path, capsys):
 
 @pytest.mark.skipif(sys.platform == "win32", reason="names of files are texts there")
 def test_a_folder_whose_name_is_no_text(tmp_path, capsys):
-    folder, sim, recorder = recorded(tmp_path / os.fsdecode(b"r\xff\xfe"), catalogue.build("slump", spacing=0.05), 1)
+    folder, sim, recorder = recorded(tmp_path / os.fsdecode(b"r\xff\xfe"), 1)
     told = {"scheme": "implicit", "wall_seconds": 1.0, "cpu_seconds": 1.0, "compile_seconds": 1.0}
     console.result(recorder.finish("time") | told | {"simulated_seconds": sim.time}, folder)
     assert r"r\udcff\udcfe" in "".join(capsys.readouterr().out.split())  # lines are wrapped

@@ -161,9 +161,14 @@ MEASURES = (
 
 def random_law(dice, folder, bases) -> Trial:
     y, body = dice.choice([0.0, 50.0, 300.0, -1.0]), dice.choice(BODIES)
-    parts = {"measure": dice.choice(MEASURES), "body": body.format(y=y), "yield_value": y}
-    parts |= {"arguments": dice.choice(["rate, structure"] * 4 + ["rate", "rate, structure, more", ""])}
-    parts |= {"reach": round(dice.uniform(0.04, 0.5), 3), "taichi": "import taichi as ti\n" * ("ti." in body)}
+    parts = {
+        "measure": dice.choice(MEASURES),
+        "body": body.format(y=y),
+        "yield_value": y,
+        "arguments": dice.choice(["rate, structure"] * 4 + ["rate", "rate, structure, more", ""]),
+        "reach": round(dice.uniform(0.04, 0.5), 3),
+        "taichi": "import taichi as ti\n" * ("ti." in body),
+    }
     (folder / "own.py").write_text(LAW.format(**parts))
     return Trial("law", [["run", f"{folder}/own.py", "--threads=1", "--out", f"{folder}/run"]])
 
@@ -428,8 +433,9 @@ def report(chosen, ended: Counter, failures) -> str:
         f"Made with `{command}`: {sum(ended.values())} endings, {len(failures)} failures. A trial of a mesh reads 20",
         "files, one of units 5,000 texts, one of the page makes 300 requests and sets 60 fields.",
         "",
+        "| trial | " + " | ".join(ends) + " |",
+        "|---|" + "---|" * len(ends),
     ]
-    lines += ["| trial | " + " | ".join(ends) + " |", "|---|" + "---|" * len(ends)]
     for kind in sorted({kind for kind, _ in ended}):
         lines.append(f"| {kind} | " + " | ".join(str(ended[kind, end]) for end in ends) + " |")
     return "\n".join(lines + [""] * bool(failures) + [f"- {failure}" for failure in failures])

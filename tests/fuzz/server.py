@@ -49,8 +49,26 @@ TEXTS = [
     "Slump",
 ]
 VALUES = [None, True, -1, 1e300, [], [1, 2], {}, {"value": "x"}, "full", "../run", "link", float("nan")]
-QUESTIONS = ["tests", "forecast", "calibrate", "found", "jobs", "stop", "list", "show", "compare", "draw", "resume"]
-QUESTIONS += ["rename", "delete", "restore", "empty", "preview", "serve", "__init__"]
+QUESTIONS = [
+    "tests",
+    "forecast",
+    "calibrate",
+    "found",
+    "jobs",
+    "stop",
+    "list",
+    "show",
+    "compare",
+    "draw",
+    "resume",
+    "rename",
+    "delete",
+    "restore",
+    "empty",
+    "preview",
+    "serve",
+    "__init__",
+]
 KEYS = ["test", "values", "names", "to", "job", "check", "more"]
 FIELDS = ["yield_value", "spacing", "model", "slump", "spread", "scheme", "out", "threads", ""]
 

@@ -11,31 +11,27 @@ from taichi_mps.io.history import read_history
 from taichi_mps.io.run_folder import RunFolder
 from taichi_mps.io.vtkhdf import Trajectory
 from taichi_mps.problem import catalogue
+from taichi_mps.problem.measures import SCALARS
 from tests.support.recorded import recorded
+
+SCENE = catalogue.build("slump", spacing=0.05, until=1.0)
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     """The folder of a run of five outputs."""
-    return recorded(tmp_path_factory.mktemp("checksums") / "run", SCENE, 4, end="time")[0]
+    return recorded(tmp_path_factory.mktemp("checksums") / "run", 4, "time")[0]
 
 
-SCENE = catalogue.build("slump", spacing=0.05, until=1.0)
-
-
-def outputs_of(path):
-    """All that a run.h5 shows, as bytes."""
-    trajectory = Trajectory(path)
-    shown = [repr(trajectory.origin())]
-    for output in trajectory.replay(scene=SCENE):
-        s = output.snapshot()
-        arrays = (s.time, s.spacing, s.x, s.u, s.p, s.shear_rate, s.yielded, s.density_ratio, s.wall_x, s.size, s.mix)
-        shown += [np.asarray(array).astype(float).tobytes() for array in arrays]
-    return shown
-
-
-def columns_of(path):
-    return {name: values.tobytes() for name, values in read_history(path).items()}
+def shown(path):
+    """All that a file shows: of a run.h5 its origin and the arrays of its outputs, as bytes."""
+    if path.name == "summary.json":
+        return repr(RunFolder(path.parent).read_summary())
+    if path.name == "history.csv":
+        return {name: values.tobytes() for name, values in read_history(path).items()}
+    states = [output.state for output in Trajectory(path).replay(scene=SCENE)]
+    arrays = [(s.time, s.spacing, s.wall_x, *(getattr(s, name) for name in ("x", "u", *SCALARS))) for s in states]
+    return Trajectory(path).origin(), [np.asarray(array).astype(float).tobytes() for row in arrays for array in row]
 
 
 def damages(path, read, places):
@@ -73,24 +69,18 @@ def stored_places(path):
     return places
 
 
-def test_every_stored_value_of_run_h5_is_guarded(folder):
-    places = stored_places(folder.trajectory)
-    assert damages(folder.trajectory, outputs_of, places) == len(places)
-
-
-def test_any_byte_of_run_h5(folder):
-    size = folder.trajectory.stat().st_size
-    places = random.Random(3).sample(range(size), 75)
-    assert damages(folder.trajectory, outputs_of, places) > 0  # the others change nothing that is read
-
-
-@pytest.mark.parametrize(("name", "share"), [("history.csv", 1.0), ("summary.json", 0.8)])
-def test_every_byte_of_a_table_and_a_summary(folder, name, share):
-    """Of a summary some are blanks."""
+@pytest.mark.parametrize(
+    ("name", "places", "least"),
+    [
+        ("run.h5", stored_places, 1.0),
+        ("run.h5", lambda path: random.Random(3).sample(range(path.stat().st_size), 75), 1 / 75),  # others show nothing
+        ("history.csv", lambda path: range(path.stat().st_size), 1.0),
+        ("summary.json", lambda path: range(path.stat().st_size), 0.8),  # some are blanks
+    ],
+)
+def test_every_stored_value_is_guarded(folder, name, places, least):
     path = folder.path / name
-    read = columns_of if name == "history.csv" else lambda path: repr(RunFolder(path.parent).read_summary())
-    size = path.stat().st_size
-    assert damages(path, read, range(size)) >= share * size
+    assert damages(path, shown, places(path)) >= least * len(places(path))
 
 
 @pytest.mark.parametrize("name", ["history.csv", "run.h5", "summary.json"])

@@ -2,7 +2,6 @@
 
 import os
 import signal
-from pathlib import Path
 from subprocess import PIPE
 
 import pytest
@@ -10,9 +9,8 @@ import pytest
 import taichi_mps as mps
 from taichi_mps.cli import main as cli
 from taichi_mps.io import lock
-from taichi_mps.problem import catalogue
 from tests.support.child import begun
-from tests.support.recorded import recorded
+from tests.support.recorded import contents, recorded
 
 HOLDER = (
     "import sys\nfrom taichi_mps.io import lock\nwith lock.held(sys.argv[1]):\n    print('held', flush=True), input()"
@@ -24,15 +22,10 @@ def taichi():
     """None is started."""
 
 
-def contents(folder):
-    return {path: path.read_bytes() for path in Path(folder).rglob("*") if path.is_file()}
-
-
 @pytest.fixture
 def run(tmp_path):
     """The folder of a run of two steps."""
-    scene = catalogue.build("slump", spacing=0.05, until=1.0)
-    return recorded(tmp_path / "run", scene, 2, end="time")[0].path
+    return recorded(tmp_path / "run", 2, "time")[0].path
 
 
 @pytest.fixture
@@ -62,7 +55,7 @@ def test_a_second_writer_is_refused_until_the_first_is_killed_and_readers_never(
     assert holder.wait() == -signal.SIGKILL
     assert (run / lock.NAME).is_file(), "what is left of a killed process is no lock"
     assert mps.main(["resume", str(run)]) == 0 and len(started) == 1
-    assert contents(run) == {path: content for path, content in before.items() if path.name != lock.NAME}
+    assert contents(run) == {name: content for name, content in before.items() if name != lock.NAME}
 
 
 def test_one_process_writes_into_several_folders_but_once_into_each(tmp_path):

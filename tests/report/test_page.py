@@ -196,8 +196,13 @@ def test_the_command_names_what_is_not_by_default(run):
     assert words[:2] == ["run", "slump"]
     known = "--model=quarter --spacing=0.02 --yield-stress=500 --until=0.4 --every=0.05"
     assert sorted(words[2:]) == sorted(known.split())
-    other = {"parameters": {"side": 0.5, "far": None, "rise": 0.0}, "scheme": "semi-implicit", "stopped_by": "rest"}
-    other |= {"numerics": mps.SemiImplicit(literal=True).model_dump(), "backend": {"precision": "f64", "arch": "cpu"}}
+    other = {
+        "parameters": {"side": 0.5, "far": None, "rise": 0.0},
+        "scheme": "semi-implicit",
+        "stopped_by": "rest",
+        "numerics": mps.SemiImplicit(literal=True).model_dump(),
+        "backend": {"precision": "f64", "arch": "cpu"},
+    }
     known = "run block.py --side=0.5 --rise=0 --scheme=semi-implicit --literal --source=density --gradient=literal"
     assert inputs.command("/home/me/block.py", other, None) == f"{known} --precision=f64"
 

@@ -7,6 +7,7 @@ import numpy as np
 import taichi_mps as mps
 from taichi_mps.io.recorder import Recorder
 from taichi_mps.io.run_folder import RunFolder
+from taichi_mps.problem import catalogue
 from taichi_mps.problem.measures import Snapshot
 
 
@@ -56,11 +57,11 @@ class Falling:
         return {"x": self.snapshot().x, **scalars, "report": {"dt": 0.1}}
 
 
-def recorded(path, scene, steps, overwrite=False, end=""):
-    """(folder, stand-in, recorder) after that many steps, whole if it has ended by something."""
-    folder = RunFolder(path)
+def recorded(path, steps, end="", scene=None, overwrite=False):
+    """(folder, stand-in, recorder) after that many steps of a coarse slump cone or another scene, whole if it has ended
+    by something."""
+    folder, sim = RunFolder(path), Falling(scene or catalogue.build("slump", spacing=0.05, until=1.0))
     folder.create(overwrite)
-    sim = Falling(scene)
     recorder = Recorder(folder, sim, 0.01, "slump", {"every": 0.01})
     recorder.output(sim)
     for _ in range(steps):
@@ -68,3 +69,8 @@ def recorded(path, scene, steps, overwrite=False, end=""):
     if end:
         recorder.finish(end)
     return folder, sim, recorder
+
+
+def contents(folder):
+    """Bytes of the files of a folder by their paths in it."""
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}

@@ -54,10 +54,13 @@ def test_history_draws_a_panel_for_each_quantity_that_has_numbers(tmp_path, figu
         "spread_m": 0.2 + SLUMP,
         "dt_s": 0.01 + 0 * TIME,
         "volume_error": 1e-3 * TIME,
+        "flowing_fraction": np.linspace(1.0, 0.0, 50),
+        "force_floor_z_N": -TIME,
+        "torque_N_m": 2.0 * TIME,
+        "outer_iterations": 20 + TIME,
+        "max_speed_m_s": np.exp(-TIME),
+        "front_m": np.full(50, np.nan),
     }
-    rows |= {"flowing_fraction": np.linspace(1.0, 0.0, 50)}
-    rows |= {"force_floor_z_N": -TIME, "torque_N_m": 2.0 * TIME}
-    rows |= {"outer_iterations": 20 + TIME, "max_speed_m_s": np.exp(-TIME), "front_m": np.full(50, np.nan)}
     out = plots.history(rows, tmp_path / "history.png")
     titles = [axes.get_title(loc="left").partition(":")[0] for axes in figures[0].axes]
     assert titles == [
