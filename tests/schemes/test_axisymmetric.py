@@ -128,10 +128,9 @@ def test_stress_on_a_lattice_of_rings_gives_its_divergence_up_to_the_axis(lattic
         assert away.sum() >= 6 and np.abs(found[away]).max() < 2e-12
 
 
-@pytest.mark.parametrize("size", [1.0, 0.5])
-def test_a_lattice_of_thin_rings_has_the_density_of_a_lattice(size):
+def test_a_lattice_of_thin_rings_has_the_density_of_a_lattice():
     """Rings that have moved outward stand closer than l0, and are no denser for it."""
-    side = size * L0
+    side = 0.5 * L0
     x = mps.lattice((1.0, -0.35), (1.7, 0.35), side)
     rig = Rig(x, rings=2.0 * np.pi * x[:, 0] * side**2)
     inner = np.all(np.abs(rig.x - (1.35, 0.0)) < 0.35 - 2.1 * L0, axis=1)

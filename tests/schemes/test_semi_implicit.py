@@ -31,6 +31,22 @@ def at_start(scene, **numerics):
     return inside.at_start(scene, mps.SemiImplicit(**numerics))
 
 
+@pytest.fixture(scope="module")
+def free():
+    """A function that gives a simulation, compiled once for a dimension and a form of the gradient, of fluid at x
+    (n, d) [m] without walls, with lists and gradients made there."""
+    made = {}
+
+    def of(x, u=0.0, gradient="smallest"):
+        key = x.shape[1], gradient
+        if key not in made:
+            made[key] = at_start(open_scene(block(x.shape[1], 10)), gradient=gradient)
+        inside.find(inside.loaded(made[key], x, u))
+        return made[key]
+
+    return of
+
+
 def block(dimension, cells):
     return mps.lattice((0.0,) * dimension, (cells * L0,) * dimension, L0)
 
@@ -41,28 +57,28 @@ def interior(x, cells, depth=2.4):
 
 # ---- operators on the full lattice --------------------------------------------------------------------------
 @pytest.mark.parametrize("dimension", [2, 3])
-def test_laplacian_is_exact_on_the_lattice(dimension):
+def test_laplacian_is_exact_on_the_lattice(dimension, free):
     rng = np.random.default_rng(1)
     cells = 8
     x = block(dimension, cells)
     hessians = rng.normal(size=(dimension, dimension, dimension))
     velocity = np.einsum("aij,ni,nj->na", hessians, x, x) + x @ rng.normal(size=(dimension, dimension)) + 0.3
-    simulation = at_start(open_scene(x, velocity=velocity))
-    scheme, particles = simulation.scheme, simulation.particles
-    scheme.viscosity.start()
-    inside = interior(particles.x.to_numpy(), cells)
+    simulation = free(x, velocity, "literal")
+    viscosity = simulation.scheme.viscosity
+    viscosity.start()
+    inside = interior(simulation.particles.read()["x"], cells)
     assert inside.sum() >= 4**dimension
-    exact = 2.0 * np.einsum("aii->a", hessians)
-    np.testing.assert_allclose(scheme.viscosity.lap_u.to_numpy()[inside], np.tile(exact, (inside.sum(), 1)), rtol=1e-9)
+    exact, found = 2.0 * np.einsum("aii->a", hessians), viscosity.lap_u.to_numpy()[: len(x)]
+    np.testing.assert_allclose(found[inside], np.tile(exact, (inside.sum(), 1)), rtol=1e-9)
 
 
 @pytest.mark.parametrize(
     "dimension, gradient, depth", [(2, "literal", 2.4), (3, "literal", 2.4), (2, "conservative", 4.4)]
 )
-def test_pressure_gradient_is_exact_on_the_lattice(dimension, gradient, depth):
+def test_pressure_gradient_is_exact_on_the_lattice(dimension, gradient, depth, free):
     """For linear fields; the conservative form needs neighbours whose own neighbourhoods are full."""
     slope = np.array([3.0, -2.0, 0.7])[:dimension]
-    simulation = at_start(open_scene(block(dimension, 10)), gradient=gradient)
+    simulation = free(block(dimension, 10), gradient=gradient)
     particles, pressure = simulation.particles, simulation.scheme.pressure
     x = particles.x.to_numpy()
     particles.p.from_numpy(x @ slope + 7.0)
@@ -72,10 +88,10 @@ def test_pressure_gradient_is_exact_on_the_lattice(dimension, gradient, depth):
     np.testing.assert_allclose(particles.u.to_numpy()[inside], np.tile(slope, (inside.sum(), 1)), rtol=1e-9)
 
 
-def test_conservative_gradient_keeps_the_momentum():
+def test_conservative_gradient_keeps_the_momentum(free):
     rng = np.random.default_rng(2)
-    x = block(2, 8)
-    simulation = at_start(open_scene(x + rng.uniform(-0.2, 0.2, x.shape) * L0), gradient="conservative")
+    x = block(2, 10)
+    simulation = free(x + rng.uniform(-0.2, 0.2, x.shape) * L0, gradient="conservative")
     simulation.particles.p.from_numpy(rng.uniform(0.0, 1.0, len(x)))
     simulation.scheme.pressure.correct(1.0)
     u = simulation.particles.u.to_numpy()
@@ -110,15 +126,12 @@ def test_stability_bound_of_the_explicit_viscosity(dimension, cells):
 
 
 # ---- pressure -----------------------------------------------------------------------------------------------
-def tank(rng, jitter, **numerics):
-    scene = catalogue.build("still_pool", plastic_viscosity=50.0, density=2300.0, width=0.08, depth=0.08, spacing=L0)
-    object.__setattr__(scene, "fluid", scene.fluid + rng.uniform(-jitter, jitter, scene.fluid.shape) * L0)
-    return at_start(scene, **numerics)
-
-
 def test_poisson_matrix_is_symmetric_positive_definite_and_equals_a_dense_one():
     """Its solution keeps negative pressures, which only the default form cuts off."""
-    simulation = tank(np.random.default_rng(7), 0.15, literal=True, tolerance=1e-10)
+    rng = np.random.default_rng(7)
+    scene = catalogue.build("still_pool", plastic_viscosity=50.0, density=2300.0, width=0.08, depth=0.08, spacing=L0)
+    object.__setattr__(scene, "fluid", scene.fluid + rng.uniform(-0.15, 0.15, scene.fluid.shape) * L0)
+    simulation = at_start(scene, literal=True, tolerance=1e-10)
     dt, rho, scheme = 1e-3, 2300.0, simulation.scheme
     scheme.pressure.solve(dt, 1e-10)
     assert scheme.pressure.solver.status[None] == CONVERGED
@@ -172,6 +185,8 @@ def test_a_still_pool_stays_bounded(numerics, pressure, speed, drift):
     measures = simulation.measures()
     if numerics:  # it fails: the noise is larger than the pressure
         assert np.mean(errors[2:]) > 1.0, errors
+    p = simulation.particles.read()["p"]
+    assert p.max() > 0.0 and (numerics or p.min() == 0.0)  # the default cuts negative ones off
     assert np.median(errors[2:]) < pressure
     assert measures["max_speed_m_s"] < speed
     assert abs(measures["level_drift_m"]) < drift * L0
@@ -223,10 +238,10 @@ def film(cells, depth, material, force, seconds):
 
 def test_newtonian_film_converges_with_first_order():
     """The walls' zero velocity sits half a spacing behind the wall: the film is as exact as on a depth of l0/2 more, to
-    (l0/H)^2 and what is left of the start-up after 0.25 s; so it is 14 % off at 10 across, and half of that at 20."""
+    (l0/H)^2 and what is left of the start-up after 0.25 s; so it is 14 % off at 10 across, and twice that at 5."""
     depth, force, eta, time = 0.05, 8000.0, 50.0, 0.25
     errors = []
-    for cells in (10, 20):
+    for cells in (5, 10):
         y, u, simulation = film(cells, depth, mps.Newtonian(2300.0, eta), force, time)
         behind = 0.5 * depth / cells
         shifted = profile(y + behind, force, eta, 0.0, depth + behind)
@@ -234,7 +249,7 @@ def test_newtonian_film_converges_with_first_order():
         assert l2(u, shifted) < left + cells**-2.0
         errors.append(l2(u, profile(y, force, eta, 0.0, depth)))
         assert simulation.scheme.viscosity.Lambda.to_numpy().max() == 0.0  # no yield code ran
-    assert errors[0] == pytest.approx(0.1404, abs=0.015) and errors[1] < 0.6 * errors[0]
+    assert errors[1] == pytest.approx(0.1404, abs=0.015) and errors[1] < 0.6 * errors[0]
 
 
 def test_bi_viscosity_film():
@@ -305,12 +320,12 @@ def test_the_run_ends_when_nine_tenths_are_unyielded():
 
 
 # ---- what practice adds -------------------------------------------------------------------------------------
-def test_the_gradient_of_the_smallest_pressure_only_pushes_apart():
+def test_the_gradient_of_the_smallest_pressure_only_pushes_apart(free):
     """Against brute force: u' = -(dt/rho)(d/n0) sum_j (P_j - min P) r_ij/r^2 w; so every neighbour pushes. What it does
     not keep is momentum: the two of a pair take different minima."""
     dt, reach, rng = 1e-4, 2.1 * L0, np.random.default_rng(6)
-    x = block(2, 6)
-    simulation = at_start(open_scene(x + rng.uniform(-0.3, 0.3, x.shape) * L0))
+    x = block(2, 10)
+    simulation = free(x + rng.uniform(-0.3, 0.3, x.shape) * L0)
     simulation.particles.p.from_numpy(rng.uniform(0.0, 100.0, len(x)))
     simulation.scheme.pressure.weigh()
     simulation.scheme.pressure.correct(dt)
@@ -327,13 +342,6 @@ def test_the_gradient_of_the_smallest_pressure_only_pushes_apart():
     exact = -dt / 2300.0 * (2 / n0) * np.einsum("ij,ija->ia", pushes, r)
     np.testing.assert_allclose(u, exact, rtol=1e-6, atol=1e-6 * np.abs(exact).max())
     assert np.linalg.norm(u.sum(0)) > 1e-3 * np.abs(u).sum()
-
-
-def test_the_default_form_has_no_negative_pressures():
-    simulation = tank(np.random.default_rng(7), 0.15)
-    simulation.scheme.pressure.solve(1e-3, 1e-6)
-    p = simulation.particles.read()["p"]
-    assert p.max() > 0.0 == p.min()
 
 
 def test_two_particles_that_meet_exchange_momentum_with_the_restitution():
@@ -357,11 +365,11 @@ def test_two_particles_that_meet_exchange_momentum_with_the_restitution():
     assert last == pytest.approx([1.0 - 0.6, 0.3])
 
 
-def test_a_neighbour_list_is_kept_while_nobody_went_far():
+def test_a_neighbour_list_is_kept_while_nobody_went_far(free):
     """Sums over the kept list are those of brute force, after moves of less and of more than half of the skin."""
     rng = np.random.default_rng(9)
     x = block(2, 8)
-    simulation = at_start(open_scene(x))
+    simulation = free(x)
     neighbors, gradient, particles = simulation.neighbors, simulation.scheme.gradient, simulation.particles
     for size, kept in ((0.04, True), (0.3, False)):
         x = x + size * L0 * (rng.uniform(-0.7, 0.7, x.shape))

@@ -9,7 +9,7 @@ both schemes, and ``box``, soft concrete (50 Pa, 5 Pa s) on a no-slip floor betw
 - a closed box without surface: test_semi_implicit.py::test_a_closed_box_without_surface_can_be_solved (literal), rows
   cavity_100 and cavity_400 (default), which a void below the lid would miss by far
 - the noise of the literal scheme in a still pool: test_semi_implicit.py::test_a_still_pool_stays_bounded
-- a free disc that keeps its rotation by default: simulation/test_volume.py; a square patch in rotation, to 2 rad, and
+- a free disc that keeps its rotation by default: simulation/test_frame.py; a square patch in rotation, to 2 rad, and
   the disc by the paper's scheme: rows square_patch, square_patch_fine, rotating_disc (validation/test_validation.py)
 - at full size, with either scheme: rows still_pool_* (100 s of rest), column_* (about the critical height), slump_100
   (a moving front; literal: ends at 0.07 s) of ``taichi-mps validate``
@@ -22,9 +22,8 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.particles.particles import FLUID
 from taichi_mps.schemes.scheme import Speeds
-from tests.support.inside import find
+from tests.support.inside import find, loaded
 
 TORQUE = Path(__file__).parents[1] / "reference" / "C_rotating_disc_laplacian_torque.csv"
 LITERAL, DEFAULT = mps.SemiImplicit(literal=True), mps.Implicit()
@@ -77,15 +76,6 @@ def box_default():
     return mps.Simulation(scene, mps.Implicit(courant_number=0.5))
 
 
-def start(sim, x, u=None):
-    """The simulation at t = 0 with another body of fluid, as large as the first at most."""
-    rows = {"x": x, "u": np.zeros_like(x) if u is None else u, "kind": np.full(len(x), FLUID), "id": np.arange(len(x))}
-    nothing = {name: np.zeros((len(x), *item.shape[1:])) for name, item in sim.particles.read().items()}
-    scalars = dict(time=0.0, steps=0, last_dt=None, report=None, rest={})
-    sim.load({**nothing, **rows, **scalars, "first": True, "largest_viscosity": 0.0})
-    return sim
-
-
 def run(sim, until):
     sim.run(until=until)
     return sim.snapshot()
@@ -114,7 +104,7 @@ def test_any_diffusion_number_is_stable_by_default(free_default):
     rigid = u.mean(0) + spin(x, angular_momentum(x, u) / (x**2).sum())
     constants = free_default.scheme.constants
     usual, constants.max_time_step = constants.max_time_step, 1000.0 * WIDE**2 * 1000.0 / 1.0
-    start(free_default, x, u).step()
+    loaded(free_default, x, u).step()
     report = free_default.step()
     constants.max_time_step = usual
     assert report.dt * 1.0 / 1000.0 / WIDE**2 == pytest.approx(1000.0)
@@ -143,7 +133,7 @@ def test_a_spinning_disc(free_literal):
     radius = 10 * WIDE
     x = mps.lattice((-0.6, -0.6), (0.6, 0.6), WIDE, offset=0.0) + (0.2 * WIDE, 0.1 * WIDE)
     x = x[np.hypot(*x.T) < radius]
-    find(start(free_literal, x, spin(x)))
+    find(loaded(free_literal, x, spin(x)))
     free_literal.scheme.viscosity.start()
     rows = free_literal.particles.read()
     torque = angular_momentum(rows["x"], free_literal.scheme.viscosity.lap_u.to_numpy()[: len(x)])
@@ -171,14 +161,14 @@ def test_the_literal_scheme_clumps_and_explodes(free_literal, body):
     kinetic energy than there was at the start, and the end by a named limit."""
     x, u = body()
     with pytest.raises(mps.DivergedError, match="runaway|left the domain|volume is lost") as error:
-        run(start(free_literal, x, u), 0.5)
+        run(loaded(free_literal, x, u), 0.5)
     assert error.value.report.kinetic_energy > 2.0 * 0.5 * 1000.0 * WIDE**2 * (u**2).sum()
     assert closest(free_literal.snapshot().x) < 0.5 * WIDE
 
 
 def test_the_shift_grows_with_tension(free_default):
     """min(1, 60 (-p) dt/h) (h_0/h)^2 inside, h the hourglass resistance and h_0 that of a thin fluid."""
-    run(start(free_default, *square_patch()), 0.5)
+    run(loaded(free_default, *square_patch()), 0.5)
     scheme, before = free_default.scheme, free_default.particles.read()
     dt = free_default.step().dt
     after = free_default.particles.read()["id"]
@@ -195,7 +185,7 @@ def test_the_shift_grows_with_tension(free_default):
 def test_the_shift_carries_nothing_where_little_deforms(free_default):
     """A shift that is the same all over is taken out where nothing deforms, by half at half the strain scale, and stays
     where a step strains by all of it; what alternates from column to column loses its mean by Wendland's kernel."""
-    start(free_default, *square_patch())
+    loaded(free_default, *square_patch())
     free_default.step()
     scheme, particles = free_default.scheme, free_default.particles
     s = particles.read()
@@ -221,7 +211,7 @@ def test_two_blocks_meet_without_a_clump(free_default):
     """They become one sheet across: momentum stays zero to the tolerance of the solver, for nothing keeps them mirror
     images, energy falls, volume stays."""
     x, u = two_blocks()
-    s = run(start(free_default, x, u), 0.5)
+    s = run(loaded(free_default, x, u), 0.5)
     assert np.abs(s.u.sum(0)).max() < 1e-4 * np.abs(u).sum()
     assert (s.u**2).sum() < (u**2).sum()
     assert s.x[:, 1].max() > 0.4 and np.abs(s.x[:, 0]).max() < 0.4  # from 0.225 and 0.475
@@ -272,7 +262,7 @@ def test_what_must_stand_stands(box_default):
     """A column of few particles below its critical height, for a second; ever stiller, so that it would take ten
     seconds more to go another hundredth of a spacing. Pools: rows still_pool_* of the validation table."""
     x, _ = body_of("column")
-    s = run(start(box_default, x), 1.0)
+    s = run(loaded(box_default, x), 1.0)
     assert np.abs(s.x - x).max() < 0.01 * FINE
     assert s.speed.max() * 10.0 < 0.01 * FINE
 
@@ -296,7 +286,7 @@ def test_a_deep_pool_of_a_viscous_fluid_stands():
 def test_a_moving_contact_front_of_soft_concrete(box_default):
     """A block of 50 Pa runs out in one piece, without a gap that a particle fits into, over ground where its front is
     one or two particles high, as far as finite elements without inertia say (B = 0.1: 1.75 H), within 10 %."""
-    s = run(start(box_default, *body_of("front")), 1.0)
+    s = run(loaded(box_default, *body_of("front")), 1.0)
     apart = np.sort(np.linalg.norm(s.x[:, None] - s.x[None], axis=2), axis=1)[:, 1]
     reach = 0.5 * (np.ptp(s.x[:, 0]) + FINE) / HEIGHT
     assert reach == pytest.approx(1.75164, rel=0.1)
@@ -307,7 +297,7 @@ def test_a_moving_contact_front_of_soft_concrete(box_default):
 def test_an_impact_in_a_corner_at_courant_one_half(box_default):
     """Nothing passes the walls, no energy is gained, and the concrete stops where it hit."""
     x, u = body_of("thrown")
-    start(box_default, x, u)
+    loaded(box_default, x, u)
     energy = []
     while box_default.time < 0.05:
         energy.append(box_default.step(until=0.05).kinetic_energy)
@@ -322,7 +312,7 @@ def test_a_film_of_few_particles_stops(box_default, body):
     """The floor's stress, tau_y + eta u/h, stops it in rho h^2/eta < 3 ms, what is left of the slip of its particles
     dies away by a factor of ten in 30 ms; it stays a film of as many layers."""
     x, u = body_of(body)
-    s = run(start(box_default, x, u), 0.5)
+    s = run(loaded(box_default, x, u), 0.5)
     assert s.speed.max() < 1e-9
     moved = s.x - x
     assert 0.0 < moved[:, 0].mean() < 0.5 * FINE
@@ -358,7 +348,7 @@ LIMITS = {
 @pytest.mark.parametrize("name", LIMITS)
 def test_each_limit_ends_the_run_in_the_step_that_crosses_it(free_default, name):
     x = free_default.scene.fluid
-    start(free_default, x, spin(x)).step()
+    loaded(free_default, x, spin(x)).step()
     free_default.load(harm(free_default.state(), name))
     with pytest.raises(mps.DivergedError, match=LIMITS[name]):
         free_default.step()
@@ -366,4 +356,4 @@ def test_each_limit_ends_the_run_in_the_step_that_crosses_it(free_default, name)
 
 def test_a_little_less_crowded_is_let_pass(free_default):
     x = free_default.scene.fluid
-    assert start(free_default, 0.95 * x, spin(x)).step().volume_error < -0.05
+    assert loaded(free_default, 0.95 * x, spin(x)).step().volume_error < -0.05

@@ -77,6 +77,7 @@ def test_what_is_no_law_is_refused_in_one_line_before_anything_is_allocated(law,
     assert "\n" not in str(refusal.value)
 
 
+@pytest.mark.slow
 def test_a_law_that_fails_with_its_structure_is_named_at_the_step():
     """sqrt(1 - lambda) with d lambda/dt = 20 1/s is no number after 0.05 s."""
     sim = mps.Simulation(film(until_it_has_grown, one))
