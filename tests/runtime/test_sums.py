@@ -37,8 +37,8 @@ def test_a_step_with_multigrid_is_that_of_the_processor(monkeypatch):
     for arch in ("cpu", "cuda"):
         mps.init(precision="f64")
         monkeypatch.setitem(session().settings, "arch", arch)
-        sim = mps.Simulation(mps.slump_cone(yield_value=500.0, spacing=0.02))
+        sim = mps.Simulation(mps.slump_cone(yield_value=500.0, spacing=0.0119))  # more rows than one thread works at
         for _ in range(3):
             report = sim.step()
         reports.append((report.solver_iterations, report.kinetic_energy, report.volume_error, report.residual))
-    assert reports[0] == pytest.approx(reports[1], rel=1e-9)
+    assert reports[0] == pytest.approx(reports[1], rel=1e-7)  # rounding: 4e-9
