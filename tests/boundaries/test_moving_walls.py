@@ -87,9 +87,7 @@ def test_force_at_a_thin_wall_is_the_negative_transpose_of_the_gradient(slip):
     x = x[SHEET.distance(x) > 0.1 * L0]
     rig = Rig(x, planes=(replace(SHEET, slip=slip),))
     rng = np.random.default_rng(6)
-    u, T = rng.standard_normal(x.shape), rng.standard_normal((len(x), 3, 3))
-    power = (u * rig.forces(T)).sum()
-    assert power == pytest.approx(-rig.volume * (T * rig.gradients(u)).sum(), rel=1e-10)
+    assert rig.imbalance(rng.standard_normal(x.shape), rng.standard_normal((len(x), 3, 3))) < 1e-12
 
 
 def moved(walls, until):

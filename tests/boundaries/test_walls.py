@@ -181,9 +181,8 @@ def test_force_at_curved_walls_is_the_negative_transpose_of_the_gradient(curved)
     rng, (n, d) = np.random.default_rng(6), curved.x.shape
     near = np.min([wall.distance(curved.x) for wall in curved.planes], axis=0) < L0
     u, T = rng.standard_normal((n, d)) * near[:, None], rng.standard_normal((n, d, d)) * near[:, None, None]
-    power = (u * curved.forces(T)).sum()
     assert near.sum() > 10
-    assert power == pytest.approx(-curved.volume * (T * curved.gradients(u)).sum(), rel=1e-10)
+    assert curved.imbalance(u, T) < 1e-12
 
 
 @pytest.mark.parametrize("case", ["between circles", pytest.param("pipe", marks=pytest.mark.long)])

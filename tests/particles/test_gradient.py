@@ -100,12 +100,9 @@ def test_linear_field_along_a_slip_wall_is_exact(walled):
 def test_force_is_the_negative_adjoint_of_the_gradient(rig):
     """Without walls it conserves momentum."""
     u, T = random_fields(rig)
+    assert rig.imbalance(u, T) < ROUNDING
     F = rig.forces(T)
     assert rig.planes or np.abs(F.sum(0)).max() < ROUNDING * np.abs(F).sum()
-    work = (u * F).sum()
-    dissipation = rig.volume * (T * rig.gradients(u)).sum()
-    assert abs(work + dissipation) < ROUNDING * np.abs(u * F).sum()
-    assert abs(work) > 1e-6
 
 
 def test_forces_of_symmetric_stresses_conserve_angular_momentum(rig):

@@ -63,21 +63,6 @@ def film(across, until=1.0, **keywords):
     return sim
 
 
-@pytest.mark.slow
-def test_bi_viscosity_film():
-    """2 % at 20 across, which tells it from the law without a critical strain rate; yielded to the knee."""
-    sim = film(20, yield_value=100.0, plastic_viscosity=100.0, critical_strain_rate=1.0)
-    s = sim.snapshot()
-    error, other = (
-        flows.l2(s.u[:, 0], flows.profile(s.x[:, 1], WEIGHT, 100.0, 100.0, knee_rate=rate)) for rate in (2.0, 1e-6)
-    )
-    assert error <= 0.02 < 0.06 < other
-    assert not sim.particles.carries_stress
-    knee = DEPTH - (100.0 + 100.0 * 2.0) / WEIGHT
-    sure = np.abs(s.x[:, 1] - knee) > 2 * s.spacing
-    assert np.array_equal(s.yielded[sure], s.x[sure, 1] < knee)
-
-
 def test_film_stands_below_its_yield_value_and_flows_above():
     """20 across, after 2 s: 2 % where half of it is plug. Just above the yield stress one or two rows are sheared, and
     it is as fast as the discretisation makes it: row film_at_yield of the validation table."""

@@ -95,7 +95,7 @@ class Rig:
         self.G, self.T = (ti.Matrix.field(t, t, ti.f64, len(x)) for _ in range(2))
         self.sums = PairSums(self.particles, self.gradient, self.walls)
         rows = self.particles.read()
-        self.x, self.kind = rows["x"], rows["kind"]
+        self.x, self.kind, self.volumes = rows["x"], rows["kind"], volumes[rows["id"]]
         r = self.x[None] - self.x[:, None]
         size = np.linalg.norm(r, axis=-1) + 9.0 * np.eye(len(x))
         self.weight_r2 = weight(np.minimum(1.0, size / RE)) / size**2
@@ -139,6 +139,14 @@ class Rig:
         self.T.from_numpy(T)
         self._forces()
         return self.F.to_numpy()
+
+    def imbalance(self, u, T):
+        """Power of the forces of the stresses T at the velocity u, plus what the stresses do at its gradient, over the
+        power of each particle [-]: 0 where force is the negative transpose of the gradient."""
+        power, carries = u * self.forces(T), self.gradient.B.to_numpy()[:, 0, 0] > 0.0
+        work = ((self.volumes * carries)[:, None, None] * T * self.gradients(u)).sum()
+        assert abs(work) > 1e-6
+        return abs(power.sum() + work) / np.abs(power).sum()
 
 
 # ---- the implicit system ----------------------------------------------------------------------------------------

@@ -43,13 +43,6 @@ def test_slope_flows_above_the_angle_of_friction(film):
     assert measures["surface_speed_m_s"] == pytest.approx(measures["exact_surface_speed_m_s"], rel=0.1)
 
 
-@pytest.mark.slow
-def test_an_angle_of_zero_is_the_same_bit_by_bit_as_none(film):
-    plain = mps.Simulation(catalogue.build("film", plastic_viscosity=50.0, yield_value=100.0, angle=10.0, spacing=0.01))
-    plain.run(until=0.3)
-    assert film(100.0, 0.0, until=0.3).snapshot().x.tolist() == plain.snapshot().x.tolist()
-
-
 def test_friction_alone_yields_and_rests():
     sand = mps.Bingham(yield_value=0.0, friction_angle=30.0)
     assert sand.yields and sand.rests and not sand.newtonian
