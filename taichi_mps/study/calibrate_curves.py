@@ -24,7 +24,7 @@ LATE = 0.5  # largest such time over the length of the curve
 SAMPLES = 100  # of a curve of a run
 COARSER = 2.0  # spacing of the runs of the fit over that of those that correct them
 RANGE = 100.0  # factor from the first value of a constant within which it is sought
-FACTOR = 4.0  # between the first runs, by which all constants are made larger or smaller together
+LOOKS = 4  # first runs, in which all constants are made larger or smaller together
 MOST, ENOUGH = 10, 0.01  # steps of a fit, and the change of the logarithms that ends it
 ROUNDS = 3  # of fits, each corrected by finer runs at the constants of the one before
 ERROR = 0.01  # of a point over the largest value of its measure: weighs measures of different units
@@ -156,23 +156,14 @@ class Runs(LeastSquares):
     def begin(self) -> np.ndarray:
         """Start of the fit: all constants smaller or larger by one factor, as far as that comes nearer to the curves;
         SceneError where none come to them."""
-        step, known = np.log(FACTOR) * np.array([name != "flow_index" for name in self.first], float), {}
+        from scipy.optimize import minimize_scalar
 
-        def look(power) -> float:
-            known[power] = self.with_offsets(power * step)
-            return known[power][1]
-
-        way = -1 if look(-1) <= look(0) else 1
-        power = min(way, 0)
-        while look(power + way) <= known[power][1] and len(known) < 2 + int(np.log(RANGE) / np.log(FACTOR)):
-            power += way
-        best = min(known, key=lambda power: known[power][1])
-        self.require_reached(known[best][0])
-        sides = [known.get(best + by, (None, np.inf))[1] for by in (-1, 0, 1)]
-        bend, part = np.diff(sides, 2)[0], 0.0
-        if 0.0 < bend < np.inf:  # of a parabola through the three
-            part = 0.5 * (sides[0] - sides[2]) / bend
-        return self.with_offsets((best + part) * step)[0]
+        way, ends = np.array([name != "flow_index" for name in self.first], float), np.log([1.0 / RANGE, RANGE])
+        near = {"bounds": ends, "method": "bounded", "options": {"maxiter": LOOKS}}
+        best = minimize_scalar(lambda by: self.with_offsets(by * way)[1], **near).x
+        at, _ = self.with_offsets(best * way)
+        self.require_reached(at)
+        return at
 
     def words(self, at) -> str:
         """Constants of a point in words."""

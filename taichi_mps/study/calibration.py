@@ -125,8 +125,6 @@ class Mix(Found):
     model: dict[str, float]
     misfit: float  # chi squared
     by_viscosity: dict[float, object]  # what fits at other plastic viscosities [Pa s]
-    # by measurement and constant: by how many of its standard errors it changes with the constant's logarithm
-    sensitivities: dict[str, dict[str, float]]
     usual: bool = False  # is the plastic viscosity a usual one, neither given nor found?
 
     def facts(self) -> dict:
@@ -151,17 +149,13 @@ class Mix(Found):
 
     def determines(self, name: str) -> str:
         """Constants, of those that are bounded, that a measurement determines, in words."""
-        worth = self.worth[name]
-        sensed = [constant for constant in worth if self.senses(name, constant)]
-        bounded = [it for it in sensed if self.constants[it].bounded]
-        needed = [it for it in bounded if worth[it] >= TOLD]
-        said = []
-        for constant in needed or bounded[:1]:  # without one that is needed it tells a relation of both
-            others = [in_words(it) for it in sensed if it != constant]
+        needed = {it: by for it, by in self.worth[name].items() if by >= TOLD}
+        told = []
+        for constant in (it for it in needed if self.constants[it].bounded):
+            others = [in_words(it) for it in needed if it != constant]
             once = f" once {f'the {others[0]} is' if len(others) == 1 else 'the others are'} bounded" * bool(others)
-            without = f" (without it {worth[constant]:.1f} times as uncertain)" * bool(needed)
-            said.append(f"the {in_words(constant)}{once}{without}")
-        return " and ".join(said) or "neither constant alone"
+            told.append(f"the {in_words(constant)}{once} (without it {needed[constant]:.1f} times as uncertain)")
+        return " and ".join(told) or "neither constant alone"
 
     def source(self, constant: str) -> str:
         """Who says most of a constant: the measurement without which it would be the least certain, a rheometer where
@@ -169,14 +163,7 @@ class Mix(Found):
         it = self.constants[constant]
         if it.low == it.high:
             return "usual" if self.usual and constant == "plastic_viscosity" else RHEOMETER
-        named = [name for name in self.worth if self.senses(name, constant)]
-        bounded = named and it.bounded
-        return NAMES[max(named, key=lambda name: self.worth[name][constant])] if bounded else ""
-
-    def senses(self, name: str, constant: str) -> bool:
-        """Would a constant of which only the table is known move a measurement by more than its standard error?"""
-        it = self.constants[constant]
-        return abs(self.sensitivities[name][constant]) * math.log(it.high / it.low) > math.sqrt(12.0)
+        return NAMES[max(self.worth, key=lambda name: self.worth[name][constant])] if it.bounded else ""
 
     def measurement_lines(self) -> list[str]:
         """Lines on each measurement: its value beside the model, and what it determines."""

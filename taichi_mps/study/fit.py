@@ -56,11 +56,7 @@ class LeastSquares:
         parts = np.array([part.T @ part for part in parts])
         known = np.linalg.inv([self.before + parts.sum(0), *(self.before + parts.sum(0) - part for part in parts)])
         errors = np.sqrt(np.diagonal(known, axis1=1, axis2=2))
-        return [self.by_name(each / errors[0]) for each in errors[1:]]
-
-    def by_name(self, values) -> dict[str, float]:
-        """Values of the unknowns by the names of the constants."""
-        return dict(zip(self.scales, values.tolist(), strict=False))
+        return [dict(zip(self.scales, (each / errors[0]).tolist(), strict=False)) for each in errors[1:]]
 
 
 class Tables(LeastSquares):
@@ -174,7 +170,6 @@ def fit(
     if pairs and np.isnan(ends[1]).any():  # any of these is as good: the one of a usual mix
         usual = min(pairs, key=lambda eta: abs(np.log(eta / emulators[0].usual["plastic_viscosity"])))
         at = np.log(np.divide([pairs[usual], usual], list(tables.scales.values())))
-    slopes = tables.slopes(at)
     given = {name: Constant(*[value] * 5, UNITS[name]) for name, value in (known or {}).items()}
     constants = tables.constants(at, ends) | given
     return (Calibration if emulators[0].constants == BINGHAM else FrictionalMix)(
@@ -185,6 +180,5 @@ def fit(
         model={name: float(value) for name, value in tables.model(*tables.mix(at)).items()},
         misfit=least,
         by_viscosity=pairs,
-        sensitivities=dict(zip(measured, map(tables.by_name, slopes), strict=True)),
-        worth=dict(zip(measured, tables.worth(slopes[:, None]), strict=True)),
+        worth=dict(zip(measured, tables.worth(tables.slopes(at)[:, None]), strict=True)),
     )
