@@ -24,7 +24,7 @@ from ..units import (
 )
 from .calibration import BINGHAM, FRICTIONAL, RHEOMETER, Calibration, FrictionalMix, is_time
 from .case import REACHED, case, run
-from .emulator import DENSITY, FRICTION, MEASURED, Emulator, covered, emulator_of, scale
+from .emulator import DENSITY, FRICTION, MEASURED, Emulator, emulator_of, scale
 from .fit import fit
 
 CHECKED = "slump", "mini_cone"  # tests that a finer run checks; a V-funnel at half the spacing takes too long
@@ -173,7 +173,6 @@ def calibrate(
     emulators = emulators_of(measured, study)
     check_tests(test, emulators)
     tables = list(emulators.values())
-    check_known(known, tables, test.rho)
     require(lift_speed is None or "slump" in emulators, "lift_speed: needs slump, slump_flow or t500 of the slump cone")
     found = fit(tables, measured, test.rho, known=known)
     finer, lifted = difference(emulators, found) if check else {}, lift_effect(found, lift_speed) if lift_speed else {}
@@ -206,17 +205,16 @@ def with_each_alone(emulators: dict[str, Emulator], found: Calibration, known: d
 
 
 def computed(scene: str, what: str, **settings) -> dict:
-    """Return what a run of a test measures; ``what`` it is, where it fails."""
+    """Return what a run of a test measures, nan what it does not; ``what`` it is, where it fails."""
     row = run(case(scene, **settings))
     require(row["status"] == "done", f"the {what} failed: {row['reason']}")
-    return {name: row.get(column) for name, column in MEASURED[scene].items()}
+    return {name: np.array(row.get(column), float) for name, column in MEASURED[scene].items()}
 
 
 def changes(before: dict, after: dict) -> dict[str, float]:
     """Return by what measurements change that are known of both: lengths by a difference [m], times by a ratio."""
-    pairs = {name: (float(value), after[name]) for name, value in before.items() if None not in (value, after[name])}
-    pairs = {name: pair for name, pair in pairs.items() if np.all(np.isfinite(pair))}
-    return {name: later / first if is_time(name) else later - first for name, (first, later) in pairs.items()}
+    by = {name: after[name] / value if is_time(name) else after[name] - value for name, value in before.items()}
+    return {name: float(change) for name, change in by.items() if np.isfinite(change)}
 
 
 def difference(emulators: dict[str, Emulator], found: Calibration) -> dict:
@@ -274,12 +272,13 @@ def check_tests(test: Measurements, emulators: dict[str, Emulator]) -> None:
         raise SceneError(
             f"t500 = {test.t500:g} s: with spread = {test.spread:g} m it never came to 50 cm; leave one of them out"
         )
-    limits = []  # key, least and most that it can be, and what the least is
-    for scene, keys in {"slump": ("slump", "spread"), "mini_cone": ("mini_cone",)}.items():
-        for key in keys if scene in emulators else ():
-            height, base, _ = sizes(emulators[scene])
-            ends = (0.0, height) if key == "slump" else (base, LARGEST * height)
-            limits += [(key, *ends, "the base of the cone"), (f"{key}_error", 0.0, height, "")]
+    cones = {"slump": "slump", "spread": "slump", "mini_cone": "mini_cone"}
+    cones = {key: sizes(emulators[scene]) for key, scene in cones.items() if scene in emulators}
+    limits = [(f"{key}_error", 0.0, height, "") for key, (height, *_) in cones.items()]  # the least and most it can be
+    limits += [
+        (key, 0.0, height, "") if key == "slump" else (key, base, LARGEST * height, "the base of the cone")
+        for key, (height, base, _) in cones.items()
+    ]
     if "v_funnel" in emulators:
         why = "in which the funnel would run empty at the speed of a free fall through its height"
         limits += [("v_funnel", shortest(emulators["v_funnel"]), np.inf, why)]
@@ -318,10 +317,3 @@ def check_room(cone: Emulator, test: Measurements) -> None:
         f"slump = {test.slump:g} m with spread = {test.spread:g} m: leaves room for {1e3 * room:.1f} l at most, "
         f"and the mould holds {1e3 * mould:.1f} l; one of them must be misread",
     )
-
-
-def check_known(known: dict[str, float], emulators: list[Emulator], density: float) -> None:
-    """SceneError for a known constant that the tables do not reach."""
-    ends = np.array([np.max([each.low for each in emulators], 0), np.min([each.high for each in emulators], 0)])
-    asked = [BINGHAM.index(name) for name in known]
-    covered(known, ends[:, asked], np.log(np.array(list(known.values())) / density), density)

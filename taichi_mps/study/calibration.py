@@ -107,6 +107,16 @@ class Found:
         """The constants in words."""
         return [f"{in_words(name):18} {it.told()}" for name, it in self.constants.items()]
 
+    def determines(self, name: str) -> str:
+        """Constants, of those that are bounded, that a measurement determines, in words."""
+        needed = {it: by for it, by in self.worth[name].items() if by >= TOLD}
+        told = []
+        for constant in (it for it in needed if self.constants[it].bounded):
+            others = [in_words(it) for it in needed if it != constant]
+            once = f" once {f'the {others[0]} is' if len(others) == 1 else 'the others are'} bounded" * bool(others)
+            told.append(f"the {in_words(constant)}{once} (without it {needed[constant]:.1f} times as uncertain)")
+        return " and ".join(told) or "neither constant alone"
+
     def facts(self) -> dict:
         """Everything, JSON-ready."""
         known = {name: asdict(it) | {"determined": it.determined} for name, it in self.constants.items()}
@@ -146,16 +156,6 @@ class Mix(Found):
     def near(self) -> bool:
         """Whether the model is within NEAR of each length."""
         return all(abs(by) <= NEAR[name] for name, by in self.missed.items() if name in NEAR)
-
-    def determines(self, name: str) -> str:
-        """Constants, of those that are bounded, that a measurement determines, in words."""
-        needed = {it: by for it, by in self.worth[name].items() if by >= TOLD}
-        told = []
-        for constant in (it for it in needed if self.constants[it].bounded):
-            others = [in_words(it) for it in needed if it != constant]
-            once = f" once {f'the {others[0]} is' if len(others) == 1 else 'the others are'} bounded" * bool(others)
-            told.append(f"the {in_words(constant)}{once} (without it {needed[constant]:.1f} times as uncertain)")
-        return " and ".join(told) or "neither constant alone"
 
     def source(self, constant: str) -> str:
         """Who says most of a constant: the measurement without which it would be the least certain, a rheometer where

@@ -12,7 +12,7 @@ from ..problem.materials import Material
 from ..problem.measures import still
 from ..spelling import in_unit, without_unit
 from ..units import SceneError, require, unit_of, user_path
-from .calibration import TOLD, Found, short
+from .calibration import Found, short
 from .tables import SPELLINGS, WRONG, key_of, quantity, read_list
 
 TIME = "time t zeit temps 時間"  # names of the column of the times
@@ -62,7 +62,7 @@ def read_curves(path, keywords: dict, measures) -> list[Curve]:
     """The curves of a CSV file, a row a point: columns are time, measures of a scene and, where a file holds several
     curves or end values, the scene's ``keywords`` {name: pydantic field}. SceneError for what is no such file."""
     path = user_path(path)
-    (rows, comma), where = read_list(path), f"curve = {path}: "
+    rows, where = read_list(path), f"curve = {path}: "
     words, units = vocabulary(keywords, measures)
     held = {column: quantity(column, words, units.get) for column in rows[0] if column}
     found = [what for what, _ in held.values() if what]
@@ -74,7 +74,7 @@ def read_curves(path, keywords: dict, measures) -> list[Curve]:
     runs: dict[tuple, list] = {}
     for number, row in enumerate(rows, 1):
         require(WRONG not in row, where + row.get(WRONG, ""))
-        told = {what: value_of(row[column], unit, units[what], comma, f"{where}row {number}, {column}")
+        told = {what: value_of(row[column], unit, units[what], f"{where}row {number}, {column}")
                 for column, (what, unit) in held.items() if what not in (None, *keywords)}  # fmt: skip
         settings = {what: f"{row[column]} {unit * without_unit(row[column])}".strip()
                     for column, (what, unit) in held.items() if what in keywords}  # fmt: skip
@@ -96,11 +96,10 @@ def read_curves(path, keywords: dict, measures) -> list[Curve]:
     return curves
 
 
-def value_of(cell: str, unit: str, ours: str, comma: bool, where: str) -> float:
+def value_of(cell: str, unit: str, ours: str, where: str) -> float:
     """A cell in the SI unit ``ours``, of the unit of its column or its own; nan of an empty one."""
     try:
-        text = cell.replace(",", ".") if comma else cell
-        return float(in_unit(ours, f"{text} {unit * without_unit(text)}".strip()) if text else "nan")
+        return float(in_unit(ours, f"{cell} {unit * without_unit(cell)}".strip()) if cell else "nan")
     except ValueError:
         raise SceneError(f"{where} = {cell}: must be a number{f' [{ours}]' * bool(ours)}") from None
 
@@ -183,9 +182,7 @@ class CurveFit(Found):
         lines, offsets = self.constant_lines(), self.offsets.items()
         lines += [f"{'time offset':18} {1e3 * at:+.0f} +- {1e3 * by:.0f} ms: {name}" for name, (at, by) in offsets]
         lines += [f"{title(name):18} missed by {by:.2%} (root mean square)" for name, by in self.missed.items()]
-        for name, of in self.worth.items():
-            needed = [f"the {in_words(it)} {by:.1f} times" for it, by in of.items() if by > TOLD]
-            lines += [f"without {name}: {', '.join(needed)} as uncertain"] * bool(needed)
+        lines += [f"{name} determines {self.determines(name)}" for name in self.worth]
         return "\n".join([*lines, self.determined(), f"{self.runs} runs, {self.cpu_seconds:.0f} s of processor time"])
 
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from ..units import require
 from .calibration import BINGHAM, UNITS, Calibration, Constant, FrictionalMix, is_time, over
-from .emulator import NODES, Emulator, scale
+from .emulator import NODES, Emulator, covered, scale
 
 RISE = 3.841  # of chi squared, one degree of freedom, 95 %
 STEP = 0.1  # of the logarithm of a constant, to a mix that tells a slope; particles scatter smaller ones
@@ -75,7 +75,9 @@ class Tables(LeastSquares):
         scales = {name: float(scale(name, density)) for name in emulators[0].constants}
         self.point = np.clip(np.log([known.get(name, by) / by for name, by in scales.items()]), low, high)
         self.free = np.array([name not in known for name in scales])
-        self.paired = tuple(scales) == BINGHAM and self.free.all()
+        given, self.paired = ~self.free, tuple(scales) == BINGHAM and self.free.all()
+        if tuple(scales) == BINGHAM:
+            covered(known, (low[given], high[given]), np.log([known[name] / scales[name] for name in known]), density)
         for name in known:
             scales.pop(name)
         super().__init__(scales, np.array([low, high])[:, self.free])

@@ -79,7 +79,7 @@ def read_list(path: File) -> list[dict[str, str]]:
     """The rows of a list as text: a CSV file whose columns are measurements, `slump [cm]` or `slump` in SI units, and
     any others, which are kept; one with a name of the results is kept as `... (given)`. SceneError for what is no such
     list."""
-    (rows, comma), fields = tables.read_list(path), {}
+    rows, fields = tables.read_list(path), {}
     for column in (name for name in rows[0] if name):
         field, _ = heading(column)
         both = f"table = {path}: '{fields.get(field)}' and '{column}' are both {field}; must be one column"
@@ -90,9 +90,6 @@ def read_list(path: File) -> list[dict[str, str]]:
         f"table = {path}: has no column {', '.join(NAMES.values())}; must be a CSV file with a line for each mix "
         f"and the unit in the column's name: slump [cm]; {unused(rows)}",
     )
-    for column in fields.values() if comma else ():
-        for row in rows:
-            row[column] = re.sub(r"^([-+]?\d+),(\d+)(?![\d.,])", r"\1.\2", row[column])
     return [
         {f"{name} (given)" if OURS.fullmatch(name or "") else name: cell for name, cell in row.items()} for row in rows
     ]

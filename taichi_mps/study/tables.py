@@ -24,6 +24,7 @@ TABLE = "results.csv"
 REMARK = re.compile(r'\s*"?#(?!\s*[,;\t]\s*["\w])')  # begins a remark before the head; '#,slump' is a head
 SEPARATOR = re.compile(r'(?i)"?sep=(.)"?\s*')  # the first line by which Excel is told the delimiter
 MOST_ROWS = 100_000  # some two hours of calibrations
+DECIMAL = re.compile(r"^([-+]?\d+),(\d+)(?![\d.,])")  # a number with a comma, among semicolons
 WRONG = None  # key of a row under which stands why its cells are none of the head's
 # by field of Measurements and measure of a scene, beside its own name: of EN 12350, JIS A 1101, 1150 and 1116, and
 # common ones; letters alone
@@ -49,9 +50,9 @@ TAIL = re.compile(rf"(?i)(.+?)(?:[\s,/_]|\s+in\s+)\s*({UNITS})")  # a name and a
 
 
 # ---- lists ----------------------------------------------------------------------------------------------------
-def read_list(path) -> tuple[list[dict[str, str]], bool]:
+def read_list(path) -> list[dict[str, str]]:
     """The rows of a CSV file as text by the names of its head, without those that hold nothing: commas, semicolons or
-    tabs between the cells, remarks (#) before the head; and whether a comma in them can only be a decimal one. A row
+    tabs between the cells, remarks (#) before the head; a decimal comma is a point where it can be nothing else. A row
     with more or fewer cells than the head says so under WRONG. SceneError, with the line, for what is no such file."""
     where = f"table = {path}: "
     try:
@@ -75,7 +76,8 @@ def read_list(path) -> tuple[list[dict[str, str]], bool]:
         delimiter = told[1] if told else next((sign for sign in cells if cells[sign] > 1), ";")  # 18,5 is one cell
         reader = csv.reader(lines[skipped:], delimiter=delimiter, strict=True)
         for row in reader:
-            found += [(first, [cell.strip() for cell in row])] if any(map(str.strip, row)) else []
+            cells = [DECIMAL.sub(r"\1.\2", cell.strip()) if delimiter == ";" else cell.strip() for cell in row]
+            found += [(first, cells)] if any(cells) else []
             first = skipped + reader.line_num + 1
     except csv.Error as error:
         raise SceneError(
@@ -97,7 +99,7 @@ def read_list(path) -> tuple[list[dict[str, str]], bool]:
             table[-1][WRONG] = f"line {line} has {len(row)} cells, the head has {width}: {cells}" + (
                 "; a number with a decimal comma must be in quotes" * (delimiter == "," and len(row) > width)
             )
-    return table, delimiter == ";"
+    return table
 
 
 def decoded(data: bytes) -> str:
@@ -218,7 +220,7 @@ def read(path) -> list[dict]:
     """The rows of a results.csv or of a study's folder. Numbers as float, nothing as None."""
     path = user_path(path)
     path = path / TABLE if path.is_dir() else path
-    rows, _ = read_list(path)
+    rows = read_list(path)
     wrong = next((row[WRONG] for row in rows if WRONG in row), None)
     require(not wrong, f"table = {path}: {wrong}")
     none = f"table = {path}: has no column status; must be a study's folder or its results.csv"
