@@ -39,7 +39,7 @@ class WallPositions:
         if self.in_time:
             flush()
         for surface in self.in_time:
-            surface.way[None] = surface.wall.displacement(time)
+            surface.moved[None] = surface.wall.displacement(time)
 
     def set_velocities(self, dt: float) -> None:
         """Give the walls whose velocity changes its mean over a step of dt [s]."""
@@ -85,5 +85,5 @@ class WallPositions:
         """x + move, kept out of the solids [m]: at least ``closest`` in front of every wall."""
         y = x + move
         for wall in ti.static(self.surfaces):
-            y = wall.out(x, y, self.closest)
+            y = wall.keep_in_front(x, y, self.closest)
         return y

@@ -50,7 +50,7 @@ class Sampled(Surface):
         if ti.static(self.turns):
             arm = x - self.centre
         if ti.static(self.travels):
-            arm -= self.gone()
+            arm -= self.displacement()
         return arm
 
     @ti.func

@@ -44,7 +44,7 @@ class Surface:
         self.point = ti.types.vector(dimension, ti.f64)(wall.point)
         self.wall, self.in_time = wall, wall.in_time is not None  # whether its velocity changes
         if self.in_time:  # way since 0 s [m], and mean velocity of the step [m/s]
-            self.way, self.mean = (double_field(components=dimension) for _ in range(2))
+            self.moved, self.mean = (double_field(components=dimension) for _ in range(2))
 
     @ti.func
     def arm(self, x):
@@ -56,14 +56,14 @@ class Surface:
         """Vector from the point of the wall to x [m]."""
         offset = x - self.point
         if ti.static(self.travels):
-            offset -= self.gone()
+            offset -= self.displacement()
         return offset
 
     @ti.func
-    def gone(self):
+    def displacement(self):
         """Displacement of the wall since 0 s [m]."""
         if ti.static(self.in_time):
-            return self.way[None]
+            return self.moved[None]
         else:
             return self.clock[None] * self.travel
 
@@ -142,7 +142,7 @@ class Surface:
         return hidden
 
     @ti.func
-    def out(self, x, y, closest):
+    def keep_in_front(self, x, y, closest):
         """y [m], or the place at ``closest`` in front of the wall on the side of x if it is nearer or behind."""
         z, n, _velocity, _curvature = self.nearest(y)
         target = ti.cast(closest, float)

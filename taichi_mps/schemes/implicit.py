@@ -169,7 +169,7 @@ class Implicit(Scheme):
         self.interface.find()
         self.interface.gather(self.stress.fluidity)
         self.resistance.set(dt, first)
-        self.correction.gather(self.constants.part_taken_back(dt))
+        self.correction.gather(self.constants.deferred_fraction(dt))
 
     def constrain_volume(self, dt):
         """The divergence that is wanted, from the packing."""

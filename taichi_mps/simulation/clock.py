@@ -23,13 +23,14 @@ from .forecast import cost_of, own_step, particles_of
 PARTS = "start", "ready", "flow", "pictures", "report"  # of a run, one after the other
 START, REPORT = 1.0, 0.5  # [s]: Python, Taichi and the scene; the page, of a small body
 READY = {False: (2.0, 4.5), True: (2.3, 8.0)}  # [s] of the first step, in space or not: compiled before, anew
-OF_OPTIMISED = 6.0  # [s] more to compile kernels that are fused and optimised
+OPTIMISATION = 6.0  # [s] more to compile kernels that are fused and optimised
 ROW = 4e-3  # [s] of the measures and the row of a step
 PICTURE, FILM = 0.17, 0.3  # [s] of a picture, of animation and curves
-TEAM = 0.6  # exponent of the number of threads by which a flow is faster with them
-FEWEST, LEFT_OVER = 20.0, 0.1  # steps of any run; share of those taken that are still expected where too few were told
-LIMITS = 0.05, 50.0  # of a ratio that is believed
-OFTEN = 0.1  # [s] between two answers
+TEAM_EXPONENT = 0.6  # exponent of the number of threads by which a flow is faster with them
+# steps of any run; share of those taken that are still expected where too few were told
+MIN_STEPS, REMAINING_SHARE = 20.0, 0.1
+RATIO_LIMITS = 0.05, 50.0  # of a ratio that is believed
+MIN_INTERVAL = 0.1  # [s] between two answers
 RATIOS = "taichi_mps.json"  # file of the ratios
 
 
@@ -60,8 +61,8 @@ class Clock:
         with suppress(OSError, ValueError, TypeError):
             self.known = dict(json.loads(self.path.read_text(encoding="utf-8")))
         self.cold = self.key not in self.known
-        ready = READY[scene.dimension == 3][self.cold] + OF_OPTIMISED * (self.cold and OPTIMISED <= rows < FEW)
-        flow = self.cost.cpu_seconds / self.threads**TEAM + ROW * self.cost.steps
+        ready = READY[scene.dimension == 3][self.cold] + OPTIMISATION * (self.cold and OPTIMISED <= rows < FEW)
+        flow = self.cost.cpu_seconds / self.threads**TEAM_EXPONENT + ROW * self.cost.steps
         pictures = PICTURE * (min(self.cost.steps, self.cost.end / every) + 1.0)
         self.usual = dict(zip(PARTS, (START, ready, flow + pictures, FILM, REPORT), strict=True))
         self.expected = {part: seconds * self._ratio(part) for part, seconds in self.usual.items()}
@@ -75,7 +76,7 @@ class Clock:
         known."""
         with suppress(TypeError, ValueError, KeyError, AttributeError):
             found = float(self.known.get(self.key, self.known.get("all"))[part])
-            return min(max(found, LIMITS[0]), LIMITS[1]) if math.isfinite(found) else 1.0
+            return min(max(found, RATIO_LIMITS[0]), RATIO_LIMITS[1]) if math.isfinite(found) else 1.0
         return 1.0
 
     @property
@@ -86,7 +87,7 @@ class Clock:
     @property
     def cpu_seconds(self) -> float:
         """Processor time in all that is expected before the run [s]."""
-        more = self.threads ** (1.0 - TEAM) - 1.0  # threads wait for each other
+        more = self.threads ** (1.0 - TEAM_EXPONENT) - 1.0  # threads wait for each other
         return self.whole + self.expected["flow"] * more
 
     def begin(self, part: str, steps: int = 0) -> None:
@@ -100,7 +101,7 @@ class Clock:
         """Seconds passed and left of a run, the share that is done and the expected end of the flow [s]; None where the
         last answer is hardly older."""
         now = time.monotonic()
-        if now - self.told < OFTEN:
+        if now - self.told < MIN_INTERVAL:
             return None
         self.told = now
         passed, here = now - self.begun, now - self.since
@@ -108,7 +109,7 @@ class Clock:
         if self.part == "flow" and sim.steps > self.first:
             left += here * steps_left(sim, self.cost) / (sim.steps - self.first)
         else:
-            left += max(self.expected[self.part] - here, LEFT_OVER * here)
+            left += max(self.expected[self.part] - here, REMAINING_SHARE * here)
         rest = sim.rest.expected(sim) if sim.problem.rests and sim.scene.stop_at_rest else sim.scene.until
         end = max(sim.time, min(sim.scene.until, rest or self.cost.end))
         return {"passed_s": passed, "left_s": left, "share": passed / (passed + left), "time_s": sim.time, "end_s": end}
@@ -132,10 +133,10 @@ class Clock:
 def steps_left(sim, cost) -> float:
     """Number of steps that a run still takes, by what was told of it (``cost``) and by its decay, if it has one."""
     now, dt, fold, until = sim.time, sim.report.dt, sim.rest.fold, sim.scene.until
-    told = max(cost.steps - sim.steps, LEFT_OVER * sim.steps)
+    told = max(cost.steps - sim.steps, REMAINING_SHARE * sim.steps)
     if sim.pouring and not all(pouring.done for pouring in sim.pouring):
         share = min(now / max(pouring.end for pouring in sim.pouring), 1.0)
-        return (1.0 - share) * math.sqrt(cost.steps * sim.steps / max(share, 1e-3)) + FEWEST
+        return (1.0 - share) * math.sqrt(cost.steps * sim.steps / max(share, 1e-3)) + MIN_STEPS
     end = min(until, sim.rest.expected(sim) or until) if sim.problem.rests and sim.scene.stop_at_rest else until
     if fold <= 0.0:
         return min(told, max(1.0, (until - now) / dt)) if end < until else told

@@ -29,10 +29,10 @@ from .summary import described
 # ---- memory ----------------------------------------------------------------------------------------------------
 PAIRS, PAIRS_OF_RINGS = 1.6, 4.0  # room for neighbours over those of a lattice; rings that moved outward are thin
 PROCESS = 300e6  # Python, Taichi, compiled kernels, pictures
-SHOWN = 190  # of a particle of the whole body, in NumPy
-GRID = 8  # of a cell
-SOLID = 32  # of a node of a sampled solid: distance, its row among the faces of inner edges, and those
-DOUBLE = 1.85  # fields of f64 over those of f32: positions always are, numbers of rows never
+BYTES_SHOWN = 190  # of a particle of the whole body, in NumPy
+BYTES_OF_CELL = 8  # of a cell
+BYTES_OF_NODE = 32  # of a node of a sampled solid: distance, its row among the faces of inner edges, and those
+DOUBLE_RATIO = 1.85  # fields of f64 over those of f32: positions always are, numbers of rows never
 FIELDS = {  # bytes of a particle, of a pair, with multigrid of a particle and a cell more, of a particle that is read
     ("implicit", "plane"): (440, 20, 60, 180, 650),
     ("implicit", "rings"): (625, 20, 60, 180, 650),
@@ -62,16 +62,16 @@ def memory_of(problem: Problem, pairs: float, precision: str, finer: float = 1.0
     of_particle, of_pair, coarse_particle, coarse_cell, read = FIELDS[problem.scheme, kind]
     neighbours = lattice_sums(d, scene.spacing, problem.effective_radius, *kernels(problem)).neighbours
     rows, cells = particles_of(problem) * finer**d, float(np.prod(sides(problem))) * finer**d
-    taken = rows * (of_particle + pairs * neighbours * of_pair) + cells * GRID
+    taken = rows * (of_particle + pairs * neighbours * of_pair) + cells * BYTES_OF_CELL
     if problem.wall_loads:  # force and torque on each wall
         taken += 12 * (3 if d == 2 else 6) * len(scene.measured_walls) * rows  # f32, and f64 where they are read
     multigrid = NodeMultigrid if problem.scheme == "implicit" else CellMultigrid
     if rows >= multigrid.PAY_FROM:
         taken += rows * coarse_particle + cells * coarse_cell
-    taken *= DOUBLE if precision == "f64" else 1.0
-    taken += SOLID * sum(wall.values.size for wall in scene.walls if isinstance(wall, Solid))
+    taken *= DOUBLE_RATIO if precision == "f64" else 1.0
+    taken += BYTES_OF_NODE * sum(wall.values.size for wall in scene.walls if isinstance(wall, Solid))
     body = float(scene.volumes.sum()) / scene.spacing**3 * finer**3 if scene.axisymmetric else 0.0
-    return PROCESS + taken + read * rows + SHOWN * (body + rows * (2 ** len(scene.mirrors) - 1))
+    return PROCESS + taken + read * rows + BYTES_SHOWN * (body + rows * (2 ** len(scene.mirrors) - 1))
 
 
 def require_memory(problem: Problem, pairs: float, precision: str | None = None) -> None:
@@ -91,13 +91,16 @@ def require_memory(problem: Problem, pairs: float, precision: str | None = None)
 
 # ---- cost ------------------------------------------------------------------------------------------------------
 MEASURED = Path(__file__).with_name("cost.csv")
-LANDS = 0.9  # speed of a jet where it lands over that of a free fall to its heap, which is as high as the jet is wide
-PASSES, OF_PASSES = 6, 0.45  # passes of a step of the measured pours, and the share of its cost that goes with them
-FALLS, CREEPS = 3.5, 12.0  # time to rest over sqrt(H/g), and over what eta/tau_y is longer than that; of slump cones
-WAY, SOFTER, MOST_WAY = 0.15, 0.6, 3.0  # way of the fastest part over H: WAY (rho g H/tau_y)^SOFTER; of slump cones
-FEWEST, OF_PLANE = 20.0, 0.6  # steps of any run; cost of a step in a plane or rings over that in space
-SETTLES = 2.0  # [s] from the last layer to rest
-PARTS = 2000  # of the time, in each of which steps are equally long
+# speed of a jet where it lands over that of a free fall to its heap, which is as high as the jet is wide
+LANDING_RATIO = 0.9
+MEASURED_PASSES, PASSES_SHARE = 6, 0.45  # passes of a step of the measured pours, and their share of its cost
+# time to rest over sqrt(H/g), and over what eta/tau_y is longer than that; of slump cones
+REST_OVER_FALL, REST_OVER_CREEP = 3.5, 12.0
+# path of the fastest particles over H: PATH (rho g H/tau_y)^PATH_EXPONENT; of slump cones
+PATH, PATH_EXPONENT, MAX_PATH = 0.15, 0.6, 3.0
+MIN_STEPS, PLANE_COST = 20.0, 0.6  # steps of any run; cost of a step in a plane or rings over that in space
+SETTLING_TIME = 2.0  # [s] from the last layer to rest
+TIMES = 2000  # intervals of the time, in each of which steps are equally long
 
 
 @dataclass(frozen=True)
@@ -118,15 +121,16 @@ def cost_of(problem: Problem) -> Cost:
         return cost_of_pour(problem)
     known, particles = accuracy.of_run(described(problem)), particles_of(problem)
     creep = max(m.typical_slope / max(m.yield_value, 1e-9) for m in problem.materials) - problem.fall_time
-    rest, rests = FALLS * problem.fall_time + CREEPS * max(creep, 0.0), scene.stop_at_rest and problem.rests
+    rests = scene.stop_at_rest and problem.rests
+    rest = REST_OVER_FALL * problem.fall_time + REST_OVER_CREEP * max(creep, 0.0)
     end = min(scene.until, rest) if rests else scene.until
     weight = max(m.density for m in problem.materials) * problem.gravity * problem.height
     softness = weight / max(min(m.yield_value for m in problem.materials), 1e-9 * weight)
-    way = min(WAY * softness**SOFTER, MOST_WAY) * problem.height
-    way = min(way, end * math.sqrt(2.0 * problem.gravity * problem.height)) + end * problem.speed
-    steps = way / (problem.numerics.courant_number * scene.spacing) + (not rests) * end / own_step(problem, quiet=True)
-    steps = max(steps, FEWEST)
-    seconds = steps * seconds_of_a_step(particles) * (1.0 if scene.dimension == 3 else OF_PLANE)
+    path = min(PATH * softness**PATH_EXPONENT, MAX_PATH) * problem.height
+    path = min(path, end * math.sqrt(2.0 * problem.gravity * problem.height)) + end * problem.speed
+    steps = path / (problem.numerics.courant_number * scene.spacing) + (not rests) * end / own_step(problem, quiet=True)
+    steps = max(steps, MIN_STEPS)
+    seconds = steps * seconds_of_a_step(particles) * (1.0 if scene.dimension == 3 else PLANE_COST)
     return Cost(steps, known[2].cpu_seconds if known and known[2] else float(seconds), end)
 
 
@@ -134,7 +138,7 @@ def cost_of_pour(problem: Problem) -> Cost:
     """Cost of a pour from 0 s on to the time limit. No hose waits for room."""
     scene, numerics = problem.scene, problem.numerics
     pours = [Pouring(scene, inlet) for inlet in scene.inlets]
-    time = scene.until * (np.arange(PARTS) + 0.5) / PARTS
+    time = scene.until * (np.arange(TIMES) + 0.5) / TIMES
     layers = [np.clip(np.ceil((time - pour.start) / pour.interval), 0, pour.layers) for pour in pours]
     particles = len(scene.fluid) + sum(n * len(pour.layer) for n, pour in zip(layers, pours, strict=True))
     level = level_of(scene, particles * scene.spacing**3)
@@ -143,18 +147,18 @@ def cost_of_pour(problem: Problem) -> Cost:
     speed = np.maximum(np.max(landing, axis=0), max((wall.speed for wall in scene.walls), default=0.0))
     step = np.where(np.any(flows, axis=0), own_step(problem), own_step(problem, quiet=True))
     step = np.minimum(step, numerics.courant_number * scene.spacing / np.maximum(speed, 1e-9))
-    steps = scene.until / PARTS / step
-    by_passes = 1.0 + OF_PASSES * (numerics.passes / PASSES - 1.0)
+    steps = scene.until / TIMES / step
+    by_passes = 1.0 + PASSES_SHARE * (numerics.passes / MEASURED_PASSES - 1.0)
     seconds = float(steps @ (by_passes * seconds_of_a_step(particles)))
-    return Cost(float(steps.sum()), seconds, min(scene.until, max(pour.end for pour in pours) + SETTLES))
+    return Cost(float(steps.sum()), seconds, min(scene.until, max(pour.end for pour in pours) + SETTLING_TIME))
 
 
 def landing_speed(problem: Problem, pour: Pouring, time, level):
-    """Speed [m/s] at times [s] of a jet where it lands, on a heap above the level [m]. With LANDS the steps of eight
-    pours were met within 15 %; of one with a courant_number of 0.65 24 % too many were told."""
+    """Speed [m/s] at times [s] of a jet where it lands, on a heap above the level [m]. With LANDING_RATIO the steps of
+    eight pours were met within 15 %; of one with a courant_number of 0.65 24 % too many were told."""
     mouth = np.array([pour.inlet.centre[-1] + pour.inlet.displacement(t)[-1] for t in time])
     fall = np.maximum(0.0, mouth - level - 2.0 * pour.inlet.radius)
-    return LANDS * np.sqrt(pour.speed**2 + 2.0 * problem.gravity * fall)
+    return LANDING_RATIO * np.sqrt(pour.speed**2 + 2.0 * problem.gravity * fall)
 
 
 def level_of(scene, volume):

@@ -40,14 +40,18 @@ class Rest:
         yet, sqrt(H/g). Never, where a mix has no true yield stress, nor before the last change of gravity and walls."""
         if not sim.problem.rests:
             return False
-        if sim.time < sim.scene.last_change or self.left(sim) > NEGLIGIBLE_PATH * sim.problem.height or pushed(sim):
+        if (
+            sim.time < sim.scene.last_change
+            or self.remaining_path(sim) > NEGLIGIBLE_PATH * sim.problem.height
+            or pushed(sim)
+        ):
             self.since = None
             return False
         if self.since is None:
             self.since = sim.time
         return sim.time - self.since >= PAUSE * sim.problem.fall_time
 
-    def left(self, sim) -> float:
+    def remaining_path(self, sim) -> float:
         """Way [m] that is left now."""
         return sim.report.moving_speed * max(self.fold or sim.problem.fall_time, sim.time - self.at)
 
@@ -59,7 +63,7 @@ class Rest:
         pause = PAUSE * sim.problem.fall_time
         if self.since is not None:
             return self.since + pause
-        left = self.left(sim) / (NEGLIGIBLE_PATH * sim.problem.height)
+        left = self.remaining_path(sim) / (NEGLIGIBLE_PATH * sim.problem.height)
         return sim.time + max(self.fold, sim.time - self.at) * max(0.0, math.log(left)) + pause
 
 

@@ -32,7 +32,7 @@ OF_THE_SCENE = {
 INERTIAL = 0.5  # hourglass modes of a thin fluid decay within two natural steps or so: h += 0.5 rho l0^2/step
 # Over sqrt(a/l0), a = g + U^2/H: rate of the bonds below which the hourglass resistance of a yield-stress fluid stops
 # growing: what is slower creeps by the motion that the gradient does not see, at a rate that no yield stress stops
-SLOWEST = 3.5e-3
+MIN_BOND_RATE = 3.5e-3
 # K = STIFFNESS rho (g H + U^2) times the natural step: that pressure compresses by 1/75 in an iteration
 STIFFNESS = 75.0
 VISCOUS_STIFFNESS = 8.0  # and K >= 8 mu_r: a slow flow is resisted by its viscosity, not by its weight
@@ -43,9 +43,9 @@ PENALTY = 6.0, 64.0, 0.5
 LONG = 2.0  # a quiet flow takes steps as long as this many of the scene's own
 CREEP = 0.1  # a decaying flow may take steps of this fraction of its decay time, in which its speed falls to 1/e
 # Where what yields falls, a solve before the last one takes off no more of its residual: the new stress brings as much
-EARLY_ENOUGH = 0.1
+EARLY_MAX_REDUCTION = 0.1
 QUIET = 0.005  # a flow is quiet where the change of its velocity in a step moves particles by no more of l0
-FASTEST = 0.175, 1.0  # largest divergence that is wanted, over sqrt(g/H) and over U/H [-]: 1 1/s in a slump cone
+MAX_DIVERGENCE = 0.175, 1.0  # largest divergence that is wanted, over sqrt(g/H) and over U/H [-]: 1 1/s in a slump cone
 STILL = 1e-5  # speed over sqrt(gH) below which all is still: each step takes off most of what is left, so not fewer
 
 
@@ -125,11 +125,11 @@ class Constants:
             "friction": frictions,
             "inertial": [INERTIAL * m.density * scene.spacing**2 / step for m in materials],
             "layer_pressure": 0.5 * density * gravity * scene.spacing,
-            "min_bond_rate": SLOWEST * (head / height / scene.spacing) ** 0.5,
+            "min_bond_rate": MIN_BOND_RATE * (head / height / scene.spacing) ** 0.5,
             "reference_force": density * head / height,
             "own_step": step,
-            "early_max_reduction": EARLY_ENOUGH if falls else 0.0,
-            "max_divergence": max(FASTEST[0] * (gravity / height) ** 0.5, FASTEST[1] * speed / height),
+            "early_max_reduction": EARLY_MAX_REDUCTION if falls else 0.0,
+            "max_divergence": max(MAX_DIVERGENCE[0] * (gravity / height) ** 0.5, MAX_DIVERGENCE[1] * speed / height),
         }
         self.stretched = 0.0  # step over max_time_step that mu_r and K are for, 1 at least
         self.set_time_step(self.max_time_step)
@@ -143,7 +143,7 @@ class Constants:
             longest = max(longest, min(most, math.sqrt(self.quiet / max(speeds.acceleration, 1e-30))))
         return min(longest, self.limit)
 
-    def part_taken_back(self, dt: float) -> float:
+    def deferred_fraction(self, dt: float) -> float:
         """Part of the hourglass resistance that is taken back in a step of dt [s]: all of it where steps follow the
         creep, else less in those longer than LONG of the scene's own."""
         return 1.0 if self.creeps else min(1.0, LONG * self.natural_step / dt)

@@ -29,9 +29,10 @@ BOND_DISSIPATION = 0.6  # c: bond-associated dissipation gives 1/2 (shear) to 2/
 SETTLING = 2.0  # h >= 2 p dt: what the pressure pushes apart goes no further than to its place in a step
 # What a thin fluid has at rest, over that in motion, or its particles find no places to stay in; and the strain or
 # rotation in a step from which on it moves
-AT_REST, MOVING = 64.0, 0.002
+REST_FACTOR, MOVING_STRAIN = 64.0, 0.002
 HUGE = 1e30  # N s m: no bound
-EDGE = 4.0  # at the edge of a plug a quarter of the bonds carry all of this motion: their rate is twice the mean
+# at the edge of a plug a quarter of the bonds carry all of this motion: their rate is twice the mean
+PLUG_EDGE_FACTOR = 4.0
 
 
 @ti.data_oriented
@@ -54,15 +55,17 @@ class HourglassResistance(Term):
             # settles
             thin = self.constants.inertial[m]
             if ti.static(self.law == "newtonian"):
-                rest = 1.0 - ti.min(1.0, 2.0**0.5 * self.strain_rate.velocity_gradient(i).norm() * dt / MOVING)
-                thin *= 1.0 + (AT_REST - 1.0) * rest**2 * (1 - self.pressure.full[None])
+                rest = 1.0 - ti.min(1.0, 2.0**0.5 * self.strain_rate.velocity_gradient(i).norm() * dt / MOVING_STRAIN)
+                thin *= 1.0 + (REST_FACTOR - 1.0) * rest**2 * (1 - self.pressure.full[None])
             h = BOND_DISSIPATION * self.constants.eta[m] + thin
             if ti.static(self.law != "newtonian"):  # noqa: SIM102  (a compiled choice stays apart)
                 if first == 0:
                     rate, residual = self.strain_rate.rate[i], self.strain_rate.residual[i]
                     own = ti.min(1.0, self.constants.own_step[None] / dt)
                     min_rate = self.constants.min_bond_rate[None] * (ti.sqrt(own) if ti.static(self.in_space) else own)
-                    bond_rate = ti.max(ti.sqrt(rate * rate + 2.0 * BOND_DISSIPATION * EDGE * residual), min_rate)
+                    bond_rate = ti.max(
+                        ti.sqrt(rate * rate + 2.0 * BOND_DISSIPATION * PLUG_EDGE_FACTOR * residual), min_rate
+                    )
                     if ti.static(self.stress.has_curve):
                         h = BOND_DISSIPATION * self.stress.shear_stress(i, bond_rate) / bond_rate + thin
                     else:
@@ -89,30 +92,30 @@ class DeferredCorrection(Term):
     def __init__(self, fluid, sums, strain_rate, resistance, averages: bool = False):
         super().__init__(fluid, pair_sums=sums, strain_rate=strain_rate, resistance=resistance)
         self.averages, self.lanes = averages, sums.lanes
-        self.part = ti.field(real(), ())  # of it that is taken back [-]
+        self.fraction = ti.field(real(), ())  # of it that is taken back [-]
         self.most = ti.field(real(), ())  # resistance h_i h_j/(h_i + h_j) at most [N s m]
         # transpose of the flux before it meets B [N], and last the force of the bonds [N]
         self.sums = ti.Matrix.field(self.dimension + 1, self.lanes, real(), self.capacity)
 
     @stage("correction")
-    def gather(self, part: float):
-        """The sums over the pairs of all particles at the velocity that they carry; ``part`` of them counts [-]."""
+    def gather(self, fraction: float):
+        """The sums over the pairs of all particles at the velocity that they carry; ``fraction`` of them counts [-]."""
         for i in range(self.particles.count[None]):
             self.pair_sums.set_motion(i, self.particles.u[i])
         for _ in range(1):
-            self.part[None], self.most[None] = part, HUGE
+            self.fraction[None], self.most[None] = fraction, HUGE
             if ti.static(self.averages):  # noqa: SIM102  (a compiled choice stays apart)
                 if self.walls.curvature_known[None] == 1:
                     self.most[None] = 0.5 * self.resistance.flowing()
         for i in range(self.particles.count[None]):
-            self.gather_bonds(i, part, self.most[None])
+            self.gather_bonds(i, fraction, self.most[None])
         if ti.static(self.walls.carry_curvature):
             for i in range(self.particles.count[None]):
                 if self.walls.curvature_known[None] == 1:
                     self.add_walls(i)
 
     @ti.func
-    def gather_bonds(self, i, part, most):
+    def gather_bonds(self, i, fraction, most):
         sums = ti.Matrix.zero(float, self.dimension + 1, self.lanes)
         ui, Gi, hi = self.pair_sums.motion[i], self.strain_rate.G[i], self.resistance.h[i]
         for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
@@ -131,7 +134,7 @@ class DeferredCorrection(Term):
                 for c in ti.static(range(self.dimension)):
                     sums[c, a] += (hi * ours - resisted) * b[c]
                 sums[self.dimension, a] -= w * (hi * ours - hj * theirs - 2.0 * resisted)
-        self.sums[i] = part * sums
+        self.sums[i] = fraction * sums
 
     @ti.func
     def add_walls(self, i):
@@ -142,13 +145,13 @@ class DeferredCorrection(Term):
         for a in ti.static(range(self.dimension)):
             self.sums[i][self.dimension, a] += push[a]
             for c in ti.static(range(self.dimension)):
-                self.sums[i][c, a] += 2.0 * self.part[None] * self.resistance.h[i] * slopes[a, c]
+                self.sums[i][c, a] += 2.0 * self.fraction[None] * self.resistance.h[i] * slopes[a, c]
 
     @ti.func
     def push_of_walls(self, i, face: ti.template() = None):
         """The force [N] on particle i among it."""
         _slopes, drag = self.walls.curvature_term(i, self.particles.x[i], face)
-        return -self.part[None] * self.resistance.h[i] * drag
+        return -self.fraction[None] * self.resistance.h[i] * drag
 
     @ti.func
     def force(self, i):

@@ -17,7 +17,7 @@ from ..runtime.sums import lanes
 from ..runtime.thread_team import first, last, wait
 from .constants import Term
 
-EARLY = 10.0  # only the last solve of a step goes down to the tolerance: the others to ten times that
+EARLY_TOLERANCE = 10.0  # only the last solve of a step goes down to the tolerance: the others to ten times that
 # To what a solve reduces its first residual, in the last and in the other iterations: a velocity that just passes would
 # go on unchanged from step to step, until it fails and is corrected by a jump.
 REDUCTION, EARLY_REDUCTION = 0.1, 0.3
@@ -259,7 +259,7 @@ class VelocitySolve:
         warm_start, min_reduction, max_reduction = 0, REDUCTION, 0.0
         flush()
         if k + 1 < iterations:
-            tolerance, min_reduction = EARLY * tolerance, EARLY_REDUCTION
+            tolerance, min_reduction = EARLY_TOLERANCE * tolerance, EARLY_REDUCTION
             max_reduction = self.constants.early_max_reduction[None]
         if ti.static(self.continues):
             warm_start = min(k, 1)

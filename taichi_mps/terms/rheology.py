@@ -97,13 +97,18 @@ def curve_mapping(law: ti.template(), i, trial, mu_r):
 
     Rigid where |trial| <= tau(0). The root is unique, since tau does not fall, and below (|trial| - tau(0))/mu_r.
     """
-    size, rate = magnitude(trial), ti.cast(0.0, float)
+    trial_magnitude, rate = magnitude(trial), ti.cast(0.0, float)
     yield_stress = law.shear_stress(i, 0.0)
-    if size > yield_stress:
+    if trial_magnitude > yield_stress:
         rate = illinois(
-            curve_excess, law, i, ti.Vector([size, mu_r]), (size - yield_stress) / mu_r, yield_stress - size
+            curve_excess,
+            law,
+            i,
+            ti.Vector([trial_magnitude, mu_r]),
+            (trial_magnitude - yield_stress) / mu_r,
+            yield_stress - trial_magnitude,
         )
-    factor = (size - mu_r * rate) / ti.max(size, 1e-12) if rate > 0.0 else 1.0
+    factor = (trial_magnitude - mu_r * rate) / ti.max(trial_magnitude, 1e-12) if rate > 0.0 else 1.0
     stress = trial * factor
     return stress, (trial - stress) / (2.0 * mu_r), rate
 
@@ -135,10 +140,10 @@ def series_mapping(law: ti.template(), i, trial, across, mu_r, other_fraction, o
     """
     numbers = ti.Vector([magnitude(trial - across), magnitude(across), mu_r, other_fraction, other_fluidity])
     yield_stress, rate = law.shear_stress(i, 0.0), ti.cast(0.0, float)
-    size = ti.sqrt(numbers[0] ** 2 + (numbers[1] / (1.0 + mu_r * other_fluidity)) ** 2)
-    if size > yield_stress:
+    trial_magnitude = ti.sqrt(numbers[0] ** 2 + (numbers[1] / (1.0 + mu_r * other_fluidity)) ** 2)
+    if trial_magnitude > yield_stress:
         high = ti.max(0.0, (magnitude(trial) - yield_stress) / ((1.0 - other_fraction) * mu_r))
-        rate = illinois(series_excess, law, i, numbers, high, yield_stress - size)
+        rate = illinois(series_excess, law, i, numbers, high, yield_stress - trial_magnitude)
     _tau, along_over, across_over = parts_in_series(law, i, rate, numbers)
     ours, both = 1.0 / along_over, 1.0 / across_over
     stress = trial * ours + across * (both - ours)
@@ -154,17 +159,17 @@ def return_mapping(trial, plastic_viscosity, yield_value, mu_r, variation=0.0):
 
     Where the stress differs by +-``variation`` [Pa] over what the gradient sees, the rate is the mean of the law (I31).
     """
-    size = magnitude(trial)
-    rate = ti.max(0.0, (size - yield_value) / (plastic_viscosity + mu_r))
-    factor = (yield_value + plastic_viscosity * rate) / ti.max(size, 1e-12) if rate > 0.0 else 1.0
-    over = size - yield_value + variation
+    trial_magnitude = magnitude(trial)
+    rate = ti.max(0.0, (trial_magnitude - yield_value) / (plastic_viscosity + mu_r))
+    factor = (yield_value + plastic_viscosity * rate) / ti.max(trial_magnitude, 1e-12) if rate > 0.0 else 1.0
+    over = trial_magnitude - yield_value + variation
     if variation > 1e-6 * yield_value and over > 0.0:
         # rate = x^2/part and x + mu_r rate = over, of x = tau - tau_y + variation
         part = 4.0 * variation * plastic_viscosity
         x = 2.0 * over / (1.0 + ti.sqrt(1.0 + 4.0 * mu_r * over / part))
         if x < 2.0 * variation:
             rate = x * x / part
-            factor = (size - mu_r * rate) / ti.max(size, 1e-12)
+            factor = (trial_magnitude - mu_r * rate) / ti.max(trial_magnitude, 1e-12)
     stress = trial * factor
     return stress, (trial - stress) / (2.0 * mu_r), rate
 

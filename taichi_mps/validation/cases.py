@@ -165,14 +165,14 @@ ROWS = {row.name: row for row in TABLE}
 
 # constants that were chosen on what a row measures, as docs/theory/constants.md tells: there it is calibration
 CHOSEN_ON = {
-    "film_at_yield": ("REDUCTION", "EARLY_REDUCTION", "SMOOTHING_SCALE", "SLOWEST", "STILL"),
+    "film_at_yield": ("REDUCTION", "EARLY_REDUCTION", "SMOOTHING_SCALE", "MIN_BOND_RATE", "STILL"),
     "order_in_time": ("REDUCTION", "EARLY_REDUCTION"),
     "cessation_channel": ("Implicit.passes", "PENALTY"),
     "channel_bingham": ("COMPRESSION",),
     "cavity_bingham": ("COMPRESSION",),
     "cavity_bingham_fine": ("COMPRESSION",),
     "still_pool_concrete": ("FIRST_ITERATIONS", "VISCOUS_ITERATIONS", "STIFFNESS", "OUTPUT_SMOOTHING"),
-    "still_pool_water": ("STIFFNESS", "OUTPUT_SMOOTHING", "AT_REST", "MOVING"),
+    "still_pool_water": ("STIFFNESS", "OUTPUT_SMOOTHING", "REST_FACTOR", "MOVING_STRAIN"),
     "standing_wave": ("STIFFNESS",),
     "square_patch": ("INERTIAL",),
     "square_patch_fine": ("TENSION_FACTOR",),
@@ -193,7 +193,7 @@ def chosen_on_cone(tau_y, model, **_) -> tuple[str, ...]:
         "DIFFUSION_SCALE": tau_y in (100.0, 500.0),
         "MAX_SHEAR_FRACTION": tau_y <= 500.0 and rings,
         "CREEP": tau_y == 100.0,
-        "SLOWEST": tau_y in (100.0, 300.0) and rings,
+        "MIN_BOND_RATE": tau_y in (100.0, 300.0) and rings,
     }
     return tuple(name for name, is_so in chosen.items() if is_so)
 

@@ -10,7 +10,7 @@ import taichi_mps as mps
 from taichi_mps.problem.problem import Problem
 from taichi_mps.schemes.scheme import Speeds
 from taichi_mps.simulation.reuse import begin
-from taichi_mps.terms.constants import CREEP, EARLY_ENOUGH, LONG, QUIET, STILL, Constants
+from taichi_mps.terms.constants import CREEP, EARLY_MAX_REDUCTION, LONG, QUIET, STILL, Constants
 from tests.support.scenes import parts
 
 SPACING = 0.02
@@ -36,7 +36,7 @@ def test_the_step_grows_as_the_root_of_what_it_no_longer_changes(of_material):
     much times dt as before; a quarter or less: twice the step. What is still gains nothing by it."""
     found = constants(**of_material)
     usual = found.max_time_step
-    assert found.early_max_reduction[None] == pytest.approx(EARLY_ENOUGH), (
+    assert found.early_max_reduction[None] == pytest.approx(EARLY_MAX_REDUCTION), (
         "the early solves need not be as good as the last"
     )
     edge = QUIET * SPACING / usual**2
@@ -64,7 +64,7 @@ def test_of_a_flow_that_dies_away_it_grows_with_the_time_of_that_up_to_the_same_
     ("of_material", "numerics", "step", "early"),
     [
         ({"yield_value": 0.0}, None, None, 0.0),
-        ({}, mps.Implicit(max_time_step=0.004), 0.004, EARLY_ENOUGH),
+        ({}, mps.Implicit(max_time_step=0.004), 0.004, EARLY_MAX_REDUCTION),
         ({"plastic_viscosity": 1500.0}, None, 0.5 * 1500.0 / 2300.0 / (9.81 * 0.3), 0.0),
     ],
     ids=["newtonian", "given", "viscous"],

@@ -14,7 +14,7 @@ from taichi_mps.problem import catalogue
 from taichi_mps.problem.problem import Problem
 from taichi_mps.runtime import memory
 from taichi_mps.simulation import forecast
-from taichi_mps.simulation.forecast import LANDS, cost_of, memory_of, pairs_of
+from taichi_mps.simulation.forecast import LANDING_RATIO, cost_of, memory_of, pairs_of
 from tests.support.child import child
 
 MEASURED = json.loads((Path(__file__).resolve().parents[2] / "benchmarks/results/cubic_metre.json").read_text())
@@ -110,11 +110,11 @@ def poured(**changes):
 
 
 def test_steps_are_those_of_a_jet_that_falls_to_a_rising_level():
-    """Integral of U/(C l0) dt with U^2 = LANDS^2 (a - b t); it falls to a heap as high as it is wide."""
+    """Integral of U/(C l0) dt with U^2 = LANDING_RATIO^2 (a - b t); it falls to a heap as high as it is wide."""
     scene = poured()
     a = scene.inlets[0].speed(L0) ** 2 + 2.0 * G * (MOUTH - 2.0 * scene.inlets[0].radius)
     b = 2.0 * G * RATE / SIDE**2
-    way = LANDS * 2.0 / (3.0 * b) * (a**1.5 - (a - b * FULL) ** 1.5)
+    way = LANDING_RATIO * 2.0 / (3.0 * b) * (a**1.5 - (a - b * FULL) ** 1.5)
     found = cost_of(Problem(scene, mps.Implicit(courant_number=0.1)))
     assert found.steps == pytest.approx(way / (0.1 * L0), rel=0.01)
 
