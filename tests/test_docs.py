@@ -4,19 +4,14 @@ import ast
 import re
 import shlex
 import shutil
-import sys
 from importlib import import_module
 from importlib.util import find_spec, module_from_spec, spec_from_file_location
 from pathlib import Path
 
 import pytest
+import tomlkit
 
 from tests.support.child import child
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "taichi_mps"
@@ -25,7 +20,7 @@ SITE = sorted(page for page in DOCS.rglob("*.md") if "notes" not in page.parts) 
 PAGES = [*SITE, ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "renders" / "README.md"]
 ARCHITECTURE = (DOCS / "architecture.md").read_text(encoding="utf-8")
 EQUATIONS = (DOCS / "equations.md").read_text(encoding="utf-8")
-LAYERS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["taichi-mps"]["layers"]
+LAYERS = tomlkit.parse((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["taichi-mps"]["layers"]
 EXAMPLES = {"terms/drag.py", "schemes/ballistic.py"}  # files that architecture.md shows how to add
 MOST_WORDS = 1500  # of architecture.md: an afternoon, not a book
 BUDGETS = {"a user reads": 16_000, "theory and architecture": 9_000, "notes": 4_000}  # words, without generated tables
@@ -403,7 +398,7 @@ def test_every_equation_names_its_function_and_its_test():
         assert len(row) == 3 and CALL.search(row[1]) and TEST.search(row[2]), row
     labels = {label for _, group in equation_index.equations() for label in group}
     assert {str(k) for k in range(1, 30)} <= labels, "an equation of the paper is not in Theory"
-    known = tomllib.loads((DOCS / "equations.toml").read_text(encoding="utf-8"))
+    known = tomlkit.parse((DOCS / "equations.toml").read_text(encoding="utf-8"))
     assert {label for group in known for label in group.split(", ")} == labels
 
 

@@ -6,22 +6,17 @@ all may import the constitutive law and the constants.
 
 import ast
 import re
-import sys
 from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
+import tomlkit
 
 from tests.support.child import child
 
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
-
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "taichi_mps"
-SETTINGS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+SETTINGS = tomlkit.parse((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 LAYERS = SETTINGS["tool"]["taichi-mps"]["layers"]
 LOOSE = {"__init__", "__main__", "spelling", "units", "quantity"}  # all else lives in a room
 SHARED_TERMS = {"terms.rheology", "terms.constants"}

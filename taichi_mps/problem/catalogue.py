@@ -46,22 +46,6 @@ def names() -> dict[str, Path]:
     return {path.stem: path for path in sorted(folder().glob("*.py")) if not path.stem.startswith("_")}
 
 
-def docstring(path: Path) -> str:
-    """Return the docstring of a Python file, which is read without being run.
-
-    Parameters
-    ----------
-    path : Path
-        File.
-
-    Returns
-    -------
-    str
-        Docstring, '' where there is none.
-    """
-    return ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
-
-
 def describe() -> dict[str, str]:
     """Return the first line of the docstring of each built-in scene.
 
@@ -70,7 +54,8 @@ def describe() -> dict[str, str]:
     dict of str to str
         Descriptions by name.
     """
-    return {name: docstring(path).split("\n", 1)[0] for name, path in names().items()}
+    trees = {name: ast.parse(path.read_text(encoding="utf-8")) for name, path in names().items()}
+    return {name: (ast.get_docstring(tree) or "").split("\n", 1)[0] for name, tree in trees.items()}
 
 
 @validated

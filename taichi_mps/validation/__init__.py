@@ -56,24 +56,25 @@ class Row:
     quick: bool = False  # belongs to --quick and to the default test suite
 
 
+def lines_of(name: str) -> list[str]:
+    """Lines of a reference CSV; those that start with # are comments."""
+    text = (REFERENCE / name).read_text(encoding="utf-8")
+    return [line for line in text.splitlines() if not line.startswith("#")]
+
+
 def read_reference(name: str) -> list[dict[str, str]]:
-    """Rows of a reference CSV by column name; comment lines start with #."""
-    with open(REFERENCE / name, newline="", encoding="utf-8") as file:
-        return list(csv.DictReader(line for line in file if not line.startswith("#")))
+    """Rows of a reference CSV by column name."""
+    return list(csv.DictReader(lines_of(name)))
 
 
 def columns(name: str, **wanted) -> dict[str, np.ndarray]:
-    """Columns of a reference CSV as arrays, of the rows with these texts or numbers in some columns."""
-    rows = [r for r in read_reference(name) if all(type(value)(r[key]) == value for key, value in wanted.items())]
-    return {key: as_array([r[key] for r in rows]) for key in rows[0]}
-
-
-def as_array(texts: list[str]) -> np.ndarray:
-    """Numbers, or texts where one of them is no number; nan where there is nothing."""
-    try:
-        return np.array([float(text or "nan") for text in texts])
-    except ValueError:
-        return np.array(texts)
+    """Columns of a reference CSV as arrays, of the rows with these texts or numbers in some columns; nan where a number
+    is missing."""
+    form = {"delimiter": ",", "names": True, "dtype": None, "comments": None, "encoding": "utf-8"}
+    table = np.atleast_1d(np.genfromtxt(lines_of(name), **form, deletechars="", replace_space=" "))
+    for key, value in wanted.items():
+        table = table[table[key] == value]
+    return {key: table[key] for key in table.dtype.names}
 
 
 # ---- running scenes ----------------------------------------------------------------------------------------------

@@ -1,7 +1,5 @@
 """Simulation of a notebook, which shows its picture."""
 
-import io
-
 from ..simulation import simulation
 
 
@@ -10,12 +8,10 @@ class Simulation(simulation.Simulation):  # noqa: D101  (its docstring is that o
 
     def _repr_png_(self) -> bytes:
         """Return the picture of now, as PNG."""
-        import imageio.v3 as iio
+        from PIL import Image
 
         from .render import Renderer
 
         if not hasattr(self, "_renderer"):
             self._renderer = Renderer(self.scene, 960, 540)
-        png = io.BytesIO()
-        iio.imwrite(png, self._renderer.draw(self.snapshot(), self.measures()), extension=".png")
-        return png.getvalue()
+        return Image.fromarray(self._renderer.draw(self.snapshot(), self.measures()))._repr_png_()
