@@ -8,7 +8,7 @@ import sys
 import threading
 from asyncio.subprocess import DEVNULL, PIPE
 from contextlib import suppress
-from itertools import count
+from itertools import chain, count
 
 IDLE = 600.0  # [s] without a request after which it ends
 PATIENCE = 3.0  # [s] for it to end by itself
@@ -22,118 +22,94 @@ class Resident:
     it has died, and ends after ``idle`` [s] without a request, or when the server is gone, whatever ended that."""
 
     def __init__(self, module: str, idle: float = IDLE):
-        self.module, self.idle, self.numbers = module, idle, count(1)
-        self.process, self.reader, self.timer = None, None, None
-        self.waiting: dict[int, asyncio.Queue] = {}  # for answers, by the number of the request; None: it has died
-        self.starting = asyncio.Lock()
+        self.module, self.idle, self.process = module, idle, None
+        self.turn, self.open = asyncio.Lock(), 0  # requests whose last answer has not come: who waits has the turn
 
     async def ask(self, request: dict, patience: float | None = None):
         """Yield the answers to a request, the last one with ``end``. Who stops to listen cancels it. TimeoutError where
         one takes longer than ``patience`` [s], whereupon the process is ended."""
-        for _ in range(2):
-            number, answers = next(self.numbers), asyncio.Queue()
-            try:
-                await self.start()
-                self.waiting[number] = answers
-                self.send({"id": number, **request})
-                while (answer := await asyncio.wait_for(answers.get(), patience)) is not None:
-                    yield answer
-                    if answer.get("end"):
-                        return
-            except (asyncio.TimeoutError, TimeoutError):
-                self.kill()
-                raise TimeoutError from None
-            finally:
-                if self.waiting.pop(number, None):
-                    self.send({"cancel": number})
-            yield {"remark": AGAIN}
+        async with self.turn:
+            for _ in range(2):
+                if not self.alive:
+                    words = sys.executable, "-m", f"taichi_mps.app.{self.module}"
+                    self.process = await asyncio.create_subprocess_exec(
+                        *words, stdin=PIPE, stdout=PIPE, stderr=DEVNULL, limit=LONGEST, start_new_session=True
+                    )
+                    self.open = 0
+                self.open += 1
+                self.send({"idle": self.idle, **request})
+                try:
+                    while line := await asyncio.wait_for(self.process.stdout.readline(), patience):
+                        answer, late = json.loads(line), self.open > 1  # to one that was cancelled
+                        self.open -= "end" in answer
+                        if not late:
+                            yield answer
+                        if not self.open:
+                            return
+                except (asyncio.TimeoutError, TimeoutError):
+                    self.kill()
+                    await self.process.wait()
+                    raise TimeoutError from None
+                finally:
+                    if self.open:
+                        self.send({})
+                await self.process.wait()
+                yield {"remark": AGAIN}
         yield {"wrong": TWICE, "end": True}
-
-    async def start(self) -> None:
-        """Make the process, if there is none, and put off its end."""
-        async with self.starting:
-            if not self.alive:
-                words = sys.executable, "-m", f"taichi_mps.app.{self.module}"
-                self.process = await asyncio.create_subprocess_exec(
-                    *words, stdin=PIPE, stdout=PIPE, stderr=DEVNULL, limit=LONGEST, start_new_session=True
-                )
-                self.reader = asyncio.create_task(self.read(self.process))
-        if self.timer:
-            self.timer.cancel()
-        self.timer = asyncio.get_running_loop().call_later(self.idle, self.end)
 
     @property
     def alive(self) -> bool:
         """Whether there is a process that can be asked."""
-        return bool(self.process and self.process.returncode is None and not self.process.stdin.is_closing())
+        return bool(self.process and self.process.returncode is None)
 
     def send(self, message: dict) -> None:
-        """Write a line to the process, if there is one."""
+        """Write a line to the process, if there is one; an empty message cancels the request before it."""
         if self.alive:
             self.process.stdin.write(json.dumps(message).encode() + b"\n")
 
-    async def read(self, process) -> None:
-        """Hand answers to who waits for them, until the process has ended."""
-        with suppress(ValueError):  # a line that is too long
-            async for line in process.stdout:
-                answer = json.loads(line)
-                if answers := self.waiting.get(answer.pop("id")):
-                    answers.put_nowait(answer)
-        await process.wait()
-        if process is self.process:
-            for answers in self.waiting.values():
-                answers.put_nowait(None)
-
-    def end(self) -> None:
-        """Let it end by itself."""
-        if self.alive:
-            self.process.stdin.close()
-
     async def close(self) -> None:
         """End it, at once if it does not by itself."""
-        self.end()
-        if self.timer:
-            self.timer.cancel()
-        if self.reader:
-            await asyncio.wait([self.reader], timeout=PATIENCE)
+        if self.alive:
+            self.process.stdin.close()
+            await asyncio.wait([asyncio.create_task(self.process.wait())], timeout=PATIENCE)
             self.kill()
 
     def kill(self) -> None:
         """End it at once."""
-        if self.process and self.process.returncode is None:
+        if self.alive:
             with suppress(ProcessLookupError):
                 self.process.kill()
 
 
 def answer_all(answer) -> None:
     """In the process: answer each request by ``answer(request, tell, cancelled)``, where ``tell`` sends a part of the
-    answer and ``cancelled()`` is whether nobody waits for it any more, until stdin is closed."""
+    answer and ``cancelled()`` is whether nobody waits for it any more, until stdin is closed or nobody asks. Whatever
+    comes after a request cancels it."""
     out = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)  # what is printed meanwhile is no answer
-    asked, gone, closed = queue.SimpleQueue(), set(), threading.Event()
+    came, lines, idle = [], queue.SimpleQueue(), None
 
     def read():
-        for line in sys.stdin:
-            message = json.loads(line)
-            gone.add(message["cancel"]) if "cancel" in message else asked.put(message)
-        closed.set()
-        asked.put(None)
+        for line in chain(sys.stdin, [""]):
+            came.append(line)
+            lines.put(line)
+
+    def tell(**part):
+        out.write(json.dumps(part) + "\n")
+        out.flush()
 
     threading.Thread(target=read, daemon=True).start()
-    while (request := asked.get()) is not None:
-        number = request.pop("id")
-
-        def tell(number=number, **part):
-            out.write(json.dumps({"id": number, **part}) + "\n")
-            out.flush()
-
-        def cancelled(number=number):
-            return number in gone or closed.is_set()
-
-        if not cancelled():
+    for taken in count(1):
+        try:
+            request = json.loads(lines.get(timeout=idle) or "null")
+        except queue.Empty:
+            os._exit(0)  # the thread that reads would hold up any other end
+        if request is None:
+            return
+        if request:
+            idle = request.pop("idle")
             try:
-                answer(request, tell, cancelled)
+                answer(request, tell, lambda taken=taken: len(came) > taken)
             except Exception as error:  # a request of the page ends no process
                 tell(wrong=f"{type(error).__name__}: {error}")
             tell(end=True)
-        gone.discard(number)

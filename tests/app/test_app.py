@@ -209,17 +209,16 @@ def test_a_resident_answers_is_started_again_when_it_dies_and_ends_when_nobody_a
         first = await said(resident, yield_value="-3")
         begun = resident.process
         os.kill(begun.pid, signal.SIGKILL)
-        await resident.reader
+        await begun.wait()
         again = await said(resident, yield_value="-3")
         asking = asyncio.create_task(said(resident))
-        while not resident.waiting:
+        while not resident.open:
             await asyncio.sleep(0.01)
         resident.process.kill()  # while it is asked
         told = await asking
         resident.idle = 0.2
         await said(resident, yield_value="-3")
-        await resident.reader
-        return first, again, told, resident.process.returncode
+        return first, again, told, await resident.process.wait()
 
     first, again, told, code = asyncio.run(course())
     assert first == again and first[0]["wrong"].keys() == {"yield_value"} and first[-1] == {"end": True}
