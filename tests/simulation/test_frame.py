@@ -87,9 +87,8 @@ def test_a_heap_on_a_floor_that_moves_is_the_heap_at_rest():
         assert as_many == pytest.approx(steps, rel=0.1)
 
 
-@pytest.mark.parametrize(
-    ("aside", "material"), [(0.05, LAWS["Bingham"]), pytest.param(0.03, LAWS["Newtonian"], marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("aside", "material"), [(0.05, LAWS["Bingham"]), (0.03, LAWS["Newtonian"])])
 def test_blocks_that_collide_off_centre_keep_their_angular_momentum(aside, material, spacing=0.01):
     mps.init(precision="f32", threads=1)
     block = mps.lattice((0.0, 0.0), (0.1, 0.1), spacing)

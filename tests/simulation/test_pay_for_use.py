@@ -32,7 +32,9 @@ NEWTONIAN = mps.Newtonian(density=2300.0, viscosity=50.0)
 
 
 @pytest.mark.parametrize(
-    ("pi_c", "others"), [(None, "bi_viscosity"), (0.01, "return_mapping")], ids=["bingham", "bi-viscosity"]
+    ("pi_c", "others"),
+    [(None, "bi_viscosity"), pytest.param(0.01, "return_mapping", marks=pytest.mark.slow)],
+    ids=["bingham", "bi-viscosity"],
 )
 def test_a_law_compiles_its_own_functions_only_and_without_output_nothing_is_read_back(pi_c, others, forbid):
     """No callback asks for positions or pressure: no snapshot is made, no measure taken."""
