@@ -84,11 +84,6 @@ def file_of(folder, run: str, name: str) -> FileResponse:
     return FileResponse(path, filename=f"{plain(run)}-{name}" if name in SAVED else None)
 
 
-def report_of(folder, run: str) -> FileResponse:
-    """The report of a run to look at, as a page of an origin of its own that reaches nothing, neither this server."""
-    return FileResponse(file_of(folder, run, REPORT).path, headers={"Content-Security-Policy": ALONE})
-
-
 def routes(page: Page) -> list[Route]:
     """Routes of the server: the page, its questions, and files of runs."""
 
@@ -102,7 +97,8 @@ def routes(page: Page) -> list[Route]:
         return file_of(page.queue.folder, run_of(request), request.path_params["file"])
 
     async def report(request: Request):
-        return report_of(page.queue.folder, run_of(request))
+        shown = file_of(page.queue.folder, run_of(request), REPORT)
+        return FileResponse(shown.path, headers={"Content-Security-Policy": ALONE})
 
     async def asked(request: Request):
         if int(request.headers.get("content-length", MOST_ASKED)) >= MOST_ASKED:
