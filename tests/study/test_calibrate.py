@@ -273,18 +273,32 @@ def test_contradictions_are_one_sentence_with_both_answers():
 
 
 # ---- mixes with internal friction ------------------------------------------------------------------------------
-@pytest.mark.parametrize("plastic_viscosity", [20.0, 50.0, 120.0])
-@pytest.mark.parametrize(("yield_value", "friction_angle"), [(60.0, 12.0), (40.0, 17.0), (25.0, 12.0)])
-def test_a_known_mix_with_friction_comes_back_within_its_interval(yield_value, friction_angle, plastic_viscosity):
-    exact = cone(yield_value, friction_angle, plastic_viscosity)
-    found = calibrate(**exact, plastic_viscosity=plastic_viscosity, check=False)
+@pytest.mark.parametrize(
+    ("mix", "known", "near"),
+    [  # other viscosities than 50 scatter by what rings do: more than one mix is as near
+        *((mix, ("plastic_viscosity",), 1e-3) for mix in ((60.0, 12.0), (40.0, 17.0), (25.0, 12.0))),
+        *(
+            ((*mix, eta), ("plastic_viscosity",), None)
+            for mix in ((60.0, 12.0), (40.0, 17.0), (25.0, 12.0))
+            for eta in (20.0, 120.0)
+        ),
+        ((60.0, 15.0), ("yield_value",), 0.01),
+        ((12.0, 14.0, 80.0), (), 0.03),  # between the nodes, with T500
+    ],
+)
+def test_a_known_mix_with_friction_comes_back_within_its_interval(mix, known, near):
+    true = dict(zip(("yield_value", "friction_angle", "plastic_viscosity"), (*mix, 50.0)[:3], strict=True))
+    found = calibrate(
+        **cone(**true, names=CONE if known else ERRORS), **{name: true[name] for name in known}, check=False
+    )
     mix = found.friction
-    assert found.explained_by_friction and mix.source("plastic_viscosity") == "rheometer"
-    assert all(abs(by) < 2e-3 for by in mix.missed.values())
-    for name, true in (("yield_value", yield_value), ("friction_angle", friction_angle)):
-        assert holds(mix.constants[name], true)
-        if plastic_viscosity == 50.0:  # the others scatter by what rings do: more than one mix is as near
-            assert mix.constants[name].value == pytest.approx(true, rel=1e-3)
+    assert found.explained_by_friction and all(mix.source(name) == "rheometer" for name in known)
+    assert all(abs(mix.missed[name]) < 2e-3 for name in CONE)
+    for name in (name for name in FRICTIONAL if name not in known and mix.source(name) != "usual"):
+        assert holds(mix.constants[name], true[name])
+        assert near is None or mix.constants[name].value == pytest.approx(true[name], rel=near)
+    assert known or (mix.source("plastic_viscosity") == "T500" and mix.plastic_viscosity.determined)
+    assert known or (mix.by_viscosity == {} and "one mix does all three" in str(found))
 
 
 def test_the_density_scales_the_yield_stress_and_no_angle():
@@ -294,12 +308,6 @@ def test_the_density_scales_the_yield_stress_and_no_angle():
     )
     assert heavy.yield_value.value == pytest.approx(2.0 * light.yield_value.value, rel=1e-3)
     assert heavy.friction_angle.value == pytest.approx(light.friction_angle.value, rel=1e-3)
-
-
-def test_a_known_yield_stress_leaves_the_angle():
-    found = calibrate(**cone(60.0, 15.0), yield_value=60.0, check=False).friction
-    assert found.yield_value.lower == found.yield_value.upper == 60.0 and found.source("yield_value") == "rheometer"
-    assert found.friction_angle.value == pytest.approx(15.0, rel=1e-2)
 
 
 def test_no_friction_is_sought_where_a_bingham_mix_is_near():
@@ -319,17 +327,6 @@ def test_no_friction_is_sought_where_a_bingham_mix_is_near():
 def test_what_nobody_explains_is_told_with_the_nearest(mix, told, said):
     found = calibrate(**(cone(*mix) if mix else {}) | told, check=False)
     assert not found.explained_by_friction and found.friction.explains == ("mini_cone" in told) and said in str(found)
-
-
-def test_slump_flow_and_t500_give_three_constants_back():
-    """A mix between the nodes."""
-    true = dict(zip(FRICTIONAL, (12.0, 14.0, 80.0), strict=True))
-    found = calibrate(**cone(**true, names=ERRORS), check=False)
-    mix = found.friction
-    assert found.explained_by_friction and mix.plastic_viscosity.determined and mix.by_viscosity == {}
-    for name, value in true.items():
-        assert mix.constants[name].value == pytest.approx(value, rel=0.03) and holds(mix.constants[name], value)
-    assert mix.source("plastic_viscosity") == "T500" and "one mix does all three" in str(found)
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,7 @@
 """Constants from measured curves: known ones come back, with what intervals; files as people write them; refusals."""
 
 import json
-from concurrent.futures import Executor, Future
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -16,15 +16,6 @@ pytest.importorskip("scipy")
 
 TRUE = {"yield_value": 420.0, "plastic_viscosity": 65.0}
 BODY = {"model": "axisymmetric", "spacing": 0.02}
-
-
-class Here(Executor):
-    """Computes what it is given at once."""
-
-    def submit(self, function, *given):
-        future = Future()
-        future.set_result(function(*given))
-        return future
 
 
 def closed(time, yield_value=300.0, plastic_viscosity=50.0):
@@ -58,7 +49,7 @@ def written(path, time, flow, late=0.0):
 
 def found(tmp_path, file, free="yield_value,plastic_viscosity", name="study", **keywords):
     settings = {"model": "axisymmetric", "spacing": 0.01} | keywords
-    return curves.calibrate_curves("slump", file, free, tmp_path / name, Here(), **settings)
+    return curves.calibrate_curves("slump", file, free, tmp_path / name, ThreadPoolExecutor(1), **settings)
 
 
 @pytest.mark.parametrize("late", [0.0, 0.3])

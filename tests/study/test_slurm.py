@@ -3,7 +3,6 @@ that lies in their folder is run."""
 
 import os
 import shutil
-import stat
 import subprocess
 from pathlib import Path
 from threading import Semaphore
@@ -108,8 +107,7 @@ def test_what_sbatch_refuses_is_said(tmp_path, notes):
 
 
 def test_an_sbatch_that_never_answers_is_asked_once(tmp_path, notes, monkeypatch):
-    (tmp_path / "sbatch").write_text("#!/bin/sh\necho . >> asked\nexec sleep 60\n")
-    (tmp_path / "sbatch").chmod(0o755)
+    command_of(tmp_path, "sbatch", "echo . >> asked\nexec sleep 60")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("PATH", f"{tmp_path}:/usr/bin:/bin")
     monkeypatch.setattr(slurm, "ANSWER", 0.5)
@@ -174,9 +172,8 @@ def test_nothing_in_the_package_runs_data():
 # ---- the commands of Slurm ----------------------------------------------------------------------------------------
 def command_of(folder, name, text):
     """A program in the way of the real one."""
-    path = folder / name
-    path.write_text(f"#!/bin/sh\n{text}\n")
-    path.chmod(path.stat().st_mode | stat.S_IXUSR)
+    (folder / name).write_text(f"#!/bin/sh\n{text}\n")
+    (folder / name).chmod(0o755)
 
 
 def test_what_slurm_is_told(tmp_path, monkeypatch):
