@@ -1,7 +1,7 @@
 """What a calibration found, in a sentence or two, from its facts as ``calibrate --json`` prints them."""
 
 from ..problem.labels import in_words
-from ..study.calibration import CONTRADICTION, NAMES, RHEOMETER, UNITS
+from ..study.calibration import CONTRADICTION, NAMES, RHEOMETER, UNITS, short
 
 MEASURE = {  # what tells a constant that a calibration could not find
     "yield_value": {"slump_m": "the slump", "spread_m": "the slump flow"},
@@ -15,17 +15,17 @@ def verdict(facts: dict) -> str:
     friction = "friction_angle" in facts["mix"]
     if facts["misfit"] > CONTRADICTION and not friction:
         alone = facts["alone"].get("yield_value", {}).items()
-        said = [f"the {NAMES[name]} alone says {about(it[0])} Pa" for name, it in alone if name != RHEOMETER]
+        said = [f"the {NAMES[name]} alone says {short(it[0], 2)} Pa" for name, it in alone if name != RHEOMETER]
         return f"No mix does all of this{': ' * bool(said)}{', '.join(said)}."
     told, untold = [], []
     for name, value in facts["mix"].items():
         words, unit, found = in_words(name), UNITS[name], (facts["friction"] if friction else facts)[name]
-        low, high = (end and about(end) for end in (found["lower"], found["upper"]))
+        low, high = (end and short(end, 2) for end in (found["lower"], found["upper"]))
         if found["low"] == found["high"]:
-            told.append(f"{words} {about(value)} {unit}, as given")
+            told.append(f"{words} {short(value, 2)} {unit}, as given")
         elif low or high:
             span = f"{low} to {high}" if low and high else f"at least {low}" if low else f"at most {high}"
-            told.append(f"{words} about {about(value)} {unit} ({span})")
+            told.append(f"{words} about {short(value, 2)} {unit} ({span})")
         else:
             untold.append(name)
     sentences = ["; ".join(told)] * bool(told)
@@ -37,8 +37,3 @@ def verdict(facts: dict) -> str:
         )
     text = ". ".join(sentences)
     return f"{text[0].upper()}{text[1:]}."
-
-
-def about(value: float) -> str:
-    """Two figures, without an exponent."""
-    return f"{float(f'{value:.2g}'):.12g}"

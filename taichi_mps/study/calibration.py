@@ -33,9 +33,9 @@ def over(name: str, model, value):
     return value * np.log(model / value) if is_time(name) else model - value
 
 
-def short(value: float) -> str:
-    """Three figures, without an exponent."""
-    return f"{float(f'{value:.3g}'):g}"
+def short(value: float, figures: int = 3) -> str:
+    """So many figures, without an exponent."""
+    return f"{float(f'{value:.{figures}g}'):.12g}"
 
 
 def apart(name: str, by: float) -> str:

@@ -11,7 +11,7 @@ from ..validation import columns as reference
 from ..viz.plots import COLOURS, _figure, _save
 from .curves import RATES
 from .emulator import DENSITY, emulator_of
-from .mixes import pairs
+from .mixes import groups
 from .require import fills
 from .tables import measures
 
@@ -77,10 +77,11 @@ def slump_chart(out: File, study: Place | None = None) -> Path:
 def mixes_chart(rows, out) -> Path:
     """Slump flow against slump of a laboratory's mixes [cm], each joined with the mix of the model that is nearest."""
     figure, axes = _figure(8.0, 6.0)
-    for kind, colour, _, measured, model in pairs(rows):
-        axes.plot(*np.stack([measured, model], 1).T, "-", color=colour, lw=0.8, alpha=0.6)
-        axes.plot(*measured.T, "o", color=colour, ms=5, label=f"{kind}, measured")
-        axes.plot(*model.T, ".", color="black", ms=4)
+    for group in groups(rows):
+        both, colour = np.array([group["measured"], group["model"]]), group["colour"]
+        axes.plot(*both.transpose(2, 0, 1), "-", color=colour, lw=0.8, alpha=0.6)
+        axes.plot(*both[0].T, "o", color=colour, ms=5, label=f"{group['verdict']}, measured")
+        axes.plot(*both[1].T, ".", color="black", ms=4)
         axes.legend(frameon=False)
     axes.set(xlabel="slump [cm]", ylabel="slump flow [cm]", title="Measured, and the nearest mix of the model (dots)")
     axes.grid(alpha=0.3)

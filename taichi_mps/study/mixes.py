@@ -19,7 +19,7 @@ from ..units import Count, File, Place, SceneError, Text, require, suggestion, u
 from ..viz.plots import COLOURS
 from . import tables
 from .calibrate import CONE, TESTS, Measurements, calibrate
-from .calibration import BINGHAM, FRICTIONAL, NAMES, UNITS, Calibration, is_time, short
+from .calibration import BINGHAM, FRICTIONAL, NAMES, UNITS, Calibration, Constant, is_time, short
 from .sweep import executor_of
 from .tables import SPELLINGS, WRONG, key_of, quantity
 
@@ -258,37 +258,22 @@ def cells(row: dict) -> list[str]:
 def interval(row: dict, name: str) -> str:
     """A constant of a row with its interval or its bound."""
     value, lower, upper = (row.get(f"{name}_{end}") for end in ("found", "lower", "upper"))
-    unit = UNITS[name]
-    if value is None:
-        known = [f"at {word} {short(end)} {unit}" for word, end in (("least", lower), ("most", upper)) if end]
-        return ", ".join(known) or "not determined"
-    return f"{short(value)} {unit}" + f" ({short(lower)} to {short(upper)})" * (lower != upper)
+    it = Constant(value, lower, upper, 0.0, 0.0, UNITS[name])
+    told = it.bounds() if it.bounded else "not determined"
+    return f"{told} ({short(lower)} to {short(upper)})" if it.determined and lower != upper else told
 
 
-def pairs(rows: list[dict]):
-    """Colour of each verdict, its rows with slump and slump flow, and these lengths [cm], (n, 2), as measured and
-    of the nearest mix."""
-    compared = [row for row in rows if all(row.get(f"{name}_missed") is not None for name in CONE)]
+def groups(rows: list[dict], columns=()) -> list[dict]:
+    """Groups of a chart: of the mixes of a verdict its name and colour, their names by some columns, and slump and
+    slump flow [cm], as measured and of the nearest mix, (n, 2) each."""
+    compared, found = [row for row in rows if all(row.get(f"{name}_missed") is not None for name in CONE)], []
     for kind, colour in zip(MEANING, COLOURS, strict=False):
         here = [row for row in compared if row["verdict"] == kind]
-        if here:
-            model, missed = (
-                100.0 * np.array([[row[f"{name}_{what}"] for name in CONE] for row in here])
-                for what in ("model", "missed")
-            )
-            yield kind, colour, here, model - missed, model
-
-
-def groups(rows: list[dict], columns: list[str]) -> list[dict]:
-    """Groups of the chart of the page: of the mixes of a verdict its name and colour, their names, and slump and slump
-    flow [cm], as measured and of the nearest mix, (n, 2) each."""
-    return [
-        {
-            "verdict": kind,
-            "colour": colour,
-            "names": [", ".join(str(row[name]) for name in columns if row[name]) for row in here],
-            "measured": measured.tolist(),
-            "model": model.tolist(),
-        }
-        for kind, colour, here, measured, model in pairs(rows)
-    ]
+        model, missed = (
+            100.0 * np.reshape([[row[f"{name}_{what}"] for name in CONE] for row in here], (-1, 2))
+            for what in ("model", "missed")
+        )
+        names = [", ".join(str(row[name]) for name in columns if row[name]) for row in here]
+        lengths = {"measured": (model - missed).tolist(), "model": model.tolist()}
+        found += [{"verdict": kind, "colour": colour, "names": names} | lengths] * bool(here)
+    return found
