@@ -16,7 +16,7 @@ from .calibration import short
 from .case import case
 from .case import run as run_case
 from .curves import Curve, CurveFit, Test, measures_of, of_files
-from .fit import FAILED, LeastSquares
+from .fit import FAILED, STEP, LeastSquares
 from .sweep import carry_out, executor_of, wall_time
 
 OFFSET = "time_offset"  # in ``free``: the unknown time [s] of the scene at the zero of a curve
@@ -135,6 +135,10 @@ class Runs(LeastSquares):
                 f"curve = {curve.test.name}: no run comes to it, its {title(curve.measure)} ends at {measured}, that "
                 f"of the nearest run at {nearest}, {self.words(at)}",
             )
+
+    def steps(self, at) -> np.ndarray:
+        """Steps from a point, (unknowns, unknowns), one unknown each, to stiffer and thicker mixes where there are."""
+        return np.diag(np.where(at + STEP > self.bounds[1], -STEP, STEP))
 
     def slopes(self, at) -> np.ndarray:
         """Derivatives of the residuals at a point, (points, unknowns)."""
