@@ -132,6 +132,7 @@ def test_two_tabs_run_watch_stop_and_compare(tmp_path):
         two.forecast("particles of 20 mm")
         two.press("run")
         two.part("last", "yield stress 900 Pa").wait_for()
+        two.page.locator('[data-part="last"][data-job="done"]').wait_for()
         one.page.goto(f"http://127.0.0.1:{port}/#runs")
         rows = one.page.locator(".row")
         rows.nth(1).wait_for()

@@ -260,6 +260,7 @@ async function press(event) {
     notice("");
     state.own = answer.job;
     mode("run");
+    by("status").textContent = "";  // what it says of the run before
     by("picture").removeAttribute("src");
   }
   await tick();
@@ -305,7 +306,7 @@ async function finished(job, last) {
   by("status").textContent = job.state === "stopped" ? "stopped by you" : "";
   if (job.state === "failed" || !job.run) return mode("preview"), look();
   const run = await ask("show", {names: [job.run]});
-  if (run.wrong) return;
+  if (run.wrong) return source(`${job.title}: stopped before it began`);  // it has no folder yet
   if (run.film) by("picture").src = run.film;
   numbers(run.numbers, run.errors, `${run.end}: ${run.name}. ${run.mix}`);
 }
