@@ -187,11 +187,11 @@ def test_commands_are_read(page, parsing_only, tmp_path, monkeypatch, capsys):
 
 
 def shortened(words):
-    """The same command with little time to simulate; None of one that needs other machines, an extra, or an hour."""
+    """The same command with little time to simulate; None of one that needs other machines, an extra, a film, or an hour."""
     extras = {"--film": "imageio_ffmpeg", "--surface": "pysplashsurf"}
     absent = any(find_spec(module) is None for option, module in extras.items() if option in words)
     elsewhere = any(word.startswith(("dask://", "slurm://")) for word in words)
-    if absent or elsewhere or words[0] in ("validate", "app") or "--page" in words:
+    if absent or elsewhere or words[0] in ("validate", "app") or {"--page", "--curve"} & set(words):
         return None
     if words[0] not in ("run", "resume", "sweep") or "--help" in words:
         return words
