@@ -187,7 +187,7 @@ def test_commands_are_read(page, parsing_only, tmp_path, monkeypatch, capsys):
 
 
 def shortened(words):
-    """The same command with little time to simulate; None of one that needs other machines, an extra, a film, or an hour."""
+    """The same command with little time to simulate; None of one that needs other machines, an extra or a film."""
     extras = {"--film": "imageio_ffmpeg", "--surface": "pysplashsurf"}
     absent = any(find_spec(module) is None for option, module in extras.items() if option in words)
     elsewhere = any(word.startswith(("dask://", "slurm://")) for word in words)
