@@ -85,6 +85,7 @@ LAWS = {
 
 
 @pytest.mark.parametrize("law", LAWS)
+@pytest.mark.core
 @pytest.mark.parametrize("name", catalogue.names())
 def test_every_scene_takes_every_number_of_the_mix(name, law):
     fields = catalogue.load(name).parameters.model_fields
