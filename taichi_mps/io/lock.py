@@ -53,7 +53,7 @@ def writer(folder) -> int | None:
 
 
 def holder(path) -> str:
-    """Who wrote the text of a lock, as one line."""
+    """Return the text of a lock, which names its writer, as one line."""
     with suppress(OSError, ValueError):
         return " ".join(ordinary("lock", path, 1e4).read_text(errors="replace")[:200].split()) or "another process"
     return "another process"

@@ -158,7 +158,7 @@ class Mix(Found):
         return all(abs(by) <= NEAR[name] for name, by in self.missed.items() if name in NEAR)
 
     def source(self, constant: str) -> str:
-        """Who says most of a constant: the measurement without which it would be the least certain, a rheometer where
+        """Main source of a constant: the measurement without which it would be the least certain, a rheometer where
         it is known, 'usual' where it is taken as of a usual mix, and '' where it has no bound."""
         it = self.constants[constant]
         if it.low == it.high:
