@@ -72,6 +72,7 @@ class Material(Checked):
     from_fields: ClassVar[tuple] = ()  # numbers that kernels read from fields; all others are compiled in
     viscous: ClassVar[tuple] = ()  # options of its viscous constant, of which each chooses this law even at its default
     straight: ClassVar[bool] = False  # whether the flow curve of the fresh mix is Bingham's
+    newtonian: ClassVar[bool] = False  # whether the stress is proportional to the shear rate
     friction_coefficient: ClassVar[float] = 0.0  # yield stress by pressure [-]
     growth_at_rest: ClassVar[float] = 0.0  # of the yield stress [Pa/s]
 
@@ -81,11 +82,6 @@ class Material(Checked):
     def yields(self) -> bool:
         """Whether the yield stress is above 0."""
         return self.yield_value > 0.0
-
-    @property
-    def newtonian(self) -> bool:
-        """Whether the stress is proportional to the shear rate, by a number that kernels read from a field."""
-        return bool(self.from_fields) and not self.yields
 
     @property
     def rests(self) -> bool:
@@ -208,6 +204,11 @@ class Bingham(Material):
     def yields(self) -> bool:
         """Whether there is a yield stress, by itself or by friction."""
         return self.yield_value > 0.0 or self.friction_angle > 0.0
+
+    @property
+    def newtonian(self) -> bool:
+        """Whether there is no yield stress."""
+        return not self.yields
 
     @property
     def friction_coefficient(self) -> float:
@@ -335,6 +336,11 @@ class Law(Material):
     growth: ClassVar[Callable | None] = None
 
     critical_strain_rate: None = None
+
+    @property
+    def from_fields(self) -> tuple[str, ...]:
+        """Numbers that kernels read from fields: all, but none of a law of the user's, which may be of any kind."""
+        return () if self.own else tuple(numbers_of(type(self)))
 
     @abstractmethod
     def shear_stress(self, rate, structure):

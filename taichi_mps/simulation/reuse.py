@@ -67,6 +67,7 @@ def shape_of(problem: Problem) -> bytes:
         problem.law,
         type(material),
         numbers,
+        material.ages,
         slope,
         mixes,
     )

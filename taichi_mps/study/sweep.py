@@ -23,7 +23,7 @@ from pydantic import InstanceOf
 from ..problem import catalogue
 from ..problem.accuracy import choose
 from ..problem.catalogue import SceneName
-from ..problem.materials import Bingham
+from ..problem.materials import LAWS, numbers_of
 from ..problem.problem import Problem
 from ..units import Count, Place, SceneError, Text, in_unit, require, validated
 from .case import Case, case, row_without_result
@@ -35,6 +35,7 @@ ACCURACY = 0.005  # of the slump [m], by which model and spacing are chosen wher
 LOST = "lost"  # status of a case that its executor did not bring to an end; computed again when the study is resumed
 MOST_CASES = 100_000  # of a study
 SAMPLED, SERIAL = 8, {"arch": "cpu", "precision": "f32", "threads": 1}  # cases whose time is told; how they run
+READ = {name for law in LAWS for name in numbers_of(law)} - {"friction_angle"}  # numbers that kernels read from fields
 TABLE_EVERY = 2.0  # [s] between two tables of an unfinished study; the journal has every row at once
 
 
@@ -177,7 +178,7 @@ def carry_out(planned: list[Case], out, run=run_case, executor="local", workers=
 
 def shape(case: Case) -> str:
     """All parameters but those that kernels read from fields: cases that share it share their kernels."""
-    return str([(name, value) for name, value in case.parameters.items() if name not in Bingham.from_fields])
+    return str([(name, value) for name, value in case.parameters.items() if name not in READ])
 
 
 def wall_time(planned: list[Case], workers: int, runs: int | None = None) -> float:

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from ..problem.materials import FLOWS
+from ..problem.materials import FLOWS, Bingham
 from ..runtime.backend import real, ti
 from ..runtime.stages import flush
 
@@ -84,6 +84,10 @@ class Constants:
         self.of_mix = [ti.field(real(), self.mixes) for _ in OF_A_MIX]
         self.of_scene = [ti.field(real(), ()) for _ in OF_THE_SCENE]
         vars(self).update(zip((*OF_A_MIX, *OF_THE_SCENE), self.of_mix + self.of_scene, strict=True))
+        curved = [(k, m) for k, m in enumerate(problem.materials) if m.from_fields and not isinstance(m, Bingham)]
+        # by the number of a mix: what its compiled flow curve reads
+        self.laws = {k: ti.Struct.field(dict.fromkeys(m.from_fields, real()), shape=()) for k, m in curved}
+        self.of_scene += [law.get_member_field(name) for law in self.laws.values() for name in law.keys]
         self.set_problem(problem)
 
     def set_problem(self, problem) -> None:
@@ -91,6 +95,7 @@ class Constants:
         be; what is compiled stays."""
         scene, materials, numerics = problem.scene.expected, problem.materials, problem.numerics
         self.materials = materials
+        self.of_laws = [getattr(materials[k], name) for k, law in self.laws.items() for name in law.keys]
         height, gravity, speed = problem.height, problem.gravity, problem.speed
         head = gravity * height + speed**2  # the pressure to expect, over the density [m2/s2]
         yields, self.limit = all(m.yields for m in materials), numerics.max_time_step or math.inf  # of any step [s]
@@ -157,7 +162,8 @@ class Constants:
         penalties = [max(viscous, self.stretched * p) for viscous, p in zip(self.viscous, self.plastic, strict=True)]
         self.values |= {"mu_r": penalties, "bulk": max(self.stiff, VISCOUS_STIFFNESS * max(penalties))}
         flush()
-        self._send(*(np.array([self.values[name] for name in names], float) for names in (OF_A_MIX, OF_THE_SCENE)))
+        of_mix, of_scene = ([self.values[name] for name in names] for names in (OF_A_MIX, OF_THE_SCENE))
+        self._send(np.array(of_mix, float), np.array([*of_scene, *self.of_laws], float))
 
     @ti.kernel
     def _send(self, of_mix: ti.types.ndarray(ti.f64, 2), of_scene: ti.types.ndarray(ti.f64, 1)):

@@ -45,9 +45,9 @@ def bi_viscosity(rate, plastic_viscosity, yield_value, critical_strain_rate):
     return plastic_viscosity + yield_value / ti.max(rate, 2.0 * critical_strain_rate, 1e-12)
 
 
-def compiled(function):
-    """A plain Python function made a Taichi function, a method with its object compiled in; what is one already, as it
-    is."""
+def compiled(function, numbers=None):
+    """A plain Python function made a Taichi function, a method with its object compiled in, or with ``numbers``, a
+    struct field of what the method reads of it; what is one already, as it is."""
     if not isinstance(function, MethodType):
         return function if is_for_kernels(function) else ti.func(function)
     law, method = function.__self__, function.__func__
@@ -59,7 +59,11 @@ def compiled(function):
     def bound(rate, structure):
         return inner(law, rate, structure)
 
-    return bound
+    @ti.func
+    def read(rate, structure):
+        return inner(numbers[None], rate, structure)
+
+    return read if numbers else bound
 
 
 @ti.func

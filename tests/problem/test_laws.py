@@ -90,7 +90,7 @@ def test_a_class_of_ones_own_is_a_law_as_any(monkeypatch):
     with pytest.raises(mps.SceneError, match="material: shear_stress = Falling.shear_stress: .*must"):
         mps.Simulation(replace(film, material=Falling()))
     mixes = Thinning(), Building(), Thinning(k=20.0), mps.FlowCurve(shear_stress=curve), mps.HerschelBulkley()
-    assert len({shape_of(Problem(replace(film, material=mix))) for mix in mixes}) == len(mixes)
+    assert len({shape_of(Problem(replace(film, material=mix))) for mix in mixes}) == len(mixes)  # compiled whole
     assert all(mix.own is not isinstance(mix, mps.HerschelBulkley) for mix in mixes)
 
     @mps.checked

@@ -259,7 +259,10 @@ def test_what_is_compiled_in_is_in_the_key_of_what_is_compiled_once():
     assert key(critical_strain_rate=0.01) == key(critical_strain_rate=0.02)
     kinds = ({}, {"imagined_angle": 20.0}, {"kind": mps.Bingham}, {"yield_value": 0.0}, {"critical_strain_rate": 0.01})
     kinds += ({"numerics": mps.Implicit(passes=7)}, {"numerics": mps.Implicit(courant_number=0.1)})
-    kinds += ({"kind": mps.HerschelBulkley}, {"kind": mps.HerschelBulkley, "yield_value": 40.0})  # compiled whole
+    hb = {"kind": mps.HerschelBulkley}
+    assert key(**hb, yield_value=40.0, consistency=9.0, flow_index=0.5) == key(**hb)
+    assert key(**hb, structuration=1.0) == key(**hb, structuration=2.0, destructuration=0.1)
+    kinds += (hb, hb | {"structuration": 1.0}, {"kind": mps.Casson})
     moved = replace(scene, fluid=scene.fluid + 1e-9)
     assert len({shape_of(Problem(moved)), *(key(**kind) for kind in kinds)}) == len(kinds) + 1
     assert set(mps.Bingham.from_fields) <= set(mps.Bingham.model_fields)
