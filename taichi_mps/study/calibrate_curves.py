@@ -186,8 +186,9 @@ def first_values(scene: str, free: list[str], settings: dict) -> dict[str, float
     for name in free:
         known = numbers_of(type(law))
         require(name in known, f"free = {name}: the law {type(law).__name__} has only {', '.join(known)}")
-        first[name] = float(getattr(law, name))
-        require(first[name] > 0.0, f"{name} = {first[name]:g}: is where the search begins; must be above 0")
+        first[name] = value = getattr(law, name)
+        above = isinstance(value, float) and value > 0.0
+        require(above, f"{name} = {value}: is where the search begins; must be above 0")
     return first
 
 
