@@ -24,6 +24,7 @@ LATE = 0.5  # largest such time over the length of the curve
 SAMPLES = 100  # of a curve of a run
 COARSER = 2.0  # spacing of the runs of the fit over that of those that correct them
 RANGE = 100.0  # factor from the first value of a constant within which it is sought
+WIDE = 0.4  # of the logarithm of a constant, to mixes that tell a slope; particles scatter smaller ones
 LOOKS = 4  # first runs, in which all constants are made larger or smaller together
 MOST, ENOUGH = 10, 0.01  # steps of a fit, and the change of the logarithms that ends it
 ROUNDS = 3  # of fits, each corrected by finer runs at the constants of the one before
@@ -136,14 +137,17 @@ class Runs(LeastSquares):
                 f"of the nearest run at {nearest}, {self.words(at)}",
             )
 
-    def steps(self, at) -> np.ndarray:
-        """Steps from a point, (unknowns, unknowns), one unknown each, to stiffer and thicker mixes where there are."""
-        return np.diag(np.where(at + STEP > self.bounds[1], -STEP, STEP))
-
     def slopes(self, at) -> np.ndarray:
-        """Derivatives of the residuals at a point, (points, unknowns)."""
-        self.compute([at, *(at + self.steps(at))[: len(self.first)]], self.spacing)  # side by side
-        return super().slopes(at)
+        """Derivatives of the residuals at a point, (points, unknowns): to a softer mix, to a stiffer one or between the
+        two, whichever is the least, for what particles scatter is no slope."""
+        wide, here = np.diag([WIDE] * len(self.first) + [STEP] * len(self.units)), self.residuals(at)
+        sides, found = [np.maximum(at - wide, self.bounds[0]), np.minimum(at + wide, self.bounds[1])], []
+        self.compute(np.concatenate([side[: len(self.first)] for side in sides]), self.spacing)  # side by side
+        for low, high in zip(*sides, strict=True):
+            down, up = here - self.residuals(low), self.residuals(high) - here
+            less, more = (at - low).sum(), (high - at).sum()
+            found.append(min(down / less, up / more, (down + up) / (less + more), key=np.linalg.norm))
+        return np.stack(found, 1)
 
     def with_offsets(self, at) -> tuple[np.ndarray, float]:
         """A point with the offset of each test that fits best, and the sum of squares there."""
@@ -234,7 +238,7 @@ def calibrate_curves(
     with start() as runs.pool:
         runs.folder = folder
         if watch:
-            likely = len(runs.tests) * (3 + 4 * (1 + len(first)))
+            likely = len(runs.tests) * (LOOKS + 5 * (1 + 2 * len(first)))
             at_start = [runs.case(test, np.zeros(len(first)), runs.spacing) for test in runs.tests]
             lasts = in_time(wall_time(at_start, workers or os.cpu_count() or 1, likely))
             finely = f", besides {2 * len(runs.tests)} at {fine:g} m" * finer
