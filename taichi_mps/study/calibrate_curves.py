@@ -62,6 +62,7 @@ class Runs(LeastSquares):
         self.errors = [ERROR * (float(np.abs(values).max()) or 1.0) for values in alike]
         self.edges = np.cumsum([len(curve.values) for curve in curves])  # of the curves in the residuals
         self.reach = np.inf, -np.inf  # least and largest residual of each point so far
+        self.bent = []  # of the last slopes, of each unknown: mean of the residuals on both sides less that between
         super().__init__(first, np.hstack([ends, np.outer([-10.0, 10.0], np.full(len(shifted), LATE))]))
 
     def mix(self, at) -> dict[str, float]:
@@ -142,10 +143,12 @@ class Runs(LeastSquares):
         two, whichever is the least, for what particles scatter is no slope."""
         wide, here = np.diag([WIDE] * len(self.first) + [STEP] * len(self.units)), self.residuals(at)
         sides, found = [np.maximum(at - wide, self.bounds[0]), np.minimum(at + wide, self.bounds[1])], []
+        self.bent = []
         self.compute(np.concatenate([side[: len(self.first)] for side in sides]), self.spacing)  # side by side
         for low, high in zip(*sides, strict=True):
             down, up = here - self.residuals(low), self.residuals(high) - here
             less, more = (at - low).sum(), (high - at).sum()
+            self.bent.append(0.5 * (up - down))
             found.append(min(down / less, up / more, (down + up) / (less + more), key=np.linalg.norm))
         return np.stack(found, 1)
 
@@ -266,16 +269,22 @@ def calibrate_curves(
 
 
 def result(runs: Runs, at, slopes, material, spacing) -> CurveFit:
-    """The result at a point: intervals by the slopes and the scatter of the residuals there. Those of a curve go
-    together, so that the scatter counts by (1 + r)/(1 - r), r their correlation from a point to the next."""
+    """The result at a point: intervals by the slopes, the scatter of the residuals there and that of the runs.
+
+    Residuals of a curve go together, so that their scatter counts by (1 + r)/(1 - r), r their correlation from a point
+    to the next. The mean of two runs less a third, ``bent``, has 1.5 times the variance of a run, besides the bend.
+    """
     from scipy.stats import t
 
     residuals, model, count = runs.beside(at, spacing), runs.model(at, spacing), len(runs.first)
     square = max(float(residuals @ residuals), 1e-12)
     beside = sum(float(part[1:] @ part[:-1]) for part in runs.by_curve(residuals)) / square
     freedom, beside = len(residuals) - len(at), min(max(beside, 0.0), 0.9)
-    slopes = slopes / np.sqrt(square / freedom * (1.0 + beside) / (1.0 - beside))
-    spread = runs.covariance(slopes) * t.ppf(0.975, freedom) ** 2
+    error = np.sqrt(square / freedom * (1.0 + beside) / (1.0 - beside))
+    slopes = slopes / error
+    spread = runs.covariance(slopes)
+    moved = spread @ slopes.T @ np.transpose(runs.bent[:count]) / error  # the best point by the scatter of a run
+    spread = (spread + moved @ moved.T / (1.5 * count)) * t.ppf(0.975, freedom) ** 2
     wide, parts = np.sqrt(np.diag(spread)), runs.by_curve(slopes)
     constants = runs.constants(at, np.stack([at - wide, at + wide], 1))
     curves, named = [], [f"{title(curve.measure)} of {curve.test.name}" for curve in runs.curves]

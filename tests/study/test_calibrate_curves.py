@@ -76,7 +76,7 @@ def test_known_constants_come_back_and_the_offset_of_time(tmp_path, exact, late)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("scatter", [0.0, 0.005])
+@pytest.mark.parametrize("scatter", [0.0, 0.01])
 def test_intervals_hold_the_constants_as_often_as_they_say(tmp_path, exact, scatter):
     """95 % of draws with independent errors, within 3 standard errors of 30 draws of two constants; also where runs
     scatter as those of particles do."""
@@ -84,7 +84,7 @@ def test_intervals_hold_the_constants_as_often_as_they_say(tmp_path, exact, scat
     for draw in range(30):
         flow = closed(time, **TRUE) + 0.004 * random.standard_normal(len(time))
         fit = found(tmp_path, written(tmp_path / "film.csv", time, flow), name=f"{draw}", finer=False, spacing=0.012)
-        held += [it.lower <= TRUE[name] <= it.upper for name, it in fit.constants.items()]
+        held += [(it.lower or 0.0) <= TRUE[name] <= (it.upper or np.inf) for name, it in fit.constants.items()]
     assert np.mean(held) > 0.95 - 3.0 * (0.95 * 0.05 / 60) ** 0.5
 
 
