@@ -62,7 +62,6 @@ class Runs(LeastSquares):
         self.errors = [ERROR * (float(np.abs(values).max()) or 1.0) for values in alike]
         self.edges = np.cumsum([len(curve.values) for curve in curves])  # of the curves in the residuals
         self.reach = np.inf, -np.inf  # least and largest residual of each point so far
-        self.bent = []  # of the last slopes, of each unknown: mean of the residuals on both sides less that between
         super().__init__(first, np.hstack([ends, np.outer([-10.0, 10.0], np.full(len(shifted), LATE))]))
 
     def mix(self, at) -> dict[str, float]:
@@ -138,19 +137,28 @@ class Runs(LeastSquares):
                 f"of the nearest run at {nearest}, {self.words(at)}",
             )
 
+    def around(self, at, wide: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Points around one, below and above, that differ by ``wide`` in a constant's logarithm or by STEP in an
+        offset, (unknowns, unknowns), and the residuals there, (unknowns, points); computed side by side."""
+        steps, count = np.diag([wide] * len(self.first) + [STEP] * len(self.units)), len(self.first)
+        low, high = np.maximum(at - steps, self.bounds[0]), np.minimum(at + steps, self.bounds[1])
+        self.compute([at, *low[:count], *high[:count]], self.spacing)
+        return low, high, *(np.array([self.residuals(each) for each in side]) for side in (low, high))
+
     def slopes(self, at) -> np.ndarray:
         """Derivatives of the residuals at a point, (points, unknowns): to a softer mix, to a stiffer one or between the
         two, whichever is the least, for what particles scatter is no slope."""
-        wide, here = np.diag([WIDE] * len(self.first) + [STEP] * len(self.units)), self.residuals(at)
-        sides, found = [np.maximum(at - wide, self.bounds[0]), np.minimum(at + wide, self.bounds[1])], []
-        self.bent = []
-        self.compute(np.concatenate([side[: len(self.first)] for side in sides]), self.spacing)  # side by side
-        for low, high in zip(*sides, strict=True):
-            down, up = here - self.residuals(low), self.residuals(high) - here
-            less, more = (at - low).sum(), (high - at).sum()
-            self.bent.append(0.5 * (up - down))
-            found.append(min(down / less, up / more, (down + up) / (less + more), key=np.linalg.norm))
+        low, high, softer, stiffer = self.around(at, WIDE)
+        here, less, more = self.residuals(at), (at - low).sum(1), (high - at).sum(1)
+        sides = zip(here - softer, stiffer - here, less, more, strict=True)
+        found = [min(a / p, b / q, (a + b) / (p + q), key=np.linalg.norm) for a, b, p, q in sides]
         return np.stack(found, 1)
+
+    def scatter(self, at) -> np.ndarray:
+        """By how much runs scatter residuals, a sample for each constant, (constants, points): the fourth difference of
+        runs around a point, which has no slope and no bend, over its error by that of a run."""
+        bends = [0.5 * sum(self.around(at, part * WIDE)[2:]) - self.residuals(at) for part in (1.0, 0.5)]
+        return ((bends[0] - 4.0 * bends[1]) / 17.5**0.5)[: len(self.first)]
 
     def with_offsets(self, at) -> tuple[np.ndarray, float]:
         """A point with the offset of each test that fits best, and the sum of squares there."""
@@ -272,7 +280,7 @@ def result(runs: Runs, at, slopes, material, spacing) -> CurveFit:
     """The result at a point: intervals by the slopes, the scatter of the residuals there and that of the runs.
 
     Residuals of a curve go together, so that their scatter counts by (1 + r)/(1 - r), r their correlation from a point
-    to the next. The mean of two runs less a third, ``bent``, has 1.5 times the variance of a run, besides the bend.
+    to the next.
     """
     from scipy.stats import t
 
@@ -283,8 +291,8 @@ def result(runs: Runs, at, slopes, material, spacing) -> CurveFit:
     error = np.sqrt(square / freedom * (1.0 + beside) / (1.0 - beside))
     slopes = slopes / error
     spread = runs.covariance(slopes)
-    moved = spread @ slopes.T @ np.transpose(runs.bent[:count]) / error  # the best point by the scatter of a run
-    spread = (spread + moved @ moved.T / (1.5 * count)) * t.ppf(0.975, freedom) ** 2
+    moved = spread @ slopes.T @ runs.scatter(at).T / error  # the best point by that of the runs
+    spread = (spread + moved @ moved.T / count) * t.ppf(0.975, freedom) ** 2
     wide, parts = np.sqrt(np.diag(spread)), runs.by_curve(slopes)
     constants = runs.constants(at, np.stack([at - wide, at + wide], 1))
     curves, named = [], [f"{title(curve.measure)} of {curve.test.name}" for curve in runs.curves]
