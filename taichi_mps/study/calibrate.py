@@ -270,7 +270,7 @@ def check_tests(test: Measurements, emulators: dict[str, Emulator]) -> None:
     """
     if test.t500 and test.spread and test.spread + 3.0 * test.spread_error < REACHED:
         raise SceneError(
-            f"t500 = {test.t500:g} s: with spread = {test.spread:g} m it never came to 50 cm; leave one of them out"
+            f"t500 = {test.t500:g} s: with slump flow = {test.spread:g} m it never came to 50 cm; leave one of them out"
         )
     cones = {"slump": "slump", "spread": "slump", "mini_cone": "mini_cone"}
     cones = {key: sizes(emulators[scene]) for key, scene in cones.items() if scene in emulators}
@@ -314,6 +314,6 @@ def check_room(cone: Emulator, test: Measurements) -> None:
     room = np.pi / 4.0 * widest**2 * (height - least)
     require(
         room >= mould,
-        f"slump = {test.slump:g} m with spread = {test.spread:g} m: leaves room for {1e3 * room:.1f} l at most, "
+        f"slump = {test.slump:g} m with slump flow = {test.spread:g} m: leaves room for {1e3 * room:.1f} l at most, "
         f"and the mould holds {1e3 * mould:.1f} l; one of them must be misread",
     )
