@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from ..problem.materials import FLOWS, Bingham
+from ..problem.materials import FLOWS
 from ..runtime.backend import real, ti
 from ..runtime.stages import flush
 
@@ -84,7 +84,7 @@ class Constants:
         self.of_mix = [ti.field(real(), self.mixes) for _ in OF_A_MIX]
         self.of_scene = [ti.field(real(), ()) for _ in OF_THE_SCENE]
         vars(self).update(zip((*OF_A_MIX, *OF_THE_SCENE), self.of_mix + self.of_scene, strict=True))
-        curved = [(k, m) for k, m in enumerate(problem.materials) if m.from_fields and not isinstance(m, Bingham)]
+        curved = [(k, m) for k, m in enumerate(problem.materials) if m.curved and m.from_fields]
         # by the number of a mix: what its compiled flow curve reads
         self.laws = {k: ti.Struct.field(dict.fromkeys(m.from_fields, real()), shape=()) for k, m in curved}
         self.of_scene += [law.get_member_field(name) for law in self.laws.values() for name in law.keys]
