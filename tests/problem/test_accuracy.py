@@ -112,7 +112,7 @@ def test_the_scene_is_made_as_chosen_and_says_so(capsys):
 
 def test_what_is_given_rules(capsys):
     assert mps.slump_cone(accuracy=0.02, model="full").parameters["model"] == "full"
-    assert mps.slump_cone(accuracy=0.02, lift_speed=0.12).parameters["model"] == "full"
+    assert mps.slump_cone(accuracy=0.02, lift_speed=0.12).parameters["model"] == "axisymmetric"
     scene = mps.slump_cone(accuracy=0.001, model="half", spacing=0.03)
     assert scene.spacing == 0.03 and len(scene.mirrors) == 1
     assert "0.03" not in capsys.readouterr().err
