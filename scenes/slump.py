@@ -47,7 +47,7 @@ def rings_in(cone, spacing):
 
 
 def mould_of(cone, speed, spacing, rings):
-    """Wall that is a smooth mould, lifted at a speed [m/s] until it is off: a sheet, of rings as thick as a particle."""
+    """Wall that is a smooth mould, lifted at a speed [m/s] until it is off; of rings as thick as a particle."""
     off = cone.height / speed
     rise = [(0.0, speed), (off, speed), (off, 0.0)]
     if rings:

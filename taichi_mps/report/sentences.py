@@ -3,6 +3,8 @@
 from math import isfinite
 from pathlib import Path
 
+import numpy as np
+
 from ..io.history import COLUMNS
 from ..problem import accuracy
 from ..problem.labels import ENDS, in_words, is_measure, meaning, title, written
@@ -12,6 +14,10 @@ from ..units import plain
 OWN = " This is the error of the computation; the test's own and that of the constants come to it."
 LEADING = "slump_m", "spread_m", "t500_s", "flow_m", "flow_time_s", "passing_ratio", "front_m", "filled_ratio"
 MEASURED = "slump_m", "spread_m"  # of the columns that every history has
+# Thickness of a bar over the spacing; by how much its resistance is too little in a viscous fluid, and too much in a
+# Bingham fluid with tau_y D/(eta U) = 10 [%]: beside the exact drag, and beside bars four particles thick, in square
+# arrays 8 to 20 bars wide (tests/boundaries/test_thin_bars.py)
+THIN, TOO_LITTLE, TOO_MUCH = (0.4, 0.64, 1.0), (25.0, 16.0, 10.0), (40.0, 8.0, 0.0)
 PARTS = {"ready": "making ready", "pictures": "last pictures"}  # of a run, in words where its key is none
 
 
@@ -66,13 +72,16 @@ def doubts(summary) -> list[str]:
 
 
 def thin_solids(summary) -> list[str]:
-    """Resistance of each solid that is thinner than a particle, in words: tests/boundaries/test_thin_bars.py
-    holds it against the exact drag of an array of cylinders."""
-    return [
-        f"{name}: {1e3 * thickness:.2g} mm thick, thinner than a particle. Such a bar resists a viscous flow across it "
-        "by up to a quarter less than it should; with a yield stress that was not measured."
-        for name, thickness in (summary.get("thin_solids_m") or {}).items()
-    ]
+    """Resistance of each solid that is thinner than a particle, in words."""
+    spacing, found = summary["parameters"].get("spacing"), []
+    for name, thickness in (summary.get("thin_solids_m") or {}).items():
+        less, more = (np.interp(thickness / spacing if spacing else 0.0, THIN, each) for each in (TOO_LITTLE, TOO_MUCH))
+        found.append(
+            f"{name}: {1e3 * thickness:.2g} mm thick, thinner than a particle. Such a bar resists a flow across it by "
+            f"about {less:.0f} % too little where viscosity prevails, and by {more:.0f} % too much where the yield "
+            "stress does."
+        )
+    return found
 
 
 def certainty(summary) -> str:
