@@ -31,11 +31,12 @@ def point(speed: float | None, spacing: float) -> dict:
     mps.init(threads=1)
     until = 5.0 + (0.3 / speed if speed else 0.0)
     cone = {"model": "axisymmetric", "spacing": spacing, "lift_speed": speed, "floor_radius": 0.37, "until": until}
-    sim, found = None, {}
+    sim = start = None
+    found = {}
     for tau in MIXES:
         scene = mps.slump_cone(yield_value=tau, **cone)
         sim = sim or mps.Simulation(scene)
-        start = sim.state() if not found else start
+        start = start or sim.state()
         for step in SPACINGS[spacing]:
             longest = None if step == 1.0 else step * sim.scheme.constants.max_time_step
             numerics, runs = mps.Implicit(max_time_step=longest), []
@@ -46,7 +47,10 @@ def point(speed: float | None, spacing: float) -> dict:
                 ended, measures = sim.run(), sim.measures()
                 lengths = [measures["slump_m"], measures["spread_m"]]
                 runs.append([*lengths, sim.report.volume_error_max, sim.cpu_seconds, sim.time, ended == "rest"])
-            found[f"{tau:g} {step:g}"] = {"mean": np.mean(runs, 0).tolist(), "scatter": np.std(runs, 0, ddof=1).tolist()}
+            found[f"{tau:g} {step:g}"] = {
+                "mean": np.mean(runs, 0).tolist(),
+                "scatter": np.std(runs, 0, ddof=1).tolist(),
+            }
     return {"mixes": found}
 
 
@@ -57,8 +61,14 @@ def draw() -> None:
         for mould in SPEEDS:
             coarse, fine = (found[f"{mould}, {mm} mm"]["mixes"] for mm in (10, 5))
             usual, finer, shorter = coarse[f"{tau:g} 1"], fine[f"{tau:g} 1"], coarse[f"{tau:g} 0.5"]
-            told = [f"{1e3 * one['mean'][k]:.1f} ± {1e3 * one['scatter'][k]:.1f}" for k in (0, 1) for one in (usual, finer, shorter)]
-            lines.append([f"{tau:g} Pa, 50 Pa s", mould, *told, f"{usual['mean'][3]:.2g}", f"{100 * usual['mean'][2]:.1f}"])
+            told = [
+                f"{1e3 * one['mean'][k]:.1f} ± {1e3 * one['scatter'][k]:.1f}"
+                for k in (0, 1)
+                for one in (usual, finer, shorter)
+            ]
+            lines.append(
+                [f"{tau:g} Pa, 50 Pa s", mould, *told, f"{usual['mean'][3]:.2g}", f"{100 * usual['mean'][2]:.1f}"]
+            )
     points.put("models.md", "lifted", points.table(HEAD, lines), found.values())
 
 
