@@ -109,6 +109,7 @@ class Constants:
         self.creeps = yields  # what dies away then takes longer steps
         # limits of what is quiet, and still: change of the velocity times the step [m], velocity [m/s]
         self.quiet, self.still = QUIET * scene.spacing, STILL * head**0.5
+        self.rate = head**0.5 / height  # that residuals of the outer iterations are compared with [1/s]
         # the step [s] of this scene at its defaults: it scales what must not depend on the steps taken
         courant_number = type(numerics).model_fields["courant_number"].default
         step = self.natural_step = min(longest, courant_number * scene.spacing / speed) if speed else longest
