@@ -95,6 +95,9 @@ def certainty(summary) -> str:
     if found is None:
         return "How accurate this is was not measured for such a run; compare it with one of half the particle size."
     mix, height, error = found
+    lifted = "; lifting the mould, beside half the particle size and half the step" * (
+        summary["parameters"].get("lift_speed") is not None
+    )
     if error is None:
         return (
             "This mix or particle size lies outside of those whose errors were measured, so how accurate this is is "
@@ -104,7 +107,7 @@ def certainty(summary) -> str:
     return (
         f"Expect the slump within {1e3 * height * error.slump:.1f} mm and the slump flow within "
         f"{2e3 * height * error.reach:.0f} mm of the exact flow of this mix: measured for mixes and particle sizes "
-        f"around this one, beside independent finite elements.{OWN}"
+        f"around this one, beside independent finite elements{lifted}.{OWN}"
     )
 
 
