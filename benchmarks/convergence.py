@@ -1,11 +1,13 @@
 """Slump and spread against step, outer iterations and spacing: what a result does not depend on, shown.
 
     python benchmarks/convergence.py cost                    # CPU-hours of what has no result yet
-    python benchmarks/convergence.py run [--model axisymmetric] [--spacing 0.02] [--mix 300,50]
+    python benchmarks/convergence.py run [--model axisymmetric] [--spacing 0.02] [--mix 300,50] [--step 1]
     python benchmarks/convergence.py draw                    # results/convergence.md, docs/figures/step.png
 
-Each model, spacing and mix is one process, which compiles once: steps of at most 1 to 1/8 of the longest,
-by 3 to 24 outer iterations, to rest. Errors: engine - finite elements with inertia, at 0.3 s, 1 s and at rest.
+Each model, spacing, mix and step is one process, which compiles once: steps as the scene takes them and bounded to 1/2,
+1/4 and 1/8 of its longest and of its Courant number, by 3 to 24 outer iterations; at fine spacings more iterations go
+with shorter steps. Rings of 10 mm also with as many iterations as a tolerance takes. Errors: engine - finite elements
+with inertia, at 0.3, 1 and 2 s; what comes to rest before stays as it is.
 """
 
 import argparse
@@ -17,113 +19,238 @@ import models
 import numpy as np
 import points
 
-MODELS, SPACINGS, MIXES = ("axisymmetric", "quarter"), (0.02, 0.01), ("300,50", "80,150")
-STEPS, ITERATIONS, TIMES = (1.0, 0.5, 0.25, 0.125), (3, 6, 12, 24), (0.3, 1.0)
-PARTICLES = {("axisymmetric", 0.02): 57, ("axisymmetric", 0.01): 225, ("quarter", 0.02): 175, ("quarter", 0.01): 1376}
-# of a run: CPU-seconds of a step, and of a particle and an iteration in it; longest steps to rest
-COST, USUAL_STEPS = (3e-3, 4e-6), 250
-HEAD = ["mix", "model, l0", "step", "iterations", "slump 0.3 s", "1 s", "at rest [mm]", "spread at rest [mm]"]
-HEAD += ["time of rest [s]", "order of the step", "order of the spacing"]
+NAMES = "model", "spacing", "mix", "step"  # what makes a point
+MODELS, SPACINGS, MIXES = ("axisymmetric", "quarter"), (0.02, 0.01, 0.005, 0.0025), ("300,50", "80,150")
+STEPS, ITERATIONS, TIMES = (1.0, 0.5, 0.25, 0.125), (3, 6, 12, 24), (0.3, 1.0, 2.0)
+COARSE, TOGETHER = 0.01, {1.0: 6, 0.5: 12, 0.25: 24}  # spacings of all pairs; iterations of each step at finer ones
+TOLERANCES, MOST_ITERATIONS = (2e-3, 2e-4), 200
+PARTICLES = {  # of each spacing
+    "axisymmetric": {0.02: 57, 0.01: 225, 0.005: 900, 0.0025: 3600},
+    "quarter": {0.02: 175, 0.01: 1376, 0.005: 11000},
+}
+# at 10 mm five placings, with the usual and with the finest step: of a run's particles up to ASIDE of the spacing
+PLACED, PLACINGS, PLACED_ITERATIONS, ASIDE = "placed", 5, {1.0: 6, 0.125: 24}, 0.05
+LEAST, TARGETS = 6, {"slump": 1.0, "spread": 3.0}  # iterations from which on runs at 10 mm shall be so close [mm]
+HEAD = [
+    "mix",
+    "model, l0",
+    "step",
+    "iterations",
+    "of a step",
+    "slump",
+    "spread",
+    "rest [s]",
+    "2|D-q|",
+    "div u-s",
+    "CPU-s",
+]
+JUDGED = ["mix", "model, l0", "runs", "slump, mean errors [mm]", "apart by", "order of l0"]
+JUDGED += ["spread, mean errors [mm]", "apart by", "order of l0", "orders of the step"]
+TOLD = (
+    "Errors beside the finite elements at 0.3, 1 and 2 s, of what has come to rest by then as it lies. Targets at "
+    f"10 mm: with {LEAST} iterations or more, whatever the step, slumps within {TARGETS['slump']:g} mm and spreads "
+    f"within {TARGETS['spread']:g} mm of each other; bold where they are missed."
+)
+PLACED_HEAD = ["mix", "model, l0", "step", "iterations", "slump, five placings [mm]", "spread, five placings [mm]"]
+# of a run: CPU-seconds of a step, and of a particle and an iteration in it; longest steps in all
+COST, USUAL_STEPS = (2e-3, 2e-6), 150
 
 
-def point(model: str, spacing: float, mix: str) -> dict:
-    """Errors [m] and times of rest [s] by step and iterations, and CPU-seconds in all."""
+def runs(model: str, spacing: float, mix: str, step: float, again: str = "") -> dict[str, dict]:
+    """Numbers of the outer iterations of a point, by their name; ``again``: PLACED otherwise."""
+    if again:
+        n = PLACED_ITERATIONS.get(step) if spacing == COARSE else None
+        return {f"{n}, placing {k}": {"passes": n} for k in range(1, PLACINGS) if n}
+    if spacing not in PARTICLES[model] or (spacing < COARSE and step not in TOGETHER):
+        return {}
+    found = {str(n): {"passes": n} for n in (ITERATIONS if spacing >= COARSE else [TOGETHER[step]])}
+    if (model, spacing) == ("axisymmetric", COARSE):
+        found |= {f"to {t:g}": {"passes": MOST_ITERATIONS, "outer_tolerance": t} for t in TOLERANCES}
+    return found
+
+
+def point(**settings) -> dict:
+    """Of each run of a point: errors [m], time of rest [s], residuals, iterations, steps and CPU-seconds."""
     import taichi_mps as mps
     from taichi_mps.problem.problem import Problem
+    from taichi_mps.simulation.forecast import own_step
 
-    tau, eta = map(float, mix.split(","))
-    exact, found = models.reference(tau, eta), {}
+    tau, eta = map(float, settings["mix"].split(","))
+    (known, *exact), found, start = models.finite_elements(tau, eta), {}, None
     mps.init(threads=1)
-    scene = mps.slump_cone(model=model, spacing=spacing, until=exact["until"], yield_value=tau, plastic_viscosity=eta)
-    sim = mps.Simulation(scene)
-    start, longest, begin = sim.state(), sim.scheme.constants.max_time_step, time.process_time()
-    for step, iterations in product(STEPS, ITERATIONS):
-        # the first column has no limit: quiet flows take longer steps
-        numerics = mps.Implicit(passes=iterations, max_time_step=None if step == 1.0 else step * longest)
-        sim.restart(Problem(scene, numerics), start)
+    mix = {"yield_value": tau, "plastic_viscosity": eta, "until": TIMES[-1]}
+    scene = mps.slump_cone(model=settings["model"], spacing=settings["spacing"], **mix)
+    step, usual = settings["step"], mps.Implicit()
+    # nothing bounds the steps of the scene: quiet flows take longer ones
+    bounds = {"max_time_step": step * own_step(Problem(scene)), "courant_number": step * usual.courant_number}
+    for name, numbers in runs(**settings).items():
+        numerics = mps.Implicit(**numbers, **(bounds if step < 1.0 else {}))
+        if start is None:
+            sim = mps.Simulation(scene, numerics)
+            start = sim.state()
+        seed = int(name.partition("placing ")[2] or 0)
+        moved = start["x"] + points.aside(start["x"].shape, ASIDE / points.ASIDE * scene.spacing, seed)
+        sim.restart(Problem(scene, numerics), {**start, "x": moved})
         sim.scheme.numerics = numerics  # what is compiled does not depend on it
-        rows = []
-        sim.each_step(lambda s, rows=rows: rows.append((s.time, s.measures()["slump_m"])))
+        rows, begin = [], time.process_time()
+        sim.each_step(lambda s, rows=rows: rows.append(row(s)))
         ended = sim.run()
-        measures, history = sim.measures(), np.array(rows).T
-        errors = [np.interp(t, *history) - np.interp(t, exact["times"], exact["slumps"]) for t in TIMES]
-        errors += [measures["slump_m"] - exact["slump"], measures["spread_m"] - exact["spread"]]
-        found[f"{step:g} {iterations}"] = {"errors": errors, "rest": sim.time if ended == "rest" else None}
-    return {"runs": found, "cpu_seconds": time.process_time() - begin}
+        times, slumps, spreads, *residuals, iterations = np.array(rows).T
+        slump, spread = (
+            np.interp(TIMES, times, values) - np.interp(TIMES, known, there)
+            for values, there in zip((slumps, spreads), exact, strict=True)
+        )
+        found[name] = {
+            "slump": slump.tolist(),
+            "spread": spread.tolist(),
+            "rest": sim.time if ended == "rest" else None,
+            "residuals": [float(values[1:][times[1:] < TIMES[0]].mean()) for values in residuals],  # while it flows
+            "iterations": float(iterations[1:].mean()),
+            "steps": sim.steps,
+            "cpu_seconds": time.process_time() - begin,
+        }
+    return {"runs": found, "cpu_seconds": time.process_time()}
+
+
+def row(sim) -> tuple:
+    """Time, slump, spread, residuals and outer iterations after a step."""
+    measures, report = sim.measures(), sim.report
+    results = measures["slump_m"], measures["spread_m"], report.strain_rate_residual, report.divergence_residual
+    return (sim.time, *results, report.outer_iterations)
 
 
 def cost(settings: dict) -> float:
     """CPU-hours of a point, about."""
-    count = PARTICLES[settings["model"], settings["spacing"]]
-    runs = product(STEPS, ITERATIONS)
-    return sum(USUAL_STEPS / step * (COST[0] + COST[1] * count * iterations) for step, iterations in runs) / 3600.0
+    count, steps = PARTICLES[settings["model"]][settings["spacing"]], USUAL_STEPS / settings["step"]
+    iterations = [min(numbers["passes"], 2 * max(ITERATIONS)) for numbers in runs(**settings).values()]
+    return sum(steps * (COST[0] + COST[1] * count * n) for n in iterations) / 3600.0
 
 
-def order(errors, ratio: float = 2.0) -> str:
+def order(values, ratio: float = 2.0) -> str:
     """Observed order of three values, each of half the step of the last, or of two errors."""
-    one, two = np.abs(np.diff(errors)) if len(errors) == 3 else np.abs(errors)
+    one, two = np.abs(np.diff(values)) if len(values) == 3 else np.abs(values)
     return f"{np.log(one / two) / np.log(ratio):.1f}" if one > 0.0 and two > 0.0 else "-"
 
 
-def rows(found: dict):
-    """Lines of the table."""
+def numbers(errors) -> str:
+    """Errors [mm] at TIMES."""
+    return ", ".join(f"{1e3 * error:+.1f}" for error in errors)
+
+
+def parts(found: dict):
+    """Model, mix and spacing that were run, with what was found by step and by name."""
     for model, mix, spacing in product(MODELS, MIXES, SPACINGS):
-        runs = {s: found.get(f"{model} {s:g} {mix}", {}).get("runs") for s in SPACINGS}
-        for step, iterations in product(STEPS, ITERATIONS) if runs[spacing] else ():
-            key = f"{step:g} {iterations}"
-            one = runs[spacing][key]
-            steps = [runs[spacing][f"{k:g} {iterations}"]["errors"][2] for k in (4 * step, 2 * step, step) if k <= 1.0]
-            sizes = [runs[s][key]["errors"][2] for s in SPACINGS if runs[s]]
+        keys = {step: f"{model} {spacing:g} {mix} {step:g}" for step in STEPS}
+        runs = {step: dict(found[key]["runs"]) for step, key in keys.items() if key in found}
+        for step in runs:
+            runs[step] |= found.get(f"{keys[step]} {PLACED}", {"runs": {}})["runs"]
+        if runs:
+            yield model, mix, spacing, runs
+
+
+def rows(found: dict):
+    """Every run: what it was made with, errors, time of rest and residuals."""
+    for model, mix, spacing, runs in parts(found):
+        for step, name, one in ((step, name, one) for step, of_step in runs.items() for name, one in of_step.items()):
             yield [
                 "{} Pa, {} Pa s".format(*mix.split(",")),
                 f"{model}, {1e3 * spacing:g} mm",
                 f"{step:g}",
-                iterations,
-                *(f"{1e3 * error:+.1f}" for error in one["errors"]),
-                f"{one['rest']:.2f}" if one["rest"] else "not",
-                order(steps) if len(steps) == 3 else "-",
-                order(sizes) if len(sizes) == 2 else "-",
+                name,
+                f"{one['iterations']:.1f}",
+                numbers(one["slump"]),
+                numbers(one["spread"]),
+                f"{one['rest']:.2f}" if one["rest"] else "not by 2 s",
+                *(f"{residual:.1e}" for residual in one["residuals"]),
+                f"{one['cpu_seconds']:.1f}",
             ]
 
 
+def judged(found: dict):
+    """Of each model, mix and spacing with LEAST iterations or more: means of the errors, how far runs are apart, and
+    observed orders of the step, at the first of TIMES, and of the spacing, of the mean size of the errors."""
+    last = {}
+    for model, mix, spacing, runs in parts(found):
+        kept = {step: [runs[step][n] for n in runs[step] if n.isdigit() and int(n) >= LEAST] for step in runs}
+        cells = [
+            "{} Pa, {} Pa s".format(*mix.split(",")),
+            f"{model}, {1e3 * spacing:g} mm",
+            sum(map(len, kept.values())),
+        ]
+        for key, target in TARGETS.items():
+            errors = np.array([run[key] for of_step in kept.values() for run in of_step])
+            apart = 1e3 * np.ptp(errors, axis=0)
+            far = [number > target and spacing == COARSE for number in apart]
+            shown = [
+                f"**{number:.1f}**" if misses else f"{number:.1f}" for number, misses in zip(apart, far, strict=True)
+            ]
+            size = np.abs(errors.mean(0)).mean()
+            before, last[model, mix, key] = last.get((model, mix, key)), (spacing, size)
+            cells += [numbers(errors.mean(0)), ", ".join(shown)]
+            cells += [order((before[1], size), before[0] / spacing) if before else "-"]
+        means = [np.mean([run["slump"][0] for run in of_step]) for of_step in kept.values()]
+        steps = [order(means[k : k + 3]) for k in range(len(means) - 2)] if spacing >= COARSE else []
+        yield [*cells, ", ".join(steps) or "-"]
+
+
+def placed(found: dict):
+    """Mean and standard deviation of five placings, with the usual and the finest step."""
+    for model, mix, spacing, runs in parts(found):
+        for step, n in PLACED_ITERATIONS.items():
+            five = [runs[step][name] for name in runs.get(step, ()) if name.split(",")[0] == str(n)]
+            if spacing == COARSE and len(five) == PLACINGS:
+                cells = ["{} Pa, {} Pa s".format(*mix.split(",")), f"{model}, {1e3 * spacing:g} mm", f"{step:g}", n]
+                for key in TARGETS:
+                    errors = 1e3 * np.array([run[key] for run in five])
+                    mean, scatter = errors.mean(0), errors.std(0, ddof=1)
+                    cells.append(", ".join(f"{m:+.1f} ± {s:.1f}" for m, s in zip(mean, scatter, strict=True)))
+                yield cells
+
+
 def draw() -> None:
-    """The table and its chart."""
+    """The tables and the chart."""
     from taichi_mps.validation import provenance
 
     plt, found = points.pyplot(), points.read("convergence")
-    lines = list(rows(found))
-    text = "# Convergence\n\nWritten by `python benchmarks/convergence.py draw`. Errors: engine - finite elements.\n\n"
-    text += f"{points.table(HEAD, lines)}\n\n{provenance.origin(found.values())}\n"
+    short = f"{TOLD}\n\n{points.table(JUDGED, judged(found))}\n\n{points.table(PLACED_HEAD, placed(found))}"
+    points.put("accuracy.md", "convergence", short, found.values())
+    text = (
+        "# Convergence\n\nWritten by `python benchmarks/convergence.py draw`. Errors: engine - finite elements, in mm, "
+    )
+    text += "at 0.3, 1 and 2 s.\n\n"
+    text += f"{short}\n\n{points.table(HEAD, rows(found))}\n\n{provenance.origin(found.values())}\n"
     (points.RESULTS / "convergence.md").write_text(text, encoding="utf-8")
-    figure, axes = plt.subplots(1, len(found), figsize=(3.4 * len(found), 3.2), sharey=True, squeeze=False)
-    for axis, (name, result) in zip(axes[0], found.items(), strict=True):
-        for iterations in ITERATIONS:
-            slumps = [1e3 * result["runs"][f"{step:g} {iterations}"]["errors"][2] for step in STEPS]
-            axis.plot(STEPS, slumps, "o-", label=f"{iterations} iterations")
-        axis.set(title=name, xscale="log", xlabel="step over the longest")
+    cases = [part for part in parts(found) if part[2] >= COARSE]
+    figure, axes = plt.subplots(2, 4, figsize=(13.6, 5.4), sharey=True)
+    for axis, (model, mix, spacing, runs) in zip(axes.T.flat, cases, strict=False):
+        for n in ITERATIONS:
+            shown = {step: 1e3 * runs[step][str(n)]["slump"][1] for step in runs}
+            axis.plot(shown.keys(), shown.values(), "o-", label=f"{n} iterations")
+        axis.set(title=f"{model}, {1e3 * spacing:g} mm, {mix.split(',')[0]} Pa", xscale="log")
         axis.axhline(0.0, color="k", lw=0.5)
         axis.set_xticks(STEPS, ["1", "1/2", "1/4", "1/8"])
         axis.minorticks_off()
         axis.grid(alpha=0.3)
-    axes[0, 0].set_ylabel("error of the slump at rest [mm]")
+    for axis in axes[:, 0]:
+        axis.set_ylabel("error of the slump at 1 s [mm]")
+    for axis in axes[1]:
+        axis.set_xlabel("step over the scene's own")
     axes[0, -1].legend(fontsize=7)
     figure.tight_layout()
-    figure.savefig(points.DOCS / "figures" / "step.png", dpi=110)
+    figure.savefig(points.FIGURES / "step.png", dpi=110)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("action", choices=["cost", "run", "draw", "point"])
     parser.add_argument("settings", nargs="?")
-    parser.add_argument("--model", nargs="+", choices=MODELS, default=MODELS)
-    parser.add_argument("--spacing", nargs="+", type=float, choices=SPACINGS, default=SPACINGS)
-    parser.add_argument("--mix", nargs="+", choices=MIXES, default=MIXES)
+    for name, choices in zip(NAMES, (MODELS, SPACINGS, MIXES, STEPS), strict=True):
+        parser.add_argument(f"--{name}", nargs="+", type=type(choices[0]), choices=choices, default=choices)
     given = parser.parse_args()
-    names = "model", "spacing", "mix"
-    asked = {
-        "{} {:g} {}".format(*item): dict(zip(names, item, strict=True))
-        for item in product(*(getattr(given, n) for n in names))
-    }
+    asked = [dict(zip(NAMES, item, strict=True)) for item in product(*(getattr(given, n) for n in NAMES))]
+    asked = {"{model} {spacing:g} {mix} {step:g}".format(**each): each for each in asked if runs(**each)}
+    again = {f"{key} {PLACED}": {**each, "again": PLACED} for key, each in asked.items()}
+    asked |= {key: each for key, each in again.items() if runs(**each)}
     left = {key: settings for key, settings in asked.items() if key not in points.read("convergence")}
     if given.action == "point":
         print(json.dumps(point(**json.loads(given.settings))))

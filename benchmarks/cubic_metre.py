@@ -85,7 +85,7 @@ def compute(name: str, until: float | None, threads: int) -> None:
 
 
 def problem_of(case: dict, **part):
-    """The wall of a case, with the longer steps and the fewer passes of those that ask for them."""
+    """The wall of a case, with the longer steps and the fewer outer iterations of those that ask for them."""
     import taichi_mps as mps
     from taichi_mps.problem import catalogue
     from taichi_mps.problem.problem import Problem

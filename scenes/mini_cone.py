@@ -27,8 +27,8 @@ def scene(
     until: Duration = 3.0,
     model: Literal["axisymmetric", "quarter", "full"] = "axisymmetric",
 ) -> mps.Scene:
-    """The slump test with a small cone. A mould that is lifted needs model full, which is best taken with a spacing of
-    2 mm."""
+    """The slump test with a small cone. A mould that is lifted needs model axisymmetric, or full, which is best taken
+    with a spacing of 2 mm."""
     cone = mps.Cone(0.5 * base_diameter, 0.5 * top_diameter, height)
     widest = 4.0 * height
     if material.yields:

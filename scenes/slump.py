@@ -46,6 +46,28 @@ def rings_in(cone, spacing):
     return np.vstack(layers)
 
 
+def mould_of(cone, speed, spacing, rings):
+    """Wall that is a smooth mould, lifted at a speed [m/s] until it is off; of rings as thick as a particle."""
+    off = cone.height / speed
+    rise = [(0.0, speed), (off, speed), (off, 0.0)]
+    if rings:
+        foot, top = (cone.base_radius, cone.base_radius + spacing), (cone.top_radius + spacing, cone.top_radius)
+        section = [(r, 0.0) for r in foot] + [(r, cone.height) for r in top]
+        given = {"velocity": [(time, 0.0, up) for time, up in rise], "slip": True, "loose": True}
+        return mps.Solid.prism(section, cell=0.25 * spacing, reach=2.5 * spacing, **given)
+    return mps.Cylinder(
+        point=(0.0, 0.0, 0.0),
+        radius=cone.base_radius,
+        axis=(0.0, 0.0, 1.0),
+        slope=(cone.top_radius - cone.base_radius) / cone.height,
+        length=cone.height,
+        velocity=rise,
+        slip=True,
+        loose=True,
+        thin=True,
+    )
+
+
 @mps.checked
 def scene(
     material: mps.Concrete = mps.Bingham(),
@@ -61,15 +83,16 @@ def scene(
     model: Literal["full", "half", "quarter", "axisymmetric"] = "full",
     accuracy: Length | None = None,
 ) -> mps.Scene:
-    """Slump cone on a rough floor. The mould is gone at t = 0, or is a smooth sheet lifted from then on with
+    """Slump cone on a rough floor. The mould is gone at t = 0, or is smooth and lifted from then on with
     ``lift_speed`` [m/s]; the standard's 300 mm in 2 to 3 s are 0.1 to 0.15 m/s. Model half or quarter computes that
     part of the cone between mirror planes, axisymmetric its half section. With ``accuracy``, the error of the slump
     that is wanted, the cheapest model and spacing measured to reach it are taken where they are not given. The floor is
     as large as the mix can flow, unless ``floor_radius`` is given; the room for it is half as large again."""
     if height > TALLEST:
         raise mps.SceneError(f"height = {height:g} m: must be at most {TALLEST:g} m; 300mm and 30cm are lengths, too")
-    if lift_speed is not None and model != "full":
-        raise mps.SceneError(f"lift_speed = {lift_speed:g} m/s: a mould that is lifted needs model = full, not {model}")
+    if lift_speed is not None and model in ("half", "quarter"):
+        allowed = f"a mould that is lifted needs model = full or axisymmetric, not {model}"
+        raise mps.SceneError(f"lift_speed = {lift_speed:g} m/s: {allowed}")
     until = until or (TO_REST if material.rests else WITHOUT)
     cone = mps.Cone(0.5 * base_diameter, 0.5 * top_diameter, height)
     reach = floor_radius or floor_for(cone, material, until)
@@ -87,18 +110,7 @@ def scene(
     ]
     standard = (base_diameter, top_diameter, height) == (0.2, 0.1, 0.3)
     usual = material.model_copy(update={"yield_value": 300.0}) == mps.Bingham()
-    off = height / (lift_speed or 1.0)  # time [s] at which the mould is off, and stops
-    mould = mps.Cylinder(
-        point=(0.0, 0.0, 0.0),
-        radius=0.5 * base_diameter,
-        axis=(0.0, 0.0, 1.0),
-        slope=0.5 * (top_diameter - base_diameter) / height,
-        length=height,
-        velocity=((0.0, lift_speed), (off, lift_speed), (off, 0.0)) if lift_speed else 0.0,
-        slip=True,
-        loose=True,
-        thin=True,
-    )
+    mould = [mould_of(cone, lift_speed, spacing, model == "axisymmetric")] if lift_speed else []
     known = lift_speed is None and standard and usual and 100.0 <= material.yield_value <= 1000.0
 
     def measure(snapshot):
@@ -123,13 +135,13 @@ def scene(
         parts = dict(
             axisymmetric=True,
             fluid=mps.fill_rings(cone, spacing),
-            walls=(mps.Plane((0.0, 0.0), (0.0, 1.0)),),
+            walls=(mps.Plane((0.0, 0.0), (0.0, 1.0)), *mould),
             domain=((0.0, -4 * spacing), (1.5 * reach, 1.5 * height)),
         )
     else:
         parts = dict(
             fluid=rings_in(cone, spacing) if lift_speed else mps.fill(cone, spacing, mirrors),
-            walls=(mps.Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)), *mirrors, *([mould] if lift_speed else [])),
+            walls=(mps.Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)), *mirrors, *mould),
             wall_particles=floor[np.hypot(floor[:, 0], floor[:, 1]) < reach],
             domain=((west, south, -4 * spacing), (1.5 * reach, 1.5 * reach, 1.5 * height)),
         )

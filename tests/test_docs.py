@@ -33,6 +33,7 @@ WITHOUT_INFLUENCE = {
     "MAX_LOST_FRACTION",
     "SUMS",
     "SOLVE",
+    "RESIDUALS",
     "FALL",
     "SAMPLE_SIZE",
 }

@@ -20,6 +20,11 @@ MOST_VOLUME = 0.01  # largest volume error of what is chosen [-]: a coarse cone 
 GRAVITY, DENSITY, HEIGHT = 9.81, 2300.0, 0.3  # of the standard cone [m/s2], [kg/m3], [m]
 # Twice the standard deviation of what a run is off the mean of five, over that of a run
 OFF_THE_MEAN = 2.0 * math.sqrt(1.0 + 1.0 / 5.0)
+# Of rings whose mould is lifted, by benchmarks/lifted.py: by how much half the spacing, and half the step at 10 mm,
+# change what lifting does at most, summed, over the spacing: of the slump and of half of the slump flow
+LIFTED, LIFTED_REACH = 0.53, 0.51
+# slowest speed [m/s] and coarsest spacing over H of these, and softest and stiffest mix [Pa], [Pa s]
+SLOWEST, LIFTED_SPACING, LIFTED_MIXES = 0.06, 1.0 / 30.0, ((100.0, 50.0), (500.0, 50.0))
 STANDARD = {"base_diameter": 2.0 / 3.0, "top_diameter": 1.0 / 3.0}  # of the cone that was measured, over its height
 
 
@@ -128,20 +133,36 @@ def nearest(mix: Mix) -> Mix:
 def of_run(summary: dict) -> tuple[Mix, float, Measured | None] | None:
     """Mix and height [m] of a run, from its summary, and the errors to expect, None where no such mix was
     measured. In all None for another run than those that were measured: the scheme implicit, a cone as the
-    standard's at any scale, gone at once, one Bingham mix."""
+    standard's at any scale, gone at once or lifted in rings, one Bingham mix."""
     given, mixes = summary.get("parameters", {}), summary.get("materials") or []
     walls = summary.get("numerics", {}).get("walls", "surfaces")
     if (summary["scene"], summary["scheme"], walls, len(mixes)) != ("slump", "implicit", "surfaces", 1):
         return None
     mix, height = mixes[0], given.get("height")
-    gone_at_once = given.get("lift_speed") is None
     bingham = mix.get("law") == "Bingham" and mix["yield_value"] and not mix.get("friction_angle")
-    if not (height and gone_at_once and bingham) or mix.get("critical_strain_rate") is not None:
+    if not (height and bingham) or mix.get("critical_strain_rate") is not None:
         return None
     if any(not math.isclose(given.get(key, 0.0), part * height, rel_tol=1e-6) for key, part in STANDARD.items()):
         return None
     mix = Mix.of(mix["yield_value"], mix["plastic_viscosity"], mix["density"], height)
-    return mix, height, expected(given.get("model"), given.get("spacing", 0.0) / height, mix)
+    error = expected(given.get("model"), given.get("spacing", 0.0) / height, mix)
+    if given.get("lift_speed") is None:
+        return mix, height, error
+    error = error and of_lifted(error, given["lift_speed"] * math.sqrt(HEIGHT / height))
+    return (mix, height, error) if error else None
+
+
+def of_lifted(error: Measured, speed: float) -> Measured | None:
+    """Errors to expect where the mould is lifted, at a ``speed`` [m/s] at the scale of the standard cone, from those of
+    the mould that is gone at once; None outside of what was measured."""
+    soft, stiff = (Mix.of(*mix) for mix in LIFTED_MIXES)
+    between = soft.yield_number <= error.yield_number <= stiff.yield_number
+    as_viscous = 0.5 <= error.viscosity_number / soft.viscosity_number <= 2.0
+    fine = error.model == "axisymmetric" and error.spacing <= LIFTED_SPACING * (1.0 + 1e-6)
+    if not (between and as_viscous and fine and speed >= SLOWEST):
+        return None
+    more = LIFTED * error.spacing, LIFTED_REACH * error.spacing
+    return error._replace(slump=error.slump + more[0], reach=error.reach + more[1])
 
 
 # ---- a choice --------------------------------------------------------------------------------------------------

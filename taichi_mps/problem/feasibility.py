@@ -13,7 +13,6 @@ from ..geometry.solid import Solid
 from ..geometry.walls import Cylinder
 from ..units import DENSITY_HINT, HEAVIEST, LIGHTEST, SceneError, require
 from .inlet import FASTEST, buried
-from .materials import Bingham
 from .scene_rules import counted, gravities, point
 
 MOST_CELLS = 2**27  # of the binning grid: 8 bytes each
@@ -28,7 +27,7 @@ def the_scheme_has_the_laws(problem):
     if problem.scheme == "semi-implicit":
         require(not problem.scene.jolts, "jolts: the scheme semi-implicit has none; must be implicit")
         require(
-            isinstance(material, Bingham),
+            not material.curved,
             f"scene {problem.scene.name}: material {type(material).__name__}: must be Bingham with the scheme "
             "semi-implicit; implicit takes any flow curve",
         )

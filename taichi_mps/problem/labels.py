@@ -25,7 +25,13 @@ KEYWORDS = {  # of many scenes: what they are
     "sides": "upright walls without friction (smooth) or to which concrete sticks (rough)",
 }
 WORDS = {"yield_value": "yield stress", "spacing": "particle size", "until": "time limit"}  # keys as people read them
-OPTIONS = {"yield_value": "yield-stress", "spread": "slump-flow", "spread_error": "slump-flow-error", "rho": "density"}
+OPTIONS = {  # name of the option, the words of people, by the key
+    "yield_value": "yield-stress",
+    "spread": "slump-flow",
+    "spread_error": "slump-flow-error",
+    "rho": "density",
+    "passes": "outer-iterations",
+}
 ENDS = {  # why a run ended
     "rest": "concrete stopped flowing",
     "unyielded": "concrete stopped flowing",
@@ -45,7 +51,7 @@ RESULTS = {  # key: (name, what it is)
     "spread_expected_error_m": ("error of the slump flow", "to be expected likewise"),
     "t500_s": ("T500", "time until the slump flow is 50 cm"),
     "flow_ratio": ("flow", "growth of the diameter over that of the mould, ASTM C1437"),
-    "flow_class_ratio": ("flow class F", "1 to 6 of EN 206, by the spread after the last jolt to 10 mm"),
+    "flow_class_ratio": ("flow class F", "1 to 6 of EN 206, by the flow after the last jolt to 10 mm"),
     "front_m": ("front", "farthest reach of the concrete, from the end of the vessel"),
     "height_m": ("height", "highest point of the fluid"),
     "breadth_m": ("breadth", "of the fluid across the flow, seen from above"),

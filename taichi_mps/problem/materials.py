@@ -72,6 +72,7 @@ class Material(Checked):
     from_fields: ClassVar[tuple] = ()  # numbers that kernels read from fields; all others are compiled in
     viscous: ClassVar[tuple] = ()  # options of its viscous constant, of which each chooses this law even at its default
     straight: ClassVar[bool] = False  # whether the flow curve of the fresh mix is Bingham's
+    curved: ClassVar[bool] = True  # whether kernels call shear_stress, and know no closed form of it
     newtonian: ClassVar[bool] = False  # whether the stress is proportional to the shear rate
     friction_coefficient: ClassVar[float] = 0.0  # yield stress by pressure [-]
     growth_at_rest: ClassVar[float] = 0.0  # of the yield stress [Pa/s]
@@ -183,6 +184,7 @@ class Bingham(Material):
 
     from_fields: ClassVar[tuple] = ("density", "plastic_viscosity", "yield_value", "critical_strain_rate")
     viscous: ClassVar[tuple] = ("plastic_viscosity",)
+    curved: ClassVar[bool] = False
     growth: ClassVar[None] = None
 
     plastic_viscosity: Viscosity = Field(50.0, description="plastic viscosity of the mix")

@@ -3,6 +3,8 @@
 from math import isfinite
 from pathlib import Path
 
+import numpy as np
+
 from ..io.history import COLUMNS
 from ..problem import accuracy
 from ..problem.labels import ENDS, in_words, is_measure, meaning, title, written
@@ -12,6 +14,10 @@ from ..units import plain
 OWN = " This is the error of the computation; the test's own and that of the constants come to it."
 LEADING = "slump_m", "spread_m", "t500_s", "flow_m", "flow_time_s", "passing_ratio", "front_m", "filled_ratio"
 MEASURED = "slump_m", "spread_m"  # of the columns that every history has
+# Thickness of a bar over the spacing; by how much its resistance is too little in a viscous fluid, and too much in a
+# Bingham fluid with tau_y D/(eta U) = 10 [%]: beside the exact drag, and beside bars four particles thick, in square
+# arrays 8 to 20 bars wide (tests/boundaries/test_thin_bars.py)
+THIN, TOO_LITTLE, TOO_MUCH = (0.4, 0.64, 1.0), (25.0, 16.0, 10.0), (40.0, 8.0, 0.0)
 PARTS = {"ready": "making ready", "pictures": "last pictures"}  # of a run, in words where its key is none
 
 
@@ -60,19 +66,27 @@ def doubts(summary) -> list[str]:
         found.append(
             f"Doubtful: the volume was up to {worst:.1%} off on the way; take a smaller particle size (--spacing)."
         )
+    if "unmet_steps" in summary:
+        found.append(
+            f"In {summary['unmet_steps'] / summary['steps']:.1%} of the steps the outer iterations ended before they "
+            "met their tolerance; allow more of them (--outer-iterations)."
+        )
     if summary["stopped_by"] == "time":
         found.append("The concrete may still move; a longer time limit (--until) follows it further.")
     return found
 
 
 def thin_solids(summary) -> list[str]:
-    """Resistance of each solid that is thinner than a particle, in words: tests/boundaries/test_thin_bars.py
-    holds it against the exact drag of an array of cylinders."""
-    return [
-        f"{name}: {1e3 * thickness:.2g} mm thick, thinner than a particle. Such a bar resists a viscous flow across it "
-        "by up to a quarter less than it should; with a yield stress that was not measured."
-        for name, thickness in (summary.get("thin_solids_m") or {}).items()
-    ]
+    """Resistance of each solid that is thinner than a particle, in words."""
+    spacing, found = summary["parameters"].get("spacing"), []
+    for name, thickness in (summary.get("thin_solids_m") or {}).items():
+        less, more = (np.interp(thickness / spacing if spacing else 0.0, THIN, each) for each in (TOO_LITTLE, TOO_MUCH))
+        found.append(
+            f"{name}: {1e3 * thickness:.2g} mm thick, thinner than a particle. Such a bar resists a flow across it by "
+            f"about {less:.0f} % too little where viscosity prevails, and by {more:.0f} % too much where the yield "
+            "stress does."
+        )
+    return found
 
 
 def certainty(summary) -> str:
@@ -81,6 +95,9 @@ def certainty(summary) -> str:
     if found is None:
         return "How accurate this is was not measured for such a run; compare it with one of half the particle size."
     mix, height, error = found
+    lifted = "; lifting the mould, beside half the particle size and half the step" * (
+        summary["parameters"].get("lift_speed") is not None
+    )
     if error is None:
         return (
             "This mix or particle size lies outside of those whose errors were measured, so how accurate this is is "
@@ -90,7 +107,7 @@ def certainty(summary) -> str:
     return (
         f"Expect the slump within {1e3 * height * error.slump:.1f} mm and the slump flow within "
         f"{2e3 * height * error.reach:.0f} mm of the exact flow of this mix: measured for mixes and particle sizes "
-        f"around this one, beside independent finite elements.{OWN}"
+        f"around this one, beside independent finite elements{lifted}.{OWN}"
     )
 
 

@@ -18,6 +18,7 @@ from ..terms.interface import Interface
 from ..terms.momentum import MomentumOperator, MomentumSource, VelocitySolve
 from ..terms.motion import MomentumDrift, Motion, Standstill, free_directions
 from ..terms.pressure import FULL_STRAIN, Pressure, VolumeConstraint
+from ..terms.residuals import Residuals
 from ..terms.shifting import RELAXATION_SHIFTS, Shifting, is_uneven
 from ..terms.stress import SolvedRate, StrainRate, Stress
 from ..terms.wall_loads import WallFriction, WallLoads
@@ -71,6 +72,7 @@ class Implicit(Scheme):
             self.wall_stress = WallStress(fluid, constants, **at_start, stress=self.stress)
         self.shifting = Shifting(fluid, tears=problem.law == "newtonian")
         self.constraint = VolumeConstraint(fluid, constants, **at_start, shifting=self.shifting, stress=self.stress)
+        self.residuals = Residuals(fluid, constants, self.stress, self.constraint)
         self.operator = MomentumOperator(fluid, sums, constants, stress=self.stress, resistance=self.resistance)
         self.source = MomentumSource(
             self.operator,
@@ -120,13 +122,13 @@ class Implicit(Scheme):
         self.first = True  # whether the next step is the first one, or that of a jolt
         self.rows = FieldIO({"yielded": self.stress.yielded, "p": self.pressure.p}, capacity)
         self.diagnostics = Diagnostics(
-            fluid, constants, self.stress.yielded, self.velocity.solver, self.velocity.iterations
+            fluid, constants, self.stress.yielded, self.velocity.solver, self.velocity.iterations, self.residuals
         )
 
     def step(self, dt: float, is_read: bool = False):
         """One step of dt [s], whose result is ``is_read`` or not."""
         u, first = self.velocity.velocity, int(self.first)
-        iterations = FIRST_ITERATIONS if first else self.numerics.passes
+        iterations, viscous = FIRST_ITERATIONS if first else self.numerics.passes, first * self.viscous_iterations
         self.constants.set_time_step(dt)
         self.walls.move_to_middle(dt)
         self.motion.drift(dt)
@@ -137,12 +139,12 @@ class Implicit(Scheme):
         self.assemble(dt)
         self.motion.guess(dt, u)
         self.velocity.take_guess()
-        for k in repeat(iterations):  # augmented Lagrangian (Uzawa)
-            self.source.evaluate(self.velocity.solver)
-            self.velocity.solve(k, iterations, self.numerics.tolerance)
-            self.update_multipliers(k, first * self.viscous_iterations, u)
-            if self.assembles_again:
-                self.assemble(dt)
+        if self.numerics.outer_tolerance:
+            iterations = self.iterate_until_met(iterations, dt, viscous, u)
+        else:
+            for k in repeat(iterations):
+                self.iterate(k, iterations, dt, viscous, u)
+            self.residuals.measure()
         self.wall_loads.find(u)
         self.shifting.compute(dt, FULL_STRAIN, 0.0)
         if self.shifting.tears:
@@ -182,6 +184,27 @@ class Implicit(Scheme):
         """The matrix, its preconditioner, and what its residual is compared with."""
         self.operator.assemble(dt)
         self.velocity.prepare()
+
+    def iterate(self, k, iterations, dt, viscous, u):
+        """Iteration k of the augmented Lagrangian (Uzawa), of so many."""
+        self.source.evaluate(self.velocity.solver)
+        self.velocity.solve(k, iterations, self.numerics.tolerance)
+        self.update_multipliers(k, viscous, u)
+        if self.assembles_again:
+            self.assemble(dt)
+
+    def iterate_until_met(self, most, dt, viscous, u) -> int:
+        """Iterate until the residuals are below ``outer_tolerance`` after a solve down to its own tolerance, which
+        comes as soon as they are after one of the others; return how often, at most ``most``."""
+        k, met, last = 0, False, False
+        while k < most and not (met and last):
+            last = k + 1 == most or (met and k > viscous)
+            self.iterate(k, k + 1 if last else most, dt, viscous, u)
+            self.residuals.measure()
+            met = max(self.residuals.read()) <= self.numerics.outer_tolerance
+            k += 1
+        self.unmet += not met
+        return k
 
     def update_multipliers(self, k, viscous, u):
         """Stress, pressure and friction from the velocity u."""
@@ -250,12 +273,12 @@ class Implicit(Scheme):
 
     def state(self) -> dict:
         """Scalars the scheme carries from step to step."""
-        return {"first": self.first} | self.active_set.state()
+        return {"first": self.first, "unmet": self.unmet} | self.active_set.state()
 
     def load(self, state: dict) -> None:
         """Go on from a state."""
         self.wall_loads.up_to_date = False
-        self.first = state["first"]
+        self.first, self.unmet = state["first"], state.get("unmet", 0)
         self.active_set.load(state)
 
 

@@ -93,7 +93,10 @@ def require_memory(problem: Problem, pairs: float, precision: str | None = None)
 MEASURED = Path(__file__).with_name("cost.csv")
 # speed of a jet where it lands over that of a free fall to its heap, which is as high as the jet is wide
 LANDING_RATIO = 0.9
-MEASURED_PASSES, PASSES_SHARE = 6, 0.45  # passes of a step of the measured pours, and their share of its cost
+MEASURED_ITERATIONS, ITERATIONS_SHARE = (
+    6,
+    0.45,
+)  # outer iterations of a step of the measured pours, and their share of its cost
 # time to rest over sqrt(H/g), and over what eta/tau_y is longer than that; of slump cones
 REST_OVER_FALL, REST_OVER_CREEP = 3.5, 12.0
 # path of the fastest particles over H: PATH (rho g H/tau_y)^PATH_EXPONENT; of slump cones
@@ -148,14 +151,16 @@ def cost_of_pour(problem: Problem) -> Cost:
     step = np.where(np.any(flows, axis=0), own_step(problem), own_step(problem, quiet=True))
     step = np.minimum(step, numerics.courant_number * scene.spacing / np.maximum(speed, 1e-9))
     steps = scene.until / TIMES / step
-    by_passes = 1.0 + PASSES_SHARE * (numerics.passes / MEASURED_PASSES - 1.0)
-    seconds = float(steps @ (by_passes * seconds_of_a_step(particles)))
+    by_iterations = 1.0 + ITERATIONS_SHARE * (numerics.passes / MEASURED_ITERATIONS - 1.0)
+    seconds = float(steps @ (by_iterations * seconds_of_a_step(particles)))
     return Cost(float(steps.sum()), seconds, min(scene.until, max(pour.end for pour in pours) + SETTLING_TIME))
 
 
 def landing_speed(problem: Problem, pour: Pouring, time, level):
     """Speed [m/s] at times [s] of a jet where it lands, on a heap above the level [m]. With LANDING_RATIO the steps of
     eight pours were met within 15 %; of one with a courant_number of 0.65 24 % too many were told."""
+    if pour.inlet.height is not None:  # a nozzle lays its bead where that stays
+        return np.full(len(time), pour.speed)
     mouth = np.array([pour.inlet.centre[-1] + pour.inlet.displacement(t)[-1] for t in time])
     fall = np.maximum(0.0, mouth - level - 2.0 * pour.inlet.radius)
     return LANDING_RATIO * np.sqrt(pour.speed**2 + 2.0 * problem.gravity * fall)

@@ -30,7 +30,7 @@ from .fit import fit
 CHECKED = "slump", "mini_cone"  # tests that a finer run checks; a V-funnel at half the spacing takes too long
 CONE = "slump_m", "spread_m"  # without which no mix with internal friction is sought
 OTHERS = 20.0, 200.0  # other plastic viscosities [Pa s] at which such a mix is sought where it was not measured
-LIFTED = 0.015  # spacing [m] of the runs with the mould lifted and gone at once, whose difference counts
+LIFTED = {"model": "axisymmetric", "spacing": 0.01}  # of the two runs, lifted and gone at once, whose difference counts
 BEYOND = 0.1  # of the logarithm of a plastic viscosity outside of its table, for which the end of the table does
 LARGEST = 10.0  # spread of a cone over its height
 TESTS = {  # what is measured of a mix, by its name in emulator.MEASURED
@@ -145,7 +145,7 @@ def calibrate(
         difference.
     lift_speed : float, optional
         Speed [m/s] at which the mould of the slump cone was lifted; the constants are corrected by what that changes,
-        by two runs of the whole cone with them.
+        by two runs in rings with them.
 
     Returns
     -------
@@ -229,7 +229,7 @@ def difference(emulators: dict[str, Emulator], found: Calibration) -> dict:
 
 def lift_effect(found: Calibration, speed: float) -> dict:
     """Return what a mould that is lifted at a speed [m/s] changes of the cone found: lengths [m], ratios of times."""
-    settings = found.keywords | {"spacing": LIFTED}
+    settings = found.keywords | LIFTED
     each = [settings, settings | {"lift_speed": speed}]
     return changes(*(computed("slump", "run with the mould lifted", **keywords) for keywords in each))
 
@@ -270,7 +270,7 @@ def check_tests(test: Measurements, emulators: dict[str, Emulator]) -> None:
     """
     if test.t500 and test.spread and test.spread + 3.0 * test.spread_error < REACHED:
         raise SceneError(
-            f"t500 = {test.t500:g} s: with spread = {test.spread:g} m it never came to 50 cm; leave one of them out"
+            f"t500 = {test.t500:g} s: with slump flow = {test.spread:g} m it never came to 50 cm; leave one of them out"
         )
     cones = {"slump": "slump", "spread": "slump", "mini_cone": "mini_cone"}
     cones = {key: sizes(emulators[scene]) for key, scene in cones.items() if scene in emulators}
@@ -314,6 +314,6 @@ def check_room(cone: Emulator, test: Measurements) -> None:
     room = np.pi / 4.0 * widest**2 * (height - least)
     require(
         room >= mould,
-        f"slump = {test.slump:g} m with spread = {test.spread:g} m: leaves room for {1e3 * room:.1f} l at most, "
+        f"slump = {test.slump:g} m with slump flow = {test.spread:g} m: leaves room for {1e3 * room:.1f} l at most, "
         f"and the mould holds {1e3 * mould:.1f} l; one of them must be misread",
     )

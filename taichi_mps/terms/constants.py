@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from ..problem.materials import FLOWS, Bingham
+from ..problem.materials import FLOWS
 from ..runtime.backend import real, ti
 from ..runtime.stages import flush
 
@@ -84,7 +84,7 @@ class Constants:
         self.of_mix = [ti.field(real(), self.mixes) for _ in OF_A_MIX]
         self.of_scene = [ti.field(real(), ()) for _ in OF_THE_SCENE]
         vars(self).update(zip((*OF_A_MIX, *OF_THE_SCENE), self.of_mix + self.of_scene, strict=True))
-        curved = [(k, m) for k, m in enumerate(problem.materials) if m.from_fields and not isinstance(m, Bingham)]
+        curved = [(k, m) for k, m in enumerate(problem.materials) if m.curved and m.from_fields]
         # by the number of a mix: what its compiled flow curve reads
         self.laws = {k: ti.Struct.field(dict.fromkeys(m.from_fields, real()), shape=()) for k, m in curved}
         self.of_scene += [law.get_member_field(name) for law in self.laws.values() for name in law.keys]
@@ -109,6 +109,7 @@ class Constants:
         self.creeps = yields  # what dies away then takes longer steps
         # limits of what is quiet, and still: change of the velocity times the step [m], velocity [m/s]
         self.quiet, self.still = QUIET * scene.spacing, STILL * head**0.5
+        self.rate = head**0.5 / height  # that residuals of the outer iterations are compared with [1/s]
         # the step [s] of this scene at its defaults: it scales what must not depend on the steps taken
         courant_number = type(numerics).model_fields["courant_number"].default
         step = self.natural_step = min(longest, courant_number * scene.spacing / speed) if speed else longest

@@ -2,7 +2,6 @@
 viscosities of the matrix (I5, I6)."""
 
 from ..particles.particles import FLUID
-from ..problem.materials import Bingham
 from ..runtime.backend import real, ti
 from ..runtime.stages import stage
 from .constants import Term
@@ -93,12 +92,9 @@ class Stress(Term):
         materials = list(enumerate(problem.materials))
         self.has_friction = any(material.friction_coefficient > 0.0 for _, material in materials)
         # (number of the mix, function) of what has a compiled flow curve, and of what is thixotropic
-        curved, numbers = (
-            [(k, material) for k, material in materials if not isinstance(material, Bingham)],
-            constants.laws,
-        )
-        self.curves = [(k, compiled(material.shear_stress, numbers.get(k))) for k, material in curved]
-        self.growths = [(k, compiled(material.growth, numbers.get(k))) for k, material in curved if material.ages]
+        numbers = constants.laws
+        self.curves = [(k, compiled(law.shear_stress, numbers.get(k))) for k, law in materials if law.curved]
+        self.growths = [(k, compiled(law.growth, numbers.get(k))) for k, law in materials if law.ages]
         self.has_curve, self.has_growth = bool(self.curves), bool(self.growths)
         self.mu = ti.field(real(), self.capacity)  # viscosity of the implicit part of the stress [Pa s]
         self.yielded = ti.field(ti.i32, self.capacity)  # 1 where the material flows

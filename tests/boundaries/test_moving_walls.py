@@ -119,7 +119,7 @@ def test_a_unilateral_wall_pushes_a_block_and_does_not_pull_it(sign, unilateral)
 
 # ---- the slump cone lifted --------------------------------------------------------------------------------------
 def lifted(**keywords):
-    return catalogue.build("slump", spacing=0.02, **({"lift_speed": 0.15, "yield_value": 500.0} | keywords))
+    return catalogue.build("slump", **({"spacing": 0.02, "lift_speed": 0.15, "yield_value": 500.0} | keywords))
 
 
 def through(scene, s):
@@ -151,3 +151,17 @@ def test_the_mould_holds_the_concrete_and_is_lifted_off_it():
     instant.run()
     assert abs(sim.measures()["slump_m"] - instant.measures()["slump_m"]) < scene.spacing
     scene.check(sim.snapshot(), sim.measures())
+
+
+@pytest.mark.slow
+def test_the_mould_of_rings_holds_them_and_gone_fast_is_gone_at_once():
+    sims, inside = {}, []
+    for speed in (0.15, 5.0, None):
+        sims[speed] = sim = mps.Simulation(lifted(lift_speed=speed, model="axisymmetric", spacing=0.01))
+        if speed == 0.15:
+            mould = sim.scene.walls[-1]
+            sim.every(0.1, lambda sim, mould=mould: inside.append(mould.distance(sim.snapshot().x, sim.time).min()))
+        assert sim.run() == "rest"
+    assert sims[0.15].time > 2.0 and min(inside) > 0.0
+    fast, gone = ([sims[speed].measures()[key] for key in ("slump_m", "spread_m")] for speed in (5.0, None))
+    assert fast == pytest.approx(gone, abs=0.001)  # a tenth of the spacing

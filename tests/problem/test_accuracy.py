@@ -1,6 +1,8 @@
 """Errors to expect, between measured ones; --accuracy: the cheapest model and spacing that is good enough."""
 
+import json
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ from taichi_mps.problem.accuracy import Measured, Mix, choices, choose, expected
 from taichi_mps.units import SceneError
 
 MIX = Mix.of(500.0, 50.0)
+SPEEDS = "0.3 m/s", "0.15 m/s", "0.06 m/s"
 
 
 def linear(spacing: float, mix: Mix) -> Measured:
@@ -54,6 +57,27 @@ def facts_of(scene) -> dict:
     """What a summary says of a scene."""
     mixes = [scene.material.facts()]
     return {"scene": "slump", "scheme": "implicit", "parameters": dict(scene.parameters), "materials": mixes}
+
+
+def test_a_lifted_mould_adds_what_halves_of_spacing_and_step_change_at_most():
+    """By benchmarks/results/lifted.json: of what lifting changes of slump and slump flow, of three mixes and speeds."""
+    kept = json.loads((Path(__file__).parents[2] / "benchmarks/results/lifted.json").read_text(encoding="utf-8"))[
+        "points"
+    ]
+
+    def changes(spacing, step):
+        mixes = {mould: kept[f"{mould}, {spacing} mm"]["mixes"] for mould in ("at once", "5 m/s", *SPEEDS)}
+        means = {mould: [mix[f"{tau} {step}"]["mean"][:2] for tau in (100, 300, 500)] for mould, mix in mixes.items()}
+        return np.array([means[mould] for mould in ("5 m/s", *SPEEDS)]) - means["at once"]
+
+    usual = changes(10, "1")
+    more = sum(np.abs(other - usual).max(axis=(0, 1)) for other in (changes(5, "1"), changes(10, "0.5")))
+    np.testing.assert_allclose((accuracy.LIFTED, 2.0 * accuracy.LIFTED_REACH), more / 0.01, atol=0.01)
+    rings = {"model": "axisymmetric", "spacing": 0.01, "yield_value": 300.0}
+    (_, _, once), (_, _, lifted) = (
+        accuracy.of_run(facts_of(mps.slump_cone(**rings, lift_speed=speed))) for speed in (None, 0.1)
+    )
+    assert 0.3 * (lifted.slump - once.slump) == pytest.approx(more[0], abs=1e-4)
 
 
 @pytest.mark.parametrize("times", [0.25, 4.0])
@@ -112,7 +136,7 @@ def test_the_scene_is_made_as_chosen_and_says_so(capsys):
 
 def test_what_is_given_rules(capsys):
     assert mps.slump_cone(accuracy=0.02, model="full").parameters["model"] == "full"
-    assert mps.slump_cone(accuracy=0.02, lift_speed=0.12).parameters["model"] == "full"
+    assert mps.slump_cone(accuracy=0.02, lift_speed=0.12).parameters["model"] == "axisymmetric"
     scene = mps.slump_cone(accuracy=0.001, model="half", spacing=0.03)
     assert scene.spacing == 0.03 and len(scene.mirrors) == 1
     assert "0.03" not in capsys.readouterr().err

@@ -274,7 +274,7 @@ def test_distance_from_a_polygon():
         ("l_box", {"length": 0.15}, "length = 0.15 m: must be greater than"),
         ("l_box", {"bars": "4"}, "bars = 4: must be 'none', '2' or '3'"),
         ("lcpc_box", {"block": 1.2}, "block = 1.2 m: must be less than length = 1.2 m"),
-        ("mini_cone", {"lift_speed": 0.1}, "lift_speed = 0.1 m/s: .* needs model = full"),
+        ("mini_cone", {"lift_speed": 0.1, "model": "quarter"}, "lift_speed = 0.1 m/s: .* needs model = full or"),
         ("v_funnel", {"outlet": 0.6}, "outlet = 0.6 m: must be less than top = 0.515 m"),
         ("v_funnel", {"spacing": 0.02}, "spacing = 0.02 m: must be at most 0.01625 m"),
         ("j_ring", {"bars": 18}, "bars = 18: must be a multiple of 4"),

@@ -251,25 +251,30 @@ def corner(size, width, height, layers, speed, filament=10.0):
 
 
 @pytest.mark.slow
-def test_a_tool_path_is_printed_as_it_is_commanded(written):
-    """Stiff beads of 30 x 10 mm on two layers round a corner: as wide, as high and as much, and where they belong."""
-    path = written(corner(100, 30, 10, 2, 200))
-    scene = catalogue.build("printing", gcode=str(path), filament_diameter="10 mm")
-    assert sum(inlet.volume for inlet in scene.inlets) == pytest.approx(4 * 0.1 * 0.03 * 0.01, rel=0.01)
+def test_a_tool_path_is_printed_as_it_is_commanded_until_its_foot_fails(written):
+    """Beads of 30 x 10 mm round a corner on a smooth floor: two layers are as wide, as high and where they belong. The
+    lowest layer is the first to become a tenth wider: by the height above 2 tau_y/(rho g), 35 mm, and a tenth above
+    that and a quarter of the width, 47 mm; that is the fourth or the fifth layer."""
+    mix = {"yield_value": 400.0, "plastic_viscosity": 20.0, "floor": "smooth"}
+    path = written(corner(100, 30, 10, 6, 200))
+    scene = catalogue.build("printing", gcode=str(path), filament_diameter="10 mm", **mix)
+    assert sum(inlet.volume for inlet in scene.inlets) == pytest.approx(12 * 0.1 * 0.03 * 0.01, rel=0.01)
     sim, rows = mps.Simulation(scene), []
     sim.each_step(lambda sim: rows.append({"time_s": sim.time} | sim.measures()))
-    sim.run()
-    measures, s = sim.measures(), sim.snapshot()
-    scene.check(s, measures)
+    sim.run(until=2.0)
+    measures = sim.measures()
+    scene.check(sim.snapshot(), measures)
     assert measures["width_m"] == pytest.approx(0.03, rel=0.05) and measures["height_m"] == pytest.approx(
         0.02, rel=0.05
     )
     assert measures["lean_m"] < 0.002
+    sim.run(until=5.5)
     told = scene.over_time({key: np.array([row[key] for row in rows]) for key in rows[0]})
+    assert 2.0 * 400.0 / (2300.0 * 9.81) < told.pop("failure_height_m") < 0.055
     assert told == {
-        "commanded_height_m": pytest.approx(0.02),
+        "commanded_height_m": pytest.approx(0.06),
         "commanded_width_m": pytest.approx(0.03),
-        "first_collapse_number": 0.0,
+        "first_collapse_number": 1.0,
     }
 
 

@@ -119,6 +119,12 @@ def test_steps_are_those_of_a_jet_that_falls_to_a_rising_level():
     assert found.steps == pytest.approx(way / (0.1 * L0), rel=0.01)
 
 
+def test_steps_of_a_nozzle_are_those_of_its_speed():
+    """What it lays falls nowhere, however high the layer: 200 mm in 2 s are a fifth of a spacing in 10 ms."""
+    found = cost_of(Problem(catalogue.build("printing", model="path", layers=10, spacing=0.005), mps.Implicit()))
+    assert found.steps == pytest.approx(20.0 / 0.01, rel=0.01)
+
+
 def test_particles_grow_at_the_rate_and_cost_what_was_measured(monkeypatch, tmp_path):
     """Between measured sizes a power of them, and beyond the largest in proportion."""
     monkeypatch.setattr(forecast, "MEASURED", tmp_path / "cost.csv")
