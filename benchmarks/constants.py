@@ -93,7 +93,8 @@ def draw() -> None:
             lines.append([f"`{name}`", *(", ".join(pair) for pair in pairs)])
     head = ["constant less, more by a fifth", "slump [mm]", "slump flow [mm]", "speed of the film [%]"]
     spread = f"{1e3 * scatter[0]:.1f} mm, {1e3 * scatter[1]:.1f} mm and {100.0 * scatter[2] / mean[2]:.1f} %"
-    text = f"{points.table(head, lines)}\n\nRuns with particles 1e-6 l0 aside scatter by {spread}; bold: beyond three times that."
+    below = f"Runs with particles 1e-6 l0 aside scatter by {spread}; bold: beyond three times that."
+    text = f"{points.table(head, lines)}\n\n{below}"
     points.put("theory/constants.md", "constants", text, found.values())
 
 
