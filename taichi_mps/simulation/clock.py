@@ -27,7 +27,7 @@ OPTIMISATION = 6.0  # [s] more to compile kernels that are fused and optimised
 ROW = 4e-3  # [s] of the measures and the row of a step
 PICTURE, FILM = 0.17, 0.3  # [s] of a picture, of animation and curves
 TEAM_EXPONENT = 0.6  # exponent of the number of threads by which a flow is faster with them
-# steps of any run, and at least of one that is learnt from; share of those taken that are still expected where too few were told
+# steps of any run, the fewest that are learnt from; share of those taken still expected where too few were told
 MIN_STEPS, REMAINING_SHARE = 20.0, 0.1
 RATIO_LIMITS = 0.125, 8.0  # of a ratio that is believed
 MIN_INTERVAL = 0.1  # [s] between two answers
