@@ -1,11 +1,13 @@
 """Slump and spread against step, outer iterations and spacing: what a result does not depend on, shown.
 
     python benchmarks/convergence.py cost                    # CPU-hours of what has no result yet
-    python benchmarks/convergence.py run [--model axisymmetric] [--spacing 0.02] [--mix 300,50]
+    python benchmarks/convergence.py run [--model axisymmetric] [--spacing 0.02] [--mix 300,50] [--step 1]
     python benchmarks/convergence.py draw                    # results/convergence.md, docs/figures/step.png
 
-Each model, spacing and mix is one process, which compiles once: steps of at most 1 to 1/8 of the longest,
-by 3 to 24 outer iterations, to rest. Errors: engine - finite elements with inertia, at 0.3 s, 1 s and at rest.
+Each model, spacing, mix and step is one process, which compiles once: steps as the scene takes them and bounded to 1/2,
+1/4 and 1/8 of its longest and of its Courant number, by 3 to 24 outer iterations, to rest; at fine spacings more
+iterations go with shorter steps. Rings of 10 mm also with as many iterations as a tolerance takes. Errors: engine -
+finite elements with inertia, at 0.3 s, 1 s and at rest.
 """
 
 import argparse
@@ -17,46 +19,81 @@ import models
 import numpy as np
 import points
 
-MODELS, SPACINGS, MIXES = ("axisymmetric", "quarter"), (0.02, 0.01), ("300,50", "80,150")
+NAMES = "model", "spacing", "mix", "step"  # what makes a point
+MODELS, SPACINGS, MIXES = ("axisymmetric", "quarter"), (0.02, 0.01, 0.005, 0.0025), ("300,50", "80,150")
 STEPS, ITERATIONS, TIMES = (1.0, 0.5, 0.25, 0.125), (3, 6, 12, 24), (0.3, 1.0)
-PARTICLES = {("axisymmetric", 0.02): 57, ("axisymmetric", 0.01): 225, ("quarter", 0.02): 175, ("quarter", 0.01): 1376}
+COARSE, TOGETHER = 0.01, {1.0: 6, 0.5: 12, 0.25: 24}  # spacings of all pairs; iterations of each step at finer ones
+TOLERANCES, MOST_ITERATIONS = (2e-3, 2e-4), 200
+PARTICLES = {  # of each spacing
+    "axisymmetric": {0.02: 57, 0.01: 225, 0.005: 900, 0.0025: 3600},
+    "quarter": {0.02: 175, 0.01: 1376, 0.005: 11000},
+}
 # of a run: CPU-seconds of a step, and of a particle and an iteration in it; longest steps to rest
 COST, USUAL_STEPS = (3e-3, 4e-6), 250
-HEAD = ["mix", "model, l0", "step", "iterations", "slump 0.3 s", "1 s", "at rest [mm]", "spread at rest [mm]"]
-HEAD += ["time of rest [s]", "order of the step", "order of the spacing"]
 
 
-def point(model: str, spacing: float, mix: str) -> dict:
-    """Errors [m] and times of rest [s] by step and iterations, and CPU-seconds in all."""
+def runs(model: str, spacing: float, mix: str, step: float) -> dict[str, dict]:
+    """Numbers of the outer iterations of a point, by their name."""
+    if spacing not in PARTICLES[model] or (spacing < COARSE and step not in TOGETHER):
+        return {}
+    found = {str(n): {"passes": n} for n in (ITERATIONS if spacing >= COARSE else [TOGETHER[step]])}
+    if (model, spacing) == ("axisymmetric", COARSE):
+        found |= {f"to {t:g}": {"passes": MOST_ITERATIONS, "outer_tolerance": t} for t in TOLERANCES}
+    return found
+
+
+def point(**settings) -> dict:
+    """Of each run of a point: errors [m], time of rest [s], residuals, iterations, steps and CPU-seconds."""
     import taichi_mps as mps
     from taichi_mps.problem.problem import Problem
+    from taichi_mps.simulation.forecast import own_step
 
-    tau, eta = map(float, mix.split(","))
-    exact, found = models.reference(tau, eta), {}
+    tau, eta = map(float, settings["mix"].split(","))
+    exact, found, start = models.reference(tau, eta), {}, None
     mps.init(threads=1)
-    scene = mps.slump_cone(model=model, spacing=spacing, until=exact["until"], yield_value=tau, plastic_viscosity=eta)
-    sim = mps.Simulation(scene)
-    start, longest, begin = sim.state(), sim.scheme.constants.max_time_step, time.process_time()
-    for step, iterations in product(STEPS, ITERATIONS):
-        # the first column has no limit: quiet flows take longer steps
-        numerics = mps.Implicit(passes=iterations, max_time_step=None if step == 1.0 else step * longest)
+    mix = {"yield_value": tau, "plastic_viscosity": eta, "until": exact["until"]}
+    scene = mps.slump_cone(model=settings["model"], spacing=settings["spacing"], **mix)
+    step, usual = settings["step"], mps.Implicit()
+    # nothing bounds the steps of the scene: quiet flows take longer ones
+    bounds = {"max_time_step": step * own_step(Problem(scene)), "courant_number": step * usual.courant_number}
+    for name, numbers in runs(**settings).items():
+        numerics = mps.Implicit(**numbers, **(bounds if step < 1.0 else {}))
+        if start is None:
+            sim = mps.Simulation(scene, numerics)
+            start = sim.state()
         sim.restart(Problem(scene, numerics), start)
         sim.scheme.numerics = numerics  # what is compiled does not depend on it
-        rows = []
-        sim.each_step(lambda s, rows=rows: rows.append((s.time, s.measures()["slump_m"])))
+        rows, begin = [], time.process_time()
+        sim.each_step(lambda s, rows=rows: rows.append(row(s)))
         ended = sim.run()
-        measures, history = sim.measures(), np.array(rows).T
-        errors = [np.interp(t, *history) - np.interp(t, exact["times"], exact["slumps"]) for t in TIMES]
-        errors += [measures["slump_m"] - exact["slump"], measures["spread_m"] - exact["spread"]]
-        found[f"{step:g} {iterations}"] = {"errors": errors, "rest": sim.time if ended == "rest" else None}
-    return {"runs": found, "cpu_seconds": time.process_time() - begin}
+        times, slumps, spreads, *residuals, iterations = np.array(rows).T
+        errors = {}
+        for key, values in ("slump", slumps), ("spread", spreads):
+            there = np.interp(TIMES, times, values) - np.interp(TIMES, exact["times"], exact[f"{key}s"])
+            errors[key] = [*there, values[-1] - exact[key]]
+        found[name] = {
+            **errors,
+            "rest": sim.time if ended == "rest" else None,
+            "residuals": [float(values[1:][times[1:] < TIMES[0]].mean()) for values in residuals],  # while it flows
+            "iterations": float(iterations[1:].mean()),
+            "steps": sim.steps,
+            "cpu_seconds": time.process_time() - begin,
+        }
+    return {"runs": found, "cpu_seconds": time.process_time()}
+
+
+def row(sim) -> tuple:
+    """Time, slump, spread, residuals and outer iterations after a step."""
+    measures, report = sim.measures(), sim.report
+    results = measures["slump_m"], measures["spread_m"], report.strain_rate_residual, report.divergence_residual
+    return (sim.time, *results, report.outer_iterations)
 
 
 def cost(settings: dict) -> float:
     """CPU-hours of a point, about."""
-    count = PARTICLES[settings["model"], settings["spacing"]]
-    runs = product(STEPS, ITERATIONS)
-    return sum(USUAL_STEPS / step * (COST[0] + COST[1] * count * iterations) for step, iterations in runs) / 3600.0
+    count, steps = PARTICLES[settings["model"]][settings["spacing"]], USUAL_STEPS / settings["step"]
+    iterations = [min(numbers["passes"], 2 * max(ITERATIONS)) for numbers in runs(**settings).values()]
+    return sum(steps * (COST[0] + COST[1] * count * n) for n in iterations) / 3600.0
 
 
 def order(errors, ratio: float = 2.0) -> str:
@@ -115,15 +152,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("action", choices=["cost", "run", "draw", "point"])
     parser.add_argument("settings", nargs="?")
-    parser.add_argument("--model", nargs="+", choices=MODELS, default=MODELS)
-    parser.add_argument("--spacing", nargs="+", type=float, choices=SPACINGS, default=SPACINGS)
-    parser.add_argument("--mix", nargs="+", choices=MIXES, default=MIXES)
+    for name, choices in zip(NAMES, (MODELS, SPACINGS, MIXES, STEPS), strict=True):
+        parser.add_argument(f"--{name}", nargs="+", type=type(choices[0]), choices=choices, default=choices)
     given = parser.parse_args()
-    names = "model", "spacing", "mix"
-    asked = {
-        "{} {:g} {}".format(*item): dict(zip(names, item, strict=True))
-        for item in product(*(getattr(given, n) for n in names))
-    }
+    asked = [dict(zip(NAMES, item, strict=True)) for item in product(*(getattr(given, n) for n in NAMES))]
+    asked = {"{model} {spacing:g} {mix} {step:g}".format(**each): each for each in asked if runs(**each)}
     left = {key: settings for key, settings in asked.items() if key not in points.read("convergence")}
     if given.action == "point":
         print(json.dumps(point(**json.loads(given.settings))))

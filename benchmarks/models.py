@@ -28,7 +28,7 @@ ONLY_USUAL = ("quarter", 0.015), ("quarter", 0.0075), ("axisymmetric", 0.0025)
 
 
 def reference(yield_value: float, plastic_viscosity: float) -> dict:
-    """Milestones [s] that the finite elements have and their slumps [m] there, slump and spread [m] at their end, and
+    """Milestones [s] that the finite elements have and their slumps and spreads [m] there, both [m] at their end, and
     when that is where they did not come to rest."""
     from taichi_mps.validation import columns
     from taichi_mps.validation.slumps import MILESTONES, inertial
@@ -41,7 +41,11 @@ def reference(yield_value: float, plastic_viscosity: float) -> dict:
         times, slumps, spreads = known["time_s"], 1e-3 * known["mean20_mm"], 1e-3 * known["spread_mm"]
     shared = [t for t in MILESTONES if t in times]
     last = {"slump": slumps[-1], "spread": spreads[-1], "until": until}
-    return {"times": shared, "slumps": np.interp(shared, times, slumps)} | last
+    return {
+        "times": shared,
+        "slumps": np.interp(shared, times, slumps),
+        "spreads": np.interp(shared, times, spreads),
+    } | last
 
 
 def run(model: str, spacing: float, yield_value: float, plastic_viscosity: float) -> dict:

@@ -234,6 +234,7 @@ CriticalStrainRate = real("1/s", gt=0.0, le=1e4) | Literal["rational"]  # the wo
 RotationSpeed = real("rpm", "turns a minute", gt=0.0, le=1e4)
 Angle = real("deg", ge=0.0, lt=90.0)
 Ratio = real("-", gt=0.0, le=1.0)
+Tolerance = real("-", ge=0.0, le=1.0)
 RadiusRatio = real("l0", ge=1.6, le=4.1)
 Count = Annotated[int, Field(ge=1, le=100000), Unit("-"), BeforeValidator(no_number_in_disguise)]
 Flag = Annotated[bool, BeforeValidator(truth)]

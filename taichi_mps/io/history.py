@@ -31,11 +31,15 @@ MEANING = {
     "pressure_iterations": "solver_iterations by its old name, until 0.3",
     "volume_error": "change of the volume of what has a full neighbourhood, from the packing [-]",
     "volume_error_max": "largest size of it so far, while no jet falls [-]: that is looser until it lands",
+    "strain_rate_residual": "root mean square of 2|D - q| after the last outer iteration of implicit, over the rate of "
+    "the scene, sqrt(g/H + U^2/H^2) [-]; nan of semi-implicit",
+    "divergence_residual": "root mean square of |div u - s|, likewise [-]",
 }
 MEASURED = ("slump_m", "spread_m")  # columns of the scene's measures, in every run
 REPORTED = {"time_s": "time", "dt_s": "dt", "max_speed_m_s": "max_speed", "kinetic_energy_J": "kinetic_energy"}
 SUM = "crc32"  # last column: checksum of the line of the names and of the row before it, as text "crc32:..."
 COLUMNS = tuple(MEANING)  # of every run; more by the measures of the scene
+LATER = {"strain_rate_residual", "divergence_residual", *OLD_NAMES}  # columns that runs until 0.2 may not have
 MOST_BYTES = 3e8  # a million rows, in seconds
 TAIL = 1 << 14  # [bytes] in which the last row of a file lies
 
@@ -194,7 +198,7 @@ def read_rows(path) -> list[dict[str, str]]:
     names, *rows = ordinary(str(path), path, MOST_BYTES).read_bytes().decode("utf-8", "replace").split("\n")
     columns, _, last = names.rpartition(",")
     require(
-        last == SUM and set(COLUMNS) - OLD_NAMES.keys() <= set(columns.split(",")),
+        last == SUM and set(COLUMNS) - LATER <= set(columns.split(",")),
         f"{path}: damaged or no history of a run; must have the columns {', '.join(COLUMNS)}, {SUM}, without which "
         "only version 0.1.0 reads it (commit 068d274)",
     )

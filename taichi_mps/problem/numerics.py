@@ -4,7 +4,7 @@ from typing import ClassVar, Literal
 
 from pydantic import Field, model_validator
 
-from ..units import Checked, Count, Duration, Flag, RadiusRatio, Ratio
+from ..units import Checked, Count, Duration, Flag, RadiusRatio, Ratio, Tolerance
 
 COURANT = "largest way of a particle in a step over the spacing"
 RADIUS = "effective radius r_e over the spacing: farther particles are no neighbours"
@@ -24,7 +24,7 @@ class Implicit(Checked):
     -----
     A step has ``passes`` augmented-Lagrangian (Uzawa) iterations, the outer iterations; each solves for the velocity
     and then corrects stress and pressure (eqs I5-I7). The last solve stops at ``tolerance``, those before at ten times
-    that.
+    that. With ``outer_tolerance`` the last iteration comes as soon as both residuals of the one before are below it.
 
     Examples
     --------
@@ -43,6 +43,7 @@ class Implicit(Checked):
     )
     tolerance: Ratio = Field(3e-3, description="relative residual at which a velocity solve stops")
     passes: Count = Field(6, description="augmented-Lagrangian (Uzawa) iterations a step")
+    outer_tolerance: Tolerance = Field(0.0, description="residual below which a step ends its iterations; 0: never")
     effective_radius_ratio: RadiusRatio = Field(2.1, description=RADIUS)
     wall_loads: Flag = Field(False, description="measure force and torque of the fluid on each wall")
     sleep: Literal["auto", "on", "off"] = Field(

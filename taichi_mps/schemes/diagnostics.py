@@ -16,7 +16,7 @@ from .step_report import StepReport
 
 SPEED2_IF_NOT_FINITE = 1e12  # squared speed [m2/s2] that replaces one that is not finite
 MAX_LOST_FRACTION = 0.2  # of the volume; impacts and thin films lose up to 0.05 (docs/stability.md)
-SUMS, SOLVE = 14, 3
+SUMS, SOLVE, RESIDUALS = 14, 3, 2
 PACKING_SUMS = [7, 8, 9, 10]  # indices of the sums from which the volume error follows
 
 
@@ -24,19 +24,20 @@ PACKING_SUMS = [7, 8, 9, 10]  # indices of the sums from which the volume error 
 class Diagnostics:
     """Sums over the fluid particles of one scheme, and its solve."""
 
-    def __init__(self, fluid, material, yielded, solver, iterations):
-        """``material`` has density_of(i) and flows(i, rate); ``iterations``: a field with all those of a step."""
+    def __init__(self, fluid, material, yielded, solver, iterations, residuals=None):
+        """``material`` has density_of(i) and flows(i, rate); ``iterations``: a field with all those of a step,
+        ``residuals`` one with those of the outer iterations, of a scheme that has them."""
         self.particles, self.gradient, self.material = fluid.particles, fluid.gradient, material
-        self.yielded, self.solver, self.iterations = yielded, solver, iterations
+        self.yielded, self.solver, self.iterations, self.residuals = yielded, solver, iterations, residuals
         self.frame = fluid.frame  # (problem.py) [m/s]
-        self.accelerates, self.lanes = "a" in fluid.particles.carried, lanes()
+        self.accelerates, self.iterates, self.lanes = "a" in fluid.particles.carried, residuals is not None, lanes()
         self.nearly_all = 0.9 * fluid.lattice.neighbours
         # 0 number, 1 max u^2, 2 sum V, 3 V u^2, 4 V v^4, 5 m u^2, 6 unyielded,
         # 7 V packing and 8 V of enclosed particles, 9 V packing and 10 V of those with many neighbours: particles in
         # pairs or clumps have a large surface normal, and would pass for a surface,
         # 11 V a^2, 12 V of flowing particles, 13 V v^2, v the velocity in the frame;
-        # then the iterations of the step, and of the last solve (r, z) over its reference, and its status
-        self.numbers = np.zeros(SUMS + SOLVE)
+        # then the iterations of the step, of the last solve (r, z) over its reference and its status; the residuals
+        self.numbers = np.zeros(SUMS + SOLVE + RESIDUALS)
         self.packing = np.zeros(len(PACKING_SUMS))  # of the last step of all
         self.enclosed = 0.0  # part of the volume that has a full neighbourhood, from which the volume error is read [-]
         self.lost_volume = 0.0  # [m3]: negative where the fluid has become looser
@@ -47,6 +48,7 @@ class Diagnostics:
         Particles that were ``left_out`` count as standing still, and the packing as it was with them."""
         flush()
         self.numbers[:] = 0.0
+        self.numbers[-RESIDUALS:] = math.nan
         self._add(self.numbers)
         if left_out:
             self.numbers[[0, 6]] += left_out
@@ -71,7 +73,7 @@ class Diagnostics:
             flowing,
             volume_frame_speed2,
         ) = numbers[:SUMS]
-        solves, ratio, status = numbers[SUMS:]
+        solves, ratio, status, strain_rate, divergence = numbers[SUMS:]
         self.enclosed = volume / whole if whole else 0.0
         self.lost_volume = volume_many - volume_many**2 / packing_many if volume_many else 0.0
         self.solve_status = STATUS[int(status)]
@@ -90,6 +92,8 @@ class Diagnostics:
             outer_iterations=iterations,
             solver_iterations=int(solves),
             residual=abs(ratio) ** 0.5,
+            strain_rate_residual=strain_rate,
+            divergence_residual=divergence,
             volume_error=volume / packing - 1.0 if volume else 0.0,
         )
 
@@ -149,3 +153,6 @@ class Diagnostics:
         if self.solver.reference[None] != 0.0:
             sums[SUMS + 1] = self.solver.rz[None] / self.solver.reference[None]
         sums[SUMS + 2] = self.solver.status[None]
+        if ti.static(self.iterates):
+            for n in ti.static(range(RESIDUALS)):
+                sums[SUMS + SOLVE + n] = self.residuals[None][n]

@@ -11,13 +11,14 @@ from ..particles.active_set import FULL_STEP_INTERVAL, ActiveSet
 from ..particles.pair_sums import PairSums
 from ..particles.particles import Carried
 from ..runtime.field_io import FieldIO
-from ..runtime.stages import FEW, NoOp, repeat
+from ..runtime.stages import FEW, NoOp, flush, repeat
 from ..terms.constants import Constants
 from ..terms.hourglass import DeferredCorrection, HourglassResistance
 from ..terms.interface import Interface
 from ..terms.momentum import MomentumOperator, MomentumSource, VelocitySolve
 from ..terms.motion import MomentumDrift, Motion, Standstill, free_directions
 from ..terms.pressure import FULL_STRAIN, Pressure, VolumeConstraint
+from ..terms.residuals import Residuals
 from ..terms.shifting import RELAXATION_SHIFTS, Shifting, is_uneven
 from ..terms.stress import SolvedRate, StrainRate, Stress
 from ..terms.wall_loads import WallFriction, WallLoads
@@ -71,6 +72,8 @@ class Implicit(Scheme):
             self.wall_stress = WallStress(fluid, constants, **at_start, stress=self.stress)
         self.shifting = Shifting(fluid, tears=problem.law == "newtonian")
         self.constraint = VolumeConstraint(fluid, constants, **at_start, shifting=self.shifting, stress=self.stress)
+        self.residuals = Residuals(fluid, constants, self.stress, self.constraint)
+        self.unmet = 0  # steps that ended with a residual above outer_tolerance
         self.operator = MomentumOperator(fluid, sums, constants, stress=self.stress, resistance=self.resistance)
         self.source = MomentumSource(
             self.operator,
@@ -120,13 +123,18 @@ class Implicit(Scheme):
         self.first = True  # whether the next step is the first one, or that of a jolt
         self.rows = FieldIO({"yielded": self.stress.yielded, "p": self.pressure.p}, capacity)
         self.diagnostics = Diagnostics(
-            fluid, constants, self.stress.yielded, self.velocity.solver, self.velocity.iterations
+            fluid,
+            constants,
+            self.stress.yielded,
+            self.velocity.solver,
+            self.velocity.iterations,
+            self.residuals.values,
         )
 
     def step(self, dt: float, is_read: bool = False):
         """One step of dt [s], whose result is ``is_read`` or not."""
         u, first = self.velocity.velocity, int(self.first)
-        iterations = FIRST_ITERATIONS if first else self.numerics.passes
+        iterations, viscous = FIRST_ITERATIONS if first else self.numerics.passes, first * self.viscous_iterations
         self.constants.set_time_step(dt)
         self.walls.move_to_middle(dt)
         self.motion.drift(dt)
@@ -137,12 +145,12 @@ class Implicit(Scheme):
         self.assemble(dt)
         self.motion.guess(dt, u)
         self.velocity.take_guess()
-        for k in repeat(iterations):  # augmented Lagrangian (Uzawa)
-            self.source.evaluate(self.velocity.solver)
-            self.velocity.solve(k, iterations, self.numerics.tolerance)
-            self.update_multipliers(k, first * self.viscous_iterations, u)
-            if self.assembles_again:
-                self.assemble(dt)
+        if self.numerics.outer_tolerance:
+            iterations = self.iterate_until_met(iterations, dt, viscous, u)
+        else:
+            for k in repeat(iterations):
+                self.iterate(k, iterations, dt, viscous, u)
+            self.residuals.measure()
         self.wall_loads.find(u)
         self.shifting.compute(dt, FULL_STRAIN, 0.0)
         if self.shifting.tears:
@@ -182,6 +190,29 @@ class Implicit(Scheme):
         """The matrix, its preconditioner, and what its residual is compared with."""
         self.operator.assemble(dt)
         self.velocity.prepare()
+
+    def iterate(self, k, iterations, dt, viscous, u):
+        """Iteration k of the augmented Lagrangian (Uzawa), of so many."""
+        self.source.evaluate(self.velocity.solver)
+        self.velocity.solve(k, iterations, self.numerics.tolerance)
+        self.update_multipliers(k, viscous, u)
+        if self.assembles_again:
+            self.assemble(dt)
+
+    def iterate_until_met(self, most, dt, viscous, u) -> int:
+        """Iterate until the residuals are below ``outer_tolerance``, and once more, with the last solve; return how
+        often, at most ``most``."""
+        k, met, iterations = 0, False, most
+        while k < iterations:
+            if met and k > viscous:
+                iterations = k + 1
+            self.iterate(k, iterations, dt, viscous, u)
+            self.residuals.measure()
+            flush()
+            met = self.residuals.values[None].max() <= self.numerics.outer_tolerance
+            k += 1
+        self.unmet += not met
+        return iterations
 
     def update_multipliers(self, k, viscous, u):
         """Stress, pressure and friction from the velocity u."""
@@ -250,12 +281,12 @@ class Implicit(Scheme):
 
     def state(self) -> dict:
         """Scalars the scheme carries from step to step."""
-        return {"first": self.first} | self.active_set.state()
+        return {"first": self.first, "unmet": self.unmet} | self.active_set.state()
 
     def load(self, state: dict) -> None:
         """Go on from a state."""
         self.wall_loads.up_to_date = False
-        self.first = state["first"]
+        self.first, self.unmet = state["first"], state.get("unmet", 0)
         self.active_set.load(state)
 
 

@@ -45,6 +45,9 @@ class StepReport:
         Fraction of the volume where the viscous stress is over 5 % of the yield stress [-].
     volume_error_max : float, optional
         Largest magnitude of ``volume_error`` in the run so far [-].
+    strain_rate_residual, divergence_residual : float, optional
+        Root mean squares of 2|D - q| and |div u - s| after the last outer iteration of ``implicit``, over the rate of
+        the scene [-]; nan of ``semi-implicit``.
 
     Examples
     --------
@@ -72,6 +75,8 @@ class StepReport:
     volume_error: float  # full over mean packing, less 1, of the particles with a full neighbourhood [-]
     flowing_fraction: float = math.nan  # of the volume: where the viscous stress is over 5 % of the yield stress [-]
     volume_error_max: float = 0.0  # largest size of it so far while no jet falls [-]
+    strain_rate_residual: float = math.nan  # of the outer iterations, over sqrt(g/H + U^2/H^2) [-]
+    divergence_residual: float = math.nan
 
     @property
     def viscous_iterations(self) -> int:

@@ -27,6 +27,7 @@ OF_THE_SCENE = {
     "early_max_reduction": "part of its first residual that no solve before the last goes below [-]",
     "max_divergence": "largest divergence that is wanted [1/s]",
     "bulk": "K [Pa s]",
+    "rate": "sqrt(g/H + U^2/H^2), with which the residuals of the outer iterations are compared [1/s]",
 }
 
 INERTIAL = 0.5  # hourglass modes of a thin fluid decay within two natural steps or so: h += 0.5 rho l0^2/step
@@ -129,6 +130,7 @@ class Constants:
             "reference_force": density * head / height,
             "own_step": step,
             "early_max_reduction": EARLY_MAX_REDUCTION if falls else 0.0,
+            "rate": head**0.5 / height,
             "max_divergence": max(MAX_DIVERGENCE[0] * (gravity / height) ** 0.5, MAX_DIVERGENCE[1] * speed / height),
         }
         self.stretched = 0.0  # step over max_time_step that mu_r and K are for, 1 at least

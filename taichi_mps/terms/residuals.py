@@ -1,0 +1,46 @@
+"""How far the velocity of a step is from the constraints of the augmented Lagrangian, |D - q| and |div u - s|."""
+
+from ..particles.particles import FLUID
+from ..runtime.backend import ti
+from ..runtime.stages import stage
+from ..runtime.sums import lanes
+from .constants import Term
+from .rheology import deviator, magnitude
+
+
+@ti.data_oriented
+class Residuals(Term):
+    """Root mean squares over the volume of 2|D - q| (as shear rates) and |div u - s|, over the rate sqrt(g/H + U^2/H^2)
+    in which the scene falls or moves by its height: the strain by which the fluid departs from its law in that time.
+    ``values`` [-]; the first is 0 of a law without q."""
+
+    def __init__(self, fluid, constants, stress, constraint):
+        super().__init__(fluid, constants=constants, stress=stress, constraint=constraint)
+        self.values, self.lanes = ti.Vector.field(2, ti.f64, ()), lanes()
+        self.sums = ti.Vector.field(3, ti.f64, ())  # V, V (2|D - q|)^2, V (div u - s)^2
+
+    @stage("stress")
+    def measure(self):
+        """Both of the velocity, the plastic rate and the divergence of the last iteration."""
+        ti.loop_config(serialize=True)
+        for _ in range(1):
+            self.sums[None] = ti.Vector.zero(ti.f64, 3)
+        ti.loop_config(serialize=self.lanes == 1)
+        for lane in range(self.lanes):
+            found = ti.Vector.zero(ti.f64, 3)
+            for k in range((self.particles.count[None] - lane + self.lanes - 1) // self.lanes):
+                i = lane + k * self.lanes
+                if self.particles.kind[i] == FLUID and self.gradient.B[i][0, 0] > 0.0:
+                    volume, departure = ti.cast(self.particles.volume(i), ti.f64), ti.cast(0.0, float)
+                    G = self.stress.solved_rate.velocity_gradient(i)
+                    if ti.static(self.stress.law == "yield-stress"):
+                        D = deviator(G - self.stress.strain_rate.half_step_change(i))
+                        departure = 2.0 * magnitude(D - self.particles.plastic_rate[i])
+                    excess = G.trace() - self.constraint.divergence[i]
+                    found += volume * ti.Vector([1.0, departure**2, excess**2], dt=ti.f64)
+            self.sums[None] += found
+        ti.loop_config(serialize=True)
+        for _ in range(1):
+            sums, rate = self.sums[None], self.constants.rate[None]
+            for n in ti.static(range(2)):
+                self.values[None][n] = ti.sqrt(sums[n + 1] / ti.max(sums[0], 1e-30)) / rate
