@@ -39,7 +39,8 @@ MEASURED = ("slump_m", "spread_m")  # columns of the scene's measures, in every 
 REPORTED = {"time_s": "time", "dt_s": "dt", "max_speed_m_s": "max_speed", "kinetic_energy_J": "kinetic_energy"}
 SUM = "crc32"  # last column: checksum of the line of the names and of the row before it, as text "crc32:..."
 COLUMNS = tuple(MEANING)  # of every run; more by the measures of the scene
-LATER = {"strain_rate_residual", "divergence_residual", *OLD_NAMES}  # columns that runs until 0.2 may not have
+RESIDUALS = "strain_rate_residual", "divergence_residual"
+LATER = {*RESIDUALS, *OLD_NAMES}  # columns that runs until 0.2 may not have
 MOST_BYTES = 3e8  # a million rows, in seconds
 TAIL = 1 << 14  # [bytes] in which the last row of a file lies
 

@@ -60,6 +60,11 @@ def doubts(summary) -> list[str]:
         found.append(
             f"Doubtful: the volume was up to {worst:.1%} off on the way; take a smaller particle size (--spacing)."
         )
+    if "unmet_steps" in summary:
+        found.append(
+            f"In {summary['unmet_steps'] / summary['steps']:.1%} of the steps the outer iterations ended before they met "
+            "their tolerance; allow more of them (--passes)."
+        )
     if summary["stopped_by"] == "time":
         found.append("The concrete may still move; a longer time limit (--until) follows it further.")
     return found

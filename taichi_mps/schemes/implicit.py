@@ -73,7 +73,6 @@ class Implicit(Scheme):
         self.shifting = Shifting(fluid, tears=problem.law == "newtonian")
         self.constraint = VolumeConstraint(fluid, constants, **at_start, shifting=self.shifting, stress=self.stress)
         self.residuals = Residuals(fluid, constants, self.stress, self.constraint)
-        self.unmet = 0  # steps that ended with a residual above outer_tolerance
         self.operator = MomentumOperator(fluid, sums, constants, stress=self.stress, resistance=self.resistance)
         self.source = MomentumSource(
             self.operator,
@@ -200,19 +199,18 @@ class Implicit(Scheme):
             self.assemble(dt)
 
     def iterate_until_met(self, most, dt, viscous, u) -> int:
-        """Iterate until the residuals are below ``outer_tolerance``, and once more, with the last solve; return how
-        often, at most ``most``."""
-        k, met, iterations = 0, False, most
-        while k < iterations:
-            if met and k > viscous:
-                iterations = k + 1
-            self.iterate(k, iterations, dt, viscous, u)
+        """Iterate until the residuals are below ``outer_tolerance`` after a solve down to its own tolerance, which
+        comes as soon as they are after one of the others; return how often, at most ``most``."""
+        k, met, last = 0, False, False
+        while k < most and not (met and last):
+            last = k + 1 == most or (met and k > viscous)
+            self.iterate(k, k + 1 if last else most, dt, viscous, u)
             self.residuals.measure()
             flush()
             met = self.residuals.values[None].max() <= self.numerics.outer_tolerance
             k += 1
         self.unmet += not met
-        return iterations
+        return k
 
     def update_multipliers(self, k, viscous, u):
         """Stress, pressure and friction from the velocity u."""

@@ -41,6 +41,7 @@ class Scheme:
     diagnostics: Diagnostics
     rows: FieldIO  # what a snapshot shows besides what the particles carry: yielded, and p where it is read otherwise
     taken_by_all = True  # whether all particles took part in the last step
+    unmet = 0  # steps whose outer iterations ended before their tolerance was met
     left_out = 0.0  # part of the particles that was left out of the steps, mean of all [-]
 
     def __init__(self, problem, carried: dict[str, Carried], to_come: int, pairs_per_particle: float):

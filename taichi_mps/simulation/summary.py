@@ -58,6 +58,7 @@ def summary(sim) -> Summary:
         "cpu_seconds": sim.cpu_seconds,
         "compile_seconds": sim.compile_seconds,
         "stopped_by": sim.stopped_by,
+        **({"unmet_steps": sim.scheme.unmet} if sim.scheme.unmet else {}),
         **measures,
         **(filling(sim) if ended else {}),
         "volume_error": report.volume_error if report else 0.0,

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 
 import taichi_mps as mps
+from taichi_mps.io.history import RESIDUALS
 from taichi_mps.io.recorder import Recorder
 from taichi_mps.io.run_folder import RunFolder
 from taichi_mps.problem import catalogue
@@ -32,7 +33,8 @@ class Falling:
         self.time = self.steps * self.dt
         names = "max_speed kinetic_energy unyielded_fraction flowing_fraction viscous_iterations pressure_iterations"
         values = dict.fromkeys(
-            (*names.split(), "outer_iterations", "solver_iterations", "volume_error", "volume_error_max"), 1.0
+            (*names.split(), *"outer_iterations solver_iterations volume_error volume_error_max".split(), *RESIDUALS),
+            1.0,
         )
         self.report = SimpleNamespace(step=self.steps, time=self.time, dt=self.dt, dt_limit="Courant", **values)
         for callback in self.callbacks:
