@@ -27,25 +27,28 @@ USUAL = 50.0  # plastic viscosity [Pa s] of the mixes that all models are run fo
 ONLY_USUAL = ("quarter", 0.015), ("quarter", 0.0075), ("axisymmetric", 0.0025)
 
 
-def reference(yield_value: float, plastic_viscosity: float) -> dict:
-    """Milestones [s] that the finite elements have and their slumps and spreads [m] there, both [m] at their end, and
-    when that is where they did not come to rest."""
+def finite_elements(yield_value: float, plastic_viscosity: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Times [s], slumps and spreads [m] of the finite elements."""
     from taichi_mps.validation import columns
-    from taichi_mps.validation.slumps import MILESTONES, inertial
+    from taichi_mps.validation.slumps import inertial
 
     if plastic_viscosity == USUAL:
-        (times, slumps, spreads), until = inertial(yield_value), 5.0
-    else:
-        mix = {"yield_value_Pa": yield_value, "plastic_viscosity_Pa_s": plastic_viscosity}
-        known, until = columns("A_fe_inertial_soft.csv", **mix), None
-        times, slumps, spreads = known["time_s"], 1e-3 * known["mean20_mm"], 1e-3 * known["spread_mm"]
+        return inertial(yield_value)
+    mix = {"yield_value_Pa": yield_value, "plastic_viscosity_Pa_s": plastic_viscosity}
+    known = columns("A_fe_inertial_soft.csv", **mix)
+    return known["time_s"], 1e-3 * known["mean20_mm"], 1e-3 * known["spread_mm"]
+
+
+def reference(yield_value: float, plastic_viscosity: float) -> dict:
+    """Milestones [s] that the finite elements have and their slumps [m] there, slump and spread [m] at their end, and
+    when that is where they did not come to rest."""
+    from taichi_mps.validation.slumps import MILESTONES
+
+    times, slumps, spreads = finite_elements(yield_value, plastic_viscosity)
+    until = 5.0 if plastic_viscosity == USUAL else None
     shared = [t for t in MILESTONES if t in times]
     last = {"slump": slumps[-1], "spread": spreads[-1], "until": until}
-    return {
-        "times": shared,
-        "slumps": np.interp(shared, times, slumps),
-        "spreads": np.interp(shared, times, spreads),
-    } | last
+    return {"times": shared, "slumps": np.interp(shared, times, slumps)} | last
 
 
 def run(model: str, spacing: float, yield_value: float, plastic_viscosity: float) -> dict:
