@@ -103,7 +103,7 @@ def interval(fit: dict, name: str) -> str:
 
 
 def draw() -> None:
-    results, lines, text = points.read("inverse"), [], []
+    results, lines, text, verdicts = points.read("inverse"), [], [], []
     for name, tau in ELEMENTS.items():
         if name in results:
             fit = results[name]
@@ -143,6 +143,7 @@ def draw() -> None:
     for fluid, source in SOURCE.items():
         if fluid in results:
             fit, (apart, held) = results[fluid], off(results[fluid], fluid)
+            verdicts.append((apart <= source, held))
             constants = [interval(fit, key) for key in ("yield_value", "consistency", "flow_index")]
             lines.append(
                 [
@@ -165,6 +166,12 @@ def draw() -> None:
         "CPU-s",
     ]
     text += [points.table(head, lines)] * bool(lines)
+    if verdicts:
+        near, held = np.sum(verdicts, 0)
+        text.append(
+            f"{near} of {len(verdicts)} are as near to the rheometer as the source's, asked: all; {held} of "
+            f"{len(verdicts)} bands of 95 % hold its curve, asked: three."
+        )
     if FILM in results:
         told = results[FILM]["told"].splitlines()
         text.append(f"The filmed slump flow: {'; '.join(' '.join(line.split()) for line in told[:3])}. {told[-2]}")

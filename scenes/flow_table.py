@@ -62,13 +62,14 @@ def scene(
         return {"spread_m": mps.measure.spread(s), "height_m": float((s.x[:, 2] + 0.5 * s.size).max())}
 
     def over_time(history):
-        """Spread before the first and after the last jolt, to 10 mm, and what that is called."""
+        """Spread before the first and after each jolt, to 10 mm, of a level table to 1 mm, and what that is called."""
         time, spread = history["time_s"], history["spread_m"]
         time, spread = time[~np.isnan(spread)], spread[~np.isnan(spread)]
         done = enumerate(times[times <= time[-1] + 1e-9])
-        found = {f"spread_after_{k}_jolts_m": round(float(np.interp(jolt, time, spread)), 2) for k, jolt in done}
+        digits = 2 if hinged else 3
+        found = {f"spread_after_{k}_jolts_m": round(float(np.interp(jolt, time, spread)), digits) for k, jolt in done}
         if time[-1] > times[-1] + 0.05:
-            last = round(float(spread[-1]), 2)
+            last = round(float(spread[-1]), digits)
             found |= {f"spread_after_{jolts}_jolts_m": last, "flow_ratio": last / base_diameter - 1.0}
             found |= {"flow_class_ratio": 1.0 + float(np.searchsorted(CLASSES, last))} if hinged else {}
         return found

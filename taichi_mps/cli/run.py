@@ -98,7 +98,7 @@ def carry_out(sim, folder, options, source, as_json, clock, resumed=False) -> in
     written, numerics = report(folder, sim.scene), options.verbose or options.profile
     curves(folder, numerics, sim, options.plots or numerics or not written)
     is_whole = not (resumed or error or stopped_by == "interrupted")
-    summary |= clock.finish(is_whole)
+    summary |= clock.finish(sim.steps if is_whole else 0)
     folder.write_summary(summary)
     folder.clock.unlink(missing_ok=True)
     if as_json:

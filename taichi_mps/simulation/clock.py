@@ -27,9 +27,9 @@ OPTIMISATION = 6.0  # [s] more to compile kernels that are fused and optimised
 ROW = 4e-3  # [s] of the measures and the row of a step
 PICTURE, FILM = 0.17, 0.3  # [s] of a picture, of animation and curves
 TEAM_EXPONENT = 0.6  # exponent of the number of threads by which a flow is faster with them
-# steps of any run; share of those taken that are still expected where too few were told
+# steps of any run, the fewest that are learnt from; share of those taken still expected where too few were told
 MIN_STEPS, REMAINING_SHARE = 20.0, 0.1
-RATIO_LIMITS = 0.05, 50.0  # of a ratio that is believed
+RATIO_LIMITS = 0.125, 8.0  # of a ratio that is believed
 MIN_INTERVAL = 0.1  # [s] between two answers
 RATIOS = "taichi_mps.json"  # file of the ratios
 
@@ -114,15 +114,15 @@ class Clock:
         end = max(sim.time, min(sim.scene.until, rest or self.cost.end))
         return {"passed_s": passed, "left_s": left, "share": passed / (passed + left), "time_s": sim.time, "end_s": end}
 
-    def finish(self, is_whole: bool) -> dict:
-        """Entries of summary.json about the time of a run. What the parts of a whole run took over what is usual is
-        kept for the next forecasts."""
+    def finish(self, steps: int) -> dict:
+        """Entries of summary.json about the time of a run. What the parts took over what is usual is kept for the next
+        forecasts where the run is whole: ``steps`` of it, 0 of another. Too few steps tell nothing."""
         self.begin(PARTS[-1])
         ratios = {part: max(seconds, 1e-3) / self.usual[part] for part, seconds in self.measured.items()}
         if not self.cold:  # a machine that was busy now and then
             ratios = {part: math.sqrt(ratio * self._ratio(part)) for part, ratio in ratios.items()}
         partial = self.path.with_suffix(f".{os.getpid()}")
-        if is_whole:
+        if steps >= MIN_STEPS:
             with suppress(OSError):
                 partial.write_text(json.dumps(self.known | {self.key: ratios, "all": ratios}), encoding="utf-8")
                 os.replace(partial, self.path)

@@ -93,10 +93,8 @@ def require_memory(problem: Problem, pairs: float, precision: str | None = None)
 MEASURED = Path(__file__).with_name("cost.csv")
 # speed of a jet where it lands over that of a free fall to its heap, which is as high as the jet is wide
 LANDING_RATIO = 0.9
-MEASURED_ITERATIONS, ITERATIONS_SHARE = (
-    6,
-    0.45,
-)  # outer iterations of a step of the measured pours, and their share of its cost
+# outer iterations of a step of the measured pours, and their share of its cost
+MEASURED_ITERATIONS, ITERATIONS_SHARE = 6, 0.45
 # time to rest over sqrt(H/g), and over what eta/tau_y is longer than that; of slump cones
 REST_OVER_FALL, REST_OVER_CREEP = 3.5, 12.0
 # path of the fastest particles over H: PATH (rho g H/tau_y)^PATH_EXPONENT; of slump cones

@@ -24,6 +24,7 @@ LATE = 0.5  # largest such time over the length of the curve
 SAMPLES = 100  # of a curve of a run
 COARSER = 2.0  # spacing of the runs of the fit over that of those that correct them
 RANGE = 100.0  # factor from the first value of a constant within which it is sought
+WIDE = 0.4  # of the logarithm of a constant, to mixes that tell a slope; particles scatter smaller ones
 LOOKS = 4  # first runs, in which all constants are made larger or smaller together
 MOST, ENOUGH = 10, 0.01  # steps of a fit, and the change of the logarithms that ends it
 ROUNDS = 3  # of fits, each corrected by finer runs at the constants of the one before
@@ -136,14 +137,28 @@ class Runs(LeastSquares):
                 f"of the nearest run at {nearest}, {self.words(at)}",
             )
 
-    def steps(self, at) -> np.ndarray:
-        """Steps from a point, (unknowns, unknowns), one unknown each, to stiffer and thicker mixes where there are."""
-        return np.diag(np.where(at + STEP > self.bounds[1], -STEP, STEP))
+    def around(self, at, wide: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Points around one, below and above, that differ by ``wide`` in a constant's logarithm or by STEP in an
+        offset, (unknowns, unknowns), and the residuals there, (unknowns, points); computed side by side."""
+        steps, count = np.diag([wide] * len(self.first) + [STEP] * len(self.units)), len(self.first)
+        low, high = np.maximum(at - steps, self.bounds[0]), np.minimum(at + steps, self.bounds[1])
+        self.compute([at, *low[:count], *high[:count]], self.spacing)
+        return low, high, *(np.array([self.residuals(each) for each in side]) for side in (low, high))
 
     def slopes(self, at) -> np.ndarray:
-        """Derivatives of the residuals at a point, (points, unknowns)."""
-        self.compute([at, *(at + self.steps(at))[: len(self.first)]], self.spacing)  # side by side
-        return super().slopes(at)
+        """Derivatives of the residuals at a point, (points, unknowns): to a softer mix, to a stiffer one or between the
+        two, whichever is the least, for what particles scatter is no slope."""
+        low, high, softer, stiffer = self.around(at, WIDE)
+        here, less, more = self.residuals(at), (at - low).sum(1), (high - at).sum(1)
+        sides = zip(here - softer, stiffer - here, less, more, strict=True)
+        found = [min(a / p, b / q, (a + b) / (p + q), key=np.linalg.norm) for a, b, p, q in sides]
+        return np.stack(found, 1)
+
+    def scatter(self, at) -> np.ndarray:
+        """By how much runs scatter residuals, a sample for each constant, (constants, points): the fourth difference of
+        runs around a point, which has no slope and no bend, over its error by that of a run."""
+        bends = [0.5 * sum(self.around(at, part * WIDE)[2:]) - self.residuals(at) for part in (1.0, 0.5)]
+        return ((bends[0] - 4.0 * bends[1]) / 17.5**0.5)[: len(self.first)]
 
     def with_offsets(self, at) -> tuple[np.ndarray, float]:
         """A point with the offset of each test that fits best, and the sum of squares there."""
@@ -186,8 +201,9 @@ def first_values(scene: str, free: list[str], settings: dict) -> dict[str, float
     for name in free:
         known = numbers_of(type(law))
         require(name in known, f"free = {name}: the law {type(law).__name__} has only {', '.join(known)}")
-        first[name] = float(getattr(law, name))
-        require(first[name] > 0.0, f"{name} = {first[name]:g}: is where the search begins; must be above 0")
+        first[name] = value = getattr(law, name)
+        above = isinstance(value, float) and value > 0.0
+        require(above, f"{name} = {value}: is where the search begins; must be above 0")
     return first
 
 
@@ -233,7 +249,7 @@ def calibrate_curves(
     with start() as runs.pool:
         runs.folder = folder
         if watch:
-            likely = len(runs.tests) * (3 + 4 * (1 + len(first)))
+            likely = len(runs.tests) * (LOOKS + 5 * (1 + 2 * len(first)))
             at_start = [runs.case(test, np.zeros(len(first)), runs.spacing) for test in runs.tests]
             lasts = in_time(wall_time(at_start, workers or os.cpu_count() or 1, likely))
             finely = f", besides {2 * len(runs.tests)} at {fine:g} m" * finer
@@ -261,16 +277,22 @@ def calibrate_curves(
 
 
 def result(runs: Runs, at, slopes, material, spacing) -> CurveFit:
-    """The result at a point: intervals by the slopes and the scatter of the residuals there. Those of a curve go
-    together, so that the scatter counts by (1 + r)/(1 - r), r their correlation from a point to the next."""
+    """The result at a point: intervals by the slopes, the scatter of the residuals there and that of the runs.
+
+    Residuals of a curve go together, so that their scatter counts by (1 + r)/(1 - r), r their correlation from a point
+    to the next.
+    """
     from scipy.stats import t
 
     residuals, model, count = runs.beside(at, spacing), runs.model(at, spacing), len(runs.first)
     square = max(float(residuals @ residuals), 1e-12)
     beside = sum(float(part[1:] @ part[:-1]) for part in runs.by_curve(residuals)) / square
     freedom, beside = len(residuals) - len(at), min(max(beside, 0.0), 0.9)
-    slopes = slopes / np.sqrt(square / freedom * (1.0 + beside) / (1.0 - beside))
-    spread = runs.covariance(slopes) * t.ppf(0.975, freedom) ** 2
+    error = np.sqrt(square / freedom * (1.0 + beside) / (1.0 - beside))
+    slopes = slopes / error
+    spread = runs.covariance(slopes)
+    moved = spread @ slopes.T @ runs.scatter(at).T / error  # the best point by that of the runs
+    spread = (spread + moved @ moved.T / count) * t.ppf(0.975, freedom) ** 2
     wide, parts = np.sqrt(np.diag(spread)), runs.by_curve(slopes)
     constants = runs.constants(at, np.stack([at - wide, at + wide], 1))
     curves, named = [], [f"{title(curve.measure)} of {curve.test.name}" for curve in runs.curves]

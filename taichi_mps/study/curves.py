@@ -62,7 +62,7 @@ def read_curves(path, keywords: dict, measures) -> list[Curve]:
     """The curves of a CSV file, a row a point: columns are time, measures of a scene and, where a file holds several
     curves or end values, the scene's ``keywords`` {name: pydantic field}. SceneError for what is no such file."""
     path = user_path(path)
-    rows, where = read_list(path), f"curve = {path}: "
+    rows, where = read_list(path, "curve"), f"curve = {path}: "
     words, units = vocabulary(keywords, measures)
     held = {column: quantity(column, words, units.get) for column in rows[0] if column}
     found = [what for what, _ in held.values() if what]

@@ -7,7 +7,7 @@ from .calibration import BINGHAM, UNITS, Calibration, Constant, FrictionalMix, i
 from .emulator import NODES, Emulator, covered, scale
 
 RISE = 3.841  # of chi squared, one degree of freedom, 95 %
-STEP = 0.1  # of the logarithm of a constant, to a mix that tells a slope; particles scatter smaller ones
+STEP = 0.1  # of an unknown, to a point that tells a slope
 FAILED = 1e3  # residual where there is no measure
 YIELDS = 1001  # yield stresses among which the best at a plastic viscosity is sought
 VISCOSITIES = (0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0)  # at which pairs are told [Pa s]

@@ -50,11 +50,12 @@ TAIL = re.compile(rf"(?i)(.+?)(?:[\s,/_]|\s+in\s+)\s*({UNITS})")  # a name and a
 
 
 # ---- lists ----------------------------------------------------------------------------------------------------
-def read_list(path) -> list[dict[str, str]]:
+def read_list(path, key: str = "table") -> list[dict[str, str]]:
     """The rows of a CSV file as text by the names of its head, without those that hold nothing: commas, semicolons or
     tabs between the cells, remarks (#) before the head; a decimal comma is a point where it can be nothing else. A row
-    with more or fewer cells than the head says so under WRONG. SceneError, with the line, for what is no such file."""
-    where = f"table = {path}: "
+    with more or fewer cells than the head says so under WRONG. SceneError, with the line, for what is no such file,
+    which begins with the ``key`` that it was given by."""
+    where = f"{key} = {path}: "
     try:
         text = decoded(ordinary(where[:-2], path, 1e8).read_bytes())
     except OSError as error:

@@ -9,7 +9,7 @@ import taichi_mps as mps
 from taichi_mps.problem import catalogue
 from taichi_mps.problem.problem import Problem
 from taichi_mps.simulation import clock
-from taichi_mps.simulation.clock import PARTS, READY, Clock, steps_left
+from taichi_mps.simulation.clock import MIN_STEPS, PARTS, READY, Clock, steps_left
 from taichi_mps.simulation.forecast import cost_of
 from taichi_mps.simulation.rest import Rest
 from taichi_mps.simulation.reuse import begin
@@ -74,7 +74,9 @@ def test_a_machine_that_is_known_is_told_exactly(known, monkeypatch):
     assert len(shown) == 5 * steps and all(line is None or line["left_s"] >= 0.0 for line in shown)
     shares = [line["share"] for line in shown if line]
     assert 0.0 < shares[0] < 0.1 and shares[-1] > 0.9 and max(shares) <= 1.0
-    told = first.finish(is_whole=True)
+    first.finish(MIN_STEPS - 1)
+    assert not known.exists(), "a run of a few steps tells nothing about the next"
+    told = first.finish(sim.steps)
     assert told["all_wall_seconds"] == pytest.approx(2.0 * first.whole) == sum(told["seconds_by_part"].values())
     again = Clock(problem, SETTINGS, 0.05)
     ready = 2.0 * READY[False][False]  # compiled by now

@@ -7,7 +7,6 @@ import pytest
 
 import taichi_mps as mps
 from taichi_mps.geometry.in_time import InTime
-from taichi_mps.simulation.reuse import begin
 
 L0 = 0.1
 JUMPS = ((0.0, 3.0, 0.0), (0.2, 3.0, 0.0), (0.2, -1.0, 2.0), (0.4, -1.0, 2.0), (0.5, 0.0, 0.0))
@@ -134,14 +133,11 @@ def test_a_jolt_gives_a_free_block_the_velocity_of_its_distance_from_the_hinge(d
     assert np.allclose(expected[:, -1], up, atol=1e-12) and np.allclose(s.u, expected, atol=1e-6)
 
 
-@pytest.mark.parametrize(
-    ("frame", "below", "above"), [("gravity", 0.9, 1.1), pytest.param("floor", 0.8, 1.25, marks=pytest.mark.slow)]
-)
-def test_a_layer_on_a_shaken_floor_slides_where_its_inertia_exceeds_the_yield_stress(frame, below, above):
-    """The lowest row of a layer of the height h yields where rho h a > tau_y, and nothing does below; a is the peak of
-    the acceleration of the floor, in whose frame it is a gravity. The threshold is met within a tenth by gravity and
-    within a fifth by the floor, by which the layer sways with six outer iterations: by 1.07, for it is four times as
-    fast by itself, and the lowest of five rows has 1.03 to 1.08 of the stress."""
+@pytest.mark.parametrize(("frame", "iterations"), [("gravity", 6), pytest.param("floor", 24, marks=pytest.mark.slow)])
+def test_a_layer_on_a_shaken_floor_slides_where_its_inertia_exceeds_the_yield_stress(frame, iterations):
+    """The lowest row of a layer of the height h yields where rho h a > tau_y, and nothing does below, within a
+    twentieth; a is the peak of the acceleration of the floor, in whose frame it is a gravity. By the floor the layer
+    sways with six outer iterations, and slides at 0.95. Left out: the last step, cut short by the end of the run."""
     turn, height, peak = 8.0 * np.pi, 0.5, 4.0  # [1/s], [m], [m/s2]
     rows = np.array(mps.vibration(turn / (2.0 * np.pi), peak / turn**2, (1.0, 0.0), end=0.5))
     given = {"gravity": tuple(map(tuple, rows))}
@@ -153,13 +149,14 @@ def test_a_layer_on_a_shaken_floor_slides_where_its_inertia_exceeds_the_yield_st
     floor = mps.Plane((0.0, 0.0), (0.0, 1.0), velocity=given.pop("velocity", None))
     given |= {"walls": (floor,), "periodic": (True, False), "domain": ((0.0, -1.0), (1.0, 1.0))}
     least = {}
-    for ratio in (below, above):
+    for ratio in (0.95, 1.05):
         material = mps.Bingham(yield_value=2300.0 * height * peak / ratio, plastic_viscosity=10.0)
-        sim, unyielded = begin(block(material=material, **given)), []
+        sim = mps.Simulation(block(material=material, **given), mps.Implicit(passes=iterations))
+        unyielded = []
         sim.each_step(lambda sim, unyielded=unyielded: unyielded.append(sim.report.unyielded_fraction))
         sim.run(until=0.45)
-        least[ratio] = min(unyielded)
-    assert least[below] == 1.0 and least[above] < 1.0, least
+        least[ratio] = min(unyielded[:-1])
+    assert least[0.95] == 1.0 and least[1.05] < 1.0, least
 
 
 def test_what_changes_between_rows_and_beyond_them():
