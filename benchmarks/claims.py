@@ -203,7 +203,7 @@ def order(row: str) -> float:
 
 
 def of_speed() -> dict[str, str]:
-    """What docs/speed.md says of spacings, threads and iterations."""
+    """Claims of docs/speed.md on spacings, threads and iterations."""
     cone, measured = points.read("speed_accuracy_cone"), steps()
     speedup = [row[6] for row in measured if row[1] == 2]
     return {

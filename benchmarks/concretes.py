@@ -94,7 +94,7 @@ def curves() -> dict[str, np.ndarray]:
 
 
 def missed(measured, cones) -> np.ndarray:
-    """Of each measured one the errors of slump and flow [mm] of the cone that explains it best, (n, 2)."""
+    """Errors of slump and slump flow [mm] of the cone that fits each measured concrete best, (n, 2)."""
     away = cones.reshape(-1, 2)[None] - measured[:, None]
     best = ((away / NEAR) ** 2).sum(2).argmin(1)
     return away[np.arange(len(measured)), best]

@@ -120,7 +120,7 @@ def row(sim) -> tuple:
 
 
 def cost(settings: dict) -> float:
-    """CPU-hours of a point, about."""
+    """Estimated CPU-hours of a point."""
     count, steps = PARTICLES[settings["model"]][settings["spacing"]], USUAL_STEPS / settings["step"]
     iterations = [min(numbers["passes"], 2 * max(ITERATIONS)) for numbers in runs(**settings).values()]
     return sum(steps * (COST[0] + COST[1] * count * n) for n in iterations) / 3600.0

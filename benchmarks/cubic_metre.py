@@ -105,7 +105,7 @@ class Costs:
         sim.each_step(self.first)
 
     def first(self, sim) -> None:
-        """What the first step of this call took, which compiles, also where it goes on from a checkpoint."""
+        """Seconds of the first step of this call, which compiles, also after a checkpoint."""
         if self.compiling is None:
             self.compiling = sim.cpu_seconds
 
@@ -119,8 +119,8 @@ class Costs:
 
 
 def pressure_on_the_side(snapshot, case: dict, density: float, level: float) -> list[list[float]]:
-    """In five layers of the height: middle [m], mean pressure [Pa] within a spacing of the long sides, and the
-    hydrostatic one below the ``level`` [m]."""
+    """Pressure on the long sides in five layers: middle [m], mean pressure [Pa] within a spacing of them, and
+    hydrostatic pressure below the ``level`` [m]."""
     found, depth = [], 0.5 * WALL["width"] - np.abs(snapshot.x[:, 1])
     here = depth < snapshot.spacing
     edges = np.linspace(0.0, case["height"], 6)
@@ -133,8 +133,8 @@ def pressure_on_the_side(snapshot, case: dict, density: float, level: float) -> 
 
 
 def measured(summary: dict, rows, case: dict, whole: bool) -> dict:
-    """What a run says of cost and memory, beside the forecast of a run to the time that it came to; ``whole``: which is
-    its end."""
+    """Measured cost and memory of a run beside the forecast to the time that it reached; ``whole``: it reached the
+    end."""
     time_s, steps, particles, cpu_s = np.array(rows, float).T
     did, spent, mean = np.diff(steps), np.diff(cpu_s), 0.5 * (particles[1:] + particles[:-1])
     counted = (did > 0) & (spent > 0)  # a killed run's first row repeats
@@ -175,7 +175,7 @@ def by_particles(particles, steps, seconds) -> list[list[float]]:
 
 
 def forecast(case: dict, until: float | None) -> dict:
-    """That of the case to its end, or ``until`` [s]."""
+    """Forecast of the case to its end, or to ``until`` [s]."""
     from taichi_mps.simulation.forecast import MEASURED, cost_of, memory_of, pairs_of
 
     part = {} if until is None else {"until": until}

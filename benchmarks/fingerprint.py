@@ -1,4 +1,4 @@
-"""The bits of many short runs, and their CPU seconds: what a change that should change no result is held against.
+"""Fingerprints of many short runs, bits and CPU seconds, to compare two checkouts whose results should be equal.
 
     python benchmarks/fingerprint.py                         # this checkout, a table on the screen
     python benchmarks/fingerprint.py --against OTHER         # run in turn with another checkout; both in one table
@@ -268,7 +268,8 @@ def measures_at_rest(name: str) -> list[dict]:
 
 # ---- all of them ----------------------------------------------------------------------------------------------------
 def of_checkout(checkout: Path, *words: str):
-    """What this file prints as JSON with these options, in a process of its own with the package of a checkout."""
+    """Run this file with options in a process of its own with the package of a checkout, and read the JSON that it
+    prints."""
     words = [sys.executable, __file__, *words]
     place = {**os.environ, "PYTHONPATH": str(checkout)}
     done = subprocess.run(words, cwd=checkout, env=place, capture_output=True, text=True)

@@ -37,7 +37,7 @@ FIRST_STEP = 0.0004 / TIME
 PENALTY = 5.0  # of the augmented Lagrangian, over the viscosity
 RELAXATION = 1.6  # of the strain rate in it
 TOLERANCE = 1e-4  # of the velocities, over the largest
-MOST_ITERATIONS = 600
+MAX_ITERATIONS = 600
 ARRESTED = 2e-5 / SPEED  # largest speed of a body that has come to rest
 GRADED = 0.4  # size of the elements at the rim over their mean
 KINK = 0.35  # [rad] from which a bend of the surface, the edge of the mould, stays a corner of elements
@@ -50,7 +50,7 @@ def quadratic(x):
 
 
 def quadratic_slope(x):
-    """Derivatives (..., 3) of `quadratic`."""
+    """Derivatives (..., 3) of the shape functions ``quadratic``."""
     return np.stack([x - 0.5, -2.0 * x, x + 0.5], -1)
 
 
@@ -75,8 +75,8 @@ class FoldedError(Exception):
 
 @dataclass
 class Geometry:
-    """What the integrals over a mesh need: at each Gauss point weight 2 pi r dr dz (e, 9), radius and height (e, 9),
-    and derivatives of the shape functions by r and z (e, 9, 9)."""
+    """Geometry of a mesh for integrals: at each Gauss point weight 2 pi r dr dz (e, 9), radius and height (e, 9), and
+    derivatives of the shape functions by r and z (e, 9, 9)."""
 
     weight: np.ndarray
     radius: np.ndarray
@@ -321,7 +321,8 @@ class State:
     arrested: bool = False
 
     def in_millimetres(self) -> dict:
-        """As the reference has it: time [s], slump of the axis and of the middle 20 mm, slump flow, contact [mm]."""
+        """Columns of the reference table: time [s], slump of the axis and of the middle 20 mm, slump flow, contact
+        [mm]."""
         size, middle = 1e3 * HEIGHT, 0.02 / HEIGHT
         return {
             "time_s": TIME * self.time,
@@ -369,7 +370,7 @@ def fall(yield_stress, viscosity, nx, ny, rule="near", until=5.0):
         force = equations.load + equations.mass @ (of_now * carried + of_older * older)
         tolerance = max(1e-9, min(least, TOLERANCE * speed))
         now, rate, stress = equations.solve(
-            tau, eta, force, tolerance, MOST_ITERATIONS if t > 0.0 else 1500, rate, stress
+            tau, eta, force, tolerance, MAX_ITERATIONS if t > 0.0 else 1500, rate, stress
         )
         before, last, t = carried, dt, t + dt
         speed = np.hypot(now[0::2], now[1::2]).max()

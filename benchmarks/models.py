@@ -97,7 +97,7 @@ def compare(yield_value: float, plastic_viscosity: float) -> None:
 
 
 def cells(mix: dict, row: dict) -> list[str]:
-    """One line of the table."""
+    """Cells of one line of the table."""
     return [
         f"{mix['yield_value']:g} Pa, {mix['plastic_viscosity']:g} Pa s",
         f"{row['model']}, {1e3 * row['spacing']:g} mm",
@@ -121,7 +121,7 @@ def reach_error(row: dict) -> float:
 
 
 def measured(results: list[dict]) -> list:
-    """What the package keeps: errors over the height, by model, spacing and mix."""
+    """Rows for the file of the package: errors over the height, by model, spacing and mix."""
     from taichi_mps.problem.accuracy import HEIGHT, Measured, Mix
 
     return [

@@ -1,4 +1,4 @@
-"""What a slider of the page costs: 50 moves of the preview, from 100 Pa on, and its memory.
+"""Cost of a slider of the page: time of 50 moves of the preview, from 100 Pa on, and its memory.
 
 python benchmarks/page_preview.py            # writes benchmarks/results/page_preview.md
 python benchmarks/page_preview.py --print
@@ -81,7 +81,7 @@ async def measured() -> tuple[dict, list[dict]]:
 
 
 def table(first: dict, moves: list[dict]) -> str:
-    """What was measured, as Markdown."""
+    """Table of the measured times and memory as Markdown."""
     lines = ["| | median | worst |", "|---|---|---|"]
     for key, words in {
         "first": "first picture, by the clock",

@@ -1,4 +1,4 @@
-"""What the benchmarks share: cases run apart and kept in one JSON with the machine's facts, tables put into pages."""
+"""Shared code of the benchmarks: cases run in processes and kept in one JSON with their origin; tables in pages."""
 
 import json
 import subprocess

@@ -40,8 +40,8 @@ FLOWS = {
 
 
 def all_points() -> dict[str, dict]:
-    """By name; the cheap ones of every flow first. Step: a factor of the Courant and diffusion number and the longest
-    step of the defaults."""
+    """Points by name, the cheap ones of every flow first. Step: a factor of the default Courant number, diffusion
+    number and longest step."""
     found = []
     for flow, (*_, sizes) in FLOWS.items():
         coarse, usual, _ = sizes
@@ -204,7 +204,7 @@ def cost_of(item) -> float:
 
 
 def cells(item) -> list:
-    """A line of the table."""
+    """Cells of one line of the table."""
     unit = FLOWS[item["flow"]][1].split("[")[1][:-1]
     size = f"{1e3 * item['spacing']:.3g} mm" if item["flow"] == "cone" else f"{item['size']:g} across"
     cost, error = f"{item['cpu_seconds']:.2g}", "-"

@@ -1,4 +1,5 @@
-"""Where each scheme is stable, inaccurate or fails, by diffusion, Courant and Bingham number and viscosity ratio.
+"""Stability map: where each scheme is stable, inaccurate or fails, by diffusion, Courant and Bingham number and
+viscosity ratio.
 
     python benchmarks/stability_map.py run    # every cell without a result, about 8 CPU-minutes in all
     python benchmarks/stability_map.py draw   # docs/figures/stability_*.png and the list in docs/stability.md
@@ -182,7 +183,7 @@ def draw_steps(found) -> None:
 
 
 def draw_yield(found) -> None:
-    """Bingham number and viscosity ratio."""
+    """Draw the map of Bingham number and viscosity ratio."""
     widths = [3.0 if scheme != BINGHAM else 1.7 for scheme, _ in YIELDING]
     settings = {"figsize": (13, 3.6), "layout": "constrained", "sharey": True, "width_ratios": widths}
     figure, axes = points.pyplot().subplots(1, 6, **settings)

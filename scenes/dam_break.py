@@ -74,8 +74,8 @@ def scene(
     a, box = column_width, model == "half"
     height = column_height or 2.0 * a
     if not box and (lift_speed or column_height):
-        told = f"lift_speed = {lift_speed:g} m/s" if lift_speed else f"column_height = {column_height:g} m"
-        raise mps.SceneError(f"{told}: belongs to the open box; must be left out, or model = half")
+        given = f"lift_speed = {lift_speed:g} m/s" if lift_speed else f"column_height = {column_height:g} m"
+        raise mps.SceneError(f"{given}: belongs to the open box; must be left out, or model = half")
     beyond = floor_length or 10.0 * height
 
     def measure(s):

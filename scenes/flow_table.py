@@ -75,7 +75,7 @@ def scene(
         return found
 
     def check(s, measures):
-        """On the table; no narrower than the mould, and no wider than the table."""
+        """Check that the mortar is on the table, no narrower than the mould and no wider than the table."""
         assert s.x[:, -1].min() > 0.0 and base_diameter - 2.0 * spacing < measures["spread_m"] < 2.0 * reach, measures
 
     low, high = (-1.2 * reach,) * (d - 1), (1.2 * reach,) * (d - 1)

@@ -60,7 +60,7 @@ def scene(
         return {"t500_s": mps.measure.time_of(history["time_s"], history["spread_m"], 0.5)}
 
     def check(s, measures):
-        """On the floor, in no bar; the surface falls outwards; no wider than without the ring."""
+        """Check that the concrete is on the floor and in no bar, falls outwards, and is no wider than without ring."""
         assert mps.measure.clearance(s, walls) > 0.0, "leak through a wall or a bar"
         assert 0.2 - 2 * spacing < measures["spread_m"] and 0.0 <= measures["slump_m"] < 0.3, measures
         if material.yields and s.speed.max() < 0.01:

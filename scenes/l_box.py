@@ -19,7 +19,12 @@ import taichi_mps as mps
 from taichi_mps.problem import catalogue
 from taichi_mps.units import Duration, Length, Speed
 
-COLUMN, OPENING, BAR, PLACE = 0.1, 0.15, 0.012, 0.05  # depth, height, diameter, centre in front of the column [m]
+COLUMN, OPENING, BAR_DIAMETER, BAR_POSITION = (
+    0.1,
+    0.15,
+    0.012,
+    0.05,
+)  # depth, height, diameter, centre in front of the column [m]
 RULE = 0.025  # side of the square on which the foot of a rule stands [m]
 
 
@@ -37,20 +42,24 @@ def scene(
     model: Literal["half"] = "half",
 ) -> mps.Scene:
     """The vessel of l_flow with a far wall at ``length`` [m] and upright bars, evenly spaced, behind the gate."""
-    if not length > COLUMN + 2 * PLACE:
-        raise mps.SceneError(f"length = {length:g} m: must be greater than {COLUMN + 2 * PLACE:g} m, column and bars")
+    if not length > COLUMN + 2 * BAR_POSITION:
+        raise mps.SceneError(
+            f"length = {length:g} m: must be greater than {COLUMN + 2 * BAR_POSITION:g} m, column and bars"
+        )
     keywords = dict(spacing=spacing, width=width, sides=sides, lift_speed=lift_speed, until=until)
     keywords |= dict(column_height=height, opening=OPENING, channel_length=length - COLUMN)
     vessel = catalogue.build("l_flow", **keywords, **material.model_dump())
     walls, outline, count, half = vessel.walls, (), 0 if bars == "none" else int(bars), 0.5 * width
-    x, reach = COLUMN + PLACE, 2.5 * spacing
+    x, reach = COLUMN + BAR_POSITION, 2.5 * spacing
     if count:
-        clear = (width - count * BAR) / (count + 1)
-        across = -half + clear + 0.5 * BAR + (clear + BAR) * np.arange(count)
+        clear = (width - count * BAR_DIAMETER) / (count + 1)
+        across = -half + clear + 0.5 * BAR_DIAMETER + (clear + BAR_DIAMETER) * np.arange(count)
         places = [(x, y) for y in across if y > -1e-9]
-        walls += (mps.Solid.bars(places, 0.5 * BAR, (-reach, OPENING), 0.4 * BAR, reach),)
+        walls += (mps.Solid.bars(places, 0.5 * BAR_DIAMETER, (-reach, OPENING), 0.4 * BAR_DIAMETER, reach),)
         outline = tuple(
-            np.array([[x + dx, y, 0.0], [x + dx, y, OPENING]]) for y in across for dx in (-0.5 * BAR, 0.5 * BAR)
+            np.array([[x + dx, y, 0.0], [x + dx, y, OPENING]])
+            for y in across
+            for dx in (-0.5 * BAR_DIAMETER, 0.5 * BAR_DIAMETER)
         )
 
     def depth(s, end):
@@ -73,10 +82,10 @@ def scene(
         }
 
     def check(s, measures):
-        """In the vessel; at rest the levels differ by no more than in the closed form, in either direction, for a wave
-        may come back late, and half a spacing; bars may hold more on their side. The closed form is that of a thin
-        layer. What is stretched as it leaves the column and pressed together as it is stopped by the far wall has a
-        normal stress of +-pi/2 tau_y besides, which balances a step of pi tau_y/(rho g)."""
+        """Check that the concrete is in the vessel, and at rest that the levels differ by no more than in the closed
+        form and half a spacing, in either direction, for a wave may come back late; bars may hold more on their side.
+        The closed form is that of a thin layer. Concrete stretched as it leaves the column and compressed as the far
+        wall stops it has a normal stress of +-pi/2 tau_y besides, which balances a step of pi tau_y/(rho g)."""
         assert mps.measure.clearance(s, walls) > 0.0, "leak through a wall or a bar"
         assert 0.0 <= measures["h2_m"] < height and measures["h1_m"] < height + spacing, measures
         if material.yields and not material.ages and s.speed.max() < 0.01:

@@ -90,7 +90,8 @@ def scene(
         return {"t100_s": t100, "early_speed_m_s": 0.05 / max(t100 - t50, 1e-9)}
 
     def check(s, measures):
-        """In the vessel; at rest as far as the closed form of a channel without a column, within 5 % and a spacing."""
+        """Check that the fluid is in the vessel, and at rest as far as in the closed form of a channel without a
+        column, within 5 % and a spacing."""
         assert mps.measure.clearance(s, walls) > 0.0, "leak through a wall"
         assert 0.0 <= measures["drop_m"] < column_height and measures["flow_m"] > -spacing, measures
         if (

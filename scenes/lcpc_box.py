@@ -57,7 +57,8 @@ def scene(
         }
 
     def check(s, measures):
-        """In the box; at rest as long as the closed form within 5 % and a spacing."""
+        """Check that the concrete is in the box, and at rest as long as in the closed form, within 5 % and a
+        spacing."""
         assert mps.measure.clearance(s, walls) > 0.0, "leak through a wall"
         assert block < measures["front_m"] < length + spacing, measures
         if material.yields and not material.ages and s.speed.max() < 0.002:

@@ -38,8 +38,9 @@ def scene(
     slump = mps.slump_cone(material, floor_radius=max(0.75 * widest, 0.75 * base_diameter), **body)
 
     def check(s, measures):
-        """On the floor, and at rest as wide as the closed form of a thin cake but for its error, a depth at either end:
-        these cakes are not thin. At 20 Pa finite elements without inertia are 12 % narrower; inertia widens them."""
+        """Check that the paste is on the floor, and at rest as wide as in the closed form of a thin cake within its
+        error, a depth at either end: these cakes are not thin. At 20 Pa finite elements without inertia are 12 %
+        narrower; inertia widens them."""
         assert s.x[:, -1].min() > 0.0 and 0.0 <= measures["slump_m"] < height, measures
         assert measures["spread_m"] > base_diameter - 2 * spacing, measures
         if material.yields and not material.ages and s.speed.max() < spacing and widest > 2.0 * base_diameter:

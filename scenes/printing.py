@@ -109,7 +109,7 @@ def scene(
         return exact | {"failure_height_m": float(np.interp(fallen, history["time_s"], history["printed_m"]))}
 
     def check(s, measures):
-        """It is as wide and as high as it was printed, well below the height at which it fails."""
+        """Check that the wall is as wide and as high as it was printed, well below the height at which it fails."""
         assert s.x[:, -1].min() > 0.0
         if measures["printed_m"] < 0.9 * limit:
             assert abs(measures["foot_m"] - width) < spacing and measures["height_m"] > measures["printed_m"] - spacing
@@ -196,7 +196,7 @@ def along(beads, material, spacing, floor, until):
         return commanded | {"first_collapse_number": number, "failure_height_m": float(max(begun))}
 
     def check(s, measures):
-        """Nothing is below the floor, and what was commanded is there."""
+        """Check that no concrete is below the floor, and that the commanded volume is there."""
         assert s.x[:, 2].min() > 0.0
         commanded = sum(bead.volume for bead in beads if bead.begin + bead.duration <= s.time)
         assert len(s.x) * spacing**3 > 0.98 * commanded - 2.0 * max(i.layer_volume(spacing) for i in inlets)

@@ -120,7 +120,8 @@ def scene(
         return found | filled if snapshot.time == 0.0 and not snapshot.speed.any() else found
 
     def check(snapshot, measures):
-        """At rest: within l0 (10 mm at least) of the finite elements for the standard cone; always: on the floor."""
+        """Check that the concrete is on the floor, and for the standard cone at rest that the slump is within l0 (10 mm
+        at least) of finite elements."""
         assert snapshot.x[:, 2].min() > 0.0 and 0.0 <= measures["slump_m"] < height, measures
         assert np.hypot(snapshot.x[:, 0], snapshot.x[:, 1]).max() < reach, "off the floor"
         if known and snapshot.speed.max() < 0.01:

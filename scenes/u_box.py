@@ -14,7 +14,7 @@ from pydantic import Field
 import taichi_mps as mps
 from taichi_mps.units import Duration, Length
 
-BAR, APART, COUNT = 0.013, 0.05, 3  # diameter and distance of axes [m], number of the bars
+BAR_DIAMETER, BAR_DISTANCE, BAR_COUNT = 0.013, 0.05, 3  # diameter and distance of axes [m], number of the bars
 
 
 @mps.checked
@@ -48,15 +48,15 @@ def scene(
         mps.Solid.prism(corners, cell, reach, (-2 * spacing, half + 2 * spacing), slip=slip),
     )
     fluid = mps.fill(mps.Box((0.0, -half, 0.0), (leg, half, height)), spacing, (mirror,))
-    across = APART * (np.arange(COUNT) - 0.5 * (COUNT - 1))
+    across = BAR_DISTANCE * (np.arange(BAR_COUNT) - 0.5 * (BAR_COUNT - 1))
     middle, outline = leg + 0.5 * thick, ()
     if bars == "yes":
         places = [(middle, y) for y in across if y > -1e-9]
-        walls += (mps.Solid.bars(places, 0.5 * BAR, (-reach, opening), 0.4 * BAR, reach),)
+        walls += (mps.Solid.bars(places, 0.5 * BAR_DIAMETER, (-reach, opening), 0.4 * BAR_DIAMETER, reach),)
         outline = tuple(
             np.array([[middle + dx, y, 0.0], [middle + dx, y, opening]])
             for y in across
-            for dx in (-0.5 * BAR, 0.5 * BAR)
+            for dx in (-0.5 * BAR_DIAMETER, 0.5 * BAR_DIAMETER)
         )
     legs, gate = (
         [(0.0, height), (0.0, 0.0), (far, 0.0), (far, height)],
@@ -76,8 +76,8 @@ def scene(
         return {"t300_s": mps.measure.time_of(history["time_s"], history["h2_m"], 0.3)}
 
     def check(s, measures):
-        """In the vessel; at rest the volume fills both legs and the opening, and the levels differ by no more than the
-        walls of legs and opening can hold, and the bars, if there are any."""
+        """Check that the concrete is in the vessel, and at rest that the volume fills both legs and the opening, and
+        that the levels differ by no more than the walls and the bars, if any, can hold."""
         assert mps.measure.clearance(s, walls) > 0.0, "leak through a wall or a bar"
         assert max(measures["h1_m"], measures["h2_m"]) < height + spacing, measures
         if s.speed.max() < 0.01 and not material.ages:

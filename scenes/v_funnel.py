@@ -88,7 +88,7 @@ def scene(
         return float(slowness[kept >= fraction].sum())
 
     def check(s, measures):
-        """Behind no wall and above the floor; never faster than an ideal fluid."""
+        """Check that the concrete is in the funnel or above the floor, and not faster than an ideal fluid."""
         assert mps.measure.clearance(s, walls) > 0.0, "leak through a wall"
         left = measures["left_m3"] / (4 * len(fluid) * spacing**3)
         assert 0.0 <= left <= 1.0 and s.time > 0.9 * emptied(left) - 0.05, (s.time, left, emptied(left))

@@ -88,7 +88,8 @@ def scene(
         return steady | ({"cylinder_torque_N_m": exact} if closed else {})
 
     def check(s, measures):
-        """The fluid holds back the vane; a cylinder as much as the closed form says, once it has turned a little."""
+        """Check that the fluid resists the vane, and that the torque of a cylinder is that of the closed form after
+        0.5 rad."""
         torque = measures["torque_N_m"]
         assert mps.measure.clearance(s, (cup, vane)) > 0.0, "leak"
         assert torque > 0.0, torque

@@ -123,8 +123,8 @@ def scene(
         return in_layers("pressure", mean) | dict(list(hydrostatic.items())[:1])
 
     def over_time(history):
-        """At the end: the pressure [Pa] of a liquid, and less what rough sides bear at most, by the yield stress
-        grown with the age of each layer."""
+        """Hydrostatic pressure [Pa] at the end, and that pressure less what rough sides bear at most by the yield
+        stress, grown with the age of each layer."""
         if not set(in_layers("pressure", middle)) <= set(history):
             return {}
         level = 0.5 * (history["near_m"] + history["far_m"])
@@ -138,7 +138,7 @@ def scene(
         return found | in_layers("less_what_sides_bear", np.cumsum(gain[::-1])[::-1] - 0.5 * gain)
 
     def check(s, measures):
-        """In the form and in no bar; what was poured is there, and lies in the form as high as its volume asks."""
+        """Check that the poured concrete is in the form, in no bar, complete, and as high as its volume requires."""
         assert mps.measure.clearance(s, walls) > 0.0, "leak through the form or into a bar"
         layers = len(s.x) * spacing**3 / (0.5 * inlet.layer_volume(spacing))
         assert abs(layers - round(layers)) < 1e-6 and layers < inlet.layers(spacing) + 0.5, layers
@@ -194,7 +194,7 @@ def cast(material, form, bars, opening, reach, spacing, fill_point, hose_diamete
         return {"front_m": float(np.hypot(s.x[:, 0] - x, s.x[:, 1] - y).max() + 0.5 * s.spacing)}
 
     def check(s, measures):
-        """In the form and in no bar; what was poured is there."""
+        """Check that the poured concrete is in the form, in no bar, and complete."""
         assert mps.measure.clearance(s, walls) > 0.0, "leak through the form or into a bar"
         layers = len(s.x) * spacing**3 / inlet.layer_volume(spacing)
         assert abs(layers - round(layers)) < 1e-6 and layers < inlet.layers(spacing) + 0.5, layers

@@ -57,20 +57,20 @@ def user_path(path) -> Path:
     return found.absolute() if str(found).startswith("~") else found
 
 
-def ordinary(told: str, path, most: float) -> Path:
+def ordinary(prefix: str, path, most: float) -> Path:
     """Return the path of an ordinary file of at most ``most`` bytes, which can be read to its end.
 
-    SceneError that begins with ``told`` for a folder, a pipe, a device, or a file that is larger than it may be.
+    SceneError that begins with ``prefix`` for a folder, a pipe, a device, or a file that is larger than it may be.
     """
     path = user_path(path)
     try:
         size = path.stat().st_size
     except FileNotFoundError:
-        raise SceneError(f"{told}: no such file") from None
+        raise SceneError(f"{prefix}: no such file") from None
     except (OSError, ValueError) as error:
-        raise SceneError(f"{told}: cannot be read ({getattr(error, 'strerror', None) or error})") from None
-    require(path.is_file(), f"{told}: is a folder, a pipe or a device; must be a file")
-    require(size <= most, f"{told}: has {1e-6 * size:.4g} MB; must have at most {1e-6 * most:g} MB")
+        raise SceneError(f"{prefix}: cannot be read ({getattr(error, 'strerror', None) or error})") from None
+    require(path.is_file(), f"{prefix}: is a folder, a pipe or a device; must be a file")
+    require(size <= most, f"{prefix}: has {1e-6 * size:.4g} MB; must have at most {1e-6 * most:g} MB")
     return path
 
 
@@ -259,7 +259,7 @@ class Checked(BaseModel):
         cls.__pydantic_validator__  # noqa: B018  (build now, so that a wrong declaration fails at import)
 
     @classmethod
-    def told(cls, values: dict, default) -> "Checked":
+    def from_values(cls, values: dict, default) -> "Checked":
         """Make the record of these values, and of those of the record ``default``, if it is one."""
         return cls(**(dict(default) if isinstance(default, Checked) else {}) | values)
 
@@ -376,7 +376,7 @@ def checked(function):
         for name, record in records.items():
             own = {key: getattr(parameters, key) for key in record.model_fields if key in fields}
             given = {key: value for key, value in own.items() if key in parameters.model_fields_set}
-            made = record.told(given, taken[name].default)
+            made = record.from_values(given, taken[name].default)
             others = own if type(made) is type(taken[name].default) else {}  # what the record has not
             vars(parameters).update({key: dict(made).get(key, others.get(key)) for key in own})
         return parameters
@@ -388,7 +388,7 @@ def checked(function):
         keywords = {name: getattr(parameters, name) for name in taken if name not in records} | made
         for name, record in records.items():
             values = {key: getattr(parameters, key) for key in record.model_fields if key in fields}
-            keywords.setdefault(name, record.told(values, taken[name].default))
+            keywords.setdefault(name, record.from_values(values, taken[name].default))
         return function(**keywords)
 
     @wraps(function)

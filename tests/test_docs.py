@@ -22,13 +22,13 @@ ARCHITECTURE = (DOCS / "architecture.md").read_text(encoding="utf-8")
 EQUATIONS = (DOCS / "equations.md").read_text(encoding="utf-8")
 LAYERS = tomlkit.parse((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["taichi-mps"]["layers"]
 EXAMPLES = {"terms/drag.py", "schemes/ballistic.py"}  # files that architecture.md shows how to add
-MOST_WORDS = 1500  # of architecture.md: an afternoon, not a book
+MAX_WORDS = 1500  # of architecture.md: an afternoon, not a book
 BUDGETS = {"a user reads": 16_000, "theory and architecture": 9_000, "notes": 4_000}  # words, without generated tables
-MOST_OF_A_VERSION = 600  # words of the changelog
+MAX_OF_A_VERSION = 600  # words of the changelog
 WITHOUT_INFLUENCE = {
     "BLOCK",
     "HUGE",
-    "MOST_ITERATIONS",
+    "MAX_ITERATIONS",
     "SPEED2_IF_NOT_FINITE",
     "MAX_LOST_FRACTION",
     "SUMS",
@@ -270,7 +270,7 @@ def test_one_thing_has_one_word():
 
 def test_a_version_in_the_changelog_is_short():
     versions = re.split(r"^## ", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), flags=re.M)[1:]
-    assert max(len(version.split()) for version in versions) <= MOST_OF_A_VERSION
+    assert max(len(version.split()) for version in versions) <= MAX_OF_A_VERSION
 
 
 def constant(file, name):
@@ -384,7 +384,7 @@ def test_the_stops_of_a_number_exist():
 
 
 def test_architecture_is_short():
-    assert len(ARCHITECTURE.split()) <= MOST_WORDS
+    assert len(ARCHITECTURE.split()) <= MAX_WORDS
 
 
 # ---- equations ------------------------------------------------------------------------------------------------------

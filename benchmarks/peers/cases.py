@@ -50,7 +50,7 @@ class Case:
 
     @property
     def times(self) -> tuple[float, ...]:
-        """When a slump is read [s]."""
+        """Times at which the slump is read [s]."""
         return TIMES if self.until <= TIMES[-1] else (*TIMES, self.until)
 
     def scene(self) -> mps.Scene:
@@ -171,8 +171,8 @@ def judge_slump(case: Case, output: dict) -> dict:
 
 
 def front_of(x: np.ndarray, spacing: float) -> float:
-    """Where the body ends [m]: the last particle along x before the first gap of two spacings, + l0/2; drops that were
-    thrown ahead do not count."""
+    """Front of the body [m]: the last particle along x before the first gap of two spacings, plus l0/2; drops ahead of
+    it do not count."""
     along = np.sort(x[:, 0])
     gaps = np.flatnonzero(np.diff(along) > 2.0 * spacing)
     return float(along[gaps[0] if len(gaps) else -1] + 0.5 * spacing)

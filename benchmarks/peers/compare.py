@@ -104,7 +104,7 @@ def together(rows: list[dict]) -> dict:
 
 
 def installed(names: list[str]) -> list[str]:
-    """Those that can run here; the others are named with how to install them."""
+    """Peers that can run here; prints for the others how to install them."""
     there = []
     for name in names:
         if name == "taichi_mps" or where(name):

@@ -1,4 +1,4 @@
-"""Where each peer lives, and how its own virtual environment is made."""
+"""Virtual environments of the peers: their places, and how they are made."""
 
 import os
 import shutil

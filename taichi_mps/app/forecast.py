@@ -1,6 +1,6 @@
-"""The program that checks a run before it starts, and knows what its test measures from the tables of calibrate.
+"""Worker process of forecasts: checks a run before it starts, and predicts its measures by the tables of calibrate.
 
-A process of its own, since it builds the scene, which may be large, and imports Taichi. Run by resident.py.
+It is a process of its own, since it builds the scene, which may be large, and imports Taichi. Run by resident.py.
 """
 
 import io
@@ -12,8 +12,7 @@ from importlib.util import find_spec
 import numpy as np
 
 from ..cli.main import planned
-from ..cli.run import clock_of
-from ..cli.run import lines as lines_of
+from ..cli.run import clock_of, describe_run
 from ..problem.materials import Bingham, Concrete
 from ..study.calibration import BINGHAM
 from ..study.emulator import MEASURED, emulator_of
@@ -22,16 +21,17 @@ from .form import options
 from .resident import answer_all
 from .results import numbers
 
-OF_A_RUN = "spacing", "model", "until", "accuracy", "floor_radius"  # keywords that make no other test
+OTHER_KEYWORDS = "spacing", "model", "until", "accuracy", "floor_radius"  # keywords that make no other test
 OVERRIDDEN = "accuracy: has no effect, since particle size and model are given"
 
 
 def forecast(words: list[str]) -> dict:
-    """Forecast of a run from the values that were typed: whether it is in ``space``, its ``seconds``, ``lines``,
-    ``remarks`` of how it was read, and what its ``table`` says; of what cannot be computed ``wrong``, by key."""
-    told = io.StringIO()
+    """Forecast of a run from its command line: whether it is in ``space``, its ``seconds``, ``lines`` of text,
+    ``remarks`` on how it was read, and the measures by the ``table``; or, if it cannot be computed, its errors by key
+    in ``wrong``."""
+    messages = io.StringIO()
     try:
-        with warnings.catch_warnings(record=True) as warned, redirect_stderr(told):
+        with warnings.catch_warnings(record=True) as warned, redirect_stderr(messages):
             warnings.simplefilter("always")
             _, run, problem = planned("run", words)
             clock = clock_of(problem, run)
@@ -39,17 +39,21 @@ def forecast(words: list[str]) -> dict:
 
             require_memory(problem, pairs_of(problem.scene), run.precision)
     except (SceneError, ImportError) as error:  # ImportError: pint, which numbers with a unit need
-        return {"wrong": by_key(plain(" ".join(str(error).split())))}
-    remarks = [line.removeprefix("taichi-mps: ") for line in told.getvalue().splitlines()]
+        return {"wrong": errors_by_key(plain(" ".join(str(error).split())))}
+    remarks = [line.removeprefix("taichi-mps: ") for line in messages.getvalue().splitlines()]
     given = {word.split("=")[0] for word in words}
     remarks += [OVERRIDDEN] * ({"--accuracy", "--spacing", "--model"} <= given)
     remarks += dict.fromkeys(str(item.message) for item in warned if item.category is UserWarning)
     known = {"space": problem.scene.dimension == 3, "seconds": clock.whole}
-    return known | {"lines": lines_of(problem, clock), "remarks": remarks, "table": by_table(problem.scene)}
+    return known | {
+        "lines": describe_run(problem, clock),
+        "remarks": remarks,
+        "table": measures_by_table(problem.scene),
+    }
 
 
-def by_key(line: str) -> dict[str, str]:
-    """Errors of a form, 'key = value: ...; key = value: ...', by its keys; what names none by ''."""
+def errors_by_key(line: str) -> dict[str, str]:
+    """Split errors, 'key = value: ...; key = value: ...', by their keys; '' for one without a key."""
     found = {}
     for part in line.split("; "):
         key = re.match(r"([A-Za-z]\w*)( = .*?: | is missing)", part)
@@ -58,13 +62,13 @@ def by_key(line: str) -> dict[str, str]:
     return found
 
 
-def by_table(scene) -> dict | None:
-    """The measures of the test from the table of calibrate; None where there is none for this vessel and mix."""
+def measures_by_table(scene) -> dict | None:
+    """Measures of the test by the table of calibrate; None if it has none for this vessel and mix."""
     mix, known = scene.material, scene.parameters
     if scene.name not in MEASURED or not find_spec("scipy") or type(mix) is not Bingham or not mix.yields:
         return None
     table = emulator_of(test=scene.name)
-    vessel = {key: known[key] for key in table.usual if key not in (*Concrete.model_fields, *OF_A_RUN)}
+    vessel = {key: known[key] for key in table.usual if key not in (*Concrete.model_fields, *OTHER_KEYWORDS)}
     if any(value != table.settings.get(key, table.usual[key]) for key, value in vessel.items()):
         return None
     with suppress(SceneError):  # a mix beyond the table
@@ -74,7 +78,7 @@ def by_table(scene) -> dict | None:
 
 
 def answer(request: dict, tell, cancelled) -> None:
-    """Tell what is known of a run of a test with texts of its fields."""
+    """Answer a request with the forecast of a run."""
     tell(**forecast([request["test"], *options(request["values"])]))
 
 

@@ -1,4 +1,4 @@
-"""Commands that were asked for on a page, each a child process of the command line, one after the other.
+"""Queue of the commands requested on the page, each a child process of the command line, one after the other.
 
 So Taichi is never started in the server, a run is stopped as on a terminal, and its folder is an ordinary one.
 """
@@ -13,19 +13,18 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 
 from ..io import lock
-from ..io.run_folder import RunFolder, json_of, next_free
+from ..io.run_folder import RunFolder, next_free, read_json
 from ..units import plain, user_path
 
-LOOK = 0.5  # [s] between two looks at a run that was taken over
-PATIENCE = 30.0  # [s] for a run to end well after Ctrl-C
-BY_SIGNAL = 128 + signal.SIGINT, 128 + signal.SIGTERM  # what a command returns that somebody else stopped
-NAME = "taichi-mps: "  # with which the program begins what it says
+POLL_INTERVAL = 0.5  # time between two checks of a run that was taken over [s]
+SHUTDOWN_TIMEOUT = 30.0  # time for a run to end after Ctrl-C [s]
+SIGNAL_CODES = 128 + signal.SIGINT, 128 + signal.SIGTERM  # exit codes of a command stopped from elsewhere
+MESSAGE_PREFIX = "taichi-mps: "  # beginning of messages of the program
 
 
 @dataclass(eq=False)
 class Job:
-    """One command: ``words`` after ``taichi-mps``; of a run also the ``scene`` and the seconds that it takes in all,
-    ``about``."""
+    """One command: ``words`` after ``taichi-mps``; for a run also the ``scene`` and its expected seconds, ``about``."""
 
     title: str
     words: list[str]
@@ -33,9 +32,9 @@ class Job:
     about: float | None = None
     state: str = "waiting"  # then running; at the end done, stopped or failed
     folder: RunFolder | None = None
-    began: float = field(default_factory=time.monotonic)  # when it was asked for; when its turn came
-    said: str = ""  # on stderr, at the end, the lines of the program alone
-    output: str = ""  # on stdout, at the end
+    began: float = field(default_factory=time.monotonic)  # time of the request, then of its start
+    said: str = ""  # messages of the program on stderr, after its end
+    output: str = ""  # stdout, after its end
     stopping: bool = False
     process: asyncio.subprocess.Process | None = None
     orphan: int | None = None  # process of a run that another server or a terminal began
@@ -43,16 +42,16 @@ class Job:
 
     @property
     def spent(self) -> float:
-        """Seconds since its turn came."""
+        """Seconds since the start, or since the request of a job that waits."""
         return time.monotonic() - self.began
 
     @property
-    def over(self) -> bool:
+    def finished(self) -> bool:
         """Whether the job has finished or was cancelled."""
         return self.state not in ("waiting", "running")
 
     def stop(self) -> None:
-        """Leave it out if it waits; if it runs, let it finish its step and its folder, as Ctrl-C does."""
+        """Cancel a job that waits; let one that runs finish its step and its folder, as Ctrl-C does."""
         if self.state == "waiting":
             self.state = "stopped"
         if not self.stopping:  # a second signal would end it at once
@@ -60,7 +59,7 @@ class Job:
         self.stopping = True
 
     def send(self, number) -> None:
-        """Send a signal to the process, if there is one."""
+        """Send a signal to the process of the job, if there is one."""
         with suppress(ProcessLookupError):  # it has just ended
             if self.process and self.process.returncode is None:
                 self.process.send_signal(number)
@@ -69,15 +68,15 @@ class Job:
 
 
 class Queue:
-    """Jobs one at a time, in the order in which they came; shared by all pages."""
+    """Queue of jobs, executed one at a time in the order of their requests; shared by all pages."""
 
     def __init__(self, folder):
         self.folder = user_path(folder)
         self.jobs: list[Job] = []
-        self.turn = asyncio.Lock()  # of the job that runs; others get it in their order
+        self.turn = asyncio.Lock()  # held by the job that runs
 
     def adopt(self) -> None:
-        """Take over the runs that are being written into the folder, as after the death of a server."""
+        """Take over runs that other processes write into the folder, as after the death of a server."""
         for path in self.folder.glob("*"):
             if process := lock.writer(path):
                 job = Job(
@@ -90,23 +89,23 @@ class Queue:
     async def watch(self, job: Job) -> None:
         """Wait for the end of a run that was taken over."""
         while lock.writer(job.folder.path) == job.orphan:
-            await asyncio.sleep(LOOK)
-        ended = json_of(job.folder.summary).get("stopped_by")
+            await asyncio.sleep(POLL_INTERVAL)
+        ended = read_json(job.folder.summary).get("stopped_by")
         job.said = "it was cut off or diverged"
         job.state = "failed" if ended in (None, "diverged") else "stopped" if ended == "interrupted" else "done"
 
     def add(self, job: Job) -> Job:
-        """Put it at the end, and start it when its turn comes."""
+        """Append a job, which starts when its turn comes."""
         self.jobs.append(job)
-        job.task = asyncio.create_task(self.carry_out(job))
+        job.task = asyncio.create_task(self.execute(job))
         return job
 
-    async def carry_out(self, job: Job) -> None:
-        """Wait for the turn of a job and run it to the end, unless it was stopped before; a run goes into the next free
+    async def execute(self, job: Job) -> None:
+        """Wait for the turn of a job and execute it, unless it was stopped before; a run is written into the next free
         folder of its scene."""
         async with self.turn:
             await asyncio.gather(*(other.task for other in self.jobs if other.orphan))
-            if job.over:
+            if job.finished:
                 return
             job.state, job.began, words = "running", time.monotonic(), job.words
             if job.scene:
@@ -123,19 +122,21 @@ class Queue:
             if job.stopping:  # was asked for while the process was made
                 job.send(signal.SIGINT)
             job.output, lines = (text.decode("utf-8", "replace").strip() for text in await job.process.communicate())
-            job.said = "\n".join(line[len(NAME) :] for line in lines.splitlines() if line.startswith(NAME))
+            job.said = "\n".join(
+                line[len(MESSAGE_PREFIX) :] for line in lines.splitlines() if line.startswith(MESSAGE_PREFIX)
+            )
             code = job.process.returncode
-            job.state = "done" if code == 0 else "stopped" if job.stopping or code in BY_SIGNAL else "failed"
+            job.state = "done" if code == 0 else "stopped" if job.stopping or code in SIGNAL_CODES else "failed"
 
     async def close(self) -> None:
-        """Stop all that was begun here, and wait until their processes are gone."""
+        """Stop all jobs of this server, and wait for the end of their processes."""
         own = [job for job in self.jobs if not job.orphan]
         for job in own:
             job.stop()
         if own:
-            await asyncio.wait([job.task for job in own], timeout=PATIENCE)
+            await asyncio.wait([job.task for job in own], timeout=SHUTDOWN_TIMEOUT)
 
     def kill(self) -> None:
-        """End what is left at once."""
+        """Kill the processes that are left."""
         for job in [job for job in self.jobs if not job.orphan]:
             job.send(getattr(signal, "SIGKILL", signal.SIGTERM))  # Windows has no SIGKILL

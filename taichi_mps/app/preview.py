@@ -1,6 +1,6 @@
-"""The program that keeps cheap models of tests compiled, in rings or a plane, and runs a mix through them at once.
+"""Worker process of previews: keeps cheap models of tests compiled, axisymmetric or plane, and runs a mix at once.
 
-Another mix is other entries of the same kernels, so only the first of a test waits for them. Run by resident.py.
+Another mix changes numbers of the same kernels, so only the first preview of a test waits for them. Run by resident.py.
 """
 
 import base64
@@ -19,49 +19,54 @@ from ..simulation.reuse import begin
 from ..simulation.simulation import Simulation
 from ..simulation.summary import described
 from ..units import SceneError, plain
-from .form import CHEAP
+from .form import PREVIEW_MODELS
 from .resident import answer_all
 from .results import numbers
 
 FINE, COARSE = 1.0 / 30.0, 1.0 / 15.0  # particle size of a cone over its height
-SOFT = 100.0 / (2300.0 * 9.81 * 0.3)  # yield stress over rho g H below which a cone is first shown by coarse ones
-ROOM = 3.0  # least radius of the domain of a cone over its height
-FIRST, EACH, LATER = 0.02, 1.0 / 30.0, 1.04  # [s] of flow, when pictures are due; ratio of their times later on
-MOST_KEPT = 12  # Simulations: two of each cone, and of some domains
+SOFT = 100.0 / (2300.0 * 9.81 * 0.3)  # yield stress over rho g H below which a coarse cone is shown first
+MIN_DOMAIN = 3.0  # least radius of the domain of a cone over its height
+# flow time of the first picture and least time between pictures [s], and least ratio of their times
+FIRST_PICTURE, PICTURE_INTERVAL, TIME_RATIO = 0.02, 1.0 / 30.0, 1.04
+MAX_KEPT = 12  # Simulations that are kept: two of each cone, and some domains
 
 
-def models(test: str, values: dict) -> list[Scene]:
-    """The cheap models of a test, the coarsest first, by texts of its keywords. The domain of a cone is as for another
-    mix, up to a factor of two, since another domain is another program."""
+def preview_models(test: str, values: dict) -> list[Scene]:
+    """Cheap models of a test, the coarsest first, from texts of its keywords. The radius of the domain of a cone grows
+    by factors of two, since each domain needs kernels of its own."""
     parameters = catalogue.load(test).parameters
-    given = {key: text for key, text in values.items() if key in parameters.model_fields and key not in CHEAP[test]}
-    given |= {key: text for key, text in CHEAP[test].items() if text is not None}
-    if "model" not in CHEAP[test]:
+    given = {
+        key: text for key, text in values.items() if key in parameters.model_fields and key not in PREVIEW_MODELS[test]
+    }
+    given |= {key: text for key, text in PREVIEW_MODELS[test].items() if text is not None}
+    if "model" not in PREVIEW_MODELS[test]:
         return [catalogue.build(test, **given)]
     valid, found = parameters(**given), []
     soft = (valid.yield_value or 0.0) < SOFT * valid.density * accuracy.GRAVITY * valid.height
     for part in (COARSE, FINE) if soft else (FINE,):
         scene = catalogue.build(test, **given, spacing=part * valid.height)
         low, (reach, top) = scene.domain
-        reach = ROOM * valid.height * 2.0 ** max(0, math.ceil(math.log2(reach / (ROOM * valid.height))))
+        reach = MIN_DOMAIN * valid.height * 2.0 ** max(0, math.ceil(math.log2(reach / (MIN_DOMAIN * valid.height))))
         found.append(replace(scene, domain=(low, (reach, top))))
     return found
 
 
 class Film:
-    """The section of a Simulation as it moves, told at times that lie further apart as it slows down."""
+    """Sends the moving section of a Simulation, at times that lie further apart as it slows down."""
 
     def __init__(self, sim: Simulation, tell, cancelled):
         self.sim, self.tell, self.cancelled, self.course = sim, tell, cancelled, []
-        self.unit = float(np.abs(sim.scene.domain).max()) / 32000.0  # [m] of positions as whole numbers of 16 bits
-        self.due = 0.0
+        self.unit = (
+            float(np.abs(sim.scene.domain).max()) / 32000.0
+        )  # length of a unit of the 16-bit integer positions [m]
+        self.next_picture = 0.0
 
     def run(self) -> str:
-        """To the end; why it ended, as a summary has it."""
-        self.tell(stage=self.stage())
-        self.show()
-        self.due = FIRST
-        self.sim.each_step(self.look)
+        """Run to the end; return the reason of the end as in a summary."""
+        self.tell(stage=self.fixed_parts())
+        self.send_state()
+        self.next_picture = FIRST_PICTURE
+        self.sim.each_step(self.send_if_due)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             try:
@@ -69,26 +74,26 @@ class Film:
             except (SceneError, ArithmeticError, RuntimeError) as error:  # a mix that the cheap model cannot compute
                 return getattr(error, "stopped_by", "diverged")
         if not self.cancelled():
-            self.show()
+            self.send_state()
         return ended
 
-    def look(self, sim: Simulation) -> None:
-        """After a step: stop, or tell what is due."""
+    def send_if_due(self, sim: Simulation) -> None:
+        """After a step: stop if cancelled, or send the state if a picture is due."""
         if self.cancelled():
             sim.interrupt()
-        elif sim.time >= self.due and sim.taken_by_all:
-            self.show()
+        elif sim.time >= self.next_picture and sim.all_active:
+            self.send_state()
 
-    def show(self) -> None:
-        """Tell the time, the measures, and the positions and sizes of the particles now."""
+    def send_state(self) -> None:
+        """Send the time, the measures, and the positions and sizes of the particles."""
         body, time = self.sim.snapshot(), self.sim.time
         measures = Frame(self.sim.scene, body, self.sim.report).measures()
         self.course.append({"time_s": time, **measures})
         rows = np.round(np.column_stack([body.x, body.size]) / self.unit).astype("<i2")
         self.tell(t=time, m=numbers(measures), x=base64.b64encode(rows.tobytes()).decode())
-        self.due = max(time + EACH, LATER * time)
+        self.next_picture = max(time + PICTURE_INTERVAL, TIME_RATIO * time)
 
-    def stage(self) -> dict:
+    def fixed_parts(self) -> dict:
         """Fixed lines of the picture [m], and the names of the measures."""
         scene = self.sim.scene
         return {
@@ -110,22 +115,22 @@ class Film:
             measures |= scene.over_time(
                 {key: np.array([row.get(key, math.nan) for row in self.course]) for key in self.course[0]}
             )
-        _, height, error = accuracy.of_run(described(self.sim.problem)) or (None, None, None)
+        _, height, error = accuracy.errors_of_run(described(self.sim.problem)) or (None, None, None)
         errors = {"slump_m": height * error.slump, "spread_m": 2.0 * height * error.reach} if error else {}
         return {"m": numbers(measures), "errors": errors, "time": self.sim.time, "spacing": scene.spacing}
 
 
 def preview(request: dict, tell, cancelled) -> None:
-    """Tell the section of a test of a mix as it moves, then its measures."""
+    """Answer a request with the moving section of a test, then with its measures."""
     try:
-        scenes = models(request["test"], request["values"])
+        scenes = preview_models(request["test"], request["values"])
         for scene in scenes:
             Problem(scene)
     except (SceneError, ImportError) as error:
         tell(wrong=plain(error))
         return
     for scene in scenes:
-        film = Film(begin(scene, partial(tell, preparing=True), MOST_KEPT), tell, cancelled)
+        film = Film(begin(scene, partial(tell, preparing=True), MAX_KEPT), tell, cancelled)
         ended = film.run()
         if not cancelled():
             tell(result=film.result() | {"ended": ended, "last": scene is scenes[-1]})

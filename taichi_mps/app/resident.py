@@ -1,4 +1,4 @@
-"""A child process that stays and answers requests, one after the other: lines of JSON on its stdin and stdout."""
+"""Resident child process that answers requests, one after the other, by lines of JSON on its stdin and stdout."""
 
 import asyncio
 import json
@@ -10,30 +10,30 @@ from asyncio.subprocess import DEVNULL, PIPE
 from contextlib import suppress
 from itertools import chain, count
 
-IDLE = 600.0  # [s] without a request after which it ends
-PATIENCE = 3.0  # [s] for it to end by itself
-LONGEST = 2**24  # bytes of an answer
-AGAIN = "The process of the previews had ended; it was started again."
-TWICE = "The process of the previews ends each time it is asked for this."
+IDLE_TIMEOUT = 600.0  # time without a request after which the process ends [s]
+EXIT_TIMEOUT = 3.0  # time for the process to end by itself [s]
+MAX_LINE_BYTES = 2**24  # of an answer
+RESTARTED = "The process of the previews had ended; it was started again."
+ENDS_EACH_TIME = "The process of the previews ends each time it is asked for this."
 
 
 class Resident:
-    """The process of a module of this room, on the side of the server. It is started when it is first asked, again when
-    it has died, and ends after ``idle`` [s] without a request, or when the server is gone, whatever ended that."""
+    """Resident process of a module of this room, on the side of the server. It is started by the first request, again
+    if it has died, and ends after ``idle`` [s] without a request, or with the server."""
 
-    def __init__(self, module: str, idle: float = IDLE):
+    def __init__(self, module: str, idle: float = IDLE_TIMEOUT):
         self.module, self.idle, self.process = module, idle, None
-        self.turn, self.open = asyncio.Lock(), 0  # requests whose last answer has not come: who waits has the turn
+        self.turn, self.open = asyncio.Lock(), 0  # requests without their last answer
 
     async def ask(self, request: dict, patience: float | None = None):
-        """Yield the answers to a request, the last one with ``end``. Who stops to listen cancels it. TimeoutError where
-        one takes longer than ``patience`` [s], whereupon the process is ended."""
+        """Yield the answers to a request, the last one with ``end``; a closed generator cancels it. TimeoutError if an
+        answer takes longer than ``patience`` [s], after which the process is killed."""
         async with self.turn:
             for _ in range(2):
                 if not self.alive:
                     words = sys.executable, "-m", f"taichi_mps.app.{self.module}"
                     self.process = await asyncio.create_subprocess_exec(
-                        *words, stdin=PIPE, stdout=PIPE, stderr=DEVNULL, limit=LONGEST, start_new_session=True
+                        *words, stdin=PIPE, stdout=PIPE, stderr=DEVNULL, limit=MAX_LINE_BYTES, start_new_session=True
                     )
                     self.open = 0
                 self.open += 1
@@ -54,12 +54,12 @@ class Resident:
                     if self.open:
                         self.send({})
                 await self.process.wait()
-                yield {"remark": AGAIN}
-        yield {"wrong": TWICE, "end": True}
+                yield {"remark": RESTARTED}
+        yield {"wrong": ENDS_EACH_TIME, "end": True}
 
     @property
     def alive(self) -> bool:
-        """Whether there is a process that can be asked."""
+        """Whether the process runs."""
         return bool(self.process and self.process.returncode is None)
 
     def send(self, message: dict) -> None:
@@ -68,23 +68,23 @@ class Resident:
             self.process.stdin.write(json.dumps(message).encode() + b"\n")
 
     async def close(self) -> None:
-        """End it, at once if it does not by itself."""
+        """End the process, and kill it if it does not end by itself."""
         if self.alive:
             self.process.stdin.close()
-            await asyncio.wait([asyncio.create_task(self.process.wait())], timeout=PATIENCE)
+            await asyncio.wait([asyncio.create_task(self.process.wait())], timeout=EXIT_TIMEOUT)
             self.kill()
 
     def kill(self) -> None:
-        """End it at once."""
+        """Kill the process."""
         if self.alive:
             with suppress(ProcessLookupError):
                 self.process.kill()
 
 
 def answer_all(answer) -> None:
-    """In the process: answer each request by ``answer(request, tell, cancelled)``, where ``tell`` sends a part of the
-    answer and ``cancelled()`` is whether nobody waits for it any more, until stdin is closed or nobody asks. Whatever
-    comes after a request cancels it."""
+    """Loop of the resident process: answer each request by ``answer(request, tell, cancelled)``, where ``tell`` sends a
+    part of the answer and ``cancelled()`` is whether the request was cancelled, until stdin is closed or no request
+    comes in time. Any line after a request cancels it."""
     out = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)  # what is printed meanwhile is no answer
     came, lines, idle = [], queue.SimpleQueue(), None

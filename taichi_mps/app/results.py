@@ -1,6 +1,6 @@
-"""Runs of a folder: rows of a list, one with all that it holds, several beside each other; renamed, and put into a bin.
+"""Queries on the runs of a folder: list, show, compare, rename, delete into a bin, restore.
 
-A folder may come from anybody: what cannot be read is told in its row, and no link is followed to remove anything.
+A folder may come from anybody: an unreadable one says so in its row, and no link is followed to remove anything.
 """
 
 import math
@@ -15,8 +15,8 @@ import numpy as np
 
 from ..io import lock
 from ..io.history import newest, read_history
-from ..io.run_folder import MARK, PLOTS, REPORT, RunFolder, json_of, next_free
-from ..problem.labels import ENDS, in_words, is_measure, title, written
+from ..io.run_folder import MARKER_FILE, PLOTS, REPORT, RunFolder, next_free, read_json
+from ..problem.labels import STOP_REASONS, in_words, is_measure, title, written
 from ..problem.materials import mix_in_words
 from ..report import inputs
 from ..report.sentences import LEADING, measured, measures, rows, sentences
@@ -24,34 +24,31 @@ from ..units import SceneError, plain, require
 from .jobs import Job, Queue
 
 NO_SUMMARY = "runs, was cut off, or is of an older version"
-MOST_LINES, MOST_LETTERS, MOST_POINTS = 200, 1000, 300  # of a table; of a text of a run folder; of a curve
+MAX_LINES, MAX_CHARACTERS, MAX_POINTS = 200, 1000, 300  # of a table; of a text of a run folder; of a curve
 SAVED = {REPORT: "report", "summary.json": "numbers", "history.csv": "curves", "case.toml": "case"}  # in words
 NO_NUMBERS = "slump_max_m", "slump_expected_error_m", "spread_expected_error_m"
 BIN = ".bin"  # in the folder of the runs
-WHOLE, UNFINISHED = (
-    ("rest", "unyielded", "time"),
-    (None, "interrupted"),
-)  # how runs end that came to their end, or can go on
+ENDED_WELL, RESUMABLE_ENDS = ("rest", "unyielded", "time"), (None, "interrupted")  # values of ``stopped_by``
 
 
 def url(folder: RunFolder, name: str) -> str:
-    """Address at which the server has a file of a run; another one when the file was written anew."""
+    """URL of a file of a run on the server, with the file's time, so that browsers load a changed file again."""
     run, file = (quote(os.fsencode(text), safe) for text, safe in ((folder.path.name, ""), (name, "/")))
     return f"/runs/{run}/{file}?{(folder.path / name).stat().st_mtime_ns}"
 
 
 def newest_picture(folder: RunFolder) -> Path | None:
-    """The last picture."""
+    """Path of the last picture of a run; None without one."""
     return next((path for path in reversed(folder.pictures) if path.is_file()), None)
 
 
 def text_of(value) -> str:
-    """Text of a run folder, which may come from anybody, as a page has room for it."""
-    return plain(value)[:MOST_LETTERS]
+    """Text of a run folder, which may come from anybody, made printable and cut to MAX_CHARACTERS."""
+    return plain(value)[:MAX_CHARACTERS]
 
 
 def summary_of(folder: RunFolder) -> dict:
-    """Its summary; empty for a run that goes on, was cut off, or says of itself what nobody can read."""
+    """Summary of a run; empty if it is missing or unreadable."""
     try:
         summary = folder.read_summary()
         for words in (sentences, rows, mixes, given, end_of):
@@ -62,33 +59,33 @@ def summary_of(folder: RunFolder) -> dict:
 
 
 def mixes(summary: dict) -> str:
-    """The mixes of a run."""
+    """Mixes of a run on one line."""
     return "; ".join(mix_in_words(mix) for mix in summary["materials"])
 
 
 def given(summary: dict) -> dict[str, str]:
-    """The keywords of a run."""
+    """Keywords of a run with their values, in words."""
     return dict(inputs.rows(summary["parameters"], inputs.fields_of(summary["scene"])))
 
 
 def end_of(summary: dict) -> str:
-    """Why a run ended."""
-    return ENDS.get(summary["stopped_by"], "-")
+    """Reason for which a run ended, in words."""
+    return STOP_REASONS.get(summary["stopped_by"], "-")
 
 
 def written_at(folder: RunFolder) -> int:
-    """When a run was written last [ns]."""
-    paths = folder.summary, folder.history, folder.path / MARK
+    """Time at which a run was last written [ns]."""
+    paths = folder.summary, folder.history, folder.path / MARKER_FILE
     return next((path.stat().st_mtime_ns for path in paths if path.exists()), 0)
 
 
 def size_of(folder: RunFolder) -> int:
-    """Bytes of its files; no link is followed."""
+    """Size of the files of a run in bytes, without following links."""
     return sum((Path(place) / name).lstat().st_size for place, _, names in os.walk(folder.path) for name in names)
 
 
 def row(folder: RunFolder) -> dict:
-    """A run in the list."""
+    """Row of the list for a run."""
     facts = {
         **dict.fromkeys(("runs", "whole", "resumable"), False),
         **dict.fromkeys(("picture", "report")),
@@ -101,7 +98,7 @@ def row(folder: RunFolder) -> dict:
     try:
         summary, picture = summary_of(folder), newest_picture(folder)
         facts |= {"size": size_of(folder), "runs": bool(lock.writer(folder.path))}
-        facts["resumable"] = folder.resumable and not facts["runs"] and summary.get("stopped_by") in UNFINISHED
+        facts["resumable"] = folder.resumable and not facts["runs"] and summary.get("stopped_by") in RESUMABLE_ENDS
         if picture:
             facts["picture"] = url(folder, str(picture.relative_to(folder.path)))
         if folder.report.is_file():
@@ -117,24 +114,24 @@ def row(folder: RunFolder) -> dict:
         found = {key: summary[key] for key in LEADING if isinstance(summary.get(key), float)}
         errors = {key: summary.get(key.replace("_m", "_expected_error_m")) for key in ("slump_m", "spread_m")}
         facts |= {key: text_of(text) for key, text in words.items()}
-        return facts | {"whole": summary["stopped_by"] in WHOLE, "numbers": numbers(found), "errors": errors}
+        return facts | {"whole": summary["stopped_by"] in ENDED_WELL, "numbers": numbers(found), "errors": errors}
     except Exception as error:  # a folder may come from anybody
         return facts | {"end": f"This cannot be read: {text_of(error) or type(error).__name__}"}
 
 
 class Runs:
-    """The runs of a folder, and what the page may ask of them, by the texts of their names."""
+    """Runs of a folder, and the answers to queries of the page on them, by their names."""
 
     def __init__(self, queue: Queue):
         self.queue, self.bin, self.known = queue, queue.folder / BIN, {}
 
     def folders(self, place: Path) -> list[RunFolder]:
-        """Run folders in a folder, the last one first."""
+        """Run folders in a folder, the latest first."""
         found = [RunFolder(path) for path in place.glob("*") if path.is_dir()] if place.is_dir() else []
         return sorted((folder for folder in found if folder.ours), key=written_at, reverse=True)
 
     def rows(self) -> list[dict]:
-        """The list; a row is made anew when its run was written anew."""
+        """Rows of the list; a row is updated when its run has changed."""
         found = {}
         for folder in self.folders(self.queue.folder):
             key = folder.path, written_at(folder), lock.writer(folder.path)
@@ -143,7 +140,7 @@ class Runs:
         return list(found.values())
 
     def named(self, name: str, place: Path | None = None) -> RunFolder:
-        """The run of a name; SceneError where there is none."""
+        """Run folder by its name; SceneError if there is none."""
         for folder in self.folders(place or self.queue.folder):
             if name in (folder.path.name, plain(folder.path.name)):
                 return folder
@@ -154,36 +151,36 @@ class Runs:
         return {"runs": self.rows(), "bin": [row(folder) for folder in self.folders(self.bin)]}
 
     def show(self, asked) -> dict:
-        """All of a run."""
+        """Details of a run."""
         folder = self.named(*asked.names[:1])
         summary = summary_of(folder)
-        told = sentences(summary, folder.path) if summary else [f"It {NO_SUMMARY}."]
-        told += [str(summary["error"])] if summary.get("error") else []
+        texts = sentences(summary, folder.path) if summary else [f"It {NO_SUMMARY}."]
+        texts += [str(summary["error"])] if summary.get("error") else []
         moving = folder.animation if folder.animation.is_file() else newest_picture(folder)
         lines = [[text_of(cell) for cell in line] for line in (rows(summary) if summary else [])]
-        more = [[f"and {len(lines) - MOST_LINES} more, see summary.json", "", ""]] * (len(lines) > MOST_LINES)
+        more = [[f"and {len(lines) - MAX_LINES} more, see summary.json", "", ""]] * (len(lines) > MAX_LINES)
         there = [name for name in (*PLOTS, *SAVED) if (folder.path / name).is_file()]
         return row(folder) | {
-            "sentences": [text_of(text) for text in told],
+            "sentences": [text_of(text) for text in texts],
             "film": url(folder, str(moving.relative_to(folder.path))) if moving else None,
-            "table": lines[:MOST_LINES] + more,
+            "table": lines[:MAX_LINES] + more,
             "plots": [url(folder, name) for name in there if name in PLOTS],
             "files": [[SAVED[name], url(folder, name)] for name in there if name in SAVED],
         }
 
     def compare(self, asked) -> dict:
-        """Runs beside each other: what differs of their keywords, their results, and their slump curves."""
+        """Comparison of runs: keywords that differ, results, and slump curves."""
         folders = list(map(self.named, asked.names))
         known = {text_of(folder.path.name): summary for folder in folders if (summary := summary_of(folder))}
-        lines = [[text_of(cell) for cell in line] for line in beside(list(known.values()))][:MOST_LINES]
+        lines = [[text_of(cell) for cell in line] for line in beside(list(known.values()))][:MAX_LINES]
         facts = {"head": list(known), "lines": lines, "curves": list(filter(None, map(curve, folders)))}
         return facts | {"beside": self.both(*folders) if len(folders) == 2 else None}
 
     def both(self, left: RunFolder, right: RunFolder) -> dict:
-        """The moving picture of two runs, or how far it is."""
+        """Animation of two runs side by side, or the state of the job that draws it."""
         words, name = drawing(left, right), f"animation-beside-{right.path.name}.gif"
         job = next((job for job in reversed(self.queue.jobs) if job.words == words), None)
-        if (left.path / name).is_file() and not (job and not job.over):
+        if (left.path / name).is_file() and not (job and not job.finished):
             return {"film": url(left, name)}
         return {"state": job.state if job else "", "said": job.said if job else ""}
 
@@ -194,7 +191,7 @@ class Runs:
 
     # ---- changes -----------------------------------------------------------------------------------------------
     def resume(self, asked) -> None:
-        """Let a run go on."""
+        """Resume a run."""
         folder = self.named(*asked.names[:1])
         require(folder.resumable, f"run = {plain(folder.path.name)}: has no checkpoint to go on from")
         words = ["resume", str(folder.path), "--quiet"]
@@ -222,7 +219,7 @@ class Runs:
             self.move(folder, next_free(self.queue.folder / folder.path.name))
 
     def empty(self, asked) -> None:
-        """Remove the runs in the bin for good; what is none stays."""
+        """Remove the runs in the bin for good; other files stay."""
         for folder in self.folders(self.bin) * (not self.bin.is_symlink()):
             if not folder.path.is_symlink():
                 shutil.rmtree(folder.path)
@@ -230,10 +227,10 @@ class Runs:
             self.bin.rmdir()
 
     def move(self, folder: RunFolder, to: Path) -> None:
-        """Move a run that nobody writes; SceneError where somebody does, and for a link to one."""
+        """Move a run; SceneError if a process writes it, or for a link."""
         name = plain(folder.path.name)
         require(not folder.path.is_symlink(), f"run = {name}: is a link to a run; it is left alone")
-        busy = any(job.folder and job.folder.path == folder.path for job in self.queue.jobs if not job.over)
+        busy = any(job.folder and job.folder.path == folder.path for job in self.queue.jobs if not job.finished)
         require(not busy, f"run = {name}: goes on; stop it first")
         with lock.held(folder.path):
             pass
@@ -241,12 +238,12 @@ class Runs:
 
 
 def drawing(left: RunFolder, right: RunFolder) -> list[str]:
-    """The words that draw two runs side by side."""
+    """Command line that draws two runs side by side."""
     return ["render", str(left.path), "--beside", str(right.path), "--json"]
 
 
 def numbers(found: dict) -> dict:
-    """Each measure: its value, None where it has none, as people read it, and its name."""
+    """Measures by key: value or None, value as text, and name."""
     shown = {}
     for key, value in found.items():
         if is_measure(key) and key not in NO_NUMBERS:
@@ -256,9 +253,9 @@ def numbers(found: dict) -> dict:
 
 
 def facts_of(number: int, job: Job) -> dict:
-    """A job for the page."""
-    at = newest(job.folder.history) if job.folder and not job.over else {}
-    picture, clock = newest_picture(job.folder) if at else None, json_of(job.folder.clock) if at else {}
+    """Facts of a job for the page."""
+    at = newest(job.folder.history) if job.folder and not job.finished else {}
+    picture, clock = newest_picture(job.folder) if at else None, read_json(job.folder.clock) if at else {}
     said = job.said or f"it ended with code {job.process and job.process.returncode}, and said nothing"
     return {
         "id": number,
@@ -277,7 +274,7 @@ def facts_of(number: int, job: Job) -> dict:
 
 
 def beside(summaries: list[dict]) -> list[tuple[str, ...]]:
-    """Lines of a table of runs: what differs of their keywords, then each result."""
+    """Lines of a table that compares runs: keywords that differ, then each result."""
     keywords = [given(summary) for summary in summaries]
     results = [{name: value for name, value, _ in rows(s)} | {"end": end_of(s)} for s in summaries]
     lines = [(key, *(k.get(key, "-") for k in keywords)) for key in dict.fromkeys(chain(*keywords))]
@@ -286,12 +283,12 @@ def beside(summaries: list[dict]) -> list[tuple[str, ...]]:
 
 
 def curve(folder: RunFolder) -> dict | None:
-    """The slump [cm] of a run over time [s]; None where it has none."""
+    """Slump [cm] of a run over time [s]; None if it has none."""
     try:
         history = read_history(folder.history)
     except SceneError:
         return None
     points = np.stack([history["time_s"], 100.0 * history["slump_m"]], 1)
     points = points[np.isfinite(points[:, 1])]
-    few = points[np.unique(np.linspace(0, len(points) - 1, MOST_POINTS).astype(int))] if len(points) else points
+    few = points[np.unique(np.linspace(0, len(points) - 1, MAX_POINTS).astype(int))] if len(points) else points
     return {"name": text_of(folder.path.name), "points": few.tolist()} if len(few) else None

@@ -1,4 +1,4 @@
-"""The server of the page: for this machine only, with the queue of runs, and nothing left behind at its end."""
+"""HTTP server of the page, for this machine only; it ends its processes when it ends."""
 
 import asyncio
 import json
@@ -21,42 +21,44 @@ from starlette.responses import FileResponse, JSONResponse, PlainTextResponse, S
 from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 
-from ..io.run_folder import PICTURES, PLOTS, REPORT, RunFolder, strict
+from ..io.run_folder import PICTURE_NAME, PLOTS, REPORT, RunFolder, strict
 from ..units import SceneError, plain
 from .jobs import Queue
-from .page import Asked, Page
+from .page import Page, Query
 from .results import SAVED
 
-HERE = "127.0.0.1"
+LOCALHOST = "127.0.0.1"
 REFUSED = "Only for this machine: type the address into the browser."
 STATIC = Path(__file__).with_name("static")
-MOST_ASKED = 100_000  # bytes of a question
-SHOWN = {"animation.gif", *PLOTS}  # files of a run that the page shows, besides PICTURE
-PICTURE = re.compile(rf"frames/{PICTURES.pattern}|animation-beside-[^/]+\.gif")
-OWN = "default-src 'self'; img-src 'self' data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
-ALWAYS = {
+MAX_REQUEST_BYTES = 100_000  # of a query
+SERVED_FILES = {"animation.gif", *PLOTS}  # files of a run that the page shows, besides PICTURE
+PICTURE = re.compile(rf"frames/{PICTURE_NAME.pattern}|animation-beside-[^/]+\.gif")
+PAGE_POLICY = "default-src 'self'; img-src 'self' data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+COMMON_HEADERS = {
     "Cache-Control": "no-cache",
     "Cross-Origin-Resource-Policy": "same-origin",
     "X-Content-Type-Options": "nosniff",
 }
 # of a report, which may come from anybody: an origin of its own, that reaches nothing
-ALONE = "sandbox allow-scripts; default-src 'unsafe-inline' data: blob:; connect-src 'none'; frame-ancestors 'none'"
+REPORT_POLICY = (
+    "sandbox allow-scripts; default-src 'unsafe-inline' data: blob:; connect-src 'none'; frame-ancestors 'none'"
+)
 
 
 class OnlyHere(BaseHTTPMiddleware):
-    """Refuses what a page of another host asks through a browser on this machine: requests by a name of another host
+    """Middleware that refuses requests of foreign pages through a browser on this machine: by a name of another host
     (DNS rebinding), from another origin, for a picture or a script in a foreign page, and the page in a frame."""
 
     def __init__(self, app, port: int):
         super().__init__(app)
-        self.hosts = {f"{HERE}:{port}", f"localhost:{port}"}
+        self.hosts = {f"{LOCALHOST}:{port}", f"localhost:{port}"}
         self.origins = {f"http://{host}" for host in self.hosts}
 
     async def dispatch(self, request: Request, call_next):
-        """Answer what is allowed, framed by none, and 403 to the rest."""
+        """Answer allowed requests, with headers that forbid frames, and others by 403."""
         answer = await call_next(request) if self.allows(request) else PlainTextResponse(REFUSED, 403)
-        answer.headers.setdefault("Content-Security-Policy", OWN)
-        answer.headers.update(ALWAYS)
+        answer.headers.setdefault("Content-Security-Policy", PAGE_POLICY)
+        answer.headers.update(COMMON_HEADERS)
         return answer
 
     def allows(self, request: Request) -> bool:
@@ -70,9 +72,9 @@ class OnlyHere(BaseHTTPMiddleware):
 
 
 def file_of(folder, run: str, name: str) -> FileResponse:
-    """A file of a run in a folder of runs; 404 for any other. One that a browser would run as a page is only given to
-    keep, since a run may come from anybody."""
-    known = name in SHOWN | set(SAVED) or PICTURE.fullmatch(name)
+    """Response with a file of a run in a folder of runs; 404 for any other file. A file that a browser would execute as
+    a page is sent as a download, since a run may come from anybody."""
+    known = name in SERVED_FILES | set(SAVED) or PICTURE.fullmatch(name)
     try:
         run_folder = RunFolder(folder / run)
         path = run_folder.path / name
@@ -85,7 +87,7 @@ def file_of(folder, run: str, name: str) -> FileResponse:
 
 
 def routes(page: Page) -> list[Route]:
-    """Routes of the server: the page, its questions, and files of runs."""
+    """Routes of the server: the page, its queries, and files of runs."""
 
     async def start(request: Request):
         return FileResponse(STATIC / "index.html")
@@ -98,14 +100,14 @@ def routes(page: Page) -> list[Route]:
 
     async def report(request: Request):
         shown = file_of(page.queue.folder, run_of(request), REPORT)
-        return FileResponse(shown.path, headers={"Content-Security-Policy": ALONE})
+        return FileResponse(shown.path, headers={"Content-Security-Policy": REPORT_POLICY})
 
     async def asked(request: Request):
-        if int(request.headers.get("content-length", MOST_ASKED)) >= MOST_ASKED:
+        if int(request.headers.get("content-length", MAX_REQUEST_BYTES)) >= MAX_REQUEST_BYTES:
             raise HTTPException(413)
         what = request.path_params["what"]
         try:
-            question = Asked(**json.loads(await request.body()))
+            question = Query(**json.loads(await request.body()))
             if what == "preview":
                 return StreamingResponse(lines_of(page.preview(question)), media_type="application/x-ndjson")
             if what not in page.answers:
@@ -125,7 +127,7 @@ def routes(page: Page) -> list[Route]:
 
 
 async def lines_of(parts):
-    """Parts of an answer as lines of JSON."""
+    """Yield the parts of an answer as lines of JSON."""
     try:
         async for part in parts:
             yield json.dumps(part) + "\n"
@@ -134,14 +136,14 @@ async def lines_of(parts):
 
 
 def serve(port: int, folder, browser: bool) -> None:
-    """Serve the page of the runs in ``folder`` on 127.0.0.1 until a signal; port 0 is any free one."""
+    """Serve the page of the runs in ``folder`` on 127.0.0.1 until a signal; port 0 stands for any free port."""
     try:
-        listener = socket.create_server((HERE, port))
+        listener = socket.create_server((LOCALHOST, port))
     except OSError as error:
         why = os.strerror(error.errno)
         raise SceneError(f"port = {port}: cannot be used ({why}); choose another, or 0 for any") from None
     port = listener.getsockname()[1]
-    address = f"http://{HERE}:{port}/"
+    address = f"http://{LOCALHOST}:{port}/"
     queue = Queue(folder)
     page = Page(queue)
     processes = page.preview_process, page.forecast_process

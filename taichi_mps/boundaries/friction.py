@@ -1,4 +1,4 @@
-"""Friction of a wall: what each particle before it carries, and how far the wall slips beneath it.
+"""Friction of a wall: slip and traction of each particle in front of it.
 
 The tangential traction t [Pa] of a wall resists the slip u_s [m/s] of the fluid on it: |t| <= yield stress where it
 sticks, t = (yield stress + viscous constant |u_s|) u_s/|u_s| where it slips. To the fit the wall moves along with the
@@ -14,15 +14,16 @@ the particle's own stress, whatever s and r were.
 
 from ..runtime.backend import real, ti
 
-DEPTH = 2.0  # penalty r = rho/dt times this many spacings: a row or two gain u in a step by r u
+DEPTH = 2.0  # penalty r over rho/dt times the spacing [-]: r u accelerates a row or two to u in a step
 
 
 @ti.data_oriented
 class FrictionalSlip:
-    """Friction of one wall by a material.Friction; ``slip`` and ``traction`` are carried by the particles.
+    """Friction of one wall by the law of a ``geometry.walls.Friction``; ``slip`` and ``traction`` are carried by the
+    particles.
 
-    ``slope`` [Pa s] of the fluid's flow curve, its ``typical_slope``, is that of the layer between particle and wall in
-    ``set_bond``: of Bingham's law the plastic viscosity."""
+    ``slope`` [Pa s], the ``typical_slope`` of the fluid's flow curve, is the viscosity of the layer between particle
+    and wall in ``set_bond``."""
 
     def __init__(self, law, slip, traction, spacing: float, slope: float):
         d, capacity = slip.n, slip.shape[0]
@@ -33,21 +34,21 @@ class FrictionalSlip:
         self.penalty = ti.field(real(), ())  # r [Pa s/m]; 0 without a yield stress
         self.stick = ti.field(real(), capacity)  # s [-]
         self.area = ti.field(real(), capacity)  # of the wall that belongs to the particle [m2]
-        self.thickness = ti.field(real(), capacity)  # of the layer beneath the particle [m]
-        self.bond = ti.field(real(), capacity)  # 0 where it slips as a plug, 1 where it sticks: of the moment t(z) [-]
-        self.offset = ti.Vector.field(d, real(), capacity)  # [m/s]
-        self.push = ti.Vector.field(d, real(), capacity)  # [Pa]
+        self.thickness = ti.field(real(), capacity)  # of the layer between particle and wall [m]
+        self.bond = ti.field(real(), capacity)  # factor of t(z): 0 where it slips as a plug, 1 where it sticks [-]
+        self.offset = ti.Vector.field(d, real(), capacity)  # part of u_s that does not depend on u [m/s]
+        self.push = ti.Vector.field(d, real(), capacity)  # part of t that does not depend on u_s [Pa]
 
     @ti.func
-    def seen_by_fit(self, i, n, v):
-        """Part of a velocity v relative to the wall that enters the least-squares fit; adjoint: part of a pull v that
-        acts on the particle."""
+    def velocity_in_fit(self, i, n, v):
+        """Part of a velocity v relative to the wall that enters the least-squares fit; as adjoint, the part of a pull v
+        that acts on the particle."""
         normal = n * n.dot(v)
         return normal + self.stick[i] * (v - normal)
 
     @ti.func
     def slip_velocity(self, i, n, v, motion):
-        """Slip u_s [m/s] at the velocity v relative to the wall; ``motion`` 0 without its constant part."""
+        """Slip u_s [m/s] at the velocity v relative to the wall; with ``motion`` 0 without ``offset``."""
         return (1.0 - self.stick[i]) * (v - n * n.dot(v)) + motion * self.offset[i]
 
     @ti.func
@@ -57,7 +58,8 @@ class FrictionalSlip:
 
     @ti.func
     def drag(self, i, n, v, motion):
-        """Force [N] of the wall against a particle with the velocity v, besides that through its stress."""
+        """Force [N] of the wall against a particle with the velocity v, besides the one through the particle's
+        stress."""
         t = self.resistance() * self.slip_velocity(i, n, v, motion)
         if ti.static(self.yields):
             t += motion * self.push[i]
@@ -65,7 +67,8 @@ class FrictionalSlip:
 
     @ti.func
     def set_bond(self, i, z):
-        """Keeps ``bond``, the part of its velocity that a particle at z [m] loses in the layer beneath."""
+        """Set ``bond``, the fraction of the velocity of a particle at z [m] that is shear in the layer beneath it, the
+        rest being slip."""
         t = self.constant * self.slip[i]
         if ti.static(self.yields):
             t += self.traction[i]
@@ -74,10 +77,10 @@ class FrictionalSlip:
 
     @ti.func
     def set_area(self, i, n, z, volume, cBn, ratio, acts, second_row_share):
-        """Area of the wall that particle i covers, and the layer beneath it. In all the area is that of the wall: the
-        second row of a lattice has its c V n.B n, ``second_row_share`` of the whole, and the first row the rest; its
-        c V n.B n grows by 5 % in sheared fluid. The layer is z, but not thicker than what makes
-        ``map_traction`` converge."""
+        """Set the area of the wall that belongs to particle i, and the thickness of the layer beneath it. The areas add
+        up to the wall: the second row of a lattice has its c V n.B n, ``second_row_share`` of the whole, and the first
+        row the rest; c V n.B n itself grows by 5 % in sheared fluid. The thickness is z, but not more than
+        ``map_traction`` needs to converge."""
         size = self.spacing * ti.sqrt(ratio)
         first = ti.max(0.0, ti.min(1.0, 2.5 - 2.0 * z / size))  # 1 in the first row, 0 in the second
         own = volume * ti.max(n.dot(cBn), 1e-3 / size)
@@ -87,8 +90,8 @@ class FrictionalSlip:
 
     @ti.func
     def set_initial_slip(self, i, n, v, mu):
-        """Set the slip of particle i before the iterations of a step: the slip that it carries, or (1 - s) u where it
-        is new at the wall."""
+        """Set the slip of particle i before the iterations of a step: the slip that it carries, or (1 - s) u if it has
+        just come to the wall."""
         R = self.resistance()
         self.stick[i] = R / (R + mu / self.thickness[i])
         tangential = v - n * n.dot(v)
@@ -109,8 +112,9 @@ class FrictionalSlip:
 
     @ti.func
     def map_traction(self, i, n, v, pull, stiff, mu):
-        """After an iteration, from the velocity v relative to the wall and the traction ``pull`` [Pa] on the particle,
-        which falls with the slip by ``stiff`` [Pa s/m] besides that of its viscosity."""
+        """Map the traction of particle i back onto its bound after an iteration, and move the slip to where the
+        friction balances the traction ``pull`` [Pa] of its stress; v is its velocity relative to the wall, and the slip
+        lowers ``pull`` by ``stiff`` [Pa s/m] besides mu/z."""
         tangential, R, layer = v - n * n.dot(v), self.resistance(), mu / self.thickness[i]
         slip, kappa = self.slip_velocity(i, n, v, 1.0), layer + stiff
         rest = pull - n * n.dot(pull) + kappa * slip

@@ -1,22 +1,26 @@
-"""Tabulated sums over the ghosts behind a wall, and the fraction of them that is left where another wall ends them."""
+"""Tabulated sums over the ghosts behind a wall, and the fraction that remains where another wall ends them."""
 
 import numpy as np
 
-from ..geometry.concave_edges import BEYOND
+from ..geometry.concave_edges import EDGE_MARGIN
 from ..geometry.solid import Solid
 from ..geometry.walls import Cylinder, Plane
 from ..particles.kernels import GHOST_SUMS, corner_table, ghost_table, lattice_sums
 from ..runtime.backend import constant_fields, real, ti
-from .surfaces import CLOSEST
+from .surfaces import MIN_DISTANCE
 
-FINEST, COARSEST, SIZES = 0.2, 1.5, 27  # sizes of rings in the tables, over the spacing
-COUNTED = "neighbours", "n", "packing"  # sums in which a ghost counts once
+SMALLEST_RING, LARGEST_RING, RING_SIZES = 0.2, 1.5, 27  # sizes of rings in the tables over the spacing, their number
+COUNT_SUMS = "neighbours", "n", "packing"  # sums in which each ghost must count once
 PAIR_SUMS = "pull", "tangential", "normal"  # sums of w/r^2, for rings times their radius over l0 (gradient.py)
-COSINES, WEDGE = 9, 24  # of the angles between two faces of a solid; entries of their tables along each distance
+COSINES, WEDGE_ENTRIES = (
+    9,
+    24,
+)  # of the angles between two faces of a solid; entries of their tables along each distance
 
 
-def meeting(walls) -> list[list[int]]:
-    """For each wall those at right angles, where its ghosts end: planes, and curved walls that stand on a plane."""
+def perpendicular_walls(walls) -> list[list[int]]:
+    """Numbers of the walls at right angles to each wall, where its ghosts end: planes, and cylinders standing on a
+    plane."""
 
     def across(one, other):
         if isinstance(one, Plane) and isinstance(other, Plane):
@@ -28,9 +32,9 @@ def meeting(walls) -> list[list[int]]:
     return [[m for m, other in enumerate(walls) if across(wall, other)] for wall in walls]
 
 
-def wedges(walls, faces, mirrors) -> np.ndarray:
-    """Pairs of faces that may meet at any angle, (faces, faces): 0 no, 1 yes, 2 where one of the two is a mirror plane.
-    Faces of a solid do, with each other and with the faces of all other walls. ``faces``: wall of each face;
+def face_pairs(walls, faces, mirrors) -> np.ndarray:
+    """Matrix (faces, faces) of the pairs of faces that may meet at any angle: 0 no, 1 yes, 2 where one of the two is a
+    mirror plane. Faces of a solid may meet each other and the faces of all other walls. ``faces``: wall of each face;
     ``mirrors``: whether each wall is a mirror plane."""
     solid = np.array([isinstance(walls[k], Solid) for k in faces], bool)
     mirror = np.array([mirrors[k] for k in faces], bool)
@@ -40,7 +44,7 @@ def wedges(walls, faces, mirrors) -> np.ndarray:
 
 @ti.func
 def bilinear(table: ti.template(), name: ti.template(), row, column):
-    """Value of one of GHOST_SUMS, linear between rows and columns of a table, or between columns where it has one
+    """Interpolate one of GHOST_SUMS linearly between rows and columns of a table, or between columns if it has one
     row."""
     c = ti.static(GHOST_SUMS.index(name))
     k = ti.min(ti.cast(column, ti.i32), table.shape[1] - 2)
@@ -56,14 +60,19 @@ def bilinear(table: ti.template(), name: ti.template(), row, column):
 
 @ti.data_oriented
 class GhostSums:
-    """GHOST_SUMS of a particle at the distance z [m] from a wall. ``rings``: also where ghosts stand closer than the
-    spacing; ``corners``: where planes meet at right angles; ``meet``: which faces meet at any angle (wedges)."""
+    """Sums GHOST_SUMS over the ghosts of a particle at the distance z [m] from a wall. ``rings``: tables for rings,
+    too, whose ghosts stand at another spacing; ``corners``: tables for walls at right angles; ``meet``: the pairs of
+    faces that meet at any angle (``face_pairs``)."""
 
     def __init__(self, dimension, spacing, effective_radius, kernels, rings, corners, meet, capacity):
         self.dimension, self.spacing, self.rings = dimension, spacing, rings
         self.reach, self.effective_radius = effective_radius - 0.5 * spacing, effective_radius
-        self.closest, self.entries = CLOSEST * spacing, 256
-        self.sizes = FINEST + (COARSEST - FINEST) * np.arange(SIZES) / (SIZES - 1) if rings else np.ones(1)
+        self.closest, self.entries = MIN_DISTANCE * spacing, 256
+        self.sizes = (
+            SMALLEST_RING + (LARGEST_RING - SMALLEST_RING) * np.arange(RING_SIZES) / (RING_SIZES - 1)
+            if rings
+            else np.ones(1)
+        )
         bent = 0.1 / spacing  # curvature [1/m] of the arcs that give the slope of the sums
         tables = np.array(
             [
@@ -86,10 +95,12 @@ class GhostSums:
             left = corner_table(dimension, spacing, effective_radius, **kernels)
             # fraction that is left, by the distances across and from it
             (self.corner,) = constant_fields(left.swapaxes(0, 1), vectors=True)
-        self.wedges = bool(meet.any())
-        if self.wedges:
+        self.has_wedges = bool(meet.any())
+        if self.has_wedges:
             cosines = np.linspace(-1.0, 1.0, COSINES)
-            fractions = [corner_table(dimension, spacing, effective_radius, WEDGE, c, **kernels) for c in cosines]
+            fractions = [
+                corner_table(dimension, spacing, effective_radius, WEDGE_ENTRIES, c, **kernels) for c in cosines
+            ]
             (self.wedge,) = constant_fields(np.array(fractions), vectors=True)
             (self.meet,) = constant_fields(meet)
             each = (capacity, len(meet))
@@ -99,10 +110,10 @@ class GhostSums:
 
     @ti.func
     def interpolate(self, table: ti.template(), name: ti.template(), z, ratio):
-        """Entry of one of GHOST_SUMS in a table at distance z [m] for a particle of this cross-section ratio."""
+        """Interpolate one of GHOST_SUMS in a table at distance z [m], for a particle of this cross-section ratio."""
         row = ti.cast(0.0, float)
         if ti.static(self.rings):
-            row = (ti.sqrt(ratio) - FINEST) / (COARSEST - FINEST) * (SIZES - 1)
+            row = (ti.sqrt(ratio) - SMALLEST_RING) / (LARGEST_RING - SMALLEST_RING) * (RING_SIZES - 1)
         return bilinear(table, name, row, ti.max(z, self.closest) / self.effective_radius * (self.entries - 1))
 
     @ti.func
@@ -115,11 +126,11 @@ class GhostSums:
     def remaining_fractions_at_angle(self, z, across, cosine):
         """Fractions of all GHOST_SUMS at the distance z [m] from a face whose ghosts end at another, ``across`` [m]
         away, the two normals at an angle of this cosine."""
-        scale = (WEDGE - 1) / self.effective_radius
+        scale = (WEDGE_ENTRIES - 1) / self.effective_radius
         s, t = ti.max(z, self.closest) * scale, ti.max(across, self.closest) * scale
         c = ti.max(0.0, 0.5 * (cosine + 1.0) * (COSINES - 1))
-        k = ti.min(ti.cast(s, ti.i32), WEDGE - 2)
-        m = ti.min(ti.cast(t, ti.i32), WEDGE - 2)
+        k = ti.min(ti.cast(s, ti.i32), WEDGE_ENTRIES - 2)
+        m = ti.min(ti.cast(t, ti.i32), WEDGE_ENTRIES - 2)
         a = ti.min(ti.cast(c, ti.i32), COSINES - 2)
         f, g, h = s - k, t - m, c - a
         left = ti.Vector.zero(float, ti.static(len(GHOST_SUMS)))
@@ -138,14 +149,14 @@ class GhostSums:
         if ti.static(wall.curved):
             value += curvature * self.interpolate(self.bend, name, z, ratio)
         for other, before, mirror in ti.static(wall.cut_by):
-            if ti.static(name == "inward" or (before if name in COUNTED else mirror)):
+            if ti.static(name == "inward" or (before if name in COUNT_SUMS else mirror)):
                 across, _n, _velocity, _curvature = other.nearest(x)
                 if across < self.effective_radius:
                     cut = 1.0 - self.remaining_fraction(name, z, across)
                     if ti.static(other.thin or other.unilateral):
                         cut *= other.weight(i, x, across)
                     value *= 1.0 - cut
-        if ti.static(self.wedges):
+        if ti.static(self.has_wedges):
             value *= self.remaining[i, f][ti.static(GHOST_SUMS.index(name))]
         if ti.static(wall.thin or wall.unilateral):
             value *= wall.weight(i, x, z)
@@ -155,7 +166,7 @@ class GhostSums:
         return value
 
     @ti.func
-    def set_face(self, i, f, z, n, weight):
+    def store_face(self, i, f, z, n, weight):
         """Store the distance z [m], normal and weight of face f before particle i."""
         self.face_geometry[i, f][0], self.face_geometry[i, f][1] = z, weight
         for a in ti.static(range(self.dimension)):
@@ -177,22 +188,22 @@ class GhostSums:
                         cosine = ti.cast(0.0, float)
                         for a in ti.static(range(self.dimension)):
                             cosine += self.face_geometry[i, f][2 + a] * self.face_geometry[i, g][2 + a]
-                        acts = self.face_geometry[i, g][1]  # the other, where it has not faded out itself
+                        acts = self.face_geometry[i, g][1]  # weight of the other face
                         cut = 1.0 - self.remaining_fractions_at_angle(z, across, cosine)
-                        cut *= acts * self.seen(across, z, cosine)
+                        cut *= acts * self.visible_fraction(across, z, cosine)
                         once = ti.max(0.0, cosine) / (1.0 + ti.max(0.0, cosine))
                         pull = 1.0 if self.meet[f, g] == 2 else once
                         for k, name in ti.static(enumerate(GHOST_SUMS)):
-                            if ti.static(name in COUNTED):
+                            if ti.static(name in COUNT_SUMS):
                                 left[k] *= 1.0 - cut[k] if g < f else 1.0
                             elif ti.static(name == "inward"):
                                 left[k] *= 1.0 - (1.0 - once) * cut[k]
                             else:
                                 left[k] *= 1.0 - pull * cut[k]
-                        left *= 1.0 - acts * (1.0 - self.seen(z, across, cosine))
+                        left *= 1.0 - acts * (1.0 - self.visible_fraction(z, across, cosine))
             self.remaining[i, f] = left
 
     @ti.func
-    def seen(self, z, across, cosine):
+    def visible_fraction(self, z, across, cosine):
         """Visible fraction of a face z [m] away: 0 where its foot is well behind another face, ``across`` [m] away."""
-        return ti.max(0.0, ti.min(1.0, 1.0 + (across - cosine * z) / (BEYOND * self.reach)))
+        return ti.max(0.0, ti.min(1.0, 1.0 + (across - cosine * z) / (EDGE_MARGIN * self.reach)))

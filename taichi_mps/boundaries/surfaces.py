@@ -1,11 +1,12 @@
-"""Wall surfaces as a point sees them, as Taichi functions: distance, normal, motion and curvature at its foot.
+"""Wall surfaces as Taichi functions: distance of a point, and normal, velocity and curvature of the wall at its foot.
 
 ``nearest(x)`` gives the distance z [m] of x, positive in the fluid; the unit normal n into the fluid; the velocity
 [m/s] of the wall at the foot x - z n, which no slip imposes on the fluid; and its curvature k [1/m], positive where the
 fluid is inside.
 
-A wall that travels stands where it is at the time ``clock`` [s]. A thin one has fluid on both sides: z is positive and
-n points to the side of x; ``signed(x)`` tells the side, ``beyond(x)`` how far outside the edge the foot is [m].
+A wall that moves has its position at the time ``clock`` [s]. A thin one has fluid on both sides: z is positive and n
+points to the side of x; ``signed_distance(x)`` tells the side, ``distance_beyond_edge(x)`` how far outside the edge the
+foot is [m].
 """
 
 from copy import copy
@@ -15,31 +16,32 @@ import numpy as np
 from ..geometry.walls import spin
 from ..runtime.backend import double_field, real, ti
 
-FAR = 1e9  # distance [m] from a wall that ends before the foot
-CLOSEST = 0.1  # distance from a wall within which no particle comes, over the spacing
-# spacings from a unilateral wall up to which it acts fully, and from which on not at all
-TOUCHING, RELEASED = 0.5, 0.55
+FAR = 1e9  # distance [m] given for a wall that ends before the foot
+MIN_DISTANCE = 0.1  # least distance of a particle from a wall, over the spacing [-]
+# distances over the spacing up to which a unilateral wall acts fully, and from which on not at all [-]
+FULL_CONTACT, NO_CONTACT = 0.5, 0.55
 
 
 @ti.data_oriented
 class Surface:
-    """Base class of wall surfaces: distance, normal and velocity at the foot of a point, and how much of the wall
-    acts."""
+    """Base class of wall surfaces: distance, normal and velocity at the foot of a point, and the fraction of the wall
+    that acts on a particle."""
 
-    curved = turns = separates = False
-    faces = 1  # that a particle may stand in front of
-    cut_by = ()  # planes at right angles where its ghosts end
+    curved = rotates = separates = False
+    faces = 1  # largest number of faces in front of a particle
+    cut_by = ()  # walls at right angles where its ghosts end
 
     def __init__(self, wall, dimension: int, spacing: float, clock, capacity: int, effective_radius: float):
-        """``capacity``: rows of fields for what is found once a step; ``effective_radius``: how far it is seen [m]."""
+        """``capacity``: rows of the fields per particle; ``effective_radius``: distance up to which the wall acts
+        [m]."""
         self.slip, self.thin, self.unilateral, self.spacing = wall.slip, wall.thin, wall.loose, spacing
-        self.has_friction, self.friction = wall.friction is not None, None  # Walls gives what is carried
-        self.holds, self.no_slip = not wall.slip, not wall.slip and not self.has_friction  # the fluid, at all, fully
-        self.releases, self.particles, self.released = False, None, None  # of a unilateral wall: Walls gives them
-        self.clock, self.travels = clock, bool(np.any(wall.travel))
-        self.moves = self.travels  # its place changes
-        self.drives, self.speed = wall.speed > 0.0, wall.speed  # whether it moves, or slides in itself; [m/s]
-        self.separates = wall.thin  # the fluid on one side of it does not feel that on the other
+        self.has_friction, self.friction = wall.friction is not None, None  # friction: set by Walls
+        self.resists_slip, self.no_slip = not wall.slip, not wall.slip and not self.has_friction
+        self.releases, self.particles, self.released = False, None, None  # of a unilateral wall; set by Walls
+        self.clock, self.travels = clock, bool(np.any(wall.travel))  # whether it is translated
+        self.moves = self.travels  # whether its position changes
+        self.drives, self.speed = wall.speed > 0.0, wall.speed  # whether it moves, also within its surface; [m/s]
+        self.separates = wall.thin  # whether fluid on its two sides does not interact
         self.travel = ti.types.vector(dimension, ti.f64)(wall.travel)
         self.point = ti.types.vector(dimension, ti.f64)(wall.point)
         self.wall, self.in_time = wall, wall.in_time is not None  # whether its velocity changes
@@ -76,9 +78,9 @@ class Surface:
             return self.velocity
 
     def frictionless(self):
-        """Copy of this wall with slip instead of friction."""
+        """Return a copy of this wall with slip instead of friction."""
         other = copy(self)
-        other.slip, other.holds, other.has_friction, other.friction = True, False, False, None
+        other.slip, other.resists_slip, other.has_friction, other.friction = True, False, False, None
         return other
 
     @ti.func
@@ -87,14 +89,14 @@ class Surface:
 
     @ti.func
     def face(self, i, x, slot: ti.template()):
-        """Distance, normal, velocity and curvature, as from ``nearest``, of one of the faces before particle i at x
-        [m]."""
+        """Distance, normal, velocity and curvature, as from ``nearest``, of one of the faces in front of particle i at
+        x [m]."""
         return self.nearest(x)
 
     @ti.func
     def update_release(self, i, x):
-        """Find, once a step, whether particle i has parted from a unilateral wall. It does where it leaves the wall and
-        does not press on it, and has until it comes nearer again."""
+        """Update, once a step, whether particle i is released from a unilateral wall: it is where it moves away from
+        the wall and does not press on it, until it approaches again."""
         _z, n, velocity, _curvature = self.nearest(x)
         leaves = n.dot(self.particles.u[i] - velocity) > 0.0
         pressure = self.particles.p[i]
@@ -106,26 +108,26 @@ class Surface:
 
     @ti.func
     def drives_near(self, x, reach: ti.template(), ahead: ti.template()):
-        """Whether the wall drives what is within reach [m] of it at x, or will be after ``ahead`` [m]."""
+        """Whether the moving wall is within ``reach`` [m] of x, or will be after ``ahead`` [m] of motion."""
         z, _n, velocity, _curvature = self.nearest(x)
         return z < reach + ahead and velocity.norm_sqr() > 0.0
 
     @ti.func
     def weight(self, i, x, z):
         """Fraction of the wall that acts on particle i at x, at the distance z, 0 to 1. A thin wall fades out over a
-        spacing beyond its edge, where the other side comes in view; a unilateral one within the first gap that opens,
-        and where the particle has parted from it, so that it pushes only."""
+        spacing beyond its edge, where the other side comes in view; a unilateral one as a gap opens, and where the
+        particle is released, so that it can only push."""
         weight = ti.cast(1.0, float)
         if ti.static(self.thin):
-            weight *= ti.cast(ti.max(0.0, ti.min(1.0, 1.0 - self.beyond(x) / self.spacing)), float)
+            weight *= ti.cast(ti.max(0.0, ti.min(1.0, 1.0 - self.distance_beyond_edge(x) / self.spacing)), float)
         if ti.static(self.unilateral):
-            weight *= ti.max(0.0, ti.min(1.0, (RELEASED - z / self.spacing) / (RELEASED - TOUCHING)))
+            weight *= ti.max(0.0, ti.min(1.0, (NO_CONTACT - z / self.spacing) / (NO_CONTACT - FULL_CONTACT)))
             if ti.static(self.releases):
                 weight *= 1.0 - self.released[i]
         return weight
 
     @ti.func
-    def between(self, x, y, a, b):
+    def stands_between(self, x, y, a, b):
         """Whether the wall separates two points at the signed distances a and b [m] from it: the same for (y, x), or
         forces were not opposite. A segment through a plate meets it at the ratio of the distances of its ends; of one
         that meets a solid, their sum is at most its length times the slope of the distance.
@@ -136,20 +138,21 @@ class Surface:
         if hidden:
             middle = (ti.abs(b) * x + ti.abs(a) * y) / ti.max(ti.abs(a) + ti.abs(b), 1e-12)
             if ti.static(self.thin):  # noqa: SIM108  (a compiled choice stays apart)
-                hidden = self.beyond(middle) <= 0.0
+                hidden = self.distance_beyond_edge(middle) <= 0.0
             else:
-                hidden = self.signed(middle) < 0.0
+                hidden = self.signed_distance(middle) < 0.0
         return hidden
 
     @ti.func
     def keep_in_front(self, x, y, closest):
-        """y [m], or the place at ``closest`` in front of the wall on the side of x if it is nearer or behind."""
+        """Point y [m], or the point at the distance ``closest`` in front of the wall, on the side of x, if y is nearer
+        or behind."""
         z, n, _velocity, _curvature = self.nearest(y)
         target = ti.cast(closest, float)
         if ti.static(self.thin):
-            if self.beyond(x) <= 0.0 and self.signed(x) * self.signed(y) < 0.0:
+            if self.distance_beyond_edge(x) <= 0.0 and self.signed_distance(x) * self.signed_distance(y) < 0.0:
                 n, z = -n, -z
-            if self.beyond(y) > 0.0:
+            if self.distance_beyond_edge(y) > 0.0:
                 z = target
         moved = y
         if z < target:
@@ -158,8 +161,8 @@ class Surface:
 
 
 @ti.data_oriented
-class Flat(Surface):
-    """A plane as kernels see it."""
+class PlaneSurface(Surface):
+    """Surface of a plane for kernels."""
 
     def __init__(self, wall, dimension: int, *others):
         super().__init__(wall, dimension, *others)
@@ -174,15 +177,15 @@ class Flat(Surface):
 
 
 @ti.data_oriented
-class Round(Surface):
-    """A circle (2-D), a cylinder or the mantle of a truncated cone; a point at the height s has the foot at the
-    radius |x - point - s axis| + z n_r."""
+class CylinderSurface(Surface):
+    """Surface of a circle (2-D), a cylinder or the mantle of a truncated cone for kernels; a point at the height s has
+    its foot at the radius |x - point - s axis| + z n_r."""
 
     curved = True
 
     def __init__(self, wall, dimension: int, *others):
         super().__init__(wall, dimension, *others)
-        self.turns, self.radius = wall.angular_velocity != 0.0, wall.radius
+        self.rotates, self.radius = wall.angular_velocity != 0.0, wall.radius
         self.axis = ti.types.vector(dimension, ti.f64)(wall.unit_axis)  # zero in 2-D
         self.side = 1.0 if wall.inside else -1.0
         self.slope, self.ends, self.length = wall.slope, wall.length is not None, wall.length
@@ -203,12 +206,12 @@ class Round(Surface):
         return s, radial / ti.max(r, 1e-12), r, self.side * self.cosine * (self.radius + self.slope * s - r)
 
     @ti.func
-    def signed(self, x):
+    def signed_distance(self, x):
         _s, _e, _r, z = self.polar(x)
         return z
 
     @ti.func
-    def beyond(self, x):
+    def distance_beyond_edge(self, x):
         s, _e, _r, z = self.polar(x)
         foot = s - z * self.side * self.cosine * self.slope
         return ti.max(-foot, foot - self.length)

@@ -1,7 +1,7 @@
 """Walls that act on the fluid without wall particles.
 
-Behind a wall the lattice of particles goes on as ghosts; a particle at distance z sees tabulated sums over them
-(weights.ghost_table). Ghost velocities mirror the fluid's, for no-slip u_g = -u(mirror point) with the latter
+Behind a wall the lattice of particles goes on as ghosts; a particle at distance z gets tabulated sums over them
+(particles/kernels.py). Ghost velocities mirror the fluid's, for no-slip u_g = -u(mirror point) with the latter
 from the particle's own velocity and gradient; the wall then adds to the least-squares fit of particle i
 
     N_i += (u_i - u_wall) (x) n c(z),   M_i += c(z) z n (x) n + t(z) (I - n (x) n),   c = 2 sum (w/r^2)(z + d)
@@ -17,13 +17,13 @@ from ..particles.kernels import PACKING, mps_weight
 from ..particles.particles import Carried
 from ..runtime.backend import real, ti
 from .friction import FrictionalSlip
-from .ghosts import COUNTED, GhostSums, meeting, wedges
+from .ghosts import COUNT_SUMS, GhostSums, face_pairs, perpendicular_walls
 from .positions import WallPositions
 
 
 def carried(walls) -> dict[str, Carried]:
-    """Fields that particles carry for these walls: slip and traction of each wall with friction, and for each
-    unilateral wall whether it has let go."""
+    """Fields that particles carry for these walls: slip and traction for each wall with friction, and for each
+    unilateral wall whether the particle is released from it."""
     fields = {}
     for k, law in enumerate(wall.friction for wall in walls if wall.friction):
         fields[f"slip_{k}"] = Carried("velocity on the wall beneath", "m/s", "vector")
@@ -39,8 +39,8 @@ class Walls(WallPositions):
     """Contributions of all walls to a particle: every function sums over the walls within the effective radius of x
     [m].
 
-    ``ratio`` is the cross-section of the particle at x over l0^2: 1, but for rings (gradient.py), behind whose walls
-    the ghosts stand as close as they do."""
+    ``ratio`` is the cross-section of the particle at x over l0^2, 1 except for rings (gradient.py), whose ghosts stand
+    at the spacing of the rings."""
 
     def __init__(
         self,
@@ -70,15 +70,15 @@ class Walls(WallPositions):
             self.surfaces[k].frictionless() if slot and self.surfaces[k].has_friction else self.surfaces[k]
             for k, slot in each
         )
-        # of rings the axis takes no pull from the others: the circle between a ring and what is beyond has no length
+        # for rings the axis is no mirror to the other walls: the circle there has no length
         mirrors = [getattr(wall, "mirror", False) and not (rings and abs(wall.normal[0]) > 0.5) for wall in walls]
-        for k, others in enumerate(meeting(walls)):
+        for k, others in enumerate(perpendicular_walls(walls)):
             mirror = [mirrors[m] or mirrors[k] for m in others]
             self.surfaces[k].cut_by = tuple(
                 (self.surfaces[m], m < k, part) for m, part in zip(others, mirror, strict=True)
             )
         corners = any(surface.cut_by for surface in self.surfaces)
-        meet = wedges(walls, [k for k, _ in each], mirrors)
+        meet = face_pairs(walls, [k for k, _ in each], mirrors)
         kernels = {"weight": weight, "packing_kernel": packing_kernel}
         self.ghosts = GhostSums(dimension, spacing, effective_radius, kernels, rings, corners, meet, capacity)
         if self.surfaces:
@@ -87,31 +87,31 @@ class Walls(WallPositions):
         if self.carry_curvature:
             # l0/4 of the curvature of the velocity at each particle [1/s]
             self.velocity_curvature = ti.Vector.field(dimension, real(), capacity)
-            self.curvature_known = ti.field(ti.i32, ())  # 1 where that is known, in a full vessel
+            self.curvature_known = ti.field(ti.i32, ())  # 1 if that is known, in a full vessel
 
-    def chosen(self, face=None, kind=None):
-        """(number, surface) of one face, or of all; of a ``kind``: only where this attribute of the surface is true."""
+    def select_faces(self, face=None, kind=None):
+        """Pairs (number, surface) of one face or of all; with a ``kind`` only where that attribute is true."""
         faces = [(f, wall) for f, wall in enumerate(self.faces) if face in (None, f)]
         return [(f, wall) for f, wall in faces if kind is None or getattr(wall, kind)]
 
     def set_friction_penalty(self, inertia: float) -> None:
-        """Penalty of the walls' friction for a step of rho/dt = ``inertia`` [kg/(m3 s)]."""
-        for _, wall in self.chosen(None, "has_friction"):
+        """Set the penalty of the walls' friction for a step of rho/dt = ``inertia`` [kg/(m3 s)]."""
+        for _, wall in self.select_faces(None, "has_friction"):
             wall.friction.penalty[None] = inertia * wall.friction.depth * wall.friction.yields
 
     @ti.func
     def moments(self, i, x, ratio):
-        """Neighbours, n and packing [-], the moment matrix [-], and sum w e [-] that the walls add at x, the place of
-        particle i, e the direction to each ghost; keeps their pull on it, and what faces of solids it stands in front
-        of."""
+        """Contributions of the walls to neighbours, n and packing [-], to the moment matrix [-] and to sum w e [-] of
+        particle i at x, e the direction to each ghost. Stores the pull of each face on it, and the faces of solids in
+        front of which it stands."""
         for wall in ti.static(self.surfaces):
             wall.find_faces(i, x)
             if ti.static(wall.releases):
                 wall.update_release(i, x)
-        if ti.static(self.ghosts.wedges):
+        if ti.static(self.ghosts.has_wedges):
             for f, wall in ti.static(enumerate(self.faces)):
                 z, n, _velocity, _curvature = wall.face(i, x, self.slots[f])
-                self.ghosts.set_face(i, f, z, n, wall.weight(i, x, z))
+                self.ghosts.store_face(i, f, z, n, wall.weight(i, x, z))
             self.ghosts.divide_corners(i)
         counts = ti.Vector.zero(float, 3)
         surface_normal = ti.Vector.zero(float, self.dimension)
@@ -120,7 +120,7 @@ class Walls(WallPositions):
             self.c[i, f] = 0.0
             z, n, _velocity, curvature = wall.face(i, x, self.slots[f])
             if z < self.effective_radius:
-                for k, name in ti.static(enumerate(COUNTED)):
+                for k, name in ti.static(enumerate(COUNT_SUMS)):
                     counts[k] += self.ghosts.lookup(name, i, wall, f, x, z, curvature, ratio)
                 surface_normal -= n * self.ghosts.lookup("inward", i, wall, f, x, z, curvature, ratio)
                 normal = n.outer_product(n)
@@ -135,21 +135,21 @@ class Walls(WallPositions):
 
     @ti.func
     def tangential(self, i, wall: ti.template(), f: ti.template(), x, z, curvature, ratio):
-        """t(z) [-] of face f at x: the moment along a wall that holds the fluid, less where that slips on it."""
+        """Moment t(z) [-] along the wall of face f at x, smaller where the fluid slips on it."""
         t = self.ghosts.lookup("tangential", i, wall, f, x, z, curvature, ratio)
         if ti.static(wall.has_friction):
             t *= wall.friction.bond[i]
         return t
 
     @ti.func
-    def seen_by_fit(self, i, wall: ti.template(), n, v, motion):
-        """Part of a velocity v relative to the wall that enters the fit; ``motion`` 1 adds the slip that does not
-        depend on v. At ``motion`` 0 it is symmetric: the same part of a pull reaches the particle."""
+    def velocity_in_fit(self, i, wall: ti.template(), n, v, motion):
+        """Part of a velocity v relative to the wall that enters the fit; ``motion`` 1 adds the part of the slip that
+        does not depend on v. With ``motion`` 0 it is symmetric: the same part of a pull acts on the particle."""
         seen = v
         if ti.static(wall.slip):
             seen = n * n.dot(v)
         if ti.static(wall.has_friction):
-            seen = wall.friction.seen_by_fit(i, n, v) - motion * wall.friction.offset[i]
+            seen = wall.friction.velocity_in_fit(i, n, v) - motion * wall.friction.offset[i]
         return seen
 
     @ti.func
@@ -160,9 +160,9 @@ class Walls(WallPositions):
         for f, wall in ti.static(enumerate(self.faces)):
             if self.c[i, f] > 0.0:
                 z, n, velocity, curvature = wall.face(i, x, self.slots[f])
-                jump = self.seen_by_fit(i, wall, n, u - motion * velocity, motion)
+                jump = self.velocity_in_fit(i, wall, n, u - motion * velocity, motion)
                 total += jump.outer_product(n) * self.c[i, f]
-                if ti.static(wall.turns and not wall.slip):
+                if ti.static(wall.rotates and not wall.slip):
                     spin = ti.cast(wall.spin, float)
                     t = self.tangential(i, wall, f, x, z, curvature, ratio)
                     total += motion * t * (spin - (spin @ n).outer_product(n))
@@ -176,7 +176,7 @@ class Walls(WallPositions):
         total = ti.Matrix.zero(float, self.dimension, self.dimension)
         drag = ti.Vector.zero(float, self.dimension)
         if ti.static(self.carry_curvature):
-            for f, wall in ti.static(self.chosen(face, "no_slip")):
+            for f, wall in ti.static(self.select_faces(face, "no_slip")):
                 if self.curvature_known[None] == 1 and self.c[i, f] > 0.0:
                     z, n, _velocity, _curvature = wall.face(i, x, self.slots[f])
                     along = self.c[i, f] * (self.velocity_curvature[i] - n * n.dot(self.velocity_curvature[i]))
@@ -188,25 +188,25 @@ class Walls(WallPositions):
     def force_term(self, i, x, flux, face: ti.template() = None):
         """Force of the walls on a particle with flux matrix P = V T B: the exact adjoint of gradient_term."""
         total = ti.Vector.zero(float, self.dimension)
-        for f, wall in ti.static(self.chosen(face)):
+        for f, wall in ti.static(self.select_faces(face)):
             if self.c[i, f] > 0.0:
                 _z, n, _velocity, _curvature = wall.face(i, x, self.slots[f])
-                total -= self.seen_by_fit(i, wall, n, flux @ n, 0.0) * self.c[i, f]
+                total -= self.velocity_in_fit(i, wall, n, flux @ n, 0.0) * self.c[i, f]
         return total
 
     @ti.func
     def drag_term(self, i, x, u, motion, face: ti.template() = None):
-        """sum of (u - u_wall) c/z: the walls' part of the resistance to hourglass modes (momentum.py); and its power,
+        """Sum of (u - u_wall) c/z, the walls' part of the resistance to hourglass modes (momentum.py); and its power,
         sum of |u - u_wall|^2 c/z [1/s2]."""
         total, power = ti.Vector.zero(float, self.dimension), ti.cast(0.0, float)
-        for f, wall in ti.static(self.chosen(face)):
+        for f, wall in ti.static(self.select_faces(face)):
             if self.c[i, f] > 0.0:
                 z, n, velocity, _curvature = wall.face(i, x, self.slots[f])
-                jump = self.seen_by_fit(i, wall, n, u - motion * velocity, motion)
+                jump = self.velocity_in_fit(i, wall, n, u - motion * velocity, motion)
                 part = self.c[i, f] / ti.max(z, self.closest)
                 power += jump.norm_sqr() * part
                 if ti.static(wall.has_friction):
-                    jump = self.seen_by_fit(i, wall, n, jump, 0.0)
+                    jump = self.velocity_in_fit(i, wall, n, jump, 0.0)
                 total += jump * part
         return total, power
 
@@ -214,16 +214,17 @@ class Walls(WallPositions):
     def friction_term(self, i, x, u, motion, face: ti.template() = None):
         """Force [N] of the walls' friction against a particle, besides force_term."""
         total = ti.Vector.zero(float, self.dimension)
-        for f, wall in ti.static(self.chosen(face, "has_friction")):
+        for f, wall in ti.static(self.select_faces(face, "has_friction")):
             if self.c[i, f] > 0.0:
                 _z, n, velocity, _curvature = wall.face(i, x, self.slots[f])
                 total += wall.friction.drag(i, n, u - motion * velocity, motion)
         return total
 
     @ti.func
-    def start_slip(self, i, x, u, B, volume, mu, ratio):
-        """Before the iterations of a step: how particle i, of viscosity mu [Pa s], slips on walls with friction."""
-        for f, wall in ti.static(self.chosen(None, "has_friction")):
+    def set_initial_slip(self, i, x, u, B, volume, mu, ratio):
+        """Set the slip of particle i, of viscosity mu [Pa s], on walls with friction before the iterations of a
+        step."""
+        for f, wall in ti.static(self.select_faces(None, "has_friction")):
             if self.c[i, f] > 0.0:
                 z, n, velocity, _curvature = wall.face(i, x, self.slots[f])
                 acts = wall.weight(i, x, z)
@@ -237,23 +238,23 @@ class Walls(WallPositions):
 
     @ti.func
     def update_slip(self, i, x, u, flux, weight, B, mu, h, ratio):
-        """After an iteration: the slip at which the walls' traction is all that they give to particle i: of its flux
-        V T B - h G, of drag_term times h, and of what their ghosts' pressure exceeds its own by under its ``weight``
-        [N]."""
-        for f, wall in ti.static(self.chosen(None, "has_friction")):
+        """Update the slip of particle i after an iteration, so that the walls' friction balances all that they give to
+        it: by its flux V T B - h G, by drag_term times h, and by the ghosts' pressure in excess of its own under its
+        ``weight`` [N]."""
+        for f, wall in ti.static(self.select_faces(None, "has_friction")):
             if self.c[i, f] > 0.0:
                 z, n, velocity, curvature = wall.face(i, x, self.slots[f])
                 deeper = n.dot(weight) * self.ghosts.lookup("normal", i, wall, f, x, z, curvature, ratio)
                 stiff = h * self.c[i, f] / ti.max(z, self.closest)
                 pull = flux @ n * self.c[i, f] + B @ n * deeper
-                pull += stiff * self.seen_by_fit(i, wall, n, u - velocity, 1.0)
+                pull += stiff * self.velocity_in_fit(i, wall, n, u - velocity, 1.0)
                 area = wall.friction.area[i]
                 wall.friction.map_traction(i, n, u - velocity, pull / area, stiff / area, mu)
 
     @ti.func
     def pull(self, i, x, B, shear, bulk):
-        """sum of n c [1/m] over the walls, and of c/z [1/m2] (for the diagonal); and the block [kg/s] by which they
-        resist a velocity of particle i: that of the gradient which they add for it, with V mu = ``shear`` and
+        """Sums over the walls of n c [1/m] and of c/z [1/m2], for the diagonal; and the block [kg/s] by which they
+        resist a velocity of particle i through the gradient that they add, with V mu = ``shear`` and
         V (mu + K - 2 mu/t) = ``bulk`` [Pa s m3]."""
         total, drag = ti.Vector.zero(float, self.dimension), ti.cast(0.0, float)
         block = ti.Matrix.zero(float, self.dimension, self.dimension)
@@ -273,18 +274,18 @@ class Walls(WallPositions):
     def hydrostatic(self, i, x, weight, B, ratio, face: ti.template() = None):
         """Force density [N/m3] by which the ghosts' pressure exceeds the particle's own under rho g = ``weight``."""
         total = ti.Vector.zero(float, self.dimension)
-        for f, wall in ti.static(self.chosen(face)):
+        for f, wall in ti.static(self.select_faces(face)):
             z, n, _velocity, curvature = wall.face(i, x, self.slots[f])
             if z < self.effective_radius:
                 push = B @ n * (n.dot(weight) * self.ghosts.lookup("normal", i, wall, f, x, z, curvature, ratio))
                 if ti.static(wall.has_friction):
-                    push = self.seen_by_fit(i, wall, n, push, 0.0)
+                    push = self.velocity_in_fit(i, wall, n, push, 0.0)
                 total -= push
         return total
 
     @ti.func
     def crowding(self, i, x, ratio):
-        """sum max(0, 1 - r/(1.5 l0)) e over the ghosts, e the direction from x to each [-]."""
+        """Sum of max(0, 1 - r/(1.5 l0)) e [-] over the ghosts, e the direction from x to each."""
         near = ti.Vector.zero(float, self.dimension)
         for f, wall in ti.static(enumerate(self.faces)):
             z, n, _velocity, curvature = wall.face(i, x, self.slots[f])

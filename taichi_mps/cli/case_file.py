@@ -3,20 +3,20 @@
 from pathlib import Path
 
 from ..problem import catalogue
-from ..problem.labels import OPTIONS, what_it_is
+from ..problem.labels import OPTIONS, keyword_description
 from ..problem.numerics import NUMERICS, Implicit
 from ..report.inputs import option
 from ..units import NUMBERS, SceneError, ordinary, require, suggestion, unit_of, user_path
 from .options import GROUPS, Run, group_of, is_tuple
 
-KEYS = {option.replace("-", "_"): key for key, option in OPTIONS.items()}  # by the names of options
+KEYS = {option.replace("-", "_"): key for key, option in OPTIONS.items()}  # keywords by the names of options
 SECTIONS = [group.split()[0] for group in GROUPS]
-OF_ONE_RUN = {"out", "overwrite", "quiet", "verbose", "profile"}  # not of what is computed
-MOST_BYTES = 1e5  # a second to read; a case has some 5e3
+NOT_IN_CASE = {"out", "overwrite", "quiet", "verbose", "profile"}  # options that a case file does not hold
+MAX_BYTES = 1e5  # of a case file, which takes a second to read; a case has some 5e3
 TITLE = "A case of taichi-mps: taichi-mps run case.toml. A number may have a unit of its own, in quotes: '0.5 kPa'."
 
 
-def text(source: str, problem, settings: dict) -> str:
+def case_text(source: str, problem, settings: dict) -> str:
     """The case file of a problem whose scene comes from a ``source``, with the options of its run."""
     import tomlkit
 
@@ -30,11 +30,11 @@ def text(source: str, problem, settings: dict) -> str:
     for name, (model, field) in known.items():
         table = tables[group_of(name, model).split()[0]]
         unit = unit_of(field).strip("-")
-        told = (field.description or what_it_is(name)) + f" [{unit}]" * bool(unit)
+        comment = (field.description or keyword_description(name)) + f" [{unit}]" * bool(unit)
         if values.get(name) is None:
-            table.add(tomlkit.comment(f"{name} =  # {told}"))
+            table.add(tomlkit.comment(f"{name} =  # {comment}"))
         else:
-            table.add(name, tomlkit.item(values[name]).comment(told))
+            table.add(name, tomlkit.item(values[name]).comment(comment))
     for name, table in tables.items():
         document.add(tomlkit.nl())
         document.add(name, table)
@@ -46,19 +46,19 @@ def keywords(function, numerics) -> dict:
     found = {}
     for model in (function.parameters, numerics, Run):
         for name, field in model.model_fields.items():
-            if name not in OF_ONE_RUN:
+            if name not in NOT_IN_CASE:
                 found.setdefault(name, (model, field))
     return found
 
 
-def words(path: Path) -> list[str]:
-    """The words of the command line that a case file stands for: the scene and an option for each key. SceneError for
-    what is no case file, an unknown section or key, a value that is no number, text or switch."""
+def command_words(path: Path) -> list[str]:
+    """Convert a case file to words of the command line: the scene and an option for each key. SceneError for another
+    file, an unknown section or key, or a value that is no number, text or switch."""
     import tomlkit
     from tomlkit.exceptions import TOMLKitError
 
     try:
-        case = tomlkit.parse(ordinary(f"case = {path}", path, MOST_BYTES).read_text(encoding="utf-8")).unwrap()
+        case = tomlkit.parse(ordinary(f"case = {path}", path, MAX_BYTES).read_text(encoding="utf-8")).unwrap()
     except (OSError, UnicodeError) as error:
         raise SceneError(f"case = {path}: cannot be read ({getattr(error, 'strerror', None) or error})") from None
     except TOMLKitError as error:
@@ -82,27 +82,27 @@ def words(path: Path) -> list[str]:
         given |= keys
     known = keywords(function, NUMERICS.get(str(given.get("scheme")), Implicit))
     options = []
-    for told, value in given.items():
-        name = told if told in known else KEYS.get(told, told)
-        require(name in known, f"case = {path}: unknown key '{told}'{suggestion(told, known)}")
+    for word, value in given.items():
+        name = word if word in known else KEYS.get(word, word)
+        require(name in known, f"case = {path}: unknown key '{word}'{suggestion(word, known)}")
         require(
             isinstance(value, str | int | float) or is_list(value, known[name][1]),
             f"case = {path}: {name} = {value}: must be a number, a text or true or false",
         )
-        # a switch that is off has no option, and a number of the mix at its default tells no law
+        # a switch that is off has no option, and a number of the mix at its default must not choose a law
         if value != known[name][1].default or not (isinstance(value, bool) or name in NUMBERS):
             options.append(option(name, value, known))
     return [source, *options]
 
 
 def is_list(value, field) -> bool:
-    """Whether a value is the list of numbers, or of texts without a comma, that a field of several numbers takes."""
+    """Whether a value is a list, without commas in its texts, for a field of several values."""
     return is_tuple(field) and isinstance(value, list) and not any("," in str(item) for item in value)
 
 
-def expanded(argv) -> list[str]:
-    """The command line with the first case file in it replaced by what it stands for; what follows it, counts."""
+def expand_case_file(argv) -> list[str]:
+    """Replace the first case file in a command line by its words; options after it override its keys."""
     for k, word in enumerate(argv):
         if word.endswith(".toml") and not word.startswith("-") and (k == 0 or user_path(word).is_file()):
-            return [*argv[:k], *words(user_path(word)), *argv[k + 1 :]]
+            return [*argv[:k], *command_words(user_path(word)), *argv[k + 1 :]]
     return list(argv)

@@ -1,4 +1,4 @@
-"""The command line: one function a command, see COMMANDS. Taichi is imported when a run starts."""
+"""Command line: one function for each command, see COMMANDS. Taichi is imported when a run starts."""
 
 import argparse
 import os
@@ -21,23 +21,22 @@ from ..problem import catalogue
 from ..problem.numerics import NUMERICS, Implicit
 from ..problem.problem import Problem
 from ..units import INSTANT, SceneError, plain, require, said, suggestion, user_path
-from .case_file import expanded
-from .case_file import text as case_text
+from .case_file import case_text, expand_case_file
 from .options import BAD_INPUT, DONE, JSON, Pictures, Run, Table, command, given, is_tuple, of_scene, read_back, tell
-from .run import carry_out, clock_of, curves, lines, redraw, result, start
+from .run import carry_out, clock_of, curves, describe_run, redraw, result, start
 from .study import COMMANDS as STUDY
 
-WITHOUT_REST = 5.0  # time limit [s] of a scene without one, by the scheme without coming to rest
-MISSED = 1  # what validate returns where not all is as it should be
+WITHOUT_REST = 5.0  # time limit [s] of a scene without one, with the scheme that does not come to rest
+TARGET_MISSED = 1  # exit code of validate if a target is missed
 RUN = {"run": {"help": "run folder"}} | JSON
 SCENE = {"--scene": {"help": "the Python file of the scene, where it is not a built-in one"}}
-KEPT = ["scheme", "precision", "out", "overwrite"]  # by a run that goes on
+KEPT_OPTIONS = ["scheme", "precision", "out", "overwrite"]  # options of a run that resume cannot change
 
 
 # ---- commands ---------------------------------------------------------------------------------------------------
 def planned(name, argv):
-    """Parsed command line of run or new: arguments, options of the run, problem."""
-    argv = expanded(argv)
+    """Parse the command line of run or new: arguments, options of the run, problem."""
+    argv = expand_case_file(argv)
     known, function, parser = of_scene(name, argv, Run, "SCENE|CASE.toml")
     numerics, parameters = NUMERICS.get(known.scheme, Implicit), function.parameters
     own_until = parameters.model_fields.get("until")
@@ -45,8 +44,8 @@ def planned(name, argv):
         parser.options(model, leave_out=left_out)
     if name == "run":
         parser.groups["output"].add_argument("--json", **JSON["--json"])
-        told = "tell size, memory and processor time of the run, and end"
-        parser.groups["accuracy and cost"].add_argument("--forecast", action="store_true", help=told)
+        help_text = "tell size, memory and processor time of the run, and end"
+        parser.groups["accuracy and cost"].add_argument("--forecast", action="store_true", help=help_text)
     arguments = parser.parse(argv)
 
     options = Run(**given(arguments, Run))
@@ -66,8 +65,8 @@ def run(argv) -> int:
     arguments, options, problem = planned("run", argv)
     clock = clock_of(problem, options)
     if arguments.forecast:
-        told = lines(problem, clock)
-        return tell(arguments, {"forecast": told}, "\n".join(told))
+        forecast = describe_run(problem, clock)
+        return tell(arguments, {"forecast": forecast}, "\n".join(forecast))
     usual = Path("renders") / problem.scene.name
     folder = RunFolder(options.out or (usual if options.overwrite else next_free(usual)))
     if not options.out and folder.path != usual:
@@ -75,7 +74,7 @@ def run(argv) -> int:
     folder.check(options.overwrite)
     with lock.held(folder.path):
         if not (arguments.json or options.quiet):
-            print(plain("\n".join(lines(problem, clock))), flush=True)
+            print(plain("\n".join(describe_run(problem, clock))), flush=True)
         start(options)
         from ..simulation.simulation import Simulation
 
@@ -94,7 +93,7 @@ def new(argv) -> int:
 @command(
     "Continue a run from its checkpoint.",
     {"run": {"help": "run folder, or the checkpoint file in it"}, **SCENE, **JSON},
-    {Run: (None, KEPT)},
+    {Run: (None, KEPT_OPTIONS)},
 )
 def resume(arguments) -> int:
     """continue an interrupted run"""
@@ -108,7 +107,7 @@ def resume(arguments) -> int:
     state, remark = checkpoint.read_good(newest)
     if remark:
         print(f"taichi-mps: {remark}", file=sys.stderr)
-    options = Run(**{**state.header["settings"], **given(arguments, Run, leave_out=KEPT)})
+    options = Run(**{**state.header["settings"], **given(arguments, Run, leave_out=KEPT_OPTIONS)})
     passed = state.header["time"]
     if arguments.until and options.until < passed - INSTANT:
         raise SceneError(f"until = {options.until:g} s: {passed:g} s of the run have passed; must be longer")
@@ -216,10 +215,12 @@ def export(arguments) -> int:
 @command("The built-in scenes; 'taichi-mps run SCENE --help' lists their keywords.", JSON)
 def scenes(arguments) -> int:
     """list the scenes"""
-    told = catalogue.describe()
-    facts = [{"name": name, "description": told[name], "file": str(path)} for name, path in catalogue.names().items()]
-    width = max(map(len, told), default=0)
-    return tell(arguments, facts, "\n".join(f"{name:{width}}  {text}" for name, text in told.items()))
+    descriptions = catalogue.describe()
+    facts = [
+        {"name": name, "description": descriptions[name], "file": str(path)} for name, path in catalogue.names().items()
+    ]
+    width = max(map(len, descriptions), default=0)
+    return tell(arguments, facts, "\n".join(f"{name:{width}}  {text}" for name, text in descriptions.items()))
 
 
 @command("The installation, or the summary of a run.", {"run": {"nargs": "?", "help": "run folder"}} | JSON)
@@ -271,12 +272,12 @@ def validate(arguments) -> int:
     tell(arguments, results, text)
     failed = any(result["error"] and not result["error"].startswith("not run") for result in results)
     missed = not all(item["met"] for result in results for item in result["numbers"])
-    return MISSED if failed or missed else DONE
+    return TARGET_MISSED if failed or missed else DONE
 
 
 def prepare_streams() -> None:
-    """Let a program without standard streams (>&-, pythonw) go on with the null device in their places, where otherwise
-    the next files would get their numbers; and show what an output's encoding lacks as codes."""
+    """Replace missing standard streams (>&-, pythonw) by the null device, or the next files would get their numbers;
+    and let outputs show characters that their encoding lacks as codes."""
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         stream = getattr(sys, name)
         if stream is None:

@@ -13,12 +13,12 @@ from pydantic import Field
 
 from ..io.run_folder import strict
 from ..problem import catalogue
-from ..problem.labels import option_name, what_it_is
+from ..problem.labels import keyword_description, option_name
 from ..problem.materials import Concrete
 from ..problem.numerics import NUMERICS
 from ..units import Checked, Count, Duration, SceneError, checked, notes, plain, require, said, suggestion, unit_of
 
-EVERY = (
+EVERY_HELP = (
     "time between pictures, by default a hundredth of the time limit, and of what comes to rest at most 0.3 sqrt(H/g)"
 )
 EXAMPLES = {
@@ -47,14 +47,14 @@ SCHEMES = Literal["implicit", "semi-implicit"]
 VIEWS = Literal["concrete", "speed", "pressure", "shear-rate", "yielded", "mix"]
 
 
-DONE, BAD_INPUT, DIVERGED = 0, 2, 3  # what a command returns; ended by a signal: 128 and its number
-MOST_READ_BACK = 8  # values of a list that are told one by one
+DONE, BAD_INPUT, DIVERGED = 0, 2, 3  # exit codes; 128 plus the number of a signal that ended the command
+MAX_READ_BACK = 8  # values of a list that are printed one by one
 JSON = {"--json": {"action": "store_true", "help": "print the result as JSON"}}
 
 
 def command(description: str, arguments: dict, models: dict | None = None):
-    """Decorator: a function of parsed ``arguments``, {name: settings of argparse}, and of the options of ``models``,
-    {model: (heading, fields left out)}, becomes the command of its name, a function of words."""
+    """Make a decorator that turns a function of parsed arguments into the command of its name, a function of words.
+    ``arguments``: {name: settings of argparse}; ``models`` with more options: {model: (heading, fields left out)}."""
 
     def of(function):
         @wraps(function)
@@ -72,7 +72,7 @@ def command(description: str, arguments: dict, models: dict | None = None):
 
 
 def tell(arguments, facts, text) -> int:
-    """Print the facts as JSON, if asked, or else the text; DONE."""
+    """Print the facts as JSON with ``--json``, else the text; returns DONE."""
     print(json.dumps(strict(facts)) if arguments.json else plain(text))
     return DONE
 
@@ -102,7 +102,7 @@ class Run(Pictures):
     scheme: SCHEMES = Field("implicit", description="numerical scheme")
     precision: Literal["f32", "f64"] = Field("f32", description="of the solver's numbers")
     until: Duration | None = Field(None, description="time limit of the flow, the scene's own by default")
-    every: Duration | None = Field(None, description=EVERY)
+    every: Duration | None = Field(None, description=EVERY_HELP)
     title: str | None = Field(None, description="title of the report, by default the name of the test")
     note: str | None = Field(None, description="remark that stands in the report")
     plots: bool = Field(False, description="slump.png and history.png beside the report, which has these curves")
@@ -121,7 +121,7 @@ class Table(Checked):
 
 
 class Parser(argparse.ArgumentParser):
-    """One clear line instead of the usage text for bad input."""
+    """Parser of argparse with options from pydantic models, which raises a SceneError of one line for bad input."""
 
     def __init__(self, command, what="", **settings):
         usage = f"taichi-mps {command} {what} [options]" if what else None
@@ -137,12 +137,12 @@ class Parser(argparse.ArgumentParser):
         self.groups = defaultdict(self.add_argument_group, {name: self.add_argument_group(name) for name in GROUPS})
 
     def error(self, message):
-        """Bad input, as argparse says it."""
+        """Raise the error of argparse as a SceneError."""
         raise SceneError(message)
 
     def options(self, model, title=None, leave_out=()):
-        """One option for every field of a pydantic model, with its unit, allowed range and default, in the group of
-        this title or in its own."""
+        """Add an option for every field of a pydantic model, with its unit, allowed range and default, to the group of
+        this title or to its own."""
         for name, field in model.model_fields.items():
             if name in leave_out:
                 continue
@@ -152,8 +152,8 @@ class Parser(argparse.ArgumentParser):
                 f"scene keyword '{name}' has the name of an option of run; rename it",
             )
             flags = [option_name(name, model.model_fields), flag]
-            told = " ".join(filter(None, (default(field), allowed(field))))
-            text = ", ".join(filter(None, (field.description or what_it_is(name), told)))
+            range_and_default = " ".join(filter(None, (default(field), allowed(field))))
+            text = ", ".join(filter(None, (field.description or keyword_description(name), range_and_default)))
             settings = {"dest": name, "help": text}
             if field.annotation is bool:
                 settings |= {
@@ -166,7 +166,7 @@ class Parser(argparse.ArgumentParser):
             self.groups[title or group_of(name, model)].add_argument(*dict.fromkeys(flags), **settings)
 
     def parse(self, argv):
-        """Namespace; an option that does not exist is refused with the nearest one that does."""
+        """Parse a command line; an unknown option is refused with the nearest known one."""
         arguments, unknown = self.parse_known_args(argv)
         for word in unknown:
             flag = word.split("=", 1)[0]
@@ -181,12 +181,12 @@ class Parser(argparse.ArgumentParser):
 
 @checked
 def unnamed():
-    """Each scene has options of its own, which stand here when it is named."""
+    """Each scene has options of its own, which are listed here when it is named."""
 
 
 def of_scene(command, argv, model, what, description=None):
-    """The options of ``model`` in a command line and the ``scene`` that it names, known before those of the scene are:
-    with these before it, the first word that is a scene; the function of the scene; a parser that has its name."""
+    """Read the options of ``model`` and the ``scene`` of a command line before the options of the scene are known; if
+    these come first, the scene is the first word that names one. Returns both, the scene's function and a parser."""
     first = Parser(command, add_help=False)
     first.add_argument("scene", nargs="?")
     first.options(model, command)
@@ -206,23 +206,23 @@ def of_scene(command, argv, model, what, description=None):
 
 
 def choices(field) -> list[str]:
-    """The words that a field accepts, alone or beside a number."""
+    """Words that a field accepts, alone or besides a number."""
     kinds = (field.annotation, *get_args(field.annotation))
     return [word for kind in kinds if get_origin(kind) is Literal for word in get_args(kind)]
 
 
 def allowed(field) -> str:
-    """'(0 to 1e+06)' from the field's declaration; 'above 0' where the bound itself is not allowed."""
+    """Format the allowed range of a field: '(0 to 1e+06)', or 'above 0' where the bound itself is not allowed."""
     marks = {"gt": "above {:g}", "ge": "{:g}", "lt": "to below {:g}", "le": "to {:g}"}
     bounds = {mark: getattr(note, mark) for note in notes(field) for mark in marks if hasattr(note, mark)}
     if "gt" in bounds:  # one that a field sets beside that of its kind
         bounds.pop("ge", None)
-    told = [text.format(bounds[mark]) for mark, text in marks.items() if mark in bounds]
-    return f"({' '.join(told)})" if told else ""
+    texts = [text.format(bounds[mark]) for mark, text in marks.items() if mark in bounds]
+    return f"({' '.join(texts)})" if texts else ""
 
 
 def default(field) -> str:
-    """'default 300 Pa', the unit alone where there is no default, or 'required'."""
+    """Format the default of a field: 'default 300 Pa', the unit alone without a default, or 'required'."""
     unit = unit_of(field).strip("-")
     if field.is_required() or field.default in (None, "") or field.default is False:
         return " ".join(["required"] * field.is_required() + [f"[{unit}]"] * bool(unit))
@@ -230,7 +230,7 @@ def default(field) -> str:
 
 
 def group_of(name: str, model) -> str:
-    """The group of --help in which an option stands."""
+    """Group of an option in --help."""
     if name in COST:
         return "accuracy and cost"
     if name in EXPERT or model in NUMERICS.values():
@@ -241,20 +241,20 @@ def group_of(name: str, model) -> str:
 
 
 def is_tuple(field) -> bool:
-    """Whether a field is several numbers, separated by commas on the command line."""
+    """Whether a field has several values, separated by commas on the command line."""
     return tuple in map(get_origin, (field.annotation, *get_args(field.annotation)))
 
 
 def read_back(name: str, values, field) -> None:
-    """Print on stderr what the values between commas were read as."""
+    """Print on stderr the values that were read from a list with commas."""
     texts = [said(value, "") for value in values]
-    shown = texts if len(texts) <= MOST_READ_BACK else [*texts[:3], "...", texts[-1]]
-    told = f"taichi-mps: {name}: {len(texts)} values: {', '.join(shown)} {unit_of(field).strip('-')}"
-    print(plain(told.rstrip()), file=sys.stderr)
+    shown = texts if len(texts) <= MAX_READ_BACK else [*texts[:3], "...", texts[-1]]
+    line = f"taichi-mps: {name}: {len(texts)} values: {', '.join(shown)} {unit_of(field).strip('-')}"
+    print(plain(line.rstrip()), file=sys.stderr)
 
 
 def given(arguments, model, leave_out=()) -> dict:
-    """The options of a model that were given, as text; the model turns them into numbers."""
+    """Given options of a model as text, {name: text}; the model converts them to numbers."""
     values = {name: getattr(arguments, name, None) for name in model.model_fields if name not in leave_out}
     return {
         name: value.split(",") if is_tuple(model.model_fields[name]) else value

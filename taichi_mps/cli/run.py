@@ -1,5 +1,5 @@
-"""Carry a simulation out for the command line: tell what it will take, start Taichi, run, record, stop on request,
-report; and draw what a run has left."""
+"""Execution of a run for the command line: forecast, start of Taichi, run, record, stop on request, report; and drawing
+of finished runs."""
 
 import io
 import json
@@ -18,21 +18,20 @@ from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Table
 
 from ..io.history import read_history
-from ..io.run_folder import PLOTS, empty_of_pictures, write_whole
+from ..io.run_folder import PLOTS, clear_pictures, write_whole
 from ..problem.labels import title, written
 from ..report.sentences import LEADING, certainty, in_parts, in_time, numerics, rows, sentences, thin_solids
 from ..runtime.memory import size
 from ..units import SceneError, plain
-from .case_file import OF_ONE_RUN
-from .case_file import text as case_text
+from .case_file import NOT_IN_CASE, case_text
 from .options import DIVERGED, DONE
 from .stopped import SIGNALS, Stopped, began, came
 
-NARROWEST = 40  # columns of a result, whatever a terminal says of itself
+MIN_WIDTH = 40  # least number of columns for the output of a result
 
 
 def start(options) -> None:
-    """Start Taichi without its greeting, which would spoil --json."""
+    """Start Taichi without its header, which would spoil --json."""
     from ..runtime.backend import init
 
     with redirect_stdout(io.StringIO()):
@@ -40,7 +39,7 @@ def start(options) -> None:
 
 
 def clock_of(problem, options):
-    """The clock of a run, which began with the program."""
+    """Make the clock of a run, which started with the program."""
     with redirect_stdout(io.StringIO()):  # the greeting of Taichi would spoil --json
         from ..simulation.clock import Clock
 
@@ -50,8 +49,8 @@ def clock_of(problem, options):
     return Clock(problem, settings, every, began[0] if began else None)
 
 
-def lines(problem, clock) -> list[str]:
-    """Lines for a reader."""
+def describe_run(problem, clock) -> list[str]:
+    """Lines that describe a run before it starts: particles, memory, time, expected errors, thin solids."""
     from ..simulation.forecast import memory_of, pairs_of, particles_of
     from ..simulation.summary import described
 
@@ -68,14 +67,14 @@ def lines(problem, clock) -> list[str]:
 
 
 def carry_out(sim, folder, options, source, as_json, clock, resumed=False) -> int:
-    """Run to the end, to an interrupt or a divergence, and leave a whole run folder behind in each case."""
+    """Run to the end, to an interrupt or a divergence, and leave a complete run folder in each case."""
     from ..io.recorder import Recorder
     from ..simulation.simulation import DivergedError
     from ..viz.film import SideBySide
     from ..viz.render import gif
 
     until = sim.scene.until
-    settings = options.model_copy(update={"every": clock.every}).model_dump(exclude=OF_ONE_RUN, exclude_none=True)
+    settings = options.model_copy(update={"every": clock.every}).model_dump(exclude=NOT_IN_CASE, exclude_none=True)
     error, quiet = None, as_json or options.quiet
     if not quiet:
         warnings.filterwarnings("ignore", "volume_error_max")  # the result says it in its own words
@@ -113,7 +112,8 @@ def carry_out(sim, folder, options, source, as_json, clock, resumed=False) -> in
 
 @contextmanager
 def interruptible(sim):
-    """Ctrl-C and SIGTERM finish the step and stop; a second one stops at once. Gives the list of those that came."""
+    """Context in which Ctrl-C and SIGTERM finish the step and stop the run, and a second one stops it at once; gives
+    the list of signals received."""
 
     signals = []
 
@@ -133,21 +133,21 @@ def interruptible(sim):
             signal.signal(number, handler)
 
 
-# ---- what a run shows --------------------------------------------------------------------------------------------
+# ---- output of a run ---------------------------------------------------------------------------------------------
 def redraw(replays, folder, suffix, options, film=False, every=None) -> dict:
-    """Draw the outputs of runs, ``every`` [s] apart, again, side by side: pictures, GIF and, on request, MP4; the names
-    of what was made."""
-    from ..viz.film import SideBySide, check, mp4, together
+    """Draw the outputs of runs, ``every`` [s] apart, again, side by side: pictures, GIF and, on request, MP4. Returns
+    the paths of the files."""
+    from ..viz.film import SideBySide, align_in_time, check, mp4
     from ..viz.render import gif
 
     if film:
         check()
     frames, animation = folder / f"frames{suffix}", folder / f"animation{suffix}.gif"
-    outputs = together(*replays)
+    outputs = align_in_time(*replays)
     first = next(outputs)
     painter = SideBySide([output.scene for output in first], frames, options)
     try:
-        empty_of_pictures(frames)
+        clear_pictures(frames)
     except OSError as error:
         raise SceneError(f"run = {folder}: {frames} cannot be written ({error.strerror})") from None
     made = [painter.draw(number, *each) for number, each in enumerate(chain([first], outputs))]
@@ -158,8 +158,8 @@ def redraw(replays, folder, suffix, options, film=False, every=None) -> dict:
 
 @contextmanager
 def progress(sim, recorder, quiet, verbose, clock):
-    """A line on a terminal: flow time, share done, result so far, time left. Elsewhere only the clock's file, for who
-    watches the run from outside."""
+    """Context with a progress line on a terminal: flow time, share done, result so far, time left; and with the file of
+    the clock for other processes."""
     console = Console(stderr=True)
     shown = console.is_terminal and not quiet
     columns = TextColumn("{task.description}"), BarColumn(30), TextColumn("{task.percentage:.0f} %{task.fields[left]}")
@@ -187,9 +187,9 @@ def progress(sim, recorder, quiet, verbose, clock):
 
 
 def result(summary: dict, folder, verbose=False, stages=()) -> None:
-    """The result for a reader, on stdout: sentences, then each number and what it is; the numerics if asked."""
+    """Print the result: sentences, then each number with its meaning; the numerics with ``verbose`` or ``stages``."""
     console = Console(highlight=False)
-    console.width = max(console.width, NARROWEST)
+    console.width = max(console.width, MIN_WIDTH)
     for sentence in sentences(summary, folder.path):
         console.print(sentence, markup=False)
     shown = Table(show_header=False, box=None)
@@ -210,8 +210,8 @@ def result(summary: dict, folder, verbose=False, stages=()) -> None:
 
 
 def curves(folder, numerics=False, sim=None, courses=True) -> list[str]:
-    """slump.png and history.png, where ``courses`` are wanted, with the numerics if asked, and filling.png of a
-    Simulation of a scene with a cavity; none without matplotlib or without something to show."""
+    """Draw slump.png and history.png, if ``courses`` are wanted, with the numerics if asked, and filling.png for a
+    scene with a cavity; nothing without matplotlib. Returns the paths of the files."""
     cavity = sim and sim.scene.cavity
     if not (courses or cavity) or not find_spec("matplotlib"):
         return []
@@ -229,8 +229,7 @@ def curves(folder, numerics=False, sim=None, courses=True) -> list[str]:
 
 
 def report(folder, scene=None) -> bool:
-    """report.html, of a run whose scene is at hand; whether it was written: one line where it cannot be, which costs no
-    run."""
+    """Write report.html; returns whether it was written. A failure prints one line and does not end the run."""
     from ..report.page import write
 
     try:

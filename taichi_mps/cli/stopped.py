@@ -1,16 +1,16 @@
-"""A signal that ends the program is an exception from its first moment on, so that nothing is left half made."""
+"""Signals that end the program, turned into an exception from its start on, so that no file is left incomplete."""
 
 import signal
 import sys
 import time
 
 SIGNALS = signal.SIGINT, signal.SIGTERM
-began: list[float] = []  # when the program did, where this process is it [s], by time.monotonic
-came: list[int] = []  # numbers of those that came before a run listened itself
+began: list[float] = []  # start of the program, if this process is it, by time.monotonic [s]
+came: list[int] = []  # signals received before a run handled them itself
 
 
 class Stopped(KeyboardInterrupt):
-    """Ctrl-C (SIGINT) or SIGTERM; ``number`` of the signal."""
+    """Exception for Ctrl-C (SIGINT) or SIGTERM, with the ``number`` of the signal."""
 
     def __init__(self, number: int):
         super().__init__(number)
@@ -27,5 +27,5 @@ def listen() -> None:
     began.append(time.monotonic())
     for number in SIGNALS:
         signal.signal(number, stop)
-    told = sys.unraisablehook  # a callback of the import system swallows it and would say so; ``came`` knows
-    sys.unraisablehook = lambda lost: None if isinstance(lost.exc_value, Stopped) else told(lost)
+    hook = sys.unraisablehook  # a callback of the import system may swallow Stopped and print it; ``came`` keeps it
+    sys.unraisablehook = lambda lost: None if isinstance(lost.exc_value, Stopped) else hook(lost)

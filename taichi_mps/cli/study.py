@@ -267,7 +267,7 @@ def calibrate_scene(argv) -> int:
     folder = user_path(options.out or Path("studies") / f"calibrate-{Path(name).stem}")
     found = calibrate_curves(name, options.curve, options.free, folder, *how, told, **settings)
     case = catalogue.build(name, **settings | found.curves[0]["settings"] | found.values)
-    write_whole(folder / "case.toml", case_file.text(catalogue.source(name), Problem(case), {}))
+    write_whole(folder / "case.toml", case_file.case_text(catalogue.source(name), Problem(case), {}))
     write_whole(folder / "calibration.json", json.dumps(strict(found.facts()), indent=1))
     tell(arguments, found.facts(), f"{found}\nTo run it: taichi-mps run {folder / 'case.toml'}")
     if find_spec("matplotlib"):

@@ -8,12 +8,12 @@ import numpy as np
 from pydantic import InstanceOf
 
 from ..units import Size, require, validated, vector
-from .shapes import MOST_POINTS, Surface
+from .shapes import MAX_POINTS, Surface
 
 
 @runtime_checkable
 class Particles(Protocol):
-    """Fluid in a cavity: has positions ``x`` (n, d) [m]."""
+    """Protocol of the fluid in a cavity: it has positions ``x`` (n, d) [m]."""
 
     x: np.ndarray
 
@@ -65,10 +65,10 @@ class Cavity:
         least = f"{0.5 * self.spacing:g} m, along each axis"
         require(np.all(size >= 0.5 * self.spacing), f"{form}: must be at least half a spacing long, {least}")
         cells = float(np.prod(size / (0.5 * self.spacing)))
-        require(cells <= MOST_POINTS, f"{form}: has {cells:.2g} cells; must be at most {MOST_POINTS:.2g}")
+        require(cells <= MAX_POINTS, f"{form}: has {cells:.2g} cells; must be at most {MAX_POINTS:.2g}")
         for wall in self.walls:
-            as_many = len(getattr(wall, "point", self.low)) == len(self.low)
-            require(as_many, f"walls = {wall}: must have {len(self.low)} coordinates, as low has")
+            same_dimension = len(getattr(wall, "point", self.low)) == len(self.low)
+            require(same_dimension, f"walls = {wall}: must have {len(self.low)} coordinates, as low has")
         require(self.cells.any(), f"{form}: lies in the walls; must hold some room")
 
     @cached_property
@@ -121,13 +121,13 @@ class Cavity:
             True where a cell is filled.
         """
         low, radius = np.array(self.low), 0.5 * np.sqrt(len(self.shape)) * self.spacing * (1.0 + 1e-6)
-        wide = np.ceil(radius / self.cell).astype(int)  # cells around that of a particle that may be within the radius
-        own, filled = np.floor((s.x - low) / self.cell).astype(int), np.zeros(self.shape, bool)
-        for step in np.ndindex(*(2 * wide + 1)):
-            k = own + (step - wide)
-            there = ((low + self.cell * (k + 0.5) - s.x) ** 2).sum(1) <= radius**2
-            there &= np.all((k >= 0) & (k < self.shape), axis=1)
-            filled[tuple(k[there].T)] = True
+        width = np.ceil(radius / self.cell).astype(int)  # cells to each side of a particle's that the radius may reach
+        own_cell, filled = np.floor((s.x - low) / self.cell).astype(int), np.zeros(self.shape, bool)
+        for step in np.ndindex(*(2 * width + 1)):
+            k = own_cell + (step - width)
+            within = ((low + self.cell * (k + 0.5) - s.x) ** 2).sum(1) <= radius**2
+            within &= np.all((k >= 0) & (k < self.shape), axis=1)
+            filled[tuple(k[within].T)] = True
         return filled & self.cells
 
     @validated

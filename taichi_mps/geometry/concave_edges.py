@@ -1,34 +1,37 @@
-"""The faces that meet at the inner edges of a sampled solid, from its distances alone. Plain NumPy.
+"""Faces that meet at the concave edges of a sampled solid, found from its signed distance alone. Plain NumPy.
 
-A signed distance knows the nearest face. In front of an inner edge it has a crease, where another face becomes the
-nearest one. Beside a crease the other faces are sought at places near it, where they are the nearest, and
-extended to here as planes.
+A signed distance belongs to the nearest face. In front of a concave edge it has a crease, where another face becomes
+the nearest one. For nodes beside a crease the other faces are sought at nodes nearby, where they are the nearest, and
+extended to the node as planes.
 """
 
 import itertools
 
 import numpy as np
 
-CREASE, SHORT = 0.15, 0.97  # there the slope falls by this much over a node, and the gradient is this short [-]
-BEND = 0.1  # change of the slope [-] from which on a node is not clearly in front of one face
-TURN = 0.8  # cosine of the angle between the normals of two faces up to which they are two
-BEYOND = 0.15  # reaches behind the other face at which a foot is beyond the edge
-NODES = 500_000  # treated at once, and a rim around them
+# fall of the slope over a node, and length of the gradient, from and up to which a node is at a crease [-]
+MIN_BEND_AT_CREASE, MAX_GRADIENT_AT_CREASE = 0.15, 0.97
+MAX_BEND_AT_FACE = 0.1  # change of the slope over a node from which on it is not clearly in front of one face [-]
+MAX_COSINE = 0.8  # cosine of the angle between the normals of two faces up to which they are different faces [-]
+EDGE_MARGIN = 0.15  # depth behind the other face, over the reach, at which a foot lies beyond the edge [-]
+NODES_PER_SLAB = 500_000  # nodes searched at a time, without the halo around them
 
 
-def inner_edges(values, cell: float, reach: float, faces_at):
-    """Faces within ``reach`` [m] of the nodes beside inner edges, from distances [m] at the nodes of a grid, positive
-    in the fluid. Returns for each node its row in the table, -1 where the nearest face is all, and the table (rows,
-    faces, 1 + d): distance [m] and normal of each face at the node; where there are fewer faces the distance is
-    infinite. ``faces_at`` is the search (boundaries/sampled.py)."""
+def find_concave_edges(values, cell: float, reach: float, search):
+    """Find the faces within ``reach`` [m] of the nodes beside concave edges, from distances ``values`` [m] at the nodes
+    of a grid, positive in the fluid. Returns for each node its row in the table, -1 where there is the nearest face
+    only, and the table (rows, faces, 1 + d): distance [m] and normal of each face at the node; an infinite distance
+    fills rows of fewer faces. ``search`` is ``boundaries.sampled.search_faces``."""
     values = np.asarray(values, float)
-    d, steps = values.ndim, probes(values.ndim, reach / cell)
+    d, steps = values.ndim, search_offsets(values.ndim, reach / cell)
     halo = max(int(np.abs(steps).max(initial=0)), int(np.ceil(0.75 * reach / cell))) + 2
     number, tables = np.full(values.shape, -1, np.int32), [np.zeros((0, d, 1 + d))]
-    across = max(1, int(NODES / np.prod(values.shape[1:])))
+    across = max(1, int(NODES_PER_SLAB / np.prod(values.shape[1:])))
     for first in range(0, len(values), across):  # slabs, for the sake of memory
         low, high = max(0, first - halo), min(len(values), first + across + halo)
-        nodes, table = several_faces(faces_at, values[low:high], cell, reach, steps, first - low, first + across - low)
+        nodes, table = nodes_with_several_faces(
+            search, values[low:high], cell, reach, steps, first - low, first + across - low
+        )
         number[tuple((nodes + low * np.eye(1, d, dtype=int)).T)] = sum(map(len, tables)) + np.arange(len(nodes))
         tables.append(table)
     table = np.concatenate(tables)
@@ -36,36 +39,36 @@ def inner_edges(values, cell: float, reach: float, faces_at):
     return number, table[:, :most]
 
 
-def several_faces(faces_at, values, cell, reach, steps, first, last):
-    """Nodes (n, d) from ``first`` to before ``last`` along the first axis that have several faces, and their table (n,
-    d, 1 + d)."""
+def nodes_with_several_faces(search, values, cell, reach, steps, first, last):
+    """Nodes (n, d) with several faces, whose first index is from ``first`` to before ``last``, and their table (n, d, 1
+    + d) as in ``find_concave_edges``."""
     d, shape = values.ndim, values.shape
-    front = values > 0.0
-    clean, crease = front.copy(), np.zeros(shape, bool)
+    in_fluid = values > 0.0
+    single_face, crease = in_fluid.copy(), np.zeros(shape, bool)
     for axis in range(d):
         bend = np.diff(values, 2, axis=axis) / cell
         inner = tuple(slice(1, -1) if a == axis else slice(None) for a in range(d))
-        clean[inner] &= np.abs(bend) < BEND
-        crease[inner] |= bend < -CREASE
-    crease &= front & (values < reach + cell)
+        single_face[inner] &= np.abs(bend) < MAX_BEND_AT_FACE
+        crease[inner] |= bend < -MIN_BEND_AT_CREASE
+    crease &= in_fluid & (values < reach + cell)
     if not crease.any():
         return np.zeros((0, d), int), np.zeros((0, d, 1 + d))
     normal = np.stack(np.gradient(values, cell), -1)
     size = np.linalg.norm(normal, axis=-1)
-    clean &= np.abs(size - 1.0) < 0.01
-    crease &= size < SHORT
-    near = spread(crease, int(np.ceil(0.75 * reach / cell)))
-    near &= front & (values < reach + d**0.5 * cell)
-    near[:first], near[last:] = False, False
-    nodes = np.argwhere(near)
+    single_face &= np.abs(size - 1.0) < 0.01
+    crease &= size < MAX_GRADIENT_AT_CREASE
+    candidates = dilate(crease, int(np.ceil(0.75 * reach / cell)))
+    candidates &= in_fluid & (values < reach + d**0.5 * cell)
+    candidates[:first], candidates[last:] = False, False
+    nodes = np.argwhere(candidates)
     normal /= np.maximum(size, 1e-9)[..., None]
-    table = faces_at(values, cell, normal, clean, nodes, steps, reach)
+    table = search(values, cell, normal, single_face, nodes, steps, reach)
     several = np.isfinite(table[:, 1, 0])
     return nodes[several], table[several]
 
 
-def spread(where, width):
-    """Mark the nodes within ``width`` nodes along each axis of a node that is True in ``where``."""
+def dilate(where, width):
+    """Dilate a mask: mark the nodes within ``width`` nodes along each axis of a node that is True in ``where``."""
     for axis in range(where.ndim):
         room = [(width * (a == axis),) * 2 for a in range(where.ndim)]
         windows = np.lib.stride_tricks.sliding_window_view(np.pad(where, room), 2 * width + 1, axis)
@@ -73,9 +76,9 @@ def spread(where, width):
     return where
 
 
-def probes(d, reach):
-    """Steps in nodes (k, d) to places around a node, in all diagonal directions and from one node to 1.2 times the
-    reach."""
+def search_offsets(d, reach):
+    """Offsets (k, d) in nodes to the places around a node that are searched: in all axial and diagonal directions, from
+    one node to 1.2 times the reach."""
     directions = np.array([step for step in itertools.product((-1, 0, 1), repeat=d) if any(step)], float)
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     sizes = 1.2 * reach * 0.7 ** np.arange(12)
@@ -84,7 +87,7 @@ def probes(d, reach):
 
 
 def interpolate(values, at):
-    """Distance [m] at places (n, d) in nodes, linear between nodes; infinite beyond the grid."""
+    """Interpolate a distance [m] linearly at places (n, d) in nodes; infinite beyond the grid."""
     last = np.array(values.shape) - 1
     k = np.clip(np.floor(at).astype(int), 0, last - 1)
     f = at - k

@@ -9,11 +9,11 @@ from pydantic import BeforeValidator
 
 from ..units import INSTANT, Size, Time, answer, array_of, real, require, said, validated, vector
 
-NODES, WEIGHTS = np.polynomial.legendre.leggauss(8)
-PANEL = 0.01  # of a function's integral [s]: 8 nodes are exact to 1e-6 up to 150 Hz
-# Where the largest value of a function is sought: as many times, none a multiple of another, in the first seconds
-ROWS = 24  # of a vibration
-SOUGHT, FIRST, GOLDEN = 10_000, 100.0, 0.5 * (5.0**0.5 - 1.0)
+GAUSS_NODES, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(8)
+PANEL = 0.01  # length of an interval of Gauss quadrature [s]: 8 nodes are exact to 1e-6 up to 150 Hz
+ROWS_PER_VIBRATION = 24  # of the table that ``vibration`` returns
+# The largest value of a function is sought at SAMPLES times up to SAMPLED_UNTIL [s], a sequence of the golden ratio
+SAMPLES, SAMPLED_UNTIL, GOLDEN_RATIO = 10_000, 100.0, 0.5 * (5.0**0.5 - 1.0)
 
 
 def in_time(unit):
@@ -22,11 +22,11 @@ def in_time(unit):
 
 
 def table_or_function(unit, value):
-    """Table (k, 1 + d) of times [s], which do not fall, and values in a unit, as tuples, or a function of the time;
-    ValueError for anything else.
+    """Return a function of time as it is, and a table of times [s] and values (k, 1 + d) as tuples; ValueError for
+    anything else.
 
-    A time that is there twice is a jump. Values are linear between the rows, and stay before the first and after the
-    last one.
+    Times must not fall; a time given twice is a jump. Values are linear between the rows, and constant before the first
+    and after the last one.
     """
     if callable(value):
         return value
@@ -38,20 +38,19 @@ def table_or_function(unit, value):
     return tuple(map(tuple, rows.tolist()))
 
 
-class InTime:
-    """A quantity of ``d`` components that changes in time, as ``in_time`` reads it; ``key`` and ``unit`` name it in
-    messages."""
+class TimeDependent:
+    """Quantity of ``d`` components given by a table or a function of time; ``key`` and ``unit`` name it in messages."""
 
     def __init__(self, given, key: str, unit: str, d: int):
         self.key, self.wanted = key, f"must give {d} finite numbers [{unit}]"
         self.function, self.rows = (given, None) if callable(given) else (None, np.array(given))
-        self.d, self.until_panel = d, [np.zeros(d)]  # integrals of a function from 0 s to the end of each panel
+        self.d, self.panel_integrals = d, [np.zeros(d)]  # integrals of a function from 0 s to the end of each panel
         columns = 1 + d if self.rows is None else self.rows.shape[1]
         require(columns == 1 + d, f"{key}: rows of {columns} numbers: must have a time [s] and {d} values [{unit}]")
         self.times = () if self.rows is None else tuple(np.unique(self.rows[:, 0]).tolist())  # where steps end [s]
         self.last = self.times[-1] if self.times else np.inf  # time of the last change [s]
-        sought = FIRST * (GOLDEN * np.arange(SOUGHT) % 1.0)
-        self.values = self.rows[:, 1:] if self.function is None else np.array([self.at(time) for time in sought])
+        sample_times = SAMPLED_UNTIL * (GOLDEN_RATIO * np.arange(SAMPLES) % 1.0)
+        self.values = self.rows[:, 1:] if self.function is None else np.array([self.at(time) for time in sample_times])
 
     @property
     def largest(self) -> np.ndarray:
@@ -74,31 +73,32 @@ class InTime:
         return self.function is not None or bool(np.any(self.at(time - INSTANT) != self.at(time + INSTANT)))
 
     def integral(self, start: float, end: float) -> np.ndarray:
-        """Integral (d,) from a time to a later one [s]: exact of a table."""
+        """Integral (d,) from a time to a later one [s], exact for a table."""
         if self.function is None:
             knots = [start, *(time for time in self.times if start < time < end), end]
             return sum((b - a) * self.at(0.5 * (a + b)) for a, b in pairwise(knots))
         if end - start > 1.001 * PANEL:
-            return self.since_0(end) - self.since_0(start)
+            return self.integral_from_0(end) - self.integral_from_0(start)
         middle, half = 0.5 * (start + end), 0.5 * (end - start)
-        return half * sum(w * self.at(middle + half * node) for node, w in zip(NODES, WEIGHTS, strict=True))
+        return half * sum(w * self.at(middle + half * node) for node, w in zip(GAUSS_NODES, GAUSS_WEIGHTS, strict=True))
 
-    def since_0(self, time: float) -> np.ndarray:
-        """Integral (d,) of a function from 0 s, panel by panel."""
+    def integral_from_0(self, time: float) -> np.ndarray:
+        """Integral (d,) of a function from 0 s to a time [s], of which the integrals over whole panels are kept."""
         panels = int(time / PANEL)
-        for k in range(len(self.until_panel) - 1, panels):
-            self.until_panel.append(self.until_panel[-1] + self.integral(k * PANEL, (k + 1) * PANEL))
-        return self.until_panel[panels] + self.integral(panels * PANEL, time)
+        for k in range(len(self.panel_integrals) - 1, panels):
+            self.panel_integrals.append(self.panel_integrals[-1] + self.integral(k * PANEL, (k + 1) * PANEL))
+        return self.panel_integrals[panels] + self.integral(panels * PANEL, time)
 
 
 class Moving:
-    """A wall whose ``velocity`` may change in time; ``travel`` is its largest velocity of a change of place."""
+    """Base class of walls whose ``velocity`` may change in time; ``travel`` is the largest velocity at which the wall
+    changes its position."""
 
     @cached_property
-    def in_time(self) -> InTime | None:
-        """Velocity in time, of as many components as are given at once; None of a constant one."""
+    def in_time(self) -> TimeDependent | None:
+        """Velocity as a function of time, of ``components`` components; None if it is constant."""
         constant = self.velocity is None or not (callable(self.velocity) or np.ndim(self.velocity) == 2)
-        return None if constant else InTime(self.velocity, "velocity of a wall", "m/s", self.components)
+        return None if constant else TimeDependent(self.velocity, "velocity of a wall", "m/s", self.components)
 
     @property
     def components(self) -> int:
@@ -111,34 +111,34 @@ class Moving:
         axis = np.zeros(len(self.point)) if self.axis is None else np.array(self.axis, float)
         return axis / (np.linalg.norm(axis) or 1.0)
 
-    def _directed(self, velocity) -> np.ndarray:
-        """Velocity (d,) [m/s] in the scene of the given components; zero where none are given."""
+    def _as_vector(self, velocity) -> np.ndarray:
+        """Convert the given components of a velocity to a vector (d,) [m/s]; zero if none are given."""
         return np.zeros(len(self.point)) if velocity is None else np.array(velocity, float)
 
     @property
     def fastest(self) -> np.ndarray:
-        """Velocity [m/s], shape (d,), without rotation; of one that changes in time the largest."""
-        return self._directed(self.velocity if self.in_time is None else self.in_time.largest)
+        """Largest velocity of translation in time [m/s], shape (d,)."""
+        return self._as_vector(self.velocity if self.in_time is None else self.in_time.largest)
 
     def displacement(self, time) -> np.ndarray:
         """Displacement of the wall since 0 s [m], shape (d,)."""
         if self.in_time is None or not np.any(self.travel):
             return time * self.travel
-        return self._directed(self.in_time.integral(0.0, time))
+        return self._as_vector(self.in_time.integral(0.0, time))
 
     def mean_velocity(self, start, end) -> np.ndarray:
-        """Velocity [m/s] between two times [s], shape (d,), without rotation."""
+        """Mean velocity of translation between two times [s], in m/s, shape (d,)."""
         return (
-            self.fastest if self.in_time is None else self._directed(self.in_time.integral(start, end)) / (end - start)
+            self.fastest if self.in_time is None else self._as_vector(self.in_time.integral(start, end)) / (end - start)
         )
 
     def speed_at(self, time) -> float:
-        """Largest speed of the wall from a time [s] on [m/s]; 0 once it has stopped for good."""
+        """Largest speed of the wall from a time [s] on [m/s]; 0 after its velocity has become zero for good."""
         stopped = self.in_time is not None and time >= self.in_time.last and not np.any(self.in_time.values[-1])
         return 0.0 if stopped and not getattr(self, "angular_velocity", 0.0) else self.speed
 
     def travels_at(self, time) -> bool:
-        """Whether the wall changes its place at a time [s] or later."""
+        """Whether the wall changes its position at a time [s] or later."""
         return bool(np.any(self.travel)) and self.speed_at(time) > 0.0
 
 
@@ -191,8 +191,8 @@ def vibration(
         "must have a direction, and end later than it starts",
     )
     along, peak = np.array(direction) / np.linalg.norm(direction), amplitude * (2.0 * np.pi * frequency) ** 2
-    usual = np.array(gravity or (0.0,) * (len(along) - 1) + (-9.81,))
-    turns = np.arange(ROWS * max(1, round((end - start) * frequency)) + 1) / ROWS
-    times = [start, *(start + turns / frequency), start + turns[-1] / frequency]
-    shaken = usual - peak * np.cos(2.0 * np.pi * turns)[:, None] * along
-    return tuple(map(tuple, np.column_stack([times, np.vstack([usual, shaken, usual])]).tolist()))
+    at_rest = np.array(gravity or (0.0,) * (len(along) - 1) + (-9.81,))
+    vibrations = np.arange(ROWS_PER_VIBRATION * max(1, round((end - start) * frequency)) + 1) / ROWS_PER_VIBRATION
+    times = [start, *(start + vibrations / frequency), start + vibrations[-1] / frequency]
+    vibrating = at_rest - peak * np.cos(2.0 * np.pi * vibrations)[:, None] * along
+    return tuple(map(tuple, np.column_stack([times, np.vstack([at_rest, vibrating, at_rest])]).tolist()))

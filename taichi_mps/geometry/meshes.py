@@ -21,19 +21,20 @@ from ..units import Count, File, SceneError, Size, array, ordinary, require, val
 Sides = Annotated[Count, Field(ge=3, le=1000)]
 
 FORMATS, STEP = ("stl", "obj", "ply"), ("step", "stp")
-MOST_BYTES = 5e8  # ten million triangles
-ROUNDING = 1e-5  # of the largest coordinate: corners nearer than that are one; a text has six figures, 32 bits seven
-LONGEST = 500.0  # reaches of the grid: a longer mesh is one in millimetres, for a scene has some 100
-FOLD = 1e-3  # of the length: how far a surface may cross itself, as small fillets do
+MAX_BYTES = 5e8  # size of a mesh file: ten million triangles
+ROUNDING = 1e-5  # distance of corners that are one, over the largest coordinate: text has six figures, 32 bits seven
+MAX_LENGTH_IN_REACHES = 500.0  # a mesh longer than this times the grid's ``reach`` is in millimetres; a scene has 100
+MAX_FOLD = 1e-3  # depth over length to which a surface may cross itself, as small fillets do
 
-logging.getLogger("trimesh").addHandler(logging.NullHandler())  # it shows tracebacks, unless a user asks otherwise
+logging.getLogger("trimesh").addHandler(logging.NullHandler())  # without a handler trimesh prints tracebacks
 
 
-def read_mesh(path, scale=1.0, longest=100.0, body="", tolerance=1e-3):
-    """Read closed bodies as a triangle mesh and repair it, with a warning that says what was done.
+def read_mesh(path, scale=1.0, max_length=100.0, body="", tolerance=1e-3):
+    """Read closed bodies as a triangle mesh and repair it, with a warning that lists the repairs.
 
     Corners within rounding of each other become one where the surface is not closed without that; triangles without
-    area, or written twice, go; bodies that touch or overlap are united; a body that stands alone inside out is turned.
+    area, or written twice, are dropped; bodies that touch or overlap are united; a body that stands alone inside out is
+    turned.
 
     Parameters
     ----------
@@ -41,8 +42,8 @@ def read_mesh(path, scale=1.0, longest=100.0, body="", tolerance=1e-3):
         STL, OBJ, PLY or STEP file.
     scale : float, optional
         Metres for one unit of the file; a STEP file has its own unit.
-    longest : float, optional
-        How long it may be [m].
+    max_length : float, optional
+        Largest length of the mesh along an axis [m].
     body : str, optional
         Name of the only body of a STEP file to be read; all by default.
     tolerance : float, optional
@@ -66,39 +67,39 @@ def read_mesh(path, scale=1.0, longest=100.0, body="", tolerance=1e-3):
         from trimesh.grouping import clusters
     except ImportError as error:
         raise SceneError(f'a solid from a mesh needs {error.name}: pip install "taichi-mps[cad]"') from None
-    corners, faces, done = corners_and_faces(path, scale, body, tolerance)
+    corners, faces, repairs = corners_and_faces(path, scale, body, tolerance)
     require(len(faces), f"mesh {path}: holds no triangles")
     whole = 0 <= faces.min() <= faces.max() < len(corners)
     require(whole, f"mesh {path}: damaged; a triangle names a point that is not there")
     with np.errstate(over="ignore"):
         corners = corners * scale
     require(np.all(np.isfinite(corners)), f"mesh {path}: a coordinate is not a finite number [m]")
-    points, same = np.unique(corners, axis=0, return_inverse=True)
-    triangles = same.reshape(-1)[faces]  # STL repeats each corner
+    points, inverse = np.unique(corners, axis=0, return_inverse=True)
+    triangles = inverse.reshape(-1)[faces]  # STL repeats each corner
     size, rounding = np.ptp(points, axis=0), ROUNDING * np.abs(points).max()
     require(
-        size.min() > 0.0 and size.max() <= longest,
-        f"mesh {path}: {' x '.join(f'{s:.4g}' for s in size)} m; must have a volume and be at most {longest:.4g} m "
+        size.min() > 0.0 and size.max() <= max_length,
+        f"mesh {path}: {' x '.join(f'{s:.4g}' for s in size)} m; must have a volume and be at most {max_length:.4g} m "
         f"long (read with scale = {scale:g}; scale = 0.001 for a file in mm)",
     )
-    kept = without_flat(triangles)
-    if len(open_edges(kept)):
+    triangles_kept = drop_degenerate(triangles)
+    if len(open_edges(triangles_kept)):
         first = np.arange(len(points))
         for group in clusters(points, rounding):
             first[group] = min(group)
-        done += [f"{np.sum(first != np.arange(len(first)))} corners merged with others within {rounding:.2g} m"]
-        kept = without_flat(first[triangles])
-    if len(edges := open_edges(kept)):
+        repairs += [f"{np.sum(first != np.arange(len(first)))} corners merged with others within {rounding:.2g} m"]
+        triangles_kept = drop_degenerate(first[triangles])
+    if len(edges := open_edges(triangles_kept)):
         raise SceneError(
             f"mesh {path}: {len(edges)} of its edges belong to one triangle only, or two triangles face against each "
-            f"other, the first {place(points[edges[0]].mean(axis=0))}; must be closed"
+            f"other, the first {point_text(points[edges[0]].mean(axis=0))}; must be closed"
         )
-    if len(kept) < len(triangles):
-        done += [f"{len(triangles) - len(kept)} triangles without area or written twice left out"]
-    points, kept, united_ones = united(path, points, kept, rounding)
-    if done + united_ones:
-        warnings.warn(f"mesh {path}: {'; '.join(done + united_ones)}", stacklevel=3)
-    return points, kept
+    if len(triangles_kept) < len(triangles):
+        repairs += [f"{len(triangles) - len(triangles_kept)} triangles without area or written twice left out"]
+    points, triangles_kept, united = unite_bodies(path, points, triangles_kept, rounding)
+    if repairs + united:
+        warnings.warn(f"mesh {path}: {'; '.join(repairs + united)}", stacklevel=3)
+    return points, triangles_kept
 
 
 def corners_and_faces(path, scale, body, tolerance):
@@ -108,7 +109,7 @@ def corners_and_faces(path, scale, body, tolerance):
     """
     import trimesh
 
-    path = ordinary(f"mesh {path}", path, MOST_BYTES)
+    path = ordinary(f"mesh {path}", path, MAX_BYTES)
     kind = path.suffix.lower()[1:]
     if kind in STEP:
         require(scale == 1.0, f"mesh {path}: scale = {scale:g}: must be left out; a STEP file has its own unit")
@@ -117,7 +118,7 @@ def corners_and_faces(path, scale, body, tolerance):
     require(not body, f"mesh {path}: body = {body}: must be left out; only bodies of a STEP file have names")
     try:
         with open(path, "rb") as file, warnings.catch_warnings():
-            warnings.filterwarnings("error", "string or file could not be read")  # NumPy gives what comes before
+            warnings.filterwarnings("error", "string or file could not be read")  # NumPy returns the part before it
             mesh = trimesh.load_mesh(file, file_type=kind, process=False, skip_materials=True)
             return np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int64), []
     except Exception as error:
@@ -126,23 +127,23 @@ def corners_and_faces(path, scale, body, tolerance):
         raise SceneError(f"mesh {path}: cannot be read as STL, OBJ or PLY ({why})") from None
 
 
-TESSELLATE = "import sys, cascadio; a, b, t = sys.argv[1:]; sys.exit(cascadio.step_to_glb(a, b, float(t), 0.2) != 0)"
-PATIENCE = 600.0  # [s] for a STEP file
+STEP_TO_GLB = "import sys, cascadio; a, b, t = sys.argv[1:]; sys.exit(cascadio.step_to_glb(a, b, float(t), 0.2) != 0)"
+STEP_TIMEOUT = 600.0  # for cutting a STEP file into triangles [s]
 
 
 def bodies_of_step(path, name, tolerance):
-    """Corners (n, 3) [m], triangles (m, 3) and what is to be said of the bodies of a STEP file, or of one by its name.
+    """Corners (n, 3) [m], triangles (m, 3) and lines for a warning of all bodies of a STEP file, or of one by its name.
 
-    OpenCASCADE works in millimetres, and in a process of its own: it prints, and a damaged file may end it.
+    OpenCASCADE works in millimetres. It runs in a process of its own, because it prints and a damaged file may end it.
     """
     import trimesh
 
     require(find_spec("cascadio"), f'mesh {path}: a STEP file needs cascadio: pip install "taichi-mps[step]"')
     with tempfile.TemporaryDirectory() as folder:
         made = Path(folder) / "mesh.glb"
-        words = [sys.executable, "-c", TESSELLATE, str(path), str(made), repr(1e3 * tolerance)]
+        command = [sys.executable, "-c", STEP_TO_GLB, str(path), str(made), repr(1e3 * tolerance)]
         try:
-            subprocess.run(words, stdin=subprocess.DEVNULL, capture_output=True, timeout=PATIENCE, check=True)
+            subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, timeout=STEP_TIMEOUT, check=True)
             scene = trimesh.load_scene(made)
         except Exception as error:
             raise SceneError(f"mesh {path}: cannot be read as STEP ({type(error).__name__})") from None
@@ -150,139 +151,141 @@ def bodies_of_step(path, name, tolerance):
     for node in scene.graph.nodes_geometry:
         place, own = scene.graph[node]
         bodies.setdefault(own, []).append(scene.geometry[own].copy().apply_transform(place))
-    there = f"{len(bodies)} bodies: {', '.join(list(bodies)[:20])}"
-    require(not name or name in bodies, f"mesh {path}: body = {name}: must be one of its {there}")
+    body_names = f"{len(bodies)} bodies: {', '.join(list(bodies)[:20])}"
+    require(not name or name in bodies, f"mesh {path}: body = {name}: must be one of its {body_names}")
     mesh = trimesh.util.concatenate([mesh for own in bodies if name in ("", own) for mesh in bodies[own]])
-    told = f"{len(mesh.faces)} triangles within {tolerance:.2g} m of the faces of " + (f"body {name} of " * bool(name))
-    return np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int64), [told + there]
+    note = f"{len(mesh.faces)} triangles within {tolerance:.2g} m of the faces of " + (f"body {name} of " * bool(name))
+    return np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int64), [note + body_names]
 
 
-def without_flat(triangles):
-    """Return the triangles but those with two equal corners.
+def drop_degenerate(triangles):
+    """Return the triangles without those that have two equal corners.
 
-    Of several on the same corners one is left, none where as many face one way as the other.
+    Of several triangles on the same corners one is kept, and none where as many face one way as the other.
     """
-    way = np.prod(np.sign(triangles - np.roll(triangles, 1, axis=1)), axis=1)  # of the corners; 0: two are equal
+    orientation = np.prod(np.sign(triangles - np.roll(triangles, 1, axis=1)), axis=1)  # 0: two corners are equal
     group = np.unique(np.sort(triangles, axis=1), axis=0, return_inverse=True)[1].reshape(-1)
-    good = np.flatnonzero((way != 0) & (way == np.sign(np.bincount(group, way))[group]))
+    good = np.flatnonzero((orientation != 0) & (orientation == np.sign(np.bincount(group, orientation))[group]))
     return triangles[np.sort(good[np.unique(group[good], return_index=True)[1]])]
 
 
 def open_edges(triangles):
-    """Edges (k, 2) along which not as many triangles go one way as the other."""
+    """Edges (k, 2) along which unequal numbers of triangles run in the two directions."""
     edges = np.vstack([triangles[:, [a, b]] for a, b in ((0, 1), (1, 2), (2, 0))])
     names, group = np.unique(np.sort(edges, axis=1), axis=0, return_inverse=True)
     return names[np.bincount(group.reshape(-1), np.sign(edges[:, 1] - edges[:, 0])) != 0.0]
 
 
-def place(point) -> str:
-    """Coordinates of a point (3,) [m] as text of a message."""
+def point_text(point) -> str:
+    """Coordinates of a point (3,) [m] as text for a message."""
     return "at ({:.4g}, {:.4g}, {:.4g}) m".format(*np.round(point, 9) + 0.0)
 
 
-def united(path, points, triangles, rounding):
-    """Unite all bodies, less their cavities, which are bodies inside out within another.
+def unite_bodies(path, points, triangles, rounding):
+    """Unite all bodies and subtract their cavities, which are bodies inside out within another.
 
-    Returns the surface, and in words what had to be done to it; the surface as it is where that was nothing.
+    Returns the surface, and lines for a warning that list the repairs; without a repair the surface is unchanged.
     """
-    bodies = sorted(body_of(points, triangles).decompose(), key=lambda body: -abs(body.volume()))
-    sign = [way for body in bodies if (way := np.sign(body.volume()))]
+    bodies = sorted(to_manifold(points, triangles).decompose(), key=lambda body: -abs(body.volume()))
+    sign = [s for body in bodies if (s := np.sign(body.volume()))]
     require(sign, f"mesh {path}: its bodies have no volume")
     if sign[0] < 0.0:  # all of the file is inside out
-        triangles, sign = triangles[:, ::-1], [-way for way in sign]
-    bodies = [body if body.volume() > 0.0 else inverted(body) for body in bodies[: len(sign)]]
+        triangles, sign = triangles[:, ::-1], [-s for s in sign]
+    bodies = [body if body.volume() > 0.0 else flipped(body) for body in bodies[: len(sign)]]
     low, high = np.array([body.bounding_box() for body in bodies]).reshape(-1, 2, 3).swapaxes(0, 1)
-    touch, turned, overlaps = 0, 0, []
+    contacts, turned, overlaps = 0, 0, []
     for k, body in enumerate(bodies):
-        if (middle := crossing(*surface_of(body))) is not None:
-            raise SceneError(f"mesh {path}: a body crosses itself {place(middle)}; must be made of bodies that do not")
+        if (middle := find_self_intersection(*from_manifold(body))) is not None:
+            raise SceneError(
+                f"mesh {path}: a body crosses itself {point_text(middle)}; must be made of bodies that do not"
+            )
         within, before = 0.0, len(overlaps)
         for other in np.flatnonzero(np.all((low[:k] <= high[k] + rounding) & (low[k] <= high[:k] + rounding), axis=1)):
             common = bodies[other] ^ body
             if common.volume() > (1.0 - 1e-6) * body.volume():
                 within += sign[other]
-            elif not common.is_empty() and (deep := depth_and_place(common))[0] > rounding:
+            elif not common.is_empty() and (deep := overlap_depth_and_place(common))[0] > rounding:
                 overlaps.append(deep)
             else:
-                touch += bodies[other].min_gap(body, 2.0 * rounding) < rounding
+                contacts += bodies[other].min_gap(body, 2.0 * rounding) < rounding
         if len(overlaps) == before and within + sign[k] not in (0.0, 1.0):
             if within:
-                overlaps.append(depth_and_place(body))
+                overlaps.append(overlap_depth_and_place(body))
             else:
                 sign[k], turned = 1.0, turned + 1
-    done = [f"{turned} of {len(bodies)} bodies inside out, turned"] * bool(turned)
-    if touch or overlaps:
-        told = ", the deepest {:.3g} m {}".format(*max(overlaps)) if overlaps else ""
-        done += [f"{len(overlaps)} overlaps{told}, and {touch} contacts of {len(bodies)} bodies united"]
-    if not done:
-        return points, triangles, done
+    repairs = [f"{turned} of {len(bodies)} bodies inside out, turned"] * bool(turned)
+    if contacts or overlaps:
+        deepest = ", the deepest {:.3g} m {}".format(*max(overlaps)) if overlaps else ""
+        repairs += [f"{len(overlaps)} overlaps{deepest}, and {contacts} contacts of {len(bodies)} bodies united"]
+    if not repairs:
+        return points, triangles, repairs
     solid = bodies[0]
-    for way, body in zip(sign[1:], bodies[1:], strict=True):  # the largest first: what lies in a cavity comes after it
-        solid = solid + body if way > 0.0 else solid - body
-    return *surface_of(solid), done
+    for s, body in zip(sign[1:], bodies[1:], strict=True):  # the largest first: what lies in a cavity comes after it
+        solid = solid + body if s > 0.0 else solid - body
+    return *from_manifold(solid), repairs
 
 
-def body_of(points, triangles):
-    """Body of manifold3d with this surface."""
+def to_manifold(points, triangles):
+    """Convert a closed surface to a body of manifold3d."""
     import manifold3d
 
     return manifold3d.Manifold(manifold3d.Mesh64(points, np.array(triangles, np.uint64, order="C")))
 
 
-def surface_of(body):
+def from_manifold(body):
     """Vertices (n, 3) [m] and triangles (m, 3) of a body of manifold3d."""
     mesh = body.to_mesh64()
     return np.array(mesh.vert_properties[:, :3], order="C"), mesh.tri_verts.astype(np.int64)
 
 
-def opened(points, triangles, height, depth):
-    """Surface of a body that goes on with its section at a depth [m] below its highest point, by a height [m]."""
-    body, level = body_of(points, triangles), points[:, 2].max() - depth
-    return surface_of(body + body.slice(level).extrude(depth + height).translate((0.0, 0.0, level)))
+def extend_upwards(points, triangles, height, depth):
+    """Surface of a body extended upwards by a height [m], with its section at a depth [m] below its highest point."""
+    body, level = to_manifold(points, triangles), points[:, 2].max() - depth
+    return from_manifold(body + body.slice(level).extrude(depth + height).translate((0.0, 0.0, level)))
 
 
-def inverted(body):
-    """Body with the same surface, which faces the other way."""
-    points, triangles = surface_of(body)
-    return body_of(points, triangles[:, ::-1])
+def flipped(body):
+    """Body of manifold3d whose triangles face the other way."""
+    points, triangles = from_manifold(body)
+    return to_manifold(points, triangles[:, ::-1])
 
 
-def normals(corners):
-    """Compute unit normals (..., 3) of triangles by their corners (..., 3, 3) [m]; zero of next to no area."""
+def unit_normals(corners):
+    """Compute unit normals (..., 3) of triangles by their corners (..., 3, 3) [m]; zero for a degenerate triangle."""
     sides = corners - np.roll(corners, 1, axis=-2)
     normal = np.cross(sides[..., 1, :], sides[..., 2, :])
     size, least = np.linalg.norm(normal, axis=-1), 1e-6 * (sides**2).sum(-1).max(-1)
     return np.where(size > least, 1.0, 0.0)[..., None] * normal / np.maximum(size, 1e-300)[..., None]
 
 
-def depth_and_place(body):
-    """Smallest width [m] of what two bodies have in common, across a face or along an axis, and where it is."""
-    points, triangles = surface_of(body)
-    normal = normals(points[triangles[:: 1 + len(triangles) // 200]])
+def overlap_depth_and_place(body):
+    """Smallest width [m] of the intersection of two bodies, across a face or along an axis, and its place as text."""
+    points, triangles = from_manifold(body)
+    normal = unit_normals(points[triangles[:: 1 + len(triangles) // 200]])
     across = np.vstack([np.eye(3), normal[normal.any(axis=1)]])
-    return np.ptp(points @ across.T, axis=0).min(), place(points.mean(axis=0))
+    return np.ptp(points @ across.T, axis=0).min(), point_text(points.mean(axis=0))
 
 
-def crossing(points, triangles):
-    """Place (3,) [m] where a surface crosses itself most; None where by no more than FOLD of its length."""
+def find_self_intersection(points, triangles):
+    """Point (3,) [m] where a surface crosses itself most deeply; None if by no more than MAX_FOLD of its length."""
     from igl.predicates import find_intersections
 
     pairs = find_intersections(points, triangles, points, triangles)[1]
     pairs = triangles[pairs[pairs[:, 0] < pairs[:, 1]]]
     pairs = points[pairs[~np.any(pairs[:, 0, :, None] == pairs[:, 1, None, :], axis=(1, 2))]]
-    plane = normals(pairs)
-    height = np.einsum("kabi,kai->kab", pairs - pairs[:, ::-1, :1], plane[:, ::-1])  # of corners, above the other one
+    plane = unit_normals(pairs)
+    height = np.einsum("kabi,kai->kab", pairs - pairs[:, ::-1, :1], plane[:, ::-1])  # of corners over the other plane
     ahead, next_height = np.roll(pairs, -1, axis=2), np.roll(height, -1, axis=2)
     cut = height * next_height < 0.0
     share = np.where(cut, height / np.where(cut, height - next_height, 1.0), 0.0)
-    ends = pairs + share[..., None] * (ahead - pairs)  # where sides go through the plane of the other one
+    ends = pairs + share[..., None] * (ahead - pairs)  # where sides cut the plane of the other triangle
     line = np.cross(plane[:, 0], plane[:, 1])
     line /= np.maximum(np.linalg.norm(line, axis=1, keepdims=True), 1e-300)
     along = np.einsum("kabi,ki->kab", ends - pairs[:, :1, :1], line)
     first = np.where(cut, along, np.inf).min(2).max(1)
     last = np.where(cut, along, -np.inf).max(2).min(1)
     depth = np.minimum(np.minimum(height.max(2), -height.min(2)).min(1), last - first)
-    if depth.max(initial=0.0) <= FOLD * np.ptp(points, axis=0).max():
+    if depth.max(initial=0.0) <= MAX_FOLD * np.ptp(points, axis=0).max():
         return None
     k = depth.argmax()
     return ends[k][cut[k]][0] + (0.5 * (first[k] + last[k]) - along[k][cut[k]][0]) * line[k]
@@ -294,11 +297,11 @@ def mesh_distance(x, points, triangles):
 
     triangles = np.ascontiguousarray(triangles, np.int64)
     distance = igl.signed_distance(x, points, triangles, igl.SIGNED_DISTANCE_TYPE_PSEUDONORMAL)[0]
-    if normals(points[triangles]).any(axis=1).all():
+    if unit_normals(points[triangles]).any(axis=1).all():
         return distance
-    turns = igl.fast_winding_number(points, triangles, x)  # 1 inside; good also where a triangle has no area, but slow
-    clear = (np.abs(turns - 0.5) > 0.25) & (np.abs(distance) > ROUNDING * np.abs(points).max())
-    return np.where(clear & (distance * (0.5 - turns) < 0.0), -distance, distance)
+    winding = igl.fast_winding_number(points, triangles, x)  # 1 inside; right also for degenerate triangles, but slow
+    clear = (np.abs(winding - 0.5) > 0.25) & (np.abs(distance) > ROUNDING * np.abs(points).max())
+    return np.where(clear & (distance * (0.5 - winding) < 0.0), -distance, distance)
 
 
 @validated

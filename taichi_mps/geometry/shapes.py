@@ -11,9 +11,9 @@ from ..runtime.memory import admit
 from ..units import Count, Size, array, points, real, require, validated, vector
 
 Offset = real("", ge=-1e6, le=1e6) | array("", (None,))
-MOST_POINTS = 1e8  # of one lattice
-MANY_POINTS = 1e6  # from here on a lattice is admitted first
-POINT = 90  # bytes of a point while a body is cut out of the lattice
+MAX_POINTS = 1e8  # of one lattice
+CHECK_MEMORY_FROM = 1e6  # points of a lattice from which on the free memory is checked first
+BYTES_PER_POINT = 90  # memory of a point while a body is cut out of the lattice
 
 
 @runtime_checkable
@@ -199,12 +199,12 @@ def lattice(low: array("m", (None,)), high: array("m", (None,)), spacing: Size, 
     require(len(low) == len(high), f"high = {high} m: must have as many coordinates as low = {low} m")
     require(np.size(offset) in (1, len(low)), f"offset = {offset}: must be one number, or {len(low)}")
     offsets = np.broadcast_to(offset, low.shape)
-    with np.errstate(over="ignore"):  # of a spacing next to nothing
+    with np.errstate(over="ignore"):  # a tiny spacing overflows
         points = float(np.prod(np.maximum(high - low, 0.0) / spacing))
-    many = f"spacing = {spacing:g} m: fills the box with {points:.2g} particles; at most {MOST_POINTS:.2g}"
-    require(points <= MOST_POINTS, many)
-    if points > MANY_POINTS:
-        admit(POINT * points, f"spacing = {spacing:g} m: {points:.2g} particles of a lattice take")
+    many = f"spacing = {spacing:g} m: fills the box with {points:.2g} particles; at most {MAX_POINTS:.2g}"
+    require(points <= MAX_POINTS, many)
+    if points > CHECK_MEMORY_FROM:
+        admit(BYTES_PER_POINT * points, f"spacing = {spacing:g} m: {points:.2g} particles of a lattice take")
     axes = [
         lo + spacing * (o + np.arange(max(0, int(np.floor((hi - lo) / spacing - o + 1 + 1e-9)))))
         for lo, hi, o in zip(low, high, offsets, strict=True)
@@ -245,9 +245,9 @@ def rings(inner_radius: real("m", ge=0.0, le=1e9), outer_radius: Size, spacing: 
     """
     number = np.pi * (outer_radius**2 - inner_radius**2) / spacing / spacing
     require(
-        number <= MOST_POINTS,
+        number <= MAX_POINTS,
         f"outer_radius = {outer_radius:g} m with spacing = {spacing:g} m: makes {number:.2g} points; must be at most "
-        f"{MOST_POINTS:.2g}",
+        f"{MAX_POINTS:.2g}",
     )
     count = round((outer_radius - inner_radius) / spacing)
     require(

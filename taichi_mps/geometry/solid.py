@@ -30,32 +30,32 @@ from ..units import (
 )
 from .concave_edges import interpolate
 from .in_time import Moving, in_time
-from .meshes import LONGEST, mesh_distance, opened, read_mesh
-from .walls import Friction, check_surface, require_as_many, spin
+from .meshes import MAX_LENGTH_IN_REACHES, extend_upwards, mesh_distance, read_mesh
+from .walls import Friction, check_surface, require_same_dimension, spin
 
 
-def three_or_more(corners):
-    """Return corners (k, 2) [m]; ValueError unless they make a polygon."""
+def polygon_corners(corners):
+    """Return corners (k, 2) [m] unchanged; ValueError unless they make a polygon."""
     if len(corners) < 3 or np.any(np.all(corners == np.roll(corners, 1, axis=0), axis=1)):
         raise ValueError("must be three corners or more, none of them twice")
     return corners
 
 
-def distances(function, x):
-    """Distances (n,) [m] of points (n, d) by a user's function; SceneError where it gives no finite numbers."""
+def evaluate_distance(function, x):
+    """Evaluate a user's distance function [m] at points (n, d); SceneError where it gives no finite numbers."""
     found = answer("distance", function, x)
     wrong = f"distance = {said(function, '')}: must give a finite number [m] for each point, (n,)"
     require(found.size == len(x) and np.all(np.isfinite(found)), wrong)
     return found
 
 
-GRID = array("m", (None, None), (None, None, None))
-ENDS, PLACES = array("m", (2,)), array("m", (None, 2))
-CORNERS = Annotated[PLACES, AfterValidator(three_or_more)]
+NodeValues = array("m", (None, None), (None, None, None))
+Interval, PlanePoints = array("m", (2,)), array("m", (None, 2))
+PolygonCorners = Annotated[PlanePoints, AfterValidator(polygon_corners)]
 Scale = real("", gt=0.0, le=1e6)
-MOST_NODES = 5e7  # of one grid: 400 MB of distances
-AT_ONCE = 2e4  # nodes that a distance is asked for; some seconds of a mesh of 96,000 triangles
-SILENT = 5.0  # [s] after which it is said how far the distances are
+MAX_NODES = 5e7  # of one grid: 400 MB of distances
+NODES_PER_CALL = 2e4  # of a user's distance function; some seconds for a mesh of 96,000 triangles
+PROGRESS_INTERVAL = 5.0  # time between two lines of progress on the screen [s]
 
 
 @validated
@@ -110,7 +110,7 @@ class Solid(Moving):
     [0.05]
     """
 
-    values: GRID
+    values: NodeValues
     low: vector("m")
     cell: Size
     velocity: vector("m/s") | in_time("m/s") | None = None
@@ -170,24 +170,24 @@ class Solid(Moving):
         low, high = np.array(low, float), np.array(high, float)
         fits = f"cell = {cell:g} m: must be greater than 0 m and fit between {low} and {high} m"
         require(np.all(high - low >= cell), fits)
-        with np.errstate(over="ignore"):  # of a cell next to nothing
+        with np.errstate(over="ignore"):  # a tiny cell overflows
             shape = np.ceil((high - low) / cell - 1e-9) + 1.0
             needed = float(np.prod(shape))
-        require(needed <= MOST_NODES, f"cell = {cell:g} m: needs {needed:.2g} nodes; at most {MOST_NODES:.2g}")
+        require(needed <= MAX_NODES, f"cell = {cell:g} m: needs {needed:.2g} nodes; at most {MAX_NODES:.2g}")
         shape = shape.astype(int)
         ticks = [lo + cell * np.arange(n) for lo, n in zip(low, shape, strict=True)]
-        across, values, said = max(1, int(AT_ONCE / np.prod(shape[1:]))), [], monotonic()
-        for first in range(0, shape[0], across):  # slabs, for the sake of memory, and of who waits
-            if monotonic() - said > SILENT and sys.stderr and sys.stderr.isatty():
-                said, share = monotonic(), first / shape[0]
+        slab, values, printed = max(1, int(NODES_PER_CALL / np.prod(shape[1:]))), [], monotonic()
+        for first in range(0, shape[0], slab):  # slab by slab, to save memory and to print the progress
+            if monotonic() - printed > PROGRESS_INTERVAL and sys.stderr and sys.stderr.isatty():
+                printed, share = monotonic(), first / shape[0]
                 print(f"taichi-mps: {share:.0%} of the distances of a solid at {needed:.2g} nodes", file=sys.stderr)
-            nodes = np.stack(np.meshgrid(ticks[0][first : first + across], *ticks[1:], indexing="ij"))
-            values.append(distances(distance, nodes.reshape(len(low), -1).T).reshape(nodes.shape[1:]))
+            nodes = np.stack(np.meshgrid(ticks[0][first : first + slab], *ticks[1:], indexing="ij"))
+            values.append(evaluate_distance(distance, nodes.reshape(len(low), -1).T).reshape(nodes.shape[1:]))
         return cls(np.concatenate(values), tuple(low), cell, **keywords)
 
     @classmethod
     @validated
-    def prism(cls, corners: CORNERS, cell: Size, reach: Size, along: ENDS | None = None, **keywords):
+    def prism(cls, corners: PolygonCorners, cell: Size, reach: Size, along: Interval | None = None, **keywords):
         """Make a solid whose section in the (x, z) plane is a convex polygon: a plate, a gate.
 
         Parameters
@@ -216,7 +216,7 @@ class Solid(Moving):
 
     @classmethod
     @validated
-    def bars(cls, places: PLACES, radius: Size, upright: ENDS, cell: Size, reach: Size, **keywords):
+    def bars(cls, places: PlanePoints, radius: Size, upright: Interval, cell: Size, reach: Size, **keywords):
         """Make a solid of upright round bars.
 
         Parameters
@@ -293,9 +293,11 @@ class Solid(Moving):
         SceneError
             If the file is missing, damaged, not closed, or longer than 100 m.
         """
-        points, triangles = read_mesh(path, scale, min(100.0, LONGEST * reach), body, tolerance=0.1 * cell)
+        points, triangles = read_mesh(
+            path, scale, min(100.0, MAX_LENGTH_IN_REACHES * reach), body, tolerance=0.1 * cell
+        )
         if open_top > 0.0:
-            points, triangles = opened(points, triangles, open_top, 0.5 * cell)
+            points, triangles = extend_upwards(points, triangles, open_top, 0.5 * cell)
         side = -1.0 if inside else 1.0
         low, high = points.min(0) - reach, points.max(0) + reach
         try:
@@ -469,13 +471,13 @@ class Solid(Moving):
         ndarray, shape (n,)
             Distance [m], positive in the fluid; infinite beyond the grid.
         """
-        require_as_many(x, self.low)
+        require_same_dimension(x, self.low)
         arm = (x - self.centre - self.displacement(time)) @ self.turned(time)
         return interpolate(self.values, (arm + self.centre - np.array(self.low)) / self.cell)
 
 
 @validated
-def polygon_distance(x: PLACES, corners: CORNERS):
+def polygon_distance(x: PlanePoints, corners: PolygonCorners):
     """Return the signed distance of points from a convex polygon.
 
     Parameters

@@ -56,7 +56,7 @@ class Friction(Checked):
     viscous_constant: ViscousConstant = Field(0.0, description="viscous resistance of the interface")
 
     @model_validator(mode="after")
-    def _holds_something(self):
+    def _require_resistance(self):
         if self.yield_value == 0.0 and self.viscous_constant == 0.0:
             raise ValueError("no friction at all; must be slip = True of the wall, not Friction()")
         return self
@@ -80,15 +80,15 @@ def check_surface(wall, first="point"):
     d = len(wall.point)
     for key in ("normal", "velocity", "pivot", "axis"):
         value = getattr(wall, key, None)
-        as_many = value is None or callable(value) or np.ndim(value) != 1 or len(value) == d
-        require(as_many, f"{key} = {value} of a wall with {first} = {wall.point}: must be {d} finite numbers")
+        same_dimension = value is None or callable(value) or np.ndim(value) != 1 or len(value) == d
+        require(same_dimension, f"{key} = {value} of a wall with {first} = {wall.point}: must be {d} finite numbers")
     both = f"slip = True with friction = {wall.friction}: a wall has one of them; must be left out"
     require(wall.friction is None or not wall.slip, both)
-    wall.in_time  # noqa: B018  (read now, so that what is wrong is said)
+    wall.in_time  # noqa: B018  (evaluated here, so that an error in it is raised here)
 
 
-def require_as_many(x, point):
-    """SceneError unless points x (n, d) [m] have as many coordinates as a point of a wall."""
+def require_same_dimension(x, point):
+    """Raise a SceneError unless points x (n, d) [m] have as many coordinates as a point of a wall."""
     require(x.shape[1] == len(point), f"x = points of {x.shape[1]} coordinates: must have {len(point)}")
 
 
@@ -167,18 +167,18 @@ class Plane(Moving):
         unit = abs(np.linalg.norm(self.normal) - 1.0) <= 1e-6
         require(unit, f"normal = {self.normal} of a {kind}: must have the length 1")
         if self.mirror:
-            rubs = f"friction = {self.friction} of a mirror plane: nothing rubs there; must be left out"
-            require(self.friction is None, rubs)
-            moves = f"velocity = {self.velocity} m/s: a mirror plane cannot move; must be left out"
-            require(self.velocity is None, moves)
+            with_friction = f"friction = {self.friction} of a mirror plane: nothing rubs there; must be left out"
+            require(self.friction is None, with_friction)
+            moving = f"velocity = {self.velocity} m/s: a mirror plane cannot move; must be left out"
+            require(self.velocity is None, moving)
             object.__setattr__(self, "slip", True)
 
     @property
     def travel(self):
         """Velocity at which the wall changes its position [m/s], shape (d,); zero if it moves in its own plane."""
         velocities = np.atleast_2d(self.fastest if self.in_time is None else self.in_time.values)
-        leaves = np.abs(velocities @ np.array(self.normal)) > 1e-9 * np.linalg.norm(velocities, axis=1)
-        return self.fastest if leaves.any() else 0.0 * self.fastest
+        normal_motion = np.abs(velocities @ np.array(self.normal)) > 1e-9 * np.linalg.norm(velocities, axis=1)
+        return self.fastest if normal_motion.any() else 0.0 * self.fastest
 
     @validated
     def distance(self, x: points("m"), time: Instant = 0.0):
@@ -196,7 +196,7 @@ class Plane(Moving):
         ndarray, shape (n,)
             Distance [m], positive in the fluid.
         """
-        require_as_many(x, self.point)
+        require_same_dimension(x, self.point)
         return (x - np.array(self.point) - self.displacement(time)) @ np.array(self.normal)
 
     @property
@@ -298,7 +298,7 @@ class Cylinder(Moving):
 
     @property
     def travel(self):
-        """Velocity at which the position of the wall changes [m/s], shape (d,); zero for one without ends."""
+        """Velocity at which the wall changes its position [m/s], shape (d,); zero for an endless wall."""
         return self.fastest if self.length is not None else 0.0 * self.unit_axis
 
     @property
@@ -306,8 +306,8 @@ class Cylinder(Moving):
         """Number of components of the velocity: 1, along the axis."""
         return 1
 
-    def _directed(self, velocity):
-        """Velocity (d,) [m/s] in the scene of the velocity along the axis."""
+    def _as_vector(self, velocity):
+        """Convert the velocity along the axis to a vector (d,) [m/s]."""
         return np.ravel(velocity)[0] * self.unit_axis
 
     @property
@@ -335,7 +335,7 @@ class Cylinder(Moving):
         ndarray, shape (n,)
             Distance [m], positive in the fluid, from a thin wall on both sides; infinite beyond its ends.
         """
-        require_as_many(x, self.point)
+        require_same_dimension(x, self.point)
         offset = x - np.array(self.point) - self.displacement(time)
         s = offset @ self.unit_axis
         r = np.linalg.norm(offset - np.outer(s, self.unit_axis), axis=1)
@@ -430,7 +430,7 @@ def behind(walls: Sequence[InstanceOf[Surface]], x: points("m"), thick: Size):
     Returns
     -------
     ndarray, shape (m, d)
-        Those of ``x`` behind a wall and not deeper than ``thick`` [m].
+        Candidates behind a wall and not deeper than ``thick`` [m].
 
     Examples
     --------

@@ -25,16 +25,17 @@ from ..problem.problem import Problem
 from ..problem.scene import Scene
 from ..schemes.step_report import OLD_NAMES
 from ..units import File, SceneError, ordinary, require, user_path, validated, writing
-from . import untrusted_hdf5 as outside
+from . import untrusted_hdf5 as untrusted
 
 FORMAT = "taichi_mps checkpoint"
 VERSION = 7
-LABEL = 512  # bytes of the user block
-MOST_BYTES = 2e10  # some 1e8 particles
-LARGE = 1_000_000  # numbers of an array from which on a part of it stands for all
-PARTICLES = "spacing", "fluid", "domain", "wall_particles", "inlets"  # of a scene: what the arrays of a state depend on
-LAWS = "materials", "gravity_vector", "walls"  # what no state shows
-FORMER = {"typical_slope": "plastic_viscosity"}  # names by which digests know numbers of a law
+LABEL_BYTES = 512  # size of the user block
+MAX_BYTES = 2e10  # some 1e8 particles
+SAMPLED_FROM = 1_000_000  # numbers of an array from which on its digest is made of a sample
+# attributes of a scene on which the arrays of a state depend, and those that a state does not show
+PARTICLE_ATTRIBUTES = "spacing", "fluid", "domain", "wall_particles", "inlets"
+LAW_ATTRIBUTES = "materials", "gravity_vector", "walls"
+FORMER_NAMES = {"typical_slope": "plastic_viscosity"}  # names of numbers of a law in digests
 HEADER = {
     **dict.fromkeys(("source", "scheme", "fluid", "problem"), str),
     **dict.fromkeys(("parameters", "numerics", "settings"), dict),
@@ -82,7 +83,7 @@ class Checkpoint:
             "scheme": sim.numerics.scheme,
             "numerics": sim.numerics.model_dump(mode="json"),
             "time": sim.time,
-            "fluid": digest(sim.scene, PARTICLES),
+            "fluid": digest(sim.scene, PARTICLE_ATTRIBUTES),
             "problem": digest(sim.scene, laws(sim.scene)),
             "settings": settings or {},
         }
@@ -105,15 +106,15 @@ class Checkpoint:
         arrays = {key: value for key, value in self.state.items() if isinstance(value, np.ndarray)}
         scalars = {key: value for key, value in self.state.items() if key not in arrays}
         whole = io.BytesIO()  # HDF5 kills the process where a disk is full when it closes a file
-        with h5py.File(whole, "w", userblock_size=LABEL) as file:
+        with h5py.File(whole, "w", userblock_size=LABEL_BYTES) as file:
             file["header"] = json.dumps({**self.header, "scalars": scalars}, default=np.generic.item)
             for key, value in arrays.items():
                 file[f"state/{key}"] = value
-        content = whole.getvalue()[LABEL:]
+        content = whole.getvalue()[LABEL_BYTES:]
         partial = path.with_suffix(".partial")
         with open(partial, "wb") as file:
             label = f"{FORMAT} {VERSION} sha256 {hashlib.sha256(content).hexdigest()}\n"
-            file.write(label.encode().ljust(LABEL, b"\0") + content)
+            file.write(label.encode().ljust(LABEL_BYTES, b"\0") + content)
             file.flush()
             os.fsync(file.fileno())
         if path.exists():  # killed between these two lines, the run goes on from the previous one
@@ -171,7 +172,7 @@ class Checkpoint:
             If it cannot be computed, or the state is not one of its particles.
         """
         require(
-            self.header["fluid"] == digest(scene, PARTICLES),
+            self.header["fluid"] == digest(scene, PARTICLE_ATTRIBUTES),
             f"checkpoint: scene {self.header['source']} no longer makes the particles that it was written with",
         )
         problem = Problem(scene, NUMERICS[self.header["scheme"]](**self.header["numerics"]))
@@ -242,7 +243,7 @@ class Checkpoint:
 
 @runtime_checkable
 class Running(Protocol):
-    """Simulation, of which a checkpoint keeps the state."""
+    """Protocol of a simulation whose state a checkpoint keeps."""
 
     state: Callable
 
@@ -381,11 +382,11 @@ def read(path) -> Checkpoint:
     SceneError
         If the file is missing, foreign, damaged or of another version.
     """
-    path, content = ordinary(f"checkpoint {path}", path, MOST_BYTES), hashlib.sha256()
+    path, content = ordinary(f"checkpoint {path}", path, MAX_BYTES), hashlib.sha256()
     try:
         with open(path, "rb") as file:
-            found = re.match(rf"{FORMAT} (\d+) sha256 (\w+)\n".encode(), file.read(LABEL))
-            for part in iter(lambda: file.read(LARGE) if found else b"", b""):
+            found = re.match(rf"{FORMAT} (\d+) sha256 (\w+)\n".encode(), file.read(LABEL_BYTES))
+            for part in iter(lambda: file.read(SAMPLED_FROM) if found else b"", b""):
                 content.update(part)
     except OSError as error:
         raise SceneError(f"checkpoint {path}: cannot be read ({error.strerror})") from None
@@ -397,10 +398,10 @@ def read(path) -> Checkpoint:
         found and found[2].decode() == content.hexdigest(),
         f"checkpoint {path}: damaged, or not a checkpoint of taichi_mps (its checksum is wrong)",
     )
-    with outside.opened(path, "checkpoint") as file:
-        state = outside.own(file, "state")
-        arrays = {key: outside.numbers(state, key) for key in state}
-        header = json.loads(outside.text(file, "header"))
+    with untrusted.opened(path, "checkpoint") as file:
+        state = untrusted.own_member(file, "state")
+        arrays = {key: untrusted.numbers(state, key) for key in state}
+        header = json.loads(untrusted.text(file, "header"))
         scalars = header.pop("scalars")
         new = {old: name for name, old in OLD_NAMES.items()}
         for key, kind in HEADER.items():
@@ -414,7 +415,7 @@ def read(path) -> Checkpoint:
 
 
 def laws(scene: Scene) -> tuple[str, ...]:
-    """Return the attributes of a scene that no state shows, with a gravity that changes in time.
+    """Return the attributes of a scene that a state does not show, such as a gravity that changes in time.
 
     Parameters
     ----------
@@ -426,7 +427,7 @@ def laws(scene: Scene) -> tuple[str, ...]:
     tuple of str
         Attributes.
     """
-    return (*LAWS, *("gravity",) * (scene.gravity_in_time is not None), *("jolts",) * bool(scene.jolts))
+    return (*LAW_ATTRIBUTES, *("gravity",) * (scene.gravity_in_time is not None), *("jolts",) * bool(scene.jolts))
 
 
 def digest(scene: Scene, keys) -> str:
@@ -452,16 +453,16 @@ def digest(scene: Scene, keys) -> str:
     def take(value):
         if isinstance(value, np.ndarray):
             total.update(f"{value.dtype.str} {value.shape}".encode())
-            total.update(np.ascontiguousarray(value.reshape(-1)[:: max(1, value.size // LARGE)]))
+            total.update(np.ascontiguousarray(value.reshape(-1)[:: max(1, value.size // SAMPLED_FROM)]))
         elif isinstance(value, list | tuple):
             for item in value:
                 take(item)
             total.update(f"{len(value)} ".encode())
         elif isinstance(value, BaseModel) or is_dataclass(value):
             fields = type(value).model_fields if isinstance(value, BaseModel) else value.__dataclass_fields__
-            told = {name: getattr(value, name) for name in fields if name != "name"}
-            told = {k: v for k, v in told.items() if isinstance(v, np.ndarray) or v != fields[k].default}
-            take([type(value).__name__, *(item for k, v in told.items() for item in (FORMER.get(k, k), v))])
+            differing = {name: getattr(value, name) for name in fields if name != "name"}
+            differing = {k: v for k, v in differing.items() if isinstance(v, np.ndarray) or v != fields[k].default}
+            take([type(value).__name__, *(item for k, v in differing.items() for item in (FORMER_NAMES.get(k, k), v))])
         else:
             text = getattr(value, "__qualname__", type(value).__name__) if callable(value) else value
             total.update(f"{text} ".encode())

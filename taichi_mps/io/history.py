@@ -1,4 +1,4 @@
-"""History of a run, history.csv: one row a step."""
+"""Writing and reading of the history of a run, history.csv: one row a step."""
 
 import csv
 import io
@@ -12,7 +12,7 @@ import numpy as np
 from ..schemes.step_report import OLD_NAMES
 from ..units import File, ordinary, require, user_path, validated
 
-MEANING = {
+COLUMN_MEANINGS = {
     "time_s": "time at the end of the step [s]",
     "dt_s": "length of the step [s]",
     "slump_m": "fall of the top of the body at its axis [m]; nan where the scene measures none",
@@ -36,20 +36,21 @@ MEANING = {
     "divergence_residual": "root mean square of |div u - s|, likewise [-]",
 }
 MEASURED = ("slump_m", "spread_m")  # columns of the scene's measures, in every run
-REPORTED = {"time_s": "time", "dt_s": "dt", "max_speed_m_s": "max_speed", "kinetic_energy_J": "kinetic_energy"}
-SUM = "crc32"  # last column: checksum of the line of the names and of the row before it, as text "crc32:..."
-COLUMNS = tuple(MEANING)  # of every run; more by the measures of the scene
+# columns that are attributes of the step report by another name
+REPORT_ATTRIBUTES = {"time_s": "time", "dt_s": "dt", "max_speed_m_s": "max_speed", "kinetic_energy_J": "kinetic_energy"}
+CHECKSUM = "crc32"  # last column: checksum of the line of the names and of the row before it, as text "crc32:..."
+COLUMNS = tuple(COLUMN_MEANINGS)  # of every run; more by the measures of the scene
 RESIDUALS = "strain_rate_residual", "divergence_residual"
-LATER = {*RESIDUALS, *OLD_NAMES}  # columns that runs until 0.2 may not have
-MOST_BYTES = 3e8  # a million rows, in seconds
-TAIL = 1 << 14  # [bytes] in which the last row of a file lies
+COLUMNS_SINCE_0_2 = {*RESIDUALS, *OLD_NAMES}  # columns that runs until 0.2 may lack
+MAX_BYTES = 3e8  # a million rows, in seconds
+TAIL_BYTES = 1 << 14  # [bytes] in which the last row of a file lies
 
 
 class History:
     """Writer of history.csv, one row a step, flushed as it goes.
 
-    Measures other than slump and slump flow get columns of their own at the end; one that comes later, or is there no
-    more, keeps its column, nan where it is missing.
+    Measures other than slump and slump flow get columns of their own at the end, also one that appears later; where a
+    measure is missing its cell is nan.
 
     Parameters
     ----------
@@ -64,15 +65,15 @@ class History:
         rows = [] if kept is None or not self.path.is_file() else read_rows(path)
         rows = [row for row in rows if number(row["time_s"]) <= kept * (1 + 1e-8)]  # of nine digits
         self.empty = not rows
-        self._begin(rows[0] if rows else COLUMNS, rows)
+        self._rewrite(rows[0] if rows else COLUMNS, rows)
 
-    def _begin(self, columns, rows):
-        """Write the file anew with these columns, and go on behind these rows."""
+    def _rewrite(self, columns, rows):
+        """Rewrite the file with these columns and rows, and continue behind them."""
         self.columns = tuple(dict.fromkeys(columns))
-        partial = self.path.with_suffix(".partial")  # a run killed just now keeps the rows that it had
+        partial = self.path.with_suffix(".partial")  # a run killed meanwhile keeps its old file
         self.file = open(partial, "w", newline="", encoding="utf-8")  # noqa: SIM115  (closed in close)
         self.names = line(self.columns)
-        self.file.write(f"{self.names},{SUM}\n")
+        self.file.write(f"{self.names},{CHECKSUM}\n")
         for row in rows:
             self._write(row)
         self.file.flush()
@@ -92,7 +93,7 @@ class History:
         """
         if set(row) - set(self.columns):
             self.close()
-            self._begin((*self.columns, *row), read_rows(self.path))
+            self._rewrite((*self.columns, *row), read_rows(self.path))
         self._write({key: f"{v:.9g}" if isinstance(v, float) else v for key, v in row.items()})
         self.file.flush()
 
@@ -107,7 +108,7 @@ def row_of(sim, measures: dict) -> dict:
     Parameters
     ----------
     sim : Simulation
-        Simulation; before its first step there is no report, and little to say.
+        Simulation; before its first step only the state of the fluid is known.
     measures : dict of str to float
         Results by name.
 
@@ -119,7 +120,7 @@ def row_of(sim, measures: dict) -> dict:
     measures = {key: value for key, value in measures.items() if key != "slump_max_m"}  # the summary's alone
     keys = [key for key in COLUMNS if key not in MEASURED]
     if sim.report is not None:
-        return measures | {key: getattr(sim.report, REPORTED.get(key, key)) for key in keys}
+        return measures | {key: getattr(sim.report, REPORT_ATTRIBUTES.get(key, key)) for key in keys}
     s = sim.snapshot()
     masses = np.array([m.density for m in sim.scene.materials])[s.mix] * sim.scene.volumes_at(s.x)
     known = {"max_speed_m_s": float(s.speed.max()), "kinetic_energy_J": 0.5 * float((masses * s.speed**2).sum())}
@@ -175,7 +176,7 @@ def checksum(names: str, row: str) -> str:
     str
         Checksum of both.
     """
-    return f"{SUM}:{crc32(names, row)}"
+    return f"{CHECKSUM}:{crc32(names, row)}"
 
 
 def read_rows(path) -> list[dict[str, str]]:
@@ -194,16 +195,16 @@ def read_rows(path) -> list[dict[str, str]]:
     Raises
     ------
     SceneError
-        For another file, or one that is not as it was written.
+        For a file that is damaged or no history.
     """
-    names, *rows = ordinary(str(path), path, MOST_BYTES).read_bytes().decode("utf-8", "replace").split("\n")
+    names, *rows = ordinary(str(path), path, MAX_BYTES).read_bytes().decode("utf-8", "replace").split("\n")
     columns, _, last = names.rpartition(",")
     require(
-        last == SUM and set(COLUMNS) - LATER <= set(columns.split(",")),
-        f"{path}: damaged or no history of a run; must have the columns {', '.join(COLUMNS)}, {SUM}, without which "
-        "only version 0.1.0 reads it (commit 068d274)",
+        last == CHECKSUM and set(COLUMNS) - COLUMNS_SINCE_0_2 <= set(columns.split(",")),
+        f"{path}: damaged or no history of a run; must have the columns {', '.join(COLUMNS)}, {CHECKSUM}, without "
+        "which only version 0.1.0 reads it (commit 068d274)",
     )
-    torn = rows.pop() if rows else ""  # a process killed while it wrote leaves one, shorter than a whole one
+    torn = rows.pop() if rows else ""  # a process killed while it wrote leaves an incomplete row
     cells = [row.rpartition(",") for row in rows]
     wrong = next((k for k, (text, _, found) in enumerate(cells, 1) if found != checksum(columns, text)), None)
     if len(torn.rpartition(",")[2]) > len(checksum("", "")):
@@ -262,7 +263,7 @@ def newest(path) -> dict[str, float]:
         with open(ordinary("history", path, math.inf), "rb") as file:
             names = file.readline().decode().strip().split(",")
             begin = file.tell()
-            file.seek(max(begin, file.seek(0, os.SEEK_END) - TAIL))
+            file.seek(max(begin, file.seek(0, os.SEEK_END) - TAIL_BYTES))
             *whole, _ = file.read().decode("utf-8", "replace").split("\n")
     except (OSError, ValueError):
         return {}

@@ -1,5 +1,4 @@
-"""Lock of a run folder for one writer (filelock): the operating system releases it with the process, however that
-ends."""
+"""Lock of a run folder for one writer (filelock); the operating system releases it at any end of the process."""
 
 import os
 import platform
@@ -9,26 +8,26 @@ from filelock import FileLock, Timeout
 
 from ..units import SceneError, ordinary, user_path
 
-NAME = "taichi_mps.lock"  # holds the process that writes, as text; of no meaning without the lock on it
-PATIENCE = 0.2  # [s] for which the lock is tried: its last holder may be about to remove the file
+NAME = "taichi_mps.lock"  # file with the writing process as text, valid only while it is locked
+LOCK_TIMEOUT = 0.2  # time for which the lock is tried [s]: its last holder may be about to remove the file
 
 
 @contextmanager
 def held(folder, name: str = NAME, who: str = "process"):
-    """Keep others from writing into a folder meanwhile, made if need be; SceneError that names who writes there
-    already. Nobody is hindered to read. A folder that was made for this and stayed empty is removed."""
+    """Context in which no other process can write into a folder, which is made if it is missing; SceneError that names
+    the process that has the lock. Reading is not restricted. A folder made here that stays empty is removed."""
     folder = user_path(folder)
     path, made = folder / name, [new for new in (folder, *folder.parents) if not new.exists()]
     lock = FileLock(path)
     try:
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            lock.acquire(timeout=PATIENCE, poll_interval=0.05 * PATIENCE)
+            lock.acquire(timeout=LOCK_TIMEOUT, poll_interval=0.05 * LOCK_TIMEOUT)
         except Timeout:
             raise SceneError(f"out = {folder}: {holder(path)} is writing there; must be one at a time") from None
         except OSError as error:
             raise SceneError(f"out = {folder}: cannot be written ({error.strerror}); choose another folder") from None
-        with suppress(OSError):  # Windows lets nobody write what is locked, not even its holder
+        with suppress(OSError):  # on Windows a locked file cannot be written, not even by its holder
             path.write_text(f"{who} {os.getpid()} of {platform.node()}")
         yield
     finally:
@@ -42,8 +41,8 @@ def held(folder, name: str = NAME, who: str = "process"):
 
 
 def writer(folder) -> int | None:
-    """Process that writes a run into a folder: it has the lock open, which names it; None where there is none, or on a
-    system without /proc."""
+    """Number of the process that writes a run into a folder, which is named in the lock and has it open; None without
+    one, or on a system without /proc."""
     path = (user_path(folder) / NAME).resolve()
     with suppress(OSError, ValueError, IndexError):
         process = int(ordinary("lock", path, 1000).read_text(errors="replace").split()[1])
@@ -53,7 +52,7 @@ def writer(folder) -> int | None:
 
 
 def holder(path) -> str:
-    """Return the text of a lock, which names its writer, as one line."""
+    """Text of a lock, which names its writer, on one line."""
     with suppress(OSError, ValueError):
         return " ".join(ordinary("lock", path, 1e4).read_text(errors="replace")[:200].split()) or "another process"
     return "another process"

@@ -1,4 +1,4 @@
-"""Writer of a run in progress: history, trajectory, pictures, checkpoints, summary."""
+"""Recorder of a run in progress: history, trajectory, pictures, checkpoints, summary."""
 
 import time
 from datetime import datetime
@@ -9,16 +9,16 @@ from ..units import require
 from . import checkpoint
 from .history import History, read_history, row_of
 from .run_folder import RunFolder, strict
-from .vtkhdf import Trajectory, due
+from .vtkhdf import Trajectory, is_output_time
 
 CHECKPOINT_COST = 0.02  # fraction of the time that a run takes, spent on checkpoints
 
 
 class Recorder:
-    """Writes a run as it goes: history every step, run.h5 and a picture every ``every`` [s], a checkpoint at the start
-    and as often as costs no more than CHECKPOINT_COST of the time.
+    """Records a run in progress: history every step, run.h5 and a picture every ``every`` [s], a checkpoint at the
+    start and then so often that it costs at most CHECKPOINT_COST of the time.
 
-    ``settings`` are the options of the run that ``resume`` needs; ``picture(number, sim)`` draws one output.
+    ``settings``: options of the run that ``resume`` needs; ``picture(number, sim)`` draws one output.
     """
 
     def __init__(self, folder: RunFolder, sim, every: float, source: str, settings: dict, picture=None):
@@ -34,7 +34,7 @@ class Recorder:
         )
         self.history = History(folder.history, kept=sim.time if sim.steps > 0 else None)
         if resumed:
-            if sim.time < sim.scene.until - 1e-9:  # of a run at its end the last output stays
+            if sim.time < sim.scene.until - 1e-9:  # a finished run keeps its last output
                 outputs = self.trajectory.cut(sim.time, every)
                 for extra in folder.pictures[outputs:]:
                     extra.unlink()
@@ -42,46 +42,46 @@ class Recorder:
             self.trajectory.create(sim, source, every)
         if self.history.empty:
             self.history.add(row_of(sim, self.measures))
-        self.begun, self.next = sim.steps, time.monotonic()
+        self.first_step, self.next_checkpoint = sim.steps, time.monotonic()
         if resumed:
-            self.good = self._checkpoint()
+            self.last_checkpoint = self._checkpoint()
         else:
             self._save()
-        sim.each_step(self.step)
-        sim.every(every, self.output)
+        sim.each_step(self.record_step)
+        sim.every(every, self.record_output)
 
     def _checkpoint(self):
         return checkpoint.Checkpoint.of(self.sim, self.source, self.settings)
 
     def _save(self):
         begin = time.monotonic()
-        self.good = self._checkpoint()
-        self.good.write(self.folder.checkpoint)
+        self.last_checkpoint = self._checkpoint()
+        self.last_checkpoint.write(self.folder.checkpoint)
         now = time.monotonic()
-        self.next = now + (now - begin) / CHECKPOINT_COST
+        self.next_checkpoint = now + (now - begin) / CHECKPOINT_COST
 
-    def step(self, sim) -> None:
-        """After a step and its outputs: a row of history.csv, and a checkpoint if one is due. Neither where a part was
-        left out of the step, for to read it would bring that part back."""
-        if sim.taken_by_all:
+    def record_step(self, sim) -> None:
+        """Write a row of history.csv after a step, and a checkpoint if one is due; skipped after a step that left
+        particles out, since reading the fields would bring them back."""
+        if sim.all_active:
             self.measures = sim.measures()
             self.history.add(row_of(sim, self.measures))
-            if time.monotonic() > self.next:
+            if time.monotonic() > self.next_checkpoint:
                 self._save()
 
-    def output(self, frame) -> None:
-        """A frame into run.h5, and its picture."""
-        if self.sim.steps == self.begun and not due(frame.time, self.every):
-            return  # a run that goes on from between two outputs has none here
+    def record_output(self, frame) -> None:
+        """Write a frame into run.h5 and draw its picture."""
+        if self.sim.steps == self.first_step and not is_output_time(frame.time, self.every):
+            return  # a run resumed between two outputs has no output at its start
         number = self.trajectory.append(frame.snapshot())
         if number is not None:
-            self.good = self._checkpoint()
+            self.last_checkpoint = self._checkpoint()
             if self.picture:
                 self.picture(number, frame)
 
     def finish(self, stopped_by: str, error: str | None = None) -> dict:
-        """Write the checkpoint (after a divergence the last good one), the last row and the summary; return it."""
-        (self.good if error else self._checkpoint()).write(self.folder.checkpoint)
+        """Write the checkpoint (after a divergence the last good one) and the summary, and return the summary."""
+        (self.last_checkpoint if error else self._checkpoint()).write(self.folder.checkpoint)
         self.trajectory.close()
         summary = {
             **self.sim.summary(),
@@ -93,7 +93,7 @@ class Recorder:
         }
         self.history.close()
         unknown = [key for key, value in self.measures.items() if not np.isfinite(value)]
-        if unknown and self.sim.steps == self.begun:  # loads belong to a step: to the last one before
+        if unknown and self.sim.steps == self.first_step:  # loads belong to a step: to the last one before
             rows = read_history(self.folder.history)
             summary |= {key: float(rows[key][-1]) for key in unknown if np.isfinite(rows[key][-1])}
         if self.sim.scene.over_time:

@@ -14,9 +14,9 @@ from . import lock
 from .history import crc32, read_rows
 from .vtkhdf import Trajectory
 
-SUM = "crc32"  # of the summary: checksum of all else in it
-MARK = "taichi_mps.json"  # a folder with this file is a run; written first
-WRITTEN = (
+CHECKSUM = "crc32"  # key of the summary: checksum of all other keys
+MARKER_FILE = "taichi_mps.json"  # written first; marks a folder as a run
+RUN_FILES = (
     "case.toml",
     "history.csv",
     "summary.json",
@@ -33,8 +33,8 @@ WRITTEN = (
 )
 PLOTS = ("slump.png", "history.png", "filling.png")
 REPORT = "report.html"
-CLOCK = "clock.json"  # while a run goes on: seconds passed and left of it
-PICTURES = re.compile(r"frame_\d{5,}\.png")
+CLOCK_FILE = "clock.json"  # while a run goes on: seconds passed and left of it
+PICTURE_NAME = re.compile(r"frame_\d{5,}\.png")
 
 
 class RunFolder:
@@ -65,12 +65,12 @@ class RunFolder:
         self.checkpoint = self.path / "checkpoint.h5"
         self.animation = self.path / "animation.gif"
         self.report = self.path / REPORT
-        self.clock = self.path / CLOCK
+        self.clock = self.path / CLOCK_FILE
 
     @property
     def ours(self) -> bool:
         """Whether there is a run in the folder."""
-        return json_of(self.path / MARK).get("made_by") == "taichi_mps"
+        return read_json(self.path / MARKER_FILE).get("made_by") == "taichi_mps"
 
     @property
     def resumable(self) -> bool:
@@ -80,11 +80,11 @@ class RunFolder:
     @property
     def pictures(self) -> list[Path]:
         """Pictures that the run has made, in their order."""
-        return sorted(path for path in self.frames.glob("frame_*.png") if PICTURES.fullmatch(path.name))
+        return sorted(path for path in self.frames.glob("frame_*.png") if PICTURE_NAME.fullmatch(path.name))
 
     @validated
     def check(self, overwrite: Flag = False) -> None:
-        """Refuse a path that is no place for a run, before anything is computed.
+        """Refuse a path that cannot become the folder of a run, before anything is computed.
 
         Parameters
         ----------
@@ -102,7 +102,7 @@ class RunFolder:
             there = {item.name for item in path.iterdir()} - {lock.NAME} if path.exists() else set()
         require(not there or self.ours, f"out = {path}: holds other files and no run; must be a new or empty folder")
         if there and not overwrite:
-            done = json_of(self.summary).get("stopped_by") in ("rest", "time", "unyielded")
+            done = read_json(self.summary).get("stopped_by") in ("rest", "time", "unyielded")
             other = f"'taichi-mps resume {path}' goes on with it, " if self.resumable and not done else ""
             raise SceneError(f"out = {path}: holds a run already; {other}--overwrite replaces it")
         self.check_frames()
@@ -119,7 +119,7 @@ class RunFolder:
 
     @validated
     def create(self, overwrite: Flag = False) -> None:
-        """Make the folder, empty of what an earlier run wrote.
+        """Make the folder, and remove the files of an earlier run.
 
         Parameters
         ----------
@@ -134,13 +134,13 @@ class RunFolder:
         self.check(overwrite)
         with writing("out", self.path, " folder"):
             self.path.mkdir(parents=True, exist_ok=True)
-            write_whole(self.path / MARK, json.dumps({"made_by": "taichi_mps", "version": __version__}) + "\n")
-            for name in (*WRITTEN, *PLOTS, REPORT, CLOCK):
+            write_whole(self.path / MARKER_FILE, json.dumps({"made_by": "taichi_mps", "version": __version__}) + "\n")
+            for name in (*RUN_FILES, *PLOTS, REPORT, CLOCK_FILE):
                 (self.path / name).unlink(missing_ok=True)
-            empty_of_pictures(self.frames)
+            clear_pictures(self.frames)
 
     def tell(self, seconds: dict) -> None:
-        """Write how far the run is, for who watches it from outside.
+        """Write the progress of the run for other processes.
 
         Parameters
         ----------
@@ -159,7 +159,9 @@ class RunFolder:
             What ``Simulation.summary`` returned, and how the run ended.
         """
         facts = strict(summary)
-        write_whole(self.summary, json.dumps(facts | {SUM: of_facts(facts)}, indent=2, allow_nan=False) + "\n")
+        write_whole(
+            self.summary, json.dumps(facts | {CHECKSUM: facts_checksum(facts)}, indent=2, allow_nan=False) + "\n"
+        )
 
     def read_summary(self) -> dict:
         """Read summary.json.
@@ -175,8 +177,8 @@ class RunFolder:
             If the file is missing or damaged.
         """
         require(self.summary.is_file(), f"run = {self.path}: holds no summary.json; must be the folder of a run")
-        facts = json_of(self.summary)
-        require(facts.pop(SUM, None) == of_facts(facts), f"run = {self.path}: its summary.json is damaged")
+        facts = read_json(self.summary)
+        require(facts.pop(CHECKSUM, None) == facts_checksum(facts), f"run = {self.path}: its summary.json is damaged")
         return facts
 
     def verify(self) -> None:
@@ -214,7 +216,7 @@ def next_free(path) -> Path:
 
 
 def write_whole(path: Path, text: str) -> None:
-    """Write a text file whole or not at all; the one that was there stays until then."""
+    """Write a text file whole or not at all; an existing file stays until then."""
     partial = path.with_suffix(".partial")
     try:
         partial.write_text(text, encoding="utf-8")
@@ -223,8 +225,8 @@ def write_whole(path: Path, text: str) -> None:
         partial.unlink(missing_ok=True)
 
 
-def empty_of_pictures(folder: Path) -> None:
-    """Make a folder for pictures, or remove those that a run made there.
+def clear_pictures(folder: Path) -> None:
+    """Make a folder for pictures, and remove those of an earlier run.
 
     Parameters
     ----------
@@ -239,11 +241,11 @@ def empty_of_pictures(folder: Path) -> None:
     require(not folder.is_symlink(), f"{folder}: is a link to another folder; must be a folder, or nothing")
     folder.mkdir(exist_ok=True)
     for picture in folder.iterdir():
-        if PICTURES.fullmatch(picture.name):
+        if PICTURE_NAME.fullmatch(picture.name):
             picture.unlink()
 
 
-def json_of(path: Path) -> dict:
+def read_json(path: Path) -> dict:
     """Read the object in a JSON file.
 
     Parameters
@@ -263,7 +265,7 @@ def json_of(path: Path) -> dict:
     return facts if isinstance(facts, dict) else {}
 
 
-def of_facts(facts: dict) -> str:
+def facts_checksum(facts: dict) -> str:
     """Return the checksum of a JSON object.
 
     Parameters

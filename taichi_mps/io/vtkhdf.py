@@ -17,13 +17,13 @@ from ..problem.measures import Snapshot, embed
 from ..problem.scene import Scene
 from ..simulation.frame import Frame
 from ..units import File, SceneError, require, validated
-from . import untrusted_hdf5 as outside
+from . import untrusted_hdf5 as untrusted
 
 Number = Annotated[int, Field(ge=-(10**9), le=10**9)]  # of an output
-BYTES, ROOM = 64, 1 << 20  # of a particle in an output, and of all else that a file may need
-FORMAT = "v110", "v110"  # of HDF5: its structure is checksummed; without that damage can make it read for ever
-CHECKED = {"fletcher32": True, "chunks": True}  # an array that HDF5 checks when it is read
-OF_PARTICLES = "VTKHDF/Points", "VTKHDF/PointData/"  # datasets with a row for each particle of an output
+BYTES_PER_PARTICLE, SPARE_BYTES = 64, 1 << 20  # room on the disk for an output: for each particle, and in addition
+HDF5_FORMAT = "v110", "v110"  # with checksums of its structure, without which damage can make HDF5 read for ever
+CHECKSUMMED = {"fletcher32": True, "chunks": True}  # options of a dataset that HDF5 checks when it is read
+PARTICLE_DATASETS = "VTKHDF/Points", "VTKHDF/PointData/"  # datasets with a row for each particle of an output
 FIELDS = {  # scalars of a Snapshot, {name: (name in the file, type in the file, type)}
     "yielded": ("yielded", np.uint8, bool),
     "mix": ("mix", np.uint8, np.int32),
@@ -32,7 +32,7 @@ FIELDS = {  # scalars of a Snapshot, {name: (name in the file, type in the file,
     "density_ratio": ("density_ratio", np.float32, np.float32),
     "size": ("size", np.float32, float),
 }
-PARTS = ("Vertices", "Lines", "Strips", "Polygons")  # order of the columns of Steps/CellOffsets
+CELL_KINDS = ("Vertices", "Lines", "Strips", "Polygons")  # order of the columns of Steps/CellOffsets
 
 
 class Trajectory:
@@ -67,7 +67,7 @@ class Trajectory:
     def __init__(self, path: File):
         self.path = path
         self.twins = [self.path.with_suffix(f".twin{k}") for k in (1, 2)]
-        self.missing: list[Snapshot] | None = None  # what the twin lacks of run.h5; None where there is no twin
+        self.pending: list[Snapshot] | None = None  # outputs that the twin lacks; None without a twin
 
     def create(self, sim, source: str, every: float) -> None:
         """Begin a file without outputs.
@@ -90,28 +90,28 @@ class Trajectory:
         n = sim.particles.capacity if inlets else len(s.x)
         self.close()
         self._require_room(n)
-        with h5py.File(self.twins[0], "w", libver=FORMAT) as file:
+        with h5py.File(self.twins[0], "w", libver=HDF5_FORMAT) as file:
             root, own = file.create_group("VTKHDF"), file.create_group("taichi_mps")
             root.attrs["Version"] = np.array([2, 0])
             root.attrs.create("Type", b"PolyData", dtype=h5py.string_dtype("ascii", 8))
-            root.create_dataset("NumberOfPoints", data=[n], **CHECKED)
-            for part in PARTS:
+            root.create_dataset("NumberOfPoints", data=[n], **CHECKSUMMED)
+            for part in CELL_KINDS:
                 used = n if part == "Vertices" else 0
                 root[f"{part}/NumberOfCells"] = root[f"{part}/NumberOfConnectivityIds"] = np.array([used])
                 root[f"{part}/Connectivity"] = np.arange(used)
                 root[f"{part}/Offsets"] = np.arange(used + 1)
             known = {"size": not scene.axisymmetric and not inlets, "mix": len(scene.materials) == 1}
             for name, rows in output(s, 0, n, [name for name in point_data(s) if not known.get(name)]).items():
-                chunk, shape = min(n, 1 << 16) if name.startswith(OF_PARTICLES) else 256, rows.shape[1:]
+                chunk, shape = min(n, 1 << 16) if name.startswith(PARTICLE_DATASETS) else 256, rows.shape[1:]
                 room = {"maxshape": (None, *shape), "chunks": (chunk, *shape)}
-                file.create_dataset(name, (0, *shape), rows.dtype, **CHECKED | room)
+                file.create_dataset(name, (0, *shape), rows.dtype, **CHECKSUMMED | room)
             root["Steps"].attrs["NSteps"] = 0
-            told = {"source": source, "parameters": json.dumps(scene.parameters)}
-            texts = {name: np.bytes_(text.encode("utf-8", "surrogateescape")) for name, text in told.items()}
+            origin = {"source": source, "parameters": json.dumps(scene.parameters)}
+            texts = {name: np.bytes_(text.encode("utf-8", "surrogateescape")) for name, text in origin.items()}
             own.attrs.update(texts, dimension=s.x.shape[1], every=every)  # of fixed length, which HDF5 checks, too
-            own.create_dataset("wall_x", data=s.wall_x, **CHECKED if s.wall_x.size else {})
+            own.create_dataset("wall_x", data=s.wall_x, **CHECKSUMMED if s.wall_x.size else {})
             if inlets:
-                own.create_dataset("mouth", data=np.array(inlets[0].centre, float), **CHECKED)
+                own.create_dataset("mouth", data=np.array(inlets[0].centre, float), **CHECKSUMMED)
         os.replace(self.twins[0], self.path)
 
     def append(self, s: Snapshot) -> int | None:
@@ -127,31 +127,31 @@ class Trajectory:
         int or None
             Number of the output; None if it is not later than the last one.
         """
-        if self.missing is not None:
+        if self.pending is not None:
             try:
-                number = self._extend([*self.missing, s])
+                number = self._extend([*self.pending, s])
             except OSError:  # somebody has the twin open: ParaView, with what was run.h5 one output ago
-                self.missing = None
-        if self.missing is None:
+                self.pending = None
+        if self.pending is None:
             self.close()
             shutil.copyfile(self.path, self.twins[0])
             number = self._extend([s])
-        self.missing = [s] if number is not None and self._exchange() else None
+        self.pending = [s] if number is not None and self._swap_with_twin() else None
         return number
 
     def _extend(self, snapshots) -> int | None:
-        """Add snapshots to the twin; the number of the last, or None if it is not later than what is there."""
+        """Add snapshots to the twin; number of the last one, or None if it is not later than the outputs before."""
         self._require_room(sum(len(s.x) for s in snapshots))
-        with h5py.File(self.twins[0], "r+", libver=FORMAT) as file:
+        with h5py.File(self.twins[0], "r+", libver=HDF5_FORMAT) as file:
             return [add(file, s) for s in snapshots][-1]
 
     def _require_room(self, particles: int) -> None:
-        """OSError where the disk has no room for an output: HDF5 would not return from closing the file."""
-        if shutil.disk_usage(self.path.parent).free < BYTES * particles + ROOM:
+        """Raise an OSError if the disk has no room for an output: HDF5 would not return from closing the file."""
+        if shutil.disk_usage(self.path.parent).free < BYTES_PER_PARTICLE * particles + SPARE_BYTES:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(self.path))
 
-    def _exchange(self) -> bool:
-        """Exchange run.h5 and its twin; False, and no twin, where the disk has no links."""
+    def _swap_with_twin(self) -> bool:
+        """Swap run.h5 and its twin; False, without a twin, if the file system has no links."""
         with suppress(OSError):
             os.link(self.path, self.twins[1])
         os.replace(self.twins[0], self.path)
@@ -160,7 +160,7 @@ class Trajectory:
 
     def close(self) -> None:
         """Remove the second file: this run, or one that was killed, writes no more."""
-        self.missing = None
+        self.pending = None
         for twin in self.twins:
             twin.unlink(missing_ok=True)
 
@@ -183,12 +183,12 @@ class Trajectory:
         self.check()
         shutil.copyfile(self.path, self.twins[0])
         try:
-            with outside.guarded("run", self.path), h5py.File(self.twins[0], "r+", libver=FORMAT) as file:
+            with untrusted.readable("run", self.path), h5py.File(self.twins[0], "r+", libver=HDF5_FORMAT) as file:
                 root, own = file["VTKHDF"], file["taichi_mps"]
                 steps = root["Steps"]
-                times = instants(file)
+                times = output_times(file)
                 k = int(np.count_nonzero(times <= last + 1e-9))
-                k -= int(k > 0 and not due(times[k - 1], own.attrs["every"]))
+                k -= int(k > 0 and not is_output_time(times[k - 1], own.attrs["every"]))
                 own.attrs["every"], steps.attrs["NSteps"] = every, k
                 for dataset in (root["Points"], *root["PointData"].values()):
                     dataset.resize(k * int(root["NumberOfPoints"][0]), axis=0)
@@ -210,7 +210,7 @@ class Trajectory:
         """
         self.origin()
         with self._opened() as file:
-            for _ in stored(file):
+            for _ in stored_outputs(file):
                 pass
 
     def whole(self, scene_file=None):
@@ -247,8 +247,12 @@ class Trajectory:
             Time between outputs [s].
         """
         with self._opened() as file:
-            own = outside.own(file, "taichi_mps")
-            return outside.text(own, "source"), json.loads(outside.text(own, "parameters")), float(own.attrs["every"])
+            own = untrusted.own_member(file, "taichi_mps")
+            return (
+                untrusted.text(own, "source"),
+                json.loads(untrusted.text(own, "parameters")),
+                float(own.attrs["every"]),
+            )
 
     def times(self) -> np.ndarray:
         """Return the times of the outputs.
@@ -259,11 +263,11 @@ class Trajectory:
             Times [s].
         """
         with self._opened() as file:
-            return instants(file)
+            return output_times(file)
 
     def _opened(self):
         require(self.path.is_file(), f"run = {self.path.parent}: holds no run.h5; must be the folder of a run")
-        return outside.opened(self.path, "run")
+        return untrusted.opened(self.path, "run")
 
     @validated
     def replay(
@@ -296,8 +300,8 @@ class Trajectory:
         except SceneError as error:
             raise SceneError(f"{self.path.name}: {error}") from None
         with self._opened() as file:
-            n = int(outside.numbers(outside.own(file, "VTKHDF"), "NumberOfPoints")[0])
-            wall = outside.numbers(outside.own(file, "taichi_mps"), "wall_x")
+            n = int(untrusted.numbers(untrusted.own_member(file, "VTKHDF"), "NumberOfPoints")[0])
+            wall = untrusted.numbers(untrusted.own_member(file, "taichi_mps"), "wall_x")
             require(
                 n == len(scene.fluid) or scene.inlets,
                 f"run {self.path}: has {n} particles, its scene makes {len(scene.fluid)}",
@@ -308,7 +312,7 @@ class Trajectory:
             low, high = np.array(scene.domain, float)
             room = high - low  # a particle leaves the domain by less than that before the run ends
             usual = {"size": np.full(n, scene.spacing), "mix": np.zeros(n, np.int32)}
-            for k, (instant, points, data) in enumerate(stored(file, chosen)):
+            for k, (instant, points, data) in enumerate(stored_outputs(file, chosen)):
                 data = usual | data
                 if points.shape != (n, 3) or any(
                     values.shape != ((n, 3) if name == "velocity" else (n,)) for name, values in data.items()
@@ -325,7 +329,7 @@ class Trajectory:
                 yield Frame(scene, Snapshot(instant, scene.spacing, x[there], u, wall_x=wall, **fields))
 
 
-def instants(file) -> np.ndarray:
+def output_times(file) -> np.ndarray:
     """Return the times of the outputs in an open file.
 
     Parameters
@@ -343,15 +347,15 @@ def instants(file) -> np.ndarray:
     ValueError
         If they do not rise.
     """
-    steps = outside.own(outside.own(file, "VTKHDF"), "Steps")
+    steps = untrusted.own_member(untrusted.own_member(file, "VTKHDF"), "Steps")
     count = int(steps.attrs["NSteps"])
-    found = outside.numbers(steps, "Values")[:count]
+    found = untrusted.numbers(steps, "Values")[:count]
     if found.shape != (count,) or not np.all(np.isfinite(found)) or not np.all(np.diff(found) > 0.0):
         raise ValueError("the times of the outputs do not rise")
     return found
 
 
-def stored(file, chosen=None):
+def stored_outputs(file, chosen=None):
     """Read outputs as they are stored.
 
     Parameters
@@ -366,16 +370,16 @@ def stored(file, chosen=None):
     tuple
         Time [s], points [m], fields by name.
     """
-    root = outside.own(file, "VTKHDF")
-    fields, times = outside.own(root, "PointData"), instants(file)
-    n = int(outside.numbers(root, "NumberOfPoints")[0])
+    root = untrusted.own_member(file, "VTKHDF")
+    fields, times = untrusted.own_member(root, "PointData"), output_times(file)
+    n = int(untrusted.numbers(root, "NumberOfPoints")[0])
     for k in range(len(times)) if chosen is None else chosen:
         rows = slice(k * n, (k + 1) * n)
-        data = {name: outside.numbers(fields, name, rows=rows) for name in fields}
-        yield float(times[k]), outside.numbers(root, "Points", rows=rows), data
+        data = {name: untrusted.numbers(fields, name, rows=rows) for name in fields}
+        yield float(times[k]), untrusted.numbers(root, "Points", rows=rows), data
 
 
-def due(time, every: float):
+def is_output_time(time, every: float):
     """Tell whether times are multiples of the interval of the outputs.
 
     Parameters
@@ -414,9 +418,9 @@ def add(file, s: Snapshot) -> int | None:
     if k and s.time <= steps["Values"][k - 1] + 1e-9:
         return None
     if len(s.x) < n:
-        s = waiting(s, n, own["mouth"][()])
+        s = with_waiting_particles(s, n, own["mouth"][()])
     for name, rows in output(s, k, n, root["PointData"]).items():
-        first = k * n if name.startswith(OF_PARTICLES) else k
+        first = k * n if name.startswith(PARTICLE_DATASETS) else k
         file[name].resize(first + len(rows), axis=0)
         file[name][first:] = rows
     steps.attrs["NSteps"] = k + 1
@@ -445,7 +449,7 @@ def output(s: Snapshot, k: int, n: int, fields) -> dict[str, np.ndarray]:
     points, data = single(s.x), {name: rows for name, rows in point_data(s).items() if name in fields}
     first = dict.fromkeys(["PointOffsets", *(f"PointDataOffsets/{name}" for name in data)], np.array([k * n]))
     steps = first | {"Values": np.array([s.time], float), "NumberOfParts": np.array([1]), "PartOffsets": np.array([0])}
-    steps |= dict.fromkeys(("CellOffsets", "ConnectivityIdOffsets"), np.zeros((1, len(PARTS)), int))
+    steps |= dict.fromkeys(("CellOffsets", "ConnectivityIdOffsets"), np.zeros((1, len(CELL_KINDS)), int))
     return {
         "VTKHDF/Points": points,
         **{f"VTKHDF/PointData/{name}": rows for name, rows in data.items()},
@@ -453,7 +457,7 @@ def output(s: Snapshot, k: int, n: int, fields) -> dict[str, np.ndarray]:
     }
 
 
-def waiting(s: Snapshot, n: int, mouth) -> Snapshot:
+def with_waiting_particles(s: Snapshot, n: int, mouth) -> Snapshot:
     """Complete a snapshot by the particles that an inlet has yet to add.
 
     Parameters

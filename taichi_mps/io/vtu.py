@@ -1,4 +1,4 @@
-"""Run for other programs: one .vtu file an output by meshio, and the .pvd that gives them their times."""
+"""Export of a run for other programs: one .vtu file for each output, by meshio, and a .pvd with their times."""
 
 import re
 from collections.abc import Iterable
@@ -10,7 +10,7 @@ from ..units import Flag, Place, SceneError, require, said, validated, writing
 from ..viz.body import smooth_surface
 from .vtkhdf import point_data, single
 
-OWN = re.compile(r"output_\d{5,}\.vtu|run\.pvd")  # what is written here
+OUTPUT_NAME = re.compile(r"output_\d{5,}\.vtu|run\.pvd")  # files that ``vtu`` writes
 
 
 @validated
@@ -51,7 +51,7 @@ def vtu(outputs: Iterable, folder: Place, whole: Flag = False, smooth: Flag = Fa
     1
     ['output_00000.vtu', 'run.pvd']
     """
-    if others := [path.name for path in folder.glob("*") if not OWN.fullmatch(path.name)]:
+    if others := [path.name for path in folder.glob("*") if not OUTPUT_NAME.fullmatch(path.name)]:
         raise SceneError(f"out = {folder}: holds other files, such as {others[0]}; must be a new or empty folder")
     lines = []
     for number, output in enumerate(outputs):

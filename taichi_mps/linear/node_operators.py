@@ -1,5 +1,5 @@
-"""The coarse levels of an operator on particles: grids of nodes made from the binning grid, linear interpolation
-between them and the particles, and the operator on each grid, a stencil summed from the particles without a matrix."""
+"""Coarse levels of an operator on particles: grids of nodes made from the binning grid, linear interpolation between
+them and the particles, and the operator on each grid, a stencil summed from the particles without a matrix."""
 
 from itertools import pairwise, product
 
@@ -16,24 +16,25 @@ class NodeOperators(Multigrid):
     """Grids of nodes with an operator A_l on each.
 
     Grid 0 has a node at each corner of the binning cells, each next one every second node of the last, along the
-    axes where that is possible. ``corner_weights`` interpolate from grid 0 to particles, ``parent`` from grid to grid.
-    Active are the nodes within reach of particles. From grid 1 on each of them has a row, start[grid] and on. There
-    are rows for one in four particles on grid 1, half as many on each next one, 1000 at least; concrete takes a tenth
-    of that. What has no row, of a spray, stays out of these grids, which then correct less.
+    axes where that is possible. ``corner_weights`` interpolate from grid 0 to particles, ``parent_and_weight`` from
+    grid to grid. Nodes within reach of particles are active. From grid 1 on each active node has a row, from
+    first_row[grid] on. There are rows for one in four particles on grid 1, half as many on each next one, 1000 at
+    least; concrete takes a tenth of that. Nodes without a row, as of a spray, stay out of these grids, which then
+    correct less.
 
-    A_l is the operator on the shape functions f of the nodes of grid l, a stencil of 3^d blocks; that of nodes n and
-    m is
+    A_l is the operator on the shape functions f of the nodes of grid l, a stencil of 3^d blocks; the block of nodes n
+    and m is
 
         sum_i a_i (grad f_n . grad f_m I + grad f_m (x) grad f_n) + (c_i - a_i) grad f_n (x) grad f_m + f_n f_m S_i
 
     summed over the cells of grid l - 1, each of which stands for its particles with the sums of their a, c and S at
-    the centre of a: the operator of an elastic body. Of grid 0 only the diagonal blocks D_0 are made, by particle.
+    the centre of a: the operator of an elastic body. On grid 0 only the diagonal blocks D_0 are made, by particle.
     Each cell gives 2^d nodes a part of A_l that is positive, so the eigenvalues of D_l^-1 A_l are at most 2^d.
 
-    operator: as for NodeMultigrid.
+    The operator is as for NodeMultigrid.
     """
 
-    ROWS = 1000
+    MIN_GRID_ROWS = 1000  # least number of rows of a grid
 
     def __init__(self, operator, bins):
         super().__init__(operator)
@@ -53,51 +54,60 @@ class NodeOperators(Multigrid):
             stride = np.where(merge, 2 * stride, stride)
             shape = np.where(merge, np.where(bins.periodic, shape // 2, shape // 2 + 1), shape)
         self.grids = len(shapes)
-        self.in_order = lanes() == 1  # whether nodes and cells are listed in order
+        self.serial = lanes() == 1  # whether nodes and cells are listed in order
         first = np.cumsum([0] + [int(np.prod(s)) for s in shapes])
         self.nodes = int(first[-1])
         ratios = np.array([stride // finer for finer, stride in pairwise([strides[0], *strides])])
-        room = [min(n, max(self.ROWS, bins.particles.capacity >> (k + 2))) for k, n in enumerate(np.diff(first)[1:])]
+        room = [
+            min(n, max(self.MIN_GRID_ROWS, bins.particles.capacity >> (k + 2)))
+            for k, n in enumerate(np.diff(first)[1:])
+        ]
         start = np.cumsum([0, 0, *room])
         self.rows = max(1, int(start[-1]))
-        # of each grid its first node, its first row, and 1 over the product of its ratio
-        self.first, self.start, self.unit = constant_fields(first, start, 1.0 / ratios.prod(1))
-        # of each grid nodes along each axis, cells from node to node, nodes of the finer grid from node to node: 1 or 2
+        # for each grid its first node, its first row, and 1 over the product of its ratio
+        self.first_node, self.first_row, self.inverse_ratio = constant_fields(first, start, 1.0 / ratios.prod(1))
+        # for each grid, along each axis: nodes, cells per node, and nodes of the finer grid per node, 1 or 2
         self.shape, self.stride, self.ratio = constant_fields(np.array(shapes), np.array(strides), ratios, vectors=True)
         self.active = ti.field(ti.i32, self.nodes)  # 1 where a particle may be within reach of the node
-        self.used = ti.field(ti.i32, self.nodes)  # the active nodes of a grid, from its first on
-        self.where = ti.Vector.field(d, ti.i32, self.nodes)  # the places of these
-        self.uses = ti.field(ti.i32, self.grids)  # how many they are
-        self.cells = ti.field(ti.i32, bins.cells)  # those that hold particles
-        self.filled = ti.field(ti.i32, ())  # how many they are
-        self.number = ti.field(ti.i32, bins.cells)  # which of them each cell is, -1: empty
+        self.active_nodes = ti.field(ti.i32, self.nodes)  # active nodes of a grid, from first_node on
+        self.node_place = ti.Vector.field(d, ti.i32, self.nodes)  # coordinates of these on their grid
+        self.active_count = ti.field(ti.i32, self.grids)  # number of active nodes
+        self.filled_cells = ti.field(ti.i32, bins.cells)  # binning cells that hold particles
+        self.filled_count = ti.field(ti.i32, ())  # number of these cells
+        self.filled_number = ti.field(ti.i32, bins.cells)  # index of a cell in filled_cells, -1: empty
         self.fraction = ti.Vector.field(d, real(), bins.particles.capacity)  # place of each particle in its cell [-]
-        self.corner_weights = ti.Vector.field(2**d, real(), bins.particles.capacity)  # of corners of its cell [-]
-        self.points = 3**d
-        self.a, self.c = (ti.field(real(), self.nodes) for _ in range(2))  # of the cell above each node [times m2]
+        self.corner_weights = ti.Vector.field(
+            2**d, real(), bins.particles.capacity
+        )  # of the corners of a particle's cell [-]
+        self.stencil_points = 3**d
+        self.a, self.c = (ti.field(real(), self.nodes) for _ in range(2))  # sums over the cell above each node
         self.S = ti.Matrix.field(d, d, real(), self.nodes)
-        self.centre = ti.Vector.field(d, real(), self.nodes)  # of a in the cell, 0 to 1 [-]
+        self.centre = ti.Vector.field(d, real(), self.nodes)  # centre of a in the cell, 0 to 1 [-]
         self.lanes = 4 if d == 3 else d  # LLVM makes vector instructions of four numbers
-        self.stencil = ti.Matrix.field(d, self.lanes, real(), (self.rows, self.points))  # transposed blocks of A_l
-        self.column = ti.field(ti.i32, (self.rows, self.points))  # node at each stencil point
+        self.stencil = ti.Matrix.field(
+            d, self.lanes, real(), (self.rows, self.stencil_points)
+        )  # transposed blocks of A_l
+        self.column = ti.field(ti.i32, (self.rows, self.stencil_points))  # node at each stencil point
         self.inverse = ti.Matrix.field(d, d, real(), self.nodes)  # D_l^-1
-        self.finer = ti.field(ti.i32, (self.rows, self.points))  # node of the finer grid at each offset, -1: none
+        self.finer = ti.field(
+            ti.i32, (self.rows, self.stencil_points)
+        )  # node of the finer grid at each offset, -1: none
         ratio = self.ratio.to_numpy()[:, None]
         apart = np.abs(np.array(list(product((-1, 0, 1), repeat=d))))
         (self.weights,) = constant_fields(np.maximum(0, ratio - apart).prod(2) * (1.0 / ratio.prod(2)))  # of that node
 
     def build_levels(self) -> None:
         """Build the operators of all grids for the present operator on particles."""
-        self._locate()
+        self._locate_particles()
         self._assemble_finest()
         for grid in range(1, self.grids):
-            self._mark(grid)
-            self._lump(grid - 1)
+            self._mark_active(grid)
+            self._sum_over_cells(grid - 1)
             self._assemble(grid)
 
-    # ---- places ---------------------------------------------------------------------------------------------
+    # ---- indices and coordinates ------------------------------------------------------------------------------
     @ti.func
-    def place(self, k, shape):
+    def coordinates(self, k, shape):
         """Coordinates of the k-th node or cell of a grid of this shape."""
         place, rest = ti.Vector.zero(ti.i32, self.dimension), k
         for a in ti.static(range(self.dimension - 1, -1, -1)):
@@ -106,60 +116,61 @@ class NodeOperators(Multigrid):
         return place
 
     @ti.func
-    def linear(self, place, shape: ti.template()):
-        """Number of the node or cell at a place of a grid of this shape, wrapped along periodic axes; -1 outside."""
+    def linear_index(self, place, shape: ti.template()):
+        """Linear index of the node or cell at a place of a grid of this shape, wrapped along periodic axes; -1
+        outside."""
         return wrapped_number(place, shape, self.bins.periodic)
 
     @ti.func
-    def parents(self, place, grid):
-        """Place of the first parent, on the next grid, of the node at a place, and its distance from it, in nodes of
-        this grid: 0, or 1 along an axis where it stands between two parents."""
+    def first_parent(self, place, grid):
+        """Coordinates of the first parent, on the next grid, of the node at a place, and the distance between the two
+        in nodes of this grid: 0, or 1 along an axis where the node lies between two parents."""
         halved = self.ratio[grid + 1] - 1
         return place >> halved, place & halved
 
     @ti.func
-    def parent(self, first, rest, corner, grid):
-        """Number of the parent at a corner (0 or 1 along each axis) and its weight in the node."""
-        weight = ti.cast(self.unit[grid + 1], float)
+    def parent_and_weight(self, first, rest, corner, grid):
+        """Number of the parent at a corner (0 or 1 along each axis) and its interpolation weight."""
+        weight = ti.cast(self.inverse_ratio[grid + 1], float)
         for a in ti.static(range(self.dimension)):
             weight *= ti.select(corner[a] == 1, rest[a], self.ratio[grid + 1][a] - rest[a])
-        number = self.linear(first + corner, self.shape[grid + 1]) if weight > 0.0 else -1
-        return self.first[grid + 1] + number, ti.select(number < 0, 0.0, weight)
+        number = self.linear_index(first + corner, self.shape[grid + 1]) if weight > 0.0 else -1
+        return self.first_node[grid + 1] + number, ti.select(number < 0, 0.0, weight)
 
     @ti.func
     def neighbour(self, place, grid):
         """Number of the active node at a place of a grid; -1 if there is none."""
-        number = self.linear(place, self.shape[grid])
-        number = self.first[grid] + number if number >= 0 else -1
+        number = self.linear_index(place, self.shape[grid])
+        number = self.first_node[grid] + number if number >= 0 else -1
         if number >= 0 and self.active[number] == 0:
             number = -1
         return number
 
     # ---- active nodes ---------------------------------------------------------------------------------------
     @ti.func
-    def list_active(self, grid):
+    def list_active_nodes(self, grid):
         """List the active nodes of a grid, in order."""
-        first, room = self.first[grid], self.nodes
+        first, room = self.first_node[grid], self.nodes
         if grid > 0:
-            room = self.start[grid + 1] - self.start[grid]
-        self.uses[grid] = 0
-        ti.loop_config(serialize=self.in_order)
-        for node in range(self.first[grid], self.first[grid + 1]):
+            room = self.first_row[grid + 1] - self.first_row[grid]
+        self.active_count[grid] = 0
+        ti.loop_config(serialize=self.serial)
+        for node in range(self.first_node[grid], self.first_node[grid + 1]):
             if self.active[node] > 0:
-                m = ti.atomic_add(self.uses[grid], 1)
+                m = ti.atomic_add(self.active_count[grid], 1)
                 if m < room:
-                    self.used[first + m] = node
-                    self.where[first + m] = self.place(node - first, self.shape[grid])
+                    self.active_nodes[first + m] = node
+                    self.node_place[first + m] = self.coordinates(node - first, self.shape[grid])
                 else:
                     self.active[node] = 0
-        self.uses[grid] = ti.min(self.uses[grid], room)
+        self.active_count[grid] = ti.min(self.active_count[grid], room)
 
     @ti.kernel
-    def _locate(self):
-        """Place of the particles in their cells; nodes at the corners of cells that hold some are active."""
+    def _locate_particles(self):
+        """Locate the particles in their cells, and mark the nodes at the corners of cells that hold some as active."""
         for i in range(self.operator.count[None]):
             s = (self.bins.particles.x[i] - self.bins.low) / self.bins.cell_size
-            fraction = ti.cast(s - self.place(self.bins.cell_of[i], ti.Vector(self.bins.shape)), float)
+            fraction = ti.cast(s - self.coordinates(self.bins.cell_of[i], ti.Vector(self.bins.shape)), float)
             self.fraction[i] = fraction
             for k, corner in ti.static(enumerate(self.corners_of_a_cell)):
                 weight = ti.cast(1.0, float)
@@ -168,58 +179,60 @@ class NodeOperators(Multigrid):
                 self.corner_weights[i][k] = weight
         for node in range(self.nodes):
             self.active[node] = 0
-        self.filled[None] = 0
-        ti.loop_config(serialize=self.in_order)
+        self.filled_count[None] = 0
+        ti.loop_config(serialize=self.serial)
         for cell in range(self.bins.cells):
-            self.number[cell] = -1
+            self.filled_number[cell] = -1
             if self.bins.cell_start[cell + 1] > self.bins.cell_start[cell]:
-                self.number[cell] = ti.atomic_add(self.filled[None], 1)
-                self.cells[self.number[cell]] = cell
-        for c in range(self.filled[None]):
-            place = self.place(self.cells[c], ti.Vector(self.bins.shape))
+                self.filled_number[cell] = ti.atomic_add(self.filled_count[None], 1)
+                self.filled_cells[self.filled_number[cell]] = cell
+        for c in range(self.filled_count[None]):
+            place = self.coordinates(self.filled_cells[c], ti.Vector(self.bins.shape))
             for corner in ti.static(self.corners_of_a_cell):
-                self.active[self.linear(place + ti.Vector(corner), self.corners)] = 1
-        self.list_active(0)
+                self.active[self.linear_index(place + ti.Vector(corner), self.corners)] = 1
+        self.list_active_nodes(0)
 
     @ti.kernel
-    def _mark(self, grid: ti.i32):
+    def _mark_active(self, grid: ti.i32):
         """Mark as active the nodes of a grid to which an active node of the finer grid contributes."""
-        for m in range(self.uses[grid - 1]):
-            place, rest = self.parents(self.where[self.first[grid - 1] + m], grid - 1)
+        for m in range(self.active_count[grid - 1]):
+            place, rest = self.first_parent(self.node_place[self.first_node[grid - 1] + m], grid - 1)
             for corner in ti.grouped(ti.ndrange(*((0, 2),) * self.dimension)):
-                number, weight = self.parent(place, rest, corner, grid - 1)
+                number, weight = self.parent_and_weight(place, rest, corner, grid - 1)
                 if weight > 0.0:
                     self.active[number] = 1
-        self.list_active(grid)
+        self.list_active_nodes(grid)
 
     # ---- operators ------------------------------------------------------------------------------------------
     @ti.func
-    def invert(self, node, D):
+    def set_inverse_diagonal(self, node, D):
+        """Store the inverse of the diagonal block D of a node, slightly regularized; zero for a zero block."""
         self.inverse[node] = ti.Matrix.zero(float, self.dimension, self.dimension)
         size = D.trace()
-        if size > 1e-30:  # a node that the particles only just touch must not blow up, nor its determinant underflow
+        if size > 1e-30:  # particles at the rim of a node give a tiny block, whose determinant would underflow
             scaled = D / size + 1e-4 * ti.Matrix.identity(float, self.dimension)
             self.inverse[node] = scaled.inverse() / size
 
     @ti.kernel
     def _assemble_finest(self):
         """Assemble the diagonal blocks of grid 0."""
-        for m in range(self.uses[0]):
-            node, place = self.used[m], self.where[m]
+        for m in range(self.active_count[0]):
+            node, place = self.active_nodes[m], self.node_place[m]
             I = ti.Matrix.identity(float, self.dimension)  # noqa: E741
             D = 0.0 * I
             for corner in ti.grouped(ti.ndrange(*((0, 2),) * self.dimension)):
-                cell = self.linear(place - corner, ti.Vector(self.bins.shape))
+                cell = self.linear_index(place - corner, ti.Vector(self.bins.shape))
                 if cell >= 0:
                     for i in range(self.bins.cell_start[cell], self.bins.cell_start[cell + 1]):
                         value, slope = self.shape_function(corner, self.fraction[i], 0)
                         a_i, c_i, S_i = self.operator.stiffness(i)
                         D += a_i * slope.dot(slope) * I + c_i * slope.outer_product(slope) + value * value * S_i
-            self.invert(node, D)
+            self.set_inverse_diagonal(node, D)
 
     @ti.func
     def shape_function(self, corner, fraction, grid):
-        """Value, and gradient [1/m], of the shape function of the node at a corner of a cell between the nodes."""
+        """Value and gradient [1/m], at a fraction of a cell of the grid, of the shape function of the node at one of
+        its corners."""
         value, slope = ti.cast(1.0, float), ti.Vector.one(float, self.dimension)
         for a in ti.static(range(self.dimension)):
             width = ti.cast(self.bins.cell_size[a] * self.stride[grid][a], float)
@@ -230,24 +243,24 @@ class NodeOperators(Multigrid):
         return value, slope
 
     @ti.func
-    def connect(self, row, place, grid):
-        """Neighbours of the node of a row on its grid and on the finer one, -1 where there is none. On its own grid a
-        zero block of any node instead: sums over the stencil need not ask."""
-        for k in range(self.points):
-            fine = self.neighbour(self.ratio[grid] * place + self.offset(k), grid - 1)
+    def set_neighbours(self, row, place, grid):
+        """Set the neighbours of the node of a row on the finer grid, -1 where there is none, and on its own grid, where
+        a zero block of any node takes the place of a missing one, so that sums over the stencil need no test."""
+        for k in range(self.stencil_points):
+            fine = self.neighbour(self.ratio[grid] * place + self.stencil_offset(k), grid - 1)
             self.finer[row, k] = fine if self.weights[grid, k] > 0.0 else -1
-            self.column[row, k] = self.neighbour(place + self.offset(k), grid)
+            self.column[row, k] = self.neighbour(place + self.stencil_offset(k), grid)
             if self.column[row, k] < 0:
                 self.stencil[row, k] = ti.Matrix.zero(float, self.dimension, self.lanes)
-                self.column[row, k] = self.first[grid]
+                self.column[row, k] = self.first_node[grid]
 
     @ti.func
-    def offset(self, k):
-        """Stencil point k, -1 to 1 along each axis."""
-        return self.place(k, 3 * ti.Vector.one(ti.i32, self.dimension)) - 1
+    def stencil_offset(self, k):
+        """Offset of stencil point k, -1 to 1 along each axis."""
+        return self.coordinates(k, 3 * ti.Vector.one(ti.i32, self.dimension)) - 1
 
     @ti.func
-    def point(self, offset):
+    def stencil_point(self, offset):
         """Number of the stencil point at an offset."""
         k = 0
         for a in ti.static(range(self.dimension)):
@@ -255,14 +268,14 @@ class NodeOperators(Multigrid):
         return k
 
     @ti.kernel
-    def _lump(self, grid: ti.i32):
-        """Sums of a, c and S over the cells above the nodes of a grid, and where their a is."""
-        for m in range(self.uses[grid]):
-            node, place = self.used[self.first[grid] + m], self.where[self.first[grid] + m]
+    def _sum_over_cells(self, grid: ti.i32):
+        """Sum a, c and S over the cells above the nodes of a grid, and compute the centre of a."""
+        for m in range(self.active_count[grid]):
+            node, place = self.active_nodes[self.first_node[grid] + m], self.node_place[self.first_node[grid] + m]
             S = ti.Matrix.zero(float, self.dimension, self.dimension)
             shear, bulk, moment = ti.cast(0.0, float), ti.cast(0.0, float), ti.Vector.zero(float, self.dimension)
             if grid == 0:
-                cell = self.linear(place, ti.Vector(self.bins.shape))
+                cell = self.linear_index(place, ti.Vector(self.bins.shape))
                 if cell >= 0:
                     for i in range(self.bins.cell_start[cell], self.bins.cell_start[cell + 1]):
                         a_i, c_i, S_i = self.operator.stiffness(i)
@@ -279,10 +292,10 @@ class NodeOperators(Multigrid):
     @ti.kernel
     def _assemble(self, grid: ti.i32):
         """Assemble the stencils of a grid from the sums over the cells of the finer grid."""
-        for m in range(self.uses[grid]):
-            node, row = self.used[self.first[grid] + m], self.start[grid] + m
-            place = self.where[self.first[grid] + m]
-            for k in range(self.points):
+        for m in range(self.active_count[grid]):
+            node, row = self.active_nodes[self.first_node[grid] + m], self.first_row[grid] + m
+            place = self.node_place[self.first_node[grid] + m]
+            for k in range(self.stencil_points):
                 self.stencil[row, k] = ti.Matrix.zero(float, self.dimension, self.lanes)
             D = ti.Matrix.zero(float, self.dimension, self.dimension)
             ratio = self.ratio[grid]
@@ -297,11 +310,11 @@ class NodeOperators(Multigrid):
                     shear, rest, S = self.a[cell], self.c[cell] - self.a[cell], value * self.S[cell]
                     for other in ti.grouped(ti.ndrange(*((0, 2),) * self.dimension)):
                         v, s = self.shape_function(other, fraction, grid)
-                        k, level = self.point(other - corner), shear * slope.dot(s)
+                        k, level = self.stencil_point(other - corner), shear * slope.dot(s)
                         for e, a in ti.static(ti.ndrange(self.dimension, self.dimension)):
                             block = shear * s[a] * slope[e] + rest * slope[a] * s[e] + v * S[a, e]
                             self.stencil[row, k][e, a] += block + level if ti.static(a == e) else block
             for e, a in ti.static(ti.ndrange(self.dimension, self.dimension)):
-                D[a, e] = self.stencil[row, self.points // 2][e, a]
-            self.connect(row, place, grid)
-            self.invert(node, D)
+                D[a, e] = self.stencil[row, self.stencil_points // 2][e, a]
+            self.set_neighbours(row, place, grid)
+            self.set_inverse_diagonal(node, D)

@@ -26,11 +26,11 @@ class PCG:
 
     operator A: a @ti.data_oriented object with
         count              0-D i32 field: rows in use
-        apply(x, y)        stage, y = A x, zero in rows that are no unknowns
+        multiply(x, y)     stage, y = A x, zero in rows that are no unknowns
         inverse_diagonal   matrix field: inverse of the diagonal blocks; a zero block marks a row that is no unknown:
                            its x is left as it is, its residual and direction are zero
-    preconditioner M: the stage apply(r, z), z = M^-1 r, and build() for the operator as it is now, which whoever solves
-    calls first; Jacobi by default.
+    preconditioner M: the stage apply(r, z), z = M^-1 r, and build() for the present operator, which the caller calls
+    before a solve; Jacobi by default.
 
     Fields: ``b`` right-hand side; ``x`` initial guess in, solution out; of the last solve ``status``,
     ``iterations``, and (r, z) in ``rz`` beside its ``reference``.
@@ -50,9 +50,9 @@ class PCG:
 
     # ---- the solve ------------------------------------------------------------------------------------------
     @team_stage("guess")
-    def take_guess(self):
-        """q = A x of the initial guess; once x is set, and before ``solve``, unless that is a ``warm_start``."""
-        self.A.apply(self.x, self.q)
+    def multiply_guess(self):
+        """q = A x of the initial guess; called after x is set and before ``solve``, unless it is a ``warm_start``."""
+        self.A.multiply(self.x, self.q)
 
     @sequence("solve")
     def solve(
@@ -64,7 +64,8 @@ class PCG:
         min_reduction: ti.f64,
         max_reduction: ti.f64,
     ):
-        """Improve x, whose guess was taken, until sqrt((r, z)) <= tolerance sqrt(min((b, M^-1 b), max_reference)).
+        """Iterate from the guess x, after ``multiply_guess``, until sqrt((r, z)) <= tolerance sqrt(min((b, M^-1 b),
+        max_reference)).
 
         Parameters
         ----------
@@ -81,37 +82,37 @@ class PCG:
         max_reduction : float
             It ends in any case where sqrt((r, z)) is this times its first value [-].
         """
-        self.start(max_reference, warm_start)
+        self.set_initial_residual(max_reference, warm_start)
         self.iterate(limit, tolerance, min_reduction, max_reduction)
         flush()
         return self.iterations[None]
 
     @team_stage("iterate")
     def iterate(self, limit: ti.i32, tolerance: ti.f64, min_reduction: ti.f64, max_reduction: ti.f64):
-        """Saad's algorithm 9.1 from line 2 on; a thread that joins late goes on with the iterations."""
+        """Run Saad's algorithm 9.1 from line 2 on; a thread that joins late continues with the iterations."""
         if begins():
             self.set_target(tolerance, min_reduction, max_reduction)
             self.vectors.copy(self.z, self.p)
             regroup()
-        while takes_part() and self.running(limit):
-            self.A.apply(self.p, self.q)
+        while takes_part() and self.unfinished(limit):
+            self.A.multiply(self.p, self.q)
             self.vectors.dot(self.p, self.q, self.pq)
-            self.find_alpha()
+            self.compute_alpha()
             self.vectors.axpy(self.alpha, self.p, self.x, self.q, self.r)  # x <- x + alpha p;  r <- r - alpha A p
             self.M.apply(self.r, self.z)
             self.vectors.dot(self.r, self.z, self.rz_new)
-            self.find_beta()
+            self.compute_beta()
             self.vectors.xpby(self.z, self.beta, self.p)  # p <- z + beta p
             regroup()
 
     @ti.pyfunc
-    def running(self, limit):
+    def unfinished(self, limit):
         """Whether another iteration is wanted."""
         flush()
         return self.status[None] == RUNNING and self.iterations[None] < limit
 
     @stage("find alpha")
-    def find_alpha(self):
+    def compute_alpha(self):
         """alpha = (r, z)/(p, A p); 0 where the matrix turns out not to be positive definite."""
         if leads():
             self.alpha[None] = 0.0
@@ -124,23 +125,24 @@ class PCG:
         wait()
 
     @stage("find beta")
-    def find_beta(self):
+    def compute_beta(self):
         """beta = (r, z) new/old; the end of an iteration."""
         if leads() and self.status[None] == RUNNING:
             self.iterations[None] += 1
             self.beta[None] = self.rz_new[None] / self.rz[None]
             self.rz[None] = self.rz_new[None]
-            self.judge()
+            self.check_convergence()
         wait()
 
-    # ---- where it starts ------------------------------------------------------------------------------------
+    # ---- initial residual -----------------------------------------------------------------------------------
     @sequence("start")
-    def start(self, max_reference: ti.f64, warm_start: ti.i32):
-        """Line 1: r = b - A x and z = M^-1 r; and the reference, min((b, M^-1 b), max_reference)."""
+    def set_initial_residual(self, max_reference: ti.f64, warm_start: ti.i32):
+        """Do line 1 of the algorithm: r = b - A x and z = M^-1 r, and the reference, min((b, M^-1 b),
+        max_reference)."""
         if warm_start != 0:
             self.continue_last()
         else:
-            self.take_right_hand_side()
+            self.copy_right_hand_side()
         for part in range(warm_start, 2):  # r is first the right-hand side, then the residual
             self.precondition()
             if part == 0:
@@ -153,7 +155,7 @@ class PCG:
         self.vectors.dot(self.r, self.z, self.rz)
 
     @stage("right-hand side")
-    def take_right_hand_side(self):
+    def copy_right_hand_side(self):
         """Set the residual to the right-hand side: r = b."""
         for i in range(first(self.A.count[None]), last(self.A.count[None])):
             self.r[i] = self.vectors.masked(i, self.b[i])
@@ -162,7 +164,8 @@ class PCG:
 
     @stage("residual")
     def subtract_product(self, max_reference: ti.f64):
-        """r = b - q, with q = A x; where the solve begins. The reference is (b, M^-1 b), at most ``max_reference``."""
+        """r = b - q, with q = A x, and store x and r at which the solve begins. The reference is (b, M^-1 b), at most
+        ``max_reference``."""
         if leads():
             self.reference[None] = ti.min(self.rz[None], max_reference)
         for i in range(first(self.A.count[None]), last(self.A.count[None])):
@@ -172,17 +175,17 @@ class PCG:
 
     @team_stage("go on")
     def continue_last(self):
-        """r of the last x and the present b; then x and r at the best point along the last change of x (Fischer's
-        projection onto a single vector)."""
-        self.change()
+        """Set r of the last x and the present b; then move x and r to the best point along the last change of x
+        (Fischer's projection onto a single vector)."""
+        self.last_change()
         self.vectors.dot(self.p, self.r, self.rz)
         self.vectors.dot(self.p, self.q, self.pq)
-        self.find_best_step()
+        self.compute_best_step()
         self.vectors.axpy(self.alpha, self.p, self.x, self.q, self.r)
 
     @stage("change")
-    def change(self):
-        """p, the last change of x, and q = A p; where the solve begins."""
+    def last_change(self):
+        """Set p to the last change of x, and q = A p, and store x and r at which the solve begins."""
         for i in range(first(self.A.count[None]), last(self.A.count[None])):
             self.p[i] = self.x[i] - self.first_x[i]
             self.q[i] = self.first_r[i] - self.r[i]
@@ -192,14 +195,14 @@ class PCG:
         wait()
 
     @stage("best step")
-    def find_best_step(self):
+    def compute_best_step(self):
         """alpha = (p, r)/(p, A p), 0 to 1: A p of a tiny change is rounding, and must not be blown up."""
         if leads():
             best = self.rz[None] / self.pq[None] if self.pq[None] > 0.0 else 0.0
             self.alpha[None] = ti.max(0.0, ti.min(1.0, best))
         wait()
 
-    # ---- when it stops --------------------------------------------------------------------------------------
+    # ---- stopping criterion ---------------------------------------------------------------------------------
     @stage("set target")
     def set_target(self, tolerance: ti.f64, min_reduction: ti.f64, max_reduction: ti.f64):
         """Set the value of (r, z) at which the solve ends."""
@@ -212,11 +215,11 @@ class PCG:
             self.target[None] = ti.max(
                 ti.min(tolerance * tolerance * norm, least), max_reduction * max_reduction * start
             )
-            self.judge()
+            self.check_convergence()
         wait()
 
     @ti.func
-    def judge(self):
+    def check_convergence(self):
         """Stop where (r, z) is small enough, or is not the square of a norm."""
         if not (ti.abs(self.rz[None]) < HUGE):
             self.status[None] = BROKEN

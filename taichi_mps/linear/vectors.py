@@ -1,12 +1,12 @@
-"""Vector operations of an iterative solver, which alone know how rows are summed and masked; a sparse matrix in
-compressed rows (CSR); the Jacobi preconditioner, and when coarse levels replace it."""
+"""Vector operations of an iterative solver, which define how rows are summed and masked; a sparse matrix in compressed
+rows (CSR); the Jacobi preconditioner, and the base class of multigrid preconditioners."""
 
 from ..runtime.backend import double_field, real, ti
 from ..runtime.stages import flush, sequence, stage
 from ..runtime.sums import GPU_LANES, lanes
 from ..runtime.thread_team import first, last, leads, wait
 
-BLOCK = 1024  # rows per partial sum: a dot product has the same bits with any number of threads
+ROWS_PER_BLOCK = 1024  # rows per partial sum: a dot product has the same bits with any number of threads
 
 
 @ti.data_oriented
@@ -19,7 +19,7 @@ class Vectors:
     def __init__(self, capacity: int, components: int, operator):
         self.capacity, self.components, self.operator = capacity, components, operator
         self.count, self.real = operator.count, real()
-        self.partial, self.in_order = double_field((capacity + BLOCK - 1) // BLOCK), lanes() == 1
+        self.partial, self.serial = double_field((capacity + ROWS_PER_BLOCK - 1) // ROWS_PER_BLOCK), lanes() == 1
 
     def field(self):
         """Make a vector field of this capacity."""
@@ -27,12 +27,12 @@ class Vectors:
 
     @stage("dot")
     def dot(self, a: ti.template(), b: ti.template(), out: ti.template()):
-        """out = (a, b): partial sums of BLOCK rows in f64, then their sum in order; on a GPU in any order."""
-        if ti.static(self.in_order):
-            blocks = (self.count[None] + BLOCK - 1) // BLOCK
+        """out = (a, b): partial sums of ROWS_PER_BLOCK rows in f64, then their sum in order; on a GPU in any order."""
+        if ti.static(self.serial):
+            blocks = (self.count[None] + ROWS_PER_BLOCK - 1) // ROWS_PER_BLOCK
             for k in range(first(blocks), last(blocks)):
                 s = ti.cast(0.0, ti.f64)
-                for i in range(k * BLOCK, ti.min((k + 1) * BLOCK, self.count[None])):
+                for i in range(k * ROWS_PER_BLOCK, ti.min((k + 1) * ROWS_PER_BLOCK, self.count[None])):
                     s += ti.cast(a[i].dot(b[i]), ti.f64)
                 self.partial[k] = s
             wait()
@@ -52,7 +52,7 @@ class Vectors:
 
     @stage("axpy")
     def axpy(self, alpha: ti.template(), p: ti.template(), x: ti.template(), q: ti.template(), r: ti.template()):
-        """x <- x + alpha p and r <- r - alpha q; nothing where alpha is 0, whatever p and q are."""
+        """x <- x + alpha p and r <- r - alpha q; no change if alpha is 0, even where p or q are not finite."""
         n = self.count[None] if alpha[None] != 0.0 else 0
         for i in range(first(n), last(n)):
             step = ti.cast(alpha[None], self.real)
@@ -84,8 +84,8 @@ class Vectors:
 class SparseMatrix:
     """Scalar matrix in compressed rows: A_ii = diagonal[i] and A_ij = value[k], j = column[k], k in the row of i.
 
-    row_start, column and count may belong to someone else (a neighbour list). Rows whose diagonal is not
-    positive are no unknowns. Fill value and call set_diagonal for every row.
+    ``row_start``, ``column`` and ``count`` may be those of a neighbour list. Rows whose diagonal is not positive are
+    no unknowns. To assemble it, fill ``value`` and call ``set_diagonal`` for every row.
     """
 
     def __init__(self, capacity: int, pair_capacity: int, row_start=None, column=None, count=None):
@@ -100,11 +100,12 @@ class SparseMatrix:
 
     @ti.func
     def set_diagonal(self, i, d):
+        """Set the diagonal element of row i to d, and its inverse."""
         self.diagonal[i] = d
         self.inverse_diagonal[i][0, 0] = ti.select(d > 0, 1 / d, 0)
 
     @stage("apply")
-    def apply(self, x: ti.template(), y: ti.template()):
+    def multiply(self, x: ti.template(), y: ti.template()):
         """y_i = sum_j A_ij x_j."""
         for i in range(first(self.count[None]), last(self.count[None])):
             s = self.diagonal[i] * x[i][0]
@@ -116,7 +117,7 @@ class SparseMatrix:
 
 @ti.data_oriented
 class Jacobi:
-    """The preconditioner M^-1 = D^-1, the inverse of the (block) diagonal: the cheapest for few rows."""
+    """Preconditioner M^-1 = D^-1, the inverse of the (block) diagonal: the cheapest for few rows."""
 
     fits_in_a_kernel = True
 
@@ -136,27 +137,27 @@ class Jacobi:
 
 @ti.data_oriented
 class Multigrid:
-    """A preconditioner of coarse levels where there are PAY_FROM rows or more, else Jacobi.
+    """Base class of preconditioners with coarse levels, used from MIN_ROWS rows on; below, Jacobi.
 
-    A subclass has the number PAY_FROM, ``build_levels()`` for the operator as it is now, and ``cycle(r, z)``.
+    A subclass has the number MIN_ROWS, ``build_levels()`` for the present operator, and ``cycle(r, z)``.
     """
 
     def __init__(self, operator):
         self.operator, self.jacobi = operator, Jacobi(operator)
-        self.pays = ti.field(ti.i32, ())  # 1 where there are rows enough
+        self.uses_levels = ti.field(ti.i32, ())  # 1 if there are MIN_ROWS rows or more
 
     def build(self) -> None:
-        """Build the levels for the present operator, where it has rows enough."""
+        """Build the levels for the present operator if it has MIN_ROWS rows or more."""
         flush()
-        self.pays[None] = int(self.operator.count[None] >= self.PAY_FROM)
-        if self.pays[None]:
+        self.uses_levels[None] = int(self.operator.count[None] >= self.MIN_ROWS)
+        if self.uses_levels[None]:
             self.build_levels()
 
     @sequence("cycle")
     def apply(self, r, z):
         """z = M^-1 r."""
         flush()
-        if self.pays[None] == 1:
+        if self.uses_levels[None] == 1:
             self.cycle(r, z)
         else:
             self.jacobi.apply(r, z)

@@ -85,7 +85,7 @@ class ActiveSet:
         return {"active_set": [self.steps, self.rest_fraction, self.all_steps, self.mean_part_left_out]}
 
     def load(self, state: dict) -> None:
-        """Go on from a state."""
+        """Load the scalars of a saved state."""
         carried = state.get("active_set", (0, 0.0, 0, 0.0))
         self.steps, self.rest_fraction, self.all_steps, self.mean_part_left_out = carried
 

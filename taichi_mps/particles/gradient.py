@@ -124,7 +124,7 @@ class Gradient:
                 self.ratio[i] = self.particles.ring[i] / (2.0 * np.pi * r * self.spacing**2)
         if ti.static(len(self.walls.separating) > 0):
             for i in range(self.particles.count[None]):
-                self.walls.set_sides(i, self.particles.x[i])
+                self.walls.set_signed_distances(i, self.particles.x[i])
         for i in range(self.particles.count[None]):
             x = self.particles.x[i]
             M = ti.Matrix.zero(float, self.dimension, self.dimension)
@@ -142,7 +142,7 @@ class Gradient:
                 w = self.weight(q)
                 ratio = self.cross_section_ratio(j)
                 if ti.static(len(self.walls.separating) > 0):  # noqa: SIM102  (a compiled choice stays apart)
-                    if self.walls.between(i, j, x, x + to_j):
+                    if self.walls.stands_between(i, j, x, x + to_j):
                         w, ratio = 0.0, 0.0
                 if ti.static(self.neighbors.skin > 0.0):  # noqa: SIM102
                     if distance >= re:

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..runtime.backend import double_field, real, ti
 from ..runtime.field_io import FieldIO
-from ..runtime.stages import nothing, stage
+from ..runtime.stages import no_op, stage
 
 FLUID, WALL, DUMMY = 0, 1, 2
 BOUNDARY, HALO, EXCLUDED = 3, 4, 5  # fluid at rest that a step does not compute (active_set.py)
@@ -71,7 +71,7 @@ class Particles:
         self.has_walls = bool((np.asarray(start.get("kind", FLUID)) != FLUID).any())
         self.count = ti.field(ti.i32, ())  # particles in use
         self.excluded = ti.field(ti.i32, ())  # fluid particles behind them, which a step excludes
-        self.recall = nothing  # bring these back
+        self.recall = no_op  # bring these back
         self.source_row = ti.field(ti.i32)  # row that each particle had before the reorder
         others = [field for pair in self.twins if pair[0] is not self.x for field in pair]
         for field in (*others, self.source_row):

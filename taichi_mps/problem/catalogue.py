@@ -200,8 +200,8 @@ def build(name: SceneName, material: AnyMaterial | None = None, /, **keywords) -
         print(f"taichi-mps: accuracy = {1e3 * valid.accuracy:g} mm: {choice}", file=sys.stderr)
         return build(name, material, **{**keywords, "model": choice.model, "spacing": choice.spacing})
     numbers = dict.fromkeys(Concrete.model_fields) | dict(material) if material else {}
-    told = {name: value for name, value in numbers.items() if name in Concrete.model_fields}
-    return replace(scene, parameters=valid.model_dump(mode="json") | told)
+    mix_numbers = {name: value for name, value in numbers.items() if name in Concrete.model_fields}
+    return replace(scene, parameters=valid.model_dump(mode="json") | mix_numbers)
 
 
 def rebuild(source: str, parameters: dict, scene_file=None) -> Scene:

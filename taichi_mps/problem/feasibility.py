@@ -1,7 +1,7 @@
-"""The rules that a scene with its numerics must obey: what the scheme can compute, and numbers that make sense.
+"""Rules that a scene with its numerics must obey: limits of the scheme, and plausible numbers.
 
-Each rule takes a ``Problem`` and raises SceneError, in one line, where it is broken. ``problem.Problem`` applies RULES
-in their order when it is made. Nothing has been allocated then. The rules of the scene alone are in ``scene_rules``.
+Each rule takes a ``Problem`` and raises a SceneError, in one line, if it is broken. ``problem.Problem`` applies RULES
+in their order when it is made, before anything is allocated. Rules of the scene alone are in ``scene_rules``.
 """
 
 import inspect
@@ -12,17 +12,17 @@ import numpy as np
 from ..geometry.solid import Solid
 from ..geometry.walls import Cylinder
 from ..units import DENSITY_HINT, HEAVIEST, LIGHTEST, SceneError, require
-from .inlet import FASTEST, buried
-from .scene_rules import counted, gravities, point
+from .inlet import MAX_JET_SPEED, buried
+from .scene_rules import count_in_cells, gravities, point
 
-MOST_CELLS = 2**27  # of the binning grid: 8 bytes each
-MOST_PAIRS = 2**31 - 1  # of neighbours: their numbers are 32-bit
-EARTH = 10.0  # gravity [m/s2], +-1, under which the density must be that of a mix
+MAX_CELLS = 2**27  # of the binning grid: 8 bytes each
+MAX_PAIRS = 2**31 - 1  # of neighbours: their indices are 32-bit
+EARTH_GRAVITY = 10.0  # gravity [m/s2], +-1, under which the density must be plausible for a mix
 
 
-# ---- what the scheme can compute -----------------------------------------------------------------------------------
-def the_scheme_has_the_laws(problem):
-    """The paper's scheme has a straight flow curve alone, Bingham's, without friction."""
+# ---- limits of the scheme ------------------------------------------------------------------------------------------
+def scheme_supports_the_law(problem):
+    """The paper's scheme supports Bingham's law only, without internal friction and without jolts."""
     material = problem.scene.material
     if problem.scheme == "semi-implicit":
         require(not problem.scene.jolts, "jolts: the scheme semi-implicit has none; must be implicit")
@@ -39,6 +39,7 @@ def the_scheme_has_the_laws(problem):
 
 
 def own_laws_take_rate_and_structure(problem):
+    """Functions of a user's law take two numbers, shear rate and structure."""
     for key, function in chain.from_iterable(material.functions.items() for material in problem.materials):
         try:
             inspect.signature(function).bind(0.0, 0.0)
@@ -48,8 +49,8 @@ def own_laws_take_rate_and_structure(problem):
 
 
 def walls_suit_the_scheme(problem):
-    """A wall that bends away within the neighbourhood of a particle is no wall to it. With walls of particles there are
-    no rings, no motion, slip or friction of a wall, no mirrors, no inlets and no loads."""
+    """The radius of a curved wall is greater than the effective radius. Walls of particles allow no axisymmetric scene,
+    no moving, thin or frictional walls, no mirrors, no inlets and no wall loads."""
     scene, radius = problem.scene, problem.effective_radius
     require(
         scene.wall_particles is None or scene.walls,
@@ -82,8 +83,8 @@ def walls_suit_the_scheme(problem):
 
 # ---- wrong units and origins ---------------------------------------------------------------------------------------
 def density_is_plausible(problem):
-    """Whether a density is one of a fluid on Earth; where gravity is not the Earth's, numbers may be dimensionless."""
-    if np.any(np.abs(np.linalg.norm(gravities(problem.scene), axis=1) - EARTH) < 1.0):
+    """The density is plausible under the Earth's gravity; under another gravity numbers may be dimensionless."""
+    if np.any(np.abs(np.linalg.norm(gravities(problem.scene), axis=1) - EARTH_GRAVITY) < 1.0):
         for material in problem.materials:
             require(
                 LIGHTEST <= material.density <= HEAVIEST,
@@ -93,19 +94,19 @@ def density_is_plausible(problem):
 
 
 def inlets_are_plausible(problem):
-    """A jet faster than any pump makes has a rate in another unit."""
+    """Jets are not faster than MAX_JET_SPEED, or their rate is in another unit, and first layers are clear of fluid."""
     scene, spacing = problem.scene, problem.scene.spacing
     for inlet in scene.inlets:
-        speed, most = inlet.speed(spacing), FASTEST * inlet.layer_volume(spacing) / spacing
+        speed, most = inlet.speed(spacing), MAX_JET_SPEED * inlet.layer_volume(spacing) / spacing
         require(
-            speed <= FASTEST,
+            speed <= MAX_JET_SPEED,
             f"inlet: rate = {inlet.rate:g} m3/s: leaves the hose at {speed:.3g} m/s; must be at most {most:.3g} m3/s "
             "(0.012 for 12 l/s)",
         )
         nozzle = float(np.linalg.norm(inlet.fastest(spacing)))
         require(
-            nozzle <= FASTEST,
-            f"inlet: path: moves with the jet at {nozzle:.3g} m/s; must be at most {FASTEST:g} m/s",
+            nozzle <= MAX_JET_SPEED,
+            f"inlet: path: moves with the jet at {nozzle:.3g} m/s; must be at most {MAX_JET_SPEED:g} m/s",
         )
         first = scene.inlet_layer(inlet) + inlet.displacement(0.0)
         require(
@@ -115,20 +116,24 @@ def inlets_are_plausible(problem):
 
 
 def particles_are_apart(problem):
+    """No two particles lie at one place, periodic images included."""
     scene, x = problem.scene, problem.scene.initial
     low, high = np.array(scene.domain, float)
-    images = np.where(scene.periodic, low + np.mod(x - low, high - low), x)  # what lies on both ends lies there twice
-    doubles = len(x) - len(counted(images, 1e-3 * scene.spacing)[1])
+    images = np.where(
+        scene.periodic, low + np.mod(x - low, high - low), x
+    )  # both ends of a periodic axis are one place
+    doubles = len(x) - len(count_in_cells(images, 1e-3 * scene.spacing)[1])
     require(doubles == 0, f"fluid: {doubles} of {len(x)} particles lie on others; all must be apart")
 
 
 def walls_lie_where_the_fluid_is(problem):
+    """Solids are near the domain and of its scale, and no particle lies behind a wall."""
     scene, (low, high) = problem.scene, problem.scene.domain
     for wall in scene.walls:
         if isinstance(wall, Solid):
             size, room = (float(np.subtract(*ends).max()) for ends in ((wall.high, wall.low), (high, low)))
-            told = f"walls: a solid of {size:.3g} m in a domain of {room:.3g} m: must be at most 100 times as long"
-            require(size <= 100.0 * room, f"{told}; scale = 0.001 for a mesh in mm")
+            given = f"walls: a solid of {size:.3g} m in a domain of {room:.3g} m: must be at most 100 times as long"
+            require(size <= 100.0 * room, f"{given}; scale = 0.001 for a mesh in mm")
         depth = 0.0 if wall.thin else -float(np.min(wall.distance(scene.initial)))
         require(
             depth <= 0.5 * scene.spacing,
@@ -144,15 +149,15 @@ def walls_lie_where_the_fluid_is(problem):
 
 # ---- sizes ---------------------------------------------------------------------------------------------------------
 def grid_fits(problem):
-    """The binning grid has to fit into memory, and along a periodic axis no particle may meet the same neighbour on
-    both sides."""
+    """The binning grid fits into memory, and is three cells or more along a periodic axis, so that no particle has the
+    same neighbour on both sides."""
     size, radius = np.subtract(*problem.scene.domain[::-1]), problem.effective_radius
-    across = sides(problem)
+    across = cells_along_axes(problem)
     cells = np.prod(across)
     require(
-        cells <= MOST_CELLS,
+        cells <= MAX_CELLS,
         f"domain = {' x '.join(f'{s:g}' for s in size)} m: has {cells:.2g} cells of the effective radius, {radius:g} "
-        f"m; at most {MOST_CELLS:.2g}",
+        f"m; at most {MAX_CELLS:.2g}",
     )
     for axis in np.flatnonzero(problem.scene.periodic):
         require(
@@ -163,6 +168,7 @@ def grid_fits(problem):
 
 
 def pairs_can_be_counted(problem):
+    """The indices of neighbour pairs fit into 32 bits."""
     scene, ratio = problem.scene, problem.numerics.effective_radius_ratio
     wall = 0 if scene.wall_particles is None else len(scene.wall_particles)
     neighbours = {2: np.pi, 3: 4.0 * np.pi / 3.0}[scene.dimension] * ratio**scene.dimension
@@ -170,14 +176,14 @@ def pairs_can_be_counted(problem):
     particles = len(scene.fluid) + wall + poured
     pairs = 4.0 * neighbours * particles  # the list has room for bodies pressed together and for rings
     require(
-        pairs <= MOST_PAIRS,
+        pairs <= MAX_PAIRS,
         f"spacing = {scene.spacing:g} m: makes {particles:.6g} particles with up to {pairs:.2g} pairs of neighbours; "
-        f"at most {MOST_PAIRS:.2g}",
+        f"at most {MAX_PAIRS:.2g}",
     )
 
 
 RULES = (
-    the_scheme_has_the_laws,
+    scheme_supports_the_law,
     own_laws_take_rate_and_structure,
     walls_suit_the_scheme,
     density_is_plausible,
@@ -189,6 +195,6 @@ RULES = (
 )
 
 
-def sides(problem) -> np.ndarray:
-    """Cells (d,) of an effective radius, at least, along the sides of the domain."""
+def cells_along_axes(problem) -> np.ndarray:
+    """Number of cells (d,), each an effective radius wide or more, along the axes of the domain."""
     return np.maximum(1.0, np.floor(np.subtract(*problem.scene.domain[::-1]) / problem.effective_radius))

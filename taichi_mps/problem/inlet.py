@@ -7,9 +7,9 @@ import numpy as np
 from ..units import Size, Time, array, real, require, validated, vector
 from .materials import AnyMaterial
 
-MOST_ACROSS = 1000  # spacings of a radius: three million particles a layer
-FASTEST = 100.0  # speed [m/s] in a hose, three times that of sprayed concrete
-ROOM = 0.6  # distance from what is there in spacings below which a layer cannot enter
+MAX_RADIUS_IN_SPACINGS = 1000  # three million particles in a layer
+MAX_JET_SPEED = 100.0  # in a hose, three times the speed of sprayed concrete [m/s]
+MIN_GAP = 0.6  # distance of a new layer from other particles, in spacings, below which it cannot enter
 
 
 @validated
@@ -126,12 +126,16 @@ class Inlet:
         radius, height = f"inlet: radius = {self.radius:g} m", f"inlet: height = {self.height} m"
         least = spacing * (1.0 - 1e-9)
         require(self.radius >= 1.5 * least, f"{radius}: must be at least 1.5 times spacing = {spacing:g} m")
-        most = MOST_ACROSS * spacing
-        require(self.radius <= most, f"{radius}: must be at most {MOST_ACROSS} times spacing = {spacing:g} m")
+        most = MAX_RADIUS_IN_SPACINGS * spacing
+        require(
+            self.radius <= most, f"{radius}: must be at most {MAX_RADIUS_IN_SPACINGS} times spacing = {spacing:g} m"
+        )
         across_its_height = self.height is None or least <= self.height <= most
-        require(across_its_height, f"{height}: must be 1 to {MOST_ACROSS} times spacing = {spacing:g} m")
+        require(across_its_height, f"{height}: must be 1 to {MAX_RADIUS_IN_SPACINGS} times spacing = {spacing:g} m")
         along, across = self.unit_direction, []
-        axes = np.eye(len(along))[np.argsort(np.abs(along), kind="stable")[:-1]]  # those most square to the hose
+        axes = np.eye(len(along))[
+            np.argsort(np.abs(along), kind="stable")[:-1]
+        ]  # those most nearly perpendicular to the hose
         if self.height is not None and np.hypot(along[0], along[1]) > 1e-9:  # level, and upright
             axes = np.stack([np.cross(along, (0.0, 0.0, 1.0)), (0.0, 0.0, 1.0)])
         for axis in axes:
@@ -187,7 +191,7 @@ class Inlet:
 
     @validated
     def velocity(self, spacing: Size, time: Time = 0.0) -> np.ndarray:
-        """Return the velocity of the jet, that of the nozzle included.
+        """Return the velocity of the jet, including the motion of the nozzle.
 
         Parameters
         ----------
@@ -226,7 +230,7 @@ class Inlet:
 
     @validated
     def fastest(self, spacing: Size) -> np.ndarray:
-        """Return the velocity of the jet when it is largest.
+        """Return the largest velocity of the jet in time.
 
         Parameters
         ----------
@@ -259,14 +263,14 @@ class Inlet:
 
 
 def buried(layer: np.ndarray, x: np.ndarray, spacing: float) -> bool:
-    """Tell whether a layer of particles has no room among those that are there.
+    """Tell whether a layer of particles has no room among the present particles.
 
     Parameters
     ----------
     layer : ndarray, shape (m, d)
         Positions of the layer [m].
     x : ndarray, shape (n, d)
-        Positions of the particles that are there [m].
+        Positions of the present particles [m].
     spacing : float
         Particle size [m].
 
@@ -275,6 +279,6 @@ def buried(layer: np.ndarray, x: np.ndarray, spacing: float) -> bool:
     bool
         True where two are nearer than 0.6 spacings.
     """
-    reach = ROOM * spacing
+    reach = MIN_GAP * spacing
     near = x[np.all((x > layer.min(0) - reach) & (x < layer.max(0) + reach), axis=1)]
     return bool(np.any(((near[:, None, :] - layer[None]) ** 2).sum(-1) < reach**2))

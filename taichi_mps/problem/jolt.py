@@ -1,4 +1,4 @@
-"""Jolt: the sudden stop of what the concrete stands on, as that of a flow table. Plain NumPy."""
+"""Jolt: the sudden stop of the support of the concrete, as of a flow table. Plain NumPy."""
 
 from dataclasses import dataclass
 
@@ -18,7 +18,7 @@ class Jolt:
     time : float
         Time at which it is [s].
     velocity : tuple of float, length d
-        Jump of the velocity [m/s], of a turn that at the pivot.
+        Jump of the velocity [m/s], for a rotation at the pivot.
     angular_velocity : float, optional
         Jump of a rotation about the axis through ``pivot`` [rad/s], in two dimensions counter-clockwise.
     pivot : tuple of float, length d, optional
@@ -55,9 +55,9 @@ class Jolt:
         sizes = {"pivot": self.pivot, "axis": self.axis if d == 3 else None}
         for key, value in sizes.items():
             require(value is None or len(value) == d, f"jolt: {key} = {value}: must have {d} numbers, as velocity has")
-        turns = d == 2 or (self.axis is not None and np.any(self.axis))
+        has_axis = d == 2 or (self.axis is not None and np.any(self.axis))
         turning = f"jolt: angular_velocity = {self.angular_velocity:g} rad/s"
-        require(turns or not self.angular_velocity, f"{turning}: needs an axis in three dimensions")
+        require(has_axis or not self.angular_velocity, f"{turning}: needs an axis in three dimensions")
 
     @property
     def spin(self) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 import re
 
-# of a result by the end of its name: factor, unit, digits; the longer end first
+# results by the end of their names: factor, unit, format; longer ends first
 UNITS = {
     "_N_m_per_m": (1.0, "N", ".4g"),
     "_N_per_m": (1.0, "N/m", ".4g"),
@@ -16,7 +16,7 @@ UNITS = {
     "_m": (100.0, "cm", ".1f"),
     "_s": (1.0, "s", ".2f"),
 }
-KEYWORDS = {  # of many scenes: what they are
+KEYWORDS = {  # descriptions of keywords of many scenes
     "spacing": "particle size; half of it takes 16 times as long in space",
     "until": "time limit of the flow; it ends before where the concrete stops flowing",
     "model": "how much of the test is computed: all of it, a part between mirror planes, or a section",
@@ -24,15 +24,15 @@ KEYWORDS = {  # of many scenes: what they are
     "lift_speed": "speed at which the mould or gate is lifted, by default gone at once",
     "sides": "upright walls without friction (smooth) or to which concrete sticks (rough)",
 }
-WORDS = {"yield_value": "yield stress", "spacing": "particle size", "until": "time limit"}  # keys as people read them
-OPTIONS = {  # name of the option, the words of people, by the key
+KEYWORD_TEXTS = {"yield_value": "yield stress", "spacing": "particle size", "until": "time limit"}
+OPTIONS = {  # names of options by keyword
     "yield_value": "yield-stress",
     "spread": "slump-flow",
     "spread_error": "slump-flow-error",
     "rho": "density",
     "passes": "outer-iterations",
 }
-ENDS = {  # why a run ended
+STOP_REASONS = {  # reasons by the words of ``stopped_by``
     "rest": "concrete stopped flowing",
     "unyielded": "concrete stopped flowing",
     "time": "time limit",
@@ -90,7 +90,7 @@ RESULTS = {  # key: (name, what it is)
     "poured_m3": ("poured", "what has come out of the hose"),
     "pour_delay_s": ("delay of the pour", "for want of room below the hose"),
 }
-KINDS = {  # of results whose names tell where: what they are
+RESULT_GROUPS = {  # meanings of results by the beginning of their names
     "force_": "of the fluid on this wall and its images",
     "torque_": "of the fluid on this wall, about its axis",
     "pressure_at_": "mean on the sides of the form at this height",
@@ -100,19 +100,19 @@ KINDS = {  # of results whose names tell where: what they are
 
 
 def option_name(key: str, others=()) -> str:
-    """Option of a keyword in the field's words, unless it is that of one of the other keywords."""
+    """Option of a keyword in the field's words, or by the keyword itself if another keyword has that option."""
     name = OPTIONS.get(key, key).replace("-", "_")
     return "--" + (key if name in others else name).replace("_", "-")
 
 
-def what_it_is(key: str) -> str:
-    """Description of a scene's keyword where the scene gives none."""
+def keyword_description(key: str) -> str:
+    """Description of a keyword for a scene that gives none."""
     return KEYWORDS.get(key, in_words(key))
 
 
 def in_words(key: str) -> str:
-    """A keyword or a column as people read it."""
-    return WORDS.get(key, key.replace("_", " "))
+    """Name of a keyword or a column for texts."""
+    return KEYWORD_TEXTS.get(key, key.replace("_", " "))
 
 
 def is_measure(name: str) -> bool:
@@ -135,11 +135,11 @@ def title(name: str) -> str:
 
 def meaning(name: str) -> str:
     """Meaning of a result in a few words; empty for a user's own measure."""
-    kind = next((kind for kind in KINDS if name.startswith(kind) and name not in RESULTS), "")
-    return KINDS.get(kind) or RESULTS.get(name, ("", ""))[1]
+    kind = next((kind for kind in RESULT_GROUPS if name.startswith(kind) and name not in RESULTS), "")
+    return RESULT_GROUPS.get(kind) or RESULTS.get(name, ("", ""))[1]
 
 
 def written(name: str, value: float) -> str:
-    """A result with its unit."""
+    """Format the value of a result with its unit."""
     factor, unit, digits = unit_of_measure(name)
     return f"{factor * value:{digits}} {unit}".rstrip()

@@ -1,4 +1,4 @@
-"""Force and torque of the fluid on a wall, in all and by particle. Plain NumPy."""
+"""Force and torque of the fluid on a wall, in total and by particle. Plain NumPy."""
 
 from dataclasses import dataclass
 
@@ -9,13 +9,13 @@ AXES = {2: "xz", 3: "xyz"}  # names of the coordinates
 
 @dataclass(frozen=True)
 class Load:
-    """Force and torque of the fluid on one wall, by particle: n particles, d dimensions. In two dimensions per metre of
-    depth [N/m, N]; of rings, all around. nan before a step has been computed."""
+    """Force and torque of the fluid on one wall, by particle: n particles, d dimensions. In two dimensions they are per
+    metre of depth [N/m, N], for rings over the whole circle. They are nan before the first step."""
 
-    point: np.ndarray  # of the wall, about which torques are [m], (d,)
+    point: np.ndarray  # point of the wall about which torques are taken [m], (d,)
     forces: np.ndarray  # [N], (n, d)
     torques: np.ndarray  # [N m], (n, 3), in two dimensions counter-clockwise (n, 1)
-    axis: np.ndarray | None = None  # unit vector about which it may turn, (3,) or (1,); None of other walls
+    axis: np.ndarray | None = None  # unit vector along the axis of a rotating wall, (3,) or (1,); else None
 
     @property
     def force(self) -> np.ndarray:
@@ -47,9 +47,9 @@ class Load:
         return Load(np.array([0.0, 0.0, self.point[1]]), forces, np.zeros_like(forces))
 
 
-def measured(s, mirrors, axisymmetric: bool) -> dict[str, float]:
-    """The loads of a whole body (a Snapshot) as results: the components of each force, without what cancels out between
-    a wall and its image, and the torque where there is an axis to turn about."""
+def load_results(s, mirrors, axisymmetric: bool) -> dict[str, float]:
+    """Results of the loads of a whole body (a Snapshot), {name: value}: the components of each force, without those
+    that cancel out between a wall and its image, and the torque of walls with an axis."""
     d = s.x.shape[1]
     crossed = [a for a in range(d) if any(abs(mirror.normal[a]) > 0.99 for mirror in mirrors)]
     axes = [d - 1] if axisymmetric else [a for a in range(d) if a not in crossed]

@@ -1,7 +1,7 @@
-"""Materials: what a technologist knows of the mix, in SI units, and the law by which it flows.
+"""Materials: the constants of a mix, in SI units, and the law by which it flows.
 
-A law is one class: its numbers, each declared here and nowhere else with unit, range and help, and what a scheme asks
-of it. A scene that takes ``material: Concrete`` has the numbers of all LAWS as options (``units.checked``).
+A law is one class: its numbers, each declared here and nowhere else with unit, range and help, and the functions that a
+scheme needs. A scene that takes ``material: Concrete`` has the numbers of all LAWS as options (``units.checked``).
 """
 
 import math
@@ -42,13 +42,13 @@ from ..units import (
 from .labels import in_words
 
 Rate = real("1/s", ge=0.0) | array("1/s", (None,))
-FLOWS = 0.05  # viscous part of the stress over the yield stress from which a material is said to flow [-]
+FLOW_THRESHOLD = 0.05  # viscous part of the stress over the yield stress from which on a material counts as flowing [-]
 TYPICAL_RATE = 5.0  # shear rate of a slump test [1/s]
-HIGH_KNEE = 0.1  # fraction of the yield stress by which the knee stress may exceed it without a warning; the paper's #1
+HIGH_KNEE = 0.1  # excess of the knee stress over the yield stress, above which a warning is given; the paper's #1 [-]
 
 
 class Material(Checked):
-    """Base class of all materials: what a scheme asks of one, whatever its law.
+    """Base class of all materials: the properties that a scheme needs, whatever the law.
 
     Notes
     -----
@@ -68,14 +68,14 @@ class Material(Checked):
     (True, False)
     """
 
-    options: ClassVar[dict] = {"density": Density}  # scenes are under gravity: there is no fluid of 1 kg/m3
+    options: ClassVar[dict] = {"density": Density}  # narrower than AnyDensity: scenes are under gravity
     from_fields: ClassVar[tuple] = ()  # numbers that kernels read from fields; all others are compiled in
-    viscous: ClassVar[tuple] = ()  # options of its viscous constant, of which each chooses this law even at its default
+    viscous: ClassVar[tuple] = ()  # options of its viscous constant, each of which chooses this law
     straight: ClassVar[bool] = False  # whether the flow curve of the fresh mix is Bingham's
     curved: ClassVar[bool] = True  # whether kernels call shear_stress, and know no closed form of it
     newtonian: ClassVar[bool] = False  # whether the stress is proportional to the shear rate
-    friction_coefficient: ClassVar[float] = 0.0  # yield stress by pressure [-]
-    growth_at_rest: ClassVar[float] = 0.0  # of the yield stress [Pa/s]
+    friction_coefficient: ClassVar[float] = 0.0  # increase of the yield stress with the pressure [-]
+    growth_at_rest: ClassVar[float] = 0.0  # growth rate of the yield stress at rest [Pa/s]
 
     density: AnyDensity = Field(2300.0, description="density of the mix")
 
@@ -118,7 +118,7 @@ class Material(Checked):
         bool or ndarray of bool
             True where it flows.
         """
-        return self.typical_slope * rate > FLOWS * self.yield_value
+        return self.typical_slope * rate > FLOW_THRESHOLD * self.yield_value
 
     @validated
     def within(self, time: Time) -> "Material":
@@ -137,7 +137,7 @@ class Material(Checked):
         return self
 
     def facts(self) -> dict:
-        """Return all of the material, JSON-ready.
+        """Return the description of the material, JSON-ready.
 
         Returns
         -------
@@ -303,12 +303,12 @@ class Bingham(Material):
         return self
 
 
-RENAMED = "plastic_viscosity of this law is typical_slope; the former name goes in version 0.3"
+RENAMED_WARNING = "plastic_viscosity of this law is typical_slope; the former name goes in version 0.3"
 
 
-def former_name(material: Material) -> float:
-    """Return the typical slope [Pa s] of a material that was asked for its plastic viscosity, with a warning."""
-    warnings.warn(RENAMED, DeprecationWarning, stacklevel=3)
+def typical_slope_of(material: Material) -> float:
+    """Return the typical slope [Pa s] of a material, with a warning that ``plastic_viscosity`` is its former name."""
+    warnings.warn(RENAMED_WARNING, DeprecationWarning, stacklevel=3)
     return material.typical_slope
 
 
@@ -410,7 +410,7 @@ class HerschelBulkley(Law):
             "0 Pa",
         )
         require(
-            "structuration" in self.model_fields_set or not says("destructuration", self.destructuration),
+            "structuration" in self.model_fields_set or not chooses_law("destructuration", self.destructuration),
             f"destructuration = {self.destructuration:g}: undoes structuration, which must be given",
         )
         return self
@@ -487,7 +487,7 @@ class HerschelBulkley(Law):
     @property
     def plastic_viscosity(self) -> float:
         """Former name of ``typical_slope``, until 0.3."""
-        return former_name(self)
+        return typical_slope_of(self)
 
 
 class Casson(Law):
@@ -584,16 +584,16 @@ class FlowCurve(Material):
         if "plastic_viscosity" not in values:
             return values
         require("typical_slope" not in values, "plastic_viscosity: is the former name of typical_slope, given too")
-        warnings.warn(RENAMED, DeprecationWarning, stacklevel=4)
+        warnings.warn(RENAMED_WARNING, DeprecationWarning, stacklevel=4)
         return {{"plastic_viscosity": "typical_slope"}.get(key, key): value for key, value in values.items()}
 
     @property
     def plastic_viscosity(self) -> float:
         """Former name of ``typical_slope``, until 0.3."""
-        return former_name(self)
+        return typical_slope_of(self)
 
     def facts(self) -> dict:
-        """Return all of the material, JSON-ready; the typical slope also by its name before 0.3.
+        """Return the description of the material, JSON-ready; the typical slope also by its name before 0.3.
 
         Returns
         -------
@@ -603,35 +603,35 @@ class FlowCurve(Material):
         return super().facts() | {"plastic_viscosity": self.typical_slope}
 
 
-# ---- the law of the numbers that a scene is told ---------------------------------------------------------------------
+# ---- choice of the law by the numbers that are given -----------------------------------------------------------------
 def numbers_of(law: type[Material]) -> dict:
     """Return the numbers of a law, {name: pydantic field}."""
     return {name: field for name, field in law.model_fields.items() if field.annotation is not NoneType}
 
 
-# whose numbers are options of every scene; the first is the usual one
+# laws whose numbers are options of every scene; the first is the default
 LAWS = (Bingham, HerschelBulkley, Casson)
-OF_ALL = set.intersection(*(set(numbers_of(law)) for law in LAWS))
+COMMON_NUMBERS = set.intersection(*(set(numbers_of(law)) for law in LAWS))
 MATERIALS = f"{', '.join(law.__name__ for law in LAWS)}, Newtonian, FlowCurve or another Law"
 AnyMaterial = instance(Material, MATERIALS)
 
 
-def every_number() -> dict:
-    """Return the numbers of LAWS as pydantic declares fields.
+def numbers_of_all_laws() -> dict:
+    """Return the numbers of all LAWS as pydantic declares fields.
 
-    A viscous constant has no default, for it tells the law.
+    A viscous constant has no default, since it chooses the law.
     """
     fields = {}
     for law in LAWS:
         hints, whose = get_type_hints(law, include_extras=True), f" ({law.__name__})" * (law is not LAWS[0])
         for name, field in numbers_of(law).items():
             usual = Field(None if name in law.viscous else field.default, description=f"{field.description}{whose}")
-            fields.setdefault(name, (hints[name] if name in OF_ALL else hints[name] | None, usual))
+            fields.setdefault(name, (hints[name] if name in COMMON_NUMBERS else hints[name] | None, usual))
     return fields
 
 
-class Concrete(create_model("Numbers", __base__=Material, **every_number())):
-    """Mix as a scene is told of it, by the numbers of all laws.
+class Concrete(create_model("Numbers", __base__=Material, **numbers_of_all_laws())):
+    """Mix given by numbers of any law.
 
     The parameters are the fields below.
 
@@ -659,7 +659,7 @@ class Concrete(create_model("Numbers", __base__=Material, **every_number())):
         return law_of(numbers, Bingham())
 
     @classmethod
-    def told(cls, values, default) -> Material:
+    def from_values(cls, values, default) -> Material:
         """Make the law of these values.
 
         Parameters
@@ -677,13 +677,13 @@ class Concrete(create_model("Numbers", __base__=Material, **every_number())):
         return law_of(values, default if isinstance(default, Material) else Bingham())
 
 
-NUMBERS |= {name: law.__name__ for law in reversed(LAWS) for name in numbers_of(law) if name not in OF_ALL}
+NUMBERS |= {name: law.__name__ for law in reversed(LAWS) for name in numbers_of(law) if name not in COMMON_NUMBERS}
 
 
-def says(name: str, value) -> bool:
-    """Tell whether a number says which law is meant.
+def chooses_law(name: str, value) -> bool:
+    """Tell whether a number chooses a law.
 
-    One at the default that its law declares does not, but for a viscous constant, without which there is no law.
+    A viscous constant always does; another number unless it has the default that its law declares.
     """
     law = next((law for law in LAWS if name in numbers_of(law)), None)
     return law is None or name in law.viscous or value != law.model_fields[name].default
@@ -692,43 +692,43 @@ def says(name: str, value) -> bool:
 def law_of(numbers: dict, usual: Material) -> Material:
     """Make the material of numbers, {name: value or None}, by the law that has most of them.
 
-    The law of ``usual`` comes before others; what is not told is as of ``usual``. SceneError for a number that the law
-    has not.
+    The law of ``usual`` is preferred, and its numbers stand for those that are not given. SceneError for a number that
+    the law does not have.
     """
-    told = {name: value for name, value in numbers.items() if value is not None}
-    for name, value in told.items():
+    given = {name: value for name, value in numbers.items() if value is not None}
+    for name, value in given.items():
         require(not isinstance(value, np.ndarray | bool), f"{name} = {said(value, '')}: must be a number")
-    meant = [name for name, value in told.items() if says(name, value)]
+    meant = [name for name, value in given.items() if chooses_law(name, value)]
     law = max((type(usual), *LAWS), key=lambda law: sum(name in (*numbers_of(law), *law.viscous) for name in meant))
     known = numbers_of(law)
-    by = " and ".join(name for name in meant if name in known and name not in OF_ALL)
+    by = " and ".join(name for name in meant if name in known and name not in COMMON_NUMBERS)
     for name in (name for name in meant if name in NUMBERS and name not in known):
-        key = f"{name} = {said(told[name], unit_of(Concrete.model_fields[name]))}"
+        key = f"{name} = {said(given[name], unit_of(Concrete.model_fields[name]))}"
         require(name in law.viscous, f"{key}: the law {law.__name__}, by {by}, has no such number; must be left out")
-        require(law.viscous[0] not in told, f"{key}: stands for {law.viscous[0]}, which is given; must be left out")
-    values = dict(usual) | told
+        require(law.viscous[0] not in given, f"{key}: stands for {law.viscous[0]}, which is given; must be left out")
+    values = dict(usual) | given
     for name in law.viscous[1:]:
-        if name in told or (law.viscous[0] not in values and name in values):
+        if name in given or (law.viscous[0] not in values and name in values):
             values[law.viscous[0]] = values[name]
-    unknown = told.keys() - Concrete.model_fields.keys()  # which the law refuses
+    unknown = given.keys() - Concrete.model_fields.keys()  # refused by the law
     return law(**{name: value for name, value in values.items() if name in known or name in unknown})
 
 
 def constants_of(facts: dict) -> dict[str, str]:
-    """Return the numbers that tell a mix, {name in words: value with unit}, from the facts of a material.
+    """Return the numbers that characterize a mix, {name in words: value with unit}, from the facts of a material.
 
     Yield stress first, density last.
     """
-    slope = ("typical_slope", "plastic_viscosity") if "typical_slope" in facts else ()  # tell no mix
-    names = ["yield_value", *(name for name in facts if name not in (*OF_ALL, *slope)), "density"]
+    slope = ("typical_slope", "plastic_viscosity") if "typical_slope" in facts else ()  # no constants of a mix
+    names = ["yield_value", *(name for name in facts if name not in (*COMMON_NUMBERS, *slope)), "density"]
     known = {name: facts[name] for name in names if isinstance(facts.get(name), float | int)}
-    told = {name: value for name, value in known.items() if name in OF_ALL or says(name, value)}
+    given = {name: value for name, value in known.items() if name in COMMON_NUMBERS or chooses_law(name, value)}
     units = {name: unit_of(field) for name, field in Concrete.model_fields.items()}
-    return {in_words(name): said(float(value), units.get(name, "")) for name, value in told.items()}
+    return {in_words(name): said(float(value), units.get(name, "")) for name, value in given.items()}
 
 
 def mix_in_words(facts: dict) -> str:
-    """Return the numbers that tell a mix, on one line, from the facts of a material."""
+    """Return the numbers that characterize a mix, on one line, from the facts of a material."""
     return ", ".join(f"{name} {value}" for name, value in constants_of(facts).items())
 
 

@@ -1,4 +1,4 @@
-"""Snapshot of a run, and what a technologist measures on it, in plain NumPy."""
+"""Snapshot of a run, and measurements on it as in a laboratory, in plain NumPy."""
 
 import warnings
 from collections.abc import Sequence
@@ -7,15 +7,17 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from pydantic import InstanceOf
 
-from ..geometry.shapes import MOST_POINTS, Surface
+from ..geometry.shapes import MAX_POINTS, Surface
 from ..units import Flag, Size, Time, array, array_of, points, real, require, said, validated, vector
 from .loads import Load
 
-HOLE = (0.75, 1.0)  # radius of a ring over its size: below, its particles cover the axis; above, another one fits in
+# Radius over size of the rings that get a particle on the axis: particles of smaller ones cover the axis, and in larger
+# ones another ring fits
+AXIS_PARTICLE = (0.75, 1.0)
 
-PLACE, PLACES = array("m", (1,), (2,)), array("m", (None, 1), (None, 2))  # horizontal
-ROW = array("", (None,))
-SCALARS = "p", "shear_rate", "yielded", "density_ratio", "size", "mix"  # of each particle
+HorizontalPoint, HorizontalPoints = array("m", (1,), (2,)), array("m", (None, 1), (None, 2))
+Values = array("", (None,))
+SCALARS = "p", "shear_rate", "yielded", "density_ratio", "size", "mix"  # scalar fields of particles
 
 
 @validated
@@ -107,7 +109,7 @@ class Measured:
     """
 
     def __init__(self, key: str, function):
-        self.key, self.function, self._told = key, function, set()
+        self.key, self.function, self._warned = key, function, set()
 
     def __call__(self, *given) -> dict[str, float]:
         """Call the function and keep the results that are numbers.
@@ -126,8 +128,8 @@ class Measured:
             found = self.function(*given)
             if not isinstance(found, dict):
                 raise TypeError(f"gives {said(found, '')}; must give a dict of numbers")
-        except Exception as error:  # of code of the user's
-            self._tell("", f"{type(error).__name__}: {' '.join(str(error).split())}")
+        except Exception as error:  # the function is the user's code
+            self._warn_once("", f"{type(error).__name__}: {' '.join(str(error).split())}")
             return {}
         numbers = {}
         for name, value in found.items():
@@ -135,12 +137,12 @@ class Measured:
             if array.shape == () and array.dtype.kind == "f":
                 numbers[name] = float(array)
             else:
-                self._tell(name, f"{name} = {said(value, '')} is no number")
+                self._warn_once(name, f"{name} = {said(value, '')} is no number")
         return numbers
 
-    def _tell(self, what, wrong):
-        if what not in self._told:
-            self._told.add(what)
+    def _warn_once(self, what, wrong):
+        if what not in self._warned:
+            self._warned.add(what)
             function = getattr(self.function, "func", self.function)  # of a partial
             name = getattr(function, "__name__", type(function).__name__)
             warnings.warn(f"{self.key} = {name}: {wrong}; left out, the run goes on", stacklevel=1)
@@ -170,7 +172,7 @@ def revolved(s: InstanceOf[Snapshot]) -> Snapshot:
     """
     r = s.x[:, 0]
     around = np.maximum(1, np.round(2.0 * np.pi * r / s.size)).astype(int)
-    count = around + ((HOLE[0] * s.size < r) & (r < HOLE[1] * s.size))
+    count = around + ((AXIS_PARTICLE[0] * s.size < r) & (r < AXIS_PARTICLE[1] * s.size))
     ring = np.repeat(np.arange(len(count)), count)
     place = np.arange(len(ring)) - np.repeat(np.cumsum(count) - count, count)
     angle = 2.0 * np.pi * (place / around[ring] + 0.381966 * ring)
@@ -296,7 +298,7 @@ def mirrored(s: InstanceOf[Snapshot], point: vector("m"), normal: vector("")) ->
 
 
 def require_axes(s: Snapshot, vertical=0, **places):
-    """Refuse places that have not as many coordinates as the particles, but for the vertical one.
+    """Refuse places whose number of coordinates does not fit the particles, without or with the vertical coordinate.
 
     Parameters
     ----------
@@ -310,7 +312,7 @@ def require_axes(s: Snapshot, vertical=0, **places):
     Raises
     ------
     SceneError
-        For the first place that has not.
+        For the first place that does not fit.
 
     Examples
     --------
@@ -319,13 +321,13 @@ def require_axes(s: Snapshot, vertical=0, **places):
     """
     d = s.x.shape[1]
     for key, place in places.items():
-        if np.shape(place)[-1] != d - 1 + vertical:  # its text takes longer than most measures
+        if np.shape(place)[-1] != d - 1 + vertical:  # the text below is slow, so it is made only here
             wrong = f"must have {d - 1 + vertical} coordinates, for particles that have {d}"
             require(False, f"{key} = {said(place, 'm')}: {wrong}")
 
 
 def require_heap(s: Snapshot):
-    """Refuse a snapshot that is not of a body in three dimensions.
+    """Refuse a snapshot that is not a body in three dimensions.
 
     Parameters
     ----------
@@ -346,7 +348,7 @@ def require_heap(s: Snapshot):
 
 
 @validated
-def surface(s: InstanceOf[Snapshot], points: PLACES) -> np.ndarray:
+def surface(s: InstanceOf[Snapshot], points: HorizontalPoints) -> np.ndarray:
     """Return the height of the surface at horizontal places.
 
     Parameters
@@ -388,7 +390,7 @@ def surface(s: InstanceOf[Snapshot], points: PLACES) -> np.ndarray:
 
 
 @validated
-def over(s: InstanceOf[Snapshot], low: PLACE, high: PLACE) -> tuple[np.ndarray, np.ndarray]:
+def over(s: InstanceOf[Snapshot], low: HorizontalPoint, high: HorizontalPoint) -> tuple[np.ndarray, np.ndarray]:
     """Sample the surface between two horizontal places.
 
     Parameters
@@ -416,8 +418,8 @@ def over(s: InstanceOf[Snapshot], low: PLACE, high: PLACE) -> tuple[np.ndarray, 
     require_axes(s, low=low, high=high)
     with np.errstate(over="ignore"):
         places = float(np.prod(np.maximum(1.0, np.subtract(high, low) / (0.4 * s.spacing))))
-    above = f"from low = {low} to high = {high} m: must be above each other and hold at most {MOST_POINTS:.2g} places"
-    require(np.all(np.less_equal(low, high)) and places <= MOST_POINTS, above)
+    above = f"from low = {low} to high = {high} m: must be above each other and hold at most {MAX_POINTS:.2g} places"
+    require(np.all(np.less_equal(low, high)) and places <= MAX_POINTS, above)
     ticks = [np.arange(a, b + 1e-12, 0.4 * s.spacing) for a, b in zip(low, high, strict=True)]
     points = np.stack(np.meshgrid(*ticks), -1).reshape(-1, len(ticks))
     return points, surface(s, points)
@@ -453,7 +455,7 @@ def top_height(s: InstanceOf[Snapshot], radius: Size) -> float:
 
 
 @validated
-def level(s: InstanceOf[Snapshot], low: PLACE, high: PLACE) -> float:
+def level(s: InstanceOf[Snapshot], low: HorizontalPoint, high: HorizontalPoint) -> float:
     """Return the mean height of the surface, as one reads a level.
 
     Parameters
@@ -479,8 +481,8 @@ def level(s: InstanceOf[Snapshot], low: PLACE, high: PLACE) -> float:
 
 
 @validated
-def standing_level(s: InstanceOf[Snapshot], low: PLACE, high: PLACE) -> float:
-    """Return the level of what stands on the floor without a gap.
+def standing_level(s: InstanceOf[Snapshot], low: HorizontalPoint, high: HorizontalPoint) -> float:
+    """Return the level of the fluid that stands on the floor without a gap.
 
     Parameters
     ----------
@@ -542,7 +544,7 @@ def spread(s: InstanceOf[Snapshot]) -> float:
     """
     require_heap(s)
     r, angle = np.hypot(s.x[:, 0], s.x[:, 1]), np.arctan2(s.x[:, 1], s.x[:, 0])
-    radius = np.quantile(r, 0.99)  # a stray particle does not set it
+    radius = np.quantile(r, 0.99)  # not the largest, which may be that of a stray particle
     size = float(np.median(s.size[r > radius - s.spacing]))
     sectors = max(4, int(2 * np.pi * radius / size))
     order = np.argsort(s.x[:, 2])
@@ -660,7 +662,7 @@ def depth(
 
 
 @validated
-def by_height(s: InstanceOf[Snapshot], values: ROW, edges: array("m", (None,))) -> np.ndarray:
+def by_height(s: InstanceOf[Snapshot], values: Values, edges: array("m", (None,))) -> np.ndarray:
     """Sum a quantity of the particles in horizontal layers.
 
     Parameters
@@ -720,7 +722,7 @@ def clearance(s: InstanceOf[Snapshot], walls: Sequence[InstanceOf[Surface]]) -> 
 
 
 @validated
-def time_of(time: ROW, values: array("", (None,), gaps=True), level: real("")) -> float:
+def time_of(time: Values, values: array("", (None,), gaps=True), level: real("")) -> float:
     """Return the first time at which a history reaches a level.
 
     Parameters

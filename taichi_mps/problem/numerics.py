@@ -1,4 +1,4 @@
-"""Numerics: how a scene is to be computed, by which scheme. Each number is declared here and nowhere else."""
+"""Numerics: the scheme by which a scene is computed, and its parameters, each declared here and nowhere else."""
 
 from typing import ClassVar, Literal
 
@@ -97,7 +97,7 @@ class SemiImplicit(Checked):
     @model_validator(mode="before")
     @classmethod
     def _complete(cls, values):
-        """Set source and gradient of the form, where they are not given."""
+        """Set source and gradient by the form, literal or not, where they are not given."""
         form = FORMS[isinstance(values.get("literal"), bool | int | str) and bool(values["literal"])]
         return values | {key: form[key] for key in form if values.get(key) is None}
 

@@ -1,4 +1,4 @@
-"""Problem: a scene and the numerics that are to solve it, checked once; what follows from both is decided here."""
+"""Problem: a scene and its numerics, checked once, and the properties that follow from both."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -12,10 +12,10 @@ from .feasibility import RULES
 from .numerics import Implicit, SemiImplicit
 from .scene import Scene
 
-OUTPUTS_OF_A_FALL = 0.3  # interval of the outputs over sqrt(H/g): what comes to rest falls much faster than it creeps
-ROOMY = 1.1  # room in front of the walls over the volume of the fluid: with more it has a free surface
-SAMPLES = 1 << 15  # points of the domain that tell the room, within a hundredth of a box of a third of its size
-WEIGHTLESS = 0.1  # of a scene without weight: its gravity over U^2/H, or [m/s2] where nothing moves
+OUTPUT_INTERVAL = 0.3  # interval of the outputs over sqrt(H/g): a body falls much faster than it creeps
+FREE_SURFACE_ROOM = 1.1  # room in front of the walls over the volume of the fluid from which on it has a free surface
+SAMPLE_COUNT = 1 << 15  # points of the domain by which the room is estimated, within 1 % for a box of a third of it
+WEIGHTLESS = 0.1  # substitute for gravity in a scene without weight: over U^2/H, or [m/s2] where nothing moves
 
 
 @validated
@@ -101,14 +101,14 @@ class Problem:
 
     @cached_property
     def height(self) -> float:
-        """Largest height of the fluid to expect [m]."""
+        """Largest expected height of the fluid [m]."""
         return float(np.ptp(self.scene.expected.fluid[:, -1])) + self.scene.spacing
 
     @cached_property
     def frame(self) -> np.ndarray:
-        """Velocity [m/s], shape (d,), to which speeds are relative that scales and steps depend on.
+        """Velocity [m/s], shape (d,), of the frame in which speeds set the scales and the time step.
 
-        It is that of the first wall; zero without walls, or where that of the wall changes in time.
+        The velocity of the first wall; zero without walls, or if it changes in time.
         """
         walls = self.scene.walls
         return walls[0].fastest * (walls[0].in_time is None) if walls else np.zeros(self.scene.dimension)
@@ -124,7 +124,7 @@ class Problem:
         Returns
         -------
         float
-            Speed [m/s], 0 of a wall that has stopped for good.
+            Speed [m/s], 0 for a wall that has stopped for good.
         """
         walls = [w for w in self.scene.walls if w.speed == 0.0 or w.speed_at(time) > 0.0]
         return max((w.speed + float(norm(w.fastest - self.frame) - norm(w.fastest)) for w in walls), default=0.0)
@@ -136,14 +136,14 @@ class Problem:
 
     @cached_property
     def speed(self) -> float:
-        """Largest speed that is given, of the fluid at 0 s, of a wall or of a jolt, in the ``frame`` [m/s]."""
+        """Largest prescribed speed, of the fluid at 0 s, of a wall or of a jolt, in the ``frame`` [m/s]."""
         velocity = self.scene.expected.velocity
         moved = np.atleast_2d(-self.frame if velocity is None else velocity - self.frame)
         return max(float((moved**2).sum(1).max() ** 0.5), self.wall_speed, self.scene.jolted(self.scene.expected.fluid))
 
     @cached_property
     def gravity(self) -> float:
-        """Gravity of the scales of the scene [m/s2]; without weight from the speed and the height."""
+        """Gravity that sets the scales of the scene [m/s2]; without weight, derived from speed and height."""
         weight = float((self.scene.expected.gravity_vector**2).sum() ** 0.5)
         return max(weight, WEIGHTLESS * self.speed**2 / self.height) or WEIGHTLESS
 
@@ -167,10 +167,10 @@ class Problem:
         # evenly spread: multiples of the powers of the root of x^(d+1) = x + 1, modulo 1
         root = {2: 1.32471795724474602596, 3: 1.22074408460575947536}[scene.dimension]
         steps = root ** -np.arange(1.0, scene.dimension + 1.0)
-        x = low + (high - low) * np.mod(0.5 + np.arange(SAMPLES)[:, None] * steps, 1.0)
-        size = 2.0 * np.pi * np.maximum(0.0, x[:, 0]) if scene.axisymmetric else np.ones(SAMPLES)
+        x = low + (high - low) * np.mod(0.5 + np.arange(SAMPLE_COUNT)[:, None] * steps, 1.0)
+        size = 2.0 * np.pi * np.maximum(0.0, x[:, 0]) if scene.axisymmetric else np.ones(SAMPLE_COUNT)
         size = size * np.all([wall.distance(x) > 0.0 for wall in scene.walls], axis=0)
-        return bool(np.prod(high - low) * size.mean() < ROOMY * volume)
+        return bool(np.prod(high - low) * size.mean() < FREE_SURFACE_ROOM * volume)
 
     @property
     def thin_solids(self) -> dict[str, float]:
@@ -190,7 +190,7 @@ class Problem:
     def usual_interval(self) -> float:
         """Interval of the outputs of a run [s], of the nearest of 1, 2, 5 times a power of ten."""
         scene = self.scene
-        longest = OUTPUTS_OF_A_FALL * self.fall_time if scene.stop_at_rest else scene.until
+        longest = OUTPUT_INTERVAL * self.fall_time if scene.stop_at_rest else scene.until
         interval = min(scene.until / 100.0, longest)
         power = 10.0 ** np.floor(np.log10(interval))
         return float(min((k * power for k in (1.0, 2.0, 5.0, 10.0)), key=lambda value: abs(np.log(value / interval))))

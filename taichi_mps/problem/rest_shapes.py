@@ -1,6 +1,6 @@
-"""Closed forms of a yield-stress fluid at rest, to judge test methods by.
+"""Closed forms of a yield-stress fluid at rest, for comparison with test methods.
 
-Without inertia; ``radius_of_flow`` estimates by a model of one number how far a column flows with inertia.
+They neglect inertia; ``radius_of_flow`` estimates by a model of one unknown how far a column flows with inertia.
 """
 
 import math
@@ -12,7 +12,7 @@ from ..units import Count, Duration, Flag, Size, Viscosity, YieldValue, answer, 
 
 Volume, Area = real("m3", gt=0.0, le=1e6), real("m2", gt=0.0, le=1e6)
 Gravity, Weight = real("m/s2", ge=1e-6, le=1e6), real("kg/m3", ge=1e-3, le=30000.0)
-YieldStress = real("Pa", ge=1e-9, le=1e6)  # without one nothing comes to rest
+YieldStress = real("Pa", ge=1e-9, le=1e6)  # above 0, or the fluid would not come to rest
 
 
 @validated

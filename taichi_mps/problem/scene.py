@@ -1,4 +1,4 @@
-"""Scene: everything that defines what is to be computed, immutable and free of Taichi. How is said by the numerics."""
+"""Scene: immutable definition of the body of fluid, its walls and its inlets; the numerics define how to compute it."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -8,20 +8,20 @@ import numpy as np
 from pydantic import InstanceOf
 
 from ..geometry.cavity import Cavity
-from ..geometry.in_time import InTime, in_time
+from ..geometry.in_time import TimeDependent, in_time
 from ..geometry.shapes import Cone
 from ..geometry.solid import Solid
 from ..geometry.walls import Cylinder, Plane
 from ..units import Duration, Size, array, instance, points, validated, vector
-from .inlet import ROOM, Inlet, buried
+from .inlet import MIN_GAP, Inlet, buried
 from .jolt import Jolt
 from .materials import AnyMaterial
 from .measures import Measured, Snapshot, mirrored, revolved
-from .scene_rules import RULES, completed
+from .scene_rules import RULES, complete_fields
 
-TEXT, FUNCTION = instance(str, "text"), instance(Callable, "a function")
-FLAG = instance(bool | np.bool_, "True or False")
-WALLS = instance(Plane | Cylinder | Solid, "a tuple, each Plane or Cylinder or Solid", several=True)
+SceneText, SceneFunction = instance(str, "text"), instance(Callable, "a function")
+SceneFlag = instance(bool | np.bool_, "True or False")
+SceneWalls = instance(Plane | Cylinder | Solid, "a tuple, each Plane or Cylinder or Solid", several=True)
 
 
 @validated
@@ -107,26 +107,26 @@ class Scene:
     (2, 100)
     """
 
-    name: TEXT
+    name: SceneText
     material: AnyMaterial
     spacing: Size  # l0
     fluid: points("m") | None  # particle positions, (n, d); may be None with an inlet that starts at 0 s
     domain: array("m", (2, 2), (2, 3), kind=tuple)  # low, high corner; leaving it is an error
-    walls: WALLS = ()
+    walls: SceneWalls = ()
     wall_particles: points("m") | None = None  # the paper's walls, (m, d)
     velocity: points("m/s") | None = None  # initial velocity, (n, d)
     gravity: vector("m/s2") | in_time("m/s2") | None = None  # 9.81 down the last axis by default
     periodic: instance(bool | np.bool_, "a tuple, each True or False", several=True) | None = None  # none by default
-    axisymmetric: FLAG = False
+    axisymmetric: SceneFlag = False
     until: Duration = 5.0
-    stop_at_rest: FLAG = False
+    stop_at_rest: SceneFlag = False
     inlets: instance(Inlet, "a tuple, each Inlet", several=True) = ()  # where concrete enters, scheme implicit
     cavity: instance(Cavity, "a Cavity") | None = None  # what it is to fill, for the report
-    measure: FUNCTION | None = None  # of the whole body, see unfold
-    check: FUNCTION | None = None  # raises AssertionError when the result is wrong
-    over_time: FUNCTION | None = None  # of the columns of history.csv, for the summary
-    enlarged_by: TEXT = ""  # the keyword of the scene's function that enlarges the domain
-    wall_loads: FLAG = False  # whether ``measure`` reads the loads on the walls
+    measure: SceneFunction | None = None  # of the whole body, see unfold
+    check: SceneFunction | None = None  # raises AssertionError when the result is wrong
+    over_time: SceneFunction | None = None  # of the columns of history.csv, for the summary
+    enlarged_by: SceneText = ""  # the keyword of the scene's function that enlarges the domain
+    wall_loads: SceneFlag = False  # whether ``measure`` reads the loads on the walls
     outline: tuple[points("m"), ...] = ()  # polylines to draw, each (k, d)
     mould: instance(Cone, "a Cone") | None = None  # shape of the fluid at 0 s, for pictures
     vessel: tuple[array("m", (None, 3)), ...] = ()  # faces to draw as glass, each (k, 3)
@@ -134,7 +134,7 @@ class Scene:
     jolts: instance(Jolt, "a tuple, each Jolt", several=True) = ()
 
     def __post_init__(self):
-        taken = completed(self)
+        taken = complete_fields(self)
         taken["material"] = self.material.within(taken["until"])
         taken["inlets"] = tuple(inlet.within(taken["until"]) for inlet in self.inlets)
         for key in ("measure", "over_time"):
@@ -209,9 +209,9 @@ class Scene:
 
     @property
     def reach(self) -> np.ndarray:
-        """Points that tell how far the fluid extends [m], shape (n, d).
+        """Points that mark the expected extent of the fluid [m], shape (n, d).
 
-        The fluid, and a layer at each inlet, at its mouth and on the floor.
+        They are the fluid, and a layer at each inlet, at its mouth and on the floor.
         """
         floors = [wall.point[-1] for wall in self.walls if isinstance(wall, Plane) and wall.normal[-1] > 0.99]
         bottom = max([self.domain[0][-1], *floors]) + 0.5 * self.spacing
@@ -222,7 +222,7 @@ class Scene:
             fallen[:, -1] = np.minimum(layer[:, -1], bottom)
             points += [layer, fallen]
             for displacement in turns[np.unique([turns.argmin(0), turns.argmax(0)])]:  # the farthest along each axis
-                if not buried(layer + displacement, np.vstack(points), self.spacing / ROOM):
+                if not buried(layer + displacement, np.vstack(points), self.spacing / MIN_GAP):
                     points.append(layer + displacement)
         points = np.vstack(points)
         _, first = np.unique(np.round(points / self.spacing, 6), axis=0, return_index=True)
@@ -230,7 +230,7 @@ class Scene:
 
     @cached_property
     def expected(self) -> "Scene":
-        """Scene without inlets whose fluid is as high and as fast as this one will be.
+        """Scene without inlets whose fluid is as high and as fast as this one is expected to become.
 
         A scheme takes its constants from it.
         """
@@ -305,17 +305,17 @@ class Scene:
 
     @property
     def gravity_vector(self) -> np.ndarray:
-        """Gravity [m/s2], shape (d,); of one that changes in time the largest."""
+        """Largest gravity in time [m/s2], shape (d,)."""
         return np.array(self.gravity) if self.gravity_in_time is None else self.gravity_in_time.largest
 
     @cached_property
-    def gravity_in_time(self) -> InTime | None:
-        """Gravity as it changes in time, None of a constant one."""
+    def gravity_in_time(self) -> TimeDependent | None:
+        """Gravity as a function of time; None if it is constant."""
         changes = callable(self.gravity) or np.ndim(self.gravity) == 2
-        return InTime(self.gravity, "gravity", "m/s2", self.dimension) if changes else None
+        return TimeDependent(self.gravity, "gravity", "m/s2", self.dimension) if changes else None
 
     @cached_property
-    def in_time(self) -> tuple[InTime | Jolt, ...]:
+    def in_time(self) -> tuple[TimeDependent | Jolt, ...]:
         """Gravity, wall velocities and jolts that change in time."""
         return tuple(filter(None, [self.gravity_in_time, *(wall.in_time for wall in self.walls), *self.jolts]))
 
@@ -354,5 +354,5 @@ class Scene:
 
     @cached_property
     def last_change(self) -> float:
-        """Time [s] after which gravity and walls change no more."""
+        """Time [s] after which gravity and wall velocities are constant."""
         return max((part.last for part in self.in_time), default=-np.inf)

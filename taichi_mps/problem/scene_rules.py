@@ -1,23 +1,23 @@
-"""The rules that a scene must obey whatever computes it: types, shapes, and what lies where.
+"""Rules that a scene must obey whatever the numerics: types, shapes and positions.
 
-Each rule takes a Scene and raises SceneError, in one line, where it is broken. ``Scene`` applies them when it is made:
-``completed`` first, which adds defaults, then RULES in their order.
+Each rule takes a Scene and raises a SceneError, in one line, if it is broken. ``Scene`` applies them when it is made:
+``complete_fields`` first, which adds defaults, then RULES in their order.
 """
 
 import numpy as np
 
 from ..units import SceneError, require
 
-MOST_MIXES = 256  # numbers of mixes are bytes
-RIGHT = 1e-6  # cosine of an angle that counts as a right one
-# Cells in which particles are counted, in spacings; so many times as many as have room are a crowd; of all particles so
-# many may be more than that: of those at random places in the plane 0.03 are
+MAX_MIXES = 256  # numbers of mixes are bytes
+RIGHT_ANGLE_COSINE = 1e-6  # largest cosine of an angle that counts as a right one
+# Overlap of bodies: side of the cells in which particles are counted, in spacings; particles over those of a lattice
+# from which on a cell is crowded; largest fraction of all particles in excess of that, 0.03 for random places in 2-D
 CELL, CROWD, EXCESS = 3, 1.3, 0.06
 
 
-def completed(scene) -> dict:
-    """Fields of a scene as it keeps them, with the defaults that follow from the dimension d of the fluid; SceneError
-    where two of them have another d."""
+def complete_fields(scene) -> dict:
+    """Fields of a scene as it stores them, with the defaults that follow from the dimension d of the fluid; SceneError
+    if one of them has another dimension."""
     empty = scene.fluid is None or len(scene.fluid) == 0
     require(scene.inlets or not empty, "fluid: the geometry is empty; it must hold at least one particle")
     fluid = np.zeros((0, len(scene.inlets[0].centre))) if empty else scene.fluid
@@ -40,6 +40,7 @@ def completed(scene) -> dict:
 
 
 def walls_fit_the_scene(scene):
+    """Walls have the dimension of the fluid, and different names."""
     names = scene.wall_names
     for name, wall in zip(names, scene.walls, strict=True):
         require(
@@ -50,6 +51,7 @@ def walls_fit_the_scene(scene):
 
 
 def inlets_have_room(scene):
+    """Inlets lie clear of walls and mirror planes, and bring half a layer or more."""
     require(
         not (scene.inlets and scene.axisymmetric),
         "inlet: the scene is axisymmetric; must be a scene without rings",
@@ -63,14 +65,14 @@ def inlets_have_room(scene):
         )
         for mirror in scene.mirrors:
             away = abs(float(mirror.distance(np.array([inlet.centre]))[0]))
-            halved = away < 1e-9 and abs(inlet.unit_direction @ mirror.normal) < RIGHT
+            halved = away < 1e-9 and abs(inlet.unit_direction @ mirror.normal) < RIGHT_ANGLE_COSINE
             require(
                 away >= inlet.radius or halved,
                 f"inlet: the mirror plane with normal = {mirror.normal} cuts the hose; its axis must lie in the plane, "
                 "or it must be clear of it",
             )
             along = np.abs(turns @ np.array(mirror.normal)).max() <= 1e-9
-            require(along, f"inlet: path: crosses {named(mirror)}; must lie along it")
+            require(along, f"inlet: path: crosses {mirror_text(mirror)}; must lie along it")
         layer = scene.inlet_layer(inlet)
         require(len(layer) > 0, f"{centre}: lies behind a mirror plane; must be in front of it")
         places = (turns[:, None] + layer).reshape(-1, scene.dimension)
@@ -79,18 +81,20 @@ def inlets_have_room(scene):
 
 
 def mixes_go_together(scene):
+    """All mixes have the same kind of yield stress, and there is one mix only where a wall has friction."""
     count = len(scene.materials)
-    require(count <= MOST_MIXES, f"inlets: bring {count} mixes; must be at most {MOST_MIXES}")
+    require(count <= MAX_MIXES, f"inlets: bring {count} mixes; must be at most {MAX_MIXES}")
     knees = [material.critical_strain_rate for material in scene.materials if not material.newtonian]
     require(
         not (None in knees and any(knees)),
         "inlet: critical_strain_rate: must be given for all mixes or for none; some have a true yield stress",
     )
-    rubs = any(wall.friction for wall in scene.walls)
-    require(count == 1 or not rubs, "inlet: material: must be that of the scene where a wall has friction")
+    has_friction = any(wall.friction for wall in scene.walls)
+    require(count == 1 or not has_friction, "inlet: material: must be that of the scene where a wall has friction")
 
 
 def body_lies_in_the_domain(scene):
+    """All particles lie inside the domain."""
     (low, high), x = np.array(scene.domain, float), scene.initial
     require(len(x) > 0, "fluid: the geometry is empty; it must hold at least one particle")
     domain = f"domain = {scene.domain} m: a particle lies"
@@ -100,8 +104,8 @@ def body_lies_in_the_domain(scene):
 
 
 def bodies_are_apart(scene):
-    """Bodies that overlap have more particles in the same room than a lattice."""
-    cells, counts = counted(scene.initial, CELL * scene.spacing)
+    """Bodies do not overlap: no more particles lie in the same room than in a lattice."""
+    cells, counts = count_in_cells(scene.initial, CELL * scene.spacing)
     room = CELL**scene.dimension
     crowd = counts > CROWD * room
     if (counts[crowd] - CROWD * room).sum() > EXCESS * len(scene.initial):
@@ -125,23 +129,25 @@ def rings_lie_around_the_axis(scene):
 
 
 def mirrors_are_planes_of_symmetry(scene):
+    """Mirror planes have all fluid in front, contain the gravity, and are at right angles to each other."""
     gravity = gravities(scene)
     for k, mirror in enumerate(scene.mirrors):
         require(
             np.min(mirror.distance(scene.initial)) > 0.0,
-            f"{named(mirror)}: a fluid particle lies on it or behind it; all must be in front",
+            f"{mirror_text(mirror)}: a fluid particle lies on it or behind it; all must be in front",
         )
-        off = np.abs(gravity @ mirror.normal) - RIGHT * np.linalg.norm(gravity, axis=1)
+        off = np.abs(gravity @ mirror.normal) - RIGHT_ANGLE_COSINE * np.linalg.norm(gravity, axis=1)
         worst = tuple(gravity[np.argmax(off)].tolist())
-        require(off.max() <= 0.0, f"{named(mirror)}: gravity = {worst} m/s2 must lie in the plane")
+        require(off.max() <= 0.0, f"{mirror_text(mirror)}: gravity = {worst} m/s2 must lie in the plane")
         for other in scene.mirrors[:k]:
             require(
-                abs(np.dot(other.normal, mirror.normal)) <= RIGHT,
-                f"{named(mirror)}: must be at right angles to that with normal = {other.normal}",
+                abs(np.dot(other.normal, mirror.normal)) <= RIGHT_ANGLE_COSINE,
+                f"{mirror_text(mirror)}: must be at right angles to that with normal = {other.normal}",
             )
 
 
 def jolts_keep_the_symmetry(scene):
+    """Jolts keep the symmetry of mirror planes and of the axis."""
     for jolt in scene.jolts:
         given, velocity = f"jolts: velocity = {jolt.velocity} m/s", np.array(jolt.velocity)
         require(len(velocity) == scene.dimension, f"{given}: must have {scene.dimension} numbers, as the fluid has")
@@ -149,7 +155,7 @@ def jolts_keep_the_symmetry(scene):
         require(along_axis or not scene.axisymmetric, f"{given}: must be along z and without a turn, axisymmetric")
         for mirror in scene.mirrors:
             across = abs(velocity @ mirror.normal) + np.linalg.norm(jolt.spin @ mirror.normal)
-            require(across <= RIGHT, f"{named(mirror)}: {given} and its turn must lie in the plane")
+            require(across <= RIGHT_ANGLE_COSINE, f"{mirror_text(mirror)}: {given} and its turn must lie in the plane")
 
 
 RULES = (
@@ -165,23 +171,23 @@ RULES = (
 
 
 def gravities(scene) -> np.ndarray:
-    """Gravity [m/s2], shape (k, d): of each row of a table, of a function at many times."""
+    """Gravity [m/s2], shape (k, d), at all times of a table, or at sample times of a function."""
     return scene.gravity_vector[None] if scene.gravity_in_time is None else scene.gravity_in_time.values
 
 
-def named(mirror) -> str:
-    """Name of a mirror plane in messages."""
+def mirror_text(mirror) -> str:
+    """Format a mirror plane for messages."""
     return f"walls: mirror plane, normal = {mirror.normal}"
 
 
 def point(x) -> str:
-    """A point as text: (0.1, 0, 0.25)."""
+    """Format a point as text: (0.1, 0, 0.25)."""
     return "(" + ", ".join(f"{value:.4g}" for value in x) + ")"
 
 
-def counted(x, side: float) -> tuple[np.ndarray, np.ndarray]:
-    """Cells of this side [m] that hold points x (n, d) [m]: their lower corners (m, d) [m], a
-    twelfth of a side off the lowest point, where no lattice of few to a side has a plane; and how many each holds."""
+def count_in_cells(x, side: float) -> tuple[np.ndarray, np.ndarray]:
+    """Count points x (n, d) [m] in cells of this side [m]: lower corners (m, d) [m] and number of points of the cells
+    that hold some. The grid is a twelfth of a side off the lowest point, so that no lattice plane lies on its faces."""
     low = x.min(0) - side / 12.0
     cells = np.floor((x - low) / side).astype(np.int64)
     shape = cells.max(0) + 1

@@ -1,4 +1,4 @@
-"""Tool paths of printers: what a G-code file lays, as straight beads on level layers."""
+"""Tool paths of printers: the straight beads on level layers that a G-code file lays."""
 
 import re
 from dataclasses import dataclass, replace
@@ -7,17 +7,17 @@ import numpy as np
 
 from ..units import SceneError, ordinary, require
 
-MOST_BYTES = 2e7
+MAX_BYTES = 2e7
 AXES = "XYZ"
-STILL = {"G17", "G28", "G29", "G40", "G49", "G54", "G80", "G94"}  # move nothing while something is laid
+IGNORED_CODES = {"G17", "G28", "G29", "G40", "G49", "G54", "G80", "G94"}  # codes that move nothing while a bead is laid
 MODES = {"G90": (True, True), "G91": (False, False), "M82": (None, True), "M83": (None, False)}  # absolute: X Y Z, E
-CHANGES = {
+UNSUPPORTED_CODES = {
     **dict.fromkeys(("G2", "G3"), "an arc; a slicer must fit none"),
     "M200": "E in mm3",
     "M220": "a share of the speed",
     "M221": "a share of the flow",
 }
-KNOWN = "must be G0, G1, G4, G20, G21, G90, G91, G92 E, M82 or M83"
+SUPPORTED_CODES = "must be G0, G1, G4, G20, G21, G90, G91, G92 E, M82 or M83"
 BLOCK = re.compile(r"(?:N\d+\s*)?([GMT])0*(\d+(?:\.\d+)?)((?:\s*[A-Z](?:[-+]?(?:\d+\.?\d*|\.\d+))?)*)\s*")
 WORD = re.compile(r"([A-Z])([-+]?(?:\d+\.?\d*|\.\d+))")
 
@@ -45,26 +45,28 @@ class Bead:
 
 
 class Printer:
-    """State of a printer while it obeys a G-code file line by line, and the beads that it has laid."""
+    """State of a printer that executes a G-code file line by line, and the beads that it has laid."""
 
     def __init__(self, rate, filament):
         self.rate, self.filament = rate, filament
-        self.unit, self.place, self.speed, self.time = 1e-3, np.zeros(3), 0.0, 0.0
-        self.extruded = self.most = 0.0  # length [m] of filament by E, and the most that was out so far
+        self.unit, self.position, self.speed, self.time = 1e-3, np.zeros(3), 0.0, 0.0
+        self.extruded = self.max_extruded = 0.0  # length of filament by E, and its largest value so far [m]
         self.absolute = self.absolute_e = True
         self.beads: list[Bead] = []
 
-    def obey(self, line: str) -> None:
-        """Carry out a line of G-code; SceneError for an unknown code."""
+    def execute(self, line: str) -> None:
+        """Execute a line of G-code; SceneError for an unknown code."""
         text = re.sub(r"\([^)]*\)|[;*].*", "", line).strip().upper()
         if text in ("", "%"):
             return
         block = BLOCK.fullmatch(text)
-        if not block and text[0] in "MT":  # texts, as of a display
+        if not block and text[0] in "MT":  # codes with text, as for a display
             return
         require(block, f"{line.strip()[:40]}: cannot be read")
         code, words = block[1] + block[2], {letter: float(value) for letter, value in WORD.findall(block[3])}
-        require(code not in CHANGES, f"{code}: {CHANGES.get(code)}, is not known; {KNOWN}")
+        require(
+            code not in UNSUPPORTED_CODES, f"{code}: {UNSUPPORTED_CODES.get(code)}, is not known; {SUPPORTED_CODES}"
+        )
         if code in ("G0", "G1"):
             self.move(code, words)
         elif code in MODES:
@@ -75,21 +77,21 @@ class Printer:
         elif code == "G4":
             self.time += words.get("S", 0.0) + 1e-3 * words.get("P", 0.0)
         elif code == "G92":
-            require(not words.keys() & set(AXES), f"{code}: moves the origin, is not known; {KNOWN}")
-            self.extruded = self.most = self.unit * words.get("E", 0.0)
+            require(not words.keys() & set(AXES), f"{code}: moves the origin, is not known; {SUPPORTED_CODES}")
+            self.extruded = self.max_extruded = self.unit * words.get("E", 0.0)
         else:
-            require(code[0] != "G" or code in STILL, f"{code}: is not known; {KNOWN}")
+            require(code[0] != "G" or code in IGNORED_CODES, f"{code}: is not known; {SUPPORTED_CODES}")
 
     def move(self, code: str, words: dict[str, float]) -> None:
         """Move the nozzle along a straight line, and lay a bead where E grows, or in G1 where a rate is given."""
-        there = self.place.copy()
+        target = self.position.copy()
         for axis in (axis for axis in range(3) if AXES[axis] in words):
-            there[axis] = self.unit * words[AXES[axis]] + (0.0 if self.absolute else there[axis])
+            target[axis] = self.unit * words[AXES[axis]] + (0.0 if self.absolute else target[axis])
         self.speed = self.unit * words["F"] / 60.0 if "F" in words else self.speed
-        length, level, fed = float(np.linalg.norm(there - self.place)), there[2] == self.place[2], 0.0
+        length, level, fed = float(np.linalg.norm(target - self.position)), target[2] == self.position[2], 0.0
         if "E" in words:
             self.extruded = self.unit * words["E"] + (0.0 if self.absolute_e else self.extruded)
-            fed, self.most = max(0.0, self.extruded - self.most), max(self.most, self.extruded)
+            fed, self.max_extruded = max(0.0, self.extruded - self.max_extruded), max(self.max_extruded, self.extruded)
         if length:
             require(self.speed > 0.0, f"{code}: must have a speed F above 0, here or before")
             duration = length / self.speed
@@ -100,21 +102,21 @@ class Printer:
                 volume = fed * 0.25 * np.pi * (self.filament or 0.0) ** 2
             if volume:
                 require(level, f"{code}: lays a bead that rises; must lay level layers")
-                self.beads.append(Bead(self.place, there, self.time, duration, volume))
+                self.beads.append(Bead(self.position, target, self.time, duration, volume))
             self.time += duration
-        self.place = there
+        self.position = target
 
 
 def read_gcode(path, rate=None, filament=None) -> list[Bead]:
-    """Read what a G-code file lays.
+    """Read the beads that a G-code file lays.
 
     Parameters
     ----------
     path : path-like
-        File; lengths are in millimetres, or inches after G20. Codes M and T of heaters and fans are left out, and so is
-        what is fed while the nozzle stands.
+        File; lengths are in millimetres, or inches after G20. Codes M and T of heaters and fans are ignored, and so is
+        filament fed while the nozzle stands.
     rate : float, optional
-        What the nozzle delivers in a level G1 [m3/s]; by default E says how much.
+        Flow rate of the nozzle in a level G1 [m3/s]; by default E gives the amount.
     filament : float, optional
         Diameter [m] of the filament whose length is E.
 
@@ -126,13 +128,13 @@ def read_gcode(path, rate=None, filament=None) -> list[Bead]:
     Raises
     ------
     SceneError
-        With the line of what is not known, such as an arc, of a bead that rises, or where nothing is laid.
+        For an unsupported code, such as an arc, or a bead that rises, with its line; or if no bead is laid.
     """
     printer = Printer(rate, filament)
-    text = ordinary(f"gcode {path}", path, MOST_BYTES).read_text(encoding="utf-8", errors="replace")
+    text = ordinary(f"gcode {path}", path, MAX_BYTES).read_text(encoding="utf-8", errors="replace")
     for number, line in enumerate(text.splitlines(), 1):
         try:
-            printer.obey(line)
+            printer.execute(line)
         except SceneError as error:
             raise SceneError(f"gcode {path}, line {number}: {error}") from None
     require(printer.beads, f"gcode {path}: lays nothing; G1 must have E, or print_rate be given")
@@ -147,9 +149,10 @@ def read_gcode(path, rate=None, filament=None) -> list[Bead]:
 
 
 def straight_runs(beads: list[Bead], turn: float, spacing: float) -> list[list[Bead]]:
-    """Beads that follow each other without a pause, each within an angle [rad] of the first and as thick, as runs.
+    """Group beads into straight runs: beads that follow without a pause, each within an angle [rad] of the first and
+    equally wide.
 
-    A run that is shorter than a spacing [m] takes the next bead too.
+    A run that is shorter than a spacing [m] takes the next bead, too.
     """
     runs: list[list[Bead]] = []
     for bead in beads:

@@ -1,4 +1,4 @@
-"""What the page draws, for JSON: the film of the body, what stands around it, the curves, the section at the end."""
+"""Data of the report's drawings for JSON: film of the body, walls around it, curves, and the section at the end."""
 
 import base64
 import re
@@ -10,29 +10,29 @@ import numpy as np
 
 from ..problem.labels import in_words, title, unit_of_measure
 from ..problem.measures import Snapshot, embed, still, surface
-from ..simulation.frame import between
+from ..simulation.frame import interpolate
 from ..units import SceneError
 from ..viz.body import SECTORS, profile, smooth_surface
-from ..viz.stage import dimensions, images, stage, wall_lines
-from .sentences import of_scene
+from ..viz.view_volume import dimensions, view_volume, wall_lines, with_mirror_images
+from .sentences import is_scene_measure
 
-ROOM = 2_500_000  # bytes of a film before base64, which makes four of three: a page has less than 5 MB
-CUBE = 0.8  # side of the cells of a surface over l0
-PARTS, ENOUGH = 3, 60  # most that an output is divided into, for a film that does not jerk, and pictures of such a film
-FINEST = 4095  # largest code of a position
-FASTEST, FLOWING = 127, 128  # largest code of a speed; the bit of what flows
-MOST_POINTS = 400  # of a curve
+MAX_FILM_BYTES = 2_500_000  # of a film before base64, which adds a third: a page has less than 5 MB
+SURFACE_CELL = 0.8  # side of the cells of a surface over l0
+MAX_STEPS_BETWEEN, SMOOTH_FILM = 3, 60  # steps from an output to the next, at most; pictures of a film that is smooth
+MAX_POSITION_CODE = 4095  # largest code of a position
+MAX_SPEED_CODE, FLOWING_BIT = 127, 128  # largest code of a speed; bit of flowing particles
+MAX_POINTS = 400  # of a curve
 AT_HEIGHT = re.compile(r"(.+)_at_(\d+)mm_Pa")  # a pressure at a height
-HALF = 0.75  # of a particle size, on either side of the middle plane: what lies there is shown
+SECTION_HALF_WIDTH = 0.75  # of the slice around the middle plane that is shown, over the particle size
 CORNERS = 12  # of the polygon that is drawn for a particle
 
 
 def drawings(run, film: dict, last: Snapshot) -> dict:
-    """All that page.js draws. Lengths [m]; of lines three lists x, y, z with None between two of them."""
-    scene, walls_low, walls_high, floor = run.scene, *stage(run.scene)
+    """Data of all that page.js draws. Lengths [m]; lines as three lists x, y, z, with None between two lines."""
+    scene, walls_low, walls_high, floor = run.scene, *view_volume(run.scene)
     walls = wall_lines(scene, walls_low, walls_high, film["times"][-1])
-    outline = [line for each in scene.outline for line in images(scene, each)]
-    body = np.array(film["low"]) + np.outer((0, FINEST), film["step"])
+    outline = [line for each in scene.outline for line in with_mirror_images(scene, each)]
+    body = np.array(film["low"]) + np.outer((0, MAX_POSITION_CODE), film["step"])
     points = np.vstack([body, *outline, *scene.vessel])
     room = 0.5 * scene.spacing * (film["corners"][-1] == 0)  # of particles, whose centres these are
     low, high = points.min(0) - room, points.max(0) + room
@@ -45,29 +45,29 @@ def drawings(run, film: dict, last: Snapshot) -> dict:
         "high": high.tolist(),
         "floor": floor,
         "vessel": [face.round(5).tolist() for face in scene.vessel],
-        "walls": joined([np.clip(line, low, high) for line in walls]),
-        "outline": joined(outline),
+        "walls": polyline_coordinates([np.clip(line, low, high) for line in walls]),
+        "outline": polyline_coordinates(outline),
         "charts": charts(run.history) + profiles(run.summary),
         "section": section(last, scene),
     }
 
 
-def joined(lines) -> list[list]:
+def polyline_coordinates(lines) -> list[list]:
     """Polylines (k, 3) as lists x, y, z."""
     gap = np.full((1, 3), np.nan)
     rows = np.vstack([gap, *(part for line in lines for part in (embed(line), gap))])
-    return [numbers(column) for column in rows[1:].T]
+    return [rounded(column) for column in rows[1:].T]
 
 
 # ---- curves ----------------------------------------------------------------------------------------------------
 def charts(history: dict) -> list[dict]:
-    """Curves over time [s], those of one unit together: measures of the scene, then the share of the volume that flows,
-    at every step."""
+    """Charts over time [s], one for each unit: measures of the scene, then the share of the volume that flows, at every
+    step."""
     time = history["time_s"]
-    kept = np.unique(np.linspace(0, len(time) - 1, MOST_POINTS).round().astype(int))
+    kept = np.unique(np.linspace(0, len(time) - 1, MAX_POINTS).round().astype(int))
     curves = {}
     for key, values in history.items():
-        if of_scene(key) and np.isfinite(values).any():
+        if is_scene_measure(key) and np.isfinite(values).any():
             factor, unit, _ = unit_of_measure(key)
             curves.setdefault(unit, []).append(curve(title(key), time[kept], factor * values[kept]))
     curves["%"] = [curve("share flowing", time[kept], 100.0 * history["flowing_fraction"][kept])]
@@ -87,37 +87,36 @@ def profiles(summary: dict) -> list[dict]:
 
 
 def curve(name: str, x, y) -> dict:
-    """A named curve."""
-    return {"name": name, "x": numbers(x), "y": numbers(y)}
+    """Curve with a name, rounded for JSON."""
+    return {"name": name, "x": rounded(x), "y": rounded(y)}
 
 
-def numbers(values) -> list:
-    """Rounded to five digits, None for what is no number."""
+def rounded(values) -> list:
+    """Round values to five digits; None for a value that is not finite."""
     return [float(f"{value:.5g}") if np.isfinite(value) else None for value in values]
 
 
 # ---- the middle plane at the end -------------------------------------------------------------------------------
 def section(part: Snapshot, scene) -> dict:
-    """Particles in the middle plane, as the shapes that they have, and the surface above them, of the computed part of
-    a body.
+    """Particles near the middle plane of a body, drawn as polygons, and the surface above them, from its computed part.
 
-    ``across`` and ``up`` [m] are corners of polygons, None between two; ``surface``: two lists, across and up [m];
-    ``place``: which plane, in words."""
-    x, size, middle = in_the_middle(part, scene)
+    ``across`` and ``up`` [m] are corners of polygons, with None between two; ``surface``: two lists, across and up [m];
+    ``place``: description of the plane."""
+    x, size, middle = middle_section(part, scene)
     angle = 2.0 * np.pi * np.arange(CORNERS) / CORNERS
     corners = x[:, None] + 0.5 * size[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], -1)
     closed = np.concatenate([corners, np.full((len(x), 1, 2), np.nan)], axis=1).reshape(-1, 2)
     return {
-        "across": numbers(closed[:, 0]),
-        "up": numbers(closed[:, 1]),
-        "surface": [numbers(values) for values in top(part, scene, x, size).T],
+        "across": rounded(closed[:, 0]),
+        "up": rounded(closed[:, 1]),
+        "surface": [rounded(values) for values in surface_line(part, scene, x, size).T],
         "place": f"particles near the upright plane y = {round(100.0 * middle, 2) + 0.0:g} cm",
     }
 
 
-def top(part: Snapshot, scene, x, size):
-    """Line (k, 2) [m] of the surface in the middle plane: of a body of revolution its outline, else the highest
-    particle at each place, of those at x (n, 2) with these sizes (n,)."""
+def surface_line(part: Snapshot, scene, x, size):
+    """Line (k, 2) [m] of the surface in the middle plane: the outline of a body of revolution, else the highest
+    particle at each place, of particles at x (n, 2) with these sizes (n,)."""
     line = profile(scene, part)
     if line is None:
         ticks = np.arange(x[:, 0].min(), x[:, 0].max() + 1e-12, 0.5 * part.spacing)
@@ -128,48 +127,49 @@ def top(part: Snapshot, scene, x, size):
     return np.concatenate([pieces, pieces * (-1.0, 1.0)]).reshape(-1, 2)
 
 
-def in_the_middle(part: Snapshot, scene):
-    """Positions (n, 2) [m] near the middle plane of the whole body, their sizes (n,) [m], and where along y the plane
-    is [m]."""
+def middle_section(part: Snapshot, scene):
+    """Positions (n, 2) [m] near the middle plane of the whole body, their sizes (n,) [m], and y of the plane [m]."""
     if scene.axisymmetric:
         return np.concatenate([part.x, part.x * (-1.0, 1.0)]), np.tile(part.size, 2), 0.0
     whole, start = scene.unfold(part), embed(scene.unfold(still(scene.reach, part.spacing)).x)
     middle = 0.5 * (start[:, 1].min() + start[:, 1].max())
     x = embed(whole.x)
-    near = np.abs(x[:, 1] - middle) < HALF * part.spacing
+    near = np.abs(x[:, 1] - middle) < SECTION_HALF_WIDTH * part.spacing
     return x[near][:, [0, 2]], whole.size[near], middle
 
 
 # ---- the film ----------------------------------------------------------------------------------------------------
-def film(trajectory, scene, history, room: int = ROOM) -> tuple[dict, Snapshot]:
-    """The body at the outputs of a run that fit into ``room`` bytes, the first and the last among them, evenly chosen,
-    with states in between where there are few; and the computed part at the last output. SceneError where the run has
-    no output yet.
+def film(trajectory, scene, history, room: int = MAX_FILM_BYTES) -> tuple[dict, Snapshot]:
+    """Film of the body from evenly chosen outputs of a run that fit into ``room`` bytes, including the first and the
+    last, with interpolated states in between if there are few; and the computed part at the last output. SceneError if
+    the run has no output yet.
 
-    Of each picture its time in ``times`` [s], the number of its points in ``counts`` and that of their ``links``, with
-    so many ``corners``: 3 of triangles, 2 of the section of a body of ``sectors`` equal parts around the axis, 0 where
-    the points are particles; and ``dimensions``. In base64 of deflated bytes: ``positions`` of the points, each
+    For each picture: its time in ``times`` [s], the number of its points in ``counts`` and of their ``links``, and the
+    ``corners`` of a link: 3 for triangles, 2 for the section of a body of ``sectors`` equal parts around the axis, 0 if
+    the points are particles; and ``dimensions``. As base64 of deflated bytes: ``positions`` of the points, each
     coordinate less that of the point before, in 16 bits, low byte first: ``low`` + ``step`` * sum [m]; ``normals``, a
-    byte a coordinate; ``colours``: of 8 bits the speed, whose code FASTEST is that of ``fastest`` [m/s], and FLOWING
-    added to it of what flows; ``rows`` of the points that are linked, in 32 bits: the first corner less that of the
-    link before, the others less the first."""
+    byte a coordinate; ``colours``, a byte each: the speed, whose code MAX_SPEED_CODE stands for ``fastest`` [m/s], plus
+    FLOWING_BIT if it flows; ``rows`` of the points that are linked, in 32 bits: the first corner less that of the link
+    before, the others less the first."""
     outputs = trajectory.times()
     if not len(outputs):
         raise SceneError(f"run = {trajectory.path.parent}: run.h5 holds no output yet")
     (end,) = trajectory.replay(scene=scene, chosen=[len(outputs) - 1])
-    last = shape(scene, end.state)
-    fitting = max(2, int(room / len(zlib.compress(b"".join(packed(*last, 1.0, *scale([last])).values())))))
+    last = surface_geometry(scene, end.state)
+    fitting = max(2, int(room / len(zlib.compress(b"".join(pack(*last, 1.0, *position_scale([last])).values())))))
     chosen = np.unique(np.linspace(0, len(outputs) - 1, min(len(outputs), fitting)).round().astype(int)).tolist()
-    parts = max(1, min(PARTS, min(fitting, ENOUGH) // len(outputs)))
+    parts = max(1, min(MAX_STEPS_BETWEEN, min(fitting, SMOOTH_FILM) // len(outputs)))
     states = [
-        state for frame in divided(trajectory.replay(scene=scene, chosen=chosen), parts) for state in [frame.state]
+        state
+        for frame in with_intermediate_frames(trajectory.replay(scene=scene, chosen=chosen), parts)
+        for state in [frame.state]
     ]
-    shapes = [shape(scene, state) for state in states]
-    low, step = scale(shapes)
+    shapes = [surface_geometry(scene, state) for state in states]
+    low, step = position_scale(shapes)
     fastest = max(speed.max(initial=0.0) for _, _, speed, _, _ in shapes) or 1.0
-    streams = [packed(*one, fastest, low, step) for one in shapes]
+    streams = [pack(*one, fastest, low, step) for one in shapes]
     data = {key: b"".join(stream[key] for stream in streams) for key in streams[0]}
-    box = stage(scene)[:2]
+    box = view_volume(scene)[:2]
     return {
         "times": [round(state.time, 6) for state in states],
         "counts": [len(one[0]) for one in shapes],
@@ -187,29 +187,29 @@ def film(trajectory, scene, history, room: int = ROOM) -> tuple[dict, Snapshot]:
     } | {key: base64.b64encode(zlib.compress(stream)).decode() for key, stream in data.items()}, end.state
 
 
-def divided(frames, parts: int):
-    """Frames, and between each two of them some more, so that there are ``parts`` steps from one to the next."""
+def with_intermediate_frames(frames, parts: int):
+    """Yield frames with interpolated ones in between, so that there are ``parts`` steps from one to the next."""
     frames = list(frames)
     for earlier, later in pairwise(frames):
         yield earlier
         for k in range(1, parts):
-            yield between(earlier, later, earlier.time + k / parts * (later.time - earlier.time))
+            yield interpolate(earlier, later, earlier.time + k / parts * (later.time - earlier.time))
     yield frames[-1]
 
 
 def at(history: dict, time: float) -> dict:
-    """The columns of history.csv at a time [s]."""
+    """Interpolate the columns of history.csv at a time [s]."""
     return {key: float(np.interp(time, history["time_s"], values)) for key, values in history.items()}
 
 
-def shape(scene, part: Snapshot):
-    """The body of which a part is computed: points (k, 3) [m], unit normals (k, 3), speeds (k,) [m/s], what flows (k,)
-    and links (m, c), rows of the points."""
+def surface_geometry(scene, part: Snapshot):
+    """Geometry of the whole body from its computed part: points (k, 3) [m], unit normals (k, 3), speeds (k,) [m/s],
+    whether they flow (k,), and links (m, c), rows of the points."""
     line = profile(scene, part)
     if line is not None:
         s, normals, links = line
     elif scene.dimension == 3:
-        s, normals, links = smooth_surface(scene.unfold(part), CUBE, ("u", "shear_rate"))
+        s, normals, links = smooth_surface(scene.unfold(part), SURFACE_CELL, ("u", "shear_rate"))
     else:
         s = scene.unfold(part)
         normals, links = 0.0 * s.x, np.zeros((0, 0), int)
@@ -217,14 +217,14 @@ def shape(scene, part: Snapshot):
     return embed(s.x), embed(normals), s.speed, flows[s.mix, np.arange(len(s.mix))], links
 
 
-def scale(shapes):
-    """Lowest coordinates (3,) [m] of all points, and what a code of a position is worth (3,) [m]."""
+def position_scale(shapes):
+    """Origin (3,) [m] and step (3,) [m] of the integer codes of positions, from all points."""
     low, high = (end([end(one[0], axis=0) for one in shapes if len(one[0])], axis=0) for end in (np.min, np.max))
-    return low, np.maximum(high - low, 1e-9) / FINEST
+    return low, np.maximum(high - low, 1e-9) / MAX_POSITION_CODE
 
 
-def packed(x, normals, speed, flowing, links, fastest, low, step) -> dict[str, bytes]:
-    """Bytes of one picture, see ``film``."""
+def pack(x, normals, speed, flowing, links, fastest, low, step) -> dict[str, bytes]:
+    """Pack one picture into bytes as described in ``film``."""
     codes = np.round((x - low) / step).astype(np.int32)
     links = np.sort(links, axis=1)
     links = links[np.argsort(links[:, 0], kind="stable")] if links.size else links
@@ -233,7 +233,7 @@ def packed(x, normals, speed, flowing, links, fastest, low, step) -> dict[str, b
         "positions": np.diff(codes.T, axis=1, prepend=0).astype("<i2").tobytes(),
         "normals": np.round(127 * normals.T).astype(np.int8).tobytes(),
         "colours": (
-            np.round(FASTEST * speed / fastest).astype(np.uint8) + FLOWING * flowing.astype(np.uint8)
+            np.round(MAX_SPEED_CODE * speed / fastest).astype(np.uint8) + FLOWING_BIT * flowing.astype(np.uint8)
         ).tobytes(),
         "rows": rows.T.astype("<i4").tobytes(),
     }

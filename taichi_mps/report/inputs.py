@@ -1,4 +1,4 @@
-"""What a run was given: a table, and the command line that repeats it."""
+"""Inputs of a run: a table, and the command line that repeats it."""
 
 import shlex
 from pathlib import Path
@@ -8,25 +8,25 @@ from ..problem.labels import in_words, option_name
 from ..problem.numerics import NUMERICS
 from ..units import unit_of
 
-LEFT_OUT = {"accuracy"}  # has chosen model and spacing, which stand there
-USUAL = {"arch": "cpu", "precision": "f32", "scheme": "implicit"}
+OMITTED = {"accuracy"}  # keyword that chose model and spacing, which are shown instead
+DEFAULT_BACKEND = {"arch": "cpu", "precision": "f32", "scheme": "implicit"}
 
 
 def fields_of(source: str) -> dict:
-    """The declared keywords of a built-in scene; none of somebody's own file, whose code is not run for a report."""
+    """Declared keywords of a built-in scene; empty for a user's own file, whose code is not run for a report."""
     return catalogue.load(source).parameters.model_fields if source in catalogue.names() else {}
 
 
 def rows(parameters: dict, fields: dict) -> list[tuple[str, str]]:
-    """Keywords of the scene in words, with their values and units."""
-    given = {key: value for key, value in parameters.items() if value not in (None, "") and key not in LEFT_OUT}
+    """Rows of a table of the scene's keywords in words, with their values and units."""
+    given = {key: value for key, value in parameters.items() if value not in (None, "") and key not in OMITTED}
     return [
         (in_words(key), shown(value, unit_of(fields[key]) if key in fields else "")) for key, value in given.items()
     ]
 
 
 def shown(value, unit: str) -> str:
-    """A value with its unit; lengths below 10 cm in mm, below 1 m in cm."""
+    """Format a value with its unit; lengths below 10 cm in mm, below 1 m in cm."""
     if isinstance(value, bool):
         return "yes" if value else "no"
     if not isinstance(value, float | int):
@@ -37,13 +37,12 @@ def shown(value, unit: str) -> str:
 
 
 def command(source: str, summary: dict, every: float | None = None) -> str:
-    """The words after taichi-mps that compute the same again. What has its default is left out; ``every``: the interval
-    of the outputs [s], at which steps end, too, where it is not the usual one. Of a scene file only the name is told,
-    not the folder."""
+    """Command line, after ``taichi-mps``, that repeats a run, without options at their defaults. ``every``: interval of
+    the outputs [s], at which steps end, too, if it is not the usual one. A scene file is named without its folder."""
     usual = {
         **{key: field.default for key, field in fields_of(source).items()},
         **NUMERICS[summary["scheme"]]().model_dump(),
-        **USUAL,
+        **DEFAULT_BACKEND,
     }
     options = {
         **summary["parameters"],
@@ -54,14 +53,14 @@ def command(source: str, summary: dict, every: float | None = None) -> str:
     }
     if summary["stopped_by"] == "time":
         options["until"] = float(f"{summary['simulated_seconds']:.9g}")
-    given = {key: value for key, value in options.items() if value not in (None, "") and key not in LEFT_OUT}
-    told = [option(key, value, options) for key, value in given.items()
+    given = {key: value for key, value in options.items() if value not in (None, "") and key not in OMITTED}
+    words = [option(key, value, options) for key, value in given.items()
             if (value != usual[key] if key in usual else value is not False)]  # fmt: skip
-    return shlex.join(["run", source if source in catalogue.names() else Path(source).name, *told])
+    return shlex.join(["run", source if source in catalogue.names() else Path(source).name, *words])
 
 
 def option(key: str, value, others=()) -> str:
-    """An option of the command line, beside other keywords."""
+    """Format an option of the command line; ``others``: the other keywords of the scene."""
     flag = option_name(key, others)
     if isinstance(value, bool):
         return flag if value else f"--no-{flag[2:]}"

@@ -1,4 +1,5 @@
-"""report.html: a page of a run that opens from the disk without a network; all that comes from outside is escaped."""
+"""Writer of report.html, a page of a run that opens from the disk without a network; all text from outside is
+escaped."""
 
 import json
 import shlex
@@ -18,7 +19,7 @@ from ..io.run_folder import RunFolder, write_whole
 from ..io.vtkhdf import Trajectory
 from ..problem import accuracy, catalogue
 from ..problem.labels import in_words
-from ..problem.materials import FLOWS, mix_in_words
+from ..problem.materials import FLOW_THRESHOLD, mix_in_words
 from ..problem.numerics import NUMERICS
 from ..problem.problem import Problem
 from ..problem.scene import Scene
@@ -26,16 +27,16 @@ from ..units import SceneError, plain
 from . import inputs, sentences
 from .drawings import drawings, film
 
-HERE = Path(__file__).parent
+PAGE_PARTS = Path(__file__).parent
 """Parts of the page: page.html, page.css, and the scripts charts.js, viewer.js and page.js."""
 
 
-class Told:
-    """A run as its folder has it.
+class RunRecord:
+    """Record of a run, read from its folder.
 
-    ``folder`` and its ``path``, ``scene``, ``source``: name or file of its function, ``every``: interval of the outputs
-    [s], at which steps end, too; ``summary``: of a run that has not ``ended`` scene, mixes, time and measures of its
-    last row; ``history``: columns of history.csv."""
+    ``folder`` and its ``path``; ``scene``; ``source``: name or file of its function; ``every``: interval of the outputs
+    [s], at which steps end, too; ``summary``, for a run that has not ``ended`` of scene, mixes, time and measures of
+    its last row only; ``history``: columns of history.csv."""
 
     def __init__(self, folder: RunFolder, scene: Scene | None, scene_file):
         self.folder, self.path = folder, folder.path
@@ -54,22 +55,22 @@ class Told:
 
 
 def write(folder: RunFolder, scene: Scene | None = None, scene_file=None, title=None, note=None) -> Path:
-    """Write report.html of a run, at its end or of an earlier one, also of one that was killed; its path.
+    """Write report.html of a run, finished or killed, and return its path.
 
-    ``scene``: of the run, where it is at hand; else it is made anew, one of the user's own by the code of
-    ``scene_file``. ``title`` and ``note``: a remark of the user's; by default those that the run was given. SceneError
-    where the folder is no run or damaged."""
-    run = Told(folder, scene, scene_file)
+    ``scene``: scene of the run, made again by default, a user's own by the code of ``scene_file``. ``title`` and
+    ``note``: texts of the user, by default those that the run was given. SceneError if the folder is no run or
+    damaged."""
+    run = RunRecord(folder, scene, scene_file)
     run.summary |= {key: text for key, text in (("title", title), ("note", note)) if text}
     shown, last = film(Trajectory(folder.trajectory), run.scene, run.history)
-    scripts = {name: (HERE / f"{name}.js").read_text(encoding="utf-8") for name in ("viewer", "page")}
-    texts = words(run, shown) | scripts | {"still": still(folder)}
-    return publish(HERE / "page.html", folder.report, drawings(run, shown, last), **texts)
+    scripts = {name: (PAGE_PARTS / f"{name}.js").read_text(encoding="utf-8") for name in ("viewer", "page")}
+    texts = page_texts(run, shown) | scripts | {"still": last_picture(folder)}
+    return publish(PAGE_PARTS / "page.html", folder.report, drawings(run, shown, last), **texts)
 
 
-def still(folder: RunFolder) -> str:
-    """The last picture of a run without what is written above it, for a page that is printed or shows no film; as the
-    address of an image, empty where the run has none."""
+def last_picture(folder: RunFolder) -> str:
+    """Last picture of a run without its titles, for a printed page or one that shows no film, as a data URL; empty if
+    the run has no picture."""
     if not folder.pictures:
         return ""
     jpeg = BytesIO()
@@ -82,43 +83,43 @@ def still(folder: RunFolder) -> str:
 
 
 def publish(template: Path, out: Path, data, **texts) -> Path:
-    """Write a page that opens from the disk without a network: a template with texts, the style, the code of curves,
-    and data for its scripts; the path. Replaces the file at once."""
+    """Write a page from a template with texts, the style, the script of the charts, and data for its scripts, and
+    return its path. The file is replaced at once."""
     text = Template(template.read_text(encoding="utf-8")).substitute(
         texts,
         data=json.dumps(data, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c"),
-        style=(HERE / "page.css").read_text(encoding="utf-8"),
-        charts=(HERE / "charts.js").read_text(encoding="utf-8"),
+        style=(PAGE_PARTS / "page.css").read_text(encoding="utf-8"),
+        charts=(PAGE_PARTS / "charts.js").read_text(encoding="utf-8"),
     )
     write_whole(out, text)
     return out
 
 
 # ---- texts and tables --------------------------------------------------------------------------------------------
-def words(run, film: dict) -> dict[str, str]:
-    """Texts that page.html asks for, by name."""
+def page_texts(run, film: dict) -> dict[str, str]:
+    """Texts of the placeholders of page.html, by name."""
     summary, later = run.summary, "<p>Said when the run has ended.</p>"
-    repeat = repeated(run) if run.ended else f"resume {shlex.quote(str(run.path))}"
+    repeat = repeat_command(run) if run.ended else f"resume {shlex.quote(str(run.path))}"
     numerics = run.ended and table(sentences.numerics(summary)) + f"<p>{safe(sentences.cost(summary))}</p>"
     measured = sentences.measured(summary)
     return {
-        "title": safe(summary.get("title") or usual_title(run.source, str(summary["scene"]))),
+        "title": safe(summary.get("title") or default_title(run.source, str(summary["scene"]))),
         "meta": safe(", ".join([*dates(run), *map(mix_in_words, (summary.get("materials") or [])[:1])])),
         "note": f'<p class="remark">{safe(summary["note"])}</p>' if summary.get("note") else "",
         "lead": safe(f"{measured[:-1]}; {sentences.ending(summary, mixes=False)}" if run.ended else measured),
         "doubts": "\n".join(f'<p class="doubt">{safe(text)}</p>' for text in doubts(run)),
-        "about": safe(" ".join(about(film, run.scene))),
+        "about": safe(" ".join(view_notes(film, run.scene))),
         "results": table(sentences.rows(summary)) or "<p>Nothing was measured.</p>",
-        "inputs": table(given(run)),
-        "accuracy": expected(summary) if run.ended else later,
+        "inputs": table(input_rows(run)),
+        "accuracy": accuracy_section(summary) if run.ended else later,
         "command": safe(f"taichi-mps {repeat}"),
         "versions": safe(versions(run)),
         "numerics": numerics or later,
     }
 
 
-def repeated(run) -> str:
-    """The command that computes an ended run again, of what the user gave."""
+def repeat_command(run) -> str:
+    """Command line that repeats a finished run, with the options that the user gave."""
     every = run.every
     with suppress(SceneError):  # of a scene that the scheme computes with other settings alone
         usual = Problem(run.scene, NUMERICS[run.summary["scheme"]]()).usual_interval
@@ -126,13 +127,13 @@ def repeated(run) -> str:
     return inputs.command(run.source, run.summary, every)
 
 
-def usual_title(source: str, scene: str) -> str:
-    """Name of a built-in test in the first line of its file, or else the name of the scene."""
+def default_title(source: str, scene: str) -> str:
+    """Title of a report: the name of a built-in test from the first line of its file, else the name of the scene."""
     return catalogue.describe().get(source, "").partition(":")[0] or in_words(scene)
 
 
 def dates(run) -> list[str]:
-    """The day of the run, as its summary or else the time of its history.csv has it."""
+    """Day of the run, from its summary or else from the time of its history.csv."""
     when = datetime.fromtimestamp(run.folder.history.stat().st_mtime)
     with suppress(ValueError, TypeError):
         when = datetime.fromisoformat(run.summary["ended"]) if run.ended and "ended" in run.summary else when
@@ -140,12 +141,12 @@ def dates(run) -> list[str]:
 
 
 def safe(text) -> str:
-    """Text as HTML shows it."""
+    """Escape text for HTML."""
     return escape(plain(text))
 
 
 def table(rows, head=()) -> str:
-    """Rows of texts as a table, the first of each as its head; empty where there is none."""
+    """HTML table of rows of texts, the first cell of each as its heading; empty without rows."""
     marks = "".join(f'<th scope="col">{safe(text)}</th>' for text in head)
     lines = [f"<tr>{marks}</tr>"] * bool(head)
     for first, *others in rows:
@@ -155,7 +156,7 @@ def table(rows, head=()) -> str:
 
 
 def doubts(run) -> list[str]:
-    """Doubts about the result."""
+    """Sentences on doubts about the result."""
     if not run.ended:
         reached = f"{run.summary['simulated_seconds']:.2f} s"
         return [f"This run has not ended: it has reached {reached}, and can go on by the command below."]
@@ -163,27 +164,27 @@ def doubts(run) -> list[str]:
     return failed + sentences.doubts(run.summary)
 
 
-def about(film: dict, scene) -> list[str]:
-    """Help for the view, and the parts of the run that it leaves out."""
-    told = ["Drag to turn."] * (scene.dimension == 3 or scene.axisymmetric)
-    told += ["Red: the mould, or the bars."] * bool(scene.outline)
-    told.append(f"Flowing: the viscous part of the stress is over {FLOWS:.0%} of the yield stress.")
+def view_notes(film: dict, scene) -> list[str]:
+    """Sentences that explain the view of the film, and the outputs that it leaves out."""
+    notes = ["Drag to turn."] * (scene.dimension == 3 or scene.axisymmetric)
+    notes += ["Red: the mould, or the bars."] * bool(scene.outline)
+    notes.append(f"Flowing: the viscous part of the stress is over {FLOW_THRESHOLD:.0%} of the yield stress.")
     shown = len(film["times"])
     fewer = f"To keep the page small it shows {shown} of {film['outputs']} outputs; run.h5 has all."
-    return told + [fewer] * (shown < film["outputs"])
+    return notes + [fewer] * (shown < film["outputs"])
 
 
-def given(run) -> list[tuple[str, str]]:
-    """The inputs of the scene; of a mix that is no keyword, its constants."""
+def input_rows(run) -> list[tuple[str, str]]:
+    """Rows of the table of inputs: keywords of the scene, and constants of mixes that are no keywords."""
     parameters = run.summary.get("parameters", {})
     rows = inputs.rows(parameters, inputs.fields_of(run.source))
     mixes = [] if "yield_value" in parameters else run.summary.get("materials") or []
     return rows + [(f"mix {k}", mix_in_words(mix)) for k, mix in enumerate(mixes, 1)]
 
 
-def expected(summary: dict) -> str:
-    """Expected error measured of such runs, or that none was measured; for the slump cone the table of its model."""
-    mix, height, error = accuracy.of_run(summary) or (None, None, None)
+def accuracy_section(summary: dict) -> str:
+    """Section on accuracy: the expected error, or that none was measured; for the slump cone a table by spacing."""
+    mix, height, error = accuracy.errors_of_run(summary) or (None, None, None)
     text = f"<p>{safe(sentences.certainty(summary))}</p>"
     if not error:
         return text
@@ -203,6 +204,6 @@ def expected(summary: dict) -> str:
 
 
 def versions(run) -> str:
-    """Versions that computed the run and made the page."""
+    """Sentences on the versions that computed the run and made the page."""
     computed = "Computed by taichi_mps {version} ({backend[arch]}, {backend[precision]}). "
     return f"{computed.format(**run.summary) if run.ended else ''}Page made by taichi_mps {__version__}."

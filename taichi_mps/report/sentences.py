@@ -1,4 +1,4 @@
-"""A run in words, from its summary alone: what was measured, how sure that is, what it cost."""
+"""Description of a run in sentences, from its summary alone: results, expected errors, cost."""
 
 from math import isfinite
 from pathlib import Path
@@ -7,23 +7,23 @@ import numpy as np
 
 from ..io.history import COLUMNS
 from ..problem import accuracy
-from ..problem.labels import ENDS, in_words, is_measure, meaning, title, written
+from ..problem.labels import STOP_REASONS, in_words, is_measure, meaning, title, written
 from ..problem.materials import mix_in_words
 from ..units import plain
 
-OWN = " This is the error of the computation; the test's own and that of the constants come to it."
+OTHER_ERRORS = " This is the error of the computation; the test's own and that of the constants come to it."
 LEADING = "slump_m", "spread_m", "t500_s", "flow_m", "flow_time_s", "passing_ratio", "front_m", "filled_ratio"
-MEASURED = "slump_m", "spread_m"  # of the columns that every history has
+MEASURED = "slump_m", "spread_m"  # measures that are columns of every history
 # Thickness of a bar over the spacing; by how much its resistance is too little in a viscous fluid, and too much in a
 # Bingham fluid with tau_y D/(eta U) = 10 [%]: beside the exact drag, and beside bars four particles thick, in square
 # arrays 8 to 20 bars wide (tests/boundaries/test_thin_bars.py)
 THIN, TOO_LITTLE, TOO_MUCH = (0.4, 0.64, 1.0), (25.0, 16.0, 10.0), (40.0, 8.0, 0.0)
-PARTS = {"ready": "making ready", "pictures": "last pictures"}  # of a run, in words where its key is none
+PARTS = {"ready": "making ready", "pictures": "last pictures"}  # names of parts of a run other than their keys
 
 
 def sentences(summary: dict, folder=None) -> list[str]:
-    """Sentences on a result: what was measured, why it ended, how sure it is, what it cost and, with a ``folder``,
-    where it lies."""
+    """Sentences on a run: its results, the reason of its end, doubts, expected errors, cost and, with a ``folder``, its
+    place."""
     found = [
         measured(summary),
         ending(summary),
@@ -40,7 +40,7 @@ def sentences(summary: dict, folder=None) -> list[str]:
 
 
 def measured(summary) -> str:
-    """The two results that people ask for first, or else the first two."""
+    """Sentence on the two main results, or else on the first two."""
     known = [name for name, value in summary.items() if is_measure(name) and isinstance(value, float | int)]
     found = ([name for name in LEADING if name in known] or known)[:2]
     text = ", ".join(f"{title(name)} {written(name, summary[name])}" for name in found)
@@ -48,21 +48,22 @@ def measured(summary) -> str:
 
 
 def ending(summary, mixes=True) -> str:
-    """Why and when it ended and, with ``mixes``, of what mix; without them as the end of a sentence."""
-    reason = ENDS.get(summary["stopped_by"], str(summary["stopped_by"]))
-    told = f"{reason} after {summary['simulated_seconds']:.2f} s"
+    """Sentence on the reason and the time of the end and, with ``mixes``, on the mix; without, as the end of a
+    sentence."""
+    reason = STOP_REASONS.get(summary["stopped_by"], str(summary["stopped_by"]))
+    text = f"{reason} after {summary['simulated_seconds']:.2f} s"
     if not mixes:
-        return f"{told}."
+        return f"{text}."
     known = summary.get("materials") or []
     mix = f" ({mix_in_words(known[0])})" if len(known) == 1 else f" ({len(known)} mixes)" * bool(known)
-    return f"{told[0].upper()}{told[1:]}{plain(mix)}."
+    return f"{text[0].upper()}{text[1:]}{plain(mix)}."
 
 
 def doubts(summary) -> list[str]:
-    """Doubts about a result, each with what to do."""
+    """Sentences on doubts about a result, each with a remedy."""
     found = []
     worst = summary.get("volume_error_max") or 0.0
-    if worst > accuracy.MOST_VOLUME_ERROR:
+    if worst > accuracy.DOUBTFUL_VOLUME_ERROR:
         found.append(
             f"Doubtful: the volume was up to {worst:.1%} off on the way; take a smaller particle size (--spacing)."
         )
@@ -77,7 +78,7 @@ def doubts(summary) -> list[str]:
 
 
 def thin_solids(summary) -> list[str]:
-    """Resistance of each solid that is thinner than a particle, in words."""
+    """Sentences on the resistance of solids that are thinner than a particle."""
     spacing, found = summary["parameters"].get("spacing"), []
     for name, thickness in (summary.get("thin_solids_m") or {}).items():
         less, more = (np.interp(thickness / spacing if spacing else 0.0, THIN, each) for each in (TOO_LITTLE, TOO_MUCH))
@@ -90,8 +91,8 @@ def thin_solids(summary) -> list[str]:
 
 
 def certainty(summary) -> str:
-    """The error to expect, from the committed table of measured ones; where that does not reach, that it does not."""
-    found = accuracy.of_run(summary)
+    """Sentence on the expected error from the table of measured errors, or that the table does not cover the run."""
+    found = accuracy.errors_of_run(summary)
     if found is None:
         return "How accurate this is was not measured for such a run; compare it with one of half the particle size."
     mix, height, error = found
@@ -107,12 +108,12 @@ def certainty(summary) -> str:
     return (
         f"Expect the slump within {1e3 * height * error.slump:.1f} mm and the slump flow within "
         f"{2e3 * height * error.reach:.0f} mm of the exact flow of this mix: measured for mixes and particle sizes "
-        f"around this one, beside independent finite elements{lifted}.{OWN}"
+        f"around this one, beside independent finite elements{lifted}.{OTHER_ERRORS}"
     )
 
 
 def cost(summary) -> str:
-    """Time that a run took, in all and by its parts; of a run of an earlier version without the files."""
+    """Sentence on the time that a run took, in all and by its parts; a run of an earlier version has no parts."""
     if "seconds_by_part" in summary:
         return f"It took {in_parts(summary['seconds_by_part'], summary['all_cpu_seconds'])}."
     cpu, start, wall = (summary[f"{key}_seconds"] for key in ("cpu", "compile", "wall"))
@@ -120,13 +121,13 @@ def cost(summary) -> str:
 
 
 def in_parts(seconds: dict, cpu_seconds: float) -> str:
-    """Wall time in all, processor time, and the wall time of each part."""
+    """Format wall time in all, processor time, and the wall time of each part."""
     parts = ", ".join(f"{PARTS.get(part, part)} {in_time(value)}" for part, value in seconds.items())
     return f"{in_time(sum(seconds.values()))} in all ({in_time(cpu_seconds)} of processor time): {parts}"
 
 
 def in_time(seconds: float) -> str:
-    """A duration as people say it: 40 s, 5.2 min, 1.4 h."""
+    """Format a duration [s] as text: 40 s, 5.2 min, 1.4 h."""
     for unit, size in (("h", 3600.0), ("min", 60.0)):
         if seconds >= 1.5 * size:
             return f"{float(f'{seconds / size:.2g}'):g} {unit}"
@@ -134,17 +135,17 @@ def in_time(seconds: float) -> str:
 
 
 def measures(row: dict) -> dict:
-    """The measures of the scene in a row of history.csv that have a value."""
-    return {key: value for key, value in row.items() if of_scene(key) and isfinite(value)}
+    """Measures of the scene in a row of history.csv that have a value."""
+    return {key: value for key, value in row.items() if is_scene_measure(key) and isfinite(value)}
 
 
-def of_scene(column: str) -> bool:
+def is_scene_measure(column: str) -> bool:
     """Whether a column of history.csv is a measure of the scene."""
     return is_measure(column) and (column in MEASURED or column not in COLUMNS)
 
 
 def rows(summary) -> list[tuple[str, str, str]]:
-    """Each result: its name, its value with unit, and what it is; '-' for what was not reached."""
+    """Rows of a table of results: name, value with unit, and meaning."""
     return [
         (title(key), "not reached" if value is None else written(key, value), meaning(key))
         for key, value in summary.items()
@@ -155,7 +156,7 @@ def rows(summary) -> list[tuple[str, str, str]]:
 
 
 def numerics(summary) -> list[tuple[str, str]]:
-    """Numbers of the method, for those who know it."""
+    """Rows of a table of the numerics: name and value."""
     facts = {
         "steps": f"{summary['steps']} in {summary['simulated_seconds']:.3f} s",
         "particles": f"{summary['fluid_particles']} fluid, {summary['wall_particles']} wall",

@@ -1,4 +1,4 @@
-"""The kernel language as all other rooms use it, and the one function that starts it."""
+"""Kernel language for all other rooms, its start by ``init``, and helpers to make fields."""
 
 import functools
 import os
@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from ..units import Count, Flag, SceneError, require, validated
-from .memory import left_of_limits, size
+from .memory import left_by_process_limits, size
 from .workarounds import (
     OPTIONS,
     compiled_now,
@@ -37,9 +37,9 @@ __all__ = [
     "ti",
 ]
 
-ADDRESS_SPACE = 1.5e9  # [bytes] that init needs: 2^30 for the memory pool of Taichi, the rest measured with short runs
-OF_THREAD = 1e8  # [bytes] of address space, too: a stack, and what the C library sets aside for its allocations
-MOST_TREES, TREES_OF_A_SIMULATION = 512, 32  # measured 5 to 6 a Simulation, and 3 more for each solid with inner edges
+ADDRESS_SPACE = 1.5e9  # bytes that init needs: 2^30 for the memory pool of Taichi, the rest measured with short runs
+ADDRESS_SPACE_PER_THREAD = 1e8  # further bytes for each thread: its stack, and the arena of the C library
+MAX_TREES, TREES_OF_A_SIMULATION = 512, 32  # measured 5 to 6 a Simulation, and 3 more for a solid with concave edges
 FORKED = (
     "Taichi was started before this process was forked, and does not survive that; start processes by "
     "multiprocessing.get_context('spawn') and call taichi_mps.init() in each"
@@ -49,11 +49,11 @@ _one_at_a_time = threading.RLock()
 
 @dataclass(frozen=True, eq=False)
 class Session:
-    """State of one call of ``init``, in this process: replaced by the next call."""
+    """Record of one call of ``init`` in this process, replaced by the next call."""
 
     settings: dict  # arch, precision, threads
     process: int
-    thread: int  # that called init: Taichi makes fields there alone
+    thread: int  # thread that called init, the only one in which Taichi makes fields
 
 
 _session: Session | None = None
@@ -108,10 +108,10 @@ def init(
         raise SceneError("precision = f64: must be f32 on arch = vulkan, which has no sine or power of f64")
     if threads is None:
         threads = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    needed = ADDRESS_SPACE + threads * OF_THREAD
-    left = min(left_of_limits(), default=needed)
+    needed = ADDRESS_SPACE + threads * ADDRESS_SPACE_PER_THREAD
+    left = min(left_by_process_limits(), default=needed)
     require(
-        _session or left >= needed,  # what was started before has the pool already
+        _session or left >= needed,  # a second init uses the pool of the first
         "memory: Taichi takes 1.07 GB of address space at once when it starts, and a run more; the limit of this "
         f"process (ulimit -v, -d) leaves {size(max(0, left))}; must be at least {size(needed)}",
     )
@@ -125,7 +125,7 @@ def init(
         cpu_max_num_threads=threads,
         **OPTIONS,
     )
-    if ti.lang.impl.current_cfg().arch != architectures[arch]:  # Taichi goes on with the processor, in silence
+    if ti.lang.impl.current_cfg().arch != architectures[arch]:  # Taichi silently falls back to the processor
         _session = None
         raise SceneError(f"arch = {arch}: no such device is found here; must be one that this machine has, such as cpu")
     settings = {"arch": arch, "precision": precision, "threads": threads}
@@ -133,7 +133,7 @@ def init(
 
 
 def session() -> Session:
-    """Return what was made since the last ``init``.
+    """Return the record of the last ``init``.
 
     Returns
     -------
@@ -143,7 +143,7 @@ def session() -> Session:
     Raises
     ------
     RuntimeError
-        Where ``init`` was forgotten, or in a forked process.
+        If ``init`` was not called, or in a forked process.
     """
     if _session is None:
         raise RuntimeError("Taichi is not started: call taichi_mps.init() before making a Simulation")
@@ -164,7 +164,7 @@ def started() -> dict:
 
 
 def in_session(method):
-    """Guard a method of an object with a ``session``: it must be the present one, and threads take turns.
+    """Guard a method of an object with a ``session``: refuse an outdated session, and admit one thread at a time.
 
     Parameters
     ----------
@@ -214,9 +214,9 @@ def require_room() -> None:
     """
     require_thread()
     used = ti.lang.impl.get_runtime().prog.get_snode_tree_size()
-    if used > MOST_TREES - TREES_OF_A_SIMULATION:
+    if used > MAX_TREES - TREES_OF_A_SIMULATION:
         raise RuntimeError(
-            f"this process holds {used} groups of Taichi fields of at most {MOST_TREES}, a Simulation needs up to "
+            f"this process holds {used} groups of Taichi fields of at most {MAX_TREES}, a Simulation needs up to "
             f"{TREES_OF_A_SIMULATION}: call taichi_mps.init() again, which drops every earlier Simulation"
         )
 

@@ -1,5 +1,5 @@
-"""Folders in which compiled kernels and lists of fonts are kept from run to run: in the home folder, or in a temporary
-one where the home cannot be written. Without one Taichi ends the process."""
+"""Cache folders for compiled kernels and lists of fonts: in the home folder, or in a temporary one where the home
+cannot be written. Without a cache folder Taichi ends the process."""
 
 import atexit
 import os
@@ -14,11 +14,11 @@ KERNELS = {"taichi": "TI_OFFLINE_CACHE_FILE_PATH", "quadrants": "QD_OFFLINE_CACH
 FONTS = "MPLCONFIGDIR"
 
 
-def provide(language: str) -> None:
-    """Set the folders of the kernel language, which is imported afterwards, and of matplotlib; child processes inherit
-    them. A folder that the user has set stays if it can be written."""
+def set_cache_folders(language: str) -> None:
+    """Set the cache folders of the kernel language, before its import, and of matplotlib, for this process and its
+    children. A folder that the user has set stays if it can be written."""
     home = Path(os.path.expanduser("~"))
-    home = home if home.is_absolute() else Path("/nonexistent")  # where it is unknown
+    home = home if home.is_absolute() else Path("/nonexistent")  # the home is unknown
     if os.name == "posix":
         os.environ["HOME"] = str(home)
     if writable(kernels(language)):
@@ -27,24 +27,24 @@ def provide(language: str) -> None:
     atexit.register(remove, folder, language)
     os.environ[KERNELS[language]] = os.path.join(folder, "kernels")
     os.environ.setdefault(FONTS, os.path.join(folder, "fonts"))
-    told = f"{plain(chosen or home)} cannot be written, so compiled kernels are not kept for the next run"
-    print(f"taichi-mps: {told}", file=sys.stderr)
+    warning = f"{plain(chosen or home)} cannot be written, so compiled kernels are not kept for the next run"
+    print(f"taichi-mps: {warning}", file=sys.stderr)
 
 
 def kernels(language: str) -> Path:
-    """Folder in which compiled kernels are kept."""
+    """Cache folder of compiled kernels."""
     return Path(os.environ.get(KERNELS[language]) or Path(os.path.expanduser("~"), ".cache", language))
 
 
 def remove(folder: str, language: str) -> None:
-    """Remove a temporary folder at the end of the process, after the language has written its cache."""
+    """Remove a temporary cache folder at the end of the process, after the language has written into it."""
     if language in sys.modules:
         sys.modules[language].reset()
     shutil.rmtree(folder, ignore_errors=True)
 
 
 def writable(folder: Path) -> bool:
-    """Whether files can be made in a folder, which is made if it is missing."""
+    """Whether files can be written in a folder, which is made if it is missing."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):

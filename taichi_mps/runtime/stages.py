@@ -1,23 +1,22 @@
-"""Stages of a time step, written once; how they are launched is decided here, and nobody else knows it.
+"""Stages of a time step, written once; only this module decides how they are launched.
 
-To start a kernel takes some 30 microseconds, each loop in it that is spread over
-threads another 5 to 9, or 15 to 70 where they must be woken, to read a number from Python 7: more than the arithmetic
-of a few hundred particles. So an ``Execution`` keeps the stages that are called and launches them together, where
-Python has to look at a result:
+To start a kernel takes some 30 microseconds, each loop in it that is spread over threads another 5 to 9, or 15 to 70
+where they must be woken, to read a number from Python 7: more than the arithmetic of a few hundred particles. So an
+``Execution`` queues the stages that are called and launches them together, before Python reads a result:
 
-    fused      few rows: what stands between two looks becomes one kernel of one thread, solves and all; below
-               OPTIMISED rows to compile it takes longer than a run, so it is optimised less
+    fused      few rows: all stages between two readings become one kernel of one thread, solves included; below
+               OPTIMISED_FROM_ROWS rows it takes longer to compile than a run, so it is optimised less
     grouped    many rows: kernels that follow each other become one, whose loops Taichi spreads over the threads; a
-               ``@team_stage`` is gone through by a team of threads (thread_team.py), on a GPU stage by stage
+               ``@team_stage`` is executed by a team of threads (thread_team.py), on a GPU stage by stage
     timed      each stage by itself
 
 A method becomes a stage by a decorator:
 
-    @stage("gradient")        kernel code: a kernel, or a part of the one that calls it
-    @sequence("solve")        calls of stages, with loops and choices, in words that Python and a kernel both understand
-    @team_stage("solve")      the same for a team: loops from first(n) to last(n), rounds that end with regroup()
+    @stage("gradient")        kernel code: a kernel, or a part of the kernel that calls it
+    @sequence("solve")        calls of stages, with loops and branches, in syntax valid both in Python and in a kernel
+    @team_stage("solve")      a sequence for a team: loops from first(n) to last(n), rounds that end with regroup()
 
-Numbers that it is given are annotated with their types; what is not annotated is an object.
+Its numbers are annotated with their types; arguments without annotation are objects.
 """
 
 import functools
@@ -27,29 +26,30 @@ from contextlib import contextmanager
 
 from .backend import for_kernels, real, started, ti
 from .thread_team import ThreadTeam, enter
-from .workarounds import compiled_plainly
+from .workarounds import less_optimised
 
-OPTIMISED = 1000
-"""Rows from which on a fused kernel is optimised: 6 s more to compile, once, for an eighth less of each run."""
-FEW = 3000
-"""Rows below which one thread works alone: to start kernels and threads would cost more than the work."""
+OPTIMISED_FROM_ROWS = 1000
+"""Number of rows from which on a fused kernel is optimised: 6 s more to compile, once, for an eighth less of each
+run."""
+ONE_THREAD_BELOW_ROWS = 3000
+"""Number of rows below which one thread works alone: starting kernels and threads would cost more than the work."""
 
-MOST_NUMBERS = 8  # that the stages of one kernel may be given in all
-TURN = object()  # the number of the present turn of ``repeat``
+MAX_NUMBERS = 8  # numbers that the stages of one kernel may take in all
+TURN = object()  # stands for the number of the present turn of ``repeat``
 
 
 def one_thread(rows: int) -> bool:
-    """Whether so many rows are work for one thread of the processor, or there is but one."""
-    return started()["arch"] == "cpu" and (started()["threads"] == 1 or rows < FEW)
+    """Whether one thread of the processor works alone: because of few rows, or because there is only one."""
+    return started()["arch"] == "cpu" and (started()["threads"] == 1 or rows < ONE_THREAD_BELOW_ROWS)
 
 
-# ---- what is launched -----------------------------------------------------------------------------------------------
+# ---- launching ------------------------------------------------------------------------------------------------------
 @for_kernels
 class Call:
-    """A stage with its objects, as a part of a kernel whose arguments are its numbers."""
+    """Call of a stage with its objects, as a part of a kernel whose arguments are its numbers."""
 
     def __init__(self, stage, arguments, slots):
-        self.stage, self.arguments, self.slots = stage, arguments, slots  # of each number its slot, else None
+        self.stage, self.arguments, self.slots = stage, arguments, slots  # slots: of numbers, None for objects
 
     def __call__(self, turn, *numbers):
         bound = []
@@ -60,8 +60,8 @@ class Call:
 
 
 def kernel_of(calls, alone: bool, team: ThreadTeam | None):
-    """A kernel of calls one after the other: by a team, for ``whole`` rows; ``whole`` times by one thread ``alone``;
-    else by all threads."""
+    """Make a kernel of calls in order: executed by a team, for ``whole`` rows; ``whole`` times by one thread if
+    ``alone``; else by all threads."""
 
     @ti.kernel
     def run(whole: ti.i32, a: ti.f64, b: ti.f64, c: ti.f64, d: ti.f64, e: ti.f64, f: ti.f64, g: ti.f64, h: ti.f64):
@@ -87,14 +87,14 @@ def kernel_of(calls, alone: bool, team: ThreadTeam | None):
 
 
 class Execution:
-    """Launcher of the stages of a simulation with a given number of rows; with ``timed`` it measures each stage."""
+    """Launcher of the stages of a simulation with a given number of rows; ``timed`` measures each stage."""
 
     def __init__(self, rows: int, timed: bool = False, team: ThreadTeam | None = None):
         self.rows, self.timed, self._team = rows, timed, team
-        self.fuses = started()["arch"] == "cpu" and rows < FEW
-        self.spent: dict[str, list] = {}  # wall seconds and calls of each stage; of a solve its iterations
+        self.fuses = started()["arch"] == "cpu" and rows < ONE_THREAD_BELOW_ROWS
+        self.spent: dict[str, list] = {}  # wall seconds and calls of each stage, or iterations of a solve
         self._kernels: dict = {}  # by the keys of their calls
-        self._waiting: list[tuple] = []  # stages and arguments of the kernel that comes next
+        self._waiting: list[tuple] = []  # stages and arguments of the next kernel
         self._timing = False
 
     @contextmanager
@@ -110,7 +110,7 @@ class Execution:
             _current = before
 
     def launch(self, stage, arguments):
-        """Launch a stage, or keep it for the kernel that is launched next."""
+        """Launch a stage, or queue it for the next kernel."""
         if self.timed and not self._timing:
             return self._timed_launch(stage, arguments)
         if not self.timed and (self.fuses or stage.kind == "kernel"):
@@ -130,14 +130,14 @@ class Execution:
         return result
 
     def flush(self, times: int = 1):
-        """Launch the stages that wait, some times; in several kernels where one would have too many arguments."""
+        """Launch the queued stages ``times`` times, in several kernels where one would have too many arguments."""
         calls, self._waiting = self._waiting, []
         while calls:
-            with compiled_plainly(self.fuses and self.rows < OPTIMISED):
-                calls = self._start(calls, times, self.fuses)
+            with less_optimised(self.fuses and self.rows < OPTIMISED_FROM_ROWS):
+                calls = self._launch_kernel(calls, times, self.fuses)
 
-    def go_through(self, stage, arguments):
-        """Launch a stage for all threads in a team; on a GPU, or where it does not fit in a kernel, part by part."""
+    def launch_team(self, stage, arguments):
+        """Launch a stage for a team of all threads; on a GPU, or where it does not fit in a kernel, part by part."""
         if started()["arch"] != "cpu" or not arguments[0].fits_in_a_kernel:
             stage.function(*arguments)
             return
@@ -145,12 +145,11 @@ class Execution:
         if self._team is None and not alone:
             self._team = ThreadTeam(started()["threads"])
         self.flush()
-        self._start([(stage, arguments)], 1 if alone else self.rows, alone, self._team)
+        self._launch_kernel([(stage, arguments)], 1 if alone else self.rows, alone, self._team)
 
-    def _start(self, calls, whole: int, alone: bool, team: ThreadTeam | None = None) -> list:
-        """Launch a kernel of as many calls as it can be given the numbers of, made once for the same stages and
-        objects; and the calls that are left. A number that several stages are given, the time step above all, is handed
-        over once."""
+    def _launch_kernel(self, calls, whole: int, alone: bool, team: ThreadTeam | None = None) -> list:
+        """Launch a kernel of as many calls as its numbers allow and return the remaining calls. A kernel is compiled
+        once for the same stages and objects. A number of several stages, such as the time step, is passed once."""
         key, numbers, made = (), [], []
         for stage, arguments in calls:
             known, slots = list(numbers), []
@@ -161,17 +160,17 @@ class Execution:
                     slot = next(same, len(known))
                     known += [argument] * (slot == len(known))
                 slots.append(slot)
-            if len(known) > MOST_NUMBERS:
+            if len(known) > MAX_NUMBERS:
                 break
             objects = [id(argument) if slot is None else slot for argument, slot in zip(arguments, slots, strict=True)]
             key, numbers = (*key, id(stage), *objects), known
             made.append((stage, arguments, slots))
         left = calls[len(made) :]
         if not made or (left and alone and whole > 1):
-            raise ValueError(f"stage {left[0][0].name}: more than {MOST_NUMBERS} numbers for one kernel")
+            raise ValueError(f"stage {left[0][0].name}: more than {MAX_NUMBERS} numbers for one kernel")
         if key not in self._kernels:
             self._kernels[key] = kernel_of([Call(*call) for call in made], alone, team)
-        self._kernels[key](whole, *map(float, numbers), *[0.0] * (MOST_NUMBERS - len(numbers)))
+        self._kernels[key](whole, *map(float, numbers), *[0.0] * (MAX_NUMBERS - len(numbers)))
         return left
 
 
@@ -180,13 +179,13 @@ _current: Execution | None = None
 
 @for_kernels
 def flush() -> None:
-    """Launch the stages that wait, before Python reads a field; no effect inside a kernel."""
+    """Launch the queued stages before Python reads a field; no effect inside a kernel."""
     if _current and not ti.lang.impl.inside_kernel():
         _current.flush()
 
 
 def repeat(times: int):
-    """Repeat stages, as ``for k in repeat(times)``: by a loop in Python, or by a loop in the kernel that they make."""
+    """Repeat stages, as ``for k in repeat(times)``, by a loop in Python or in the kernel of these stages."""
     if _current and _current.fuses and not _current.timed:
         _current.flush()
         yield TURN
@@ -198,27 +197,26 @@ def repeat(times: int):
         flush()
 
 
-def nothing(*_) -> None:
-    """No-op: a stage that a scene has no need of."""
+def no_op(*_) -> None:
+    """No-op: a stage that the scene does not need."""
 
 
 class NoOp:
-    """No-op: a term that a scene has no need of. The ``stages`` that a step calls do nothing; ``members`` is what else
-    is read of it."""
+    """No-op: a term that the scene does not need. Its ``stages`` do nothing; ``members`` are its other attributes."""
 
     def __init__(self, *stages: str, **members):
-        vars(self).update(dict.fromkeys(stages, nothing) | members)
+        vars(self).update(dict.fromkeys(stages, no_op) | members)
 
 
 # ---- decorators -----------------------------------------------------------------------------------------------------
 class Stage:
-    """A method that is a kernel, or a sequence of calls of stages, through which a team may go."""
+    """A method that is a kernel, or a sequence of calls of stages, which a team may execute."""
 
     def __init__(self, kind, name, function):
         self.kind, self.name = kind, name
         function.__annotations__["self"] = ti.template()
         types = [parameter.annotation for parameter in inspect.signature(function).parameters.values()]
-        # of each argument None for an object, else the type of a number
+        # for each argument None for an object, else the type of a number
         self.kinds = [
             None if kind is inspect.Parameter.empty or isinstance(kind, ti.template) else kind for kind in types
         ]
@@ -226,12 +224,13 @@ class Stage:
 
     def launch(self, execution, arguments):
         if execution and self.kind == "team":
-            return execution.go_through(self, arguments)
+            return execution.launch_team(self, arguments)
         return self.function(*arguments)
 
 
 def _decorator(kind, name: str):
-    """Decorator of a method that is launched where Python calls it, and compiled into a kernel that calls it."""
+    """Make a decorator of methods that are launched if called from Python, and compiled into a kernel that calls
+    them."""
 
     def decorate(function):
         stage = Stage(kind, name, function)

@@ -1,13 +1,14 @@
-"""Sums over rows: by one thread in their order, or shared out where a GPU has threads enough."""
+"""Sums over rows: in order by one thread on a processor, divided among the threads of a GPU."""
 
 from .backend import started, ti
 
-GPU_LANES = 8192  # threads of a GPU among which the rows of a sum are shared out
-CHUNK = 512  # numbers that one thread of a GPU adds up one after the other
+GPU_LANES = 8192  # threads of a GPU among which the rows of a sum are divided
+CHUNK = 512  # numbers that one thread of a GPU adds in order
 
 
 def lanes() -> int:
-    """Threads among which the rows of a sum are shared out: 1 on the processor, where their order is that of a sum."""
+    """Number of threads among which the rows of a sum are divided: 1 on the processor, where rows are added in
+    order."""
     return 1 if started()["arch"] == "cpu" else GPU_LANES
 
 

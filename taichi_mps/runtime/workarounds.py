@@ -1,4 +1,4 @@
-"""All that is changed in the kernel language or kept from it, and which language it is.
+"""Choice of the kernel language, and the workarounds for it.
 
 The engine is written for Taichi 1.7.4, which has no wheel for Python 3.14 and gets no more releases. Where it is not
 installed the engine runs on Quadrants, its maintained fork; TAICHI_MPS_KERNELS=taichi or quadrants chooses.
@@ -19,27 +19,26 @@ from importlib.util import find_spec
 from types import SimpleNamespace
 
 from ..units import SceneError
-from .caches import provide
+from .caches import set_cache_folders
 
 LANGUAGES = "taichi", "quadrants"
 
 
-# ---- which language -------------------------------------------------------------------------------------------------
+# ---- choice of the language -----------------------------------------------------------------------------------------
 def chosen() -> str:
-    """Name of the kernel language: that of TAICHI_MPS_KERNELS, else Taichi where it is installed, else Quadrants."""
-    here = [name for name in LANGUAGES if find_spec(name)]
-    name = os.environ.get("TAICHI_MPS_KERNELS") or (here or LANGUAGES)[0]
+    """Name of the kernel language: TAICHI_MPS_KERNELS, else Taichi if it is installed, else Quadrants."""
+    installed = [name for name in LANGUAGES if find_spec(name)]
+    name = os.environ.get("TAICHI_MPS_KERNELS") or (installed or LANGUAGES)[0]
     if name not in LANGUAGES:
         raise SceneError(f"TAICHI_MPS_KERNELS = {name}: must be {' or '.join(LANGUAGES)}")
-    if name not in here:
+    if name not in installed:
         raise SceneError(f"TAICHI_MPS_KERNELS = {name}: is not installed; pip install {name}")
     return name
 
 
-def silence() -> None:
-    """Switch off, before the import, what the language prints: no greeting, no line for each replaced stdout, no
-    warning of NumPy numbers that kernels take. They would stand between the lines of --json. Until the language greets
-    no more."""
+def silence_language() -> None:
+    """Switch off the output of the language before its import: its header, a line for each replaced stdout, and a
+    warning of NumPy numbers as arguments, which would stand between the lines of --json."""
     for start in ("TI", "QD"):
         os.environ.setdefault(f"{start}_ENABLE_PYBUF", "0")
     for name in LANGUAGES:
@@ -48,13 +47,13 @@ def silence() -> None:
 
 
 LANGUAGE = chosen()
-silence()
-provide(LANGUAGE)
+silence_language()
+set_cache_folders(LANGUAGE)
 ti = importlib.import_module(LANGUAGE)
 VERSION = ".".join(map(str, ti.__version__))
 
 
-# ---- what the two languages call differently ------------------------------------------------------------------------
+# ---- names that differ between the two languages --------------------------------------------------------------------
 _MARK, _OWNER = {
     "taichi": ("_is_taichi_function", "func"),
     "quadrants": ("_is_quadrants_function", "wrapper"),
@@ -62,35 +61,36 @@ _MARK, _OWNER = {
 
 
 def for_kernels(function, part=None):
-    """Let kernels call a Python object while they are compiled; part: the ti.func that it stands for, if it is one."""
+    """Mark a Python object as callable from kernels while they are compiled; ``part``: the ti.func that it wraps, if
+    any."""
     setattr(function, _MARK, True)
     setattr(function, _OWNER, getattr(part, _OWNER) if part else SimpleNamespace(has_print=False))
     return function
 
 
 def is_for_kernels(function) -> bool:
-    """Whether kernels may call it: a ti.func, or what ``for_kernels`` was told of."""
+    """Whether kernels may call an object: a ti.func, or one marked by ``for_kernels``."""
     return getattr(function, _MARK, False)
 
 
 def compiled_now():
-    """The kernel that is being compiled, None outside of kernels."""
+    """Kernel that is being compiled, None outside of kernels."""
     runtime = ti.lang.impl.get_runtime()
     if not runtime.inside_kernel:
         return None
     return runtime.current_kernel if LANGUAGE == "taichi" else runtime._current_global_context.current_kernel
 
 
-# ---- cures ----------------------------------------------------------------------------------------------------------
-# Of ti.init. Taichi miscompiles a vector local that is read, conditionally changed and overwritten (its issue 8744):
-# without cfg_optimization it does not, which costs no run time. Quadrants computes the known patterns rightly; off
-# there, too, for equal code. Without a limit there is no warning of what is meant to be unrolled.
+# ---- cures of wrong results -----------------------------------------------------------------------------------------
+# Options of ti.init. Taichi miscompiles a vector local that is read, conditionally changed and overwritten (its issue
+# 8744); without cfg_optimization it does not, at no cost in run time. Quadrants computes the known patterns rightly;
+# the option is off there, too, for equal code. An unrolling limit of 0 avoids a warning of intended unrolling.
 OPTIONS = {"cfg_optimization": False, "unrolling_limit": 0}
 
 
 def in_own_memory(field, shape):
-    """The field, placed in memory of its own. On Vulkan Taichi packs fields without alignment: 8 bytes that begin at an
-    odd multiple of 4 overwrite the last number of another field."""
+    """Place a field in memory of its own and return it. On Vulkan Taichi packs fields without alignment: 8 bytes that
+    begin at an odd multiple of 4 overwrite the last number of another field."""
     memory = ti.FieldsBuilder()
     shape = shape if isinstance(shape, tuple) else (shape,)
     (memory.dense(ti.axes(*range(len(shape))), shape) if shape else memory).place(field)
@@ -100,15 +100,16 @@ def in_own_memory(field, shape):
 
 @ti.func
 def sine_by_f32(angle):
-    """Sine [-] of an angle [rad] in f64, by that of f32, of the angle less whole turns: Vulkan has none of f64."""
+    """Sine [-] of an angle [rad] in f64, computed by the sine of f32 of the angle modulo 2 pi: Vulkan has no sine of
+    f64."""
     turns = angle / (2.0 * math.pi)
     return ti.cast(ti.sin(ti.cast(2.0 * math.pi * (turns - ti.floor(turns)), ti.f32)), ti.f64)
 
 
 @contextmanager
-def compiled_plainly(wanted: bool):
-    """Context in which kernels, if wanted, are optimised by LLVM alone and not by the language, too: compiling takes
-    40 % less time, the kernels run an eighth slower, and the last bits differ."""
+def less_optimised(wanted: bool):
+    """Context in which kernels, if ``wanted``, are optimised by LLVM and not by the language: compiling takes 40 % less
+    time, the kernels run an eighth slower, and the last bits differ."""
     settings = ti.lang.impl.current_cfg()
     before, settings.advanced_optimization = settings.advanced_optimization, not wanted
     try:
@@ -119,15 +120,15 @@ def compiled_plainly(wanted: bool):
 
 # ---- speed patches --------------------------------------------------------------------------------------------------
 def position(context, node) -> str:
-    """Position of an expression of a kernel as an error names it: file, line, function and text."""
+    """Position of an expression of a kernel for error messages: file, line, function and text."""
     line = context.src[node.lineno - 1].strip()
     return (
         f'File "{context.file}", line {node.lineno + context.lineno_offset}, in {context.func.func.__name__}: {line}\n'
     )
 
 
-def remember_texts() -> None:
-    """Look up and wrap the source of a function once, and don't wrap the text of an expression.
+def cache_sources() -> None:
+    """Patch Taichi to look up and wrap the source of a function once, and not to wrap the text of an expression.
 
     Taichi wraps the text of each expression of a kernel, 65,000 times in a cone, and looks up and wraps the source of a
     function wherever a kernel calls it, 1,000 times. A process that computes the default cone to 0.04 s with compiled
@@ -144,4 +145,4 @@ def remember_texts() -> None:
 
 PATCHED = (LANGUAGE, VERSION) == ("taichi", "1.7.4") and os.environ.get("TAICHI_MPS_WORKAROUNDS") != "0"
 if PATCHED:
-    remember_texts()
+    cache_sources()

@@ -11,7 +11,7 @@ from ..particles.active_set import FULL_STEP_INTERVAL, ActiveSet
 from ..particles.pair_sums import PairSums
 from ..particles.particles import Carried
 from ..runtime.field_io import FieldIO
-from ..runtime.stages import FEW, NoOp, repeat
+from ..runtime.stages import ONE_THREAD_BELOW_ROWS, NoOp, repeat
 from ..terms.constants import Constants
 from ..terms.hourglass import DeferredCorrection, HourglassResistance
 from ..terms.interface import Interface
@@ -52,7 +52,7 @@ class Implicit(Scheme):
         self.pressure = Pressure(fluid, constants)
         self.strain_rate = StrainRate(fluid, sums)
         self.solved_rate = SolvedRate(fluid, sums, self.strain_rate)
-        self.interface = Interface(fluid, constants) if several else NoOp("find", "gather")
+        self.interface = Interface(fluid, constants) if several else NoOp("find_normals", "gather")
         self.stress = Stress(
             fluid,
             constants,
@@ -67,10 +67,10 @@ class Implicit(Scheme):
         self.correction = DeferredCorrection(
             fluid, sums, self.strain_rate, self.resistance, averages=self.stress.averages
         )
-        self.wall_stress = NoOp("start", "update_weight", force=no_force)
+        self.wall_stress = NoOp("set_drive_and_weight", "update_weight", force=no_force)
         if holds:
             self.wall_stress = WallStress(fluid, constants, **at_start, stress=self.stress)
-        self.shifting = Shifting(fluid, tears=problem.law == "newtonian")
+        self.shifting = Shifting(fluid, shifts_in_tension=problem.law == "newtonian")
         self.constraint = VolumeConstraint(fluid, constants, **at_start, shifting=self.shifting, stress=self.stress)
         self.residuals = Residuals(fluid, constants, self.stress, self.constraint)
         self.operator = MomentumOperator(fluid, sums, constants, stress=self.stress, resistance=self.resistance)
@@ -91,8 +91,10 @@ class Implicit(Scheme):
             "resistance": self.resistance,
             "solved_rate": self.solved_rate,
         }
-        self.friction = WallFriction(fluid, **solved) if walls.have_friction else NoOp("start", "update_slip")
-        self.wall_loads = NoOp("find", read=lambda _count: {})
+        self.friction = (
+            WallFriction(fluid, **solved) if walls.have_friction else NoOp("set_initial_slip", "update_slip")
+        )
+        self.wall_loads = NoOp("evaluate", read=lambda _count: {})
         if problem.wall_loads:
             first = len(walls.surfaces) - len(scene.walls)  # the axis of rings comes before the walls of the scene
             measured = [first + k for k in scene.measured_walls.values()]
@@ -138,16 +140,16 @@ class Implicit(Scheme):
         self.constrain_volume(dt)
         self.assemble(dt)
         self.motion.guess(dt, u)
-        self.velocity.take_guess()
+        self.velocity.multiply_guess()
         if self.numerics.outer_tolerance:
             iterations = self.iterate_until_met(iterations, dt, viscous, u)
         else:
             for k in repeat(iterations):
                 self.iterate(k, iterations, dt, viscous, u)
             self.residuals.measure()
-        self.wall_loads.find(u)
+        self.wall_loads.evaluate(u)
         self.shifting.compute(dt, FULL_STRAIN, 0.0)
-        if self.shifting.tears:
+        if self.shifting.shifts_in_tension:
             self.shifting.remove_mean_shift(dt, FULL_STRAIN)
         self.momentum_drift.restore(dt, u)
         self.walls.move_to_end(dt)
@@ -163,12 +165,12 @@ class Implicit(Scheme):
     def predict(self, dt, first):
         """Set pressure, viscosity and resistances from the last velocity, and the correction of the resistances."""
         self.pressure.smooth(dt)
-        self.friction.start(dt)
+        self.friction.set_initial_slip(dt)
         self.pressure.find_closed_box(int(self.active_set.whole and self.may_be_full))
-        self.wall_stress.start()
+        self.wall_stress.set_drive_and_weight()
         self.strain_rate.evaluate(dt)
         self.stress.set_viscosity()
-        self.interface.find()
+        self.interface.find_normals()
         self.interface.gather(self.stress.fluidity)
         self.resistance.set(dt, first)
         self.correction.gather(self.constants.deferred_fraction(dt))
@@ -227,7 +229,7 @@ class Implicit(Scheme):
             for _ in range(RELAXATION_SHIFTS):
                 self.gradient.build()
                 self.shifting.compute(0.0, 1.0, 1.0)
-                self.shifting.apply()
+                self.shifting.shift_particles()
                 self.neighbors.search()
 
     def set_forces(self, scene, start: float, dt: float) -> None:
@@ -240,7 +242,7 @@ class Implicit(Scheme):
             self.first = True
 
     def set_problem(self, problem) -> None:
-        """Go on with the materials of another problem of the same law and geometry; what is compiled stays."""
+        """Set the materials of another problem of the same law and geometry, without compiling anew."""
         self.constants.set_problem(problem)
 
     def time_step_limits(self, speeds) -> dict[str, float]:
@@ -248,8 +250,8 @@ class Implicit(Scheme):
         return {"maximum": self.constants.longest_at(speeds)} | super().time_step_limits(speeds)
 
     def complete_fields(self) -> None:
-        """Before it is read: after a step that was not taken by all, what they carry is made that of all."""
-        if not self.taken_by_all:
+        """Complete the fields before they are read, after a step in which not all particles took part."""
+        if not self.all_active:
             self.active_set.recall()
             self.neighbors.search()
             self.gradient.build()
@@ -257,13 +259,13 @@ class Implicit(Scheme):
             self.wall_loads.up_to_date, self.active_set.whole = False, True
 
     @property
-    def taken_by_all(self) -> bool:
+    def all_active(self) -> bool:
         """Whether all particles took part in the last step."""
         return self.active_set.whole
 
     @property
     def left_out(self) -> float:
-        """Part of the particles that stood still and were left out, mean of all steps [-]."""
+        """Fraction of the particles that stood still and were left out, mean of all steps [-]."""
         return self.active_set.mean_part_left_out
 
     def fields_to_read(self, count: int) -> dict:
@@ -276,7 +278,7 @@ class Implicit(Scheme):
         return {"first": self.first, "unmet": self.unmet} | self.active_set.state()
 
     def load(self, state: dict) -> None:
-        """Go on from a state."""
+        """Load the scalars of a saved state."""
         self.wall_loads.up_to_date = False
         self.first, self.unmet = state["first"], state.get("unmet", 0)
         self.active_set.load(state)
@@ -299,9 +301,11 @@ def carried(problem) -> dict[str, Carried]:
 
 
 def may_stand(problem, particles, walls) -> bool:
-    """Whether a part of the fluid may stand still while the rest flows, and it pays to leave that out: of true yield
-    stress, in rows enough, in front of walls that hold all that touches them."""
-    if problem.numerics.sleep == "off" or (problem.numerics.sleep == "auto" and particles.capacity < FEW):
+    """Whether a part of the fluid may stand still while the rest flows and be left out of a step: with a true yield
+    stress, with enough particles, and without unilateral walls."""
+    if problem.numerics.sleep == "off" or (
+        problem.numerics.sleep == "auto" and particles.capacity < ONE_THREAD_BELOW_ROWS
+    ):
         return False
     loose = any(wall.unilateral for wall in walls.surfaces)
     stands = problem.law == "yield-stress" and problem.rests and not particles.has_walls and not particles.axisymmetric

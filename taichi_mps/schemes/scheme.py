@@ -40,7 +40,7 @@ class Scheme:
     REMEDY: str  # what a user can do where it diverges
     diagnostics: Diagnostics
     rows: FieldIO  # what a snapshot shows besides what the particles carry: yielded, and p where it is read otherwise
-    taken_by_all = True  # whether all particles took part in the last step
+    all_active = True  # whether all particles took part in the last step
     unmet = 0  # steps whose outer iterations ended before their tolerance was met
     left_out = 0.0  # part of the particles that was left out of the steps, mean of all [-]
 

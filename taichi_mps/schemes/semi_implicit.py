@@ -27,8 +27,8 @@ class SemiImplicit(Scheme):
         material, literal = problem.scene.material, self.numerics.literal
         self.viscosity = ExplicitViscosity(self.base, material)
         self.pressure = PressurePoisson(self.base, material.density, self.numerics)
-        self.collisions = NoOp("apply") if literal else Collisions(self.base)
-        self.shifting = NoOp("compute", "apply") if literal else Shifting(self.base, tears=False)
+        self.collisions = NoOp("collide") if literal else Collisions(self.base)
+        self.shifting = NoOp("compute", "shift_particles") if literal else Shifting(self.base, shifts_in_tension=False)
         self.largest_viscosity = 0.0  # of the last step [Pa s]; 0 before the first one
         yielded, solver = self.viscosity.yielded, self.pressure.solver
         self.rows = FieldIO({"yielded": yielded}, self.particles.capacity)
@@ -39,14 +39,14 @@ class SemiImplicit(Scheme):
         self.neighbors.search()
         self.gradient.build()
         iterations = self.viscosity.predict(dt, self.numerics.picard_tolerance, self.numerics.picard_limit)
-        self.collisions.apply(self.viscosity.u_star)
+        self.collisions.collide(self.viscosity.u_star)
         self.viscosity.move(dt)
         self.neighbors.search()
         self.pressure.weigh()
         self.pressure.solve(dt, self.numerics.tolerance)
         self.pressure.correct(dt)
         self.shifting.compute(dt, FULL_STRAIN, 0.0)
-        self.shifting.apply()
+        self.shifting.shift_particles()
         self.viscosity.mark_yielded()
         self.largest_viscosity = float(self.viscosity.largest[None])
         return self.diagnostics.report(dt, iterations)
@@ -68,5 +68,5 @@ class SemiImplicit(Scheme):
         return {"largest_viscosity": self.largest_viscosity}
 
     def load(self, state: dict) -> None:
-        """Go on from a state."""
+        """Load the scalars of a saved state."""
         self.largest_viscosity = state["largest_viscosity"]

@@ -1,4 +1,4 @@
-"""The clock of a run: how long each of its parts takes, told before it starts and, ever closer, while it goes on.
+"""Clock of a run: durations of its parts, forecast before it starts and updated, ever closer, while it runs.
 
 Before: steps and processor time of the flow by ``forecast.cost_of``, the other parts as measured on one core of an AMD
 EPYC; both times the ratios that earlier runs on this machine had to that. These lie beside the compiled kernels, so
@@ -15,7 +15,7 @@ from contextlib import suppress
 
 from .. import __version__
 from ..runtime.caches import kernels
-from ..runtime.stages import FEW, OPTIMISED
+from ..runtime.stages import ONE_THREAD_BELOW_ROWS, OPTIMISED_FROM_ROWS
 from ..runtime.workarounds import LANGUAGE
 from ..terms.constants import CREEP
 from .forecast import cost_of, own_step, particles_of
@@ -52,22 +52,24 @@ class Clock:
     def __init__(self, problem, settings: dict, every: float, begun: float | None = None):
         scene, rows = problem.scene, particles_of(problem)
         self.problem, self.cost = problem, cost_of(problem)
-        team = rows >= FEW and scene.dimension == 3
+        team = rows >= ONE_THREAD_BELOW_ROWS and scene.dimension == 3
         self.threads, self.precision = settings["threads"] if team else 1, settings["precision"]
         self.every = every
         names = __version__, scene.name, scene.parameters.get("model"), problem.scheme, problem.law, self.threads > 1
-        self.key = " ".join(map(str, (*names, rows >= OPTIMISED, settings["arch"], settings["precision"])))
+        self.key = " ".join(map(str, (*names, rows >= OPTIMISED_FROM_ROWS, settings["arch"], settings["precision"])))
         self.known, self.path = {}, kernels(LANGUAGE) / RATIOS
         with suppress(OSError, ValueError, TypeError):
             self.known = dict(json.loads(self.path.read_text(encoding="utf-8")))
         self.cold = self.key not in self.known
-        ready = READY[scene.dimension == 3][self.cold] + OPTIMISATION * (self.cold and OPTIMISED <= rows < FEW)
+        ready = READY[scene.dimension == 3][self.cold] + OPTIMISATION * (
+            self.cold and OPTIMISED_FROM_ROWS <= rows < ONE_THREAD_BELOW_ROWS
+        )
         flow = self.cost.cpu_seconds / self.threads**TEAM_EXPONENT + ROW * self.cost.steps
         pictures = PICTURE * (min(self.cost.steps, self.cost.end / every) + 1.0)
         self.usual = dict(zip(PARTS, (START, ready, flow + pictures, FILM, REPORT), strict=True))
         self.expected = {part: seconds * self._ratio(part) for part, seconds in self.usual.items()}
         self.measured = dict.fromkeys(PARTS, 0.0)
-        self.part, self.first, self.told = PARTS[0], 0, 0.0
+        self.part, self.first, self.last_answer = PARTS[0], 0, 0.0
         self.begun = self.since = time.monotonic() if begun is None else begun
         self.cpu_begun = time.process_time() if begun is None else 0.0
 
@@ -98,12 +100,12 @@ class Clock:
         self.part, self.since = part, now
 
     def now(self, sim) -> dict[str, float] | None:
-        """Seconds passed and left of a run, the share that is done and the expected end of the flow [s]; None where the
-        last answer is hardly older."""
+        """Seconds passed and left of a run, the share that is done and the expected end of the flow [s]; None within
+        MIN_INTERVAL of the last answer."""
         now = time.monotonic()
-        if now - self.told < MIN_INTERVAL:
+        if now - self.last_answer < MIN_INTERVAL:
             return None
-        self.told = now
+        self.last_answer = now
         passed, here = now - self.begun, now - self.since
         left = sum(self.expected[part] for part in PARTS[PARTS.index(self.part) + 1 :])
         if self.part == "flow" and sim.steps > self.first:
@@ -131,16 +133,16 @@ class Clock:
 
 
 def steps_left(sim, cost) -> float:
-    """Number of steps that a run still takes, by what was told of it (``cost``) and by its decay, if it has one."""
+    """Number of steps that a run still takes, by its forecast ``cost`` and by its decay, if it has one."""
     now, dt, fold, until = sim.time, sim.report.dt, sim.rest.fold, sim.scene.until
-    told = max(cost.steps - sim.steps, REMAINING_SHARE * sim.steps)
+    steps_left = max(cost.steps - sim.steps, REMAINING_SHARE * sim.steps)
     if sim.pouring and not all(pouring.done for pouring in sim.pouring):
         share = min(now / max(pouring.end for pouring in sim.pouring), 1.0)
         return (1.0 - share) * math.sqrt(cost.steps * sim.steps / max(share, 1e-3)) + MIN_STEPS
     end = min(until, sim.rest.expected(sim) or until) if sim.problem.rests and sim.scene.stop_at_rest else until
     if fold <= 0.0:
-        return min(told, max(1.0, (until - now) / dt)) if end < until else told
+        return min(steps_left, max(1.0, (until - now) / dt)) if end < until else steps_left
     longest = max(dt, own_step(sim.problem, quiet=True), CREEP * fold)
     growing = min(max(end - now, 0.0), fold * math.log(longest / dt))
     decay = fold / dt * -math.expm1(-growing / fold) + (max(end - now, 0.0) - growing) / longest
-    return math.sqrt(told * decay)
+    return math.sqrt(steps_left * decay)

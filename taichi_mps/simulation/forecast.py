@@ -1,4 +1,4 @@
-"""What a run will take, before its first step: particles, memory, steps of the flow and their processor time.
+"""Forecast of a run before its first step: particles, memory, steps of the flow and their processor time.
 
 Memory: bytes of the fields of f32 that the terms allocate, and of what is read, shown and written;
 tests/simulation/test_forecast.py holds the sum against the peak of whole runs. Steps: the fastest part of the fluid
@@ -17,7 +17,7 @@ from ..linear.cell_multigrid import CellMultigrid
 from ..linear.node_multigrid import NodeMultigrid
 from ..particles.kernels import lattice_sums
 from ..problem import accuracy
-from ..problem.feasibility import sides
+from ..problem.feasibility import cells_along_axes
 from ..problem.problem import Problem
 from ..runtime.backend import started
 from ..runtime.memory import admit
@@ -31,7 +31,7 @@ PAIRS, PAIRS_OF_RINGS = 1.6, 4.0  # room for neighbours over those of a lattice;
 PROCESS = 300e6  # Python, Taichi, compiled kernels, pictures
 BYTES_SHOWN = 190  # of a particle of the whole body, in NumPy
 BYTES_OF_CELL = 8  # of a cell
-BYTES_OF_NODE = 32  # of a node of a sampled solid: distance, its row among the faces of inner edges, and those
+BYTES_OF_NODE = 32  # of a node of a sampled solid: distance, its row among the faces of concave edges, and those
 DOUBLE_RATIO = 1.85  # fields of f64 over those of f32: positions always are, numbers of rows never
 FIELDS = {  # bytes of a particle, of a pair, with multigrid of a particle and a cell more, of a particle that is read
     ("implicit", "plane"): (440, 20, 60, 180, 650),
@@ -43,7 +43,7 @@ FIELDS = {  # bytes of a particle, of a pair, with multigrid of a particle and a
 
 
 def pairs_of(scene) -> float:
-    """Room for pairs at first, over the pairs of a lattice."""
+    """Initial capacity for neighbour pairs, over the pairs of a lattice."""
     return PAIRS_OF_RINGS if scene.axisymmetric else PAIRS
 
 
@@ -61,12 +61,12 @@ def memory_of(problem: Problem, pairs: float, precision: str, finer: float = 1.0
     kind = "rings" if scene.axisymmetric else "plane" if d == 2 else "space"
     of_particle, of_pair, coarse_particle, coarse_cell, read = FIELDS[problem.scheme, kind]
     neighbours = lattice_sums(d, scene.spacing, problem.effective_radius, *kernels(problem)).neighbours
-    rows, cells = particles_of(problem) * finer**d, float(np.prod(sides(problem))) * finer**d
+    rows, cells = particles_of(problem) * finer**d, float(np.prod(cells_along_axes(problem))) * finer**d
     taken = rows * (of_particle + pairs * neighbours * of_pair) + cells * BYTES_OF_CELL
     if problem.wall_loads:  # force and torque on each wall
         taken += 12 * (3 if d == 2 else 6) * len(scene.measured_walls) * rows  # f32, and f64 where they are read
     multigrid = NodeMultigrid if problem.scheme == "implicit" else CellMultigrid
-    if rows >= multigrid.PAY_FROM:
+    if rows >= multigrid.MIN_ROWS:
         taken += rows * coarse_particle + cells * coarse_cell
     taken *= DOUBLE_RATIO if precision == "f64" else 1.0
     taken += BYTES_OF_NODE * sum(wall.values.size for wall in scene.walls if isinstance(wall, Solid))
@@ -75,8 +75,8 @@ def memory_of(problem: Problem, pairs: float, precision: str, finer: float = 1.0
 
 
 def require_memory(problem: Problem, pairs: float, precision: str | None = None) -> None:
-    """SceneError, with the smallest spacing that fits, where the machine has not as much as the problem takes in a
-    precision, by default that of the started backend."""
+    """Raise a SceneError, with the smallest spacing that fits, if the problem needs more memory in a precision, by
+    default that of the started backend, than the machine has."""
     spacing, precision = problem.scene.spacing, precision or started()["precision"]
 
     def smallest(there: float) -> str:
@@ -115,12 +115,12 @@ class Cost:
 
 
 def cost_of(problem: Problem) -> Cost:
-    """Cost of a problem: of a pour by the implicit scheme in space, whose steps follow the jet, to the time limit; of
-    what falls to the expected rest. Steps of a slump cone were met within a factor of 1.5, other flows within three."""
+    """Cost of a problem, to the time limit for a pour by the implicit scheme in space, whose steps follow the jet, else
+    to the expected rest. Steps of a slump cone were predicted within a factor of 1.5, of other flows within three."""
     scene = problem.scene
     if problem.scheme == "implicit" and scene.dimension == 3 and scene.inlets:
         return cost_of_pour(problem)
-    known, particles = accuracy.of_run(described(problem)), particles_of(problem)
+    known, particles = accuracy.errors_of_run(described(problem)), particles_of(problem)
     creep = max(m.typical_slope / max(m.yield_value, 1e-9) for m in problem.materials) - problem.fall_time
     rests = scene.stop_at_rest and problem.rests
     rest = REST_OVER_FALL * problem.fall_time + REST_OVER_CREEP * max(creep, 0.0)
@@ -136,7 +136,7 @@ def cost_of(problem: Problem) -> Cost:
 
 
 def cost_of_pour(problem: Problem) -> Cost:
-    """Cost of a pour from 0 s on to the time limit. No hose waits for room."""
+    """Cost of a pour from 0 s to the time limit, if no hose must wait for room."""
     scene, numerics = problem.scene, problem.numerics
     pours = [Pouring(scene, inlet) for inlet in scene.inlets]
     time = scene.until * (np.arange(TIMES) + 0.5) / TIMES
@@ -155,8 +155,8 @@ def cost_of_pour(problem: Problem) -> Cost:
 
 
 def landing_speed(problem: Problem, pour: Pouring, time, level):
-    """Speed [m/s] at times [s] of a jet where it lands, on a heap above the level [m]. With LANDING_RATIO the steps of
-    eight pours were met within 15 %; of one with a courant_number of 0.65 24 % too many were told."""
+    """Speed [m/s] of a jet at times [s] where it lands, on a heap above the level [m]. With LANDING_RATIO the steps of
+    eight pours were predicted within 15 %; of one with a courant_number of 0.65 24 % too many."""
     if pour.inlet.height is not None:  # a nozzle lays its bead where that stays
         return np.full(len(time), pour.speed)
     mouth = np.array([pour.inlet.centre[-1] + pour.inlet.displacement(t)[-1] for t in time])
@@ -165,8 +165,7 @@ def landing_speed(problem: Problem, pour: Pouring, time, level):
 
 
 def level_of(scene, volume):
-    """Level [m] of so much fluid [m3] in the cavity, if it lies evenly; without a cavity the floor of all that may
-    be."""
+    """Level [m] of a volume of fluid [m3] that lies evenly in the cavity; without a cavity, the floor."""
     if scene.cavity is None:
         return np.full(np.shape(volume), scene.reach[:, -1].min() - 0.5 * scene.spacing)
     cells = scene.cavity.cells
@@ -176,7 +175,7 @@ def level_of(scene, volume):
 
 
 def own_step(problem: Problem, quiet: bool = False) -> float:
-    """Longest step [s] of the scheme where nothing is fast; ``quiet``: and what yields only settles."""
+    """Longest step [s] of the scheme in a slow flow; ``quiet``: when a yield-stress fluid only settles."""
     times = LONG if quiet and all(m.yields for m in problem.materials) else 1.0
     body = problem.gravity, problem.height, problem.scene.spacing
     return problem.numerics.max_time_step or min(
@@ -185,8 +184,8 @@ def own_step(problem: Problem, quiet: bool = False) -> float:
 
 
 def seconds_of_a_step(particles):
-    """CPU seconds of a step: between the measured numbers of particles by a power of them, below as of the fewest,
-    above in proportion."""
+    """CPU seconds of a step: interpolated as a power between the measured numbers of particles, constant below, in
+    proportion above."""
     known, seconds = np.loadtxt(MEASURED, delimiter=",").T
     within = np.exp(np.interp(np.log(np.maximum(particles, 1.0)), np.log(known), np.log(seconds)))
     return within * np.maximum(1.0, particles / known[-1])

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..problem.loads import measured
+from ..problem.loads import load_results
 from ..problem.measures import Snapshot
 from ..problem.scene import Scene
 from ..schemes.step_report import StepReport
@@ -61,10 +61,10 @@ class Frame:
         """
         whole = self.scene.unfold(self.state)
         found = self.scene.measure(whole) if self.scene.measure else {}
-        return found | measured(whole, self.scene.mirrors, self.scene.axisymmetric)
+        return found | load_results(whole, self.scene.mirrors, self.scene.axisymmetric)
 
 
-def between(earlier: Frame, later: Frame, time: float) -> Frame:
+def interpolate(earlier: Frame, later: Frame, time: float) -> Frame:
     """Interpolate two frames at a ``time`` [s]: places and velocities on a line, all else as of the later one.
 
     Particles that came in since the earlier one have moved at their present velocity.

@@ -1,4 +1,4 @@
-"""When a body is at rest (I15): when hardly a way is left to go, by the decay that was seen."""
+"""Rest criterion (I15): a body is at rest when its remaining displacement, by the observed decay, is negligible."""
 
 import math
 from dataclasses import dataclass
@@ -12,22 +12,22 @@ PAUSE = 1.15  # times sqrt(H/g), 0.2 s of a slump cone: for so long hardly a way
 
 @dataclass
 class Rest:
-    """Decay of a motion: the speed at its last fold, when that was, and how long the fold before
-    took."""
+    """Decay of a motion in folds, reductions of the speed by a factor: speed and time of the last fold, and duration of
+    the fold before."""
 
-    since: float | None = None  # since when hardly a way is left [s]
-    speed: float = 0.0  # of what moves, at the last fold [m/s]
+    since: float | None = None  # time since which the remaining displacement is negligible [s]
+    speed: float = 0.0  # of the moving particles, at the last fold [m/s]
     at: float = 0.0  # time of that fold [s]
     fold: float = 0.0  # time that the fold took [s]; 0 as long as nothing has fallen
 
     def __post_init__(self):
-        """TypeError for what a checkpoint should not hold."""
+        """Raise a TypeError for values from a checkpoint that are no numbers."""
         for key, value in vars(self).items():
             if not isinstance(value, int | float) and (key, value) != ("since", None):
                 raise TypeError(f"rest: {key} = {value!r} is not a number")
 
     def observe(self, speed: float, now: float) -> None:
-        """Note the speed of what moves [m/s] after a step, at a time [s]."""
+        """Record the speed of the moving particles [m/s] after a step, at a time [s]."""
         if speed > FOLD * self.speed:
             self.speed, self.at, self.fold, self.since = speed, now, 0.0, None
         elif speed * FOLD <= self.speed:
@@ -35,9 +35,9 @@ class Rest:
             self.fold, self.speed, self.at = (now - self.at) / folds, speed, now
 
     def reached(self, sim) -> bool:
-        """Whether hardly a way is left. What is left of an exponential decay is the speed times the time in which it
-        falls by e; where it falls slower than before, the time since the last fold counts, and where it has not fallen
-        yet, sqrt(H/g). Never, where a mix has no true yield stress, nor before the last change of gravity and walls."""
+        """Whether the remaining displacement is negligible. For an exponential decay it is the speed times the time in
+        which it falls by e; if the decay slows down, the time since the last fold counts, and before the first fold
+        sqrt(H/g). Always False for a mix without true yield stress, and before the last change of gravity and walls."""
         if not sim.problem.rests:
             return False
         if (
@@ -52,12 +52,12 @@ class Rest:
         return sim.time - self.since >= PAUSE * sim.problem.fall_time
 
     def remaining_path(self, sim) -> float:
-        """Way [m] that is left now."""
+        """Remaining displacement [m]."""
         return sim.report.moving_speed * max(self.fold or sim.problem.fall_time, sim.time - self.at)
 
     def expected(self, sim) -> float | None:
-        """When [s] the body will be at rest if the speed goes on to fall as it did; a guess, for who waits. None where
-        nothing falls yet."""
+        """Expected time of rest [s] if the speed continues to fall as before, an estimate for progress; None before the
+        first fold."""
         if self.fold <= 0.0:
             return None
         pause = PAUSE * sim.problem.fall_time
@@ -68,7 +68,7 @@ class Rest:
 
 
 def pushed(sim) -> bool:
-    """Whether a wall that travels touches the fluid. What stands in a mould is at rest only once the mould is gone."""
+    """Whether a moving wall touches the fluid: a body in a mould is at rest only after the mould is gone."""
     walls = [wall for wall in sim.scene.walls if wall.travels_at(sim.time)]
     x = sim.particles.read()["x"] if walls else None
     return any(np.abs(wall.distance(x, sim.time)).min() < sim.walls.effective_radius for wall in walls)

@@ -1,4 +1,4 @@
-"""A Simulation that is compiled once and run again with other materials.
+"""Reuse of a compiled Simulation for other materials.
 
 A Simulation compiles its kernels anew: 5 to 8 s for a cone that runs in half a second. They read the numbers of a mix
 from fields (``from_fields`` of the law says which), so another mix of the same law is other entries.
@@ -19,14 +19,14 @@ from .simulation import Simulation
 
 # of a scene: read at every step or at the end, by no kernel; the material has its own entry
 FREE = ("material", "until", "parameters", "measure", "over_time", "check", "outline", "mould", "vessel")
-MOST_KEPT = 4  # Simulations of a process: of some curves, coarse and fine
+MAX_KEPT = 4  # Simulations of a process: of some curves, coarse and fine
 _kept: dict = {}  # of this process, by shape, last used last: Simulation, its scheme and its state when it was made
 
 
-def begin(scene: Scene, compiles=None, most: int = MOST_KEPT) -> Simulation:
-    """A Simulation of the scene, by kernels of this process where they fit; one handed out before is over. Starts
-    Taichi with one thread where it is not, and again where its fields are used up. ``compiles`` is called before
-    kernels are made, and ``most`` Simulations are kept."""
+def begin(scene: Scene, compiles=None, most: int = MAX_KEPT) -> Simulation:
+    """Make a Simulation of the scene, with compiled kernels of this process if they fit; one returned before becomes
+    invalid. Starts Taichi with one thread if it is not started, and again if its fields are used up. ``compiles`` is
+    called before kernels are compiled, and ``most`` Simulations are kept."""
     problem = Problem(scene)
     shape = shape_of(problem)
     try:
@@ -51,8 +51,8 @@ def begin(scene: Scene, compiles=None, most: int = MOST_KEPT) -> Simulation:
 
 
 def shape_of(problem: Problem) -> bytes:
-    """A digest of what of a problem is compiled: all of the scene but FREE, all of the numerics, and what kernels do
-    not read from fields of the mix. Problems of one shape share their kernels."""
+    """Digest of all of a problem that is compiled into kernels: the scene except FREE, the numerics, and the numbers of
+    the mix that kernels do not read from fields. Problems with equal digests share their kernels."""
     scene = problem.scene
     bare = [getattr(scene, field.name) for field in fields(scene) if field.name not in FREE]
     mixes = [scene.mix_of(inlet) for inlet in scene.inlets]  # one may be that of the scene
@@ -75,8 +75,8 @@ def shape_of(problem: Problem) -> bytes:
 
 
 def described(part):
-    """An array, a record or anything else that JSON does not know. Of a function the text that compiles it is not
-    known, so only the same object is equal to it."""
+    """Convert an array, a record or another object for JSON. Functions are compared by identity, since their source is
+    not known."""
     if isinstance(part, np.ndarray):
         return [str(part.dtype), part.shape, part.tobytes().hex()]
     if is_dataclass(part):

@@ -20,7 +20,7 @@ from ..schemes.step_report import DivergedError, DomainError, StepReport
 from ..terms.rheology import OwnLaw
 from ..units import INSTANT, Duration, Flag, Instant, require, said, validated
 from .forecast import pairs_of, require_memory
-from .frame import Frame, between
+from .frame import Frame, interpolate
 from .pouring import Pouring
 from .rest import Rest
 from .snapshot import crossing, snapshot
@@ -256,9 +256,9 @@ class Simulation:
         return self.particles.number - self.wall_particles
 
     @property
-    def taken_by_all(self) -> bool:
+    def all_active(self) -> bool:
         """Whether all particles took part in the last step (I30)."""
-        return self.scheme.taken_by_all
+        return self.scheme.all_active
 
     def profile(self) -> list[tuple[str, float, int]]:
         """Return the time that each stage took since the first step, of a Simulation made with ``profile=True``.
@@ -362,7 +362,7 @@ class Simulation:
 
         After a step that excluded particles, output is deferred to the next full step.
         """
-        if not self._schedules or not (self.taken_by_all or last):
+        if not self._schedules or not (self.all_active or last):
             return
         now = Frame(self.scene, self.snapshot(), self.report)
         for schedule in self._schedules:
@@ -371,7 +371,7 @@ class Simulation:
             on_time = abs(self.time - number * interval) < INSTANT
             schedule[2] = number
             if number > done and (done >= 0 or on_time):
-                callback(now if on_time else between(self._last_frame, now, number * interval))
+                callback(now if on_time else interpolate(self._last_frame, now, number * interval))
             if last and not on_time:
                 callback(now)
         self._last_frame = now
@@ -386,7 +386,7 @@ class Simulation:
             and unyielded
             and self.time > max(0.05, self.scene.last_change)
             and self.report.unyielded_fraction >= unyielded,
-            "rest": rests and all(pouring.done for pouring in self.pouring) and self.taken_by_all,
+            "rest": rests and all(pouring.done for pouring in self.pouring) and self.all_active,
         }
         return next((reason for reason, holds in reasons.items() if holds), None)
 

@@ -1,4 +1,4 @@
-"""What can be read of the fluid at one moment, and which edge of the domain it has crossed."""
+"""Snapshot of the fluid of a simulation, and the edge of the domain that it has crossed."""
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from ..problem.measures import Snapshot
 
 
 def snapshot(sim) -> Snapshot:
-    """The computed fluid of a simulation now, ordered by id."""
+    """Snapshot of the computed fluid of a simulation, ordered by id."""
     sim.scheme.complete_fields()
     rows = sim.particles.read()
     rows |= sim.scheme.fields_to_read(len(rows["id"]))

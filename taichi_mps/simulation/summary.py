@@ -1,4 +1,4 @@
-"""What describes a whole run, as summary.json has it, and whether its numbers can be trusted."""
+"""Summary of a run, as in summary.json, and the check of its result."""
 
 import math
 import warnings
@@ -66,7 +66,7 @@ def summary(sim) -> Summary:
         "backend": backend.started(),
         "version": __version__,
     }
-    found = accuracy.of_run(facts) if SLUMP in measures else None
+    found = accuracy.errors_of_run(facts) if SLUMP in measures else None
     if found:
         _, height, error = found  # None beyond the measured ones
         facts["slump_expected_error_m"] = height * error.slump if error else None
@@ -87,13 +87,13 @@ def described(problem) -> dict:
 
 
 def judge(sim) -> None:
-    """At the end of a run: a warning where the volume was not kept on the way, UnmeasuredError where the slump that was
-    to be measured is no number."""
+    """Check the result at the end of a run: warn if the volume was not kept on the way, raise an UnmeasuredError if the
+    slump to be measured is no number."""
     worst = sim.report.volume_error_max if sim.report else 0.0
-    if worst > accuracy.MOST_VOLUME_ERROR:
+    if worst > accuracy.DOUBTFUL_VOLUME_ERROR:
         warnings.warn(
-            f"volume_error_max = {worst:.1%}: the volume was not kept within {accuracy.MOST_VOLUME_ERROR:.0%} all the "
-            "time; a smaller spacing keeps it better, or effective_radius_ratio = 2.6 where the layer is thin",
+            f"volume_error_max = {worst:.1%}: the volume was not kept within {accuracy.DOUBTFUL_VOLUME_ERROR:.0%} all "
+            "the time; a smaller spacing keeps it better, or effective_radius_ratio = 2.6 where the layer is thin",
             stacklevel=1,  # by text: of the command line one line
         )
     if sim.watched and sim.stopped_by != "interrupted" and math.isnan(sim.measures().get(SLUMP, 0.0)):

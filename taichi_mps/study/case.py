@@ -77,7 +77,7 @@ def run(case: Case, samples: int = 0) -> dict:
             course, frames, over_time = [], [], None if spread.watched else sim.scene.over_time
             if over_time:
                 course.append(row_of(sim, sim.measures()))
-                sim.each_step(lambda sim: sim.taken_by_all and course.append(row_of(sim, sim.measures())))
+                sim.each_step(lambda sim: sim.all_active and course.append(row_of(sim, sim.measures())))
             if samples:
                 each = sim.scene.until / samples
                 sim.every(each, lambda frame: frames.append({"time_s": frame.time} | frame.measures()))

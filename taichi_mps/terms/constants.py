@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from ..problem.materials import FLOWS
+from ..problem.materials import FLOW_THRESHOLD
 from ..runtime.backend import real, ti
 from ..runtime.stages import flush
 
@@ -184,8 +184,8 @@ class Constants:
 
     @ti.func
     def flows(self, i, rate):
-        """Whether the viscous stress at a shear rate [1/s] is over FLOWS of the yield stress of particle i."""
-        return self.eta[self.mix(i)] * rate > FLOWS * self.tau_y[self.mix(i)]
+        """Whether the viscous stress at a shear rate [1/s] is over FLOW_THRESHOLD of the yield stress of particle i."""
+        return self.eta[self.mix(i)] * rate > FLOW_THRESHOLD * self.tau_y[self.mix(i)]
 
     @ti.func
     def density_of(self, i):

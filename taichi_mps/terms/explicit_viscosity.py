@@ -20,7 +20,7 @@ pi_c = 0.1 1/s, 10 across: 18 times the exact speed after 0.5 s and growing; 20 
 """
 
 from ..particles.particles import DUMMY, FLUID
-from ..problem.materials import FLOWS
+from ..problem.materials import FLOW_THRESHOLD
 from ..runtime.backend import double_field, real, ti
 from ..runtime.stages import flush, stage
 from .constants import Term
@@ -62,7 +62,7 @@ class ExplicitViscosity(Term):
     def predict(self, dt: float, tolerance: float, limit: int) -> int:
         """Fill u_star; returns the number of direct iterations (``limit`` of them at most, one without a yield
         stress)."""
-        self.start()
+        self.set_laplacian_and_guess()
         for k in range(1 if self.newtonian else limit):  # noqa: B007  (their number is returned)
             self.rate()
             self.explicit_step(dt)
@@ -92,8 +92,8 @@ class ExplicitViscosity(Term):
         return (self.dimension / self.gradient.n0) * total
 
     @stage("predictor")
-    def start(self):
-        """lap u^k, and u^k as the first guess of u*."""
+    def set_laplacian_and_guess(self):
+        """Set lap u^k, and u* to its first guess u^k."""
         for i in range(self.particles.count[None]):
             self.u_star[i] = self.particles.u[i]
             self.lap_u[i] = ti.Vector.zero(float, self.dimension)
@@ -161,8 +161,8 @@ class ExplicitViscosity(Term):
 
     @ti.func
     def flows(self, i, rate):
-        """Whether the viscous stress at a shear rate [1/s] is over FLOWS of the yield stress."""
-        return self.eta * rate > FLOWS * self.tau_y
+        """Whether the viscous stress at a shear rate [1/s] is over FLOW_THRESHOLD of the yield stress."""
+        return self.eta * rate > FLOW_THRESHOLD * self.tau_y
 
     @ti.func
     def density_of(self, i):

@@ -47,7 +47,8 @@ class HourglassResistance(Term):
 
     @stage("prepare")
     def set(self, dt: float, first: ti.i32):
-        """For the strain rate at the start of a step of dt [s]; in the ``first`` step that is not known (I8)."""
+        """Set the resistance by the strain rate at the start of a step of dt [s], which the ``first`` step does not
+        know (I8)."""
         for i in range(self.particles.count[None]):
             m = self.constants.mix(i)
             # Without a yield stress a thin fluid has 64 times as much at rest, less where the velocity gradient strains

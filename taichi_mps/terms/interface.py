@@ -41,8 +41,8 @@ class Interface(Term):
         return 0.5 * v.dot(b) * n.dot(b) / self.gradient.weight_r2[k]
 
     @stage("interface")
-    def find(self):
-        """Normal and share at the present positions."""
+    def find_normals(self):
+        """Set the normal and the fraction of the other mixes at the present positions."""
         for i in range(self.particles.count[None]):
             m = ti.Vector.zero(float, self.dimension)
             for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
@@ -58,7 +58,7 @@ class Interface(Term):
 
     @stage("interface")
     def gather(self, fluidity: ti.template()):
-        """``fluidity`` of the others, for that of all particles [1/(Pa s)]."""
+        """Sum the fluidity of the other mixes from the ``fluidity`` of all particles [1/(Pa s)]."""
         for i in range(self.particles.count[None]):
             total = ti.cast(0.0, float)
             if self.other_fraction[i] > 0.0:
@@ -71,7 +71,7 @@ class Interface(Term):
 
     @ti.func
     def across_interface(self, i, T):
-        """The shear across the interface in a symmetric tensor (t, t) at particle i, as a tensor."""
+        """Part of a symmetric tensor (t, t) at particle i that is shear across the interface, as a tensor."""
         n = ti.Vector.zero(float, self.tensors)
         for a in ti.static(range(self.dimension)):
             n[a] = self.normal[i][a]

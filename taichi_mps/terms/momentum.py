@@ -12,7 +12,7 @@ from ..linear.node_multigrid import NodeMultigrid
 from ..linear.pcg import PCG
 from ..particles.particles import FLUID
 from ..runtime.backend import double_field, real, ti
-from ..runtime.stages import flush, nothing, sequence, stage
+from ..runtime.stages import flush, no_op, sequence, stage
 from ..runtime.sums import lanes
 from ..runtime.thread_team import first, last, wait
 from .constants import Term
@@ -21,7 +21,7 @@ EARLY_TOLERANCE = 10.0  # only the last solve of a step goes down to the toleran
 # To what a solve reduces its first residual, in the last and in the other iterations: a velocity that just passes would
 # go on unchanged from step to step, until it fails and is corrected by a jump.
 REDUCTION, EARLY_REDUCTION = 0.1, 0.3
-MOST_ITERATIONS = 2000  # of a solve
+MAX_ITERATIONS = 2000  # of a solve
 BLOCK = 64  # particles whose sums over pairs are stored before they are used (pair_sums.py); on a GPU 1
 
 
@@ -49,12 +49,12 @@ class MomentumOperator(Term):
         return self.particles.kind[i] == FLUID
 
     @stage("apply")
-    def apply(self, u: ti.template(), y: ti.template()):
+    def multiply(self, u: ti.template(), y: ti.template()):
         """y = A u [N], zero in wall rows."""
-        self._apply(u, y, 0.0)
+        self._multiply(u, y, 0.0)
 
     @ti.func
-    def _apply(self, u: ti.template(), y: ti.template(), motion):
+    def _multiply(self, u: ti.template(), y: ti.template(), motion):
         """y = A u [N], zero in wall rows; ``motion`` 1 counts the walls' own velocity, 0 does not."""
         for i in range(first(self.count[None]), last(self.count[None])):
             self.sums.set_motion(i, u[i])
@@ -177,7 +177,7 @@ class MomentumOperator(Term):
         for i in range(self.count[None]):
             fluid = self.particles.kind[i] == FLUID
             walls_only[i] = ti.Vector.zero(float, self.dimension) if fluid else self.particles.u[i]
-        self._apply(walls_only, response, 1.0)
+        self._multiply(walls_only, response, 1.0)
         for i in range(self.count[None]):
             b[i] -= response[i]
 
@@ -191,7 +191,7 @@ class MomentumSource(Term):
         self.operator, self.pressure, self.constraint = operator, pressure, constraint
         self.correction, self.wall_stress = correction, wall_stress
         walls_act = self.walls.moving or self.walls.have_friction
-        self.subtract_wall_motion = operator.subtract_wall_motion if walls_act else nothing
+        self.subtract_wall_motion = operator.subtract_wall_motion if walls_act else no_op
 
     def evaluate(self, solver) -> None:
         """b of the solver for the present pressure, stress and slip; its p and z are scratch."""
@@ -238,24 +238,24 @@ class VelocitySolve:
     def __init__(self, operator, continues: bool):
         self.operator, self.constants, self.continues = operator, operator.constants, continues
         capacity, bins = operator.particles.capacity, operator.neighbors.bins
-        multigrid = NodeMultigrid(operator, bins) if capacity >= NodeMultigrid.PAY_FROM else None
+        multigrid = NodeMultigrid(operator, bins) if capacity >= NodeMultigrid.MIN_ROWS else None
         self.solver = PCG(capacity, operator.dimension, operator, multigrid)
         self.velocity = self.solver.x  # [m/s]
         self.iterations = ti.field(ti.i32, ())  # of all solves of a step
 
-    def take_guess(self) -> None:
-        """The velocity as it is now is the initial guess of the first solve of a step."""
+    def multiply_guess(self) -> None:
+        """Multiply the present velocity, the initial guess of the first solve of a step, by the operator."""
         if self.continues:
-            self.solver.take_guess()
+            self.solver.multiply_guess()
 
     def prepare(self) -> None:
-        """The preconditioner of the operator as it is now, and what residuals are compared with."""
+        """Build the preconditioner of the present operator, and set the reference of the residuals."""
         self.solver.M.build()
         self.operator.set_reference()
 
     @sequence("solve")
     def solve(self, k: ti.i32, iterations: ti.i32, tolerance: ti.f64):
-        """Velocity of the present right-hand side in iteration k of a step."""
+        """Solve for the velocity with the present right-hand side, in iteration k of a step."""
         warm_start, min_reduction, max_reduction = 0, REDUCTION, 0.0
         flush()
         if k + 1 < iterations:
@@ -264,9 +264,9 @@ class VelocitySolve:
         if ti.static(self.continues):
             warm_start = min(k, 1)
         else:
-            self.solver.take_guess()
+            self.solver.multiply_guess()
         self.solver.solve(
-            tolerance, MOST_ITERATIONS, self.operator.reference[None], warm_start, min_reduction, max_reduction
+            tolerance, MAX_ITERATIONS, self.operator.reference[None], warm_start, min_reduction, max_reduction
         )
         self.iterations[None] = self.solver.iterations[None] + (self.iterations[None] if k > 0 else 0)
         return self.solver.iterations[None]

@@ -24,7 +24,7 @@ class Motion(Term):
         for i in range(self.particles.count[None]):
             if self.particles.kind[i] == FLUID:
                 move = ti.cast(0.5 * dt * self.particles.u[i], ti.f64)
-                self.particles.x[i] = self.walls.outside(self.particles.x[i], move)
+                self.particles.x[i] = self.walls.keep_in_fluid(self.particles.x[i], move)
 
     @stage("guess")
     def guess(self, dt: float, u: ti.template()):
@@ -50,7 +50,7 @@ class Motion(Term):
                 move = ti.cast(dt * half + self.shifting.shift[i], ti.f64)
                 self.particles.a[i] = (u[i] - self.particles.u[i]) / dt
                 self.particles.u[i] = u[i]
-                self.particles.x[i] = self.walls.outside(self.particles.x[i], move)
+                self.particles.x[i] = self.walls.keep_in_fluid(self.particles.x[i], move)
 
 
 def free_directions(scene, walls: str) -> np.ndarray:

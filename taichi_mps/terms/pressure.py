@@ -65,8 +65,8 @@ class Pressure(Term):
 
     @ti.kernel
     def smooth_for_output(self):
-        """Smooth the pressure twice for output, into ``p``, which the next step fills anew: the discrete gradient does
-        not see checkerboard modes, which are undamped at rest and carry no information."""
+        """Smooth the pressure twice for output, into ``p``, which the next step overwrites: it may hold checkerboard
+        modes, to which the discrete gradient is blind and which are undamped at rest."""
         for i in range(self.particles.count[None]):
             self.smoothed_once[i] = self.mean(i, OUTPUT_SMOOTHING, self.particles.p)
         for i in range(self.particles.count[None]):
@@ -108,8 +108,8 @@ class Pressure(Term):
 
     @stage("prepare")
     def compress(self):
-        """In a full closed box the pressure, which is free up to a constant, is kept high enough that nothing is in
-        tension: tension tears voids open."""
+        """Raise the pressure in a full closed box, where it is free up to a constant, so that no particle is in
+        tension, which would open voids."""
         ti.loop_config(serialize=True)
         for _ in range(1):
             if self.full[None] == 1:
@@ -137,7 +137,7 @@ class Pressure(Term):
 
     @stage("advance")
     def keep(self):
-        """At the end of a step: the particles carry p."""
+        """Store p in the particles at the end of a step."""
         for i in range(self.particles.count[None]):
             self.particles.p[i] = self.p[i]
 

@@ -17,7 +17,7 @@ from ..runtime.backend import ti
 from ..runtime.stages import flush, stage
 from .constants import Term
 
-MOST_ITERATIONS = 2000  # of a solve
+MAX_ITERATIONS = 2000  # of a solve
 FREE_SURFACE = 0.97  # n*/n0 below which a particle lies on the free surface
 # Of the density error the source 'mixed' removes so much [1/s], and at most that part of it in a step
 DENSITY_RATE, DENSITY_PART = 200.0, 0.2
@@ -51,7 +51,7 @@ class PressurePoisson(Term):
             self.capacity, neighbors.pair_capacity, neighbors.row_start, neighbors.column, self.particles.count
         )
         levels = None
-        if self.capacity >= CellMultigrid.PAY_FROM:
+        if self.capacity >= CellMultigrid.MIN_ROWS:
             levels = CellMultigrid(self.matrix, bins.cell_start, bins.cell_of, bins.shape)
         self.solver = PCG(self.capacity, 1, self.matrix, levels)
 
@@ -68,8 +68,8 @@ class PressurePoisson(Term):
         self.balance(self.solver.b)
         flush()
         self.solver.M.build()
-        self.solver.take_guess()
-        self.solver.solve(tolerance, MOST_ITERATIONS, HUGE, 0, 1.0, 0.0)
+        self.solver.multiply_guess()
+        self.solver.solve(tolerance, MAX_ITERATIONS, HUGE, 0, 1.0, 0.0)
         self.store(self.solver.x)
 
     @ti.func

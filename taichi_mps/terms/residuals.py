@@ -1,4 +1,4 @@
-"""How far the velocity of a step is from the constraints of the augmented Lagrangian, |D - q| and |div u - s|."""
+"""Residuals of the constraints of the augmented Lagrangian, |D - q| and |div u - s|, at the velocity of a step."""
 
 from ..particles.particles import FLUID
 from ..runtime.backend import double_field, ti
@@ -19,18 +19,18 @@ class Residuals(Term):
         self.lanes, self.sums = lanes(), double_field(components=3)  # V, V (2|D - q|)^2, V (div u - s)^2
 
     def read(self) -> list[float]:
-        """Both [-], as they were measured last."""
+        """Read both residuals [-] of the last measurement."""
         flush()
         return self.of(self.sums[None].to_list())
 
     def of(self, sums) -> list[float]:
-        """Both [-], from the sums."""
+        """Compute both residuals [-] from the sums."""
         volume, *squares = sums
         return [(square / max(volume, 1e-30)) ** 0.5 / self.constants.rate for square in squares]
 
     @stage("stress")
     def measure(self):
-        """Sums of the velocity, the plastic rate and the divergence of the last iteration."""
+        """Sum the squares of both residuals over the volume after the last iteration."""
         ti.loop_config(serialize=True)
         for _ in range(1):
             self.sums[None] = ti.Vector.zero(ti.f64, 3)

@@ -28,14 +28,14 @@ COLLISION_DISTANCE, RESTITUTION = 0.5, 0.2  # distance over the spacing; coeffic
 @ti.data_oriented
 class Shifting(Term):
     """Small displacements that keep the particles evenly spread where the material deforms and, if it has no yield
-    stress (``tears``), where it is in tension."""
+    stress (``shifts_in_tension``), where it is in tension."""
 
-    def __init__(self, fluid, tears: bool):
-        super().__init__(fluid, tears=tears, spacing=fluid.gradient.spacing)
+    def __init__(self, fluid, shifts_in_tension: bool):
+        super().__init__(fluid, shifts_in_tension=shifts_in_tension, spacing=fluid.gradient.spacing)
         self.shift = ti.Vector.field(self.dimension, real(), self.capacity)  # displacement [m]
         # tension over the shear stress, 1 at most, times the part of what is viscous in the hourglass resistance [-]
         self.stretched = ti.field(real(), self.capacity)
-        if tears:
+        if shifts_in_tension:
             self.tension = ti.field(real(), self.capacity)  # part of the shift that tension calls for [-]
             self.mean = ti.Vector.field(self.dimension, real(), self.capacity)  # mean shift of neighbours [m]
 
@@ -46,7 +46,7 @@ class Shifting(Term):
         s]: what is viscous would lose angular momentum by it. A yield stress holds particles in their places."""
         for i in range(self.particles.count[None]):
             thin, whole = resistance.thin[i], resistance.whole[i]
-            if ti.static(self.tears):
+            if ti.static(self.shifts_in_tension):
                 part = ti.cast(0.0, float)
                 if self.gradient.neighbour_count[i] >= INTERIOR * self.gradient.full:
                     part = (
@@ -63,7 +63,7 @@ class Shifting(Term):
         """Fraction of the shift, and of the wanted divergence, that is applied to particle i in a step of dt [s]: 0 at
         rest to 1 where it strains the material by ``strain`` [-], or the fraction that tension calls for."""
         part = self.deformation_fraction(i, dt, strain)
-        if ti.static(self.tears):
+        if ti.static(self.shifts_in_tension):
             part = ti.max(part, self.tension[i])
         return part
 
@@ -95,7 +95,7 @@ class Shifting(Term):
                 perturbation = self.perturbation(x)
                 deforming = ti.max(least, self.deformation_fraction(i, dt, strain))
                 part = deforming
-                if ti.static(self.tears):
+                if ti.static(self.shifts_in_tension):
                     perturbation *= ti.min(1.0, deforming / ti.max(self.tension[i], 1e-12))
                     part = ti.max(deforming, self.tension[i])
                 spreading = SHIFT_COEFFICIENT + (TENSION_SHIFT_COEFFICIENT - SHIFT_COEFFICIENT) * self.stretched[i]
@@ -110,12 +110,12 @@ class Shifting(Term):
                 self.shift[i] = move * ti.min(1.0, 0.05 * l0 / ti.max(move.norm(), 1e-12)) + deforming * apart
 
     @stage("shift")
-    def apply(self):
-        """x <- x + shift, kept in front of the walls."""
+    def shift_particles(self):
+        """Move the particles by the shift, x <- x + shift, kept in front of the walls."""
         for i in range(self.particles.count[None]):
             if self.particles.kind[i] == FLUID:
                 move = ti.cast(self.shift[i], ti.f64)
-                self.particles.x[i] = self.walls.outside(self.particles.x[i], move)
+                self.particles.x[i] = self.walls.keep_in_fluid(self.particles.x[i], move)
 
     @stage("shift")
     def remove_mean_shift(self, dt: float, strain: float):
@@ -206,7 +206,7 @@ class Collisions(Term):
         self.change = ti.Vector.field(self.dimension, real(), self.capacity)  # of the velocity [m/s]
 
     @stage("collisions")
-    def apply(self, u: ti.template()):
+    def collide(self, u: ti.template()):
         """Change the velocities u [m/s] of fluid particles; the pairs are those of the last ``gradient``."""
         for i in range(self.particles.count[None]):
             change = ti.Vector.zero(float, self.dimension)

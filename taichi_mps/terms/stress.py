@@ -48,8 +48,8 @@ class StrainRate(Term):
 
     @ti.func
     def half_step_change(self, i):
-        """By how much the gradient (t, t) of a velocity falls when its particles move with it from the middle of the
-        step to its end [1/s] (I32)."""
+        """Decrease [1/s] of the gradient (t, t) of a velocity when the particles move with it from the middle of the
+        step to its end (I32)."""
         G = self.velocity_gradient(i)
         return self.half_step[None] * G @ G
 
@@ -198,7 +198,7 @@ class Stress(Term):
 
     @ti.func
     def slope(self, i):
-        """By how much the shear stress of particle i grows with its shear rate, where it flows [Pa s]."""
+        """Slope of the flow curve of particle i at its shear rate, where it flows [Pa s]."""
         slope = self.constants.eta[self.constants.mix(i)]
         if ti.static(self.has_curve):
             rate = ti.max(self.particles.shear_rate[i], self.constants.min_bond_rate[None])
@@ -266,7 +266,7 @@ class Stress(Term):
 
     @stage("advance")
     def advance(self, dt: float, u: ti.template()):
-        """At the end of a step of dt [s] with the velocity u: the structure grows, the stress turns with the material
+        """Advance the structure, and rotate the stress with the material, over a step of dt [s] with the velocity u
         (Jaumann's rate, by a rotation: Hughes and Winget 1980)."""
         for i in range(self.particles.count[None]):
             for k, growth_of in ti.static(self.growths):

@@ -21,26 +21,26 @@ from .constants import Term
 
 @ti.data_oriented
 class WallFriction(Term):
-    """Friction of the walls (boundaries/friction.py): the slip at the start of a step, and after each iteration. It
-    reads constants, pressure, stress, resistance and solved_rate."""
+    """Friction of the walls (boundaries/friction.py): the slip at the start of a step and after each iteration. Reads
+    constants, pressure, stress, resistance and solved_rate."""
 
-    def start(self, dt):
-        """Penalty and slip at the start of a step of dt [s]."""
+    def set_initial_slip(self, dt):
+        """Set penalty and slip at the start of a step of dt [s]."""
         self.walls.set_friction_penalty(self.constants.materials[0].density / dt)
-        self.begin_slip()
+        self.initialize_slip()
 
     @stage("friction")
-    def begin_slip(self):
-        """The slip that each particle brings along to the walls with friction."""
+    def initialize_slip(self):
+        """Set the slip of each particle on walls with friction from the slip that it carries."""
         for i in range(self.particles.count[None]):
             mu = self.stress.viscosity(i, self.particles.shear_rate[i])
             volume, size = self.particles.volume(i), self.gradient.cross_section_ratio(i)
             B = self.gradient.B[i]
-            self.walls.start_slip(i, self.particles.x[i], self.particles.u[i], B, volume, mu, size)
+            self.walls.set_initial_slip(i, self.particles.x[i], self.particles.u[i], B, volume, mu, size)
 
     @stage("friction")
     def update_slip(self, u: ti.template()):
-        """Slip and traction for all that each particle gives to the walls: stress, pressure, hourglass resistance."""
+        """Update slip and traction from the stress, pressure and hourglass resistance of each particle."""
         for i in range(self.particles.count[None]):
             B, x, h = self.gradient.B[i], self.particles.x[i], self.resistance.h[i]
             G = self.solved_rate.velocity_gradient(i)
@@ -58,8 +58,8 @@ class WallFriction(Term):
 @ti.data_oriented
 class WallLoads(Term):
     """Contribution of every particle to the loads of the walls ``measured``: force [N], and torque about the wall's
-    point [N m]. ``up_to_date``: whether they belong to the state that the particles are in. It reads what WallFriction
-    does, and correction and wall_stress."""
+    point [N m]. ``up_to_date``: whether they belong to the present state of the particles. Reads constants, pressure,
+    stress, resistance, solved_rate, correction and wall_stress."""
 
     def __init__(self, fluid, measured, **others):
         super().__init__(fluid, **others)
@@ -77,8 +77,8 @@ class WallLoads(Term):
         rows = self.fields.read(count)
         return rows if self.up_to_date else {name: np.full(row.shape, np.nan) for name, row in rows.items()}
 
-    def find(self, u) -> None:
-        """The loads with the stress and the pressure that belong to the velocity u."""
+    def evaluate(self, u) -> None:
+        """Evaluate the loads with the stress and the pressure that belong to the velocity u."""
         self.up_to_date = True
         self.set(u)
 
@@ -111,7 +111,7 @@ class WallLoads(Term):
                         self.torques[k][i] += turn
 
     def of_face(self, f) -> list:
-        """The place, among the walls that are measured, of the one that this face belongs to."""
+        """Index of this face's wall among the walls that are measured, as a list of none or one."""
         return [k for k, number in enumerate(self.numbers) if number == self.walls.surface_of[f]]
 
     @ti.func

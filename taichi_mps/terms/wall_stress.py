@@ -26,9 +26,9 @@ def no_force(i, face: ti.template() = None):
 
 @ti.data_oriented
 class WallStress(Term):
-    """Stress along the walls; where the vessel is full also the drive along them, the weight of the excess of shear
-    stress that acts, and the curvature of the velocity, of every particle in reach of a no-slip wall; and the spread of
-    the stress of all."""
+    """Stress along the walls; in a full vessel also the drive along them, the weight of the excess of shear stress, and
+    the curvature of the velocity, for every particle in reach of a no-slip wall, and the variation of the stress for
+    all particles."""
 
     def __init__(self, fluid, constants, strain_rate, pressure, stress):
         super().__init__(fluid, constants=constants, strain_rate=strain_rate, pressure=pressure, stress=stress)
@@ -49,9 +49,9 @@ class WallStress(Term):
         return force
 
     @stage("wall stress")
-    def start(self):
-        """The fit; in a full vessel also drive and weight at the start of a step: the weight with which the present
-        stress is in equilibrium."""
+    def set_drive_and_weight(self):
+        """Set the moment of the fit without walls and, in a full vessel, drive and weight at the start of a step: the
+        weight with which the present stress is in equilibrium."""
         for i in range(self.particles.count[None]):
             if self.touches_wall(i):
                 M = ti.Matrix.zero(float, self.dimension, self.dimension)
@@ -71,7 +71,7 @@ class WallStress(Term):
 
     @stage("wall stress")
     def update_weight(self):
-        """In a full vessel the weight for the stress that the wall carries now."""
+        """Update the weight, in a full vessel, for the present stress of the wall."""
         if ti.static(self.in_full_vessels):
             for i in range(self.rows()):
                 if self.touches_wall(i):
@@ -95,7 +95,7 @@ class WallStress(Term):
 
     @ti.func
     def set_drive(self, i):
-        """Drive along the walls, weight of the excess and curvature of the velocity of particle i."""
+        """Set the drive along the walls, the weight of the excess and the curvature of the velocity of particle i."""
         self.walls.velocity_curvature[i] = ti.Vector.zero(float, self.dimension)
         self.drive[i] = ti.Vector.zero(float, self.dimension)
         if self.gradient.B[i][0, 0] > 0.0 and self.touches_wall(i):
@@ -104,12 +104,12 @@ class WallStress(Term):
             over = ti.max(0.0, size - self.stress.yield_stress(i))
             self.weight[i] = self.excess_weight(i, ti.sqrt(over / ti.max(self.half_layer_stress(i), 1e-12)), size)
             share = self.weight[i]
-            if ti.static(self.stress.averages):  # how much of the layer up to the next row flows
+            if ti.static(self.stress.averages):  # the fraction of the layer up to the next row that flows
                 share = ti.min(share, over / ti.max(2.0 * self.half_layer_stress(i), 1e-12))
-            # part of the drive that the stress along a hollow wall bears, half of it in a pipe [-]; it is left out
-            # before a wall bent the other way, which a drive hardly ever goes along
+            # part of the drive that the stress along a concave wall bears, half of it in a pipe [-]; left out at a
+            # convex wall, along which a drive hardly ever acts
             bent = ti.cast(0.0, float)
-            for f, wall in ti.static(self.walls.chosen(None, "no_slip")):
+            for f, wall in ti.static(self.walls.select_faces(None, "no_slip")):
                 if ti.static(wall.curved):  # noqa: SIM102  (a compiled choice stays apart)
                     if self.walls.c[i, f] > 0.0:
                         _z, _n, _v, k = wall.face(i, self.particles.x[i], self.walls.slots[f])
@@ -131,7 +131,7 @@ class WallStress(Term):
             if self.touches_wall(i):
                 fit = self.inverse_moment[i]
             slope = fit @ N
-            for f, wall in ti.static(self.walls.chosen(None, "no_slip")):
+            for f, wall in ti.static(self.walls.select_faces(None, "no_slip")):
                 if self.walls.c[i, f] > 0.0:
                     z, n, _velocity, _curvature = wall.face(i, self.particles.x[i], self.walls.slots[f])
                     slope -= n * n.dot(slope) * (1.0 - ti.min(1.0, z / reach))
@@ -151,7 +151,7 @@ class WallStress(Term):
     def touches_wall(self, i):
         """Whether particle i is in reach of a wall that holds it."""
         near = False
-        for f, _wall in ti.static(self.walls.chosen(None, "holds")):
+        for f, _wall in ti.static(self.walls.select_faces(None, "resists_slip")):
             near = near or self.walls.c[i, f] > 0.0
         return near
 
@@ -159,7 +159,7 @@ class WallStress(Term):
     def half_layer_stress(self, i):
         """f l0/2 [Pa], f the largest part [N/m3] of the drive of particle i along a no-slip wall in reach."""
         most = ti.cast(0.0, float)
-        for f, wall in ti.static(self.walls.chosen(None, "no_slip")):
+        for f, wall in ti.static(self.walls.select_faces(None, "no_slip")):
             if self.walls.c[i, f] > 0.0:
                 _z, n, _velocity, _curvature = wall.face(i, self.particles.x[i], self.walls.slots[f])
                 most = ti.max(most, (self.drive[i] - n * n.dot(self.drive[i])).norm())
@@ -170,7 +170,7 @@ class WallStress(Term):
         """Force density [N/m3] by which the shear stress of the ghosts exceeds that of particle i."""
         total = ti.Vector.zero(float, self.dimension)
         x, size = self.particles.x[i], self.gradient.cross_section_ratio(i)
-        for f, wall in ti.static(self.walls.chosen(face, "no_slip")):
+        for f, wall in ti.static(self.walls.select_faces(face, "no_slip")):
             if self.walls.c[i, f] > 0.0:
                 z, n, _velocity, curvature = wall.face(i, x, self.walls.slots[f])
                 along = self.drive[i] - n * n.dot(self.drive[i])
@@ -185,7 +185,7 @@ class WallStress(Term):
         force = ti.Vector.zero(float, self.dimension)
         moment = ti.Matrix.zero(float, self.dimension, self.dimension)
         x, size = self.particles.x[i], self.gradient.cross_section_ratio(i)
-        for f, wall in ti.static(self.walls.chosen(face, "holds")):
+        for f, wall in ti.static(self.walls.select_faces(face, "resists_slip")):
             if self.walls.c[i, f] > 0.0:
                 z, n, _velocity, curvature = wall.face(i, x, self.walls.slots[f])
                 t = self.walls.tangential(i, wall, f, x, z, curvature, size)

@@ -49,8 +49,8 @@ class Row:
     """Case of the validation table."""
 
     name: str
-    case: str  # what flows
-    reference: str  # where the right answer comes from
+    case: str  # description of the flow
+    reference: str  # source of the answer
     function: Callable  # of the settings: gives Measured, and dicts, which are points of viz.plots.convergence
     settings: dict = field(default_factory=dict)
     quick: bool = False  # belongs to --quick and to the default test suite
@@ -94,15 +94,15 @@ def simulate(scene: mps.Scene, max_time_step: float | None = None):
 
 
 def run(scene: mps.Scene, until: float | None = None, max_time_step: float | None = None):
-    """The Simulation of ``scene`` at ``until`` [s], or at the end of the scene."""
+    """Run the Simulation of ``scene`` to ``until`` [s], or to the end of the scene, and return it."""
     sim = simulate(scene, max_time_step)
     sim.run(until)
     return sim
 
 
 def record(scene: mps.Scene, read, interval: float | None = None, until=None, max_time_step=None, after=-1.0):
-    """The Simulation at its end, the times [s] at which ``read`` (of the simulation) was called, and what it gave:
-    every ``interval`` [s], or after every step; later than ``after`` [s]."""
+    """Run a Simulation and record ``read(simulation)`` every ``interval`` [s], or after every step, later than
+    ``after`` [s]. Returns the Simulation, the times [s] and the recorded values."""
     sim, found = simulate(scene, max_time_step), []
 
     def note(s):
@@ -119,7 +119,7 @@ def record(scene: mps.Scene, read, interval: float | None = None, until=None, ma
 
 
 def stop_beyond_budget(sim) -> None:
-    """Raises TimeoutError when the row has spent its CPU time; says where, and what a simulated second costs."""
+    """Raise a TimeoutError, with the cost of a simulated second, when the row has spent its CPU time."""
     spent = time.process_time() - Setting.begin
     if spent > Setting.budget:
         hours = sim.cpu_seconds / 3600.0 / sim.time  # without compiling

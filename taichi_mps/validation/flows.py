@@ -30,7 +30,7 @@ def profile(y, weight, eta, tau_y, depth=DEPTH, knee_rate=1e-9):
 
 
 def l2(u, exact) -> float:
-    """Relative L2 error."""
+    """Relative L2 error of a velocity u."""
     return float(np.linalg.norm(u - exact) / np.linalg.norm(exact))
 
 

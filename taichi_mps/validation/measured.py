@@ -20,7 +20,7 @@ EVERY = 0.004  # between two readings of the front [s]
 
 
 def tests() -> dict[tuple[str, float, float], tuple[np.ndarray, np.ndarray]]:
-    """Times [s] and fronts [m] of each test, by fluid, width and height of the block [m]."""
+    """Measured times [s] and fronts [m] of each test, by fluid, width and height of the block [m]."""
     found = {}
     for row in read_reference(DAMS):
         key = row["fluid"], *(round(0.01 * float(row[name]), 4) for name in ("W_cm", "H_cm"))
@@ -59,8 +59,8 @@ def course(**settings):
 
 
 def offset(courses: dict) -> float:
-    """One offset [s] of the films' time for all tests: computed fronts, times and values by test, that much later are
-    nearest to the measured ones of the first EARLY frames, in squares over the last measured front."""
+    """Offset [s] of the films' time, one for all tests, with which the computed fronts (times and values by test) are
+    nearest to the measured ones of the first EARLY frames, by squares over the last measured front."""
     known = tests()
 
     def misfit(late):

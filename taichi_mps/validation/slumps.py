@@ -21,7 +21,7 @@ DENSITY, GRAVITY = 2300.0, 9.81  # [kg/m3], [m/s2]
 
 # ---- measuring -------------------------------------------------------------------------------------------------
 def moment(sim) -> str:
-    """When a run ended, in words: at rest, or at its last time [s]."""
+    """Time of the end of a run in words: at rest, or at its last time [s]."""
     return "at rest" if sim.stopped_by == "rest" else f"at {sim.time:g} s"
 
 
@@ -31,7 +31,7 @@ def percent(value: float, exact: float) -> float:
 
 
 def slump_and_spread(sim) -> tuple[float, float]:
-    """[m]."""
+    """Slump and slump flow of a simulation [m]."""
     return itemgetter("slump_m", "spread_m")(sim.measures())
 
 

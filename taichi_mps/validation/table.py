@@ -42,7 +42,7 @@ def run_row(name: str, scheme: str = "implicit", budget: float | None = None) ->
 
 
 def result(name: str, error: str | None, numbers=(), series=(), cpu_seconds=0.0, wall_seconds=0.0) -> dict:
-    """JSON-ready result of a row."""
+    """Make the JSON-ready result of a row."""
     facts = {"row": name, "case": ROWS[name].case, "reference": ROWS[name].reference}
     found = {"numbers": list(numbers), "series": list(series), "error": error}
     return facts | found | {"cpu_seconds": cpu_seconds, "wall_seconds": wall_seconds}
@@ -137,12 +137,12 @@ def cells_of(result: dict | None, other: dict | None):
     first = [row["case"] + (f" (calibration: `{'`, `'.join(chosen)}`)" if chosen else ""), row["reference"]]
     seconds = [f"{each['cpu_seconds']:.0f}" if each else "" for each in (result, other)]
     for mine, their in zip_longest(lines_of(result), lines_of(other)):
-        told, beside = mine or (their[0], "-", their[2], "-"), ""
+        cells, beside = mine or (their[0], "-", their[2], "-"), ""
         if their:
             quantity, value, _, verdict = their
-            named = f" ({quantity})" * (told[0] not in ("-", quantity))
+            named = f" ({quantity})" * (cells[0] not in ("-", quantity))
             beside = f"{value}{named}, {verdict}" if value != "-" else other["error"].split(":")[0]
-        yield [*first, *told, seconds[0], beside, seconds[1]]
+        yield [*first, *cells, seconds[0], beside, seconds[1]]
         first = seconds = ["", ""]
 
 

@@ -1,7 +1,7 @@
 """Spheres for the painter.
 
-Which one is nearest at each pixel is found by a Taichi kernel, an atomic minimum over keys of 64 bits: the same bits on
-every run.
+A Taichi kernel finds the nearest one at each pixel, by an atomic minimum over keys of 64 bits, reproducible bit for
+bit.
 """
 
 import numpy as np
@@ -14,7 +14,7 @@ EMPTY = 0x4E6E6B28 << 32  # key of a pixel without sphere: depth 1e9 m; others: 
 
 @ti.kernel
 def _splat(centres: Rows, radius: ti.f32, focal: ti.f32, keys: Keys):
-    """Nearest sphere of every pixel; centres to the right, down and ahead [m], exact perspective outlines."""
+    """Find the nearest sphere of every pixel, with exact perspective outlines; centres in camera coordinates [m]."""
     for k in range(centres.shape[0]):
         x, y, z = centres[k, 0], centres[k, 1], centres[k, 2]
         r2 = radius * radius
@@ -47,20 +47,20 @@ class Beads:
     def __init__(self, x, colours, radius):
         self.x, self.colours, self.radius = x, np.asarray(colours, np.float32), radius
 
-    def paint(self, camera, scale=1):
-        """Pixels (k,) of a picture in whose middle a sphere is, rows of the nearest ones (k,) and their depths there
-        (k,) [m]. What reaches behind the eye is left out."""
+    def rasterize(self, camera, scale=1):
+        """Pixels (k,) whose centres are covered by spheres, rows of the nearest spheres (k,) and their depths there
+        (k,) [m]. Spheres that reach behind the eye are left out."""
         keys = np.full((scale * camera.height, scale * camera.width), EMPTY, np.uint64)
-        seen = camera.seen(self.x).astype(np.float32)
+        seen = camera.camera_coordinates(self.x).astype(np.float32)
         order = np.argsort(seen[:, 2], kind="stable")  # front first: most hidden pixels are never written
         _splat(seen[order], self.radius, scale * camera.focal, keys)
         pixel = np.flatnonzero(keys != EMPTY)
         keys = keys.ravel()[pixel]
         return pixel, order[keys & 0x7FFFFFFF], (keys >> 32).astype(np.uint32).view(np.float32)
 
-    def look(self, painter, hit, near, columns, rows):
-        """Colours (k, 3) in the light and depths (k,) at places of the picture on spheres of these rows (k,)."""
+    def shade(self, painter, hit, near, columns, rows):
+        """Shaded colours (k, 3) and depths (k,) at places of the picture on the spheres ``hit`` (k,)."""
         ahead = painter.camera.rays(columns, rows).astype(np.float32) * near[:, None]
         normals = (ahead - (self.x - painter.camera.eye).astype(np.float32)[hit]) / np.float32(self.radius)
-        _, light = painter.light(self.x, hit)
-        return painter.lit(self.colours[hit], ahead, normals, light[:, hit]), near
+        _, light = painter.light_at(self.x, hit)
+        return painter.shade_colours(self.colours[hit], ahead, normals, light[:, hit]), near

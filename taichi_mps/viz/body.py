@@ -1,5 +1,5 @@
-"""The surface of a body for pictures and exports: of what fills its mould the mould's, of rings a solid of revolution,
-else the smooth surface of the particles, by pysplashsurf."""
+"""Surface of a body for pictures and exports: the mould's at 0 s, a solid of revolution for rings, else the smooth
+surface of the particles by pysplashsurf."""
 
 from dataclasses import replace
 
@@ -9,34 +9,34 @@ from ..geometry.walls import Plane
 from ..problem.measures import SCALARS, Snapshot
 from ..units import require
 
-CELL = 0.5  # side of the cells in which rings are smeared out, over l0
-REACH = 4  # of them, in which a ring counts: it is a normal distribution with half of its size as standard deviation
-TAUBIN, TURNS = (0.5, -0.52), 12  # smoothing that keeps the volume (Taubin, 1995), and how often
+DENSITY_CELL = 0.5  # side of the cells in which the density of rings is computed, over l0
+REACH = 4  # cells within which a ring counts, a normal distribution whose standard deviation is half of its size
+TAUBIN, SMOOTHING_TURNS = (0.5, -0.52), 12  # smoothing that keeps the volume (Taubin, 1995), and its repetitions
 SECTORS = 72  # of a solid of revolution
-CUBE, SMOOTHING = 0.3, 15  # side of the cells of a surface over l0; smoothing iterations of its mesh
-CUBE_OF_PICTURES = 0.6  # which takes a fifth of the time and is as smooth
-LEVEL, LEVEL_OF_PICTURES = 0.6, 0.5  # of the surface, in densities of spheres; of pictures half a spacing outside
-BLOCK = 32  # cells along the sides of the blocks that are computed one by one; with 64 half as long again
-MOST_CELLS = 1e6  # along an axis: their number is a 64-bit integer
+SURFACE_CELL, MESH_SMOOTHING = 0.3, 15  # side of the cells of a surface over l0; smoothing iterations of its mesh
+PICTURE_CELL = 0.6  # cells for pictures, over l0: a fifth of the time, as smooth
+LEVEL, PICTURE_LEVEL = 0.6, 0.5  # density of the level set over that of spheres; for pictures, half a spacing outside
+BLOCK_CELLS = 32  # cells along the sides of the blocks that are computed one by one; with 64 half as long again
+MAX_CELLS = 1e6  # along an axis: their number is a 64-bit integer
 FIELDS = ("u", "p", "shear_rate", "yielded", "density_ratio")
 
 
-def smooth_surface(s: Snapshot, cube: float = CUBE, fields=FIELDS) -> tuple[Snapshot, np.ndarray, np.ndarray]:
-    """Surface of a whole body in three dimensions: a snapshot of its k vertices, with these fields of the particles
-    and their mix interpolated to them, zero in the others; their outward normals (k, 3), and its triangles (m, 3), rows
-    of the vertices. cube: side of its cells over l0.
+def smooth_surface(s: Snapshot, cube: float = SURFACE_CELL, fields=FIELDS) -> tuple[Snapshot, np.ndarray, np.ndarray]:
+    """Compute the surface of a whole body in three dimensions: a snapshot of its k vertices, with these fields of the
+    particles and their mix interpolated, other fields zero; their outward normals (k, 3), and its triangles (m, 3),
+    rows of the vertices. ``cube``: side of its cells over l0.
 
-    The level set at LEVEL of the density of spheres of the spacing, with weighted smoothing (Loeschner et al., 2023,
-    "Weighted Laplacian smoothing for surface reconstruction of particle-based fluids"). It lies 0.2 to 0.5 spacings
-    outside of the outermost particles; a particle alone becomes a ball of 1.2 spacings.
+    It is the level set at LEVEL of the density of spheres of the spacing, with weighted smoothing (Loeschner et al.,
+    2023, "Weighted Laplacian smoothing for surface reconstruction of particle-based fluids"). It lies 0.2 to 0.5
+    spacings outside of the outermost particles; a particle alone becomes a ball of 1.2 spacings.
     """
     require(s.x.shape[1] == 3, "surface: the scene is a plane one; must have three dimensions")
     import pysplashsurf
 
     size = np.ptp(s.x, axis=0).max() / (cube * s.spacing) if len(s.x) else 0.0
-    require(size < MOST_CELLS, f"surface: the body is {size:.2g} cells long; must be at most {MOST_CELLS:g}")
-    exact = cube == CUBE
-    real = np.float64 if exact else np.float32  # takes a quarter less, and a picture has no finer points
+    require(size < MAX_CELLS, f"surface: the body is {size:.2g} cells long; must be at most {MAX_CELLS:g}")
+    exact = cube == SURFACE_CELL
+    real = np.float64 if exact else np.float32  # a quarter faster, and fine enough for a picture
     given = {name: np.ascontiguousarray(getattr(s, name), real) for name in fields}
     mixes = np.arange(s.mix.max(initial=0) + 1) if s.mix.any() else ()
     given |= {f"mix {k}": (s.mix == k).astype(real) for k in mixes}
@@ -46,12 +46,12 @@ def smooth_surface(s: Snapshot, cube: float = CUBE, fields=FIELDS) -> tuple[Snap
         particle_radius=0.5 * s.spacing,
         smoothing_length=2.0,  # in radii, as the next
         cube_size=2.0 * cube,
-        subdomain_num_cubes_per_dim=BLOCK,
-        iso_surface_threshold=LEVEL if exact else LEVEL_OF_PICTURES,
-        mesh_smoothing_iters=SMOOTHING,
+        subdomain_num_cubes_per_dim=BLOCK_CELLS,
+        iso_surface_threshold=LEVEL if exact else PICTURE_LEVEL,
+        mesh_smoothing_iters=MESH_SMOOTHING,
         mesh_cleanup=True,
         compute_normals=True,
-        normals_smoothing_iters=None if exact else SMOOTHING,
+        normals_smoothing_iters=None if exact else MESH_SMOOTHING,
     )
     at = {name: np.asarray(values, float) for name, values in made.point_attributes.items()}
     points = np.asarray(made.mesh.vertices, float)
@@ -65,10 +65,10 @@ def smooth_surface(s: Snapshot, cube: float = CUBE, fields=FIELDS) -> tuple[Snap
 
 
 def surface_of(scene, part: Snapshot, cube: float, fields) -> tuple[Snapshot, np.ndarray, np.ndarray]:
-    """Surface of the whole body of which a part is computed: a snapshot of its k vertices with the fields of the
+    """Compute the surface of the whole body from its computed part: a snapshot of its k vertices with the fields of the
     particles, their outward normals (k, 3), and its triangles (m, 3), rows of the vertices.
 
-    ``cube`` and ``fields``: of ``smooth_surface``, where the body has no ``profile``."""
+    ``cube`` and ``fields`` are passed to ``smooth_surface`` if the body has no ``profile``."""
     line = profile(scene, part)
     if line is None:
         return smooth_surface(scene.unfold(part), cube, fields)
@@ -83,9 +83,9 @@ def surface_of(scene, part: Snapshot, cube: float, fields) -> tuple[Snapshot, np
 
 
 def profile(scene, part: Snapshot) -> tuple[Snapshot, np.ndarray, np.ndarray] | None:
-    """Line through r and z whose revolution is the surface of the body: a snapshot of its k points (k, 2) with the
-    fields of the nearest particles, their outward normals (k, 2), and its parts (m, 2), rows of the points. None where
-    neither a mould nor rings are known."""
+    """Line in (r, z) whose revolution is the surface of the body: a snapshot of its k points (k, 2) with the fields of
+    the nearest particles, their outward normals (k, 2), and its segments (m, 2), rows of the points. None for a body
+    without mould and rings."""
     if part.time == 0.0 and scene.mould:
         cone = scene.mould
         corners = np.array([(0.0, 0.0), (cone.base_radius, 0.0), (cone.top_radius, cone.height), (0.0, cone.height)])
@@ -96,16 +96,16 @@ def profile(scene, part: Snapshot) -> tuple[Snapshot, np.ndarray, np.ndarray] | 
         parts, rows = np.arange(len(points)).reshape(-1, 2), np.zeros(len(points), int)
     elif scene.axisymmetric:
         floors = [wall.point[1] for wall in scene.walls if isinstance(wall, Plane) and wall.normal[1] > 0.99]
-        points, normals, parts = contour(fitted(scene, part), max(floors, default=None))
+        points, normals, parts = contour(fit_to_mould(scene, part), max(floors, default=None))
         rows = ((points[:, None] - part.x) ** 2).sum(-1).argmin(1)
     else:
         return None
     return replace(part, x=points, **{name: getattr(part, name)[rows] for name in ("u", *SCALARS)}), normals, parts
 
 
-def fitted(scene, part: Snapshot) -> Snapshot:
-    """Rings moved by so much as each row of them, when the mould was filled, lay off its mantle: without the steps of
-    a lattice."""
+def fit_to_mould(scene, part: Snapshot) -> Snapshot:
+    """Move rings so that each row of them, when the mould was filled, touches its mantle: without steps of a
+    lattice."""
     if not scene.mould:
         return part
     cone, (r, z) = scene.mould, scene.fluid.T
@@ -116,9 +116,9 @@ def fitted(scene, part: Snapshot) -> Snapshot:
 
 
 def contour(s: Snapshot, floor):
-    """The line through r and z at which the density of rings, smeared out, falls to a half, half a spacing outside of
-    the outermost ones: points (k, 2) [m], outward unit normals (k, 2) and parts (m, 2), rows of the points."""
-    cell, x, size = CELL * s.spacing, s.x, s.size
+    """Contour line in (r, z) at which the smoothed density of rings is a half, half a spacing outside of the outermost
+    ones: points (k, 2) [m], outward unit normals (k, 2) and segments (m, 2), rows of the points."""
+    cell, x, size = DENSITY_CELL * s.spacing, s.x, s.size
     for axis, plane in ((0, 0.0),) if floor is None else ((0, 0.0), (1, floor)):  # with images behind axis and floor
         near = x[:, axis] < plane + REACH * cell
         image = x[near]
@@ -149,15 +149,15 @@ def contour(s: Snapshot, floor):
     place = np.stack(np.unravel_index([p, q], shape), -1)  # (2, k, 2)
     points = low + cell * (place[0] + share * (place[1] - place[0]))
     parts = parts.reshape(-1, 2)
-    points, normals = smoothed(points, parts, TAUBIN), smoothed(normals, parts, TAUBIN[:1])
+    points, normals = smooth_line(points, parts, TAUBIN), smooth_line(normals, parts, TAUBIN[:1])
     return points, -normals / np.linalg.norm(normals, axis=1, keepdims=True), parts
 
 
-def smoothed(values, parts, shares):
-    """Values (k, d) of the points of a line with these parts (m, 2), each moved towards the mean of its two neighbours
-    by these shares of the way in turn; at the ends of a line they stay."""
+def smooth_line(values, parts, shares):
+    """Smooth values (k, d) at the points of a line with these segments (m, 2): move each value towards the mean of its
+    two neighbours by these shares of the way in turn, except at the ends of the line."""
     neighbours = np.bincount(parts.ravel(), minlength=len(values))[:, None]
-    for share in TURNS * shares:
+    for share in SMOOTHING_TURNS * shares:
         total = np.zeros_like(values)
         np.add.at(total, parts, values[parts[:, ::-1]])
         values = values + share * (neighbours == 2) * (0.5 * total - values)

@@ -1,4 +1,4 @@
-"""Pictures of runs made afterwards: films, and several runs side by side."""
+"""Films of finished runs, and several runs side by side."""
 
 from importlib.util import find_spec
 from pathlib import Path
@@ -7,12 +7,13 @@ import numpy as np
 from PIL import Image
 
 from ..units import require
-from .overlay import said_speed
+from .overlay import with_film_speed
 from .render import Renderer, save
 
 
-def together(*replays):
-    """Outputs of several runs as tuples, one for each time that any of them has: of each the last one up to then."""
+def align_in_time(*replays):
+    """Yield tuples of outputs of several runs, one for each output time of any run: the last output of each run up to
+    then."""
     upcoming = [next(replay, None) for replay in replays]
     now = list(upcoming)
     while any(upcoming):
@@ -40,18 +41,18 @@ class SideBySide:
 
 
 def check() -> None:
-    """SceneError where no film can be made."""
+    """Raise a SceneError if imageio-ffmpeg, which films need, is not installed."""
     require(find_spec("imageio_ffmpeg"), "film: needs imageio-ffmpeg: pip install 'taichi-mps[film]'")
 
 
 def mp4(pictures, out, fps: float = 10.0, every: float | None = None) -> Path:
-    """A film (H.264) of a list of picture files, by imageio-ffmpeg (extra ``film``), with its speed written into it
-    where the time between two of them is known, ``every`` [s]."""
+    """Write a film (H.264) of a list of picture files by imageio-ffmpeg (extra ``film``); with ``every`` [s], the time
+    between two pictures, its speed is written into it."""
     check()
     import imageio.v2 as iio
 
     with iio.get_writer(out, fps=fps, codec="libx264", quality=8, macro_block_size=16) as film:
         for path in pictures:
             with Image.open(path) as picture:
-                film.append_data(np.asarray(said_speed(picture.convert("RGB"), every, fps)))
+                film.append_data(np.asarray(with_film_speed(picture.convert("RGB"), every, fps)))
     return out

@@ -1,4 +1,4 @@
-"""Simulation of a notebook, which shows its picture."""
+"""Simulation for notebooks, which display its picture."""
 
 from ..simulation import simulation
 
@@ -7,7 +7,7 @@ class Simulation(simulation.Simulation):  # noqa: D101  (its docstring is that o
     __doc__ = simulation.Simulation.__doc__
 
     def _repr_png_(self) -> bytes:
-        """Return the picture of now, as PNG."""
+        """Return the picture of the present state as PNG."""
         from PIL import Image
 
         from .render import Renderer

@@ -1,4 +1,4 @@
-"""What is drawn over the picture of a body: glass, walls, outlines, rulers and dimensions, by Pillow."""
+"""Overlay on the picture of a body: glass, walls, outlines, rulers and dimensions, by Pillow."""
 
 from functools import cache
 
@@ -6,22 +6,22 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from ..problem.measures import embed
-from .painter import PAPER
+from .painter import BACKGROUND
 
 INK, FAINT, MOULD, GLASS = (38, 42, 48), (112, 118, 126), (196, 62, 38), (96, 150, 176)  # of text, rulers, outlines
-CLEAR = 0.15  # share of its own colour that a pane of glass adds
-DASH = 2, 3  # parts of a dashed line that are drawn, of so many
+GLASS_OPACITY = 0.15  # of a pane [-]
+DASH = 2, 3  # parts of a dashed line that are drawn, and parts of its period
 
 
 class Overlay:
-    """Draws over an image whose body lies at these depths (h, w) [m], as the camera sees it."""
+    """Draws on an image of a body with these depths (h, w) [m], by the projection of the camera."""
 
     def __init__(self, image, depth, camera):
         self.image, self.depth, self.camera, self.pen = image, depth, camera, ImageDraw.Draw(image)
         self.unit = camera.height / 720
 
     def pane(self, face) -> None:
-        """A plane face (k, 3) [m] of glass, where no body is before it."""
+        """Draw a plane face (k, 3) [m] of glass where no body is in front of it."""
         corners = self.camera.project(face)[:, :2]
         (left, top), (right, bottom) = np.clip([corners.min(0), corners.max(0) + 1], 0, self.image.size).astype(int)
         normal = np.cross(face[1] - face[0], face[2] - face[1])
@@ -32,11 +32,11 @@ class Overlay:
             with np.errstate(divide="ignore"):
                 away = (face[0] - self.camera.eye) @ normal / rays
             seen = np.asarray(mask, bool) & (away < self.depth[top:bottom, left:right])
-            share = Image.fromarray((255 * CLEAR * seen).astype(np.uint8))
+            share = Image.fromarray((255 * GLASS_OPACITY * seen).astype(np.uint8))
             self.image.paste(GLASS, (left, top), share)
 
     def lines(self, lines, colour, dashed=False) -> None:
-        """Polylines (k, d) [m] where nothing hides them; smoothed by drawing at twice the size."""
+        """Draw polylines (k, d) [m] where the body does not hide them, anti-aliased by drawing at twice the size."""
         mask = Image.new("L", (2 * self.image.width, 2 * self.image.height))
         pen, width = ImageDraw.Draw(mask), max(2, round(self.image.height / 240))
         drawn, of = DASH if dashed else (1, 1)
@@ -54,8 +54,8 @@ class Overlay:
             self.image.paste(colour, (left // 2, top // 2), mask.crop((left, top, right, bottom)).reduce(2))
 
     def rulers(self, low, high, tick) -> None:
-        """Ticks in cm on the plane through the axis or the middle of the width: along the floor, where no body hides
-        it, and upright at its left."""
+        """Draw rulers in cm in the plane through the axis or the middle of the width: along the floor where no body
+        hides it, and upright at its left."""
         y = 0.5 * (low[1] + high[1])
         corner = np.array([low[0], y, low[2]])
         for axis, zero, side, anchor in ((0, 0.0, (0, 1), "mt"), (2, low[2], (-1, 0), "rm")):
@@ -75,8 +75,8 @@ class Overlay:
                     self.write(p + 14 * side, label, 15, FAINT, anchor)
 
     def dimensions(self, found) -> None:
-        """Lengths as ``stage.dimensions`` has them, each an arrow with its text; a level one below the body, joined
-        with its ends."""
+        """Draw dimensions from ``view_volume.dimensions`` as arrows with text; horizontal ones below the body, joined
+        with their ends."""
         for one in found:
             a, b = np.array([one["a"], one["b"]])
             level = a[2] == b[2]
@@ -91,7 +91,7 @@ class Overlay:
             self.write(middle, one["text"], 17, INK, "mt" if level else "lm", halo=3)
 
     def arrow(self, ends) -> None:
-        """A line between two places (2, 2) [pixels] with a head at either end."""
+        """Draw a line between two places (2, 2) [pixels] with an arrow head at either end."""
         self.pen.line([tuple(p) for p in ends], fill=INK, width=max(1, round(1.5 * self.unit)))
         along = (ends[1] - ends[0]) / max(np.linalg.norm(ends[1] - ends[0]), 1e-9) * 10 * self.unit
         across = 0.3 * along[::-1] * (-1, 1)
@@ -99,21 +99,21 @@ class Overlay:
             self.pen.polygon([tuple(p), tuple(p + way + across), tuple(p + way - across)], fill=INK)
 
     def write(self, at, text, size=17, colour=INK, anchor="la", halo=0) -> None:
-        """Text, its size in pixels of a picture 720 high; ``halo``: width of paper around it."""
-        paper = tuple(int(255 * part) for part in PAPER)
+        """Write text, its size in pixels of a picture 720 high; ``halo``: width of the background around it."""
+        paper = tuple(int(255 * part) for part in BACKGROUND)
         options = {"stroke_width": round(halo * self.unit), "stroke_fill": paper}
         self.pen.text(tuple(at), text, fill=colour, font=font(size * self.unit), anchor=anchor, **options)
 
 
 @cache
 def font(size):
-    """The font that ships with Pillow, of a size [pixels]."""
+    """Load the font that ships with Pillow, at a size [pixels]."""
     return ImageFont.load_default(size)
 
 
-def said_speed(image, every, fps):
-    """An image of a film of so many a second, ``every`` [s] of the flow apart, with the speed of the film in its lower
-    right corner; where ``every`` is not known, as it is."""
+def with_film_speed(image, every, fps):
+    """Write the speed of a film into the lower right corner of one of its images and return it; ``every``: flow time
+    between two images [s], without which the image stays as it is; ``fps``: images per second."""
     if every:
         at = 0.98 * image.width, 0.97 * image.height
         size = max(12, image.height / 26)
@@ -122,7 +122,7 @@ def said_speed(image, every, fps):
 
 
 def speed_in_words(speed: float) -> str:
-    """The speed of a film over that of the flow, in words."""
+    """Format the speed of a film relative to the flow in words."""
     known = {1.0: "real time", 0.5: "half speed", 0.25: "quarter speed", 2.0: "double speed"}
     near = next((name for value, name in known.items() if abs(speed / value - 1.0) < 0.01), None)
     return near or (f"{speed:.3g} times the speed" if speed > 1.0 else f"1/{1.0 / speed:.3g} of the speed")

@@ -1,35 +1,36 @@
-"""The painter of the software pictures: a body, its shadow and the floor, in NumPy, which compiles nothing.
+"""Software renderer of a body, its shadow and the floor, in NumPy, without compiling.
 
-A body, a Mesh or Beads, knows which of its elements is nearest at each pixel, and what it looks like there.
+A body, a Mesh or Beads, finds the nearest of its elements at each pixel and shades it there.
 """
 
 import numpy as np
 from PIL import Image, ImageFilter
 
-PAPER = (0.955, 0.96, 0.965)  # background colour
-SUN = np.array((0.45, -0.6, 0.72))  # where its light goes: right, up, away from the eye
+BACKGROUND = (0.955, 0.96, 0.965)  # background colour
+SUN_DIRECTION = np.array((0.45, -0.6, 0.72))  # direction of its light: right, up, away from the eye
 TEXELS = 256, 72  # of the sides of the shadow maps of the sun and of the sky
 FAR = 1e9  # depth where there is nothing
-TAPS = 5  # texels of a shadow map, along a side, over which a light is averaged
-SAMPLES = 2  # along the sides of a pixel, that find the outline of a body
+FILTER = 5  # texels of a shadow map, along a side, over which a light is averaged
+SAMPLES_PER_SIDE = 2  # along the sides of a pixel, that find the outline of a body
 SHADOW = 720  # texels of a side of a shadow on the floor, drawn out from its map
-COARSE = 4  # pixels along the side of a place for which the light on the floor is computed
+FLOOR_CELL = 4  # pixels along the side of a place for which the light on the floor is computed
 
 
-def expand(first, lengths):
-    """Runs of whole numbers with these first ones and lengths: the run of each number, and the numbers in turn."""
+def expand_runs(first, lengths):
+    """Expand runs of consecutive integers, given by first numbers and lengths: run of each integer, and the
+    integers."""
     run = np.repeat(np.arange(len(lengths)), lengths)
     return run, np.arange(len(run)) + np.repeat(first - np.cumsum(lengths) + lengths, lengths)
 
 
 def pixels(low, high, size):
-    """First of the pixels whose middle lies between two places of a line of this size, and their number."""
+    """Range of the pixels whose centres lie between two places of a line of pixels: first pixel and number."""
     first, last = (np.clip(np.ceil(place - 0.5), 0, size).astype(np.int64) for place in (low, high))
     return first, np.maximum(0, last - first)
 
 
 class Camera:
-    """Pinhole camera that looks along ``direction``, so near that the points given just fill ``frame`` of its picture.
+    """Pinhole camera that looks along ``direction``, from where the given points just fill ``frame`` of its picture.
 
     frame: left, top, right, bottom as fractions of the picture.
     """
@@ -51,18 +52,18 @@ class Camera:
         self.eye = np.array([x, y, z]) @ self.axes
         self.middle = np.mean([np.min(points, 0), np.max(points, 0)], 0)
 
-    def seen(self, points):
-        """World points (n, 3) in the axes of the picture: to the right, down, ahead [m]."""
+    def camera_coordinates(self, points):
+        """Transform world points (n, 3) [m] to camera coordinates: to the right, down, ahead [m]."""
         return (np.asarray(points, float) - self.eye) @ (self.axes * [[1.0], [-1.0], [1.0]]).T
 
     def project(self, points, scale=1):
-        """Columns, rows and depths [m] of world points (n, 3), in pixels of 1/scale."""
-        x, y, z = self.seen(points).T
+        """Project world points (n, 3) [m]: columns, rows (in pixels of 1/scale) and depths [m]."""
+        x, y, z = self.camera_coordinates(points).T
         across, down = (0.5 * size + self.focal * a / z for size, a in ((self.width, x), (self.height, y)))
         return np.column_stack([scale * across, scale * down, z])
 
     def rays(self, columns, rows):
-        """World directions (..., 3) to places in the picture, of depth 1."""
+        """World directions (..., 3), of depth 1, through places of the picture."""
         across, down = (columns - 0.5 * self.width) / self.focal, (rows - 0.5 * self.height) / self.focal
         return across[..., None] * self.axes[0] - down[..., None] * self.axes[1] + self.axes[2]
 
@@ -74,12 +75,12 @@ class Mesh:
     def __init__(self, x, colours, normals, triangles):
         self.x, self.colours, self.normals, self.triangles = x, colours, normals, triangles
 
-    def paint(self, camera, scale=1):
-        """Pixels (k,) of a picture in whose middle a triangle is, rows of the nearest ones (k,) and their mean depths
+    def rasterize(self, camera, scale=1):
+        """Pixels (k,) whose centres are covered by triangles, rows of the nearest triangles (k,) and their mean depths
         (k,) [m].
 
-        Painted back to front. Triangles that share an edge have no pixel between them and none in common. What
-        reaches behind the eye is left out; triangles that pass through each other are not told apart.
+        Painted back to front. Triangles that share an edge have no pixel between them and none in common. Triangles
+        that reach behind the eye are left out; intersecting triangles are not resolved.
         """
         height, width = scale * camera.height, scale * camera.width
         picture = np.full(height * width, -1, np.int32)
@@ -87,28 +88,28 @@ class Mesh:
         towards = ((self.x - camera.eye) * self.normals).sum(1) < 0.0
         depth = points[self.triangles, 2]
         shown = np.flatnonzero(towards[self.triangles].any(1) & (depth.min(1) > 1e-6))
-        shown = shown[np.ptp(points[self.triangles[shown], 1], axis=1) > 0.0]  # not seen from their edge
+        shown = shown[np.ptp(points[self.triangles[shown], 1], axis=1) > 0.0]  # not edge-on
         shown = shown[np.argsort(-depth[shown].sum(1), kind="stable")]
         corners = points[self.triangles[shown], :2]
         corners = np.take_along_axis(corners, np.argsort(corners[..., 1:], axis=1), 1)  # from top to bottom
         (ax, ay), (bx, by), (cx, cy) = corners.transpose(1, 2, 0)
-        which, row = expand(*pixels(ay, cy, height))
+        which, row = expand_runs(*pixels(ay, cy, height))
         y, upper = row + 0.5, row + 0.5 < by[which]
         px, py, qx, qy = (np.where(upper, p[which], q[which]) for p, q in ((ax, bx), (ay, by), (bx, cx), (by, cy)))
         long = ax[which] + (y - ay[which]) * ((cx - ax) / (cy - ay))[which]
         short = px + (y - py) * ((qx - px) / (qy - py))
         first, lengths = pixels(np.minimum(long, short), np.maximum(long, short), width)
-        run, pixel = expand(row * width + first, lengths)
+        run, pixel = expand_runs(row * width + first, lengths)
         picture[pixel] = shown[which][run]
         pixel = np.flatnonzero(picture >= 0)
         return pixel, picture[pixel], depth.mean(1)[picture[pixel]]
 
-    def look(self, painter, hit, near, columns, rows):
-        """Colours (k, 3) in the light and depths (k,) at places of the picture in triangles of these rows (k,)."""
+    def shade(self, painter, hit, near, columns, rows):
+        """Shaded colours (k, 3) and depths (k,) at places of the picture in the triangles ``hit`` (k,)."""
         points, values = painter.camera.project(self.x), np.zeros((len(self.x), 4), np.float32)
-        seen, light = painter.light(self.x, self.triangles[hit])
+        seen, light = painter.light_at(self.x, self.triangles[hit])
         ahead = self.x[seen] - painter.camera.eye
-        values[seen, :3] = painter.lit(self.colours[seen], ahead, self.normals[seen], light[:, seen])
+        values[seen, :3] = painter.shade_colours(self.colours[seen], ahead, self.normals[seen], light[:, seen])
         values[:, 3] = points[:, 2]
         a, b, c = self.triangles[hit].T
         column, row = points[:, :2].T.astype(np.float32)
@@ -120,8 +121,8 @@ class Mesh:
         return shown[:, :3], shown[:, 3]
 
 
-def line(x, step, pixel):
-    """Darkness of lines at multiples of step, every second one bolder, where a pixel covers ``pixel`` [m]."""
+def grid_line_darkness(x, step, pixel):
+    """Darkness of grid lines at multiples of ``step``, every second one bolder, for pixels that cover ``pixel`` [m]."""
     nearest = np.round(x / step)
     bold = 1.0 - abs(nearest - 2.0 * np.round(0.5 * nearest))
     cover = np.clip(1.0 + 0.2 * bold - abs(x - step * nearest) / pixel, 0.0, 1.0)
@@ -129,66 +130,67 @@ def line(x, step, pixel):
 
 
 class Lamp(Camera):
-    """A light, and how far from it [m] the nearest part of a body is in each direction."""
+    """Light source with its shadow map: distance [m] of the nearest part of a body in each direction."""
 
     def __init__(self, direction, points, texels):
         super().__init__(direction, points, texels, texels)
         self.depth = np.full((texels, texels), FAR)
 
-    def light(self, x, bias):
-        """Fraction of the light (n,) that reaches places (n, 3) [m], averaged over TAPS x TAPS texels; bias: depth of a
-        soft edge [m]."""
+    def light_at(self, x, bias):
+        """Fraction of the light (n,) that reaches places (n, 3) [m], averaged over FILTER x FILTER texels; ``bias``:
+        depth of a soft edge [m]."""
         column, row, ahead = self.project(x).T
-        depth, taps = np.pad(self.depth, TAPS + 1, constant_values=FAR), np.arange(TAPS + 1)
-        (i, down), (j, across) = (np.divmod(a - 0.5 * TAPS, 1.0) for a in (row, column))
-        i, j = (np.clip(a, -TAPS - 1, self.width).astype(int)[:, None] + TAPS + 1 + taps for a in (i, j))
+        depth, taps = np.pad(self.depth, FILTER + 1, constant_values=FAR), np.arange(FILTER + 1)
+        (i, down), (j, across) = (np.divmod(a - 0.5 * FILTER, 1.0) for a in (row, column))
+        i, j = (np.clip(a, -FILTER - 1, self.width).astype(int)[:, None] + FILTER + 1 + taps for a in (i, j))
         shares = (
-            np.clip(np.minimum(taps + 1 - f[:, None], TAPS + f[:, None] - taps), 0.0, 1.0) for f in (down, across)
+            np.clip(np.minimum(taps + 1 - f[:, None], FILTER + f[:, None] - taps), 0.0, 1.0) for f in (down, across)
         )
         behind = np.clip((ahead[:, None, None] - depth[i[:, :, None], j[:, None]]) / bias - 1.0, 0.0, 1.0)
-        return 1.0 - np.einsum("na,nb,nab->n", *shares, behind) / TAPS**2
+        return 1.0 - np.einsum("na,nb,nab->n", *shares, behind) / FILTER**2
 
 
 class Painter:
-    """The picture of a body, its shadow, and the floor at height ``floor`` [m] (None: there is none) with lines every
-    ``grid`` [m]. points: what is to be seen is among these (n, 3) [m]; radius [m]: that of a particle."""
+    """Renderer of a body, its shadow, and the floor at height ``floor`` [m] (None: no floor) with lines every ``grid``
+    [m]. ``points`` (n, 3) [m]: bounds of the view; ``radius`` [m] of a particle."""
 
     def __init__(self, camera, points, radius, floor=None, grid=0.05, relief=1.0):
         self.camera, self.radius, self.relief = camera, radius, relief
-        self.lamps = Lamp(SUN @ camera.axes, points, TEXELS[0]), Lamp((0.0, 0.0, -1.0), points, TEXELS[1])
+        self.lamps = Lamp(SUN_DIRECTION @ camera.axes, points, TEXELS[0]), Lamp((0.0, 0.0, -1.0), points, TEXELS[1])
         level = camera.eye[2] if floor is None else floor
-        t, x = floor_seen(camera, level)
+        t, x = floor_intersections(camera, level)
         pixel = t / camera.focal
         upright = pixel * t / max(camera.eye[2] - level, 1e-9)
-        lines = np.maximum(line(x[..., 0], grid, pixel), line(x[..., 1], grid, upright))
+        lines = np.maximum(grid_line_darkness(x[..., 0], grid, pixel), grid_line_darkness(x[..., 1], grid, upright))
         away = np.hypot(x[..., 0] - camera.middle[0], x[..., 1] - camera.middle[1]) / (0.5 * np.ptp(points[:, 0]))
         away = np.clip((away - 0.8) / 1.6, 0.0, 1.0)
-        far = away**2 * (3.0 - 2.0 * away)  # there the floor fades into the paper
+        far = away**2 * (3.0 - 2.0 * away)  # 1 where the floor has faded into the background
         self.far, self.near = np.float32([255.0 * far + 0.5, 255.0 * (1.0 - far) * 0.93 * (1.0 - lines)])
-        self.papers = (np.linspace(0, 255, 256)[:, None] * PAPER + 0.5).astype(np.uint8)  # colour of each brightness
-        coarse = x[COARSE // 2 :: COARSE, COARSE // 2 :: COARSE]
+        # floor colour at each brightness
+        self.papers = (np.linspace(0, 255, 256)[:, None] * BACKGROUND + 0.5).astype(np.uint8)
+        coarse = x[FLOOR_CELL // 2 :: FLOOR_CELL, FLOOR_CELL // 2 :: FLOOR_CELL]
         for lamp in self.lamps:
-            lamp.floor = floor_seen(lamp, level)[0]
+            lamp.floor = floor_intersections(lamp, level)[0]
             places = np.clip(lamp.project(coarse.reshape(-1, 3), SHADOW / lamp.width)[:, :2], 0, SHADOW - 1).astype(int)
             lamp.of_floor = tuple(places.reshape(*coarse.shape[:2], 2).transpose(2, 0, 1)[::-1])
 
     def draw(self, body):
-        """Picture (h, w, 3) uint8 and depth (h, w) of a Mesh or of Beads."""
+        """Draw a Mesh or Beads: picture (h, w, 3) uint8 and depth (h, w) [m]."""
         for lamp in self.lamps:
-            place, _, near = body.paint(lamp)
+            place, _, near = body.rasterize(lamp)
             lamp.depth = np.full((lamp.height, lamp.width), FAR, np.float32)
             lamp.depth.ravel()[place] = near
         picture = self._floor_in_light()
-        place, hit, near = body.paint(self.camera, SAMPLES)
-        row, column = np.divmod(place.astype(np.int32), SAMPLES * self.camera.width)
-        pixel = row // SAMPLES * self.camera.width + column // SAMPLES
+        place, hit, near = body.rasterize(self.camera, SAMPLES_PER_SIDE)
+        row, column = np.divmod(place.astype(np.int32), SAMPLES_PER_SIDE * self.camera.width)
+        pixel = row // SAMPLES_PER_SIDE * self.camera.width + column // SAMPLES_PER_SIDE
         chosen = np.full(self.far.size, -1, np.int32)
-        chosen[pixel] = np.arange(len(pixel))  # of the samples of a pixel the one that is shaded
+        chosen[pixel] = np.arange(len(pixel))  # sample of each pixel that is shaded
         at = np.flatnonzero(chosen >= 0)
         chosen = chosen[at]
-        places = ((a[chosen].astype(np.float32) + 0.5) / SAMPLES for a in (column, row))
-        colours, near = body.look(self, hit[chosen], near[chosen], *places)
-        share = np.bincount(pixel)[at, None].astype(np.float32) / SAMPLES**2
+        places = ((a[chosen].astype(np.float32) + 0.5) / SAMPLES_PER_SIDE for a in (column, row))
+        colours, near = body.shade(self, hit[chosen], near[chosen], *places)
+        share = np.bincount(pixel)[at, None].astype(np.float32) / SAMPLES_PER_SIDE**2
         flat, depth = picture.reshape(-1, 3), np.full(self.far.shape, FAR, np.float32)
         mixed = flat[at] * ((1.0 - share) / np.float32(255.0)) + np.minimum(colours, 1.0) * share
         flat[at] = (np.float32(255.0) * mixed + np.float32(0.5)).astype(np.uint8)
@@ -196,27 +198,27 @@ class Painter:
         return picture, depth
 
     def _floor_in_light(self):
-        """The picture (h, w, 3) uint8 without a body, but with its shadow."""
+        """Picture (h, w, 3) uint8 of the floor with the shadow of the body, without the body."""
         light = np.float32(1.0)
         for lamp in self.lamps:
             blocked = np.clip((lamp.floor - lamp.depth) / (1.5 * self.radius) - 1.0, 0.0, 1.0)
-            shadow = Image.fromarray((255.0 * blocked + 0.5).astype(np.uint8)).filter(ImageFilter.BoxBlur(TAPS // 2))
+            shadow = Image.fromarray((255.0 * blocked + 0.5).astype(np.uint8)).filter(ImageFilter.BoxBlur(FILTER // 2))
             shadow = np.asarray(shadow.resize((SHADOW, SHADOW), Image.Resampling.BILINEAR))
             light = light * (1.0 - np.float32(0.38 / 255.0) * shadow[lamp.of_floor])
         fine = np.asarray(Image.fromarray(light).resize(self.far.shape[::-1], Image.Resampling.BILINEAR))
         return np.take(self.papers, (self.far + self.near * fine).astype(np.uint8), axis=0)
 
-    def light(self, x, used):
-        """Rows of places x (n, 3) [m] that are used, and the fractions (2, n) of the light of sun and sky there."""
+    def light_at(self, x, used):
+        """Rows of places x (n, 3) [m] that occur in ``used``, and the fractions (2, n) of sun and sky light there."""
         light = np.zeros((2, len(x)), np.float32)
         light[0, used.ravel()] = 1.0
         rows = np.flatnonzero(light[0])
-        light[:, rows] = [lamp.light(x[rows], 2.5 * self.radius) for lamp in self.lamps]
+        light[:, rows] = [lamp.light_at(x[rows], 2.5 * self.radius) for lamp in self.lamps]
         return rows, light
 
-    def lit(self, colours, ahead, normals, light):
-        """Colours (n, 3) in the light, in these directions from the eye (n, 3), of places with these normals (n, 3)
-        which fractions (2, n) of the light reach."""
+    def shade_colours(self, colours, ahead, normals, light):
+        """Shade colours (n, 3) of places in the directions ``ahead`` (n, 3) from the eye, with these normals (n, 3) and
+        fractions (2, n) of the light."""
         sun, sky = light
         facing = np.maximum(0.0, -np.einsum("ij,ij->i", normals, ahead) / np.linalg.norm(ahead, axis=1))
         ambient = (0.5 + 0.14 * normals[:, 2]) * (0.6 + 0.4 * sky) * (0.6 + 0.4 * facing)
@@ -224,9 +226,9 @@ class Painter:
         return colours * (1.0 - self.relief + self.relief * (ambient + direct))[:, None]
 
 
-def floor_seen(camera, level):
-    """Depths (h, w) [m] at which the rays to the middles of the pixels meet a floor at this height [m], FAR where they
-    do not, and the points (h, w, 3) there."""
+def floor_intersections(camera, level):
+    """Intersections of the rays through the pixels with a floor at a height [m]: depths (h, w) [m], FAR where there is
+    none, and points (h, w, 3) [m]."""
     rays = camera.rays(*np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5))
     down, above = -rays[..., 2], camera.eye[2] - level
     depth = np.where((down > 1e-4) & (above > 0.0), above / np.maximum(down, 1e-4), FAR)

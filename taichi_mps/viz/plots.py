@@ -23,10 +23,13 @@ STYLE = {
 }  # fmt: skip
 
 
-MEASURES = "cm", "N m", "N", "N/m", "kPa"  # units of the measures that are drawn, a panel for each
-FLOWS = "share of the concrete that flows [%]: viscous stress over 5 % of the yield stress"
-ALWAYS = ("largest speed [m/s]", [("max_speed_m_s", 1.0, "")]), (FLOWS, [("flowing_fraction", 100.0, "")])
-NUMERICS = (  # title of a panel, and its columns of history.csv with factor and name
+PANEL_UNITS = "cm", "N m", "N", "N/m", "kPa"  # units of the measures that are drawn, a panel for each
+FLOWING_TITLE = "share of the concrete that flows [%]: viscous stress over 5 % of the yield stress"
+COMMON_PANELS = (
+    ("largest speed [m/s]", [("max_speed_m_s", 1.0, "")]),
+    (FLOWING_TITLE, [("flowing_fraction", 100.0, "")]),
+)
+NUMERICS_PANELS = (  # title of a panel, and its columns of history.csv with factor and name
     ("time step [ms]", (("dt_s", 1e3, ""),)),
     ("iterations", (("outer_iterations", 1.0, "outer"), ("solver_iterations", 1.0, "of the solver"))),
     ("volume error [%]", (("volume_error", 100.0, ""),)),
@@ -35,9 +38,8 @@ NUMERICS = (  # title of a panel, and its columns of history.csv with factor and
 
 
 def _figure(width, height, rows=1, columns=1, layout="constrained", **options):
-    """Figure and axes that need no display and no global state. A file is drawn by Agg, whatever MPLBACKEND says: where
-    it names a backend that is not installed, as the notebook of another environment does, matplotlib refuses to be
-    imported, so it is not shown the name before."""
+    """Make a figure and axes that need no display and no global state. MPLBACKEND is hidden from the import of
+    matplotlib, which fails if it names a backend that is not installed, as that of a notebook may be."""
     backend = None if "matplotlib" in sys.modules else os.environ.pop("MPLBACKEND", None)
     try:
         import matplotlib
@@ -63,7 +65,7 @@ def _save(figure, out):
 
 
 def _colours(labels):
-    """A colour for each of some labels, in their order."""
+    """Assign a colour to each label, in their order."""
     return dict(zip(dict.fromkeys(labels), cycle(COLOURS), strict=False))
 
 
@@ -71,9 +73,9 @@ def _colours(labels):
 def slump_curve(
     histories: dict[str, dict], out: File, references: dict[str, Sequence] | None = None, log_time: Flag = False
 ):
-    """Slump [cm], downwards, against time [s] of runs {label: history with time_s and slump_m}.
+    """Plot the slump [cm], downwards, against time [s] of runs {label: history with time_s and slump_m}.
 
-    references: {label: (time [s], slump [m])}, dashed and, where the label is that of a run, in its colour.
+    references: {label: (time [s], slump [m])}, dashed, in the colour of the run with the same label.
     """
     figure, axes = _figure(8.0, 4.8)
     references = references or {}
@@ -97,13 +99,13 @@ def slump_curve(
 
 
 def panels_of(columns, numerics=False) -> list:
-    """Titles of panels and their curves (values, name), of columns of history.csv that hold numbers."""
+    """Panels of history.png as pairs of a title and curves (values, name), from columns of history.csv."""
     panels = []
-    for unit in MEASURES:
+    for unit in PANEL_UNITS:
         keys = [key for key in columns if is_measure(key) and unit_of_measure(key)[1] == unit and key != "slump_max_m"]
         heading = " and ".join(map(title, keys[:2])) + ", ..." * (len(keys) > 2) + f" [{unit}]"
         panels.append((heading, [(key, unit_of_measure(key)[0], title(key)) for key in keys]))
-    panels += (*ALWAYS, *(NUMERICS * numerics))
+    panels += (*COMMON_PANELS, *(NUMERICS_PANELS * numerics))
     shown = {
         heading: [(columns[key] * factor, name) for key, factor, name in curves if key in columns]
         for heading, curves in panels
@@ -112,8 +114,8 @@ def panels_of(columns, numerics=False) -> list:
 
 
 def history(rows, out, numerics=False):
-    """Plot of history.csv against time: slump, slump flow or what else is measured, largest speed, and the share
-    that flows (where the viscous stress is over 5 % of the yield stress); numerics: time step, iterations, errors."""
+    """Plot history.csv against time: slump, slump flow or other measures, largest speed, and the share that flows
+    (where the viscous stress is over 5 % of the yield stress); with ``numerics`` time step, iterations and errors."""
     panels = panels_of({key: values for key, values in rows.items() if np.isfinite(values).any()}, numerics)
     require(panels, "history.csv: holds no numbers to draw; must hold a step of a run")
     t, below = rows["time_s"], 0.6  # [inches] for the label of the time
@@ -127,14 +129,14 @@ def history(rows, out, numerics=False):
         panel.margins(x=0.0)
         if len(curves) > 1:
             panel.legend(loc="best", fontsize=10, frameon=False)
-        if heading == FLOWS:
+        if heading == FLOWING_TITLE:
             panel.set_ylim(-3.0, 103.0)
     axes.flat[-1].set_xlabel("time [s]")
     return _save(figure, out)
 
 
 def convergence(series, panels, out):
-    """Errors against the resolution, log-log, with guides of the orders 1 and 1.5; one panel for each quantity.
+    """Plot errors against the resolution, log-log, with guides of the orders 1 and 1.5; one panel for each quantity.
 
     series: [{quantity, curve, x, y}]; points of the same curve are joined. panels: {quantity: (label of the x axis,
     sign of the slope)}, -1 where the error falls with growing x. A panel without points is left out. Raises ValueError
@@ -182,8 +184,8 @@ def convergence(series, panels, out):
 
 @validated
 def filling(cavity: InstanceOf[Cavity], s: InstanceOf[Snapshot], out: File):
-    """Picture of where a form stayed empty: through its thickness (y; in 2-D the section itself) the fraction of the
-    cavity that is filled at a snapshot, white where there is none, and beside it that at each height."""
+    """Plot where a form is filled at a snapshot: the filled fraction through its thickness (y; in 2-D the section
+    itself), white where there is no cavity, and beside it the fraction at each height."""
     room, filled = cavity.cells, cavity.filled(s)
     if room.ndim == 3:
         room, filled = room.sum(1), filled.sum(1)

@@ -1,7 +1,7 @@
-"""Pictures of a run, from scenes and snapshots; the numerics never see them.
+"""Pictures of a run, from scenes and snapshots.
 
-The painter draws the smooth surface of the body or, on request and of scenes in the plane, its particles, their shadow
-and the floor. Pillow writes rulers, the lifted mould and the measures over it. Two-dimensional scenes are drawn in the
+The painter draws the smooth surface of the body or, on request and for two-dimensional scenes, its particles, their
+shadow and the floor. Pillow draws rulers, the lifted mould and the measures over it. Two-dimensional scenes lie in the
 plane y = 0, z up.
 """
 
@@ -35,27 +35,32 @@ from ..units import (
     validated,
     writing,
 )
-from .body import CUBE_OF_PICTURES, surface_of
-from .overlay import FAINT, GLASS, INK, MOULD, Overlay, said_speed
+from .body import PICTURE_CELL, surface_of
+from .overlay import FAINT, GLASS, INK, MOULD, Overlay, with_film_speed
 from .painter import Camera, Mesh, Painter
-from .stage import dimensions, lifted, stage, wall_lines
+from .view_volume import dimensions, lifted_mould_faces, view_volume, wall_lines
 
-RADIUS = 0.62  # of a drawn sphere over l0
+DRAWN_RADIUS = 0.62  # of a drawn sphere over l0
 CONCRETE, FLOWING, RIGID = np.array([(0.68, 0.675, 0.66), (0.93, 0.50, 0.16), (0.45, 0.53, 0.64)])
 MIXES = np.array([(0.68, 0.675, 0.66), (0.30, 0.50, 0.72), (0.86, 0.55, 0.25), (0.42, 0.62, 0.40)])  # of mixes in turn
-FIELDS = {  # values of a view, and the label of its colour bar
+VIEW_VALUES = {  # values of a view, and the label of its colour bar
     "speed": (lambda s: s.speed, "speed [m/s]"),
     "pressure": (lambda s: 1e-3 * s.p, "pressure [kPa]"),
     "shear-rate": (lambda s: s.shear_rate, "shear rate [1/s]"),
 }
-NEEDED = {"speed": ["u"], "pressure": ["p"], "shear-rate": ["shear_rate"], "yielded": ["yielded"]}  # fields of a view
-VIEWS = ("concrete", *FIELDS, "yielded", "mix")
+VIEW_FIELDS = {
+    "speed": ["u"],
+    "pressure": ["p"],
+    "shear-rate": ["shear_rate"],
+    "yielded": ["yielded"],
+}  # fields of a view
+VIEWS = ("concrete", *VIEW_VALUES, "yielded", "mix")
 Pixels, Limits, Rate = (
     Annotated[Count, Field(ge=16, le=8192)],
     array("", (2,), kind=tuple),
     real("1/s", ge=0.02, le=100.0),
 )
-MEASURES = {  # shown in cm
+TITLE_MEASURES = {  # shown in cm
     "slump_m": "slump",
     "spread_m": "slump flow",
     "front_m": "front",
@@ -139,8 +144,8 @@ class Renderer:
         self.scene, self.view = scene, view
         self.beads = beads or backend == "ggui" or (scene.dimension == 2 and not scene.axisymmetric)
         self.limits = limits or max(self._limits(other, view) for other in (scene, *beside))
-        floor = stage(scene)[2]
-        lows, highs, _ = zip(*(stage(other) for other in (scene, *beside)), strict=True)
+        floor = view_volume(scene)[2]
+        lows, highs, _ = zip(*(view_volume(other) for other in (scene, *beside)), strict=True)
         self.low, self.high = np.min(lows, axis=0), np.max(highs, axis=0)
         corners = np.stack(np.meshgrid(*zip(self.low, self.high, strict=True)), -1).reshape(-1, 3)
         steps = [digit * 10.0**power for power in range(-6, 4) for digit in (1, 2, 5)]
@@ -148,7 +153,7 @@ class Renderer:
         tilt = np.radians(15.0 if scene.dimension == 3 or scene.axisymmetric else 0.0)
         self.camera = Camera((0.0, np.cos(tilt), -np.sin(tilt)), corners, width, height, (0.09, 0.17, 0.88, 0.89))
         relief = 1.0 if view == "concrete" else 0.7
-        self.painter = Painter(self.camera, corners, RADIUS * scene.spacing, floor, self.tick, relief)
+        self.painter = Painter(self.camera, corners, DRAWN_RADIUS * scene.spacing, floor, self.tick, relief)
         if backend == "ggui":
             print("ggui: goes with version 0.3; drawing the particles in software", file=sys.stderr)
 
@@ -184,7 +189,7 @@ class Renderer:
         if self.view == "mix":
             return MIXES[np.asarray(snapshot.mix) % len(MIXES)]
         low, high = self.limits
-        return viridis((np.asarray(FIELDS[self.view][0](snapshot), float) - low) / (high - low))
+        return viridis((np.asarray(VIEW_VALUES[self.view][0](snapshot), float) - low) / (high - low))
 
     @validated
     def draw(self, snapshot: InstanceOf[Snapshot], measures: dict | None = None):
@@ -206,14 +211,14 @@ class Renderer:
             from .beads import Beads
 
             snapshot = self.scene.unfold(snapshot)
-            body = Beads(embed(snapshot.x), self.colours(snapshot), RADIUS * snapshot.spacing)
+            body = Beads(embed(snapshot.x), self.colours(snapshot), DRAWN_RADIUS * snapshot.spacing)
         else:
-            snapshot, *mesh = surface_of(self.scene, snapshot, CUBE_OF_PICTURES, NEEDED.get(self.view, ()))
+            snapshot, *mesh = surface_of(self.scene, snapshot, PICTURE_CELL, VIEW_FIELDS.get(self.view, ()))
             body = Mesh(snapshot.x, self.colours(snapshot), *mesh)
         pixels, depth = self.painter.draw(body)
         image, measures = Image.fromarray(pixels), measures or {}
         over = Overlay(image, depth, self.camera)
-        for face in (*lifted(self.scene, snapshot.time), *self.scene.vessel):
+        for face in (*lifted_mould_faces(self.scene, snapshot.time), *self.scene.vessel):
             over.pane(face)
         over.lines([np.vstack([face, face[:1]]) for face in self.scene.vessel], GLASS)
         over.lines(wall_lines(self.scene, self.low, self.high, snapshot.time), FAINT)
@@ -231,7 +236,9 @@ class Renderer:
         over.write((28 * unit, 22 * unit), self.scene.name, 26)
         over.write((28 * unit, 58 * unit), flow, 16, FAINT)
         shown = [
-            f"{name} {round(100 * measures[key], 1) + 0.0:.1f} cm" for key, name in MEASURES.items() if key in measures
+            f"{name} {round(100 * measures[key], 1) + 0.0:.1f} cm"
+            for key, name in TITLE_MEASURES.items()
+            if key in measures
         ]
         over.write((28 * unit, 86 * unit), "   ".join([f"t = {snapshot.time:.2f} s", *shown]), 22)
 
@@ -248,11 +255,11 @@ class Renderer:
             top = round((28 + 30 * k) * unit)
             pen.rectangle((x + 57 * unit, top, x + 77 * unit, top + wide), fill=tuple(int(255 * c) for c in colour))
             over.write((x + 48 * unit, top + 0.5 * wide), name, 16, INK, "rm")
-        if self.view not in FIELDS:
+        if self.view not in VIEW_VALUES:
             return
         bar = (255 * viridis(np.linspace(1, 0, tall))[:, None] + 0.5).astype(np.uint8)
         image.paste(Image.fromarray(np.repeat(bar, wide, 1)), (x, y))
-        over.write((x + 77 * unit, y - 24 * unit), FIELDS[self.view][1], 16, INK, "rm")
+        over.write((x + 77 * unit, y - 24 * unit), VIEW_VALUES[self.view][1], 16, INK, "rm")
         for t in np.linspace(0, 1, 6):
             at = y + (1 - t) * (tall - 1)
             pen.line((x + wide, at, x + wide + 5 * unit, at), fill=FAINT)
@@ -366,7 +373,7 @@ def gif(
         try:
             with Image.open(path) as picture:
                 size = (width, max(1, round(width * picture.height / picture.width)))
-                pictures.append(said_speed(picture.convert("RGB").resize(size, Image.Resampling.BOX), every, fps))
+                pictures.append(with_film_speed(picture.convert("RGB").resize(size, Image.Resampling.BOX), every, fps))
         except OSError:
             raise SceneError(f"frames = {path}: cannot be read; must be a picture") from None
     sample = pictures[:: max(1, len(pictures) // 4)]

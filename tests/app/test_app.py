@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.app.resident import AGAIN, Resident
+from taichi_mps.app.resident import RESTARTED, Resident
 from taichi_mps.io.run_folder import RunFolder
 from taichi_mps.problem import accuracy, catalogue
 from taichi_mps.problem.labels import written
@@ -223,7 +223,7 @@ def test_a_resident_answers_is_started_again_when_it_dies_and_ends_when_nobody_a
 
     first, again, told, code = asyncio.run(course())
     assert first == again and first[0]["wrong"].keys() == {"yield_value"} and first[-1] == {"end": True}
-    assert told[0] == {"remark": AGAIN} and told[-2]["space"]
+    assert told[0] == {"remark": RESTARTED} and told[-2]["space"]
     assert code == 0, "it ended by itself"
 
 

@@ -1,4 +1,4 @@
-"""What the page does with run folders, and what it says of a calibration, without a browser."""
+"""Run folders and calibrations on the page, tested without a browser."""
 
 import os
 import re
@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 from taichi_mps.app.calibration import verdict
-from taichi_mps.app.forecast import by_key
+from taichi_mps.app.forecast import errors_by_key
 from taichi_mps.app.jobs import Job, Queue
 from taichi_mps.app.results import Runs
 from taichi_mps.io import lock
@@ -104,8 +104,8 @@ def test_a_calibration_answers_in_a_sentence_with_its_numbers(tests, begins, end
 
 def test_what_is_wrong_is_told_by_its_key():
     line = "yield_value = -3 Pa: must be at least 0 Pa; 5mm is a length; height is missing [m]; no sum of both"
-    assert by_key(line) == {
+    assert errors_by_key(line) == {
         "yield_value": "yield_value = -3 Pa: must be at least 0 Pa; 5mm is a length",
         "height": "height is missing [m]; no sum of both",
     }
-    assert by_key("this scene; is odd") == {"": "this scene; is odd"}
+    assert errors_by_key("this scene; is odd") == {"": "this scene; is odd"}

@@ -91,13 +91,13 @@ class OnFloor(System):
         super().__init__(x[plane.distance(x) > 0.01], planes=(plane,))
         if plane.friction:
             self.walls.set_friction_penalty(inertia)
-            self.start()
+            self.set_initial_slip()
 
     @ti.kernel
-    def start(self):
+    def set_initial_slip(self):
         for i in range(self.particles.count[None]):
             B = self.gradient.B[i]
-            self.walls.start_slip(i, self.particles.x[i], self.u[i], B, self.volume, 300.0, 1.0)
+            self.walls.set_initial_slip(i, self.particles.x[i], self.u[i], B, self.volume, 300.0, 1.0)
 
 
 def test_the_matrix_at_a_floor_with_friction_is_symmetric_positive_definite():

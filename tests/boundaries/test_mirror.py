@@ -8,7 +8,7 @@ import pytest
 import taichi_mps as mps
 from taichi_mps.problem import measures as measure
 from taichi_mps.problem.measures import Snapshot
-from taichi_mps.viz import render, stage
+from taichi_mps.viz import render, view_volume
 from tests.support.rigs import L0, Rig, cloud
 
 WEST = mps.Plane((0.0, 0.0), (1.0, 0.0), mirror=True)
@@ -185,7 +185,7 @@ def test_the_picture_of_a_quarter_is_that_of_the_whole_body():
 
 def test_walls_are_drawn_on_both_sides():
     box = scene(cloud((4, 4)) + 1.0, (WEST, FLOOR, mps.Plane((1.5, 0.0), (-1.0, 0.0))))
-    low, high, floor = stage.stage(box)
+    low, high, floor = view_volume.view_volume(box)
     assert (low[0], high[0], floor) == (-1.5, 1.5, 0.0)
-    ends = [line[:, 0].tolist() for line in stage.images(box, [(1.5, 0.0), (1.5, 1.0)])]
+    ends = [line[:, 0].tolist() for line in view_volume.with_mirror_images(box, [(1.5, 0.0), (1.5, 1.0)])]
     assert ends == [[1.5, 1.5], [-1.5, -1.5]]

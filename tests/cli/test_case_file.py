@@ -36,7 +36,7 @@ def test_a_new_case_stands_for_the_same_scene_numerics_and_options(tmp_path, cap
         command.append("--yield-value=0.1kPa")
     _, options, problem = planned("run", command)
     path = tmp_path / "case.toml"
-    path.write_text(case_file.text(name, problem, options.model_dump()), encoding="utf-8")
+    path.write_text(case_file.case_text(name, problem, options.model_dump()), encoding="utf-8")
     _, again, same = planned("run", [str(path)])
     assert same.numerics == problem.numerics
     assert (same.scene.parameters, same.scene.until) == (problem.scene.parameters, problem.scene.until)

@@ -1,4 +1,4 @@
-"""The program where it is started oddly: without streams, in another encoding or home, with little memory; each ends as
+"""Unusual environments of the program: without streams, in another encoding or home, with little memory; each ends as
 it should, and says in one line what it cannot do."""
 
 import os

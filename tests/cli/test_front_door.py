@@ -63,7 +63,7 @@ def door(tmp_path_factory):
         patch.setattr(cli, "start", refuse)
         patch.setattr(commands, "sweep", refuse)
         patch.setattr(commands.one_mix, "calibrate", refuse)
-        patch.setattr("taichi_mps.geometry.shapes.MOST_POINTS", 2e4)
+        patch.setattr("taichi_mps.geometry.shapes.MAX_POINTS", 2e4)
         yield Path.cwd()
 
 
@@ -333,7 +333,7 @@ def test_an_edited_run_h5_is_shown_or_refused_and_nothing_is_made_of_a_part(run,
         assert code in ("admitted", 0, 2) and made.exists() == (code == 0)
         shutil.rmtree(made, ignore_errors=True)
         outputs = list(Trajectory(path).whole()) if code == "admitted" else []
-        assert len(list(film.together(iter(outputs)))) == len(outputs)
+        assert len(list(film.align_in_time(iter(outputs)))) == len(outputs)
         for output in outputs:  # what is drawn once Taichi has started
             assert "slump_m" in output.measures() and output.scene.unfold(output.snapshot()).u.shape[1] == 3
 

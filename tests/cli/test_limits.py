@@ -29,7 +29,7 @@ BAD = {  # what stands where a file should: how it is made, what is said of it
     "a folder": (Path.mkdir, "is a folder, a pipe or a device; must be a file"),
 }
 READERS = {
-    "case": case_file.words,
+    "case": case_file.command_words,
     "list": mixes.read_list,
     "checkpoint": checkpoint.read,
     "history": read_history,
@@ -61,7 +61,7 @@ def test_a_checkpoint_holds_particles_of_its_domain():
     scene = catalogue.build("slump", spacing=0.05)
     x = np.array(scene.fluid)
     header = {"source": "slump", "parameters": {}, "scheme": "implicit", "numerics": {}}
-    header["fluid"] = checkpoint.digest(scene, checkpoint.PARTICLES)
+    header["fluid"] = checkpoint.digest(scene, checkpoint.PARTICLE_ATTRIBUTES)
     x[0] = 1.5 * np.array(scene.domain[1])
     checkpoint.Checkpoint(header, {"x": x}).admit(scene)
     for far in (3.0, 1e300):

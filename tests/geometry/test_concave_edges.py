@@ -1,4 +1,4 @@
-"""Inner edges of solids: the faces found from the distances alone, and the sums before them against planes."""
+"""Concave edges of solids: faces found from the distances alone, and sums in front of them against planes."""
 
 from dataclasses import replace
 
@@ -8,7 +8,7 @@ import pytest
 import taichi_mps as mps
 from taichi_mps.boundaries.sampled import search_faces
 from taichi_mps.boundaries.surfaces import FAR
-from taichi_mps.geometry.concave_edges import inner_edges
+from taichi_mps.geometry.concave_edges import find_concave_edges
 from taichi_mps.geometry.solid import polygon_distance
 from tests.support.rigs import L0, Rig, cloud
 
@@ -39,7 +39,7 @@ def test_all_faces_of_an_inner_edge_are_found_where_they_are(normals):
     """The distance of each, to rounding of nearly all and within a twentieth of a cell of the grid, and no others."""
     d, point = len(normals[0]), np.array((0.01, 0.013, 0.02))[: len(normals[0])]
     solid = mps.Solid.of(lambda x: np.min((x - point) @ normals.T, axis=1), (-0.8,) * d, (0.8,) * d, CELL)
-    number, planes = inner_edges(solid.values, CELL, REACH, search_faces)
+    number, planes = find_concave_edges(solid.values, CELL, REACH, search_faces)
     x = point + np.random.default_rng(1).uniform(-0.4, 0.4, (4000, d))
     z = (x - point) @ normals.T
     x, z = (part[(z.min(1) > 0.1 * L0) & (z.min(1) < REACH)] for part in (x, z))
@@ -74,14 +74,14 @@ BARE = {
 @pytest.mark.parametrize("shape", BARE)
 def test_round_walls_outer_edges_and_plates_have_one_face(shape):
     solid = mps.Solid.of(BARE[shape], (-0.6,) * 3, (0.6,) * 3, CELL)
-    number, planes = inner_edges(solid.values, CELL, REACH, search_faces)
+    number, planes = find_concave_edges(solid.values, CELL, REACH, search_faces)
     assert number.max() == -1 and planes.shape[:2] == (0, 1)
 
 
 def test_a_grid_coarser_than_the_reach_has_no_inner_edges():
     """No place is near enough to a node of a corner to look for its other face from."""
     x, y = np.meshgrid(np.arange(6.0), np.arange(6.0), indexing="ij")
-    number, planes = inner_edges(np.minimum(x, y) - 1.0, 1.0, 0.5, search_faces)
+    number, planes = find_concave_edges(np.minimum(x, y) - 1.0, 1.0, 0.5, search_faces)
     assert (number == -1).all() and len(planes) == 0
 
 
@@ -89,7 +89,7 @@ def test_a_round_tank_has_its_mantle_and_its_floor():
     solid = mps.Solid.of(
         lambda x: np.minimum(0.6 - np.hypot(x[:, 0], x[:, 1]), x[:, 2]), (-0.8, -0.8, -0.2), (0.8, 0.8, 0.5), CELL
     )
-    number, planes = inner_edges(solid.values, CELL, REACH, search_faces)
+    number, planes = find_concave_edges(solid.values, CELL, REACH, search_faces)
     assert planes.shape[1] == 2
     nodes = np.argwhere(number >= 0)
     x = np.array(solid.low) + CELL * nodes
@@ -162,7 +162,8 @@ def test_a_tank_with_friction_pushes_with_all_its_faces(rigged, monkeypatch):
     corner = np.sort([plane.distance(x) for plane in PLANES], axis=0)[1] < REACH
     errors = [sums((sampled(TANK, friction=law),))[0] - exact]
     monkeypatch.setattr(
-        "taichi_mps.boundaries.sampled.inner_edges", lambda values, *_: (np.full(values.shape, -1), np.zeros((0, 1, 3)))
+        "taichi_mps.boundaries.sampled.find_concave_edges",
+        lambda values, *_: (np.full(values.shape, -1), np.zeros((0, 1, 3))),
     )
     errors.append(sums((sampled(TANK, friction=law),))[0] - exact)
     found, alone = (np.linalg.norm(error[corner]) for error in errors)

@@ -279,8 +279,8 @@ def test_files_that_promise_more_than_they_hold(tmp_path):
 
 
 def test_who_waits_for_a_mesh_is_told_how_far_it_is(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(solid, "SILENT", 0.0)
-    monkeypatch.setattr(solid, "AT_ONCE", 1000)
+    monkeypatch.setattr(solid, "PROGRESS_INTERVAL", 0.0)
+    monkeypatch.setattr(solid, "NODES_PER_CALL", 1000)
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True)  # on a terminal, as of a run
     mps.Solid.from_mesh(stl(tmp_path / "cube.stl", box()), 0.05, 0.2)
     lines = capsys.readouterr().err.splitlines()

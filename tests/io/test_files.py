@@ -16,9 +16,9 @@ import pytest
 import taichi_mps as mps
 from taichi_mps.io import checkpoint, vtkhdf
 from taichi_mps.io import vtu as export
-from taichi_mps.io.history import COLUMNS, TAIL, History, newest, read_history
+from taichi_mps.io.history import COLUMNS, TAIL_BYTES, History, newest, read_history
 from taichi_mps.io.recorder import Recorder
-from taichi_mps.io.run_folder import RunFolder, empty_of_pictures, next_free
+from taichi_mps.io.run_folder import RunFolder, clear_pictures, next_free
 from taichi_mps.io.vtkhdf import Trajectory
 from taichi_mps.problem import catalogue
 from taichi_mps.problem.measures import still
@@ -322,7 +322,7 @@ def test_outputs_of_two_runs_are_matched_by_time():
     def run(times):
         return (SimpleNamespace(time=time) for time in times)
 
-    pairs = [(a.time, b.time) for a, b in film.together(run([0.0, 0.1, 0.2]), run([0.0, 0.15, 0.2, 0.4]))]
+    pairs = [(a.time, b.time) for a, b in film.align_in_time(run([0.0, 0.1, 0.2]), run([0.0, 0.15, 0.2, 0.4]))]
     assert pairs == [(0.0, 0.0), (0.1, 0.0), (0.1, 0.15), (0.2, 0.2), (0.2, 0.4)]
 
 
@@ -373,13 +373,13 @@ def test_the_newest_row_is_the_last_whole_one_of_a_file_that_grows(tmp_path):
     assert newest(path) == {}
     history = History(path)
     assert newest(path) == {}
-    for step in range(TAIL // 10):
+    for step in range(TAIL_BYTES // 10):
         history.add(row(0.1 * step, front_m=2.0 * step))
     history.close()
-    assert path.stat().st_size > 2 * TAIL
+    assert path.stat().st_size > 2 * TAIL_BYTES
     with open(path, "a", encoding="utf-8") as file:
         file.write("77.0,0.1,0.")  # a row that is being written
-    assert newest(path)["front_m"] == 2.0 * (TAIL // 10 - 1)
+    assert newest(path)["front_m"] == 2.0 * (TAIL_BYTES // 10 - 1)
 
 
 def test_the_row_of_the_checkpoint_is_kept_however_its_time_is_rounded(tmp_path):
@@ -449,7 +449,7 @@ def test_what_lies_behind_a_link_is_not_touched(tmp_path, run):
     with pytest.raises(mps.SceneError, match="its frames lie elsewhere"):
         folder.create(overwrite=True)
     with pytest.raises(mps.SceneError, match="is a link to another folder"):
-        empty_of_pictures(folder.frames)
+        clear_pictures(folder.frames)
     assert (album / "frame_00000.png").read_bytes() == b"mine"
 
 

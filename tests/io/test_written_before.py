@@ -1,4 +1,4 @@
-"""What version 0.2.0 wrote is read, and its run goes on as it would have gone on there.
+"""Files written by version 0.2.0 are read, and its run continues as it would have there.
 
 written_by_0.2.0: the run ``slump --spacing 0.05 --until 0.05 --every 0.02 --precision f64 --threads 1``; next.npz:
 positions [m], velocities [m/s] and pressures [Pa] two steps later, ordered by id; checkpoint_semi_implicit.h5: that of
@@ -75,7 +75,7 @@ def test_a_number_that_records_get_later_leaves_a_checkpoint_good_until_it_is_gi
         hose = mps.Inlet((0.5, 0.9), (0.0, -1.0), 0.1, rate=0.01, volume=0.1, path=path)
         walls = (mps.Plane((0.0, 0.0), (0.0, 1.0), name=name and f"{name}_2"), bar)
         scene = mps.Scene("x", material, 0.05, None, ((0, 0), (1, 1)), walls=walls, inlets=(hose,))
-        return [checkpoint.digest(scene, keys) for keys in (checkpoint.PARTICLES, checkpoint.LAWS)]
+        return [checkpoint.digest(scene, keys) for keys in (checkpoint.PARTICLE_ATTRIBUTES, checkpoint.LAW_ATTRIBUTES)]
 
     usual = digests(mps.Bingham())
     assert usual == digests(Imagined()) == digests(mps.Bingham(), name="bar")
@@ -86,8 +86,8 @@ def test_a_number_that_records_get_later_leaves_a_checkpoint_good_until_it_is_gi
 
 
 def test_a_large_array_counts_by_a_part_and_its_shape(monkeypatch):
-    monkeypatch.setattr(checkpoint, "LARGE", 10)
+    monkeypatch.setattr(checkpoint, "SAMPLED_FROM", 10)
     scene = mps.Scene("x", mps.Bingham(), 0.1, mps.fill(mps.Box((0, 0), (1, 1)), 0.1), ((-1, -1), (2, 2)))
     moved = mps.Scene("x", mps.Bingham(), 0.1, scene.fluid + 0.01, scene.domain)
-    digests = [checkpoint.digest(one, checkpoint.PARTICLES) for one in (scene, scene, moved)]
+    digests = [checkpoint.digest(one, checkpoint.PARTICLE_ATTRIBUTES) for one in (scene, scene, moved)]
     assert digests[0] == digests[1] != digests[2]

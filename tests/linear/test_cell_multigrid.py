@@ -31,14 +31,14 @@ def test_levels_make_the_iterations_independent_of_the_size():
 
 
 class Deep(Always):
-    DENSE = 4
+    MAX_LAST_CELLS = 4
 
 
 def constants(shape):
     """Piecewise constants (cells, merged cells) of the next level, which merges pairs along each side of more than
     three cells, and the shape of that; None of the last level."""
     merge = [2 if n > 3 else 1 for n in shape]
-    if np.prod(shape) <= Deep.DENSE or max(merge) == 1:
+    if np.prod(shape) <= Deep.MAX_LAST_CELLS or max(merge) == 1:
         return None, None
     coarse = tuple(-(-n // m) for n, m in zip(shape, merge, strict=True))
     P = np.zeros((np.prod(shape), np.prod(coarse)))
@@ -75,7 +75,7 @@ def test_the_cycle_is_that_of_dense_matrices_with_galerkin_operators(n):
     A, P = matrix.toarray(), np.eye(np.prod(levels.shape))[cell]
     M = cycle(A, P, correction(P.T @ A @ P, levels.shape))
     v = np.random.default_rng(10).standard_normal((4, len(A)))
-    np.testing.assert_allclose(applied(levels, v), v @ M.T, rtol=0, atol=1e-6 * np.abs(v @ M.T).max())
+    np.testing.assert_allclose(applied(levels.apply, v), v @ M.T, rtol=0, atol=1e-6 * np.abs(v @ M.T).max())
     np.testing.assert_allclose(M, M.T, rtol=0, atol=1e-12 * np.abs(M).max())
     eigenvalues = np.linalg.eigvals(M @ A).real
     assert eigenvalues.min() > 0.0 and eigenvalues.max() < 2.0

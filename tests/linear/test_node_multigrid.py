@@ -37,7 +37,7 @@ def assert_symmetric_and_positive(springs, grids):
     rng = np.random.default_rng(2)
     mask = np.abs(springs.inverse_diagonal.to_numpy()).sum((1, 2)) > 0
     a, c = (v * mask[:, None] for v in rng.standard_normal((2, len(mask), 2)))
-    Ma, Mc = (m.reshape(-1, 2) for m in applied(grids, np.array([a.ravel(), c.ravel()]), 2))
+    Ma, Mc = (m.reshape(-1, 2) for m in applied(grids.apply, np.array([a.ravel(), c.ravel()]), 2))
     assert (a * Mc).sum() == pytest.approx((c * Ma).sum(), rel=1e-12)
     assert (a * Ma).sum() > 0.0 and (c * Mc).sum() > 0.0
     assert not mask.all() and np.all(Ma[~mask] == 0.0)
@@ -58,7 +58,7 @@ def test_nodes_of_a_spray_for_which_there_is_no_room_are_left_out():
     springs = Springs(across, x=x)
 
     class Scarce(Nodes):
-        ROWS = 9
+        MIN_GRID_ROWS = 9
 
     grids = Scarce(springs, springs.bins)
     grids.build()
@@ -86,21 +86,21 @@ def test_with_few_rows_it_is_jacobi(small):
     v = np.random.default_rng(3).standard_normal((1, 2 * 24**2))
     D = springs.inverse_diagonal.to_numpy()
     expected = np.einsum("iab,ib->ia", D, v.reshape(-1, 2)).ravel()
-    np.testing.assert_allclose(applied(grids, v, 2)[0], expected, rtol=1e-12, atol=1e-14)
+    np.testing.assert_allclose(applied(grids.apply, v, 2)[0], expected, rtol=1e-12, atol=1e-14)
 
 
 # ---- operators on the grids ---------------------------------------------------------------------------------------
 def energy(levels, grid, motion):
     """u.A u of the operator on a grid, of a motion (2,) or a linear one (2, 2) with u = motion x."""
-    first, shape = levels.first[grid], tuple(levels.shape[grid])
+    first, shape = levels.first_node[grid], tuple(levels.shape[grid])
     x = np.indices(shape).reshape(2, -1).T * np.array(levels.bins.cell_size) * np.array(levels.stride[grid])
     u = np.zeros((2, levels.nodes, 2))
     u[0, first : first + len(x)] = x @ motion.T if motion.ndim == 2 else motion
     levels.z.from_numpy(u)
-    for field in (levels.b, levels.rest):
+    for field in (levels.b, levels.defect):
         field.fill(0.0)
-    levels.leave(grid)
-    return -(u[0] * levels.rest.to_numpy()).sum()
+    levels.store_defect(grid)
+    return -(u[0] * levels.defect.to_numpy()).sum()
 
 
 def test_the_operators_of_all_grids_have_the_energy_of_linear_fields(small):
@@ -120,7 +120,7 @@ def test_the_operators_of_all_grids_have_the_energy_of_linear_fields(small):
 
 @ti.kernel
 def inverse_of(levels: ti.template(), size: float) -> ti.types.matrix(2, 2, ti.f32):
-    levels.invert(0, size * ti.Matrix([[0.6, 0.2], [0.2, 0.4]]))
+    levels.set_inverse_diagonal(0, size * ti.Matrix([[0.6, 0.2], [0.2, 0.4]]))
     return levels.inverse[0]
 
 

@@ -1,4 +1,4 @@
-"""Errors to expect, between measured ones; --accuracy: the cheapest model and spacing that is good enough."""
+"""Expected errors, interpolated between measured ones; --accuracy: the cheapest model and spacing that reaches it."""
 
 import json
 import math
@@ -32,7 +32,7 @@ ROWS = [linear(spacing, mix) for spacing in (0.02, 0.05) for mix in CORNERS]
 def test_between_what_was_measured_it_is_linear(mix, spacing):
     found, exact = expected("quarter", spacing, mix, ROWS), linear(spacing, mix)
     slump, reach = (
-        getattr(exact, k) + accuracy.OFF_THE_MEAN * getattr(exact, f"{k}_scatter") for k in ("slump", "reach")
+        getattr(exact, k) + accuracy.SCATTER_FACTOR * getattr(exact, f"{k}_scatter") for k in ("slump", "reach")
     )
     np.testing.assert_allclose(found[1:], exact._replace(slump=slump, reach=reach)[1:], rtol=1e-9)
 
@@ -75,7 +75,7 @@ def test_a_lifted_mould_adds_what_halves_of_spacing_and_step_change_at_most():
     np.testing.assert_allclose((accuracy.LIFTED, 2.0 * accuracy.LIFTED_REACH), more / 0.01, atol=0.01)
     rings = {"model": "axisymmetric", "spacing": 0.01, "yield_value": 300.0}
     (_, _, once), (_, _, lifted) = (
-        accuracy.of_run(facts_of(mps.slump_cone(**rings, lift_speed=speed))) for speed in (None, 0.1)
+        accuracy.errors_of_run(facts_of(mps.slump_cone(**rings, lift_speed=speed))) for speed in (None, 0.1)
     )
     assert 0.3 * (lifted.slump - once.slump) == pytest.approx(more[0], abs=1e-4)
 
@@ -85,8 +85,8 @@ def test_a_cone_of_another_size_has_the_errors_of_the_same_numbers(times):
     """H times as high, the same tau_y/(rho g H) and eta/(rho sqrt(g H^3)): errors, in metres, are times as large."""
     cone = dict(base_diameter=0.2 * times, top_diameter=0.1 * times, height=0.3 * times, spacing=0.01 * times)
     other = mps.slump_cone(yield_value=500.0 * times, plastic_viscosity=50.0 * times**1.5, **cone)
-    _, _, usual = accuracy.of_run(facts_of(mps.slump_cone(yield_value=500.0)))
-    _, height, found = accuracy.of_run(facts_of(other))
+    _, _, usual = accuracy.errors_of_run(facts_of(mps.slump_cone(yield_value=500.0)))
+    _, height, found = accuracy.errors_of_run(facts_of(other))
     np.testing.assert_allclose([height, found.slump, found.reach], [0.3 * times, usual.slump, usual.reach], rtol=1e-6)
 
 
@@ -96,7 +96,7 @@ def test_a_cone_of_another_size_has_the_errors_of_the_same_numbers(times):
     ids=["lifted", "a cylinder", "a slender cone", "friction", "another law"],
 )
 def test_nothing_is_said_of_other_tests_and_laws(change):
-    assert accuracy.of_run(facts_of(mps.slump_cone(yield_value=500.0, **change))) is None
+    assert accuracy.errors_of_run(facts_of(mps.slump_cone(yield_value=500.0, **change))) is None
 
 
 # ---- a choice --------------------------------------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""What is measured on a snapshot: discs and cones of known size, within the bias that the measure states."""
+"""Measures of snapshots: discs and cones of known size, within the stated bias of each measure."""
 
 import numpy as np
 import pytest

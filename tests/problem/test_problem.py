@@ -1,4 +1,4 @@
-"""The one gate: a problem that breaks a rule is refused in one line; and what follows from a problem."""
+"""Problem: one that breaks a rule is refused in one line; properties that follow from scene and numerics."""
 
 from dataclasses import replace
 

@@ -65,7 +65,7 @@ def test_the_surfaces_and_colours_are_those_of_the_outputs(run, tab):
     low, step = (np.array(tab.evaluate(f"film.{name}")) for name in ("low", "step"))
     top = tab.evaluate("film.fastest")
     for output in outputs[1:]:
-        x, normals, speed, flowing, links = drawings.shape(output.scene, output.state)
+        x, normals, speed, flowing, links = drawings.surface_geometry(output.scene, output.state)
         k = int(np.argmin(np.abs(np.array(times) - output.time)))
         keys = "at", "normal", "shade", "triangles"
         at, normal, shade, rows = (np.array(tab.evaluate(f"[...state.meshes[{k}].{key}]")) for key in keys)
@@ -85,7 +85,7 @@ def test_a_body_of_rings_is_turned_about_the_axis(shown, tmp_path):
     rings = computed(tmp_path / "rings", *WORDS.replace("quarter", "axisymmetric").split())
     tab, (first, *_, last) = shown(rings.report), Trajectory(rings.trajectory).replay()
     for k, output in ((0, first), (-1, last)):
-        known = surface_of(output.scene, output.state, drawings.CUBE, ())[0].x
+        known = surface_of(output.scene, output.state, drawings.SURFACE_CELL, ())[0].x
         found = np.reshape(tab.evaluate(f"[...state.meshes.at({k}).at]"), (-1, 3))
         np.testing.assert_allclose(found, known, atol=2e-4)
     assert rings.report.stat().st_size < 5e5
@@ -213,8 +213,10 @@ def test_what_does_not_fit_is_left_out_evenly(run):
     scene, history = outputs[0].scene, read_history(run.history)
     whole, _ = drawings.film(trajectory, scene, history)
     assert whole["outputs"] == len(outputs) == 9 and len(whole["times"]) == 25  # two between each two of them
-    packed = drawings.packed(
-        *drawings.shape(scene, outputs[-1].state), 1.0, *drawings.scale([drawings.shape(scene, outputs[-1].state)])
+    packed = drawings.pack(
+        *drawings.surface_geometry(scene, outputs[-1].state),
+        1.0,
+        *drawings.position_scale([drawings.surface_geometry(scene, outputs[-1].state)]),
     )
     fewer, last = drawings.film(trajectory, scene, history, 4.2 * len(zlib.compress(b"".join(packed.values()))))
     np.testing.assert_allclose(fewer["times"], [outputs[k].time for k in (0, 3, 5, 8)], atol=1e-6)
@@ -236,7 +238,7 @@ def test_the_first_sentence_tells_the_scenes_own_results_where_it_has_none_of_a_
 def test_the_section_of_a_block_is_its_middle_layer():
     scene = mps.Scene(**parts(3))
     part = still(scene.fluid, scene.spacing)
-    x, size, _ = drawings.in_the_middle(part, scene)
+    x, size, _ = drawings.middle_section(part, scene)
     assert len(x) == 25 and np.all(size == scene.spacing)
     drawn = drawings.section(part, scene)
     assert drawn["place"].endswith("y = 25 cm")

@@ -1,4 +1,4 @@
-"""Without a home, or with one that cannot be written, runs and sweeps come to their end."""
+"""Cache folders: runs and sweeps end well without a home, or with one that cannot be written."""
 
 import os
 

@@ -1,4 +1,4 @@
-"""Where a run computes: on the device that was asked for, or not at all, and with the numbers of the processor."""
+"""Devices: a run computes on the requested device, or not at all, with the numbers of the processor."""
 
 import json
 

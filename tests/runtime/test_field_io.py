@@ -1,4 +1,4 @@
-"""Fields put in and read back together: the same numbers, whatever their shapes and types."""
+"""Writing and reading of several fields: equal numbers, whatever their shapes and types."""
 
 import numpy as np
 import pytest

@@ -32,7 +32,7 @@ def test_running_sums_in_chunks_are_those_of_numpy(gpu, n):
 
 @pytest.mark.slow
 def test_a_step_with_multigrid_is_that_of_the_processor(monkeypatch):
-    monkeypatch.setattr(NodeMultigrid, "PAY_FROM", 0)
+    monkeypatch.setattr(NodeMultigrid, "MIN_ROWS", 0)
     reports = []
     for arch in ("cpu", "cuda"):
         mps.init(precision="f64")

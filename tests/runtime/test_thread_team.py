@@ -1,4 +1,4 @@
-"""Teams of threads: each waits for the others, whoever they are, and the result is that of one."""
+"""Teams of threads: members wait for each other, and the result is that of one thread."""
 
 import numpy as np
 import pyamg
@@ -75,19 +75,19 @@ def test_members_wait_for_each_other(members):
 
 
 def test_a_thread_that_comes_late_joins_at_a_later_round(monkeypatch):
-    monkeypatch.setattr(team, "WELCOME", 0)  # the first does not look for the others before it begins
-    monkeypatch.setattr(team, "PATIENCE", 1 << 30)  # however busy the machine is, no wait is too long
+    monkeypatch.setattr(team, "JOIN_POLLS", 0)  # the first does not look for the others before it begins
+    monkeypatch.setattr(team, "MAX_POLLS", 1 << 30)  # however busy the machine is, no wait is too long
     assert until(Mirror(2), lambda rounds: rounds[0] == 1 and rounds[-1] == 2)
 
 
 def test_where_threads_must_wait_too_often_one_goes_on_alone(monkeypatch):
-    monkeypatch.setattr(team, "PATIENCE", -10 * ROWS)  # every wait is too long
-    monkeypatch.setattr(team, "REST", 20)
+    monkeypatch.setattr(team, "MAX_POLLS", -10 * ROWS)  # every wait is too long
+    monkeypatch.setattr(team, "SOLO_KERNELS", 20)
     mirror = Mirror(2)
     assert until(mirror, lambda rounds: rounds.max() == 2 and rounds[-1] == 1)
-    assert mirror.team.rest[None] == team.REST
-    for left in range(team.REST - 1, 0, -1):
-        assert np.all(mirror.members_of_each_round() == 1) and mirror.team.rest[None] == left
+    assert mirror.team.solo_kernels[None] == team.SOLO_KERNELS
+    for left in range(team.SOLO_KERNELS - 1, 0, -1):
+        assert np.all(mirror.members_of_each_round() == 1) and mirror.team.solo_kernels[None] == left
 
 
 def test_more_members_than_threads_do_not_wait_for_ever():

@@ -1,4 +1,4 @@
-"""What the kernel language does wrong, slowly or aloud is kept from the user, and no bit depends on the speed patch."""
+"""Workarounds for wrong, slow or verbose parts of the kernel language; no bit depends on the speed patch."""
 
 from importlib.util import find_spec
 
@@ -35,7 +35,7 @@ def test_what_was_read_of_a_vector_local_stays_when_that_is_overwritten():
 # ---- fields ---------------------------------------------------------------------------------------------------------
 def test_fields_are_refused_before_the_tree_that_kills_the_process(monkeypatch):
     """With a limit of 12 trees, for those of the language's own 512 take half a minute to make."""
-    monkeypatch.setattr(backend, "MOST_TREES", 12)
+    monkeypatch.setattr(backend, "MAX_TREES", 12)
     monkeypatch.setattr(backend, "TREES_OF_A_SIMULATION", 4)
     made = []
     with pytest.raises(RuntimeError, match="call taichi_mps.init"):

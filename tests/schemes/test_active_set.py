@@ -73,7 +73,7 @@ def landed(both):
     while sim.time < 1.4:
         sim.step()
         x, kind = in_use(sim)
-        if not sim.taken_by_all:
+        if not sim.all_active:
             seen.append((sim.time, np.sum(kind == FLUID) / sim.particles.number))
             places.append(x[kind == FLUID, 0])
     return sim, np.array(seen), places
@@ -94,7 +94,7 @@ def test_a_layer_at_rest_wakes_where_a_weight_lands_and_nowhere_else(landed):
 
 def test_all_particles_are_read_each_once_whatever_is_left_out(landed):
     sim, *_ = landed
-    while sim.taken_by_all:
+    while sim.all_active:
         sim.step()
     assert sim.particles.excluded[None] > 0
     number = sim.fluid_particles
@@ -112,7 +112,7 @@ def test_a_step_with_an_active_set_is_that_of_all(both):
         sim.step()
     state = sim.state()
     sim.step(), whole.load(state), whole.step()
-    assert not sim.taken_by_all, "the step went through a part"
+    assert not sim.all_active, "the step went through a part"
     _x, kind = in_use(sim)
     ids = sim.particles.id.to_numpy()[: len(kind)]
     active = ids[kind == FLUID]
@@ -146,7 +146,7 @@ def test_what_a_wall_that_moves_comes_near_takes_part_and_the_far_end_does_not(w
         x, kind = sim.particles.x.to_numpy()[:count], sim.particles.kind.to_numpy()[:count]
         under = (np.abs(x[:, 0] - 0.5) < 0.1) & (below - speed * sim.time - x[:, 1] < reach)
         near = under if wall == "plate" else x[:, 0] < reach
-        if near.any() and not sim.taken_by_all:
+        if near.any() and not sim.all_active:
             met += 1
             assert (kind[near] == FLUID).all() and x[kind == FLUID, 0].max() < 1.8
     assert met > 10
@@ -176,7 +176,7 @@ def test_structure_grows_while_it_sleeps():
 
 def test_a_run_goes_on_from_its_state_bit_for_bit(landed):
     sim, *_ = landed
-    while sim.taken_by_all:
+    while sim.all_active:
         sim.step()
     state, steps = sim.state(), 2 * FULL_STEP_INTERVAL
     ends = []

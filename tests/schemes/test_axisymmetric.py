@@ -80,7 +80,7 @@ def test_forces_are_the_negative_transpose_of_the_gradient(rings):
 
 def test_the_shift_counts_a_ring_by_its_cross_section(free):
     """(I12) by brute force, where the rings are all around; and none without deformation."""
-    shifting = Shifting(free, tears=False)
+    shifting = Shifting(free, shifts_in_tension=False)
     section, x = free.volumes / (2.0 * np.pi * free.x[:, 0] * L0**2), free.x
     e = x[None] - x[:, None]
     r = np.linalg.norm(e, axis=-1) + 9.0 * np.eye(len(x))

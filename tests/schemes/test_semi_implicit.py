@@ -65,7 +65,7 @@ def test_laplacian_is_exact_on_the_lattice(dimension, free):
     velocity = np.einsum("aij,ni,nj->na", hessians, x, x) + x @ rng.normal(size=(dimension, dimension)) + 0.3
     simulation = free(x, velocity, "literal")
     viscosity = simulation.scheme.viscosity
-    viscosity.start()
+    viscosity.set_laplacian_and_guess()
     inside = interior(simulation.particles.read()["x"], cells)
     assert inside.sum() >= 4**dimension
     exact, found = 2.0 * np.einsum("aii->a", hessians), viscosity.lap_u.to_numpy()[: len(x)]
@@ -356,7 +356,7 @@ def test_two_particles_that_meet_exchange_momentum_with_the_restitution():
         wall_particles=x[-1, 1:], domain=((-10 * L0,) * 2, (40 * L0,) * 2),
     )  # fmt: skip
     simulation = at_start(scene)
-    simulation.scheme.collisions.apply(simulation.particles.u)
+    simulation.scheme.collisions.collide(simulation.particles.u)
     rows = simulation.particles.read()
     first, far, parting, (last, _) = rows["u"][np.argsort(rows["id"])].reshape(-1, 2, 2)
     np.testing.assert_allclose(first, [[0.4, 0.3], [0.6, 0.0]], atol=1e-12)

@@ -134,7 +134,7 @@ def test_a_spinning_disc(free_literal):
     x = mps.lattice((-0.6, -0.6), (0.6, 0.6), WIDE, offset=0.0) + (0.2 * WIDE, 0.1 * WIDE)
     x = x[np.hypot(*x.T) < radius]
     find(loaded(free_literal, x, spin(x)))
-    free_literal.scheme.viscosity.start()
+    free_literal.scheme.viscosity.set_laplacian_and_guess()
     rows = free_literal.particles.read()
     torque = angular_momentum(rows["x"], free_literal.scheme.viscosity.lap_u.to_numpy()[: len(x)])
     table = np.genfromtxt(TORQUE, delimiter=",", skip_header=2)

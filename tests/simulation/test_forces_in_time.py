@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.geometry.in_time import InTime
+from taichi_mps.geometry.in_time import TimeDependent
 
 L0 = 0.1
 JUMPS = ((0.0, 3.0, 0.0), (0.2, 3.0, 0.0), (0.2, -1.0, 2.0), (0.4, -1.0, 2.0), (0.5, 0.0, 0.0))
@@ -160,10 +160,10 @@ def test_a_layer_on_a_shaken_floor_slides_where_its_inertia_exceeds_the_yield_st
 
 
 def test_what_changes_between_rows_and_beyond_them():
-    part = InTime(JUMPS, "gravity", "m/s2", 2)
+    part = TimeDependent(JUMPS, "gravity", "m/s2", 2)
     assert part.integral(-1.0, 1.0) == pytest.approx((3.6 - 0.25, 0.4 + 0.1)) and part.last == 0.5
     assert [part.changes(t) for t in (0.0, 0.1, 0.2, 0.3, 0.4, 0.45, 0.5, 0.6)] == [0, 0, 1, 0, 1, 1, 1, 0]
-    smooth = InTime(wave, "gravity", "m/s2", 2)
+    smooth = TimeDependent(wave, "gravity", "m/s2", 2)
     exact = (2.0 * (np.sin(WAVE * 0.77) - np.sin(WAVE * 0.013)) / WAVE, -0.757)
     assert smooth.integral(0.013, 0.77) == pytest.approx(exact, rel=1e-9) and smooth.last == np.inf
 

@@ -1,4 +1,4 @@
-"""What a run will take: memory beside the peak of whole runs, and what does not fit is refused; the steps and particles
+"""Forecasts: memory beside the peak of whole runs, and the refusal of runs that do not fit; the steps and particles
 of a pour beside integrals in closed form, and their cost beside measured pours."""
 
 import json

@@ -1,4 +1,4 @@
-"""What a result must not depend on: whether the body turns, and how fast its frame moves."""
+"""Invariance of results: under rotation of the body, and in a moving frame."""
 
 import numpy as np
 import pytest

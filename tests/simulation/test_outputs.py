@@ -16,7 +16,7 @@ from taichi_mps.io.vtkhdf import Trajectory
 from taichi_mps.problem import catalogue
 from taichi_mps.problem.measures import still
 from taichi_mps.problem.problem import Problem
-from taichi_mps.simulation.frame import Frame, between
+from taichi_mps.simulation.frame import Frame, interpolate
 
 RINGS = {"model": "axisymmetric", "spacing": 0.02, "yield_value": 500.0}
 
@@ -83,7 +83,7 @@ def frame(time, x, u, **of_scene):
 def test_a_frame_between_two_steps_lies_on_the_line_between_them():
     first = frame(1.0, [[0.2, 0.5], [0.4, 0.1]], [[1.0, 0.0], [0.0, 0.0]])
     last = frame(3.0, [[0.6, 0.5], [0.4, 0.3]], [[3.0, 0.0], [0.0, 1.0]])
-    found = between(first, last, 1.5)
+    found = interpolate(first, last, 1.5)
     assert found.time == 1.5
     np.testing.assert_allclose(found.snapshot().x, [[0.3, 0.5], [0.4, 0.15]])
     np.testing.assert_allclose(found.snapshot().u, [[1.5, 0.0], [0.0, 0.25]])
@@ -94,20 +94,20 @@ def test_what_came_in_since_moves_at_its_own_velocity():
         frame(0.0, [[0.2, 0.5]], [[0.0, 0.0]]),
         frame(0.1, [[0.2, 0.5], [0.3, 0.9]], [[0.0, 0.0], [0.0, -1.0]]),
     )
-    np.testing.assert_allclose(between(first, last, 0.04).snapshot().x, [[0.2, 0.5], [0.3, 0.96]])
+    np.testing.assert_allclose(interpolate(first, last, 0.04).snapshot().x, [[0.2, 0.5], [0.3, 0.96]])
 
 
 def test_who_leaves_a_periodic_domain_at_one_end_does_not_cross_it_in_a_frame():
     first, last = frame(0.0, [[0.98, 0.5]], [[1.0, 0.0]]), frame(0.1, [[0.08, 0.5]], [[1.0, 0.0]])
     last.scene.periodic = (True, False)
-    assert between(first, last, 0.05).snapshot().x[0, 0] % 1.0 == pytest.approx(0.03)
+    assert interpolate(first, last, 0.05).snapshot().x[0, 0] % 1.0 == pytest.approx(0.03)
 
 
 # ---- resume ----------------------------------------------------------------------------------------------------
 def recorded(folder, sim, stop_at=None):
     """Run to the end, or interrupted after so many steps, with a folder of outputs every 15 ms."""
     recorder = Recorder(folder, sim, 0.015, "slump", {"every": 0.015})
-    recorder.next = float("inf")
+    recorder.next_checkpoint = float("inf")
     sim.each_step(lambda sim: sim.interrupt() if sim.steps == stop_at else None)
     stopped_by = sim.run()
     recorder.finish(stopped_by)

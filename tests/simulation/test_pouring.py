@@ -92,7 +92,7 @@ def test_concrete_enters_at_its_rate_falls_freely_rests_and_resumes_bit_for_bit(
         del sim.rest.reached
         ends.append(sim.state())
         saved = checkpoint.read(tmp_path / "checkpoint.h5")
-        assert saved.header["fluid"] == checkpoint.digest(scene, checkpoint.PARTICLES)
+        assert saved.header["fluid"] == checkpoint.digest(scene, checkpoint.PARTICLE_ATTRIBUTES)
         sim.load(saved.state)
         assert sim.fluid_particles == counts[-1]
     for key, value in ends[0].items():

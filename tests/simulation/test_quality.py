@@ -1,4 +1,4 @@
-"""What a run says of itself: how well the volume was kept, a result that is no number, the edge of the domain."""
+"""Checks of a run on itself: error of the volume, a result that is no number, the edge of the domain."""
 
 import math
 import warnings

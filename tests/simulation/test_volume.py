@@ -1,4 +1,4 @@
-"""What keeps the volume and the angular momentum of a moving body in the scheme ``implicit``."""
+"""Conservation of the volume and of the angular momentum of a moving body in the scheme ``implicit``."""
 
 from contextlib import nullcontext
 

@@ -1,1 +1,1 @@
-"""What several tests share. No test imports another."""
+"""Shared code of several tests. No test imports another."""

@@ -1,4 +1,4 @@
-"""Python in a process of its own."""
+"""Child processes of Python for tests."""
 
 import os
 import subprocess

@@ -1,4 +1,4 @@
-"""What stands inside of a simulation, for tests of one term at given particles."""
+"""Access to the inner objects of a simulation, for tests of one term at given particles."""
 
 import numpy as np
 

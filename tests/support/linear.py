@@ -36,7 +36,7 @@ class BlockOperator:
         self.count[None] = self.rows
 
     @stage("apply")
-    def apply(self, x: ti.template(), y: ti.template()):
+    def multiply(self, x: ti.template(), y: ti.template()):
         for i in range(first(self.count[None]), last(self.count[None])):
             for a in ti.static(range(self.components)):
                 s = ti.cast(0.0, ti.f64)
@@ -87,7 +87,7 @@ def solve(operator, b, components=1, tolerance=1e-10, x=0.0, preconditioner=None
         field.from_numpy(padded.reshape(capacity, components))
     given = {"limit": 1000, "most": HUGE, "again": 0, "reduction": 1.0, "enough": 0.0} | options
     with execution.active():
-        solver.take_guess()
+        solver.multiply_guess()
         solver.solve(tolerance, *given.values())
     status, iterations = STATUS[solver.status[None]], solver.iterations[None]
     residual = np.sqrt(abs(solver.rz[None]) / (abs(solver.reference[None]) or 1.0))
@@ -98,7 +98,7 @@ def solve(operator, b, components=1, tolerance=1e-10, x=0.0, preconditioner=None
 class Always(CellMultigrid):
     """Levels for however few rows."""
 
-    PAY_FROM = 0
+    MIN_ROWS = 0
 
 
 def with_levels(matrix, points, per_cell, kind=Always):
@@ -115,13 +115,13 @@ def with_levels(matrix, points, per_cell, kind=Always):
     return a, levels, matrix, cell
 
 
-def applied(operator, vectors, components=1):
-    """A v of an operator, or M^-1 v of a preconditioner, for each row of ``vectors``."""
+def applied(product, vectors, components=1):
+    """Product A v of an operator, or M^-1 v of a preconditioner, for each row of ``vectors``."""
     r, z = (ti.Vector.field(components, real(), vectors.shape[1] // components) for _ in range(2))
     result = []
     for v in vectors:
         r.from_numpy(v.reshape(-1, components))
-        operator.apply(r, z)
+        product(r, z)
         result.append(z.to_numpy().ravel())
     return np.array(result)
 
@@ -171,7 +171,7 @@ class Springs:
                 self.inverse_diagonal[i] *= 0.0
 
     @stage("apply")
-    def apply(self, u: ti.template(), y: ti.template()):
+    def multiply(self, u: ti.template(), y: ti.template()):
         for i in range(first(self.count[None]), last(self.count[None])):
             s = self.mass[None] * u[i]
             for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
@@ -189,4 +189,4 @@ class Springs:
 class Nodes(NodeMultigrid):
     """Grids of nodes for however few rows."""
 
-    PAY_FROM = 0
+    MIN_ROWS = 0

@@ -15,7 +15,7 @@ from taichi_mps.problem.measures import Snapshot
 class Falling:
     """What the edges need of a Simulation: particles in free fall in ``dt`` [s] steps."""
 
-    taken_by_all = True
+    all_active = True
 
     def __init__(self, scene, dt=0.01):
         self.scene, self.numerics, self.dt = scene, mps.Implicit(), dt
@@ -23,7 +23,7 @@ class Falling:
         self.callbacks = []
 
     def every(self, interval, callback):
-        self.output = callback
+        self.record_output = callback
 
     def each_step(self, callback):
         self.callbacks.append(callback)
@@ -39,7 +39,7 @@ class Falling:
         self.report = SimpleNamespace(step=self.steps, time=self.time, dt=self.dt, dt_limit="Courant", **values)
         for callback in self.callbacks:
             callback(self)
-        self.output(self)
+        self.record_output(self)
 
     def snapshot(self):
         x = self.scene.fluid + self.scene.gravity_vector * 0.5 * self.time**2
@@ -65,7 +65,7 @@ def recorded(path, steps, end="", scene=None, overwrite=False):
     folder, sim = RunFolder(path), Falling(scene or catalogue.build("slump", spacing=0.05, until=1.0))
     folder.create(overwrite)
     recorder = Recorder(folder, sim, 0.01, "slump", {"every": 0.01})
-    recorder.output(sim)
+    recorder.record_output(sim)
     for _ in range(steps):
         sim.step()
     if end:

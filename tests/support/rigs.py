@@ -68,7 +68,7 @@ class Probe:
         for i in self.x:
             self.z[i], self.normal[i], self.velocity[i], self.curvature[i] = self.first.nearest(self.x[i])
             self.weight[i] = self.first.weight(i, self.x[i], 0.0)
-            self.end[i] = self.walls.outside(self.x[i], self.move[i])
+            self.end[i] = self.walls.keep_in_fluid(self.x[i], self.move[i])
 
 
 @ti.data_oriented
@@ -195,7 +195,7 @@ class System(Rig):
     def multiply(self, u):
         """A u (n, d) [N]."""
         self.u.from_numpy(np.ascontiguousarray(u))
-        self.system.apply(self.u, self.y)
+        self.system.multiply(self.u, self.y)
         return self.y.to_numpy()
 
     def dense(self):

@@ -1,4 +1,4 @@
-"""A small scene that obeys every rule."""
+"""Small scene for tests that obeys every rule."""
 
 from dataclasses import replace
 

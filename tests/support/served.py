@@ -1,4 +1,4 @@
-"""The server of the page in a process of its own."""
+"""Server of the page in a process of its own."""
 
 import os
 import re

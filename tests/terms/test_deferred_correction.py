@@ -1,4 +1,4 @@
-"""What the hourglass resistance gives back: all of a curved velocity, none that would let particles slip."""
+"""Deferred correction of the hourglass resistance: full for a curved velocity, none that would let particles slip."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Where two mixes meet: shares on a lattice, stress across and along; the mappings of a law, alone and in series."""
+"""Interface of two mixes: fractions on a lattice, stress across and along; mappings of a law, alone and in series."""
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ def scheme():
         scheme.gradient.build()
         scheme.strain_rate.evaluate(0.0)
         scheme.stress.set_viscosity()
-        scheme.interface.find()
+        scheme.interface.find_normals()
         scheme.interface.gather(scheme.stress.fluidity)
     return scheme
 

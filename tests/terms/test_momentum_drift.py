@@ -1,4 +1,4 @@
-"""Where nothing but gravity acts on the whole fluid, and that nothing else moves it there."""
+"""Momentum along directions in which only gravity acts on the whole fluid: no drift by the solver's tolerance."""
 
 from types import SimpleNamespace
 

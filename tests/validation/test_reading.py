@@ -1,4 +1,4 @@
-"""What rows read off particles comes back from known fields; the closed forms are those of the references."""
+"""Readings of the rows of the validation table on known fields; closed forms against the references."""
 
 import runpy
 

@@ -1,4 +1,4 @@
-"""What stands in a picture: the body of revolution, the mould at 0 s, glass, and lengths where they belong."""
+"""Contents of a picture: the body of revolution, the mould at 0 s, glass, and dimensions at their places."""
 
 from dataclasses import replace
 
@@ -12,7 +12,7 @@ from taichi_mps.problem.measures import still
 from taichi_mps.viz import overlay
 from taichi_mps.viz.body import contour, profile, surface_of
 from taichi_mps.viz.render import Renderer
-from taichi_mps.viz.stage import dimensions, stage
+from taichi_mps.viz.view_volume import dimensions, view_volume
 
 WIDE, TALL = 640, 360
 
@@ -62,7 +62,7 @@ def test_rings_that_have_moved_keep_the_slope_of_the_mould():
 def shown(scene, **measures):
     """Renderer and dimensions of a scene in which these lengths [m] are measured."""
     renderer = Renderer(scene, WIDE, TALL)
-    return renderer, dimensions(scene, measures, *stage(scene)[:2], 0.7)
+    return renderer, dimensions(scene, measures, *view_volume(scene)[:2], 0.7)
 
 
 def test_a_diameter_stands_on_the_plane_of_the_axis():

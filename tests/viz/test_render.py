@@ -55,7 +55,7 @@ def draw(camera, x, colours, radius):
 def test_a_sphere_covers_the_disc_of_its_perspective_projection(camera, centre):
     radius = 0.3
     pixels, depth = draw(camera, [centre], [RED], radius)
-    covered = pixels[..., 1] < 0.5 * 255 * painter.PAPER[1]
+    covered = pixels[..., 1] < 0.5 * 255 * painter.BACKGROUND[1]
     view = camera[0]
     across, up, ahead = (np.array(centre) - view.eye) @ view.axes.T
     # the outline of a sphere at (a, z): an ellipse of these half axes, along and across the direction from the middle

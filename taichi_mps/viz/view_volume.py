@@ -1,4 +1,4 @@
-"""What stands around the body in a picture: walls, floor, mirror images, and how far it may spread. Plain NumPy."""
+"""View volume of pictures of a run, and the walls, the floor, mirror images and dimensions in it. Plain NumPy."""
 
 import numpy as np
 
@@ -7,11 +7,11 @@ from ..geometry.walls import Cylinder, Plane
 from ..problem.labels import title, written
 from ..problem.measures import embed, reflected, still
 
-LEAST = 0.03  # of the longest side of what is shown: a shorter length gets no dimension
+MIN_DIMENSION = 0.03  # of the longest side of the view volume: shorter lengths get no dimension [-]
 
 
-def images(scene, line):
-    """A polyline (k, d) [m] as (k, 3), and its images behind the mirror planes of the scene and across its axis."""
+def with_mirror_images(scene, line):
+    """Polyline (k, d) [m] as (k, 3), with its images behind the mirror planes of the scene and across its axis."""
     lines = [embed(line)]
     if scene.axisymmetric:
         lines.append(lines[0] * (-1.0, 1.0, 1.0))
@@ -21,8 +21,9 @@ def images(scene, line):
     return lines
 
 
-def stage(scene):
-    """Low and high corner [m] (3,) of what a run may show, the body with room to spread up to the walls; its floor."""
+def view_volume(scene):
+    """View volume of a run, the body with room to spread up to the walls: low and high corner (3,) [m], and the height
+    of its floor [m], None without one."""
     whole, domain = (scene.unfold(still(x, scene.spacing)).x for x in (scene.reach, np.array(scene.domain, float)))
     low, high = whole.min(0) - 0.5 * scene.spacing, whole.max(0) + 0.5 * scene.spacing
     planes = [wall for wall in scene.walls if isinstance(wall, Plane) and not wall.mirror]
@@ -30,7 +31,7 @@ def stage(scene):
     for axis in range(scene.dimension - 1):  # of a plane through the axis, the first alone
         room = np.inf if scene.periodic[axis] else 0.85 * (body[1][-1] - body[0][-1])
         across = [wall for wall in planes if abs(wall.normal[axis]) > 0.99]
-        walls = [line[0, axis] for wall in across for line in images(scene, [wall.point])]
+        walls = [line[0, axis] for wall in across for line in with_mirror_images(scene, [wall.point])]
         low[axis] = max((w for w in walls if w < low[axis] + touch), default=max(low[axis] - room, domain[0][axis]))
         high[axis] = min((w for w in walls if w > high[axis] - touch), default=min(high[axis] + room, domain[1][axis]))
     if scene.axisymmetric:
@@ -58,11 +59,11 @@ def wall_lines(scene, low, high, time):
         elif wall.normal[-1] < -0.99 and not wall.mirror:
             z = wall.point[-1] + wall.displacement(time)[-1]
             edges.append([(x0, y, z), (x1, y, z)])
-    return [line for edge in edges for line in images(scene, edge)]
+    return [line for edge in edges for line in with_mirror_images(scene, edge)]
 
 
-def lifted(scene, time) -> list[np.ndarray]:
-    """Faces (4, 3) [m] of a thin mould that is lifted, at a time [s]."""
+def lifted_mould_faces(scene, time) -> list[np.ndarray]:
+    """Faces (4, 3) [m] of a thin lifted mould at a time [s]."""
     faces = []
     for wall in (wall for wall in scene.walls if isinstance(wall, Cylinder) and wall.thin):
         foot, top = (circle[::2] + wall.displacement(time) for circle in wall.circles)
@@ -71,10 +72,10 @@ def lifted(scene, time) -> list[np.ndarray]:
 
 
 def dimensions(scene, measures, low, high, front) -> list[dict]:
-    """Measured lengths to be drawn on a body that reaches to x = ``front`` [m], in a box from ``low`` to ``high`` (3,)
+    """Dimensions to draw on a body that reaches to x = ``front`` [m], in a view volume from ``low`` to ``high`` (3,)
     [m]: ends ``a`` and ``b`` (3,) [m] in the plane through the axis or the middle of the width, a ``text``, and y [m]
-    of the ``near`` side of the body, below which a level one has its place."""
-    least, floor, y = LEAST * np.max(np.subtract(high, low)), low[2], 0.5 * (low[1] + high[1])
+    of the ``near`` side of the body, below which a horizontal dimension is drawn."""
+    least, floor, y = MIN_DIMENSION * np.max(np.subtract(high, low)), low[2], 0.5 * (low[1] + high[1])
     faces = np.concatenate(scene.vessel) if len(scene.vessel) else np.array([low, high])
     begin, end, near = faces[:, 0].min(), faces[:, 0].max(), min(y, max(low[1], faces[:, 1].min()))
     gate = min((x for x in faces[:, 0] if begin < x < end), default=begin)
