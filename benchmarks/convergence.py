@@ -44,8 +44,8 @@ HEAD = [
     "div u-s",
     "CPU-s",
 ]
-JUDGED = ["mix", "model, l0", "runs", "slump, mean errors [mm]", "apart by", "order of l0"]
-JUDGED += ["spread, mean errors [mm]", "apart by", "order of l0", "orders of the step"]
+JUDGED = ["of", "mix", "model, l0", "iterations", "runs", "mean errors [mm]", "runs apart by [mm]"]
+JUDGED += ["means of a step", "means of a number", "order of l0", "orders of the step"]
 TOLD = (
     "Errors beside the finite elements at 0.3, 1 and 2 s, of what has come to rest by then as it lies. Targets at "
     f"10 mm: with {LEAST} iterations or more, whatever the step, slumps within {TARGETS['slump']:g} mm and spreads "
@@ -167,30 +167,45 @@ def rows(found: dict):
 
 
 def judged(found: dict):
-    """Of each model, mix and spacing with LEAST iterations or more: means of the errors, how far runs are apart, and
-    observed orders of the step, at the first of TIMES, and of the spacing, of the mean size of the errors."""
+    """Of each model, mix and spacing, with LEAST iterations or more and to each tolerance: means of the errors; how far
+    runs, means of a step and means of a number of iterations are apart; observed orders of the spacing, of the mean
+    size of the errors, and of the step, at the first of TIMES."""
     last = {}
-    for model, mix, spacing, runs in parts(found):
-        kept = {step: [runs[step][n] for n in runs[step] if n.isdigit() and int(n) >= LEAST] for step in runs}
-        cells = [
-            "{} Pa, {} Pa s".format(*mix.split(",")),
-            f"{model}, {1e3 * spacing:g} mm",
-            sum(map(len, kept.values())),
-        ]
-        for key, target in TARGETS.items():
-            errors = np.array([run[key] for of_step in kept.values() for run in of_step])
-            apart = 1e3 * np.ptp(errors, axis=0)
-            far = [number > target and spacing == COARSE for number in apart]
-            shown = [
-                f"**{number:.1f}**" if misses else f"{number:.1f}" for number, misses in zip(apart, far, strict=True)
+    for key, (model, mix, spacing, runs) in product(TARGETS, parts(found)):
+        names = sorted({name for of_step in runs.values() for name in of_step if "placing" not in name}, key=len)
+        chosen = {f"{LEAST} or more": [n for n in names if n.isdigit() and int(n) >= LEAST]}
+        chosen |= {n: [n] for n in names if n.startswith("to")}
+        for label, kept in chosen.items():
+            errors = {(step, n): np.array(runs[step][n][key]) for step in runs for n in kept if n in runs[step]}
+            mean = np.mean(list(errors.values()), axis=0)
+            by_step, by_iterations = (
+                [np.mean([e for at, e in errors.items() if at[part] == value], axis=0) for value in values]
+                for part, values in enumerate((list(runs), [n for n in kept if any(at[1] == n for at in errors)]))
+            )
+            full, size = spacing >= COARSE, np.abs(mean).mean()
+            before = last.get((model, mix, key)) if label not in kept else None
+            if label not in kept:
+                last[model, mix, key] = spacing, size
+            steps = [order([e[0] for e in by_step[k : k + 3]]) for k in range(len(by_step) - 2)] if full else []
+            yield [
+                key,
+                "{} Pa, {} Pa s".format(*mix.split(",")),
+                f"{model}, {1e3 * spacing:g} mm",
+                label,
+                len(errors),
+                numbers(mean),
+                far(list(errors.values()), TARGETS[key] if spacing == COARSE else np.inf),
+                far(by_step, TARGETS[key] if spacing == COARSE else np.inf) if full else "-",
+                far(by_iterations, TARGETS[key] if spacing == COARSE else np.inf) if full and len(kept) > 1 else "-",
+                order((before[1], size), before[0] / spacing) if before else "-",
+                ", ".join(steps) or "-",
             ]
-            size = np.abs(errors.mean(0)).mean()
-            before, last[model, mix, key] = last.get((model, mix, key)), (spacing, size)
-            cells += [numbers(errors.mean(0)), ", ".join(shown)]
-            cells += [order((before[1], size), before[0] / spacing) if before else "-"]
-        means = [np.mean([run["slump"][0] for run in of_step]) for of_step in kept.values()]
-        steps = [order(means[k : k + 3]) for k in range(len(means) - 2)] if spacing >= COARSE else []
-        yield [*cells, ", ".join(steps) or "-"]
+
+
+def far(errors, target: float) -> str:
+    """How far errors are apart [mm], bold where that is over a target."""
+    apart = [f"{1e3 * number:.1f}" for number in np.ptp(errors, axis=0)]
+    return ", ".join(f"**{number}**" if float(number) > target else number for number in apart)
 
 
 def placed(found: dict):
