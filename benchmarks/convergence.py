@@ -23,7 +23,7 @@ NAMES = "model", "spacing", "mix", "step"  # what makes a point
 MODELS, SPACINGS, MIXES = ("axisymmetric", "quarter"), (0.02, 0.01, 0.005, 0.0025), ("300,50", "80,150")
 STEPS, ITERATIONS, TIMES = (1.0, 0.5, 0.25, 0.125), (3, 6, 12, 24), (0.3, 1.0, 2.0)
 COARSE, TOGETHER = 0.01, {1.0: 6, 0.5: 12, 0.25: 24}  # spacings of all pairs; iterations of each step at finer ones
-TOLERANCES, MOST_ITERATIONS = (2e-3, 2e-4), 200
+TOLERANCES, MAX_ITERATIONS = (2e-3, 2e-4), 200
 PARTICLES = {  # of each spacing
     "axisymmetric": {0.02: 57, 0.01: 225, 0.005: 900, 0.0025: 3600},
     "quarter": {0.02: 175, 0.01: 1376, 0.005: 11000},
@@ -65,7 +65,7 @@ def runs(model: str, spacing: float, mix: str, step: float, again: str = "") -> 
         return {}
     found = {str(n): {"passes": n} for n in (ITERATIONS if spacing >= COARSE else [TOGETHER[step]])}
     if (model, spacing) == ("axisymmetric", COARSE):
-        found |= {f"to {t:g}": {"passes": MOST_ITERATIONS, "outer_tolerance": t} for t in TOLERANCES}
+        found |= {f"to {t:g}": {"passes": MAX_ITERATIONS, "outer_tolerance": t} for t in TOLERANCES}
     return found
 
 
