@@ -1,4 +1,4 @@
-"""What a test measures as a smooth function of the constants of a mix, through the cases of a study of its scene."""
+"""Emulator of a test: its measures as smooth functions of the constants of a mix, through the cases of a study."""
 
 from functools import lru_cache
 from importlib.util import find_spec
