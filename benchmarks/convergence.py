@@ -70,7 +70,7 @@ def runs(model: str, spacing: float, mix: str, step: float, again: str = "") -> 
 
 
 def point(**settings) -> dict:
-    """Of each run of a point: errors [m], time of rest [s], residuals, iterations, steps and CPU-seconds."""
+    """Results of each run of a point: errors [m], time of rest [s], residuals, iterations, steps and CPU-seconds."""
     import taichi_mps as mps
     from taichi_mps.problem.problem import Problem
     from taichi_mps.simulation.forecast import own_step
@@ -167,9 +167,9 @@ def rows(found: dict):
 
 
 def judged(found: dict):
-    """Of each model, mix and spacing, with LEAST iterations or more and to each tolerance: means of the errors; how far
-    runs, means of a step and means of a number of iterations are apart; observed orders of the spacing, of the mean
-    size of the errors, and of the step, at the first of TIMES."""
+    """Statistics for each model, mix and spacing, with LEAST iterations or more and to each tolerance: means of the
+    errors; ranges of runs, of means of a step and of means of a number of iterations; observed orders of the spacing,
+    of the mean size of the errors, and of the step, at the first of TIMES."""
     last = {}
     for key, (model, mix, spacing, runs) in product(TARGETS, parts(found)):
         names = sorted({name for of_step in runs.values() for name in of_step if "placing" not in name}, key=len)

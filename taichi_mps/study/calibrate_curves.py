@@ -249,7 +249,7 @@ def calibrate_curves(
     with start() as runs.pool:
         runs.folder = folder
         if watch:
-            likely = len(runs.tests) * (LOOKS + 5 * (1 + 2 * len(first)))
+            likely = len(runs.tests) * (LOOKS + 10 * (1 + 2 * len(first)))
             at_start = [runs.case(test, np.zeros(len(first)), runs.spacing) for test in runs.tests]
             lasts = in_time(wall_time(at_start, workers or os.cpu_count() or 1, likely))
             finely = f", besides {2 * len(runs.tests)} at {fine:g} m" * finer

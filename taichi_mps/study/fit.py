@@ -1,4 +1,11 @@
-"""Least squares on the logarithms of constants: the best values, their 95 % intervals and what determines them."""
+"""Least squares on the logarithms of constants: the best values, their 95 % intervals and what determines them.
+
+Two kinds of measurements share LeastSquares and calibration.Found. ``Tables``: end values of standard tests, looked
+up, which takes no time, so that a grid finds the start and profile likelihood the intervals; a mix may lack a T500,
+and an end value may bound a constant on one side. ``calibrate_curves.Runs``: curves of any measure, each point a run
+of the scene with a scatter of its own, so that slopes take wide steps and finer runs correct coarse ones. End values
+of a scene without a table are curves of one point there.
+"""
 
 import numpy as np
 
