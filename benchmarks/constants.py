@@ -1,4 +1,4 @@
-"""What a fifth more or less of each constant of the scheme implicit does to a cone and a film.
+"""Sensitivity of a cone and a film to a fifth more or less of each constant of the scheme implicit.
 
     python benchmarks/constants.py run [NAME ...]   # every constant without a result: results/constants.json
     python benchmarks/constants.py draw             # the table below docs/theory/constants.md
@@ -79,7 +79,7 @@ def draw() -> None:
     mean, scatter = rows.mean(0), rows.std(0, ddof=1)
 
     def changes(name: str, factor: float) -> list[str]:
-        """Of slump and slump flow [mm] and of the speed [%]; bold beyond three times the scatter."""
+        """Changes of slump and slump flow [mm] and of the speed [%]; bold beyond three times the scatter."""
         at = [found[f"{name} {factor:g}"][key] for key in ("slump_m", "spread_m", "speed")]
         change, scale = np.subtract(at, mean), (1e3, 1e3, 100.0 / mean[2])
         texts = [f"{by * value:+.1f}" for by, value in zip(scale, change, strict=True)]

@@ -23,7 +23,7 @@ NAMES = "model", "spacing", "mix", "step"  # what makes a point
 MODELS, SPACINGS, MIXES = ("axisymmetric", "quarter"), (0.02, 0.01, 0.005, 0.0025), ("300,50", "80,150")
 STEPS, ITERATIONS, TIMES = (1.0, 0.5, 0.25, 0.125), (3, 6, 12, 24), (0.3, 1.0, 2.0)
 COARSE, TOGETHER = 0.01, {1.0: 6, 0.5: 12, 0.25: 24}  # spacings of all pairs; iterations of each step at finer ones
-TOLERANCES, MOST_ITERATIONS = (2e-3, 2e-4), 200
+TOLERANCES, MAX_ITERATIONS = (2e-3, 2e-4), 200
 PARTICLES = {  # of each spacing
     "axisymmetric": {0.02: 57, 0.01: 225, 0.005: 900, 0.0025: 3600},
     "quarter": {0.02: 175, 0.01: 1376, 0.005: 11000},
@@ -65,12 +65,12 @@ def runs(model: str, spacing: float, mix: str, step: float, again: str = "") -> 
         return {}
     found = {str(n): {"passes": n} for n in (ITERATIONS if spacing >= COARSE else [TOGETHER[step]])}
     if (model, spacing) == ("axisymmetric", COARSE):
-        found |= {f"to {t:g}": {"passes": MOST_ITERATIONS, "outer_tolerance": t} for t in TOLERANCES}
+        found |= {f"to {t:g}": {"passes": MAX_ITERATIONS, "outer_tolerance": t} for t in TOLERANCES}
     return found
 
 
 def point(**settings) -> dict:
-    """Of each run of a point: errors [m], time of rest [s], residuals, iterations, steps and CPU-seconds."""
+    """Results of each run of a point: errors [m], time of rest [s], residuals, iterations, steps and CPU-seconds."""
     import taichi_mps as mps
     from taichi_mps.problem.problem import Problem
     from taichi_mps.simulation.forecast import own_step
@@ -167,9 +167,9 @@ def rows(found: dict):
 
 
 def judged(found: dict):
-    """Of each model, mix and spacing, with LEAST iterations or more and to each tolerance: means of the errors; how far
-    runs, means of a step and means of a number of iterations are apart; observed orders of the spacing, of the mean
-    size of the errors, and of the step, at the first of TIMES."""
+    """Statistics for each model, mix and spacing, with LEAST iterations or more and to each tolerance: means of the
+    errors; ranges of runs, of means of a step and of means of a number of iterations; observed orders of the spacing,
+    of the mean size of the errors, and of the step, at the first of TIMES."""
     last = {}
     for key, (model, mix, spacing, runs) in product(TARGETS, parts(found)):
         names = sorted({name for of_step in runs.values() for name in of_step if "placing" not in name}, key=len)

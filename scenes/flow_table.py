@@ -2,7 +2,7 @@
 
 Source: EN 12350-5 (mould 200 mm high, 130 on 200 mm; table of 700 mm, 16 kg, hinged at one side, its free edge lifted
 40 mm, 15 times) and ASTM C1437 with C230 (mould 50 mm high, 70 on 100 mm; drops of 12.7 mm, 25 times in 15 s).
-Run time: half a minute of CPU for mortar in rings, some minutes for concrete in the half model.
+Run time: a minute of CPU for mortar in rings, some minutes for concrete in the half model.
 """
 
 import sys

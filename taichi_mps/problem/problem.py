@@ -190,7 +190,8 @@ class Problem:
     def usual_interval(self) -> float:
         """Interval of the outputs of a run [s], of the nearest of 1, 2, 5 times a power of ten."""
         scene = self.scene
-        longest = OUTPUT_INTERVAL * self.fall_time if scene.stop_at_rest else scene.until
+        once = scene.stop_at_rest and not scene.jolts
+        longest = OUTPUT_INTERVAL * self.fall_time if once else scene.until
         interval = min(scene.until / 100.0, longest)
         power = 10.0 ** np.floor(np.log10(interval))
         return float(min((k * power for k in (1.0, 2.0, 5.0, 10.0)), key=lambda value: abs(np.log(value / interval))))

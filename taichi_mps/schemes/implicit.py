@@ -195,13 +195,13 @@ class Implicit(Scheme):
         if self.assembles_again:
             self.assemble(dt)
 
-    def iterate_until_met(self, most, dt, viscous, u) -> int:
+    def iterate_until_met(self, max_iterations, dt, viscous, u) -> int:
         """Iterate until the residuals are below ``outer_tolerance`` after a solve down to its own tolerance, which
-        comes as soon as they are after one of the others; return how often, at most ``most``."""
+        comes as soon as they are after one of the others; return how often, at most ``max_iterations``."""
         k, met, last = 0, False, False
-        while k < most and not (met and last):
-            last = k + 1 == most or (met and k > viscous)
-            self.iterate(k, k + 1 if last else most, dt, viscous, u)
+        while k < max_iterations and not (met and last):
+            last = k + 1 == max_iterations or (met and k > viscous)
+            self.iterate(k, k + 1 if last else max_iterations, dt, viscous, u)
             self.residuals.measure()
             met = max(self.residuals.read()) <= self.numerics.outer_tolerance
             k += 1

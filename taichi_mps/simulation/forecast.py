@@ -124,11 +124,13 @@ def cost_of(problem: Problem) -> Cost:
     creep = max(m.typical_slope / max(m.yield_value, 1e-9) for m in problem.materials) - problem.fall_time
     rests = scene.stop_at_rest and problem.rests
     rest = REST_OVER_FALL * problem.fall_time + REST_OVER_CREEP * max(creep, 0.0)
-    end = min(scene.until, rest) if rests else scene.until
+    end = min(scene.until, rest) if rests and not scene.jolts else scene.until
     weight = max(m.density for m in problem.materials) * problem.gravity * problem.height
     softness = weight / max(min(m.yield_value for m in problem.materials), 1e-9 * weight)
     path = min(PATH * softness**PATH_EXPONENT, MAX_PATH) * problem.height
-    path = min(path, end * math.sqrt(2.0 * problem.gravity * problem.height)) + end * problem.speed
+    path = min(path, end * math.sqrt(2.0 * problem.gravity * problem.height))
+    # a jolt is one fall more
+    path = (1 + len(scene.jolts)) * path if scene.jolts else path + end * problem.speed
     steps = path / (problem.numerics.courant_number * scene.spacing) + (not rests) * end / own_step(problem, quiet=True)
     steps = max(steps, MIN_STEPS)
     seconds = steps * seconds_of_a_step(particles) * (1.0 if scene.dimension == 3 else PLANE_COST)

@@ -1,4 +1,4 @@
-"""What a calibration found: the constants of a mix with intervals, and how it is told."""
+"""Result of a calibration: the constants of a mix with intervals, and their formatting as text."""
 
 import math
 from dataclasses import asdict, dataclass, field
@@ -34,12 +34,12 @@ def over(name: str, model, value):
 
 
 def short(value: float, figures: int = 3) -> str:
-    """So many figures, without an exponent."""
+    """Format a number with so many figures, without an exponent."""
     return f"{float(f'{value:.{figures}g}'):.12g}"
 
 
 def apart(name: str, by: float) -> str:
-    """By how much the model is above a measurement, with its unit, lengths [mm]."""
+    """Format the difference of model and measurement with its unit, lengths [mm]."""
     return f"{by:+.2g} s" if is_time(name) else f"{1e3 * by:+.0f} mm"
 
 
@@ -77,7 +77,7 @@ class Constant:
         return f"at {'least' if self.lower else 'most'} {short(self.lower or self.upper)} {self.unit}"
 
     def told(self) -> str:
-        """In words."""
+        """Format the constant with its interval in words."""
         if self.low == self.high:
             return f"{short(self.value)} {self.unit}, as given"
         if self.determined:
@@ -104,7 +104,7 @@ class Found:
         return {name: it.value for name, it in self.constants.items()}
 
     def constant_lines(self) -> list[str]:
-        """The constants in words."""
+        """Lines of the constants in words."""
         return [f"{in_words(name):18} {it.told()}" for name, it in self.constants.items()]
 
     def determines(self, name: str) -> str:
@@ -118,7 +118,7 @@ class Found:
         return " and ".join(told) or "neither constant alone"
 
     def facts(self) -> dict:
-        """Everything, JSON-ready."""
+        """All results, JSON-ready."""
         known = {name: asdict(it) | {"determined": it.determined} for name, it in self.constants.items()}
         return vars(self) | {"constants": known, "told": str(self)}
 
@@ -138,7 +138,7 @@ class Mix(Found):
     usual: bool = False  # is the plastic viscosity a usual one, neither given nor found?
 
     def facts(self) -> dict:
-        """Everything, JSON-ready."""
+        """All results, JSON-ready."""
         facts = super().facts()
         return facts | facts.pop("constants")
 
@@ -149,7 +149,7 @@ class Mix(Found):
 
     @property
     def missed(self) -> dict[str, float]:
-        """By how much the model is above what was measured, SI units."""
+        """Differences of the model from the measurements, SI units."""
         return {name: self.model[name] - value for name, (value, _) in self.measured.items()}
 
     @property
@@ -206,7 +206,7 @@ class FrictionalMix(Mix):
 
     @property
     def every(self) -> str:
-        """All of the measurements, in a word or two."""
+        """Name of all measurements together, in a word or two."""
         return "both" if len(self.measured) == 2 else "all three"
 
     def told(self) -> str:
@@ -267,7 +267,7 @@ class Calibration(Mix):
         return several and not self.fits
 
     def nearest(self) -> str:
-        """By how much the nearest mix misses each measurement."""
+        """Sentence on the differences of the nearest mix from each measurement."""
         far = ", ".join(f"{NAMES[name]} {apart(name, by)}" for name, by in self.missed.items())
         return f"the nearest mix misses: {far}"
 
@@ -277,7 +277,7 @@ class Calibration(Mix):
         return self.friction if self.explained_by_friction else self
 
     def facts(self) -> dict:
-        """Everything, JSON-ready."""
+        """All results, JSON-ready."""
         facts = super().facts() | {"contradictory": self.contradictory, "at_the_edge": self.at_the_edge}
         return facts | {"friction": self.friction and self.friction.facts(), "mix": self.best.values}
 

@@ -172,7 +172,7 @@ class CurveFit(Found):
         return " ".join([*told, f"The shear stress is known best at {at}, to {error}."])
 
     def facts(self) -> dict:
-        """Everything, JSON-ready."""
+        """All results, JSON-ready."""
         stress, factor = self.flow_curve()
         flow = {"shear_rate_1_s": RATES, "shear_stress_Pa": stress, "factor": factor}
         facts = {"material": self.material.facts(), "missed": self.missed, "spread": self.spread.tolist()}
@@ -187,5 +187,5 @@ class CurveFit(Found):
 
 
 def percent(logarithm: float) -> str:
-    """By how much a constant is uncertain: in percent, or as a factor."""
+    """Format the uncertainty of a constant: in percent, or as a factor."""
     return f"{100.0 * np.expm1(logarithm):.2g} %" if logarithm < 0.6 else f"a factor of {np.exp(logarithm):.2g}"

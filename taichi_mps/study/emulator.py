@@ -1,4 +1,4 @@
-"""What a test measures as a smooth function of the constants of a mix, through the cases of a study of its scene."""
+"""Emulator of a test: its measures as smooth functions of the constants of a mix, through the cases of a study."""
 
 from functools import lru_cache
 from importlib.util import find_spec
@@ -122,8 +122,9 @@ class Emulator:
         return np.log(values) if is_time(name) else values
 
     def splines(self, rows) -> dict:
-        """For each measurement a bicubic through a thin plate on a fine grid, within 1e-5 and much cheaper; the
-        first coordinate of its cases, and by how much the plate misses each of them where it was made without it."""
+        """Splines of the measurements: for each a bicubic through a thin plate on a fine grid, within 1e-5 and much
+        cheaper; the first coordinate of its cases, and by how much the plate misses each of them where it was made
+        without it."""
         from scipy.interpolate import RBFInterpolator, RectBivariateSpline
 
         found, every = {}, self.place(rows)[:, :2]

@@ -39,8 +39,9 @@ class Wanted(Checked):
 
 @dataclass(frozen=True)
 class Border:
-    """For one plastic viscosity [Pa s]: the largest yield stress that was seen to fill the form, and the smallest that
-    was seen not to [Pa]; None where none that was looked at fills it, or all do."""
+    """Border of the mixes that fill a form, for one plastic viscosity [Pa s]: the largest yield stress that was seen to
+    fill the form, and the smallest that was seen not to [Pa]; None where none that was looked at fills it, or all
+    do."""
 
     plastic_viscosity: float
     fills_up_to: float | None

@@ -82,7 +82,7 @@ class Slurm:
         return FORGOTTEN
 
     def cancel(self, number: str) -> None:
-        """End a job."""
+        """Cancel a job of the cluster."""
         answer("scancel", number)
 
 
@@ -115,7 +115,7 @@ class Processes:
         return "TIMEOUT" if monotonic() > end else f"exit {job.poll()}"
 
     def cancel(self, number: str) -> None:
-        """End a process."""
+        """Kill a process of this machine."""
         self.made[number][0].kill()
 
 

@@ -168,14 +168,14 @@ class Results:
                 ) from None
 
     def add(self, row: dict) -> None:
-        """Keep a row for good."""
+        """Append a row to the journal on the disk."""
         self.file.write(json.dumps(row).encode() + b"\n")
         self.file.flush()
         os.fsync(self.file.fileno())
         self.rows[row["key"]] = row
 
     def write(self, rows: list[dict]) -> None:
-        """Make the table of these rows anew, whole or not at all."""
+        """Rewrite the table with these rows, whole or not at all."""
         if not rows:
             return
         fresh = self.table.with_suffix(".part")

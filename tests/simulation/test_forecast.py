@@ -125,6 +125,11 @@ def test_steps_of_a_nozzle_are_those_of_its_speed():
     assert found.steps == pytest.approx(20.0 / 0.01, rel=0.01)
 
 
+def test_each_jolt_of_a_table_is_a_fall_more():
+    few, many = (cost_of(Problem(catalogue.build("flow_table", jolts=jolts))).steps for jolts in (3, 15))
+    assert many == pytest.approx(16 / 4 * few)
+
+
 def test_particles_grow_at_the_rate_and_cost_what_was_measured(monkeypatch, tmp_path):
     """Between measured sizes a power of them, and beyond the largest in proportion."""
     monkeypatch.setattr(forecast, "MEASURED", tmp_path / "cost.csv")
