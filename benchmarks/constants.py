@@ -15,7 +15,7 @@ import points
 
 PAGE = points.DOCS / "theory" / "constants.md"
 FACTORS, PLACINGS = (0.8, 1.2), 5
-NO_NUMBER = {"FLOWS", "PACKING"}  # of what is told alone, and no number
+NO_NUMBER = {"FLOW_THRESHOLD", "PACKING"}  # of what is told alone, and no number
 WHOLE = {"passes", "FIRST_ITERATIONS", "VISCOUS_ITERATIONS", "RELAXATION_SHIFTS", "FULL_STEP_INTERVAL"}
 
 
@@ -73,28 +73,36 @@ def point(name: str = "", file: str = "", factor: float = 1.0, seed: int = 0) ->
 
 
 def draw() -> None:
-    """The table: changes beside the mean of the constants as they are, and the scatter of these."""
+    """Write the table of changes, bold where the scatter of runs is less; what changes no bit is named."""
     found = points.read("constants")
-    rows = np.array([[*found[f"as it is {seed}"].values()][-3:] for seed in range(PLACINGS)])
-    mean, scatter = rows.mean(0), rows.std(0, ddof=1)
+    keys, scale = (
+        ("slump_m", "spread_m", "speed"),
+        np.array([1e3, 1e3, 100.0 / found["as it is 0"]["speed"]]),
+    )  # mm, mm, %
 
-    def changes(name: str, factor: float) -> list[str]:
-        """Changes of slump and slump flow [mm] and of the speed [%]; bold beyond three times the scatter."""
-        at = [found[f"{name} {factor:g}"][key] for key in ("slump_m", "spread_m", "speed")]
-        change, scale = np.subtract(at, mean), (1e3, 1e3, 100.0 / mean[2])
-        texts = [f"{by * value:+.1f}" for by, value in zip(scale, change, strict=True)]
-        large = np.abs(change) > 3.0 * scatter
-        return [f"**{text}**" if bold else text for text, bold in zip(texts, large, strict=True)]
+    def numbers(key: str) -> np.ndarray:
+        """Results of a point."""
+        return scale * [found[key][name] for name in keys]
 
-    lines = []
+    scatter = np.std([numbers(f"as it is {seed}") for seed in range(PLACINGS)], axis=0, ddof=1)
+    lines, same = [], []
     for name, _ in constants():
-        if all(f"{name} {factor:g}" in found for factor in FACTORS):
-            pairs = zip(*(changes(name, factor) for factor in FACTORS), strict=True)
-            lines.append([f"`{name}`", *(", ".join(pair) for pair in pairs)])
-    head = ["constant less, more by a fifth", "slump [mm]", "slump flow [mm]", "speed of the film [%]"]
-    spread = f"{1e3 * scatter[0]:.1f} mm, {1e3 * scatter[1]:.1f} mm and {100.0 * scatter[2] / mean[2]:.1f} %"
-    below = f"Runs with particles 1e-6 l0 aside scatter by {spread}; bold: beyond three times that."
-    text = f"{points.table(head, lines)}\n\n{below}"
+        changes = np.array([numbers(f"{name} {factor:g}") - numbers("as it is 0") for factor in FACTORS])
+        large = np.abs(changes) > 3.0 * 2.0**0.5 * scatter
+        texts = [
+            [f"**{x:+.1f}**" if bold else f"{x:+.1f}" for x, bold in zip(*both, strict=True)]
+            for both in zip(changes.T, large.T, strict=True)
+        ]
+        if changes.any():
+            lines.append([f"`{name}`", *map(", ".join, texts)])
+        else:
+            same.append(f"`{name}`")
+    table = points.table(
+        ["constant less, more by a fifth", "slump [mm]", "slump flow [mm]", "speed of the film [%]"], lines
+    )
+    spread = "{:.1f} mm, {:.1f} mm and {:.2f} %".format(*scatter)
+    below = f"Runs with particles 1e-6 l0 aside scatter by {spread}; bold: more than that explains (3 sqrt 2 times)."
+    text = f"{table}\n\n{below} Not a bit changes with {', '.join(same)}."
     points.put("theory/constants.md", "constants", text, found.values())
 
 
