@@ -79,7 +79,7 @@ def doubts(summary) -> list[str]:
 
 def thin_solids(summary) -> list[str]:
     """Sentences on the resistance of solids that are thinner than a particle."""
-    spacing, found = summary["parameters"].get("spacing"), []
+    spacing, found = summary.get("parameters", {}).get("spacing"), []
     for name, thickness in (summary.get("thin_solids_m") or {}).items():
         less, more = (np.interp(thickness / spacing if spacing else 0.0, THIN, each) for each in (TOO_LITTLE, TOO_MUCH))
         found.append(
@@ -97,7 +97,7 @@ def certainty(summary) -> str:
         return "How accurate this is was not measured for such a run; compare it with one of half the particle size."
     mix, height, error = found
     lifted = "; lifting the mould, beside half the particle size and half the step" * (
-        summary["parameters"].get("lift_speed") is not None
+        summary.get("parameters", {}).get("lift_speed") is not None
     )
     if error is None:
         return (

@@ -341,10 +341,10 @@ def test_a_run_that_goes_on_between_two_outputs_has_none_of_it(run):
     whole = run.folder.trajectory.read_bytes()
     run.sim.time, run.sim.steps = 0.034, 4
     again = Recorder(run.folder, run.sim, 0.01, "slump", {"every": 0.01})
-    again.output(run.sim)  # as run() does first
+    again.record_output(run.sim)  # as run() does first
     assert run.folder.trajectory.read_bytes() == whole
     run.sim.time, run.sim.steps = 0.04, 5
-    again.output(run.sim)
+    again.record_output(run.sim)
     assert times(again.trajectory) == [0.0, 0.01, 0.02, 0.03, 0.04]
 
 
