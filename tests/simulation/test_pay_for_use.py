@@ -52,7 +52,7 @@ def test_walls_at_rest_that_do_not_meet_cost_neither_motion_nor_corners_nor_a_yi
         (momentum.MomentumOperator, "subtract_wall_motion"),
         (ghosts.GhostSums, "remaining_fraction"),
         (ghosts.GhostSums, "remaining_fractions_at_angle"),
-        (walls.Walls, "between"),
+        (walls.Walls, "stands_between"),
         (surfaces.Surface, "weight"),
         (friction.FrictionalSlip, "__init__"),
         (stress, "return_mapping"),
