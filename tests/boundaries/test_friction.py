@@ -7,7 +7,6 @@ import pytest
 
 import taichi_mps as mps
 from taichi_mps.runtime.backend import ti
-from taichi_mps.terms.constants import STILL
 from tests.support.rigs import MASS_RATE, System, cloud
 
 DENSITY, G, DEPTH = 2300.0, 9.81, 0.1  # kg/m3, m/s2, m
@@ -67,8 +66,7 @@ def test_a_plug_slips_on_a_yielding_floor_by_the_excess_over_its_viscous_constan
 
 @pytest.mark.long
 def test_a_plug_stands_on_a_floor_that_holds_more_than_its_weight():
-    """From rest at once; and where it has slid to a stop, as a whole, though then the step changes, which ends at an
-    output: its particles still part by less than the speed that the scheme calls still, and ever less."""
+    """From rest at once; and where it has slid to a stop, though then the step changes, which ends at an output."""
     scene = film(mps.Friction(yield_value=1.05 * WEIGHT), STIFF)
     sim = mps.Simulation(scene)
     sim.run(until=0.5)
@@ -78,13 +76,9 @@ def test_a_plug_stands_on_a_floor_that_holds_more_than_its_weight():
     traction = sim.walls.surfaces[0].friction.traction.to_numpy()
     assert np.linalg.norm(traction, axis=1).max() <= 1.05 * WEIGHT * (1.0 + 1e-12)
     sim = mps.Simulation(replace(scene, velocity=np.tile((0.1, 0.0), (len(scene.fluid), 1))))
-    apart = []
     for time in (3.0, 3.055, 3.2):
         sim.run(until=time)
-        velocity = sim.snapshot().u
-        assert np.linalg.norm(velocity.mean(0)) < 1e-7
-        apart.append(np.linalg.norm(velocity - velocity.mean(0), axis=1).max())
-    assert STILL * (G * DEPTH) ** 0.5 > apart[0] > apart[1] > apart[2]
+        assert sim.snapshot().speed.max() < 1e-7
 
 
 @ti.data_oriented
