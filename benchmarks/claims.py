@@ -304,17 +304,18 @@ def filled(page, known: dict[str, str]) -> str:
 
 
 def of_other_numerics(numerics: str) -> list[str]:
-    """Files of results/ that do not say that they were made with these numerics."""
-    found = []
+    """Files of results/ that do not say that they were made with these numerics, or with "none" of the engine's. A
+    table that is drawn from others says so, "Made with:": those others are asked."""
+    found, known = [], (numerics, "none")
     for path in sorted(points.RESULTS.glob("*.*")):
         text = path.read_text(encoding="utf-8")
         if path.suffix == ".json":
             result = json.loads(text)
             parts = [result, *result.get("points", {}).values()] if "machine" in result else [*result.values()]
             heads = [part.get("machine") if isinstance(part, dict) else None for part in parts]
-            same = all(isinstance(head, dict) and head.get("fingerprint") == numerics for head in heads)
+            same = all(isinstance(head, dict) and head.get("fingerprint") in known for head in heads)
         else:
-            same = f"fingerprint {numerics}" in text
+            same = "*Made with: " in text or any(f"fingerprint {each}" in text for each in known)
         found += [path.name] * (not same)
     return found
 

@@ -16,6 +16,8 @@ import statistics
 import time
 from pathlib import Path
 
+import points
+
 from taichi_mps.app.resident import Resident
 
 MOVES = 50
@@ -95,8 +97,8 @@ def table(first: dict, moves: list[dict]) -> str:
         [
             "# Preview of the page",
             "",
-            f"`python benchmarks/page_preview.py`: {MOVES} moves of the sliders over {YIELD[0]:g} to {YIELD[1]:g} Pa "
-            f"and {VISCOSITY[0]:g} to {VISCOSITY[1]:g} Pa s, rings of 10 mm, to rest.",
+            f"`python benchmarks/page_preview.py` ({points.stamp()}): {MOVES} moves of the sliders over {YIELD[0]:g} "
+            f"to {YIELD[1]:g} Pa and {VISCOSITY[0]:g} to {VISCOSITY[1]:g} Pa s, rings of 10 mm, to rest.",
             "",
             *lines,
             "",

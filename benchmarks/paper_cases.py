@@ -1,6 +1,6 @@
 """The cases and figures of Tomiyama et al. (2009), by one command each.
 
-    python benchmarks/paper_cases.py run             # every case, about 15 CPU-minutes; one JSON each in results/
+    python benchmarks/paper_cases.py run             # every case, about 90 CPU-minutes; one JSON each in results/
     python benchmarks/paper_cases.py run implicit-1  # some of them
     python benchmarks/paper_cases.py draw            # docs/figures/paper_*.png and the tables of docs/paper.md
 

@@ -21,11 +21,10 @@ def head() -> dict:
     return provenance.head(RESULTS)
 
 
-def stamp() -> str:
-    """The head in a line, for a file that is not JSON."""
-    return "; ".join(
-        f"{key} {head()[key]}" for key in ("commit", "date", "processor", "python", "taichi", "fingerprint")
-    )
+def stamp(made=None) -> str:
+    """The head, or another one, in a line, for a file that is not JSON."""
+    made = made or head()
+    return "; ".join(f"{key} {made[key]}" for key in ("commit", "date", "processor", "python", "taichi", "fingerprint"))
 
 
 def aside(shape, spacing: float, seed: int) -> np.ndarray:

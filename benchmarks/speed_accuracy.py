@@ -221,6 +221,8 @@ def cells(item) -> list:
 
 
 def draw() -> None:
+    from taichi_mps.validation import provenance
+
     text, tables, order = [], [], list(TITLES)
     for flow, (title, *_) in FLOWS.items():
         wanted = [key for key, settings in all_points().items() if settings["flow"] == flow]
@@ -244,7 +246,8 @@ def draw() -> None:
     results = [points.load(f"speed_accuracy_{flow}") for flow in FLOWS]
     points.put("speed.md", "speed_accuracy", "\n\n".join(text), results)
     about = "Written by `python benchmarks/speed_accuracy.py draw`; the charts stand in docs/speed.md."
-    (points.RESULTS / "speed_accuracy.md").write_text("\n\n".join([about, *tables]) + "\n")
+    made = provenance.origin(results)
+    (points.RESULTS / "speed_accuracy.md").write_text("\n\n".join([about, *tables, made]) + "\n")
 
 
 def run(flows: list[str], budget: float | None) -> None:

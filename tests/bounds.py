@@ -10,13 +10,11 @@ left, and the worst leaves less than a factor of three. Tests that fail in a var
 
 import json
 import os
-import platform
 import re
 import shlex
 import subprocess
 import sys
 import tempfile
-from datetime import date
 from pathlib import Path
 
 import numpy as np
@@ -139,9 +137,10 @@ def run(variant: str, words: list[str]) -> tuple[dict[str, float], list[str]]:
 
 def main() -> int:
     results = {variant: run(variant, sys.argv[1:]) for variant in VARIANTS}
-    commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], cwd=ROOT, stdout=subprocess.PIPE, text=True)
-    made = f"By `{shlex.join(['python', '-m', 'tests.bounds', *sys.argv[1:]])}` at commit {commit.stdout.strip()}"
-    made += f" on {date.today()}, {platform.processor() or platform.machine()}: value over bound."
+    sys.path.append(str(ROOT / "benchmarks"))
+    import points
+
+    made = f"By `{shlex.join(['python', '-m', 'tests.bounds', *sys.argv[1:]])}` ({points.stamp()}): value over bound."
     lines = ["# Bounds that rounding can reach", "", made, ""]
     lines += ["| test | " + " | ".join(VARIANTS) + " |", "|---|" + "---|" * len(VARIANTS)]
     told = 0

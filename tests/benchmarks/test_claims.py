@@ -136,6 +136,9 @@ def test_results_of_other_numerics_or_without_a_head_are_listed(results):
     (results / "cases.json").write_text(json.dumps({"one": {"machine": points.head()}, "two": {"machine": "x86_64"}}))
     (results / "same.md").write_text(f"Made so ({points.stamp()}).")
     (results / "headless.md").write_text("Made some day.")
+    (results / "elements.json").write_text('{"machine": {"fingerprint": "none"}}')
+    (results / "elements.md").write_text("Made so (fingerprint none).")
+    (results / "drawn.md").write_text(provenance.origin([{}]))
     assert claims.of_other_numerics("c0ffee") == ["cases.json", "headless.json", "headless.md", "points.json"]
 
 
