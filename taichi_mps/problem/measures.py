@@ -374,13 +374,13 @@ def surface(s: InstanceOf[Snapshot], points: HorizontalPoints) -> np.ndarray:
         return np.zeros(0)
     require_axes(s, points=points)
     low, high = points.min(0) - s.spacing, points.max(0) + s.spacing
-    close = np.all((s.x[:, :-1] > low) & (s.x[:, :-1] < high), axis=1)
+    close = np.all([(a < x) & (x < b) for a, x, b in zip(low, s.x.T, high, strict=False)], axis=0)
     near, top = s.x[close, :-1], s.x[close, -1] + 0.5 * s.size[close]
     order, heights = np.argsort(-top), np.full(len(points), np.nan)
-    ends = s.x[:, :-1].min(0, initial=np.inf) - s.spacing, s.x[:, :-1].max(0, initial=-np.inf) + s.spacing
+    ends = near.min(0, initial=np.inf) - s.spacing, near.max(0, initial=-np.inf) + s.spacing
     over_body = np.all((points > ends[0]) & (points < ends[1]), axis=1)
-    for first in range(0, len(top), 500):  # from the highest down: most places are covered by the first few
-        left, k = np.flatnonzero(over_body & np.isnan(heights)), order[first : first + 500]
+    for first in range(0, len(top), 100):  # from the highest down: most places are covered by the first few
+        left, k = np.flatnonzero(over_body & np.isnan(heights)), order[first : first + 100]
         if len(left) == 0:
             break
         distance2 = sum((points[left, None, axis] - near[k, axis]) ** 2 for axis in range(near.shape[1]))
@@ -547,14 +547,14 @@ def spread(s: InstanceOf[Snapshot]) -> float:
     radius = np.quantile(r, 0.99)  # not the largest, which may be that of a stray particle
     size = float(np.median(s.size[r > radius - s.spacing]))
     sectors = max(4, int(2 * np.pi * radius / size))
-    order = np.argsort(s.x[:, 2])
     # neither sectors nor layers end where lattices and mirror planes have particles, so rounding moves none across
-    z, sector = s.x[order, 2], (np.floor((angle / (2 * np.pi) + 0.5) * sectors + 0.37).astype(int) % sectors)[order]
-    edge, widest = (r + 0.5 * s.size)[order], 0.0
-    for low in np.arange(z[0] - 0.57 * size, z[-1], 0.25 * size):
-        layer, reach = slice(*np.searchsorted(z, (low, low + size))), np.zeros(sectors)
-        np.maximum.at(reach, sector[layer], edge[layer])
-        widest = max(widest, reach.sum() / max(1, np.count_nonzero(reach)))
+    sector = np.floor((angle / (2 * np.pi) + 0.5) * sectors + 0.37).astype(int) % sectors
+    quarter = ((s.x[:, 2] - s.x[:, 2].min()) / (0.25 * size) + 2.28).astype(int) + 3  # of a layer
+    reach = np.zeros((quarter.max() + 4) * sectors)
+    np.maximum.at(reach, quarter * sectors + sector, r + 0.5 * s.size)
+    reach = reach.reshape(-1, sectors)
+    layers = np.max([reach[k : len(reach) - 3 + k] for k in range(4)], axis=0)
+    widest = (layers.sum(1) / np.maximum(1, (layers > 0.0).sum(1))).max()
     return float(2.0 * widest)
 
 

@@ -65,7 +65,7 @@ class Camera:
     def rays(self, columns, rows):
         """World directions (..., 3), of depth 1, through places of the picture."""
         across, down = (columns - 0.5 * self.width) / self.focal, (rows - 0.5 * self.height) / self.focal
-        return across[..., None] * self.axes[0] - down[..., None] * self.axes[1] + self.axes[2]
+        return across[..., None] * self.axes[0] + (self.axes[2] - down[..., None] * self.axes[1])
 
 
 class Mesh:
@@ -86,13 +86,18 @@ class Mesh:
         picture = np.full(height * width, -1, np.int32)
         points = camera.project(self.x, scale)
         towards = ((self.x - camera.eye) * self.normals).sum(1) < 0.0
-        depth = points[self.triangles, 2]
-        shown = np.flatnonzero(towards[self.triangles].any(1) & (depth.min(1) > 1e-6))
-        shown = shown[np.ptp(points[self.triangles[shown], 1], axis=1) > 0.0]  # not edge-on
-        shown = shown[np.argsort(-depth[shown].sum(1), kind="stable")]
-        corners = points[self.triangles[shown], :2]
-        corners = np.take_along_axis(corners, np.argsort(corners[..., 1:], axis=1), 1)  # from top to bottom
-        (ax, ay), (bx, by), (cx, cy) = corners.transpose(1, 2, 0)
+        column, row, ahead = points.T
+        a, b, c = self.triangles.T
+        depth = ahead[a] + ahead[b] + ahead[c]
+        behind = ahead <= 1e-6
+        shown = (towards[a] | towards[b] | towards[c]) & ~(behind[a] | behind[b] | behind[c])
+        shown &= (row[a] != row[b]) | (row[b] != row[c])  # not edge-on
+        shown = np.flatnonzero(shown)
+        shown = shown[np.argsort(-depth[shown], kind="stable")]
+        corners = self.triangles[shown].T
+        order = np.argsort(row[corners], axis=0)  # from top to bottom
+        corners = np.take_along_axis(corners, order, 0)
+        (ax, bx, cx), (ay, by, cy) = column[corners], row[corners]
         which, row = expand_runs(*pixels(ay, cy, height))
         y, upper = row + 0.5, row + 0.5 < by[which]
         px, py, qx, qy = (np.where(upper, p[which], q[which]) for p, q in ((ax, bx), (ay, by), (bx, cx), (by, cy)))
@@ -102,7 +107,7 @@ class Mesh:
         run, pixel = expand_runs(row * width + first, lengths)
         picture[pixel] = shown[which][run]
         pixel = np.flatnonzero(picture >= 0)
-        return pixel, picture[pixel], depth.mean(1)[picture[pixel]]
+        return pixel, picture[pixel], depth[picture[pixel]] / 3.0
 
     def shade(self, painter, hit, near, columns, rows):
         """Shaded colours (k, 3) and depths (k,) at places of the picture in the triangles ``hit`` (k,)."""
@@ -229,7 +234,8 @@ class Painter:
 def floor_intersections(camera, level):
     """Intersections of the rays through the pixels with a floor at a height [m]: depths (h, w) [m], FAR where there is
     none, and points (h, w, 3) [m]."""
-    rays = camera.rays(*np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5))
-    down, above = -rays[..., 2], camera.eye[2] - level
+    columns, rows = np.arange(camera.width) + 0.5, np.arange(camera.height)[:, None] + 0.5
+    rays, above = camera.rays(columns.astype(np.float32), rows.astype(np.float32)), camera.eye[2] - level
+    down = -rays[..., 2]
     depth = np.where((down > 1e-4) & (above > 0.0), above / np.maximum(down, 1e-4), FAR)
     return depth, camera.eye + depth[..., None] * rays
