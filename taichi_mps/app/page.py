@@ -8,9 +8,9 @@ import json
 
 from ..problem.labels import in_words
 from ..spelling import without_unit
+from ..study.calibration import CONTRADICTION, NAMES, RHEOMETER, UNITS, short
 from ..units import Checked, require
 from . import form
-from .calibration import verdict
 from .jobs import Job, Queue
 from .resident import Resident
 from .results import Runs, facts_of
@@ -18,6 +18,11 @@ from .results import Runs, facts_of
 FORECAST_TIMEOUT = 60.0  # for one forecast [s]
 TOO_LONG = f"this scene could not be tried within {FORECAST_TIMEOUT:g} s; make it coarser"
 MAX_TEXT_LENGTH = 100  # characters in a field of the form
+MEASURE = {  # measurements that determine a constant which a calibration could not find
+    "yield_value": {"slump_m": "the slump", "spread_m": "the slump flow"},
+    "plastic_viscosity": {"t500_s": "T500", "v_funnel_s": "the V-funnel time"},
+}
+MEASUREMENTS = "this", "these two", "these three"  # words for one, two or three measurements
 
 
 class Query(Checked):
@@ -129,3 +134,33 @@ class Page:
     def stop(self, asked: Query) -> None:
         """Stop a job, as Ctrl-C does."""
         self.job_of(asked).stop()
+
+
+def verdict(facts: dict) -> str:
+    """Sentences on a calibration by its facts, as ``calibrate --json`` prints them: the constants with their 95 %
+    intervals, or why there are none, and what to measure besides."""
+    friction = "friction_angle" in facts["mix"]
+    if facts["misfit"] > CONTRADICTION and not friction:
+        alone = facts["alone"].get("yield_value", {}).items()
+        said = [f"the {NAMES[name]} alone says {short(it[0], 2)} Pa" for name, it in alone if name != RHEOMETER]
+        return f"No mix does all of this{': ' * bool(said)}{', '.join(said)}."
+    known_texts, unknown = [], []
+    for name, value in facts["mix"].items():
+        words, unit, found = in_words(name), UNITS[name], (facts["friction"] if friction else facts)[name]
+        low, high = (end and short(end, 2) for end in (found["lower"], found["upper"]))
+        if found["low"] == found["high"]:
+            known_texts.append(f"{words} {short(value, 2)} {unit}, as given")
+        elif low or high:
+            span = f"{low} to {high}" if low and high else f"at least {low}" if low else f"at most {high}"
+            known_texts.append(f"{words} about {short(value, 2)} {unit} ({span})")
+        else:
+            unknown.append(name)
+    sentences = ["; ".join(known_texts)] * bool(known_texts)
+    for name in unknown:
+        others = [words for key, words in MEASURE.get(name, {}).items() if key not in facts["measured"]]
+        these = MEASUREMENTS[min(len(facts["measured"]), len(MEASUREMENTS)) - 1]
+        sentences.append(
+            f"The {in_words(name)} can't be told from {these}" + f": measure {' or '.join(others)}" * bool(others)
+        )
+    text = ". ".join(sentences)
+    return f"{text[0].upper()}{text[1:]}."

@@ -18,11 +18,12 @@ ENDS_EACH_TIME = "The process of the previews ends each time it is asked for thi
 
 
 class Resident:
-    """Resident process of a module of this room, on the side of the server. It is started by the first request, again
-    if it has died, and ends after ``idle`` [s] without a request, or with the server."""
+    """Resident process that answers requests of one kind, a key of ``worker.ANSWERS``, on the side of the server. It is
+    started by the first request, again if it has died, and ends after ``idle`` [s] without a request, or with the
+    server."""
 
-    def __init__(self, module: str, idle: float = IDLE_TIMEOUT):
-        self.module, self.idle, self.process = module, idle, None
+    def __init__(self, kind: str, idle: float = IDLE_TIMEOUT):
+        self.kind, self.idle, self.process = kind, idle, None
         self.turn, self.open = asyncio.Lock(), 0  # requests without their last answer
 
     async def ask(self, request: dict, patience: float | None = None):
@@ -31,7 +32,7 @@ class Resident:
         async with self.turn:
             for _ in range(2):
                 if not self.alive:
-                    words = sys.executable, "-m", f"taichi_mps.app.{self.module}"
+                    words = sys.executable, "-m", "taichi_mps.app.worker", self.kind
                     self.process = await asyncio.create_subprocess_exec(
                         *words, stdin=PIPE, stdout=PIPE, stderr=DEVNULL, limit=MAX_LINE_BYTES, start_new_session=True
                     )

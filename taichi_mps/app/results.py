@@ -14,7 +14,7 @@ from urllib.parse import quote
 import numpy as np
 
 from ..io import lock
-from ..io.history import newest, read_history
+from ..io.history import read_history
 from ..io.run_folder import MARKER_FILE, PLOTS, REPORT, RunFolder, next_free, read_json
 from ..problem.labels import STOP_REASONS, in_words, is_measure, title, written
 from ..problem.materials import mix_in_words
@@ -254,8 +254,8 @@ def numbers(found: dict) -> dict:
 
 def facts_of(number: int, job: Job) -> dict:
     """Facts of a job for the page."""
-    at = newest(job.folder.history) if job.folder and not job.finished else {}
-    picture, clock = newest_picture(job.folder) if at else None, read_json(job.folder.clock) if at else {}
+    clock = read_json(job.folder.clock) if job.folder and not job.finished else {}
+    picture = newest_picture(job.folder) if clock else None
     said = job.said or f"it ended with code {job.process and job.process.returncode}, and said nothing"
     return {
         "id": number,
@@ -267,8 +267,8 @@ def facts_of(number: int, job: Job) -> dict:
         "spent": job.spent,
         "about": job.about,
         "left": clock.get("left_s"),
-        "flow": at.get("time_s"),
-        "result": measured(measures(at)) if at else "",
+        "flow": clock.get("time_s"),
+        "result": measured(measures(clock.get("measures", {}))) if clock else "",
         "picture": url(job.folder, f"frames/{picture.name}") if picture else None,
     }
 

@@ -180,7 +180,7 @@ def progress(sim, recorder, quiet, verbose, clock):
                 text += f"  dt {1e3 * r.dt:.2f} ms ({r.dt_limit}), iterations {r.outer_iterations}"
                 text += f"/{r.solver_iterations}"
             bar.update(task, completed=now["share"], description=text, left=f", {in_time(now['left_s'])} left")
-            recorder.folder.tell(now)
+            recorder.folder.tell(now | {"measures": recorder.measures})
 
         sim.each_step(show)
         yield

@@ -43,7 +43,6 @@ COLUMNS = tuple(COLUMN_MEANINGS)  # of every run; more by the measures of the sc
 RESIDUALS = "strain_rate_residual", "divergence_residual"
 COLUMNS_SINCE_0_2 = {*RESIDUALS, *OLD_NAMES}  # columns that runs until 0.2 may lack
 MAX_BYTES = 3e8  # a million rows, in seconds
-TAIL_BYTES = 1 << 14  # [bytes] in which the last row of a file lies
 
 
 class History:
@@ -244,31 +243,6 @@ def read_history(path: File) -> dict[str, np.ndarray]:
     require(Path(path).is_file(), f"run = {Path(path).parent}: holds no history.csv; must be the folder of a run")
     rows = read_rows(path)
     return {key: np.array([number(row[key]) for row in rows]) for key in (rows[0] if rows else COLUMNS)}
-
-
-def newest(path) -> dict[str, float]:
-    """Read the last whole row of a history.csv that is being written, unchecked.
-
-    Parameters
-    ----------
-    path : path-like
-        File.
-
-    Returns
-    -------
-    dict of str to float
-        Values by column; empty before there is a row.
-    """
-    try:
-        with open(ordinary("history", path, math.inf), "rb") as file:
-            names = file.readline().decode().strip().split(",")
-            begin = file.tell()
-            file.seek(max(begin, file.seek(0, os.SEEK_END) - TAIL_BYTES))
-            *whole, _ = file.read().decode("utf-8", "replace").split("\n")
-    except (OSError, ValueError):
-        return {}
-    cells = whole[-1].strip().split(",") if whole else []
-    return dict(zip(names, map(number, cells), strict=True)) if len(cells) == len(names) else {}
 
 
 def number(text) -> float:

@@ -33,7 +33,7 @@ RUN_FILES = (
 )
 PLOTS = ("slump.png", "history.png", "filling.png")
 REPORT = "report.html"
-CLOCK_FILE = "clock.json"  # while a run goes on: seconds passed and left of it
+CLOCK_FILE = "clock.json"  # while a run goes on: seconds passed and left of it, and its measures
 PICTURE_NAME = re.compile(r"frame_\d{5,}\.png")
 
 
@@ -139,15 +139,15 @@ class RunFolder:
                 (self.path / name).unlink(missing_ok=True)
             clear_pictures(self.frames)
 
-    def tell(self, seconds: dict) -> None:
+    def tell(self, progress: dict) -> None:
         """Write the progress of the run for other processes.
 
         Parameters
         ----------
-        seconds : dict
-            Seconds passed and left, share done, time and expected end of the flow.
+        progress : dict
+            Seconds passed and left, share done, time and expected end of the flow, and measures by name.
         """
-        write_whole(self.clock, json.dumps(seconds))
+        write_whole(self.clock, json.dumps(progress))
 
     @validated
     def write_summary(self, summary: dict) -> None:

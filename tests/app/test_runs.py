@@ -6,10 +6,10 @@ from types import SimpleNamespace
 
 import pytest
 
-from taichi_mps.app.calibration import verdict
-from taichi_mps.app.forecast import errors_by_key
 from taichi_mps.app.jobs import Job, Queue
+from taichi_mps.app.page import verdict
 from taichi_mps.app.results import Runs
+from taichi_mps.app.worker import errors_by_key
 from taichi_mps.io import lock
 from taichi_mps.study.calibrate import calibrate
 from taichi_mps.units import SceneError

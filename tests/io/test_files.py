@@ -16,7 +16,7 @@ import pytest
 import taichi_mps as mps
 from taichi_mps.io import checkpoint, vtkhdf
 from taichi_mps.io import vtu as export
-from taichi_mps.io.history import COLUMNS, TAIL_BYTES, History, newest, read_history
+from taichi_mps.io.history import COLUMNS, History, read_history
 from taichi_mps.io.recorder import Recorder
 from taichi_mps.io.run_folder import RunFolder, clear_pictures, next_free
 from taichi_mps.io.vtkhdf import Trajectory
@@ -366,20 +366,6 @@ def test_a_measure_that_fails_at_the_start_or_later_keeps_its_column(tmp_path):
     again.add(row(0.3))
     again.close()
     np.testing.assert_array_equal(read_history(path)["front_m"], [np.nan, 1.0, np.nan, np.nan])
-
-
-def test_the_newest_row_is_the_last_whole_one_of_a_file_that_grows(tmp_path):
-    path = tmp_path / "history.csv"
-    assert newest(path) == {}
-    history = History(path)
-    assert newest(path) == {}
-    for step in range(TAIL_BYTES // 10):
-        history.add(row(0.1 * step, front_m=2.0 * step))
-    history.close()
-    assert path.stat().st_size > 2 * TAIL_BYTES
-    with open(path, "a", encoding="utf-8") as file:
-        file.write("77.0,0.1,0.")  # a row that is being written
-    assert newest(path)["front_m"] == 2.0 * (TAIL_BYTES // 10 - 1)
 
 
 def test_the_row_of_the_checkpoint_is_kept_however_its_time_is_rounded(tmp_path):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.app.forecast import forecast
+from taichi_mps.app.worker import forecast
 from taichi_mps.cli.main import main
 from taichi_mps.problem import catalogue
 from taichi_mps.problem.materials import LAWS, TYPICAL_RATE, numbers_of
