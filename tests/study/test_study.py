@@ -241,6 +241,13 @@ def test_materials_of_one_law_share_their_kernels(tmp_path):
     assert failed["status"] == "failed" and "lift_speed = 0.1 m/s" in failed["reason"]
 
 
+def test_a_case_of_a_flow_table_has_its_flow():
+    """By the spread after the last jolt over the mould's foot of 200 mm."""
+    how = {"spacing": 0.02, "model": "axisymmetric", "wait": 0.3, "period": 0.3}
+    row = cases.run(cases.case("flow_table", jolts=1, **how))
+    assert row["flow_ratio"] == pytest.approx(row["spread_after_1_jolts_m"] / 0.2 - 1.0) and row["flow_ratio"] > 0.3
+
+
 class Imagined(mps.Bingham):
     """A mix with a number that no kernel reads from a field."""
 
