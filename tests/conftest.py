@@ -67,8 +67,6 @@ CORE = (
     "linear/test_pcg.py::test_poisson_of_the_gallery",
     "linear/test_pcg.py::test_masked_rows_keep_their_values_and_act_as_dirichlet_values",
     "linear/test_pcg.py::test_a_solve_goes_on_from_the_last_one",
-    "linear/test_cell_multigrid.py::test_the_cycle_is_that_of_dense_matrices_with_galerkin_operators",
-    "linear/test_cell_multigrid.py::test_levels_with_masked_rows_empty_cells_and_contrast",
     "linear/test_node_multigrid.py::test_the_preconditioner_is_symmetric_and_positive",
     "linear/test_node_multigrid.py::test_levels_change_the_iterations_and_not_the_answer",
     "boundaries/test_friction.py::test_newtonian_film_slips_by_the_wall_stress_over_the_viscous_constant",

@@ -6,9 +6,10 @@ Computational Physics 188 (2003), 593-610 (Chebyshev smoothing).
 """
 
 from ..runtime.backend import real, ti
-from ..runtime.stages import sequence, stage
+from ..runtime.stages import flush, sequence, stage
 from ..runtime.thread_team import first, last, wait
 from .node_operators import NodeOperators
+from .vectors import Jacobi
 
 CHEBYSHEV_DEGREE = 3  # degree of the polynomial of the smoother; odd
 LOWEST_SMOOTHED = 1.0 / 16.0  # fraction of the largest eigenvalue of D^-1 A down to which the smoother acts
@@ -36,10 +37,10 @@ class NodeMultigrid(NodeOperators):
     milliseconds a step (iterations), Jacobi against levels: 500 Pa, 3,192 rows 30 (58), 32 (35); 100 Pa, 5,504 rows 59
     (66), 59 (43). They also take seconds to compile."""
 
-    fits_in_a_kernel = True
-
     def __init__(self, operator, bins):
         super().__init__(operator, bins)
+        self.jacobi = Jacobi(operator)  # of fewer rows
+        self.uses_levels = ti.field(ti.i32, ())  # 1 if there are MIN_ROWS rows or more
         d = self.dimension
         self.weight = 2.0 / 2**d  # w, of grid 0
         most = min(bins.cells, bins.particles.capacity)  # largest number of cells that hold particles
@@ -55,6 +56,22 @@ class NodeMultigrid(NodeOperators):
             last, rho = rho, rho if k == 0 else 1.0 / (2.0 * middle / half - rho)
             self.chebyshev_step[k] = 1.0 / middle if k == 0 else 2.0 * rho / half
             self.chebyshev_carry[k] = 0.0 if k == 0 else rho * last
+
+    def build(self) -> None:
+        """Build the levels for the present operator if it has MIN_ROWS rows or more."""
+        flush()
+        self.uses_levels[None] = int(self.operator.count[None] >= self.MIN_ROWS)
+        if self.uses_levels[None]:
+            self.build_levels()
+
+    @sequence("cycle")
+    def apply(self, r, z):
+        """z = M^-1 r."""
+        flush()
+        if self.uses_levels[None] == 1:
+            self.cycle(r, z)
+        else:
+            self.jacobi.apply(r, z)
 
     @sequence("cycle")
     def cycle(self, r, z):

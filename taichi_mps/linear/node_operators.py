@@ -8,11 +8,10 @@ import numpy as np
 from ..particles.neighbors import wrapped_number
 from ..runtime.backend import constant_fields, real, ti
 from ..runtime.sums import lanes
-from .vectors import Multigrid
 
 
 @ti.data_oriented
-class NodeOperators(Multigrid):
+class NodeOperators:
     """Grids of nodes with an operator A_l on each.
 
     Grid 0 has a node at each corner of the binning cells, each next one every second node of the last, along the
@@ -37,8 +36,7 @@ class NodeOperators(Multigrid):
     MIN_GRID_ROWS = 1000  # least number of rows of a grid
 
     def __init__(self, operator, bins):
-        super().__init__(operator)
-        self.bins = bins
+        self.operator, self.bins = operator, bins
         d = self.dimension = bins.dimension
         stride = np.ones(d, int)  # cells between nodes
         shape = np.array(bins.shape) + np.where(bins.periodic, 0, 1)

@@ -1,6 +1,6 @@
 """Preconditioned conjugate gradients for A x = b; knows no physics.
 
-With a preconditioner of several resolutions (node_multigrid.py, cell_multigrid.py) this is the MRPCG of the project,
+With a preconditioner of several resolutions (node_multigrid.py) this is the MRPCG of the project,
 the multi-resolution preconditioned conjugate gradient; its coarse levels are made from the binning grid.
 
 Sources: Saad, Iterative Methods for Sparse Linear Systems (2003), algorithm 9.1; Fischer, Projection techniques for
@@ -38,7 +38,6 @@ class PCG:
 
     def __init__(self, capacity: int, components: int, operator, preconditioner=None):
         self.A, self.M = operator, preconditioner or Jacobi(operator)
-        self.fits_in_a_kernel = self.M.fits_in_a_kernel
         self.vectors = Vectors(capacity, components, operator)
         self.b, self.x, self.r, self.z, self.p, self.q = (self.vectors.field() for _ in range(6))
         self.first_x, self.first_r, self.last_b = (self.vectors.field() for _ in range(3))  # of the last solve

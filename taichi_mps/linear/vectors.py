@@ -2,7 +2,7 @@
 rows (CSR); the Jacobi preconditioner, and the base class of multigrid preconditioners."""
 
 from ..runtime.backend import double_field, real, ti
-from ..runtime.stages import flush, sequence, stage
+from ..runtime.stages import stage
 from ..runtime.sums import GPU_LANES, lanes
 from ..runtime.thread_team import first, last, leads, wait
 
@@ -119,8 +119,6 @@ class SparseMatrix:
 class Jacobi:
     """Preconditioner M^-1 = D^-1, the inverse of the (block) diagonal: the cheapest for few rows."""
 
-    fits_in_a_kernel = True
-
     def __init__(self, operator):
         self.operator = operator
 
@@ -133,31 +131,3 @@ class Jacobi:
         for i in range(first(self.operator.count[None]), last(self.operator.count[None])):
             z[i] = self.operator.inverse_diagonal[i] @ r[i]
         wait()
-
-
-@ti.data_oriented
-class Multigrid:
-    """Base class of preconditioners with coarse levels, used from MIN_ROWS rows on; below, Jacobi.
-
-    A subclass has the number MIN_ROWS, ``build_levels()`` for the present operator, and ``cycle(r, z)``.
-    """
-
-    def __init__(self, operator):
-        self.operator, self.jacobi = operator, Jacobi(operator)
-        self.uses_levels = ti.field(ti.i32, ())  # 1 if there are MIN_ROWS rows or more
-
-    def build(self) -> None:
-        """Build the levels for the present operator if it has MIN_ROWS rows or more."""
-        flush()
-        self.uses_levels[None] = int(self.operator.count[None] >= self.MIN_ROWS)
-        if self.uses_levels[None]:
-            self.build_levels()
-
-    @sequence("cycle")
-    def apply(self, r, z):
-        """z = M^-1 r."""
-        flush()
-        if self.uses_levels[None] == 1:
-            self.cycle(r, z)
-        else:
-            self.jacobi.apply(r, z)

@@ -137,8 +137,8 @@ class Execution:
                 calls = self._launch_kernel(calls, times, self.fuses)
 
     def launch_team(self, stage, arguments):
-        """Launch a stage for a team of all threads; on a GPU, or where it does not fit in a kernel, part by part."""
-        if started()["arch"] != "cpu" or not arguments[0].fits_in_a_kernel:
+        """Launch a stage for a team of all threads; on a GPU part by part."""
+        if started()["arch"] != "cpu":
             stage.function(*arguments)
             return
         alone = self._team is None and one_thread(self.rows)

@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 
 from ..geometry.solid import Solid
-from ..linear.cell_multigrid import CellMultigrid
 from ..linear.node_multigrid import NodeMultigrid
 from ..particles.kernels import lattice_sums
 from ..problem import accuracy
@@ -37,8 +36,8 @@ FIELDS = {  # bytes of a particle, of a pair, with multigrid of a particle and a
     ("implicit", "plane"): (440, 20, 60, 180, 650),
     ("implicit", "rings"): (625, 20, 60, 180, 650),
     ("implicit", "space"): (930, 24, 180, 260, 650),
-    ("semi-implicit", "plane"): (250, 20, 8, 215, 250),
-    ("semi-implicit", "space"): (345, 24, 8, 455, 250),
+    ("semi-implicit", "plane"): (250, 20, 0, 0, 250),
+    ("semi-implicit", "space"): (345, 24, 0, 0, 250),
 }
 
 
@@ -65,8 +64,7 @@ def memory_of(problem: Problem, pairs: float, precision: str, finer: float = 1.0
     taken = rows * (of_particle + pairs * neighbours * of_pair) + cells * BYTES_OF_CELL
     if problem.wall_loads:  # force and torque on each wall
         taken += 12 * (3 if d == 2 else 6) * len(scene.measured_walls) * rows  # f32, and f64 where they are read
-    multigrid = NodeMultigrid if problem.scheme == "implicit" else CellMultigrid
-    if rows >= multigrid.MIN_ROWS:
+    if problem.scheme == "implicit" and rows >= NodeMultigrid.MIN_ROWS:
         taken += rows * coarse_particle + cells * coarse_cell
     taken *= DOUBLE_RATIO if precision == "f64" else 1.0
     taken += BYTES_OF_NODE * sum(wall.values.size for wall in scene.walls if isinstance(wall, Solid))

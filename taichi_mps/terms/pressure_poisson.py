@@ -9,7 +9,6 @@ A_ii = sum w, A_ij = -w, b = (lambda n0/(2 d)) (rho/dt^2) (n* - n0)/n0. Eq 19 ha
 sets them to zero (S2; Koshizuka, Nobe, Oka, International Journal for Numerical Methods in Fluids 26 (1998), 751-769).
 """
 
-from ..linear.cell_multigrid import CellMultigrid
 from ..linear.pcg import HUGE, PCG
 from ..linear.vectors import SparseMatrix
 from ..particles.particles import DUMMY, FLUID
@@ -46,14 +45,11 @@ class PressurePoisson(Term):
         self.scale = fluid.lattice.lam * self.n0 / (2.0 * self.dimension)  # of the Laplacian, eq 12 [m2]
         self.mixed, self.gradient_form = numerics.source == "mixed", numerics.gradient
         self.keeps_negative = numerics.literal
-        neighbors, bins = self.neighbors, self.neighbors.bins
+        neighbors = self.neighbors
         self.matrix = SparseMatrix(
             self.capacity, neighbors.pair_capacity, neighbors.row_start, neighbors.column, self.particles.count
         )
-        levels = None
-        if self.capacity >= CellMultigrid.MIN_ROWS:
-            levels = CellMultigrid(self.matrix, bins.cell_start, bins.cell_of, bins.shape)
-        self.solver = PCG(self.capacity, 1, self.matrix, levels)
+        self.solver = PCG(self.capacity, 1, self.matrix)
 
     def weigh(self) -> None:
         """Weights of the pairs at the present positions; the conservative gradient takes the fits, too."""
@@ -67,7 +63,6 @@ class PressurePoisson(Term):
         self.assemble(dt, self.solver.b, self.solver.x)
         self.balance(self.solver.b)
         flush()
-        self.solver.M.build()
         self.solver.multiply_guess()
         self.solver.solve(tolerance, MAX_ITERATIONS, HUGE, 0, 1.0, 0.0)
         self.store(self.solver.x)

@@ -16,8 +16,6 @@ WAYS = {"fused": {"rows": 1}, "grouped": {"rows": 1 << 30}, "timed": {"rows": 1,
 class Numbers:
     """x_i = i + 1, and what stages make of it."""
 
-    fits_in_a_kernel = True
-
     def __init__(self):
         self.x = ti.field(ti.f64, 4)
         self.x.from_numpy(np.arange(1.0, 5.0))

@@ -22,8 +22,6 @@ def taichi():
 class Mirror:
     """x_i <- x_(n-1-i) + 1 in each round, and how many did it: each needs what another member did just before."""
 
-    fits_in_a_kernel = True
-
     def __init__(self, members):
         self.team = team.ThreadTeam(members)
         self.execution = Execution(ROWS, team=self.team)

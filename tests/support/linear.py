@@ -6,7 +6,6 @@ import numpy as np
 import scipy.sparse as sp
 
 import taichi_mps as mps
-from taichi_mps.linear.cell_multigrid import CellMultigrid
 from taichi_mps.linear.node_multigrid import NodeMultigrid
 from taichi_mps.linear.pcg import HUGE, PCG, STATUS
 from taichi_mps.linear.vectors import SparseMatrix
@@ -76,7 +75,7 @@ def solve(operator, b, components=1, tolerance=1e-10, x=0.0, preconditioner=None
     ``status``, whether ``converged``, ``iterations`` and ``residual``, sqrt((r, z)/reference) at the end. Options:
     limit, most, again, reduction, enough of PCG.solve."""
     capacity = operator.inverse_diagonal.shape[0]
-    launch = launch or (FUSED if getattr(preconditioner, "fits_in_a_kernel", True) else LAUNCHED)
+    launch = launch or FUSED
     solvers = operator.__dict__.setdefault("solvers", {})
     key = preconditioner, *launch.values()
     if key not in solvers:
@@ -93,26 +92,6 @@ def solve(operator, b, components=1, tolerance=1e-10, x=0.0, preconditioner=None
     residual = np.sqrt(abs(solver.rz[None]) / (abs(solver.reference[None]) or 1.0))
     report = SimpleNamespace(status=status, converged=status == "converged", iterations=iterations, residual=residual)
     return solver.x.to_numpy().ravel()[: b.size], report
-
-
-class Always(CellMultigrid):
-    """Levels for however few rows."""
-
-    MIN_ROWS = 0
-
-
-def with_levels(matrix, points, per_cell, kind=Always):
-    """Matrix of a grid of points, reordered by cells of ``per_cell`` points along each side: (SparseMatrix, its levels,
-    the SciPy matrix, the cells of its rows)."""
-    axes = [np.arange(n) // per_cell for n in points]
-    shape = tuple(int(a[-1]) + 1 for a in axes)
-    cell = np.ravel_multi_index(np.meshgrid(*axes, indexing="ij"), shape).ravel()
-    order = np.argsort(cell, kind="stable")
-    matrix, cell = matrix.tocsr()[order][:, order].tocsr(), cell[order]
-    a = sparse_matrix(matrix)
-    levels = kind(a, *constant_fields(np.searchsorted(cell, np.arange(np.prod(shape) + 1)), cell), shape)
-    levels.build()
-    return a, levels, matrix, cell
 
 
 def applied(product, vectors, components=1):
