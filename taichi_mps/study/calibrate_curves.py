@@ -17,6 +17,7 @@ from .case import case
 from .case import run as run_case
 from .curves import Curve, CurveFit, Test, measures_of, of_files
 from .fit import FAILED, STEP, LeastSquares
+from .surface import WIDE, Surface
 from .sweep import carry_out, executor_of, wall_time
 
 OFFSET = "time_offset"  # in ``free``: the unknown time [s] of the scene at the zero of a curve
@@ -24,10 +25,8 @@ LATE = 0.5  # largest such time over the length of the curve
 SAMPLES = 100  # of a curve of a run
 COARSER = 2.0  # spacing of the runs of the fit over that of those that correct them
 RANGE = 100.0  # factor from the first value of a constant within which it is sought
-WIDE = 0.4  # of the logarithm of a constant, to mixes that tell a slope; particles scatter smaller ones
 LOOKS = 4  # first runs, in which all constants are made larger or smaller together
-MOST, ENOUGH = 10, 0.01  # steps of a fit, and the change of the logarithms that ends it
-ROUNDS = 3  # of fits, each corrected by finer runs at the constants of the one before
+MOST, ENOUGH = 10, 0.05  # steps of the search, and the change of the logarithms that ends it
 ERROR = 0.01  # of a point over the largest value of its measure: weighs measures of different units
 OUTSIDE = 0.1  # of the largest value, by which points may lie beyond all runs
 
@@ -44,7 +43,7 @@ class Runs(LeastSquares):
 
     A point ``at`` is the logarithms of the constants over their ``first`` values, then, with ``offsets``, the time of
     the scene at the zero of each test in units of a tenth of its length. Runs of the fit have a ``spacing`` [m];
-    ``shift`` is added to their residuals.
+    ``shift`` is added to their residuals, and their mixes are in ``known``.
     """
 
     def __init__(
@@ -53,7 +52,7 @@ class Runs(LeastSquares):
         self.scene, self.curves, self.settings, self.first = scene, curves, settings, first
         self.folder, self.pool, self.seconds = None, None, 0.0  # of the study, its executor, of a run
         self.spacing, self.shift = spacing, 0.0
-        self.cases, self.planned, self.rows = {}, {}, {}
+        self.cases, self.planned, self.rows, self.known = {}, {}, {}, {}
         self.tests = list(dict.fromkeys(curve.test for curve in curves))
         shifted = [test for test in self.tests if offsets and len(test.times)]
         self.places = {test: number for number, test in enumerate(shifted, len(first))}  # in a point
@@ -94,6 +93,10 @@ class Runs(LeastSquares):
             rows = carry_out(list(self.planned.values()), self.folder, course, self.pool)
             self.rows = {row["key"]: row for row in rows}
             self.seconds = (monotonic() - begun) / len(new)
+        for at in points:
+            keys = [self.case(test, at, spacing).key for test in self.tests]
+            if spacing == self.spacing and all(self.rows[key]["status"] == "done" for key in keys):
+                self.known[tuple(self.mix(at).values())] = at[: len(self.first)]
 
     def model(self, at, spacing) -> list[np.ndarray]:
         """Values of each curve by runs, at its times, or at the end; SceneError where one failed."""
@@ -137,28 +140,18 @@ class Runs(LeastSquares):
                 f"of the nearest run at {nearest}, {self.words(at)}",
             )
 
-    def around(self, at, wide: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Points around one, below and above, that differ by ``wide`` in a constant's logarithm or by STEP in an
-        offset, (unknowns, unknowns), and the residuals there, (unknowns, points); computed side by side."""
-        steps, count = np.diag([wide] * len(self.first) + [STEP] * len(self.units)), len(self.first)
-        low, high = np.maximum(at - steps, self.bounds[0]), np.minimum(at + steps, self.bounds[1])
-        self.compute([at, *low[:count], *high[:count]], self.spacing)
-        return low, high, *(np.array([self.residuals(each) for each in side]) for side in (low, high))
+    def sided(self, at) -> np.ndarray:
+        """Derivatives of the residuals at a point, (2, points, unknowns), to both sides: by WIDE in the logarithm of a
+        constant, by STEP in an offset. Runs are computed side by side."""
+        steps, count = np.diag([WIDE] * len(self.first) + [STEP] * len(self.units)), len(self.first)
+        around = np.clip([at - steps, at + steps], *self.bounds)
+        self.compute([at, *around[0, :count], *around[1, :count]], self.spacing)
+        found = np.array([[self.residuals(each) for each in side] for side in around]) - self.residuals(at)
+        return np.swapaxes(found / (around - at).sum(2)[..., None], 1, 2)
 
     def slopes(self, at) -> np.ndarray:
-        """Derivatives of the residuals at a point, (points, unknowns): to a softer mix, to a stiffer one or between the
-        two, whichever is the least, for what particles scatter is no slope."""
-        low, high, softer, stiffer = self.around(at, WIDE)
-        here, less, more = self.residuals(at), (at - low).sum(1), (high - at).sum(1)
-        sides = zip(here - softer, stiffer - here, less, more, strict=True)
-        found = [min(a / p, b / q, (a + b) / (p + q), key=np.linalg.norm) for a, b, p, q in sides]
-        return np.stack(found, 1)
-
-    def scatter(self, at) -> np.ndarray:
-        """By how much runs scatter residuals, a sample for each constant, (constants, points): the fourth difference of
-        runs around a point, which has no slope and no bend, over its error by that of a run."""
-        bends = [0.5 * sum(self.around(at, part * WIDE)[2:]) - self.residuals(at) for part in (1.0, 0.5)]
-        return ((bends[0] - 4.0 * bends[1]) / 17.5**0.5)[: len(self.first)]
+        """Derivatives of the residuals at a point, (points, unknowns), between both sides."""
+        return self.sided(at).mean(0)
 
     def with_offsets(self, at) -> tuple[np.ndarray, float]:
         """A point with the offset of each test that fits best, and the sum of squares there."""
@@ -249,10 +242,10 @@ def calibrate_curves(
     with start() as runs.pool:
         runs.folder = folder
         if watch:
-            likely = len(runs.tests) * (LOOKS + 10 * (1 + 2 * len(first)))
+            likely = len(runs.tests) * (LOOKS + 7 * (1 + 2 * len(first)))
             at_start = [runs.case(test, np.zeros(len(first)), runs.spacing) for test in runs.tests]
             lasts = in_time(wall_time(at_start, workers or os.cpu_count() or 1, likely))
-            finely = f", besides {2 * len(runs.tests)} at {fine:g} m" * finer
+            finely = f", besides {3 * len(runs.tests)} at {fine:g} m" * finer
             say(f"some {likely} runs at a spacing of {runs.spacing:g} m, about {lasts}{finely}")
 
         def apart(at):
@@ -265,22 +258,27 @@ def calibrate_curves(
             say(f"{len(runs.planned)} runs, {runs.seconds:.1f} s each: {runs.words(at)}: misses by {missed:.2%}")
             return found
 
-        at, moved = np.clip(runs.begin(), *(0.999 * runs.bounds)), np.inf
-        for _ in range(ROUNDS):
-            found = runs.solve(at, apart, jac=runs.slopes, xtol=ENOUGH, ftol=1e-3, max_nfev=MOST)
-            moved, at = (np.abs(found.x - at).max() if np.ndim(runs.shift) else np.inf), found.x
-            if not finer or moved < 2.0 * ENOUGH:
+        at = np.clip(runs.begin(), *(0.999 * runs.bounds))
+        at = runs.solve(at, apart, jac=runs.slopes, xtol=ENOUGH, ftol=0.01, max_nfev=MOST).x
+        for corrected in (finer, finer, False):
+            centre, sided = at, runs.sided(at)
+            if corrected:
+                runs.shift = 0.0
+                runs.shift = runs.beside(at, fine) - Surface(runs, at).residuals(at)
+            at, slopes = Surface(runs, at).best()
+            apart(at)
+            if np.abs(at - centre)[: len(first)].max() < 0.4 * ENOUGH:
                 break
-            runs.shift = runs.beside(at, fine) - runs.beside(at, runs.spacing)
         runs.require_reached(at)
-        return result(runs, at, found.jac, built.material, fine)
+        return result(runs, at, slopes, sided, built.material, fine)
 
 
-def result(runs: Runs, at, slopes, material, spacing) -> CurveFit:
+def result(runs: Runs, at, slopes, sided, material, spacing) -> CurveFit:
     """The result at a point: intervals by the slopes, the scatter of the residuals there and that of the runs.
 
     Residuals of a curve go together, so that their scatter counts by (1 + r)/(1 - r), r their correlation from a point
-    to the next.
+    to the next. An end of an interval is by the slope to its side, ``sided``, where that is less than the one between;
+    what the bounds alone say of a constant narrows no interval.
     """
     from scipy.stats import t
 
@@ -289,12 +287,19 @@ def result(runs: Runs, at, slopes, material, spacing) -> CurveFit:
     beside = sum(float(part[1:] @ part[:-1]) for part in runs.by_curve(residuals)) / square
     freedom, beside = len(residuals) - len(at), min(max(beside, 0.0), 0.9)
     error = np.sqrt(square / freedom * (1.0 + beside) / (1.0 - beside))
-    slopes = slopes / error
-    spread = runs.covariance(slopes)
-    moved = spread @ slopes.T @ runs.scatter(at).T / error  # the best point by that of the runs
-    spread = (spread + moved @ moved.T / count) * t.ppf(0.975, freedom) ** 2
-    wide, parts = np.sqrt(np.diag(spread)), runs.by_curve(slopes)
-    constants = runs.constants(at, np.stack([at - wide, at + wide], 1))
+    quantile, noise, ends = t.ppf(0.975, freedom), Surface(runs, at).scatter(at) / error, []
+
+    def covariance(slopes):
+        spread = runs.covariance(slopes / error)
+        moved = spread @ slopes.T @ noise.T / error  # the best point by the scatter of runs
+        return spread + moved @ moved.T
+
+    for sign, side in zip((-1.0, 1.0), sided, strict=True):
+        least = np.where(np.linalg.norm(side, axis=0) < np.linalg.norm(slopes, axis=0), side, slopes)
+        known = 1.0 / np.diag(covariance(least)) - np.diag(runs.before)
+        ends.append(at + sign * quantile / np.sqrt(np.maximum(known, 0.01 * np.diag(runs.before))))
+    constants, spread = runs.constants(at, np.transpose(ends)), covariance(slopes) * quantile**2
+    wide, parts = np.sqrt(np.diag(spread)), runs.by_curve(slopes / error)
     curves, named = [], [f"{title(curve.measure)} of {curve.test.name}" for curve in runs.curves]
     for curve, values in zip(runs.curves, model, strict=True):
         facts = {"name": curve.test.name, "settings": curve.test.settings, "measure": curve.measure}

@@ -32,7 +32,7 @@ class LeastSquares:
         """Least squares from a point on, a result of SciPy."""
         from scipy.optimize import least_squares
 
-        return least_squares(residuals or self.residuals, start, bounds=self.bounds, **how)
+        return least_squares(residuals or self.residuals, start, **{"bounds": self.bounds} | how)
 
     def steps(self, at) -> np.ndarray:
         """Steps from a point, (unknowns, unknowns), one unknown each, to softer and thinner mixes where there are."""
