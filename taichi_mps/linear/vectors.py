@@ -84,19 +84,15 @@ class Vectors:
 class SparseMatrix:
     """Scalar matrix in compressed rows: A_ii = diagonal[i] and A_ij = value[k], j = column[k], k in the row of i.
 
-    ``row_start``, ``column`` and ``count`` may be those of a neighbour list. Rows whose diagonal is not positive are
-    no unknowns. To assemble it, fill ``value`` and call ``set_diagonal`` for every row.
+    ``row_start``, ``column`` and ``count`` are those of a neighbour list. Rows whose diagonal is not positive are no
+    unknowns. To assemble it, fill ``value`` and call ``set_diagonal`` for every row.
     """
 
-    def __init__(self, capacity: int, pair_capacity: int, row_start=None, column=None, count=None):
-        self.capacity, self.pair_capacity = capacity, pair_capacity
-        self.count = ti.field(ti.i32, ()) if count is None else count
-        self.row_start = ti.field(ti.i32, capacity + 1) if row_start is None else row_start
-        self.column = ti.field(ti.i32, pair_capacity) if column is None else column
-        self.real = real()
-        self.value = ti.field(self.real, pair_capacity)
-        self.diagonal = ti.field(self.real, capacity)
-        self.inverse_diagonal = ti.Matrix.field(1, 1, self.real, capacity)
+    def __init__(self, capacity: int, row_start, column, count):
+        self.row_start, self.column, self.count = row_start, column, count
+        self.value = ti.field(real(), column.shape[0])
+        self.diagonal = ti.field(real(), capacity)
+        self.inverse_diagonal = ti.Matrix.field(1, 1, real(), capacity)
 
     @ti.func
     def set_diagonal(self, i, d):

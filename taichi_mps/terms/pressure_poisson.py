@@ -45,10 +45,8 @@ class PressurePoisson(Term):
         self.scale = fluid.lattice.lam * self.n0 / (2.0 * self.dimension)  # of the Laplacian, eq 12 [m2]
         self.mixed, self.gradient_form = numerics.source == "mixed", numerics.gradient
         self.keeps_negative = numerics.literal
-        neighbors = self.neighbors
-        self.matrix = SparseMatrix(
-            self.capacity, neighbors.pair_capacity, neighbors.row_start, neighbors.column, self.particles.count
-        )
+        rows = self.neighbors.row_start, self.neighbors.column, self.particles.count
+        self.matrix = SparseMatrix(self.capacity, *rows)
         self.solver = PCG(self.capacity, 1, self.matrix)
 
     def weigh(self) -> None:

@@ -57,7 +57,7 @@ def sparse_matrix(matrix, capacity=None):
     rows, diagonal = matrix.shape[0], matrix.diagonal()
     capacity, pairs = capacity or rows, (matrix - sp.diags(diagonal)).tocsr()
     lists = constant_fields(np.pad(pairs.indptr, (0, capacity - rows), mode="edge"), pairs.indices)
-    a = SparseMatrix(capacity, pairs.nnz, *lists)
+    a = SparseMatrix(capacity, *lists, ti.field(ti.i32, ()))
     a.count[None] = rows
     a.value.from_numpy(pairs.data)
     set_diagonal(a, np.ascontiguousarray(diagonal, float))
