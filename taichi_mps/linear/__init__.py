@@ -1,5 +1,5 @@
-"""A x = b: conjugate gradients, sparse rows, multigrid on cells and on nodes.
+"""A x = b: conjugate gradients, sparse rows, multigrid on grids of nodes.
 
-No physics: an operator is anything with apply().
+No physics: an operator is anything with multiply().
 Read pcg.py first.
 """

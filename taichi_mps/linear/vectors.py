@@ -1,5 +1,5 @@
 """Vector operations of an iterative solver, which define how rows are summed and masked; a sparse matrix in compressed
-rows (CSR); the Jacobi preconditioner, and the base class of multigrid preconditioners."""
+rows (CSR); the Jacobi preconditioner."""
 
 from ..runtime.backend import double_field, real, ti
 from ..runtime.stages import stage

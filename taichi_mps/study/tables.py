@@ -212,7 +212,7 @@ def write(rows: list[dict], path) -> None:
 
 
 def harmless(value):
-    """A cell as it is; a text that is no number and begins as a formula with an apostrophe before it."""
+    """Return a cell; a text that a spreadsheet would take for a formula gets an apostrophe before it."""
     formula = isinstance(value, str) and value.lstrip()[:1] in set("=+-@") and isinstance(number(value), str)
     return f"'{value}" if formula else value
 
@@ -230,7 +230,7 @@ def read(path) -> list[dict]:
 
 
 def number(text: str):
-    """A cell as float where it is one, also with a decimal comma; None where it is empty."""
+    """Convert a cell to float where it is a number, also with a decimal comma; None where it is empty."""
     with suppress(ValueError):
         return float(text.replace(",", "."))
     return text or None
