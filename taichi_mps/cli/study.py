@@ -129,7 +129,8 @@ def outcome(row) -> str:
     """The measures of a row in a few words, or why there are none."""
     if row["status"] != "done":
         return f"{row['status']}: {row['reason']}"
-    return ", ".join(f"{title(name)} {written(name, row[name])}" for name in measures([row]) if row[name] is not None)
+    found = ", ".join(f"{title(name)} {written(name, row[name])}" for name in measures([row]) if row[name] is not None)
+    return f"{found} ({row['reason']})" if row["reason"] else found
 
 
 # ---- sweep -----------------------------------------------------------------------------------------------------

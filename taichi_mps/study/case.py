@@ -4,6 +4,7 @@ import hashlib
 import json
 import math
 import threading
+import warnings
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -64,13 +65,14 @@ def run(case: Case, samples: int = 0) -> dict:
     """Compute a case to its end in this process: its row. What fails is a row with its reason. Taichi is started with
     one thread where it is not, and again, which drops every earlier Simulation, where its fields are used up.
 
-    A row holds key, status ('done' or 'failed'), reason, the parameters, the scene's measures at the end, t500_s [s]
-    where the spread came to 500 mm, what stopped the run, steps and seconds; with ``samples`` in ``course`` so many
-    values of each measure over the time, {name: values}.
+    A row holds key, status ('done' or 'failed'), reason (of a run that is done its warnings), the parameters, the
+    scene's measures at the end, t500_s [s] where the spread came to 500 mm, what stopped the run, steps and seconds;
+    with ``samples`` in ``course`` so many values of each measure over the time, {name: values}.
     """
     from ..simulation.reuse import begin
 
-    with _one_at_a_time:
+    with _one_at_a_time, warnings.catch_warnings(record=True) as warned:
+        warnings.simplefilter("default")
         try:
             sim = begin(catalogue.build(case.scene, **case.parameters))
             spread = Milestone(sim, "spread_m", REACHED)
@@ -90,7 +92,7 @@ def run(case: Case, samples: int = 0) -> dict:
                 measures |= over_time(columns)
         except Exception as error:  # a study goes on, whatever a case does
             return row_without_result(case, "failed", f"{type(error).__name__}: {error}")
-    row = row_without_result(case, "done", "")
+    row = row_without_result(case, "done", "; ".join(str(warning.message) for warning in warned))
     filling = {name: summary[name] for name in ("filled_ratio", "void_m3") if name in summary}
     row |= {name: strict(float(value)) for name, value in (measures | filling).items()}
     if spread.watched:

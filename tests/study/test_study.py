@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
+from taichi_mps.cli.study import outcome
 from taichi_mps.problem import catalogue
 from taichi_mps.problem.accuracy import choices
 from taichi_mps.problem.problem import Problem
@@ -239,6 +240,14 @@ def test_materials_of_one_law_share_their_kernels(tmp_path):
     assert sim.scheme.constants.max_time_step == longest_step(0.01, 9.81, height, 0.01)  # what similarity leaves
     failed = cases.run(cases.case("slump", lift_speed=0.1, model="quarter", spacing=0.03))
     assert failed["status"] == "failed" and "lift_speed = 0.1 m/s" in failed["reason"]
+
+
+def test_a_run_of_a_study_tells_its_warnings_in_its_row_and_not_on_the_screen(tmp_path, recwarn):
+    text = Path(catalogue.locate("film")).read_text().replace("measure=measure", "measure=lambda s: {'odd': 'x'}")
+    (tmp_path / "odd.py").write_text(text)
+    row = cases.run(cases.case(str(tmp_path / "odd.py"), spacing=0.02, until=0.002))
+    assert row["status"] == "done" and "odd = x is no number" in row["reason"]
+    assert f"({row['reason']})" in outcome(row) and not recwarn.list
 
 
 def test_a_case_of_a_flow_table_has_its_flow():
