@@ -44,12 +44,13 @@ def scene(
         Field(description="a measured mix, in place of the numbers of the mix but its density"),
     ] = None,
     gcode: Annotated[
-        str, Field(description="tool path (G-code) in place of width, height, layers, length and model")
+        str,
+        Field(description="tool path (G-code) in place of width, height, layers and length; the model is then gcode"),
     ] = "",
     print_rate: Annotated[FlowRate | None, Field(description="what the nozzle delivers, in place of E")] = None,
     filament_diameter: Annotated[Length | None, Field(description="of the filament whose length E is")] = None,
     until: Duration | None = None,
-    model: Literal["section", "column", "path"] = "section",
+    model: Literal["section", "column", "path", "gcode"] = "section",
 ) -> mps.Scene:
     """``section``: half of that through a long wall, printed over its whole width by a nozzle that rises with it.
     ``column``: a quarter of a round one, likewise. ``path``: half of a wall along which a nozzle as wide and high as a
@@ -60,7 +61,10 @@ def scene(
         at_rest, viscosity = MORTARS[mortar]
         material = mps.Bingham(yield_value=at_rest, plastic_viscosity=viscosity, density=material.density)
     if gcode:
-        return along(read_gcode(gcode, print_rate, filament_diameter), material, spacing, floor, until)
+        laid = along(read_gcode(gcode, print_rate, filament_diameter), material, spacing, floor, until)
+        return replace(laid, parameters={"model": "gcode"})
+    if model == "gcode":
+        raise mps.SceneError("model = gcode: must have a tool path, gcode")
     rise, high, half = layer_height / layer_time, layers * layer_height, 0.5 * width
     total, d = layers * layer_time, 2 if model == "section" else 3
     up = np.eye(d)[-1]

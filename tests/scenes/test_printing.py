@@ -283,6 +283,9 @@ def test_a_closed_line_fills_all_of_its_corners(written):
     fed = 30 * 10 * 120 / (0.25 * np.pi * 100)
     sides = "".join(f"G1 X{x} Y{y} E{fed:.6f}\n" for x, y in ((120, 0), (120, 120), (0, 120), (0, 0)))
     scene = catalogue.build("printing", gcode=str(written(f"M83\nG0 Z10 F6000\n{sides}")), filament_diameter=0.01)
+    assert scene.parameters["model"] == "gcode" and catalogue.rebuild("printing", scene.parameters).name == scene.name
+    with pytest.raises(mps.SceneError, match="model = gcode: must have a tool path"):
+        catalogue.build("printing", model="gcode")
     laid = np.concatenate([swept(inlet, 0.005) for inlet in scene.inlets])
     assert len(np.unique(laid, axis=0)) == len(laid) == (150**2 - 90**2) * 10 / 125
     assert laid.min(0) == pytest.approx((-12.5, -12.5, 2.5)) and laid.max(0) == pytest.approx((132.5, 132.5, 7.5))
