@@ -118,6 +118,8 @@ def surface_line(part: Snapshot, scene, x, size):
     """Line (k, 2) [m] of the surface in the middle plane: the outline of a body of revolution, else the highest
     particle at each place, of particles at x (n, 2) with these sizes (n,)."""
     line = profile(scene, part)
+    if line is None and not len(x):  # a path that has not come to the plane yet
+        return np.empty((0, 2))
     if line is None:
         ticks = np.arange(x[:, 0].min(), x[:, 0].max() + 1e-12, 0.5 * part.spacing)
         heights = surface(replace(still(x, part.spacing), size=size), ticks[:, None])
