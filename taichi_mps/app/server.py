@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import logging
 import os
 import re
 import signal
@@ -135,6 +136,15 @@ async def lines_of(parts):
         yield json.dumps({"wrong": plain(error)}) + "\n"
 
 
+class Server(uvicorn.Server):
+    """Server that is silent about the requests that its end cuts off: a browser may still ask."""
+
+    async def shutdown(self, sockets=None):
+        """End, without their tracebacks."""
+        logging.getLogger("uvicorn.error").setLevel(logging.CRITICAL)
+        await super().shutdown(sockets)
+
+
 def serve(port: int, folder, browser: bool) -> None:
     """Serve the page of the runs in ``folder`` on 127.0.0.1 until a signal; port 0 stands for any free port."""
     try:
@@ -162,7 +172,7 @@ def serve(port: int, folder, browser: bool) -> None:
     app = OnlyHere(Starlette(routes=routes(page), lifespan=life), port)
     settings = uvicorn.Config(app, log_level="warning", lifespan="on", timeout_graceful_shutdown=1, ws="none")
     try:
-        uvicorn.Server(settings).run(sockets=[listener])
+        Server(settings).run(sockets=[listener])
     finally:
         queue.kill()
         for process in processes:

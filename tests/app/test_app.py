@@ -397,6 +397,13 @@ def test_only_this_machine_and_its_own_page_are_served(tmp_path):
         assert mps.main(["app", "--no-browser", "--port", str(port)]) == 2  # taken
 
 
+def test_its_end_is_silent_about_a_preview_under_way(tmp_path):
+    with serving(tmp_path) as (port, _):
+        line = http.client.HTTPConnection("127.0.0.1", port, timeout=60)
+        line.request("POST", "/ask/preview", json.dumps({"test": "slump", "values": {}}), JSON)
+        assert line.getresponse().status == 200  # begun: its result takes some seconds
+
+
 def test_without_the_extra_it_says_how_to_get_it(monkeypatch, capsys):
     monkeypatch.setattr("taichi_mps.app.command.find_spec", lambda name: None)
     assert mps.main(["app"]) == 2
