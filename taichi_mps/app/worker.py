@@ -31,6 +31,7 @@ from ..simulation.summary import described
 from ..study.calibration import BINGHAM
 from ..study.emulator import MEASURED, emulator_of
 from ..units import SceneError, plain
+from ..viz.body import fit_to_mould
 from .form import PREVIEW_MODELS, options
 from .resident import answer_all
 from .results import numbers
@@ -104,7 +105,8 @@ class Film:
         body, time = self.sim.snapshot(), self.sim.time
         measures = Frame(self.sim.scene, body, self.sim.report).measures()
         self.course.append({"time_s": time, **measures})
-        rows = np.round(np.column_stack([body.x, body.size]) / self.unit).astype("<i2")
+        places = fit_to_mould(self.sim.scene, body).x if self.sim.scene.axisymmetric else body.x
+        rows = np.round(np.column_stack([places, body.size]) / self.unit).astype("<i2")
         self.tell(t=time, m=numbers(measures), x=base64.b64encode(rows.tobytes()).decode())
         self.next_picture = max(time + PICTURE_INTERVAL, TIME_RATIO * time)
 
