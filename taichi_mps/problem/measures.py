@@ -549,7 +549,7 @@ def spread(s: InstanceOf[Snapshot]) -> float:
     sectors = max(4, int(2 * np.pi * radius / size))
     # neither sectors nor layers end where lattices and mirror planes have particles, so rounding moves none across
     sector = np.floor((angle / (2 * np.pi) + 0.5) * sectors + 0.37).astype(int) % sectors
-    quarter = ((s.x[:, 2] - s.x[:, 2].min()) / (0.25 * size) + 2.28).astype(int) + 3  # of a layer
+    quarter = ((s.x[:, 2] - s.x[:, 2].min()) / (0.25 * size) + 2.28).astype(int)  # of a layer
     reach = np.zeros((quarter.max() + 4) * sectors)
     np.maximum.at(reach, quarter * sectors + sector, r + 0.5 * s.size)
     reach = reach.reshape(-1, sectors)
