@@ -25,6 +25,7 @@ def tank(a, spacing):
     """Parts of a scene of the tank: slip walls, the column in its left corner."""
     low, high, margin = (0.0, 0.0), (4 * a, 2 * a), 5 * spacing
     return dict(
+        spacing=spacing,
         fluid=mps.fill(mps.Box((0.0, 0.0), (a, 2 * a)), spacing),
         walls=mps.box_planes(low, high, slip=True),
         wall_particles=mps.shell(low, (4 * a, 5.5 * a), spacing),  # as high as it runs up
@@ -34,7 +35,12 @@ def tank(a, spacing):
 
 def open_box(a, height, depth, lift_speed, floor_length, spacing):
     """Parts of a scene of the half of an open box in front of its middle plane: a back wall, a side wall that ends at
-    the gate, x = a, and a floor, all without slip. The gate is gone at once, or a smooth plate that is lifted."""
+    the gate, x = a, and a floor, all without slip. The gate is gone at once, or a smooth plate that is lifted. The
+    particles are as large as fills the block exactly, a whole number along each side."""
+    size = np.array([a, 0.5 * depth, height])
+    count = np.maximum(1, np.round(size / spacing)).astype(int)
+    fluid = size * (np.indices(count).reshape(3, -1).T + 0.5) / count
+    spacing = float((size / count).prod() ** (1 / 3))
     half, reach, top, margin = 0.5 * depth, 3.0 * spacing, height + 2.0 * spacing, 4.0 * spacing
     corners = [(-reach, half), (a, half), (a, half + SIDE), (-reach, half + SIDE)]
     low, high = (-reach, half - reach, -reach), (a + reach, half + SIDE + reach, top)
@@ -47,7 +53,8 @@ def open_box(a, height, depth, lift_speed, floor_length, spacing):
         along, moves = (-reach, half + SIDE + reach), (0.0, 0.0, lift_speed)
         walls += (mps.Solid.prism(plate, cell, reach, along, velocity=moves, slip=True, loose=True, name="gate"),)
     return dict(
-        fluid=mps.fill(mps.Box((0.0, -half, 0.0), (a, half, height)), spacing, (mirror,)),
+        spacing=spacing,
+        fluid=fluid,
         walls=walls,
         domain=((-margin, -margin, -margin), (a + floor_length, half + SIDE + floor_length, 1.2 * height + margin)),
         outline=tuple(np.array([[0.0, y, 0.0], [a, y, 0.0], [a, y, height]]) for y in (-half, half)),
@@ -108,7 +115,6 @@ def scene(
     return mps.Scene(
         name="dam_break",
         material=material,
-        spacing=spacing,
         **parts,
         until=until,
         measure=measure,
