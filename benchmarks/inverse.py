@@ -143,7 +143,7 @@ def draw() -> None:
     for fluid, source in SOURCE.items():
         if fluid in results:
             fit, (apart, held) = results[fluid], off(results[fluid], fluid)
-            verdicts.append((apart <= source, held))
+            verdicts.append((apart, source, held))
             constants = [interval(fit, key) for key in ("yield_value", "consistency", "flow_index")]
             lines.append(
                 [
@@ -167,10 +167,11 @@ def draw() -> None:
     ]
     text += [points.table(head, lines)] * bool(lines)
     if verdicts:
-        near, held = np.sum(verdicts, 0)
+        apart, source, held = np.transpose(verdicts)
         text.append(
-            f"{near} of {len(verdicts)} are as near to the rheometer as the source's, asked: all; {held} of "
-            f"{len(verdicts)} bands of 95 % hold its curve, asked: three."
+            f"Off by {100.0 * apart.mean():.0f} % in the mean, the source's by {100.0 * source.mean():.0f}; "
+            f"{np.sum(apart <= source)} of {len(verdicts)} no farther off than its own, asked: all; {np.sum(held):.0f} of "
+            f"{len(verdicts)} bands of 95 % hold the rheometer's curve, asked: three."
         )
     if FILM in results:
         told = results[FILM]["told"].splitlines()
