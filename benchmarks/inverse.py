@@ -170,8 +170,8 @@ def draw() -> None:
         apart, source, held = np.transpose(verdicts)
         text.append(
             f"Off by {100.0 * apart.mean():.0f} % in the mean, the source's by {100.0 * source.mean():.0f}; "
-            f"{np.sum(apart <= source)} of {len(verdicts)} no farther off than its own, asked: all; {np.sum(held):.0f} of "
-            f"{len(verdicts)} bands of 95 % hold the rheometer's curve, asked: three."
+            f"{np.sum(apart <= source)} of {len(verdicts)} no farther off than its own, asked: all; "
+            f"{np.sum(held):.0f} of {len(verdicts)} bands of 95 % hold the rheometer's curve, asked: three."
         )
     if FILM in results:
         told = results[FILM]["told"].splitlines()
