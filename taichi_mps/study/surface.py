@@ -1,4 +1,4 @@
-"""Residuals of runs as a smooth function of the constants: a regression, which averages and tells their scatter."""
+"""Residuals of runs as a smooth function of the constants: a regression, which averages and estimates their scatter."""
 
 from itertools import combinations_with_replacement
 
@@ -47,8 +47,8 @@ class Surface:
         return found.x, found.jac
 
     def scatter(self, at) -> np.ndarray:
-        """What the scatter of runs adds to the residuals at a point, (runs, points), samples that add up as squares; a
-        finer run that corrects them scatters as much as one of them."""
+        """Error of the residuals at a point by the scatter of runs: samples (runs, points), whose squares add up. A
+        finer run that corrects the residuals scatters as much as one of the runs."""
         found = self.of_runs(at)
         apart = found - self.terms(self.mixes) @ self.inverse @ found
         freedom = max(len(self.mixes) - np.linalg.matrix_rank(self.inverse), 1)
