@@ -2,9 +2,10 @@
 
 Before: steps and processor time of the flow by ``forecast.cost_of``, the other parts as measured on one core of an AMD
 EPYC; both times the ratios that earlier runs on this machine had to that. These lie beside the compiled kernels, so
-that where the kernels are gone the forecast is again that of a first run. While it goes on: by the steps that are left
-and what they have taken so far. The steps that are left are those told, less those taken, until the flow decays; then
-the geometric mean of these and of the steps of that decay.
+that where the kernels are gone the forecast is again that of a first run. While it goes on: more and more by the steps
+that are left and what they have taken so far, less and less by the forecast: the weight of the former is the share of
+the steps that are done times that of the expected time that has passed. The steps that are left are those told, less
+those taken, until the flow decays; then the geometric mean of these and of the steps of that decay.
 """
 
 import json
@@ -107,11 +108,14 @@ class Clock:
             return None
         self.last_answer = now
         passed, here = now - self.begun, now - self.since
+        expected, taken = self.expected[self.part], sim.steps - self.first
         left = sum(self.expected[part] for part in PARTS[PARTS.index(self.part) + 1 :])
-        if self.part == "flow" and sim.steps > self.first:
-            left += here * steps_left(sim, self.cost) / (sim.steps - self.first)
-        else:
-            left += max(self.expected[self.part] - here, REMAINING_SHARE * here)
+        left_here = max(expected - here, REMAINING_SHARE * here)
+        if self.part == "flow" and taken:
+            to_come = steps_left(sim, self.cost)
+            weight = taken / (taken + to_come) * min(here / expected, 1.0)
+            left_here += weight * (here * to_come / taken - left_here)
+        left += left_here
         rest = sim.rest.expected(sim) if sim.problem.rests and sim.scene.stop_at_rest else sim.scene.until
         end = max(sim.time, min(sim.scene.until, rest or self.cost.end))
         return {"passed_s": passed, "left_s": left, "share": passed / (passed + left), "time_s": sim.time, "end_s": end}
