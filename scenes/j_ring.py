@@ -42,7 +42,9 @@ def scene(
     angles = (np.arange(bars) + 0.5) * 2.0 * np.pi / bars
     places = ring * np.stack([np.cos(angles), np.sin(angles)], -1)
     reach = 2.5 * spacing
-    solid = mps.Solid.bars(places[: bars // 4], thick, (-reach, ring_height), min(0.5 * spacing, 0.4 * thick), reach)
+    solid = mps.Solid.bars(
+        places[: bars // 4], thick, (-reach, ring_height), min(0.5 * spacing, 0.4 * thick), reach, name="bars"
+    )
     walls = (*cone.walls, solid)
     circle = np.linspace(0.0, 2.0 * np.pi, 73)
     rim = np.column_stack([ring * np.cos(circle), ring * np.sin(circle), np.full(73, ring_height)])

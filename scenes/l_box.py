@@ -55,7 +55,9 @@ def scene(
         clear = (width - count * BAR_DIAMETER) / (count + 1)
         across = -half + clear + 0.5 * BAR_DIAMETER + (clear + BAR_DIAMETER) * np.arange(count)
         places = [(x, y) for y in across if y > -1e-9]
-        walls += (mps.Solid.bars(places, 0.5 * BAR_DIAMETER, (-reach, OPENING), 0.4 * BAR_DIAMETER, reach),)
+        walls += (
+            mps.Solid.bars(places, 0.5 * BAR_DIAMETER, (-reach, OPENING), 0.4 * BAR_DIAMETER, reach, name="bars"),
+        )
         outline = tuple(
             np.array([[x + dx, y, 0.0], [x + dx, y, OPENING]])
             for y in across

@@ -52,7 +52,9 @@ def scene(
     middle, outline = leg + 0.5 * thick, ()
     if bars == "yes":
         places = [(middle, y) for y in across if y > -1e-9]
-        walls += (mps.Solid.bars(places, 0.5 * BAR_DIAMETER, (-reach, opening), 0.4 * BAR_DIAMETER, reach),)
+        walls += (
+            mps.Solid.bars(places, 0.5 * BAR_DIAMETER, (-reach, opening), 0.4 * BAR_DIAMETER, reach, name="bars"),
+        )
         outline = tuple(
             np.array([[middle + dx, y, 0.0], [middle + dx, y, opening]])
             for y in across
