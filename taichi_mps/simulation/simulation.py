@@ -149,7 +149,8 @@ class Simulation:
         worst = max(self.report.volume_error_max if self.report else 0.0, is_known * abs(report.volume_error))
         self.report = replace(report, step=self.steps, time=self.time, dt_limit=limit, volume_error_max=worst)
         self._require_sound()
-        self.rest.observe(report.moving_speed, self.time)
+        if self.all_active or report.moving_speed > 0.0:  # a step in which all was set aside tells nothing
+            self.rest.observe(report.moving_speed, self.time)
         self._count_seconds(cpu)
         return self.report
 

@@ -109,6 +109,14 @@ def test_a_cone_that_stands_is_quiet(spacing, passes):
         assert np.quantile(speeds, 0.999, axis=1).max() < slow and np.max(speeds) < 3.0 * slow
 
 
+def test_a_body_that_is_set_aside_as_a_whole_comes_to_rest():
+    """Between steps of all it has no speed, from which that of the next would be another motion."""
+    scene = mps.slump_cone(model="quarter", spacing=0.0125, yield_value=1500.0, until=1.0)
+    sim, left_out = mps.Simulation(scene, mps.Implicit(sleep="on")), []
+    sim.each_step(lambda s: left_out.append(s.scheme.active_set.left_out))
+    assert sim.run() == "rest" and max(left_out) == sim.fluid_particles
+
+
 @pytest.mark.parametrize(
     "exponent",
     [pytest.param(1.0, id="Bingham"), pytest.param(0.5, id="Herschel-Bulkley", marks=pytest.mark.slow)],
