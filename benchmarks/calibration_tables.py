@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 import points
 
-from taichi_mps.study.emulator import DENSITY, MEASURED, emulator_of
+from taichi_mps.study.emulator import DENSITY, RESULT_COLUMNS, emulator_of
 from taichi_mps.study.fit import fit
 from taichi_mps.study.sweep import sweep
 
@@ -100,7 +100,7 @@ DRAWS = 200
 def write(name: str, workers="1") -> None:
     """Compute and write a table."""
     shared, names, nodes, checks = TABLES[name]
-    columns = list(MEASURED[shared["scene"]].values())
+    columns = list(RESULT_COLUMNS[shared["scene"]].values())
     rows = []
     for number, (role, mixes) in enumerate([*(("node", mix) for mix in nodes), *(("check", mix) for mix in checks)]):
         settings = shared | dict(zip(names, mixes, strict=True))
@@ -136,7 +136,7 @@ def shares() -> None:
             answer = fit(tables, drawn, DENSITY)
             pairs = (answer.yield_value, tau_y), (answer.plastic_viscosity, eta)
             held.append([(constant.lower or 0.0) <= true <= (constant.upper or np.inf) for constant, true in pairs])
-        told = ", ".join(constant.told() for constant in found.constants.values())
+        told = ", ".join(constant.describe() for constant in found.constants.values())
         print(f"{tau_y:g} Pa, {eta:g} Pa s: {told}; held {' and '.join(f'{s:.1%}' for s in np.mean(held, axis=0))}")
 
 

@@ -15,7 +15,7 @@ import points
 
 import taichi_mps as mps
 from taichi_mps.study import mixes
-from taichi_mps.study.emulator import DENSITY, FRICTION, emulator_of
+from taichi_mps.study.emulator import DENSITY, FRICTION_TABLE, emulator_of
 from taichi_mps.validation import read_reference
 
 MEASURED = "E_measured_slump_flow_yeh.csv"
@@ -89,7 +89,7 @@ def curves() -> dict[str, np.ndarray]:
         fine = np.linspace(known[0, 0], known[-1, 0], 200)
         found[way] = np.column_stack([np.interp(fine, known[:, 0], known[:, k]) for k in (1, 2)])
     for angle in ANGLES:
-        found[f"internal friction of {angle:g} degrees"] = of_table(FRICTION, angle, VISCOSITY / DENSITY)
+        found[f"internal friction of {angle:g} degrees"] = of_table(FRICTION_TABLE, angle, VISCOSITY / DENSITY)
     return found
 
 

@@ -141,7 +141,7 @@ class Bench:
         self.picture = folder / "frame_00000.png"
         render.save(np.full((20, 30, 3), 200, np.uint8), self.picture)
         self.mesh = mps.write_bars(folder / "bars.stl", [[(0.0, 0.0, 0.0), (0.0, 0.0, 0.2)]], 0.03)
-        self.rows = emulator.read(emulator.HERE / "slump.csv")
+        self.rows = emulator.read(emulator.TABLES / "slump.csv")
         self.emulator = emulator.emulator_of()
         checkpoint.save(self.sim, folder / "checkpoint.h5")
 
@@ -399,7 +399,7 @@ class Bench:
                 partial(sweep.sweep, watch=None),
                 {"executor": "nowhere", "out": "s", "workers": 1, **study},
             ),
-            "emulator_of": (emulator.emulator_of, {"table": emulator.HERE / "slump.csv", "test": "slump"}),
+            "emulator_of": (emulator.emulator_of, {"table": emulator.TABLES / "slump.csv", "test": "slump"}),
             "Emulator": (emulator.Emulator, {"rows": self.rows[:60], "constants": emulator.BINGHAM}),
             "Emulator.at": (
                 lambda first, second, grid: self.emulator.at(first, second, grid=grid),

@@ -8,7 +8,7 @@ import json
 
 from ..problem.labels import in_words
 from ..spelling import without_unit
-from ..study.calibration import CONTRADICTION, NAMES, RHEOMETER, UNITS, short
+from ..study.calibration import CONSTANT_UNITS, MAX_MISFIT, NAMES, RHEOMETER, rounded
 from ..units import Checked, require
 from . import form
 from .jobs import Job, Queue
@@ -140,19 +140,19 @@ def verdict(facts: dict) -> str:
     """Sentences on a calibration by its facts, as ``calibrate --json`` prints them: the constants with their 95 %
     intervals, or why there are none, and what to measure besides."""
     friction = "friction_angle" in facts["mix"]
-    if facts["misfit"] > CONTRADICTION and not friction:
+    if facts["misfit"] > MAX_MISFIT and not friction:
         alone = facts["alone"].get("yield_value", {}).items()
-        said = [f"the {NAMES[name]} alone says {short(it[0], 2)} Pa" for name, it in alone if name != RHEOMETER]
+        said = [f"the {NAMES[name]} alone says {rounded(it[0], 2)} Pa" for name, it in alone if name != RHEOMETER]
         return f"No mix does all of this{': ' * bool(said)}{', '.join(said)}."
     known_texts, unknown = [], []
     for name, value in facts["mix"].items():
-        words, unit, found = in_words(name), UNITS[name], (facts["friction"] if friction else facts)[name]
-        low, high = (end and short(end, 2) for end in (found["lower"], found["upper"]))
+        words, unit, found = in_words(name), CONSTANT_UNITS[name], (facts["friction"] if friction else facts)[name]
+        low, high = (end and rounded(end, 2) for end in (found["lower"], found["upper"]))
         if found["low"] == found["high"]:
-            known_texts.append(f"{words} {short(value, 2)} {unit}, as given")
+            known_texts.append(f"{words} {rounded(value, 2)} {unit}, as given")
         elif low or high:
             span = f"{low} to {high}" if low and high else f"at least {low}" if low else f"at most {high}"
-            known_texts.append(f"{words} about {short(value, 2)} {unit} ({span})")
+            known_texts.append(f"{words} about {rounded(value, 2)} {unit} ({span})")
         else:
             unknown.append(name)
     sentences = ["; ".join(known_texts)] * bool(known_texts)

@@ -29,7 +29,7 @@ from ..simulation.reuse import begin
 from ..simulation.simulation import Simulation
 from ..simulation.summary import described
 from ..study.calibration import BINGHAM
-from ..study.emulator import MEASURED, emulator_of
+from ..study.emulator import RESULT_COLUMNS, emulator_of
 from ..units import SceneError, plain
 from ..viz.body import fit_to_mould
 from .form import PREVIEW_MODELS, options
@@ -192,15 +192,15 @@ def errors_by_key(line: str) -> dict[str, str]:
 def measures_by_table(scene) -> dict | None:
     """Measures of the test by the table of calibrate; None if it has none for this vessel and mix."""
     mix, known = scene.material, scene.parameters
-    if scene.name not in MEASURED or not find_spec("scipy") or type(mix) is not Bingham or not mix.yields:
+    if scene.name not in RESULT_COLUMNS or not find_spec("scipy") or type(mix) is not Bingham or not mix.yields:
         return None
     table = emulator_of(test=scene.name)
-    vessel = {key: known[key] for key in table.usual if key not in (*Concrete.model_fields, *OTHER_KEYWORDS)}
-    if any(value != table.settings.get(key, table.usual[key]) for key, value in vessel.items()):
+    vessel = {key: known[key] for key in table.defaults if key not in (*Concrete.model_fields, *OTHER_KEYWORDS)}
+    if any(value != table.settings.get(key, table.defaults[key]) for key, value in vessel.items()):
         return None
     with suppress(SceneError):  # a mix beyond the table
         found = table.at(*np.log([getattr(mix, name) / mix.density for name in BINGHAM]))
-        return numbers({column: float(found[name]) for name, column in MEASURED[scene.name].items()})
+        return numbers({column: float(found[name]) for name, column in RESULT_COLUMNS[scene.name].items()})
     return None
 
 

@@ -299,7 +299,7 @@ def calibrate_table(arguments, options: Lookup, told: dict) -> int:
 
     begun = time.monotonic()
     workers = (options.workers or os.cpu_count() or 1) if options.executor == "local" else 1
-    about = in_time(mixes.SECONDS * len(rows) / min(workers, len(rows)))
+    about = in_time(mixes.SECONDS_PER_MIX * len(rows) / min(workers, len(rows)))
     print(f"taichi-mps: {len(rows)} mixes: about {about} in all", file=sys.stderr, flush=True)
 
     def watch(row, number):

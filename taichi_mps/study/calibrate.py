@@ -23,17 +23,17 @@ from ..units import (
     unit_of,
 )
 from .calibration import BINGHAM, FRICTIONAL, RHEOMETER, Calibration, FrictionalMix, is_time
-from .case import REACHED, case, run
-from .emulator import DENSITY, FRICTION, MEASURED, Emulator, emulator_of, scale
+from .case import T500_SPREAD, case, run
+from .emulator import DENSITY, FRICTION_TABLE, RESULT_COLUMNS, Emulator, emulator_of, scale
 from .fit import fit
 
-CHECKED = "slump", "mini_cone"  # tests that a finer run checks; a V-funnel at half the spacing takes too long
-CONE = "slump_m", "spread_m"  # without which no mix with internal friction is sought
-OTHERS = 20.0, 200.0  # other plastic viscosities [Pa s] at which such a mix is sought where it was not measured
-LIFTED = {"model": "axisymmetric", "spacing": 0.01}  # of the two runs, lifted and gone at once, whose difference counts
-BEYOND = 0.1  # of the logarithm of a plastic viscosity outside of its table, for which the end of the table does
-LARGEST = 10.0  # spread of a cone over its height
-TESTS = {  # what is measured of a mix, by its name in emulator.MEASURED
+REFINED_TESTS = "slump", "mini_cone"  # tests that a finer run checks; a V-funnel at half the spacing takes too long
+CONE_RESULTS = "slump_m", "spread_m"  # without which no mix with internal friction is sought
+OTHER_VISCOSITIES = 20.0, 200.0  # [Pa s], tried for a mix with internal friction whose viscosity was not measured
+LIFT_RUN = {"model": "axisymmetric", "spacing": 0.01}  # settings of the runs with and without a lifted mould
+EXTRAPOLATION = 0.1  # of the logarithm of the plastic viscosity beyond its table; there its end is used
+MAX_SPREAD = 10.0  # largest spread of a cone over its height
+FIELD_OF_RESULT = {  # field of Measurements, by the name of the result in emulator.RESULT_COLUMNS
     "slump_m": "slump",
     "spread_m": "spread",
     "t500_s": "t500",
@@ -86,8 +86,8 @@ class Measurements(Checked):
         float
             Standard error, SI units.
         """
-        given = getattr(self, f"{test}_error")
-        return 0.1 * self.v_funnel if given is None else given
+        error = getattr(self, f"{test}_error")
+        return 0.1 * self.v_funnel if error is None else error
 
     def measured(self) -> dict[str, tuple[float, float]]:
         """Return value and standard error of each measurement.
@@ -102,8 +102,8 @@ class Measurements(Checked):
         SceneError
             If nothing was measured.
         """
-        found = {name: getattr(self, test) for name, test in TESTS.items()}
-        found = {name: (value, self.error(TESTS[name])) for name, value in found.items() if value is not None}
+        found = {name: getattr(self, test) for name, test in FIELD_OF_RESULT.items()}
+        found = {name: (value, self.error(FIELD_OF_RESULT[name])) for name, value in found.items() if value is not None}
         require(found, "calibrate: give at least one of --slump, --slump-flow, --t500, --mini-cone, --v-funnel")
         return found
 
@@ -119,12 +119,12 @@ class Measurements(Checked):
 
 
 def emulators_of(measured: dict, study=None) -> dict[str, Emulator]:
-    """Emulators of the tests that were measured, by scene; that of ``study`` in the place of the package's own."""
-    scenes = [scene for scene, columns in MEASURED.items() if columns.keys() & measured.keys()]
-    own = emulator_of(study) if study else None
-    if own and own.scene not in scenes:
-        raise SceneError(f"study = {study}: is one of {own.scene}, which was not measured; must be of {scenes[0]}")
-    return {scene: own if own and own.scene == scene else emulator_of(test=scene) for scene in scenes}
+    """Return the emulators of the measured tests, by scene; ``study`` replaces the package's own table of its scene."""
+    scenes = [scene for scene, columns in RESULT_COLUMNS.items() if columns.keys() & measured.keys()]
+    given = emulator_of(study) if study else None
+    if given and given.scene not in scenes:
+        raise SceneError(f"study = {study}: is one of {given.scene}, which was not measured; must be of {scenes[0]}")
+    return {scene: given if given and given.scene == scene else emulator_of(test=scene) for scene in scenes}
 
 
 @checked
@@ -171,149 +171,149 @@ def calibrate(
     """
     measured, known = test.measured(), test.known()
     emulators = emulators_of(measured, study)
-    check_tests(test, emulators)
+    check_measurements(test, emulators)
     tables = list(emulators.values())
     require(lift_speed is None or "slump" in emulators, "lift_speed: needs slump, slump_flow or t500 of the slump cone")
     found = fit(tables, measured, test.rho, known=known)
-    finer, lifted = difference(emulators, found) if check else {}, lift_effect(found, lift_speed) if lift_speed else {}
+    finer, lifted = refinement(emulators, found) if check else {}, lift_effect(found, lift_speed) if lift_speed else {}
     if finer or lifted:
         found = replace(fit(tables, measured, test.rho, (finer, lifted), known), finer=finer, lifted=lifted)
-    if study is None and not (found.fits and found.near):
+    if study is None and not (found.fits and found.within_tolerance):
         found = replace(found, friction=frictional_mix(measured, test.rho, known))
-    return found if found.fits else with_each_alone(emulators, found, known)
+    return found if found.fits else add_separate_fits(emulators, found, known)
 
 
-def with_each_alone(emulators: dict[str, Emulator], found: Calibration, known: dict) -> Calibration:
-    """Add to a contradictory result what each measurement says alone, and the rheometer.
+def add_separate_fits(emulators: dict[str, Emulator], found: Calibration, known: dict) -> Calibration:
+    """Add to a contradictory result the fit to each measurement alone, and the rheometer's constants.
 
-    A length at rest tells the yield stress, a time the plastic viscosity, with the other constant as found, or a usual
-    plastic viscosity where none is determined: what fits a contradiction least badly is at any end of the table.
+    A length at rest gives the yield stress, a time the plastic viscosity. The other constant is the one found, or the
+    default plastic viscosity where it is not determined: the best fit of a contradiction lies anywhere in the table.
     """
-    others = found.values
+    others, corrections = found.values, (found.finer, found.lifted)
     if not found.plastic_viscosity.determined and "plastic_viscosity" not in known:
         others["plastic_viscosity"] = Bingham().plastic_viscosity
     alone = {name: {RHEOMETER: (known[name],) * 3} if name in known else {} for name in BINGHAM}
     for name, pair in found.measured.items():
-        asked, other = reversed(BINGHAM) if is_time(name) else BINGHAM
-        emulator = next(emulators[scene] for scene in emulators if name in MEASURED[scene])
+        constant, other = reversed(BINGHAM) if is_time(name) else BINGHAM
+        emulator = next(emulators[scene] for scene in emulators if name in RESULT_COLUMNS[scene])
         with suppress(SceneError):  # no T500 at all with that yield stress
-            it = getattr(
-                fit([emulator], {name: pair}, found.density, (found.finer, found.lifted), {other: others[other]}), asked
-            )
-            alone[asked][name] = it.value, it.lower, it.upper
-    return replace(found, alone={name: it for name, it in alone.items() if it.keys() - {RHEOMETER}}, others=others)
+            it = fit([emulator], {name: pair}, found.density, corrections, {other: others[other]}).constants[constant]
+            alone[constant][name] = it.value, it.lower, it.upper
+    return replace(found, alone={it: fits for it, fits in alone.items() if fits.keys() - {RHEOMETER}}, others=others)
 
 
-def computed(scene: str, what: str, **settings) -> dict:
-    """Return what a run of a test measures, nan what it does not; ``what`` it is, where it fails."""
+def run_test(scene: str, description: str, **settings) -> dict:
+    """Run a test and return its results, nan where one was not measured; ``description`` names it in an error."""
     row = run(case(scene, **settings))
-    require(row["status"] == "done", f"the {what} failed: {row['reason']}")
-    return {name: np.array(row.get(column), float) for name, column in MEASURED[scene].items()}
+    require(row["status"] == "done", f"the {description} failed: {row['reason']}")
+    return {name: np.array(row.get(column), float) for name, column in RESULT_COLUMNS[scene].items()}
 
 
 def changes(before: dict, after: dict) -> dict[str, float]:
-    """Return by what measurements change that are known of both: lengths by a difference [m], times by a ratio."""
-    by = {name: after[name] / value if is_time(name) else after[name] - value for name, value in before.items()}
-    return {name: float(change) for name, change in by.items() if np.isfinite(change)}
+    """Return the change of each result that both hold: differences of lengths [m], ratios of times."""
+    changed = {name: after[name] / value if is_time(name) else after[name] - value for name, value in before.items()}
+    return {name: float(change) for name, change in changed.items() if np.isfinite(change)}
 
 
-def difference(emulators: dict[str, Emulator], found: Calibration) -> dict:
-    """Return what finer runs at the constants found measure beyond their emulators: lengths [m], ratios of times."""
-    mix, finer = np.log(np.array(list(found.values.values())) / found.density), {}
-    for scene in (scene for scene in CHECKED if scene in emulators):
-        each = emulators[scene]
-        settings = each.settings | found.keywords | {"spacing": 0.5 * each.spacing}
-        finer |= changes(each.at(*mix), computed(scene, "finer run", **settings))
-    return finer
+def refinement(emulators: dict[str, Emulator], found: Calibration) -> dict:
+    """Return the change from the emulators to finer runs with the constants found: lengths [m], ratios of times."""
+    ratios, effect = np.log(np.array(list(found.values.values())) / found.density), {}
+    for scene in (scene for scene in REFINED_TESTS if scene in emulators):
+        emulator = emulators[scene]
+        settings = emulator.settings | found.keywords | {"spacing": 0.5 * emulator.spacing}
+        effect |= changes(emulator.at(*ratios), run_test(scene, "finer run", **settings))
+    return effect
 
 
 def lift_effect(found: Calibration, speed: float) -> dict:
-    """Return what a mould that is lifted at a speed [m/s] changes of the cone found: lengths [m], ratios of times."""
-    settings = found.keywords | LIFTED
-    each = [settings, settings | {"lift_speed": speed}]
-    return changes(*(computed("slump", "run with the mould lifted", **keywords) for keywords in each))
+    """Return the change of the results by lifting the mould at a speed [m/s]: lengths [m], ratios of times."""
+    settings = found.keywords | LIFT_RUN
+    both = [settings, settings | {"lift_speed": speed}]
+    return changes(*(run_test("slump", "run with the mould lifted", **keywords) for keywords in both))
 
 
 def frictional_mix(measured: dict, density: float, known: dict) -> FrictionalMix | None:
     """Return the mix with internal friction that is nearest to slump, slump flow and T500.
 
-    It is {name: (value, standard error)}. A plastic viscosity that is not ``known`` is found with the other constants
-    from T500. Where that was not measured, it is the usual one of the scene or, where no mix is near with that, the
-    first of OTHERS with which one is. None where slump or flow was not measured, the table does not reach what is
-    known, or no such mix spreads to 500 mm and T500 was measured.
+    ``measured`` is {name: (value, standard error)}. A plastic viscosity that is not ``known`` is fitted with the other
+    constants where T500 was measured; else it is the scene's default or, where no mix is near with that, the first of
+    OTHER_VISCOSITIES with which one is. None where slump or slump flow was not measured, the table does not cover the
+    known constants, or T500 was measured and no such mix spreads to 500 mm.
     """
-    table, eta = emulator_of(test=FRICTION), "plastic_viscosity"
-    usual = table.usual[eta]
-    taken = {name: np.log(value / scale(name, density)) for name, value in ({eta: usual} | known).items()}
-    room = {name: BEYOND * (name == eta) for name in taken}
+    table, viscosity = emulator_of(test=FRICTION_TABLE), "plastic_viscosity"
+    default = table.defaults[viscosity]
+    given = {name: np.log(value / scale(name, density)) for name, value in ({viscosity: default} | known).items()}
+    margin = {name: EXTRAPOLATION * (name == viscosity) for name in given}
     ends = zip(FRICTIONAL, table.low, table.high, strict=True)
-    inside = all(low - room[name] <= taken[name] <= high + room[name] for name, low, high in ends if name in taken)
-    if not set(CONE) <= measured.keys() or not inside:
+    inside = all(low - margin[name] <= given[name] <= high + margin[name] for name, low, high in ends if name in given)
+    if not set(CONE_RESULTS) <= measured.keys() or not inside:
         return None
-    measured = {name: measured[name] for name in MEASURED["slump"] if name in measured}
-    if "t500_s" in measured or eta in known:
+    measured = {name: measured[name] for name in RESULT_COLUMNS["slump"] if name in measured}
+    if "t500_s" in measured or viscosity in known:
         with suppress(SceneError):
             return fit([table], measured, density, known=known)
         return None
-    mixes = {each: fit([table], measured, density, known=known | {eta: each}) for each in (usual, *OTHERS)}
-    near = {each: mix for each, mix in mixes.items() if mix.near}
-    best = next(iter(near), usual)
-    others = {each: (mix.yield_value.value, mix.friction_angle.value) for each, mix in near.items() if each != best}
+    mixes = {
+        eta: fit([table], measured, density, known=known | {viscosity: eta}) for eta in (default, *OTHER_VISCOSITIES)
+    }
+    near = {eta: mix for eta, mix in mixes.items() if mix.within_tolerance}
+    best = next(iter(near), default)
+    others = {eta: (mix.yield_value.value, mix.friction_angle.value) for eta, mix in near.items() if eta != best}
     return replace(mixes[best], usual=True, by_viscosity=others)
 
 
-# ---- what cannot be ---------------------------------------------------------------------------------------------
-def check_tests(test: Measurements, emulators: dict[str, Emulator]) -> None:
-    """Raise SceneError for measurements that no mix has, by the sizes of cones and funnel of the tables.
+# ---- impossible measurements ------------------------------------------------------------------------------------
+def check_measurements(test: Measurements, emulators: dict[str, Emulator]) -> None:
+    """Raise SceneError for measurements that no mix can have, given the dimensions of the cones and the funnel.
 
-    By more than three standard errors, where an error may be the reason.
+    Lower limits are exceeded by more than three standard errors.
     """
-    if test.t500 and test.spread and test.spread + 3.0 * test.spread_error < REACHED:
+    if test.t500 and test.spread and test.spread + 3.0 * test.spread_error < T500_SPREAD:
         raise SceneError(
             f"t500 = {test.t500:g} s: with slump flow = {test.spread:g} m it never came to 50 cm; leave one of them out"
         )
     cones = {"slump": "slump", "spread": "slump", "mini_cone": "mini_cone"}
-    cones = {key: sizes(emulators[scene]) for key, scene in cones.items() if scene in emulators}
-    limits = [(f"{key}_error", 0.0, height, "") for key, (height, *_) in cones.items()]  # the least and most it can be
+    cones = {key: dimensions(emulators[scene]) for key, scene in cones.items() if scene in emulators}
+    limits = [(f"{key}_error", 0.0, height, "") for key, (height, *_) in cones.items()]  # (field, least, most, reason)
     limits += [
-        (key, 0.0, height, "") if key == "slump" else (key, base, LARGEST * height, "the base of the cone")
+        (key, 0.0, height, "") if key == "slump" else (key, base, MAX_SPREAD * height, "the base of the cone")
         for key, (height, base, _) in cones.items()
     ]
     if "v_funnel" in emulators:
         why = "in which the funnel would run empty at the speed of a free fall through its height"
-        limits += [("v_funnel", shortest(emulators["v_funnel"]), np.inf, why)]
-    for key, least, most, why in limits:
+        limits += [("v_funnel", min_funnel_time(emulators["v_funnel"]), np.inf, why)]
+    for key, least, largest, why in limits:
         value, unit = getattr(test, key), unit_of(Measurements.model_fields[key])
-        if value is not None and value >= most:
+        if value is not None and value >= largest:
             raise SceneError(
-                f"{key} = {value:g} {unit}: must be less than {most:g} {unit}; 21cm and 5mm are lengths, too"
+                f"{key} = {value:g} {unit}: must be less than {largest:g} {unit}; 21cm and 5mm are lengths, too"
             )
         if value and least and value + 3.0 * test.error(key) < least:
             raise SceneError(f"{key} = {value:g} {unit}: must be more than {least:.3g} {unit}, {why}")
     if "slump" in emulators and test.slump and test.spread:
-        check_room(emulators["slump"], test)
+        check_volume(emulators["slump"], test)
 
 
-def shortest(funnel: Emulator) -> float:
-    """Time [s] in which no fluid can leave the tapered part of the funnel that a table is of, by its energy."""
-    top, outlet, taper, spout = sizes(funnel, ("top", "outlet", "taper", "spout"))
-    fastest = np.sqrt(2.0 * GRAVITY * (taper + spout))
-    return 0.5 * (top + outlet) * taper / (outlet * fastest)
+def min_funnel_time(funnel: Emulator) -> float:
+    """Return a time [s] below which no fluid can leave the tapered part of a table's funnel, by its energy."""
+    top, outlet, taper, spout = dimensions(funnel, ("top", "outlet", "taper", "spout"))
+    speed = np.sqrt(2.0 * GRAVITY * (taper + spout))
+    return 0.5 * (top + outlet) * taper / (outlet * speed)
 
 
-def sizes(test: Emulator, names=("height", "base_diameter", "top_diameter")) -> tuple[float, ...]:
-    """Lengths [m] of the cone or the funnel that a table is of."""
-    return tuple(test.settings.get(key, test.usual[key]) for key in names)
+def dimensions(test: Emulator, names=("height", "base_diameter", "top_diameter")) -> tuple[float, ...]:
+    """Return dimensions [m] of the cone or the funnel of a table."""
+    return tuple(test.settings.get(key, test.defaults[key]) for key in names)
 
 
-def check_room(cone: Emulator, test: Measurements) -> None:
-    """SceneError where even with three standard errors a cylinder around the body holds less than the mould."""
-    height, base, top = sizes(cone)
+def check_volume(cone: Emulator, test: Measurements) -> None:
+    """Raise SceneError where the cylinder around the slumped body holds less than the mould, within three errors."""
+    height, base, top = dimensions(cone)
     mould = np.pi / 12.0 * height * (base**2 + base * top + top**2)
-    widest, least = test.spread + 3.0 * test.spread_error, max(0.0, test.slump - 3.0 * test.slump_error)
-    room = np.pi / 4.0 * widest**2 * (height - least)
+    widest, lowest = test.spread + 3.0 * test.spread_error, max(0.0, test.slump - 3.0 * test.slump_error)
+    cylinder = np.pi / 4.0 * widest**2 * (height - lowest)
     require(
-        room >= mould,
-        f"slump = {test.slump:g} m with slump flow = {test.spread:g} m: leaves room for {1e3 * room:.1f} l at most, "
-        f"and the mould holds {1e3 * mould:.1f} l; one of them must be misread",
+        cylinder >= mould,
+        f"slump = {test.slump:g} m with slump flow = {test.spread:g} m: leaves room for {1e3 * cylinder:.1f} l at "
+        f"most, and the mould holds {1e3 * mould:.1f} l; one of them must be misread",
     )

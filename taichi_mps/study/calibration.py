@@ -9,38 +9,38 @@ from ..problem.labels import in_words
 from ..problem.materials import LAWS, numbers_of
 from ..units import unit_of
 
-CONTRADICTION = 9.0  # a misfit of three standard errors
+MAX_MISFIT = 9.0  # chi squared of three standard errors
 NAMES = {"slump_m": "slump", "spread_m": "slump flow", "t500_s": "T500"}
 NAMES |= {"mini_cone_m": "mini-cone flow", "v_funnel_s": "V-funnel time"}
-RHEOMETER = "rheometer"  # who says a constant that is known
-UNITS = {name: unit_of(field).strip("-") for law in LAWS for name, field in numbers_of(law).items()}  # of constants
-UNITS["friction_angle"] = "degrees"
+RHEOMETER = "rheometer"  # source of a constant that is known
+CONSTANT_UNITS = {name: unit_of(field).strip("-") for law in LAWS for name, field in numbers_of(law).items()}
+CONSTANT_UNITS["friction_angle"] = "degrees"
 BINGHAM = "yield_value", "plastic_viscosity"  # the constants of a mix, in the order of the tables
-FRICTIONAL = "yield_value", "friction_angle", "plastic_viscosity"  # those of one with internal friction
+FRICTIONAL = "yield_value", "friction_angle", "plastic_viscosity"  # constants of a mix with internal friction
 # [m] within which a mix of the model explains a measurement; Kantro's cone is a fifth of the standard one
-NEAR = {"slump_m": 0.01, "spread_m": 0.02, "mini_cone_m": 0.004}
-TOLD = 1.1  # factor by which a constant must be less certain without a measurement that is said to determine it
+EXPLAINED_WITHIN = {"slump_m": 0.01, "spread_m": 0.02, "mini_cone_m": 0.004}
+MIN_GAIN_TO_MENTION = 1.1  # growth of a constant's error without a measurement that is said to determine it
 
 
 def is_time(name: str) -> bool:
-    """Whether this is a measured time. It goes by its logarithm, a length as it is."""
+    """Whether this is a measured time, which is fitted by its logarithm; a length is fitted as it is."""
     return name.endswith("_s")
 
 
-def over(name: str, model, value):
-    """By how much the model is above a measurement, in its unit: of times the measured one by the logarithm of their
-    ratio, as they scatter."""
+def deviation(name: str, model, value):
+    """Return the difference of model and measurement, in its unit; of times the measured one times the logarithm of
+    the ratio."""
     return value * np.log(model / value) if is_time(name) else model - value
 
 
-def short(value: float, figures: int = 3) -> str:
-    """Format a number with so many figures, without an exponent."""
+def rounded(value: float, figures: int = 3) -> str:
+    """Format a number rounded to significant figures, without an exponent."""
     return f"{float(f'{value:.{figures}g}'):.12g}"
 
 
-def apart(name: str, by: float) -> str:
-    """Format the difference of model and measurement with its unit, lengths [mm]."""
-    return f"{by:+.2g} s" if is_time(name) else f"{1e3 * by:+.0f} mm"
+def signed(name: str, difference: float) -> str:
+    """Format a difference of model and measurement with its sign and unit, lengths in mm."""
+    return f"{difference:+.2g} s" if is_time(name) else f"{1e3 * difference:+.0f} mm"
 
 
 @dataclass(frozen=True)
@@ -60,42 +60,42 @@ class Constant:
 
     @property
     def determined(self) -> bool:
-        """Do the measurements bound the constant on both sides?"""
+        """Whether the measurements bound the constant on both sides."""
         return self.lower is not None and self.upper is not None
 
     @property
     def bounded(self) -> bool:
-        """Do they bound it on one side at least?"""
+        """Whether the measurements bound the constant on at least one side."""
         return self.lower is not None or self.upper is not None
 
-    def bounds(self) -> str:
-        """The value, or the bound where it has only one."""
+    def value_or_bound(self) -> str:
+        """Format the value, or the bound where it has only one."""
         if self.determined:
-            return f"{short(self.value)} {self.unit}"
+            return f"{rounded(self.value)} {self.unit}"
         if not self.bounded:
             return "nothing"
-        return f"at {'least' if self.lower else 'most'} {short(self.lower or self.upper)} {self.unit}"
+        return f"at {'least' if self.lower else 'most'} {rounded(self.lower or self.upper)} {self.unit}"
 
-    def told(self) -> str:
-        """Format the constant with its interval in words."""
+    def describe(self) -> str:
+        """Format the constant with its interval."""
         if self.low == self.high:
-            return f"{short(self.value)} {self.unit}, as given"
+            return f"{rounded(self.value)} {self.unit}, as given"
         if self.determined:
-            return f"{self.bounds()}, 95 %: {short(self.lower)} to {short(self.upper)} {self.unit}"
-        known = f"{self.bounds()} (95 %), not determined further" if self.bounded else "not determined"
-        return f"{known} by these measurements (looked for from {self.ends()})"
+            return f"{self.value_or_bound()}, 95 %: {rounded(self.lower)} to {rounded(self.upper)} {self.unit}"
+        known = f"{self.value_or_bound()} (95 %), not determined further" if self.bounded else "not determined"
+        return f"{known} by these measurements (looked for from {self.table_range()})"
 
-    def ends(self) -> str:
-        """The first and the last of the table."""
-        return f"{short(self.low)} to {short(self.high)} {self.unit}"
+    def table_range(self) -> str:
+        """Format the range of the constant that the table covers."""
+        return f"{rounded(self.low)} to {rounded(self.high)} {self.unit}"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Found:
+class FittedConstants:
     """Constants that were fitted to measurements, and which measurement determines which of them."""
 
     constants: dict[str, Constant]
-    # by measurement and constant: by which factor the constant's standard error would grow without it
+    # by measurement and constant: factor by which the constant's standard error would grow without the measurement
     worth: dict[str, dict[str, float]]
 
     @property
@@ -104,18 +104,18 @@ class Found:
         return {name: it.value for name, it in self.constants.items()}
 
     def constant_lines(self) -> list[str]:
-        """Lines of the constants in words."""
-        return [f"{in_words(name):18} {it.told()}" for name, it in self.constants.items()]
+        """Format the constants, a line each."""
+        return [f"{in_words(name):18} {it.describe()}" for name, it in self.constants.items()]
 
     def determines(self, name: str) -> str:
-        """Constants, of those that are bounded, that a measurement determines, in words."""
-        needed = {it: by for it, by in self.worth[name].items() if by >= TOLD}
-        told = []
-        for constant in (it for it in needed if self.constants[it].bounded):
-            others = [in_words(it) for it in needed if it != constant]
+        """Format which of the bounded constants a measurement determines."""
+        gains = {constant: gain for constant, gain in self.worth[name].items() if gain >= MIN_GAIN_TO_MENTION}
+        texts = []
+        for constant in (it for it in gains if self.constants[it].bounded):
+            others = [in_words(it) for it in gains if it != constant]
             once = f" once {f'the {others[0]} is' if len(others) == 1 else 'the others are'} bounded" * bool(others)
-            told.append(f"the {in_words(constant)}{once} (without it {needed[constant]:.1f} times as uncertain)")
-        return " and ".join(told) or "neither constant alone"
+            texts.append(f"the {in_words(constant)}{once} (without it {gains[constant]:.1f} times as uncertain)")
+        return " and ".join(texts) or "neither constant alone"
 
     def facts(self) -> dict:
         """All results, JSON-ready."""
@@ -124,7 +124,7 @@ class Found:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Mix(Found):
+class Mix(FittedConstants):
     """A mix whose constants were looked up in the tables of tests."""
 
     yield_value = property(lambda self: self.constants["yield_value"], doc="Yield stress, a Constant.")
@@ -134,8 +134,8 @@ class Mix(Found):
     errors: dict[str, float]  # standard errors, with those of the table
     model: dict[str, float]
     misfit: float  # chi squared
-    by_viscosity: dict[float, object]  # what fits at other plastic viscosities [Pa s]
-    usual: bool = False  # is the plastic viscosity a usual one, neither given nor found?
+    by_viscosity: dict[float, object]  # other constants that fit, by plastic viscosity [Pa s]
+    usual: bool = False  # whether the plastic viscosity is a default, neither given nor found
 
     def facts(self) -> dict:
         """All results, JSON-ready."""
@@ -144,7 +144,7 @@ class Mix(Found):
 
     @property
     def keywords(self) -> dict[str, float]:
-        """Keywords of a scene that is to have this mix."""
+        """Keywords of a scene with this mix."""
         return self.values | {"density": self.density}
 
     @property
@@ -153,28 +153,28 @@ class Mix(Found):
         return {name: self.model[name] - value for name, (value, _) in self.measured.items()}
 
     @property
-    def near(self) -> bool:
-        """Whether the model is within NEAR of each length."""
-        return all(abs(by) <= NEAR[name] for name, by in self.missed.items() if name in NEAR)
+    def within_tolerance(self) -> bool:
+        """Whether the model is within EXPLAINED_WITHIN of each length."""
+        return all(abs(by) <= EXPLAINED_WITHIN[name] for name, by in self.missed.items() if name in EXPLAINED_WITHIN)
 
     def source(self, constant: str) -> str:
-        """Main source of a constant: the measurement without which it would be the least certain, a rheometer where
-        it is known, 'usual' where it is taken as of a usual mix, and '' where it has no bound."""
-        it = self.constants[constant]
-        if it.low == it.high:
+        """Return the main source of a constant: the measurement without which its error would grow most, RHEOMETER for
+        a known constant, 'usual' for a default, '' for one without a bound."""
+        value = self.constants[constant]
+        if value.low == value.high:
             return "usual" if self.usual and constant == "plastic_viscosity" else RHEOMETER
-        return NAMES[max(self.worth, key=lambda name: self.worth[name][constant])] if it.bounded else ""
+        return NAMES[max(self.worth, key=lambda name: self.worth[name][constant])] if value.bounded else ""
 
     def measurement_lines(self) -> list[str]:
-        """Lines on each measurement: its value beside the model, and what it determines."""
+        """Format the measurements, a line each: value, model and what it determines."""
         lines = []
         for name, (value, error) in self.measured.items():
             factor, unit = (1.0, "s") if is_time(name) else (100.0, "cm")
-            of_table = factor * math.sqrt(max(self.errors[name] ** 2 - error**2, 0.0))
-            found = f"{factor * value:.2f} +- {factor * error:.2f} {unit}"
-            found += f", of the model {factor * self.model[name]:.2f} +- {of_table:.2f}"
-            found += f"; determines {self.determines(name)}" * bool(self.worth[name])
-            lines.append(f"{NAMES[name]:18} {found}")
+            table_error = factor * math.sqrt(max(self.errors[name] ** 2 - error**2, 0.0))
+            text = f"{factor * value:.2f} +- {factor * error:.2f} {unit}"
+            text += f", of the model {factor * self.model[name]:.2f} +- {table_error:.2f}"
+            text += f"; determines {self.determines(name)}" * bool(self.worth[name])
+            lines.append(f"{NAMES[name]:18} {text}")
         return lines
 
 
@@ -186,62 +186,63 @@ class FrictionalMix(Mix):
     friction_angle = property(lambda self: self.constants["friction_angle"], doc="phi [degrees], a Constant.")
 
     @property
-    def near(self) -> bool:
-        """Whether the mix is within NEAR of both lengths, and within three standard errors of T500."""
-        late = {
-            name: over(name, self.model[name], self.measured[name][0]) for name in self.measured.keys() - NEAR.keys()
-        }
-        return super().near and all((by / self.errors[name]) ** 2 <= CONTRADICTION for name, by in late.items())
+    def within_tolerance(self) -> bool:
+        """Whether the mix is within EXPLAINED_WITHIN of both lengths, and within three standard errors of T500."""
+        return super().within_tolerance and all(
+            (deviation(name, self.model[name], value) / self.errors[name]) ** 2 <= MAX_MISFIT
+            for name, (value, _) in self.measured.items()
+            if name not in EXPLAINED_WITHIN
+        )
 
     @property
     def explains(self) -> bool:
-        """Whether the mix is near, and the measurements bound yield stress and angle."""
-        return self.near and self.yield_value.bounded and self.friction_angle.bounded
+        """Whether the mix is within the tolerances and the measurements bound yield stress and angle."""
+        return self.within_tolerance and self.yield_value.bounded and self.friction_angle.bounded
 
     @property
     def command(self) -> str:
-        """Command that computes the slump of the mix."""
-        words = [f"--{name.replace('_', '-')} {short(value)}" for name, value in self.keywords.items()]
+        """Shell command that computes the slump of the mix."""
+        words = [f"--{name.replace('_', '-')} {rounded(value)}" for name, value in self.keywords.items()]
         return f"taichi-mps run slump {' '.join(words)}"
 
     @property
-    def every(self) -> str:
-        """Name of all measurements together, in a word or two."""
+    def all_measurements(self) -> str:
+        """Words for all measurements together."""
         return "both" if len(self.measured) == 2 else "all three"
 
-    def told(self) -> str:
-        """One sentence: whether the mix explains the measurements, and how far from them it is."""
-        c, phi, eta = map(short, self.values.values())
+    def describe(self) -> str:
+        """Format in one sentence whether the mix explains the measurements, and how far from them it is."""
+        c, phi, eta = map(rounded, self.values.values())
         mix = f"{c} Pa and {phi} degrees at {eta} Pa s"
         if self.explains:
-            return f"with internal friction one mix does {self.every}: {mix}"
-        if self.near:
-            return f"with internal friction {mix} does {self.every}, but its constants are not bounded"
-        missed = " and ".join(f"the {NAMES[name]} by {apart(name, by)}" for name, by in self.missed.items())
-        return f"with internal friction not {self.every}: the nearest, {mix}, misses {missed}"
+            return f"with internal friction one mix does {self.all_measurements}: {mix}"
+        if self.within_tolerance:
+            return f"with internal friction {mix} does {self.all_measurements}, but its constants are not bounded"
+        missed = " and ".join(f"the {NAMES[name]} by {signed(name, by)}" for name, by in self.missed.items())
+        return f"with internal friction not {self.all_measurements}: the nearest, {mix}, misses {missed}"
 
     def __str__(self):
         if not self.explains:
-            return self.told()
+            return self.describe()
         lines = self.constant_lines()
         if self.usual:
             lines[-1] = lines[-1].replace("as given", "a usual value, not measured")
-        others = [f"{short(c)} Pa and {short(phi)} degrees at {eta:g}" for eta, (c, phi) in self.by_viscosity.items()]
+        others = [f"{rounded(c)} Pa and {rounded(a)} degrees at {eta:g}" for eta, (c, a) in self.by_viscosity.items()]
         lines += [f"  by plastic viscosity: {', '.join(others)} Pa s"] * bool(others)
         lines += [*self.measurement_lines(), f"{'to run it':18} {self.command}"]
-        return "\n".join([f"{self.told()}:", *(f"  {line}" for line in lines)])
+        return "\n".join([f"{self.describe()}:", *(f"  {line}" for line in lines)])
 
 
 @dataclass(frozen=True, kw_only=True)
 class Calibration(Mix):
     """Bingham mix found from its tests. ``by_viscosity`` holds the best yield stresses [Pa]."""
 
-    # where no mix is near: of a constant what each measurement alone says, value and ends; with which other constant
+    # where no mix fits: by constant and measurement, value and interval by that alone; the other constants used then
     alone: dict[str, dict[str, tuple[float, float | None, float | None]]] = field(default_factory=dict)
     others: dict[str, float] = field(default_factory=dict)
-    finer: dict[str, float] = field(default_factory=dict)  # the run that checked: finer minus table, ratio of times
-    friction: FrictionalMix | None = None  # of slump, slump flow and T500, where it was sought
-    lifted: dict[str, float] = field(default_factory=dict)  # what a lifted mould changes: likewise
+    finer: dict[str, float] = field(default_factory=dict)  # finer run beside the table: differences, ratios of times
+    friction: FrictionalMix | None = None  # by slump, slump flow and T500, where it was sought
+    lifted: dict[str, float] = field(default_factory=dict)  # lifted mould beside one gone at once, as ``finer``
 
     @property
     def explained_by_friction(self) -> bool:
@@ -250,26 +251,26 @@ class Calibration(Mix):
 
     @property
     def at_the_edge(self) -> list[str]:
-        """The constants that are bounded on one side only, with the best value at an end of the table: what lies beyond
-        was not looked at."""
-        open_ones = {name: it for name, it in self.constants.items() if not it.determined}
-        return [name for name, it in open_ones.items() if it.bounded and not 1.01 * it.low < it.value < 0.99 * it.high]
+        """Names of constants bounded on one side only whose best value is at an end of the table, which hides better
+        ones."""
+        one_sided = {name: it for name, it in self.constants.items() if it.bounded and not it.determined}
+        return [name for name, it in one_sided.items() if not 1.01 * it.low < it.value < 0.99 * it.high]
 
     @property
     def fits(self) -> bool:
         """Whether the mix is within three standard errors of the measurements."""
-        return self.misfit <= CONTRADICTION
+        return self.misfit <= MAX_MISFIT
 
     @property
     def contradictory(self) -> bool:
-        """Whether no mix is near several measurements, or one and a rheometer's constant of which it speaks."""
-        several = len(self.measured) > 1 or any(len(said) > 1 for said in self.alone.values())
+        """Whether no mix fits several measurements, or one measurement and a rheometer's constant."""
+        several = len(self.measured) > 1 or any(len(fits) > 1 for fits in self.alone.values())
         return several and not self.fits
 
     def nearest(self) -> str:
-        """Sentence on the differences of the nearest mix from each measurement."""
-        far = ", ".join(f"{NAMES[name]} {apart(name, by)}" for name, by in self.missed.items())
-        return f"the nearest mix misses: {far}"
+        """Format the differences of the nearest mix from each measurement."""
+        differences = ", ".join(f"{NAMES[name]} {signed(name, by)}" for name, by in self.missed.items())
+        return f"the nearest mix misses: {differences}"
 
     @property
     def best(self) -> Mix:
@@ -282,15 +283,15 @@ class Calibration(Mix):
         return facts | {"friction": self.friction and self.friction.facts(), "mix": self.best.values}
 
     def contradiction(self) -> str:
-        """Sentence that no mix is near the measurements, with what each of them says alone and what to trust it for."""
+        """Format that no mix fits the measurements, with what each alone says and what to trust it for."""
         text = "no Bingham mix comes within three standard errors: the measurements contradict each other or the model"
         for constant, other in zip(BINGHAM, reversed(BINGHAM), strict=True):
             said = [
                 f"the {NAMES.get(name, name)}{' alone' * (name in NAMES)} "
-                f"says {Constant(*it, 0.0, 0.0, UNITS[constant]).bounds()}"
+                f"says {Constant(*it, 0.0, 0.0, CONSTANT_UNITS[constant]).value_or_bound()}"
                 for name, it in self.alone.get(constant, {}).items()
             ]
-            text += f"; at {short(self.others[other])} {UNITS[other]} {', '.join(said)}" if said else ""
+            text += f"; at {rounded(self.others[other])} {CONSTANT_UNITS[other]} {', '.join(said)}" if said else ""
         if not {"slump_m", "spread_m"} <= self.alone.get("yield_value", {}).keys():
             return text
         return (
@@ -299,17 +300,18 @@ class Calibration(Mix):
         )
 
     def __str__(self):
-        lines, pairs = self.constant_lines(), [f"{short(tau)} Pa at {eta:g}" for eta, tau in self.by_viscosity.items()]
+        lines = self.constant_lines()
+        pairs = [f"{rounded(tau)} Pa at {eta:g}" for eta, tau in self.by_viscosity.items()]
         if pairs and not self.plastic_viscosity.determined:
             lines.append(f"  yield stress by plastic viscosity: {', '.join(pairs)} Pa s")
         lines += self.measurement_lines()
-        for what, beside in (("the finer run     ", self.finer), ("the lifted mould  ", self.lifted)):
-            apart = ", ".join(
+        for what, corrections in (("the finer run     ", self.finer), ("the lifted mould  ", self.lifted)):
+            differences = ", ".join(
                 f"{NAMES[name]} " + (f"{100.0 * (by - 1.0):+.1f} %" if is_time(name) else f"{1e3 * by:+.1f} mm")
-                for name, by in beside.items()
+                for name, by in corrections.items()
             )
-            lines += [f"{what} {apart} beside the table; the constants are corrected by it"] * bool(beside)
-        ends = ", ".join(f"{in_words(name)} {self.constants[name].ends()}" for name in self.at_the_edge)
+            lines += [f"{what} {differences} beside the table; the constants are corrected by it"] * bool(corrections)
+        ends = ", ".join(f"{in_words(name)} {self.constants[name].table_range()}" for name in self.at_the_edge)
         edge = f"the best fit lies at the edge of the table ({ends}): what is bounded is so within it only"
         lines = [edge] * bool(ends) + lines
         if self.friction:

@@ -9,7 +9,7 @@ from ..problem.labels import in_words, title, unit_of_measure
 from ..units import File, Place, SceneError, said, unit_of, validated
 from ..validation import columns as reference
 from ..viz.plots import COLOURS, _figure, _save
-from .curves import RATES
+from .curves import SHEAR_RATES
 from .emulator import DENSITY, emulator_of
 from .mixes import groups
 from .require import fills
@@ -27,7 +27,7 @@ ELEMENTS = "finite elements, 50 Pa s", "finite elements without inertia"
 GREY = {"color": "#777f88", "lw": 1.3}  # of formulas
 
 
-def ticked(axis, low: float, high: float, least=()) -> None:
+def set_log_ticks(axis, low: float, high: float, least=()) -> None:
     """Ticks at 1, 2 and 5 times powers of ten between two ends of a logarithmic axis; where there are fewer than three
     of these, and values ``least`` are given, at those."""
     ticks = [k * 10.0**power for power in range(-6, 7) for k in (1, 2, 5) if low <= 1.01 * k * 10.0**power]
@@ -69,7 +69,7 @@ def slump_chart(out: File, study: Place | None = None) -> Path:
     right.set(ylabel="slump flow [cm]", ylim=(20.0, 75.0), title="Slump flow, EN 12350-8")
     for axes in (left, right):
         axes.set(xlabel=f"yield stress [Pa] at {DENSITY:g} kg/m3", xlim=(yields[0], yields[-1]))
-        ticked(axes.xaxis, yields[0], yields[-1])
+        set_log_ticks(axes.xaxis, yields[0], yields[-1])
         axes.legend(frameon=False, fontsize=9)
     return _save(figure, out)
 
@@ -107,8 +107,8 @@ def curves_chart(found, out) -> Path:
         if len(found.curves) <= len(COLOURS):
             axes.legend(frameon=False, fontsize=8)
     stress, by = found.flow_curve()
-    panels[-1].fill_between(RATES, stress / by, stress * by, color=COLOURS[0], alpha=0.2, lw=0)
-    panels[-1].loglog(RATES, stress, color=COLOURS[0])
+    panels[-1].fill_between(SHEAR_RATES, stress / by, stress * by, color=COLOURS[0], alpha=0.2, lw=0)
+    panels[-1].loglog(SHEAR_RATES, stress, color=COLOURS[0])
     panels[-1].set(xlabel="shear rate [1/s]", ylabel="shear stress [Pa]", title="Flow curve, band of 95 %")
     return _save(figure, out)
 
@@ -130,7 +130,7 @@ def require_chart(borders, rows, wanted, out) -> Path:
     axes.set(xscale="log", yscale="log", xlabel="plastic viscosity [Pa s]", ylabel="yield stress [Pa]")
     axes.set(title=f"{rows[0]['scene']}: {wanted.filled:.0%} filled in {wanted.time:g} s", xlim=ends[0], ylim=ends[1])
     for axis, (low, high) in zip((axes.xaxis, axes.yaxis), ends, strict=True):
-        ticked(axis, low, high)
+        set_log_ticks(axis, low, high)
     shown = [
         np.unique(np.clip(np.log(np.geomspace(*end, 60) / density), low, high))
         for end, low, high in zip(reversed(ends), emulator.low, emulator.high, strict=True)
@@ -168,7 +168,7 @@ def study_chart(rows, varied, out) -> Path:
         axes.set(xlabel=in_words(x) + f" [{unit}]" * bool(unit), ylabel=title(name) + f" [{shown}]" * bool(shown))
         if known[0] > 0.0:
             axes.set_xscale("log")
-            ticked(axes.xaxis, known[0], known[-1], known)
+            set_log_ticks(axes.xaxis, known[0], known[-1], known)
     if others:
         panels[0][0].legend(frameon=False, fontsize=9)
     return _save(figure, out)

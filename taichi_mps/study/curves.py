@@ -1,5 +1,5 @@
-"""Measured curves as a user hands them over, a measure of a scene against time or end values against its keywords, and
-what they say of a law: its constants with intervals, its flow curve, and what is determined."""
+"""Measured curves of a user, a measure of a scene against time or end values against its keywords, and the result of
+their fit: the constants of a law with intervals, its flow curve, and what is determined."""
 
 import warnings
 from dataclasses import dataclass
@@ -12,12 +12,12 @@ from ..problem.materials import Material
 from ..problem.measures import still
 from ..spelling import in_unit, without_unit
 from ..units import SceneError, require, unit_of, user_path
-from .calibration import Found, short
-from .tables import SPELLINGS, WRONG, key_of, quantity, read_list
+from .calibration import FittedConstants, rounded
+from .tables import ROW_ERROR, SPELLINGS, key_of, quantity, read_list
 
-TIME = "time t zeit temps 時間"  # names of the column of the times
-DIAMETER = "spread_m"  # what a column 'diameter' holds, which is a word beside other names
-RATES = np.geomspace(0.1, 1000.0, 81)  # of a flow curve [1/s]
+TIME_COLUMNS = "time t zeit temps 時間"  # names of the column of the times
+DIAMETER = "spread_m"  # measure of a column 'diameter', which is an ignored word beside other names
+SHEAR_RATES = np.geomspace(0.1, 1000.0, 81)  # of a flow curve [1/s]
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,14 +40,14 @@ class Curve:
 
 
 def unit_by_name(measure: str) -> str:
-    """SI unit of a measure, by the end of its name."""
+    """Return the SI unit of a measure, by the end of its name."""
     end = next(end for end in UNITS if measure.endswith(end))
     return {"_m_s": "m/s", "_ratio": ""}.get(end, end[1:].replace("_per_", "/").replace("_", " "))
 
 
-def vocabulary(keywords: dict, measures) -> tuple[dict[str, str], dict[str, str]]:
-    """Names that a column may have, {key_of(name): time, keyword or measure}, and the SI unit of each of these."""
-    words, units = {key_of(word): "time" for word in TIME.split()}, {"time": "s"}
+def column_meanings(keywords: dict, measures) -> tuple[dict[str, str], dict[str, str]]:
+    """Return the names that a column may have, {key_of(name): time, keyword or measure}, and the unit of each, SI."""
+    words, units = {key_of(word): "time" for word in TIME_COLUMNS.split()}, {"time": "s"}
     for name, each in keywords.items():
         words |= {key_of(word): name for word in (name, OPTIONS.get(name, name))}
         units[name] = unit_of(each).strip("-")
@@ -59,53 +59,56 @@ def vocabulary(keywords: dict, measures) -> tuple[dict[str, str], dict[str, str]
 
 
 def read_curves(path, keywords: dict, measures) -> list[Curve]:
-    """The curves of a CSV file, a row a point: columns are time, measures of a scene and, where a file holds several
-    curves or end values, the scene's ``keywords`` {name: pydantic field}. SceneError for what is no such file."""
+    """Read the curves of a CSV file, a row a point: columns are time, measures of a scene and, where a file holds
+    several curves or end values, the scene's ``keywords`` {name: pydantic field}. SceneError for any other file."""
     path = user_path(path)
     rows, where = read_list(path, "curve"), f"curve = {path}: "
-    words, units = vocabulary(keywords, measures)
+    words, units = column_meanings(keywords, measures)
     held = {column: quantity(column, words, units.get) for column in rows[0] if column}
     found = [what for what, _ in held.values() if what]
-    twice = next((what for what in found if found.count(what) > 1), "")
-    require(not twice, f"{where}two columns are {twice}; must be one")
+    duplicate = next((what for what in found if found.count(what) > 1), "")
+    require(not duplicate, f"{where}two columns are {duplicate}; must be one")
     known, others = ", ".join(measures), ", ".join(f"'{name}'" for name, (what, _) in held.items() if not what)
-    missing = f"{where}has no column that the scene measures ({others or 'none else'}); must be one or more of {known}"
-    require(set(measures) & set(found), missing)
+    require(
+        set(measures) & set(found),
+        f"{where}has no column that the scene measures ({others or 'none else'}); must be one or more of {known}",
+    )
     runs: dict[tuple, list] = {}
     for number, row in enumerate(rows, 1):
-        require(WRONG not in row, where + row.get(WRONG, ""))
-        told = {what: value_of(row[column], unit, units[what], f"{where}row {number}, {column}")
+        require(ROW_ERROR not in row, where + row.get(ROW_ERROR, ""))
+        values = {what: parse_cell(row[column], unit, units[what], f"{where}row {number}, {column}")
                 for column, (what, unit) in held.items() if what not in (None, *keywords)}  # fmt: skip
         settings = {what: f"{row[column]} {unit * without_unit(row[column])}".strip()
                     for column, (what, unit) in held.items() if what in keywords}  # fmt: skip
         key = (*settings.items(), *([number] if "time" not in found else []))
-        runs.setdefault(key, []).append((settings, told))
+        runs.setdefault(key, []).append((settings, values))
     curves = []
     for points in runs.values():
-        settings, columns = points[0][0], {what: np.array([told[what] for _, told in points]) for what in points[0][1]}
+        settings, first = points[0]
+        columns = {what: np.array([values[what] for _, values in points]) for what in first}
         times, name = columns.pop("time", np.zeros(0)), ", ".join([path.name, *map(" ".join, settings.items())])
-        falls = next(((a, b) for a, b in zip(times[:-1], times[1:], strict=True) if not b >= a), None)
-        require(falls is None, f"curve = {name}: times fall: after {falls and falls[0]} s comes {falls and falls[1]} s")
+        falls = next((f"{a} s comes {b} s" for a, b in zip(times[:-1], times[1:], strict=True) if not b >= a), "")
+        require(not falls, f"curve = {name}: times fall: after {falls}")
         require(np.all(times >= 0.0), f"curve = {name}: a time is missing or before 0 s; must be 0 s or more")
-        test, there = Test(name, settings, times), {measure: np.isfinite(each) for measure, each in columns.items()}
+        test, present = Test(name, settings, times), {measure: np.isfinite(each) for measure, each in columns.items()}
         curves += [
-            Curve(test, measure, times[there[measure]] if len(times) else times, each[there[measure]])
+            Curve(test, measure, times[present[measure]] if len(times) else times, each[present[measure]])
             for measure, each in columns.items()
-            if there[measure].any()
+            if present[measure].any()
         ]
     return curves
 
 
-def value_of(cell: str, unit: str, ours: str, where: str) -> float:
-    """A cell in the SI unit ``ours``, of the unit of its column or its own; nan of an empty one."""
+def parse_cell(cell: str, unit: str, si_unit: str, where: str) -> float:
+    """Return a cell in the unit ``si_unit``, from its own unit or that of its column; nan for an empty one."""
     try:
-        return float(in_unit(ours, f"{cell} {unit * without_unit(cell)}".strip()) if cell else "nan")
+        return float(in_unit(si_unit, f"{cell} {unit * without_unit(cell)}".strip()) if cell else "nan")
     except ValueError:
-        raise SceneError(f"{where} = {cell}: must be a number{f' [{ours}]' * bool(ours)}") from None
+        raise SceneError(f"{where} = {cell}: must be a number{f' [{si_unit}]' * bool(si_unit)}") from None
 
 
-def of_files(paths: str, keywords: dict, measures) -> list[Curve]:
-    """The curves of files with commas between them; SceneError for fewer than five points in all."""
+def read_curve_files(paths: str, keywords: dict, measures) -> list[Curve]:
+    """Read the curves of files separated by commas; SceneError for fewer than five points in all."""
     curves = [curve for path in paths.split(",") for curve in read_curves(Path(path.strip()), keywords, measures)]
     points = sum(len(curve.values) for curve in curves)
     require(points >= 5, f"curve = {paths}: holds {points} points; must be at least 5")
@@ -113,7 +116,7 @@ def of_files(paths: str, keywords: dict, measures) -> list[Curve]:
 
 
 def measures_of(scene) -> list[str]:
-    """Names of what a scene measures, as far as they are known before a run; all of results where it reads loads."""
+    """Return the names of a scene's measures known before a run; all of RESULTS where there are none."""
     found = scene.measure(scene.unfold(still(scene.initial, scene.spacing))) if scene.measure else {}
     if not found or not scene.over_time:
         return list(found or RESULTS)
@@ -123,9 +126,9 @@ def measures_of(scene) -> list[str]:
         return [*found, *scene.over_time({name: np.array(values) for name, values in history.items()})]
 
 
-# ---- what was found ---------------------------------------------------------------------------------------------
+# ---- result of a fit --------------------------------------------------------------------------------------------
 @dataclass(frozen=True, kw_only=True)
-class CurveFit(Found):
+class CurveFit(FittedConstants):
     """Result of a fit to measured curves, and the curves of the model beside them."""
 
     scene: str
@@ -138,7 +141,7 @@ class CurveFit(Found):
 
     @property
     def missed(self) -> dict[str, float]:
-        """Root mean square of model less measured over the largest measured value, by measure [-]."""
+        """Root mean square of model - measured over the largest measured value, by measure [-]."""
         found = {}
         for name in {each["measure"]: None for each in self.curves}:
             pairs = [(each["model"], each["measured"]) for each in self.curves if each["measure"] == name]
@@ -146,8 +149,8 @@ class CurveFit(Found):
             found[name] = float(np.sqrt(np.nanmean((model - measured) ** 2)) / (np.nanmax(np.abs(measured)) or 1.0))
         return found
 
-    def flow_curve(self, rates=RATES) -> tuple[np.ndarray, np.ndarray]:
-        """Shear stresses [Pa] at shear rates [1/s], and by which factor they may be off, 95 %."""
+    def flow_curve(self, rates=SHEAR_RATES) -> tuple[np.ndarray, np.ndarray]:
+        """Return shear stresses [Pa] at shear rates [1/s], and the factors of their 95 % intervals."""
 
         def stress(**changed):
             law = self.material.model_copy(update=changed)
@@ -155,26 +158,26 @@ class CurveFit(Found):
 
         slopes = []
         for name, it in self.constants.items():
-            up, down = (np.log(stress(**{name: it.value * np.exp(by)})) for by in (0.01, -0.01))
+            up, down = (np.log(stress(**{name: it.value * np.exp(step)})) for step in (0.01, -0.01))
             slopes.append((up - down) / 0.02)
         return stress(), np.exp(np.sqrt(np.einsum("ik,ij,jk->k", slopes, self.spread, slopes)))
 
     def determined(self) -> str:
-        """Sentences on which constants the curves determine."""
-        wide = {name: float(np.sqrt(self.spread[k, k])) for k, name in enumerate(self.constants)}
-        known = [f"{in_words(name)} to {percent(wide[name])}" for name, it in self.constants.items() if it.determined]
+        """Format in sentences which constants the curves determine."""
+        errors = {name: float(np.sqrt(self.spread[k, k])) for k, name in enumerate(self.constants)}
+        known = [f"{in_words(name)} to {percent(errors[name])}" for name, it in self.constants.items() if it.determined]
         others = [in_words(name) for name, it in self.constants.items() if not it.determined]
         stress, factor = self.flow_curve()
         best = int(np.argmin(factor))
-        told = [f"The curves determine the {' and the '.join(known)}."] * bool(known)
-        told += [f"They do not determine the {' and the '.join(others)}."] * bool(others)
-        at, error = f"{RATES[best]:.2g} 1/s, {short(stress[best])} Pa", percent(np.log(factor[best]))
-        return " ".join([*told, f"The shear stress is known best at {at}, to {error}."])
+        sentences = [f"The curves determine the {' and the '.join(known)}."] * bool(known)
+        sentences += [f"They do not determine the {' and the '.join(others)}."] * bool(others)
+        at, error = f"{SHEAR_RATES[best]:.2g} 1/s, {rounded(stress[best])} Pa", percent(np.log(factor[best]))
+        return " ".join([*sentences, f"The shear stress is known best at {at}, to {error}."])
 
     def facts(self) -> dict:
         """All results, JSON-ready."""
         stress, factor = self.flow_curve()
-        flow = {"shear_rate_1_s": RATES, "shear_stress_Pa": stress, "factor": factor}
+        flow = {"shear_rate_1_s": SHEAR_RATES, "shear_stress_Pa": stress, "factor": factor}
         facts = {"material": self.material.facts(), "missed": self.missed, "spread": self.spread.tolist()}
         return super().facts() | facts | {"flow_curve": {name: values.tolist() for name, values in flow.items()}}
 
@@ -187,5 +190,5 @@ class CurveFit(Found):
 
 
 def percent(logarithm: float) -> str:
-    """Format the uncertainty of a constant: in percent, or as a factor."""
+    """Format the uncertainty of a constant from that of its logarithm: in percent, or as a factor."""
     return f"{100.0 * np.expm1(logarithm):.2g} %" if logarithm < 0.6 else f"a factor of {np.exp(logarithm):.2g}"

@@ -1,4 +1,4 @@
-"""Emulator of a test: its measures as smooth functions of the constants of a mix, through the cases of a study."""
+"""Emulator of a test: its results as smooth functions of the constants of a mix, through the cases of a study."""
 
 from functools import lru_cache
 from importlib.util import find_spec
@@ -12,25 +12,25 @@ from ..problem import catalogue
 from ..problem.labels import in_words
 from ..problem.materials import Bingham
 from ..units import Flag, Place, SceneError, array, real, require, user_path, validated
-from .calibration import BINGHAM, FRICTIONAL, UNITS, is_time, short
-from .case import REACHED
+from .calibration import BINGHAM, CONSTANT_UNITS, FRICTIONAL, is_time, rounded
+from .case import T500_SPREAD
 from .tables import read
 
-HERE = Path(__file__).parent
-"""Holds the package's own table of each test, slump.csv and so on; docs/howto/calibrate.md."""
-FRICTION = "internal_friction"  # the table of the standard cone over FRICTIONAL
+TABLES = Path(__file__).parent
+"""Folder of the package's own table of each test, slump.csv and so on; docs/howto/calibrate.md."""
+FRICTION_TABLE = "internal_friction"  # the table of the standard cone over FRICTIONAL
 DENSITY = Bingham().density  # [kg/m3] of rows that name none: the default of scenes/slump.py
-SMOOTHING = 0.03  # of the thin plate: particles scatter the measures of soft mixes by millimetres from case to case
-MEASURED = {  # by the scene of a test: what is measured in it, and the column of a study that holds it
+SMOOTHING = 0.03  # of the thin plate: results of soft mixes scatter by millimetres from case to case
+RESULT_COLUMNS = {  # by the scene of a test: its results, and the column of a study that holds each
     "slump": {"slump_m": "slump_m", "spread_m": "spread_m", "t500_s": "t500_s"},
     "mini_cone": {"mini_cone_m": "spread_m"},
     "v_funnel": {"v_funnel_s": "flow_time_s"},
 }
 ROUNDING = 1e-6  # of a logarithm, by which a mix may lie outside of a table
-FEWEST = 6  # cases with a T500 from which on it is known
+MIN_CASES = 6  # with a result, for a spline of it
 Constants = Annotated[tuple[Literal[FRICTIONAL], ...], Field(min_length=2, max_length=3)]
 LOG = real("", ge=-700.0, le=700.0) | array("", (None,))
-NODES = 121, 61, 31  # of the grid on which a fit looks first: one number for each constant
+GRID = 121, 61, 31  # nodes for each constant of the grid that a fit searches first
 
 
 def positive(value) -> bool:
@@ -39,19 +39,18 @@ def positive(value) -> bool:
 
 
 def scale(constant: str, density):
-    """Divisor of a constant for similarity: an angle by nothing, a stress or a viscosity by the density."""
+    """Return the divisor of a constant for similarity: 1 of an angle, the density of a stress or a viscosity."""
     return np.ones_like(density) if constant == "friction_angle" else density
 
 
 @validated
-def emulator_of(table: Place | None = None, test: Literal["slump", "mini_cone", "v_funnel", FRICTION] = "slump"):
-    """The emulator of a study's folder or table, by default the package's own of a test; made once, and again when the
-    table changes."""
-    path = user_path(table) if table else HERE / f"{test}.csv"
+def emulator_of(table: Place | None = None, test: Literal["slump", "mini_cone", "v_funnel", FRICTION_TABLE] = "slump"):
+    """Return the emulator of a study's folder or table, by default the package's own of a test; cached until the table
+    changes."""
+    path = user_path(table) if table else TABLES / f"{test}.csv"
     file = path / "results.csv" if path.is_dir() else path
-    return _emulator(
-        path, FRICTIONAL if test == FRICTION else BINGHAM, file.stat().st_mtime_ns if file.is_file() else 0
-    )
+    constants = FRICTIONAL if test == FRICTION_TABLE else BINGHAM
+    return _emulator(path, constants, file.stat().st_mtime_ns if file.is_file() else 0)
 
 
 @lru_cache(maxsize=8)
@@ -60,16 +59,15 @@ def _emulator(path: Path, constants: tuple[str, ...], changed: int):
 
 
 class Emulator:
-    """The measurements of a test, MEASURED, lengths [m] and times [s], for any mix within a study of its scene; the
-    slump's where the rows name no scene.
+    """Results of a test, RESULT_COLUMNS, lengths [m] and times [s], for any mix within a study of its scene, the slump
+    where the rows name no scene.
 
-    The mix is given by two or three ``constants``. By similarity the measurements depend on the ratios of these to the
-    density alone (``scale``). Over the logarithms of the first two ratios lies a thin-plate spline through the cases;
-    there is one for each value of the third, and between these values the measurements are linear in its logarithm.
-    T500 is nan where the spread stays below 500 mm. ``scatter`` is the root mean square over the table by which the
-    splines miss a case that they were made without and, added in squares, cases that are no nodes: those with the role
-    'check', and those of a finer spacing than the first; of lengths [m], of times the logarithm. ``scatter_at`` is that
-    of one mix.
+    The mix is given by two or three ``constants``. By similarity the results depend only on their ratios to the density
+    (``scale``). A thin-plate spline over the logarithms of the first two ratios passes through the cases; there is one
+    for each value of the third, and between these values the results are linear in its logarithm. T500 is nan where the
+    slump flow stays below 500 mm. ``scatter`` is the root mean square of the leave-one-out errors of the splines and,
+    added in squares, of the errors of cases that are no nodes: those with the role 'check' or a finer spacing than the
+    first; of lengths [m], of times the logarithm. ``scatter_at`` is the scatter for one mix.
     """
 
     @validated
@@ -77,38 +75,41 @@ class Emulator:
         require(find_spec("scipy"), "calibrate and chart need scipy: pip install 'taichi-mps[calibrate]'")
         first = rows[0] if rows else {}
         self.scene, self.constants = Path(str(first.get("scene") or "slump")).stem, constants
-        require(self.scene in MEASURED, f"table: is a study of {self.scene}; must be one of {', '.join(MEASURED)}")
-        self.columns = MEASURED[self.scene]
+        known = ", ".join(RESULT_COLUMNS)
+        require(self.scene in RESULT_COLUMNS, f"table: is a study of {self.scene}; must be one of {known}")
+        self.columns = RESULT_COLUMNS[self.scene]
         needed = ["status", *constants, *(column for name, column in self.columns.items() if name != "t500_s")]
         missing = ", ".join(name for name in needed if name not in first)
         require(not missing, f"table: has no column {missing}; must be a study of the {self.scene} over both constants")
         done = [row for row in rows if row["status"] == "done" and all(positive(row[name]) for name in constants)]
         checks = [row for row in done if row.get("role") == "check" or spacing(row) < spacing(done[0])]
         nodes = [row for row in done if row not in checks]
-        words = " and ".join(f"3 values of {in_words(name)}" for name in constants)
-        enough = all(len({row[name] for row in nodes}) >= 3 for name in constants)
-        require(enough, f"table: must hold done cases of at least {words}")
-        known = catalogue.load(self.scene).parameters.model_fields
-        self.usual = {name: field.default for name, field in known.items()}  # of the scene
-        self.settings = {name: nodes[0][name] for name in known if nodes[0].get(name) is not None}  # of the test
+        needed = " and ".join(f"3 values of {in_words(name)}" for name in constants)
+        require(
+            all(len({row[name] for row in nodes}) >= 3 for name in constants),
+            f"table: must hold done cases of at least {needed}",
+        )
+        fields = catalogue.load(self.scene).parameters.model_fields
+        self.defaults = {name: field.default for name, field in fields.items()}  # of the scene
+        self.settings = {name: nodes[0][name] for name in fields if nodes[0].get(name) is not None}  # of the test
         self.spacing = self.settings.get("spacing", 0.01)  # [m]
-        self.points = self.place(nodes)  # of the cases, (n, constants)
+        self.points = self.log_ratios(nodes)  # of the cases, (n, constants)
         self.low, self.high = self.points.min(0), self.points.max(0)
-        self.axes = [np.linspace(*ends) for ends in zip(self.low, self.high, NODES, strict=False)]
+        self.axes = [np.linspace(*ends) for ends in zip(self.low, self.high, GRID, strict=False)]
         third = self.points[:, 2] if len(constants) == 3 else np.zeros(len(nodes))
-        self.thirds, self.planes, self.scatter, self.of_cases = np.unique(third), [], {}, {}
-        for value in self.thirds:
+        self.third_values, self.planes, self.scatter, self.mean_squares = np.unique(third), [], {}, {}
+        for value in self.third_values:
             plane = [row for row, at in zip(nodes, third, strict=True) if at == value]
             self.planes.append(self.splines(plane))
-        found = self.at(*self.place(checks).T)
+        found = self.at(*self.log_ratios(checks).T)
         for name in self.planes[0]:
-            each = (np.log(found[name]) if is_time(name) else found[name]) - self.values(name, checks)
-            self.of_cases[name] = np.mean([np.mean(plane[name][2] ** 2) for plane in self.planes])
-            self.scatter[name] = float(np.sqrt(self.of_cases[name] + (np.nanmean(each**2) if len(each) else 0.0)))
+            errors = (np.log(found[name]) if is_time(name) else found[name]) - self.values(name, checks)
+            self.mean_squares[name] = square = np.mean([np.mean(plane[name][2] ** 2) for plane in self.planes])
+            self.scatter[name] = float(np.sqrt(square + (np.nanmean(errors**2) if len(errors) else 0.0)))
 
-    def place(self, rows) -> np.ndarray:
-        """Logarithms of the constants over their scales, (n, constants)."""
-        density = np.array([row.get("density") or self.usual["density"] for row in rows])
+    def log_ratios(self, rows) -> np.ndarray:
+        """Return the logarithms of the constants over their scales, (n, constants)."""
+        density = np.array([row.get("density") or self.defaults["density"] for row in rows])
         return np.log(
             np.column_stack(
                 [np.array([row[name] for row in rows], float) / scale(name, density) for name in self.constants]
@@ -116,81 +117,82 @@ class Emulator:
         )
 
     def values(self, name, rows) -> np.ndarray:
-        """A measurement of these rows as the splines have it, (n,); nan where a row holds no number."""
+        """Return a result of these rows, (n,), of a time the logarithm; nan where a row holds no number."""
         column = self.columns[name]
         values = np.array([row[column] if positive(row.get(column)) else np.nan for row in rows], float)
         return np.log(values) if is_time(name) else values
 
     def splines(self, rows) -> dict:
-        """Splines of the measurements: for each a bicubic through a thin plate on a fine grid, within 1e-5 and much
-        cheaper; the first coordinate of its cases, and by how much the plate misses each of them where it was made
-        without it."""
+        """Return for each result a bicubic spline through the thin plate on a fine grid, within 1e-5 and much cheaper,
+        the first coordinate of its cases, and the leave-one-out error of the thin plate at each case."""
         from scipy.interpolate import RBFInterpolator, RectBivariateSpline
 
-        found, every = {}, self.place(rows)[:, :2]
+        found, coordinates = {}, self.log_ratios(rows)[:, :2]
         grid = np.stack(np.meshgrid(*self.axes[:2], indexing="ij"), -1).reshape(-1, 2)
         for name, column in self.columns.items():
             values = self.values(name, rows)
-            points, values = every[np.isfinite(values)], values[np.isfinite(values)]
-            if len(values) >= FEWEST:
-                plate = RBFInterpolator(points, values, smoothing=SMOOTHING)
+            points, values = coordinates[np.isfinite(values)], values[np.isfinite(values)]
+            if len(values) >= MIN_CASES:
+                thin_plate = RBFInterpolator(points, values, smoothing=SMOOTHING)
                 hat = RBFInterpolator(points, np.eye(len(points)), smoothing=SMOOTHING)(points)
-                missed = (values - hat @ values) / (1.0 - np.diag(hat))
-                spline = RectBivariateSpline(*self.axes[:2], plate(grid).reshape(NODES[:2]))
-                found[name] = spline, points[:, 0], missed
+                errors = (values - hat @ values) / (1.0 - np.diag(hat))
+                spline = RectBivariateSpline(*self.axes[:2], thin_plate(grid).reshape(GRID[:2]))
+                found[name] = spline, points[:, 0], errors
             else:
-                few = f"table: column {column} holds fewer than {FEWEST} numbers; must hold that many"
-                require(name == "t500_s", few)
+                require(
+                    name == "t500_s",
+                    f"table: column {column} holds fewer than {MIN_CASES} numbers; must hold that many",
+                )
         return found
 
     @validated
     def at(self, *point: LOG, grid: Flag = False) -> dict[str, np.ndarray]:
-        """The measurements at logarithms of the constants over their scales, (n,) each; with ``grid`` at all
+        """Return the results at logarithms of the constants over their scales, (n,) each; with ``grid`` at all
         combinations of ascending sequences. SceneError for a mix outside of the table."""
-        covered(self.constants, (self.low, self.high), point, self.usual["density"])
+        require_covered(self.constants, (self.low, self.high), point, self.defaults["density"])
         found = dict.fromkeys(self.planes[0], 0.0)
-        for plane, weight in self.weighted(*point[2:]):
+        for plane, weight in self.planes_at(*point[2:]):
             for name, (spline, *_) in plane.items():
                 value = spline(*point[:2], grid=grid)
                 found[name] = found[name] + weight * (value[..., None] if grid and np.ndim(weight) else value)
         found = {name: np.exp(value) if is_time(name) else value for name, value in found.items()}
         if "t500_s" in self.columns:
-            found["t500_s"] = np.where(found["spread_m"] >= REACHED, found.get("t500_s", np.nan), np.nan)
+            found["t500_s"] = np.where(found["spread_m"] >= T500_SPREAD, found.get("t500_s", np.nan), np.nan)
         return found
 
-    def weighted(self, third=0.0):
-        """The planes that count at values of the third constant, and their weights."""
+    def planes_at(self, third=0.0):
+        """Yield the planes of splines with a weight at values of the third constant, and the weights."""
         for plane, one in zip(self.planes, np.eye(len(self.planes)), strict=True):
-            weight = np.interp(third, self.thirds, one)
+            weight = np.interp(third, self.third_values, one)
             if weight.any():
                 yield plane, weight
 
     def scatter_at(self, *point) -> dict[str, float]:
-        """The scatter for one mix, as of ``at``: the mean square over the cases of its yield stress, between two of
-        them linear, in the ratio of that over the table to ``scatter``."""
+        """Return the scatter for one mix: ``scatter`` times the root of the ratio of the mean square error at its yield
+        stress, linear between the cases, to the one over the table."""
         squares = dict.fromkeys(self.scatter, 0.0)
-        for plane, weight in self.weighted(*point[2:]):
-            for name, (_, first, missed) in plane.items():
-                known, case = np.unique(first, return_inverse=True)
-                of_rows = np.bincount(case, missed**2) / np.bincount(case)
-                squares[name] += float(weight * np.interp(point[0], known, of_rows))
-        return {name: self.scatter[name] * (square / self.of_cases[name]) ** 0.5 for name, square in squares.items()}
+        for plane, weight in self.planes_at(*point[2:]):
+            for name, (_, first, errors) in plane.items():
+                yields, case = np.unique(first, return_inverse=True)
+                mean_squares = np.bincount(case, errors**2) / np.bincount(case)
+                squares[name] += float(weight * np.interp(point[0], yields, mean_squares))
+        return {name: self.scatter[name] * (each / self.mean_squares[name]) ** 0.5 for name, each in squares.items()}
 
 
-def covered(constants, ends, point, density) -> None:
-    """SceneError for a mix outside of a table, whose ``ends``, least and greatest, and the mix are logarithms of the
-    constants over their scales."""
+def require_covered(constants, ends, point, density) -> None:
+    """Raise SceneError for a mix outside of a table; its ``ends``, least and greatest, and the mix are logarithms of
+    the constants over their scales."""
     for name, low, high, at in zip(constants, *ends, point, strict=False):
         outside = np.extract((np.asarray(at) < low - ROUNDING) | (at > high + ROUNDING), at)
         if outside.size:
             value, low, high = (scale(name, density) * np.exp(each) for each in (outside[0], low, high))
-            unit = UNITS[name]
+            unit = CONSTANT_UNITS[name]
             raise SceneError(
-                f"{name} = {value:g} {unit}: must be {short(low)} to {short(high)} {unit}, what the table covers at "
-                f"{density:g} kg/m3"
+                f"{name} = {value:g} {unit}: must be {rounded(low)} to {rounded(high)} {unit}, what the table covers "
+                f"at {density:g} kg/m3"
             )
 
 
 def spacing(row) -> float:
-    """The spacing of a row [m], 0 where it names none."""
+    """Return the spacing of a row [m], 0 where it names none."""
     return row.get("spacing") or 0.0

@@ -1,8 +1,8 @@
-"""Which mixes fill a form: the border between those that do and those that do not, from as few runs as it needs.
+"""Which mixes fill a form: the border between those that do and those that do not, by bisection with few runs.
 
 A stiffer mix fills less, and so does a more viscous one in a given time. So for each plastic viscosity the largest
-yield stress that fills is found by halving an interval, and what is known of one plastic viscosity bounds the others. A
-softer mix presses more on the form, so where a pressure is bounded it is that of this stiffest one that fills.
+yield stress that fills is found by bisection, and the result for one plastic viscosity bounds the others. A softer mix
+presses more on the form, so a bound on the pressure is compared with that of the stiffest mix that fills.
 """
 
 import math
@@ -20,13 +20,13 @@ from .case import run as run_case
 from .emulator import DENSITY, emulator_of
 from .sweep import carry_out, cases
 
-MOST_ROUNDS = 30
+MAX_ROUNDS = 30
 FILLED = "filled_ratio"
-PRESSURE = "pressure_at_"  # a measure of a pressure on the form starts with this
+PRESSURE_PREFIX = "pressure_at_"  # of the measures of a pressure on the form
 
 
 class Wanted(Checked):
-    """Requirement of a form: filled to a share of its room within a time, without more than a pressure on it."""
+    """Requirement of a form: the share of it that is filled within a time, and the largest pressure on it."""
 
     filled: Ratio = Field(0.99, description="share of the form that must be filled")
     time: Duration = Field(60.0, description="time in which it must be")
@@ -39,9 +39,8 @@ class Wanted(Checked):
 
 @dataclass(frozen=True)
 class Border:
-    """Border of the mixes that fill a form, for one plastic viscosity [Pa s]: the largest yield stress that was seen to
-    fill the form, and the smallest that was seen not to [Pa]; None where none that was looked at fills it, or all
-    do."""
+    """Border of the mixes that fill a form, for one plastic viscosity [Pa s]: the largest yield stress [Pa] known to
+    fill the form, None where none does, and the smallest known not to, None where all do."""
 
     plastic_viscosity: float
     fills_up_to: float | None
@@ -53,12 +52,12 @@ class Border:
 
     @property
     def slumps_m(self) -> list[tuple[float, float] | None]:
-        """Slump and slump flow [m] of the stiffest mix that fills, and of the softest that does not; None beyond the
+        """Slump and slump flow [m] of the stiffest mix that fills and of the softest that does not, None beyond the
         table of the slump test."""
         return [self.slump_of(self.fills_up_to), self.slump_of(self.empty_from)]
 
     def slump_of(self, tau_y: float | None) -> tuple[float, float] | None:
-        """Slump and slump flow [m] of a yield stress; None of none, and beyond the table."""
+        """Return slump and slump flow [m] at a yield stress [Pa]; None without one, and beyond the table."""
         with suppress(SceneError):
             measures = emulator_of().at(*np.log(np.array([tau_y or math.inf, self.plastic_viscosity]) / self.density))
             return float(measures["slump_m"]), float(measures["spread_m"])
@@ -72,70 +71,72 @@ class Border:
             presses = f"{1e-3 * self.pressure:.3g} kPa, over {1e-3 * self.allowed:.3g}"
             mix = f"up to {self.fills_up_to:.3g} Pa fill it"
             return f"{head}no mix does: {mix}, which press with {presses}, softer ones more"
-        order, less = self.slumps_m
+        order, softer = self.slumps_m
         text = f"{head}fills up to {self.fills_up_to:.3g} Pa"
         if order:
             text += f"; order a slump of {100 * order[0]:.1f} cm, a slump flow of {100 * order[1]:.0f} cm, or more"
         if self.empty_from is None:
             return f"{text}; nothing stiffer was looked at"
-        apart = f" (slump {100 * less[0]:.1f} cm)" if less else ""
+        apart = f" (slump {100 * softer[0]:.1f} cm)" if softer else ""
         return text + self.shortfall(f"{self.empty_from:.3g} Pa{apart}")
 
     def shortfall(self, mix: str) -> str:
-        """Reason why a mix does not do, called so; nothing where it was not run itself."""
+        """Format why a mix, described by a text, does not fill the form; '' where it was not run itself."""
         if self.missing is None:
             return ""
         return f"; the run of {mix} failed" if math.isnan(self.missing) else f"; {mix} leave {self.missing:.1%} empty"
 
 
 def fills(row: dict, wanted: Wanted) -> bool:
-    """Whether a run fills the form as wanted; what failed does not."""
+    """Whether a run is done and fills the form as wanted."""
     return row["status"] == "done" and row[FILLED] >= wanted.filled
 
 
 def pressure_of(row: dict) -> float:
-    """The largest pressure [Pa] on the form at the end of a run."""
-    pressures = [value for name, value in row.items() if name.startswith(PRESSURE)]
-    check(pressures, f"pressure: scene {row['scene']} measures none, {PRESSURE}...; must be one that does, as wall")
-    return max(pressures)
+    """Return the largest pressure [Pa] on the form at the end of a run."""
+    found = [value for name, value in row.items() if name.startswith(PRESSURE_PREFIX)]
+    check(found, f"pressure: scene {row['scene']} measures none, {PRESSURE_PREFIX}...; must be one that does, as wall")
+    return max(found)
 
 
 def bracket(mixes: dict, eta: float, low: float, high: float) -> tuple[float | None, float | None]:
-    """The largest yield stress known to fill at a plastic viscosity, and the smallest known not to, from the runs
-    {(yield stress, plastic viscosity): whether it fills}: what a stiffer mix fills, a softer one fills, too."""
-    full = max((tau_y for (tau_y, e), fills in mixes.items() if fills and e >= eta), default=None)
-    least = min((tau_y for (tau_y, e), fills in mixes.items() if not fills and e <= eta), default=math.inf)
-    looked = {low, high, *(tau_y for tau_y, _ in mixes)}
-    return full, min((tau_y for tau_y in looked if tau_y >= least and tau_y > (full or 0.0)), default=None)
+    """Return the largest yield stress known to fill at a plastic viscosity ``eta`` and the smallest known not to.
+
+    mixes: {(yield stress, plastic viscosity): whether it fills}; a softer or less viscous mix fills, too.
+    """
+    full = max((tau_y for (tau_y, each), fills in mixes.items() if fills and each >= eta), default=None)
+    least = min((tau_y for (tau_y, each), fills in mixes.items() if not fills and each <= eta), default=math.inf)
+    candidates = {low, high, *(tau_y for tau_y, _ in mixes)}
+    return full, min((tau_y for tau_y in candidates if tau_y >= least and tau_y > (full or 0.0)), default=None)
 
 
 def next_mixes(mixes: dict, viscosities, low: float, high: float, within: float) -> list[tuple[float, float]]:
-    """The mixes to run next, one at most of each plastic viscosity whose border is not yet found, those of the middle
-    viscosity first, which tell most of the others: the middle of all, in equal ratios, the end on the side of the
-    border, then the middle of what is left."""
+    """Return the mixes to run next, at most one for each plastic viscosity whose border is not found yet, the middle
+    viscosity first, which bounds most others: the geometric mean of the range, the end on the side of the border, then
+    the mean of the bracket."""
     wanted = []
     for eta in sorted(viscosities, key=lambda eta: abs(math.log(eta**2 / (min(viscosities) * max(viscosities))))):
-        full, short = bracket(mixes, eta, low, high)
-        if full is None and short is not None and short != low:
+        full, empty = bracket(mixes, eta, low, high)
+        if full is None and empty is not None and empty != low:
             wanted.append((low, eta))
-        elif full is not None and short is None and full < high:
+        elif full is not None and empty is None and full < high:
             wanted.append((high, eta))
-        elif full == short or (full and short and short > full * (1.0 + within)):
-            wanted.append((float(f"{math.sqrt((full or low) * (short or high)):.4g}"), eta))
+        elif full == empty or (full and empty and empty > full * (1.0 + within)):
+            wanted.append((float(f"{math.sqrt((full or low) * (empty or high)):.4g}"), eta))
     return wanted
 
 
 def runs_to_expect(wanted: Wanted, viscosities: int) -> int:
-    """The most runs that the borders take: of each viscosity the middle and an end, then halvings."""
+    """Return the largest number of runs that the borders take: two for each viscosity, then bisections."""
     halvings = math.log2(0.5 * math.log(wanted.stiffest / wanted.softest) / math.log1p(wanted.within))
     return viscosities * (2 + max(0, math.ceil(halvings)))
 
 
 def require_bingham(form, parameters: dict) -> None:
-    """SceneError where the parameters of a form give its mixes another law than Bingham's."""
+    """Raise SceneError where the parameters of a form give its mixes another law than Bingham's."""
     fields = catalogue.load(form.name).parameters.model_fields
-    own = [name for name in parameters if name in NUMBERS]
-    numbers = ", ".join(f"{name} = {said(form.parameters[name], unit_of(fields[name]))}" for name in own)
+    given = [name for name in parameters if name in NUMBERS]
+    numbers = ", ".join(f"{name} = {said(form.parameters[name], unit_of(fields[name]))}" for name in given)
     bingham = form.material.straight and not parameters.keys() & form.material.viscous
     check(
         bingham, f"{numbers}: the mixes that are looked for, and their slumps, are of Bingham's law; must be left out"
@@ -143,42 +144,46 @@ def require_bingham(form, parameters: dict) -> None:
 
 
 def require(scene: str, wanted: Wanted, out, executor="local", workers=None, watch=None, run=run_case, **parameters):
-    """The borders of all plastic viscosities, and the rows of the runs that found them, which the folder ``out`` keeps
-    and does not compute again."""
-    look = wanted.softest, wanted.stiffest
-    check(look[0] < look[1], "softest = {:g} Pa: must be less than stiffest = {:g} Pa".format(*look))
+    """Return the borders of all plastic viscosities and the rows of the runs that found them, which are kept in the
+    folder ``out`` and not computed again."""
+    low, high = wanted.softest, wanted.stiffest
+    check(low < high, f"softest = {low:g} Pa: must be less than stiffest = {high:g} Pa")
     keywords = catalogue.load(scene).parameters.model_fields
-    usual = {"fill_ratio": 1.0} | ({"measure_pressure": True} if wanted.pressure is not None else {})
-    usual = {name: value for name, value in usual.items() if name in keywords}
-    parameters = usual | parameters | {"until": wanted.time}
+    defaults = {"fill_ratio": 1.0} | ({"measure_pressure": True} if wanted.pressure is not None else {})
+    defaults = {name: value for name, value in defaults.items() if name in keywords}
+    parameters = defaults | parameters | {"until": wanted.time}
     form = catalogue.build(scene, **parameters)
     check(form.cavity is not None, f"scene {form.name}: has no cavity to fill; must be a form, such as wall")
-    poured = form.parameters.get("fill_ratio", 1.0)
-    less = f"filled = {wanted.filled:g}: of the form only fill_ratio = {poured:g} is poured; must be at most that"
-    check(poured >= wanted.filled, less)
+    ratio = form.parameters.get("fill_ratio", 1.0)
+    check(
+        ratio >= wanted.filled,
+        f"filled = {wanted.filled:g}: of the form only fill_ratio = {ratio:g} is poured; must be at most that",
+    )
     if wanted.pressure is not None:
         measured = form.parameters.get("measure_pressure") is not False
         check(measured, f"pressure = {wanted.pressure:g} Pa: measure_pressure = False; must be True, or left out")
     require_bingham(form, parameters)
-    named = cases(scene, plastic_viscosity=wanted.plastic_viscosity)
-    viscosities = sorted(each.parameters["plastic_viscosity"] for each in named)
+    of_viscosities = cases(scene, plastic_viscosity=wanted.plastic_viscosity)
+    viscosities = sorted(each.parameters["plastic_viscosity"] for each in of_viscosities)
     planned, rows = {}, []
-    for _ in range(MOST_ROUNDS):
+    for _ in range(MAX_ROUNDS):
         mixes = {mix: fills(row, wanted) for mix, row in zip(planned, rows, strict=True)}
-        ahead = next_mixes(mixes, viscosities, *look, wanted.within)
-        ends = {eta: bracket(mixes, eta, *look) for eta in viscosities}
-        if not ahead and wanted.pressure is not None:  # asked of its own run also where others told that a mix fills
-            ahead = [(full, eta) for eta, (full, _) in ends.items() if full is not None and (full, eta) not in planned]
-        if not ahead:
+        new = next_mixes(mixes, viscosities, low, high, wanted.within)
+        brackets = {eta: bracket(mixes, eta, low, high) for eta in viscosities}
+        if not new and wanted.pressure is not None:  # the stiffest mix that fills is run itself, for its pressure
+            new = [
+                (full, eta) for eta, (full, _) in brackets.items() if full is not None and (full, eta) not in planned
+            ]
+        if not new:
             break
-        for tau_y, eta in ahead:
+        for tau_y, eta in new:
             planned[tau_y, eta] = case(scene, **parameters, yield_value=tau_y, plastic_viscosity=eta)
         rows = carry_out(list(planned.values()), out, run, executor, workers, watch)
     by_mix, density = dict(zip(planned, rows, strict=True)), rows[0].get("density") or DENSITY
     missing = {mix: 1.0 - row.get(FILLED, math.nan) for mix, row in by_mix.items()}
-    stiffest = {eta: full for eta, (full, _) in ends.items() if wanted.pressure is not None and full is not None}
-    presses = {eta: (pressure_of(by_mix[full, eta]), wanted.pressure) for eta, full in stiffest.items()}
+    stiffest = {eta: full for eta, (full, _) in brackets.items() if wanted.pressure is not None and full is not None}
+    pressures = {eta: (pressure_of(by_mix[full, eta]), wanted.pressure) for eta, full in stiffest.items()}
     return [
-        Border(eta, full, short, missing.get((short, eta)), *presses.get(eta, (None, None)), density)
-        for eta, (full, short) in ends.items()
+        Border(eta, full, empty, missing.get((empty, eta)), *pressures.get(eta, (None, None)), density)
+        for eta, (full, empty) in brackets.items()
     ], rows

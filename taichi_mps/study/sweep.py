@@ -1,4 +1,4 @@
-"""A sweep: a scene at every combination of some values, in parallel; what fails is a row, what is done stays done."""
+"""Sweep: a scene at every combination of some values, in parallel; failures are rows too, and a sweep is resumed."""
 
 import io
 import math
@@ -29,21 +29,21 @@ from ..units import Count, Place, SceneError, Text, in_unit, require, validated
 from .case import Case, case, row_without_result
 from .case import run as run_case
 from .slurm import slurm
-from .tables import opened
+from .tables import open_results
 
-ACCURACY = 0.005  # of the slump [m], by which model and spacing are chosen where the scene can and nothing is given
-LOST = "lost"  # status of a case that its executor did not bring to an end; computed again when the study is resumed
-MOST_CASES = 100_000  # of a study
-SAMPLED, SERIAL = 8, {"arch": "cpu", "precision": "f32", "threads": 1}  # cases whose time is told; how they run
-READ = {name for law in LAWS for name in numbers_of(law)} - {"friction_angle"}  # numbers that kernels read from fields
-TABLE_EVERY = 2.0  # [s] between two tables of an unfinished study; the journal has every row at once
+ACCURACY = 0.005  # of the slump [m], which chooses model and spacing where the scene can and none is given
+LOST = "lost"  # status of a case that its executor did not finish; computed again when the study is resumed
+MAX_CASES = 100_000  # of a study
+SAMPLED, SERIAL = 8, {"arch": "cpu", "precision": "f32", "threads": 1}  # cases to forecast, and how they run
+IN_FIELDS = {name for law in LAWS for name in numbers_of(law)} - {"friction_angle"}  # numbers read from fields
+TABLE_INTERVAL = 2.0  # [s] between two tables of an unfinished study; the journal has every row at once
 
 
 @validated
 def values(text: Text, key: Text = "values") -> list[str]:
-    """Return the values that a text names.
+    """Return the values of a text.
 
-    '20,50,100' is those; '50:1500:12' is 12 values from 50 to 1500 in equal ratios, to four figures, and with
+    '20,50,100' is a list; '50:1500:12' is 12 values from 50 to 1500 in equal ratios, to four figures, and with
     ':linear' in equal steps.
     """
     if ":" not in text:
@@ -55,32 +55,32 @@ def values(text: Text, key: Text = "values") -> list[str]:
             raise ValueError
     except ValueError:
         raise SceneError(f"{key} = {text}: must be a list, 20,50,100, or first:last:number[:linear]") from None
-    above = steps or min(low, high) > 0.0
-    require(above, f"{key} = {text}: equal ratios need values above 0; must be, or add :linear")
-    require(count <= MOST_CASES, f"{key} = {text}: must be at most {MOST_CASES} values")
+    allowed = steps or min(low, high) > 0.0
+    require(allowed, f"{key} = {text}: equal ratios need values above 0; must be, or add :linear")
+    require(count <= MAX_CASES, f"{key} = {text}: must be at most {MAX_CASES} values")
     points = np.linspace(low, high, count) if steps else np.geomspace(low, high, count)
     return [f"{point:.4g}" for point in points]
 
 
 @validated
 def cases(scene: SceneName, **parameters) -> list[Case]:
-    """Return every combination of the parameters that are lists or texts of ``values``.
+    """Return the cases of every combination of the parameters that are lists or texts of ``values``, each case once.
 
-    The last is varied fastest, each case comes once, and a value that the scene does not accept is refused at once.
+    The last parameter varies fastest. SceneError for a value that the scene does not accept.
     """
     known = catalogue.load(scene).parameters.model_fields
-    given = {name: spelled(name, value) for name, value in parameters.items()}
+    given = {name: list_of_values(name, value) for name, value in parameters.items()}
     if "accuracy" in known and not given.keys() & {"accuracy", "model", "spacing", "lift_speed"}:
         choice = choose(ACCURACY)
         given |= {"model": [choice.model], "spacing": [choice.spacing]}
     count = math.prod(len(choices) for choices in given.values())
-    require(count <= MOST_CASES, f"{', '.join(given)}: make {count:.3g} cases; must be at most {MOST_CASES}")
+    require(count <= MAX_CASES, f"{', '.join(given)}: make {count:.3g} cases; must be at most {MAX_CASES}")
     found = [case(scene, **dict(zip(given, combination, strict=True))) for combination in product(*given.values())]
     return list({c.key: c for c in found}.values())
 
 
-def spelled(name, value) -> list:
-    """Return a parameter as the list of its values."""
+def list_of_values(name, value) -> list:
+    """Return the list of values of a parameter."""
     if isinstance(value, str):
         return values(value, name)
     value = value.tolist() if isinstance(value, np.ndarray) else value
@@ -143,12 +143,12 @@ def sweep(
 
 
 def carry_out(planned: list[Case], out, run=run_case, executor="local", workers=None, watch=None) -> list[dict]:
-    """Return the rows of the cases, by ``run`` on an executor; those in the folder ``out`` are taken from there.
+    """Return the rows of the cases, by ``run`` on an executor; rows in the folder ``out`` are not computed again.
 
-    ``run`` is a function of a module, which the workers import; it gives a row, a dict with the key of its case.
+    ``run`` is a function of a module, which the workers import; it returns a row, a dict with the key of its case.
     """
-    start, room = executor_of(executor, workers, out)
-    with opened(out) as results:
+    start, max_running = executor_of(executor, workers, out)
+    with open_results(out) as results:
         written = monotonic()
 
         def rows():
@@ -157,79 +157,79 @@ def carry_out(planned: list[Case], out, run=run_case, executor="local", workers=
         def finished(row):
             nonlocal written
             results.add(row)
-            if monotonic() - written > TABLE_EVERY:
+            if monotonic() - written > TABLE_INTERVAL:
                 results.write(rows())
                 written = monotonic()
             if watch:
                 watch(rows(), len(planned))
 
         results.rows = {key: row for key, row in results.rows.items() if row["status"] != LOST}
-        left = sorted((c for c in planned if c.key not in results.rows), key=shape)  # compiled once for all
+        remaining = sorted((c for c in planned if c.key not in results.rows), key=kernel_key)
         if watch:
             watch(rows(), len(planned))
         try:
-            for suspect in together(left, run, start, room, finished):
-                if together([suspect], run, start, 1, finished):
+            for suspect in run_side_by_side(remaining, run, start, max_running, finished):
+                if run_side_by_side([suspect], run, start, 1, finished):
                     finished(row_without_result(suspect, LOST, "its process died, beside others and alone"))
         finally:
             results.write(rows())
         return rows()
 
 
-def shape(case: Case) -> str:
-    """All parameters but those that kernels read from fields: cases that share it share their kernels."""
-    return str([(name, value) for name, value in case.parameters.items() if name not in READ])
+def kernel_key(case: Case) -> str:
+    """Return all parameters but those that kernels read from fields: cases with equal ones share their kernels."""
+    return str([(name, value) for name, value in case.parameters.items() if name not in IN_FIELDS])
 
 
 def wall_time(planned: list[Case], workers: int, runs: int | None = None) -> float:
-    """Return the wall time [s] to expect of cases on so many workers, or of as many ``runs`` like these.
+    """Return the expected wall time [s] of cases on some workers, or of ``runs`` cases like these.
 
-    It is that of the forecasts of some of them; each worker compiles once for each shape of a scene.
+    It is the mean forecast of a sample; kernels are compiled at least once by each worker.
     """
-    some = planned[:: max(1, len(planned) // SAMPLED)]
+    sample = planned[:: max(1, len(planned) // SAMPLED)]
     with redirect_stdout(io.StringIO()):  # without Taichi's greeting
         from ..simulation.clock import Clock
 
-        clocks = [Clock(Problem(catalogue.build(case.scene, **case.parameters)), SERIAL, math.inf, 1) for case in some]
-    runs, shapes = runs or len(planned), len({*map(shape, planned)})
-    flow = runs * sum(clock.cost.cpu_seconds for clock in clocks) / len(clocks)
-    ready = sum(clock.expected["start"] + clock.expected["ready"] for clock in clocks) / len(clocks)
-    return (flow + ready * max(shapes, min(workers, runs))) / min(workers, runs)
+        clocks = [Clock(Problem(catalogue.build(c.scene, **c.parameters)), SERIAL, math.inf, 1) for c in sample]
+    runs, shapes = runs or len(planned), len({*map(kernel_key, planned)})
+    stepping = runs * sum(clock.cost.cpu_seconds for clock in clocks) / len(clocks)
+    start_up = sum(clock.expected["start"] + clock.expected["ready"] for clock in clocks) / len(clocks)
+    return (stepping + start_up * max(shapes, min(workers, runs))) / min(workers, runs)
 
 
-def together(planned, run, start, room, finished) -> list[Case]:
-    """Compute cases side by side, at most ``room`` at once; return those in whose time a process died.
+def run_side_by_side(planned, run, start, max_running, finished) -> list[Case]:
+    """Compute cases in parallel, at most ``max_running`` at once; return those that ran when a process died.
 
-    It took the others with it, so which of them it was is not known. After Ctrl-C those under way go on to their end.
+    A process that dies ends the others, so which case caused it is not known. After Ctrl-C running cases are finished.
     """
     waiting, suspects = deque(planned), []
     while waiting:
-        flying, stopped = {}, None
+        running, stopped = {}, None
         with start() as executor, suppress(BrokenExecutor):
-            while waiting or flying:
+            while waiting or running:
                 try:
-                    while waiting and (room is None or len(flying) < room):
-                        flying[executor.submit(run, waiting[0])] = waiting[0]
+                    while waiting and (max_running is None or len(running) < max_running):
+                        running[executor.submit(run, waiting[0])] = waiting[0]
                         waiting.popleft()
-                    for future in wait(flying, return_when=FIRST_COMPLETED).done:
-                        finished(row_of(future, flying[future]))
-                        del flying[future]
+                    for future in wait(running, return_when=FIRST_COMPLETED).done:
+                        finished(row_of(future, running[future]))
+                        del running[future]
                 except KeyboardInterrupt as interrupt:
-                    if stopped or not flying or room is None:
+                    if stopped or not running or max_running is None:
                         raise
                     stopped = interrupt
                     waiting.clear()
-                    warnings.warn(f"no new case begins; Ctrl-C again ends the {len(flying)} under way", stacklevel=2)
+                    warnings.warn(f"no new case begins; Ctrl-C again ends the {len(running)} under way", stacklevel=2)
         if stopped:
             raise stopped
-        if waiting and not flying:  # an executor that was broken when it came
+        if waiting and not running:  # an executor that was broken when it came
             return [*suspects, *waiting]
-        suspects += flying.values()
+        suspects += running.values()
     return suspects
 
 
 def row_of(future, case: Case) -> dict:
-    """Return the row of a case that is over; BrokenExecutor where a process died."""
+    """Return the row of a finished case; BrokenExecutor where a process died."""
     try:
         return future.result()
     except (BrokenExecutor, SceneError):  # SceneError: of the address of the executor
@@ -242,7 +242,7 @@ def row_of(future, case: Case) -> dict:
 @contextmanager
 def processes(workers: int):
     """Open processes of this machine, each with one thread; none survives this one."""
-    pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), initializer=live_with_the_parent)
+    pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), initializer=end_with_parent)
     try:
         yield pool
         pool.shutdown()
@@ -253,8 +253,8 @@ def processes(workers: int):
         raise
 
 
-def live_with_the_parent():
-    """Ctrl-C is the parent's to answer; when the parent is killed, this process ends, too."""
+def end_with_parent():
+    """Leave Ctrl-C to the parent process, and end this process when the parent is killed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
     def watch():
@@ -279,9 +279,9 @@ def dask(address: str):
 
 
 def executor_of(text: str | Executor, workers: int | None, folder):
-    """Return a context manager for an executor, and how many cases to hand it at once (None: all).
+    """Return a context manager that opens an executor, and how many cases to submit at once (None: all).
 
-    It opens the executor of an address, or a given one, for a study's folder.
+    ``text`` is an address or an executor; ``folder`` belongs to the study.
     """
     if isinstance(text, Executor):
         return lambda: nullcontext(text), None

@@ -9,9 +9,9 @@ import pytest
 
 import taichi_mps as mps
 from taichi_mps.cli.main import main
-from taichi_mps.study.calibrate import TESTS, calibrate, emulators_of, frictional_mix
+from taichi_mps.study.calibrate import FIELD_OF_RESULT, calibrate, emulators_of, frictional_mix
 from taichi_mps.study.calibration import FRICTIONAL
-from taichi_mps.study.emulator import FRICTION, HERE, Emulator, emulator_of
+from taichi_mps.study.emulator import FRICTION_TABLE, TABLES, Emulator, emulator_of
 from taichi_mps.study.fit import fit
 from taichi_mps.study.mixes import TWO_ANSWERS, WITH_FRICTION, calibrate_list, tally
 from taichi_mps.study.tables import read
@@ -27,10 +27,12 @@ SLOW = pytest.mark.slow
 
 def measures(names, **mix):
     """What the tables of the package say of a mix, without errors; with an angle the table of such mixes."""
-    tables = [emulator_of(test=FRICTION)] if "friction_angle" in mix else emulators_of(dict.fromkeys(names)).values()
+    tables = (
+        [emulator_of(test=FRICTION_TABLE)] if "friction_angle" in mix else emulators_of(dict.fromkeys(names)).values()
+    )
     ratios = [np.log(value / (1.0 if name == "friction_angle" else DENSITY)) for name, value in mix.items()]
     found = {name: value for table in tables for name, value in table.at(*ratios).items()}
-    return {TESTS[name]: float(found[name]) for name in names}
+    return {FIELD_OF_RESULT[name]: float(found[name]) for name in names}
 
 
 def cone(yield_value, friction_angle, plastic_viscosity=50.0, names=CONE):
@@ -77,7 +79,7 @@ def table():
             {"yield_value": (30.0, 90.0), "plastic_viscosity": (12.0, 50.0)},
             60,
         ),
-        ((FRICTION,), CONE, {"yield_value": (20.0, 60.0), "friction_angle": (8.0, 22.0)}, 40),
+        ((FRICTION_TABLE,), CONE, {"yield_value": (20.0, 60.0), "friction_angle": (8.0, 22.0)}, 40),
     ],
     ids=["closed form", "two tests", "internal friction"],
 )
@@ -128,7 +130,7 @@ def test_soft_mixes_scatter_more_in_the_table_of_the_package():
     assert f"{100.0 * of_table[0]:.2f}; determines" in str(soft)
 
 
-@pytest.mark.parametrize("test", ["slump", "mini_cone", "v_funnel", FRICTION])
+@pytest.mark.parametrize("test", ["slump", "mini_cone", "v_funnel", FRICTION_TABLE])
 def test_no_mix_beyond_a_table_is_looked_up(test):
     """At the ends of the table themselves it is; without a word it was that of the end."""
     emulator = emulator_of(test=test)
@@ -165,10 +167,10 @@ def test_a_mix_beyond_the_table_is_said_to_be_so(table):
 
 def test_a_table_that_a_spreadsheet_saved_is_the_same(tmp_path):
     """With semicolons and decimal commas; one cell too many is named by its line."""
-    text, path = (HERE / "v_funnel.csv").read_text(), tmp_path / "results.csv"
+    text, path = (TABLES / "v_funnel.csv").read_text(), tmp_path / "results.csv"
     head = text.index("status")
     path.write_text("\ufeff" + text[:head] + text[head:].replace(",", ";").replace(".", ","), encoding="utf-8")
-    assert read(path) == read(HERE / "v_funnel.csv")
+    assert read(path) == read(TABLES / "v_funnel.csv")
     path.write_text(text + "done,1,2\n")
     with pytest.raises(
         mps.SceneError, match=f"line {text.count(chr(10)) + 1} has 3 cells, the head has \\d+: done,1,2"
@@ -331,7 +333,7 @@ def test_what_nobody_explains_is_told_with_the_nearest(mix, told, said):
 
 @pytest.mark.parametrize(
     "row",
-    [row for row in read(HERE / f"{FRICTION}.csv") if row["role"] == "check" and row["t500_s"]],  # no nodes
+    [row for row in read(TABLES / f"{FRICTION_TABLE}.csv") if row["role"] == "check" and row["t500_s"]],  # no nodes
     ids=lambda row: " ".join(f"{row[name]:g}" for name in FRICTIONAL),
 )
 def test_mixes_that_were_run_are_in_their_intervals(row):
@@ -377,7 +379,10 @@ def test_the_command_told_computes_the_measured_slump(capsys):
         ({"v_funnel": 0.1, "mini_cone": 0.095}, r"v_funnel = 0.1 s: must be more than 0\.585 s"),
         ({"v_funnel": 5.0, "yield_value": 5000.0}, "yield_value = 5000 Pa: must be 10 to 120 Pa, what the table"),
         ({"slump": 0.18, "plastic_viscosity": 5000.0}, "plastic_viscosity = 5000 Pa s: must be 10 to 1000 Pa s"),
-        ({"slump": 0.2, "study": str(HERE / "v_funnel.csv")}, "is one of v_funnel, which was not measured; must be of"),
+        (
+            {"slump": 0.2, "study": str(TABLES / "v_funnel.csv")},
+            "is one of v_funnel, which was not measured; must be of",
+        ),
     ],
 )
 def test_bad_input_is_refused(told, said):

@@ -10,7 +10,7 @@ import taichi_mps as mps
 from taichi_mps.cli.main import main
 from taichi_mps.problem import catalogue
 from taichi_mps.study import calibrate_curves as curves
-from taichi_mps.study.curves import RATES, measures_of, read_curves
+from taichi_mps.study.curves import SHEAR_RATES, measures_of, read_curves
 
 pytest.importorskip("scipy")
 
@@ -35,7 +35,7 @@ def exact(monkeypatch):
     """Runs in closed form; of twice the spacing they run 5 % farther. Gives which there were."""
     ran = Ran()
 
-    def course(case):
+    def run(case):
         ran.append(case)
         told = dict(case.parameters)
         time = np.linspace(0.0, told.pop("until"), 200)
@@ -44,7 +44,7 @@ def exact(monkeypatch):
         row = {"key": case.key, "status": "done", "reason": "", "scene": case.scene, "cpu_seconds": 1.0, **told}
         return row | {"course": {"time_s": time.tolist(), "spread_m": flow.tolist()}}
 
-    monkeypatch.setattr(curves, "course", course)
+    monkeypatch.setattr(curves, "run_with_history", run)
     return ran
 
 
@@ -101,7 +101,7 @@ def test_what_a_curve_does_not_determine_is_told(tmp_path, exact):
     assert fit.worth["slump flow of film.csv"]["plastic_viscosity"] > 3.0
     stress, factor = fit.flow_curve()
     law = mps.Bingham(**TRUE)
-    exactly = np.array([law.shear_stress(rate, 0.0) for rate in RATES])
+    exactly = np.array([law.shear_stress(rate, 0.0) for rate in SHEAR_RATES])
     assert np.all(np.abs(np.log(stress / exactly)) < 0.02) and np.all(factor > 1.0)
 
 
@@ -183,7 +183,7 @@ def test_a_curve_that_no_run_comes_to_is_refused(tmp_path, exact, end):
 def test_the_engine_finds_its_own_constants(tmp_path, monkeypatch, capsys):
     """Its slump and slump flow over a second, at 420 Pa and 65 Pa s, from another start, by the command line: the mix
     within the 3 % by which 57 particles scatter, its case file and its chart."""
-    course = curves.course(curves.case("slump", **TRUE, **BODY, until=1.0))["course"]
+    course = curves.run_with_history(curves.case("slump", **TRUE, **BODY, until=1.0))["course"]
     rows = list(zip(*(course[name] for name in ("time_s", "slump_m", "spread_m")), strict=True))[4::6]
     text = "time,slump,slump flow\n" + "".join(f"{t:.4f},{slump:.5f},{flow:.5f}\n" for t, slump, flow in rows)
     (tmp_path / "c.csv").write_text(text, encoding="utf-8")

@@ -214,7 +214,7 @@ def test_a_list_is_read_as_a_spreadsheet_writes_it(tmp_path, text):
     rows = read_list(written(tmp_path, text))
     measured = [Measurements(**measurements_of(row | {"Density (t/m3)": "2350 kg/m3"})) for row in rows]
     assert {it.rho for it in measured} == {2350.0}
-    assert [(it.slump, it.spread) for it in measured] == ROWS and tables.WRONG not in rows[0] | rows[1]
+    assert [(it.slump, it.spread) for it in measured] == ROWS and tables.ROW_ERROR not in rows[0] | rows[1]
 
 
 @pytest.mark.parametrize(

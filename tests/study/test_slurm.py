@@ -59,8 +59,8 @@ def jobs(cluster, folder):
 def notes(tmp_path, monkeypatch):
     """Of the cases, which look for results and ask for jobs more often, and are found by processes."""
     (tmp_path / "notes").mkdir()
-    monkeypatch.setattr(slurm, "LOOK", 0.01)
-    monkeypatch.setattr(slurm, "ASK", 0.3)
+    monkeypatch.setattr(slurm, "POLL_INTERVAL", 0.01)
+    monkeypatch.setattr(slurm, "QUEUE_INTERVAL", 0.3)
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
     return tmp_path / "notes"
 
@@ -80,7 +80,7 @@ def test_the_jobs_of_a_study_that_was_killed_are_found_again(tmp_path, notes):
     cluster, planned = Cluster(waiting=[1]), study_cases.planned(3, notes)
     killed = jobs(cluster, tmp_path)
     for case in planned:
-        killed.new(study_cases.plain, case)
+        killed.new_job(study_cases.plain, case)
     with jobs(cluster, tmp_path) as executor:
         futures = [executor.submit(study_cases.plain, case) for case in planned]
         assert [futures[k].result(5)["number"] for k in (0, 2)] == [0, 2] and not futures[1].done()
@@ -110,7 +110,7 @@ def test_an_sbatch_that_never_answers_is_asked_once(tmp_path, notes, monkeypatch
     command_of(tmp_path, "sbatch", "echo . >> asked\nexec sleep 60")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("PATH", f"{tmp_path}:/usr/bin:/bin")
-    monkeypatch.setattr(slurm, "ANSWER", 0.5)
+    monkeypatch.setattr(slurm, "COMMAND_TIMEOUT", 0.5)
     with pytest.raises(SceneError, match=r"slurm://here: sbatch did not answer within 0.5 s"):
         carry_out(study_cases.planned(3, notes), tmp_path / "s", study_cases.plain, "slurm://here")
     assert (tmp_path / "asked").read_text() == ".\n"

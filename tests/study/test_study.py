@@ -20,9 +20,9 @@ from taichi_mps.problem.accuracy import choices
 from taichi_mps.problem.problem import Problem
 from taichi_mps.simulation.reuse import begin, shape_of
 from taichi_mps.study import case as cases
-from taichi_mps.study.sweep import ACCURACY, LOST, carry_out, together, values
+from taichi_mps.study.sweep import ACCURACY, LOST, carry_out, run_side_by_side, values
 from taichi_mps.study.sweep import cases as combinations
-from taichi_mps.study.tables import opened, read
+from taichi_mps.study.tables import open_results, read
 from taichi_mps.terms.constants import longest_step
 from taichi_mps.units import SceneError
 from tests.support import study_cases
@@ -76,7 +76,7 @@ def test_what_is_under_way_at_ctrl_c_goes_on_and_nothing_else_begins(tmp_path):
     was = signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell may start its background jobs without
     with warns, pytest.raises(KeyboardInterrupt), ThreadPoolExecutor(1) as threads:
         pool = nullcontext(threads)
-        together(study_cases.planned(5, notes), study_cases.interrupts_at_two, lambda: pool, 1, rows.append)
+        run_side_by_side(study_cases.planned(5, notes), study_cases.interrupts_at_two, lambda: pool, 1, rows.append)
     signal.signal(signal.SIGINT, was)
     assert [row["number"] for row in rows] == [0, 1, 2] and len(study_cases.runs(notes)) == 3
 
@@ -164,14 +164,14 @@ def test_dask_two_workers_one_killed(tmp_path, notes):
 
 
 def test_one_study_at_a_time_and_no_foreign_folder(tmp_path):
-    with opened(tmp_path / "s"), pytest.raises(SceneError, match="another study"), opened(tmp_path / "s"):
+    with open_results(tmp_path / "s"), pytest.raises(SceneError, match="another study"), open_results(tmp_path / "s"):
         pass
     (tmp_path / "other.txt").write_text("mine\nyours")
-    with pytest.raises(SceneError, match="holds other files"), opened(tmp_path):
+    with pytest.raises(SceneError, match="holds other files"), open_results(tmp_path):
         pass
     for line in ("nonsense", '{"key": "b"}', '{"status": "done"}'):
         (tmp_path / "s" / "journal.jsonl").write_text('{"key": "a", "status": "done"}\n' + line + "\n")
-        with pytest.raises(SceneError, match="line 2 is no row"), opened(tmp_path / "s"):
+        with pytest.raises(SceneError, match="line 2 is no row"), open_results(tmp_path / "s"):
             pass
     with pytest.raises(SceneError, match="other.txt: has no column status"):
         read(tmp_path / "other.txt")
@@ -181,7 +181,7 @@ def test_the_tables_hold_text_beside_numbers_and_what_is_missing(tmp_path):
     """A column may be a number in one row and a word in the next, or miss; Parquet has columns of one kind."""
     rows = [{"key": "a", "status": "done", "rate": 0.1, "steps": 3},
             {"key": "b", "status": "failed", "rate": "rational", "reason": "[Errno 5] out, of order"}]  # fmt: skip
-    with opened(tmp_path / "s") as results:
+    with open_results(tmp_path / "s") as results:
         results.write([])
         assert not results.table.exists()
         results.write(rows)
